@@ -1,0 +1,125 @@
+"""What a channel may hold: numbers, the rule for NaN and zero, and messages that name it.
+
+Per record: a column of NaN = not measured (a force: unknown); leading and trailing NaN rows =
+filter edges, masked and counted; any other NaN and every infinity = an error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from .exceptions import ChannelError
+
+
+def rows_text(rows: np.ndarray, most: int = 3) -> str:
+    """Row numbers for a message, e.g. ``"rows 17, 18, 19 and 4 more"``."""
+    shown = ", ".join(str(int(r)) for r in rows[:most])
+    more = f" and {len(rows) - most} more" if len(rows) > most else ""
+    return f"row{'s' if len(rows) > 1 else ''} {shown}{more}"
+
+
+def as_matrix(value: Any, names: Sequence[str] | str, n_columns: int | None = None, what: str = "channels") -> np.ndarray:
+    """A real float matrix, one column for each channel, or an error that names the channel.
+
+    Parameters
+    ----------
+    value : array-like of shape (n_samples,) or (n_samples, n_columns)
+    names : sequence of str or str
+        Names of the columns, or a prefix to number them.
+    n_columns : int, optional
+        Number of columns wanted.
+    what : str
+        What the columns are, for messages.
+
+    Returns
+    -------
+    ndarray of shape (n_samples, n_columns)
+        float32 stays float32, everything else becomes float64. Never a view that is written to.
+
+    Raises
+    ------
+    ChannelError
+        If the values are not real numbers or the shape is wrong.
+    """
+    if isinstance(value, np.ma.MaskedArray):
+        value = value.astype(float).filled(np.nan)
+    if hasattr(value, "to_numpy"):
+        value = value.to_numpy()
+    array = np.asarray(value)
+    if array.ndim == 1:
+        array = array[:, None]
+    if array.ndim != 2:
+        raise ChannelError(f"The {what} have {array.ndim} dimensions", "Give one row per sample and one column per channel.")
+
+    def name(i: int) -> str:
+        return f"{names}{i + 1}" if isinstance(names, str) else str(names[i])
+
+    if n_columns is not None and array.shape[1] != n_columns:
+        raise ChannelError(
+            f"The {what} have {array.shape[1]} columns, {n_columns} are needed",
+            f"Expected {', '.join(name(i) for i in range(min(n_columns, 12)))}{', ...' if n_columns > 12 else ''}.",
+        )
+    if array.dtype == np.float32 or array.dtype == np.float64:
+        return array
+    if np.iscomplexobj(array):
+        raise ChannelError(f"Channel {name(0)} of the {what} is complex", "Give real time series; take .real if the imaginary part is zero.")
+    if array.dtype.kind in "biuf":
+        return array.astype(np.float64)
+    out = np.empty(array.shape)
+    for i in range(array.shape[1]):
+        try:
+            column = array[:, i]
+            if any(isinstance(x, complex) for x in column[:1000]):
+                raise TypeError
+            out[:, i] = column.astype(np.float64)
+        except (TypeError, ValueError):
+            raise ChannelError(f"Channel {name(i)} of the {what} does not hold numbers", "Convert it to float (decimal point, no text).") from None
+    return out
+
+
+def finite_span(columns: Sequence[np.ndarray], names: Sequence[str], record: str = "") -> slice:
+    """Rows between the leading and trailing NaN edges, after checking what lies between.
+
+    Parameters
+    ----------
+    columns : sequence of ndarray of shape (n_samples,)
+        The channels of one record that are measured (no all-NaN column among them).
+    names : sequence of str
+        Their names.
+    record : str
+        Name of the record, for messages.
+
+    Returns
+    -------
+    slice
+        The rows in which every channel is finite.
+
+    Raises
+    ------
+    ChannelError
+        If a channel holds an infinity, or a NaN that is not at an edge.
+    """
+    where = f" of {record}" if record else ""
+    first, last = 0, len(columns[0]) if columns else 0
+    for column, name in zip(columns, names):
+        good = np.isfinite(column)
+        if good.all():
+            continue
+        infinite = np.flatnonzero(np.isinf(column))
+        if infinite.size:
+            raise ChannelError(f"Channel {name}{where} is infinite in {rows_text(infinite)}", "Repair or cut these rows.")
+        inside = np.flatnonzero(good)
+        if not inside.size:
+            raise ChannelError(f"Channel {name}{where} holds nothing but NaN", "Leave it out, or measure it.")
+        start, stop = inside[0], inside[-1] + 1
+        holes = start + np.flatnonzero(~good[start:stop])
+        if holes.size:
+            raise ChannelError(
+                f"Channel {name}{where} is NaN in {rows_text(holes)}",
+                "Split the record there, or fill the gap; only leading and trailing NaN rows are masked.",
+            )
+        first, last = max(first, start), min(last, stop)
+    return slice(first, max(first, last))

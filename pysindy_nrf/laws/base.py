@@ -1,0 +1,443 @@
+"""The one contract of a force law.
+
+A law is linear in its coefficients and may have shape parameters and an internal state that
+remembers the path: ``R(t) = sum_k c_k phi_k(s, v, t; theta, z)``. It has one definition, written
+as two plain functions that serve arrays (features, identification) and, compiled, single
+samples (simulation, memory).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from ..exceptions import LawError
+
+_REGISTRY: dict[str, type[ForceLaw]] = {}
+
+
+class Term(NamedTuple):
+    """One column of a law.
+
+    Attributes
+    ----------
+    symbol : str
+        Name of the coefficient, e.g. ``"Fd"``.
+    label : str
+        The feature in plain text, e.g. ``"v^2 s"``; equal labels are equal columns.
+    unit : str
+        SI unit of the coefficient.
+    """
+
+    symbol: str
+    label: str
+    unit: str
+
+
+class Shape(NamedTuple):
+    """A shape parameter: something the law is not linear in.
+
+    Attributes
+    ----------
+    name : str
+    unit : str
+        SI unit; ``"1/s"`` times a drift scale and so on are left to the text.
+    low, high : float
+        Bounds of its search, in multiples of ``scale``.
+    scale : {"1", "s", "v", "1/s", "1/v", "t", "1/t"}
+        What the bounds are multiples of: the rms drift or rate of the site, the record length.
+    log : bool
+        Whether it is searched on a logarithmic scale.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    scale: str = "1"
+    log: bool = True
+
+
+@dataclass
+class Motion:
+    """What a law at a site sees in one contiguous record.
+
+    Attributes
+    ----------
+    s, v : ndarray of shape (n_samples,)
+        Drift (m) and its rate (m/s).
+    a : ndarray of shape (n_samples,), optional
+        Relative acceleration of the two ends (m/s^2); of the DOF for a DOF site.
+    t : ndarray of shape (n_samples,), optional
+        Time since the start of the record (s).
+    covariates : mapping of str to ndarray of shape (n_samples,)
+        Further measured channels, e.g. a damper's voltage.
+    """
+
+    s: np.ndarray
+    v: np.ndarray
+    a: np.ndarray | None = None
+    t: np.ndarray | None = None
+    covariates: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples."""
+        return len(self.s)
+
+
+class ForceLaw:
+    """Base of all force laws: a small contract that a newcomer fills in one file.
+
+    A subclass names itself, lists its terms, states and shape parameters, and writes ``kernel``
+    (and ``advance`` when it remembers the path). Everything else - features, identification,
+    simulation, text, JSON - follows.
+
+    Parameters
+    ----------
+    shape : mapping, optional
+        Values of the shape parameters; None means "to be estimated".
+    coefficients : mapping or sequence, optional
+        Values of the coefficients by symbol, or in the order of the terms.
+
+    Attributes
+    ----------
+    name, family : str
+        E.g. ``"modified_dahl"`` of the family ``"hysteresis"``.
+    shapes : tuple of Shape
+    n_states : int
+        Number of internal states; they are zero at the start of every record.
+    symmetry : {"odd", "even", "none"}
+        Behaviour under (s, v) -> (-s, -v).
+    at_rest : float or None
+        Force at s = v = 0 from a fresh state for unit coefficients; None if it may not vanish.
+    passive : bool
+        Whether the law can only take energy out, or store it, for positive coefficients.
+    uses_time, uses_acceleration : bool
+        Whether the kernel reads t or a.
+    covariates : tuple of str
+        Names of the covariates the kernel reads, in the order of ``u``.
+
+    Notes
+    -----
+    ``kernel(s, v, a, t, u, z, theta, out)`` writes ``out[k]`` for each term k. It is written with
+    NumPy ufuncs so that s, v, a, t may be arrays of shape (n_samples,) with u, z, out of shape
+    (.., n_samples), or floats with u, z, out one-dimensional; numba compiles the second form.
+
+    ``advance(z, s0, v0, s1, v1, dt, u, theta)`` moves the state from (s0, v0) to (s1, v1) along a
+    path on which v keeps its sign, exactly where theory allows; it writes into z (floats only).
+    """
+
+    name: ClassVar[str] = ""
+    family: ClassVar[str] = ""
+    shapes: ClassVar[tuple[Shape, ...]] = ()
+    n_states: ClassVar[int] = 0
+    symmetry: ClassVar[str] = "odd"
+    at_rest: ClassVar[float | None] = 0.0
+    passive: ClassVar[bool] = False
+    uses_time: ClassVar[bool] = False
+    uses_acceleration: ClassVar[bool] = False
+    covariates: tuple[str, ...] = ()
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        if cls.name:
+            _REGISTRY[cls.name] = cls
+
+    def __init__(
+        self,
+        shape: Mapping[str, float | None] | None = None,
+        coefficients: Mapping[str, float | None] | Any = None,
+    ) -> None:
+        self.shape: dict[str, float | None] = {p.name: None for p in self.shapes}
+        for key, value in dict(shape or {}).items():
+            self.shape[key] = self._number(key, value)
+        self.coefficients: np.ndarray | None = self._coefficients(coefficients)
+
+    # -- what a subclass writes ---------------------------------------------------------------
+
+    def terms(self) -> tuple[Term, ...]:
+        """The terms of the law, one for each coefficient.
+
+        Returns
+        -------
+        tuple of Term
+        """
+        raise NotImplementedError
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        """Write the value of every term into ``out``; see the notes of :class:`ForceLaw`."""
+        raise NotImplementedError
+
+    @staticmethod
+    def advance(z, s0, v0, s1, v1, dt, u, theta):
+        """Move the internal state; see the notes of :class:`ForceLaw`."""
+
+    def options(self) -> dict[str, Any]:
+        """Structural constructor arguments (not shape, not coefficients), for JSON and copies.
+
+        Returns
+        -------
+        dict
+        """
+        return {}
+
+    # -- values -------------------------------------------------------------------------------
+
+    def _number(self, key: str, value: Any) -> float | None:
+        if value is None:
+            return None
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
+            number = np.nan
+        if not np.isfinite(number):
+            raise LawError(f"{type(self).__name__}: {key}={value!r} is not a finite number", "Give it in SI units.")
+        return number
+
+    def _coefficients(self, values: Any) -> np.ndarray | None:
+        if values is None:
+            return None
+        terms = self.terms()
+        if isinstance(values, Mapping):
+            if all(v is None for v in values.values()):
+                return None
+            unknown = [k for k in values if k not in {t.symbol for t in terms}]
+            if unknown:
+                raise LawError(
+                    f"{type(self).__name__} has no coefficient {unknown[0]!r}",
+                    f"It has {', '.join(t.symbol for t in terms)}.",
+                )
+            values = [values.get(t.symbol) or 0.0 for t in terms]
+        numbers = np.array([self._number("coefficient", c) for c in np.ravel(np.asarray(values, dtype=object))], dtype=float)
+        if len(numbers) != len(terms):
+            raise LawError(
+                f"{type(self).__name__} has {len(terms)} coefficients, {len(numbers)} were given",
+                f"Their order is {', '.join(t.symbol for t in terms)}.",
+            )
+        return numbers
+
+    @property
+    def has_memory(self) -> bool:
+        """Whether the force depends on the path."""
+        return self.n_states > 0
+
+    @property
+    def free_shape(self) -> tuple[str, ...]:
+        """Shape parameters without a value, to be estimated."""
+        return tuple(k for k, value in self.shape.items() if value is None)
+
+    @property
+    def theta(self) -> np.ndarray:
+        """Parameters as the kernel reads them, shape (n_theta,)."""
+        if self.free_shape:
+            raise LawError(
+                f"{type(self).__name__}: {', '.join(self.free_shape)} has no value",
+                "Give it, or let NRFRegressor estimate it.",
+            )
+        return np.array(list(self.shape.values()), dtype=float)
+
+    @property
+    def parameters(self) -> dict[str, float | None]:
+        """Coefficients by symbol and shape parameters by name, SI units."""
+        values = dict(self.shape)
+        if self.coefficients is not None:
+            values |= {t.symbol: float(c) for t, c in zip(self.terms(), self.coefficients)}
+        return values
+
+    def with_values(self, coefficients: Any = None, shape: Mapping[str, float | None] | None = None) -> ForceLaw:
+        """A copy with other coefficients or shape parameters.
+
+        Parameters
+        ----------
+        coefficients : array-like of shape (n_terms,), optional
+            Kept as they are if None.
+        shape : mapping, optional
+            Shape parameters to change.
+
+        Returns
+        -------
+        ForceLaw
+        """
+        new = object.__new__(type(self))
+        new.__dict__.update(self.__dict__)
+        new.shape = dict(self.shape)
+        for key, value in dict(shape or {}).items():
+            if key not in new.shape:
+                raise LawError(f"{type(self).__name__} has no shape parameter {key!r}", f"It has {', '.join(new.shape) or 'none'}.")
+            new.shape[key] = new._number(key, value)
+        if coefficients is not None:
+            new.coefficients = new._coefficients(coefficients)
+        return new
+
+    # -- use ----------------------------------------------------------------------------------
+
+    def features(self, motion: Motion, state: np.ndarray | None = None) -> np.ndarray:
+        """Columns of the law along one contiguous record.
+
+        Parameters
+        ----------
+        motion : Motion
+        state : ndarray of shape (n_states,), optional
+            Internal state at the first sample; it is moved to the last sample in place. Zero if
+            None: the law starts fresh.
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_terms)
+            Column-major.
+
+        Raises
+        ------
+        LawError
+            If a shape parameter has no value or a covariate, time or acceleration is missing.
+        """
+        n = motion.n_samples
+        u = np.empty((len(self.covariates), n))
+        for row, name in enumerate(self.covariates):
+            if name not in motion.covariates:
+                raise LawError(f"{type(self).__name__} needs the covariate {name!r}", "Pass it in covariates=.")
+            u[row] = motion.covariates[name]
+        if self.uses_time and motion.t is None:
+            raise LawError(f"{type(self).__name__} needs the time of the samples", "Pass time=, or dt=.")
+        if self.uses_acceleration and motion.a is None:
+            raise LawError(f"{type(self).__name__} needs the acceleration at its site", "Pass it with the motion.")
+        theta = self.theta
+        z = np.zeros((self.n_states, n))
+        if self.n_states:
+            from .memory import state_path
+
+            z = state_path(self, motion, u, theta, state)
+        zero = np.zeros(n) if motion.a is None or motion.t is None else None
+        out = np.empty((len(self.terms()), n))
+        self.kernel(
+            motion.s,
+            motion.v,
+            zero if motion.a is None else motion.a,
+            zero if motion.t is None else motion.t,
+            u,
+            z,
+            theta,
+            out,
+        )
+        return out.T
+
+    def force(self, motion: Motion) -> np.ndarray:
+        """Force of the law along one contiguous record, N.
+
+        Parameters
+        ----------
+        motion : Motion
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+        """
+        if self.coefficients is None:
+            raise LawError(f"{type(self).__name__} has no coefficients yet", "Fit a model, or give them.")
+        return self.features(motion) @ self.coefficients
+
+    def equation(self, index: int | str = "", digits: int = 4) -> str:
+        """The law as text, in the manner of the paper's eq. (11a).
+
+        Parameters
+        ----------
+        index : int or str
+            Storey number written behind s and v.
+        digits : int
+            Significant digits.
+
+        Returns
+        -------
+        str
+        """
+        pieces = []
+        numbers = self.coefficients if self.coefficients is not None else [None] * len(self.terms())
+        for term, c in zip(self.terms(), numbers):
+            label = subscript(term.label, index)
+            factor = term.symbol if c is None else f"{c:.{digits}g}"
+            pieces.append(f"{factor} {label}" if label != "1" else factor)
+        text = " + ".join(pieces) if pieces else "0"
+        text = text.replace("+ -", "- ")
+        known = [f"{k} = {value:.{digits}g}" for k, value in self.shape.items() if value is not None]
+        return text + (f"  ({', '.join(known)})" if known else "")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+        """
+        return {
+            "law": self.name,
+            "options": self.options(),
+            "shape": dict(self.shape),
+            "coefficients": None if self.coefficients is None else [float(c) for c in self.coefficients],
+        }
+
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and other.to_dict() == self.to_dict()
+
+    def __hash__(self) -> int:
+        return hash((self.name, repr(self.to_dict())))
+
+    def __repr__(self) -> str:
+        inside = [f"{k}={v!r}" for k, v in self.options().items()]
+        inside += [f"{k}={v:g}" for k, v in self.shape.items() if v is not None]
+        if self.coefficients is not None:
+            inside += [f"{t.symbol}={c:.4g}" for t, c in zip(self.terms(), self.coefficients)]
+        return f"{type(self).__name__}({', '.join(inside)})"
+
+
+def subscript(label: str, index: int | str) -> str:
+    """Write the storey number behind every s and v that stands alone in a label."""
+    import re
+
+    return re.sub(r"\b([svaxZ])\b", rf"\g<1>{index}", label) if index != "" else label
+
+
+def registry() -> dict[str, type[ForceLaw]]:
+    """All known laws by name, the user's own included.
+
+    Returns
+    -------
+    dict of str to type
+    """
+    return dict(_REGISTRY)
+
+
+def from_dict(data: Mapping[str, Any]) -> ForceLaw:
+    """Build a law from plain data.
+
+    Parameters
+    ----------
+    data : mapping
+        As written by :meth:`ForceLaw.to_dict`.
+
+    Returns
+    -------
+    ForceLaw
+
+    Raises
+    ------
+    LawError
+        If the law is unknown or its parameters do not fit.
+    """
+    try:
+        name, options = data["law"], dict(data.get("options") or {})
+        shape, coefficients = dict(data.get("shape") or {}), data.get("coefficients")
+    except (KeyError, TypeError, ValueError) as error:
+        raise LawError(f"{data!r} does not describe a law", "It needs 'law', 'options', 'shape', 'coefficients'.") from error
+    cls = _REGISTRY.get(name) if isinstance(name, str) else None
+    if cls is None:
+        raise LawError(f"There is no law {name!r}", f"Known laws: {', '.join(sorted(_REGISTRY))}.")
+    try:
+        law = cls(**options)
+    except TypeError as error:
+        raise LawError(f"Law {name!r} cannot be built from {options!r}", str(error)) from error
+    return law.with_values(coefficients=coefficients, shape=shape)

@@ -103,12 +103,17 @@ def _dofs(name: str, values: Iterable[int], chain: Chain) -> frozenset[int]:
     return chosen
 
 
+def _at(acting: tuple[Site, ...], dof: int) -> tuple[Site, ...]:
+    return tuple(s for s in acting if s.incidence(dof))
+
+
 def plan_walk(
     chain: Chain,
     forced: Iterable[int] = (),
     unknown: Iterable[int] = (),
     known_masses: Iterable[int] = (),
     strategy: str = "auto",
+    sites: Iterable[Site] | None = None,
 ) -> Walk:
     """Plan the solve of a chain (paper eqs. 3-5) from what is known.
 
@@ -119,6 +124,8 @@ def plan_walk(
         DOFs with a measured force, with an unknown force, with a known mass.
     strategy : {"auto", "complete", "sequential", "joint"}
         ``"auto"`` is complete where every DOF is forced, else sequential.
+    sites : iterable of Site, optional
+        Sites where a law acts; the chain's own by default.
 
     Returns
     -------
@@ -136,6 +143,7 @@ def plan_walk(
     forced_, unknown_ = _dofs("forced", forced, chain), _dofs("unknown", unknown, chain)
     masses = _dofs("known_masses", known_masses, chain)
     forced_ -= unknown_
+    acting = chain.sites if sites is None else tuple(sites)
     every = frozenset(range(1, chain.n_dof + 1))
     if strategy == "auto":
         strategy = "complete" if forced_ == every else "sequential"
@@ -150,15 +158,15 @@ def plan_walk(
                 "Use strategy='sequential', or hit those floors too (in the same or in another record).",
             )
         steps = [
-            Step((j,), (() if j in masses else (j,)), chain.sites_of(j), (), j in forced_)
+            Step((j,), (() if j in masses else (j,)), _at(acting, j), (), j in forced_)
             for j in range(chain.n_dof, 0, -1)
         ]
         return Walk(strategy, tuple(steps))
-    return _sequential(chain, forced_, unknown_, masses)
+    return _sequential(chain, forced_, unknown_, masses, acting)
 
 
 def _sequential(
-    chain: Chain, forced: frozenset[int], unknown: frozenset[int], given: frozenset[int]
+    chain: Chain, forced: frozenset[int], unknown: frozenset[int], given: frozenset[int], acting: tuple[Site, ...]
 ) -> Walk:
     masses, sites = set(given), set()
     open_rows = [j for j in range(chain.n_dof, 0, -1) if j not in unknown]
@@ -170,7 +178,7 @@ def _sequential(
             above = tuple(range(i, chain.n_dof + 1))
             if any(j in forced or j in unknown or j not in given for j in above):
                 return None
-            crossing = [s for s in chain.sites if sum(s.incidence(j) for j in above)]
+            crossing = [s for s in acting if sum(s.incidence(j) for j in above)]
             fresh = tuple(s for s in crossing if s not in sites)
             if fresh:
                 return Step(above, (), fresh, tuple(s for s in crossing if s in sites))
@@ -179,7 +187,7 @@ def _sequential(
     def row_step() -> Step | None:
         best = None
         for j in open_rows:
-            here = chain.sites_of(j)
+            here = _at(acting, j)
             known = tuple(s for s in here if s in sites)
             fresh = tuple(s for s in here if s not in sites)
             mass = () if j in masses else (j,)
@@ -197,7 +205,7 @@ def _sequential(
         if len(step.dofs) == 1:
             open_rows.remove(step.dofs[0])
     lost_masses = tuple(j for j in range(chain.n_dof, 0, -1) if j not in masses)
-    lost_sites = tuple(s for s in chain.sites if s not in sites)
+    lost_sites = tuple(s for s in acting if s not in sites)
     return Walk(
         "sequential", tuple(steps), lost_masses, lost_sites, _reasons(lost_masses, lost_sites, unknown)
     )

@@ -1,0 +1,304 @@
+"""The one place where coefficients are found: complete (eq. 3), sequential (eqs. 4-5), joint.
+
+Works on moments only. Each step's problem is a triangular factor of [mass | terms | right-hand
+side], a dozen rows, on which a PySINDy optimizer gives the same answer as on all samples.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy import linalg
+
+from .exceptions import IdentifiabilityError, RankWarning
+from .identifiability import Step, Walk
+from .layout import Layout
+from .moments import Block, Moments, accumulate
+from .sites import Site
+
+# Squaring a scaled condition number c loses c^2 of the 1e16 digits of a double.
+_DIGITS_AT_RISK = 1e-9
+_CLEAN = 1e-5
+# Smallest singular value, as a share of the largest, that counts: round-off of a Gram matrix hides
+# what lies below the root of the machine precision.
+_RANK_CUT = {"gram": 3e-8, "root": 1e-9}
+
+
+@dataclass
+class StepFit:
+    """What one step of the walk found.
+
+    Attributes
+    ----------
+    step : Step
+    condition : float
+        Condition number of the columns scaled to unit length.
+    rank : int
+    n_columns : int
+    residual : float
+        Rms of what the step leaves, N.
+    share : float
+        The same over the rms of the right-hand side.
+    """
+
+    step: Step
+    condition: float
+    rank: int
+    n_columns: int
+    residual: float
+    share: float
+
+
+@dataclass
+class Solution:
+    """Masses and coefficients.
+
+    Attributes
+    ----------
+    masses : dict of int to float
+        kg, for each DOF.
+    coefficients : dict of Site to ndarray
+    twins : dict of Site to ndarray
+        Complete strategy: the second estimate, from the balance at the other end (paper eq. 10b).
+    fits : list of StepFit
+    """
+
+    masses: dict[int, float] = field(default_factory=dict)
+    coefficients: dict[Site, np.ndarray] = field(default_factory=dict)
+    twins: dict[Site, np.ndarray] = field(default_factory=dict)
+    fits: list[StepFit] = field(default_factory=list)
+
+    def digits_at_risk(self) -> bool:
+        """Whether the Gram matrix squared away digits that the data hold; a streamed QR keeps them."""
+        eps = np.finfo(float).eps
+        return any(
+            eps * fit.condition**2 > _DIGITS_AT_RISK or (fit.share < _CLEAN and eps * fit.condition**2 > 1e-13)
+            for fit in self.fits
+        )
+
+
+def solve_blocks(
+    layout: Layout,
+    walk: Walk,
+    blocks: Callable[[], Iterable[Block]],
+    known_masses: Mapping[int, float] | None = None,
+    inner: Any = None,
+    names: Mapping[Site, list[str]] | None = None,
+) -> tuple[Solution, Moments]:
+    """Stream samples into moments and solve; where squaring loses digits, stream them once more by QR.
+
+    Parameters
+    ----------
+    layout : Layout
+    walk : Walk
+    blocks : callable
+        Returns a fresh iterable of :class:`Block` at each call.
+    known_masses, inner, names
+        See :func:`solve`.
+
+    Returns
+    -------
+    Solution, Moments
+    """
+    groups = {step.dofs: layout.group(step.dofs) for step in walk.steps if step.dofs} if walk.strategy != "joint" else {}
+    for j in range(1, layout.n_dof + 1):
+        groups.setdefault((j,), layout.group((j,)))
+
+    def run(kind: str) -> tuple[Solution, Moments]:
+        moments = accumulate(Moments(layout, list(groups.values()), kind, dict(known_masses or {})), blocks())
+        return solve(moments, walk, known_masses, inner, names), moments
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", RankWarning)
+            solution, moments = run("gram")
+        if not solution.digits_at_risk():
+            return solution, moments
+    except (RankWarning, IdentifiabilityError):
+        pass
+    return run("root")
+
+
+def solve(
+    moments: Moments,
+    walk: Walk,
+    known_masses: Mapping[int, float] | None = None,
+    inner: Any = None,
+    names: Mapping[Site, list[str]] | None = None,
+) -> Solution:
+    """Find masses and coefficients from moments.
+
+    Parameters
+    ----------
+    moments : Moments
+    walk : Walk
+        Which balances, in which order; see :meth:`Chain.identifiability`.
+    known_masses : mapping of int to float, optional
+        kg.
+    inner : PySINDy optimizer, optional
+        Cloned for each sub-problem; plain least squares if None. It sees columns and right-hand side
+        divided by their rms, never shifted; a threshold is then a share of the balance's force.
+    names : mapping of Site to list of str, optional
+        Labels of the terms, for messages.
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    IdentifiabilityError
+        If a mass cannot be told from the terms beside it.
+    """
+    known = {int(j): float(m) for j, m in dict(known_masses or {}).items()}
+    solution = Solution(masses=dict(known))
+    if walk.strategy == "joint":
+        _solve_joint(moments, walk, solution, inner, names)
+        return solution
+    for step in walk.steps:
+        part, where, mass_at, target_at = _locate(moments, step.dofs)
+        signs = dict(zip(moments.groups[step.dofs].sites, moments.groups[step.dofs].signs))
+        target = np.zeros(part.matrix.shape[0])
+        target[target_at] = 1.0
+        for site in step.known_sites:
+            target[where[site]] -= signs[site] * solution.coefficients[site]
+        if mass_at is not None and not step.masses:
+            target[mass_at] -= known.get(step.dofs[0], solution.masses.get(step.dofs[0], 0.0))
+        columns = ([mass_at] if step.masses else []) + [c for s in step.sites for c in range(where[s].start, where[s].stop)]
+        combine = np.zeros((len(target), len(columns) + 1))
+        combine[columns, np.arange(len(columns))] = 1.0
+        combine[:, -1] = target
+        labels = [f"m{j}" for j in step.masses] + [
+            f"{s}: {label}" for s in step.sites for label in _labels(names, s, moments.layout.counts[s])
+        ]
+        values, fit = _least_squares(
+            part.triangle(combine), step, part.n_samples, inner, labels, _RANK_CUT[moments.kind]
+        )
+        solution.fits.append(fit)
+        at = 0
+        if step.masses:
+            solution.masses[step.masses[0]], at = float(values[0]), 1
+        for site in step.sites:
+            width = moments.layout.counts[site]
+            found = signs[site] * values[at : at + width]
+            at += width
+            second = walk.strategy == "complete" and site.p not in step.dofs
+            (solution.twins if second else solution.coefficients)[site] = found
+    return solution
+
+
+def _locate(moments: Moments, dofs: tuple[int, ...]):
+    return moments.parts[dofs], *moments.positions(dofs)
+
+
+def _labels(names: Mapping[Site, list[str]] | None, site: Site, count: int) -> list[str]:
+    return list(names[site]) if names and site in names else [f"term {k + 1}" for k in range(count)]
+
+
+def _least_squares(triangle: np.ndarray, step: Step, n_samples: int, inner: Any, labels: list[str], cut: float):
+    """Solve one sub-problem given as the triangular factor of [columns | right-hand side]."""
+    p = triangle.shape[1] - 1
+    columns, target = triangle[:, :p], triangle[:, p]
+    size = np.linalg.norm(columns, axis=0)
+    size_y = float(np.linalg.norm(target))
+    idle = [labels[i] for i in np.flatnonzero(size == 0)]
+    if idle:
+        raise IdentifiabilityError(f"{step.name}: the column of {idle[0]} is zero throughout", "Nothing moves there; leave the term out, or excite it.")
+    unit = columns / size if p else columns
+    values = np.linalg.svd(unit, compute_uv=False) if p else np.ones(1)
+    rank = int((values > cut * values[0]).sum()) if p else 0
+    condition = float(values[0] / values[-1]) if values[-1] > 0 else np.inf
+    if size_y == 0:
+        raise IdentifiabilityError(f"{step.name}: the right-hand side is zero throughout", "No force, known mass or known law scales it.")
+    if rank < p:
+        _report_rank(unit, rank, step, labels)
+        scaled = linalg.lstsq(unit, target / size_y, cond=cut, check_finite=False)[0]
+    elif inner is None:
+        q, upper = linalg.qr(unit, mode="economic", check_finite=False)
+        scaled = linalg.solve_triangular(upper, q.T @ (target / size_y), check_finite=False)
+    else:
+        scaled = _sparse(unit, target / size_y, bool(step.masses), n_samples, inner)
+    residual = float(np.linalg.norm(target / size_y - unit @ scaled)) * size_y if p else size_y
+    fit = StepFit(step, condition, rank, p, residual / max(n_samples, 1) ** 0.5, residual / size_y)
+    return scaled * size_y / size if p else scaled, fit
+
+
+def _sparse(unit: np.ndarray, target: np.ndarray, has_mass: bool, n_samples: int, inner: Any) -> np.ndarray:
+    """Run a PySINDy optimizer on the problem with the mass eliminated, then solve for the mass.
+
+    Columns and target have the length sqrt(n_samples), as the samples divided by their rms would.
+    """
+    from .inner import fit_inner
+
+    length = n_samples**0.5
+    q, upper = linalg.qr(unit, mode="full", check_finite=False)
+    rotated = q.T @ target
+    free = slice(1, None) if has_mass else slice(0, None)
+    coefficients = np.zeros(unit.shape[1])
+    sub_columns, sub_target = upper[free, free], rotated[free]
+    if sub_columns.shape[1]:
+        coefficients[free] = fit_inner(inner, sub_columns * length, sub_target * length)
+    if has_mass:
+        coefficients[0] = (rotated[0] - upper[0, 1:] @ coefficients[1:]) / upper[0, 0]
+    return coefficients
+
+
+def _report_rank(unit: np.ndarray, rank: int, step: Step, labels: list[str]) -> None:
+    """Say which columns depend on each other; refuse where a mass is among them."""
+    null = np.linalg.svd(unit)[2][rank:]
+    weight = np.sqrt((null**2).sum(axis=0))
+    involved = [labels[i] for i in np.argsort(-weight) if weight[i] > 1e-3][:6]
+    what = f"{step.name}: rank {rank} of {len(labels)}; {', '.join(involved)} are linearly dependent on this excitation"
+    if step.masses and weight[0] > 1e-3:
+        raise IdentifiabilityError(
+            f"{what}, so {labels[0]} cannot be told from the storey's stiffness",
+            "A steady harmonic excitation or too few samples do this; excite several frequencies, lower the degree, or give the mass in known_masses.",
+        )
+    warnings.warn(
+        f"{what}. Their coefficients are the smallest that fit; excite more frequencies or amplitudes, or lower the degree.",
+        RankWarning,
+        stacklevel=4,
+    )
+
+
+def _solve_joint(moments: Moments, walk: Walk, solution: Solution, inner: Any, names) -> None:
+    """All balances at once with shared laws (Newton's third law built in), each divided by its rms force."""
+    layout, n = moments.layout, moments.layout.n_dof
+    free = [step.dofs[0] for step in walk.steps if step.masses]
+    column = {("m", j): i for i, j in enumerate(free)}
+    at = len(free)
+    for site in layout.acting:
+        column[site], at = at, at + layout.counts[site]
+    rows = []
+    for j in range(1, n + 1):
+        part, where, mass_at, target_at = _locate(moments, (j,))
+        group = moments.groups[(j,)]
+        combine = np.zeros((part.matrix.shape[0], at + 1))
+        for site, sign in zip(group.sites, group.signs):
+            inside = np.arange(where[site].start, where[site].stop)
+            combine[inside, column[site] + np.arange(len(inside))] = sign
+        combine[target_at, at] = 1.0
+        if j in free:
+            combine[mass_at, column["m", j]] = 1.0
+        else:
+            combine[mass_at, at] = -solution.masses[j]
+        used = np.flatnonzero(combine.any(axis=0))
+        small = part.triangle(combine[:, used])
+        triangle = np.zeros((len(used), at + 1))
+        triangle[:, used] = small
+        rows.append(triangle * (part.n_samples**0.5 / np.linalg.norm(small[:, -1])))
+    stacked = np.vstack(rows)
+    upper = linalg.qr(stacked, mode="r", check_finite=False)[0][: at + 1]
+    samples = sum(moments.parts[(j,)].n_samples for j in range(1, n + 1))
+    labels = [f"m{j}" for j in free] + [f"{s}: {x}" for s in layout.acting for x in _labels(names, s, layout.counts[s])]
+    step = Step(tuple(range(1, n + 1)), tuple(free), layout.acting, (), True)
+    values, fit = _least_squares(upper, step, samples, inner, labels, _RANK_CUT[moments.kind])
+    solution.fits.append(fit)
+    for j in free:
+        solution.masses[j] = float(values[column["m", j]])
+    for site in layout.acting:
+        solution.coefficients[site] = values[column[site] : column[site] + layout.counts[site]]

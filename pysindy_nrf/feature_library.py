@@ -1,0 +1,261 @@
+"""Inter-storey terms v^h s^j, and any force laws, as PySINDy feature libraries."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from pysindy import AxesArray
+from pysindy.feature_library.base import BaseFeatureLibrary
+from sklearn.utils.validation import check_is_fitted
+
+from .chain import Chain
+from .exceptions import ChainError, ChannelError, LawError
+from .layout import LawLayout
+from .laws import PowerSeries
+from .laws.base import ForceLaw
+from .segments import Segment, feature_names
+
+_INPUTS = ("balance", "state")
+
+
+class ForceLawLibrary(BaseFeatureLibrary):
+    """Force laws at the sites of a chain as one PySINDy feature library.
+
+    Parameters
+    ----------
+    laws : mapping of str to ForceLaw or sequence of ForceLaw, or one sequence for every storey
+        By site.
+    chain : Chain, optional
+        Found from the number of columns if None.
+    inputs : {"balance", "state"}
+        ``"balance"``: columns a_1..a_n, v_1..v_n, s_1..s_n (paper eq. 8); the features are a_1..a_n
+        and the terms of every site, to be fitted to the forces by :class:`ChainOptimizer`.
+        ``"state"``: columns x_1..x_n, xdot_1..xdot_n (relative to the base) and u = F_1..F_n; the
+        features are xdot, the terms and F, for :class:`StateSpaceChainOptimizer`.
+
+    Attributes
+    ----------
+    n_features_in_, n_output_features_ : int
+    layout_ : LawLayout
+
+    Raises
+    ------
+    ChannelError
+        If the number of columns does not fit.
+    LawError
+        If a law that remembers the path is used with ``inputs="state"``: the right-hand side of an
+        ordinary differential equation has no path.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import ForceLawLibrary, laws
+    >>> library = ForceLawLibrary([laws.LinearViscous(), laws.Duffing()]).fit(np.zeros((5, 6)))
+    >>> library.get_feature_names()
+    ['a1', 'a2', 'v1', 's1', 's1^3', 'v2', 's2', 's2^3']
+    """
+
+    def __init__(self, laws: Any = None, chain: Chain | None = None, inputs: str = "balance") -> None:
+        self.laws = laws
+        self.chain = chain
+        self.inputs = inputs
+
+    def _laws(self, chain: Chain) -> Mapping[Any, Sequence[ForceLaw]]:
+        given = self.laws
+        if given is None:
+            raise LawError("The library has no laws", "Pass laws={'storey 1': [...], ...}, or one list for every storey.")
+        if isinstance(given, ForceLaw):
+            given = [given]
+        if not isinstance(given, Mapping):
+            given = dict.fromkeys(chain.sites, list(given))
+        return {s: [v] if isinstance(v, ForceLaw) else list(v) for s, v in given.items()}
+
+    def fit(self, x: Any, y: Any = None):
+        """Count the features.
+
+        Parameters
+        ----------
+        x : array-like of shape (n_samples, n_columns), or list of them
+        y : ignored
+
+        Returns
+        -------
+        self
+        """
+        if self.inputs not in _INPUTS:
+            raise ChannelError(f"inputs={self.inputs!r} is unknown", "Choose 'balance' or 'state'.")
+        first = x[0] if isinstance(x, (list, tuple)) else x
+        width = int(np.shape(first)[-1])
+        n = self.chain.n_dof if self.chain is not None else width // 3
+        if n < 1 or width != 3 * n:
+            what = "a, v, s" if self.inputs == "balance" else "x, xdot, u = F"
+            raise ChannelError(f"The library got {width} columns, {3 * max(n, 1)} are needed", f"Give {what} of every DOF.")
+        chain = self.chain if self.chain is not None else Chain(n)
+        self.layout_ = LawLayout(chain, self._laws(chain))
+        if self.inputs == "state" and self.layout_.has_memory:
+            raise LawError("A law that remembers the path cannot stand in a state-space SINDy model", "Use NRFRegressor, or inputs='balance'.")
+        self.n_features_in_ = width
+        self.n_output_features_ = self.layout_.n_terms + (n if self.inputs == "balance" else 2 * n)
+        return self
+
+    def transform(self, x: Any):
+        """Columns of the balances.
+
+        Parameters
+        ----------
+        x : array-like of shape (n_samples, n_columns), or list of them
+            Each array is one contiguous record.
+
+        Returns
+        -------
+        AxesArray of shape (n_samples, n_output_features_), or list of them
+        """
+        check_is_fitted(self)
+        if isinstance(x, (list, tuple)):
+            return [self._columns(item) for item in x]
+        return self._columns(x)
+
+    def _columns(self, x: Any) -> Any:
+        x = np.asarray(x)
+        if x.ndim == 1:
+            x = x.reshape(-1, 1)
+        if x.shape[-1] != self.n_features_in_:
+            raise ChannelError(f"The library got {x.shape[-1]} columns, {self.n_features_in_} were fitted", "Give the same columns.")
+        lead = x.shape[:-1]
+        x = x.reshape(-1, x.shape[-1])
+        n = self.layout_.n_dof
+        first, second, third = x[:, :n], x[:, n : 2 * n], x[:, 2 * n :]
+        if self.inputs == "balance":
+            a, v, s, tail = first, second, third, None
+            head = a
+        else:
+            a, v, s, tail = np.zeros_like(first), np.diff(second, axis=1, prepend=0.0), np.diff(first, axis=1, prepend=0.0), third
+            head = second
+        rows = slice(0, len(x))
+        segment = Segment("record", rows, a, v, s, np.zeros_like(s), valid=rows)
+        out = np.empty((len(x), self.n_output_features_), dtype=np.result_type(x.dtype, np.float32))
+        out[:, :n] = head
+        drifts = dict(zip(self.layout_.sites, self.layout_.chain.drift_matrix(self.layout_.sites)))
+        for site in self.layout_.acting:
+            where = self.layout_.slices[site]
+            out[:, n + where.start : n + where.stop] = self.layout_.columns(site, segment.motion(drifts[site], rows))
+        if tail is not None:
+            out[:, n + self.layout_.n_terms :] = tail
+        out = out.reshape(*lead, -1)
+        return AxesArray(out, {"ax_time": 0, "ax_coord": out.ndim - 1} if out.ndim == 2 else _axes(out))
+
+    def get_feature_names(self, input_features: Sequence[str] | None = None) -> list[str]:
+        """Names of the features, e.g. ``"v2^2 s2"``.
+
+        Parameters
+        ----------
+        input_features : sequence of str, optional
+            Names of the input columns; only those of the leading block and of the forces are used.
+
+        Returns
+        -------
+        list of str
+        """
+        check_is_fitted(self)
+        n = self.layout_.n_dof
+        if self.inputs == "balance":
+            head, tail = [f"a{j}" for j in range(1, n + 1)], []
+        else:
+            head, tail = [f"xdot{j}" for j in range(1, n + 1)], [f"F{j}" for j in range(1, n + 1)]
+        return [*head, *term_names(self.layout_), *tail]
+
+
+def _axes(array: np.ndarray) -> dict[str, Any]:
+    return {"ax_spatial": list(range(array.ndim - 2)), "ax_time": array.ndim - 2, "ax_coord": array.ndim - 1}
+
+
+def term_names(layout: LawLayout) -> list[str]:
+    """Names of the terms of all sites, e.g. ``"v2^2 s2"``.
+
+    Parameters
+    ----------
+    layout : LawLayout
+
+    Returns
+    -------
+    list of str
+    """
+    from .laws.base import subscript
+
+    names = []
+    for site in layout.acting:
+        index = str(site.p) if site.is_storey else f"_{str(site).replace(' ', '').replace('-', '')}"
+        names += [subscript(label, index) if label != "1" else f"1_{index}" for label in layout.labels(site)]
+    return names
+
+
+class InterstoryPolynomialLibrary(ForceLawLibrary):
+    """Inter-storey terms v^h s^j of the paper's eq. (2) as a PySINDy feature library.
+
+    Parameters
+    ----------
+    degree : int or (int, int)
+        Total degree h + j (eq. 9), or the box (k, q): h <= k, j <= q.
+    chain : Chain, optional
+        Found from the number of columns if None.
+    orders : mapping of str to int or (int, int), optional
+        Other orders at some sites.
+    inputs : {"balance", "state"}
+        See :class:`ForceLawLibrary`.
+
+    Raises
+    ------
+    LawError
+        If the degree is not a non-negative integer.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import InterstoryPolynomialLibrary
+    >>> InterstoryPolynomialLibrary(degree=2).fit(np.zeros((5, 3))).get_feature_names()
+    ['a1', 'v1', 's1', 'v1^2', 'v1 s1', 's1^2']
+    """
+
+    def __init__(
+        self, degree: Any = 3, chain: Chain | None = None, orders: Mapping[Any, Any] | None = None, inputs: str = "balance"
+    ) -> None:
+        self.degree = degree
+        self.chain = chain
+        self.orders = orders
+        self.inputs = inputs
+
+    def _laws(self, chain: Chain) -> Mapping[Any, Sequence[ForceLaw]]:
+        return power_series_laws(chain, self.degree, self.orders)
+
+
+def power_series_laws(chain: Chain, degree: Any, orders: Mapping[Any, Any] | None = None) -> dict[Any, list[ForceLaw]]:
+    """A power series at every site of a chain.
+
+    Parameters
+    ----------
+    chain : Chain
+    degree : int or (int, int)
+    orders : mapping of str to int or (int, int), optional
+        Other orders at some sites.
+
+    Returns
+    -------
+    dict of Site to list of ForceLaw
+
+    Raises
+    ------
+    ChainError
+        If ``orders`` names a site the chain does not have.
+    """
+    chosen = dict.fromkeys(chain.sites, degree)
+    for text, order in dict(orders or {}).items():
+        site = chain.site(text)
+        if site not in chosen:
+            raise ChainError(f"orders names {str(site)!r}, which is not in the chain", f"Its sites are {', '.join(chain.sites)}.")
+        chosen[site] = order
+    return {site: [PowerSeries(order)] for site, order in chosen.items()}
+
+
+__all__ = ["ForceLawLibrary", "InterstoryPolynomialLibrary", "feature_names", "power_series_laws", "term_names"]

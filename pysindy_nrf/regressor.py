@@ -1,0 +1,502 @@
+"""NRFRegressor: the scikit-learn face of the whole identification."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.utils.validation import check_is_fitted
+
+from .chain import Chain
+from .chain_solve import Solution
+from .exceptions import ChainError, ChannelError, ExcitationError
+from .identifiability import Walk, plan_walk
+from .layout import LawLayout
+from .laws import ForceLaw, PowerSeries
+from .model import ChainModel
+from .moments import Block, Moments
+from .restoring_force import RestoringForces
+from .segments import SegmentSet, from_arrays
+from .sites import Site
+from .visited import VisitedRegion
+
+_DEFAULT_DEGREE = 3
+_ESTIMATIONS = ("ls",)
+
+
+class NRFRegressor(RegressorMixin, BaseEstimator):
+    r"""Masses and nonlinear restoring forces of a chain from forces and motions.
+
+    Least squares of the force balances (paper eqs. 2-5),
+
+    .. math:: m_j a_j + R_j(v_j, s_j) - R_{j+1}(v_{j+1}, s_{j+1}) = F_j ,
+
+    each balance by itself where every DOF is forced (complete, eq. 3), in sequence along the chain
+    where only some are (eqs. 4-5).
+
+    Parameters
+    ----------
+    degree : int or (int, int)
+        Total degree h + j of the terms v^h s^j in every storey (eq. 9), or the box (k, q) of eq. (2).
+    orders : mapping of str to int or (int, int), optional
+        Other orders at some storeys, e.g. ``{"storey 2": 5, "storey 3": (2, 1)}``.
+    strategy : {"auto", "complete", "sequential", "joint"}
+        ``"auto"``: complete where every DOF is forced (in one record or another), else sequential.
+        ``"joint"``: all balances at once with shared laws; only where every DOF is forced.
+    optimizer : PySINDy optimizer, optional
+        Runs inside :class:`ChainOptimizer` on every balance; plain least squares if None.
+    coordinates : {"relative", "absolute"}
+        Whether X holds inter-storey motion v, s (eq. 8) or motion xdot, x of the DOFs.
+    estimation : {"ls"}
+        Least squares.
+    laws : mapping of str to ForceLaw or sequence of ForceLaw, optional
+        Laws at some sites, in place of the power series there; further links and ``"dof j"`` sites
+        join the chain. Shape parameters without a value are estimated.
+    known_masses : mapping of int to float, optional
+        kg, by DOF. With no force anywhere one known mass scales the chain.
+    band : (float, float), optional
+        Frequency band in Hz in which everything is fitted and judged: accelerations, forces and law
+        columns pass one zero-phase filter. Needs the sampling step (``dt``, ``time`` or a time index).
+    dt : float, optional
+        Sampling step, s, if X carries no time.
+    chain : Chain, optional
+        A chain of one storey for each DOF on the base if None.
+
+    Attributes
+    ----------
+    masses_ : ndarray of shape (n_dof,)
+        kg.
+    restoring_forces_ : RestoringForces
+        By site: ``["storey 2"]``, ``[2]``, ``["link 4-2"]``; each callable (v, s) -> N.
+    third_law_gap_ : Series
+        Complete strategy: rms difference of the two estimates of each storey's force (paper eq.
+        10b), percent of its rms. The one from the upper end (balance i for storey i) is returned.
+    errors_ : DataFrame
+        Balance errors (one step) on the fitted data, percent NRMSE; see :mod:`pysindy_nrf.errors`.
+    model_ : ChainModel
+    chain_ : Chain
+    walk_ : Walk
+        The order of the solve, in words.
+    condition_ : Series
+        Scaled condition number of each step.
+    n_samples_ : int
+        Samples used, NaN edges left out.
+    n_features_in_ : int
+
+    Raises
+    ------
+    ChannelError, ExcitationError, IdentifiabilityError, LawError, ChainError
+        Naming the channel, DOF or parameter and the cure.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+    >>> storey = laws.PowerSeries((0, 3), [1e5, 0.0, 4e8]), laws.LinearViscous(100.0)
+    >>> truth = ChainModel([10.0, 12.0], {"storey 1": storey, "storey 2": storey})
+    >>> F = excitation.band_limited(4000, 2, dt=1e-3, dofs=[2], rms=100.0, band=(1, 60), random_state=0)
+    >>> X, F = simulate(truth, F, 1e-3).to_features(smooth=False)
+    >>> model = NRFRegressor(degree=3).fit(X, F)
+    >>> model.masses_.round(6)
+    array([10., 12.])
+    >>> float(model.restoring_forces_["storey 1"].coefficients["s^3"].round(-2))
+    400000000.0
+    """
+
+    def __init__(
+        self,
+        degree: Any = _DEFAULT_DEGREE,
+        orders: Mapping[Any, Any] | None = None,
+        strategy: str = "auto",
+        optimizer: Any = None,
+        coordinates: str = "relative",
+        estimation: str = "ls",
+        laws: Mapping[Any, Any] | None = None,
+        known_masses: Mapping[int, float] | None = None,
+        band: tuple[float | None, float | None] | None = None,
+        dt: float | None = None,
+        chain: Chain | None = None,
+    ) -> None:
+        self.degree = degree
+        self.orders = orders
+        self.strategy = strategy
+        self.optimizer = optimizer
+        self.coordinates = coordinates
+        self.estimation = estimation
+        self.laws = laws
+        self.known_masses = known_masses
+        self.band = band
+        self.dt = dt
+        self.chain = chain
+
+    # -- fit ----------------------------------------------------------------------------------
+
+    def fit(
+        self,
+        X: Any,
+        y: Any = None,
+        *,
+        record: Any = None,
+        time: Any = None,
+        base_acceleration: Any = None,
+        covariates: Mapping[str, Any] | None = None,
+    ) -> NRFRegressor:
+        """Identify masses and restoring forces.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, 3 n_dof), DataFrame, Record or list of Record
+            Columns a_1..a_n (absolute, m/s^2), v_1..v_n (inter-storey, m/s), s_1..s_n (m), paper
+            eq. 8; with ``coordinates="absolute"`` xdot and x of the DOFs.
+        y : array-like of shape (n_samples, n_dof), optional
+            The applied forces F_j, N. A column of zeros = known to be unforced, of NaN = unknown.
+            None = no force anywhere (base excitation, known masses).
+        record : array-like of shape (n_samples,), optional
+            Record ids; rows without ids are one contiguous record.
+        time : array-like of shape (n_samples,), optional
+            s.
+        base_acceleration : array-like of shape (n_samples,), optional
+            m/s^2.
+        covariates : mapping of str to array-like of shape (n_samples,), optional
+
+        Returns
+        -------
+        self
+        """
+        if self.coordinates not in ("relative", "absolute"):
+            raise ChannelError(f"coordinates={self.coordinates!r} is unknown", "Choose 'relative' or 'absolute'.")
+        if self.estimation not in _ESTIMATIONS:
+            raise ChainError(f"estimation={self.estimation!r} is unknown", f"Choose one of {', '.join(_ESTIMATIONS)}.")
+        laws_given = self._given_laws()
+        data = self._data(
+            X, y, record=record, time=time, base_acceleration=base_acceleration, covariates=covariates,
+            has_memory=any(law.has_memory for held in laws_given.values() for law in held),
+            n_dof=self.chain.n_dof if self.chain is not None else None,
+        )
+        self._fit(data, laws_given)
+        self.n_features_in_ = 3 * data.n_dof
+        if hasattr(X, "columns"):
+            self.feature_names_in_ = np.array([str(c) for c in X.columns], dtype=object)
+        return self
+
+    def _fit(self, data: SegmentSet, laws_given: Mapping[Any, tuple[ForceLaw, ...]]) -> None:
+        chain = self._chain(data.n_dof, laws_given)
+        laws = self._laws(chain, laws_given)
+        known = self._known_masses(chain)
+        layout = LawLayout(chain, laws)
+        forced, unknown = data.forced, data.unknown
+        if not forced and not known:
+            raise ExcitationError(
+                "No force is measured and no mass is known, so nothing scales the chain",
+                "Measure a force on one DOF, or give a mass: known_masses={dof: kg}; ratios to it then come out.",
+            )
+        walk = plan_walk(chain, forced, unknown, known, self.strategy, layout.acting).require_complete()
+        _require_moving(data, layout)
+        _require_samples(data, walk, layout)
+        filters = _filters(self.band, data)
+        if any(law.free_shape for held in laws.values() for law in held):
+            from .shape_search import estimate_shapes
+
+            layout = estimate_shapes(
+                layout, _scales(data, layout), lambda trial: self._solve(trial, walk, data, filters, known)[1:]
+            )
+        model, solution, moments = self._solve(layout, walk, data, filters, known)
+        self._publish(model, solution, moments, walk, layout, data)
+
+    def _solve(self, layout, walk, data, filters, known) -> tuple[ChainModel, Solution, Moments]:
+        from .optimizers import ChainOptimizer
+
+        def blocks() -> Iterator[Block]:
+            for segment, filter in zip(data.segments, filters):
+                yield from segment.blocks(layout, filter=filter)
+
+        names = {site: layout.labels(site) for site in layout.acting}
+        optimizer = ChainOptimizer(self.optimizer, layout.chain, self.strategy, known_masses=known)
+        solution, moments = optimizer.solve(layout, walk, blocks, names)
+        held = {site: _valued(layout.laws.get(site, ()), solution.coefficients.get(site)) for site in layout.sites}
+        masses = [solution.masses[j] for j in range(1, layout.n_dof + 1)]
+        return ChainModel(masses, held, layout.chain), solution, moments
+
+    def _publish(self, model, solution, moments, walk, layout, data) -> None:
+        from .errors import balance_errors
+
+        self.chain_, self.walk_ = layout.chain, walk
+        self.masses_ = model.masses
+        self.errors_ = balance_errors(model, moments)
+        self.condition_ = pd.Series({fit.step.name: fit.condition for fit in solution.fits}, name="condition", dtype=float)
+        self.n_samples_ = moments.n_samples
+        self.third_law_gap_ = _third_law_gap(solution, moments)
+        model.visited = _visited(data, layout)
+        model.info = {
+            "band": None if self.band is None else [None if b is None else float(b) for b in self.band],
+            "strategy": walk.strategy,
+            "n_samples": int(moments.n_samples),
+            "balance_error_percent": {k: float(e) for k, e in self.errors_["error"].items() if np.isfinite(e)},
+        }
+        self.model_ = model
+        self.restoring_forces_ = model.restoring_forces
+
+    # -- what was asked for -------------------------------------------------------------------
+
+    def _data(self, X: Any, y: Any, **options: Any) -> SegmentSet:
+        return from_arrays(X, y, coordinates=self.coordinates, dt=self.dt, **options)
+
+    def _given_laws(self) -> dict[Any, tuple[ForceLaw, ...]]:
+        given = {}
+        for site, value in dict(self.laws or {}).items():
+            held = (value,) if isinstance(value, ForceLaw) else tuple(value)
+            wrong = [law for law in held if not isinstance(law, ForceLaw)]
+            if wrong:
+                raise ChainError(f"laws[{site!r}] holds {wrong[0]!r}, which is not a force law", "Use those of pysindy_nrf.laws.")
+            given[site] = held
+        return given
+
+    def _chain(self, n_dof: int, laws_given: Mapping[Any, Any]) -> Chain:
+        chain = self.chain if self.chain is not None else Chain(n_dof)
+        return chain.with_links([s for s in map(chain.site, laws_given) if s.kind == "link"])
+
+    def _laws(self, chain: Chain, laws_given: Mapping[Any, tuple[ForceLaw, ...]]) -> dict[Site, tuple[ForceLaw, ...]]:
+        orders = {chain.site(s): order for s, order in dict(self.orders or {}).items()}
+        given = {chain.site(s): held for s, held in laws_given.items()}
+        missing = [s for s in orders if s not in chain.sites]
+        if missing:
+            raise ChainError(f"orders names {str(missing[0])!r}, which is not in the chain", f"Its sites are {', '.join(chain.sites)}.")
+        both = [s for s in orders if s in given]
+        if both:
+            raise ChainError(f"{both[0]} has an order and laws", "Name it in orders or in laws, not in both.")
+        if orders and self.degree != _DEFAULT_DEGREE and all(s in orders or s in given for s in chain.sites):
+            clash = next(s for s in chain.sites if s in orders)
+            if any(order != self.degree for order in orders.values()):
+                raise ChainError(
+                    f"degree={self.degree!r} contradicts orders, which set every storey ({clash}: {orders[clash]!r})",
+                    "Leave degree out, or name in orders only the storeys that differ.",
+                )
+        return {
+            **{s: given.get(s, None) or (() if s in given else (PowerSeries(orders.get(s, self.degree)),)) for s in chain.sites},
+            **{s: held for s, held in given.items() if s not in chain.sites},
+        }
+
+    def _known_masses(self, chain: Chain) -> dict[int, float]:
+        known = {}
+        for dof, mass in dict(self.known_masses or {}).items():
+            if isinstance(dof, bool) or not hasattr(dof, "__index__") or not 1 <= int(dof) <= chain.n_dof:
+                raise ChainError(f"known_masses names DOF {dof!r}", f"The chain has DOFs 1 to {chain.n_dof}.")
+            value = float(mass)
+            if not np.isfinite(value) or value < 0:
+                raise ChainError(f"known_masses[{dof}]={mass!r} is not a mass", "Give kg.")
+            known[int(dof)] = value
+        return known
+
+    # -- use ----------------------------------------------------------------------------------
+
+    def predict(self, X: Any, *, record=None, time=None, base_acceleration=None, covariates=None) -> np.ndarray:
+        """Forces on the DOFs that the measured motion implies (left-hand sides of the balances).
+
+        Parameters
+        ----------
+        X, record, time, base_acceleration, covariates
+            As for :meth:`fit`.
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_dof)
+            N; NaN at masked edges.
+        """
+        data = self._judged(X, None, record, time, base_acceleration, covariates)
+        return data.scatter(self.model_.balance_forces(data))
+
+    def restoring_force(self, X: Any, *, record=None, time=None, base_acceleration=None, covariates=None) -> np.ndarray:
+        """Storey forces along data.
+
+        Parameters
+        ----------
+        X, record, time, base_acceleration, covariates
+            As for :meth:`fit`.
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_dof)
+            Force of storey j in column j-1, N.
+        """
+        return self.model_.restoring_force(self._judged(X, None, record, time, base_acceleration, covariates))
+
+    def score(self, X: Any, y: Any = None, *, record=None, time=None, base_acceleration=None, covariates=None) -> float:
+        """R^2 of the accelerations the model predicts, variance-weighted over the DOFs.
+
+        It means the same under any excitation; ``scoring="r2"`` of scikit-learn judges the forces
+        instead, which are zero on unforced DOFs.
+
+        Parameters
+        ----------
+        X, y, record, time, base_acceleration, covariates
+            As for :meth:`fit`.
+
+        Returns
+        -------
+        float
+        """
+        data = self._judged(X, y, record, time, base_acceleration, covariates)
+        left = error = 0.0
+        parts = self.model_.balance_forces(data)
+        for j in range(data.n_dof):
+            pairs = [
+                (seg.a[seg.valid, j].astype(float), (seg.F[seg.valid, j] - part[:, j]) / self.masses_[j])
+                for seg, part in zip(data.segments, parts)
+                if not np.isnan(seg.F[seg.valid.start, j])
+            ]
+            if pairs:
+                a = np.concatenate([p[0] for p in pairs])
+                error += float(sum((p[1] ** 2).sum() for p in pairs))
+                left += float(((a - a.mean()) ** 2).sum())
+        return 1.0 - error / left if left else float("nan")
+
+    def balance_errors(self, X: Any, y: Any = None, *, record=None, time=None, base_acceleration=None, covariates=None) -> pd.DataFrame:
+        """Balance errors (one step) on other data, in the same band; percent NRMSE.
+
+        Parameters
+        ----------
+        X, y, record, time, base_acceleration, covariates
+            As for :meth:`fit`.
+
+        Returns
+        -------
+        DataFrame
+            See :func:`pysindy_nrf.errors.balance_errors`.
+        """
+        from .errors import judge
+
+        data = self._judged(X, y, record, time, base_acceleration, covariates)
+        layout = LawLayout(self.chain_, self.model_.laws)
+        filters = _filters(self.band, data)
+        blocks = (b for seg, filter in zip(data.segments, filters) for b in seg.blocks(layout, filter=filter))
+        return judge(self.model_, layout, blocks)
+
+    def modes(self) -> pd.DataFrame:
+        """Frequencies (Hz), damping ratios and shapes of the linear part; see :meth:`ChainModel.modes`."""
+        check_is_fitted(self)
+        return self.model_.modes()
+
+    def simulate(self, F: Any, *, dt: float | None = None, x0: Any = None, v0: Any = None, **options: Any):
+        """Free run of the identified model; see :func:`pysindy_nrf.simulate`.
+
+        Parameters
+        ----------
+        F : array-like of shape (n_samples, n_dof)
+            N.
+        dt : float, optional
+            s; the estimator's ``dt`` if None.
+        x0, v0 : array-like of shape (n_dof,), optional
+            Initial displacement (m) and velocity (m/s) relative to the base.
+        **options
+            ``method``, ``base_acceleration``, ...
+
+        Returns
+        -------
+        Record
+        """
+        check_is_fitted(self)
+        step = dt if dt is not None else self.dt
+        if step is None:
+            raise ChannelError("The free run needs the sampling step of F", "Pass dt= in s.")
+        return self.model_.simulate(F, step, x0=x0, v0=v0, **options)
+
+    def _judged(self, X, y, record, time, base_acceleration, covariates) -> SegmentSet:
+        check_is_fitted(self)
+        return self._data(
+            X, y, record=record, time=time, base_acceleration=base_acceleration, covariates=covariates,
+            has_memory=self.model_.has_memory, n_dof=self.model_.n_dof,
+        )
+
+    def __sklearn_is_fitted__(self) -> bool:
+        return hasattr(self, "model_")
+
+
+def _valued(laws: tuple[ForceLaw, ...], coefficients: np.ndarray | None) -> tuple[ForceLaw, ...]:
+    at, out = 0, []
+    for law in laws:
+        width = len(law.terms())
+        out.append(law.with_values(coefficients=coefficients[at : at + width] if width else []))
+        at += width
+    return tuple(out)
+
+
+def _third_law_gap(solution: Solution, moments: Moments) -> pd.Series:
+    gaps = {}
+    for site, twin in solution.twins.items():
+        where, *_ = moments.positions((site.p,))
+        part = moments.parts[(site.p,)]
+        both = np.zeros((2, part.matrix.shape[0]))
+        both[0, where[site]], both[1, where[site]] = solution.coefficients[site] - twin, solution.coefficients[site]
+        whole = part.norm(both[1])
+        gaps[str(site)] = 100.0 * part.norm(both[0]) / whole if whole else np.inf
+    return pd.Series(gaps, name="third-law gap (%)", dtype=float).sort_index()
+
+
+def _visited(data: SegmentSet, layout: LawLayout) -> dict[Site, VisitedRegion]:
+    out = {}
+    for site, drift in zip(layout.sites, layout.chain.drift_matrix(layout.sites)):
+        chosen = np.flatnonzero(drift)
+        low, high = chosen[0], chosen[-1] + 1
+        v, s = (
+            np.concatenate([getattr(seg, key)[seg.valid, low:high].sum(axis=1, dtype=float) for seg in data.segments])
+            for key in "vs"
+        )
+        out[site] = VisitedRegion.of(v, s)
+    return out
+
+
+def _scales(data: SegmentSet, layout: LawLayout) -> dict[Site, tuple[float, float, float]]:
+    """Rms drift, rms rate and longest record at each site."""
+    total = {}
+    for site, drift in zip(layout.sites, layout.chain.drift_matrix(layout.sites)):
+        motions = [seg.motion(drift, seg.valid) for seg in data.segments]
+        size = sum(m.n_samples for m in motions)
+        rms = [float(np.sqrt(sum((getattr(m, key) ** 2).sum() for m in motions) / size)) for key in "sv"]
+        lengths = [m.t[-1] - m.t[0] for m in motions if m.t is not None]
+        total[site] = (rms[0], rms[1], float(max(lengths, default=1.0)))
+    return total
+
+
+def _require_moving(data: SegmentSet, layout: LawLayout) -> None:
+    """Refuse channels that are constant in every record."""
+    for key, name in (("a", "a"), ("v", "v"), ("s", "s")):
+        for j in range(data.n_dof):
+            site = Site(j + 1)
+            if key != "a" and not (site in layout.counts and layout.counts[site]):
+                continue
+            if all(np.ptp(getattr(seg, key)[seg.valid, j]) == 0 for seg in data.segments):
+                raise ChannelError(
+                    f"Channel {name}{j + 1} is constant in every record",
+                    "A dead sensor, a wrong column or a floor that is not excited; check it, or leave the DOF out.",
+                )
+
+
+def _require_samples(data: SegmentSet, walk: Walk, layout: LawLayout) -> None:
+    for step in walk.steps:
+        unknowns = len(step.masses) + sum(layout.counts[s] for s in step.sites)
+        rows = sum(
+            seg.valid.stop - seg.valid.start
+            for seg in data.segments
+            if not any(np.isnan(seg.F[seg.valid.start, j - 1]) for j in step.dofs)
+        )
+        if rows < unknowns + 1:
+            raise ChannelError(
+                f"{rows} samples are too few for the {step.name}, which has {unknowns} unknowns",
+                "Use a longer record or a lower degree.",
+            )
+
+
+def _filters(band: Any, data: SegmentSet) -> list[Any]:
+    if band is None:
+        return [None] * len(data.segments)
+    from .fair_filter import FairFilter
+
+    filters = []
+    for seg in data.segments:
+        if seg.dt is None:
+            raise ChannelError("band= needs the sampling step", "Pass dt= (s) to the estimator, time= to fit, or X with a time index.")
+        filters.append(FairFilter(band, 1.0 / seg.dt))
+    return filters

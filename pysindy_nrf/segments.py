@@ -1,0 +1,417 @@
+"""From what a user passes to ``fit`` to contiguous records of drifts, rates, accelerations and forces."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from .channels import as_matrix, finite_span, rows_text
+from .exceptions import ChannelError, LawError
+from .layout import LawLayout
+from .laws.base import Motion
+from .moments import BLOCK, Block
+from .record import Record, seconds_of
+
+
+@dataclass
+class Segment:
+    """One contiguous record, ready for features.
+
+    Attributes
+    ----------
+    name : str
+    rows : slice
+        Its rows in the arrays the user passed.
+    a, v, s, F : ndarray of shape (n_samples, n_dof)
+        Absolute acceleration (m/s^2), inter-storey velocity (m/s) and drift (m), force (N).
+    t : ndarray of shape (n_samples,) or None
+        s, from the start of the record.
+    ag : ndarray of shape (n_samples,) or None
+        Base acceleration, m/s^2.
+    covariates : dict of str to ndarray
+    valid : slice
+        Rows inside the NaN edges.
+    """
+
+    name: str
+    rows: slice
+    a: np.ndarray
+    v: np.ndarray
+    s: np.ndarray
+    F: np.ndarray
+    t: np.ndarray | None = None
+    ag: np.ndarray | None = None
+    covariates: dict[str, np.ndarray] = field(default_factory=dict)
+    valid: slice = field(default_factory=lambda: slice(0, 0))
+
+    @property
+    def n_samples(self) -> int:
+        """Rows, the NaN edges included."""
+        return len(self.s)
+
+    @property
+    def n_dof(self) -> int:
+        """Degrees of freedom."""
+        return self.s.shape[1]
+
+    @property
+    def dt(self) -> float | None:
+        """Sampling step, s, if the time is known."""
+        return None if self.t is None or len(self.t) < 2 else float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
+
+    def motion(self, drift: np.ndarray, rows: slice) -> Motion:
+        """Motion that a law at one site sees.
+
+        Parameters
+        ----------
+        drift : ndarray of shape (n_dof,)
+            Row of :meth:`Chain.drift_matrix`.
+        rows : slice
+
+        Returns
+        -------
+        Motion
+        """
+        chosen = np.flatnonzero(drift)
+        low, high = chosen[0], chosen[-1] + 1
+
+        def along(array: np.ndarray) -> np.ndarray:
+            part = array[rows, low:high]
+            return np.ascontiguousarray(part[:, 0] if part.shape[1] == 1 else part.sum(axis=1), dtype=np.float64)
+
+        top = self.a[rows, high - 1].astype(np.float64)
+        if low > 0:
+            below: Any = self.a[rows, low - 1]
+        else:
+            below = 0.0 if self.ag is None else self.ag[rows]
+        return Motion(
+            along(self.s),
+            along(self.v),
+            top - below,
+            None if self.t is None else self.t[rows],
+            {k: c[rows] for k, c in self.covariates.items()},
+        )
+
+    def blocks(self, layout: LawLayout, size: int = BLOCK, filter: Any = None) -> Iterator[Block]:
+        """Columns of all balances, block by block.
+
+        Parameters
+        ----------
+        layout : LawLayout
+        size : int
+            Samples in a block; a filtered record, or one with laws that remember, is taken whole.
+        filter : FairFilter, optional
+            Applied alike to accelerations, forces and law columns.
+
+        Yields
+        ------
+        Block
+        """
+        drifts = dict(zip(layout.sites, layout.chain.drift_matrix(layout.sites)))
+        start, stop = self.valid.start, self.valid.stop
+        if filter is not None or layout.has_memory:
+            size = max(stop - start, 1)
+        for begin in range(start, stop, size):
+            rows = slice(begin, min(begin + size, stop))
+            terms = np.empty((layout.n_terms, rows.stop - rows.start))
+            for site in layout.acting:
+                terms[layout.slices[site]] = layout.columns(site, self.motion(drifts[site], rows)).T
+            a = np.ascontiguousarray(self.a[rows].T, dtype=np.float64)
+            force = np.ascontiguousarray(self.F[rows].T, dtype=np.float64)
+            if filter is not None:
+                terms = np.ascontiguousarray(filter.apply(terms.T).T)
+                a = np.ascontiguousarray(filter.apply(a.T).T)
+                known = ~np.isnan(force[:, 0])
+                if known.any():
+                    force[known] = filter.apply(force[known].T).T
+            yield Block(terms, a, force)
+
+
+class SegmentSet:
+    """The records behind one call of ``fit``, ``predict`` or ``score``.
+
+    Attributes
+    ----------
+    segments : list of Segment
+    n_dof, n_samples : int
+    """
+
+    def __init__(self, segments: Sequence[Segment], n_samples: int) -> None:
+        self.segments = list(segments)
+        self.n_samples = n_samples
+        self.n_dof = self.segments[0].n_dof
+
+    @property
+    def forced(self) -> tuple[int, ...]:
+        """DOFs forced in at least one record."""
+        return tuple(
+            j + 1 for j in range(self.n_dof) if any(np.nan_to_num(seg.F[seg.valid, j]).any() for seg in self.segments)
+        )
+
+    @property
+    def unknown(self) -> tuple[int, ...]:
+        """DOFs whose force is unknown in every record."""
+        return tuple(j + 1 for j in range(self.n_dof) if all(np.isnan(seg.F[seg.valid.start, j]) for seg in self.segments))
+
+    @property
+    def base_moves(self) -> bool:
+        """Whether the base moves in some record (its acceleration was given)."""
+        return any(seg.ag is not None and seg.ag.any() for seg in self.segments)
+
+    @property
+    def dt(self) -> float | None:
+        """Sampling step of the first record, s."""
+        return self.segments[0].dt
+
+    def scatter(self, parts: Sequence[np.ndarray], fill: float = np.nan) -> np.ndarray:
+        """Put arrays of the segments' valid rows back into the rows the user passed."""
+        width = parts[0].shape[1]
+        out = np.full((self.n_samples, width), fill)
+        for seg, part in zip(self.segments, parts):
+            out[seg.rows][seg.valid] = part
+        return out
+
+
+def feature_names(n_dof: int, coordinates: str = "relative") -> list[str]:
+    """Names of the columns of X: a1.., v1.., s1.. (paper eq. 8), or a1.., xdot1.., x1.."""
+    rate, drift = ("v", "s") if coordinates == "relative" else ("xdot", "x")
+    return [f"{p}{j}" for p in ("a", rate, drift) for j in range(1, n_dof + 1)]
+
+
+def from_arrays(
+    X: Any,
+    F: Any = None,
+    *,
+    record: Any = None,
+    time: Any = None,
+    base_acceleration: Any = None,
+    covariates: Mapping[str, Any] | None = None,
+    coordinates: str = "relative",
+    dt: float | None = None,
+    n_dof: int | None = None,
+    has_memory: bool = False,
+) -> SegmentSet:
+    """Check what the user passed and cut it into contiguous records.
+
+    Parameters
+    ----------
+    X : array-like of shape (n_samples, 3 n_dof), DataFrame, Record or list of Record
+    F : array-like of shape (n_samples, n_dof), optional
+        Zeros if None.
+    record, time : array-like of shape (n_samples,), optional
+        Record ids; time of the samples, s.
+    base_acceleration : array-like of shape (n_samples,), optional
+    covariates : mapping of str to array-like of shape (n_samples,), optional
+    coordinates : {"relative", "absolute"}
+    dt : float, optional
+        Sampling step, s, if there is no time.
+    n_dof : int, optional
+        Number wanted.
+    has_memory : bool
+        Whether a law needs samples in order.
+
+    Returns
+    -------
+    SegmentSet
+
+    Raises
+    ------
+    ChannelError
+        Naming the channel and the cure.
+    """
+    if isinstance(X, Record):
+        X = [X]
+    if isinstance(X, (list, tuple)) and X and isinstance(X[0], Record):
+        return _from_records(X, F, n_dof)
+    columns = None
+    base_v = base_s = None
+    if hasattr(X, "columns"):
+        X, columns, base_v, base_s, named_time, n = _from_frame(X, coordinates, n_dof)
+        time = named_time if time is None else time
+        x = X
+    else:
+        x = as_matrix(X, "column ", what="X")
+        if x.shape[1] == 0 or x.shape[1] % 3 or (n_dof and x.shape[1] != 3 * n_dof):
+            wanted = feature_names(n_dof or max(1, x.shape[1] // 3), coordinates)
+            need = f"{3 * n_dof} are needed" if n_dof else "a multiple of 3 is needed"
+            raise ChannelError(
+                f"X has {x.shape[1]} columns, {need}",
+                f"Give accelerations, inter-storey velocities and drifts of all DOFs: {', '.join(wanted[:9])}.",
+            )
+        n = x.shape[1] // 3
+    names = feature_names(n, coordinates)
+    a, v, s = x[:, :n], x[:, n : 2 * n], x[:, 2 * n :]
+    size = len(x)
+    if size == 0:
+        raise ChannelError("X has no samples (0 rows)", "Give at least as many samples as a balance has unknowns.")
+    force = np.zeros((size, n)) if F is None else as_matrix(F, "F", n, "forces F")
+    if len(force) != size:
+        raise ChannelError(f"F has {len(force)} samples, X has {size}", "Cut both to the same clock.")
+    ag = None if base_acceleration is None else _line(base_acceleration, "base_acceleration", size)
+    if coordinates == "absolute":
+        if base_v is None and ag is not None and np.nan_to_num(ag).any():
+            raise ChannelError(
+                "coordinates='absolute' with a moving base needs the columns xdot0 and x0",
+                "Add them to X, or give the motion relative to the ground.",
+            )
+        v = np.diff(v, axis=1, prepend=0.0 if base_v is None else base_v)
+        s = np.diff(s, axis=1, prepend=0.0 if base_s is None else base_s)
+    extra = {str(k): _line(c, f"covariate {k}", size) for k, c in dict(covariates or {}).items()}
+    pieces = _pieces(record, size, has_memory)
+    seconds = _seconds(time, dt, size, pieces)
+    segments = []
+    for name, rows in pieces:
+        segment = Segment(
+            name, rows, a[rows], v[rows], s[rows], force[rows],
+            None if seconds is None else seconds[rows] - seconds[rows.start],
+            None if ag is None else ag[rows],
+            {k: c[rows] for k, c in extra.items()},
+        )
+        segments.append(_trimmed(segment, names))
+    if has_memory:
+        for segment in segments:
+            _require_order(segment)
+    return SegmentSet(segments, size)
+
+
+def _from_records(records: Sequence[Record], F: Any, n_dof: int | None) -> SegmentSet:
+    if F is not None:
+        raise ChannelError("F was given beside records, which hold their own forces", "Leave F out.")
+    segments, at = [], 0
+    for rec in records:
+        if rec.n_dof != (n_dof or records[0].n_dof):
+            raise ChannelError(f"Record {rec.name!r} has {rec.n_dof} DOFs, {n_dof or records[0].n_dof} are needed", "Give records of one chain.")
+        x, force = rec.to_features(smooth=True)
+        n, values = rec.n_dof, x.to_numpy()
+        segment = Segment(
+            rec.name, slice(at, at + len(x)), values[:, :n], values[:, n : 2 * n], values[:, 2 * n :], force.to_numpy(),
+            rec.time - rec.time[0], rec.base_acceleration, dict(rec.covariates),
+        )
+        segments.append(_trimmed(segment, feature_names(n)))
+        at += len(x)
+    return SegmentSet(segments, at)
+
+
+def _from_frame(frame: pd.DataFrame, coordinates: str, n_dof: int | None):
+    names = [str(c) for c in frame.columns]
+    twice = sorted({c for c in names if names.count(c) > 1})
+    if twice:
+        raise ChannelError(f"Column {twice[0]!r} is in X more than once", "Rename or drop one.")
+    rate = "v" if coordinates == "relative" else "xdot"
+    aliases = {c: c for c in names}
+    if coordinates == "absolute":
+        aliases = {c: ("xdot" + c[1:] if c[:1] == "v" and c[1:].isdigit() else c) for c in names}
+    present = {aliases[c]: c for c in names}
+    n = n_dof or sum(1 for c in present if c[:1] == "a" and c[1:].isdigit() and c != "a0")
+    base = {"xdot0", "x0"} if coordinates == "absolute" else set()
+    wanted = feature_names(max(n, 1), coordinates)
+    missing = [c for c in wanted if c not in present]
+    unknown = [c for c in present if c not in wanted and c not in base and c not in ("t", "time")]
+    if missing or unknown:
+        pieces = ([f"lacks {', '.join(missing[:6])}"] if missing else []) + (
+            [f"has the unknown column{'s' if len(unknown) > 1 else ''} {', '.join(unknown[:6])}"] if unknown else []
+        )
+        raise ChannelError(
+            f"X {' and '.join(pieces)}",
+            f"Name the columns a1.., {rate}1.., {'s' if rate == 'v' else 'x'}1..; covariates and base acceleration are passed beside X.",
+        )
+    values = as_matrix(frame[[present[c] for c in wanted]], wanted, what="X")
+    bases = [as_matrix(frame[present[c]], [c], 1)[:, :1] if c in present else None for c in ("xdot0", "x0")]
+    if (bases[0] is None) != (bases[1] is None) and base:
+        raise ChannelError("X has only one of the columns xdot0 and x0", "Give both, or neither for a base at rest.")
+    time = next((frame[present[c]].to_numpy() for c in ("t", "time") if c in present), None)
+    if time is None and frame.index.name in ("t", "time"):
+        time = frame.index.to_numpy() if frame.index.dtype.kind in "fiu" else frame.index
+    elif time is None and isinstance(frame.index, (pd.DatetimeIndex, pd.TimedeltaIndex)):
+        time = frame.index
+    return values, wanted, bases[0], bases[1], time, n
+
+
+def _line(value: Any, name: str, size: int) -> np.ndarray:
+    line = as_matrix(value, [name], 1, name)[:, 0].astype(np.float64)
+    if len(line) != size:
+        raise ChannelError(f"{name} has {len(line)} samples, X has {size}", "Cut both to the same clock.")
+    return line
+
+
+def _pieces(record: Any, size: int, has_memory: bool) -> list[tuple[str, slice]]:
+    if record is None:
+        return [("record", slice(0, size))]
+    ids = np.asarray(record).ravel()
+    if len(ids) != size:
+        raise ChannelError(f"record has {len(ids)} ids, X has {size} samples", "Give one id for each sample.")
+    cuts = np.flatnonzero(ids[1:] != ids[:-1]) + 1
+    edges = [0, *cuts.tolist(), size]
+    pieces = [(str(ids[lo]), slice(lo, hi)) for lo, hi in zip(edges[:-1], edges[1:])]
+    if has_memory and len({name for name, _ in pieces}) < len(pieces):
+        raise LawError(
+            "The rows of a record do not follow each other, and a law remembers the path",
+            "Sort the rows by record and time; never shuffle them.",
+        )
+    return pieces
+
+
+def _seconds(time: Any, dt: float | None, size: int, pieces: Sequence[tuple[str, slice]]) -> np.ndarray | None:
+    if time is None:
+        if dt is None:
+            return None
+        if not np.isfinite(dt) or dt <= 0:
+            raise ChannelError(f"dt={dt!r} is not a sampling step", "Give a positive number in s.")
+        return np.concatenate([np.arange(rows.stop - rows.start) * float(dt) for _, rows in pieces])
+    seconds = seconds_of(time, "time")
+    if len(seconds) != size:
+        raise ChannelError(f"time has {len(seconds)} values, X has {size} samples", "Give one time for each sample.")
+    for name, rows in pieces:
+        steps = np.diff(seconds[rows])
+        bad = np.flatnonzero(steps <= 0)
+        if bad.size:
+            raise ChannelError(
+                f"The time of {name} does not increase after row {rows.start + int(bad[0])}",
+                "Pass record= ids where several records are stacked; sort the rows of each; never shuffle them.",
+            )
+    return seconds
+
+
+def _trimmed(segment: Segment, names: Sequence[str]) -> Segment:
+    """Find the rows inside the NaN edges, and check every channel."""
+    n = segment.n_dof
+    rate, drift = names[n], names[2 * n]
+    motion = [segment.a[:, j] for j in range(n)] + [segment.v[:, j] for j in range(n)] + [segment.s[:, j] for j in range(n)]
+    labels = list(names)
+    for j in range(n):
+        if not np.isnan(segment.F[:, j]).all():
+            motion.append(segment.F[:, j])
+            labels.append(f"F{j + 1}")
+    if segment.ag is not None:
+        motion.append(segment.ag)
+        labels.append("base_acceleration")
+    for key, line in segment.covariates.items():
+        motion.append(line)
+        labels.append(f"covariate {key}")
+    where = "" if segment.name == "record" else f"record {segment.name!r}"
+    segment.valid = finite_span(motion, labels, where)
+    if segment.valid.stop - segment.valid.start < 1:
+        raise ChannelError(f"{where or 'X'}: no row is finite in every channel", f"Check the edges of {rate}, {drift} and the forces.")
+    return segment
+
+
+def _require_order(segment: Segment) -> None:
+    """Refuse shuffled rows: in order, every drift moves the way its rate points."""
+    rows = segment.valid
+    if rows.stop - rows.start < 8:
+        return
+    for j in range(segment.n_dof):
+        step = np.diff(segment.s[rows, j].astype(float))
+        pace = segment.v[rows, j].astype(float)
+        pace = pace[1:] + pace[:-1]
+        scale = np.linalg.norm(step) * np.linalg.norm(pace)
+        if scale > 0 and step @ pace < 0.3 * scale:
+            where = rows_text(rows.start + np.flatnonzero(step * pace < 0))
+            raise LawError(
+                f"The drift s{j + 1} does not move the way its rate v{j + 1} points ({where}), and a law remembers the path",
+                "The rows are shuffled, or a channel is wrong; keep the samples of a record in order.",
+            )

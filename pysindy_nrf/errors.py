@@ -7,8 +7,8 @@ first divided by the rms of its storey force.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -16,6 +16,7 @@ import pandas as pd
 from .layout import Layout
 from .model import ChainModel
 from .moments import Block, Moments, accumulate
+from .sites import Site
 
 COLUMNS = ["error", "residual", "reference", "of"]
 
@@ -39,35 +40,101 @@ def balance_errors(model: ChainModel, moments: Moments) -> pd.DataFrame:
         site: np.concatenate([law.coefficients for law in held if law.coefficients is not None] or [np.zeros(0)])
         for site, held in model.laws.items()
     }
-    rows, top, bottom = {}, 0.0, 0.0
+    rows, pooled = {}, Pooled()
     for j in range(1, model.n_dof + 1):
-        part = moments.parts[(j,)]
-        if not part.n_samples:
+        sizes = balance_sizes(j, model.masses[j - 1], coefficients, moments)
+        if sizes is None:
             continue
-        where, mass_at, target_at = moments.positions((j,))
-        group = moments.groups[(j,)]
-        size = part.n_samples**0.5
-        left = np.zeros(part.matrix.shape[0])
-        for site, sign in zip(group.sites, group.signs):
-            left[where[site]] = sign * coefficients[site]
-        left[mass_at] = model.masses[j - 1]
-        only_mass, only_force = np.zeros_like(left), np.zeros_like(left)
-        only_mass[mass_at], only_force[target_at] = model.masses[j - 1], 1.0
-        residual = part.norm(left - only_force) / size
-        force = part.norm(only_force) / size
-        reference = force or part.norm(only_mass) / size
-        rows[f"dof {j}"] = [_percent(residual, reference), residual, reference, "F" if force else "m a"]
-        scale = 0.0
-        for site in group.sites:
-            if not scale and site.p == j:
-                alone = np.zeros_like(left)
-                alone[where[site]] = coefficients[site]
-                scale = part.norm(alone) / size
-        scale = scale or reference or 1.0
-        top += part.n_samples * (residual / scale) ** 2
-        bottom += part.n_samples * (reference / scale) ** 2
-    rows["pooled"] = [_percent(top**0.5, bottom**0.5), np.nan, np.nan, ""]
+        rows[f"dof {j}"] = [_percent(sizes.residual, sizes.reference), sizes.residual, sizes.reference, sizes.of]
+        pooled.add(sizes)
+    rows["pooled"] = [pooled.percent, np.nan, np.nan, ""]
     return pd.DataFrame.from_dict(rows, orient="index", columns=COLUMNS)
+
+
+def pooled_error(masses: Mapping[int, float], coefficients: Mapping[Site, np.ndarray], moments: Moments) -> float:
+    """Pooled balance error of masses and coefficients, percent NRMSE; see :func:`balance_errors`.
+
+    Parameters
+    ----------
+    masses : mapping of int to float
+        kg, by DOF.
+    coefficients : mapping of Site to ndarray
+    moments : Moments
+
+    Returns
+    -------
+    float
+    """
+    pooled = Pooled()
+    for j in range(1, moments.layout.n_dof + 1):
+        sizes = balance_sizes(j, masses[j], coefficients, moments)
+        if sizes is not None:
+            pooled.add(sizes)
+    return pooled.percent
+
+
+class Sizes(NamedTuple):
+    """Rms of the residual, the reference and the storey force of one balance (N), and the samples behind them."""
+
+    residual: float
+    reference: float
+    storey: float
+    of: str
+    n_samples: int
+
+
+def balance_sizes(
+    dof: int, mass: float, coefficients: Mapping[Site, np.ndarray], moments: Moments
+) -> Sizes | None:
+    """Rms sizes of one balance, or None if its force is unknown throughout.
+
+    Parameters
+    ----------
+    dof : int
+    mass : float
+        kg.
+    coefficients : mapping of Site to ndarray
+    moments : Moments
+
+    Returns
+    -------
+    Sizes or None
+    """
+    part = moments.parts[(dof,)]
+    if not part.n_samples:
+        return None
+    where, mass_at, target_at = moments.positions((dof,))
+    group = moments.groups[(dof,)]
+    # columns: residual, force alone, inertia alone, storey force alone
+    weights = np.zeros((part.matrix.shape[0], 4))
+    own = None
+    for site, sign in zip(group.sites, group.signs):
+        weights[where[site], 0] = sign * coefficients[site]
+        if own is None and site.p == dof:
+            own = site
+            weights[where[site], 3] = coefficients[site]
+    weights[mass_at, 0] = weights[mass_at, 2] = mass
+    weights[target_at, 0], weights[target_at, 1] = -1.0, 1.0
+    residual, force, inertia, storey = part.norms(weights) / part.n_samples**0.5
+    reference = force or inertia
+    return Sizes(float(residual), float(reference), float(storey or reference or 1.0), "F" if force else "m a", part.n_samples)
+
+
+class Pooled:
+    """Running sums behind the pooled error."""
+
+    def __init__(self) -> None:
+        self.top = self.bottom = 0.0
+
+    def add(self, sizes: Sizes) -> None:
+        """Add one balance, divided by the rms of its storey force."""
+        self.top += sizes.n_samples * (sizes.residual / sizes.storey) ** 2
+        self.bottom += sizes.n_samples * (sizes.reference / sizes.storey) ** 2
+
+    @property
+    def percent(self) -> float:
+        """Percent NRMSE."""
+        return _percent(self.top**0.5, self.bottom**0.5)
 
 
 def _percent(part: float, whole: float) -> float:

@@ -110,9 +110,23 @@ class GroupMoments:
         -------
         float
         """
+        return float(self.norms(weights[:, None])[0])
+
+    def norms(self, weights: np.ndarray) -> np.ndarray:
+        """Roots of the sums of squares of some combinations of the columns.
+
+        Parameters
+        ----------
+        weights : ndarray of shape (n_columns, p)
+
+        Returns
+        -------
+        ndarray of shape (p,)
+        """
+        image = self.matrix @ weights
         if self.kind == "root":
-            return float(np.linalg.norm(self.matrix @ weights))
-        return float(np.sqrt(max(0.0, weights @ self.matrix @ weights)))
+            return np.linalg.norm(image, axis=0)
+        return np.sqrt(np.clip(np.einsum("ij,ij->j", weights, image), 0.0, None))
 
 
 def _scaled_cholesky(gram: np.ndarray) -> np.ndarray:

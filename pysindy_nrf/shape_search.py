@@ -14,25 +14,6 @@ from .sites import Site
 _SCAN = 13
 
 
-def scale_of(shape: Shape, drift: float, rate: float, duration: float = 1.0) -> float:
-    """What the bounds of a shape parameter are multiples of, in its own unit.
-
-    Parameters
-    ----------
-    shape : Shape
-    drift, rate : float
-        Rms drift (m) and rate (m/s) of the site.
-    duration : float
-        Length of the record, s.
-
-    Returns
-    -------
-    float
-    """
-    table = {"1": 1.0, "s": drift, "v": rate, "1/s": 1.0 / drift, "1/v": 1.0 / rate, "t": duration, "1/t": 1.0 / duration}
-    return table[shape.scale]
-
-
 def estimate_shapes(
     layout: LawLayout,
     scales: Mapping[Site, tuple[float, float, float]],
@@ -66,8 +47,7 @@ def estimate_shapes(
         for p in law.shapes
         if law.shape[p.name] is None
     ]
-    low = np.array([p.low * scale_of(p, *scales[site]) for site, _, p in free])
-    high = np.array([p.high * scale_of(p, *scales[site]) for site, _, p in free])
+    low, high = np.array([p.bounds(*scales[site]) for site, _, p in free]).T
     log = np.array([p.log for *_, p in free])
     low_u, high_u = np.where(log, np.log(np.where(log, low, 1.0)), low), np.where(log, np.log(np.where(log, high, 1.0)), high)
 

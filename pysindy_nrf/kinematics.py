@@ -1,0 +1,121 @@
+"""From the measured channels of a record to the regressor's input (paper eq. 8)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from .exceptions import ChannelError
+from .record import Record
+
+
+def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Accelerations, inter-storey velocities and drifts of a record, and its forces.
+
+    Parameters
+    ----------
+    record : Record
+    smooth : bool or KinematicSmoother
+        True: each DOF's channels are fused into one motion, missing ones are filled in. A
+        smoother of your own (noise levels, band) is used as it is. False: channels are taken as
+        they are.
+
+    Returns
+    -------
+    X : DataFrame of shape (n_samples, 3 n_dof)
+        ``a1.., v1.., s1..``: absolute accelerations (m/s^2), inter-storey velocities (m/s) and
+        drifts (m), storey 1 relative to the base; index t in s.
+    F : DataFrame of shape (n_samples, n_dof)
+        ``F1..``, N; not filtered unless the smoother has a ``band``.
+
+    Raises
+    ------
+    ChannelError
+        If a DOF has no motion channel; with ``smooth=False``, if any of its three is missing; if
+        displacements are absolute and the motion of the moving base is unknown.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import Record
+    >>> from pysindy_nrf.kinematics import to_features
+    >>> t = np.arange(2000) / 1000
+    >>> x = np.column_stack([np.sin(9 * t), 3 * np.sin(9 * t)])
+    >>> X, F = to_features(Record(displacement=x, acceleration=-81 * x, force=0 * x, fs=1000.0))
+    >>> list(X.columns), list(F.columns)
+    (['a1', 'a2', 'v1', 'v2', 's1', 's2'], ['F1', 'F2'])
+    >>> bool(np.allclose(X["s2"], 2 * np.sin(9 * t), atol=1e-7))
+    True
+    """
+    have = set(record.measured)
+    for j in range(1, record.n_dof + 1):
+        if not have & {f"a{j}", f"v{j}", f"x{j}"}:
+            raise ChannelError(
+                f"DOF {j} of record {record.name!r} has no motion channel",
+                f"Measure a{j}, v{j} or x{j}; the storeys beside an uninstrumented floor cannot be told apart.",
+            )
+    if smooth is False:
+        _all_measured(record, have)
+        fused = record
+    else:
+        fused = _smoother(smooth).transform_record(record)
+    v, x = fused.velocity, fused.displacement
+    if record.coordinates == "absolute" and record.base_moves:
+        vg, xg = _base_motion(record, fused, smooth)
+        v, x = v - vg[:, None], x - xg[:, None]
+    index = pd.Index(record.time, name="t")
+    columns = [f"{kind}{j}" for kind in "avs" for j in range(1, record.n_dof + 1)]
+    drift = [np.diff(y, axis=1, prepend=0.0) for y in (v, x)]
+    X = pd.DataFrame(np.hstack([fused.acceleration, *drift]), index=index, columns=columns)
+    F = pd.DataFrame(fused.force, index=index, columns=[f"F{j}" for j in range(1, record.n_dof + 1)])
+    return X, F
+
+
+def _smoother(smooth: Any):
+    from .signals.kinematic_smoother import KinematicSmoother
+
+    if smooth is True:
+        return KinematicSmoother()
+    if isinstance(smooth, KinematicSmoother):
+        return smooth
+    raise ChannelError(f"smooth={smooth!r} is unknown", "Give True, False or a KinematicSmoother.")
+
+
+def _all_measured(record: Record, have: set[str]) -> None:
+    missing = [f"{kind}{j}" for j in range(1, record.n_dof + 1) for kind in "avx" if f"{kind}{j}" not in have]
+    if missing:
+        raise ChannelError(
+            f"Record {record.name!r} lacks {', '.join(missing[:6])}{' and more' if len(missing) > 6 else ''}",
+            "Use smooth=True, which derives them from the other channels, or measure them.",
+        )
+
+
+def _base_motion(record: Record, fused: Record, smooth: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Velocity and displacement of the base for absolute coordinates."""
+    have = set(record.measured)
+    if {"vg", "xg"} <= have and smooth is False:
+        return fused.base_velocity, fused.base_displacement
+    if smooth is False or not have & {"vg", "xg"}:
+        raise ChannelError(
+            f"Record {record.name!r} has absolute displacements and a moving base, but lacks "
+            + ("xg" if "xg" not in have else "vg"),
+            "Give base_displacement"
+            + (" and base_velocity." if smooth is False else " (integrating ag alone loses its slow part).")
+            + " Or give motion relative to the base.",
+        )
+    base = {"a": fused.base_acceleration, "v": fused.base_velocity, "x": fused.base_displacement}
+    ground = Record(
+        acceleration=base["a"],
+        velocity=base["v"],
+        displacement=base["x"],
+        fs=record.fs,
+        name=f"base of {record.name}",
+        coordinates="absolute",
+    )
+    from .signals.kinematic_smoother import KinematicSmoother
+
+    # the record is already band-limited if the smoother was told to
+    whole = KinematicSmoother().transform_record(ground)
+    return whole.velocity[:, 0], whole.displacement[:, 0]

@@ -1,0 +1,65 @@
+"""Fusion of a whole structure; long records in overlapping blocks, so that memory stays flat."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .fusion import BasisLadder, FusedMotion, fuse
+from .joint import fuse_jointly
+
+Views = list[np.ndarray | None]
+
+BLOCK = 32768  # samples fused at a time
+OVERLAP = 4096  # samples over which neighbouring blocks are faded into each other
+LISTEN = 6  # blocks from which noise levels are taken, so that they are the same in all
+
+
+def fuse_all(views: list[Views], levels: np.ndarray, corner: float | None = None) -> list[FusedMotion]:
+    """Motions of all degrees of freedom from their channels, in units of samples.
+
+    Parameters
+    ----------
+    views : list of [displacement, velocity, acceleration]
+        Channels of each degree of freedom, shape (n_samples,); None = not measured.
+    levels : ndarray of shape (n_dof, 3)
+        Known noise levels, NaN where they are to be estimated.
+    corner : float, optional
+        High-pass corner for motions without a displacement sensor, cycles per sample.
+
+    Returns
+    -------
+    list of FusedMotion
+    """
+    n = len(next(y for y in views[0] if y is not None))
+    if n <= 3 * BLOCK // 2:
+        return _fuse_block(views, levels, [corner] * len(views), BasisLadder(n))
+    starts = np.linspace(0, n - BLOCK, -(-(n - OVERLAP) // (BLOCK - OVERLAP))).astype(int)
+    ladder = BasisLadder(BLOCK)
+    heard = [_part(views, start) for start in starts[:: -(-len(starts) // LISTEN)]]
+    first = [[fuse(y, ladder, s, corner) for y, s in zip(part, levels, strict=True)] for part in heard]
+    levels = np.median([[m.noise for m in motions] for motions in first], axis=0)
+    corners = np.median([[m.high_pass for m in motions] for motions in first], axis=0)
+    motion = np.zeros((len(views), 3, n))
+    spacing = np.zeros(len(views))
+    for i, start in enumerate(starts):
+        block = _fuse_block(_part(views, start), levels, corners, ladder)
+        weight = np.ones(BLOCK)
+        if i:
+            rise = starts[i - 1] + BLOCK - start
+            weight[:rise] = (np.arange(rise) + 0.5) / rise
+        if i + 1 < len(starts):
+            fall = start + BLOCK - starts[i + 1]
+            weight[BLOCK - fall :] = 1 - (np.arange(fall) + 0.5) / fall
+        for j, m in enumerate(block):
+            motion[j, :, start : start + BLOCK] += weight * m.motion
+            spacing[j] = max(spacing[j], m.spacing)
+    return [FusedMotion(motion[j], levels[j], spacing[j], corners[j]) for j in range(len(views))]
+
+
+def _fuse_block(views: list[Views], levels, corners, ladder: BasisLadder) -> list[FusedMotion]:
+    single = [fuse(y, ladder, s, c) for y, s, c in zip(views, levels, corners, strict=True)]
+    return fuse_jointly(views, single, ladder)
+
+
+def _part(views: list[Views], start: int) -> list[Views]:
+    return [[None if y is None else y[start : start + BLOCK] for y in view] for view in views]

@@ -1,0 +1,217 @@
+"""Weighted least-squares fusion of the channels of one degree of freedom, noise levels included.
+
+All in units of samples: velocities times dt, accelerations times dt^2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import comb
+
+import numpy as np
+
+from .spline_motion import SplineBasis
+
+# Distances of the knots that are tried, samples.
+LADDER = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0)
+# Noise below this share of a channel's rms is not told apart from rounding.
+FLOOR = 1e-9
+# Channels are computed, not measured, if their white noise is below the first share of their rms
+# and they contradict each other by less than the second (a force held linear between samples does).
+CLEAN_NOISE, CLEAN_CONTRADICTION = 1e-6, 2e-3
+
+
+@dataclass
+class FusedMotion:
+    """The motion of one degree of freedom, in units of samples.
+
+    Attributes
+    ----------
+    motion : ndarray of shape (3, n_samples)
+        Displacement, velocity, acceleration.
+    noise : ndarray of shape (3,)
+        Noise levels (rms) used; NaN for a channel that is not measured.
+    spacing : float
+        Distance of the knots, samples.
+    high_pass : float
+        Frequency (cycles per sample) at which half of the motion is lost; 0 if x is measured.
+    clean : bool
+        Whether the channels are free of noise; then the measured ones are passed on as they are.
+    """
+
+    motion: np.ndarray
+    noise: np.ndarray
+    spacing: float
+    high_pass: float
+    clean: bool = False
+
+
+class BasisLadder:
+    """Spline bases of one record length, built when needed and shared by all degrees of freedom."""
+
+    def __init__(self, n: int, finest: float = 1.0) -> None:
+        self.n, self.built = n, {}
+        self.spacings = [h for h in LADDER if h == 1.0 or (n - 1) / h >= 12]
+
+    def __getitem__(self, spacing: float) -> SplineBasis:
+        if spacing not in self.built:
+            self.built[spacing] = SplineBasis(self.n, spacing)
+        return self.built[spacing]
+
+
+def fuse(
+    channels: list[np.ndarray | None],
+    ladder: BasisLadder,
+    noise: np.ndarray | None = None,
+    high_pass: float | None = None,
+) -> FusedMotion:
+    """One motion from the measured channels of one degree of freedom.
+
+    Minimises ``sum_o |D^o x - y_o|^2 / s_o^2`` over spline motions x, o = 0, 1, 2 derivatives.
+    Noise levels not given are estimated with it, as restricted maximum likelihood: s_o^2 is the
+    residual's variance (by its median) times n over n less the degrees of freedom channel o spent,
+    repeated until it rests. The knots' distance is the one with the best generalised cross-validation.
+
+    Parameters
+    ----------
+    channels : list of three ndarray of shape (n_samples,) or None
+        Displacement, velocity, acceleration in units of samples.
+    ladder : BasisLadder
+    noise : ndarray of shape (3,), optional
+        Known noise levels; NaN where they are to be estimated.
+    high_pass : float, optional
+        Corner for motions without a displacement sensor, cycles per sample. Estimated if None.
+
+    Returns
+    -------
+    FusedMotion
+    """
+    measured = [o for o in range(3) if channels[o] is not None]
+    given = np.full(3, np.nan) if noise is None else np.asarray(noise, dtype=float)
+    scale = np.array([np.sqrt(np.mean(y**2)) if y is not None else np.nan for y in channels])
+    alive = [o for o in measured if scale[o] > 0]
+    if not alive:  # a channel that never moves: the motion is zero
+        return FusedMotion(np.zeros((3, ladder.n)), np.where(np.isnan(scale), np.nan, 0.0), 1.0, 0.0)
+    scale = np.where(scale > 0, scale, np.nanmax(scale))
+    floor = FLOOR * scale
+    start = np.array([_white_level(y) if y is not None else np.nan for y in channels])
+    start = np.maximum(np.where(np.isnan(given), start, given), floor)
+    corner = 0.0
+    if 0 not in measured:
+        corner = _lowest_frequency(channels, start, ladder.n) if high_pass is None else high_pass
+    best = None
+    spacings = [h for h in ladder.spacings if len(measured) > 1 or h > 1.0] or [1.0]
+    worse = 0
+    for spacing in spacings:
+        fit = _fit(channels, measured, ladder[spacing], start, given, floor, corner)
+        if spacing == spacings[0] and _clean(channels, measured, given, fit[2], scale):
+            return _as_measured(channels, measured, ladder, given, floor, fit[2], corner)
+        if best is None or fit[0] < best[0]:
+            best, worse = (*fit, spacing), 0
+        else:
+            worse += 1
+            if worse == 2:
+                break
+    _, coefficients, levels, spacing = best
+    if len(measured) == 1 and spacing == spacings[0] and np.isnan(given[measured[0]]):
+        # one channel and no sign of noise beyond its band: follow it sample by sample
+        spacing = 1.0
+        coefficients = _solve(channels, measured, ladder[1.0], levels, corner)
+    motion = np.stack([ladder[spacing].evaluate(o, coefficients) for o in range(3)])
+    return FusedMotion(motion, levels, spacing, corner)
+
+
+def _clean(channels, measured, given, levels, scale) -> bool:
+    white = np.array([_white_level(y, 10) if y is not None else 0.0 for y in channels])
+    white = np.where(np.isnan(given), white, given)
+    return all(white[o] < CLEAN_NOISE * scale[o] and levels[o] < CLEAN_CONTRADICTION * scale[o] for o in measured)
+
+
+def _as_measured(channels, measured, ladder, given, floor, levels, corner) -> FusedMotion:
+    coefficients = _solve(channels, measured, ladder[1.0], levels, corner)
+    motion = np.stack([ladder[1.0].evaluate(o, coefficients) for o in range(3)])
+    noise = np.full(3, np.nan)
+    for o in measured:
+        noise[o] = max(_white_level(channels[o], 10), floor[o]) if np.isnan(given[o]) else given[o]
+        if corner == 0.0:
+            motion[o] = channels[o]
+    return FusedMotion(motion, noise, 1.0, corner, clean=True)
+
+
+def weights_of(levels: np.ndarray, corner: float) -> np.ndarray:
+    """Weights of displacement, velocity and acceleration; NaN levels = not measured.
+
+    A motion without a displacement sensor drifts: it is held to rest by as much as the other
+    channels say at the corner frequency (cycles per sample).
+    """
+    weights = np.where(np.isnan(levels), 0.0, 1.0 / np.square(levels))
+    if np.isnan(levels[0]):
+        wc = 2 * np.pi * corner
+        weights[0] = wc**2 * weights[1] + wc**4 * weights[2]
+    return weights
+
+
+def _solve(channels, measured, basis: SplineBasis, levels, corner) -> np.ndarray:
+    weights = weights_of(levels, corner)
+    rhs = sum(weights[o] * basis.project(o, channels[o]) for o in measured)
+    return basis.solve(weights / weights.max(), rhs / weights.max())
+
+
+def _fit(channels, measured, basis: SplineBasis, start, given, floor, corner, rounds: int = 40):
+    """Criterion, coefficients and noise levels for one distance of the knots."""
+    n = basis.n
+    w = np.pi * (np.arange(512) + 0.5) / 512
+    symbols = np.maximum(basis.symbols(w), 0.0)
+    levels = start.copy()
+    free = [o for o in measured if np.isnan(given[o])]
+    projections = [basis.project(o, channels[o]) if o in measured else None for o in range(3)]
+    for _ in range(rounds if free else 1):
+        weights = weights_of(levels, corner)
+        rhs = sum(weights[o] * projections[o] for o in measured)
+        c = basis.solve(weights / weights.max(), rhs / weights.max())
+        shares = weights[:, None] * symbols
+        spent = basis.size * (shares / shares.sum(axis=0)).mean(axis=1)
+        left = np.maximum(n - spent, 1e-3 * n)
+        squares, typical = np.zeros(3), np.zeros(3)
+        for o in measured:
+            residual = basis.evaluate(o, c) - channels[o]
+            squares[o] = residual @ residual
+            # by the median: the kink a hammer leaves is no noise
+            typical[o] = np.median(np.abs(residual)) / 0.6745
+        new = levels.copy()
+        new[free] = np.maximum(typical[free] * np.sqrt(n / left[free]), floor[free])
+        change = np.abs(np.log(new[free] / levels[free])).max() if free else 0.0
+        levels = new
+        if change < 1e-3:
+            break
+    # generalised cross-validation, summed over the channels on a logarithmic scale
+    criterion = 0.0
+    for o in measured:
+        mean = max(squares[o] / n, floor[o] ** 2)
+        if o in free:
+            criterion += np.log(mean) - 2 * np.log(left[o] / n)
+        else:
+            criterion += mean / levels[o] ** 2 + 2 * spent[o] / n
+    return criterion, c, levels
+
+
+def _white_level(y: np.ndarray, order: int = 4) -> float:
+    """Level of white noise that explains the differences of a channel: at most its noise."""
+    if len(y) < 4 * order:
+        return float(1e-3 * np.sqrt(np.mean(y**2)))
+    return float(np.median(np.abs(np.diff(y, order))) / 0.6745 / np.sqrt(comb(2 * order, order)))
+
+
+def _lowest_frequency(channels, levels, n: int) -> float:
+    """Half the lowest frequency (cycles per sample) at which a channel rises out of its noise."""
+    from scipy.signal import welch
+
+    found = []
+    for o in (1, 2):
+        if channels[o] is None or not np.any(channels[o]):
+            continue
+        f, density = welch(channels[o], nperseg=min(n, max(16, n // 8)), detrend="constant")
+        above = np.flatnonzero(density[1:] > 4 * 2 * levels[o] ** 2)
+        # the signal reaches below the first line that can be told: only the record's length limits
+        found.append(2.0 / n if above.size and above[0] == 0 else f[1 + above[0]] if above.size else f[1])
+    return 0.5 * min(found)

@@ -1,0 +1,368 @@
+"""KinematicSmoother: the measured channels of each degree of freedom fused into one motion."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from sklearn.base import BaseEstimator, TransformerMixin
+from sklearn.utils.validation import check_is_fitted
+
+from ..channels import as_matrix, finite_span
+from ..exceptions import ChannelError, DataQualityWarning
+from ..fair_filter import Band, FairFilter, check_band
+from ..record import Record
+from .blocks import fuse_all
+
+_ORDERS = {"x": 0, "v": 1, "a": 2}
+_MOTION = re.compile(r"([avx])_?(\d+)")
+
+
+class KinematicSmoother(TransformerMixin, BaseEstimator):
+    """Fuse the measured acceleration, velocity and displacement of each DOF into one motion.
+
+    The three are noisy views of one motion. The motion is the spline x(t) that minimises
+
+        sum_t (x - x_m)^2 / s_x^2 + (x' - v_m)^2 / s_v^2 + (x'' - a_m)^2 / s_a^2
+
+    over whichever channels are measured; its velocity and acceleration are exact derivatives. Low
+    frequencies come from the displacement, high ones from the acceleration. Nothing is taken to be
+    periodic. A channel that was not measured is filled in.
+
+    Where noise remains, a second step uses that the DOFs of a structure move together: the motions
+    become their expectation given all channels of all DOFs, with spectra learned from the record
+    itself (no model of the structure is assumed). Masses and stiffnesses found by least squares on
+    such motions are not biased low, as they are on merely filtered ones.
+
+    Parameters
+    ----------
+    fs : float, optional
+        Sampling rate, Hz. A Record brings its own; a table with a time index or column ``t`` too.
+    noise : "estimate" or mapping
+        Noise levels, SI rms: by kind (``{"a": 0.02, "x": 1e-5}``) or by channel (``{"a1": ...}``,
+        which goes first). What is not given is estimated from the data: the channels of a DOF
+        contradict each other by their noise, and beyond the band of the motion there is only noise.
+    band : (float, float), optional
+        Frequency band, Hz. The fused motion, the forces and every other channel go through the
+        same zero-phase :class:`~pysindy_nrf.fair_filter.FairFilter`, and the rows the filter
+        spoils at the ends become NaN (they are masked later). None: forces are left as they are.
+
+    Attributes
+    ----------
+    noise_ : Series
+        Noise level of each measured motion channel, SI rms.
+    spacing_ : Series
+        Distance of the spline's knots by DOF, samples: the time resolution the data support.
+    high_pass_ : Series
+        Frequency, Hz, by DOF, at which half of the motion is lost because displacement was not
+        measured (``1 / (1 + (f_c/f)^4)``, zero phase); 0 where displacement was measured.
+    edge_ : int
+        Rows made NaN at each end (0 without ``band``).
+    n_features_in_, feature_names_in_ : int, ndarray of str
+
+    Notes
+    -----
+    Accelerations are absolute, velocities and displacements relative to the base: with a column
+    ``ag`` (or ``xg``, ``vg``, from which it is derived) the base acceleration is subtracted before
+    the fusion and added again. For absolute displacements transform a Record with
+    ``coordinates="absolute"``.
+
+    Without a displacement sensor the motion has no memory of slow drift: content below
+    ``high_pass_`` is lost from a, v and x of that DOF, including any permanent offset. With
+    ``band=(lo, hi)`` the corner is ``lo / 8`` and force and response lose the same.
+
+    Examples
+    --------
+    >>> import numpy as np, pandas as pd
+    >>> from pysindy_nrf import KinematicSmoother
+    >>> rng = np.random.default_rng(0)
+    >>> t = np.arange(4000) / 500
+    >>> x, a = np.sin(20 * t), -400 * np.sin(20 * t)
+    >>> measured = pd.DataFrame({"a1": a + 5 * rng.normal(size=4000), "x1": x + 0.02 * rng.normal(size=4000)})
+    >>> smoother = KinematicSmoother(fs=500.0)
+    >>> fused = smoother.fit_transform(measured)
+    >>> list(fused.columns)
+    ['a1', 'v1', 'x1']
+    >>> bool(np.std(fused["v1"] - 20 * np.cos(20 * t)) < 0.1)
+    True
+    >>> smoother.noise_.round(2).to_dict()
+    {'a1': 5.01, 'x1': 0.02}
+    """
+
+    def __init__(self, fs: float | None = None, noise: Any = "estimate", band: Band = None) -> None:
+        self.fs = fs
+        self.noise = noise
+        self.band = band
+
+    # -- scikit-learn -------------------------------------------------------------------------
+
+    def fit(self, X: Any, y: Any = None) -> KinematicSmoother:
+        """Find the noise levels of the channels.
+
+        Parameters
+        ----------
+        X : Record or DataFrame
+            Columns ``a1.., v1.., x1..`` and, if any, ``ag, vg, xg``, ``F1..``, ``t`` and others.
+        y : ignored
+
+        Returns
+        -------
+        KinematicSmoother
+
+        Raises
+        ------
+        ChannelError
+            If no column is a motion, a channel holds NaN within the record or infinities, the
+            sampling rate is unknown, or a noise level is not positive.
+        """
+        self._run(X, learn=True)
+        return self
+
+    def transform(self, X: Any) -> Any:
+        """Fuse with the noise levels found in ``fit``.
+
+        Parameters
+        ----------
+        X : Record or DataFrame
+
+        Returns
+        -------
+        Record or DataFrame
+            As given. A table gets ``a, v, x`` of every DOF that has a motion channel, then the
+            other columns; leading and trailing NaN rows stay NaN.
+        """
+        check_is_fitted(self, "noise_")
+        return self._run(X, learn=False)
+
+    def fit_transform(self, X: Any, y: Any = None) -> Any:
+        """Find the noise levels and fuse, in one pass; see :meth:`fit` and :meth:`transform`."""
+        return self._run(X, learn=True)
+
+    def transform_record(self, record: Record) -> Record:
+        """Fuse one record with its own noise levels, or those of ``fit`` if it was called.
+
+        Parameters
+        ----------
+        record : Record
+
+        Returns
+        -------
+        Record
+            With acceleration, velocity and displacement of every DOF that has a motion channel.
+        """
+        return self._run(record, learn=not hasattr(self, "noise_"))
+
+    def get_feature_names_out(self, input_features: Any = None) -> np.ndarray:
+        """Names of the columns that ``transform`` gives.
+
+        Parameters
+        ----------
+        input_features : ignored
+
+        Returns
+        -------
+        ndarray of str
+        """
+        check_is_fitted(self, "noise_")
+        return np.array(self._names_out, dtype=object)
+
+    # -- the work -----------------------------------------------------------------------------
+
+    def _run(self, X: Any, learn: bool) -> Any:
+        record = X if isinstance(X, Record) else None
+        table = record.to_frame() if record is not None else X
+        if not isinstance(table, pd.DataFrame):
+            raise ChannelError(
+                f"KinematicSmoother needs to know the channels, {type(X).__name__} has no names",
+                "Give a Record, or a DataFrame with columns a1.., v1.., x1...",
+            )
+        fs = self._rate(record, table)
+        names = [str(c) for c in table.columns]
+        if not learn and names != list(self.feature_names_in_):
+            raise ChannelError(
+                f"The channels {', '.join(names[:9])} are not those of fit, {', '.join(self.feature_names_in_[:9])}",
+                "Fit again, or give the same columns in the same order.",
+            )
+        columns = {
+            n: as_matrix(table.iloc[:, i], [n], 1)[:, 0].astype(float)
+            for i, n in enumerate(names)
+            if n not in ("t", "time")
+        }
+        unmeasured = [n for n, y in columns.items() if np.isnan(y).all()]
+        live = {n: y for n, y in columns.items() if n not in unmeasured}
+        span = finite_span(list(live.values()), list(live), f"record {record.name!r}" if record is not None else "")
+        fused, rest = self._fuse({n: y[span] for n, y in live.items()}, fs, record, learn)
+        result = fused | rest
+        if self.band is not None:
+            result = self._limit(result, fs)
+        out = {n: _pad(y, span, len(table)) for n, y in result.items()}
+        out |= {n: columns[n] for n in unmeasured if n not in out}
+        if learn:
+            self.n_features_in_, self.feature_names_in_ = len(names), np.array(names, dtype=object)
+            self._names_out = [n for n in ("t", "time") if n in names] + list(out)
+        if record is not None:
+            return _to_record(record, out)
+        clock = {n: table[n].to_numpy() for n in ("t", "time") if n in names}
+        return pd.DataFrame(clock | out, index=table.index)
+
+    def _fuse(self, live: dict[str, np.ndarray], fs: float, record: Record | None, learn: bool):
+        """Fused motion columns, and the other columns."""
+        motion = {(m[1], int(m[2])): n for n in live if (m := _MOTION.fullmatch(n))}
+        if not motion:
+            raise ChannelError(
+                f"No channel of {', '.join(list(live)[:9]) or 'the table'} is a motion",
+                "Name accelerations a1.., velocities v1.., displacements x1...",
+            )
+        dofs = sorted({j for _, j in motion})
+        n = len(next(iter(live.values())))
+        if n < 16:
+            raise ChannelError(f"{n} samples are too few to fuse", "Give a longer record, or use smooth=False.")
+        lo, _ = check_band(self.band, fs)
+        corner = None if lo is None else lo / 8 / fs
+        absolute = record is not None and record.coordinates == "absolute"
+        base = np.zeros(n) if absolute else base_acceleration(live, fs)
+        units = {"x": 1.0, "v": 1.0 / fs, "a": 1.0 / fs**2}
+        every, levels = [], np.full((len(dofs), 3), np.nan)
+        for row, j in enumerate(dofs):
+            views: list[np.ndarray | None] = [None, None, None]
+            for kind, order in _ORDERS.items():
+                if (name := motion.get((kind, j))) is not None:
+                    views[order] = (live[name] - base if kind == "a" else live[name]) * units[kind]
+                    levels[row, order] = (self._level(kind, name) if learn else self.noise_[name]) * units[kind]
+            every.append(views)
+        noise, spacing, high_pass, a, v, x = {}, {}, {}, {}, {}, {}
+        for j, best in zip(dofs, fuse_all(every, levels, corner), strict=True):
+            x[f"x{j}"], v[f"v{j}"], a[f"a{j}"] = best.motion[0], best.motion[1] * fs, best.motion[2] * fs**2 + base
+            spacing[j], high_pass[j] = best.spacing, best.high_pass * fs
+            for kind, order in _ORDERS.items():
+                if (kind, j) in motion:
+                    noise[motion[kind, j]] = best.noise[order] / units[kind]
+        if learn:
+            self.noise_ = pd.Series({n: noise[n] for n in live if n in noise}, name="noise")
+        self.spacing_ = pd.Series(spacing, name="spacing")
+        self.high_pass_ = pd.Series(high_pass, name="high_pass")
+        lost = [j for j in dofs if high_pass[j] > 0]
+        if lost and self.band is None:
+            warnings.warn(
+                f"DOF {', '.join(map(str, lost))}: no displacement is measured, so motion below about "
+                f"{2 * max(high_pass[j] for j in lost):.3g} Hz is lost while the force keeps it. "
+                "Give band=(lo, hi) above that, so that force and response are treated alike.",
+                DataQualityWarning,
+                stacklevel=4,
+            )
+        return a | v | x, {n: y for n, y in live.items() if n not in motion.values()}
+
+    def _level(self, kind: str, name: str) -> float:
+        if isinstance(self.noise, str):
+            if self.noise != "estimate":
+                raise ChannelError(
+                    f"noise={self.noise!r} is unknown", "Give 'estimate' or levels like {'a': 0.02, 'x': 1e-5}."
+                )
+            return np.nan
+        if not isinstance(self.noise, Mapping):
+            raise ChannelError(
+                f"noise={self.noise!r} is not a mapping", "Give 'estimate' or levels like {'a': 0.02, 'x': 1e-5}."
+            )
+        unknown = [k for k in self.noise if k not in _ORDERS and not _MOTION.fullmatch(str(k))]
+        if unknown:
+            raise ChannelError(
+                f"noise has an unknown key {unknown[0]!r}", "Use 'a', 'v', 'x' or channel names like 'a1'."
+            )
+        value = self.noise.get(name, self.noise.get(kind))
+        if value is None:
+            return np.nan
+        if not np.isfinite(value) or value <= 0:
+            raise ChannelError(
+                f"The noise level {value!r} of channel {name} is not positive", "Give its rms in SI units."
+            )
+        return float(value)
+
+    def _rate(self, record: Record | None, table: Any) -> float:
+        if record is not None:
+            rate = record.fs
+        else:
+            rate = self.fs
+            time = next((table[n] for n in ("t", "time") if n in table), None)
+            if time is None and (
+                table.index.name in ("t", "time") or isinstance(table.index, (pd.DatetimeIndex, pd.TimedeltaIndex))
+            ):
+                time = table.index
+            if time is not None:
+                rate = Record(
+                    displacement=np.zeros(len(table)), time=time if isinstance(time, pd.Index) else time.to_numpy()
+                ).fs
+        if rate is None:
+            raise ChannelError(
+                "The sampling rate is unknown", "Give KinematicSmoother(fs=...) in Hz, or a table with a time column t."
+            )
+        if self.fs is not None and abs(float(self.fs) - rate) > 0.01 * rate:
+            raise ChannelError(f"fs={self.fs} Hz contradicts the clock of the data, {rate:g} Hz", "Leave fs out.")
+        check_band(None, rate)
+        return float(rate)
+
+    def _limit(self, columns: dict[str, np.ndarray], fs: float) -> dict[str, np.ndarray]:
+        operator = FairFilter(self.band, fs)
+        self.edge_ = operator.edge
+        n = len(next(iter(columns.values())))
+        if n <= 2 * operator.edge:
+            raise ChannelError(
+                f"The record has {n} samples, the filter {self.band} Hz spoils {operator.edge} at each end",
+                "Raise the lower band edge, give a longer record, or filter with FairFilter and keep the ends.",
+            )
+        limited = operator.apply(np.column_stack(list(columns.values())))
+        limited[: operator.edge] = np.nan
+        limited[n - operator.edge :] = np.nan
+        return dict(zip(columns, limited.T))
+
+
+def base_acceleration(live: Mapping[str, np.ndarray], fs: float) -> np.ndarray:
+    """Acceleration of the base: measured, or derived from its velocity or displacement; else zero.
+
+    Parameters
+    ----------
+    live : mapping of str to ndarray of shape (n_samples,)
+        Channels; ``ag``, ``vg``, ``xg`` are read.
+    fs : float
+        Hz.
+
+    Returns
+    -------
+    ndarray of shape (n_samples,)
+        m/s^2.
+    """
+    if "ag" in live:
+        return live["ag"]
+    if "vg" not in live and "xg" not in live:
+        return np.zeros(len(next(iter(live.values()))))
+    views = [live.get("xg"), live["vg"] / fs if "vg" in live else None, None]
+    return fuse_all([views], np.full((1, 3), np.nan))[0].motion[2] * fs**2
+
+
+def _pad(values: np.ndarray, span: slice, n: int) -> np.ndarray:
+    if len(values) == n:
+        return values
+    out = np.full(n, np.nan)
+    out[span] = values
+    return out
+
+
+def _to_record(record: Record, columns: Mapping[str, np.ndarray]) -> Record:
+    nothing = np.full(record.n_samples, np.nan)
+
+    def matrix(prefix: str) -> np.ndarray:
+        return np.column_stack([columns.get(f"{prefix}{j + 1}", nothing) for j in range(record.n_dof)])
+
+    return record.replace(
+        force=matrix("F"),
+        acceleration=matrix("a"),
+        velocity=matrix("v"),
+        displacement=matrix("x"),
+        base_acceleration=columns.get("ag"),
+        base_velocity=columns.get("vg"),
+        base_displacement=columns.get("xg"),
+        covariates={k: columns[k] for k in record.covariates},
+    )

@@ -1,9 +1,23 @@
 """Force laws: one class each, used by features, identification, simulation, search and text."""
 
 from .base import ForceLaw, Motion, Shape, Term, from_dict, registry
+from .bouc_wen import BoucWen
+from .contact import Bilinear, DeadZone, OneSidedGap, TwoSidedGap
+from .contract import check_law
+from .damping import DisplacementDependentDamping, PowerLawDamping, QuadraticDamping
+from .degradation import DampingDrift, StiffnessDrift, StiffnessStep
 from .elastic import Duffing, LinearElastic, LinearViscous
+from .forcing import BaseMotion, ConstantForce, HarmonicForce
+from .friction import AsymmetricFriction, CoulombFriction, GroundFriction, ShiftedFriction, StribeckFriction
 from .hysteresis import Dahl, ModifiedDahl
+from .inertia import AddedMass, Inerter
+from .jenkins import Iwan, Jenkins
+from .link import LinkSpringDashpot
+from .lugre import LuGre
+from .maxwell import MaxwellBranch
 from .power_series import PowerSeries
+from .semi_active import CovariateDahl, CovariateFriction, LaggedCovariateFriction
+from .stiffness import AbsoluteQuadraticStiffness, CubicStiffness, QuadraticStiffness, QuinticStiffness
 
 __all__ = [
     "ForceLaw",
@@ -12,10 +26,44 @@ __all__ = [
     "Term",
     "from_dict",
     "registry",
+    "check_law",
     "PowerSeries",
     "LinearElastic",
     "LinearViscous",
     "Duffing",
+    "CoulombFriction",
+    "AsymmetricFriction",
+    "StribeckFriction",
+    "ShiftedFriction",
+    "GroundFriction",
+    "CovariateFriction",
+    "LaggedCovariateFriction",
+    "QuadraticDamping",
+    "PowerLawDamping",
+    "DisplacementDependentDamping",
+    "QuadraticStiffness",
+    "AbsoluteQuadraticStiffness",
+    "CubicStiffness",
+    "QuinticStiffness",
+    "OneSidedGap",
+    "TwoSidedGap",
+    "DeadZone",
+    "Bilinear",
     "Dahl",
     "ModifiedDahl",
+    "CovariateDahl",
+    "Jenkins",
+    "Iwan",
+    "LuGre",
+    "BoucWen",
+    "MaxwellBranch",
+    "StiffnessStep",
+    "StiffnessDrift",
+    "DampingDrift",
+    "HarmonicForce",
+    "ConstantForce",
+    "BaseMotion",
+    "AddedMass",
+    "Inerter",
+    "LinkSpringDashpot",
 ]

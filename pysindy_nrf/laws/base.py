@@ -47,10 +47,17 @@ class Shape(NamedTuple):
         SI unit; ``"1/s"`` times a drift scale and so on are left to the text.
     low, high : float
         Bounds of its search, in multiples of ``scale``.
-    scale : {"1", "s", "v", "1/s", "1/v", "t", "1/t"}
-        What the bounds are multiples of: the rms drift or rate of the site, the record length.
+    scale : str
+        What the bounds are multiples of, a product such as ``"1"``, ``"s"``, ``"1/v"`` or
+        ``"s/v"`` of the rms drift s and the rms rate v of the site and the record length t.
     log : bool
-        Whether it is searched on a logarithmic scale.
+        Whether it is positive and searched on a logarithmic scale.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> laws.Dahl.shapes[0].bounds(drift=0.001, rate=0.05, duration=20.0)
+    (30.0, 3000000.0)
     """
 
     name: str
@@ -59,6 +66,25 @@ class Shape(NamedTuple):
     high: float
     scale: str = "1"
     log: bool = True
+
+    def bounds(self, drift: float, rate: float, duration: float) -> tuple[float, float]:
+        """Bounds of the search in SI units.
+
+        Parameters
+        ----------
+        drift, rate : float
+            Rms drift (m) and rate (m/s) of the site.
+        duration : float
+            Length of the record, s.
+
+        Returns
+        -------
+        low, high : float
+        """
+        sizes = {"1": 1.0, "s": drift, "v": rate, "t": duration}
+        above, _, below = self.scale.partition("/")
+        unit = sizes[above] / sizes[below or "1"]
+        return self.low * unit, self.high * unit
 
 
 @dataclass
@@ -118,8 +144,12 @@ class ForceLaw:
         Whether the law can only take energy out, or store it, for positive coefficients.
     uses_time, uses_acceleration : bool
         Whether the kernel reads t or a.
+    acts_at : tuple of {"link", "dof"}
+        Kinds of site at which the law makes sense; a search tries it there.
     covariates : tuple of str
         Names of the covariates the kernel reads, in the order of ``u``.
+    covariate_units : tuple of str
+        Their SI units; ``"[u]"`` if the law takes a covariate of any unit.
 
     Notes
     -----
@@ -140,12 +170,18 @@ class ForceLaw:
     passive: ClassVar[bool] = False
     uses_time: ClassVar[bool] = False
     uses_acceleration: ClassVar[bool] = False
+    acts_at: ClassVar[tuple[str, ...]] = ("link",)
     covariates: tuple[str, ...] = ()
+    covariate_units: ClassVar[tuple[str, ...]] = ()
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        if cls.name:
-            _REGISTRY[cls.name] = cls
+        if not vars(cls).get("name"):
+            return
+        known = _REGISTRY.get(cls.name, cls)
+        if (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
+            raise LawError(f"There is a law {cls.name!r} already ({known.__qualname__})", "Choose another name.")
+        _REGISTRY[cls.name] = cls
 
     def __init__(
         self,
@@ -154,7 +190,7 @@ class ForceLaw:
     ) -> None:
         self.shape: dict[str, float | None] = {p.name: None for p in self.shapes}
         for key, value in dict(shape or {}).items():
-            self.shape[key] = self._number(key, value)
+            self.shape[key] = self._shape_value(key, value)
         self.coefficients: np.ndarray | None = self._coefficients(coefficients)
 
     # -- what a subclass writes ---------------------------------------------------------------
@@ -199,6 +235,13 @@ class ForceLaw:
             raise LawError(f"{type(self).__name__}: {key}={value!r} is not a finite number", "Give it in SI units.")
         return number
 
+    def _shape_value(self, key: str, value: Any) -> float | None:
+        number = self._number(key, value)
+        shape = next(p for p in self.shapes if p.name == key)
+        if number is not None and shape.log and number <= 0.0:
+            raise LawError(f"{type(self).__name__}: {key}={number:g} is not positive", f"Its unit is {shape.unit}.")
+        return number
+
     def _coefficients(self, values: Any) -> np.ndarray | None:
         if values is None:
             return None
@@ -213,7 +256,8 @@ class ForceLaw:
                     f"It has {', '.join(t.symbol for t in terms)}.",
                 )
             values = [values.get(t.symbol) or 0.0 for t in terms]
-        numbers = np.array([self._number("coefficient", c) for c in np.ravel(np.asarray(values, dtype=object))], dtype=float)
+        flat = np.ravel(np.asarray(values, dtype=object))
+        numbers = np.array([self._number("coefficient", c) for c in flat], dtype=float)
         if len(numbers) != len(terms):
             raise LawError(
                 f"{type(self).__name__} has {len(terms)} coefficients, {len(numbers)} were given",
@@ -246,7 +290,7 @@ class ForceLaw:
         """Coefficients by symbol and shape parameters by name, SI units."""
         values = dict(self.shape)
         if self.coefficients is not None:
-            values |= {t.symbol: float(c) for t, c in zip(self.terms(), self.coefficients)}
+            values |= {t.symbol: float(c) for t, c in zip(self.terms(), self.coefficients, strict=True)}
         return values
 
     def with_values(self, coefficients: Any = None, shape: Mapping[str, float | None] | None = None) -> ForceLaw:
@@ -268,8 +312,10 @@ class ForceLaw:
         new.shape = dict(self.shape)
         for key, value in dict(shape or {}).items():
             if key not in new.shape:
-                raise LawError(f"{type(self).__name__} has no shape parameter {key!r}", f"It has {', '.join(new.shape) or 'none'}.")
-            new.shape[key] = new._number(key, value)
+                raise LawError(
+                    f"{type(self).__name__} has no shape parameter {key!r}", f"It has {', '.join(new.shape) or 'none'}."
+                )
+            new.shape[key] = new._shape_value(key, value)
         if coefficients is not None:
             new.coefficients = new._coefficients(coefficients)
         return new
@@ -357,7 +403,7 @@ class ForceLaw:
         """
         pieces = []
         numbers = self.coefficients if self.coefficients is not None else [None] * len(self.terms())
-        for term, c in zip(self.terms(), numbers):
+        for term, c in zip(self.terms(), numbers, strict=True):
             label = subscript(term.label, index)
             factor = term.symbol if c is None else f"{c:.{digits}g}"
             pieces.append(f"{factor} {label}" if label != "1" else factor)
@@ -390,8 +436,15 @@ class ForceLaw:
         inside = [f"{k}={v!r}" for k, v in self.options().items()]
         inside += [f"{k}={v:g}" for k, v in self.shape.items() if v is not None]
         if self.coefficients is not None:
-            inside += [f"{t.symbol}={c:.4g}" for t, c in zip(self.terms(), self.coefficients)]
+            inside += [f"{t.symbol}={c:.4g}" for t, c in zip(self.terms(), self.coefficients, strict=True)]
         return f"{type(self).__name__}({', '.join(inside)})"
+
+
+def covariate_name(name: Any) -> str:
+    """Return the name of a covariate or say what is wrong with it."""
+    if not isinstance(name, str) or not name.strip():
+        raise LawError(f"covariate={name!r} is not the name of a channel", "Give e.g. covariate='voltage'.")
+    return name
 
 
 def subscript(label: str, index: int | str) -> str:
@@ -432,7 +485,8 @@ def from_dict(data: Mapping[str, Any]) -> ForceLaw:
         name, options = data["law"], dict(data.get("options") or {})
         shape, coefficients = dict(data.get("shape") or {}), data.get("coefficients")
     except (KeyError, TypeError, ValueError) as error:
-        raise LawError(f"{data!r} does not describe a law", "It needs 'law', 'options', 'shape', 'coefficients'.") from error
+        cure = "It needs 'law', 'options', 'shape', 'coefficients'."
+        raise LawError(f"{data!r} does not describe a law", cure) from error
     cls = _REGISTRY.get(name) if isinstance(name, str) else None
     if cls is None:
         raise LawError(f"There is no law {name!r}", f"Known laws: {', '.join(sorted(_REGISTRY))}.")

@@ -1,0 +1,242 @@
+"""Plain functions of the laws, compiled by numba and kept on disk.
+
+A law's ``kernel`` and ``advance`` are ordinary Python functions, its author's or the package's.
+What is compiled here is cached under a fingerprint of the code itself, everything it calls
+included, so that a second process starts fast and an edited law is never served by stale code.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+from collections.abc import Callable
+from functools import cache
+from types import CodeType, ModuleType
+from typing import Any
+
+import numba
+import numpy as np
+from numba import carray, types
+from numba.core import cgutils
+from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.ccallback import CFunc
+from numba.core.dispatcher import Dispatcher
+from numba.core.errors import NumbaError
+from numba.extending import intrinsic
+
+from ..exceptions import LawError
+from .base import ForceLaw
+
+_VECTOR = types.CPointer(types.float64)
+_KERNEL_SIGNATURE = types.void(*[types.float64] * 4, *[_VECTOR, types.int64] * 4)
+_ADVANCE_SIGNATURE = types.void(_VECTOR, types.int64, *[types.float64] * 5, *[_VECTOR, types.int64] * 2)
+
+
+def fingerprint(*functions: Any) -> str:
+    """Hash of the code of functions, with the constants, closures and functions they use.
+
+    Parameters
+    ----------
+    *functions : callable or numba dispatcher
+
+    Returns
+    -------
+    str
+        Equal for equal code in every process.
+    """
+    digest = hashlib.sha256(f"numba {numba.__version__}".encode())
+    seen: set[int] = set()
+
+    def code(block: CodeType) -> None:
+        digest.update(block.co_code)
+        for constant in block.co_consts:
+            code(constant) if isinstance(constant, CodeType) else digest.update(repr(constant).encode())
+        digest.update(repr((block.co_names, block.co_varnames)).encode())
+
+    def visit(value: Any) -> None:
+        if isinstance(value, Dispatcher):
+            digest.update(repr(sorted(value.targetoptions.items())).encode())
+            value = value.py_func
+        value = getattr(value, "_defn", value)  # the function behind a numba intrinsic
+        if isinstance(value, ModuleType):
+            digest.update(value.__name__.encode())
+        elif isinstance(value, np.ndarray):
+            digest.update(value.tobytes())
+        elif hasattr(value, "__code__"):
+            if id(value) in seen:
+                return
+            seen.add(id(value))
+            code(value.__code__)
+            for cell in value.__closure__ or ():
+                visit(cell.cell_contents)
+            for name in value.__code__.co_names:
+                if name in value.__globals__:
+                    digest.update(name.encode())
+                    visit(value.__globals__[name])
+        elif isinstance(value, (int, float, complex, str, bytes, tuple, type(None))):
+            digest.update(repr(value).encode())
+        else:
+            digest.update(getattr(value, "__qualname__", type(value).__qualname__).encode())
+
+    for function in functions:
+        visit(function)
+    return digest.hexdigest()
+
+
+class _CodeCache(FunctionCache):
+    """Disk cache keyed by the fingerprint, one index file for each fingerprint.
+
+    Numba's own key pickles closures, and a closure over another compiled function is different in
+    every process; its index file is shared by all instances of a template, and two processes that
+    write it at once can swap their code.
+    """
+
+    def __init__(self, function: Callable) -> None:
+        super().__init__(function)
+        self._print = fingerprint(function)
+        locator = self._impl.locator
+        name = f"{function.__name__}-{self._print[:24]}"
+        self._cache_file = IndexDataCacheFile(locator.get_cache_path(), name, locator.get_source_stamp())
+
+    def _index_key(self, sig: Any, codegen: Any) -> tuple:
+        return sig, codegen.magic_tuple(), self._print
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """What is on disk, or None to compile anew where it cannot be read here.
+
+        A law from a notebook cell or a script may name a module that this process does not have.
+        """
+        try:
+            return super().load_overload(sig, target_context)
+        except (ImportError, AttributeError, EOFError, pickle.UnpicklingError):
+            return None
+
+
+def _attach_cache(compiled: Any, function: Callable) -> Any:
+    """Cache on disk where there is a place to write; otherwise compile in every process."""
+    try:
+        compiled._cache = _CodeCache(function)
+    except (RuntimeError, OSError):
+        pass
+    return compiled
+
+
+def jit(function: Callable) -> Dispatcher:
+    """Compile a plain function on its first call, cached on disk.
+
+    Parameters
+    ----------
+    function : callable
+        In nopython style. Division by zero gives inf, as NumPy does.
+
+    Returns
+    -------
+    numba dispatcher
+    """
+    return _attach_cache(numba.njit(error_model="numpy", nogil=True)(function), function)
+
+
+def inline(function: Callable) -> Dispatcher:
+    """A small plain function for use within :func:`jit` code, copied into every place that calls it."""
+    if isinstance(function, Dispatcher):
+        return function
+    return numba.njit(error_model="numpy", nogil=True, forceinline=True)(function)
+
+
+def part(function: Callable) -> Dispatcher:
+    """A larger plain function for use within :func:`jit` code."""
+    return numba.njit(error_model="numpy", nogil=True)(function)
+
+
+@intrinsic
+def borrow(typing_context, array):
+    """An array without its owner: handing it on costs no reference count. The owner must outlive it."""
+
+    def codegen(context, builder, signature, args):
+        view = cgutils.create_struct_proxy(signature.args[0])(context, builder, value=args[0])
+        view.meminfo = cgutils.get_null_value(view.meminfo.type)
+        view.parent = cgutils.get_null_value(view.parent.type)
+        return view._getvalue()
+
+    return array(array), codegen
+
+
+def _pointer(function: Callable, signature: Any) -> CFunc:
+    callback = CFunc(function, (signature.args, signature.return_type), {}, {"nopython": True})
+    _attach_cache(callback, function)
+    callback.compile()
+    return callback
+
+
+@cache
+def kernel_pointer(kernel: Callable) -> CFunc:
+    """A law's kernel for single samples as a machine-code callback.
+
+    Parameters
+    ----------
+    kernel : callable
+        See :class:`pysindy_nrf.laws.ForceLaw`.
+
+    Returns
+    -------
+    CFunc
+        ``.address`` is what the integrators call; keep the object alive meanwhile.
+    """
+    law = inline(kernel)
+
+    def kernel_callback(s, v, a, t, u, n_u, z, n_z, theta, n_theta, out, n_out):
+        law(s, v, a, t, carray(u, n_u), carray(z, n_z), carray(theta, n_theta), carray(out, n_out))
+
+    return _pointer(kernel_callback, _KERNEL_SIGNATURE)
+
+
+@cache
+def advance_pointer(advance: Callable) -> CFunc:
+    """A law's state update as a machine-code callback.
+
+    Parameters
+    ----------
+    advance : callable
+        See :class:`pysindy_nrf.laws.ForceLaw`.
+
+    Returns
+    -------
+    CFunc
+    """
+    law = inline(advance)
+
+    def advance_callback(z, n_z, s0, v0, s1, v1, dt, u, n_u, theta, n_theta):
+        law(carray(z, n_z), s0, v0, s1, v1, dt, carray(u, n_u), carray(theta, n_theta))
+
+    return _pointer(advance_callback, _ADVANCE_SIGNATURE)
+
+
+def pointers(law: ForceLaw) -> tuple[CFunc, CFunc]:
+    """Kernel and state update of a law as machine-code callbacks.
+
+    Parameters
+    ----------
+    law : ForceLaw
+
+    Returns
+    -------
+    kernel, advance : CFunc
+
+    Raises
+    ------
+    LawError
+        If numba cannot compile the law.
+    """
+    try:
+        return kernel_pointer(type(law).kernel), advance_pointer(type(law).advance)
+    except NumbaError as error:
+        raise cannot_compile(law, error) from error
+
+
+def cannot_compile(law: ForceLaw, error: Exception) -> LawError:
+    """The error for a law that numba does not accept."""
+    reason = str(error).strip().splitlines()[-1] if str(error).strip() else type(error).__name__
+    return LawError(
+        f"{type(law).__name__} cannot be compiled for single samples ({reason})",
+        "Write kernel and advance with plain arithmetic, math and NumPy ufuncs only.",
+    )

@@ -1,0 +1,180 @@
+"""Springs that touch only part of the time: bumpers, cracks, loose joints."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..exceptions import LawError
+from .base import ForceLaw, Shape, Term
+
+_GAP = Shape("gap", "m", 0.05, 4.0, "s")
+
+
+class OneSidedGap(ForceLaw):
+    r"""Bumper on one side: a spring that is touched beyond a gap.
+
+    .. math:: R = k \max(s - g, 0) \quad\text{or}\quad R = k \min(s + g, 0)
+
+    Parameters
+    ----------
+    gap : float, optional
+        Free travel g until contact, m; estimated if None.
+    k : float, optional
+        Stiffness of the bumper, N/m.
+    side : {1, -1}
+        Whether it stands in the way of positive or of negative drift.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> print(laws.OneSidedGap(gap=0.002, k=1e6, side=-1).equation(3))
+    1e+06 min(s3 + gap, 0)  (gap = 0.002)
+    """
+
+    name = "one_sided_gap"
+    family = "contact"
+    shapes = (_GAP,)
+    symmetry = "none"
+    passive = True
+
+    def __init__(self, gap: float | None = None, k: float | None = None, side: int = 1) -> None:
+        if side not in (1, -1):
+            raise LawError(f"OneSidedGap: side={side!r} is unknown", "Give 1 (positive drift) or -1 (negative drift).")
+        self.side = int(side)
+        super().__init__({"gap": gap}, {"k": k})
+
+    def options(self) -> dict[str, Any]:
+        """Structural arguments: the side."""
+        return {"side": self.side}
+
+    def terms(self) -> tuple[Term, ...]:
+        """One term, the penetration."""
+        return (Term("k", "max(s - gap, 0)" if self.side > 0 else "min(s + gap, 0)", "N/m"),)
+
+    @property
+    def theta(self) -> np.ndarray:
+        """Gap and side."""
+        return np.append(super().theta, self.side)
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = theta[1] * np.maximum(theta[1] * s - theta[0], 0.0)
+
+
+class TwoSidedGap(ForceLaw):
+    r"""Stops on both sides: a spring that is touched beyond an equal gap.
+
+    .. math:: R = k \, (s - \min(\max(s, -g), g))
+
+    Parameters
+    ----------
+    gap : float, optional
+        Free travel g to either side, m; estimated if None.
+    k : float, optional
+        Stiffness of the stops, N/m.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> print(laws.TwoSidedGap(gap=0.002, k=1e6).equation(3))
+    1e+06 beyond(s3, gap)  (gap = 0.002)
+    """
+
+    name = "two_sided_gap"
+    family = "contact"
+    shapes = (_GAP,)
+    passive = True
+
+    def __init__(self, gap: float | None = None, k: float | None = None) -> None:
+        super().__init__({"gap": gap}, {"k": k})
+
+    def terms(self) -> tuple[Term, ...]:
+        """One term, the penetration."""
+        return (Term("k", "beyond(s, gap)", "N/m"),)
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = np.maximum(s - theta[0], 0.0) + np.minimum(s + theta[0], 0.0)
+
+
+class DeadZone(ForceLaw):
+    r"""Backlash of a loose joint: no force while the drift is inside the play.
+
+    .. math:: R = k \, (s - \min(\max(s, g (c - 1)), g (c + 1)))
+
+    The play is 2 g wide and reaches from ``g (c - 1)`` to ``g (c + 1)``; c = 0 is
+    :class:`TwoSidedGap`. (A backlash that lags its input, the play operator, would give more
+    energy back than it took: as a restoring force it cannot exist.)
+
+    Parameters
+    ----------
+    gap : float, optional
+        Half width g of the play, m; estimated if None.
+    centre : float, optional
+        Centre c of the play in half widths, -1 to 1 where the force vanishes at s = 0; estimated
+        if None.
+    k : float, optional
+        Stiffness of the joint once the play is used up, N/m.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> laws.DeadZone(gap=0.001, centre=0.5, k=1e6).parameters
+    {'gap': 0.001, 'centre': 0.5, 'k': 1000000.0}
+    """
+
+    name = "dead_zone"
+    family = "contact"
+    shapes = (_GAP, Shape("centre", "1", -0.95, 0.95, log=False))
+    symmetry = "none"
+    passive = True
+
+    def __init__(self, gap: float | None = None, centre: float | None = None, k: float | None = None) -> None:
+        super().__init__({"gap": gap, "centre": centre}, {"k": k})
+
+    def terms(self) -> tuple[Term, ...]:
+        """One term, the drift beyond the play."""
+        return (Term("k", "beyond(s, gap, centre)", "N/m"),)
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        high = theta[0] * (theta[1] + 1.0)
+        low = theta[0] * (theta[1] - 1.0)
+        out[0] = np.maximum(s - high, 0.0) + np.minimum(s - low, 0.0)
+
+
+class Bilinear(ForceLaw):
+    """Breathing crack: a further spring, of either sign, for positive drift only, ``R = dk max(s, 0)``.
+
+    Beside a linear spring k the stiffness is k + dk for s > 0 and k for s < 0 (Chondros,
+    Dimarogonas, Yao, J. Sound Vib. 239, 2001).
+
+    Parameters
+    ----------
+    dk : float, optional
+        Stiffness at positive minus stiffness at negative drift, N/m.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> print(laws.Bilinear(dk=-2e4).equation(1))
+    -2e+04 max(s1, 0)
+    """
+
+    name = "bilinear"
+    family = "contact"
+    symmetry = "none"
+    passive = True
+
+    def __init__(self, dk: float | None = None) -> None:
+        super().__init__(coefficients={"dk": dk})
+
+    def terms(self) -> tuple[Term, ...]:
+        """One term, the positive part of s."""
+        return (Term("dk", "max(s, 0)", "N/m"),)
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = np.maximum(s, 0.0)

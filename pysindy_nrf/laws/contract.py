@@ -1,0 +1,343 @@
+"""The contract of a force law as checks that any law can be put through.
+
+:func:`check_law` runs all of them on random parameters and a random motion, the user's own laws
+included; each check raises ``AssertionError`` with a sentence.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ..exceptions import LawError
+from .base import ForceLaw, Motion, from_dict
+
+_PERIOD = 2.0  # s
+_DRIFT = 0.01  # m
+
+
+def covariate_units(law: ForceLaw) -> tuple[str, ...]:
+    """Units of the covariates of a law, "[u]" where it names none."""
+    return law.covariate_units or ("[u]",) * len(law.covariates)
+
+
+def random_motion(law: ForceLaw, rng: np.random.Generator, n_periods: int = 2, n_samples: int = 500) -> Motion:
+    """A smooth periodic motion with everything that a law may read, large enough to close every gap.
+
+    Parameters
+    ----------
+    law : ForceLaw
+        Its covariates are drawn; positive if they may have any unit.
+    rng : numpy.random.Generator
+    n_periods : int
+    n_samples : int
+        Samples of a period of 2 s.
+
+    Returns
+    -------
+    Motion
+    """
+    t = np.arange(n_periods * n_samples + 1) * (_PERIOD / n_samples)
+    order = np.arange(1, 4)[:, None]
+    omega = 2 * np.pi * order / _PERIOD
+    phase = omega * t + rng.uniform(0, 2 * np.pi, order.shape)
+    size = 10 * _DRIFT * rng.uniform(0.5, 1.0, order.shape) / order**2
+    covariates = {}
+    for name, unit in zip(law.covariates, covariate_units(law), strict=True):
+        wave = np.sin(3 * t + rng.uniform(0, 2 * np.pi))
+        covariates[name] = 1.5 + wave if unit == "[u]" else 20 * _DRIFT * wave
+    return Motion(
+        (size * np.sin(phase)).sum(axis=0),
+        (size * omega * np.cos(phase)).sum(axis=0),
+        (-size * omega**2 * np.sin(phase)).sum(axis=0),
+        t,
+        covariates,
+    )
+
+
+def random_values(law: ForceLaw, rng: np.random.Generator) -> ForceLaw:
+    """A copy of a law with positive coefficients and with shape parameters from its search bounds.
+
+    Parameters
+    ----------
+    law : ForceLaw
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    ForceLaw
+    """
+    shape = {}
+    for parameter in law.shapes:
+        low, high = parameter.bounds(drift=_DRIFT, rate=5 * _DRIFT, duration=2 * _PERIOD)
+        shape[parameter.name] = np.exp(rng.uniform(*np.log([low, high]))) if parameter.log else rng.uniform(low, high)
+    return law.with_values(rng.uniform(1.0, 10.0, len(law.terms())), shape)
+
+
+def check_features(law: ForceLaw, rng: np.random.Generator) -> None:
+    """Features are finite float64 columns, one for each term, and the motion is left alone."""
+    motion = random_motion(law, rng)
+    before = [np.copy(x) for x in (motion.s, motion.v, motion.a, motion.t, *motion.covariates.values())]
+    columns = law.features(motion)
+    assert columns.shape == (motion.n_samples, len(law.terms())), f"{law}: features have shape {columns.shape}"
+    assert columns.dtype == np.float64, f"{law}: features are {columns.dtype}"
+    assert np.isfinite(columns).all(), f"{law}: features are not finite"
+    for x, y in zip(before, (motion.s, motion.v, motion.a, motion.t, *motion.covariates.values()), strict=True):
+        assert np.array_equal(x, y), f"{law}: the kernel changes the motion"
+
+
+def check_large_arguments(law: ForceLaw, rng: np.random.Generator) -> None:
+    """Motions of 1e-30 to 1e30 give finite features without a floating-point warning."""
+    n = 200
+
+    def wild() -> np.ndarray:
+        return rng.choice([-1.0, 0.0, 1.0], n) * 10.0 ** rng.uniform(-30, 30, n)
+
+    motion = Motion(wild(), wild(), wild(), np.arange(n) * 0.01, {c: wild() for c in law.covariates})
+    with np.errstate(over="raise", invalid="raise", divide="raise"):
+        columns = law.features(motion)
+    assert np.isfinite(columns).all(), f"{law}: large arguments give features that are not finite"
+
+
+def check_single_samples(law: ForceLaw, rng: np.random.Generator) -> None:
+    """The kernel gives the same numbers on arrays, on floats, and compiled."""
+    from .compiled import jit
+    from .memory import state_path
+
+    motion = random_motion(law, rng, n_periods=1)
+    columns = law.features(motion)
+    theta = law.theta
+    u = np.array([motion.covariates[c] for c in law.covariates]).reshape(-1, motion.n_samples)
+    z = state_path(law, motion, u, theta) if law.n_states else np.zeros((0, motion.n_samples))
+    for kernel, how in ((type(law).kernel, "on floats"), (jit(type(law).kernel), "compiled")):
+        for i in range(0, motion.n_samples, 29):
+            sample = np.full(columns.shape[1], np.nan)
+            now = (float(x[i]) for x in (motion.s, motion.v, motion.a, motion.t))
+            kernel(*now, np.ascontiguousarray(u[:, i]), np.ascontiguousarray(z[:, i]), theta, sample)
+            _close(sample, columns[i], f"{law}: the kernel {how} differs from the kernel on arrays", scale=columns)
+
+
+def check_rest(law: ForceLaw, rng: np.random.Generator) -> None:
+    """A law that claims to vanish at rest does; one that may not, does not."""
+    motion = random_motion(law, rng)
+    zero = np.zeros(motion.n_samples)
+    columns = law.features(replace(motion, s=zero, v=zero, a=zero))
+    if law.at_rest is None:
+        assert columns.any(), f"{law}: at_rest is None, but the force vanishes at rest"
+    else:
+        expected = np.full(motion.n_samples, law.at_rest)
+        _close(columns.sum(axis=1), expected, f"{law}: the force at rest is not {law.at_rest}")
+
+
+def check_symmetry(law: ForceLaw, rng: np.random.Generator) -> None:
+    """The mirrored motion gives the mirrored force, as the law claims."""
+    motion = random_motion(law, rng)
+    columns = law.features(motion)
+    mirrored = law.features(replace(motion, s=-motion.s, v=-motion.v, a=-motion.a))
+    odd, even = (np.allclose(mirrored, sign * columns, rtol=1e-9, atol=0) for sign in (-1, 1))
+    found = "odd" if odd else "even" if even else "none"
+    assert found == law.symmetry, f"{law}: symmetry is {law.symmetry!r}, found {found!r}"
+
+
+def check_records(law: ForceLaw, rng: np.random.Generator) -> None:
+    """Each record starts fresh; blocks of one record that hand the state on are that record."""
+    motion = random_motion(law, rng)
+    columns = law.features(motion)
+    k = motion.n_samples // 2 + 3
+    state = np.zeros(law.n_states)
+    first, last = _part(motion, slice(0, k + 1)), _part(motion, slice(k, None))
+    _close(law.features(first, state), columns[: k + 1], f"{law}: the first block differs from the record")
+    _close(law.features(last, state), columns[k:], f"{law}: the last block differs from the record")
+    fresh = law.features(last)
+    out = np.empty((len(law.terms()), 1))
+    u = np.array([[x[0]] for x in last.covariates.values()]).reshape(-1, 1)
+    at_start = (last.s[:1], last.v[:1], last.a[:1], last.t[:1])
+    law.kernel(*at_start, u, np.zeros((law.n_states, 1)), law.theta, out)
+    _close(fresh[0], out[:, 0], f"{law}: a record does not start from a fresh state")
+    _close(law.features(motion), columns, f"{law}: the law remembers an earlier record")
+
+
+def check_energy(law: ForceLaw, rng: np.random.Generator) -> None:
+    """Over closed cycles a passive law gives no energy, and an elastic one or an inertia takes none."""
+    motion = random_motion(law, rng, n_periods=4, n_samples=4000)
+    force, v = law.features(motion)[:-1], motion.v[:-1, None]
+    work, size = (force * v).mean(axis=0), np.abs(force).max(axis=0) * np.abs(v).mean()
+    if law.passive:
+        assert (work >= -1e-6 * size).all(), f"{law}: passive, but gives energy"
+    if law.family in ("stiffness", "contact", "inertia"):
+        assert (np.abs(work) <= 1e-6 * size).all(), f"{law}: takes or gives energy over closed cycles"
+
+
+def check_single_precision(law: ForceLaw, rng: np.random.Generator) -> None:
+    """Float32 input is welcome; the features are those of the same numbers in float64."""
+    motion = random_motion(law, rng)
+    single = Motion(
+        *(x.astype(np.float32) for x in (motion.s, motion.v, motion.a, motion.t)),
+        {c: x.astype(np.float32) for c, x in motion.covariates.items()},
+    )
+    double = Motion(
+        *(x.astype(float) for x in (single.s, single.v, single.a, single.t)),
+        {c: x.astype(float) for c, x in single.covariates.items()},
+    )
+    columns = law.features(single)
+    assert columns.dtype == np.float64, f"{law}: features of float32 are {columns.dtype}"
+    _close(columns, law.features(double), f"{law}: float32 input loses digits beyond its own", 1e-5)
+
+
+def check_units(law: ForceLaw, rng: np.random.Generator) -> None:
+    """In other units of length, time and mass the same coefficients give the same force."""
+    motion = random_motion(law, rng)
+    size = {"m": 3.7, "s": 0.6, "kg": 1.9, "[u]": 2.3, "1": 1.0}
+    size["N"] = size["kg"] * size["m"] / size["s"] ** 2
+    covariates = {
+        c: x * _in(unit, size, law)
+        for (c, x), unit in zip(motion.covariates.items(), covariate_units(law), strict=True)
+    }
+    other = Motion(
+        motion.s * size["m"],
+        motion.v * size["m"] / size["s"],
+        motion.a * size["m"] / size["s"] ** 2,
+        motion.t * size["s"],
+        covariates,
+    )
+    shape = {p.name: law.shape[p.name] * _in(p.unit, size, law) for p in law.shapes}
+    columns, scaled = law.features(motion), law.with_values(shape=shape).features(other)
+    for k, term in enumerate(law.terms()):
+        what = f"{law}: {term.symbol} has not the unit {term.unit}, or a shape parameter not its own"
+        _close(scaled[:, k] * _in(term.unit, size, law), columns[:, k] * size["N"], what, 1e-6)
+
+
+def check_force(law: ForceLaw, rng: np.random.Generator) -> None:
+    """The force is the features times the coefficients, and no force is given without them."""
+    motion = random_motion(law, rng)
+    expected = sum(c * x for c, x in zip(law.coefficients, law.features(motion).T, strict=True))
+    _close(law.force(motion), expected, f"{law}: the force is not the features times the coefficients")
+
+
+def check_json(law: ForceLaw, rng: np.random.Generator) -> None:
+    """Plain data and back gives an equal law with the same force; a changed copy leaves it alone."""
+    motion = random_motion(law, rng)
+    copy = from_dict(json.loads(json.dumps(law.to_dict())))
+    assert copy == law and hash(copy) == hash(law), f"{law}: is not equal to its copy by JSON"
+    assert np.array_equal(copy.force(motion), law.force(motion)), f"{law}: its copy by JSON gives another force"
+    before = law.to_dict()
+    changed = law.with_values(law.coefficients + 1.0, {k: 0.9 * x for k, x in law.shape.items()})
+    assert changed != law and law.to_dict() == before, f"{law}: with_values changes the law itself"
+    assert np.array_equal(changed.coefficients, law.coefficients + 1.0), f"{law}: with_values loses coefficients"
+
+
+def check_text(law: ForceLaw, rng: np.random.Generator) -> None:
+    """Name, family, symbols, units and the equation are there and unambiguous."""
+    terms = law.terms()
+    assert law.name.isidentifier() and law.family, f"{law}: name or family is missing"
+    assert set(law.acts_at) <= {"link", "dof"} and law.acts_at, f"{law}: acts_at is {law.acts_at}"
+    for field in ("symbol", "label"):
+        texts = [getattr(term, field) for term in terms]
+        assert len(set(texts)) == len(texts) and all(texts), f"{law}: {field}s {texts} are not distinct"
+    assert not {term.symbol for term in terms} & set(law.shape), f"{law}: a coefficient and a shape share a name"
+    assert list(law.parameters) == [*law.shape, *(term.symbol for term in terms)], f"{law}: parameters are wrong"
+    free = law.with_values()
+    free.coefficients = None
+    for text in (free.equation(), law.equation()):
+        for term in terms:
+            assert term.label == "1" or term.label in text, f"{law}: {term.label!r} is not in its equation {text!r}"
+    assert repr(law).startswith(type(law).__name__ + "("), f"{law}: repr is {law!r}"
+    assert type(law).__doc__, f"{type(law).__name__} has no documentation"
+
+
+def check_errors(law: ForceLaw, rng: np.random.Generator) -> None:
+    """What a law needs and does not get is named."""
+    motion = random_motion(law, rng)
+    for name in law.shape:
+        _refuses(lambda name=name: law.with_values(shape={name: None}).features(motion), name)
+        _refuses(lambda name=name: law.with_values(shape={name: np.nan}), name)
+    for parameter in law.shapes:
+        if parameter.log:
+            _refuses(lambda name=parameter.name: law.with_values(shape={name: -1.0}), parameter.name)
+    for name in law.covariates:
+        _refuses(lambda: law.features(replace(motion, covariates={})), name)
+    if law.uses_time:
+        _refuses(lambda: law.features(replace(motion, t=None)), "time")
+    if law.uses_acceleration:
+        _refuses(lambda: law.features(replace(motion, a=None)), "acceleration")
+    _refuses(lambda: law.with_values(shape={"no such": 1.0}), "no such")
+    _refuses(lambda: law.with_values(np.ones(len(law.terms()) + 1)), str(len(law.terms()) + 1))
+    _refuses(lambda: law.with_values({"no such": 1.0}), "no such")
+
+
+CHECKS: tuple[Callable[[ForceLaw, np.random.Generator], None], ...] = (
+    check_features,
+    check_large_arguments,
+    check_single_samples,
+    check_rest,
+    check_symmetry,
+    check_records,
+    check_energy,
+    check_single_precision,
+    check_units,
+    check_force,
+    check_json,
+    check_text,
+    check_errors,
+)
+
+
+def check_law(law: ForceLaw, random_state: int = 0) -> None:
+    """Put a law through the whole contract.
+
+    Parameters
+    ----------
+    law : ForceLaw
+        Its values do not matter; they are drawn from the search bounds.
+    random_state : int
+        Seed of the parameters and of the motion.
+
+    Raises
+    ------
+    AssertionError
+        With a sentence, if the law breaks the contract.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> laws.check_law(laws.CoulombFriction())
+    """
+    for check in CHECKS:
+        rng = np.random.default_rng(random_state)
+        check(random_values(law, rng), rng)
+
+
+def _close(
+    found: np.ndarray, expected: np.ndarray, what: str, tolerance: float = 1e-10, scale: np.ndarray | None = None
+) -> None:
+    size = np.abs(expected if scale is None else scale).max(axis=0)
+    gap = np.abs(found - expected)
+    assert (gap <= tolerance * size).all(), f"{what} (by {np.max(gap):.3g})"
+
+
+def _part(motion: Motion, rows: slice) -> Motion:
+    covariates = {c: x[rows] for c, x in motion.covariates.items()}
+    return Motion(motion.s[rows], motion.v[rows], motion.a[rows], motion.t[rows], covariates)
+
+
+def _in(unit: str, size: dict[str, float], law: ForceLaw) -> float:
+    """Size of a unit such as "N s^2/m^3" or "N/(m s)"; an exponent may be a shape parameter."""
+    value = 1.0
+    for k, part in enumerate(unit.split("/")):
+        for factor in part.strip("()").split():
+            base, _, power = factor.partition("^")
+            exponent = 1.0 if not power else law.shape[power] if power in law.shape else float(power)
+            value *= size[base] ** (exponent if k == 0 else -exponent)
+    return value
+
+
+def _refuses(call: Callable[[], object], word: str) -> None:
+    try:
+        call()
+    except LawError as error:
+        assert word in str(error), f"the error does not name {word!r}: {error}"
+    else:
+        raise AssertionError(f"no error where {word!r} is wrong or missing")

@@ -1,0 +1,70 @@
+"""Forces proportional to acceleration."""
+
+from __future__ import annotations
+
+from .base import ForceLaw, Term
+
+
+class AddedMass(ForceLaw):
+    """Mass that the model lacks at a DOF, ``R = dm a``: a wrong known mass, a load, moved water.
+
+    Parameters
+    ----------
+    dm : float, optional
+        Missing mass, kg.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> print(laws.AddedMass(dm=1.5).equation(2))
+    1.5 a2
+    """
+
+    name = "added_mass"
+    family = "inertia"
+    passive = True
+    uses_acceleration = True
+    acts_at = ("dof",)
+
+    def __init__(self, dm: float | None = None) -> None:
+        super().__init__(coefficients={"dm": dm})
+
+    def terms(self) -> tuple[Term, ...]:
+        """One term, a."""
+        return (Term("dm", "a", "kg"),)
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = a
+
+
+class Inerter(ForceLaw):
+    """Inerter between two DOFs, ``R = b a`` with a their relative acceleration.
+
+    (Smith, IEEE Trans. Automatic Control 47, 2002.)
+
+    Parameters
+    ----------
+    b : float, optional
+        Inertance, kg.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> print(laws.Inerter(b=40.0).equation(2))
+    40 a2
+    """
+
+    name = "inerter"
+    family = "inertia"
+    passive = True
+    uses_acceleration = True
+
+    def __init__(self, b: float | None = None) -> None:
+        super().__init__(coefficients={"b": b})
+
+    def terms(self) -> tuple[Term, ...]:
+        """One term, a."""
+        return (Term("b", "a", "kg"),)
+
+    kernel = staticmethod(AddedMass.kernel)

@@ -1,0 +1,227 @@
+"""The path of a law's internal state along a sampled motion, compiled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+from numba.core.errors import NumbaError
+
+from ..exceptions import ChannelError, LawError
+from .base import ForceLaw, Motion
+from .compiled import borrow, cannot_compile, inline, jit
+
+
+@inline
+def _slope(x, c):
+    return c[0] + x * (2.0 * c[1] + x * (3.0 * c[2] + x * (4.0 * c[3] + x * 5.0 * c[4])))
+
+
+@inline
+def _curvature(x, c):
+    return 2.0 * c[1] + x * (6.0 * c[2] + x * (12.0 * c[3] + x * 20.0 * c[4]))
+
+
+@inline
+def _rise(x, c):
+    return x * (c[0] + x * (c[1] + x * (c[2] + x * (c[3] + x * c[4]))))
+
+
+@inline
+def _cubic(rise, h, v0, v1):
+    """Hermite polynomial c_1 x + ... + c_5 x^5 of the drift's rise, x = 0..1, from the rates."""
+    p, q = rise - h * v0, h * (v1 - v0)
+    return h * v0, 3.0 * p - q, q - 2.0 * p, 0.0, 0.0
+
+
+@inline
+def _quintic(rise, h, v0, a0, v1, a1):
+    """The same from rates and accelerations."""
+    p = rise - h * v0 - 0.5 * h * h * a0
+    q = h * (v1 - v0 - h * a0)
+    r = h * h * (a1 - a0)
+    return h * v0, 0.5 * h * h * a0, 10.0 * p - 4.0 * q + 0.5 * r, 7.0 * q - 15.0 * p - r, 6.0 * p - 3.0 * q + 0.5 * r
+
+
+@inline
+def _third(x, c):
+    return 6.0 * c[2] + x * (24.0 * c[3] + x * 60.0 * c[4])
+
+
+def _root_of(f, df):
+    @inline
+    def root(low, high, c):
+        """Zero of f between low and high, where f changes sign: Newton, kept inside by bisection.
+
+        A share of 1e-10 of the interval is enough: the drift is flat where it turns.
+        """
+        f_low, f_high = f(low, c), f(high, c)
+        x = (low * f_high - high * f_low) / (f_high - f_low)
+        for _ in range(60):
+            value = f(x, c)
+            if (value > 0.0) == (f_high > 0.0):
+                high = x
+            else:
+                low = x
+            new = x - value / df(x, c)
+            if not low <= new <= high:
+                new = 0.5 * (low + high)
+            move = abs(new - x)
+            x = new
+            if move < 1e-10:
+                break
+        return x
+
+    return root
+
+
+_turning_point = _root_of(_slope, _curvature)
+_slowest_point = _root_of(_curvature, _third)
+
+
+@inline
+def _plausible(turn, rise, h, v0, v1):
+    """Whether a turning drift lies beyond both ends, no further than their rates can carry it."""
+    way = turn if v0 > 0.0 else -turn
+    back = turn - rise if v0 > 0.0 else rise - turn
+    return 0.0 <= way <= h * abs(v0) and 0.0 <= back <= h * abs(v1)
+
+
+@inline
+def _turns(s0, s1, v0, v1, h, a0, a1, has_a):
+    """Where the drift turns inside an interval: how often (0, 1, 2), shares of the time, rises."""
+    rise = s1 - s0
+    if v0 * v1 < 0.0:
+        if has_a:
+            c = _quintic(rise, h, v0, a0, v1, a1)
+            x = _turning_point(0.0, 1.0, c)
+            if _plausible(_rise(x, c), rise, h, v0, v1):
+                return 1, x, _rise(x, c), 1.0, 0.0
+        c = _cubic(rise, h, v0, v1)
+        x = _turning_point(0.0, 1.0, c)
+        if _plausible(_rise(x, c), rise, h, v0, v1):
+            return 1, x, _rise(x, c), 1.0, 0.0
+    elif has_a:  # the rate dips and recovers: it may cross zero twice
+        c = _quintic(rise, h, v0, a0, v1, a1)
+        x = _slowest_point(0.0, 1.0, c)
+        if _slope(x, c) * v0 < 0.0:
+            x0, x1 = _turning_point(0.0, x, c), _turning_point(x, 1.0, c)
+            if 0.0 <= x0 <= x1 <= 1.0:  # not so where rounding hides the change of sign
+                return 2, x0, _rise(x0, c), x1, _rise(x1, c)
+    return 0, 1.0, 0.0, 1.0, 0.0
+
+
+@cache
+def _path(advance: Callable):
+    """Compiled path of one law's state; one machine-code file for each law."""
+    step = inline(advance)
+
+    def memory_path(s, v, a, t, u, theta, state, z):
+        has_a, has_t = a.size > 0, t.size > 0
+        buffer = np.zeros(u.shape[0])
+        state, middle, u, theta, z = borrow(state), borrow(buffer), borrow(u), borrow(theta), borrow(z)
+        h, a0, a1 = np.nan, 0.0, 0.0
+        for k in range(state.size):
+            z[k, 0] = state[k]
+        for i in range(1, s.size):
+            s0, s1, v0, v1 = s[i - 1], s[i], v[i - 1], v[i]
+            for k in range(middle.size):
+                middle[k] = 0.5 * (u[k, i - 1] + u[k, i])
+            rest = h
+            if has_t:
+                h = t[i] - t[i - 1]
+                rest = h
+                if has_a:
+                    a0, a1 = a[i - 1], a[i]
+                if v0 * v1 < 0.0 or v0 * a0 < 0.0 < v0 * a1:
+                    turns, x0, rise0, x1, rise1 = _turns(s0, s1, v0, v1, h, a0, a1, has_a)
+                    s_start = s0
+                    for k in range(turns):
+                        x = x0 if k == 0 else x1 - x0
+                        turn = s_start + (rise0 if k == 0 else rise1)
+                        step(state, s0, v0, turn, 0.0, x * h, middle, theta)
+                        rest -= x * h
+                        s0, v0 = turn, 0.0
+            step(state, s0, v0, s1, v1, rest, middle, theta)
+            for k in range(state.size):
+                z[k, i] = state[k]
+
+    return jit(memory_path)
+
+
+def state_path(
+    law: ForceLaw, motion: Motion, u: np.ndarray, theta: np.ndarray, state: np.ndarray | None = None
+) -> np.ndarray:
+    """Internal state of a law along one contiguous record.
+
+    Between two samples the state moves by ``law.advance``. If the rate changes sign between them,
+    the turning drift is found on the Hermite polynomial of the motion (quintic with acceleration,
+    cubic without) and the state moves to it and back; if noise makes that drift implausible
+    (not beyond both ends, or further than the rates can carry it) the straight way is taken. Without the
+    time of the samples every way is straight.
+
+    Parameters
+    ----------
+    law : ForceLaw
+    motion : Motion
+        Drift (m), rate (m/s), optionally acceleration (m/s^2) and time (s).
+    u : ndarray of shape (n_covariates, n_samples)
+        A segment's ``advance`` is given the mean of its two samples.
+    theta : ndarray of shape (n_theta,)
+    state : ndarray of shape (n_states,), optional
+        State at the first sample, zero if None; moved in place to the last sample. A record is
+        cut into blocks that share one sample: the last of a block is the first of the next. The
+        path is then the same to the last bit.
+
+    Returns
+    -------
+    ndarray of shape (n_states, n_samples)
+        State at each sample.
+
+    Raises
+    ------
+    LawError
+        If the law depends on the rate of time and no time is given, or it cannot be compiled.
+    ChannelError
+        If the motion is not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import laws
+    >>> from pysindy_nrf.laws.memory import state_path
+    >>> t = np.linspace(0, 1, 201)
+    >>> motion = laws.Motion(1e-3 * np.sin(9 * t), 9e-3 * np.cos(9 * t), t=t)
+    >>> law = laws.Dahl(sigma=5e4)
+    >>> z = state_path(law, motion, np.empty((0, 201)), law.theta)
+    >>> z.shape, float(z[0, 0]), round(float(z[0, 100]), 6)
+    ((1, 201), 0.0, -1.0)
+    """
+    none = np.empty(0)
+
+    def line(array: np.ndarray | None) -> np.ndarray:
+        return none if array is None else np.ascontiguousarray(array, dtype=float)
+
+    s, v, a, t = line(motion.s), line(motion.v), line(motion.a), line(motion.t)
+    z = np.empty((law.n_states, len(s)))
+    now = np.zeros(law.n_states) if state is None else np.array(state, dtype=float)
+    if not len(s):
+        return z
+    try:
+        path = _path(type(law).advance)
+        path(s, v, a, t, np.ascontiguousarray(u, dtype=float), np.ascontiguousarray(theta, dtype=float), now, z)
+    except NumbaError as error:
+        raise cannot_compile(law, error) from error
+    if not np.isfinite(now).all():
+        if not (np.isfinite(s).all() and np.isfinite(v).all()):
+            raise ChannelError("The motion of a law with memory is not finite", "Cut leading and trailing NaN rows first.")
+        if motion.t is None:
+            raise LawError(f"{type(law).__name__} needs the time of the samples", "Pass time=, or dt=.")
+        raise LawError(
+            f"The state of {type(law).__name__} grows beyond all bounds on this motion",
+            f"Change its shape parameters ({', '.join(f'{k} = {x}' for k, x in law.shape.items())}).",
+        )
+    if state is not None:
+        state[:] = now
+    return z

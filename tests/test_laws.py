@@ -1,0 +1,386 @@
+"""Every force law keeps the one contract, and moves its state as theory says."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import quad, solve_ivp
+from scipy.optimize import brentq
+
+from pysindy_nrf import laws
+from pysindy_nrf.exceptions import LawError
+from pysindy_nrf.laws import Motion, base
+from pysindy_nrf.laws.contract import CHECKS, check_law, random_values
+
+VARIANTS = [
+    *(cls() for _, cls in sorted(laws.registry().items())),
+    laws.OneSidedGap(side=-1),
+    laws.PowerSeries(5),
+    laws.PowerSeries((2, 1)),
+    laws.CovariateFriction("temperature"),
+]
+
+
+# -- the contract ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__.removeprefix("check_"))
+@pytest.mark.parametrize("law", VARIANTS, ids=repr)
+def test_every_law_keeps_the_contract(law, check):
+    for seed in range(2):
+        rng = np.random.default_rng(seed)
+        check(random_values(law, rng), rng)
+
+
+def _broken(parent, **changes):
+    return type(f"Broken{parent.__name__}", (parent,), changes)()
+
+
+def _stairs(s, v, a, t, u, z, theta, out):
+    out[0] = np.sign(v)
+    if np.ndim(s):
+        out[0][::3] = 0.5
+
+
+def _greedy(s, v, a, t, u, z, theta, out):
+    v *= 2.0
+    out[0] = v
+
+
+def _explosive(s, v, a, t, u, z, theta, out):
+    out[0] = np.exp(np.abs(v)) * np.sign(v)
+
+
+@pytest.mark.parametrize(
+    ("law", "complaint"),
+    [
+        (_broken(laws.CoulombFriction, symmetry="even"), "symmetry"),
+        (_broken(laws.ConstantForce, at_rest=0.0), "at rest"),
+        (_broken(laws.CoulombFriction, terms=lambda self: (base.Term("Fc", "sgn(v)", "N/m"),)), "unit"),
+        (_broken(laws.Dahl, shapes=(base.Shape("sigma", "1/s", 0.03, 3000.0, "1/s"),)), "unit"),
+        (_broken(laws.StiffnessDrift, passive=True), "energy"),
+        (_broken(laws.LinearViscous, family="stiffness"), "energy"),
+        (_broken(laws.CoulombFriction, kernel=staticmethod(_stairs)), "on floats"),
+        (_broken(laws.LinearViscous, kernel=staticmethod(_greedy)), "changes the motion"),
+        (_broken(laws.CoulombFriction, kernel=staticmethod(_explosive)), "overflow"),
+    ],
+)
+def test_the_contract_notices_a_law_that_breaks_it(law, complaint):
+    with pytest.raises((AssertionError, FloatingPointError), match=complaint):
+        check_law(law, random_state=1)
+
+
+def test_a_name_stands_for_one_law():
+    with pytest.raises(LawError, match="'dahl' already"):
+        type("MyDahl", (laws.ForceLaw,), {"name": "dahl"})
+
+
+def test_the_catalogue_holds_the_field():
+    families = {cls.family for cls in laws.registry().values()}
+    assert len(laws.registry()) >= 24
+    assert families >= {
+        "friction", "damping", "stiffness", "contact", "hysteresis", "degradation", "forcing", "inertia", "link",
+    }  # fmt: skip
+
+
+# -- states against the differential equations of the literature ----------------------------------
+
+FS = 2000.0
+
+
+def _drift(t):
+    return 1e-3 * (np.sin(9.0 * t) + 0.6 * np.sin(23.0 * t + 1.0))
+
+
+def _rate(t):
+    return 1e-3 * (9.0 * np.cos(9.0 * t) + 13.8 * np.cos(23.0 * t + 1.0))
+
+
+def _acceleration(t):
+    return -1e-3 * (81.0 * np.sin(9.0 * t) + 317.4 * np.sin(23.0 * t + 1.0))
+
+
+T = np.arange(int(2.0 * FS) + 1) / FS
+PATH = Motion(_drift(T) - _drift(0.0), _rate(T), _acceleration(T), T)
+
+
+def _reference(rate_of_state, n=1):
+    """DOP853 from a fresh state, restarted where the motion turns."""
+    fine = np.linspace(0.0, T[-1], 4001)
+    sign = np.sign(_rate(fine))
+    turns = [brentq(_rate, fine[i], fine[i + 1], xtol=1e-15) for i in np.flatnonzero(np.diff(sign))]
+    edges = [0.0, *turns, T[-1]]
+    z, path = np.zeros(n), np.zeros((n, T.size))
+    for start, end in zip(edges[:-1], edges[1:], strict=True):
+        rows = np.flatnonzero((start <= T) & (end > T))
+        run = solve_ivp(
+            rate_of_state, (start, end), z, "DOP853", np.append(T[rows], end), rtol=1e-11, atol=1e-13, max_step=0.001
+        )
+        path[:, rows], z = run.y[:, :-1], run.y[:, -1]
+    path[:, -1] = z
+    return path
+
+
+def _assert_same(found, expected, tolerance):
+    gap = np.abs(found - expected).max() / np.abs(expected).max()
+    assert gap < tolerance, f"largest difference {gap:.2e} of the peak"
+
+
+@pytest.mark.parametrize("sigma", [30.0, 3e3, 5e4])
+def test_dahl_follows_equation_7(sigma):
+    expected = _reference(lambda t, z: sigma * _rate(t) * (1.0 - z * np.sign(_rate(t))))
+    _assert_same(laws.Dahl(sigma=sigma).features(PATH)[:, 0], expected[0], 1e-7)
+
+
+@pytest.mark.parametrize(
+    ("gamma", "delta", "nu", "tolerance"),
+    [
+        (0.8, -1.1, 1.0, 1e-10),  # the published benchmark
+        (0.5, 0.5, 1.0, 1e-10),
+        (0.5, -0.5, 1.0, 1e-10),
+        (0.3, 0.9, 1.0, 1e-10),
+        (0.6, 0.4, 2.0, 1e-7),
+        (0.7, -0.2, 1.5, 1e-7),
+        (0.8, -0.7, 3.0, 1e-7),
+        (0.4, 0.7, 4.0, 1e-7),
+    ],
+)
+def test_bouc_wen_follows_the_published_equation(gamma, delta, nu, tolerance):
+    alpha, beta = 5e4, 1e3 if nu == 1.0 else (1.0 / 40.0) ** nu * 5e4  # bends at about 40 N
+
+    def published(t, z):
+        v = _rate(t)
+        return alpha * v - beta * (gamma * abs(v) * abs(z) ** (nu - 1.0) * z + delta * v * abs(z) ** nu)
+
+    law = laws.BoucWen(
+        beta=(beta * gamma * alpha ** (nu - 1.0)) ** (1.0 / nu), rho=delta / gamma, n=nu, alpha=alpha
+    )
+    _assert_same(law.force(PATH), _reference(published)[0], tolerance)
+
+
+@pytest.mark.parametrize("n", [1.0, 1.3, 2.0, 4.0])
+@pytest.mark.parametrize("rho", [-2.0, -1.0, -0.4, 0.0, 1.0, 1.6])
+def test_bouc_wen_takes_any_step_however_long(n, rho):
+    # one long stroke and the same in ten thousand parts; dx = dy / (1 - (1 + rho) y^n) where it stays finite
+    law = laws.BoucWen(beta=1.0, rho=rho, n=n)
+    for s in (np.linspace(0.0, 50.0, 2), np.linspace(0.0, 50.0, 10001)):
+        v = np.ones_like(s)
+        there = law.features(Motion(s, v, t=s))[-1, 0]
+        state = np.array([there])
+        back = law.features(Motion(s[::-1], -v, t=s), state)[-1, 0]
+        assert np.isfinite([there, back]).all()
+        if rho > -1.0:
+            assert there == pytest.approx((1.0 + rho) ** (-1.0 / n), rel=1e-6)
+            if rho <= 1.0 or there < (rho - 1.0) ** (-1.0 / n):
+                assert back == pytest.approx(-there, rel=1e-6)
+        elif rho == -1.0:
+            assert there == pytest.approx(50.0, rel=1e-9)
+        else:
+            assert there == 1e6
+    short = laws.BoucWen(beta=1.0, rho=rho, n=n).features(Motion(np.array([0.0, 0.6]), np.ones(2), t=np.arange(2.0)))
+    y = short[-1, 0]
+    assert quad(lambda x: 1.0 / (1.0 - (1.0 + rho) * x**n), 0.0, y)[0] == pytest.approx(0.6, rel=1e-6)
+
+
+@pytest.mark.parametrize(("sigma0", "sigma1", "vs", "level"), [(1e5, 300.0, 5e-3, 1.5), (2e4, 0.0, 2e-2, 2.5)])
+def test_lugre_follows_its_authors(sigma0, sigma1, vs, level):
+    Fc = 20.0
+
+    def bristle(t, z):
+        v = _rate(t)
+        return v - sigma0 * abs(v) / (Fc + Fc * (level - 1.0) * np.exp(-((v / vs) ** 2))) * z
+
+    z = _reference(bristle)[0]
+    expected = sigma0 * z + sigma1 * np.array([bristle(t, x) for t, x in zip(T, z, strict=True)])
+    law = laws.LuGre(sigma=sigma0 / Fc, vs=vs, ratio=level, Fc=Fc, sigma1=sigma1)
+    _assert_same(law.force(PATH), expected, 2e-4)
+    t = np.arange(0.0, 2.0 + 5e-6, 1e-5)
+    fine = Motion(_drift(t) - _drift(0.0), _rate(t), _acceleration(t), t)
+    _assert_same(law.force(fine)[::50], expected, 1e-5)
+
+
+@pytest.mark.parametrize("tau", [1e-4, 0.005, 0.03, 5.0])
+def test_maxwell_branch_relaxes(tau):
+    expected = _reference(lambda t, z: _rate(t) - z / tau)
+    _assert_same(laws.MaxwellBranch(tau=tau).features(PATH)[:, 0], expected[0], 2e-5 if tau < 1e-3 else 1e-7)
+
+
+@pytest.mark.parametrize("uy", [1e-4, 7e-4, 2e-3])
+def test_jenkins_is_the_stop_operator(uy):
+    t = np.linspace(0.0, T[-1], 20 * (T.size - 1) + 1)
+    play = 0.0
+    plays = np.empty(t.size)
+    for i, s in enumerate(_drift(t) - _drift(0.0)):  # Prandtl's play, sample by sample
+        play = min(max(play, s - uy), s + uy)
+        plays[i] = play
+    stop = (_drift(t) - _drift(0.0) - plays)[::20] / uy
+    _assert_same(laws.Jenkins(uy=uy).features(PATH)[:, 0], stop, 1e-5)
+    iwan = laws.Iwan(uy=uy, ratio=2.5).features(PATH)
+    assert np.array_equal(iwan[:, 0], laws.Jenkins(uy=uy).features(PATH)[:, 0])
+    assert np.allclose(iwan[:, 1], laws.Jenkins(uy=2.5 * uy).features(PATH)[:, 0], rtol=0, atol=1e-12)
+
+
+def test_covariate_lags_by_its_time_constant():
+    tau = 0.02
+    run = solve_ivp(
+        lambda t, w: (1.0 + np.sin(7.0 * t) - w) / tau, (0.0, T[-1]), [1.0], "DOP853", T, rtol=1e-11, atol=1e-13
+    )
+    motion = Motion(PATH.s, PATH.v, PATH.a, T, {"voltage": 1.0 + np.sin(7.0 * T)})
+    columns = laws.LaggedCovariateFriction(tau=tau).features(motion)
+    _assert_same(columns[:, 2], run.y[0] * PATH.v, 1e-3)
+    later = T > 10 * tau
+    _assert_same(columns[later, 2], (run.y[0] * PATH.v)[later], 1e-5)
+    both = laws.CovariateDahl(sigma=3e3, tau=tau).features(motion)
+    assert np.allclose(both[:, 0], laws.Dahl(sigma=3e3).features(PATH)[:, 0], rtol=0, atol=1e-12)
+    _assert_same(both[:, 1], both[:, 0] * run.y[0], 1e-3)
+    fast = laws.LaggedCovariateFriction(tau=1e-6).features(motion)
+    _assert_same(fast, laws.CovariateFriction().features(motion), 5e-3)
+
+
+# -- numbers an engineer knows --------------------------------------------------------------------
+
+
+def _cycle(amplitude, omega, n=20000, cycles=1):
+    t = np.arange(cycles * n + 1) * (2 * np.pi / omega / n)
+    s = amplitude * np.sin(omega * t)
+    return Motion(s, amplitude * omega * np.cos(omega * t), -(omega**2) * s, t)
+
+
+def _loss(law, motion):
+    """Energy taken out over the last cycle, J."""
+    last = slice(-20001, None)
+    return np.trapezoid((law.force(motion) * motion.v)[last], motion.t[last])
+
+
+@pytest.mark.parametrize(
+    ("law", "expected"),
+    [
+        (laws.CoulombFriction(Fc=20.0), 4 * 20.0 * 0.01),
+        (laws.AsymmetricFriction(Fp=17.0, Fm=23.0), 2 * (17.0 + 23.0) * 0.01),
+        (laws.QuadraticDamping(c2=30.0), 8 / 3 * 30.0 * 12.0**2 * 0.01**3),
+        (laws.DisplacementDependentDamping(c=1e4), math.pi / 4 * 1e4 * 12.0 * 0.01**4),
+        (
+            laws.PowerLawDamping(n=0.5, cn=100.0),
+            100.0 * 2 * math.sqrt(math.pi) * math.gamma(1.25) / math.gamma(1.75) * 0.12**1.5 / 12.0,
+        ),
+        (laws.ShiftedFriction(kappa=5.0, Fc=20.0), 4 * 20.0 * 0.01 / math.hypot(1.0, 5.0 / 12.0)),
+        (laws.Jenkins(uy=0.002, Fy=20.0), 4 * 20.0 * (0.01 - 0.002)),
+        (laws.Iwan(uy=0.002, ratio=3.0, F1=5.0, F2=7.0), 4 * 5.0 * 0.008 + 4 * 7.0 * 0.004),
+        (laws.MaxwellBranch(tau=0.05, k=1e5), math.pi * 1e5 * 0.01**2 * (12 * 0.05) / (1 + (12 * 0.05) ** 2)),
+    ],
+    ids=lambda x: getattr(x, "name", ""),
+)
+def test_energy_lost_in_a_cycle(law, expected):
+    assert _loss(law, _cycle(0.01, 12.0, cycles=8 if law.has_memory else 1)) == pytest.approx(expected, rel=1e-4)
+
+
+def test_friction_slides_at_its_level():
+    s = np.linspace(0.0, 0.1, 2001)
+    v = np.full_like(s, 0.01)
+    sliding = Motion(s, v, 0 * s, s / 0.01)
+    stribeck = laws.StribeckFriction(vs=0.02, Fc=10.0, dF=6.0)
+    assert stribeck.force(sliding)[-1] == pytest.approx(10.0 + 6.0 * math.exp(-0.5))
+    lugre = laws.LuGre(sigma=1e4, vs=0.02, ratio=1.6, Fc=10.0, sigma1=50.0)
+    assert lugre.force(sliding)[-1] == pytest.approx(10.0 + 6.0 * math.exp(-0.25))
+    creeping = Motion(s * 1e-3, v * 1e-6, 0 * s, s / 0.01 * 1e3)
+    assert laws.StribeckFriction(vs=0.02, Fc=10.0, dF=6.0).force(creeping)[0] == pytest.approx(16.0)
+
+
+def test_laws_that_are_special_cases_of_each_other():
+    motion = Motion(PATH.s, PATH.v, PATH.a, T, {"vg": 0 * T})
+
+    def column(law, k=0):
+        return law.features(motion)[:, k]
+
+    assert np.allclose(column(laws.PowerLawDamping(n=2.0)), column(laws.QuadraticDamping()), rtol=1e-12)
+    assert np.allclose(column(laws.PowerLawDamping(n=1.0)), column(laws.LinearViscous()), rtol=1e-12)
+    assert np.array_equal(column(laws.GroundFriction()), column(laws.CoulombFriction()))
+    both = column(laws.OneSidedGap(gap=3e-4)) + column(laws.OneSidedGap(gap=3e-4, side=-1))
+    assert np.array_equal(both, column(laws.TwoSidedGap(gap=3e-4)))
+    assert np.array_equal(column(laws.DeadZone(gap=3e-4, centre=0.0)), column(laws.TwoSidedGap(gap=3e-4)))
+    moving = (np.abs(PATH.v) > 1e-4) & (T > 0)
+    assert np.allclose(column(laws.Dahl(sigma=1e10))[moving], column(laws.CoulombFriction())[moving], atol=1e-9)
+    dahl = column(laws.Dahl(sigma=2e3))
+    assert np.allclose(column(laws.LuGre(sigma=2e3, vs=1e-2, ratio=1.0)), dahl, atol=1e-12)
+    assert np.allclose(2e3 * column(laws.BoucWen(beta=2e3, rho=0.0, n=1.0)), dahl, atol=1e-12)
+    assert np.array_equal(column(laws.AddedMass()), PATH.a)
+
+
+def test_forces_act_where_they_should():
+    s = np.array([-3.0, -1.5, 0.0, 1.5, 3.0]) * 1e-3
+    motion = Motion(s, 0 * s, 0 * s, np.arange(5.0), {"ag": np.arange(5.0)})
+    expected = {
+        laws.OneSidedGap(gap=1e-3, k=2e3): [0, 0, 0, 1.0, 4.0],
+        laws.OneSidedGap(gap=1e-3, k=2e3, side=-1): [-4.0, -1.0, 0, 0, 0],
+        laws.TwoSidedGap(gap=1e-3, k=2e3): [-4.0, -1.0, 0, 1.0, 4.0],
+        laws.DeadZone(gap=2e-3, centre=0.5, k=2e3): [-4.0, -1.0, 0, 0, 0],
+        laws.Bilinear(dk=1e3): [0, 0, 0, 1.5, 3.0],
+        laws.StiffnessStep(t0=2.5, dk=1e3): [0, 0, 0, 1.5, 3.0],
+        laws.StiffnessDrift(kt=1e3): [0, -1.5, 0, 4.5, 12.0],
+        laws.HarmonicForce(frequency=0.25, A=3.0, B=4.0): [3.0, 4.0, -3.0, -4.0, 3.0],
+        laws.BaseMotion(m=2.0): [0, 2.0, 4.0, 6.0, 8.0],
+    }
+    for law, force in expected.items():
+        assert np.allclose(law.force(motion), force, rtol=0, atol=1e-12), law
+
+
+def test_a_hardening_bouc_wen_stays_finite_and_comes_back():
+    t = np.linspace(0.0, 20.0, 20001)
+    motion = Motion(np.sin(t), np.cos(t), -np.sin(t), t)
+    for n in (1.0, 2.5):
+        force = laws.BoucWen(beta=800.0, rho=-1.4, n=n, alpha=5e4).force(motion)
+        assert np.isfinite(force).all() and np.abs(force).max() <= 5e4 * 1e6 / 800.0
+        assert (np.diff(np.sign(force[force != 0.0])) != 0).sum() >= 5  # it follows the motion to the other side
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: laws.OneSidedGap(side=2), "side=2"),
+        (lambda: laws.CovariateFriction(covariate=3), "covariate=3"),
+        (lambda: laws.Jenkins(uy=-0.1), "uy=-0.1 is not positive"),
+        (lambda: laws.BoucWen(beta=float("nan")), "beta"),
+        (lambda: laws.from_dict({"law": "jenkins", "shape": {"no": 1.0}}), "no shape parameter 'no'"),
+        (lambda: laws.MaxwellBranch(tau=0.1).features(Motion(PATH.s, PATH.v)), "time"),
+    ],
+)
+def test_wrong_parameters_are_named(make, words):
+    with pytest.raises(LawError, match=words):
+        make()
+
+
+# -- the law in a free run ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("law", VARIANTS, ids=repr)
+def test_features_match_the_simulation(law):
+    """m a + k s + c v + R = F closes on a simulated record, with R from the law's own columns."""
+    from types import SimpleNamespace
+
+    from pysindy_nrf import Chain, Site
+    from pysindy_nrf.simulation import simulate
+
+    t = np.arange(4001) / FS
+    F = 60.0 * np.sin(8.0 * t) + 40.0 * np.sin(26.0 * t + 1.0)
+    units = law.covariate_units or ("",)
+    inputs = {c: 1.5 + np.sin(3 * t) if units[0] == "[u]" else 0.05 * np.sin(3 * t) for c in law.covariates}
+    bounds = {p.name: p.bounds(drift=0.01, rate=0.09, duration=t[-1]) for p in law.shapes}
+    law = law.with_values(shape={p.name: math.sqrt(math.prod(bounds[p.name])) if p.log else 0.45 for p in law.shapes})
+    cycle = Motion(0.01 * np.sin(9 * t), 0.09 * np.cos(9 * t), -0.81 * np.sin(9 * t), t, inputs)
+    peak = np.abs(law.features(cycle)).max(axis=0)
+    law = law.with_values(5.0 / len(peak) / np.where(peak > 0, peak, 1.0))
+    site = Site("storey 1") if "link" in law.acts_at else Site("dof 1")
+    held = {Site("storey 1"): (laws.LinkSpringDashpot(k=1e4, c=60.0),)}
+    held[site] = (*held.get(site, ()), law)
+    model = SimpleNamespace(chain=Chain(1), masses=[10.0], laws=held)
+    run = simulate(model, F[:, None], 1 / FS, covariates=inputs or None, hold="cubic")
+    s, v, a = run.displacement[:, 0], run.velocity[:, 0], run.acceleration[:, 0]
+    expected = F - 10.0 * a - 1e4 * s - 60.0 * v
+    moving = v != 0.0  # where friction sticks, its force is what equilibrium asks for
+    assert moving.sum() > 3900
+    found = law.force(Motion(s, v, a, t, inputs))
+    tolerance = 1e-3 if law.covariates and law.has_memory else 1e-4 if law.has_memory else 1e-11
+    gap = np.abs(found - expected)[moving].max() / np.abs(expected).max()
+    assert gap < tolerance, f"largest difference {gap:.1e} of the peak"

@@ -16,7 +16,7 @@ from scipy import linalg
 
 from .exceptions import IdentifiabilityError, RankWarning
 from .identifiability import Step, Walk
-from .layout import Layout
+from .layout import Group, Layout
 from .moments import Block, Moments, accumulate
 from .sites import Site
 
@@ -81,6 +81,22 @@ class Solution:
         )
 
 
+def groups_of(layout: Layout, walk: Walk) -> list[Group]:
+    """Groups of columns a walk needs: every balance, and the sums of balances it solves.
+
+    Parameters
+    ----------
+    layout : Layout
+    walk : Walk
+
+    Returns
+    -------
+    list of Group
+    """
+    sums = [step.dofs for step in walk.steps if len(step.dofs) > 1] if walk.strategy != "joint" else []
+    return [layout.group(dofs) for dofs in dict.fromkeys([*((j,) for j in range(1, layout.n_dof + 1)), *sums])]
+
+
 def solve_blocks(
     layout: Layout,
     walk: Walk,
@@ -104,12 +120,10 @@ def solve_blocks(
     -------
     Solution, Moments
     """
-    groups = {step.dofs: layout.group(step.dofs) for step in walk.steps if step.dofs} if walk.strategy != "joint" else {}
-    for j in range(1, layout.n_dof + 1):
-        groups.setdefault((j,), layout.group((j,)))
+    groups = groups_of(layout, walk)
 
     def run(kind: str) -> tuple[Solution, Moments]:
-        moments = accumulate(Moments(layout, list(groups.values()), kind, dict(known_masses or {})), blocks())
+        moments = accumulate(Moments(layout, groups, kind, dict(known_masses or {})), blocks())
         return solve(moments, walk, known_masses, inner, names), moments
 
     try:

@@ -7,7 +7,7 @@ chunks, records, folds and workers are all the same thing.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -253,6 +253,52 @@ class Moments:
         for dofs, part in self.parts.items():
             part.merge(other.parts[dofs])
         self.n_samples += other.n_samples
+        return self
+
+    @classmethod
+    def from_gram(
+        cls,
+        layout: Layout,
+        groups: Sequence[Group],
+        gram: Callable[[tuple[int, ...]], tuple[np.ndarray, int]],
+        known_masses: dict[int, float] | None = None,
+    ) -> Moments:
+        """Moments cut out of one Gram matrix of all columns ``[terms | a_1..a_n | F_1..F_n]``.
+
+        Parameters
+        ----------
+        layout : Layout
+        groups : sequence of Group
+        gram : callable
+            From the DOFs of a group to the Gram matrix of the samples in which their forces are known,
+            and the number of these samples.
+        known_masses : mapping of int to float, optional
+
+        Returns
+        -------
+        Moments
+        """
+        self = cls(layout, [], "gram", known_masses)
+        k, n = layout.n_terms, layout.n_dof
+        for group in groups:
+            matrix, size = gram(group.dofs)
+            index = [i for s in group.sites for i in range(layout.slices[s].start, layout.slices[s].stop)]
+            if len(group.dofs) == 1:
+                j = group.dofs[0] - 1
+                index += [k + j, k + n + j]
+                part = GroupMoments(0)
+                part.matrix = matrix[np.ix_(index, index)]
+            else:
+                combine = np.zeros((len(matrix), len(index) + 1))
+                combine[index, np.arange(len(index))] = 1.0
+                for j in group.dofs:
+                    combine[k + n + j - 1, -1] = 1.0
+                    combine[k + j - 1, -1] = -self.known_masses[j]
+                part = GroupMoments(0)
+                part.matrix = combine.T @ matrix @ combine
+            part.n_samples = size
+            self.groups[group.dofs], self.parts[group.dofs] = group, part
+            self.n_samples = max(self.n_samples, size)
         return self
 
     def positions(self, dofs: tuple[int, ...]) -> tuple[dict, int | None, int]:

@@ -1,0 +1,124 @@
+"""Which laws are tried, and where."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from .. import laws
+from ..chain import Chain
+from ..exceptions import LawError
+from ..laws.base import ForceLaw
+from ..sites import Site
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A law at a site, its shape parameters still free.
+
+    Attributes
+    ----------
+    law : ForceLaw
+    site : Site
+    """
+
+    law: ForceLaw
+    site: Site
+
+    @property
+    def name(self) -> str:
+        """Law and site in words."""
+        return f"{self.law.name} at {self.site}"
+
+
+def default_catalogue(covariates: Sequence[str] = ()) -> list[ForceLaw]:
+    """All laws of the package that can be an undeclared effect.
+
+    Parameters
+    ----------
+    covariates : sequence of str
+        Further channels of the records; laws that a covariate drives are tried with each.
+
+    Returns
+    -------
+    list of ForceLaw
+        Without values.
+    """
+    plain: list[ForceLaw] = [
+        laws.CoulombFriction(), laws.AsymmetricFriction(), laws.StribeckFriction(), laws.ShiftedFriction(),
+        laws.QuadraticDamping(), laws.PowerLawDamping(), laws.DisplacementDependentDamping(),
+        laws.QuadraticStiffness(), laws.AbsoluteQuadraticStiffness(), laws.CubicStiffness(), laws.QuinticStiffness(),
+        laws.OneSidedGap(), laws.OneSidedGap(side=-1), laws.TwoSidedGap(), laws.DeadZone(), laws.Bilinear(),
+        laws.Jenkins(), laws.Iwan(), laws.Dahl(), laws.LuGre(), laws.BoucWen(), laws.MaxwellBranch(),
+        laws.StiffnessStep(), laws.StiffnessDrift(), laws.DampingDrift(), laws.Inerter(),
+        laws.HarmonicForce(), laws.ConstantForce(), laws.AddedMass(), laws.LinkSpringDashpot(),
+    ]
+    for name in covariates:
+        if name == "ag":
+            plain.append(laws.BaseMotion(covariate=name))
+        elif name == "vg":
+            plain.append(laws.GroundFriction(covariate=name))
+        else:
+            plain += [laws.CovariateFriction(covariate=name), laws.LaggedCovariateFriction(covariate=name), laws.CovariateDahl(covariate=name)]
+    return plain
+
+
+def as_laws(catalogue: Iterable[Any] | None, covariates: Sequence[str]) -> list[ForceLaw]:
+    """The catalogue a user passed, or the default one.
+
+    Parameters
+    ----------
+    catalogue : iterable of ForceLaw or of ForceLaw classes, optional
+    covariates : sequence of str
+
+    Returns
+    -------
+    list of ForceLaw
+    """
+    if catalogue is None:
+        return default_catalogue(covariates)
+    chosen = []
+    for item in catalogue:
+        law = item() if isinstance(item, type) and issubclass(item, ForceLaw) else item
+        if not isinstance(law, ForceLaw):
+            raise LawError(f"The catalogue holds {item!r}, which is not a force law", "Use those of pysindy_nrf.laws, or your own.")
+        chosen.append(law)
+    return chosen
+
+
+def candidates(catalogue: Iterable[ForceLaw], chain: Chain, known_masses: Iterable[int], covariates: Sequence[str]) -> Iterator[Candidate]:
+    """Every law at every site where it makes sense.
+
+    Parameters
+    ----------
+    catalogue : iterable of ForceLaw
+    chain : Chain
+    known_masses : iterable of int
+        An added mass can only be told from a mass that is known.
+    covariates : sequence of str
+        Channels that the records have.
+
+    Yields
+    ------
+    Candidate
+    """
+    n = chain.n_dof
+    grounds = [Site(f"ground {j}") for j in range(2, n + 1)]
+    skips = [Site(f"link {p}-{q}") for p in range(3, n + 1) for q in range(1, p - 1)]
+    known = set(known_masses)
+    for law in catalogue:
+        if any(name not in covariates for name in law.covariates):
+            continue
+        if law.family == "link":
+            places = [s for s in grounds + skips if s not in chain.sites]
+        elif law.family == "inertia":
+            places = [Site(f"dof {j}") for j in sorted(known)] if "dof" in law.acts_at else list(chain.sites)
+        elif "link" in law.acts_at:
+            places = list(chain.sites)
+            if law.family == "friction":
+                places += [s for s in grounds if s not in chain.sites]
+        else:
+            places = [Site(f"dof {j}") for j in range(1, n + 1)]
+        for site in places:
+            yield Candidate(law, site)

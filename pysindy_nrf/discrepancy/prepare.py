@@ -1,0 +1,138 @@
+"""From what a user passes to the loop to fused records, ready to be searched."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..exceptions import ChannelError
+from ..kinematics import to_features
+from ..record import Record
+from ..segments import SegmentSet, from_arrays
+from ..signals.kinematic_smoother import KinematicSmoother
+
+# Noise of every channel, as a share of its rms, below which the channels are taken as they are.
+CLEAN = 0.004
+
+
+@dataclass
+class Prepared:
+    """Fused records.
+
+    Attributes
+    ----------
+    records : list of Record
+        As measured.
+    data : SegmentSet
+        Fused; the base motion stands among the covariates as ``ag`` and ``vg``.
+    noise : list of dict
+        Estimated noise of each channel of each record, SI rms.
+    heldout : list of int or None
+        Numbers of the records held out whole.
+    """
+
+    records: list[Record]
+    data: SegmentSet
+    noise: list[dict[str, float]] = field(default_factory=list)
+    heldout: list[int] | None = None
+
+
+def prepare(records: Any, heldout: Any = None) -> Prepared:
+    """Fuse the channels of every record.
+
+    Parameters
+    ----------
+    records : Record or sequence of Record
+    heldout : Record or sequence of Record, optional
+        Further records that nothing but the last line may see.
+
+    Returns
+    -------
+    Prepared
+
+    Raises
+    ------
+    ChannelError
+        If something else than records is given, or they are not of one chain.
+    """
+    mine, kept = as_records(records, "records"), as_records(heldout, "heldout")
+    if not mine:
+        raise ChannelError("There is no record to search", "Pass a Record or a list of them.")
+    every = [*mine, *kept]
+    n = every[0].n_dof
+    segments, noise, at = [], [], 0
+    for rec in every:
+        if rec.n_dof != n:
+            raise ChannelError(f"Record {rec.name!r} has {rec.n_dof} DOFs, {n} are needed", "Give records of one chain.")
+        smoother = KinematicSmoother()
+        X, F = to_features(rec, smoother)
+        levels = {str(k): float(v) for k, v in smoother.noise_.items()}
+        if _is_clean(rec, levels):
+            X, F = to_features(rec, False)
+        noise.append(levels)
+        piece = from_arrays(
+            X, F, base_acceleration=_base_acceleration(rec), covariates=_covariates(rec)
+        ).segments[0]
+        piece.name, piece.rows = rec.name, slice(at, at + len(X))
+        at += len(X)
+        segments.append(piece)
+    held = list(range(len(mine), len(every))) if kept else None
+    return Prepared(every, SegmentSet(segments, at), noise, held)
+
+
+def as_records(records: Any, name: str) -> list[Record]:
+    """A list of records, or an error."""
+    if records is None:
+        return []
+    if isinstance(records, Record):
+        return [records]
+    if isinstance(records, Sequence) and all(isinstance(r, Record) for r in records):
+        return list(records)
+    raise ChannelError(f"{name} holds something that is not a Record", "Build them with Record(...) or Record.from_frame(df).")
+
+
+def _is_clean(record: Record, noise: dict[str, float]) -> bool:
+    """Whether every motion is measured, and the channels of each DOF contradict each other by next to nothing.
+
+    Nothing is then to be gained by fusion, and jumps of the acceleration stay as sharp as they are.
+    """
+    channels = record.channels()
+    wanted = [f"{kind}{j}" for kind in "avx" for j in range(1, record.n_dof + 1)]
+    if any(name not in channels for name in wanted):
+        return False
+    return all(noise.get(name, np.inf) <= CLEAN * np.nanstd(channels[name]) for name in wanted)
+
+
+def _base_acceleration(record: Record) -> np.ndarray | None:
+    if record.base_acceleration is not None:
+        return record.base_acceleration
+    line = record.base_velocity if record.base_velocity is not None else record.base_displacement
+    if line is None:
+        return None
+    from ..signals import differentiate
+
+    return differentiate(line, record.dt, order=1 if record.base_velocity is not None else 2)
+
+
+def _covariates(record: Record) -> dict[str, np.ndarray]:
+    """Measured covariates, and the motion of the base by the names ``ag`` and ``vg``."""
+    out = dict(record.covariates)
+    if not record.base_moves:
+        return out
+    ag = _base_acceleration(record)
+    assert ag is not None
+    out.setdefault("ag", ag)
+    if record.base_velocity is not None:
+        out.setdefault("vg", record.base_velocity)
+    elif record.base_displacement is not None:
+        from ..signals import differentiate
+
+        out.setdefault("vg", differentiate(record.base_displacement, record.dt))
+    else:
+        from ..signals import integrate
+
+        out.setdefault("vg", integrate(ag, record.dt))
+    return out

@@ -1,0 +1,201 @@
+"""The report of the loop: steps, table, reason to stop, model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ..errors import balance_errors
+from ..exceptions import NRFError
+from ..model import ChainModel
+from ..sites import Site
+from ..visited import VisitedRegion
+from .free_run import free_run_error
+from .search import Finding
+from .workspace import Trial, Workspace
+
+
+@dataclass
+class Scene:
+    """A model on the way: its laws and its validation errors."""
+
+    name: str
+    trial: Trial
+    folds: np.ndarray
+
+
+@dataclass
+class Step:
+    """One accepted effect.
+
+    Attributes
+    ----------
+    law, family : str
+        E.g. ``"coulomb_friction"`` of the family ``"friction"``.
+    site : str
+        In the grammar of :class:`pysindy_nrf.Site`.
+    parameters : dict
+        Coefficients by symbol and shape parameters by name, SI units, in the final model.
+    alternatives : list of str
+        Other families the data cannot tell from this one (at most two, three with its own).
+    error_before, error_after : float
+        Pooled balance error on the held-out data, percent NRMSE.
+    validation_before, validation_after : float
+        Median over the search blocks, each judged after fitting to the others.
+    gain, wins, null_gain : float
+        Fall of the median, share of blocks won, largest gain on surrogates without the effect.
+    noise_floor : float
+        Median error that noise alone leaves, percent; NaN if no surrogate could be run.
+    remainder : float
+        Share of the effect (noise taken off) that stays unexplained.
+    sure : bool
+        Whether the remainder is small enough for the name to be sure.
+    evidence : str
+    tied, runners_up : list of (law, site, validation error)
+    """
+
+    law: str
+    family: str
+    site: str
+    shape: dict[str, float | None] = field(default_factory=dict)
+    parameters: dict[str, float | None] = field(default_factory=dict)
+    alternatives: list[str] = field(default_factory=list)
+    error_before: float = float("nan")
+    error_after: float = float("nan")
+    free_run_before: float = float("nan")
+    free_run_after: float = float("nan")
+    validation_before: float = float("nan")
+    validation_after: float = float("nan")
+    gain: float = 0.0
+    wins: float = 0.0
+    null_gain: float = 0.0
+    noise_floor: float = float("nan")
+    remainder: float = 0.0
+    sure: bool = True
+    evidence: str = ""
+    tied: list[tuple[str, str, float]] = field(default_factory=list)
+    runners_up: list[tuple[str, str, float]] = field(default_factory=list)
+
+    @property
+    def sentence(self) -> str:
+        """The step in words."""
+        values = ", ".join(f"{k} = {v:.4g}" for k, v in self.parameters.items() if v is not None)
+        name = f"{self.law} at {self.site}" if self.sure else f"closest law {self.law} at {self.site}, unexplained remainder {100 * self.remainder:.0f} %"
+        text = f"{name} ({values}): {self.evidence}; held-out balance error {self.error_before:.3g} to {self.error_after:.3g} %."
+        if self.alternatives:
+            text += f" The data cannot tell it from: {', '.join(self.alternatives)}."
+        return text
+
+
+@dataclass
+class LoopReport:
+    """What the loop found.
+
+    Attributes
+    ----------
+    steps : list of Step
+    table : DataFrame
+        One row for the baseline and each step: search, validation, held-out balance error, per
+        balance and pooled, and free-run error, percent NRMSE; the band.
+    stopped_because : str
+    model : ChainModel
+        With the effects in it, fitted to the search data.
+    band : tuple or None
+        Hz.
+    """
+
+    steps: list[Step]
+    table: pd.DataFrame
+    stopped_because: str
+    model: ChainModel
+    band: Any = None
+    candidates: pd.DataFrame = field(default_factory=pd.DataFrame)
+    models: list[ChainModel] = field(default_factory=list)
+
+    @classmethod
+    def assemble(
+        cls, work: Workspace, scenes: Sequence[Scene], steps: list[Step], stopped: str, ranking: Sequence[Finding], band: Any, ready: Any, baseline: Any
+    ) -> LoopReport:
+        """Fit every scene to the search data and read the held-out data, once, at the end."""
+        from .loop import model_of
+
+        search = range(len(work.search))
+        held = range(len(work.search), len(work.blocks))
+        rows, models = {}, []
+        for scene in scenes:
+            trial = scene.trial
+            solution = trial.solve(search)
+            model = model_of(trial, solution)
+            models.append(model)
+            errors = balance_errors(model, trial.moments(held))["error"]
+            row = {
+                "search": trial.error(solution, search),
+                "validation": float(np.median(scene.folds)),
+                "held-out": float(errors["pooled"]),
+                "free run": free_run_error(model, work, work.held),
+                **{f"held-out {name}": float(e) for name, e in errors.items() if name != "pooled"},
+            }
+            rows[scene.name if scene.name not in rows else f"{scene.name} ({len(rows)})"] = row
+        table = pd.DataFrame.from_dict(rows, orient="index")
+        table["band"] = "full" if band is None else f"{band[0] or 0:g}-{band[1] if band[1] is not None else np.inf:g} Hz"
+        model = models[-1]
+        for site in model.laws:
+            try:
+                motions = work.motions(site)
+            except (NRFError, IndexError):
+                continue
+            model.visited[Site(site)] = VisitedRegion.of(np.concatenate([m.v for m in motions]), np.concatenate([m.s for m in motions]))
+        model.info = {"band": None if band is None else list(band), "steps": [s.law + " at " + s.site for s in steps], "stopped_because": stopped}
+        for step, before, after in zip(steps, table.index, table.index[1:]):
+            step.error_before, step.error_after = float(table.loc[before, "held-out"]), float(table.loc[after, "held-out"])
+            step.free_run_before, step.free_run_after = float(table.loc[before, "free run"]), float(table.loc[after, "free run"])
+            for law in model.laws.get(Site(step.site), ()):
+                if law.name == step.law:
+                    step.parameters = law.parameters
+            if not step.parameters:
+                step.parameters = next(
+                    (law.parameters for m in models for law in m.laws.get(Site(step.site), ()) if law.name == step.law), {}
+                )
+        listed = pd.DataFrame(
+            [[f.law.name, f.law.family, str(f.site), f.error] for f in ranking], columns=["law", "family", "site", "validation error (%)"]
+        )
+        return cls(steps, table, stopped, model, band, listed, models)
+
+    def __str__(self) -> str:
+        lines = [f"{i}. {step.sentence}" for i, step in enumerate(self.steps, 1)] or ["No effect was added."]
+        return "\n".join([*lines, f"Stopped: {self.stopped_because}."])
+
+    def to_markdown(self) -> str:
+        """The report as Markdown.
+
+        Returns
+        -------
+        str
+        """
+        columns = ["", *self.table.columns]
+        out = ["# Closing the loop", ""]
+        out += [f"{i}. {step.sentence}" for i, step in enumerate(self.steps, 1)] or ["No effect was added."]
+        out += ["", f"Stopped: {self.stopped_because}.", "", "Errors in percent NRMSE; balance errors (one step) except the free run.", ""]
+        out += ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
+        for name, row in self.table.iterrows():
+            cells = [f"{x:.3g}" if isinstance(x, float) else str(x) for x in row]
+            out.append("| " + " | ".join([str(name), *cells]) + " |")
+        out += ["", "```", str(self.model), "```", ""]
+        return "\n".join(out)
+
+    def to_html(self, path: Any) -> None:
+        """Write the report as one self-contained page.
+
+        Parameters
+        ----------
+        path : path-like
+        """
+        from .._atomic import atomic_write
+        from .page import page
+
+        with atomic_write(path) as file:
+            file.write(page(self))

@@ -99,9 +99,12 @@ def choose(findings: Sequence[Finding]) -> tuple[Finding, list[Finding]]:
     groups: dict[tuple[str, str], list[Finding]] = {}
     for f in findings:
         groups.setdefault((f.law.family, str(f.site)), []).append(f)
-    heads = [min(group, key=lambda f: f.error * (1 + PER_PARAMETER) ** f.n_parameters) for group in groups.values()]
+    def price(f: Finding, share: float) -> float:
+        return (f.error + FLOOR) * (1 + share) ** f.n_parameters
+
+    heads = [min(group, key=lambda f: price(f, PER_PARAMETER)) for group in groups.values()]
     best = min(f.error for f in heads)
-    chosen = min(heads, key=lambda f: f.error * (1 + SIMPLER) ** f.n_parameters)
+    chosen = min(heads, key=lambda f: price(f, SIMPLER))
     tied: dict[str, Finding] = {}
     for f in sorted(findings, key=lambda f: f.error):
         if f.site == chosen.site and f.law.family != chosen.law.family and f.error <= max(chosen.error, best) * (1 + TIE):

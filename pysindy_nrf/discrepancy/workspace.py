@@ -74,8 +74,7 @@ class Workspace:
     def motions(self, site: Site) -> list[Motion]:
         """Motion that a law at a site sees, for each record."""
         if site not in self._motions:
-            drift = Chain(self.n_dof).drift_matrix([site])[0]
-            self._motions[site] = [seg.motion(drift, seg.valid) for seg in self.data.segments]
+            self._motions[site] = [seg.motion(site, seg.valid) for seg in self.data.segments]
         return self._motions[site]
 
     def scales(self, site: Site) -> tuple[float, float, float]:

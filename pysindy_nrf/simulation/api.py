@@ -1,0 +1,249 @@
+"""Free runs: the public functions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ..exceptions import ChannelError, SimulationError
+from ..record import Record
+from ..sites import Site
+from .inputs import finite, initial, input_matrix, polynomials
+
+METHODS = ("default", "rk4", "newmark")
+
+
+@dataclass
+class FreeRun:
+    """A free run with what happened inside.
+
+    Attributes
+    ----------
+    record : Record
+        The motion.
+    states : dict
+        Internal states of laws with memory at the samples by (site, number of the law at the
+        site), each of shape (n_samples, n_states).
+    energy : DataFrame
+        ``input``: work of the applied forces and of the moving base; ``kinetic``; one column for
+        each site: work done on its laws, stored and dissipated. J, indexed by time in s; motion relative to
+        the base. Input = change of kinetic + sites.
+    quality : dict
+        ``steps``, ``rejected`` and ``forced`` (steps accepted at the shortest length although
+        their error is above the tolerance: force laws with jumps).
+    """
+
+    record: Record
+    states: dict[tuple[Site, int], np.ndarray]
+    energy: pd.DataFrame
+    quality: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def energy_gap(self) -> float:
+        """Largest violation of the energy balance as a share of the largest energy."""
+        e = self.energy
+        gap = e["input"] - (e["kinetic"] - e["kinetic"].iloc[0]) - e.iloc[:, 2:].sum(axis=1)
+        return float(gap.abs().max() / max(e.abs().to_numpy().max(), np.finfo(float).tiny))
+
+
+def simulate(
+    model: Any,
+    F: Any,
+    dt: float,
+    *,
+    method: str = "default",
+    x0: Any = None,
+    v0: Any = None,
+    base_acceleration: Any = None,
+    covariates: Mapping[str, Any] | None = None,
+    hold: str = "linear",
+    rtol: float = 1e-10,
+    name: str = "simulation",
+) -> Record:
+    r"""Free run of a chain model under sampled forces.
+
+    .. math:: m_j a_j + R_j - R_{j+1} = F_j
+
+    Parameters
+    ----------
+    model : ChainModel
+        Anything with ``chain``, ``masses`` and ``laws``.
+    F : array-like of shape (n_samples, n_dof)
+        Applied forces, N.
+    dt : float
+        Sampling step, s.
+    method : {"default", "rk4", "newmark"}
+        ``"default"``: Dormand-Prince of order 8 with error control and sub-steps inside each
+        sample interval. ``"rk4"``: one classical fourth-order step for each sample. ``"newmark"``: the paper's
+        average-acceleration Newmark-beta scheme (beta = 1/4, gamma = 1/2) with Newton iterations,
+        one step for each sample; second order.
+    x0, v0 : array-like of shape (n_dof,), optional
+        Initial displacement (m) and velocity (m/s) relative to the base; zero if None.
+    base_acceleration : array-like of shape (n_samples,), optional
+        m/s^2.
+    covariates : mapping of str to array-like of shape (n_samples,), optional
+        Channels that the laws read.
+    hold : {"linear", "zero", "cubic"}
+        Course of forces, base acceleration and covariates between the samples: straight lines,
+        steps, or a cubic spline (for band-limited signals).
+    rtol : float
+        Error of a step of the default method as a share of the largest motion so far.
+    name : str
+        Name of the record.
+
+    Returns
+    -------
+    Record
+        On the clock of F, its first row the initial condition: force, absolute acceleration,
+        velocity and displacement relative to the base. The accelerations follow from the balance at the
+        samples, so that the record closes it to round-off.
+
+    Raises
+    ------
+    ChannelError
+        If a channel has the wrong shape or is not finite.
+    SimulationError
+        If the run diverges; the message says when and where.
+
+    Notes
+    -----
+    Laws with memory are moved by their own ``advance`` along the path. Reversals at their sites, and at
+    sites whose force jumps where the rate changes sign (Coulomb friction), are located and the step is split
+    there. A site with such a jump sticks while its friction can hold it (Filippov's solution): its
+    rate is then exactly zero, and its force is what equilibrium asks for, not a function of the motion.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from types import SimpleNamespace
+    >>> from pysindy_nrf import Chain, Site, laws
+    >>> from pysindy_nrf.simulation import simulate
+    >>> law = laws.PowerSeries(1, [0.0, 1e3])
+    >>> model = SimpleNamespace(chain=Chain(1), masses=[10.0], laws={Site(1): (law,)})
+    >>> rec = simulate(model, np.zeros((101, 1)), dt=0.01, x0=[1e-3])
+    >>> bool(np.allclose(rec.displacement[:, 0], 1e-3 * np.cos(10 * rec.time), atol=1e-11))
+    True
+    """
+    run = _run(model, F, dt, method, x0, v0, base_acceleration, covariates, hold, rtol)
+    return run.record(name)
+
+
+def free_run(model: Any, F: Any, dt: float, **options: Any) -> FreeRun:
+    """Free run with internal states, energies and the quality of the integration.
+
+    Parameters
+    ----------
+    model, F, dt
+        See :func:`simulate`.
+    **options
+        Keyword arguments of :func:`simulate`.
+
+    Returns
+    -------
+    FreeRun
+
+    Raises
+    ------
+    ChannelError, SimulationError
+        As :func:`simulate`.
+    """
+    defaults = dict(
+        method="default", x0=None, v0=None, base_acceleration=None, covariates=None, hold="linear", rtol=1e-10
+    )
+    name = options.pop("name", "simulation")
+    run = _run(model, F, dt, **(defaults | options))
+    out = run.out
+    kinetic = 0.5 * (out.v**2) @ run.masses
+    energy = pd.DataFrame(
+        np.column_stack([out.work[:, 0], kinetic, out.work[:, 1:]]),
+        index=pd.Index(np.arange(len(kinetic)) * dt, name="t"),
+        columns=["input", "kinetic", *map(str, run.layout.sites)],
+    )
+    states = {key: out.z[:, part] for key, part in run.layout.states.items()}
+    return FreeRun(run.record(name), states, energy, run.quality)
+
+
+@dataclass
+class _Run:
+    samples: np.ndarray
+    dt: float
+    masses: np.ndarray
+    layout: Any
+    out: Any
+    base_moves: bool
+    covariates: Mapping[str, Any] | None
+    quality: dict[str, int]
+
+    def record(self, name: str) -> Record:
+        n = len(self.masses)
+        return Record(
+            force=self.samples[:, :n].copy(),
+            acceleration=self.out.a,
+            velocity=self.out.v,
+            displacement=self.out.x,
+            fs=1.0 / self.dt,
+            base_acceleration=self.samples[:, n].copy() if self.base_moves else None,
+            covariates=self.covariates,
+            name=name,
+        )
+
+
+def _run(model, F, dt, method, x0, v0, base_acceleration, covariates, hold, rtol) -> _Run:
+    if method not in METHODS:
+        raise SimulationError(f"method={method!r} is unknown", f"Choose {', '.join(map(repr, METHODS))}.")
+    dt = _positive("dt", dt, "Give the sampling step in s.")
+    rtol = _positive("rtol", rtol, "Give a small positive number, e.g. 1e-10.")
+    n = len(model.masses)
+    force = finite(F, "F", n, "force")
+    if len(force) < 2:
+        raise ChannelError(f"The force has {len(force)} samples", "At least two are needed.")
+    x, v = initial(x0, "x", n, "displacement"), initial(v0, "v", n, "velocity")
+
+    from . import system as flat
+
+    system, layout = flat.flatten(model)
+    samples = input_matrix(force, base_acceleration, covariates, layout.covariates)
+    courses = polynomials(samples, hold if method != "newmark" else "zero")
+    n_sites, n_states = len(layout.sites), sum(s.stop - s.start for s in layout.states.values())
+    rows = len(samples)
+    out = flat.Output(*(np.empty((rows, k)) for k in (n, n, n, n_states, n_sites + 1)))
+    z, w = np.zeros(n_states), flat.room(system)
+    if method == "newmark":
+        from .newmark import newmark
+
+        ended = newmark(system, w, samples, dt, x, v, z, out)
+    else:
+        from .runge_kutta import runge_kutta
+        from .tables import table
+
+        rule = table(method)
+        k = flat.stages(len(rule[1]), n, n_sites, samples.shape[1], n_states)
+        largest = np.abs(samples[:, n + 1 :]).max(axis=0, initial=0.0)
+        jump = flat.jumps(model, layout, largest)
+        ended = runge_kutta(
+            system, w, k, courses, samples, dt, x, v, z, jump, (*rule, rtol, max(rtol, 1e-8)),
+            method == "default", dt / 1024, out,
+        )  # fmt: skip
+    why, interval, dof, steps, rejected, forced = ended
+    if why:
+        raise SimulationError(
+            f"The free run diverges at {interval * dt:.6g} s, at DOF {dof + 1}",
+            "The model is unstable there (a softening or negative term beyond the range it was fitted in), "
+            "or dt is too long for its stiffness: lower the force, the degree or dt.",
+        )
+    quality = {"steps": int(steps), "rejected": int(rejected), "forced": int(forced)}
+    return _Run(samples, dt, system.masses, layout, out, base_acceleration is not None, covariates, quality)
+
+
+def _positive(name: str, value: Any, cure: str) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = np.nan
+    if not np.isfinite(number) or number <= 0:
+        raise SimulationError(f"{name}={value!r} is not a positive number", cure)
+    return number

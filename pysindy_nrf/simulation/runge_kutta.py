@@ -1,0 +1,333 @@
+"""Explicit Runge-Kutta steps between the samples, with located reversals. Compiled."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..laws.compiled import borrow, jit, part
+from .balance import FREE, accelerate, advance_states, inputs_at, relative
+from .system import LOWER, MEMORY, UPPER
+from .views import borrow_stages, borrow_system, borrow_work
+
+# why a run ended
+DONE, DIVERGED = 0, 1
+
+
+@part
+def _attempt(system, regime, polynomials, interval, dt, done, h, x0, v0, z0, a0, tables, x1, v1, z1, k, w):
+    """One step of length h; returns the error over the tolerance (Dormand-Prince 8: Hairer's mix of two).
+
+    ``k.v[stage]``, ``k.a[stage]`` hold the stages and ``k.power`` the power of input and sites.
+    """
+    a_table, b, c, e3, e5, rtol, ztol = tables
+    n, stages = x0.size, b.size
+    t0 = interval * dt + done
+    for stage in range(stages):
+        if stage == 0:
+            for j in range(n):
+                k.v[0, j], k.a[0, j], x1[j], v1[j] = v0[j], a0[j], x0[j], v0[j]
+            inputs_at(polynomials, interval, done / dt, k.row)
+            for i in range(k.force.size):
+                k.force[i] = k.force0[i]
+        else:
+            for j in range(n):
+                dx, dv = 0.0, 0.0
+                for m in range(stage):
+                    if a_table[stage, m] != 0.0:
+                        dx += a_table[stage, m] * k.v[m, j]
+                        dv += a_table[stage, m] * k.a[m, j]
+                x1[j], v1[j] = x0[j] + h * dx, v0[j] + h * dv
+                k.v[stage, j] = v1[j]
+            inputs_at(polynomials, interval, (done + c[stage] * h) / dt, k.row)
+            if z0.size:
+                z1[:] = z0
+                inputs_at(polynomials, interval, (done + 0.5 * c[stage] * h) / dt, k.middle)
+                advance_states(system, x0, v0, x1, v1, z1, c[stage] * h, k.middle, w.u)
+            accelerate(system, regime, t0 + c[stage] * h, k.row, x1, v1, z1, k.a[stage], k.force, w)
+        k.power[stage, 0] = 0.0
+        for j in range(n):
+            k.power[stage, 0] += (k.row[j] - system.masses[j] * k.row[n]) * v1[j]
+        for i in range(k.force.size):
+            k.power[stage, i + 1] = k.force[i] * relative(v1, system.sites[i])
+    x_top, v_top = k.top[0], k.top[1]
+    for j in range(n):
+        dx, dv = 0.0, 0.0
+        for m in range(stages):
+            dx += b[m] * k.v[m, j]
+            dv += b[m] * k.a[m, j]
+        x1[j], v1[j] = x0[j] + h * dx, v0[j] + h * dv
+        x_top, v_top = max(x_top, abs(x1[j])), max(v_top, abs(v1[j]))
+    norm3, norm5 = 0.0, 0.0
+    for j in range(n):
+        x3, v3, x5, v5 = 0.0, 0.0, 0.0, 0.0
+        for m in range(stages):
+            x3 += e3[m] * k.v[m, j]
+            v3 += e3[m] * k.a[m, j]
+            x5 += e5[m] * k.v[m, j]
+            v5 += e5[m] * k.a[m, j]
+        if x_top > 0.0:
+            norm3 += (x3 / x_top) ** 2
+            norm5 += (x5 / x_top) ** 2
+        if v_top > 0.0:
+            norm3 += (v3 / v_top) ** 2
+            norm5 += (v5 / v_top) ** 2
+    error = 0.0
+    if norm5 != 0.0 or norm3 != 0.0:
+        error = h * norm5 / (np.sqrt((norm5 + 0.01 * norm3) * 2.0 * n) * rtol)
+    if z0.size:
+        # states by one step and by two: zero for laws that do not care how fast the path is run
+        for j in range(n):
+            k.x_half[j] = 0.5 * (x0[j] + x1[j]) + 0.125 * h * (v0[j] - v1[j])
+            k.v_half[j] = 1.5 * (x1[j] - x0[j]) / h - 0.25 * (v0[j] + v1[j])
+        k.z_once[:] = z0
+        z1[:] = z0
+        inputs_at(polynomials, interval, (done + 0.5 * h) / dt, k.middle)
+        advance_states(system, x0, v0, x1, v1, k.z_once, h, k.middle, w.u)
+        inputs_at(polynomials, interval, (done + 0.25 * h) / dt, k.middle)
+        advance_states(system, x0, v0, k.x_half, k.v_half, z1, 0.5 * h, k.middle, w.u)
+        inputs_at(polynomials, interval, (done + 0.75 * h) / dt, k.middle)
+        advance_states(system, k.x_half, k.v_half, x1, v1, z1, 0.5 * h, k.middle, w.u)
+        for m in range(z0.size):
+            size = max(abs(z1[m]), k.z_top[m])
+            if size > 0.0:
+                gap = abs(z1[m] - k.z_once[m]) / (size * ztol)
+                # a second-order rule: put its error on the scale of an eighth-order one
+                error = max(error, gap ** (8.0 / 3.0)) if gap == gap else np.nan
+    return error
+
+
+@part
+def _reversal(system, regime, watch, v0, v1, k, stages, v_tol):
+    """First watched site that reverses in the step just tried: site and kind.
+
+    Kinds: 0 none, 1 the rate at the end has the other sign, 2 only stages have (the step is too long).
+    """
+    for i in range(watch.size):
+        if watch[i] and regime[i] != 0:
+            site = system.sites[i]
+            start, end = relative(v0, site), relative(v1, site)
+            sign = 0.0
+            if regime[i] != FREE:
+                sign = float(regime[i])
+            elif abs(start) > v_tol:
+                sign = np.sign(start)
+            if sign != 0.0 and end * sign < -v_tol:
+                return i, 1
+            plus = sign > 0.0 or end > v_tol
+            minus = sign < 0.0 or end < -v_tol
+            for stage in range(1, stages):
+                rate = relative(k.v[stage], site)  # of low order: small excursions mean nothing
+                plus |= rate > 1e5 * v_tol
+                minus |= rate < -1e5 * v_tol
+            if plus and minus:
+                return i, 2
+    return -1, 0
+
+
+@part
+def _locate(system, regime, polynomials, interval, dt, done, h, x0, v0, z0, a0, tables, x1, v1, z1, k, w, i, v_tol):
+    """Length of the step at whose end site i comes to rest: regula falsi (Illinois) on its rate."""
+    site = system.sites[i]
+    low, high = 0.0, h
+    v_low, v_high = relative(v0, site), relative(v1, site)
+    if v_low * v_high >= 0.0:  # a slipping site that starts from rest the wrong way
+        return 1e-9 * dt
+    for _ in range(60):
+        h = (low * v_high - high * v_low) / (v_high - v_low)
+        _attempt(system, regime, polynomials, interval, dt, done, h, x0, v0, z0, a0, tables, x1, v1, z1, k, w)
+        rate = relative(v1, site)
+        if abs(rate) <= v_tol or high - low < 1e-14 * dt:
+            break
+        if (rate > 0.0) == (v_high > 0.0):
+            high, v_high = h, rate
+            v_low *= 0.5
+        else:
+            low, v_low = h, rate
+            v_high *= 0.5
+    return h
+
+
+@part
+def _settle(system, regime, jump, v_tol, t, row, x, v, z, a, force, w):
+    """Decide which sites at rest stick and which slip, and find the accelerations."""
+    for i in range(jump.size):
+        if jump[i] and regime[i] != 0:
+            site = system.sites[i]
+            if abs(relative(v, site)) <= v_tol and regime[i] == FREE:
+                regime[i] = 0
+            elif regime[i] == FREE:
+                regime[i] = 1 if relative(v, site) > 0.0 else -1
+    for _ in range(jump.size + 1):
+        accelerate(system, regime, t, row, x, v, z, a, force, w)
+        changed = False
+        for i in range(jump.size):
+            if jump[i] and regime[i] == 0:
+                if w.jump[i] <= 0.0:
+                    regime[i] = 1 if relative(a, system.sites[i]) > 0.0 else -1
+                    changed = True
+                elif abs(w.share[i]) > 1.0 + 1e-9:
+                    regime[i] = 1 if w.share[i] > 0.0 else -1
+                    changed = True
+        if not changed:
+            break
+
+
+@part
+def _overload(regime, jump, w):
+    """Sticking site that holds more than it can, by how much; -1 if none."""
+    worst, most = -1, 1e-9
+    for i in range(jump.size):
+        if jump[i] and regime[i] == 0 and abs(w.share[i]) - 1.0 > most:
+            worst, most = i, abs(w.share[i]) - 1.0
+    return worst, most
+
+
+def runge_kutta(system, w, k, polynomials, samples, dt, x, v, z, jump, tables, adaptive, smallest, out):
+    """March a system over its samples.
+
+    Parameters
+    ----------
+    system : System
+    w : Work
+    k : Stages
+    polynomials : ndarray of shape (degree + 1, n_samples - 1, n_inputs)
+    samples : ndarray of shape (n_samples, n_inputs)
+    dt : float
+    x, v, z : ndarray
+        Initial condition; moved in place.
+    jump : ndarray of bool, shape (n_sites,)
+    tables : tuple
+        a, b, c, e3, e5 of the rule; tolerances of motion and states.
+    adaptive : bool
+    smallest : float
+        Shortest step, s.
+    out : Output
+
+    Returns
+    -------
+    tuple of int
+        Why it ended, interval, DOF, steps, rejected steps, steps accepted at the shortest length.
+    """
+    n, n_sites, stages = x.size, system.sites.shape[0], tables[1].size
+    watch = np.zeros(n_sites, dtype=np.bool_)
+    for i in range(n_sites):
+        watch[i] = jump[i] or system.sites[i, MEMORY]
+    regime = np.full(n_sites, FREE)
+    a, x1, v1, z1 = np.zeros(n), np.zeros(n), np.zeros(n), z.copy()
+    a1, force1 = np.zeros(n), np.zeros(n_sites)
+    # the caller owns every array: hand them on without counting references
+    x, v, z, samples, polynomials = borrow(x), borrow(v), borrow(z), borrow(samples), borrow(polynomials)
+    system, w, k = borrow_system(system), borrow_work(w), borrow_stages(k)
+    steps, rejected, forced = 0, 0, 0
+    proposal = dt
+    last = samples.shape[0] - 1
+    # motion too small to matter: below it errors are absolute, or round-off would rule the first steps
+    strongest = 0.0
+    for interval in range(last + 1):
+        strongest = max(strongest, abs(samples[interval, n]))
+        for j in range(n):
+            strongest = max(strongest, abs(samples[interval, j]) / system.masses[j])
+    k.top[1] = 1e-4 * dt * strongest
+    k.top[0] = dt * k.top[1]
+    for j in range(n):
+        k.top[0], k.top[1] = max(k.top[0], abs(x[j])), max(k.top[1], abs(v[j]))
+    k.work[:] = 0.0
+    for interval in range(last + 1):
+        v_tol = 1e-11 * k.top[1]
+        k.row[:] = samples[interval]
+        _settle(system, regime, jump, v_tol, interval * dt, k.row, x, v, z, a, k.force0, w)
+        for j in range(n):
+            out.x[interval, j], out.v[interval, j], out.a[interval, j] = x[j], v[j], a[j] + samples[interval, n]
+        for m in range(z.size):
+            out.z[interval, m] = z[m]
+        for m in range(n_sites + 1):
+            out.work[interval, m] = k.work[m]
+        if interval == last:
+            break
+        done, events, crawled, shortest = 0.0, 0, 0, smallest
+        while done < dt:
+            h = min(proposal, dt - done)
+            if dt - done - h < 1e-9 * dt:
+                h = dt - done
+            h_tried = h
+            arrived = -1  # site that comes to rest, or starts to slip, at the end of this step
+            while True:
+                error = _attempt(
+                    system, regime, polynomials, interval, dt, done, h, x, v, z, a, tables, x1, v1, z1, k, w
+                )
+                if events < 100 and error == error:
+                    site, kind = _reversal(system, regime, watch, v, v1, k, stages, v_tol)
+                    if kind == 2 and h > shortest:
+                        h = max(0.5 * h, shortest)
+                        arrived = -1
+                        continue
+                    if kind == 1:
+                        h = _locate(
+                            system, regime, polynomials, interval, dt, done, h, x, v, z, a, tables,
+                            x1, v1, z1, k, w, site, v_tol,
+                        )  # fmt: skip
+                        arrived = site
+                        events += 1
+                        continue
+                if not adaptive or error <= 1.0:
+                    break
+                rejected += 1
+                if h <= shortest:
+                    forced += 1
+                    crawled += 1
+                    if crawled == 64:  # it slides along a jump that is not at zero rate
+                        shortest *= 8.0
+                    break
+                shrink = 0.9 * error ** (-0.125) if error == error and error < 1e300 else 0.1
+                h = max(h * min(max(shrink, 0.1), 0.9), shortest)
+                arrived = -1
+            steps += 1
+            for j in range(n):
+                if not (abs(x1[j]) < 1e100 and abs(v1[j]) < 1e100):
+                    return DIVERGED, interval, j, steps, rejected, forced
+            inputs_at(polynomials, interval, (done + h) / dt, k.row)
+            t = interval * dt + done + h
+            if arrived >= 0 and jump[arrived]:
+                regime[arrived] = 0
+            for i in range(n_sites):
+                if regime[i] == 0:  # what sticks is at rest exactly, not but for round-off
+                    site = system.sites[i]
+                    p, q = site[UPPER], site[LOWER]
+                    if i != arrived:
+                        x1[p] = x[p] + (x1[q] - x[q] if q >= 0 else 0.0)
+                    v1[p] = v1[q] if q >= 0 else 0.0
+            if arrived >= 0:
+                _settle(system, regime, jump, v_tol, t, k.row, x1, v1, z1, a1, force1, w)
+            else:
+                accelerate(system, regime, t, k.row, x1, v1, z1, a1, force1, w)
+                site, most = _overload(regime, jump, w)
+                if site >= 0:
+                    if most > 1e-6 and h > shortest and events < 100:
+                        # it starts to slip inside this step: come closer to that instant
+                        events += 1
+                        rejected += 1
+                        steps -= 1
+                        proposal = max(0.5 * h, shortest)
+                        continue
+                    _settle(system, regime, jump, v_tol, t, k.row, x1, v1, z1, a1, force1, w)
+            for m in range(n_sites + 1):
+                gain = 0.0
+                for stage in range(stages):
+                    gain += tables[1][stage] * k.power[stage, m]
+                k.work[m] += h * gain
+            for j in range(n):
+                x[j], v[j], a[j] = x1[j], v1[j], a1[j]
+                k.top[0], k.top[1] = max(k.top[0], abs(x[j])), max(k.top[1], abs(v[j]))
+            for m in range(z.size):
+                z[m] = z1[m]
+                k.z_top[m] = max(k.z_top[m], abs(z[m]))
+            for i in range(n_sites):
+                k.force0[i] = force1[i]
+            done = dt if h == dt - done else done + h
+            if adaptive:
+                grow = 10.0 if error < 1e-9 else min(0.9 * error ** (-0.125), 10.0)
+                proposal = min(max(h * max(grow, 0.1), h_tried if arrived >= 0 else shortest), dt)
+    return DONE, last, 0, steps, rejected, forced
+
+
+runge_kutta = jit(runge_kutta)

@@ -1,0 +1,37 @@
+"""Coefficients of the explicit Runge-Kutta rules."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+
+@cache
+def table(method: str) -> tuple[np.ndarray, ...]:
+    """Nodes and weights of a rule.
+
+    Parameters
+    ----------
+    method : {"default", "rk4"}
+        Order 8 of Dormand and Prince (Hairer, Norsett, Wanner, Solving Ordinary Differential
+        Equations I, 1993; the tables are SciPy's) or the classical rule of order 4.
+
+    Returns
+    -------
+    a : ndarray of shape (n_stages, n_stages)
+    b, c : ndarray of shape (n_stages,)
+    e3, e5 : ndarray of shape (n_stages,)
+        Weights of the two embedded error estimates.
+    """
+    if method == "rk4":
+        a = np.zeros((4, 4))
+        a[1, 0] = a[2, 1] = 0.5
+        a[3, 2] = 1.0
+        return a, np.array([1, 2, 2, 1]) / 6, np.array([0, 0.5, 0.5, 1]), np.zeros(4), np.zeros(4)
+    from scipy.integrate import DOP853
+
+    s = DOP853.n_stages
+    return tuple(
+        np.ascontiguousarray(m) for m in (DOP853.A[:s, :s], DOP853.B, DOP853.C[:s], DOP853.E3[:s], DOP853.E5[:s])
+    )

@@ -1,7 +1,7 @@
 """One ruler for errors: percent NRMSE, per balance and pooled.
 
 ``100 rms(e) / rms(reference)``; the reference is the force F_j on a forced DOF and the inertia
-``m_j a_j`` elsewhere. Pooled: root of the summed squares over the summed squares, each balance
+``m_j a_j`` elsewhere (where storeys were solved from the top down, the inertia of all DOFs above). Pooled: root of the summed squares over the summed squares, each balance
 first divided by the rms of its storey force.
 """
 
@@ -13,6 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from .chain_solve import groups_of
+from .identifiability import Walk
 from .layout import Layout
 from .model import ChainModel
 from .moments import Block, Moments, accumulate
@@ -40,9 +42,10 @@ def balance_errors(model: ChainModel, moments: Moments) -> pd.DataFrame:
         site: np.concatenate([law.coefficients for law in held if law.coefficients is not None] or [np.zeros(0)])
         for site, held in model.laws.items()
     }
+    masses = dict(enumerate(model.masses, 1))
     rows, pooled = {}, Pooled()
-    for j in range(1, model.n_dof + 1):
-        sizes = balance_sizes(j, model.masses[j - 1], coefficients, moments)
+    for j in masses:
+        sizes = balance_sizes(j, masses, coefficients, moments)
         if sizes is None:
             continue
         rows[f"dof {j}"] = [_percent(sizes.residual, sizes.reference), sizes.residual, sizes.reference, sizes.of]
@@ -67,7 +70,7 @@ def pooled_error(masses: Mapping[int, float], coefficients: Mapping[Site, np.nda
     """
     pooled = Pooled()
     for j in range(1, moments.layout.n_dof + 1):
-        sizes = balance_sizes(j, masses[j], coefficients, moments)
+        sizes = balance_sizes(j, masses, coefficients, moments)
         if sizes is not None:
             pooled.add(sizes)
     return pooled.percent
@@ -84,15 +87,19 @@ class Sizes(NamedTuple):
 
 
 def balance_sizes(
-    dof: int, mass: float, coefficients: Mapping[Site, np.ndarray], moments: Moments
+    dof: int, masses: Mapping[int, float], coefficients: Mapping[Site, np.ndarray], moments: Moments
 ) -> Sizes | None:
     """Rms sizes of one balance, or None if its force is unknown throughout.
+
+    Where the storeys were solved from the top down (base excitation, known masses), it is the
+    balance of all DOFs from this one up, whose reference is the inertia above the storey: of the
+    single balance little would be left but the difference of two storey forces.
 
     Parameters
     ----------
     dof : int
-    mass : float
-        kg.
+    masses : mapping of int to float
+        kg, by DOF.
     coefficients : mapping of Site to ndarray
     moments : Moments
 
@@ -100,11 +107,13 @@ def balance_sizes(
     -------
     Sizes or None
     """
-    part = moments.parts[(dof,)]
+    above = tuple(range(dof, moments.layout.n_dof + 1))
+    dofs = above if above in moments.parts else (dof,)
+    part = moments.parts[dofs]
     if not part.n_samples:
         return None
-    where, mass_at, target_at = moments.positions((dof,))
-    group = moments.groups[(dof,)]
+    where, mass_at, target_at = moments.positions(dofs)
+    group = moments.groups[dofs]
     # columns: residual, force alone, inertia alone, storey force alone
     weights = np.zeros((part.matrix.shape[0], 4))
     own = None
@@ -113,11 +122,13 @@ def balance_sizes(
         if own is None and site.p == dof:
             own = site
             weights[where[site], 3] = coefficients[site]
-    weights[mass_at, 0] = weights[mass_at, 2] = mass
     weights[target_at, 0], weights[target_at, 1] = -1.0, 1.0
+    if mass_at is not None:
+        weights[mass_at, 0] = weights[mass_at, 2] = masses[dof]
     residual, force, inertia, storey = part.norms(weights) / part.n_samples**0.5
     reference = force or inertia
-    return Sizes(float(residual), float(reference), float(storey or reference or 1.0), "F" if force else "m a", part.n_samples)
+    of = "F" if force and mass_at is not None else "m a"
+    return Sizes(float(residual), float(reference), float(storey or reference or 1.0), of, part.n_samples)
 
 
 class Pooled:
@@ -141,7 +152,7 @@ def _percent(part: float, whole: float) -> float:
     return 100.0 * part / whole if whole else (0.0 if part == 0 else np.inf)
 
 
-def judge(model: ChainModel, layout: Layout, blocks: Iterable[Block]) -> pd.DataFrame:
+def judge(model: ChainModel, layout: Layout, walk: Walk, blocks: Iterable[Block]) -> pd.DataFrame:
     """Balance errors of a model on blocks of samples.
 
     Parameters
@@ -149,6 +160,8 @@ def judge(model: ChainModel, layout: Layout, blocks: Iterable[Block]) -> pd.Data
     model : ChainModel
     layout : Layout
         Of the model's laws.
+    walk : Walk
+        How the model was solved: single balances, or from the top down.
     blocks : iterable of Block
 
     Returns
@@ -156,8 +169,8 @@ def judge(model: ChainModel, layout: Layout, blocks: Iterable[Block]) -> pd.Data
     DataFrame
         See :func:`balance_errors`.
     """
-    groups = [layout.group((j,)) for j in range(1, model.n_dof + 1)]
-    return balance_errors(model, accumulate(Moments(layout, groups), blocks))
+    known = dict(enumerate(model.masses.tolist(), 1))
+    return balance_errors(model, accumulate(Moments(layout, groups_of(layout, walk), known_masses=known), blocks))
 
 
 def nrmse(measured: Any, found: Any) -> float:

@@ -87,15 +87,42 @@ def as_laws(catalogue: Iterable[Any] | None, covariates: Sequence[str]) -> list[
     return chosen
 
 
-def candidates(catalogue: Iterable[ForceLaw], chain: Chain, known_masses: Iterable[int], covariates: Sequence[str]) -> Iterator[Candidate]:
+# Laws with a column that can pass for an acceleration.
+_LIKE_INERTIA = ("base_motion", "maxwell_branch")
+
+# Laws that hold a simpler one as a special case; where that does most of the work it is named first.
+SPECIAL_CASES = {
+    "asymmetric_friction": ("coulomb_friction",),
+    "stribeck_friction": ("coulomb_friction",),
+    "shifted_friction": ("coulomb_friction",),
+    "covariate_friction": ("coulomb_friction",),
+    "lagged_covariate_friction": ("covariate_friction", "coulomb_friction"),
+    "covariate_dahl": ("dahl", "lagged_covariate_friction", "covariate_friction"),
+    "power_law_damping": ("quadratic_damping",),
+    "dead_zone": ("one_sided_gap", "two_sided_gap"),
+    "iwan": ("jenkins",),
+    "lugre": ("dahl",),
+    "bouc_wen": ("dahl",),
+}
+
+
+def candidates(
+    catalogue: Iterable[ForceLaw],
+    chain: Chain,
+    known_masses: Iterable[int],
+    covariates: Sequence[str],
+    forced: Iterable[int],
+) -> Iterator[Candidate]:
     """Every law at every site where it makes sense.
 
     Parameters
     ----------
     catalogue : iterable of ForceLaw
     chain : Chain
-    known_masses : iterable of int
-        An added mass can only be told from a mass that is known.
+    known_masses, forced : iterable of int
+        An added mass can only be told from a mass that is known, where a force acts. Without a force
+        every balance is homogeneous, and a column that resembles the acceleration takes it to zero:
+        inertia, leaking base motion and Maxwell branches are not tried there.
     covariates : sequence of str
         Channels that the records have.
 
@@ -106,14 +133,17 @@ def candidates(catalogue: Iterable[ForceLaw], chain: Chain, known_masses: Iterab
     n = chain.n_dof
     grounds = [Site(f"ground {j}") for j in range(2, n + 1)]
     skips = [Site(f"link {p}-{q}") for p in range(3, n + 1) for q in range(1, p - 1)]
-    known = set(known_masses)
+    known, driven = set(known_masses), set(forced)
     for law in catalogue:
         if any(name not in covariates for name in law.covariates):
             continue
         if law.family == "link":
             places = [s for s in grounds + skips if s not in chain.sites]
         elif law.family == "inertia":
-            places = [Site(f"dof {j}") for j in sorted(known)] if "dof" in law.acts_at else list(chain.sites)
+            added = "dof" in law.acts_at
+            places = [Site(f"dof {j}") for j in sorted(known & driven)] if added else list(chain.sites) if driven else []
+        elif law.name in _LIKE_INERTIA and not driven:
+            places = []
         elif "link" in law.acts_at:
             places = list(chain.sites)
             if law.family == "friction":

@@ -7,15 +7,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .catalogue import SPECIAL_CASES
 from .search import Finding
 
 MIN_GAIN = 0.15
 MIN_WINS = 0.8
+# Further gain asked for each parameter beyond the second: a flexible law fits what is no effect.
+PARAMETER_GAIN = 0.05
 TIE = 0.10
 # A further parameter must lower the error by this share to be preferred: within one family at one
 # site, and between families.
 PER_PARAMETER = 0.10
 SIMPLER = 0.02
+# Share of the fall of the error that a special case must reach to go before the law that holds it.
+MOST_OF_THE_WORK = 0.65
 MOST_FAMILIES = 3
 # Pooled balance error, percent, below which there is nothing an engineer would look for.
 FLOOR = 0.02
@@ -50,13 +55,15 @@ def gain_of(before: np.ndarray, after: np.ndarray) -> float:
     return 1.0 - low / high if high > 0 else 0.0
 
 
-def judge(before: np.ndarray, after: np.ndarray, null_gain: float = 0.0) -> Verdict:
+def judge(before: np.ndarray, after: np.ndarray, n_parameters: int = 1, null_gain: float = 0.0) -> Verdict:
     """Accept an effect, or not.
 
     Parameters
     ----------
     before, after : ndarray of shape (n_blocks,)
         Pooled balance error on each search block after fitting to the others, percent.
+    n_parameters : int
+        Coefficients and shape parameters of the effect.
     null_gain : float
         Largest gain on surrogates without any effect.
 
@@ -65,7 +72,8 @@ def judge(before: np.ndarray, after: np.ndarray, null_gain: float = 0.0) -> Verd
     Verdict
     """
     gain, wins = gain_of(before, after), float(np.mean(after < before))
-    needed = max(MIN_GAIN, null_gain + 0.05 if null_gain > 0.05 else 0.0)
+    priced = MIN_GAIN + PARAMETER_GAIN * max(0, n_parameters - 2)
+    needed = max(priced, null_gain + 0.05 if null_gain > 0.05 else 0.0)
     facts = (
         f"the median error over {len(before)} blocks falls by {100 * gain:.0f} % "
         f"({np.median(before):.3g} to {np.median(after):.3g} %), in {100 * wins:.0f} % of the blocks"
@@ -73,26 +81,29 @@ def judge(before: np.ndarray, after: np.ndarray, null_gain: float = 0.0) -> Verd
     if np.median(before) < FLOOR:
         return Verdict(False, gain, wins, null_gain, f"the balance closes within {np.median(before):.2g} %, nothing is left to explain")
     if gain < needed:
-        why = f"at least {100 * needed:.0f} % are asked" + (f" ({100 * null_gain:.0f} % come from noise alone)" if needed > MIN_GAIN else "")
+        why = f"at least {100 * needed:.0f} % are asked" + (f" ({100 * null_gain:.0f} % come from noise alone)" if needed > priced else "")
         return Verdict(False, gain, wins, null_gain, f"{facts}; {why}")
     if wins < MIN_WINS:
         return Verdict(False, gain, wins, null_gain, f"{facts}; at least {100 * MIN_WINS:.0f} % of the blocks are asked")
     return Verdict(True, gain, wins, null_gain, facts)
 
 
-def choose(findings: Sequence[Finding]) -> tuple[Finding, list[Finding]]:
+def choose(findings: Sequence[Finding], before: float) -> tuple[Finding, list[Finding]]:
     """The candidate to report, and the families that the data cannot tell from it.
 
     Parameters
     ----------
     findings : sequence of Finding
         Validated.
+    before : float
+        Median error without any of them, percent.
 
     Returns
     -------
     chosen : Finding
         The best after a small price on each parameter: within one family at one site a law with one
-        more parameter must be 10 % better, between families 2 %.
+        more parameter must be 10 % better, between families 2 %. A law that is a special case of it
+        and does most of its work goes first; what it leaves is the next step's.
     tied : list of Finding
         The best of each other (family, site) within 10 % of the chosen one, at most two.
     """
@@ -104,9 +115,22 @@ def choose(findings: Sequence[Finding]) -> tuple[Finding, list[Finding]]:
 
     heads = [min(group, key=lambda f: price(f, PER_PARAMETER)) for group in groups.values()]
     best = min(f.error for f in heads)
-    chosen = min(heads, key=lambda f: price(f, SIMPLER))
+    chosen = _special_case(min(heads, key=lambda f: price(f, SIMPLER)), findings, before)
     tied: dict[str, Finding] = {}
     for f in sorted(findings, key=lambda f: f.error):
         if f.site == chosen.site and f.law.family != chosen.law.family and f.error <= max(chosen.error, best) * (1 + TIE):
             tied.setdefault(f.law.family, f)
     return chosen, list(tied.values())[: MOST_FAMILIES - 1]
+
+
+def _special_case(chosen: Finding, findings: Sequence[Finding], before: float) -> Finding:
+    enough = chosen.error + (1.0 - MOST_OF_THE_WORK) * max(before - chosen.error, 0.0)
+    simpler = [
+        f
+        for f in findings
+        if f.site == chosen.site
+        and f.law.name in SPECIAL_CASES.get(chosen.law.name, ())
+        and f.n_parameters < chosen.n_parameters
+        and f.error <= enough
+    ]
+    return min(simpler, key=lambda f: (f.n_parameters, f.error)) if simpler else chosen

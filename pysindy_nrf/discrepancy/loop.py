@@ -6,15 +6,17 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from ..chain_solve import Solution
+from ..errors import balance_errors
 from ..exceptions import ExcitationError, NRFError
 from ..laws.base import ForceLaw
 from ..model import ChainModel
 from ..regressor import NRFRegressor, _filters, _valued
 from ..segments import SegmentSet
 from ..sites import Site
-from .catalogue import Candidate, as_laws, candidates
+from .catalogue import SPECIAL_CASES, Candidate, as_laws, candidates
 from .gate import FLOOR, Verdict, choose, gain_of, judge
 from .prepare import Prepared, prepare
 from .report import LoopReport, Scene, Step
@@ -25,6 +27,8 @@ from .workspace import Stage, Trial, Workspace
 
 _SHORTLIST = 14
 _VALIDATED = 10
+# Candidates put to the gate, each with fewer parameters than the one before.
+_DECISIONS = 3
 # A candidate that does not even do this on the data it is fitted to cannot pass the gate.
 _HOPELESS = 0.05
 # Share of the effect (noise taken off) that may stay unexplained before a name is no longer sure.
@@ -107,9 +111,10 @@ def close_loop(
         raise ExcitationError("No force is measured and no mass is known, so nothing scales the chain", "Give the baseline known_masses={dof: kg}.")
     first = _baseline_laws(baseline, chain, given, work)
     names = tuple(ready.data.segments[0].covariates)
-    every = list(candidates(as_laws(catalogue, names), chain, known, names))
+    every = list(candidates(as_laws(catalogue, names), chain, known, names, work.forced))
     loop = _Loop(ready, work, every, np.random.default_rng(random_state), n_surrogates, progress)
-    return loop.run(Stage(work, chain, first), max_steps, band, baseline)
+    with threadpool_limits(1):  # the matrices are small: threads only get in each other's way
+        return loop.run(Stage(work, chain, first), max_steps, band, baseline)
 
 
 def _baseline_laws(baseline: NRFRegressor, chain: Any, given: Any, work: Workspace) -> dict[Site, tuple[ForceLaw, ...]]:
@@ -176,10 +181,7 @@ class _Loop:
             if not ranking:
                 stopped = "No law of the catalogue lowers the error at any site"
                 break
-            chosen, tied = choose(ranking)
-            verdict = judge(before, chosen.folds)
-            if verdict.accepted:
-                verdict = judge(before, chosen.folds, null.gain(chosen))
+            chosen, tied, verdict = self._decide(stage, ranking, before, null)
             if not verdict.accepted:
                 stopped = f"No further effect is supported: the best candidate is {chosen.law.name} at {chosen.site}, but {verdict.sentence}"
                 break
@@ -190,6 +192,12 @@ class _Loop:
             step = _step(chosen, tied, verdict, before, after, null.floor, ranking)
             steps.append(step)
             scenes.append(Scene(f"{step.law} at {step.site}", trial, after))
+        floor, left = null.floor, float(np.median(scenes[-1].folds))
+        for step in steps:
+            step.remainder = _remainder(step.validation_before, left, floor)
+            step.sure = step.remainder <= _SURE
+        if np.isfinite(floor) and left > max(2.0 * floor, FLOOR):
+            stopped += f". {left:.3g} % stay unexplained by any law of the catalogue (noise alone leaves about {floor:.2g} %), most in the {_worst(trial)}"
         return LoopReport.assemble(self.work, scenes, steps, stopped, ranking, band, self.ready, baseline)
 
     def _findings(self, stage: Stage, trial: Trial, steps: Sequence[Step]) -> list[Finding]:
@@ -208,8 +216,36 @@ class _Loop:
             bar.close()
         hopeful = [f for f in found if f.screen < now * (1 - _HOPELESS)][:_SHORTLIST]
         refined = sorted((refine(stage, f) for f in hopeful), key=lambda f: f.screen)[:_VALIDATED]
+        special = {(f.site, name) for f in refined[:3] for name in SPECIAL_CASES.get(f.law.name, ())}
+        refined += [refine(stage, f) for f in found if (f.site, f.law.name) in special and not _holds(refined, f)]
         judged = [validate(stage, f) for f in refined]
         return sorted((f for f in judged if np.isfinite(f.error)), key=lambda f: f.error)
+
+    def _decide(self, stage: Stage, ranking: list[Finding], before: np.ndarray, null: _Null) -> tuple[Finding, list[Finding], Verdict]:
+        """The best candidate that passes the gate; the best of all with its verdict where none does."""
+        first = None
+        left = list(ranking)
+        for _ in range(_DECISIONS):
+            chosen, tied = choose(left, float(np.median(before)))
+            chosen = self._polished(stage, chosen)
+            verdict = judge(before, chosen.folds, chosen.n_parameters)
+            if verdict.accepted:
+                verdict = judge(before, chosen.folds, chosen.n_parameters, null.gain(chosen))
+            if verdict.accepted:
+                return chosen, tied, verdict
+            first = first or (chosen, tied, verdict)
+            left = [f for f in left if f.n_parameters < chosen.n_parameters]
+            if not left:
+                break
+        assert first is not None
+        return first
+
+    def _polished(self, stage: Stage, chosen: Finding) -> Finding:
+        """The chosen candidate with its shape parameters refined to the end."""
+        if not chosen.candidate.law.free_shape:
+            return chosen
+        finer = validate(stage, refine(stage, chosen, 120 * len(chosen.candidate.law.free_shape)))
+        return finer if finer.error <= chosen.error * 1.02 else chosen
 
     def _lines(self, trial: Trial) -> dict[Site, list[float]]:
         """Spectral lines of the residual of each balance."""
@@ -231,6 +267,10 @@ class _Loop:
         """The stage with an accepted candidate, and no law that it made needless."""
         trial = chosen.trial(stage)
         return Stage(self.work, trial.layout.chain, trial.layout.laws)
+
+
+def _holds(findings: Sequence[Finding], one: Finding) -> bool:
+    return any(f.site == one.site and f.candidate.law == one.candidate.law for f in findings)
 
 
 class _Null:
@@ -290,13 +330,22 @@ class _Null:
         return max(gains)
 
 
+def _remainder(before: float, left: float, floor: float) -> float:
+    """Share of what noise does not explain that stays unexplained at the end."""
+    noise = floor if np.isfinite(floor) else 0.0
+    return float(np.sqrt(max(left**2 - noise**2, 0.0) / max(before**2 - noise**2, 1e-300)))
+
+
+def _worst(trial: Trial) -> str:
+    """The balance with the largest share of the pooled error, in words."""
+    blocks = range(len(trial.work.search))
+    errors = balance_errors(model_of(trial, trial.solve(blocks)), trial.moments(blocks))["error"].drop("pooled")
+    return f"balance of {str(errors.idxmax()).replace('dof', 'DOF')}"
+
+
 def _step(
     chosen: Finding, tied: Sequence[Finding], verdict: Verdict, before: np.ndarray, after: np.ndarray, floor: float, ranking: Sequence[Finding]
 ) -> Step:
-    high, low = float(np.median(before)), float(np.median(after))
-    noise = floor if np.isfinite(floor) else 0.0
-    whole = max(high**2 - noise**2, 1e-300)
-    remainder = float(np.sqrt(max(low**2 - noise**2, 0.0) / whole))
     return Step(
         law=chosen.law.name,
         family=chosen.law.family,
@@ -307,11 +356,9 @@ def _step(
         gain=verdict.gain,
         wins=verdict.wins,
         null_gain=verdict.null_gain,
-        validation_before=high,
-        validation_after=low,
+        validation_before=float(np.median(before)),
+        validation_after=float(np.median(after)),
         noise_floor=floor,
-        remainder=remainder,
-        sure=remainder <= _SURE,
         evidence=verdict.sentence,
         runners_up=[(f.law.name, str(f.site), f.error) for f in ranking if f is not chosen][:5],
     )

@@ -16,6 +16,7 @@ from scipy.optimize import minimize
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw, Shape
 from ..sites import Site
+from .admissible import admissible
 from .catalogue import Candidate
 from .workspace import Stage, Trial
 
@@ -195,15 +196,28 @@ def _scan(stage: Stage, candidates: Iterable[Candidate], accepted, lines, progre
         best: Finding | None = None
         for point in axes.grid((lines or {}).get(candidate.site, ())):
             law = axes.at(point)
-            try:
-                error = stage.trial(candidate.site, law, drop).search_error()
-            except NRFError:
-                continue
+            error = _cost(stage, candidate.site, law, drop)
             if np.isfinite(error) and (best is None or error < best.screen):
                 best = Finding(candidate, law, error, drop)
         if best is not None:
             found.append(best)
     return found
+
+
+def _cost(stage: Stage, site: Site, law: ForceLaw, drop: Sequence[tuple[Site, int]]) -> float:
+    """Pooled error of the laws with a candidate, percent; infinite where it cannot be told or cannot be."""
+    try:
+        trial = stage.trial(site, law, drop)
+        error, solution = trial.search_fit()
+    except NRFError:
+        return np.inf
+    width = len(law.terms())
+    where = trial.layout.slices[site]
+    mine = slice(where.stop - width, where.stop)
+    squares = trial.grams[: len(stage.work.search), range(mine.start, mine.stop), range(mine.start, mine.stop)].sum(axis=0)
+    if not np.isfinite(error) or not admissible(law, solution.coefficients[site][-width:], np.sqrt(squares)):
+        return np.inf
+    return error
 
 
 def refine(stage: Stage, finding: Finding, evaluations: int | None = None) -> Finding:
@@ -228,11 +242,7 @@ def refine(stage: Stage, finding: Finding, evaluations: int | None = None) -> Fi
     step = 0.5 * axes.step(axes.shapes[0].name == "frequency")
 
     def cost(u: np.ndarray) -> float:
-        try:
-            error = stage.trial(finding.site, axes.at(u), finding.drop).search_error()
-        except NRFError:
-            return 1e6
-        return error if np.isfinite(error) else 1e6
+        return min(_cost(stage, finding.site, axes.at(u), finding.drop), 1e6)
 
     away = np.where(start + step > axes.high, -step, step)
     simplex = np.vstack([start, start + np.diag(away)])

@@ -128,11 +128,14 @@ class Trial:
             self.layout.chain, self.work.forced, self.work.unknown, known, self.work.strategy, self.layout.acting
         ).require_complete()
         self._groups = groups_of(self.layout, self.walk)
+        self._last: tuple[np.ndarray, Moments] | None = None
         self._seen = np.array([self.work.known[b.segment] for b in self.work.blocks])
 
     def moments(self, blocks: Sequence[int]) -> Moments:
         """Moments of some blocks."""
         chosen = np.asarray(blocks)
+        if self._last is not None and np.array_equal(self._last[0], chosen):
+            return self._last[1]
         cache: dict[bytes, tuple[np.ndarray, int]] = {}
 
         def gram(dofs: tuple[int, ...]) -> tuple[np.ndarray, int]:
@@ -142,7 +145,8 @@ class Trial:
                 cache[key] = self.grams[mine].sum(axis=0), int(self.sizes[mine].sum())
             return cache[key]
 
-        return Moments.from_gram(self.layout, self._groups, gram, self.work.known_masses)
+        self._last = chosen, Moments.from_gram(self.layout, self._groups, gram, self.work.known_masses)
+        return self._last[1]
 
     def solve(self, blocks: Sequence[int]) -> Solution:
         """Masses and coefficients from some blocks.
@@ -163,17 +167,15 @@ class Trial:
         """Pooled balance error on some blocks, percent NRMSE."""
         return pooled_error(solution.masses, solution.coefficients, self.moments(blocks))
 
+    def search_fit(self) -> tuple[float, Solution]:
+        """Pooled balance error on the search blocks after fitting to all of them (percent NRMSE), and the fit."""
+        every = range(len(self.work.search))
+        solution = self.solve(every)
+        return pooled_error(solution.masses, solution.coefficients, self.moments(every)), solution
+
     def search_error(self) -> float:
         """Pooled balance error on the search blocks it was fitted to, percent NRMSE."""
-        every = range(len(self.work.search))
-        moments = self.moments(every)
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", RankWarning)
-            try:
-                solution = solve(moments, self.walk, self.work.known_masses)
-            except RankWarning as warning:
-                raise NRFError(str(warning)) from None
-        return pooled_error(solution.masses, solution.coefficients, moments)
+        return self.search_fit()[0]
 
     def fold_errors(self) -> np.ndarray:
         """Pooled balance error on each search block after fitting to the others, percent NRMSE."""

@@ -31,7 +31,7 @@ class MaxwellBranch(ForceLaw):
 
     name = "maxwell_branch"
     family = "hysteresis"
-    shapes = (Shape("tau", "s", 0.02, 50.0, "s/v"),)
+    shapes = (Shape("tau", "s", 0.3, 20.0, "s/v"),)
     n_states = 1
     passive = True
 

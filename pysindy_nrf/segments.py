@@ -15,6 +15,7 @@ from .layout import LawLayout
 from .laws.base import Motion
 from .moments import BLOCK, Block
 from .record import Record, seconds_of
+from .sites import Site
 
 
 @dataclass
@@ -63,21 +64,21 @@ class Segment:
         """Sampling step, s, if the time is known."""
         return None if self.t is None or len(self.t) < 2 else float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
 
-    def motion(self, drift: np.ndarray, rows: slice) -> Motion:
+    def motion(self, site: Site, rows: slice) -> Motion:
         """Motion that a law at one site sees.
 
         Parameters
         ----------
-        drift : ndarray of shape (n_dof,)
-            Row of :meth:`Chain.drift_matrix`.
+        site : Site
         rows : slice
 
         Returns
         -------
         Motion
+            Drift, rate and acceleration of the upper end relative to the lower one; on a ``"dof j"``
+            site the acceleration is absolute, as in the balance.
         """
-        chosen = np.flatnonzero(drift)
-        low, high = chosen[0], chosen[-1] + 1
+        low, high = site.q, site.p
 
         def along(array: np.ndarray) -> np.ndarray:
             part = array[rows, low:high]
@@ -87,7 +88,7 @@ class Segment:
         if low > 0:
             below: Any = self.a[rows, low - 1]
         else:
-            below = 0.0 if self.ag is None else self.ag[rows]
+            below = 0.0 if self.ag is None or site.kind == "dof" else self.ag[rows]
         return Motion(
             along(self.s),
             along(self.v),
@@ -111,7 +112,6 @@ class Segment:
         ------
         Block
         """
-        drifts = dict(zip(layout.sites, layout.chain.drift_matrix(layout.sites)))
         start, stop = self.valid.start, self.valid.stop
         if filter is not None or layout.has_memory:
             size = max(stop - start, 1)
@@ -119,7 +119,7 @@ class Segment:
             rows = slice(begin, min(begin + size, stop))
             terms = np.empty((layout.n_terms, rows.stop - rows.start))
             for site in layout.acting:
-                terms[layout.slices[site]] = layout.columns(site, self.motion(drifts[site], rows)).T
+                terms[layout.slices[site]] = layout.columns(site, self.motion(site, rows)).T
             a = np.ascontiguousarray(self.a[rows].T, dtype=np.float64)
             force = np.ascontiguousarray(self.F[rows].T, dtype=np.float64)
             if filter is not None:
@@ -127,6 +127,7 @@ class Segment:
                 a = np.ascontiguousarray(filter.apply(a.T).T)
                 known = ~np.isnan(force[:, 0])
                 if known.any():
+                    force = force.copy()  # it may be the user's own array
                     force[known] = filter.apply(force[known].T).T
             yield Block(terms, a, force)
 
@@ -194,6 +195,7 @@ def from_arrays(
     dt: float | None = None,
     n_dof: int | None = None,
     has_memory: bool = False,
+    smooth: Any = True,
 ) -> SegmentSet:
     """Check what the user passed and cut it into contiguous records.
 
@@ -213,6 +215,8 @@ def from_arrays(
         Number wanted.
     has_memory : bool
         Whether a law needs samples in order.
+    smooth : bool or KinematicSmoother
+        How records become motions; see :func:`pysindy_nrf.kinematics.to_features`.
 
     Returns
     -------
@@ -226,15 +230,17 @@ def from_arrays(
     if isinstance(X, Record):
         X = [X]
     if isinstance(X, (list, tuple)) and X and isinstance(X[0], Record):
-        return _from_records(X, F, n_dof)
+        beside = {"F": F, "record": record, "time": time, "base_acceleration": base_acceleration, "covariates": covariates}
+        return _from_records(X, [name for name, value in beside.items() if value is not None], n_dof, smooth)
     columns = None
     base_v = base_s = None
     if hasattr(X, "columns"):
-        X, columns, base_v, base_s, named_time, n = _from_frame(X, coordinates, n_dof)
+        x, columns, base_v, base_s, named_time, n = _from_frame(X, coordinates, n_dof)
         time = named_time if time is None else time
-        x = X
     else:
-        x = as_matrix(X, "column ", what="X")
+        x = as_matrix(X, _array_names(X, coordinates), what="columns of X")
+        if not x.size:
+            raise ChannelError("X has no samples", "Give at least as many samples as a balance has unknowns.")
         if x.shape[1] == 0 or x.shape[1] % 3 or (n_dof and x.shape[1] != 3 * n_dof):
             wanted = feature_names(n_dof or max(1, x.shape[1] // 3), coordinates)
             need = f"{3 * n_dof} are needed" if n_dof else "a multiple of 3 is needed"
@@ -248,7 +254,7 @@ def from_arrays(
     size = len(x)
     if size == 0:
         raise ChannelError("X has no samples (0 rows)", "Give at least as many samples as a balance has unknowns.")
-    force = np.zeros((size, n)) if F is None else as_matrix(F, "F", n, "forces F")
+    force = np.zeros((size, n)) if F is None else as_matrix(_ordered_forces(F, n, X), "F", n, "forces F")
     if len(force) != size:
         raise ChannelError(f"F has {len(force)} samples, X has {size}", "Cut both to the same clock.")
     ag = None if base_acceleration is None else _line(base_acceleration, "base_acceleration", size)
@@ -278,14 +284,14 @@ def from_arrays(
     return SegmentSet(segments, size)
 
 
-def _from_records(records: Sequence[Record], F: Any, n_dof: int | None) -> SegmentSet:
-    if F is not None:
-        raise ChannelError("F was given beside records, which hold their own forces", "Leave F out.")
+def _from_records(records: Sequence[Record], beside: Sequence[str], n_dof: int | None, smooth: Any) -> SegmentSet:
+    if beside:
+        raise ChannelError(f"{beside[0]} was given beside records, which hold their own", f"Leave {beside[0]} out.")
     segments, at = [], 0
     for rec in records:
         if rec.n_dof != (n_dof or records[0].n_dof):
             raise ChannelError(f"Record {rec.name!r} has {rec.n_dof} DOFs, {n_dof or records[0].n_dof} are needed", "Give records of one chain.")
-        x, force = rec.to_features(smooth=True)
+        x, force = rec.to_features(smooth=smooth)
         n, values = rec.n_dof, x.to_numpy()
         segment = Segment(
             rec.name, slice(at, at + len(x)), values[:, :n], values[:, n : 2 * n], values[:, 2 * n :], force.to_numpy(),
@@ -331,6 +337,26 @@ def _from_frame(frame: pd.DataFrame, coordinates: str, n_dof: int | None):
     return values, wanted, bases[0], bases[1], time, n
 
 
+def _array_names(X: Any, coordinates: str) -> list[str] | str:
+    shape = np.shape(X)
+    plain = len(shape) == 2 and shape[1] and shape[1] % 3 == 0
+    return feature_names(shape[1] // 3, coordinates) if plain else "column "
+
+
+def _ordered_forces(F: Any, n: int, X: Any) -> Any:
+    """Forces of a table in the order F1..Fn, after checking that its rows are those of X."""
+    if not hasattr(F, "columns"):
+        return F
+    if hasattr(X, "columns") and len(X) == len(F) and not X.index.equals(F.index) and not X.index.symmetric_difference(F.index).size:
+        raise ChannelError("The rows of X and F have the same labels in another order", "Sort both the same way.")
+    names, wanted = [str(c) for c in F.columns], [f"F{j}" for j in range(1, n + 1)]
+    if sorted(names) == sorted(wanted):
+        return F[[F.columns[names.index(c)] for c in wanted]]
+    if names == [str(i) for i in range(n)] or len(names) == n == 1:
+        return F
+    raise ChannelError(f"F has the columns {', '.join(names[:9])}", f"Name them {', '.join(wanted)}, or pass F.to_numpy() in that order.")
+
+
 def _line(value: Any, name: str, size: int) -> np.ndarray:
     line = as_matrix(value, [name], 1, name)[:, 0].astype(np.float64)
     if len(line) != size:
@@ -344,6 +370,9 @@ def _pieces(record: Any, size: int, has_memory: bool) -> list[tuple[str, slice]]
     ids = np.asarray(record).ravel()
     if len(ids) != size:
         raise ChannelError(f"record has {len(ids)} ids, X has {size} samples", "Give one id for each sample.")
+    lost = np.flatnonzero(pd.isna(ids))
+    if lost.size:
+        raise ChannelError(f"record has no id in {rows_text(lost)}", "Give one id for each sample.")
     cuts = np.flatnonzero(ids[1:] != ids[:-1]) + 1
     edges = [0, *cuts.tolist(), size]
     pieces = [(str(ids[lo]), slice(lo, hi)) for lo, hi in zip(edges[:-1], edges[1:])]
@@ -359,7 +388,7 @@ def _seconds(time: Any, dt: float | None, size: int, pieces: Sequence[tuple[str,
     if time is None:
         if dt is None:
             return None
-        if not np.isfinite(dt) or dt <= 0:
+        if isinstance(dt, bool) or not isinstance(dt, (int, float, np.number)) or not np.isfinite(dt) or dt <= 0:
             raise ChannelError(f"dt={dt!r} is not a sampling step", "Give a positive number in s.")
         return np.concatenate([np.arange(rows.stop - rows.start) * float(dt) for _, rows in pieces])
     seconds = seconds_of(time, "time")

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
-from .fusion import BasisLadder, FusedMotion, fuse
+from .fusion import BasisLadder, FusedMotion, fuse, refine
 from .joint import fuse_jointly
 
 Views = list[np.ndarray | None]
@@ -14,7 +15,10 @@ OVERLAP = 4096  # samples over which neighbouring blocks are faded into each oth
 LISTEN = 6  # blocks from which noise levels are taken, so that they are the same in all
 
 
-def fuse_all(views: list[Views], levels: np.ndarray, corner: float | None = None) -> list[FusedMotion]:
+@threadpool_limits.wrap(limits=1)  # the banded matrices are narrow: threads only get in each other's way
+def fuse_all(
+    views: list[Views], levels: np.ndarray, corner: float | None = None, joint: bool = True
+) -> list[FusedMotion]:
     """Motions of all degrees of freedom from their channels, in units of samples.
 
     Parameters
@@ -25,6 +29,8 @@ def fuse_all(views: list[Views], levels: np.ndarray, corner: float | None = None
         Known noise levels, NaN where they are to be estimated.
     corner : float, optional
         High-pass corner for motions without a displacement sensor, cycles per sample.
+    joint : bool
+        Whether the degrees of freedom improve each other; see :mod:`~pysindy_nrf.signals.joint`.
 
     Returns
     -------
@@ -32,7 +38,7 @@ def fuse_all(views: list[Views], levels: np.ndarray, corner: float | None = None
     """
     n = len(next(y for y in views[0] if y is not None))
     if n <= 3 * BLOCK // 2:
-        return _fuse_block(views, levels, [corner] * len(views), BasisLadder(n))
+        return _fuse_block(views, levels, [corner] * len(views), BasisLadder(n), joint)
     starts = np.linspace(0, n - BLOCK, -(-(n - OVERLAP) // (BLOCK - OVERLAP))).astype(int)
     ladder = BasisLadder(BLOCK)
     heard = [_part(views, start) for start in starts[:: -(-len(starts) // LISTEN)]]
@@ -42,7 +48,7 @@ def fuse_all(views: list[Views], levels: np.ndarray, corner: float | None = None
     motion = np.zeros((len(views), 3, n))
     spacing = np.zeros(len(views))
     for i, start in enumerate(starts):
-        block = _fuse_block(_part(views, start), levels, corners, ladder)
+        block = _fuse_block(_part(views, start), levels, corners, ladder, joint)
         weight = np.ones(BLOCK)
         if i:
             rise = starts[i - 1] + BLOCK - start
@@ -56,9 +62,9 @@ def fuse_all(views: list[Views], levels: np.ndarray, corner: float | None = None
     return [FusedMotion(motion[j], levels[j], spacing[j], corners[j]) for j in range(len(views))]
 
 
-def _fuse_block(views: list[Views], levels, corners, ladder: BasisLadder) -> list[FusedMotion]:
+def _fuse_block(views: list[Views], levels, corners, ladder: BasisLadder, joint: bool) -> list[FusedMotion]:
     single = [fuse(y, ladder, s, c) for y, s, c in zip(views, levels, corners, strict=True)]
-    return fuse_jointly(views, single, ladder)
+    return fuse_jointly(views, single, ladder) if joint else refine(views, single, ladder)
 
 
 def _part(views: list[Views], start: int) -> list[Views]:

@@ -50,6 +50,10 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         Frequency band, Hz. The fused motion, the forces and every other channel go through the
         same zero-phase :class:`~pysindy_nrf.fair_filter.FairFilter`, and the rows the filter
         spoils at the ends become NaN (they are masked later). None: forces are left as they are.
+    joint : bool
+        False leaves the second step out: the noise left in the motions is then independent of the
+        motion and nothing of it is lost, which instrumental variables need
+        (``NRFRegressor(estimation="iv")`` does this by itself where it is given records).
 
     Attributes
     ----------
@@ -93,10 +97,13 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
     {'a1': 5.01, 'x1': 0.02}
     """
 
-    def __init__(self, fs: float | None = None, noise: Any = "estimate", band: Band = None) -> None:
+    def __init__(
+        self, fs: float | None = None, noise: Any = "estimate", band: Band = None, joint: bool = True
+    ) -> None:
         self.fs = fs
         self.noise = noise
         self.band = band
+        self.joint = joint
 
     # -- scikit-learn -------------------------------------------------------------------------
 
@@ -235,7 +242,7 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
                     levels[row, order] = (self._level(kind, name) if learn else self.noise_[name]) * units[kind]
             every.append(views)
         noise, spacing, high_pass, a, v, x = {}, {}, {}, {}, {}, {}
-        for j, best in zip(dofs, fuse_all(every, levels, corner), strict=True):
+        for j, best in zip(dofs, fuse_all(every, levels, corner, self.joint), strict=True):
             x[f"x{j}"], v[f"v{j}"], a[f"a{j}"] = best.motion[0], best.motion[1] * fs, best.motion[2] * fs**2 + base
             spacing[j], high_pass[j] = best.spacing, best.high_pass * fs
             for kind, order in _ORDERS.items():

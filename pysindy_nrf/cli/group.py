@@ -1,0 +1,93 @@
+"""The command group, and what happens to errors: a sentence and an exit code, no traceback."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+import click
+
+from .. import __version__
+from ..exceptions import MissingExtraError, NRFError
+from .demo import demo
+from .identify import identify
+
+USAGE, DATA, OTHER, INTERRUPTED = 2, 3, 1, 130
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110, "show_default": True})
+@click.version_option(__version__, prog_name="pysindy-nrf")
+def cli() -> None:
+    """Masses and nonlinear restoring forces of chain-like structures from measured forces and motions.
+
+    \b
+    Start with
+        pysindy-nrf demo
+    then give it your own test, a file with columns t, F1.., a1.., v1.., x1.. (SI units):
+        pysindy-nrf identify test.csv
+    and see pysindy-nrf identify --help for other names, units and kinds of files.
+
+    \b
+    Exit codes: 0 done, 2 wrong usage, 3 the data or what was asked of them, 1 anything else, 130 stopped by Ctrl-C.
+    """
+
+
+cli.add_command(demo)
+cli.add_command(identify)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line and leave with an exit code.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Those of the process if None.
+    """
+    sys.exit(run(arguments))
+
+
+def run(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+
+    Returns
+    -------
+    int
+        The exit code.
+    """
+    try:
+        return (
+            cli.main(
+                args=None if arguments is None else list(arguments), prog_name="pysindy-nrf", standalone_mode=False
+            )
+            or 0
+        )
+    except click.ClickException as error:
+        error.show()
+        return USAGE
+    except NRFError as error:
+        return _say(str(error), DATA)
+    except MissingExtraError as error:
+        return _say(str(error), OTHER)
+    except (click.Abort, KeyboardInterrupt):
+        return _say("Stopped. No half-written file is left.", INTERRUPTED, "")
+    except BrokenPipeError:
+        sys.stderr.close()  # the reader of our output has left
+        return OTHER
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        return _say(f"{where}{error.strerror or error}.", OTHER)
+    except MemoryError:
+        return _say("Not enough memory. Cut the record or lower the degree.", OTHER)
+    except Exception as error:  # a fault of ours
+        fault = f"This is a fault of pysindy-nrf {__version__}; please report it."
+        return _say(f"Unexpected {type(error).__name__}: {error}. {fault}", OTHER)
+
+
+def _say(text: str, code: int, word: str = "Error: ") -> int:
+    click.echo(f"{word}{text}", err=True)
+    return code

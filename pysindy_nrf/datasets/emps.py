@@ -1,0 +1,39 @@
+"""EMPS: an electro-mechanical positioning stage."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..io import read_record
+from ..record import Record
+from .folder import data_file
+
+
+def load_emps(folder: Any = None) -> Record:
+    """Electro-mechanical positioning stage (EMPS): one DOF, only position and drive are measured.
+
+    Parameters
+    ----------
+    folder : path-like, optional
+        See :func:`data_folder`; the file is ``emps/DATA_EMPS.mat``.
+
+    Returns
+    -------
+    Record
+        ``F1`` (N, drive voltage times the gain ``gtau`` = 35.1507 N/V), ``x1`` (m); 1000 Hz, 24.8 s.
+
+    Raises
+    ------
+    NRFError
+        If the folder or the file is missing.
+
+    Notes
+    -----
+    Measured in closed loop by A. Janot, M. Gautier and M. Brunot, "Data Set and Reference Models of
+    EMPS", Workshop on Nonlinear System Identification Benchmarks, 2019 (nonlinearbenchmark.org;
+    the set states no licence). Their least-squares model, band-limited to about 20 Hz: mass 95.1089 kg, viscous
+    203.5034 N s/m, Coulomb friction 20.3935 N, offset -3.1648 N. A model without friction leaves
+    about 17 % of the force unexplained.
+    """
+    path = data_file(folder, "emps", "DATA_EMPS.mat")
+    return read_record(path, mapping={"t": "t", "x1": "qm", "F1": "vir*gtau"}, name="EMPS")

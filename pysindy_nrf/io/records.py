@@ -1,0 +1,254 @@
+"""From a file to a Record."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ..exceptions import ChannelError, FileFormatError
+from ..record import Record
+from .expression import Expression, line_of, parse
+from .names import channel_of
+from .table import MAX_BYTES, Table
+from .tables import read_table
+from .units import dimension_of, factor, si_unit
+
+_MATRICES = ("a", "v", "x", "F")
+
+
+@dataclass
+class Source:
+    """Where a channel came from.
+
+    Attributes
+    ----------
+    text : str
+        The mapping, or the column's name.
+    unit : str
+        Unit in the file.
+    """
+
+    text: str
+    unit: str
+
+
+@dataclass
+class Reading:
+    """A record and how the file was understood.
+
+    Attributes
+    ----------
+    record : Record
+    table : Table
+    sources : dict of str to Source
+        By channel.
+    unused : tuple of str
+        Variables of the file that are not in the record.
+    """
+
+    record: Record
+    table: Table
+    sources: dict[str, Source]
+    unused: tuple[str, ...]
+
+
+def read_record(path: Any, *, mapping: Mapping[str, str] | None = None, fs: float | None = None,
+                units: Mapping[str, str] | None = None, name: str | None = None,
+                coordinates: str = "relative", max_bytes: int = MAX_BYTES) -> Record:  # fmt: skip
+    """Read the measured channels of one test from a file.
+
+    Parameters
+    ----------
+    path : path-like
+        See :func:`read_table` for the types.
+    mapping : mapping of str to str, optional
+        Channels by ``[-] name [:, k] * factor @ unit``: ``{"x1": "qm", "F1": "vir*35.1507",
+        "a2": "-acc[:, 2] @ g"}``. The factor may name a number held by the file. ``"none"`` drops a
+        channel, ``"unknown"`` says that a force acts but was not measured. Channels are ``a1..,
+        v1.., x1.., F1.., ag, vg, xg, t``; any other name becomes a covariate. Columns that carry
+        a channel's name need no mapping; all others are left out.
+    fs : float, optional
+        Sampling rate, Hz, where the file has no time.
+    units : mapping of str to str, optional
+        Units by channel or by kind, ``{"a": "g", "x": "mm", "x3": "in"}``; ``@ unit`` in the mapping
+        goes first, a unit written in the file's header last. SI where nothing is said.
+    name : str, optional
+        Name of the test; the file's name if None.
+    coordinates : {"relative", "absolute"}
+        Whether velocities and displacements are relative to the base.
+    max_bytes : int
+
+    Returns
+    -------
+    Record
+        SI units.
+
+    Raises
+    ------
+    FileFormatError
+        If the file cannot be read or has no such variable.
+    ChannelError
+        If a mapping or unit is not understood, or a channel does not hold finite numbers.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from pysindy_nrf.io import read_record
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> path = pathlib.Path(folder.name, "test 7.csv")
+    >>> _ = path.write_text("t,laser [mm],drive\\n0.00,1.0,0.1\\n0.01,1.5,0.2\\n0.02,1.0,0.1\\n")
+    >>> rec = read_record(path, mapping={"x1": "laser", "F1": "drive*35.15"})
+    >>> rec
+    Record('test 7': 1 DOF, 3 samples at 100 Hz (0.03 s), channels F1, x1)
+    >>> rec.displacement.ravel(), rec.force.ravel()
+    (array([0.001 , 0.0015, 0.001 ]), array([3.515, 7.03 , 3.515]))
+    >>> folder.cleanup()
+    """
+    return inspect_record(
+        path, mapping=mapping, fs=fs, units=units, name=name, coordinates=coordinates, max_bytes=max_bytes
+    ).record
+
+
+def inspect_record(path: Any, *, mapping: Mapping[str, str] | None = None, fs: float | None = None,
+                   units: Mapping[str, str] | None = None, name: str | None = None,
+                   coordinates: str = "relative", max_bytes: int = MAX_BYTES) -> Reading:  # fmt: skip
+    """Read a record and keep how the file was understood, for :func:`describe`.
+
+    Parameters
+    ----------
+    path, mapping, fs, units, name, coordinates, max_bytes
+        As for :func:`read_record`.
+
+    Returns
+    -------
+    Reading
+    """
+    table = read_table(path, max_bytes=max_bytes)
+    chosen = _chosen(table, dict(mapping or {}))
+    declared = _declared(units)
+    lines: dict[str, np.ndarray] = {}
+    sources: dict[str, Source] = {}
+    unknown = []
+    for channel, expression in chosen.items():
+        if isinstance(expression, str):
+            unknown.append(channel)
+            continue
+        line = line_of(expression, table, channel)
+        unit = _unit(channel, expression, table, declared)
+        if unit and dimension_of(channel) is not None and line.dtype.kind == "f":
+            scale = factor(unit, channel)
+            line = line if scale == 1 else line * scale
+        lines[channel] = line
+        sources[channel] = Source(_text(expression), unit or si_unit(channel))
+    stray = [key for key in declared if not any(key in (c, c[:1]) for c in lines)]
+    if stray:
+        raise ChannelError(
+            f"A unit is given for {stray[0]!r}, which is not among the channels {', '.join(lines) or '(none)'}",
+            "Name a channel (x1) or a kind (x, v, a, F, t).",
+        )
+    if not any(dimension_of(c) not in (None, "force", "time") and c not in ("ag", "vg", "xg") for c in lines):
+        raise FileFormatError(
+            f"{table.path}: no column is known to be a motion; it holds {table.names}",
+            "Name columns a1.., v1.., x1.., F1.., ag, t, or map them: mapping={'x1': 'name'}, --map x1=name.",
+        )
+    _same_length(table, lines)
+    n = len(next(iter(lines.values())))
+    for channel in unknown:
+        lines[channel] = np.full(n, np.nan)
+        sources[channel] = Source("unknown", "")
+    if "t" in lines and lines["t"].dtype == object:
+        lines["t"] = _timestamps(table, lines["t"])
+    elif "t" not in lines and fs is None:
+        raise ChannelError(
+            f"{table.path} has no time column", "Give the sampling rate, fs= (--fs, Hz), or map one: --map t=name."
+        )
+    record = Record.from_frame(pd.DataFrame(lines), fs=fs, name=name or table.path.stem, coordinates=coordinates)
+    used = {e.name for e in chosen.values() if isinstance(e, Expression)}
+    unused = tuple(v for v in table.variables if v not in used)
+    return Reading(record, table, sources, unused)
+
+
+def _chosen(table: Table, mapping: dict[str, str]) -> dict[str, Expression | str]:
+    """Expression by channel: the file's own names first, then the mapping."""
+    chosen: dict[str, Expression | str] = {}
+    for name, values in table.variables.items():
+        if name in _MATRICES and values.ndim == 2:
+            for k in range(values.shape[1]):
+                chosen[f"{name}{k + 1}"] = Expression(name, column=k)
+        elif (channel := channel_of(name)) and values.ndim == 1:
+            if channel in chosen:
+                raise FileFormatError(
+                    f"{table.path} has two columns that are channel {channel}",
+                    f"Rename one, or map it: {channel}=name.",
+                )
+            chosen[channel] = Expression(name)
+    for key, text in mapping.items():
+        channel = channel_of(str(key)) or str(key)
+        if channel in ("a", "v", "x", "F", "f", ""):
+            raise ChannelError(
+                f"The channel {key!r} has no number", "Write a1, v2, x3, F1, ag, vg, xg, t, or the name of a covariate."
+            )
+        if isinstance(text, str) and text.strip().lower() == "none":
+            chosen.pop(channel, None)
+        elif isinstance(text, str) and text.strip().lower() == "unknown":
+            if dimension_of(channel) != "force":
+                raise ChannelError(
+                    f"Channel {channel} cannot be 'unknown'",
+                    "Only a force can act and not be measured; write 'none' to drop a channel.",
+                )
+            chosen[channel] = "unknown"
+        else:
+            chosen[channel] = parse(text, table, channel)
+    return chosen
+
+
+def _declared(units: Mapping[str, str] | None) -> dict[str, str]:
+    out = {}
+    for key, unit in dict(units or {}).items():
+        if not isinstance(unit, str) or not unit.strip():
+            raise ChannelError(f"The unit of {key!r} is {unit!r}", "Give a text such as 'mm' or 'g'.")
+        channel = channel_of(str(key)) or {"f": "F"}.get(str(key), str(key))
+        out[channel] = unit.strip()
+    return out
+
+
+def _unit(channel: str, expression: Expression, table: Table, declared: Mapping[str, str]) -> str | None:
+    if expression.unit:
+        return expression.unit
+    if channel in declared:
+        return declared[channel]
+    if dimension_of(channel) is not None and channel[0] in declared:
+        return declared[channel[0]]
+    return table.units.get(expression.name) if expression.factor is None else None
+
+
+def _text(expression: Expression) -> str:
+    text = ("-" if expression.sign < 0 else "") + expression.name
+    if expression.column is not None:
+        text += f"[:, {expression.column}]"
+    if expression.row is not None:
+        text += f"[{expression.row}, :]"
+    return text + (f" * {expression.factor}" if expression.factor else "")
+
+
+def _same_length(table: Table, lines: Mapping[str, np.ndarray]) -> None:
+    lengths = {c: len(line) for c, line in lines.items()}
+    if len(set(lengths.values())) > 1:
+        raise ChannelError(
+            f"{table.path}: channels differ in length, " + ", ".join(f"{c} {n}" for c, n in lengths.items()),
+            "Map channels of one test; resample those of another clock.",
+        )
+
+
+def _timestamps(table: Table, values: np.ndarray) -> pd.DatetimeIndex:
+    try:
+        return pd.DatetimeIndex(pd.to_datetime(pd.Series(values)))
+    except (ValueError, TypeError) as error:
+        raise FileFormatError(
+            f"{table.path}: the time {values[0]!r} is not understood",
+            "Give seconds, or timestamps like 2024-05-01T12:00:00.125.",
+        ) from error

@@ -1,0 +1,17 @@
+"""Where the measured records are, or why a test is skipped."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+
+def folder(name: str) -> Path:
+    """The folder of measured sets, if it holds the set."""
+    beside = Path(__file__).parents[2] / "shared" / "data"
+    root = Path(os.environ.get("PYSINDY_NRF_DATA") or beside)
+    if not (root / name).is_dir():
+        pytest.skip(f"measured set {name} is not in {root}; set PYSINDY_NRF_DATA")
+    return root

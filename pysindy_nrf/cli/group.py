@@ -9,6 +9,7 @@ import click
 
 from .. import __version__
 from ..exceptions import MissingExtraError, NRFError
+from .close_loop import close_loop
 from .demo import demo
 from .identify import identify
 
@@ -25,6 +26,7 @@ def cli() -> None:
         pysindy-nrf demo
     then give it your own test, a file with columns t, F1.., a1.., v1.., x1.. (SI units):
         pysindy-nrf identify test.csv
+        pysindy-nrf close-loop test.csv       (what does the model lack?)
     and see pysindy-nrf identify --help for other names, units and kinds of files.
 
     \b
@@ -34,6 +36,7 @@ def cli() -> None:
 
 cli.add_command(demo)
 cli.add_command(identify)
+cli.add_command(close_loop)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -7,30 +7,24 @@ from typing import Any
 
 import click
 
-from .options import Band, Degree, Mass, Pair, as_mapping, json_option, laws_of, output_option
+from .options import (
+    Band,
+    Degree,
+    Mass,
+    Pair,
+    as_mapping,
+    json_option,
+    laws_of,
+    output_option,
+    readings_of,
+    record_options,
+)
 from .session import Session
 
 
 @click.command()
 @click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path(path_type=Path))
-@click.option(
-    "--map",
-    "mapping",
-    multiple=True,
-    type=Pair("CHANNEL=COLUMN"),
-    help='Which column is which channel: "name", "-name[:, 2] * 9.81", "name @ mm", "none", or "unknown" '
-    "for a force that acts and was not measured.",
-)
-@click.option(
-    "--unit", "units", multiple=True, type=Pair("CHANNEL=UNIT"), help="Unit of a channel (x3=in) or kind (a=g, F=kN)."
-)
-@click.option("--fs", type=float, help="Sampling rate in Hz, where the file has no time.")
-@click.option(
-    "--coordinates",
-    type=click.Choice(["relative", "absolute"]),
-    default="relative",
-    help="Whether velocities and displacements are relative to the base.",
-)
+@record_options
 @click.option("--degree", type=Degree(), default=3, help="Total degree of the power series, or box k,q.")
 @click.option(
     "--order", "orders", multiple=True, type=Pair("SITE=DEGREE"), help='Another degree at a site: "storey 2=5".'
@@ -114,19 +108,10 @@ def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) 
         _identify_frf(session, files, settings, options)
         return
     _refuse_frf_options()
-    from ..io import describe, inspect_record, summary
+    from ..io import describe, summary
     from .work import identify_records
 
-    readings = [
-        inspect_record(
-            path,
-            mapping=as_mapping(options["mapping"], "--map"),
-            units=as_mapping(options["units"], "--unit"),
-            fs=options["fs"],
-            coordinates=options["coordinates"],
-        )
-        for path in files
-    ]
+    readings = readings_of(files, options)
     records = [reading.record for reading in readings]
     session.say("What was measured\n-----------------")
     for reading in readings:

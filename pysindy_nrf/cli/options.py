@@ -17,6 +17,52 @@ output_option = click.option(
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of words.")
 
 
+def record_options(command: Any) -> Any:
+    """Options of every command that reads records: channels, units, clock, coordinates."""
+    for option in reversed((
+        click.option(
+            "--map",
+            "mapping",
+            multiple=True,
+            type=Pair("CHANNEL=COLUMN"),
+            help='Which column is which channel: "name", "-name[:, 2] * 9.81", "name @ mm", "none", or "unknown" '
+            "for a force that acts and was not measured.",
+        ),
+        click.option(
+            "--unit",
+            "units",
+            multiple=True,
+            type=Pair("CHANNEL=UNIT"),
+            help="Unit of a channel (x3=in) or kind (a=g, F=kN).",
+        ),
+        click.option("--fs", type=float, help="Sampling rate in Hz, where the file has no time."),
+        click.option(
+            "--coordinates",
+            type=click.Choice(["relative", "absolute"]),
+            default="relative",
+            help="Whether velocities and displacements are relative to the base.",
+        ),
+    )):
+        command = option(command)
+    return command
+
+
+def readings_of(files: Any, options: dict[str, Any]) -> list[Any]:
+    """What the files hold, by the record options."""
+    from ..io import inspect_record
+
+    return [
+        inspect_record(
+            path,
+            mapping=as_mapping(options["mapping"], "--map"),
+            units=as_mapping(options["units"], "--unit"),
+            fs=options["fs"],
+            coordinates=options["coordinates"],
+        )
+        for path in files
+    ]
+
+
 class Pair(click.ParamType):
     """``KEY=VALUE``.
 

@@ -76,7 +76,7 @@ def close_loop(
     n_surrogates : int
         Surrogates for the null reference; 0 leaves it out.
     progress : bool
-        Show a progress bar (tqdm).
+        Show a progress bar (tqdm) where the error stream is a terminal.
 
     Returns
     -------
@@ -93,7 +93,7 @@ def close_loop(
     >>> from pysindy_nrf import ChainModel, close_loop, excitation, laws, simulate
     >>> linear = [laws.LinearElastic(1e5), laws.LinearViscous(100.0)]
     >>> truth = ChainModel([10.0, 10.0], {"storey 1": [*linear, laws.CoulombFriction(30.0)], "storey 2": linear})
-    >>> F = excitation.band_limited(8000, 2, dt=1e-3, dofs=[2], rms=100.0, band=(1, 60), random_state=0)
+    >>> F = excitation.band_limited_random(2, 8.0, 1000.0, dofs=2, rms=100.0, band=(1, 60), random_state=0)
     >>> report = close_loop(simulate(truth, F, 1e-3))
     >>> report.steps[0].family, report.steps[0].site
     ('friction', 'storey 1')
@@ -209,7 +209,7 @@ class _Loop:
         if self.progress:
             from tqdm.auto import tqdm
 
-            bar = tqdm(total=len(self.every), desc=f"search {len(steps) + 1}", unit="candidate", leave=False)
+            bar = tqdm(total=len(self.every), desc=f"search {len(steps) + 1}", unit="candidate", leave=False, disable=None)
             tick = bar.update
         found = screen(stage, self.every, accepted, lines, tick)
         if bar is not None:

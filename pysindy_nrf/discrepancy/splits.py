@@ -72,11 +72,11 @@ def split(
     ChannelError
         If the records are too short to be split.
     """
-    parts = [np.hstack([seg.a[seg.valid], seg.v[seg.valid]]).astype(float) for seg in segments]
+    chosen = [i for i in range(len(segments)) if heldout is None or i not in heldout]
+    parts = [np.hstack([segments[i].a[segments[i].valid], segments[i].v[segments[i].valid]]).astype(float) for i in chosen]
     scale = np.sqrt(np.mean(np.vstack([(p**2).mean(axis=0) for p in parts]), axis=0))
     scale[scale == 0] = 1.0
     sums = [energy(seg, scale) for seg in segments]
-    chosen = [i for i in range(len(segments)) if heldout is None or i not in heldout]
     held = [BlockRows(i, slice(0, len(sums[i]))) for i in heldout or ()]
     share = 1.0 - HELDOUT_SHARE if heldout is None else 1.0
     total = sum(sums[i][-1] for i in chosen)

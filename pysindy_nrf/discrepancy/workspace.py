@@ -54,7 +54,8 @@ class Workspace:
         self.search, self.held = list(search), list(held)
         self.known_masses, self.strategy = dict(known_masses), strategy
         self.n_dof = data.n_dof
-        self.forced, self.unknown = data.forced, data.unknown
+        seen = SegmentSet([data.segments[i] for i in sorted({b.segment for b in search})], data.n_samples)
+        self.forced, self.unknown = seen.forced, seen.unknown
         self._motions: dict[Site, list[Motion]] = {}
         self._fixed = []
         for i, seg in enumerate(data.segments):
@@ -78,11 +79,12 @@ class Workspace:
         return self._motions[site]
 
     def scales(self, site: Site) -> tuple[float, float, float]:
-        """Rms drift (m), rms rate (m/s) and record length (s) at a site."""
+        """Rms drift (m), rms rate (m/s) and longest record (s) of the search at a site."""
         motions = self.motions(site)
-        s = np.sqrt(np.mean(np.concatenate([m.s for m in motions]) ** 2))
-        v = np.sqrt(np.mean(np.concatenate([m.v for m in motions]) ** 2))
-        length = max((float(m.t[-1] - m.t[0]) for m in motions if m.t is not None), default=1.0)
+        parts = [(motions[b.segment].s[b.rows], motions[b.segment].v[b.rows]) for b in self.search]
+        s, v = (np.sqrt(np.mean(np.concatenate([p[i] for p in parts]) ** 2)) for i in range(2))
+        chosen = [motions[i] for i in {b.segment for b in self.search}]
+        length = max((float(m.t[-1] - m.t[0]) for m in chosen if m.t is not None), default=1.0)
         return float(s), float(v), length
 
     def columns(self, site: Site, law: ForceLaw) -> list[np.ndarray]:

@@ -1,0 +1,126 @@
+"""``pysindy-nrf close-loop``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+
+from .options import (
+    Band,
+    Degree,
+    Mass,
+    as_mapping,
+    json_option,
+    laws_of,
+    output_option,
+    readings_of,
+    record_options,
+)
+from .session import Session
+
+
+@click.command("close-loop")
+@click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path(path_type=Path))
+@record_options
+@click.option(
+    "--heldout", multiple=True, type=click.Path(path_type=Path), help="A file that only the last line may see."
+)
+@click.option("--degree", type=Degree(), default=1, help="Total degree of the declared storeys, or box k,q.")
+@click.option(
+    "--law", "laws", multiple=True, help='Declared laws at a site: "storey 1=linear_elastic+linear_viscous+dahl".'
+)
+@click.option("--known-mass", "masses", multiple=True, type=Mass(), help="A mass that is known: 2=12.4.")
+@click.option("--band", type=Band(), help="Frequency band in Hz in which everything is fitted and judged: 0.5,30.")
+@click.option("--steps", type=click.IntRange(0), default=4, help="Effects at most.")
+@click.option("--seed", type=int, default=0, help="Seed of the surrogates.")
+@output_option
+@json_option
+def close_loop(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
+    """Find the effects a model lacks, add them, and report the error before and after.
+
+    FILE is read as by ``identify``. The last quarter of each record (or the files given with
+    --heldout) is put aside until the last line.
+
+    \b
+    Examples
+      pysindy-nrf close-loop shaker.csv --band 0.5,40
+      pysindy-nrf close-loop DATA_EMPS.mat --map x1=qm --map F1='vir*35.1507' --map t=t --band 0,20
+      pysindy-nrf close-loop quake.csv --map ag='table @ g' --known-mass 1=1 --known-mass 2=1 --known-mass 3=1
+    """
+    from ..discrepancy import close_loop as run
+    from ..io import describe
+    from ..regressor import NRFRegressor
+    from .options import Pair
+    from .text import heading, table
+
+    session = Session(as_json)
+    pairs = [Pair("SITE=NAME+NAME").convert(text, None, None) for text in options["laws"]]
+    baseline = NRFRegressor(
+        degree=options["degree"],
+        laws=laws_of(pairs, options["degree"]),
+        known_masses=as_mapping(options["masses"], "--known-mass") or None,
+    )
+    readings = readings_of(files, options)
+    kept = readings_of(options["heldout"], options)
+    session.say("What was measured\n-----------------")
+    for reading in (*readings, *kept):
+        session.say(describe(reading))
+    report = run(
+        [r.record for r in readings],
+        baseline,
+        heldout=[r.record for r in kept] or None,
+        band=options["band"],
+        random_state=options["seed"],
+        max_steps=options["steps"],
+        progress=not as_json,
+    )
+    session.say(heading("What was found"))
+    session.say(str(report))
+    session.say(heading("Errors, percent NRMSE (balance errors, but for the free run)"))
+    session.say(table(report.table))
+    session.say(heading("Model"))
+    session.say(str(report.model))
+    written = _write(report, options["output"])
+    if as_json:
+        click.echo(json.dumps(_data(report) | {"files": [str(p) for p in written]}, indent=2))
+    session.say(f"\nWritten to {options['output']}: {', '.join(p.name for p in written)}")
+
+
+def _write(report: Any, folder: Path) -> list[Path]:
+    from .._atomic import atomic_write
+
+    names = ["model.json", "closed_loop.md", "closed_loop.html", "closed_loop.csv"]
+    written = [folder / name for name in names]
+    report.model.to_json(written[0])
+    with atomic_write(written[1]) as file:
+        file.write(report.to_markdown())
+    report.to_html(written[2])
+    with atomic_write(written[3]) as file:
+        report.table.to_csv(file, index_label="model", lineterminator="\n")
+    return written
+
+
+def _data(report: Any) -> dict[str, Any]:
+    table = report.table.astype(object).where(report.table.notna(), None)
+    return {
+        "steps": [
+            {
+                "law": s.law,
+                "family": s.family,
+                "site": s.site,
+                "parameters": s.parameters,
+                "alternatives": s.alternatives,
+                "error_before": s.error_before,
+                "error_after": s.error_after,
+                "remainder": s.remainder,
+                "sentence": s.sentence,
+            }
+            for s in report.steps
+        ],
+        "table": table.to_dict("index"),
+        "stopped_because": report.stopped_because,
+        "model": report.model.to_dict(),
+    }

@@ -1,0 +1,196 @@
+"""The closed loop on chains whose missing effect only the assertion knows.
+
+The motions come from scipy's DOP853 with formulas written here, not from the package's own laws.
+"""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.integrate import solve_ivp
+
+from pysindy_nrf import NRFRegressor, Record, close_loop, laws
+from pysindy_nrf.cli.group import cli
+from pysindy_nrf.exceptions import ChannelError, LawError
+from pysindy_nrf.noise import add_noise
+
+M = np.array([12.0, 10.0, 8.0])
+K = np.array([4.0e4, 3.5e4, 3.0e4])
+C = np.array([40.0, 30.0, 25.0])
+DT = 1e-3
+
+
+def force(n_samples, dofs, seed, rms=60.0):
+    """Band-limited random forces, N."""
+    rng = np.random.default_rng(seed)
+    f = np.fft.rfftfreq(n_samples, DT)
+    F = np.zeros((n_samples, 3))
+    for j in dofs:
+        y = np.fft.irfft((rng.standard_normal(len(f)) + 1j * rng.standard_normal(len(f))) * ((f > 0.5) & (f < 25)), n_samples)
+        F[:, j - 1] = rms * y / y.std()
+    return F
+
+
+@cache
+def record(effect=None, dofs=(3,), seed=0, n_samples=5000, states=0, noise=0.0, name="test"):
+    """A three-storey chain with an effect: effect(t, x, v, z) -> (forces on the DOFs, dz/dt)."""
+    F = force(n_samples, dofs, seed)
+    t = np.arange(n_samples) * DT
+    stiff = np.diag(K + np.append(K[1:], 0.0)) - np.diag(K[1:], 1) - np.diag(K[1:], -1)
+    damp = np.diag(C + np.append(C[1:], 0.0)) - np.diag(C[1:], 1) - np.diag(C[1:], -1)
+
+    def motion(time, x, v, z):
+        i = min(int(time / DT), n_samples - 2)
+        f = F[i] + (time / DT - i) * (F[i + 1] - F[i])
+        extra, dz = effect(time, x, v, z) if effect else (0.0, z)
+        return (f - stiff @ x - damp @ v + extra) / M, dz
+
+    def rhs(time, y):
+        x, v, z = y[:3], y[3:6], y[6:]
+        a, dz = motion(time, x, v, z)
+        return np.concatenate([v, a, dz])
+
+    sol = solve_ivp(rhs, (0, t[-1]), np.zeros(6 + states), "DOP853", t_eval=t, rtol=1e-7, atol=1e-11)
+    y = sol.y.T
+    a = np.array([motion(ti, yi[:3], yi[3:6], yi[6:])[0] for ti, yi in zip(t, y)])
+    rec = Record(force=F, acceleration=a, velocity=y[:, 3:6], displacement=y[:, :3], fs=1 / DT, name=name)
+    return add_noise(rec, noise, random_state=seed + 1) if noise else rec
+
+
+def on_storey_2(R):
+    return np.array([R, -R, 0.0])
+
+
+def friction(t, x, v, z):
+    return on_storey_2(9.0 * np.tanh((v[1] - v[0]) / 2e-4)), z
+
+
+def cubic(t, x, v, z):
+    return on_storey_2(1.2e9 * (x[1] - x[0]) ** 3), z
+
+
+def brace(t, x, v, z):
+    R = 9e3 * (x[2] - x[0]) + 8.0 * (v[2] - v[0])
+    return np.array([R, 0.0, -R]), z
+
+
+def hysteresis(t, x, v, z):
+    w = v[1] - v[0]
+    dz = 900.0 * w - 900.0 * (0.6 * abs(w) * z + 0.4 * w * abs(z))
+    return on_storey_2(14.0 * z[0]), np.atleast_1d(dz[0])
+
+
+CASES = {
+    "friction": (friction, "friction", "storey 2", 0),
+    "cubic": (cubic, "stiffness", "storey 2", 0),
+    "brace": (brace, "link", "link 3-1", 0),
+    "hysteresis": (hysteresis, "hysteresis", "storey 2", 1),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_one_undeclared_effect_is_found_where_it_acts(name):
+    effect, family, site, states = CASES[name]
+    report = close_loop(record(effect, dofs=(3,), seed=3, states=states, noise=0.01))
+    step = report.steps[0]
+    assert step.site == site
+    assert family in (step.family, *step.alternatives)
+    assert step.error_after < 0.5 * step.error_before
+    assert report.model.masses == pytest.approx(M, rel=0.02)
+    assert report.table.loc["baseline", "held-out"] == step.error_before
+    assert len(step.alternatives) <= 2
+
+
+def test_the_size_of_what_is_found():
+    assert close_loop(record(cubic, seed=5)).steps[0].parameters["k3"] == pytest.approx(1.2e9, rel=1e-3)
+    found = close_loop(record(brace, seed=5)).steps[0].parameters
+    assert found["k"] == pytest.approx(9e3, rel=1e-3)
+    assert found["c"] == pytest.approx(8.0, rel=1e-2)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02, 0.1])
+@pytest.mark.parametrize("dofs", [(1, 2, 3), (2,)])
+def test_nothing_is_added_where_nothing_is_missing(noise, dofs):
+    report = close_loop(record(None, dofs=dofs, seed=7, noise=noise))
+    assert report.steps == []
+    assert len(report.table) == 1
+
+
+def test_two_effects_on_different_sites():
+    def both(t, x, v, z):
+        w = v[0]
+        return cubic(t, x, v, z)[0] + np.array([-40.0 * w * abs(w) * 8, 0.0, 0.0]), z
+
+    report = close_loop(record(both, dofs=(1, 2, 3), seed=2, noise=0.01))
+    assert {(s.family, s.site) for s in report.steps[:2]} == {("stiffness", "storey 2"), ("damping", "storey 1")}
+
+
+def test_an_effect_that_is_not_in_the_catalogue_gets_no_sure_name():
+    other = [laws.CoulombFriction(), laws.QuadraticDamping(), laws.Dahl(), laws.StiffnessDrift(), laws.ConstantForce()]
+    report = close_loop(record(brace, seed=3, noise=0.01), catalogue=other)
+    assert all(not step.sure and "unexplained remainder" in step.sentence for step in report.steps)
+
+
+def test_records_held_out_are_read_by_the_last_line_only():
+    first = record(cubic, seed=1)
+    report = close_loop(first, heldout=record(cubic, seed=2, name="other"))
+    silent = record(None, seed=2, name="other")
+    other = close_loop(first, heldout=silent)
+    assert [s.law for s in other.steps] == [s.law for s in report.steps]
+    assert other.model == report.model
+    assert other.table.loc["baseline", "search"] == report.table.loc["baseline", "search"]
+    assert other.steps[0].error_after != report.steps[0].error_after
+
+
+def test_the_same_seed_gives_the_same_report():
+    rec = record(friction, seed=4, noise=0.02)
+    first, second = (close_loop(rec, random_state=5) for _ in range(2))
+    assert first.to_markdown() == second.to_markdown()
+
+
+def test_the_loop_leaves_the_record_and_the_baseline_as_they_were():
+    rec, baseline = record(cubic, seed=1), NRFRegressor(degree=1)
+    before = {k: c.copy() for k, c in rec.channels().items()}
+    close_loop(rec, baseline)
+    assert all(np.array_equal(before[k], c) for k, c in rec.channels().items())
+    assert not hasattr(baseline, "model_")
+
+
+def test_a_declared_cubic_chain_is_left_alone():
+    assert close_loop(record(cubic, seed=6, noise=0.01), NRFRegressor(degree=3)).steps == []
+
+
+def test_report_on_paper(tmp_path):
+    report = close_loop(record(cubic, seed=1))
+    page = tmp_path / "report.html"
+    report.to_html(page)
+    text = page.read_text()
+    assert "cubic_stiffness at storey 2" in text and "<script src" not in text and "http" not in text
+    assert "| baseline |" in report.to_markdown()
+    assert report.stopped_because in report.to_markdown()
+
+
+def test_channels_with_markup_in_their_names_are_escaped(tmp_path):
+    rec = record(cubic, seed=1).replace(covariates={"<script>alert(1)</script>": np.sin(np.arange(5000) / 50)})
+    report = close_loop(rec)
+    report.to_html(tmp_path / "r.html")
+    assert "<script>alert" not in (tmp_path / "r.html").read_text()
+
+
+def test_the_command_prints_and_writes_the_report(tmp_path):
+    table = record(cubic, seed=1).to_frame()
+    table.to_csv(tmp_path / "test.csv")
+    result = CliRunner().invoke(cli, ["close-loop", str(tmp_path / "test.csv"), "-o", str(tmp_path / "out")], catch_exceptions=False)
+    assert result.exit_code == 0
+    assert "cubic_stiffness at storey 2" in result.output
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {"model.json", "closed_loop.md", "closed_loop.html", "closed_loop.csv"}
+
+
+def test_bad_input_is_named():
+    with pytest.raises(ChannelError, match="not a Record"):
+        close_loop(np.zeros((100, 3)))
+    with pytest.raises(LawError, match="not a force law"):
+        close_loop(record(n_samples=600), catalogue=["friction"])
+    with pytest.raises(ValueError, match="nothing scales the chain"):
+        close_loop(record(n_samples=600).replace(force=np.zeros((600, 3))))

@@ -17,7 +17,7 @@ from ..regressor import NRFRegressor, _filters, _valued
 from ..segments import SegmentSet
 from ..sites import Site
 from .catalogue import SPECIAL_CASES, Candidate, as_laws, candidates
-from .gate import FLOOR, Verdict, choose, gain_of, judge
+from .gate import FLOOR, MOST_FAMILIES, Verdict, choose, gain_of, judge
 from .prepare import Prepared, prepare
 from .report import LoopReport, Scene, Step
 from .search import Finding, refine, screen, spectral_lines, validate
@@ -33,6 +33,8 @@ _DECISIONS = 3
 _HOPELESS = 0.05
 # Share of the effect (noise taken off) that may stay unexplained before a name is no longer sure.
 _SURE = 0.4
+# A hysteresis that turns over within this share of the rms drift is friction by another name.
+_ONE_CLASS = 0.3
 
 
 def close_loop(
@@ -189,7 +191,7 @@ class _Loop:
             trial = stage.trial()
             after = trial.fold_errors()
             null = _Null(self, stage, trial)
-            step = _step(chosen, tied, verdict, before, after, null.floor, ranking)
+            step = _step(chosen, tied, verdict, before, after, null.floor, ranking, self.work.scales(chosen.site)[0])
             steps.append(step)
             scenes.append(Scene(f"{step.law} at {step.site}", trial, after))
         floor, left = null.floor, float(np.median(scenes[-1].folds))
@@ -343,15 +345,25 @@ def _worst(trial: Trial) -> str:
     return f"balance of {str(errors.idxmax()).replace('dof', 'DOF')}"
 
 
+def _alternatives(chosen: Finding, tied: Sequence[Finding], drift: float) -> list[str]:
+    """Other families: those tied, and friction where a hysteresis turns over within a small part of the drift."""
+    families = [f.law.family for f in tied]
+    shape = chosen.law.shape
+    turn = shape.get("uy") if "uy" in shape else 1.0 / (shape.get("sigma") or np.inf) if "sigma" in shape else np.inf
+    if chosen.law.family == "hysteresis" and turn is not None and turn < _ONE_CLASS * drift:
+        families.insert(0, "friction")
+    return list(dict.fromkeys(families))[: MOST_FAMILIES - 1]
+
+
 def _step(
-    chosen: Finding, tied: Sequence[Finding], verdict: Verdict, before: np.ndarray, after: np.ndarray, floor: float, ranking: Sequence[Finding]
+    chosen: Finding, tied: Sequence[Finding], verdict: Verdict, before: np.ndarray, after: np.ndarray, floor: float, ranking: Sequence[Finding], drift: float
 ) -> Step:
     return Step(
         law=chosen.law.name,
         family=chosen.law.family,
         site=str(chosen.site),
         shape=dict(chosen.law.shape),
-        alternatives=[f.law.family for f in tied],
+        alternatives=_alternatives(chosen, tied, drift),
         tied=[(f.law.name, str(f.site), f.error) for f in tied],
         gain=verdict.gain,
         wins=verdict.wins,

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
-from .exceptions import IdentifiabilityError, RankWarning
+from .exceptions import BiasWarning, IdentifiabilityError, NRFError, RankWarning
 from .identifiability import Step, Walk
 from .layout import Group, Layout
 from .moments import Block, Moments, accumulate
@@ -26,6 +26,10 @@ _CLEAN = 1e-5
 # Smallest singular value, as a share of the largest, that counts: round-off of a Gram matrix hides
 # what lies below the root of the machine precision.
 _RANK_CUT = {"gram": 3e-8, "root": 1e-9}
+# Residual over a mass's own part of its balance from which on the mass is warned of.
+_DOUBT = 0.5
+# Lengths of columns whose squares a double still holds with all digits.
+_SMALLEST = 1e-145
 
 
 @dataclass
@@ -43,6 +47,9 @@ class StepFit:
         Rms of what the step leaves, N.
     share : float
         The same over the rms of the right-hand side.
+    mass_noise : tuple of float
+        For each mass of the step: the residual over the part of its inertia that no other column can
+        imitate. Near one or above, noise in the motion decides the mass.
     """
 
     step: Step
@@ -51,6 +58,7 @@ class StepFit:
     n_columns: int
     residual: float
     share: float
+    mass_noise: tuple[float, ...] = ()
 
 
 @dataclass
@@ -95,6 +103,32 @@ def groups_of(layout: Layout, walk: Walk) -> list[Group]:
     """
     sums = [step.dofs for step in walk.steps if len(step.dofs) > 1] if walk.strategy != "joint" else []
     return [layout.group(dofs) for dofs in dict.fromkeys([*((j,) for j in range(1, layout.n_dof + 1)), *sums])]
+
+
+def warn_of_masses(solution: Solution) -> None:
+    """Warn of masses that are not positive, or that noise in the motion or a missing law decides.
+
+    Parameters
+    ----------
+    solution : Solution
+    """
+    for fit in solution.fits:
+        for dof, noise in zip(fit.step.masses, fit.mass_noise):
+            mass = solution.masses[dof]
+            if mass > 0 and noise < _DOUBT:
+                continue
+            if noise < _DOUBT:
+                why = (
+                    "is not positive: does the force or the acceleration have the wrong sign, "
+                    "or a channel stand in the wrong column?"
+                )
+            else:
+                why = (
+                    f"is likely biased: what the {fit.step.name} leaves unexplained is {noise:.2g} times the part of "
+                    "its inertia that no other term can imitate. Fuse or filter the channels, excite more frequencies, "
+                    "add the missing law, or give the mass."
+                )
+            warnings.warn(f"m{dof} = {mass:.4g} kg {why}", BiasWarning, stacklevel=4)
 
 
 def solve_blocks(
@@ -182,7 +216,9 @@ def solve(
             target[where[site]] -= signs[site] * solution.coefficients[site]
         if mass_at is not None and not step.masses:
             target[mass_at] -= known.get(step.dofs[0], solution.masses.get(step.dofs[0], 0.0))
-        columns = ([mass_at] if step.masses else []) + [c for s in step.sites for c in range(where[s].start, where[s].stop)]
+        columns = ([mass_at] if step.masses else []) + [
+            c for s in step.sites for c in range(where[s].start, where[s].stop)
+        ]
         combine = np.zeros((len(target), len(columns) + 1))
         combine[columns, np.arange(len(columns))] = 1.0
         combine[:, -1] = target
@@ -219,15 +255,29 @@ def _least_squares(triangle: np.ndarray, step: Step, n_samples: int, inner: Any,
     columns, target = triangle[:, :p], triangle[:, p]
     size = np.linalg.norm(columns, axis=0)
     size_y = float(np.linalg.norm(target))
+    sizes = np.append(size, size_y)
+    wild = np.flatnonzero(~np.isfinite(sizes) | ((sizes > 0) & (sizes < _SMALLEST)))
+    if wild.size:
+        name = [*labels, "the force"][wild[0]]
+        raise NRFError(
+            f"{step.name}: the squares of {name} leave the range of a double",
+            "Check the units of its channels, or lower the degree.",
+        )
     idle = [labels[i] for i in np.flatnonzero(size == 0)]
     if idle:
-        raise IdentifiabilityError(f"{step.name}: the column of {idle[0]} is zero throughout", "Nothing moves there; leave the term out, or excite it.")
+        raise IdentifiabilityError(
+            f"{step.name}: the column of {idle[0]} is zero throughout",
+            "Nothing moves there; leave the term out, or excite it.",
+        )
     unit = columns / size if p else columns
     values = np.linalg.svd(unit, compute_uv=False) if p else np.ones(1)
     rank = int((values > cut * values[0]).sum()) if p else 0
     condition = float(values[0] / values[-1]) if values[-1] > 0 else np.inf
     if size_y == 0:
-        raise IdentifiabilityError(f"{step.name}: the right-hand side is zero throughout", "No force, known mass or known law scales it.")
+        cure = "No force, known mass or known law scales it."
+        if inner is not None and step.known_sites:
+            cure = f"The optimizer dropped every term of {step.known_sites[0]}, which scales it; lower its threshold."
+        raise IdentifiabilityError(f"{step.name}: the right-hand side is zero throughout", cure)
     if rank < p:
         _report_rank(unit, rank, step, labels)
         scaled = linalg.lstsq(unit, target / size_y, cond=cut, check_finite=False)[0]
@@ -237,8 +287,19 @@ def _least_squares(triangle: np.ndarray, step: Step, n_samples: int, inner: Any,
     else:
         scaled = _sparse(unit, target / size_y, bool(step.masses), n_samples, inner)
     residual = float(np.linalg.norm(target / size_y - unit @ scaled)) * size_y if p else size_y
-    fit = StepFit(step, condition, rank, p, residual / max(n_samples, 1) ** 0.5, residual / size_y)
+    noise = _mass_noise(unit, scaled, residual / size_y, len(step.masses)) if rank == p else ()
+    fit = StepFit(step, condition, rank, p, residual / max(n_samples, 1) ** 0.5, residual / size_y, noise)
     return scaled * size_y / size if p else scaled, fit
+
+
+def _mass_noise(unit: np.ndarray, scaled: np.ndarray, share: float, n_masses: int) -> tuple[float, ...]:
+    """Residual over each mass's own part of the right-hand side; the masses are the first columns."""
+    if not n_masses:
+        return ()
+    upper = np.linalg.qr(unit, mode="r")
+    inverse = np.linalg.inv(upper)[:n_masses]
+    own = np.abs(scaled[:n_masses]) / np.linalg.norm(inverse, axis=1)
+    return tuple(float(share / part) if part else np.inf for part in own)
 
 
 def _sparse(unit: np.ndarray, target: np.ndarray, has_mass: bool, n_samples: int, inner: Any) -> np.ndarray:
@@ -270,10 +331,12 @@ def _report_rank(unit: np.ndarray, rank: int, step: Step, labels: list[str]) -> 
     if step.masses and weight[0] > 1e-3:
         raise IdentifiabilityError(
             f"{what}, so {labels[0]} cannot be told from the storey's stiffness",
-            "A steady harmonic excitation or too few samples do this; excite several frequencies, lower the degree, or give the mass in known_masses.",
+            "A steady harmonic excitation or too few samples do this; excite several frequencies, lower the degree, or "
+            "give the mass in known_masses.",
         )
     warnings.warn(
-        f"{what}. Their coefficients are the smallest that fit; excite more frequencies or amplitudes, or lower the degree.",
+        f"{what}. Their coefficients are the smallest that fit; excite more frequencies or amplitudes, or lower the "
+        "degree.",
         RankWarning,
         stacklevel=4,
     )

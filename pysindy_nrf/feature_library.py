@@ -12,9 +12,9 @@ from sklearn.utils.validation import check_is_fitted
 
 from .chain import Chain
 from .exceptions import ChainError, ChannelError, LawError
-from .layout import LawLayout
 from .laws import PowerSeries
 from .laws.base import ForceLaw
+from .layout import LawLayout
 from .segments import Segment, feature_names
 
 _INPUTS = ("balance", "state")
@@ -34,6 +34,8 @@ class ForceLawLibrary(BaseFeatureLibrary):
         and the terms of every site, to be fitted to the forces by :class:`ChainOptimizer`.
         ``"state"``: columns x_1..x_n, xdot_1..xdot_n (relative to the base) and u = F_1..F_n; the
         features are xdot, the terms and F, for :class:`StateSpaceChainOptimizer`.
+    dt : float, optional
+        Sampling step, s, for laws that need the time or remember the path.
 
     Attributes
     ----------
@@ -57,15 +59,22 @@ class ForceLawLibrary(BaseFeatureLibrary):
     ['a1', 'a2', 'v1', 's1', 's1^3', 'v2', 's2', 's2^3']
     """
 
-    def __init__(self, laws: Any = None, chain: Chain | None = None, inputs: str = "balance") -> None:
+    dt: float | None = None
+
+    def __init__(
+        self, laws: Any = None, chain: Chain | None = None, inputs: str = "balance", dt: float | None = None
+    ) -> None:
         self.laws = laws
         self.chain = chain
         self.inputs = inputs
+        self.dt = dt
 
     def _laws(self, chain: Chain) -> Mapping[Any, Sequence[ForceLaw]]:
         given = self.laws
         if given is None:
-            raise LawError("The library has no laws", "Pass laws={'storey 1': [...], ...}, or one list for every storey.")
+            raise LawError(
+                "The library has no laws", "Pass laws={'storey 1': [...], ...}, or one list for every storey."
+            )
         if isinstance(given, ForceLaw):
             given = [given]
         if not isinstance(given, Mapping):
@@ -91,11 +100,21 @@ class ForceLawLibrary(BaseFeatureLibrary):
         n = self.chain.n_dof if self.chain is not None else width // 3
         if n < 1 or width != 3 * n:
             what = "a, v, s" if self.inputs == "balance" else "x, xdot, u = F"
-            raise ChannelError(f"The library got {width} columns, {3 * max(n, 1)} are needed", f"Give {what} of every DOF.")
+            raise ChannelError(
+                f"The library got {width} columns, {3 * max(n, 1)} are needed", f"Give {what} of every DOF."
+            )
         chain = self.chain if self.chain is not None else Chain(n)
         self.layout_ = LawLayout(chain, self._laws(chain))
         if self.inputs == "state" and self.layout_.has_memory:
-            raise LawError("A law that remembers the path cannot stand in a state-space SINDy model", "Use NRFRegressor, or inputs='balance'.")
+            raise LawError(
+                "A law that remembers the path cannot stand in a state-space SINDy model",
+                "Use NRFRegressor, or inputs='balance'.",
+            )
+        if self.inputs == "state" and any(law.uses_acceleration for held in self.layout_.laws.values() for law in held):
+            raise LawError(
+                "A law of the acceleration cannot stand in a state-space SINDy model",
+                "Use NRFRegressor, or inputs='balance'.",
+            )
         self.n_features_in_ = width
         self.n_output_features_ = self.layout_.n_terms + (n if self.inputs == "balance" else 2 * n)
         return self
@@ -122,7 +141,9 @@ class ForceLawLibrary(BaseFeatureLibrary):
         if x.ndim == 1:
             x = x.reshape(-1, 1)
         if x.shape[-1] != self.n_features_in_:
-            raise ChannelError(f"The library got {x.shape[-1]} columns, {self.n_features_in_} were fitted", "Give the same columns.")
+            raise ChannelError(
+                f"The library got {x.shape[-1]} columns, {self.n_features_in_} were fitted", "Give the same columns."
+            )
         lead = x.shape[:-1]
         x = x.reshape(-1, x.shape[-1])
         n = self.layout_.n_dof
@@ -131,16 +152,21 @@ class ForceLawLibrary(BaseFeatureLibrary):
             a, v, s, tail = first, second, third, None
             head = a
         else:
-            a, v, s, tail = np.zeros_like(first), np.diff(second, axis=1, prepend=0.0), np.diff(first, axis=1, prepend=0.0), third
+            a, v, s, tail = (
+                np.zeros_like(first),
+                np.diff(second, axis=1, prepend=0.0),
+                np.diff(first, axis=1, prepend=0.0),
+                third,
+            )
             head = second
         rows = slice(0, len(x))
-        segment = Segment("record", rows, a, v, s, np.zeros_like(s), valid=rows)
+        t = None if self.dt is None else np.arange(len(x)) * self.dt
+        segment = Segment("record", rows, a, v, s, np.zeros_like(s), t, valid=rows)
         out = np.empty((len(x), self.n_output_features_), dtype=np.result_type(x.dtype, np.float32))
         out[:, :n] = head
-        drifts = dict(zip(self.layout_.sites, self.layout_.chain.drift_matrix(self.layout_.sites)))
         for site in self.layout_.acting:
             where = self.layout_.slices[site]
-            out[:, n + where.start : n + where.stop] = self.layout_.columns(site, segment.motion(drifts[site], rows))
+            out[:, n + where.start : n + where.stop] = self.layout_.columns(site, segment.motion(site, rows))
         if tail is not None:
             out[:, n + self.layout_.n_terms :] = tail
         out = out.reshape(*lead, -1)
@@ -219,7 +245,11 @@ class InterstoryPolynomialLibrary(ForceLawLibrary):
     """
 
     def __init__(
-        self, degree: Any = 3, chain: Chain | None = None, orders: Mapping[Any, Any] | None = None, inputs: str = "balance"
+        self,
+        degree: Any = 3,
+        chain: Chain | None = None,
+        orders: Mapping[Any, Any] | None = None,
+        inputs: str = "balance",
     ) -> None:
         self.degree = degree
         self.chain = chain
@@ -253,7 +283,9 @@ def power_series_laws(chain: Chain, degree: Any, orders: Mapping[Any, Any] | Non
     for text, order in dict(orders or {}).items():
         site = chain.site(text)
         if site not in chosen:
-            raise ChainError(f"orders names {str(site)!r}, which is not in the chain", f"Its sites are {', '.join(chain.sites)}.")
+            raise ChainError(
+                f"orders names {str(site)!r}, which is not in the chain", f"Its sites are {', '.join(chain.sites)}."
+            )
         chosen[site] = order
     return {site: [PowerSeries(order)] for site, order in chosen.items()}
 

@@ -10,6 +10,9 @@ import pandas as pd
 from .exceptions import ChannelError
 from .record import Record
 
+# Share of the knots' Nyquist frequency up to which a fused motion is the motion itself.
+RESOLVED = 0.7
+
 
 def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Accelerations, inter-storey velocities and drifts of a record, and its forces.
@@ -29,6 +32,11 @@ def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.Da
         drifts (m), storey 1 relative to the base; index t in s.
     F : DataFrame of shape (n_samples, n_dof)
         ``F1..``, N; not filtered unless the smoother has a ``band``.
+
+    Notes
+    -----
+    ``X.attrs`` says what fused motions can serve for: ``"resolved"``, the frequency in Hz up to which they hold
+    the motion, and ``"joint_fusion"``, whether the DOFs improved each other.
 
     Raises
     ------
@@ -56,11 +64,12 @@ def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.Da
                 f"DOF {j} of record {record.name!r} has no motion channel",
                 f"Measure a{j}, v{j} or x{j}; the storeys beside an uninstrumented floor cannot be told apart.",
             )
-    if smooth is False:
+    smoother = None if smooth is False else _smoother(smooth)
+    if smoother is None:
         _all_measured(record, have)
         fused = record
     else:
-        fused = _smoother(smooth).transform_record(record)
+        fused = smoother.transform_record(record)
     v, x = fused.velocity, fused.displacement
     if record.coordinates == "absolute" and record.base_moves:
         vg, xg = _base_motion(record, fused, smooth)
@@ -69,8 +78,18 @@ def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.Da
     columns = [f"{kind}{j}" for kind in "avs" for j in range(1, record.n_dof + 1)]
     drift = [np.diff(y, axis=1, prepend=0.0) for y in (v, x)]
     X = pd.DataFrame(np.hstack([fused.acceleration, *drift]), index=index, columns=columns)
+    if smoother is not None and smoother.spacing_.max() > 1.0:
+        X.attrs["resolved"] = RESOLVED * record.fs / (2 * float(smoother.spacing_.max()))
+        X.attrs["joint_fusion"] = smoother.joint and not _as_measured(record, fused)
     F = pd.DataFrame(fused.force, index=index, columns=[f"F{j}" for j in range(1, record.n_dof + 1)])
     return X, F
+
+
+def _as_measured(record: Record, fused: Record) -> bool:
+    """Whether the fusion passed clean channels on as they are."""
+    return record.acceleration is not None and np.allclose(
+        record.acceleration, fused.acceleration, rtol=1e-4, atol=1e-4 * np.nanstd(fused.acceleration), equal_nan=True
+    )
 
 
 def _smoother(smooth: Any):

@@ -123,13 +123,12 @@ class ChainModel:
         list of ndarray of shape (n_valid_samples, n_sites)
             Columns in the order of ``model.laws``; N.
         """
-        drifts = self.chain.drift_matrix(self.laws)
         forces = self.restoring_forces
         out = []
         for seg in data.segments:
             columns = [
-                force.along(seg.motion(drift, seg.valid)) if force.laws else np.zeros(seg.valid.stop - seg.valid.start)
-                for force, drift in zip(forces.values(), drifts)
+                force.along(seg.motion(site, seg.valid)) if force.laws else np.zeros(seg.valid.stop - seg.valid.start)
+                for site, force in forces.items()
             ]
             out.append(np.column_stack(columns))
         return out
@@ -221,7 +220,8 @@ class ChainModel:
         DataFrame
             One row for each mode by rising frequency: ``frequency`` (Hz, undamped), ``damping``
             (share of critical), ``dof 1``.. (real shape, largest entry 1). From the state-space
-            eigenvalues, so damping need not be proportional.
+            eigenvalues, so damping need not be proportional; two real ones of the same shape are
+            one overdamped mode.
         """
         M, C, K = self.matrices()
         n = self.n_dof
@@ -229,17 +229,21 @@ class ChainModel:
             raise ChainError(f"m{int(np.argmin(self.masses)) + 1} is not positive", "Modes need positive masses.")
         A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
         values, vectors = np.linalg.eig(A)
-        upper = np.flatnonzero(values.imag > 0)
-        rest = np.flatnonzero(values.imag == 0)
-        rest = rest[np.argsort(np.abs(values[rest]))][::2]
+        shapes = vectors[:n] / np.linalg.norm(vectors[:n], axis=0)
+        pairs = [(i, i) for i in np.flatnonzero(values.imag > 0)]
+        real = sorted(np.flatnonzero(values.imag == 0), key=lambda i: abs(values[i]))
+        while real:
+            i = real.pop(0)
+            pairs.append((i, max(real, key=lambda k: abs(shapes[:, i] @ shapes[:, k]))))
+            real.remove(pairs[-1][1])
         rows = []
-        for i in sorted([*upper, *rest], key=lambda i: abs(values[i]))[:n]:
-            pole, shape = values[i], vectors[:n, i]
+        for i, k in pairs:
+            size, shape = float(np.sqrt(abs(values[i] * values[k]))), shapes[:, i]
+            decay = -0.5 * (values[i] + values[k]).real
             shape = shape / shape[np.argmax(np.abs(shape))]
-            size = abs(pole)
-            rows.append([size / (2 * np.pi), -pole.real / size if size else 0.0, *shape.real])
+            rows.append([size / (2 * np.pi), decay / size if size else 0.0, *shape.real])
         names = ["frequency", "damping", *(f"dof {j}" for j in range(1, n + 1))]
-        return pd.DataFrame(rows, columns=names, index=pd.RangeIndex(1, len(rows) + 1, name="mode"))
+        return pd.DataFrame(sorted(rows), columns=names, index=pd.RangeIndex(1, n + 1, name="mode"))
 
     def surface(self, site: Any, size: int = 41, margin: float = 0.0) -> pd.DataFrame:
         """Restoring-force surface of a site over the region it visited.
@@ -265,7 +269,9 @@ class ChainModel:
         site = self.chain.site(site)
         force = self.restoring_forces[site]
         if force.has_memory:
-            raise LawError(f"The force of {site} depends on the path, it is no surface", "Draw its loops along a record instead.")
+            raise LawError(
+                f"The force of {site} depends on the path, it is no surface", "Draw its loops along a record instead."
+            )
         if site not in self.visited:
             raise ChannelError(f"The visited region of {site} is not known", "Fit the model, or set model.visited.")
         region = self.visited[site]
@@ -311,7 +317,13 @@ class ChainModel:
         -------
         ChainModel
         """
-        return ChainModel(self.masses, {**self.laws, **{self.chain.site(s): v for s, v in laws.items()}}, self.chain, self.visited, self.info)
+        return ChainModel(
+            self.masses,
+            {**self.laws, **{self.chain.site(s): v for s, v in laws.items()}},
+            self.chain,
+            self.visited,
+            self.info,
+        )
 
     def equations(self, digits: int = 4) -> list[str]:
         """The balances' laws as text, in the manner of the paper's eq. (11a).
@@ -405,7 +417,15 @@ class ChainModel:
             if not isinstance(data, dict) or data.get("schema") != SCHEMA:
                 raise FileFormatError(f"{where} does not hold a chain model", f"It needs \"schema\": \"{SCHEMA}\".")
             if not isinstance(data.get("version"), int) or data["version"] > VERSION:
-                raise FileFormatError(f"{where} has version {data.get('version')!r}, this package reads up to {VERSION}", "Update pysindy_nrf.")
+                raise FileFormatError(
+                    f"{where} has version {data.get('version')!r}, this package reads up to {VERSION}",
+                    "Update pysindy_nrf.",
+                )
+            if data["chain"]["n_dof"] != len(data["masses"]):
+                raise FileFormatError(
+                    f"{where} has {len(data['masses'])} masses for {data['chain']['n_dof']!r} DOFs",
+                    "Write it with ChainModel.to_json.",
+                )
             chain = Chain(data["chain"]["n_dof"], data["chain"].get("links", ()), data["chain"].get("ground", "base"))
             return cls(
                 data["masses"],
@@ -417,4 +437,6 @@ class ChainModel:
         except FileFormatError:
             raise
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-            raise FileFormatError(f"{where} is not a readable chain model: {error}", "Write it with ChainModel.to_json.") from error
+            raise FileFormatError(
+                f"{where} is not a readable chain model: {error}", "Write it with ChainModel.to_json."
+            ) from error

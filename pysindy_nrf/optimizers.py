@@ -10,7 +10,7 @@ from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 from sklearn.utils.validation import check_is_fitted
 
 from .chain import Chain
-from .chain_solve import Solution, solve_blocks
+from .chain_solve import Solution, solve_blocks, warn_of_masses
 from .channels import as_matrix, finite_span
 from .exceptions import ChannelError, ExcitationError
 from .identifiability import Walk, plan_walk
@@ -21,6 +21,9 @@ from .sites import Site
 
 class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
     """What both chain optimizers share: PySINDy's optimizer contract around one solve."""
+
+    # read by pysindy.EnsembleOptimizer from the optimizer it wraps
+    max_iter, copy_X, initial_guess = 1, True, None
 
     def __init__(self, optimizer=None, chain=None, strategy="auto", excited=None, terms=None, known_masses=None):
         self.optimizer = optimizer
@@ -58,11 +61,19 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
     def _fit_columns(self, terms: np.ndarray, a: np.ndarray, F: np.ndarray) -> Layout:
         n = a.shape[1]
         chain = self.chain if self.chain is not None else Chain(n)
+        if len(F) != len(a):
+            raise ChannelError(
+                f"The features have {len(a)} samples, the targets {len(F)}", "Cut both to the same clock."
+            )
         if chain.n_dof != n:
-            raise ChannelError(f"{n} balances for a chain with {chain.n_dof} DOFs", "Give one force column for each DOF.")
+            raise ChannelError(
+                f"{n} balances for a chain with {chain.n_dof} DOFs", "Give one force column for each DOF."
+            )
         layout = Layout(chain, dict(zip(chain.sites, _term_counts(self.terms, terms.shape[1], len(chain.sites)))))
         unknown = [j + 1 for j in range(n) if np.isnan(F[:, j]).all()]
-        forced = [j + 1 for j in range(n) if np.nan_to_num(F[:, j]).any()] if self.excited is None else list(self.excited)
+        forced = (
+            [j + 1 for j in range(n) if np.nan_to_num(F[:, j]).any()] if self.excited is None else list(self.excited)
+        )
         known = dict(self.known_masses or {})
         if not forced and not known:
             raise ExcitationError(
@@ -70,9 +81,15 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
                 "Only ratios to a known mass come out: give known_masses={dof: kg}, or measure a force.",
             )
         walk = plan_walk(chain, forced, unknown, known, self.strategy, layout.acting).require_complete()
-        rows = finite_span([*terms.T, *a.T, *(F[:, j] for j in range(n) if j + 1 not in unknown)], ["feature"] * terms.shape[1] + [f"a{j + 1}" for j in range(n)] + [f"F{j + 1}" for j in range(n) if j + 1 not in unknown])
+        rows = finite_span(
+            [*terms.T, *a.T, *(F[:, j] for j in range(n) if j + 1 not in unknown)],
+            ["feature"] * terms.shape[1]
+            + [f"a{j + 1}" for j in range(n)]
+            + [f"F{j + 1}" for j in range(n) if j + 1 not in unknown],
+        )
         terms, a, F = terms[rows], a[rows], F[rows]
         self.solution_, self.moments_ = self.solve(layout, walk, lambda: blocks_of(terms, a, F))
+        warn_of_masses(self.solution_)
         self.walk_ = walk
         self.masses_ = np.array([self.solution_.masses[j] for j in range(1, n + 1)])
         return layout
@@ -207,7 +224,9 @@ class ChainOptimizer(_ChainOptimizerBase):
         x = as_matrix(x_, "feature ", what="features")
         n = F.shape[1]
         if x.shape[1] < n:
-            raise ChannelError(f"{x.shape[1]} features for {n} balances", "The first columns are a_1..a_n, then the terms.")
+            raise ChannelError(
+                f"{x.shape[1]} features for {n} balances", "The first columns are a_1..a_n, then the terms."
+            )
         layout = self._fit_columns(x[:, n:], x[:, :n], F)
         return self._finish(np.hstack([np.diag(self.masses_), self._rows(layout)]))
 
@@ -260,7 +279,9 @@ class StateSpaceChainOptimizer(_ChainOptimizerBase):
         target = as_matrix(y, "target ", what="targets")
         x = as_matrix(x_, "feature ", what="features")
         if target.shape[1] % 2:
-            raise ChannelError(f"{target.shape[1]} targets are not velocities and accelerations", "Give [xdot | a], 2 n columns.")
+            raise ChannelError(
+                f"{target.shape[1]} targets are not velocities and accelerations", "Give [xdot | a], 2 n columns."
+            )
         n = target.shape[1] // 2
         if x.shape[1] < 2 * n:
             raise ChannelError(

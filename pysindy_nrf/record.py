@@ -83,7 +83,9 @@ class Record:
         time: Any = None,
     ) -> None:
         if coordinates not in ("relative", "absolute"):
-            raise ChannelError(f"coordinates={coordinates!r} is unknown", "Choose 'relative' (to the base) or 'absolute'.")
+            raise ChannelError(
+                f"coordinates={coordinates!r} is unknown", "Choose 'relative' (to the base) or 'absolute'."
+            )
         self.name = str(name)
         self.coordinates = coordinates
         given = {"acceleration": acceleration, "velocity": velocity, "displacement": displacement}
@@ -109,7 +111,8 @@ class Record:
         lengths = {k: len(a) for k, a in (arrays | lines).items()}
         if len(set(lengths.values())) > 1:
             raise ChannelError(
-                f"Record {self.name!r}: channels differ in length, " + ", ".join(f"{k} {n}" for k, n in lengths.items()),
+                f"Record {self.name!r}: channels differ in length, "
+                + ", ".join(f"{k} {n}" for k, n in lengths.items()),
                 "Cut or resample them to one clock.",
             )
         self.n_samples = next(iter(lengths.values()))
@@ -177,7 +180,10 @@ class Record:
     @property
     def base_moves(self) -> bool:
         """Whether a motion of the base was given."""
-        return any(b is not None and np.nan_to_num(b).any() for b in (self.base_acceleration, self.base_velocity, self.base_displacement))
+        return any(
+            b is not None and np.nan_to_num(b).any()
+            for b in (self.base_acceleration, self.base_velocity, self.base_displacement)
+        )
 
     # -- from and to other things -------------------------------------------------------------
 
@@ -220,8 +226,12 @@ class Record:
         for column in list(columns):
             match = re.fullmatch(r"([aAvVxXfF])_?(\d+)", column)
             if match and int(match[2]) >= 1:
-                prefix = "F" if match[1] in "fF" else match[1].lower()
-                numbered[prefix, int(match[2])] = columns.pop(column)
+                key = ("F" if match[1] in "fF" else match[1].lower(), int(match[2]))
+                if key in numbered:
+                    raise ChannelError(
+                        f"{column!r} and another column both mean {key[0]}{key[1]}", "Rename or drop one."
+                    )
+                numbered[key] = columns.pop(column)
         motions = [j for p, j in numbered if p != "F"]
         if not motions:
             raise ChannelError(
@@ -303,7 +313,10 @@ class Record:
         inside = (self.time >= start - 0.5 * self.dt) & (self.time < stop - 0.5 * self.dt)
         rows = np.flatnonzero(inside)
         if len(rows) < 2:
-            raise ChannelError(f"Record {self.name!r} has no samples from {start} to {stop} s", f"It lasts from {self.time[0]:g} to {self.time[-1]:g} s.")
+            raise ChannelError(
+                f"Record {self.name!r} has no samples from {start} to {stop} s",
+                f"It lasts from {self.time[0]:g} to {self.time[-1]:g} s.",
+            )
         return self.rows(slice(rows[0], rows[-1] + 1))
 
     def rows(self, rows: slice) -> Record:
@@ -322,6 +335,11 @@ class Record:
 
         new = self.replace()
         start = range(self.n_samples)[rows]
+        if len(start) < 2 or start.step != 1:
+            raise ChannelError(
+                f"Record {self.name!r}: {rows} is not a part of its {self.n_samples} samples",
+                "Take two or more consecutive rows.",
+            )
         new.n_samples, new.t0 = len(start), self.t0 + start[0] / self.fs
         for key in ("force", *_MOTIONS, "base_acceleration", "base_velocity", "base_displacement"):
             setattr(new, key, cut(getattr(self, key)))
@@ -346,7 +364,17 @@ class Record:
             return new
         fields = {
             key: getattr(self, key)
-            for key in ("force", *_MOTIONS, "fs", "base_acceleration", "base_velocity", "base_displacement", "covariates", "name", "coordinates")
+            for key in (
+                "force",
+                *_MOTIONS,
+                "fs",
+                "base_acceleration",
+                "base_velocity",
+                "base_displacement",
+                "covariates",
+                "name",
+                "coordinates",
+            )
         }
         new = Record(**(fields | changes))
         new.t0 = self.t0
@@ -369,16 +397,17 @@ def _index_time(index: pd.Index) -> Any:
 
 def _clock(fs: Any, time: Any, n: int, name: str) -> tuple[float, float]:
     """Sampling rate and first time of a record, checked for an even clock."""
+    if fs is not None:
+        try:
+            given = float(fs)
+        except (TypeError, ValueError):
+            given = np.nan
+        if not np.isfinite(given) or given <= 0:
+            raise ChannelError(f"Record {name!r}: fs={fs!r} is not a sampling rate", "Give a positive number in Hz.")
     if time is None:
         if fs is None:
             raise ChannelError(f"Record {name!r} has no clock", "Give fs= in Hz, or the time of the samples.")
-        try:
-            rate = float(fs)
-        except (TypeError, ValueError):
-            rate = np.nan
-        if not np.isfinite(rate) or rate <= 0:
-            raise ChannelError(f"Record {name!r}: fs={fs!r} is not a sampling rate", "Give a positive number in Hz.")
-        return rate, 0.0
+        return given, 0.0
     seconds = seconds_of(time, name)
     if len(seconds) != n:
         raise ChannelError(f"Record {name!r}: {len(seconds)} times for {n} samples", "Give one time for each sample.")
@@ -386,17 +415,20 @@ def _clock(fs: Any, time: Any, n: int, name: str) -> tuple[float, float]:
     bad = np.flatnonzero(steps <= 0)
     if bad.size:
         kind = "stands still" if (steps[bad] == 0).all() else "runs backwards"
-        raise ChannelError(f"Record {name!r}: the time {kind} after row {int(bad[0])}", "Sort the rows and drop repeated ones.")
+        raise ChannelError(
+            f"Record {name!r}: the time {kind} after row {int(bad[0])}", "Sort the rows and drop repeated ones."
+        )
     step = (seconds[-1] - seconds[0]) / (n - 1)
     grid = np.abs(seconds - seconds[0] - step * np.arange(n)).max()
     if grid > 0.05 * step and np.abs(steps - step).max() > 0.05 * step:
         worst = int(np.abs(steps - np.median(steps)).argmax())
         raise ChannelError(
-            f"Record {name!r}: the clock is uneven, {steps[worst]:g} s after row {worst} where {np.median(steps):g} s is usual",
+            f"Record {name!r}: the clock is uneven, {steps[worst]:g} s after row {worst} where "
+            f"{np.median(steps):g} s is usual",
             "Split the record at gaps, or resample it to an even clock.",
         )
     rate = 1.0 / step
-    if fs is not None and abs(float(fs) - rate) > 0.01 * rate:
+    if fs is not None and abs(given - rate) > 0.01 * rate:
         raise ChannelError(f"Record {name!r}: fs={fs} Hz contradicts the time, which has {rate:g} Hz", "Leave one out.")
     nearest = round(rate)
     if nearest and abs(rate - nearest) < 1e-6 * rate:
@@ -424,5 +456,8 @@ def seconds_of(time: Any, name: str = "record") -> np.ndarray:
         return (array - array[0]) / np.timedelta64(1, "ns") * 1e-9
     seconds = as_matrix(array, ["time"], 1, "time")[:, 0].astype(float)
     if not np.isfinite(seconds).all():
-        raise ChannelError(f"Record {name!r}: the time is not finite in row {int(np.flatnonzero(~np.isfinite(seconds))[0])}", "Repair it.")
+        raise ChannelError(
+            f"Record {name!r}: the time is not finite in row {int(np.flatnonzero(~np.isfinite(seconds))[0])}",
+            "Repair it.",
+        )
     return seconds

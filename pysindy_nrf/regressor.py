@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -11,20 +12,20 @@ from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted
 
 from .chain import Chain
-from .chain_solve import Solution
-from .exceptions import ChainError, ChannelError, ExcitationError
+from .chain_solve import Solution, warn_of_masses
+from .exceptions import ChainError, ChannelError, DataQualityWarning, ExcitationError
 from .identifiability import Walk, plan_walk
-from .layout import LawLayout
 from .laws import ForceLaw, PowerSeries
+from .layout import LawLayout
 from .model import ChainModel
 from .moments import Block, Moments
-from .restoring_force import RestoringForces
+from .record import Record
 from .segments import SegmentSet, from_arrays
 from .sites import Site
 from .visited import VisitedRegion
 
 _DEFAULT_DEGREE = 3
-_ESTIMATIONS = ("ls",)
+_ESTIMATIONS = ("ls", "iv", "simulation")
 
 
 class NRFRegressor(RegressorMixin, BaseEstimator):
@@ -50,8 +51,11 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         Runs inside :class:`ChainOptimizer` on every balance; plain least squares if None.
     coordinates : {"relative", "absolute"}
         Whether X holds inter-storey motion v, s (eq. 8) or motion xdot, x of the DOFs.
-    estimation : {"ls"}
-        Least squares.
+    estimation : {"ls", "iv", "simulation"}
+        ``"ls"``: least squares. ``"iv"``: instrumental variables from the model's own free run, which
+        noise in the motion does not bias; give records, or motions made with
+        ``KinematicSmoother(joint=False)``. ``"simulation"``: the free run fitted to the motion, started
+        from ``"iv"`` and kept where it predicts better. See :mod:`pysindy_nrf.estimation`.
     laws : mapping of str to ForceLaw or sequence of ForceLaw, optional
         Laws at some sites, in place of the power series there; further links and ``"dof j"`` sites
         join the chain. Shape parameters without a value are estimated.
@@ -64,6 +68,9 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         Sampling step, s, if X carries no time.
     chain : Chain, optional
         A chain of one storey for each DOF on the base if None.
+    constraints : sequence of constraints, optional
+        What is known of masses and coefficients, e.g. ``[EqualMasses(), NonNegative("s")]``; see
+        :mod:`pysindy_nrf.constraints`.
 
     Attributes
     ----------
@@ -76,10 +83,16 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         10b), percent of its rms. The one from the upper end (balance i for storey i) is returned.
     errors_ : DataFrame
         Balance errors (one step) on the fitted data, percent NRMSE; see :mod:`pysindy_nrf.errors`.
+    missing_terms_ : DataFrame
+        What the laws leave to be explained, step by step; a BiasWarning is raised where a law is
+        missing. See :func:`pysindy_nrf.analysis.missing_terms`.
     model_ : ChainModel
     chain_ : Chain
     walk_ : Walk
         The order of the solve, in words.
+    unknown_forces_ : DataFrame
+        Forces (N) on the DOFs whose force was NaN, from the balances, over the rows passed; a column ``F2``
+        for each such DOF, NaN where the force was given.
     condition_ : Series
         Scaled condition number of each step.
     n_samples_ : int
@@ -97,7 +110,7 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
     >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
     >>> storey = laws.PowerSeries((0, 3), [1e5, 0.0, 4e8]), laws.LinearViscous(100.0)
     >>> truth = ChainModel([10.0, 12.0], {"storey 1": storey, "storey 2": storey})
-    >>> F = excitation.band_limited(4000, 2, dt=1e-3, dofs=[2], rms=100.0, band=(1, 60), random_state=0)
+    >>> F = excitation.band_limited_random(2, 4.0, 1000.0, dofs=2, rms=100.0, band=(1, 60), random_state=0)
     >>> X, F = simulate(truth, F, 1e-3).to_features(smooth=False)
     >>> model = NRFRegressor(degree=3).fit(X, F)
     >>> model.masses_.round(6)
@@ -119,6 +132,7 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         band: tuple[float | None, float | None] | None = None,
         dt: float | None = None,
         chain: Chain | None = None,
+        constraints: Any = None,
     ) -> None:
         self.degree = degree
         self.orders = orders
@@ -131,6 +145,7 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         self.band = band
         self.dt = dt
         self.chain = chain
+        self.constraints = constraints
 
     # -- fit ----------------------------------------------------------------------------------
 
@@ -171,18 +186,20 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         if self.estimation not in _ESTIMATIONS:
             raise ChainError(f"estimation={self.estimation!r} is unknown", f"Choose one of {', '.join(_ESTIMATIONS)}.")
         laws_given = self._given_laws()
-        data = self._data(
-            X, y, record=record, time=time, base_acceleration=base_acceleration, covariates=covariates,
+        options = dict(
+            record=record, time=time, base_acceleration=base_acceleration, covariates=covariates,
             has_memory=any(law.has_memory for held in laws_given.values() for law in held),
-            n_dof=self.chain.n_dof if self.chain is not None else None,
+            n_dof=self.chain.n_dof if self._given_chain() is not None else None,
         )
-        self._fit(data, laws_given)
+        data = self._data(X, y, **options)
+        separate = data if self.estimation == "ls" else self._separate(X, y, data, options)
+        self._fit(data, laws_given, separate)
         self.n_features_in_ = 3 * data.n_dof
         if hasattr(X, "columns"):
             self.feature_names_in_ = np.array([str(c) for c in X.columns], dtype=object)
         return self
 
-    def _fit(self, data: SegmentSet, laws_given: Mapping[Any, tuple[ForceLaw, ...]]) -> None:
+    def _fit(self, data: SegmentSet, laws_given: Mapping[Any, tuple[ForceLaw, ...]], separate: SegmentSet) -> None:
         chain = self._chain(data.n_dof, laws_given)
         laws = self._laws(chain, laws_given)
         known = self._known_masses(chain)
@@ -194,8 +211,9 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
                 "Measure a force on one DOF, or give a mass: known_masses={dof: kg}; ratios to it then come out.",
             )
         walk = plan_walk(chain, forced, unknown, known, self.strategy, layout.acting).require_complete()
-        _require_moving(data, layout)
         _require_samples(data, walk, layout)
+        _require_moving(data, layout)
+        _require_clock(data, layout)
         filters = _filters(self.band, data)
         if any(law.free_shape for held in laws.values() for law in held):
             from .shape_search import estimate_shapes
@@ -204,7 +222,70 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
                 layout, _scales(data, layout), lambda trial: self._solve(trial, walk, data, filters, known)[1:]
             )
         model, solution, moments = self._solve(layout, walk, data, filters, known)
+        self._resolver, self._evidence, facts = (
+            None,
+            (data, layout, walk, filters, known),
+            {"asked": "ls", "found": "ls"},
+        )
+        if self.estimation != "ls":
+            from .estimation.refine import refine
+
+            model, solution, self._resolver, facts = refine(
+                self.estimation, model, solution, separate, layout, walk, filters, known, self._inner(), self.band
+            )
+        warn_of_masses(solution)
+        if self.constraints is not None:
+            from .constraints import constrained
+
+            model = constrained(model, self.constraints, self._resolving())
         self._publish(model, solution, moments, walk, layout, data)
+        model.info["estimation"] = facts
+
+    def _separate(self, X: Any, y: Any, data: SegmentSet, options: dict[str, Any]) -> SegmentSet:
+        """Motions whose noise is independent of the motion, where records were given."""
+        if isinstance(X, Record) or (isinstance(X, (list, tuple)) and X and isinstance(X[0], Record)):
+            from .signals import KinematicSmoother
+
+            return self._data(X, y, **options, smooth=KinematicSmoother(joint=False))
+        if getattr(X, "attrs", {}).get("joint_fusion"):
+            warnings.warn(
+                f"estimation={self.estimation!r} was given motions in which the DOFs improve each other; their noise "
+                "depends on the motion, and masses come out about 1 % high. Give the records themselves, or make X "
+                "with record.to_features(smooth=KinematicSmoother(joint=False)).",
+                DataQualityWarning,
+                stacklevel=3,
+            )
+        return data
+
+    def _inner(self) -> Any:
+        """The PySINDy optimizer that runs on every balance."""
+        from .optimizers import ChainOptimizer
+
+        return self.optimizer.optimizer if isinstance(self.optimizer, ChainOptimizer) else self.optimizer
+
+    def _resolving(self):
+        """What re-solving the chain on parts of the data needs; made when first asked for."""
+        if self._resolver is None:
+            if self._evidence is None:
+                raise ChannelError(
+                    "The model was loaded without the data it was fitted to",
+                    "Fit again, or ask for intervals before saving.",
+                )
+            from .estimation.refine import least_squares_resolver
+
+            self._resolver = least_squares_resolver(*self._evidence, self._inner())
+        return self._resolver
+
+    def _adopt(self, model: ChainModel, resolver: Any, facts: dict[str, Any]) -> NRFRegressor:
+        """Take a model that was estimated elsewhere from the same data."""
+        model.visited, model.info = self.model_.visited, {**self.model_.info, "estimation": facts}
+        self.set_params(estimation=facts["asked"])
+        self.model_, self.masses_, self.restoring_forces_ = model, model.masses, model.restoring_forces
+        self._resolver = resolver
+        return self
+
+    def __getstate__(self):
+        return {k: v for k, v in super().__getstate__().items() if k != "_evidence"} | {"_evidence": None}
 
     def _solve(self, layout, walk, data, filters, known) -> tuple[ChainModel, Solution, Moments]:
         from .optimizers import ChainOptimizer
@@ -221,12 +302,15 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         return ChainModel(masses, held, layout.chain), solution, moments
 
     def _publish(self, model, solution, moments, walk, layout, data) -> None:
+        from .analysis.bias import missing_terms_of, warn_of_bias
         from .errors import balance_errors
 
         self.chain_, self.walk_ = layout.chain, walk
         self.masses_ = model.masses
         self.errors_ = balance_errors(model, moments)
-        self.condition_ = pd.Series({fit.step.name: fit.condition for fit in solution.fits}, name="condition", dtype=float)
+        self.condition_ = pd.Series(
+            {fit.step.name: fit.condition for fit in solution.fits}, name="condition", dtype=float
+        )
         self.n_samples_ = moments.n_samples
         self.third_law_gap_ = _third_law_gap(solution, moments)
         model.visited = _visited(data, layout)
@@ -238,32 +322,45 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         }
         self.model_ = model
         self.restoring_forces_ = model.restoring_forces
+        self.unknown_forces_ = _unknown_forces(model, data)
+        self.missing_terms_ = missing_terms_of(model, walk, data, self.band)
+        warn_of_bias(self.missing_terms_, stacklevel=5)
 
     # -- what was asked for -------------------------------------------------------------------
 
     def _data(self, X: Any, y: Any, **options: Any) -> SegmentSet:
         return from_arrays(X, y, coordinates=self.coordinates, dt=self.dt, **options)
 
+    def _given_chain(self) -> Chain | None:
+        if self.chain is not None and not isinstance(self.chain, Chain):
+            raise ChainError(f"chain={self.chain!r} is not a Chain", "Give e.g. Chain(3, links=['link 3-1']).")
+        return self.chain
+
     def _given_laws(self) -> dict[Any, tuple[ForceLaw, ...]]:
         given = {}
-        for site, value in dict(self.laws or {}).items():
-            held = (value,) if isinstance(value, ForceLaw) else tuple(value)
+        for site, value in _mapping("laws", self.laws, "{'storey 1': [...]}").items():
+            held = tuple(value) if isinstance(value, (list, tuple)) else (value,)
             wrong = [law for law in held if not isinstance(law, ForceLaw)]
             if wrong:
-                raise ChainError(f"laws[{site!r}] holds {wrong[0]!r}, which is not a force law", "Use those of pysindy_nrf.laws.")
+                raise ChainError(
+                    f"laws[{site!r}] holds {wrong[0]!r}, which is not a force law", "Use those of pysindy_nrf.laws."
+                )
             given[site] = held
         return given
 
     def _chain(self, n_dof: int, laws_given: Mapping[Any, Any]) -> Chain:
-        chain = self.chain if self.chain is not None else Chain(n_dof)
+        chain = self._given_chain() or Chain(n_dof)
         return chain.with_links([s for s in map(chain.site, laws_given) if s.kind == "link"])
 
     def _laws(self, chain: Chain, laws_given: Mapping[Any, tuple[ForceLaw, ...]]) -> dict[Site, tuple[ForceLaw, ...]]:
-        orders = {chain.site(s): order for s, order in dict(self.orders or {}).items()}
+        orders = {chain.site(s): order for s, order in _mapping("orders", self.orders, "{'storey 2': 5}").items()}
         given = {chain.site(s): held for s, held in laws_given.items()}
         missing = [s for s in orders if s not in chain.sites]
         if missing:
-            raise ChainError(f"orders names {str(missing[0])!r}, which is not in the chain", f"Its sites are {', '.join(chain.sites)}.")
+            raise ChainError(
+                f"orders names {str(missing[0])!r}, which is not in the chain",
+                f"Its sites are {', '.join(chain.sites)}.",
+            )
         both = [s for s in orders if s in given]
         if both:
             raise ChainError(f"{both[0]} has an order and laws", "Name it in orders or in laws, not in both.")
@@ -275,16 +372,22 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
                     "Leave degree out, or name in orders only the storeys that differ.",
                 )
         return {
-            **{s: given.get(s, None) or (() if s in given else (PowerSeries(orders.get(s, self.degree)),)) for s in chain.sites},
+            **{
+                s: given.get(s, None) or (() if s in given else (PowerSeries(orders.get(s, self.degree)),))
+                for s in chain.sites
+            },
             **{s: held for s, held in given.items() if s not in chain.sites},
         }
 
     def _known_masses(self, chain: Chain) -> dict[int, float]:
         known = {}
-        for dof, mass in dict(self.known_masses or {}).items():
+        for dof, mass in _mapping("known_masses", self.known_masses, "{2: 12.4}").items():
             if isinstance(dof, bool) or not hasattr(dof, "__index__") or not 1 <= int(dof) <= chain.n_dof:
                 raise ChainError(f"known_masses names DOF {dof!r}", f"The chain has DOFs 1 to {chain.n_dof}.")
-            value = float(mass)
+            try:
+                value = float(mass)
+            except (TypeError, ValueError):
+                value = np.nan
             if not np.isfinite(value) or value < 0:
                 raise ChainError(f"known_masses[{dof}]={mass!r} is not a mass", "Give kg.")
             known[int(dof)] = value
@@ -340,20 +443,21 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         """
         data = self._judged(X, y, record, time, base_acceleration, covariates)
         left = error = 0.0
-        parts = self.model_.balance_forces(data)
+        judged = []
+        for seg, part, filter in zip(data.segments, self.model_.balance_forces(data), _filters(self.band, data)):
+            a, gap = seg.a[seg.valid].astype(float), (seg.F[seg.valid] - part) / self.masses_
+            judged.append((a, gap) if filter is None else (filter.apply(a), filter.apply(gap)))
         for j in range(data.n_dof):
-            pairs = [
-                (seg.a[seg.valid, j].astype(float), (seg.F[seg.valid, j] - part[:, j]) / self.masses_[j])
-                for seg, part in zip(data.segments, parts)
-                if not np.isnan(seg.F[seg.valid.start, j])
-            ]
+            pairs = [(a[:, j], gap[:, j]) for a, gap in judged if not np.isnan(gap[0, j])]
             if pairs:
                 a = np.concatenate([p[0] for p in pairs])
                 error += float(sum((p[1] ** 2).sum() for p in pairs))
                 left += float(((a - a.mean()) ** 2).sum())
         return 1.0 - error / left if left else float("nan")
 
-    def balance_errors(self, X: Any, y: Any = None, *, record=None, time=None, base_acceleration=None, covariates=None) -> pd.DataFrame:
+    def balance_errors(
+        self, X: Any, y: Any = None, *, record=None, time=None, base_acceleration=None, covariates=None
+    ) -> pd.DataFrame:
         """Balance errors (one step) on other data, in the same band; percent NRMSE.
 
         Parameters
@@ -372,12 +476,63 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         layout = LawLayout(self.chain_, self.model_.laws)
         filters = _filters(self.band, data)
         blocks = (b for seg, filter in zip(data.segments, filters) for b in seg.blocks(layout, filter=filter))
-        return judge(self.model_, layout, blocks)
+        return judge(self.model_, layout, self.walk_, blocks)
 
     def modes(self) -> pd.DataFrame:
         """Frequencies (Hz), damping ratios and shapes of the linear part; see :meth:`ChainModel.modes`."""
         check_is_fitted(self)
         return self.model_.modes()
+
+    def confidence_intervals(
+        self, level: float = 0.95, *, of: Any = "parameters", method: str = "hac", random_state: Any = None
+    ) -> pd.DataFrame:
+        """Confidence intervals of masses and coefficients, or of anything that follows from the model.
+
+        The whole chain is solved again without each of some 64 consecutive pieces of the data, so an
+        error in one storey reaches every mass below it. Shape parameters and the choice of terms are
+        taken as they are: what a wrong law does is not in the interval (see ``missing_terms_``).
+
+        Parameters
+        ----------
+        level : float
+        of : {"parameters", "modes"} or callable
+            A callable takes a ChainModel and returns a Series (energies, ratios, ...).
+        method : {"hac", "bootstrap"}
+            Delete-one-block jackknife with correlated neighbours (Newey and West), or block bootstrap.
+        random_state : int, Generator or None
+            Of the bootstrap.
+
+        Returns
+        -------
+        DataFrame
+            Columns ``parameter``, ``estimate``, ``lower``, ``upper``; SI units. Known masses are left out.
+        """
+        from .estimation.intervals import parameter_intervals
+
+        check_is_fitted(self)
+        return parameter_intervals(self._resolving(), self.model_, level, of, method, random_state)
+
+    def force_intervals(self, site: Any, v: Any, s: Any, level: float = 0.95) -> pd.DataFrame:
+        """Restoring force of a site at points (v, s) with its interval.
+
+        Outside the region that the data visited an ExtrapolationWarning is raised and the interval widened.
+
+        Parameters
+        ----------
+        site : str or int
+        v, s : array-like
+            m/s and m.
+        level : float
+
+        Returns
+        -------
+        DataFrame
+            ``v``, ``s``, ``force``, ``lower``, ``upper`` (N), ``visited``.
+        """
+        from .estimation.intervals import force_intervals
+
+        check_is_fitted(self)
+        return force_intervals(self._resolving(), self.model_, site, v, s, level)
 
     def simulate(self, F: Any, *, dt: float | None = None, x0: Any = None, v0: Any = None, **options: Any):
         """Free run of the identified model; see :func:`pysindy_nrf.simulate`.
@@ -414,6 +569,26 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         return hasattr(self, "model_")
 
 
+def _unknown_forces(model: ChainModel, data: SegmentSet) -> pd.DataFrame:
+    hidden = [j for j in range(data.n_dof) if any(np.isnan(seg.F[seg.valid.start, j]) for seg in data.segments)]
+    parts = [np.zeros((seg.valid.stop - seg.valid.start, 0)) for seg in data.segments]
+    if hidden:
+        forces = model.balance_forces(data)
+        parts = [
+            np.where(np.isnan(seg.F[seg.valid][:, hidden]), f[:, hidden], np.nan)
+            for seg, f in zip(data.segments, forces)
+        ]
+    return pd.DataFrame(data.scatter(parts), columns=[f"F{j + 1}" for j in hidden])
+
+
+def _mapping(name: str, value: Any, example: str) -> Mapping[Any, Any]:
+    if value is None:
+        return {}
+    if not isinstance(value, Mapping):
+        raise ChainError(f"{name}={value!r} is not a mapping", f"Give e.g. {name}={example}.")
+    return value
+
+
 def _valued(laws: tuple[ForceLaw, ...], coefficients: np.ndarray | None) -> tuple[ForceLaw, ...]:
     at, out = 0, []
     for law in laws:
@@ -437,11 +612,11 @@ def _third_law_gap(solution: Solution, moments: Moments) -> pd.Series:
 
 def _visited(data: SegmentSet, layout: LawLayout) -> dict[Site, VisitedRegion]:
     out = {}
-    for site, drift in zip(layout.sites, layout.chain.drift_matrix(layout.sites)):
-        chosen = np.flatnonzero(drift)
-        low, high = chosen[0], chosen[-1] + 1
+    for site in layout.sites:
         v, s = (
-            np.concatenate([getattr(seg, key)[seg.valid, low:high].sum(axis=1, dtype=float) for seg in data.segments])
+            np.concatenate(
+                [getattr(seg, key)[seg.valid, site.q : site.p].sum(axis=1, dtype=float) for seg in data.segments]
+            )
             for key in "vs"
         )
         out[site] = VisitedRegion.of(v, s)
@@ -451,8 +626,8 @@ def _visited(data: SegmentSet, layout: LawLayout) -> dict[Site, VisitedRegion]:
 def _scales(data: SegmentSet, layout: LawLayout) -> dict[Site, tuple[float, float, float]]:
     """Rms drift, rms rate and longest record at each site."""
     total = {}
-    for site, drift in zip(layout.sites, layout.chain.drift_matrix(layout.sites)):
-        motions = [seg.motion(drift, seg.valid) for seg in data.segments]
+    for site in layout.sites:
+        motions = [seg.motion(site, seg.valid) for seg in data.segments]
         size = sum(m.n_samples for m in motions)
         rms = [float(np.sqrt(sum((getattr(m, key) ** 2).sum() for m in motions) / size)) for key in "sv"]
         lengths = [m.t[-1] - m.t[0] for m in motions if m.t is not None]
@@ -489,6 +664,17 @@ def _require_samples(data: SegmentSet, walk: Walk, layout: LawLayout) -> None:
             )
 
 
+def _require_clock(data: SegmentSet, layout: LawLayout) -> None:
+    """Warn where laws that remember the path have to guess where the motion turns."""
+    if layout.has_memory and any(seg.t is None for seg in data.segments):
+        warnings.warn(
+            "A law remembers the path and the time of the samples is unknown: where the motion turns between two "
+            "samples is guessed, which costs accuracy. Pass dt= (s) to the estimator or time= to fit.",
+            DataQualityWarning,
+            stacklevel=4,
+        )
+
+
 def _filters(band: Any, data: SegmentSet) -> list[Any]:
     if band is None:
         return [None] * len(data.segments)
@@ -497,6 +683,15 @@ def _filters(band: Any, data: SegmentSet) -> list[Any]:
     filters = []
     for seg in data.segments:
         if seg.dt is None:
-            raise ChannelError("band= needs the sampling step", "Pass dt= (s) to the estimator, time= to fit, or X with a time index.")
+            raise ChannelError(
+                "band= needs the sampling step", "Pass dt= (s) to the estimator, time= to fit, or X with a time index."
+            )
+        steps = np.diff(seg.t)
+        uneven = np.flatnonzero(np.abs(steps - np.median(steps)) > 0.05 * seg.dt)
+        if uneven.size:
+            raise ChannelError(
+                f"band= needs an even clock; the step changes after row {seg.rows.start + int(uneven[0])}",
+                "Split the record at gaps, or resample it.",
+            )
         filters.append(FairFilter(band, 1.0 / seg.dt))
     return filters

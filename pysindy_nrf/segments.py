@@ -11,8 +11,8 @@ import pandas as pd
 
 from .channels import as_matrix, finite_span, rows_text
 from .exceptions import ChannelError, LawError
-from .layout import LawLayout
 from .laws.base import Motion
+from .layout import LawLayout
 from .moments import BLOCK, Block
 from .record import Record, seconds_of
 from .sites import Site
@@ -36,6 +36,8 @@ class Segment:
     covariates : dict of str to ndarray
     valid : slice
         Rows inside the NaN edges.
+    resolved : float or None
+        Frequency, Hz, up to which fused motions hold the motion; None if they are as measured.
     """
 
     name: str
@@ -48,6 +50,7 @@ class Segment:
     ag: np.ndarray | None = None
     covariates: dict[str, np.ndarray] = field(default_factory=dict)
     valid: slice = field(default_factory=lambda: slice(0, 0))
+    resolved: float | None = None
 
     @property
     def n_samples(self) -> int:
@@ -156,7 +159,9 @@ class SegmentSet:
     @property
     def unknown(self) -> tuple[int, ...]:
         """DOFs whose force is unknown in every record."""
-        return tuple(j + 1 for j in range(self.n_dof) if all(np.isnan(seg.F[seg.valid.start, j]) for seg in self.segments))
+        return tuple(
+            j + 1 for j in range(self.n_dof) if all(np.isnan(seg.F[seg.valid.start, j]) for seg in self.segments)
+        )
 
     @property
     def base_moves(self) -> bool:
@@ -230,7 +235,13 @@ def from_arrays(
     if isinstance(X, Record):
         X = [X]
     if isinstance(X, (list, tuple)) and X and isinstance(X[0], Record):
-        beside = {"F": F, "record": record, "time": time, "base_acceleration": base_acceleration, "covariates": covariates}
+        beside = {
+            "F": F,
+            "record": record,
+            "time": time,
+            "base_acceleration": base_acceleration,
+            "covariates": covariates,
+        }
         return _from_records(X, [name for name, value in beside.items() if value is not None], n_dof, smooth)
     columns = None
     base_v = base_s = None
@@ -276,6 +287,7 @@ def from_arrays(
             None if seconds is None else seconds[rows] - seconds[rows.start],
             None if ag is None else ag[rows],
             {k: c[rows] for k, c in extra.items()},
+            resolved=getattr(X, "attrs", {}).get("resolved"),
         )
         segments.append(_trimmed(segment, names))
     if has_memory:
@@ -290,12 +302,15 @@ def _from_records(records: Sequence[Record], beside: Sequence[str], n_dof: int |
     segments, at = [], 0
     for rec in records:
         if rec.n_dof != (n_dof or records[0].n_dof):
-            raise ChannelError(f"Record {rec.name!r} has {rec.n_dof} DOFs, {n_dof or records[0].n_dof} are needed", "Give records of one chain.")
+            raise ChannelError(
+                f"Record {rec.name!r} has {rec.n_dof} DOFs, {n_dof or records[0].n_dof} are needed",
+                "Give records of one chain.",
+            )
         x, force = rec.to_features(smooth=smooth)
         n, values = rec.n_dof, x.to_numpy()
         segment = Segment(
             rec.name, slice(at, at + len(x)), values[:, :n], values[:, n : 2 * n], values[:, 2 * n :], force.to_numpy(),
-            rec.time - rec.time[0], rec.base_acceleration, dict(rec.covariates),
+            rec.time - rec.time[0], rec.base_acceleration, dict(rec.covariates), resolved=x.attrs.get("resolved"),
         )
         segments.append(_trimmed(segment, feature_names(n)))
         at += len(x)
@@ -323,7 +338,8 @@ def _from_frame(frame: pd.DataFrame, coordinates: str, n_dof: int | None):
         )
         raise ChannelError(
             f"X {' and '.join(pieces)}",
-            f"Name the columns a1.., {rate}1.., {'s' if rate == 'v' else 'x'}1..; covariates and base acceleration are passed beside X.",
+            f"Name the columns a1.., {rate}1.., {'s' if rate == 'v' else 'x'}1..; covariates and base acceleration are "
+            "passed beside X.",
         )
     values = as_matrix(frame[[present[c] for c in wanted]], wanted, what="X")
     bases = [as_matrix(frame[present[c]], [c], 1)[:, :1] if c in present else None for c in ("xdot0", "x0")]
@@ -347,14 +363,22 @@ def _ordered_forces(F: Any, n: int, X: Any) -> Any:
     """Forces of a table in the order F1..Fn, after checking that its rows are those of X."""
     if not hasattr(F, "columns"):
         return F
-    if hasattr(X, "columns") and len(X) == len(F) and not X.index.equals(F.index) and not X.index.symmetric_difference(F.index).size:
+    if (
+        hasattr(X, "columns")
+        and len(X) == len(F)
+        and not X.index.equals(F.index)
+        and not X.index.symmetric_difference(F.index).size
+    ):
         raise ChannelError("The rows of X and F have the same labels in another order", "Sort both the same way.")
     names, wanted = [str(c) for c in F.columns], [f"F{j}" for j in range(1, n + 1)]
     if sorted(names) == sorted(wanted):
         return F[[F.columns[names.index(c)] for c in wanted]]
     if names == [str(i) for i in range(n)] or len(names) == n == 1:
         return F
-    raise ChannelError(f"F has the columns {', '.join(names[:9])}", f"Name them {', '.join(wanted)}, or pass F.to_numpy() in that order.")
+    raise ChannelError(
+        f"F has the columns {', '.join(names[:9])}",
+        f"Name them {', '.join(wanted)}, or pass F.to_numpy() in that order.",
+    )
 
 
 def _line(value: Any, name: str, size: int) -> np.ndarray:
@@ -409,7 +433,9 @@ def _trimmed(segment: Segment, names: Sequence[str]) -> Segment:
     """Find the rows inside the NaN edges, and check every channel."""
     n = segment.n_dof
     rate, drift = names[n], names[2 * n]
-    motion = [segment.a[:, j] for j in range(n)] + [segment.v[:, j] for j in range(n)] + [segment.s[:, j] for j in range(n)]
+    motion = (
+        [segment.a[:, j] for j in range(n)] + [segment.v[:, j] for j in range(n)] + [segment.s[:, j] for j in range(n)]
+    )
     labels = list(names)
     for j in range(n):
         if not np.isnan(segment.F[:, j]).all():
@@ -424,7 +450,9 @@ def _trimmed(segment: Segment, names: Sequence[str]) -> Segment:
     where = "" if segment.name == "record" else f"record {segment.name!r}"
     segment.valid = finite_span(motion, labels, where)
     if segment.valid.stop - segment.valid.start < 1:
-        raise ChannelError(f"{where or 'X'}: no row is finite in every channel", f"Check the edges of {rate}, {drift} and the forces.")
+        raise ChannelError(
+            f"{where or 'X'}: no row is finite in every channel", f"Check the edges of {rate}, {drift} and the forces."
+        )
     return segment
 
 
@@ -441,6 +469,7 @@ def _require_order(segment: Segment) -> None:
         if scale > 0 and step @ pace < 0.3 * scale:
             where = rows_text(rows.start + np.flatnonzero(step * pace < 0))
             raise LawError(
-                f"The drift s{j + 1} does not move the way its rate v{j + 1} points ({where}), and a law remembers the path",
+                f"The drift s{j + 1} does not move the way its rate v{j + 1} points ({where}), and a law remembers the "
+                "path",
                 "The rows are shuffled, or a channel is wrong; keep the samples of a record in order.",
             )

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
-from .layout import LawLayout
+from .exceptions import IdentifiabilityError, LawError, RankWarning
 from .laws.base import Shape
+from .layout import LawLayout
 from .sites import Site
 
 _SCAN = 13
@@ -49,7 +51,10 @@ def estimate_shapes(
     ]
     low, high = np.array([p.bounds(*scales[site]) for site, _, p in free]).T
     log = np.array([p.log for *_, p in free])
-    low_u, high_u = np.where(log, np.log(np.where(log, low, 1.0)), low), np.where(log, np.log(np.where(log, high, 1.0)), high)
+    low_u, high_u = (
+        np.where(log, np.log(np.where(log, low, 1.0)), low),
+        np.where(log, np.log(np.where(log, high, 1.0)), high),
+    )
 
     def values(u: np.ndarray) -> np.ndarray:
         return np.where(log, np.exp(np.where(log, u, 0.0)), u)
@@ -58,7 +63,12 @@ def estimate_shapes(
         return _with_shapes(layout, free, values(u))
 
     def cost(u: np.ndarray) -> float:
-        solution, _ = solve(trial(np.clip(u, low_u, high_u)))
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", RankWarning)
+                solution, _ = solve(trial(np.clip(u, low_u, high_u)))
+        except (IdentifiabilityError, LawError):  # no answer for these values, e.g. a loop like a spring
+            return np.inf
         return float(sum(fit.share**2 for fit in solution.fits))
 
     u = 0.5 * (low_u + high_u)

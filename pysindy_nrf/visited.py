@@ -69,11 +69,36 @@ class VisitedRegion:
             index.append(np.clip(np.floor((values - a) / width).astype(int) + 1, 0, n + 1))
         return inside & near[index[0], index[1]]
 
+    def nearest(self, v: Any, s: Any) -> tuple[np.ndarray, np.ndarray]:
+        """The middle of the visited cell nearest to each point, distances in shares of the rectangle.
+
+        Parameters
+        ----------
+        v, s : array-like of shape (n_points,)
+
+        Returns
+        -------
+        v, s : ndarray of shape (n_points,)
+        """
+        low, span = np.array(self.low), np.array(self.high) - np.array(self.low)
+        span[span == 0] = 1.0
+        middles = (np.argwhere(self.cells) + 0.5) / np.array(self.cells.shape)
+        points = (np.column_stack([np.ravel(v), np.ravel(s)]) - low) / span
+        chosen = middles[((points[:, None, :] - middles[None]) ** 2).sum(axis=2).argmin(axis=1)]
+        v_near, s_near = (low + chosen * span).T
+        return v_near, s_near
+
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
-        return {"low": list(self.low), "high": list(self.high), "cells": ["".join("x" if c else "." for c in row) for row in self.cells]}
+        return {
+            "low": list(self.low),
+            "high": list(self.high),
+            "cells": ["".join("x" if c else "." for c in row) for row in self.cells],
+        }
 
     @classmethod
     def from_dict(cls, data: Any) -> VisitedRegion:
         """Region from plain data."""
-        return cls(tuple(data["low"]), tuple(data["high"]), np.array([[c == "x" for c in row] for row in data["cells"]]))
+        return cls(
+            tuple(data["low"]), tuple(data["high"]), np.array([[c == "x" for c in row] for row in data["cells"]])
+        )

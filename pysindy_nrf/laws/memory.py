@@ -215,7 +215,9 @@ def state_path(
         raise cannot_compile(law, error) from error
     if not np.isfinite(now).all():
         if not (np.isfinite(s).all() and np.isfinite(v).all()):
-            raise ChannelError("The motion of a law with memory is not finite", "Cut leading and trailing NaN rows first.")
+            raise ChannelError(
+                "The motion of a law with memory is not finite", "Cut leading and trailing NaN rows first."
+            )
         if motion.t is None:
             raise LawError(f"{type(law).__name__} needs the time of the samples", "Pass time=, or dt=.")
         raise LawError(

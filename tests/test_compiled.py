@@ -1,0 +1,70 @@
+"""Compiled laws: the right code from the disk, in every process."""
+
+import subprocess
+import sys
+
+import numpy as np
+
+from pysindy_nrf import laws
+from pysindy_nrf.laws import compiled, memory
+from pysindy_nrf.laws.base import Motion
+
+START = """
+import numpy as np
+from types import SimpleNamespace
+from pysindy_nrf import Chain, Site, laws
+from pysindy_nrf.simulation import simulate
+from pysindy_nrf.simulation.runge_kutta import runge_kutta
+law = laws.Dahl(sigma=1e4, Fd=1.0)
+simulate(SimpleNamespace(chain=Chain(1), masses=[1.0], laws={Site(1): (law,)}), np.ones((5, 1)), 1e-3)
+print(sum(runge_kutta.stats.cache_hits.values()), sum(runge_kutta.stats.cache_misses.values()))
+"""
+
+
+def test_second_process_loads_the_integrator_from_disk():
+    subprocess.run([sys.executable, "-c", START], check=True, capture_output=True)
+    second = subprocess.run([sys.executable, "-c", START], check=True, capture_output=True, text=True)
+    assert second.stdout.split() == ["1", "0"]
+
+
+def test_fingerprint_sees_constants_and_called_functions():
+    def law(factor, helper):
+        def advance(z):
+            z[0] = factor * helper(z[0])
+
+        return advance
+
+    def sine(x):
+        return np.sin(x)
+
+    def cosine(x):
+        return np.cos(x)
+
+    assert compiled.fingerprint(law(2.0, sine)) == compiled.fingerprint(law(2.0, sine))
+    prints = {compiled.fingerprint(f) for f in (law(2.0, sine), law(3.0, sine), law(2.0, cosine))}
+    assert len(prints) == 3
+
+
+def test_without_a_place_to_write_it_still_compiles(monkeypatch):
+    def nowhere(function):
+        raise RuntimeError("cannot cache function: no locator available")
+
+    monkeypatch.setattr(compiled, "_CodeCache", nowhere)
+
+    def advance(z, s0, v0, s1, v1, dt, u, theta):
+        z[0] += theta[0] * (s1 - s0)
+
+    path = memory._path(advance)
+    s = np.array([0.0, 1.0, 3.0])
+    z, none = np.zeros((1, 3)), np.empty(0)
+    path(s, s, none, none, np.empty((0, 3)), np.array([2.0]), np.zeros(1), z)
+    assert z.tolist() == [[0.0, 2.0, 6.0]]
+
+
+def test_first_loading_of_dahl_is_the_exponential():
+    t = np.arange(50) / 1000
+    s, v, a = 1e-3 * np.sin(90 * t), 0.09 * np.cos(90 * t), -8.1 * np.sin(90 * t)
+    law = laws.Dahl(sigma=5e3)
+    z = law.features(Motion(s, v, a, t))[:, 0]
+    loading = slice(0, 17)  # up to the first reversal the state is 1 - exp(-sigma s)
+    np.testing.assert_allclose(z[loading], 1 - np.exp(-5e3 * s[loading]), rtol=1e-12)

@@ -1,0 +1,110 @@
+"""Quirks of PySINDy and scikit-learn that the package works round.
+
+A test that fails here is good news: upstream has repaired something, and the work-round named in
+the docstring can go.
+"""
+
+from __future__ import annotations
+
+import warnings
+
+import chains
+import numpy as np
+import pysindy as ps
+import pytest
+from sklearn.linear_model import LinearRegression
+
+
+def test_set_params_of_pysindy_optimizers_returns_none():
+    """Why ChainOptimizer does not inherit from pysindy.optimizers.BaseOptimizer (GridSearchCV needs self)."""
+    assert ps.STLSQ().set_params(threshold=0.2) is None
+
+
+def test_linear_regression_cuts_what_it_calls_rank():
+    """Why columns are scaled before any PySINDy optimizer: its unbiasing step loses columns ten orders apart."""
+    rng = np.random.default_rng(0)
+    A = rng.normal(size=(1000, 2)) * [1.0, 1e-9]
+    found = LinearRegression(fit_intercept=False).fit(A, A @ [1.0, 1e9]).coef_
+    assert abs(found[1] / 1e9 - 1) > 0.5
+
+
+def test_default_stlsq_deletes_the_force_from_a_model_in_si_units():
+    """Why a threshold is a share of the force: 1/m = 0.05 is below the default 0.1."""
+    case = chains.duffing(1, [1], n_samples=2000, given=(np.array([20.0]), np.array([40.0]), np.array([1e5]), np.zeros(1)))
+    x, v = case.s, case.v
+    model = ps.SINDy(feature_library=ps.PolynomialLibrary(1, include_bias=False))
+    model.fit(np.hstack([x, v]), t=case.dt, x_dot=np.hstack([v, case.a]), u=case.F)
+    row = dict(zip(model.get_feature_names(), model.coefficients()[1], strict=True))
+    assert row["u0"] == 0.0 and row["x0"] != 0.0
+
+
+def test_stlsq_takes_no_mask_per_target():
+    """Why ChainOptimizer clones its inner optimizer for each balance."""
+    import inspect
+
+    for cls in (ps.STLSQ, ps.SR3, ps.SSR, ps.FROLS):
+        assert not {"mask", "support", "feature_mask"} & set(inspect.signature(cls).parameters)
+
+
+def _problem():
+    rng = np.random.default_rng(0)
+    A = rng.normal(size=(200, 5))
+    return A, A @ [5.0, 4.0, 3.0, 2.0, 1.0] + 0.01 * rng.normal(size=200)
+
+
+def test_ssr_never_returns_the_full_model():
+    """A limit of SSR that ChainOptimizer's documentation names."""
+    A, y = _problem()
+    assert np.count_nonzero(ps.SSR(kappa=0.0).fit(A, y[:, None]).coef_) < 5
+
+
+def test_frols_leaves_one_term_out():
+    """A limit of FROLS that ChainOptimizer's documentation names."""
+    A, y = _problem()
+    assert np.count_nonzero(ps.FROLS(max_iter=10, alpha=1e-10).fit(A, y[:, None]).coef_) <= 4
+
+
+def test_coef_list_of_ensembles_grows_with_each_fit():
+    """Why the inner optimizer is cloned before every fit."""
+    A, y = _problem()
+    optimizer = ps.EnsembleOptimizer(ps.STLSQ(threshold=0.1), library_ensemble=True, n_models=3)
+    optimizer.fit(A, y[:, None])
+    optimizer.fit(A, y[:, None])
+    assert len(optimizer.coef_list) == 6
+
+
+def test_normalising_an_unforced_column_divides_by_zero():
+    """Why forces that are zero throughout never become a column: an all-zero u is 0/0 when normalised."""
+    A, y = _problem()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with pytest.raises((ValueError, np.linalg.LinAlgError)):
+            ps.STLSQ(normalize_columns=True).fit(np.column_stack([A, 0 * y]), y[:, None])
+
+
+def test_optimizers_drop_nan_rows_silently():
+    """Why ChainOptimizer checks for NaN itself: an unknown force would empty the record without a word."""
+    A, y = _problem()
+    y = y.copy()
+    y[::2] = np.nan
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        coef = ps.STLSQ(threshold=0.1).fit(A, y[:, None]).coef_
+    assert np.isfinite(coef).all()
+
+
+def test_the_last_sample_is_lost_in_simulate():
+    """Why free runs have their own integrator (beside the 0.4 ms that SINDy.predict takes for one row)."""
+    A = np.array([[-0.1, 2.0], [-2.0, -0.1]])
+    t = np.arange(100) * 0.01
+    x = np.random.default_rng(0).normal(size=(100, 2))
+    u = np.sin(t)
+    model = ps.SINDy(feature_library=ps.PolynomialLibrary(1), optimizer=ps.STLSQ(threshold=1e-3))
+    model.fit(x, t=t, x_dot=x @ A.T + u[:, None], u=u)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        assert len(model.simulate(x[0], t, u=u)) == 99
+
+
+def test_the_pinned_version():
+    assert ps.__version__.startswith("2.1."), "the quirks above were read in PySINDy 2.1"

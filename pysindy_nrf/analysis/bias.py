@@ -1,0 +1,211 @@
+"""Does the model hold what the data show? Judged from the data alone.
+
+What a balance leaves unexplained is noise only if nothing can predict it. Each step of the
+identification is therefore offered columns that its laws do not have (friction, quadratic,
+kinked and fifth-power terms of the same storeys), on one half of the data, and the other half says whether they
+help. Where they do, a law is missing (or noise in the motion stands in for one), and masses and
+coefficients that least squares found without it are biased.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy import linalg
+
+from ..exceptions import BiasWarning
+from ..layout import LawLayout
+from ..segments import Segment, SegmentSet
+from ._inputs import as_segments
+
+GAIN = 5.0  # percent of the held-out residual that the extra columns must remove
+MISSING = 2.0  # percent of the balance's right-hand side that they must explain
+_ROUND_OFF = 1e-6  # share of the balance below which a residual says nothing
+_WINDOW = 1024
+_WINDOWS = 32
+_FOLDS = 4
+_ROWS_PER_COLUMN = 20  # fewer samples than this say nothing about further columns
+
+
+def missing_terms(estimator: Any, X: Any, F: Any = None, **options: Any) -> pd.DataFrame:
+    """What the laws of a fitted regressor leave to be explained, step by step.
+
+    Parameters
+    ----------
+    estimator : fitted NRFRegressor
+    X, F, **options
+        The data of its ``fit``.
+
+    Returns
+    -------
+    DataFrame
+        One row for each step of the solve: ``residual`` (percent of its right-hand side), ``gain`` (percent of
+        the held-out residual that columns the laws do not have remove), ``missing`` (what they explain, percent
+        of the right-hand side), ``shift`` (percent by which the mass moves with them; NaN where the step has no
+        unknown mass), ``biased`` (bool: gain above 5 % and missing above 2 %).
+    """
+    data = as_segments(estimator, X, F, **options)
+    return missing_terms_of(estimator.model_, estimator.walk_, data, estimator.band)
+
+
+def missing_terms_of(model: Any, walk: Any, data: SegmentSet, band: Any = None) -> pd.DataFrame:
+    """:func:`missing_terms` for a model and the walk that found it."""
+    layout = LawLayout(model.chain, model.laws)
+    coefficients = {s: np.concatenate([law.coefficients for law in layout.laws[s]]) for s in layout.acting}
+    grams: dict[int, list[np.ndarray]] = {}
+    n_rows = 0
+    for terms, extra, a, force in _windows(layout, data, band):
+        n_rows += a.shape[1]
+        for k, step in enumerate(walk.steps):
+            columns = _columns(step, layout, coefficients, model.masses, terms, extra, a, force)
+            if columns is not None:
+                grams.setdefault(k, []).append(columns @ columns.T)
+    rows = {}
+    for k, step in enumerate(walk.steps):
+        if k in grams:
+            n_own = len(step.masses) + sum(layout.counts[s] for s in step.sites)
+            rows[step.name] = _judge(grams[k], n_own, bool(step.masses), n_rows)
+    table = pd.DataFrame.from_dict(rows, orient="index", columns=["residual", "gain", "shift"])
+    table.insert(2, "missing", table["residual"] * np.sqrt(table["gain"] / 100))
+    return table.assign(biased=(table["gain"] > GAIN) & (table["missing"] > MISSING))
+
+
+def warn_of_bias(table: pd.DataFrame, stacklevel: int = 2) -> None:
+    """Raise a BiasWarning if a step of :func:`missing_terms` is biased.
+
+    Parameters
+    ----------
+    table : DataFrame
+    stacklevel : int
+    """
+    hit = table[table["biased"]]
+    if not len(hit):
+        return
+    worst = hit["missing"].idxmax()
+    row = hit.loc[worst]
+    others = f" (and {len(hit) - 1} more)" if len(hit) > 1 else ""
+    warnings.warn(
+        f"{worst[0].upper()}{worst[1:]}{others}: {row['residual']:.2g} % of it is unexplained, and that is not noise "
+        f"alone: terms the laws do not have explain {row['gain']:.0f} % of it on held-out data. A law is missing there "
+        "(hysteresis, friction, a gap) or the motion is noisy; masses and forces are likely biased. Add the law "
+        "(laws=), search for it (close_loop), or fuse noisy channels with KinematicSmoother.",
+        BiasWarning,
+        stacklevel=stacklevel,
+    )
+
+
+# -- columns ----------------------------------------------------------------------------------
+
+
+def _windows(layout: LawLayout, data: SegmentSet, band: Any) -> Iterator[tuple]:
+    """Some thousand rows in contiguous windows: own terms, extra terms by site, a and F."""
+    from ..regressor import _filters
+
+    total = sum(seg.valid.stop - seg.valid.start for seg in data.segments)
+    size = min(_WINDOW, max(total // (2 * _FOLDS), 1))
+    motions = [seg.motion(s, seg.valid) for seg in data.segments[:1] for s in layout.acting]
+    scales = {s: (m.v.std() or 1.0, m.s.std() or 1.0) for s, m in zip(layout.acting, motions)}
+    whole = band is not None or layout.has_memory
+    every = max(1, -(-total // (size * _WINDOWS)))
+    count = 0
+    for seg, filter in zip(data.segments, _filters(band, data)):
+        if whole:
+            block = next(iter(seg.blocks(layout, filter=filter)))
+            extra = {s: _offered(seg.motion(s, seg.valid), *scales[s]) for s in layout.acting}
+            if filter is not None:
+                extra = {s: filter.apply(e.T).T for s, e in extra.items()}
+        n = seg.valid.stop - seg.valid.start
+        for start in range(0, max(n - size // 2, 1), size):
+            count += 1
+            if (count - 1) % every:
+                continue
+            rows = slice(start, min(start + size, n))
+            if whole:
+                offered = {s: e[:, rows] for s, e in extra.items()}
+                yield block.terms[:, rows], offered, block.acceleration[:, rows], block.force[:, rows]
+            else:
+                piece = _part(seg, rows)
+                window = next(iter(piece.blocks(layout)))
+                offered = {s: _offered(piece.motion(s, piece.valid), *scales[s]) for s in layout.acting}
+                yield window.terms, offered, window.acceleration, window.force
+
+
+def _part(seg: Segment, rows: slice) -> Segment:
+    first = seg.valid.start
+    return replace(seg, valid=slice(first + rows.start, first + rows.stop))
+
+
+def _offered(motion: Any, rate: float, drift: float) -> np.ndarray:
+    """Columns that stand for what a law may lack, one row each: friction, hysteresis, kinks."""
+    v, s = motion.v / rate, motion.s / drift
+    forward = np.sign(v)
+    # drift since the last reversal: on it a saturated hysteresis depends (Masing's rule)
+    turn = np.where(np.diff(forward, prepend=forward[:1]) != 0, np.arange(len(v)), 0)
+    way = np.abs(s - s[np.maximum.accumulate(turn)])
+    loops = [forward * (1.0 - 2.0 * np.exp(-sharp * way)) for sharp in (1.0, 5.0, 25.0)]
+    return np.array([forward, v * np.abs(v), s * np.abs(s), np.maximum(np.abs(s) - 1.0, 0.0) * np.sign(s), *loops])
+
+
+def _columns(step, layout, coefficients, masses, terms, extra, a, force) -> np.ndarray | None:
+    """Rows [own columns | offered columns | right-hand side] of one step."""
+    rows = [j - 1 for j in step.dofs]
+    if np.isnan(force[rows, 0]).any():
+        return None
+    group = layout.group(step.dofs)
+    signs = dict(zip(group.sites, group.signs))
+    target = force[rows].sum(axis=0)
+    for j in step.dofs:
+        if j not in step.masses:
+            target = target - masses[j - 1] * a[j - 1]
+    for site in step.known_sites:
+        target = target - signs[site] * (coefficients[site] @ terms[layout.slices[site]])
+    own = [a[j - 1][None] for j in step.masses] + [terms[layout.slices[s]] for s in step.sites]
+    return np.vstack([*own, *(extra[s] for s in (*step.sites, *step.known_sites)), target])
+
+
+# -- judgement --------------------------------------------------------------------------------
+
+
+def _judge(windows: list[np.ndarray], n_own: int, has_mass: bool, n_rows: int) -> tuple[float, float, float]:
+    total = np.sum(windows, axis=0)
+    scale = np.sqrt(np.diag(total))
+    scale[scale == 0] = 1.0
+    grams = [g / scale[:, None] / scale for g in windows]
+    total = total / scale[:, None] / scale
+    p = len(total) - 1
+    own = np.arange(n_own)
+    both = np.arange(p)
+    c = _solve(total, own)
+    residual = _left(total, own, c)
+    share = np.sqrt(residual / total[p, p]) if total[p, p] else 0.0
+    if share < _ROUND_OFF or len(grams) < 2 * _FOLDS or n_rows < _ROWS_PER_COLUMN * p:
+        return 100 * share, 0.0, 0.0 if has_mass else np.nan
+    with_own = with_both = 0.0
+    for fold in range(_FOLDS):
+        test = np.sum(grams[fold::_FOLDS], axis=0)
+        train = total - test
+        with_own += _left(test, own, _solve(train, own))
+        with_both += _left(test, both, _solve(train, both))
+    gain = 100 * max(0.0, 1 - with_both / with_own)
+    return 100 * share, gain, _move(total, own, both) if has_mass else np.nan
+
+
+def _move(gram: np.ndarray, own: np.ndarray, both: np.ndarray) -> float:
+    """Percent by which the mass, the first column, moves with the offered columns."""
+    mass = _solve(gram, own)[0]
+    return 100 * (_solve(gram, both)[0] / mass - 1) if mass else 0.0
+
+
+def _solve(gram: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    return linalg.lstsq(gram[np.ix_(columns, columns)], gram[columns, -1], cond=1e-13, check_finite=False)[0]
+
+
+def _left(gram: np.ndarray, columns: np.ndarray, c: np.ndarray) -> float:
+    """Residual sum of squares of given coefficients."""
+    inner = gram[np.ix_(columns, columns)]
+    return float(max(gram[-1, -1] - 2 * c @ gram[columns, -1] + c @ inner @ c, 0.0))

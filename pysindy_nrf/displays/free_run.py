@@ -1,0 +1,91 @@
+"""Free run of a model against the measured motion."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..errors import nrmse
+from ..exceptions import ChannelError
+from ._axes import BLUE, ORANGE, stacked, thin
+
+
+class FreeRunDisplay:
+    """Displacements a model predicts from the forces alone, over the measured ones.
+
+    Parameters
+    ----------
+    time : ndarray of shape (n_samples,)
+        s.
+    measured, predicted : ndarray of shape (n_samples, n_dof)
+        Displacement of the DOFs relative to the base, m.
+
+    Attributes
+    ----------
+    ax_ : ndarray of Axes
+        One for each DOF, the uppermost floor on top.
+    figure_ : Figure
+    """
+
+    def __init__(self, time: Any, measured: Any, predicted: Any) -> None:
+        self.time = np.asarray(time, dtype=float)
+        self.measured = np.asarray(measured, dtype=float)
+        self.predicted = np.asarray(predicted, dtype=float)
+
+    @classmethod
+    def from_estimator(cls, estimator: Any, record: Any, **options: Any) -> FreeRunDisplay:
+        """Simulate the model under the forces of a record.
+
+        Parameters
+        ----------
+        estimator : fitted NRFRegressor or ChainModel
+        record : Record
+            With forces and displacements; its first sample is the initial condition.
+        **options
+            Passed to :func:`pysindy_nrf.simulate`.
+
+        Returns
+        -------
+        FreeRunDisplay
+        """
+        model = getattr(estimator, "model_", estimator)
+        if record.displacement is None:
+            raise ChannelError(
+                f"Record {record.name!r} has no displacement to compare with",
+                "Fuse its channels with KinematicSmoother first.",
+            )
+        start = {"x0": record.displacement[0]}
+        if record.velocity is not None:
+            start["v0"] = record.velocity[0]
+        run = model.simulate(record.force, record.dt, base_acceleration=record.base_acceleration, **(start | options))
+        return cls(record.time, record.displacement, run.displacement)
+
+    @property
+    def error(self) -> np.ndarray:
+        """Free-run error of every DOF, percent NRMSE."""
+        return np.array([nrmse(self.measured[:, j], self.predicted[:, j]) for j in range(self.measured.shape[1])])
+
+    def plot(self, ax: Any = None) -> FreeRunDisplay:
+        """Draw.
+
+        Parameters
+        ----------
+        ax : Axes or array of Axes, optional
+
+        Returns
+        -------
+        self
+        """
+        n = self.measured.shape[1]
+        ax, self.figure_ = stacked(ax, n, (6.5, 1.3 * n + 0.6))
+        errors = self.error
+        for axis, j in zip(ax, range(n - 1, -1, -1)):
+            t, x, y = thin(self.time, 1e3 * self.measured[:, j], 1e3 * self.predicted[:, j])
+            axis.plot(t, x, color=ORANGE, linewidth=1.6, label="measured")
+            axis.plot(t, y, color=BLUE, linewidth=0.8, linestyle="--", label=f"free run ({errors[j]:.2g} % NRMSE)")
+            axis.set_ylabel(f"$x_{{{j + 1}}}$ (mm)")
+            axis.legend(frameon=False, fontsize="x-small", loc="lower right", bbox_to_anchor=(1, 0.93), ncols=2)
+        ax[-1].set_xlabel("time (s)")
+        self.ax_ = ax
+        return self

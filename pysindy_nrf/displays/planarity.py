@@ -1,0 +1,88 @@
+"""Planarity index of every storey beside its noise reference."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ._axes import BLACK, BLUE, SKY, axes
+
+
+class PlanarityDisplay:
+    """How far every storey's surface is from a plane, and how far noise alone would bend it.
+
+    Parameters
+    ----------
+    table : DataFrame
+        As of :func:`pysindy_nrf.analysis.planarity`.
+
+    Attributes
+    ----------
+    ax_, figure_ : matplotlib Axes and Figure
+    """
+
+    def __init__(self, table: pd.DataFrame) -> None:
+        self.table = table
+
+    @classmethod
+    def from_estimator(cls, estimator: Any, X: Any, F: Any = None, **options: Any) -> PlanarityDisplay:
+        """Planarity of a fitted regressor; see :func:`pysindy_nrf.analysis.planarity`.
+
+        Parameters
+        ----------
+        estimator : fitted NRFRegressor
+        X, F, **options
+
+        Returns
+        -------
+        PlanarityDisplay
+        """
+        from ..analysis import planarity
+
+        return cls(planarity(estimator, X, F, **options))
+
+    def plot(self, ax: Any = None) -> PlanarityDisplay:
+        """Draw.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+
+        Returns
+        -------
+        self
+        """
+        from ..analysis.planarity import LEAST
+
+        ax, self.figure_ = axes(ax)
+        y = np.arange(len(self.table))
+        colors = [SKY if planar else BLUE for planar in self.table["planar"]]
+        ax.barh(y, self.table["index"], color=colors, height=0.6, edgecolor=BLACK, linewidth=0.5)
+        reference = np.fmax(self.table["reference"].to_numpy(), LEAST)
+        ax.plot(
+            reference,
+            y,
+            linestyle="",
+            marker="|",
+            markersize=16,
+            markeredgewidth=2,
+            color=BLACK,
+            label="reference (noise, at least 1 %)",
+        )
+        for k, planar in enumerate(self.table["planar"]):
+            ax.annotate(
+                "planar" if planar else "not planar",
+                (max(self.table["index"].iloc[k], reference[k]), k),
+                (6, 0),
+                textcoords="offset points",
+                va="center",
+                fontsize="small",
+            )
+        ax.set(yticks=y, yticklabels=self.table.index, xlabel="off the plane (% of the storey's force)")
+        ax.set_xlim(0, 1.35 * max(self.table["index"].max(), reference.max()))
+        ax.set_ylim(-0.6, len(y) - 0.1)
+        ax.legend(frameon=False, fontsize="x-small", loc="upper right")
+        self.ax_ = ax
+        return self

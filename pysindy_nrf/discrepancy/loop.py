@@ -134,12 +134,21 @@ def _searched(work: Workspace) -> SegmentSet:
     """The part of the data that the search may see."""
     pieces = []
     for i, seg in enumerate(work.data.segments):
-        mine = [b.rows for b in work.search if b.segment == i]
-        if mine:
-            start = seg.valid.start
-            piece = type(seg)(**{**seg.__dict__, "valid": slice(start + mine[0].start, start + mine[-1].stop)})
-            pieces.append(piece)
+        start = seg.valid.start
+        for rows in _runs([b.rows for b in work.search if b.segment == i]):
+            pieces.append(type(seg)(**{**seg.__dict__, "valid": slice(start + rows.start, start + rows.stop)}))
     return SegmentSet(pieces, work.data.n_samples)
+
+
+def _runs(blocks: Sequence[slice]) -> list[slice]:
+    """Blocks that follow each other, joined."""
+    runs: list[slice] = []
+    for rows in blocks:
+        if runs and runs[-1].stop == rows.start:
+            runs[-1] = slice(runs[-1].start, rows.stop)
+        else:
+            runs.append(rows)
+    return runs
 
 
 def model_of(trial: Trial, solution: Solution) -> ChainModel:
@@ -257,12 +266,13 @@ class _Loop:
         seg = self.work.data.segments[longest]
         if seg.dt is None:
             return {}
-        mine = [b.rows for b in self.work.search if b.segment == longest]
-        if not mine:
+        runs = _runs([b.rows for b in self.work.search if b.segment == longest])
+        if not runs:
             return {}
+        widest = max(runs, key=lambda r: r.stop - r.start)
         one = SegmentSet([seg], self.work.data.n_samples)
         left = model.balance_forces(one)[0] - np.nan_to_num(seg.F[seg.valid])
-        left = self.work.filtered(longest, left.T)[:, mine[0].start : mine[-1].stop]
+        left = self.work.filtered(longest, left.T)[:, widest]
         return {Site(f"dof {j + 1}"): spectral_lines(left[j], seg.dt) for j in range(self.work.n_dof)}
 
     def _with(self, stage: Stage, chosen: Finding) -> Stage:

@@ -1,0 +1,345 @@
+"""Hands the channels to close_loop, then compares its report with the truth."""
+
+from __future__ import annotations
+
+import time
+import traceback
+import warnings
+
+import numpy as np
+
+from pysindy_nrf import NRFRegressor, Record, Site
+from pysindy_nrf.discrepancy.catalogue import default_catalogue
+from pysindy_nrf.discrepancy.prepare import prepare
+from pysindy_nrf.discrepancy.splits import split
+
+from .generators import Case, Effect, Structure
+
+# Family of the package's catalogue that holds each kind of effect.
+FAMILY = {
+    "coulomb": "friction",
+    "stribeck": "friction",
+    "asymmetric_friction": "friction",
+    "ground_friction": "friction",
+    "quadratic_damping": "damping",
+    "power_damping": "damping",
+    "cubic": "stiffness",
+    "quintic": "stiffness",
+    "quadratic": "stiffness",
+    "odd_quadratic": "stiffness",
+    "one_sided_gap": "contact",
+    "two_sided_gap": "contact",
+    "bilinear": "contact",
+    "dahl": "hysteresis",
+    "bouc_wen": "hysteresis",
+    "jenkins": "hysteresis",
+    "maxwell": "hysteresis",
+    "stiffness_step": "degradation",
+    "stiffness_drift": "degradation",
+    "damping_drift": "degradation",
+    "harmonic": "forcing",
+    "constant": "forcing",
+    "brace": "link",
+    "ground_link": "link",
+}
+# A steep hysteresis is a friction and the reverse: they leave the catalogue together.
+ONE_CLASS = ({"friction", "hysteresis"},)
+# A second test would not show these from the same start: the loop holds out the end of the one record.
+IN_TIME = ("stiffness_step", "stiffness_drift", "damping_drift", "harmonic")
+
+
+def truth_parameters(effect: Effect) -> dict[str, dict[str, float]]:
+    """The effect's parameters in the words of each law of the package that is the same formula."""
+    A, p = effect.par[0], effect.par
+    return {
+        "coulomb": lambda: {"coulomb_friction": {"Fc": A}},
+        "stribeck": lambda: {"stribeck_friction": {"Fc": A}},
+        "asymmetric_friction": lambda: {"asymmetric_friction": {"Fp": A * (1 + p[2]), "Fm": A * (1 - p[2])}},
+        "ground_friction": lambda: {"coulomb_friction": {"Fc": A}, "ground_friction": {"Fc": A}},
+        "quadratic_damping": lambda: {"quadratic_damping": {"c2": A}, "power_law_damping": {"n": 2.0, "cn": A}},
+        "power_damping": lambda: {"power_law_damping": {"n": p[2], "cn": A}},
+        "cubic": lambda: {"cubic_stiffness": {"k3": A}},
+        "quintic": lambda: {"quintic_stiffness": {"k5": A}},
+        "quadratic": lambda: {"quadratic_stiffness": {"k2": A}},
+        "odd_quadratic": lambda: {"absolute_quadratic_stiffness": {"k2": A}},
+        "one_sided_gap": lambda: {"one_sided_gap": {"gap": p[1], "k": A}},
+        "two_sided_gap": lambda: {"two_sided_gap": {"gap": p[1], "k": A}, "dead_zone": {"gap": p[1], "k": A}},
+        "bilinear": lambda: {"bilinear": {"dk": A}},
+        "dahl": lambda: {"dahl": {"sigma": p[1], "Fd": A}},
+        "bouc_wen": lambda: {"bouc_wen": {"alpha": A / p[1], "beta": p[2] ** (1 / p[3]) / p[1]}},
+        "jenkins": lambda: {"jenkins": {"uy": p[1], "Fy": A}},
+        "maxwell": lambda: {"maxwell_branch": {"tau": p[1], "k": A}},
+        "stiffness_step": lambda: {"stiffness_step": {"dk": A, "t0": p[1]}},
+        "stiffness_drift": lambda: {"stiffness_drift": {"kt": A / p[1]}},
+        "damping_drift": lambda: {"damping_drift": {"ct": A / p[1]}},
+        "harmonic": lambda: {"harmonic_force": {"frequency": p[1], "amplitude": A}},
+        "constant": lambda: {"constant_force": {"f0": -A}},
+        "brace": lambda: {"link_spring_dashpot": {"k": A}},
+        "ground_link": lambda: {"link_spring_dashpot": {"k": A}},
+    }[effect.kind]()
+
+
+def place(text: str) -> Site:
+    """A site with its equivalents made one: on a DOF or between it and the ground is the same balance."""
+    site = Site(text)
+    return Site(f"ground {site.p}") if site.kind == "dof" else site
+
+
+# -- the truth on the channels the loop used ----------------------------------------------------
+
+
+def balances(structure: Structure, effects: list[Effect], t, a, v, s, F, vg, base: bool):
+    """Residual of the true model in each balance, and each effect's part of it.
+
+    Parameters
+    ----------
+    a, v, s, F : ndarray of shape (n_samples, n)
+        Absolute accelerations, inter-storey velocities and drifts, forces.
+    base : bool
+        Sum the balances from the top, as the solve does under base excitation.
+
+    Returns
+    -------
+    residual : ndarray of shape (n_samples, n)
+    parts : list of ndarray of shape (n_samples, n)
+    storey, reference : ndarray of shape (n_samples, n)
+    """
+    n = structure.n
+    storey = structure.k * s + structure.c * v + structure.k3 * s**3
+    plain = structure.m * a + storey - np.c_[storey[:, 1:], np.zeros(len(t))] - F
+    parts, own = [], storey.copy()
+    x, rate = np.cumsum(s, axis=1), np.cumsum(v, axis=1)
+    for e in effects:
+        p, q = e.p - 1, e.q - 1
+        force = e.force(t, x[:, p] - (x[:, q] if q >= 0 else 0.0), rate[:, p] - (rate[:, q] if q >= 0 else 0.0), vg)
+        part = np.zeros((len(t), n))
+        part[:, p] += force
+        if q >= 0:
+            part[:, q] -= force
+        parts.append(part)
+        if e.site == f"storey {e.p}":
+            own[:, p] += force
+    residual = plain + sum(parts) if parts else plain
+    reference = np.where(F.any(axis=0), F, structure.m * a)
+    if base:
+        residual, parts = (
+            np.cumsum(residual[:, ::-1], axis=1)[:, ::-1],
+            [np.cumsum(y[:, ::-1], axis=1)[:, ::-1] for y in parts],
+        )
+    return residual, parts, own, reference
+
+
+def out_of_reach(structure: Structure, part, a, v, s, degree: int, base: bool) -> np.ndarray:
+    """What the baseline's own columns leave of an effect's part in each balance."""
+    n, out = structure.n, np.zeros_like(part)
+
+    def columns(i):
+        if i >= n:
+            return []
+        terms = [(h, j) for h in range(degree + 1) for j in range(degree + 1) if 0 < h + j <= degree]
+        return [v[:, i] ** h * s[:, i] ** j for h, j in terms]
+
+    for j in range(n):
+        if not part[:, j].any():
+            continue
+        table = np.column_stack(columns(j) if base else [a[:, j], *columns(j), *columns(j + 1)])
+        table /= np.sqrt(np.mean(table**2, axis=0))
+        out[:, j] = part[:, j] - table @ np.linalg.lstsq(table, part[:, j], rcond=None)[0]
+    return out
+
+
+def audibility(case: Case, ready) -> list[float]:
+    """For each effect: rms of what the baseline cannot hold, over the rms balance residual of the true model."""
+    run, seg = case.runs[0], ready.data.segments[0]
+    s, v = (np.diff(y, axis=1, prepend=0.0) for y in (run.x, run.v))
+    _, clean, _, _ = balances(case.structure, case.effects, run.t, run.a, v, s, run.F, run.vg, case.base)
+    residual = true_residual(case, seg)[0]
+    out = []
+    for part in clean:
+        left = out_of_reach(case.structure, part, run.a, v, s, case.degree, case.base)
+        rows = part.any(axis=0)
+        out.append(float(np.sqrt(np.mean(left[:, rows] ** 2) / np.mean(residual[:, rows] ** 2))))
+    return out
+
+
+def true_residual(case: Case, seg, base: bool | None = None):
+    """Residual, storey forces and references of the true model on fused channels."""
+    rows = seg.valid
+    vg = seg.covariates["vg"][rows] if "vg" in seg.covariates else np.zeros(rows.stop - rows.start)
+    residual, _, storey, reference = balances(
+        case.structure,
+        case.effects,
+        seg.t[rows],
+        *(np.asarray(y[rows], dtype=float) for y in (seg.a, seg.v, seg.s, seg.F)),
+        vg,
+        case.base if base is None else base,
+    )
+    return residual, storey, reference
+
+
+def true_error(case: Case, ready) -> float:
+    """Pooled held-out balance error of the true model, percent NRMSE, on the rows the loop holds out."""
+    _, held = split(ready.data.segments, ready.heldout)
+    parts = []
+    for block in held:
+        parts.append([y[block.rows] for y in true_residual(case, ready.data.segments[block.segment], base=False)])
+    residual, storey, reference = (np.concatenate(y) for y in zip(*parts))
+    weight = np.mean(storey**2, axis=0)
+    return float(
+        100 * np.sqrt(np.sum(np.mean(residual**2, axis=0) / weight) / np.sum(np.mean(reference**2, axis=0) / weight))
+    )
+
+
+# -- one case -----------------------------------------------------------------------------------
+
+
+def records(case: Case) -> tuple[list[Record], list[Record] | None]:
+    """What the loop is given."""
+    seen = [Record(name=f"test {i + 1}", **channels) for i, channels in enumerate(case.seen)]
+    if any(e.kind in IN_TIME for e in case.effects):
+        return seen, None
+    return seen, [Record(name=f"held-out test {i + 1}", **channels) for i, channels in enumerate(case.unseen)]
+
+
+def baseline(case: Case) -> NRFRegressor:
+    """The declared model."""
+    known = {j + 1: float(m) for j, m in enumerate(case.structure.m)} if case.base else None
+    return NRFRegressor(degree=case.degree, known_masses=known)
+
+
+def withheld(case: Case) -> list:
+    """The catalogue without the families of the case's effects."""
+    gone = {FAMILY[e.kind] for e in case.effects}
+    gone |= set().union(*(c for c in ONE_CLASS if c & gone))
+    covariates = ("ag", "vg") if case.base else ()
+    return [law for law in default_catalogue(covariates) if law.family not in gone]
+
+
+def matches(effect: Effect, step) -> tuple[bool, bool]:
+    """Whether a step is at the effect's site, and holds its family (itself or as a declared tie)."""
+    families = {step.family, *step.alternatives}
+    return place(step.site) == place(effect.site), FAMILY[effect.kind] in families
+
+
+def parameter_errors(effect: Effect, step) -> list[float]:
+    """Relative errors of the parameters the two formulas share."""
+    wanted = truth_parameters(effect).get(step.law)
+    if wanted is None:
+        return []
+    found = dict(step.parameters)
+    if "A" in found and "B" in found:
+        found["amplitude"] = float(np.hypot(found["A"], found["B"]))
+    return [
+        abs(abs(found[k]) - abs(x)) / abs(x) if k in ("gap",) else abs(found[k] - x) / abs(x)
+        for k, x in wanted.items()
+        if k in found
+    ]
+
+
+def run_case(case: Case) -> dict:
+    """Run the loop on one case and score it.
+
+    Returns
+    -------
+    dict
+        One row of the battery's table.
+    """
+    from pysindy_nrf import close_loop
+
+    row = {
+        "case": case.name,
+        "group": case.group,
+        "seed": case.seed,
+        "noise %": 100 * case.noise,
+        "n": case.structure.n,
+        "degree": case.degree,
+        "excitation": ("base " if case.base else "") + case.excitation,
+        "forced": "base" if case.base else "all" if len(case.forced) == case.structure.n else f"dof {case.forced[0]}",
+        "effect": " + ".join(e.kind for e in case.effects) or "none",
+        "site": " + ".join(e.site for e in case.effects),
+        "share %": " + ".join(f"{100 * e.share:.0f}" for e in case.effects),
+    }
+    seen, unseen = records(case)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        ready = prepare(seen, unseen)
+        heard = audibility(case, ready)
+        row |= {
+            "heard": min(heard, default=np.nan),
+            "eligible": bool(heard) and min(heard) >= 2.0,
+            "true error": true_error(case, ready),
+        }
+        start = time.perf_counter()
+        try:
+            report = close_loop(
+                seen,
+                baseline(case),
+                withheld(case) if case.group == "withheld" else None,
+                heldout=unseen,
+                random_state=case.seed,
+            )
+        except Exception as error:  # a crash is a failure of the case, shown in its row
+            row |= {
+                "seconds": time.perf_counter() - start,
+                "stopped": f"{type(error).__name__}: {error}",
+                "crash": traceback.format_exc(limit=-3),
+            }
+            return row | judge(case, None)
+        row["seconds"] = time.perf_counter() - start
+    steps = report.steps
+    table = report.table
+    row |= {
+        "steps": len(steps),
+        "found": " ; ".join(
+            f"{s.law} at {s.site}"
+            + (f" (or {', '.join(s.alternatives)})" if s.alternatives else "")
+            + ("" if s.sure else " [not sure]")
+            for s in steps
+        ),
+        "error before": float(table["held-out"].iloc[0]),
+        "error after": float(table["held-out"].iloc[-1]),
+        "error first": float(table["held-out"].iloc[min(1, len(table) - 1)]),
+        "gain": steps[0].gain if steps else np.nan,
+        "null gain": steps[0].null_gain if steps else np.nan,
+        "mass error before": _mass_error(report.models[0], case),
+        "mass error after": _mass_error(report.model, case),
+        "stopped": report.stopped_because,
+        "runners-up": "; ".join(
+            f"{a} at {b} {c:.3g}" for a, b, c in (steps[0].tied + steps[0].runners_up if steps else [])
+        ),
+        "best rejected": "; ".join(
+            f"{r['law']} at {r['site']} {r.iloc[3]:.3g}" for _, r in report.candidates.head(3).iterrows()
+        ),
+    }
+    return row | judge(case, report)
+
+
+def _mass_error(model, case: Case) -> float:
+    return float(100 * np.max(np.abs(model.masses / case.structure.m - 1)))
+
+
+def judge(case: Case, report) -> dict:
+    """The verdict of one case."""
+    steps = report.steps if report is not None else []
+    if case.group == "nothing":
+        return {"right": report is not None and not steps}
+    if case.group == "withheld":
+        wrong = [s for s in steps if s.sure and not any(all(matches(e, s)) for e in case.effects)]
+        return {"right": report is not None and not wrong}
+    errors: list[float] = []
+    if len(case.effects) > 1:
+        hit = [next((s for s in steps if all(matches(e, s))), None) for e in case.effects]
+        for e, s in zip(case.effects, hit):
+            errors += parameter_errors(e, s) if s is not None else []
+        return {
+            "right": all(s is not None for s in hit),
+            "hits": sum(s is not None for s in hit),
+            "parameter errors": errors,
+        }
+    effect = case.effects[0]
+    if not steps:
+        return {"right": False, "right site": False, "right family": False, "parameter errors": errors}
+    site, family = matches(effect, steps[0])
+    if site and family:
+        errors = parameter_errors(effect, steps[0])
+    return {"right": site and family, "right site": site, "right family": family, "parameter errors": errors}

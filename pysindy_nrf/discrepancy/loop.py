@@ -125,7 +125,8 @@ def _baseline_laws(baseline: NRFRegressor, chain: Any, given: Any, work: Workspa
         from sklearn.base import clone
 
         fresh = clone(baseline)
-        fresh._fit(_searched(work), given)
+        part = _searched(work)
+        fresh._fit(part, given, part, None)
         return {s: tuple(law for law in held) for s, held in fresh.model_.laws.items()}
     return laws
 

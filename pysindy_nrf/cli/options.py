@@ -19,30 +19,32 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON i
 
 def record_options(command: Any) -> Any:
     """Options of every command that reads records: channels, units, clock, coordinates."""
-    for option in reversed((
-        click.option(
-            "--map",
-            "mapping",
-            multiple=True,
-            type=Pair("CHANNEL=COLUMN"),
-            help='Which column is which channel: "name", "-name[:, 2] * 9.81", "name @ mm", "none", or "unknown" '
-            "for a force that acts and was not measured.",
-        ),
-        click.option(
-            "--unit",
-            "units",
-            multiple=True,
-            type=Pair("CHANNEL=UNIT"),
-            help="Unit of a channel (x3=in) or kind (a=g, F=kN).",
-        ),
-        click.option("--fs", type=float, help="Sampling rate in Hz, where the file has no time."),
-        click.option(
-            "--coordinates",
-            type=click.Choice(["relative", "absolute"]),
-            default="relative",
-            help="Whether velocities and displacements are relative to the base.",
-        ),
-    )):
+    for option in reversed(
+        (
+            click.option(
+                "--map",
+                "mapping",
+                multiple=True,
+                type=Pair("CHANNEL=COLUMN"),
+                help='Which column is which channel: "name", "-name[:, 2] * 9.81", "name @ mm", "none", or "unknown" '
+                "for a force that acts and was not measured.",
+            ),
+            click.option(
+                "--unit",
+                "units",
+                multiple=True,
+                type=Pair("CHANNEL=UNIT"),
+                help="Unit of a channel (x3=in) or kind (a=g, F=kN).",
+            ),
+            click.option("--fs", type=float, help="Sampling rate in Hz, where the file has no time."),
+            click.option(
+                "--coordinates",
+                type=click.Choice(["relative", "absolute"]),
+                default="relative",
+                help="Whether velocities and displacements are relative to the base.",
+            ),
+        )
+    ):
         command = option(command)
     return command
 

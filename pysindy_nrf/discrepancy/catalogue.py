@@ -46,13 +46,36 @@ def default_catalogue(covariates: Sequence[str] = ()) -> list[ForceLaw]:
         Without values.
     """
     plain: list[ForceLaw] = [
-        laws.CoulombFriction(), laws.AsymmetricFriction(), laws.StribeckFriction(), laws.ShiftedFriction(),
-        laws.QuadraticDamping(), laws.PowerLawDamping(), laws.DisplacementDependentDamping(),
-        laws.QuadraticStiffness(), laws.AbsoluteQuadraticStiffness(), laws.CubicStiffness(), laws.QuinticStiffness(),
-        laws.OneSidedGap(), laws.OneSidedGap(side=-1), laws.TwoSidedGap(), laws.DeadZone(), laws.Bilinear(),
-        laws.Jenkins(), laws.Iwan(), laws.Dahl(), laws.LuGre(), laws.BoucWen(), laws.MaxwellBranch(),
-        laws.StiffnessStep(), laws.StiffnessDrift(), laws.DampingDrift(), laws.Inerter(),
-        laws.HarmonicForce(), laws.ConstantForce(), laws.AddedMass(), laws.LinkSpringDashpot(),
+        laws.CoulombFriction(),
+        laws.AsymmetricFriction(),
+        laws.StribeckFriction(),
+        laws.ShiftedFriction(),
+        laws.QuadraticDamping(),
+        laws.PowerLawDamping(),
+        laws.DisplacementDependentDamping(),
+        laws.QuadraticStiffness(),
+        laws.AbsoluteQuadraticStiffness(),
+        laws.CubicStiffness(),
+        laws.QuinticStiffness(),
+        laws.OneSidedGap(),
+        laws.OneSidedGap(side=-1),
+        laws.TwoSidedGap(),
+        laws.DeadZone(),
+        laws.Bilinear(),
+        laws.Jenkins(),
+        laws.Iwan(),
+        laws.Dahl(),
+        laws.LuGre(),
+        laws.BoucWen(),
+        laws.MaxwellBranch(),
+        laws.StiffnessStep(),
+        laws.StiffnessDrift(),
+        laws.DampingDrift(),
+        laws.Inerter(),
+        laws.HarmonicForce(),
+        laws.ConstantForce(),
+        laws.AddedMass(),
+        laws.LinkSpringDashpot(),
     ]
     for name in covariates:
         if name == "ag":
@@ -60,7 +83,11 @@ def default_catalogue(covariates: Sequence[str] = ()) -> list[ForceLaw]:
         elif name == "vg":
             plain.append(laws.GroundFriction(covariate=name))
         else:
-            plain += [laws.CovariateFriction(covariate=name), laws.LaggedCovariateFriction(covariate=name), laws.CovariateDahl(covariate=name)]
+            plain += [
+                laws.CovariateFriction(covariate=name),
+                laws.LaggedCovariateFriction(covariate=name),
+                laws.CovariateDahl(covariate=name),
+            ]
     return plain
 
 
@@ -82,7 +109,9 @@ def as_laws(catalogue: Iterable[Any] | None, covariates: Sequence[str]) -> list[
     for item in catalogue:
         law = item() if isinstance(item, type) and issubclass(item, ForceLaw) else item
         if not isinstance(law, ForceLaw):
-            raise LawError(f"The catalogue holds {item!r}, which is not a force law", "Use those of pysindy_nrf.laws, or your own.")
+            raise LawError(
+                f"The catalogue holds {item!r}, which is not a force law", "Use those of pysindy_nrf.laws, or your own."
+            )
         chosen.append(law)
     return chosen
 
@@ -141,7 +170,9 @@ def candidates(
             places = [s for s in grounds + skips if s not in chain.sites]
         elif law.family == "inertia":
             added = "dof" in law.acts_at
-            places = [Site(f"dof {j}") for j in sorted(known & driven)] if added else list(chain.sites) if driven else []
+            places = (
+                [Site(f"dof {j}") for j in sorted(known & driven)] if added else list(chain.sites) if driven else []
+            )
         elif law.name in _LIKE_INERTIA and not driven:
             places = []
         elif "link" in law.acts_at:

@@ -42,7 +42,10 @@ def free_run_error(model: ChainModel, work: Workspace, blocks: Sequence[BlockRow
         v0 = np.cumsum(seg.v[rows.start])
         try:
             run = model.simulate(
-                seg.F[rows], dt, x0=x[0], v0=v0,
+                seg.F[rows],
+                dt,
+                x0=x[0],
+                v0=v0,
                 base_acceleration=None if seg.ag is None else seg.ag[rows],
                 covariates={k: c[rows] for k, c in seg.covariates.items()} or None,
             )

@@ -79,12 +79,22 @@ def judge(before: np.ndarray, after: np.ndarray, n_parameters: int = 1, null_gai
         f"({np.median(before):.3g} to {np.median(after):.3g} %), in {100 * wins:.0f} % of the blocks"
     )
     if np.median(before) < FLOOR:
-        return Verdict(False, gain, wins, null_gain, f"the balance closes within {np.median(before):.2g} %, nothing is left to explain")
+        return Verdict(
+            False,
+            gain,
+            wins,
+            null_gain,
+            f"the balance closes within {np.median(before):.2g} %, nothing is left to explain",
+        )
     if gain < needed:
-        why = f"at least {100 * needed:.0f} % are asked" + (f" ({100 * null_gain:.0f} % come from noise alone)" if needed > priced else "")
+        why = f"at least {100 * needed:.0f} % are asked" + (
+            f" ({100 * null_gain:.0f} % come from noise alone)" if needed > priced else ""
+        )
         return Verdict(False, gain, wins, null_gain, f"{facts}; {why}")
     if wins < MIN_WINS:
-        return Verdict(False, gain, wins, null_gain, f"{facts}; at least {100 * MIN_WINS:.0f} % of the blocks are asked")
+        return Verdict(
+            False, gain, wins, null_gain, f"{facts}; at least {100 * MIN_WINS:.0f} % of the blocks are asked"
+        )
     return Verdict(True, gain, wins, null_gain, facts)
 
 
@@ -110,6 +120,7 @@ def choose(findings: Sequence[Finding], before: float) -> tuple[Finding, list[Fi
     groups: dict[tuple[str, str], list[Finding]] = {}
     for f in findings:
         groups.setdefault((f.law.family, str(f.site)), []).append(f)
+
     def price(f: Finding, share: float) -> float:
         return (f.error + FLOOR) * (1 + share) ** f.n_parameters
 
@@ -118,7 +129,11 @@ def choose(findings: Sequence[Finding], before: float) -> tuple[Finding, list[Fi
     chosen = _special_case(min(heads, key=lambda f: price(f, SIMPLER)), findings, before)
     tied: dict[str, Finding] = {}
     for f in sorted(findings, key=lambda f: f.error):
-        if f.site == chosen.site and f.law.family != chosen.law.family and f.error <= max(chosen.error, best) * (1 + TIE):
+        if (
+            f.site == chosen.site
+            and f.law.family != chosen.law.family
+            and f.error <= max(chosen.error, best) * (1 + TIE)
+        ):
             tied.setdefault(f.law.family, f)
     return chosen, list(tied.values())[: MOST_FAMILIES - 1]
 

@@ -110,7 +110,10 @@ def close_loop(
     filters = _filters(band, ready.data)
     work = Workspace(ready.data, filters, search, held, known, baseline.strategy)
     if not work.forced and not known:
-        raise ExcitationError("No force is measured and no mass is known, so nothing scales the chain", "Give the baseline known_masses={dof: kg}.")
+        raise ExcitationError(
+            "No force is measured and no mass is known, so nothing scales the chain",
+            "Give the baseline known_masses={dof: kg}.",
+        )
     first = _baseline_laws(baseline, chain, given, work)
     names = tuple(ready.data.segments[0].covariates)
     every = list(candidates(as_laws(catalogue, names), chain, known, names, work.forced))
@@ -172,7 +175,15 @@ def model_of(trial: Trial, solution: Solution) -> ChainModel:
 class _Loop:
     """One run of the loop: what stays the same from step to step."""
 
-    def __init__(self, ready: Prepared, work: Workspace, every: Sequence[Candidate], rng: np.random.Generator, n_surrogates: int, progress: bool) -> None:
+    def __init__(
+        self,
+        ready: Prepared,
+        work: Workspace,
+        every: Sequence[Candidate],
+        rng: np.random.Generator,
+        n_surrogates: int,
+        progress: bool,
+    ) -> None:
         self.ready, self.work, self.every = ready, work, every
         self.rng, self.n_surrogates, self.progress = rng, n_surrogates, progress
 
@@ -187,7 +198,7 @@ class _Loop:
         while len(steps) < max_steps:
             before = scenes[-1].folds
             if np.median(before) < FLOOR:
-                stopped = f"The balance closes within {np.median(before):.2g} % on the search data: nothing is left to explain"
+                stopped = f"The balance closes within {np.median(before):.2g} % on the search data, nothing is left"
                 break
             ranking = self._findings(stage, trial, steps)
             if not ranking:
@@ -195,7 +206,8 @@ class _Loop:
                 break
             chosen, tied, verdict = self._decide(stage, ranking, before, null)
             if not verdict.accepted:
-                stopped = f"No further effect is supported: the best candidate is {chosen.law.name} at {chosen.site}, but {verdict.sentence}"
+                best = f"{chosen.law.name} at {chosen.site}"
+                stopped = f"No further effect is supported: the best candidate is {best}, but {verdict.sentence}"
                 break
             stage = self._with(stage, chosen)
             trial = stage.trial()
@@ -209,7 +221,8 @@ class _Loop:
             step.remainder = _remainder(step.validation_before, left, floor)
             step.sure = step.remainder <= _SURE
         if np.isfinite(floor) and left > max(2.0 * floor, FLOOR):
-            stopped += f". {left:.3g} % stay unexplained by any law of the catalogue (noise alone leaves about {floor:.2g} %), most in the {_worst(trial)}"
+            noise = f"(noise alone leaves about {floor:.2g} %)"
+            stopped += f". {left:.3g} % stay unexplained by any law {noise}, most in the {_worst(trial)}"
         return LoopReport.assemble(self.work, scenes, steps, stopped, ranking, band, self.ready, baseline)
 
     def _findings(self, stage: Stage, trial: Trial, steps: Sequence[Step]) -> list[Finding]:
@@ -221,7 +234,9 @@ class _Loop:
         if self.progress:
             from tqdm.auto import tqdm
 
-            bar = tqdm(total=len(self.every), desc=f"search {len(steps) + 1}", unit="candidate", leave=False, disable=None)
+            bar = tqdm(
+                total=len(self.every), desc=f"search {len(steps) + 1}", unit="candidate", leave=False, disable=None
+            )
             tick = bar.update
         found = screen(stage, self.every, accepted, lines, tick)
         if bar is not None:
@@ -233,7 +248,9 @@ class _Loop:
         judged = [validate(stage, f) for f in refined]
         return sorted((f for f in judged if np.isfinite(f.error)), key=lambda f: f.error)
 
-    def _decide(self, stage: Stage, ranking: list[Finding], before: np.ndarray, null: _Null) -> tuple[Finding, list[Finding], Verdict]:
+    def _decide(
+        self, stage: Stage, ranking: list[Finding], before: np.ndarray, null: _Null
+    ) -> tuple[Finding, list[Finding], Verdict]:
         """The best candidate that passes the gate; the best of all with its verdict where none does."""
         first = None
         left = list(ranking)
@@ -309,7 +326,9 @@ class _Null:
     def _one(self, model: ChainModel) -> Stage:
         ready, work = self.loop.ready, self.loop.work
         chosen = sorted({b.segment for b in work.search})
-        fakes = [surrogate(ready.records[i], work.data.segments[i], model, ready.noise[i], self.loop.rng) for i in chosen]
+        fakes = [
+            surrogate(ready.records[i], work.data.segments[i], model, ready.noise[i], self.loop.rng) for i in chosen
+        ]
         data = prepare(fakes).data
         blocks = []
         for number, i in enumerate(chosen):
@@ -367,7 +386,14 @@ def _alternatives(chosen: Finding, tied: Sequence[Finding], drift: float) -> lis
 
 
 def _step(
-    chosen: Finding, tied: Sequence[Finding], verdict: Verdict, before: np.ndarray, after: np.ndarray, floor: float, ranking: Sequence[Finding], drift: float
+    chosen: Finding,
+    tied: Sequence[Finding],
+    verdict: Verdict,
+    before: np.ndarray,
+    after: np.ndarray,
+    floor: float,
+    ranking: Sequence[Finding],
+    drift: float,
 ) -> Step:
     return Step(
         law=chosen.law.name,

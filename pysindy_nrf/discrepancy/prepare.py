@@ -66,16 +66,16 @@ def prepare(records: Any, heldout: Any = None) -> Prepared:
     segments, noise, at = [], [], 0
     for rec in every:
         if rec.n_dof != n:
-            raise ChannelError(f"Record {rec.name!r} has {rec.n_dof} DOFs, {n} are needed", "Give records of one chain.")
+            raise ChannelError(
+                f"Record {rec.name!r} has {rec.n_dof} DOFs, {n} are needed", "Give records of one chain."
+            )
         smoother = KinematicSmoother()
         X, F = to_features(rec, smoother)
         levels = {str(k): float(v) for k, v in smoother.noise_.items()}
         if _is_clean(rec, levels):
             X, F = to_features(rec, False)
         noise.append(levels)
-        piece = from_arrays(
-            X, F, base_acceleration=_base_acceleration(rec), covariates=_covariates(rec)
-        ).segments[0]
+        piece = from_arrays(X, F, base_acceleration=_base_acceleration(rec), covariates=_covariates(rec)).segments[0]
         piece.name, piece.rows = rec.name, slice(at, at + len(X))
         at += len(X)
         segments.append(piece)
@@ -91,7 +91,9 @@ def as_records(records: Any, name: str) -> list[Record]:
         return [records]
     if isinstance(records, Sequence) and all(isinstance(r, Record) for r in records):
         return list(records)
-    raise ChannelError(f"{name} holds something that is not a Record", "Build them with Record(...) or Record.from_frame(df).")
+    raise ChannelError(
+        f"{name} holds something that is not a Record", "Build them with Record(...) or Record.from_frame(df)."
+    )
 
 
 def _is_clean(record: Record, noise: dict[str, float]) -> bool:

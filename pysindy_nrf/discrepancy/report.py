@@ -84,8 +84,13 @@ class Step:
     def sentence(self) -> str:
         """The step in words."""
         values = ", ".join(f"{k} = {v:.4g}" for k, v in self.parameters.items() if v is not None)
-        name = f"{self.law} at {self.site}" if self.sure else f"closest law {self.law} at {self.site}, unexplained remainder {100 * self.remainder:.0f} %"
-        text = f"{name} ({values}): {self.evidence}; held-out balance error {self.error_before:.3g} to {self.error_after:.3g} %."
+        name = (
+            f"{self.law} at {self.site}"
+            if self.sure
+            else f"closest law {self.law} at {self.site}, unexplained remainder {100 * self.remainder:.0f} %"
+        )
+        change = f"held-out balance error {self.error_before:.3g} to {self.error_after:.3g} %"
+        text = f"{name} ({values}): {self.evidence}; {change}."
         if self.alternatives:
             text += f" The data cannot tell it from: {', '.join(self.alternatives)}."
         return text
@@ -118,7 +123,15 @@ class LoopReport:
 
     @classmethod
     def assemble(
-        cls, work: Workspace, scenes: Sequence[Scene], steps: list[Step], stopped: str, ranking: Sequence[Finding], band: Any, ready: Any, baseline: Any
+        cls,
+        work: Workspace,
+        scenes: Sequence[Scene],
+        steps: list[Step],
+        stopped: str,
+        ranking: Sequence[Finding],
+        band: Any,
+        ready: Any,
+        baseline: Any,
     ) -> LoopReport:
         """Fit every scene to the search data and read the held-out data, once, at the end."""
         from .loop import model_of
@@ -141,27 +154,43 @@ class LoopReport:
             }
             rows[scene.name if scene.name not in rows else f"{scene.name} ({len(rows)})"] = row
         table = pd.DataFrame.from_dict(rows, orient="index")
-        table["band"] = "full" if band is None else f"{band[0] or 0:g}-{band[1] if band[1] is not None else np.inf:g} Hz"
+        table["band"] = (
+            "full" if band is None else f"{band[0] or 0:g}-{band[1] if band[1] is not None else np.inf:g} Hz"
+        )
         model = models[-1]
         for site in model.laws:
             try:
                 motions = work.motions(site)
             except (NRFError, IndexError):
                 continue
-            model.visited[Site(site)] = VisitedRegion.of(np.concatenate([m.v for m in motions]), np.concatenate([m.s for m in motions]))
-        model.info = {"band": None if band is None else list(band), "steps": [s.law + " at " + s.site for s in steps], "stopped_because": stopped}
+            model.visited[Site(site)] = VisitedRegion.of(
+                np.concatenate([m.v for m in motions]), np.concatenate([m.s for m in motions])
+            )
+        model.info = {
+            "band": None if band is None else list(band),
+            "steps": [s.law + " at " + s.site for s in steps],
+            "stopped_because": stopped,
+        }
         for step, before, after in zip(steps, table.index, table.index[1:]):
-            step.error_before, step.error_after = float(table.loc[before, "held-out"]), float(table.loc[after, "held-out"])
-            step.free_run_before, step.free_run_after = float(table.loc[before, "free run"]), float(table.loc[after, "free run"])
+            step.error_before, step.error_after = (
+                float(table.loc[before, "held-out"]),
+                float(table.loc[after, "held-out"]),
+            )
+            step.free_run_before, step.free_run_after = (
+                float(table.loc[before, "free run"]),
+                float(table.loc[after, "free run"]),
+            )
             for law in model.laws.get(Site(step.site), ()):
                 if law.name == step.law:
                     step.parameters = law.parameters
             if not step.parameters:
                 step.parameters = next(
-                    (law.parameters for m in models for law in m.laws.get(Site(step.site), ()) if law.name == step.law), {}
+                    (law.parameters for m in models for law in m.laws.get(Site(step.site), ()) if law.name == step.law),
+                    {},
                 )
         listed = pd.DataFrame(
-            [[f.law.name, f.law.family, str(f.site), f.error] for f in ranking], columns=["law", "family", "site", "validation error (%)"]
+            [[f.law.name, f.law.family, str(f.site), f.error] for f in ranking],
+            columns=["law", "family", "site", "validation error (%)"],
         )
         return cls(steps, table, stopped, model, band, listed, models)
 
@@ -179,7 +208,13 @@ class LoopReport:
         columns = ["", *self.table.columns]
         out = ["# Closing the loop", ""]
         out += [f"{i}. {step.sentence}" for i, step in enumerate(self.steps, 1)] or ["No effect was added."]
-        out += ["", f"Stopped: {self.stopped_because}.", "", "Errors in percent NRMSE; balance errors (one step) except the free run.", ""]
+        out += [
+            "",
+            f"Stopped: {self.stopped_because}.",
+            "",
+            "Errors in percent NRMSE; balance errors (one step) except the free run.",
+            "",
+        ]
         out += ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
         for name, row in self.table.iterrows():
             cells = [f"{x:.3g}" if isinstance(x, float) else str(x) for x in row]

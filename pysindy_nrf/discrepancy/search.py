@@ -80,7 +80,11 @@ class _Axes:
         self.shapes: list[Shape] = [p for p in law.shapes if law.shape[p.name] is None]
         bounds = np.array([p.bounds(*scales) for p in self.shapes]).reshape(-1, 2)
         self.log = np.array([p.log for p in self.shapes], dtype=bool)
-        self.low, self.high = (np.where(self.log, np.log(np.where(self.log, b, 1.0)), b) for b in bounds.T) if len(bounds) else (np.zeros(0),) * 2
+        self.low, self.high = (
+            (np.where(self.log, np.log(np.where(self.log, b, 1.0)), b) for b in bounds.T)
+            if len(bounds)
+            else (np.zeros(0),) * 2
+        )
 
     def at(self, u: np.ndarray) -> ForceLaw:
         """The law with shape parameters at a point of the search."""
@@ -123,7 +127,8 @@ def replaced(stage: Stage, candidate: Candidate, accepted: Sequence[tuple[Site, 
     return tuple(
         (candidate.site, i)
         for i, law in enumerate(stage.laws.get(candidate.site, ()))
-        if (candidate.site, law.name) in accepted and (labels & {t.label for t in law.terms()} or law.family == candidate.law.family)
+        if (candidate.site, law.name) in accepted
+        and (labels & {t.label for t in law.terms()} or law.family == candidate.law.family)
     )
 
 
@@ -214,7 +219,9 @@ def _cost(stage: Stage, site: Site, law: ForceLaw, drop: Sequence[tuple[Site, in
     width = len(law.terms())
     where = trial.layout.slices[site]
     mine = slice(where.stop - width, where.stop)
-    squares = trial.grams[: len(stage.work.search), range(mine.start, mine.stop), range(mine.start, mine.stop)].sum(axis=0)
+    squares = trial.grams[: len(stage.work.search), range(mine.start, mine.stop), range(mine.start, mine.stop)].sum(
+        axis=0
+    )
     if not np.isfinite(error) or not admissible(law, solution.coefficients[site][-width:], np.sqrt(squares)):
         return np.inf
     return error
@@ -248,7 +255,10 @@ def refine(stage: Stage, finding: Finding, evaluations: int | None = None) -> Fi
     simplex = np.vstack([start, start + np.diag(away)])
     most = evaluations or _EVALUATIONS.get(len(start), 160)
     best = minimize(
-        cost, start, method="Nelder-Mead", bounds=list(zip(axes.low, axes.high)),
+        cost,
+        start,
+        method="Nelder-Mead",
+        bounds=list(zip(axes.low, axes.high)),
         options={"initial_simplex": simplex, "xatol": 1e-5, "fatol": 1e-9, "maxfev": most},
     )
     if best.fun < finding.screen:

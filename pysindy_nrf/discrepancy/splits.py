@@ -73,7 +73,9 @@ def split(
         If the records are too short to be split.
     """
     chosen = [i for i in range(len(segments)) if heldout is None or i not in heldout]
-    parts = [np.hstack([segments[i].a[segments[i].valid], segments[i].v[segments[i].valid]]).astype(float) for i in chosen]
+    parts = [
+        np.hstack([segments[i].a[segments[i].valid], segments[i].v[segments[i].valid]]).astype(float) for i in chosen
+    ]
     scale = np.sqrt(np.mean(np.vstack([(p**2).mean(axis=0) for p in parts]), axis=0))
     scale[scale == 0] = 1.0
     sums = [energy(seg, scale) for seg in segments]
@@ -91,5 +93,7 @@ def split(
         if heldout is None and edges[-1] < len(sums[i]):
             held.append(BlockRows(i, slice(int(edges[-1]), len(sums[i]))))
     if len(search) < 3 or not held:
-        raise ChannelError("The records are too short to be split into search, validation and held-out parts", "Give longer records.")
+        raise ChannelError(
+            "The records are too short to be split into search, validation and held-out parts", "Give longer records."
+        )
     return search, held

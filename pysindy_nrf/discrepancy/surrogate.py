@@ -40,8 +40,12 @@ def surrogate(
     """
     row = segment.valid.start
     run = model.simulate(
-        np.nan_to_num(record.force), record.dt, x0=np.cumsum(segment.s[row]), v0=np.cumsum(segment.v[row]),
-        base_acceleration=segment.ag, covariates=segment.covariates or None,
+        np.nan_to_num(record.force),
+        record.dt,
+        x0=np.cumsum(segment.s[row]),
+        v0=np.cumsum(segment.v[row]),
+        base_acceleration=segment.ag,
+        covariates=segment.covariates or None,
     )
     changes: dict[str, Any] = {}
     for key, prefix in zip(_MOTIONS, "avx"):

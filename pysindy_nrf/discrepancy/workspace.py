@@ -18,8 +18,8 @@ from ..chain_solve import Solution, groups_of, solve
 from ..errors import pooled_error
 from ..exceptions import NRFError, RankWarning
 from ..identifiability import plan_walk
-from ..layout import LawLayout
 from ..laws.base import ForceLaw, Motion
+from ..layout import LawLayout
 from ..moments import Moments
 from ..segments import SegmentSet
 from ..sites import Site
@@ -214,7 +214,9 @@ class Stage:
     def _view(self, block: BlockRows) -> np.ndarray:
         return self._rows[block.segment][:, block.rows]
 
-    def trial(self, site: Site | None = None, law: ForceLaw | None = None, drop: Sequence[tuple[Site, int]] = ()) -> Trial:
+    def trial(
+        self, site: Site | None = None, law: ForceLaw | None = None, drop: Sequence[tuple[Site, int]] = ()
+    ) -> Trial:
         """The current laws, with one more or without some.
 
         Parameters
@@ -234,7 +236,10 @@ class Stage:
         NRFError
             If the laws cannot stand beside each other or cannot be identified.
         """
-        kept = {s: [(self._at[s, i], one) for i, one in enumerate(held) if (s, i) not in drop] for s, held in self.laws.items()}
+        kept = {
+            s: [(self._at[s, i], one) for i, one in enumerate(held) if (s, i) not in drop]
+            for s, held in self.laws.items()
+        }
         grams, chain = self._grams, self.chain
         if law is not None and site is not None:
             kept.setdefault(site, []).append((len(grams[0]), law))

@@ -25,7 +25,22 @@ _LAZY = {
     "compare_with_sindy": "comparison",
     "simulate": "simulation",
 }
-_LAZY_MODULES = ("analysis", "datasets", "displays", "errors", "excitation", "io", "noise", "paper", "signals")
+_LAZY_MODULES = (
+    "alignment",
+    "analysis",
+    "channel_checks",
+    "constraints",
+    "datasets",
+    "displays",
+    "errors",
+    "estimation",
+    "excitation",
+    "guidance",
+    "io",
+    "noise",
+    "paper",
+    "signals",
+)
 
 __all__ = ["Chain", "Record", "Site", "exceptions", "laws", *_LAZY, *_LAZY_MODULES]
 

@@ -222,6 +222,30 @@ measure the force on floor 2, or hit floor 1.
 
         return plan_walk(self, forced, unknown, known_masses, strategy)
 
+    def plan(self, **options: Any):
+        """Say which floor to hit, or which sensor to add.
+
+        Parameters
+        ----------
+        **options
+            ``can_hit``, ``sensors``, ``unknown``, ``known_masses``, ``model``, ``most``; see
+            :func:`pysindy_nrf.guidance.plan`.
+
+        Returns
+        -------
+        Plan
+            ``str()`` says it in words.
+
+        Examples
+        --------
+        >>> from pysindy_nrf import Chain
+        >>> print(Chain(3).plan(can_hit=[1, 3], unknown=[2]).advice[0])
+        Hit floor 1 and 3: out of reach remain m2.
+        """
+        from .guidance import plan
+
+        return plan(self, **options)
+
     # -- plain Python -------------------------------------------------------------------------
 
     def to_dict(self) -> dict[str, Any]:

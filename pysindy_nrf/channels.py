@@ -21,7 +21,9 @@ def rows_text(rows: np.ndarray, most: int = 3) -> str:
     return f"row{'s' if len(rows) > 1 else ''} {shown}{more}"
 
 
-def as_matrix(value: Any, names: Sequence[str] | str, n_columns: int | None = None, what: str = "channels") -> np.ndarray:
+def as_matrix(
+    value: Any, names: Sequence[str] | str, n_columns: int | None = None, what: str = "channels"
+) -> np.ndarray:
     """A real float matrix, one column for each channel, or an error that names the channel.
 
     Parameters
@@ -52,7 +54,9 @@ def as_matrix(value: Any, names: Sequence[str] | str, n_columns: int | None = No
     if array.ndim == 1:
         array = array[:, None]
     if array.ndim != 2:
-        raise ChannelError(f"The {what} have {array.ndim} dimensions", "Give one row per sample and one column per channel.")
+        raise ChannelError(
+            f"The {what} have {array.ndim} dimensions", "Give one row per sample and one column per channel."
+        )
 
     def name(i: int) -> str:
         return f"{names}{i + 1}" if isinstance(names, str) else str(names[i])
@@ -65,7 +69,10 @@ def as_matrix(value: Any, names: Sequence[str] | str, n_columns: int | None = No
     if array.dtype == np.float32 or array.dtype == np.float64:
         return array
     if np.iscomplexobj(array):
-        raise ChannelError(f"Channel {name(0)} of the {what} is complex", "Give real time series; take .real if the imaginary part is zero.")
+        raise ChannelError(
+            f"Channel {name(0)} of the {what} is complex",
+            "Give real time series; take .real if the imaginary part is zero.",
+        )
     if array.dtype.kind in "biuf":
         return array.astype(np.float64)
     out = np.empty(array.shape)
@@ -76,7 +83,10 @@ def as_matrix(value: Any, names: Sequence[str] | str, n_columns: int | None = No
                 raise TypeError
             out[:, i] = column.astype(np.float64)
         except (TypeError, ValueError):
-            raise ChannelError(f"Channel {name(i)} of the {what} does not hold numbers", "Convert it to float (decimal point, no text).") from None
+            raise ChannelError(
+                f"Channel {name(i)} of the {what} does not hold numbers",
+                "Convert it to float (decimal point, no text).",
+            ) from None
     return out
 
 
@@ -110,7 +120,9 @@ def finite_span(columns: Sequence[np.ndarray], names: Sequence[str], record: str
             continue
         infinite = np.flatnonzero(np.isinf(column))
         if infinite.size:
-            raise ChannelError(f"Channel {name}{where} is infinite in {rows_text(infinite)}", "Repair or cut these rows.")
+            raise ChannelError(
+                f"Channel {name}{where} is infinite in {rows_text(infinite)}", "Repair or cut these rows."
+            )
         inside = np.flatnonzero(good)
         if not inside.size:
             raise ChannelError(f"Channel {name}{where} holds nothing but NaN", "Leave it out, or measure it.")

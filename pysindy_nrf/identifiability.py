@@ -206,14 +206,10 @@ def _sequential(
             open_rows.remove(step.dofs[0])
     lost_masses = tuple(j for j in range(chain.n_dof, 0, -1) if j not in masses)
     lost_sites = tuple(s for s in acting if s not in sites)
-    return Walk(
-        "sequential", tuple(steps), lost_masses, lost_sites, _reasons(lost_masses, lost_sites, unknown)
-    )
+    return Walk("sequential", tuple(steps), lost_masses, lost_sites, _reasons(lost_masses, lost_sites, unknown))
 
 
-def _reasons(
-    masses: tuple[int, ...], sites: tuple[Site, ...], unknown: frozenset[int]
-) -> tuple[str, ...]:
+def _reasons(masses: tuple[int, ...], sites: tuple[Site, ...], unknown: frozenset[int]) -> tuple[str, ...]:
     said = []
     for site in sorted(sites, key=lambda s: (-s.p, -s.q)):
         ends = [j for j in (site.q, site.p) if j > 0]
@@ -223,14 +219,19 @@ def _reasons(
         if blind:
             measure = " and ".join(str(j) for j in blind)
             said.append(
-                ((-site.p, 0), f"{site} cannot be scaled: the force on DOF {measure} is unknown and nothing else "
-                f"reaches it; measure the force on floor {measure}{', or ' + hit if hit else ''}.")
+                (
+                    (-site.p, 0),
+                    f"{site} cannot be scaled: the force on DOF {measure} is unknown and nothing else "
+                    f"reaches it; measure the force on floor {measure}{', or ' + hit if hit else ''}.",
+                )
             )
         else:
             said.append(((-site.p, 0), f"{site} cannot be scaled: no force and no known mass reaches it; {hit}."))
     for j in masses:
         if j in unknown:
-            said.append(((-j, 1), f"m{j} cannot be found: the force on DOF {j} is unknown; measure it or weigh the floor."))
+            said.append(
+                ((-j, 1), f"m{j} cannot be found: the force on DOF {j} is unknown; measure it or weigh the floor.")
+            )
         else:
             said.append(((-j, 1), f"m{j} cannot be found: no force and no known mass reaches DOF {j}; hit floor {j}."))
     return tuple(text for _, text in sorted(said, key=lambda item: item[0]))

@@ -36,7 +36,7 @@ def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.Da
     Notes
     -----
     ``X.attrs`` says what fused motions can serve for: ``"resolved"``, the frequency in Hz up to which they hold
-    the motion, and ``"joint_fusion"``, whether the DOFs improved each other.
+    the motion where accelerations are not measured, and ``"joint_fusion"``, whether the DOFs improved each other.
 
     Raises
     ------
@@ -79,7 +79,10 @@ def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.Da
     drift = [np.diff(y, axis=1, prepend=0.0) for y in (v, x)]
     X = pd.DataFrame(np.hstack([fused.acceleration, *drift]), index=index, columns=columns)
     if smoother is not None and smoother.spacing_.max() > 1.0:
-        X.attrs["resolved"] = RESOLVED * record.fs / (2 * float(smoother.spacing_.max()))
+        # an accelerometer shows the whole band; what a displacement sensor cannot show is smoothed away
+        blind = [h for j, h in smoother.spacing_.items() if f"a{j}" not in have and h > 1.0]
+        if blind:
+            X.attrs["resolved"] = RESOLVED * record.fs / (2 * float(max(blind)))
         X.attrs["joint_fusion"] = smoother.joint and not _as_measured(record, fused)
     F = pd.DataFrame(fused.force, index=index, columns=[f"F{j}" for j in range(1, record.n_dof + 1)])
     return X, F

@@ -58,7 +58,9 @@ class Layout:
         self.sites: tuple[Site, ...] = (*chain.sites, *(s for s in counts if s not in chain.sites))
         wrong = [s for s in self.sites if s.kind == "sensor"]
         if wrong:
-            raise ChainError(f"{str(wrong[0])!r} is not a place for a force law", "Use a storey, link, ground or dof site.")
+            raise ChainError(
+                f"{str(wrong[0])!r} is not a place for a force law", "Use a storey, link, ground or dof site."
+            )
         self.n_dof = chain.n_dof
         self.counts = {s: counts.get(s, 0) for s in self.sites}
         ends = np.cumsum([0, *(self.counts[s] for s in self.sites)])

@@ -69,7 +69,9 @@ class GroupMoments:
     def merge(self, other: GroupMoments) -> None:
         """Add the samples of other moments of the same columns."""
         if self.kind != other.kind or self.matrix.shape != other.matrix.shape:
-            raise NRFError("Moments of different columns or kinds cannot be added", "Accumulate both with the same layout.")
+            raise NRFError(
+                "Moments of different columns or kinds cannot be added", "Accumulate both with the same layout."
+            )
         if self.kind == "gram":
             self.matrix = self.matrix + other.matrix
         else:
@@ -169,7 +171,9 @@ class Moments:
         Samples seen.
     """
 
-    def __init__(self, layout: Layout, groups: Sequence[Group], kind: str = "gram", known_masses: dict[int, float] | None = None) -> None:
+    def __init__(
+        self, layout: Layout, groups: Sequence[Group], kind: str = "gram", known_masses: dict[int, float] | None = None
+    ) -> None:
         self.layout, self.kind = layout, kind
         self.known_masses = dict(known_masses or {})
         self.groups = {g.dofs: g for g in groups}

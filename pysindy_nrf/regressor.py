@@ -13,7 +13,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from .chain import Chain
 from .chain_solve import Solution, warn_of_masses
-from .exceptions import ChainError, ChannelError, DataQualityWarning, ExcitationError
+from .exceptions import ChainError, ChannelError, DataQualityWarning, ExcitationError, NRFError
 from .identifiability import Walk, plan_walk
 from .laws import ForceLaw, PowerSeries
 from .layout import LawLayout
@@ -187,19 +187,29 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
             raise ChainError(f"estimation={self.estimation!r} is unknown", f"Choose one of {', '.join(_ESTIMATIONS)}.")
         laws_given = self._given_laws()
         options = dict(
-            record=record, time=time, base_acceleration=base_acceleration, covariates=covariates,
+            record=record,
+            time=time,
+            base_acceleration=base_acceleration,
+            covariates=covariates,
             has_memory=any(law.has_memory for held in laws_given.values() for law in held),
             n_dof=self.chain.n_dof if self._given_chain() is not None else None,
         )
         data = self._data(X, y, **options)
         separate = data if self.estimation == "ls" else self._separate(X, y, data, options)
-        self._fit(data, laws_given, separate)
+        raw = self._raw(X, y, options) if self.estimation == "simulation" else None
+        self._fit(data, laws_given, separate, raw)
         self.n_features_in_ = 3 * data.n_dof
         if hasattr(X, "columns"):
             self.feature_names_in_ = np.array([str(c) for c in X.columns], dtype=object)
         return self
 
-    def _fit(self, data: SegmentSet, laws_given: Mapping[Any, tuple[ForceLaw, ...]], separate: SegmentSet) -> None:
+    def _fit(
+        self,
+        data: SegmentSet,
+        laws_given: Mapping[Any, tuple[ForceLaw, ...]],
+        separate: SegmentSet | None = None,
+        raw: SegmentSet | None = None,
+    ) -> None:
         chain = self._chain(data.n_dof, laws_given)
         laws = self._laws(chain, laws_given)
         known = self._known_masses(chain)
@@ -231,8 +241,9 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
             from .estimation.refine import refine
 
             model, solution, self._resolver, facts = refine(
-                self.estimation, model, solution, separate, layout, walk, filters, known, self._inner(), self.band
-            )
+                self.estimation, model, solution, separate or data, layout, walk, filters, known, self._inner(),
+                self.band, raw,
+            )  # fmt: skip
         warn_of_masses(solution)
         if self.constraints is not None:
             from .constraints import constrained
@@ -243,7 +254,7 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
 
     def _separate(self, X: Any, y: Any, data: SegmentSet, options: dict[str, Any]) -> SegmentSet:
         """Motions whose noise is independent of the motion, where records were given."""
-        if isinstance(X, Record) or (isinstance(X, (list, tuple)) and X and isinstance(X[0], Record)):
+        if _holds_records(X):
             from .signals import KinematicSmoother
 
             return self._data(X, y, **options, smooth=KinematicSmoother(joint=False))
@@ -256,6 +267,13 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
                 stacklevel=3,
             )
         return data
+
+    def _raw(self, X: Any, y: Any, options: dict[str, Any]) -> SegmentSet | None:
+        """Channels as measured, if records with all of them were given."""
+        try:
+            return self._data(X, y, **options, smooth=False) if _holds_records(X) else None
+        except NRFError:  # a channel is missing, or too noisy for a law that remembers the path
+            return None
 
     def _inner(self) -> Any:
         """The PySINDy optimizer that runs on every balance."""
@@ -285,7 +303,8 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         return self
 
     def __getstate__(self):
-        return {k: v for k, v in super().__getstate__().items() if k != "_evidence"} | {"_evidence": None}
+        state = super().__getstate__()
+        return {**state, "_evidence": None} if "_evidence" in state else state  # the data are not part of the model
 
     def _solve(self, layout, walk, data, filters, known) -> tuple[ChainModel, Solution, Moments]:
         from .optimizers import ChainOptimizer
@@ -490,7 +509,8 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
 
         The whole chain is solved again without each of some 64 consecutive pieces of the data, so an
         error in one storey reaches every mass below it. Shape parameters and the choice of terms are
-        taken as they are: what a wrong law does is not in the interval (see ``missing_terms_``).
+        taken as they are: what a wrong law does is not in the interval (see ``missing_terms_``). Until it is
+        pickled the estimator refers to the data it was fitted to; ask before saving.
 
         Parameters
         ----------
@@ -534,6 +554,19 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         check_is_fitted(self)
         return force_intervals(self._resolving(), self.model_, site, v, s, level)
 
+    def diagnose(self):
+        """Say in words what limits the estimate: noise, excitation, conditioning, a missing law.
+
+        Returns
+        -------
+        Diagnosis
+            ``print`` it; ``.table`` holds the findings. See :mod:`pysindy_nrf.guidance`.
+        """
+        from .guidance import diagnose
+
+        check_is_fitted(self)
+        return diagnose(self)
+
     def simulate(self, F: Any, *, dt: float | None = None, x0: Any = None, v0: Any = None, **options: Any):
         """Free run of the identified model; see :func:`pysindy_nrf.simulate`.
 
@@ -561,8 +594,14 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
     def _judged(self, X, y, record, time, base_acceleration, covariates) -> SegmentSet:
         check_is_fitted(self)
         return self._data(
-            X, y, record=record, time=time, base_acceleration=base_acceleration, covariates=covariates,
-            has_memory=self.model_.has_memory, n_dof=self.model_.n_dof,
+            X,
+            y,
+            record=record,
+            time=time,
+            base_acceleration=base_acceleration,
+            covariates=covariates,
+            has_memory=self.model_.has_memory,
+            n_dof=self.model_.n_dof,
         )
 
     def __sklearn_is_fitted__(self) -> bool:
@@ -579,6 +618,10 @@ def _unknown_forces(model: ChainModel, data: SegmentSet) -> pd.DataFrame:
             for seg, f in zip(data.segments, forces)
         ]
     return pd.DataFrame(data.scatter(parts), columns=[f"F{j + 1}" for j in hidden])
+
+
+def _holds_records(X: Any) -> bool:
+    return isinstance(X, Record) or (isinstance(X, (list, tuple)) and len(X) > 0 and isinstance(X[0], Record))
 
 
 def _mapping(name: str, value: Any, example: str) -> Mapping[Any, Any]:

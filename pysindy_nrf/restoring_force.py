@@ -54,12 +54,16 @@ class RestoringForce:
         held = [(law, t, c) for law in self.laws for t, c in zip(law.terms(), law.coefficients)]
         plain = [t.label for _, t, _ in held]
         index = [t.label if plain.count(t.label) == 1 else f"{t.label} ({law.name})" for law, t, _ in held]
-        return pd.Series([float(c) for *_, c in held], index=pd.Index(index, name="term"), name=str(self.site), dtype=float)
+        return pd.Series(
+            [float(c) for *_, c in held], index=pd.Index(index, name="term"), name=str(self.site), dtype=float
+        )
 
     @property
     def units(self) -> pd.Series:
         """Units of the coefficients by term."""
-        return pd.Series([t.unit for law in self.laws for t in law.terms()], index=self.coefficients.index, dtype=object)
+        return pd.Series(
+            [t.unit for law in self.laws for t in law.terms()], index=self.coefficients.index, dtype=object
+        )
 
     def __call__(self, v: Any, s: Any, *, t: Any = None, covariates: Mapping[str, Any] | None = None) -> np.ndarray:
         """Force for rates and drifts.
@@ -85,14 +89,21 @@ class RestoringForce:
         """
         rate, drift = np.broadcast_arrays(np.asarray(v, dtype=float), np.asarray(s, dtype=float))
         if self.has_memory and drift.ndim != 1:
-            raise LawError(f"The force of {self.site} depends on the path", "Give v and s as one-dimensional paths in order of time.")
+            raise LawError(
+                f"The force of {self.site} depends on the path",
+                "Give v and s as one-dimensional paths in order of time.",
+            )
         shape = drift.shape
 
         def flat(line: Any) -> np.ndarray:
             return np.ascontiguousarray(np.broadcast_to(np.asarray(line, dtype=float), shape)).ravel()
 
         motion = Motion(
-            drift.ravel().copy(), rate.ravel().copy(), None, None if t is None else flat(t), {k: flat(c) for k, c in dict(covariates or {}).items()}
+            drift.ravel().copy(),
+            rate.ravel().copy(),
+            None,
+            None if t is None else flat(t),
+            {k: flat(c) for k, c in dict(covariates or {}).items()},
         )
         return self.along(motion).reshape(shape)
 
@@ -139,7 +150,13 @@ class RestoringForce:
         -------
         str
         """
-        index = self.site.p if self.site.is_storey else f"_{self.site.p}{self.site.q}" if self.site.kind == "link" else f"_dof{self.site.p}"
+        index = (
+            self.site.p
+            if self.site.is_storey
+            else f"_{self.site.p}{self.site.q}"
+            if self.site.kind == "link"
+            else f"_dof{self.site.p}"
+        )
         pieces = [law.equation(index, digits) for law in self.laws] or ["0"]
         return f"R{index} = " + " + ".join(pieces).replace("+ -", "- ")
 

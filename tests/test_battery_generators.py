@@ -133,3 +133,15 @@ def test_cases_are_reproducible_and_base_excitation_has_no_force():
         assert np.array_equal(value, two.seen[0][key])
     run = one.runs[0]
     assert np.gradient(run.xg, 1 / run.fs)[50:-50] == pytest.approx(run.vg[50:-50], abs=0.02 * np.abs(run.vg).max())
+
+
+def test_quick_battery(tmp_path):
+    """A dozen cases: what can be heard is found where it is, and nothing where there is nothing."""
+    from discrepancy_battery import main
+
+    table = main(["--quick", "--out", str(tmp_path / "rows.csv")])
+    assert len(table) == 12 and "crash" not in table
+    heard = table[table.group.isin(["blind", "base"]) & table.eligible.astype(bool)]
+    assert len(heard) >= 4
+    assert heard.right.mean() >= 0.75
+    assert table[table.group == "nothing"].right.all()

@@ -385,7 +385,7 @@ def make_case(
     base: bool | None = None,
     degree: int = 1,
     n_samples: int = N_SAMPLES,
-    n_dof: int | None = None,
+    most: int = 6,
     excitation: str | None = None,
 ) -> Case:
     """Draw one case; the same arguments always give the same case.
@@ -403,7 +403,10 @@ def make_case(
         Base excitation with known masses, instead of forces.
     degree : int
         Of the storeys: 1 linear, 3 with a cubic spring that is part of the declared model.
-    n_samples, n_dof, excitation : optional
+    n_samples : int
+    most : int
+        Masses at most.
+    excitation : str, optional
 
     Returns
     -------
@@ -421,7 +424,7 @@ def make_case(
         else 1
     )
     for _ in range(200):
-        n = n_dof or int(rng.integers(least, 7))
+        n = int(rng.integers(least, most + 1))
         structure, f = draw_structure(rng, n)
         fs = float(np.round(f[-1] * rng.uniform(16, 28), 1))
         how = excitation or str(rng.choice(EXCITATIONS if not base else ("random", "earthquake", "earthquake")))

@@ -8,7 +8,7 @@ import warnings
 
 import numpy as np
 
-from pysindy_nrf import NRFRegressor, Record, Site
+from pysindy_nrf import Chain, NRFRegressor, Record, Site
 from pysindy_nrf.discrepancy.catalogue import default_catalogue
 from pysindy_nrf.discrepancy.prepare import prepare
 from pysindy_nrf.discrepancy.splits import split
@@ -88,15 +88,13 @@ def place(text: str) -> Site:
 # -- the truth on the channels the loop used ----------------------------------------------------
 
 
-def balances(structure: Structure, effects: list[Effect], t, a, v, s, F, vg, base: bool):
+def balances(structure: Structure, effects: list[Effect], t, a, v, s, F, vg):
     """Residual of the true model in each balance, and each effect's part of it.
 
     Parameters
     ----------
     a, v, s, F : ndarray of shape (n_samples, n)
         Absolute accelerations, inter-storey velocities and drifts, forces.
-    base : bool
-        Sum the balances from the top, as the solve does under base excitation.
 
     Returns
     -------
@@ -106,7 +104,7 @@ def balances(structure: Structure, effects: list[Effect], t, a, v, s, F, vg, bas
     """
     n = structure.n
     storey = structure.k * s + structure.c * v + structure.k3 * s**3
-    plain = structure.m * a + storey - np.c_[storey[:, 1:], np.zeros(len(t))] - F
+    residual = structure.m * a + storey - np.c_[storey[:, 1:], np.zeros(len(t))] - F
     parts, own = [], storey.copy()
     x, rate = np.cumsum(s, axis=1), np.cumsum(v, axis=1)
     for e in effects:
@@ -117,63 +115,53 @@ def balances(structure: Structure, effects: list[Effect], t, a, v, s, F, vg, bas
         if q >= 0:
             part[:, q] -= force
         parts.append(part)
+        residual = residual + part
         if e.site == f"storey {e.p}":
             own[:, p] += force
-    residual = plain + sum(parts) if parts else plain
-    reference = np.where(F.any(axis=0), F, structure.m * a)
-    if base:
-        residual, parts = (
-            np.cumsum(residual[:, ::-1], axis=1)[:, ::-1],
-            [np.cumsum(y[:, ::-1], axis=1)[:, ::-1] for y in parts],
-        )
-    return residual, parts, own, reference
-
-
-def out_of_reach(structure: Structure, part, a, v, s, degree: int, base: bool) -> np.ndarray:
-    """What the baseline's own columns leave of an effect's part in each balance."""
-    n, out = structure.n, np.zeros_like(part)
-
-    def columns(i):
-        if i >= n:
-            return []
-        terms = [(h, j) for h in range(degree + 1) for j in range(degree + 1) if 0 < h + j <= degree]
-        return [v[:, i] ** h * s[:, i] ** j for h, j in terms]
-
-    for j in range(n):
-        if not part[:, j].any():
-            continue
-        table = np.column_stack(columns(j) if base else [a[:, j], *columns(j), *columns(j + 1)])
-        table /= np.sqrt(np.mean(table**2, axis=0))
-        out[:, j] = part[:, j] - table @ np.linalg.lstsq(table, part[:, j], rcond=None)[0]
-    return out
+    return residual, parts, own, np.where(F.any(axis=0), F, structure.m * a)
 
 
 def audibility(case: Case, ready) -> list[float]:
-    """For each effect: rms of what the baseline cannot hold, over the rms balance residual of the true model."""
+    """For each effect: rms of what the baseline cannot hold, over the rms balance residual of the true model.
+
+    The baseline's own columns in a balance are those that its solve determines there: the mass and the
+    storeys that are still unknown when the walk arrives (in an unforced balance the storey found before
+    is given; with it free, any effect would be "reproduced" by the homogeneous equation itself). Where the
+    solve sums balances (base excitation), so does this.
+    """
     run, seg = case.runs[0], ready.data.segments[0]
+    known = range(1, case.structure.n + 1) if case.base else ()
+    walk = Chain(case.structure.n).identifiability(case.forced, known_masses=known)
     s, v = (np.diff(y, axis=1, prepend=0.0) for y in (run.x, run.v))
-    _, clean, _, _ = balances(case.structure, case.effects, run.t, run.a, v, s, run.F, run.vg, case.base)
+    _, clean, _, _ = balances(case.structure, case.effects, run.t, run.a, v, s, run.F, run.vg)
     residual = true_residual(case, seg)[0]
+    powers = [(h, j) for h in range(case.degree + 1) for j in range(case.degree + 1) if 0 < h + j <= case.degree]
     out = []
     for part in clean:
-        left = out_of_reach(case.structure, part, run.a, v, s, case.degree, case.base)
-        rows = part.any(axis=0)
-        out.append(float(np.sqrt(np.mean(left[:, rows] ** 2) / np.mean(residual[:, rows] ** 2))))
+        lost = noise = 0.0
+        for step in walk.steps:
+            rows = [j - 1 for j in step.dofs]
+            effect = part[:, rows].sum(axis=1)
+            if not effect.any():
+                continue
+            table = [run.a[:, j - 1] for j in step.masses]
+            table += [v[:, site.p - 1] ** h * s[:, site.p - 1] ** j for site in step.sites for h, j in powers]
+            if table:
+                columns = np.column_stack(table)
+                columns /= np.sqrt(np.mean(columns**2, axis=0))
+                effect = effect - columns @ np.linalg.lstsq(columns, effect, rcond=None)[0]
+            lost += np.mean(effect**2)
+            noise += np.mean(residual[:, rows].sum(axis=1) ** 2)
+        out.append(float(np.sqrt(lost / noise)))
     return out
 
 
-def true_residual(case: Case, seg, base: bool | None = None):
+def true_residual(case: Case, seg):
     """Residual, storey forces and references of the true model on fused channels."""
     rows = seg.valid
     vg = seg.covariates["vg"][rows] if "vg" in seg.covariates else np.zeros(rows.stop - rows.start)
-    residual, _, storey, reference = balances(
-        case.structure,
-        case.effects,
-        seg.t[rows],
-        *(np.asarray(y[rows], dtype=float) for y in (seg.a, seg.v, seg.s, seg.F)),
-        vg,
-        case.base if base is None else base,
-    )
+    channels = (np.asarray(y[rows], dtype=float) for y in (seg.a, seg.v, seg.s, seg.F))
+    residual, _, storey, reference = balances(case.structure, case.effects, seg.t[rows], *channels, vg)
     return residual, storey, reference
 
 
@@ -182,8 +170,10 @@ def true_error(case: Case, ready) -> float:
     _, held = split(ready.data.segments, ready.heldout)
     parts = []
     for block in held:
-        parts.append([y[block.rows] for y in true_residual(case, ready.data.segments[block.segment], base=False)])
+        parts.append([y[block.rows] for y in true_residual(case, ready.data.segments[block.segment])])
     residual, storey, reference = (np.concatenate(y) for y in zip(*parts))
+    if case.base:  # the storeys are judged, each against the inertia above it
+        residual, reference = (np.cumsum(y[:, ::-1], axis=1)[:, ::-1] for y in (residual, reference))
     weight = np.mean(storey**2, axis=0)
     return float(
         100 * np.sqrt(np.sum(np.mean(residual**2, axis=0) / weight) / np.sum(np.mean(reference**2, axis=0) / weight))

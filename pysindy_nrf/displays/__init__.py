@@ -3,6 +3,7 @@
 Matplotlib (extra ``plot``) is imported when something is drawn.
 """
 
+from .before_after import BeforeAfterDisplay
 from .change_map import ChangeMapDisplay
 from .damper_force import DamperForceDisplay
 from .energy import EnergyDisplay
@@ -15,6 +16,7 @@ from .surface import RestoringForceSurfaceDisplay
 from .track import TrackDisplay
 
 __all__ = [
+    "BeforeAfterDisplay",
     "RestoringForceSurfaceDisplay",
     "HysteresisLoopDisplay",
     "DamperForceDisplay",

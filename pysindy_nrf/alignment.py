@@ -1,0 +1,304 @@
+r"""Channels that are late, inverted, wrongly scaled, or on clocks of their own.
+
+Acceleration, velocity and displacement of one DOF are one motion; where they do not fit, the transfer
+between them says why: its phase is a delay (straight in frequency) or an inversion (pi), its size a gain,
+
+.. math:: \frac{X_c(f)}{X_r(f)} (2 \pi i f)^{k} = g \, e^{-2 \pi i f \tau} .
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from .channels import as_matrix
+from .exceptions import ChannelError
+from .record import Record, seconds_of
+
+_ORDER = {"x": 0, "v": 1, "a": 2}
+_NAMES = {"a": "acceleration", "v": "velocity", "x": "displacement"}
+STRONG = 1e-3  # share of a spectrum's peak
+DELAY, GAIN = 0.05, 0.02  # samples, and share of one, from which on a channel is called misaligned
+
+
+def channel_alignment(record: Record, band: tuple[float, float] | None = None, reference: str = "a") -> pd.DataFrame:
+    """Delay, gain and sign of each motion channel against another channel of the same DOF.
+
+    Parameters
+    ----------
+    record : Record
+    band : (float, float), optional
+        Hz; by default wherever the two channels are coherent.
+    reference : {"a", "v", "x"}
+        Kind taken as right; where a DOF lacks it the first that it has of a, v, x.
+
+    Returns
+    -------
+    DataFrame
+        By channel: ``reference``, ``delay`` (s, positive = late), ``samples``, ``gain``, ``sign`` (+1 or -1),
+        ``coherence``, ``aligned`` (bool) and ``message``.
+
+    Raises
+    ------
+    ChannelError
+        If no DOF has two kinds of channels.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import ChainModel, excitation, laws, simulate
+    >>> from pysindy_nrf.alignment import channel_alignment, shifted
+    >>> model = ChainModel([10.0], {"storey 1": laws.PowerSeries(1, [100.0, 1e5])})
+    >>> F = excitation.band_limited_random(1, 8.0, 1000.0, dofs=1, rms=100.0, band=(1, 60), random_state=0)
+    >>> rec = simulate(model, F, 1e-3)
+    >>> late = -shifted(rec.displacement[:, 0], 1.5)
+    >>> found = channel_alignment(rec.replace(displacement=late))
+    >>> found.loc["x1", ["samples", "sign"]].astype(float).round(1).tolist()
+    [1.5, -1.0]
+    """
+    if reference not in _ORDER:
+        raise ChannelError(f"reference={reference!r} is unknown", "Choose 'a', 'v' or 'x'.")
+    channels = record.channels()
+    base = _base(record, channels)
+    rows = {}
+    for j in range(1, record.n_dof + 1):
+        own = {k: channels[f"{k}{j}"] for k in "avx" if f"{k}{j}" in channels}
+        if len(own) < 2:
+            continue
+        first = reference if reference in own else next(iter(own))
+        for kind, values in own.items():
+            if kind != first:
+                a, b = (
+                    y - base if k == "a" and base is not None else y for k, y in ((first, own[first]), (kind, values))
+                )
+                rows[f"{kind}{j}"] = _compare(
+                    a, b, _ORDER[kind] - _ORDER[first], record.fs, band, f"{first}{j}", f"{kind}{j}"
+                )
+    if not rows:
+        raise ChannelError(
+            f"No DOF of record {record.name!r} has two kinds of motion channels",
+            "Delays between DOFs show in the balances only.",
+        )
+    columns = ["reference", "delay", "samples", "gain", "sign", "coherence", "aligned", "message"]
+    return pd.DataFrame.from_dict(rows, orient="index", columns=columns).rename_axis("channel")
+
+
+def align(record: Record, found: pd.DataFrame, gains: bool = False) -> Record:
+    """Shift and turn channels as found by :func:`channel_alignment`.
+
+    Parameters
+    ----------
+    record : Record
+    found : DataFrame
+        Rows may be dropped or changed before.
+    gains : bool
+        Correct gains too; a gain says that one of two channels is wrong, not which.
+
+    Returns
+    -------
+    Record
+        A new one; rows at the ends that a shift leaves empty are NaN in that channel.
+    """
+    changes: dict[str, np.ndarray] = {}
+    for name, row in found.iterrows():
+        if row["aligned"]:
+            continue
+        key, j = _NAMES[str(name)[0]], int(str(name)[1:]) - 1
+        array = changes.setdefault(key, np.array(getattr(record, key), dtype=float))
+        factor = row["sign"] / (row["gain"] if gains and abs(row["gain"] - 1) > GAIN else 1.0)
+        late = row["samples"] if abs(row["samples"]) > DELAY else 0.0
+        array[:, j] = factor * (shifted(array[:, j], -late) if late else array[:, j])
+    return record.replace(**changes)
+
+
+def shifted(values: np.ndarray, samples: float) -> np.ndarray:
+    """A channel delayed by a number of samples that need not be whole; NaN where nothing is known.
+
+    Parameters
+    ----------
+    values : ndarray of shape (n_samples,)
+    samples : float
+        Positive = later.
+
+    Returns
+    -------
+    ndarray of shape (n_samples,)
+    """
+    from scipy.interpolate import make_interp_spline
+
+    good = np.flatnonzero(np.isfinite(values))
+    out = np.full(len(values), np.nan)
+    at = np.arange(len(values)) - samples
+    inside = (at >= good[0]) & (at <= good[-1])
+    out[inside] = make_interp_spline(good, values[good], k=7)(at[inside])
+    return out
+
+
+def resampled(
+    channels: Mapping[str, Any], rates: Mapping[str, float], fs: float | None = None, **options: Any
+) -> Record:
+    """One record from channels that were sampled at different rates.
+
+    Parameters
+    ----------
+    channels : mapping of str to array-like
+        By name (``a1``, ``x2``, ``F3``, ``ag``, ...); all start at the same instant.
+    rates : mapping of str to float
+        Hz, by channel or by kind (``{"a": 1000.0, "x1": 500.0}``).
+    fs : float, optional
+        Rate wanted, Hz; the lowest of the rates if None.
+    **options
+        For :meth:`Record.from_frame`.
+
+    Returns
+    -------
+    Record
+        Resampled with :func:`scipy.signal.resample_poly` (its anti-aliasing filter has no delay), cut to
+        the shortest channel.
+    """
+    from fractions import Fraction
+
+    from scipy.signal import resample_poly
+
+    own = {n: float(rates.get(n, rates.get(n.rstrip("0123456789"), np.nan))) for n in channels}
+    lost = [n for n, r in own.items() if not np.isfinite(r) or r <= 0]
+    if lost:
+        raise ChannelError(f"The sampling rate of channel {lost[0]} is unknown", "Give it in rates={...}, in Hz.")
+    wanted = float(fs or min(own.values()))
+    out = {}
+    for name, values in channels.items():
+        line = as_matrix(values, [name], 1)[:, 0].astype(float)
+        ratio = Fraction(wanted / own[name]).limit_denominator(1000)
+        if abs(float(ratio) * own[name] / wanted - 1) > 1e-6:
+            raise ChannelError(
+                f"{own[name]:g} Hz of channel {name} and {wanted:g} Hz have no simple ratio", "Give another fs."
+            )
+        out[name] = line if ratio == 1 else resample_poly(line, ratio.numerator, ratio.denominator, padtype="line")
+    n = min(map(len, out.values()))
+    return Record.from_frame(pd.DataFrame({k: y[:n] for k, y in out.items()}), fs=wanted, **options)
+
+
+def split_at_gaps(table: pd.DataFrame, fs: float | None = None, shortest: int = 100, **options: Any) -> list[Record]:
+    """Records from a table whose clock has gaps, or whose channels have NaN inside.
+
+    Parameters
+    ----------
+    table : DataFrame
+        As for :meth:`Record.from_frame`, with a time.
+    fs : float, optional
+        Hz; from the usual step if None.
+    shortest : int
+        Pieces with fewer samples are left out.
+    **options
+        For :meth:`Record.from_frame`.
+
+    Returns
+    -------
+    list of Record
+    """
+    key = next((k for k in ("t", "time") if k in table), None)
+    time = seconds_of(table[key].to_numpy() if key else table.index)
+    steps = np.diff(time)
+    usual = 1.0 / fs if fs else float(np.median(steps))
+    body = table.drop(columns=[key]) if key else table
+    measured = body.loc[:, body.notna().any()]
+    good = measured.notna().all(axis=1).to_numpy()
+    breaks = np.flatnonzero((steps > 1.5 * usual) | (steps <= 0) | (good[1:] != good[:-1])) + 1
+    name = options.pop("name", "record")
+    out = []
+    for rows in np.split(np.arange(len(table)), breaks):
+        if good[rows[0]] and len(rows) >= shortest:
+            out.append(
+                Record.from_frame(
+                    body.iloc[rows].reset_index(drop=True),
+                    fs=1.0 / usual,
+                    name=f"{name}, part {len(out) + 1}",
+                    **options,
+                )
+            )
+    if not out:
+        raise ChannelError(f"No piece without a gap has {shortest} samples", "Repair the channels, or lower shortest=.")
+    return out
+
+
+def displacement_from_drifts(drifts: Any) -> np.ndarray:
+    """Displacements relative to the base from drifts measured between neighbouring floors.
+
+    Parameters
+    ----------
+    drifts : array-like of shape (n_samples, n_dof)
+        x_1 - x_0, x_2 - x_1, ..., m. Velocities likewise.
+
+    Returns
+    -------
+    ndarray of shape (n_samples, n_dof)
+    """
+    return np.cumsum(as_matrix(drifts, "s").astype(float), axis=1)
+
+
+def _base(record: Record, channels: Mapping[str, np.ndarray]) -> np.ndarray | None:
+    if record.coordinates == "absolute" or not record.base_moves:
+        return None
+    if "ag" not in channels:
+        raise ChannelError(
+            f"Record {record.name!r} has a moving base without its acceleration", "Give base_acceleration."
+        )
+    return channels["ag"]
+
+
+def _compare(
+    first: np.ndarray, second: np.ndarray, order: int, fs: float, band: Any, one: str, other: str
+) -> Sequence[Any]:
+    """Fit gain, sign and delay of the second channel against derivatives of the first."""
+    from scipy.signal import csd, welch
+
+    good = np.isfinite(first) & np.isfinite(second)
+    y, z = first[good], second[good]
+    length = int(min(len(y), max(256, 2 ** int(np.log2(max(len(y) / 8, 1))))))
+    options = dict(fs=fs, window="hann", nperseg=length, detrend="linear")
+    f, cross = csd(y, z, **options)
+    own, theirs = welch(y, **options)[1], welch(z, **options)[1]
+    # only where both are strong: elsewhere the window leaks from the resonances, at their frequency's scale
+    use = (f > 2 * fs / length) & (f < 0.4 * fs) & (own > STRONG * own.max()) & (theirs > STRONG * theirs.max())
+    if band is not None:
+        use &= (f >= band[0]) & (f <= band[1])
+    coherence = np.zeros(len(f))
+    coherence[use] = np.abs(cross[use]) ** 2 / own[use] / theirs[use]
+    if not (coherence > 0.5).any():
+        return [
+            one,
+            np.nan,
+            np.nan,
+            np.nan,
+            np.nan,
+            float(coherence.max()),
+            False,
+            f"{other} and {one} are not coherent: another floor, or dead?",
+        ]
+    use &= coherence > min(0.9, 0.9 * coherence.max())
+    w = 2 * np.pi * f[use]
+    H = cross[use] / own[use] / (1j * w) ** order
+    weight = coherence[use] / np.maximum(1 - coherence[use], 1e-6)
+    weight = np.minimum(weight, 1e3)
+    # delay: the one that lines all phases up, searched on a grid and refined
+    grid = np.linspace(-20, 20, 4001) / fs
+    unit = H / np.abs(H) * weight
+    total = np.exp(1j * np.outer(grid, w)) @ unit
+    best = int(np.argmax(np.abs(total.real)))
+    delay = grid[best]
+    sign = 1.0 if total[best].real > 0 else -1.0
+    for _ in range(3):
+        phase = np.angle(sign * H * np.exp(1j * w * delay))
+        delay -= float((weight * w * phase).sum() / (weight * w**2).sum())
+    gain = float(np.exp(np.average(np.log(np.abs(H)), weights=weight)))
+    said = []
+    if sign < 0:
+        said.append("has the opposite sign")
+    if abs(delay * fs) > DELAY:
+        said.append(f"is {abs(delay) * 1e3:.3g} ms ({abs(delay * fs):.2f} samples) {'late' if delay > 0 else 'early'}")
+    if abs(gain - 1) > GAIN:
+        said.append(f"is {gain:.3g} times as large")
+    message = f"{other} {', '.join(said)} against {one}" if said else ""
+    return [one, delay, delay * fs, gain, sign, float(np.average(coherence[use])), not said, message]

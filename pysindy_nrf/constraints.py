@@ -1,0 +1,324 @@
+r"""What an engineer knows beforehand: equal masses, a total weight, a stiffness, equal storeys, k >= 0.
+
+A constraint couples balances that the walk solves one after another. The estimate is therefore moved
+to the nearest one that obeys, near in the sense of its own covariance P,
+
+.. math:: \min_\theta (\theta - \hat\theta)^T P^{-1} (\theta - \hat\theta)
+    \quad \text{where } A \theta = b,\; \theta_i \ge 0,
+
+which uses the knowledge everywhere it helps (minimum-distance estimation). No balance is solved jointly with
+another, so incomplete excitation does no harm. Where the knowledge contradicts the data, a warning says so.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from .chain import Chain
+from .exceptions import BiasWarning, ChainError
+from .model import ChainModel
+from .sites import Site
+
+_UNLIKELY = 1e-3
+
+
+class Constraint:
+    """Linear equations, or bounds, of masses and coefficients.
+
+    A subclass writes :meth:`equations`, or :meth:`bounded`, on names such as ``"m1"`` and ``"storey 2: s"``.
+    """
+
+    def equations(
+        self, names: Sequence[str], chain: Chain, known: dict[int, float]
+    ) -> list[tuple[dict[str, float], float]]:
+        """Equations as (factor by name, right-hand side).
+
+        Parameters
+        ----------
+        names : sequence of str
+            Parameters that are estimated.
+        chain : Chain
+        known : dict of int to float
+            Known masses, kg.
+        """
+        return []
+
+    def bounded(self, names: Sequence[str], chain: Chain) -> list[str]:
+        """Names of parameters that must not be negative."""
+        return []
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{k}={v!r}' for k, v in vars(self).items())})"
+
+
+class EqualMasses(Constraint):
+    """Some masses are equal.
+
+    Parameters
+    ----------
+    dofs : iterable of int, optional
+        All if None.
+    """
+
+    def __init__(self, dofs: Iterable[int] | None = None) -> None:
+        self.dofs = None if dofs is None else tuple(dofs)
+
+    def equations(self, names, chain, known):
+        dofs = self.dofs or tuple(range(1, chain.n_dof + 1))
+        _check_dofs(dofs, chain)
+        return [
+            _mass_equation({dofs[0]: 1.0, j: -1.0}, 0.0, known)
+            for j in dofs[1:]
+            if not (j in known and dofs[0] in known)
+        ]
+
+
+class TotalMass(Constraint):
+    """The masses add up to what the scales show.
+
+    Parameters
+    ----------
+    mass : float
+        kg.
+    dofs : iterable of int, optional
+        All if None.
+    """
+
+    def __init__(self, mass: float, dofs: Iterable[int] | None = None) -> None:
+        self.mass = mass
+        self.dofs = None if dofs is None else tuple(dofs)
+
+    def equations(self, names, chain, known):
+        dofs = self.dofs or tuple(range(1, chain.n_dof + 1))
+        _check_dofs(dofs, chain)
+        return [_mass_equation({j: 1.0 for j in dofs}, _positive("mass", self.mass), known)]
+
+
+class KnownStiffness(Constraint):
+    """The stiffness of a site is known.
+
+    Parameters
+    ----------
+    site : str or int
+    stiffness : float
+        N/m.
+    term : str
+        Another term's coefficient, in its own unit, e.g. ``"v"``.
+    """
+
+    def __init__(self, site: Any, stiffness: float, term: str = "s") -> None:
+        self.site, self.stiffness, self.term = site, stiffness, term
+
+    def equations(self, names, chain, known):
+        return [({_existing(f"{chain.site(self.site)}: {self.term}", names): 1.0}, float(self.stiffness))]
+
+
+class EqualStoreys(Constraint):
+    """Storeys with the same law: the coefficients of equal terms are tied.
+
+    Parameters
+    ----------
+    storeys : iterable of int or str, optional
+        All storeys of the chain if None.
+    terms : iterable of str, optional
+        Only these terms; all if None.
+    """
+
+    def __init__(self, storeys: Iterable[Any] | None = None, terms: Iterable[str] | None = None) -> None:
+        self.storeys = None if storeys is None else tuple(storeys)
+        self.terms = None if terms is None else tuple(terms)
+
+    def equations(self, names, chain, known):
+        sites = (
+            [s for s in chain.sites if s.is_storey] if self.storeys is None else [chain.site(s) for s in self.storeys]
+        )
+        out = []
+        for site in sites[1:]:
+            for name in names:
+                where, _, term = name.partition(": ")
+                if where == sites[0] and (self.terms is None or term in self.terms):
+                    out.append(({name: 1.0, _existing(f"{site}: {term}", names): -1.0}, 0.0))
+        return out
+
+
+class NonNegative(Constraint):
+    """Coefficients that physics does not let become negative.
+
+    Parameters
+    ----------
+    term : str
+        ``"s"`` (stiffness), ``"v"`` (damping), ``"s^3"``, or ``"m"`` for masses.
+    sites : iterable of str or int, optional
+        All sites that have the term if None.
+    """
+
+    def __init__(self, term: str = "s", sites: Iterable[Any] | None = None) -> None:
+        self.term = term
+        self.sites = None if sites is None else tuple(sites)
+
+    def bounded(self, names, chain):
+        if self.term == "m":
+            return [n for n in names if n[:1] == "m" and n[1:].isdigit()]
+        if self.sites is None:
+            found = [n for n in names if n.partition(": ")[2] == self.term]
+            return found or [_existing(f"storey 1: {self.term}", names)]
+        return [_existing(f"{chain.site(s)}: {self.term}", names) for s in self.sites]
+
+
+def constrained(model: ChainModel, constraints: Any, resolver: Any) -> ChainModel:
+    """The estimate nearest to a model that obeys the constraints.
+
+    Parameters
+    ----------
+    model : ChainModel
+    constraints : Constraint or sequence of Constraint
+    resolver : pysindy_nrf.estimation.intervals.Resolver
+        Gives the covariance; from now on it constrains what it re-solves.
+
+    Returns
+    -------
+    ChainModel
+
+    Raises
+    ------
+    ChainError
+        If a constraint names what does not exist, or they contradict each other.
+    """
+    from .estimation.intervals import parameters_of
+
+    given = (constraints,) if isinstance(constraints, Constraint) else tuple(constraints)
+    wrong = [c for c in given if not isinstance(c, Constraint)]
+    if wrong:
+        raise ChainError(
+            f"constraints holds {wrong[0]!r}, which is no constraint", "Use those of pysindy_nrf.constraints."
+        )
+    known = dict(resolver.known_masses)
+    theta = parameters_of(model, known)
+    names = list(theta.index)
+    rows = [e for c in given for e in c.equations(names, model.chain, known)]
+    A = np.array([[factors.get(n, 0.0) for n in names] for factors, _ in rows]).reshape(len(rows), len(names))
+    b = np.array([value for _, value in rows])
+    bounded = np.array([n in {x for c in given for x in c.bounded(names, model.chain)} for n in names])
+    resolver.constrain = None
+    P = _covariance(resolver.covariance(lambda m: parameters_of(m, known)), theta.to_numpy(), len(resolver.pieces))
+
+    def obey(free: ChainModel) -> ChainModel:
+        return _with_parameters(
+            free, pd.Series(_nearest(parameters_of(free, known).to_numpy(), P, A, b, bounded), index=names)
+        )
+
+    new = obey(model)
+    _warn_of_contradiction(theta, A, b, P, given)
+    resolver.constrain = obey
+    new.visited, new.info = model.visited, model.info
+    return new
+
+
+def _covariance(raw: np.ndarray, theta: np.ndarray, n_pieces: int) -> np.ndarray:
+    """Covariance made regular: shrunk towards its diagonal where the pieces are few, with a floor at round-off."""
+    share = len(theta) / (len(theta) + n_pieces)
+    spread = np.diag(raw) + (1e-9 * np.abs(theta)) ** 2 + 1e-300
+    return (1 - share) * raw + np.diag(spread - (1 - share) * np.diag(raw))
+
+
+def _nearest(theta: np.ndarray, P: np.ndarray, A: np.ndarray, b: np.ndarray, bounded: np.ndarray) -> np.ndarray:
+    """Nearest point in the metric of P with A theta = b and theta >= 0 where bounded (active set)."""
+    scale = np.sqrt(np.diag(P))
+    R = P / scale[:, None] / scale
+    active: list[int] = []
+    for _ in range(4 * len(theta) + 4):
+        B = np.vstack([A, np.eye(len(theta))[active]])
+        target = np.concatenate([b, np.zeros(len(active))])
+        if not len(B):
+            point, multipliers = theta, np.zeros(0)
+        else:
+            C = B * scale
+            size = np.linalg.norm(C, axis=1)
+            gap = (target - B @ theta) / size
+            C = C / size[:, None]
+            multipliers = np.linalg.lstsq(C @ R @ C.T, gap, rcond=1e-10)[0]
+            point = theta + scale * (R @ C.T @ multipliers)
+            left = np.abs(B @ point - target) / size
+            if left.max(initial=0.0) > 1e-6 * max(np.abs(gap).max(), 1.0):
+                raise ChainError("The constraints contradict each other", "Leave one out.")
+        own = multipliers[len(b) :]
+        if len(own) and own.min() < 0 and len(own) == len(active):
+            active.pop(int(np.argmin(own)))  # this bound pulls the wrong way
+            continue
+        low = np.flatnonzero(bounded & (point < -1e-9 * scale))
+        low = [i for i in low if i not in active]
+        if not low:
+            point = point.copy()
+            point[active] = 0.0
+            return point
+        active.append(int(min(low, key=lambda i: point[i] / scale[i])))
+    raise ChainError("The constraints have no common solution", "Leave one out.")
+
+
+def _warn_of_contradiction(theta: pd.Series, A: np.ndarray, b: np.ndarray, P: np.ndarray, given: tuple) -> None:
+    if not len(b):
+        return
+    gap = A @ theta.to_numpy() - b
+    inner = A @ P @ A.T
+    size = np.sqrt(np.diag(inner))
+    distance = float(gap / size @ np.linalg.lstsq(inner / size[:, None] / size, gap / size, rcond=1e-10)[0])
+    rank = np.linalg.matrix_rank(inner / size[:, None] / size, tol=1e-10)
+    if (
+        stats.chi2.sf(distance, rank) < _UNLIKELY
+        and np.abs(gap).max() > 1e-4 * np.abs(theta.to_numpy() * np.abs(A)).max()
+    ):
+        worst = int(np.argmax(np.abs(gap) / size))
+        involved = ", ".join(f"{n} = {theta[n]:.4g}" for n, factor in zip(theta.index, A[worst]) if factor)
+        warnings.warn(
+            f"The data contradict the constraints {', '.join(map(repr, given))}: without them {involved}, "
+            f"{abs(gap[worst]) / size[worst]:.0f} standard errors away. The constrained estimate obeys the "
+            "constraints, not the data.",
+            BiasWarning,
+            stacklevel=6,
+        )
+
+
+def _with_parameters(model: ChainModel, theta: pd.Series) -> ChainModel:
+    masses = [theta.get(f"m{j + 1}", m) for j, m in enumerate(model.masses)]
+    laws = {}
+    for site, force in model.restoring_forces.items():
+        values = (
+            theta[[f"{site}: {term}" for term in force.coefficients.index]].to_numpy() if force.laws else np.zeros(0)
+        )
+        ends = np.cumsum([len(law.terms()) for law in force.laws])[:-1]
+        laws[site] = tuple(law.with_values(coefficients=c) for law, c in zip(force.laws, np.split(values, ends)))
+    return ChainModel(masses, laws, model.chain, model.visited, model.info)
+
+
+def _mass_equation(factors: dict[int, float], value: float, known: dict[int, float]) -> tuple[dict[str, float], float]:
+    value -= sum(c * known[j] for j, c in factors.items() if j in known)
+    return {f"m{j}": c for j, c in factors.items() if j not in known}, value
+
+
+def _check_dofs(dofs: Iterable[int], chain: Chain) -> None:
+    for j in dofs:
+        if not 1 <= int(j) <= chain.n_dof:
+            raise ChainError(f"A constraint names DOF {j}", f"The chain has DOFs 1 to {chain.n_dof}.")
+
+
+def _existing(name: str, names: Sequence[str]) -> str:
+    if name not in names:
+        where = Site(name.partition(": ")[0])
+        held = [n.partition(": ")[2] for n in names if n.startswith(f"{where}: ")]
+        raise ChainError(
+            f"A constraint names {name!r}, which the model does not have", f"{where} has {', '.join(held) or 'no law'}."
+        )
+    return name
+
+
+def _positive(name: str, value: Any) -> float:
+    number = float(value)
+    if not np.isfinite(number) or number <= 0:
+        raise ChainError(f"{name}={value!r} is not a mass", "Give kg.")
+    return number

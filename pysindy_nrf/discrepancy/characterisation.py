@@ -1,0 +1,412 @@
+"""What kind of force is missing: what it depends on, told without a formula."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ..exceptions import ChannelError
+from ..laws.base import Motion
+from .dependence import GAPS, Basis, Judge, envelope, filtered
+
+# What explains nearly as much with less wins: at most this much worse, in shares of the residual's squares.
+NEARLY = 0.04
+# Below this share nothing that was tried explains the force.
+LEAST = 0.15
+_LINE_LEVEL = 0.01
+
+
+@dataclass
+class Characterisation:
+    """What a force depends on.
+
+    Attributes
+    ----------
+    shares : DataFrame
+        One row for each dependence, simplest first: ``share`` (percent of the force's squares explained on
+        blocks left out), ``low``, ``high`` (about 95 %), ``gain`` (percentage points more than linear terms
+        alone), ``chosen``. Every row but ``constant`` holds the linear terms s, v, a as well.
+    dependence : str
+        The simplest row that explains nearly as much as the best; ``"nothing tried"`` if none explains
+        much.
+    memory : float
+        Percentage points that sliders (memory of the path) add to any function of s and v.
+    odd : float
+        Share of the odd part under (s, v) -> (-s, -v), 0 to 1; NaN where the question has no sense.
+    frequency : float
+        Frequency of the highest spectral line, Hz; NaN if none stands out.
+    features : list of str
+        Marks of the shape: ``"jump at v = 0"``, ``"kink"``, ``"hardening"``, ...
+    curves : dict of str to DataFrame
+        Conditional means of the force (``centre``, ``mean``, ``error`` of the mean, ``count``) by variable.
+    sentence : str
+    """
+
+    shares: pd.DataFrame
+    dependence: str
+    memory: float
+    odd: float
+    frequency: float
+    features: list[str]
+    curves: dict[str, pd.DataFrame] = field(default_factory=dict)
+    sentence: str = ""
+
+    def __str__(self) -> str:
+        return self.sentence
+
+
+def characterise(
+    force: Any,
+    motion: Motion | Sequence[Motion],
+    *,
+    filters: Any = None,
+    beside: Any = None,
+    channels: Mapping[str, Any] | None = None,
+    noise: float | None = None,
+) -> Characterisation:
+    """Tell what a missing force depends on, by regressions judged on blocks left out.
+
+    Hat functions of s, of v, of both; sliders of several yield drifts for memory; linear forces and
+    friction that change with time, with amplitude or with a covariate; the highest spectral line; derivatives of
+    channels for a delay. Blocks are contiguous and dealt in turn to five folds, so the shares flatter a little:
+    they rank kinds of effects, the search judges laws.
+
+    Parameters
+    ----------
+    force : ndarray of shape (n_samples,) or list of them
+        N, e.g. ``residual.at("storey 2")``.
+    motion : Motion or list of Motion
+        At the site, e.g. ``segment.motion(site, segment.valid)``; t is needed for lines and delays.
+    filters : FairFilter or list of FairFilter or None, optional
+        What the force has passed; the columns pass it too.
+    beside : ndarray of shape (n_samples, p) or list of them, optional
+        Further columns that are allowed for everywhere, such as the baseline's own (already filtered).
+    channels : mapping of str to ndarray or list of ndarray, optional
+        Channels that may be late, e.g. ``{"F2": force}``.
+    noise : float, optional
+        Rms of the noise in the force, N, for the sentence.
+
+    Returns
+    -------
+    Characterisation
+
+    Raises
+    ------
+    ChannelError
+        If lengths differ, the force is not finite, or it is shorter than 200 samples.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.discrepancy.characterisation import characterise
+    >>> from pysindy_nrf.laws import Motion
+    >>> t = np.arange(8000) / 500
+    >>> s = np.sin(9 * t) + 0.7 * np.sin(23.1 * t)
+    >>> v = 9 * np.cos(9 * t) + 0.7 * 23.1 * np.cos(23.1 * t)
+    >>> found = characterise(20 * np.sign(v) - 1.5 * v, Motion(s, v, t=t))
+    >>> found.dependence, found.features
+    ('v alone', ['jump at v = 0'])
+    >>> print(found)
+    Depends on v alone, odd, with a jump at v = 0: friction-like; ... % explained on data left out.
+    """
+    work = _Work.of(force, motion, filters, beside, channels)
+    judge, names = work.judge, work.names
+    rows = {}
+    for name, columns in names.items():
+        rows[name] = judge.share(["constant"] if name == "constant" else [*work.base, *columns])
+    table = pd.DataFrame.from_dict(rows, orient="index", columns=["share", "error"]) * 100
+    table["low"], table["high"] = table["share"] - 2 * table["error"], table["share"] + 2 * table["error"]
+    table["gain"] = table["share"] - max(table.loc["linear", "share"], 0.0)
+    best = table["share"].max()
+    near = table.index[table["share"] >= best - 100 * NEARLY * min(1.0, best / 100 + 0.25)]
+    dependence = str(near[0]) if best >= 100 * LEAST else "nothing tried"
+    table["chosen"] = table.index == dependence
+    memory = float(table.loc["path", "share"] - table.loc["s and v", "share"])
+    odd, features = work.shape_of(dependence)
+    curves = work.curves()
+    result = Characterisation(
+        table[["share", "low", "high", "gain", "chosen"]], dependence, memory, odd, work.frequency, features, curves
+    )
+    result.sentence = _sentence(result, noise, work.rms)
+    return result
+
+
+class _Work:
+    """The force, the columns and the regressions of one characterisation."""
+
+    def __init__(
+        self,
+        force: list[np.ndarray],
+        motions: list[Motion],
+        filters: list[Any],
+        beside: list[np.ndarray],
+        channels: Any,
+    ) -> None:
+        self.force, self.motions, self.filters = force, motions, filters
+        self.rms = float(np.sqrt(np.mean(np.concatenate(force) ** 2)))
+        self.basis = Basis(motions)
+        self.makers: dict[str, Any] = {
+            "constant": lambda m: np.ones((m.n_samples, 1)), "linear": self.basis.linear, "s": self.basis.drift,
+            "v": self.basis.rate, "surface": self.basis.surface, "path": self.basis.path, "amplitude": self.basis.amplitude,  # noqa: E501
+            "smooth s": lambda m: self.basis.smooth(m, "s"),
+        }  # fmt: skip
+        self.makers |= {f"gap {g:.1f}": lambda m, g=g: self.basis.hinges(m, g) for g in GAPS}
+        timed = all(m.t is not None for m in motions)
+        if timed:
+            self.makers["time"] = self.basis.time
+        shared = set.intersection(*(set(m.covariates) for m in motions))
+        covariates = [c for c in motions[0].covariates if c in shared and self._moves(c)]
+        for c in covariates:
+            self.makers[f"covariate {c}"] = lambda m, c=c: self.basis.covariate(m, c)
+        groups = {k: [filtered(make(m), f) for m, f in zip(motions, filters)] for k, make in self.makers.items()}
+        if beside:
+            groups["beside"] = beside
+        self.base = ["constant", "linear", *(["beside"] if beside else [])]
+        late = self._late(channels) if timed else []
+        if late:
+            groups["delay"] = [np.column_stack(parts) for parts in late]
+        self.frequency = np.nan
+        if timed:
+            left = self._left(groups)
+            self.frequency = spectral_line(left, motions)
+            if np.isfinite(self.frequency):
+                groups["line"] = self._line(groups["constant"])
+        self.judge = Judge(force, groups)
+        names = {"constant": [], "linear": [], "line": ["line"], "delay": ["delay"], "s alone": ["s"], "v alone": ["v"]}
+        names |= {f"covariate {c}": [f"covariate {c}"] for c in covariates}
+        names |= {"time": ["time"], "amplitude": ["amplitude"], "s and v": ["surface"], "path": ["path"]}
+        self.names = {k: v for k, v in names.items() if all(g in groups for g in v)}
+
+    @classmethod
+    def of(cls, force: Any, motion: Any, filters: Any, beside: Any, channels: Any) -> _Work:
+        motions = [motion] if isinstance(motion, Motion) else list(motion)
+        forces = [
+            np.asarray(f, dtype=float)
+            for f in ([force] if isinstance(force, np.ndarray) and force.ndim == 1 else force)
+        ]
+        if len(forces) != len(motions) or any(len(f) != m.n_samples for f, m in zip(forces, motions)):
+            raise ChannelError(
+                "Force and motion differ in length", "Give one force and one motion for each record, on one clock."
+            )
+        keep = [i for i, f in enumerate(forces) if not np.isnan(f).all()]
+        if not keep or any(not np.isfinite(forces[i]).all() for i in keep):
+            raise ChannelError(
+                "The force to characterise is not finite",
+                "A balance above with an unknown force leaves no storey residual.",
+            )
+        if sum(len(forces[i]) for i in keep) < 200:
+            raise ChannelError("The force has fewer than 200 samples", "Give a longer record.")
+
+        def of_each(values: Any) -> list[Any]:
+            values = list(values) if isinstance(values, (list, tuple)) else [values] * len(motions)
+            return [values[i] for i in keep]
+
+        late = {k: of_each(c if isinstance(c, (list, tuple)) else [c]) for k, c in dict(channels or {}).items()}
+        columns = [] if beside is None else of_each([beside] if isinstance(beside, np.ndarray) else beside)
+        return cls([forces[i] for i in keep], [motions[i] for i in keep], of_each(filters), columns, late)
+
+    def _moves(self, name: str) -> bool:
+        return any(np.ptp(m.covariates[name]) > 0 for m in self.motions)
+
+    def _late(self, channels: Mapping[str, Any]) -> list[list[np.ndarray]]:
+        """Derivatives of the channels that may be late, for each record."""
+        out = []
+        for i, (m, f) in enumerate(zip(self.motions, self.filters)):
+            lines = ([] if m.a is None else [m.a]) + [parts[i] for parts in channels.values()]
+            assert m.t is not None
+            out.append([filtered(np.gradient(np.asarray(x, dtype=float), m.t), f) for x in lines])
+        return out if out[0] else []
+
+    def _left(self, groups: Mapping[str, list[np.ndarray]]) -> list[np.ndarray]:
+        """The force less its linear part."""
+        columns = np.vstack([np.column_stack([groups[k][i] for k in self.base]) for i in range(len(self.force))])
+        size = np.sqrt((columns**2).mean(axis=0))
+        columns = columns / np.where(size > 0, size, 1.0)
+        whole = np.concatenate(self.force)
+        left = whole - columns @ np.linalg.lstsq(columns, whole, rcond=1e-10)[0]
+        return np.split(left, np.cumsum([len(f) for f in self.force])[:-1])
+
+    def _line(self, like: list[np.ndarray]) -> list[np.ndarray]:
+        """Cosine and sine of the line, with a phase of their own in every record."""
+        out = []
+        for i, (m, f) in enumerate(zip(self.motions, self.filters)):
+            assert m.t is not None
+            columns = np.zeros((len(like[i]), 2 * len(self.motions)))
+            angle = 2 * np.pi * self.frequency * m.t
+            columns[:, 2 * i : 2 * i + 2] = filtered(np.column_stack([np.cos(angle), np.sin(angle)]), f)
+            out.append(columns)
+        return out
+
+    # -- shape ----------------------------------------------------------------------------------
+
+    def _value(self, names: Sequence[str], coefficients: Mapping[str, np.ndarray], sign: float) -> np.ndarray:
+        """The fitted function along the motion, or along its mirror image."""
+        out = []
+        for m in self.motions:
+            mirror = m if sign > 0 else Motion(-m.s, -m.v, None if m.a is None else -m.a, m.t, m.covariates)
+            out.append(sum(self.makers[k](mirror) @ coefficients[k] for k in names))
+        return np.concatenate(out)
+
+    def shape_of(self, dependence: str) -> tuple[float, list[str]]:
+        """Odd share and marks of the fitted function."""
+        group = {"s alone": "s", "v alone": "v", "s and v": "surface", "path": "path"}.get(dependence, dependence)
+        if group not in self.makers or dependence in ("constant", "nothing tried"):
+            return float("nan"), []
+        every = self.judge.coefficients(list(dict.fromkeys([*self.base, group])))
+        names = [k for k in every if k != "beside"]
+        plus, minus = (self._value(names, every, sign) for sign in (1.0, -1.0))
+        odd, even = float(((plus - minus) ** 2).sum()), float(((plus + minus) ** 2).sum())
+        share = odd / (odd + even) if odd + even > 0 else float("nan")
+        return share, self._marks(group, every)
+
+    def _marks(self, group: str, coefficients: Mapping[str, np.ndarray]) -> list[str]:
+        marks = []
+        if group in ("v", "surface", "path"):
+            # the first column of all three is sgn(v)
+            jump = abs(float(coefficients[group][0]))
+            if group == "v" and jump > 0.3 * self.rms:
+                marks.append("jump at v = 0")
+        if group == "s":
+            if self._has_kink():
+                marks.append("kink")
+            else:
+                cubic = self.judge.coefficients([*self.base, "smooth s"])["smooth s"]
+                marks.append(self._bend(cubic))
+        return [mark for mark in marks if mark]
+
+    def _has_kink(self) -> bool:
+        """Whether straight lines with a gap explain the force better than a smooth curve does."""
+        smooth, _ = self.judge.share(["smooth s"], self.base)
+        gaps = [self.judge.share([f"gap {g:.1f}"], self.base)[0] for g in GAPS]
+        return max(gaps) > smooth + 0.1 * max(1 - smooth, 0.0)
+
+    def _bend(self, c: np.ndarray) -> str:
+        """Whether the slope of a function of s grows outwards."""
+        x = np.concatenate([m.s for m in self.motions]) / self.basis.s
+        odd, even = c[1] * x**3 + c[3] * x**5, c[0] * x**2 + c[2] * x**4
+        if (odd**2).mean() < 0.2 * (even**2).mean():
+            return ""
+        # an odd function less its regression on x bends outwards where it goes with x^3
+        slope = x @ odd / (x @ x)
+        bend = (odd - slope * x) @ (x**3 - (x @ x**3) / (x @ x) * x)
+        return "hardening" if bend > 0 else "softening"
+
+    def curves(self) -> dict[str, pd.DataFrame]:
+        """Conditional means of the force, in bins of equal count."""
+        force = np.concatenate(self.force)
+        lines = {
+            "s": np.concatenate([m.s for m in self.motions]), "v": np.concatenate([m.v for m in self.motions]),
+            "amplitude": np.concatenate([envelope(m.s) for m in self.motions]),
+        }  # fmt: skip
+        if all(m.t is not None for m in self.motions):
+            lines["t"] = np.concatenate([m.t for m in self.motions])  # type: ignore[list-item]
+        for k in self.makers:
+            if k.startswith("covariate "):
+                lines[k] = np.concatenate([m.covariates[k[10:]] for m in self.motions])
+        return {name: conditional_mean(x, force) for name, x in lines.items()}
+
+
+def conditional_mean(x: np.ndarray, force: np.ndarray, bins: int = 30) -> pd.DataFrame:
+    """Mean of a force in bins of equal count of another signal.
+
+    Parameters
+    ----------
+    x, force : ndarray of shape (n_samples,)
+    bins : int
+
+    Returns
+    -------
+    DataFrame
+        ``centre`` (mean of x), ``mean``, ``error`` (standard error as if samples were independent), ``count``.
+    """
+    order = np.argsort(x, kind="stable")
+    edges = np.linspace(0, len(x), min(bins, len(x)) + 1).astype(int)
+    count = np.diff(edges)
+    first = edges[:-1]
+    sums = [np.add.reduceat(y[order], first) for y in (x, force, force**2)]
+    centre, mean, square = (total / count for total in sums)
+    error = np.sqrt(np.maximum(square - mean**2, 0.0) / count)
+    return pd.DataFrame({"centre": centre, "mean": mean, "error": error, "count": count})
+
+
+def spectral_line(parts: Sequence[np.ndarray], motions: Sequence[Motion]) -> float:
+    """Frequency of the highest line of a residual that stands out of its surroundings, Hz; NaN if none does.
+
+    The peak of the Hann-windowed periodogram of the longest record against the median of the frequencies
+    around it; by chance one of all frequencies does as well in 1 % of records.
+    """
+    longest = int(np.argmax([len(p) for p in parts]))
+    e, t = parts[longest], motions[longest].t
+    n = len(e)
+    if t is None or n < 64:
+        return float("nan")
+    dt = (t[-1] - t[0]) / (n - 1)
+    window = np.hanning(n)
+    power = np.abs(np.fft.rfft(e * window)) ** 2
+    from scipy.ndimage import median_filter
+
+    around = median_filter(power, size=min(101, len(power) // 2 * 2 - 1), mode="nearest") / np.log(2)
+    ratio = power / np.maximum(around, 1e-12 * power.max())
+    ratio[:3] = 0.0
+    peak = int(ratio.argmax())
+    if len(power) * np.exp(-ratio[peak]) > _LINE_LEVEL:
+        return float("nan")
+    fine = np.fft.rfftfreq(n, dt)[peak] + np.linspace(-1, 1, 81) / (n * dt)
+    waves = np.exp(-2j * np.pi * np.outer(fine, np.arange(n) * dt))
+    return float(fine[np.abs(waves @ (e * window)).argmax()])
+
+
+_WORDS = {
+    "constant": "Is constant: an offset or a dead load",
+    "linear": "Is linear in s, v and a: a wrong stiffness, damping or mass",
+    "time": "Changes in time: a drift or step of stiffness, damping or friction",
+    "amplitude": "Depends on the amplitude of vibration",
+    "delay": "Follows the derivative of a channel: a delay between channels",
+}
+
+
+def _sentence(found: Characterisation, noise: float | None, rms: float) -> str:
+    d = found.dependence
+    best = float(found.shares["share"].max())
+    quiet = ""
+    if noise is not None and rms > 0:
+        quiet = f", noise is {min(100.0, 100 * (noise / rms) ** 2):.0f} %"
+    if d == "nothing tried":
+        return f"Depends on nothing that was tried (at most {max(best, 0):.0f} % explained{quiet}): noise, or a force from outside."  # noqa: E501
+    share = float(found.shares.loc[d, "share"])
+    end = f"; {share:.0f} % explained on data left out{quiet}."
+    if d.startswith("line"):
+        return f"Is a spectral line at {found.frequency:.4g} Hz: an unmeasured harmonic force{end}"
+    if d.startswith("covariate "):
+        return f"Is modulated by {d[10:]}{_friction(found)}{end}"
+    if d in _WORDS:
+        return _WORDS[d] + end
+    parity = "odd" if found.odd > 0.9 else "even" if found.odd < 0.1 else "neither odd nor even"
+    if d == "path":
+        return f"Depends on the path (memory adds {found.memory:.0f} points to any function of s and v), {parity}: hysteresis-like{end}"  # noqa: E501
+    marks = found.features
+    text = f"Depends on {d}, {parity}"
+    if "jump at v = 0" in marks:
+        return f"{text}, with a jump at v = 0: friction-like{end}"
+    if "kink" in marks:
+        kind = (
+            ("contact on one side" if parity.startswith("neither") else "gap- or contact-like")
+            if d == "s alone"
+            else "bent sharply"
+        )
+        return f"{text}, with a kink: {kind}{end}"
+    kind = {
+        "s alone": "a nonlinear spring",
+        "v alone": "nonlinear damping",
+        "s and v": "a force on the surface R(s, v)",
+    }[d]
+    more = f" ({', '.join(marks)})" if marks else ""
+    return f"{text}, smooth{more}: {kind}{end}"
+
+
+def _friction(found: Characterisation) -> str:
+    return "" if not np.isfinite(found.odd) or found.odd < 0.9 else ", odd in the motion"

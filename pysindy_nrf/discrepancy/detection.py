@@ -1,0 +1,425 @@
+"""Is the residual noise, or is something missing - and is it linear?
+
+Tests of model validity by correlation (S. A. Billings and W. S. F. Voon, Int. J. Control 44, 1986): the
+residual must be white and uncorrelated with every function of inputs and states. Each test knows the
+colour of its signals, so a filtered residual does not look like structure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ..segments import Segment, SegmentSet
+from ..sites import Site
+from .correlation import Cross, Parts, cross_covariance, peak_limit, probability_of_peak, whitened_autocorrelation
+from .noise_floor import AT_FLOOR, NoiseFloor
+from .residual import ROUND_OFF, Residual
+
+NOISE, LINEAR, NONLINEAR = "noise", "linear effect missing", "nonlinear effect missing"
+UNMEASURED = "unmeasured force or coloured noise"
+HIGHER = ("phi_x2e", "phi_x3e", "phi_|x||e|", "phi_e(ex)")
+_WHITE_LAGS = 20
+_TAPS = 4
+
+
+@dataclass
+class Detection:
+    """What the tests say about every balance and storey.
+
+    Attributes
+    ----------
+    verdicts : DataFrame
+        Rows ``"dof j"`` and ``"storey i"``: ``verdict``; ``percent`` (of the reference); ``floor ratio`` (rms
+        over that of the noise floor); ``linear share`` (of the residual's variance that past, present and
+        future of the local drifts and the inputs explain linearly); ``p white``, ``p linear``,
+        ``p nonlinear`` (probability of such a correlation in noise, corrected for the number of tests).
+    tests : DataFrame
+        One row for each test: ``where``, ``test``, ``signal``, ``peak`` (of the normalised correlation),
+        ``lag`` (s, or samples if the step is unknown), ``band`` (the peak's bound at the level of the tests),
+        ``p``, ``outside``.
+    curves : dict of (where, test, signal) to (lag, correlation, band)
+        For drawing.
+    level : float
+    """
+
+    verdicts: pd.DataFrame
+    tests: pd.DataFrame
+    level: float
+    curves: dict[tuple[str, str, str], tuple[np.ndarray, np.ndarray, float]] = field(default_factory=dict)
+
+    @property
+    def is_noise(self) -> bool:
+        """Whether nothing but noise is left in any balance."""
+        return bool((self.verdicts["verdict"] == NOISE).all())
+
+    @property
+    def sentence(self) -> str:
+        """The verdicts in words."""
+        said = []
+        for where, row in self.verdicts.iterrows():
+            text = f"{where}: {row['verdict']}"
+            found = self.tests[(self.tests["where"] == where) & self.tests["outside"]].sort_values(["p", "peak"])
+            kinds = {LINEAR: ["phi_xe"], UNMEASURED: ["phi_ee"], NONLINEAR: list(HIGHER)}.get(row["verdict"])
+            found = found if kinds is None else found[found["test"].isin(kinds)]
+            if row["verdict"] == NOISE:
+                if len(found):
+                    text += " (traces of structure too small to model)"
+            elif len(found):
+                best = found.iloc[0]
+                text += f" ({best['test']}, {best['signal']}: {best['peak']:.2f}, band {best['band']:.2f})"
+            if np.isfinite(row["floor ratio"]):
+                text += f", {row['floor ratio']:.2g} times the noise floor"
+            said.append(text)
+        return "; ".join(said) + "."
+
+    def __str__(self) -> str:
+        return self.sentence.replace("; ", "\n")
+
+
+def detect(
+    residual: Residual,
+    floor: NoiseFloor | None = None,
+    *,
+    level: float = 0.05,
+    lags: int | None = None,
+    min_share: float = 0.02,
+) -> Detection:
+    r"""Test every balance and storey for structure.
+
+    *Whiteness*: portmanteau of the autocorrelation, after division by the spectrum that the noise
+    floor (or, without one, white noise behind the filter) would have. *First order*:
+    :math:`\phi_{xe}` with inputs (forces, base acceleration, covariates) and the states s, v beside the balance. *Higher  # noqa: E501
+    order* (Billings-Voon), on what no linear filter of these signals explains: :math:`\phi_{x^2 e}`,
+    :math:`\phi_{x^3 e}`, :math:`\phi_{|x||e|}` (in place of squares, whose heavy tails give false alarms),
+    :math:`\phi_{e(ex)}`. The noise floor's draws tell what correlation the noise in the channels causes
+    by itself; it is taken off.
+
+    Parameters
+    ----------
+    residual : Residual
+    floor : NoiseFloor, optional
+        Without it, noise is taken to be white within the filter's band; fused channels leave coloured noise.
+    level : float
+        Probability of a false alarm in one balance.
+    lags : int
+        Largest lag, samples; about a period of the motion if None.
+    min_share : float
+        Share of the residual's variance below which a significant correlation is named in the
+        sentence, but does not change the verdict: long records show every bias of the fit.
+
+    Returns
+    -------
+    Detection
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import ChainModel, laws, simulate
+    >>> from pysindy_nrf.discrepancy.detection import detect
+    >>> from pysindy_nrf.discrepancy.residual import residual_of
+    >>> from pysindy_nrf.excitation import band_limited_random
+    >>> from pysindy_nrf.segments import from_arrays
+    >>> spring = [laws.LinearElastic(1e5), laws.LinearViscous(100.0)]
+    >>> truth = ChainModel([10.0, 10.0], {1: spring, 2: [*spring, laws.CubicStiffness(1e9)]})
+    >>> F = band_limited_random(2, 4.0, 1000.0, dofs=[1, 2], rms=100.0, band=(1.0, 60.0), random_state=0)
+    >>> data = from_arrays(*simulate(truth, F, 1e-3).to_features(smooth=False))
+    >>> detect(residual_of(truth.with_laws({2: spring}), data)).verdicts["verdict"]["storey 2"]
+    'nonlinear effect missing'
+    """
+    verdicts: dict[str, dict[str, Any]] = {}
+    rows: list[dict[str, Any]] = []
+    curves: dict[tuple[str, str, str], Any] = {}
+    views = [_View(residual, residual.data), *(_View(r, d) for r, d in (floor.draws if floor is not None else []))]
+    for where in residual.sizes.index:
+        if not np.isfinite(residual.sizes.loc[where, "rms"]):
+            continue
+        ratio = np.nan
+        if floor is not None and floor.at(where) > 0:
+            ratio = residual.sizes.loc[where, "rms"] / floor.at(where)
+        verdict = {"verdict": NOISE, "percent": residual.sizes.loc[where, "percent"], "floor ratio": ratio}
+        if residual.sizes.loc[where, "rms"] > ROUND_OFF * residual.sizes.loc[where, "reference"]:
+            place = _Place(where, views, level, lags, min_share)
+            verdict |= place.judge()
+            if verdict["verdict"] == UNMEASURED and ratio < AT_FLOOR:
+                verdict["verdict"] = NOISE
+            rows += place.rows
+            curves |= place.curves
+        verdicts[where] = verdict
+    columns = ["verdict", "percent", "floor ratio", "linear share", "p white", "p linear", "p nonlinear"]
+    names = ["where", "test", "signal", "peak", "lag", "band", "p", "outside"]
+    return Detection(
+        pd.DataFrame.from_dict(verdicts, orient="index").reindex(columns=columns),
+        pd.DataFrame(rows, columns=names).astype({"outside": bool}),
+        level,
+        curves,
+    )
+
+
+class _View:
+    """A residual with the data that go with it: the measured one, or one of noise alone."""
+
+    def __init__(self, residual: Residual, data: SegmentSet) -> None:
+        self.residual, self.data = residual, data
+        self._bases: dict[tuple[int, ...], np.ndarray] = {}
+
+    def basis(self, use: list[int], spacing: int, worth: float) -> np.ndarray:
+        """Orthonormal columns of all drifts and inputs at neighbouring times, in the band.
+
+        ``worth`` is the number of independent samples: at most an eighth of it is spent on columns.
+        """
+        key = tuple(use)
+        if key not in self._bases:
+            segments = [self.data.segments[i] for i in use]
+            signals = [[seg.s[seg.valid, k].astype(float) for seg in segments] for k in range(segments[0].n_dof)]
+            signals += [x for _, x in _inputs(segments)]
+            taps = int(np.clip((worth / 8 / len(signals) - 1) / 2, 0, _TAPS))
+            rows = [
+                _taps(_filtered([x[i] for x in signals], [self.residual.filters[k]] * len(signals)), spacing, taps)
+                for i, k in enumerate(use)
+            ]
+            self._bases[key] = _orthonormal(np.vstack(rows))
+        return self._bases[key]
+
+    def target(self, where: str) -> tuple[list[int], list[np.ndarray]]:
+        """Records in which a balance is known, and its residual there."""
+        parts = self.residual.at(where)
+        use = [i for i, e in enumerate(parts) if np.isfinite(e).all() and len(e) > 16]
+        return use, [parts[i] for i in use]
+
+    def signals(self, where: str, use: list[int]) -> tuple[dict[str, list[np.ndarray]], dict[str, list[np.ndarray]]]:
+        """Drifts beside a balance and inputs, as they are; rates follow from them in the tests."""
+        kind, _, number = where.partition(" ")
+        j, chain = int(number), self.residual.model.chain
+        sites = [Site(j)] if kind == "storey" else list(chain.sites_of(j))
+        segments = [self.data.segments[i] for i in use]
+        states, inputs = {}, {}
+        for site in sites:
+            motions = [seg.motion(site, seg.valid) for seg in segments]
+            states[f"s of {site}"] = [m.s for m in motions]
+            states[f"v of {site}"] = [m.v for m in motions]
+        for name, column in _inputs(segments):
+            inputs[name] = column
+        return states, inputs
+
+
+def _inputs(segments: list[Segment]) -> Iterator[tuple[str, list[np.ndarray]]]:
+    for k in range(segments[0].n_dof):
+        parts = [np.nan_to_num(seg.F[seg.valid, k].astype(float)) for seg in segments]
+        if any(p.any() for p in parts):
+            yield f"F{k + 1}", parts
+    if all(seg.ag is not None for seg in segments) and any(seg.ag[seg.valid].any() for seg in segments):
+        yield "ag", [seg.ag[seg.valid] for seg in segments]
+    for name in segments[0].covariates:
+        if name not in ("ag", "vg") and all(name in seg.covariates for seg in segments):
+            yield name, [seg.covariates[name][seg.valid].astype(float) for seg in segments]
+
+
+class _Place:
+    """All tests of one balance or storey."""
+
+    def __init__(self, where: str, views: list[_View], level: float, lags: int | None, min_share: float) -> None:
+        self.where, self.level, self.min_share = where, level, min_share
+        self.rows: list[dict[str, Any]] = []
+        self.curves: dict[tuple[str, str, str], Any] = {}
+        first = views[0]
+        use, e = first.target(where)
+        states, _ = first.signals(where, use)
+        shortest = min(map(len, e))
+        period = _period(next(iter(states.values())))
+        self.lags = (
+            int(np.clip(period if lags is None else lags, 8, max(8, shortest // 10))) if lags is None else int(lags)
+        )
+        self.spacing = max(1, int(round(period / 8)))
+        self.steps = [first.data.segments[i].dt for i in use]
+        self.sides = [_Side(view, where, self.spacing) for view in views]
+        self.draws = len(views) - 1
+
+    def judge(self) -> dict[str, Any]:
+        """Run the tests; fill ``rows`` and ``curves``."""
+        side = self.sides[0]
+        p_white, white = self._whiteness()
+        p_linear, _ = self._family([("phi_xe", "xe", name) for name in side.raw])
+        higher = [(test, test[4:], name) for test in HIGHER for name in side.raw]
+        p_nonlinear, strong = self._family(higher)
+        share = side.linear_share
+        left = 1.0 - share
+        verdict = NOISE
+        if p_white < self.level / 3 and white >= self.min_share:
+            verdict = UNMEASURED
+        if p_linear < self.level / 3 and share >= self.min_share:
+            verdict = LINEAR
+        if p_nonlinear < self.level / 3 and strong * left >= self.min_share and left >= self.min_share:
+            verdict = NONLINEAR
+        return {
+            "verdict": verdict,
+            "linear share": share,
+            "p white": p_white,
+            "p linear": p_linear,
+            "p nonlinear": p_nonlinear,
+        }
+
+    def _whiteness(self) -> tuple[float, float]:
+        """p of the portmanteau, and the share of the variance that the past predicts."""
+        from scipy.stats import chi2
+
+        side = self.sides[0]
+        density = _reference(side, self.sides[1:])
+        phi, n = whitened_autocorrelation(side.e, density, _WHITE_LAGS)
+        more = 1.0
+        if self.draws:
+            noise = [whitened_autocorrelation(s.e, _fit(density, s.e), _WHITE_LAGS)[0] for s in self.sides[1:]]
+            phi, more = np.clip(phi - np.mean(noise, axis=0), -1.0, 1.0), 1 + 1 / self.draws
+        p = float(chi2.sf(n * (phi**2).sum() / more, _WHITE_LAGS))
+        band = float(np.sqrt(more / n)) * peak_limit(self.level / 3, _WHITE_LAGS, np.pi)
+        peak = int(np.abs(phi).argmax())
+        self._note("phi_ee", "e", phi[peak], float(peak + 1), band, p, p < self.level / 3)
+        self.curves[self.where, "phi_ee", "e"] = (np.arange(1, _WHITE_LAGS + 1), phi, band)
+        return p, float(min(1.0, max((phi**2).sum() - more * _WHITE_LAGS / n, 0.0)))
+
+    def _family(self, tests: list[tuple[str, str, str]]) -> tuple[float, float]:
+        """Corrected p of a family of tests, and the largest share of the variance a correlation outside stands for."""
+        level = self.level / 3 / max(1, len(tests))
+        least, strong = 1.0, 0.0
+        for test, kind, name in tests:
+            cross = self.sides[0].cross(kind, name, self.lags)
+            if not cross.moves:
+                continue
+            total, spread = cross.total, cross.spread
+            others = [side.cross(kind, name, self.lags) for side in self.sides[1:]]
+            if others:
+                total = total - np.mean([c.total for c in others], axis=0)
+                spread = float(np.sqrt(spread**2 + np.mean([c.spread**2 for c in others]) / len(others)))
+            height = np.abs(total) / spread
+            peak = int(height.argmax())
+            p = probability_of_peak(float(height[peak]), len(height), cross.omega)
+            band = peak_limit(level, len(height), cross.omega) * spread / cross.energy
+            phi = np.clip(total / cross.energy, -1.0, 1.0)
+            self._note(test, name, phi[peak], float(cross.lag[peak]), band, p, p < level)
+            self.curves[self.where, test, name] = (cross.lag, phi, band)
+            least = min(least, p)
+            if p < level:
+                strong = max(strong, abs(phi[peak]) if kind == "|x||e|" else phi[peak] ** 2)
+        return min(1.0, least * len(tests)), float(strong)
+
+    def _note(self, test: str, signal: str, peak: float, lag: float, band: float, p: float, outside: bool) -> None:
+        step = self.steps[0] if self.steps[0] is not None else 1.0
+        values = (self.where, test, signal, float(peak), lag * step, float(band), p, bool(outside))
+        self.rows.append(dict(zip(("where", "test", "signal", "peak", "lag", "band", "p", "outside"), values)))
+
+
+class _Side:
+    """Residual, signals and their powers of one view; what linear filters of the signals explain is taken off."""
+
+    def __init__(self, view: _View, where: str, spacing: int) -> None:
+        use, self.e = view.target(where)
+        self.filters = [view.residual.filters[i] for i in use]
+        self.steps = [view.data.segments[i].dt for i in use]
+        states, inputs = view.signals(where, use)
+        self.raw = states | inputs
+        self.plain = {name: _filtered(x, self.filters) for name, x in self.raw.items()}
+        self._cut = np.cumsum([len(e) for e in self.e])[:-1]
+        whole = np.concatenate(self.e)
+        self.bandwidth = _bandwidth(self.e)
+        self._basis = view.basis(use, spacing, len(whole) * self.bandwidth)
+        self.rest = self._without(whole)
+        before, after = float(whole @ whole), float(sum(r @ r for r in self.rest))
+        worth = max(len(whole) * self.bandwidth, 2.0 * self._basis.shape[1])
+        overfit = self._basis.shape[1] / worth
+        self.linear_share = (
+            float(np.clip(((before - after) / before - overfit) / (1 - overfit), 0.0, 1.0)) if before else 0.0
+        )
+        self._powers: dict[tuple[str, int], list[np.ndarray]] = {}
+
+    def _without(self, whole: np.ndarray) -> list[np.ndarray]:
+        return np.split(whole - self._basis @ (self._basis.T @ whole), self._cut)
+
+    def _power(self, name: str, degree: int) -> list[np.ndarray]:
+        if (name, degree) not in self._powers:
+            raw = self.raw[name]
+            size = max(float(np.abs(x).max()) for x in raw) or 1.0
+            columns = _filtered([(x / size) ** degree for x in raw], self.filters)
+            self._powers[name, degree] = self._without(np.concatenate([c - c.mean() for c in columns]))
+        return self._powers[name, degree]
+
+    def cross(self, kind: str, name: str, lags: int) -> Cross:
+        """Cross-covariance of one test; see :func:`detect`."""
+        if kind == "xe":
+            return cross_covariance(self.plain[name], self.e, lags)
+        if kind in ("x2e", "x3e"):
+            return cross_covariance(self._power(name, int(kind[1])), self.rest, lags)
+        if kind == "|x||e|":
+            return cross_covariance([np.abs(x) for x in self.plain[name]], [np.abs(r) for r in self.rest], lags)
+        products = [x * r for x, r in zip(self.plain[name], self.rest)]
+        # nearer lags hold the residual's own colour besides
+        first = int(np.ceil(1.5 / self.bandwidth))
+        return cross_covariance(products, self.rest, first + lags, first)
+
+
+def _filtered(x: Parts, filters: list[Any]) -> list[np.ndarray]:
+    return [part if f is None else f.apply(part) for part, f in zip(x, filters)]
+
+
+def _taps(signals: list[np.ndarray], spacing: int, count: int) -> np.ndarray:
+    """Signals shifted by multiples of the spacing, a constant beside them; shape (n_samples, ..)."""
+    columns = [np.ones(len(signals[0]))]
+    for x in signals:
+        padded = np.pad(x, count * spacing)
+        columns += [padded[k * spacing : k * spacing + len(x)] for k in range(2 * count + 1)]
+    return np.column_stack(columns)
+
+
+def _orthonormal(columns: np.ndarray) -> np.ndarray:
+    """Orthonormal basis of columns of any scale, dependent ones left out."""
+    size = np.sqrt(np.einsum("ij,ij->j", columns, columns))
+    columns = columns[:, size > 0] / size[size > 0]
+    values, vectors = np.linalg.eigh(columns.T @ columns)
+    keep = values > 1e-10 * values[-1]
+    return columns @ (vectors[:, keep] / np.sqrt(values[keep]))
+
+
+def _period(x: Parts) -> float:
+    """Samples of a period at the rms frequency of a signal."""
+    pace = sum(float(np.sum(np.diff(p) ** 2)) for p in x)
+    size = sum(float(np.sum((p - p.mean()) ** 2)) for p in x)
+    return 2 * np.pi / max(np.sqrt(pace / size), 1e-6) if size > 0 else 16.0
+
+
+def _bandwidth(x: Parts) -> float:
+    """Share of the frequency axis that a signal fills, ``(sum I)^2 / (M sum I^2)`` of its periodogram (1 for white)."""
+    top = bottom = 0.0
+    for part in x:
+        power = np.abs(np.fft.rfft(part - part.mean())) ** 2
+        top, bottom = top + float(power.sum() ** 2) / len(power), bottom + float(power @ power)
+    return min(1.0, 2 * top / bottom) if bottom > 0 else 1.0
+
+
+def _reference(side: _Side, noise: list[_Side]) -> list[np.ndarray]:
+    """Spectrum that noise alone would have, for each record: of the draws, else of the filter."""
+    if noise:
+        from scipy.signal import welch
+
+        parts = [e for s in noise for e in s.e]
+        size = min(512, min(map(len, parts)))
+        density = np.mean([welch(e, nperseg=size)[1] for e in parts], axis=0)
+        grid = np.linspace(0, 1, len(density))
+        return [np.interp(np.linspace(0, 1, len(e) // 2 + 1), grid, density) for e in side.e]
+    return [_response(f, dt, len(e)) for f, dt, e in zip(side.filters, side.steps, side.e)]
+
+
+def _fit(density: list[np.ndarray], parts: Parts) -> list[np.ndarray]:
+    """Reference spectra on the frequencies of records that may be some samples shorter."""
+    return [np.interp(np.linspace(0, 1, len(e) // 2 + 1), np.linspace(0, 1, len(d)), d) for d, e in zip(density, parts)]
+
+
+def _response(filter: Any, dt: float | None, n: int) -> np.ndarray:
+    if filter is None or filter.sos is None:
+        return np.ones(n // 2 + 1)
+    from scipy.signal import sosfreqz
+
+    _, h = sosfreqz(filter.sos, worN=np.linspace(0, np.pi, n // 2 + 1))
+    return np.abs(h) ** 4

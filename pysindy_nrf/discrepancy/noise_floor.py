@@ -1,0 +1,278 @@
+"""What noise alone would leave in the balances: from repeated tests, from the channels, or given."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..exceptions import ChannelError
+from ..kinematics import to_features
+from ..model import ChainModel
+from ..record import Record
+from ..segments import SegmentSet, from_arrays
+from .residual import Residual, free_run, from_top, residual_of, rms
+
+# A white floor under the force louder than this share of its rms is taken for force, not for noise.
+QUIET = 0.1
+# A residual within this factor of the noise floor is at the floor: the floor itself is known no better.
+AT_FLOOR = 1.3
+
+
+@dataclass
+class NoiseFloor:
+    """Residual that noise alone leaves.
+
+    Attributes
+    ----------
+    balance, storey : ndarray of shape (n_dof,)
+        Rms in balance j, and summed from the top in storey i, N; NaN where unknown.
+    source : str
+        Where it comes from, in words.
+    draws : list of (Residual, SegmentSet)
+        Residuals of noise alone, each with the noisy data that go with it; may be empty.
+    """
+
+    balance: np.ndarray
+    storey: np.ndarray
+    source: str
+    draws: list[tuple[Residual, SegmentSet]] = field(default_factory=list)
+
+    def at(self, name: str) -> float:
+        """Rms at one balance (``"dof 2"``) or storey (``"storey 2"``), N."""
+        kind, _, number = name.partition(" ")
+        return float((self.balance if kind == "dof" else self.storey)[int(number) - 1])
+
+    def covariance(self) -> np.ndarray:
+        """Covariance of the noise between the balances, N^2, shape (n_dof, n_dof)."""
+        if not self.draws:
+            return np.diag(self.balance**2)
+        parts = [e for residual, _ in self.draws for e in residual.balance]
+        known = np.isfinite(self.balance)
+        out = np.full((len(known), len(known)), np.nan)
+        inside = np.ix_(known, known)
+        parts = [p[:, known] for p in parts if np.isfinite(p[0, known]).all()]
+        if parts:
+            out[inside] = sum(p.T @ p for p in parts) / sum(len(p) for p in parts)
+        else:
+            out[inside] = np.diag(self.balance[known] ** 2)
+        return out
+
+    @classmethod
+    def given(cls, levels: Any, n_dof: int) -> NoiseFloor:
+        """Noise floor that the user knows.
+
+        Parameters
+        ----------
+        levels : float, array-like of shape (n_dof,) or mapping of int to float
+            Rms of the noise in each balance, N; independent between the balances.
+        n_dof : int
+
+        Returns
+        -------
+        NoiseFloor
+
+        Examples
+        --------
+        >>> from pysindy_nrf.discrepancy.noise_floor import NoiseFloor
+        >>> NoiseFloor.given([3.0, 4.0], 2).storey.tolist()
+        [5.0, 4.0]
+        """
+        if isinstance(levels, Mapping):
+            wrong = [j for j in levels if j not in range(1, n_dof + 1)]
+            if wrong:
+                raise ChannelError(
+                    f"The noise floor names balance {wrong[0]!r}", f"The chain has balances 1 to {n_dof}."
+                )
+            levels = [levels.get(j, np.nan) for j in range(1, n_dof + 1)]
+        values = np.asarray(levels, dtype=float)
+        if values.ndim and values.shape != (n_dof,):
+            raise ChannelError(
+                f"{values.size} noise levels for {n_dof} balances", "Give the rms of the noise in each balance, N."
+            )
+        values = np.broadcast_to(values, (n_dof,)).copy()
+        if (values < 0).any() or np.isinf(values).any():
+            raise ChannelError("A noise floor is negative or infinite", "Give the rms of the noise in each balance, N.")
+        return cls(values, np.sqrt(from_top(values[None] ** 2)[0]), "given by the user")
+
+    @classmethod
+    def from_repeats(cls, residual: Residual) -> NoiseFloor:
+        """Noise floor from the same test done several times.
+
+        What differs between the residuals of the repetitions is noise: each minus their mean, times
+        ``sqrt(R / (R - 1))`` for R records.
+
+        Parameters
+        ----------
+        residual : Residual
+            Of records of equal length under the same force, sample by sample.
+
+        Returns
+        -------
+        NoiseFloor
+
+        Raises
+        ------
+        ChannelError
+            If there are fewer than two records, or they are not repetitions of one test.
+        """
+        every = residual.balance
+        count = len(every)
+        if count < 2 or len({len(e) for e in every}) > 1:
+            raise ChannelError(
+                f"{count} records of {sorted({len(e) for e in every})} samples are no repetitions of one test",
+                "Give at least two records of equal length under the same force.",
+            )
+        forces = np.array([np.nan_to_num(seg.F[seg.valid].astype(float)) for seg in residual.data.segments])
+        bases = [seg.ag[seg.valid] for seg in residual.data.segments if seg.ag is not None]
+        drive = forces if forces.any() else np.array(bases) if len(bases) == count else forces
+        common = drive.mean(axis=0)
+        if drive.any() and np.sqrt(np.mean((drive - common) ** 2)) > 0.2 * np.sqrt(np.mean(common**2)):
+            raise ChannelError(
+                "The records were not excited alike, so their difference is not noise",
+                "Align repetitions of one test sample by sample, or use NoiseFloor.from_channels.",
+            )
+        mean = np.mean(every, axis=0)
+        factor = np.sqrt(count / (count - 1))
+        deviations = [factor * (e - mean) for e in every]
+        noise = Residual(residual.model, residual.data, residual.filters, deviations, residual.sizes, residual.scale)
+        return cls._of([(noise, residual.data)], f"{count} repeated records")
+
+    @classmethod
+    def from_channels(
+        cls,
+        model: ChainModel,
+        records: Record | Sequence[Record],
+        filters: Any = None,
+        *,
+        band: Any = None,
+        noise: Mapping[str, float] | None = None,
+        smooth: bool = True,
+        n_draws: int = 2,
+        random_state: Any = None,
+    ) -> NoiseFloor:
+        """Noise floor from the channels' own contradictions.
+
+        A motion without noise is taken for the truth - the model's free run, or the fused motion where
+        none is possible (that misses what fusion smooths away, some 10-20 %); fresh noise of the
+        estimated levels is laid on every measured channel, all is treated like the measurement, and the
+        change of the residual is the noise.
+
+        Parameters
+        ----------
+        model : ChainModel
+        records : Record or list of Record
+            As measured.
+        filters, band
+            As for :func:`~pysindy_nrf.discrepancy.residual.residual_of`.
+        noise : mapping of str to float, optional
+            Rms of the noise by channel (``"a1"``, ``"x2"``, ``"F1"``), SI. What is not named is taken
+            from :class:`~pysindy_nrf.KinematicSmoother`; for a force, from its quiet frequencies, and as
+            none where it has no quiet band (a force that fills the spectrum cannot be told from its
+            noise: name its level).
+        smooth : bool
+            Whether the residual was taken from fused channels.
+        n_draws : int
+        random_state : int, Generator or None
+
+        Returns
+        -------
+        NoiseFloor
+        """
+        records = [records] if isinstance(records, Record) else list(records)
+        rng = np.random.default_rng(random_state)
+        prepared = [_Clean.of(rec, dict(noise or {}), model) for rec in records]
+        base = residual_of(model, _together([p.data for p in prepared]), filters, band=band)
+        draws = []
+        for _ in range(n_draws):
+            data = _together([p.draw(rng, smooth) for p in prepared])
+            moved = residual_of(model, data, base.filters)
+            moved.balance = [_difference(a, b) for a, b in zip(moved.balance, base.balance)]
+            draws.append((moved, data))
+        return cls._of(draws, "noise of the channels, as their contradictions show it")
+
+    @classmethod
+    def _of(cls, draws: list[tuple[Residual, SegmentSet]], source: str) -> NoiseFloor:
+        parts = [e for residual, _ in draws for e in residual.balance]
+        return cls(rms(parts), rms([from_top(e) for e in parts]), source, draws)
+
+
+def _difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    size = min(len(a), len(b))
+    return a[:size] - b[:size]
+
+
+def _together(pieces: Sequence[SegmentSet]) -> SegmentSet:
+    segments, at = [], 0
+    for piece in pieces:
+        for seg in piece.segments:
+            seg.rows = slice(at, at + seg.n_samples)
+            at += seg.n_samples
+            segments.append(seg)
+    return SegmentSet(segments, at)
+
+
+@dataclass
+class _Clean:
+    """A record without noise, and the noise levels of its channels."""
+
+    record: Record
+    levels: dict[str, float]
+    data: SegmentSet
+
+    @classmethod
+    def of(cls, record: Record, given: dict[str, float], model: ChainModel) -> _Clean:
+        from ..signals.kinematic_smoother import KinematicSmoother
+
+        known = {k: v for k, v in given.items() if not k.startswith("F") and v > 0}
+        smoother = KinematicSmoother(noise=known or "estimate")
+        X, F = to_features(record, smoother)
+        levels = {str(k): float(v) for k, v in smoother.noise_.items()}
+        fs = record.fs
+        for j in record.forced:
+            levels[f"F{j}"] = _quiet_level(record.force[:, j - 1], fs)
+        levels |= given
+        levels = {k: v for k, v in levels.items() if k in record.channels()}
+        data = _segments(record, X, F)
+        seg = data.segments[0]
+        run, _ = free_run(model, seg, {})
+        motion = [seg.a.copy(), np.cumsum(seg.v, axis=1), np.cumsum(seg.s, axis=1)]
+        if run is not None:
+            for whole, part in zip(motion, (run.acceleration, run.velocity, run.displacement)):
+                whole[seg.valid] = part
+        clean = record.replace(
+            coordinates="relative", **dict(zip(("acceleration", "velocity", "displacement"), motion))
+        )
+        return cls(clean, levels, _segments(record, *to_features(clean, False)))
+
+    def draw(self, rng: np.random.Generator, smooth: bool) -> SegmentSet:
+        """The record with fresh noise on its measured channels, treated like a measurement."""
+        changes = {}
+        for key, prefix in (("force", "F"), ("acceleration", "a"), ("velocity", "v"), ("displacement", "x")):
+            values = np.array(getattr(self.record, key), dtype=float)
+            for j in range(self.record.n_dof):
+                name = f"{prefix}{j + 1}"
+                if name in self.levels:
+                    values[:, j] += self.levels[name] * rng.standard_normal(len(values))
+                elif prefix != "F" and smooth:
+                    values[:, j] = np.nan
+            changes[key] = values
+        return _segments(self.record, *to_features(self.record.replace(**changes), smooth))
+
+
+def _segments(record: Record, X: Any, F: Any) -> SegmentSet:
+    return from_arrays(X, F, base_acceleration=record.base_acceleration, covariates=record.covariates)
+
+
+def _quiet_level(force: np.ndarray, fs: float) -> float:
+    """White noise under a band-limited force, rms, from the quietest twentieth of its spectrum; 0 if it cannot be told."""  # noqa: E501
+    from scipy.signal import welch
+
+    force = force[np.isfinite(force)]
+    if len(force) < 256:
+        return 0.0
+    _, density = welch(force, fs, nperseg=min(1024, len(force) // 8), detrend="constant")
+    level = float(np.sqrt(np.median(np.sort(density)[: max(3, len(density) // 20)]) * fs / 2))
+    return level if level < QUIET * float(np.sqrt(np.mean(force**2))) else 0.0

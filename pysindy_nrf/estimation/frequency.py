@@ -1,0 +1,100 @@
+r"""Instrumental variables for measured frequency responses.
+
+The rows of the balances are spectral lines here (see :func:`pysindy_nrf.io.frf_to_features`). Noise in
+a response sits in the regressors; a lightly damped structure's own simulated response is no good instrument,
+because its peaks must be right to a fraction of a line. The neighbouring lines are: the response is smooth
+over a few lines, the noise of lines further apart than the window's main lobe is independent,
+
+.. math:: Z(f_k) = \tfrac12 (H(f_{k-2}) + H(f_{k+2})) .
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+from sklearn.base import clone
+
+from ..chain_solve import groups_of, solve
+from ..exceptions import BiasWarning, ChainError, ChannelError
+from ..layout import LawLayout
+from ..segments import from_arrays
+from .intervals import Resolver
+from .model_of import model_of
+from .pieces import pieces_of
+
+APART = 2  # lines; the noise of a Hann-windowed response reaches its next neighbour
+
+
+def fit_frequency_response(
+    estimator: Any, frf: Any, band: tuple[float | None, float | None] | None = None, weight: Any = None
+) -> Any:
+    """Fit a regressor to a measured frequency response.
+
+    Parameters
+    ----------
+    estimator : NRFRegressor
+        Not changed. With ``estimation="iv"`` neighbouring lines are the instruments.
+    frf : FrequencyResponse
+    band : (float, float), optional
+        Hz.
+    weight : array-like of shape (n_lines,), optional
+        See :func:`pysindy_nrf.io.frf_to_features`.
+
+    Returns
+    -------
+    NRFRegressor
+        A fitted copy; ``confidence_intervals`` works.
+
+    Raises
+    ------
+    ChainError
+        If ``estimation`` is neither ``"ls"`` nor ``"iv"``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import NRFRegressor
+    >>> from pysindy_nrf.estimation.frequency import fit_frequency_response
+    >>> from pysindy_nrf.io import frequency_response
+    >>> rng = np.random.default_rng(0)
+    >>> f = np.linspace(1, 12, 600)
+    >>> w = 2 * np.pi * f
+    >>> H = -(w**2) / (3000.0 + 8j * w - 2.5 * w**2)
+    >>> H = H + 0.02 * rng.normal(size=600) + 0.02j * rng.normal(size=600)
+    >>> model = fit_frequency_response(NRFRegressor(degree=1, estimation="iv"), frequency_response(f, H[:, None]))
+    >>> bool(abs(model.masses_[0] - 2.5) < 0.03)
+    True
+    """
+    from ..io import FrequencyResponse, frf_to_features
+
+    if estimator.estimation not in ("ls", "iv"):
+        raise ChainError(
+            f"estimation={estimator.estimation!r} does not work on frequency responses", "Use 'ls' or 'iv'."
+        )
+    X, F = frf_to_features(frf, band=band, weight=weight)
+    model = clone(estimator).set_params(estimation="ls")
+    with warnings.catch_warnings():
+        if estimator.estimation == "iv":  # what biases least squares is about to be removed
+            warnings.simplefilter("ignore", BiasWarning)
+        model.fit(X, F)
+    if estimator.estimation == "ls":
+        return model
+    H = frf.H
+    if len(H) <= 2 * APART:
+        raise ChannelError(f"{frf.name} has {len(H)} lines", "Give more lines.")
+    ends = np.pad(H, ((APART, APART), (0, 0)), mode="edge")
+    neighbours = FrequencyResponse(frf.f, 0.5 * (ends[: -2 * APART] + ends[2 * APART :]), frf.driven, frf.name)
+    Z, _ = frf_to_features(neighbours, band=band, weight=weight)
+    data, others = (from_arrays(x, F, n_dof=frf.n_dof) for x in (X, Z))
+    layout = LawLayout(model.chain_, model.model_.laws)
+    known = model._known_masses(model.chain_)
+    pieces = pieces_of(data, layout, groups_of(layout, model.walk_), [None], known, others.segments)
+    solution = solve(pieces.moments(), model.walk_, known, model._inner())
+    found = model_of(layout, solution)
+    return model._adopt(
+        found,
+        Resolver(pieces, model.walk_, known, model._inner()),
+        {"asked": "iv", "found": "iv", "notes": ["neighbouring lines"]},
+    )

@@ -1,0 +1,261 @@
+"""Confidence intervals by re-solving the whole chain without each piece of the data, or on pieces drawn at random."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from ..chain_solve import solve
+from ..exceptions import ChainError, ChannelError, ExtrapolationWarning, IdentifiabilityError, RankWarning
+from ..identifiability import Walk
+from ..model import ChainModel
+from ..moments import Moments
+from .covariance import newey_west
+from .model_of import model_of
+from .pieces import Pieces
+
+METHODS = ("hac", "bootstrap")
+FEWEST = 8
+DRAWS = 300
+
+
+def parameters_of(model: ChainModel, known_masses: Mapping[int, float] | None = None) -> pd.Series:
+    """Masses and coefficients by name: ``m1``, ``storey 1: v``, ...
+
+    Parameters
+    ----------
+    model : ChainModel
+    known_masses : mapping of int to float, optional
+        These are left out.
+
+    Returns
+    -------
+    Series
+    """
+    values = {f"m{j + 1}": m for j, m in enumerate(model.masses) if j + 1 not in (known_masses or {})}
+    for site, force in model.restoring_forces.items():
+        if force.laws:
+            values |= {f"{site}: {term}": c for term, c in force.coefficients.items()}
+    return pd.Series(values, dtype=float)
+
+
+def modes_of(model: ChainModel) -> pd.Series:
+    """Frequencies (Hz) and damping ratios by name: ``frequency 1``, ``damping 1``, ..."""
+    modes = model.modes()
+    return pd.Series(
+        {f"{key} {i}": modes.loc[i, key] for key in ("frequency", "damping") for i in modes.index}, dtype=float
+    )
+
+
+@dataclass
+class Resolver:
+    """Re-solves the chain on any choice of pieces.
+
+    Attributes
+    ----------
+    pieces : Pieces
+    walk : Walk
+    known_masses : dict of int to float
+    inner : PySINDy optimizer or None
+    constrain : callable or None
+        From a model to the one that obeys the constraints.
+    """
+
+    pieces: Pieces
+    walk: Walk
+    known_masses: Mapping[int, float]
+    inner: Any = None
+    constrain: Callable[[ChainModel], ChainModel] | None = None
+
+    def model(self, moments: Moments) -> ChainModel:
+        """Model of some moments."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RankWarning)
+            model = model_of(self.pieces.layout, solve(moments, self.walk, self.known_masses, self.inner))
+        return model if self.constrain is None else self.constrain(model)
+
+    def left_out(self, statistic: Callable[[ChainModel], pd.Series]) -> np.ndarray:
+        """Statistics without each piece in turn, shape (n_pieces, n_statistics)."""
+        n = len(self.pieces)
+        if n < FEWEST:
+            raise ChannelError(
+                f"{n} pieces of data are too few to judge an uncertainty", "Use a longer record, or more records."
+            )
+        try:
+            return np.array([statistic(self.model(self.pieces.without(i))).to_numpy(float) for i in range(n)])
+        except IdentifiabilityError as error:
+            raise IdentifiabilityError(
+                f"A single stretch of the data carries the estimate ({error.what})",
+                "Excite the structure more than once.",
+            ) from error
+
+    def covariance(self, statistic: Callable[[ChainModel], pd.Series]) -> np.ndarray:
+        """Covariance of statistics: delete-one-block jackknife, correlated neighbours included."""
+        return newey_west(self.influences(statistic), self.pieces.record)
+
+    def influences(self, statistic: Callable[[ChainModel], pd.Series]) -> np.ndarray:
+        """By how much each piece moves the statistics, shape (n_pieces, n_statistics)."""
+        values = self.left_out(statistic)
+        n = len(values)
+        return (values - values.mean(axis=0)) * np.sqrt((n - 1) / n)
+
+    def drawn(self, statistic: Callable[[ChainModel], pd.Series], random_state: Any, draws: int = DRAWS) -> np.ndarray:
+        """Statistics of block-bootstrap samples, shape (n_draws, n_statistics)."""
+        n = len(self.pieces)
+        if n < FEWEST:
+            raise ChannelError(
+                f"{n} pieces of data are too few to judge an uncertainty", "Use a longer record, or more records."
+            )
+        rng = np.random.default_rng(random_state)
+        weights = rng.multinomial(n, np.full(n, 1.0 / n), size=draws).astype(float)
+        out = []
+        for w in weights:
+            try:
+                out.append(statistic(self.model(self.pieces.moments(w))).to_numpy(float))
+            except IdentifiabilityError:  # a draw without any blow says nothing
+                continue
+        if len(out) < draws / 2:
+            raise IdentifiabilityError(
+                "Most bootstrap samples cannot be solved: few stretches of the data carry the estimate",
+                "Excite the structure more than once.",
+            )
+        return np.array(out)
+
+
+def parameter_intervals(
+    resolver: Resolver,
+    model: ChainModel,
+    level: float,
+    of: Any = "parameters",
+    method: str = "hac",
+    random_state: Any = None,
+) -> pd.DataFrame:
+    """Confidence intervals of anything that follows from a model.
+
+    Parameters
+    ----------
+    resolver : Resolver
+    model : ChainModel
+        The estimate.
+    level : float
+        E.g. 0.95.
+    of : {"parameters", "modes"} or callable
+        A callable takes a ChainModel and returns a Series: energies, a force, a ratio.
+    method : {"hac", "bootstrap"}
+    random_state : int, Generator or None
+        Of the bootstrap.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``parameter``, ``estimate``, ``lower``, ``upper``.
+    """
+    level = _share(level)
+    if method not in METHODS:
+        raise ChainError(f"method={method!r} is unknown", f"Choose {' or '.join(map(repr, METHODS))}.")
+    if of == "parameters":
+
+        def statistic(m: ChainModel) -> pd.Series:
+            return parameters_of(m, resolver.known_masses)
+    elif of == "modes":
+        statistic = modes_of
+    elif callable(of):
+
+        def statistic(m: ChainModel) -> pd.Series:
+            return pd.Series(of(m), dtype=float)
+    else:
+        raise ChainError(f"of={of!r} is unknown", "Give 'parameters', 'modes' or a function of a ChainModel.")
+    estimate = statistic(model)
+    low, high = _bounds(resolver, statistic, estimate.to_numpy(float), level, method, random_state)
+    return pd.DataFrame({"parameter": estimate.index, "estimate": estimate.to_numpy(), "lower": low, "upper": high})
+
+
+def force_intervals(
+    resolver: Resolver, model: ChainModel, site: Any, v: Any, s: Any, level: float, warn: bool = True
+) -> pd.DataFrame:
+    """Restoring force of a site at points (v, s) with its interval; wide where the data never were.
+
+    Outside the visited region the data say nothing about the law. The interval there reaches at least
+    from the force at the nearest corner of what was visited to the extrapolated one and as far beyond.
+
+    Parameters
+    ----------
+    resolver : Resolver
+    model : ChainModel
+        With its visited regions.
+    site : str or int
+    v, s : array-like
+        m/s and m; broadcast against each other.
+    level : float
+    warn : bool
+
+    Returns
+    -------
+    DataFrame
+        ``v``, ``s``, ``force`` (N), ``lower``, ``upper``, ``visited`` (bool).
+    """
+    site = model.chain.site(site)
+    rate, drift = (np.ravel(x).astype(float) for x in np.broadcast_arrays(np.asarray(v, float), np.asarray(s, float)))
+
+    def statistic(m: ChainModel) -> pd.Series:
+        return pd.Series(m.restoring_forces[site](rate, drift))
+
+    force = statistic(model).to_numpy()
+    low, high = _bounds(resolver, statistic, force, _share(level), "hac", None)
+    region = model.visited.get(site)
+    visited = np.ones(len(rate), dtype=bool) if region is None else region.contains(rate, drift)
+    if not visited.all():
+        near = region.nearest(rate[~visited], drift[~visited])
+        reach = np.abs(force[~visited] - model.restoring_forces[site](*near))
+        low[~visited] -= reach
+        high[~visited] += reach
+        if warn:
+            warnings.warn(
+                f"{site}: {int((~visited).sum())} of {len(visited)} points (v, s) lie outside the region the data "
+                "visited "
+                f"(v {region.low[0]:.3g} to {region.high[0]:.3g} m/s, s {region.low[1]:.3g} to "
+                f"{region.high[1]:.3g} m); "
+                "the force there is an extrapolation of the law, and its interval is widened.",
+                ExtrapolationWarning,
+                stacklevel=3,
+            )
+    return pd.DataFrame({"v": rate, "s": drift, "force": force, "lower": low, "upper": high, "visited": visited})
+
+
+def _bounds(resolver: Resolver, statistic, estimate, level: float, method: str, random_state):
+    if method == "bootstrap":
+        draws = resolver.drawn(statistic, random_state)
+        tail = 100 * (1 - level) / 2
+        low, high = np.percentile(draws, [tail, 100 - tail], axis=0)
+        return 2 * estimate - high, 2 * estimate - low
+    influences = resolver.influences(statistic)
+    deviation = np.sqrt(np.clip(np.diag(newey_west(influences, resolver.pieces.record)), 0.0, None))
+    half = stats.t.ppf(0.5 + level / 2, _freedom(influences)) * deviation
+    return estimate - half, estimate + half
+
+
+def _freedom(influences: np.ndarray) -> np.ndarray:
+    """Degrees of freedom of each variance (Satterthwaite): fewer where few pieces carry the estimate.
+
+    For Gaussian influences of variances v_b they are (sum v)^2 / sum v^2, and sum u^4 is 3 sum v^2; a
+    correlated neighbour at half weight costs a third of them.
+    """
+    fourth = (influences**4).sum(axis=0)
+    own = np.where(fourth > 0, 3 * (influences**2).sum(axis=0) ** 2 / np.where(fourth > 0, fourth, 1.0), np.inf)
+    return np.clip(np.minimum(own, len(influences) - 1) / 1.5, 2.0, None)
+
+
+def _share(level: Any) -> float:
+    try:
+        value = float(level)
+    except (TypeError, ValueError):
+        value = np.nan
+    if not 0 < value < 1:
+        raise ChainError(f"level={level!r} is not a level of confidence", "Give a share between 0 and 1, e.g. 0.95.")
+    return value

@@ -1,0 +1,254 @@
+r"""Instrumental variables from the free run of the model itself.
+
+Noise in the motion biases least squares; the motion that the identified model makes under the
+measured force is correlated with the true motion and not with its noise,
+
+.. math:: Z^T (y - \Phi \theta) = 0, \quad Z = \text{columns of the simulated motion},
+
+and solving this, simulating again and solving again three or four times removes the bias
+(Young, Refined instrumental variable methods, 1976). Three traps, all measured:
+
+- noise of the force is in the right-hand side and, through the simulation, in the instruments. The
+  instruments are therefore delayed by one sample: white force noise of this sample is not in them.
+- what the fusion could not resolve is missing in the motion, not in the force. The instruments are low-passed to
+  what it resolved; what lies above is then not asked for.
+- the motion must not have been shrunk towards what is likely (as the joint step of
+  :class:`~pysindy_nrf.KinematicSmoother` does): the error would then depend on the motion.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ..chain_solve import Solution, groups_of, solve, solve_blocks
+from ..exceptions import BiasWarning, ChannelError, IdentifiabilityError, NRFError, RankWarning, SimulationError
+from ..fair_filter import FairFilter
+from ..identifiability import Walk
+from ..laws import PowerSeries
+from ..layout import LawLayout
+from ..model import ChainModel
+from ..segments import Segment, SegmentSet
+from .model_of import model_of
+from .pieces import Pieces, pieces_of
+
+ROUNDS = 5
+SETTLED = 1e-4  # relative change of every mass below which the rounds stop
+ALIKE = 0.5  # correlation of simulated and measured accelerations below which a free run is no instrument
+
+
+@dataclass
+class IVResult:
+    """What the instrumental variables found.
+
+    Attributes
+    ----------
+    model : ChainModel
+    solution : Solution
+    pieces : Pieces
+        Moments with the last instruments, piece by piece.
+    rounds : int
+        Rounds of simulation and solve.
+    likeness : float
+        Correlation of the simulated accelerations with the measured ones in the last round.
+    notes : list of str
+        What was left out, in words.
+    """
+
+    model: ChainModel
+    solution: Solution
+    pieces: Pieces
+    rounds: int
+    likeness: float
+    notes: list[str] = field(default_factory=list)
+
+
+def instrumental_variables(
+    start: ChainModel,
+    data: SegmentSet,
+    layout: LawLayout,
+    walk: Walk,
+    filters: Sequence[Any],
+    known_masses: Mapping[int, float],
+    inner: Any = None,
+    band: Any = None,
+) -> IVResult | None:
+    """Iterated instrumental variables for all strategies and laws.
+
+    Parameters
+    ----------
+    start : ChainModel
+        Least-squares estimate.
+    data : SegmentSet
+        Motions whose noise is independent of the motion.
+    layout : LawLayout
+    walk : Walk
+    filters : sequence of FairFilter or None
+    known_masses : mapping of int to float
+        kg.
+    inner : PySINDy optimizer, optional
+    band : (float, float), optional
+        Hz; an upper edge colours the noise of the force, and the delay grows with it.
+
+    Returns
+    -------
+    IVResult or None
+        None where no free run could serve; a BiasWarning then says why.
+    """
+    groups = groups_of(layout, walk)
+    notes: list[str] = []
+    model, best = start, None
+    usable = [i for i, seg in enumerate(data.segments) if not np.isnan(seg.F[seg.valid.start]).any()]
+    if not usable:
+        return _fall_back("in every record the force on some DOF is unknown, and a free run needs them all")
+    if len(usable) < len(data.segments):
+        notes.append(
+            f"{len(data.segments) - len(usable)} records with an unknown force were left out of the instruments."
+        )
+    why = ""
+    for round_ in range(1, ROUNDS + 1):
+        try:
+            runs, likeness = _runs(model, data, usable, band)
+        except SimulationError as error:
+            why, runs = error.what, None
+        if runs is not None and likeness < ALIKE:
+            why, runs = f"the free run is unlike the measured motion (correlation {likeness:.2f})", None
+        if runs is None and best is None:
+            # the least-squares model cannot run: the linear chain can, and its motion serves as well
+            runs, likeness = _linear_runs(data, usable, layout, walk, filters, known_masses, band)
+        if runs is None:
+            break
+        pieces = pieces_of(data, layout, groups, filters, known_masses, runs)
+        try:
+            solution = solve(pieces.moments(), walk, known_masses, inner, {s: layout.labels(s) for s in layout.acting})
+        except IdentifiabilityError as error:
+            why = error.what
+            break
+        found = model_of(layout, solution)
+        if (found.masses <= 0).any() and not (start.masses <= 0).any():
+            why = f"m{int(np.argmin(found.masses)) + 1} became {found.masses.min():.3g} kg"
+            break
+        change = np.abs(found.masses / model.masses - 1).max()
+        best = IVResult(found, solution, pieces, round_, likeness, notes)
+        model = found
+        if round_ > 1 and change < SETTLED:
+            break
+    if best is None:
+        return _fall_back(why)
+    if why:
+        warnings.warn(
+            f"estimation='iv' stopped after {best.rounds} rounds: {why}. The estimate of the last good round is kept.",
+            BiasWarning,
+            stacklevel=5,
+        )
+    return best
+
+
+def _fall_back(why: str) -> None:
+    warnings.warn(
+        f"estimation='iv' fell back on least squares: {why}. Noise in the motion then biases masses and "
+        "stiffnesses low. "
+        "Lower the degree, add the law that is missing, or give records with longer or cleaner channels.",
+        BiasWarning,
+        stacklevel=6,
+    )
+
+
+def delay_of(band: Any, dt: float) -> int:
+    """Samples by which instruments are delayed so that the force's noise is not in them."""
+    high = None if band is None else band[1]
+    return 1 if high is None or not np.isfinite(high) else max(1, round(1.0 / (4 * high * dt)))
+
+
+def free_run_of(
+    model: ChainModel, segment: Segment, delay: int = 0, limited: bool = False, start: tuple | None = None
+) -> Segment:
+    """The motion a model makes under a record's forces, as a record with the same rows.
+
+    Parameters
+    ----------
+    model : ChainModel
+    segment : Segment
+        Its first valid row gives the initial condition.
+    delay : int
+        Samples by which the motion is delayed.
+    limited : bool
+        Whether the motion is low-passed to the frequencies that the measured one resolves.
+    start : (ndarray, ndarray) of shape (n_dof,), optional
+        Displacement and velocity relative to the base at the first valid row; as measured if None.
+
+    Returns
+    -------
+    Segment
+        NaN outside the valid rows.
+    """
+    if segment.dt is None:
+        raise ChannelError(
+            "A free run needs the sampling step", "Pass dt= (s) to the estimator, time= to fit, or X with a time index."
+        )
+    rows = segment.valid
+    x0, v0 = start or (np.cumsum(y[rows.start].astype(float)) for y in (segment.s, segment.v))
+    record = model.simulate(
+        segment.F[rows],
+        segment.dt,
+        x0=x0,
+        v0=v0,
+        base_acceleration=None if segment.ag is None else segment.ag[rows],
+        covariates={k: c[rows] for k, c in segment.covariates.items()} or None,
+        method="default" if model.has_memory else "rk4",
+        rtol=1e-5,
+    )
+    shift = np.maximum(np.arange(rows.stop - rows.start) - delay, 0)
+    smooth = None
+    if limited and segment.resolved is not None and segment.resolved < 0.45 / segment.dt:
+        smooth = FairFilter((None, segment.resolved), 1.0 / segment.dt)
+
+    def place(values: np.ndarray) -> np.ndarray:
+        out = np.full((segment.n_samples, segment.n_dof), np.nan)
+        out[rows] = (values if smooth is None else smooth.apply(values))[shift]
+        return out
+
+    drifts = [np.diff(y, axis=1, prepend=0.0) for y in (record.velocity, record.displacement)]
+    return replace(segment, a=place(record.acceleration), v=place(drifts[0]), s=place(drifts[1]))
+
+
+def _runs(model: ChainModel, data: SegmentSet, usable: Sequence[int], band: Any):
+    """Delayed free runs of the usable records, and their correlation with the measured accelerations."""
+    runs: list[Segment | None] = [None] * len(data.segments)
+    both = own = other = 0.0
+    for i in usable:
+        segment = data.segments[i]
+        run = free_run_of(model, segment, delay_of(band, segment.dt or 1.0), limited=True)
+        a, b = segment.a[segment.valid].astype(float), run.a[run.valid]
+        scale = np.mean(a**2, axis=0)
+        scale[scale == 0] = 1.0
+        both, own, other = both + (a * b / scale).sum(), own + (a * a / scale).sum(), other + (b * b / scale).sum()
+        runs[i] = run
+    with np.errstate(invalid="ignore", over="ignore"):
+        likeness = both / np.sqrt(own * other)
+    return runs, float(likeness) if np.isfinite(likeness) else 0.0
+
+
+def _linear_runs(data, usable, layout, walk, filters, known, band):
+    """Free runs of the linear chain, or None."""
+    plain = LawLayout(layout.chain, {s: (PowerSeries(1),) for s in layout.acting if s.kind == "link"})
+    missing = [s for s in layout.acting if s.kind != "link"]
+    if missing:
+        return None, 0.0
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RankWarning)
+            solution, _ = solve_blocks(
+                plain,
+                walk,
+                lambda: (b for seg, f in zip(data.segments, filters) for b in seg.blocks(plain, filter=f)),
+                known,
+            )
+        runs, likeness = _runs(model_of(plain, solution), data, usable, band)
+    except NRFError:
+        return None, 0.0
+    return (runs, likeness) if likeness >= ALIKE else (None, likeness)

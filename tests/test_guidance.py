@@ -1,0 +1,89 @@
+"""Guidance names the true limit, and plans agree with what can be identified."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+from pysindy_nrf import Chain, ChainModel, NRFRegressor, excitation, laws, simulate
+from pysindy_nrf.exceptions import ChainError
+from pysindy_nrf.noise import add_noise
+
+STOREY = laws.PowerSeries(1, [25.0, 1.4e5])
+
+
+def record(truth, dofs=(3,), noise=0.0):
+    F = excitation.band_limited_random(
+        truth.n_dof, 8.0, 1000.0, dofs=list(dofs), rms=100.0, band=(0.5, 60.0), random_state=0
+    )
+    return add_noise(simulate(truth, F, 1e-3, hold="cubic"), noise, random_state=1)
+
+
+def diagnosis(rec, **options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return NRFRegressor(**{"degree": 1, "dt": 1e-3, **options}).fit(*rec.to_features(smooth=False)).diagnose()
+
+
+def test_noise_is_named_with_its_channel_and_the_bias_it_brings():
+    truth = ChainModel([12.4] * 4, {f"storey {i}": STOREY for i in range(1, 5)})
+    rec = record(truth, noise=0.05)
+    table = diagnosis(rec).table
+    assert table["limit"][0] == "noise" and "low" in table["message"][0] and "iv" in table["message"][0]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        raw = NRFRegressor(degree=1).fit(*rec.to_features(smooth=False))
+    true_bias = 1 - raw.masses_[2] / 12.4
+    expected = table.loc[(table["limit"] == "noise") & (table["where"] == "m3"), "size"].item()
+    assert 0.3 * true_bias < expected < 1.2 * true_bias
+    assert diagnosis(record(truth)).table.empty
+
+
+def test_a_missing_law_and_a_sleeping_storey_are_named():
+    hysteresis = ChainModel([12.4] * 2, {"storey 1": [STOREY, laws.Dahl(sigma=5e4, Fd=60.0)], "storey 2": STOREY})
+    table = diagnosis(record(hysteresis, dofs=(1, 2))).table
+    assert table["limit"][0] == "missing law" and "DOF 1" in table["where"][0]
+    stiff = ChainModel(
+        [12.4] * 3, {"storey 1": STOREY, "storey 2": STOREY, "storey 3": laws.PowerSeries(1, [25.0, 2e7])}
+    )
+    table = diagnosis(record(stiff, dofs=(2,))).table
+    assert "storey 3" in table.loc[table["limit"] == "excitation", "where"].tolist()
+
+
+def test_the_fall_back_is_among_the_limits():
+    rng = np.random.default_rng(0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        model = NRFRegressor(degree=1, estimation="iv", dt=1e-3).fit(
+            rng.normal(size=(4000, 6)), rng.normal(size=(4000, 2))
+        )
+    assert "estimation" in model.diagnose().table["limit"].tolist()
+
+
+def test_plans_agree_with_identifiability():
+    chain = Chain(4, links=["link 4-2"])
+    for options in ({}, {"unknown": [2]}, {"can_hit": [1, 2], "unknown": [4]}):
+        table = chain.plan(**options).table
+        for row in table.itertuples():
+            walk = chain.identifiability(row.hit, unknown=options.get("unknown", ()), strategy="sequential")
+            assert walk.complete == (row.identifies == 1.0) == (row.left == "")
+        assert set().union(*table["hit"]) <= set(options.get("can_hit", range(1, 5))) - set(options.get("unknown", ()))
+        assert table["identifies"][0] == table["identifies"].max()
+
+
+def test_a_floor_at_a_node_is_not_recommended():
+    """Three equal floors on a spring to the ground at both ends: the middle one is a node of mode 2."""
+    chain = Chain(3, ground="both")
+    model = ChainModel([10.0] * 3, {s: STOREY for s in chain.sites}, chain)
+    plan = chain.plan(model=model, most=1)
+    assert plan.table["response"][[h == (2,) for h in plan.table["hit"]]].item() == pytest.approx(0.0, abs=1e-9)
+    assert plan.table["hit"][0] != (2,)
+
+
+def test_a_missing_sensor_is_said_and_a_wrong_floor_refused():
+    text = str(Chain(4).plan(sensors=[1, 2, 4]))
+    assert "Floor 3 has no sensor" in text and "accelerometer on floor 3" in text and "with that sensor" in text
+    with pytest.raises(ChainError, match="DOF 9"):
+        Chain(4).plan(can_hit=[9])

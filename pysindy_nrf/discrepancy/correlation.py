@@ -112,7 +112,8 @@ def whitened_autocorrelation(parts: Parts, density: Sequence[np.ndarray], lags: 
     .. math:: \phi(\tau) = \sum_k r_k \cos(\pi k \tau / M) / \sum_k r_k, \quad r_k = I_k / S_k
 
     over the M frequencies with ``S_k > max S / 4`` (beyond, what leaks from the band outweighs the
-    rest): they are spread over the whole axis, so that noise of the reference's colour becomes white and :math:`\phi` has the standard deviation ``1/sqrt(2 M)``.  # noqa: E501
+    rest): they are spread over the whole axis, so that noise of the reference's colour becomes white and
+    :math:`\phi` has the standard deviation ``1/sqrt(2 M)``.
 
     Parameters
     ----------

@@ -93,7 +93,8 @@ def detect(
 
     *Whiteness*: portmanteau of the autocorrelation, after division by the spectrum that the noise
     floor (or, without one, white noise behind the filter) would have. *First order*:
-    :math:`\phi_{xe}` with inputs (forces, base acceleration, covariates) and the states s, v beside the balance. *Higher  # noqa: E501
+    :math:`\phi_{xe}` with inputs (forces, base acceleration, covariates) and the states s, v beside the
+    balance. *Higher
     order* (Billings-Voon), on what no linear filter of these signals explains: :math:`\phi_{x^2 e}`,
     :math:`\phi_{x^3 e}`, :math:`\phi_{|x||e|}` (in place of squares, whose heavy tails give false alarms),
     :math:`\phi_{e(ex)}`. The noise floor's draws tell what correlation the noise in the channels causes

@@ -74,7 +74,8 @@ def localise(
         Best first, index = site: ``share`` (percent of the squares that corrections of the baseline leave,
         weighted), ``low``, ``high`` (about 95 %, by jackknife over blocks), ``own`` (percent of the force
         there that its own motion explains on blocks left out, beside linear terms; for a sensor, the derivative of
-        its channel; for a DOF site, what none of these explains; NaN if not looked at), ``rms`` (of the force, N), ``balances``  # noqa: E501
+        its channel; for a DOF site, what none of these explains; NaN if not looked at), ``rms`` (of
+        the force, N), ``balances``
         (signs), ``verdict`` (in words).
 
     Raises

@@ -79,7 +79,6 @@ def coulomb(force, storey, n, width):
     return extra
 
 
-@pytest.mark.xfail(reason="a strong cubic is detected but called linear: its first-order correlation wins", strict=False)
 def test_effects_are_detected_and_named_linear_or_nonlinear():
     cubic = duffing(3, [1, 2, 3], seed=1, n_samples=6000)
     assert detect(fitted(cubic)).verdicts.loc["storey 2", "verdict"] == NONLINEAR

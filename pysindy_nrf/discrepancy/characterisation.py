@@ -149,11 +149,10 @@ class _Work:
         self.force, self.motions, self.filters = force, motions, filters
         self.rms = float(np.sqrt(np.mean(np.concatenate(force) ** 2)))
         self.basis = Basis(motions)
-        self.makers: dict[str, Any] = {
-            "constant": lambda m: np.ones((m.n_samples, 1)), "linear": self.basis.linear, "s": self.basis.drift,
-            "v": self.basis.rate, "surface": self.basis.surface, "path": self.basis.path, "amplitude": self.basis.amplitude,  # noqa: E501
-            "smooth s": lambda m: self.basis.smooth(m, "s"),
-        }  # fmt: skip
+        basis = self.basis
+        self.makers: dict[str, Any] = {"constant": lambda m: np.ones((m.n_samples, 1)), "linear": basis.linear}
+        self.makers |= {"s": basis.drift, "v": basis.rate, "surface": basis.surface, "path": basis.path}
+        self.makers |= {"amplitude": basis.amplitude, "smooth s": lambda m: basis.smooth(m, "s")}
         self.makers |= {f"gap {g:.1f}": lambda m, g=g: self.basis.hinges(m, g) for g in GAPS}
         timed = all(m.t is not None for m in motions)
         if timed:
@@ -376,7 +375,8 @@ def _sentence(found: Characterisation, noise: float | None, rms: float) -> str:
     if noise is not None and rms > 0:
         quiet = f", noise is {min(100.0, 100 * (noise / rms) ** 2):.0f} %"
     if d == "nothing tried":
-        return f"Depends on nothing that was tried (at most {max(best, 0):.0f} % explained{quiet}): noise, or a force from outside."  # noqa: E501
+        text = f"Depends on nothing that was tried (at most {max(best, 0):.0f} % explained{quiet})"
+        return f"{text}: noise, or a force from outside."  # noqa: E501
     share = float(found.shares.loc[d, "share"])
     end = f"; {share:.0f} % explained on data left out{quiet}."
     if d.startswith("line"):
@@ -387,7 +387,8 @@ def _sentence(found: Characterisation, noise: float | None, rms: float) -> str:
         return _WORDS[d] + end
     parity = "odd" if found.odd > 0.9 else "even" if found.odd < 0.1 else "neither odd nor even"
     if d == "path":
-        return f"Depends on the path (memory adds {found.memory:.0f} points to any function of s and v), {parity}: hysteresis-like{end}"  # noqa: E501
+        text = f"Depends on the path (memory adds {found.memory:.0f} points to any function of s and v)"
+        return f"{text}, {parity}: hysteresis-like{end}"  # noqa: E501
     marks = found.features
     text = f"Depends on {d}, {parity}"
     if "jump at v = 0" in marks:

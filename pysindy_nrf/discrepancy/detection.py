@@ -17,6 +17,7 @@ import pandas as pd
 from ..segments import Segment, SegmentSet
 from ..sites import Site
 from .correlation import Cross, Parts, cross_covariance, peak_limit, probability_of_peak, whitened_autocorrelation
+from .dependence import filtered
 from .noise_floor import AT_FLOOR, NoiseFloor
 from .residual import ROUND_OFF, Residual
 
@@ -35,8 +36,8 @@ class Detection:
     ----------
     verdicts : DataFrame
         Rows ``"dof j"`` and ``"storey i"``: ``verdict``; ``percent`` (of the reference); ``floor ratio`` (rms
-        over that of the noise floor); ``linear share`` (of the residual's variance that past, present and
-        future of the local drifts and the inputs explain linearly); ``p white``, ``p linear``,
+        over that of the noise floor); ``linear share`` (of the residual's variance that drifts, rates and
+        inputs explain linearly); ``p white``, ``p linear``,
         ``p nonlinear`` (probability of such a correlation in noise, corrected for the number of tests).
     tests : DataFrame
         One row for each test: ``where``, ``test``, ``signal``, ``peak`` (of the normalised correlation),
@@ -95,7 +96,7 @@ def detect(
     floor (or, without one, white noise behind the filter) would have. *First order*:
     :math:`\phi_{xe}` with inputs (forces, base acceleration, covariates) and the states s, v beside the
     balance. *Higher
-    order* (Billings-Voon), on what no linear filter of these signals explains: :math:`\phi_{x^2 e}`,
+    order* (Billings-Voon), on what drifts, rates and inputs do not explain linearly: :math:`\phi_{x^2 e}`,
     :math:`\phi_{x^3 e}`, :math:`\phi_{|x||e|}` (in place of squares, whose heavy tails give false alarms),
     :math:`\phi_{e(ex)}`. The noise floor's draws tell what correlation the noise in the channels causes
     by itself; it is taken off.
@@ -166,24 +167,28 @@ class _View:
 
     def __init__(self, residual: Residual, data: SegmentSet) -> None:
         self.residual, self.data = residual, data
-        self._bases: dict[tuple[int, ...], np.ndarray] = {}
+        self._bases: dict[tuple[int, ...], tuple[np.ndarray, int]] = {}
 
-    def basis(self, use: list[int], spacing: int, worth: float) -> np.ndarray:
-        """Orthonormal columns of all drifts and inputs at neighbouring times, in the band.
+    def basis(self, use: list[int], spacing: int, worth: float) -> tuple[np.ndarray, int]:
+        """Orthonormal columns of what is linear, in the band, and the rows lost at each end.
 
+        All drifts and rates, and the inputs at neighbouring times. No accelerations and no drifts at
+        neighbouring times, which hold them: beside the forces they close the true balance, whatever is missing.
         ``worth`` is the number of independent samples: at most an eighth of it is spent on columns.
         """
         key = tuple(use)
         if key not in self._bases:
             segments = [self.data.segments[i] for i in use]
-            signals = [[seg.s[seg.valid, k].astype(float) for seg in segments] for k in range(segments[0].n_dof)]
-            signals += [x for _, x in _inputs(segments)]
-            taps = int(np.clip((worth / 8 / len(signals) - 1) / 2, 0, _TAPS))
-            rows = [
-                _taps(_filtered([x[i] for x in signals], [self.residual.filters[k]] * len(signals)), spacing, taps)
-                for i, k in enumerate(use)
-            ]
-            self._bases[key] = _orthonormal(np.vstack(rows))
+            inputs = [x for _, x in _inputs(segments)]
+            shortest = min(seg.valid.stop - seg.valid.start for seg in segments)
+            taps = int(np.clip((worth / 8 / max(1, len(inputs)) - 1) / 2, 0, _TAPS))
+            taps = min(taps, max(0, (shortest - 64) // (8 * spacing)))
+            rows = []
+            for i, (seg, k) in enumerate(zip(segments, use)):
+                filter = self.residual.filters[k]
+                motion = np.column_stack([seg.s[seg.valid], seg.v[seg.valid]]).astype(float)
+                rows.append(_linear(filtered(motion, filter), [filtered(x[i], filter) for x in inputs], spacing, taps))
+            self._bases[key] = _orthonormal(np.vstack(rows)), taps * spacing
         return self._bases[key]
 
     def target(self, where: str) -> tuple[list[int], list[np.ndarray]]:
@@ -254,7 +259,7 @@ class _Place:
             verdict = UNMEASURED
         if p_linear < self.level / 3 and share >= self.min_share:
             verdict = LINEAR
-        if p_nonlinear < self.level / 3 and strong * left >= self.min_share and left >= self.min_share:
+        if p_nonlinear < self.level / 3 and min(strong, left) >= self.min_share:
             verdict = NONLINEAR
         return {
             "verdict": verdict,
@@ -314,7 +319,7 @@ class _Place:
 
 
 class _Side:
-    """Residual, signals and their powers of one view; what linear filters of the signals explain is taken off."""
+    """Residual, signals and their powers of one view; what is linear in drifts, rates and inputs is taken off."""
 
     def __init__(self, view: _View, where: str, spacing: int) -> None:
         use, self.e = view.target(where)
@@ -323,28 +328,33 @@ class _Side:
         states, inputs = view.signals(where, use)
         self.raw = states | inputs
         self.plain = {name: _filtered(x, self.filters) for name, x in self.raw.items()}
-        self._cut = np.cumsum([len(e) for e in self.e])[:-1]
-        whole = np.concatenate(self.e)
         self.bandwidth = _bandwidth(self.e)
-        self._basis = view.basis(use, spacing, len(whole) * self.bandwidth)
-        self.rest = self._without(whole)
-        before, after = float(whole @ whole), float(sum(r @ r for r in self.rest))
-        worth = max(len(whole) * self.bandwidth, 2.0 * self._basis.shape[1])
+        self._basis, self._pad = view.basis(use, spacing, sum(map(len, self.e)) * self.bandwidth)
+        inside = self._inside(self.e)
+        self.rest = self._without(inside)
+        before, after = (sum(float(x @ x) for x in parts) for parts in (inside, self.rest))
+        worth = max(sum(map(len, inside)) * self.bandwidth, 2.0 * self._basis.shape[1])
         overfit = self._basis.shape[1] / worth
         self.linear_share = (
             float(np.clip(((before - after) / before - overfit) / (1 - overfit), 0.0, 1.0)) if before else 0.0
         )
         self._powers: dict[tuple[str, int], list[np.ndarray]] = {}
 
-    def _without(self, whole: np.ndarray) -> list[np.ndarray]:
-        return np.split(whole - self._basis @ (self._basis.T @ whole), self._cut)
+    def _inside(self, x: Parts) -> list[np.ndarray]:
+        """The rows at which all neighbouring times lie within the record."""
+        return [part[self._pad : len(part) - self._pad] for part in x]
+
+    def _without(self, x: Parts) -> list[np.ndarray]:
+        """What drifts, rates and inputs do not explain linearly."""
+        whole = np.concatenate(x)
+        return np.split(whole - self._basis @ (self._basis.T @ whole), np.cumsum([len(part) for part in x])[:-1])
 
     def _power(self, name: str, degree: int) -> list[np.ndarray]:
         if (name, degree) not in self._powers:
             raw = self.raw[name]
             size = max(float(np.abs(x).max()) for x in raw) or 1.0
             columns = _filtered([(x / size) ** degree for x in raw], self.filters)
-            self._powers[name, degree] = self._without(np.concatenate([c - c.mean() for c in columns]))
+            self._powers[name, degree] = self._without(self._inside([c - c.mean() for c in columns]))
         return self._powers[name, degree]
 
     def cross(self, kind: str, name: str, lags: int) -> Cross:
@@ -353,25 +363,25 @@ class _Side:
             return cross_covariance(self.plain[name], self.e, lags)
         if kind in ("x2e", "x3e"):
             return cross_covariance(self._power(name, int(kind[1])), self.rest, lags)
+        plain = self._inside(self.plain[name])
         if kind == "|x||e|":
-            return cross_covariance([np.abs(x) for x in self.plain[name]], [np.abs(r) for r in self.rest], lags)
-        products = [x * r for x, r in zip(self.plain[name], self.rest)]
+            return cross_covariance([np.abs(x) for x in plain], [np.abs(r) for r in self.rest], lags)
+        products = [x * r for x, r in zip(plain, self.rest)]
         # nearer lags hold the residual's own colour besides
         first = int(np.ceil(1.5 / self.bandwidth))
         return cross_covariance(products, self.rest, first + lags, first)
 
 
 def _filtered(x: Parts, filters: list[Any]) -> list[np.ndarray]:
-    return [part if f is None else f.apply(part) for part, f in zip(x, filters)]
+    return [filtered(part, f) for part, f in zip(x, filters)]
 
 
-def _taps(signals: list[np.ndarray], spacing: int, count: int) -> np.ndarray:
-    """Signals shifted by multiples of the spacing, a constant beside them; shape (n_samples, ..)."""
-    columns = [np.ones(len(signals[0]))]
-    for x in signals:
-        padded = np.pad(x, count * spacing)
-        columns += [padded[k * spacing : k * spacing + len(x)] for k in range(2 * count + 1)]
-    return np.column_stack(columns)
+def _linear(motion: np.ndarray, inputs: list[np.ndarray], spacing: int, count: int) -> np.ndarray:
+    """A constant, the motion, and inputs shifted by multiples of the spacing; the rows where all exist."""
+    pad = count * spacing
+    rows = len(motion) - 2 * pad
+    shifted = [x[k * spacing : k * spacing + rows] for x in inputs for k in range(2 * count + 1)]
+    return np.column_stack([np.ones(rows), motion[pad : pad + rows], *shifted])
 
 
 def _orthonormal(columns: np.ndarray) -> np.ndarray:

@@ -63,8 +63,8 @@ def localise(
         Sites already blamed: their patterns are allowed for everywhere (two effects at once).
     known_masses : iterable of int
         DOFs whose mass is not corrected. Under base excitation without forces all masses are held, as they
-        must have been given; so are those of a piece of the chain that the free force cuts off from
-        all measured forces.
+        must have been given; in a piece of the chain that the free force cuts off from all measured
+        forces the largest one is.
     n_blocks : int
         Contiguous blocks behind the band.
 
@@ -254,7 +254,7 @@ class _Work:
         target = np.zeros(form.shape[0])
         target[k:] = 1.0
         free = np.ones(k, dtype=bool)
-        free[k - n :] = self._scaled(b) & ~self.held
+        free[k - n :] = self._free_masses(b)
         whole = float(target @ form @ target)
         A, h = form[:k, :k][np.ix_(free, free)], (form @ target)[:k][free]
         size = np.sqrt(np.maximum(np.diag(A), 0.0))
@@ -281,12 +281,16 @@ class _Work:
         piece = np.where(seen, connected_components(ties @ ties.T)[1], -1)
         return piece, np.isin(piece, piece[self.forced & seen])
 
-    def _scaled(self, b: np.ndarray | None) -> np.ndarray:
-        """DOFs whose mass is free: a measured force scales their piece of the chain."""
+    def _free_masses(self, b: np.ndarray | None) -> np.ndarray:
+        """DOFs whose mass is corrected: all but one, the largest, of a piece that nothing scales."""
         piece, scaled = self._pieces(b)
+        masses = self.residual.model.masses
         out = np.zeros(self.residual.n_dof, dtype=bool)
-        out[self.known] = scaled & (piece >= 0)
-        return out
+        out[self.known] = piece >= 0
+        for p in np.unique(piece[(piece >= 0) & ~scaled]):
+            dofs = self.known[piece == p]
+            out[dofs[np.abs(masses[dofs]).argmax()]] = False
+        return out & ~self.held
 
     def _left(self, b: np.ndarray | None, gram: np.ndarray, size: float) -> float:
         left = self._correct(b, gram)[1] / size

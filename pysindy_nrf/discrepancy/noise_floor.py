@@ -267,7 +267,7 @@ def _segments(record: Record, X: Any, F: Any) -> SegmentSet:
 
 
 def _quiet_level(force: np.ndarray, fs: float) -> float:
-    """White noise under a band-limited force, rms, from the quietest twentieth of its spectrum; 0 if it cannot be told."""  # noqa: E501
+    """White noise under a band-limited force (rms) from its quietest frequencies; 0 if it cannot be told."""  # noqa: E501
     from scipy.signal import welch
 
     force = force[np.isfinite(force)]

@@ -124,3 +124,13 @@ def test_bad_input_is_refused():
         characterise(np.where(T > 1, S, np.nan), Motion(S, V))
     with pytest.raises(ChannelError, match="200 samples"):
         characterise(S[:100], Motion(S[:100], V[:100]))
+
+
+def test_display_draws_shares_and_the_force_against_the_rate():
+    pytest.importorskip("matplotlib").use("Agg")
+    from pysindy_nrf.displays.dependence import DependenceDisplay
+
+    found = characterise(residual("coulomb", 0.0), Motion(S, V, A, T))
+    display = DependenceDisplay(found).plot()
+    assert [axis.get_xlabel() for axis in display.ax_[1:]] == ["drift s (m)", "rate v (m/s)"]
+    assert len(display.ax_[0].patches) == len(found.shares)

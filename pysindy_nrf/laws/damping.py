@@ -30,7 +30,7 @@ class QuadraticDamping(ForceLaw):
         super().__init__(coefficients={"c2": c2})
 
     def terms(self) -> tuple[Term, ...]:
-        """One term, v |v|."""
+        """One term, ``v |v|``."""
         return (Term("c2", "v |v|", "N s^2/m^2"),)
 
     @staticmethod
@@ -67,7 +67,7 @@ class PowerLawDamping(ForceLaw):
         super().__init__({"n": n}, {"cn": cn})
 
     def terms(self) -> tuple[Term, ...]:
-        """One term, sgn(v) |v|^n."""
+        """One term, ``sgn(v) |v|^n``."""
         return (Term("cn", "sgn(v) |v|^n", "N s^n/m^n"),)
 
     @staticmethod

@@ -62,7 +62,7 @@ class AbsoluteQuadraticStiffness(ForceLaw):
         super().__init__(coefficients={"k2": k2})
 
     def terms(self) -> tuple[Term, ...]:
-        """One term, s |s|."""
+        """One term, ``s |s|``."""
         return (Term("k2", "s |s|", "N/m^2"),)
 
     @staticmethod

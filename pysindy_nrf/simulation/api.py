@@ -72,8 +72,8 @@ def simulate(
     ----------
     model : ChainModel
         Anything with ``chain``, ``masses`` and ``laws``.
-    F : array-like of shape (n_samples, n_dof)
-        Applied forces, N.
+    F : array-like of shape (n_samples, n_dof), or None
+        Applied forces, N; None if only the base moves.
     dt : float
         Sampling step, s.
     method : {"default", "rk4", "newmark"}
@@ -198,7 +198,9 @@ def _run(model, F, dt, method, x0, v0, base_acceleration, covariates, hold, rtol
     dt = _positive("dt", dt, "Give the sampling step in s.")
     rtol = _positive("rtol", rtol, "Give a small positive number, e.g. 1e-10.")
     n = len(model.masses)
-    force = finite(F, "F", n, "force")
+    if F is None and base_acceleration is None:
+        raise ChannelError("Nothing drives the free run", "Give forces F, or base_acceleration=.")
+    force = np.zeros((len(base_acceleration), n)) if F is None else finite(F, "F", n, "force")
     if len(force) < 2:
         raise ChannelError(f"The force has {len(force)} samples", "At least two are needed.")
     x, v = initial(x0, "x", n, "displacement"), initial(v0, "v", n, "velocity")

@@ -1,0 +1,68 @@
+"""Sphinx configuration: ``sphinx-build -W docs docs/_build/html``."""
+
+import os
+import warnings
+
+from sphinx_gallery.sorting import FileNameSortKey
+
+import pysindy_nrf
+
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(name, "1")
+
+project = "pysindy_nrf"
+author = "pysindy_nrf developers"
+copyright = "pysindy_nrf developers"
+release = pysindy_nrf.__version__
+version = release
+
+extensions = [
+    "myst_parser",
+    "numpydoc",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.viewcode",
+    "sphinx_gallery.gen_gallery",
+]
+exclude_patterns = ["_build", "gallery/*.ipynb", "gallery/*.py", "gallery/*.md5", "gallery/*.json"]
+source_suffix = {".rst": "restructuredtext", ".md": "markdown"}
+
+myst_enable_extensions = ["dollarmath", "deflist"]
+myst_heading_anchors = 3
+
+templates_path = ["_templates"]
+autosummary_generate = True
+suppress_warnings = ["config.cache"]
+autodoc_typehints = "none"
+numpydoc_show_class_members = False
+
+html_theme = "pydata_sphinx_theme"
+html_title = "pysindy_nrf"
+html_theme_options = {"show_toc_level": 2, "navigation_with_keys": False, "use_edit_page_button": False}
+html_show_sourcelink = False
+
+# Examples that read measured records run where PYSINDY_NRF_DATA names their folder.
+measured = os.environ.get("PYSINDY_NRF_DATA")
+sphinx_gallery_conf = {
+    "examples_dirs": "../examples",
+    "gallery_dirs": "gallery",
+    "filename_pattern": r"/plot_",
+    "ignore_pattern": r"__init__\.py" if measured else r"__init__\.py|_measured",
+    "within_subsection_order": FileNameSortKey,
+    "remove_config_comments": True,
+    "download_all_examples": False,
+    "show_memory": False,
+    "abort_on_example_error": True,
+}
+
+# A figure is drawn to a file and to the page alike.
+warnings.filterwarnings("ignore", message="FigureCanvasAgg is non-interactive")
+
+
+def _skip_routing(app, what, name, obj, skip, options):
+    """The metadata methods that scikit-learn adds to every estimator are described there."""
+    return True if name.startswith("set_") and name.endswith("_request") or name == "get_metadata_routing" else skip
+
+
+def setup(app):
+    app.connect("autodoc-skip-member", _skip_routing)

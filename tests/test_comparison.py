@@ -149,3 +149,34 @@ def test_the_ruler_is_the_packages_own(case):
     rest = alone.balance_errors(case.X[2100:], case.F[2100:])
     table = compare_with_sindy(case.X, case.F, case.dt, degree=1, free_run=5, optimizers={})
     assert table.loc["pysindy_nrf, least squares", "balance_error"] == pytest.approx(rest.loc["pooled", "error"], rel=1e-2)
+
+
+def test_every_model_is_taken_apart_into_the_terms_of_its_storeys():
+    """Shares of the true law: coefficient times rms of the term over rms of the storey's force, written out here."""
+    from pysindy_nrf.comparison import compare
+
+    case = chains.duffing(3, [2], seed=2, n_samples=3000)
+    found = compare(case.X, case.F, case.dt, truth=true_model(case), free_run=5, optimizers={}).coefficients
+    rest = slice(2100, None)
+    rms = lambda y: np.sqrt(np.mean(y**2))  # noqa: E731
+    for i in range(3):
+        size = rms(case.storey_forces[rest, i])
+        wanted = {"v": case.c[i] * rms(case.v[rest, i]), "s": case.k[i] * rms(case.s[rest, i]), "s^3": case.k3[i] * rms(case.s[rest, i] ** 3)}
+        row = found.loc[f"storey {i + 1}"]
+        for term, share in wanted.items():
+            assert row.loc[term, "truth"] == pytest.approx(share / size, rel=1e-6)
+            assert row.loc[term, "pysindy_nrf, least squares"] == pytest.approx(share / size, rel=1e-3)
+        assert row.loc["other", "truth"] < 1e-9
+        assert row.loc["other", "SINDy, defaults"] > 0.05
+
+
+def test_coefficients_are_drawn_a_panel_a_storey(case):
+    pytest.importorskip("matplotlib").use("Agg")
+    from pysindy_nrf.comparison import compare
+    from pysindy_nrf.displays import CoefficientsDisplay
+
+    found = compare(case.X, case.F, case.dt, truth=true_model(case), free_run=5, optimizers={})
+    display = CoefficientsDisplay.from_comparison(found).plot()
+    assert len(display.ax_) == 2 and [t.get_text() for t in display.ax_[-1].get_xticklabels()][:2] == ["v", "s"]
+    heights = [bar.get_height() for bar in display.ax_[0].containers[0]]
+    assert heights == found.coefficients.loc["storey 1", "truth"].tolist()

@@ -5,13 +5,17 @@ Matplotlib (extra ``plot``) is imported when something is drawn.
 
 from .before_after import BeforeAfterDisplay
 from .change_map import ChangeMapDisplay
+from .coefficients import CoefficientsDisplay
 from .damper_force import DamperForceDisplay
+from .dependence import DependenceDisplay
 from .energy import EnergyDisplay
 from .free_run import FreeRunDisplay
+from .localisation import LocalisationDisplay
 from .loops import HysteresisLoopDisplay
 from .modes import ModesDisplay
 from .planarity import PlanarityDisplay
 from .record import RecordDisplay
+from .residual_map import ResidualMapDisplay
 from .surface import RestoringForceSurfaceDisplay
 from .track import TrackDisplay
 
@@ -27,4 +31,8 @@ __all__ = [
     "PlanarityDisplay",
     "RecordDisplay",
     "TrackDisplay",
+    "CoefficientsDisplay",
+    "DependenceDisplay",
+    "LocalisationDisplay",
+    "ResidualMapDisplay",
 ]

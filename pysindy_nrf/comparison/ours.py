@@ -1,0 +1,50 @@
+"""This package in the comparison."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..model import ChainModel
+from ..regressor import NRFRegressor
+from .data import Part, shares
+
+
+class Ours:
+    """NRFRegressor with some optimizer."""
+
+    finds_masses = True
+
+    def __init__(self, degree: int, optimizer: Any) -> None:
+        self.degree, self.optimizer = degree, optimizer
+
+    def work(self, data: Part) -> float:
+        return 0.0
+
+    def fit(self, data: Part) -> None:
+        self.model = NRFRegressor(degree=self.degree, optimizer=self.optimizer, dt=data.dt).fit(data.X, data.F)
+
+    @property
+    def terms(self) -> int:
+        laws = sum(int(np.count_nonzero(R.coefficients)) for R in self.model.restoring_forces_.values())
+        return len(self.model.masses_) + laws
+
+    def masses(self, data: Part) -> np.ndarray:
+        return self.model.masses_
+
+    def accelerations(self, data: Part) -> np.ndarray:
+        return data.a + (data.F - self.model.predict(data.X)) / self.model.masses_
+
+    def hits(self, data: Part, truth: ChainModel) -> tuple[float, float]:
+        def kept(forces: Any) -> set[tuple[str, str]]:
+            return {(str(site), label) for site, R in forces.items() for label, c in R.coefficients.items() if c}
+
+        return shares(kept(self.model.restoring_forces_), kept(truth.restoring_forces))
+
+    def third_law(self, masses: np.ndarray) -> tuple[float, str]:
+        gap = self.model.third_law_gap_
+        return (float(gap.max()), "twice") if len(gap) else (0.0, "once")
+
+    def run(self, data: Part, deadline: float) -> np.ndarray:
+        return self.model.simulate(data.F, x0=data.x[0], v0=data.xdot[0]).displacement

@@ -1,0 +1,123 @@
+"""A chain as a true ps.SINDy, and back."""
+
+from __future__ import annotations
+
+import warnings
+
+import chains
+import numpy as np
+import pysindy as ps
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from pysindy_nrf import ChainModel, InterstoryPolynomialLibrary, NRFRegressor, StateSpaceChainOptimizer, laws
+from pysindy_nrf.exceptions import ChainError, LawError
+
+N = 3
+
+
+@pytest.fixture(scope="module")
+def case():
+    return chains.duffing(N, [2], seed=4, n_samples=6000)
+
+
+def state_of(case):
+    return case.absolute[:, case.n :][:, np.r_[case.n : 2 * case.n, 0 : case.n]]
+
+
+def truth_of(case):
+    held = {i + 1: [laws.LinearViscous(case.c[i]), laws.Duffing(case.k[i], case.k3[i])] for i in range(case.n)}
+    return ChainModel(case.m, held)
+
+
+def test_its_right_hand_side_is_newtons_second_law(case):
+    """Against the balances written out here, at the record's own states and forces."""
+    rates = truth_of(case).to_sindy().predict(state_of(case), u=case.F)
+    R = case.storey_forces
+    a = (case.F - R + np.hstack([R[:, 1:], np.zeros((len(R), 1))])) / case.m
+    assert np.abs(rates[:, :N] - case.v.cumsum(axis=1)).max() == 0.0
+    assert np.abs(rates[:, N:] - a).max() < 1e-12 * np.abs(a).max()
+
+
+def test_its_free_run_is_that_of_an_independent_integrator(case):
+    model = truth_of(case)
+    start = state_of(case)[1000]
+    t = np.arange(60) * case.dt
+    run = model.to_sindy(case.dt).simulate(start, t, u=lambda tau: np.zeros((np.size(tau), N)) if np.ndim(tau) else np.zeros(N))
+
+    def rate(_, y):
+        x, v = y[:N], y[N:]
+        s, w = np.diff(x, prepend=0.0), np.diff(v, prepend=0.0)
+        R = case.c * w + case.k * s + case.k3 * s**3
+        return np.concatenate([v, (-R + np.append(R[1:], 0.0)) / case.m])
+
+    exact = solve_ivp(rate, (0, t[-1]), start, t_eval=t[: len(run)], rtol=1e-10, atol=1e-14, method="DOP853").y.T
+    assert np.abs(run - exact).max() < 1e-5 * np.abs(exact).max()
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.integers(1, 5), st.integers(0, 10_000))
+def test_there_and_back_is_the_same_model(n, seed):
+    m, c, k, k3 = chains.parameters(n, np.random.default_rng(seed))
+    model = ChainModel(m, {i + 1: [laws.PowerSeries(2, [c[i], k[i], 0.0, 1.0, -k3[i] / 1e3])] for i in range(n)})
+    assert ChainModel.from_sindy(model.to_sindy()) == model
+
+
+def test_the_regressor_gives_its_model(case):
+    model = NRFRegressor(degree=3, dt=case.dt).fit(case.X, case.F)
+    assert ChainModel.from_sindy(model.to_sindy()) == model.model_
+
+
+def test_trajectory_lists_with_one_floor_hit_in_each_give_the_chain():
+    records = [chains.duffing(N, [j], seed=7, n_samples=3000) for j in (1, 2, 3)]
+    library, optimizer = InterstoryPolynomialLibrary(3, inputs="state"), StateSpaceChainOptimizer()
+    sindy = ps.SINDy(feature_library=library, optimizer=optimizer)
+    rates = [np.hstack([r.v.cumsum(axis=1), r.a]) for r in records]
+    sindy.fit([state_of(r) for r in records], t=records[0].dt, x_dot=rates, u=[r.F for r in records])
+    found = ChainModel.from_sindy(sindy)
+    assert np.abs(found.masses / records[0].m - 1).max() < 1e-8
+    for i in range(N):
+        law = found.restoring_forces[i + 1].coefficients
+        assert law["s"] == pytest.approx(records[0].k[i], rel=1e-6) and law["s^3"] == pytest.approx(records[0].k3[i], rel=1e-5)
+
+
+def test_without_measured_accelerations_sindy_differentiates(case):
+    """Only states and one force: SINDy's own spline derivative stands in for the accelerations."""
+    sindy = ps.SINDy(
+        feature_library=InterstoryPolynomialLibrary(3, inputs="state"),
+        optimizer=StateSpaceChainOptimizer(),
+        differentiation_method=ps.SINDyDerivative(kind="spline", s=1e-12),
+    )
+    middle = slice(200, 5800)
+    sindy.fit(state_of(case)[middle], t=case.dt, u=case.F[middle])
+    assert np.abs(ChainModel.from_sindy(sindy).masses / case.m - 1).max() < 0.02
+
+
+def test_a_plain_optimizer_on_our_library_is_read_too():
+    """Every floor forced, normalised STLSQ of PySINDy itself: masses are the reciprocals of its coefficients."""
+    case = chains.duffing(2, [1, 2], seed=3, n_samples=4000)
+    sindy = ps.SINDy(
+        feature_library=InterstoryPolynomialLibrary(3, inputs="state"),
+        optimizer=ps.STLSQ(threshold=1e-6, alpha=0.0, normalize_columns=True),
+    )
+    sindy.fit(state_of(case), t=case.dt, x_dot=np.hstack([case.v.cumsum(axis=1), case.a]), u=case.F)
+    found = ChainModel.from_sindy(sindy)
+    assert np.abs(found.masses / case.m - 1).max() < 1e-6
+    assert found.restoring_forces[2].coefficients["s"] == pytest.approx(case.k[1], rel=1e-4)
+
+
+def test_what_cannot_be_read_is_refused_in_words(case):
+    plain = ps.SINDy(feature_library=ps.PolynomialLibrary(1))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        plain.fit(state_of(case), t=case.dt, x_dot=np.hstack([case.v.cumsum(axis=1), case.a]), u=case.F)
+        with pytest.raises(ChainError, match="PolynomialLibrary does not say which column"):
+            ChainModel.from_sindy(plain)
+        lost = ps.SINDy(feature_library=InterstoryPolynomialLibrary(1, inputs="state"), optimizer=ps.STLSQ(threshold=0.5))
+        lost.fit(state_of(case), t=case.dt, x_dot=np.hstack([case.v.cumsum(axis=1), case.a]), u=case.F)
+    with pytest.raises(ChainError, match="m1, m2, m3 cannot be read off"):
+        ChainModel.from_sindy(lost)
+    with pytest.raises(LawError, match="remembers the path"):
+        ChainModel([1.0], {1: laws.Dahl(1e3, 10.0)}).to_sindy()

@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from ..exceptions import FileFormatError
+from .attributes import SCHEMA, Attributes
 from .names import split_unit
 from .table import MAX_BYTES, Table, check_file, unreadable
 from .units import is_unit
 
 _HEAD_BYTES = 65536
+_OWN = b'# {"schema": "' + SCHEMA.encode() + b'"'
 _SEPARATORS = {";": ";", "tab": "\t", ",": ",", "|": "|", "blank": r"\s+"}
 _COMMENTS = ("#", "%", "//")
 _MISSING = {"", "nan", "na", "n/a", "null", "none", "-nan", "inf", "-inf"}
@@ -73,6 +75,10 @@ def read_delimited(path: Path, max_bytes: int = MAX_BYTES) -> Table:
     import pandas as pd
 
     check_file(path, max_bytes)
+    with open(path, "rb") as file:
+        first = file.readline(_HEAD_BYTES)
+    if first.startswith(_OWN):
+        return _own(path, first)
     dialect = sniff(path)
     try:
         frame = pd.read_csv(
@@ -109,6 +115,20 @@ def read_delimited(path: Path, max_bytes: int = MAX_BYTES) -> Table:
         + ("" if dialect.named else "; no names in the file, columns are c1, c2, ...")
     ]
     return Table(path, "delimited text", variables, units, notes)
+
+
+def _own(path: Path, first: bytes) -> Table:
+    """A record that this package wrote, its attributes in the first line."""
+    attributes = Attributes.from_json(first[1:].strip(), path)
+    names = ["t", *attributes.columns]
+    try:  # every digit counts here: exact, if slower than pandas
+        values = np.loadtxt(path, delimiter=",", skiprows=2, comments=None, ndmin=2, encoding="utf-8")
+    except (ValueError, UnicodeError) as error:
+        raise unreadable(path, "delimited text", error) from error
+    if values.shape[1] != len(names):
+        raise unreadable(path, "delimited text", f"{values.shape[1]} columns where {len(names)} are announced")
+    columns = dict(zip(names, values.T))
+    return Table(path, "CSV", columns, attributes=attributes, fs=attributes.fs)
 
 
 def _numbers(column) -> np.ndarray:
@@ -242,11 +262,13 @@ def _header(lines, rows, start: int, width: int, separator: str) -> tuple[tuple[
         units = [c.strip("[]()- ") for c in above.pop()]
     if not above:
         return tuple(f"c{i + 1}" for i in range(width)), tuple(units), False
+    cells = [cell.strip('"') for cell in above[-1]]
+    split = [split_unit(cell) for cell in cells]
+    bare = [name for name, _ in split]
     names = []
-    for i, cell in enumerate(above[-1]):
-        name, unit = split_unit(cell.strip('"'))
-        names.append(name)
-        units[i] = unit if unit and is_unit(unit) else units[i]
-        if unit and not is_unit(unit):
-            names[i] = cell.strip('"')
+    for i, (name, unit) in enumerate(split):
+        # "acc (N)" and "acc (S)" are two directions of one name, not a force and a time
+        measured = unit is not None and bare.count(name) == 1 and is_unit(unit)
+        names.append(name if unit is None or measured else cells[i])
+        units[i] = unit if measured and unit else units[i]
     return tuple(names), tuple(units), True

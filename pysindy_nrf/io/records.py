@@ -10,7 +10,8 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import ChannelError, FileFormatError
-from ..record import Record
+from ..record import Record, seconds_of
+from .attributes import restored
 from .expression import Expression, line_of, parse
 from .names import channel_of
 from .table import MAX_BYTES, Table
@@ -30,10 +31,13 @@ class Source:
         The mapping, or the column's name.
     unit : str
         Unit in the file.
+    name : str
+        The variable of the file.
     """
 
     text: str
     unit: str
+    name: str = ""
 
 
 @dataclass
@@ -48,23 +52,50 @@ class Reading:
         By channel.
     unused : tuple of str
         Variables of the file that are not in the record.
+    clock : str
+        How the sampling rate was found.
     """
 
     record: Record
     table: Table
     sources: dict[str, Source]
     unused: tuple[str, ...]
+    clock: str = ""
+
+
+@dataclass
+class Load:
+    """What acts on a structure.
+
+    Attributes
+    ----------
+    name : str
+    fs, t0 : float
+        Sampling rate, Hz, and time of the first sample, s.
+    force : ndarray of shape (n_samples, n_dof)
+        N.
+    base_acceleration : ndarray of shape (n_samples,) or None
+        m/s^2.
+    covariates : dict of str to ndarray of shape (n_samples,)
+    """
+
+    name: str
+    fs: float
+    t0: float
+    force: np.ndarray
+    base_acceleration: np.ndarray | None
+    covariates: dict[str, np.ndarray]
 
 
 def read_record(path: Any, *, mapping: Mapping[str, str] | None = None, fs: float | None = None,
                 units: Mapping[str, str] | None = None, name: str | None = None,
-                coordinates: str = "relative", max_bytes: int = MAX_BYTES) -> Record:  # fmt: skip
+                coordinates: str | None = None, max_bytes: int = MAX_BYTES) -> Record:  # fmt: skip
     """Read the measured channels of one test from a file.
 
     Parameters
     ----------
-    path : path-like
-        See :func:`read_table` for the types.
+    path : path-like or sequence of path-like
+        See :func:`read_table` for the types and for several files of one test.
     mapping : mapping of str to str, optional
         Channels by ``[-] name [:, k] * factor @ unit``: ``{"x1": "qm", "F1": "vir*35.1507",
         "a2": "-acc[:, 2] @ g"}``. The factor may name a number held by the file. ``"none"`` drops a
@@ -77,15 +108,16 @@ def read_record(path: Any, *, mapping: Mapping[str, str] | None = None, fs: floa
         Units by channel or by kind, ``{"a": "g", "x": "mm", "x3": "in"}``; ``@ unit`` in the mapping
         goes first, a unit written in the file's header last. SI where nothing is said.
     name : str, optional
-        Name of the test; the file's name if None.
-    coordinates : {"relative", "absolute"}
-        Whether velocities and displacements are relative to the base.
+        Name of the test; that in the file, or the file's own, if None.
+    coordinates : {"relative", "absolute"}, optional
+        Whether velocities and displacements are relative to the base; relative if neither you nor the
+        file say.
     max_bytes : int
 
     Returns
     -------
     Record
-        SI units.
+        SI units. A file written by :func:`write_record` gives its record back bit for bit.
 
     Raises
     ------
@@ -93,6 +125,8 @@ def read_record(path: Any, *, mapping: Mapping[str, str] | None = None, fs: floa
         If the file cannot be read or has no such variable.
     ChannelError
         If a mapping or unit is not understood, or a channel does not hold finite numbers.
+    MissingExtraError
+        If the type of file or a unit needs an optional package.
 
     Examples
     --------
@@ -100,12 +134,12 @@ def read_record(path: Any, *, mapping: Mapping[str, str] | None = None, fs: floa
     >>> from pysindy_nrf.io import read_record
     >>> folder = tempfile.TemporaryDirectory()
     >>> path = pathlib.Path(folder.name, "test 7.csv")
-    >>> _ = path.write_text("t,laser [mm],drive\\n0.00,1.0,0.1\\n0.01,1.5,0.2\\n0.02,1.0,0.1\\n")
+    >>> _ = path.write_text("t,laser [m],drive\\n0.00,0.1,0.1\\n0.01,0.5,0.2\\n0.02,0.1,0.1\\n")
     >>> rec = read_record(path, mapping={"x1": "laser", "F1": "drive*35.15"})
     >>> rec
     Record('test 7': 1 DOF, 3 samples at 100 Hz (0.03 s), channels F1, x1)
     >>> rec.displacement.ravel(), rec.force.ravel()
-    (array([0.001 , 0.0015, 0.001 ]), array([3.515, 7.03 , 3.515]))
+    (array([0.1, 0.5, 0.1]), array([3.515, 7.03 , 3.515]))
     >>> folder.cleanup()
     """
     return inspect_record(
@@ -115,7 +149,7 @@ def read_record(path: Any, *, mapping: Mapping[str, str] | None = None, fs: floa
 
 def inspect_record(path: Any, *, mapping: Mapping[str, str] | None = None, fs: float | None = None,
                    units: Mapping[str, str] | None = None, name: str | None = None,
-                   coordinates: str = "relative", max_bytes: int = MAX_BYTES) -> Reading:  # fmt: skip
+                   coordinates: str | None = None, max_bytes: int = MAX_BYTES) -> Reading:  # fmt: skip
     """Read a record and keep how the file was understood, for :func:`describe`.
 
     Parameters
@@ -128,6 +162,91 @@ def inspect_record(path: Any, *, mapping: Mapping[str, str] | None = None, fs: f
     Reading
     """
     table = read_table(path, max_bytes=max_bytes)
+    return understand(table, mapping=mapping, fs=fs, units=units, name=name, coordinates=coordinates)
+
+
+def read_excitation(path: Any, n_dof: int, *, mapping: Mapping[str, str] | None = None, fs: float | None = None,
+                    units: Mapping[str, str] | None = None, name: str | None = None,
+                    max_bytes: int = MAX_BYTES) -> Load:  # fmt: skip
+    """Read what acts on a structure, to simulate its answer.
+
+    Parameters
+    ----------
+    path, mapping, fs, units, name, max_bytes
+        As for :func:`read_record`.
+    n_dof : int
+        Degrees of freedom of the structure.
+
+    Returns
+    -------
+    Load
+        Motions in the file are left out.
+
+    Raises
+    ------
+    ChannelError
+        If nothing acts, or a force acts on a DOF that the structure does not have.
+    """
+    table = read_table(path, max_bytes=max_bytes)
+    lines, sources = _lines(table, mapping, units)
+    lines = {c: line for c, line in lines.items() if c[:1] not in "avx" or c == "ag" or dimension_of(c) is None}
+    if not any(dimension_of(c) == "force" or c == "ag" for c in lines):
+        raise FileFormatError(
+            f"{table.path}: no column is known to be a force or the base acceleration; it holds {table.names}",
+            "Name columns F1.., ag, t, or map them: mapping={'F1': 'name'}, --map F1=name.",
+        )
+    beyond = [c for c in lines if c[:1] == "F" and c[1:].isdigit() and int(c[1:]) > n_dof]
+    if beyond:
+        raise ChannelError(f"{beyond[0]} acts on a DOF that the model does not have", f"It has DOFs 1 to {n_dof}.")
+    n = len(next(iter(lines.values())))
+    lines |= {f"x{j}": np.zeros(n) for j in range(1, n_dof + 1)}  # a record wants motions
+    record = _record(table, lines, sources, fs, name or table.path.stem, "relative")[0]
+    if record.unknown:
+        raise ChannelError(f"F{record.unknown[0]} is unknown", "A simulation needs the force itself.")
+    return Load(record.name, record.fs, record.t0, record.force, record.base_acceleration, record.covariates)
+
+
+def understand(table: Table, *, mapping: Mapping[str, str] | None = None, fs: float | None = None,
+               units: Mapping[str, str] | None = None, name: str | None = None,
+               coordinates: str | None = None) -> Reading:  # fmt: skip
+    """A record from the variables of a file.
+
+    Parameters
+    ----------
+    table : Table
+    mapping, fs, units, name, coordinates
+        As for :func:`read_record`.
+
+    Returns
+    -------
+    Reading
+    """
+    own = table.attributes
+    if coordinates not in (None, "relative", "absolute"):
+        raise ChannelError(f"coordinates={coordinates!r} is unknown", "Choose 'relative' (to the base) or 'absolute'.")
+    if own is not None and not mapping and not units and fs is None:
+        record = restored(own, table.variables)
+        if name or coordinates:
+            record = record.replace(name=name or record.name, coordinates=coordinates or record.coordinates)
+        sources = {c: Source(c, si_unit(c)) for c in own.columns}
+        return Reading(record, table, sources, (), f"{record.fs:g} Hz, as written by this package")
+    lines, sources = _lines(table, mapping, units)
+    if not any(dimension_of(c) not in (None, "force", "time") and c not in ("ag", "vg", "xg") for c in lines):
+        raise FileFormatError(
+            f"{table.path}: no column is known to be a motion; it holds {table.names}",
+            "Name columns a1.., v1.., x1.., F1.., ag, t, or map them: mapping={'x1': 'name'}, --map x1=name.",
+        )
+    title = name or (own.name if own else table.path.stem)
+    record, clock = _record(table, lines, sources, fs, title, coordinates or (own.coordinates if own else "relative"))
+    used = {source.name for source in sources.values()}
+    unused = tuple(v for v in table.variables if v not in used)
+    return Reading(record, table, sources, unused, clock)
+
+
+def _lines(
+    table: Table, mapping: Mapping[str, str] | None, units: Mapping[str, str] | None
+) -> tuple[dict[str, np.ndarray], dict[str, Source]]:
+    """Samples in SI and their origin, by channel."""
     chosen = _chosen(table, dict(mapping or {}))
     declared = _declared(units)
     lines: dict[str, np.ndarray] = {}
@@ -143,39 +262,64 @@ def inspect_record(path: Any, *, mapping: Mapping[str, str] | None = None, fs: f
             scale = factor(unit, channel)
             line = line if scale == 1 else line * scale
         lines[channel] = line
-        sources[channel] = Source(_text(expression), unit or si_unit(channel))
+        sources[channel] = Source(_text(expression), unit or si_unit(channel), expression.name)
     stray = [key for key in declared if not any(key in (c, c[:1]) for c in lines)]
     if stray:
         raise ChannelError(
             f"A unit is given for {stray[0]!r}, which is not among the channels {', '.join(lines) or '(none)'}",
             "Name a channel (x1) or a kind (x, v, a, F, t).",
         )
-    if not any(dimension_of(c) not in (None, "force", "time") and c not in ("ag", "vg", "xg") for c in lines):
-        raise FileFormatError(
-            f"{table.path}: no column is known to be a motion; it holds {table.names}",
-            "Name columns a1.., v1.., x1.., F1.., ag, t, or map them: mapping={'x1': 'name'}, --map x1=name.",
-        )
     _same_length(table, lines)
-    n = len(next(iter(lines.values())))
+    n = len(next(iter(lines.values()), ()))
     for channel in unknown:
         lines[channel] = np.full(n, np.nan)
         sources[channel] = Source("unknown", "")
+    return lines, sources
+
+
+def _record(
+    table: Table,
+    lines: dict[str, np.ndarray],
+    sources: Mapping[str, Source],
+    fs: float | None,
+    name: str,
+    coordinates: str,
+) -> tuple[Record, str]:
+    """The record of lines in SI, and how its clock was found."""
+    said = "as given"
     if "t" in lines and lines["t"].dtype == object:
         lines["t"] = _timestamps(table, lines["t"])
     elif "t" not in lines and fs is None:
-        raise ChannelError(
-            f"{table.path} has no time column", "Give the sampling rate, fs= (--fs, Hz), or map one: --map t=name."
-        )
-    record = Record.from_frame(pd.DataFrame(lines), fs=fs, name=name or table.path.stem, coordinates=coordinates)
-    used = {e.name for e in chosen.values() if isinstance(e, Expression)}
-    unused = tuple(v for v in table.variables if v not in used)
-    return Reading(record, table, sources, unused)
+        fs, said = table.fs, "as stated in the file"
+        if fs is None:
+            raise ChannelError(
+                f"{table.path} has no time column", "Give the sampling rate, fs= (--fs, Hz), or map one: --map t=name."
+            )
+    channels = {c: line for c, line in lines.items() if dimension_of(c)}
+    record = Record.from_frame(pd.DataFrame(channels), fs=fs, name=name, coordinates=coordinates)
+    if len(channels) < len(lines):  # whatever a covariate is called, it is no channel
+        record = record.replace(covariates={c: line for c, line in lines.items() if not dimension_of(c)})
+    if "t" in lines:
+        said = _clock(lines["t"], record, sources.get("t"))
+    return record, f"{record.fs:g} Hz, {said}"
+
+
+def _clock(time: Any, record: Record, source: Source | None) -> str:
+    """How even the clock is, in words."""
+    steps = np.diff(seconds_of(time, record.name)) * record.fs
+    jitter = 100 * float(np.abs(steps - 1).max())
+    even = "even" if jitter < 0.01 else f"steps vary by up to {jitter:.2g} %"
+    return f"from the time{'' if source is None else ' ' + repr(source.text)}, {even}"
 
 
 def _chosen(table: Table, mapping: dict[str, str]) -> dict[str, Expression | str]:
     """Expression by channel: the file's own names first, then the mapping."""
     chosen: dict[str, Expression | str] = {}
+    extra = set(table.attributes.covariates) if table.attributes else set()
     for name, values in table.variables.items():
+        if name in extra:
+            chosen[name] = Expression(name)
+            continue
         if name in _MATRICES and values.ndim == 2:
             for k in range(values.shape[1]):
                 chosen[f"{name}{k + 1}"] = Expression(name, column=k)

@@ -9,6 +9,7 @@ import numpy as np
 from ..channels import finite_span
 from ..record import Record
 from .records import Reading
+from .table import Table
 from .units import si_unit
 
 _KINDS = {"a": "absolute acceleration", "v": "velocity", "x": "displacement", "F": "force"}
@@ -49,12 +50,55 @@ def describe(what: Record | Reading) -> str:
     rows = [_row(record, name, line, reading) for name, line in record.channels().items() if name not in assumed]
     width = max(len(name) for name, *_ in rows)
     lines = [_head(record, reading)]
-    if reading and reading.table.notes:
-        lines.append(f"  read as {reading.table.kind}: {'; '.join(reading.table.notes)}")
+    if reading:
+        lines.append(f"  read as {'; '.join([reading.table.kind, *reading.table.notes])}")
+        lines.append(f"  clock: {reading.clock}")
     for name, kind, size, source in rows:
         lines.append(f"  {name:{width}s}  {kind:33s} {size}{source}")
     lines += [f"  {text}" for text in (_forces(record), _masked(record), _unused(reading)) if text]
     return "\n".join(lines)
+
+
+def contents(table: Table, most: int = 40) -> str:
+    """Say what variables a file holds, for one who must map them.
+
+    Parameters
+    ----------
+    table : Table
+    most : int
+        Variables shown.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pathlib import Path
+    >>> from pysindy_nrf.io import Table
+    >>> from pysindy_nrf.io.summary import contents
+    >>> held = {"Laser": np.arange(4.0), "gain": np.array(35.1)}
+    >>> print(contents(Table(Path("lab.mat"), "MATLAB", held, {"Laser": "mm"})))
+    lab.mat holds (MATLAB):
+      Laser  4 values, 0 to 3 mm
+      gain   35.1
+    """
+    width = min(max((len(name) for name in table.variables), default=0), 40)
+    lines = [f"{table.path} holds ({'; '.join([table.kind, *table.notes])}):"]
+    for name, values in list(table.variables.items())[:most]:
+        lines.append(f"  {name:{width}s}  {_extent(values)}{' ' + table.units[name] if name in table.units else ''}")
+    rest = len(table.variables) - most
+    return "\n".join([*lines, *([f"  and {rest} more"] if rest > 0 else [])])
+
+
+def _extent(values: np.ndarray) -> str:
+    if values.ndim == 0:
+        return f"{values[()]:.6g}" if values.dtype.kind in "iuf" else str(values[()])
+    shape = f"{len(values)} values" if values.ndim == 1 else " x ".join(map(str, values.shape))
+    if values.dtype.kind not in "iuf" or not np.isfinite(values).any():
+        return f"{shape}, no numbers" if values.dtype.kind in "OUS" else shape
+    return f"{shape}, {np.nanmin(values):.4g} to {np.nanmax(values):.4g}"
 
 
 def summary(record: Record) -> dict[str, Any]:
@@ -89,6 +133,28 @@ def summary(record: Record) -> dict[str, Any]:
     }
 
 
+def kind_of(record: Record, name: str) -> str:
+    """What a channel is, in words.
+
+    Parameters
+    ----------
+    record : Record
+    name : str
+        A channel, e.g. ``"a1"``.
+
+    Returns
+    -------
+    str
+    """
+    if name in _BASES:
+        return _BASES[name]
+    if name[:1] not in _KINDS or not name[1:].isdigit():
+        return "covariate"
+    if name[0] not in "vx":
+        return _KINDS[name[0]]
+    return _KINDS[name[0]] + (" relative to base" if record.coordinates == "relative" else ", absolute")
+
+
 def _head(record: Record, reading: Reading | None) -> str:
     where = f" from {reading.table.path}" if reading else ""
     dofs = f"{record.n_dof} DOF{'s' if record.n_dof > 1 else ''}"
@@ -97,14 +163,7 @@ def _head(record: Record, reading: Reading | None) -> str:
 
 
 def _row(record: Record, name: str, line: np.ndarray, reading: Reading | None) -> tuple[str, str, str, str]:
-    if name in _BASES:
-        kind = _BASES[name]
-    elif name[:1] in _KINDS and name[1:].isdigit():
-        kind = _KINDS[name[0]]
-        if name[0] in "vx":
-            kind += " relative to base" if record.coordinates == "relative" else ", absolute"
-    else:
-        kind = "covariate"
+    kind = kind_of(record, name)
     unit = si_unit(name) if kind != "covariate" else ""
     values = line.astype(float)
     rms, peak = np.sqrt(np.nanmean(values**2)), np.nanmax(np.abs(values))

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..exceptions import FileFormatError
+from .attributes import Attributes
 
 # A record of a test fits in memory many times over below this size.
 MAX_BYTES = 4_000_000_000
@@ -28,6 +29,10 @@ class Table:
         Units written in the file's header.
     notes : list of str
         What the reader decided, in words.
+    attributes : Attributes, optional
+        Of the record, where the file was written by this package.
+    fs : float, optional
+        Sampling rate, Hz, where the file states one and has no time.
     """
 
     path: Path
@@ -35,6 +40,8 @@ class Table:
     variables: dict[str, np.ndarray]
     units: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    attributes: Attributes | None = None
+    fs: float | None = None
 
     @property
     def names(self) -> str:

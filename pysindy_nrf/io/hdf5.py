@@ -1,0 +1,66 @@
+"""HDF5 files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._extras import require
+from ..exceptions import FileFormatError
+from .flatten import flattened
+from .table import MAX_BYTES, Table, check_file, check_size, unreadable
+
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
+
+
+def read_hdf5(path: Path, max_bytes: int = MAX_BYTES, matlab: bool = False) -> Table:
+    """Read the numeric data sets of an HDF5 file, groups joined by points.
+
+    Parameters
+    ----------
+    path : Path
+    max_bytes : int
+        Limit of what the data sets declare together.
+    matlab : bool
+        Transpose arrays, which MATLAB stores columns first.
+
+    Returns
+    -------
+    Table
+
+    Raises
+    ------
+    FileFormatError
+        Also for data sets that lie in other files: nothing but this file is read.
+    """
+    check_file(path, max_bytes)
+    h5py = require("h5py", "files", "Reading HDF5 and MATLAB v7.3 files")
+    variables: dict[str, np.ndarray] = {}
+    total = 0
+    try:
+        with h5py.File(path, "r") as file:
+            sets: list[tuple[str, Any]] = []
+            file.visititems(lambda name, item: sets.append((name, item)) if isinstance(item, h5py.Dataset) else None)
+            for name, item in sets:
+                if name.startswith("#") or item.dtype.kind not in "biufc" or "MATLAB_empty" in item.attrs:
+                    continue
+                if matlab and item.attrs.get("MATLAB_class") in (b"char", "char"):
+                    continue
+                if item.shape is None:
+                    continue
+                if item.external or item.is_virtual:
+                    raise FileFormatError(
+                        f"{path}: the data set {name!r} lies in another file, which is not opened",
+                        "Export the measured values themselves into one file.",
+                    )
+                total += item.size * item.dtype.itemsize
+                check_size(path, total, max_bytes)
+                values = np.asarray(item[()])
+                variables[name.replace("/", ".")] = values.T if matlab else values
+    except FileFormatError:
+        raise
+    except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
+        raise unreadable(path, "MATLAB v7.3" if matlab else "HDF5", error) from error
+    return Table(path, "MATLAB v7.3" if matlab else "HDF5", flattened(variables))

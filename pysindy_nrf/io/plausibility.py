@@ -1,0 +1,86 @@
+"""What looks wrong with a record before anything is solved: units, signs, delays, channels."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..exceptions import NRFError
+from ..record import Record
+
+# Size of a motion or force above which a unit is likelier wrong than the structure violent.
+_LARGE = {"a": (500.0, "m/s^2"), "v": (50.0, "m/s"), "x": (10.0, "m"), "F": (1e9, "N")}
+# Ratios of two channels of one motion that betray a unit.
+_RATIOS = {9.80665: "g", 1e3: "mm", 1e2: "cm", 1e6: "µm", 39.3701: "inches", 3.28084: "feet", 100 / 9.80665: "gal"}
+_NEAR = 0.12  # relative distance within which a ratio is recognised
+
+
+def doubts(record: Record) -> list[str]:
+    """What looks wrong with a record.
+
+    Parameters
+    ----------
+    record : Record
+
+    Returns
+    -------
+    list of str
+        Sentences; empty if nothing was found. Sizes no structure reaches; two channels of one DOF that contradict
+        each other in size, sign or time; channels that are dead, clipped, spiky, coarse or copied.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import datasets
+    >>> from pysindy_nrf.io import doubts
+    >>> record = datasets.load_demo()
+    >>> doubts(record)
+    []
+    >>> doubts(record.replace(acceleration=record.acceleration / 9.80665))[0]
+    'x1 is 9.8 times as large as a1 says: is a1 in g? (or x1 in another unit)'
+    """
+    from ..channel_checks import check_channels
+
+    out = _large(record) + _contradictions(record)
+    return out + list(check_channels(record)["message"])
+
+
+def _large(record: Record) -> list[str]:
+    out = []
+    for name, line in record.channels().items():
+        kind = name[0] if name in ("ag", "vg", "xg") or name[1:].isdigit() else ""
+        if kind in _LARGE:
+            most, unit = _LARGE[kind]
+            peak = float(np.nanmax(np.abs(line)))
+            if peak > most:
+                out.append(f"{name} reaches {peak:.3g} {unit}: is its unit declared?")
+    return out
+
+
+def _contradictions(record: Record) -> list[str]:
+    from ..alignment import channel_alignment
+
+    try:
+        table = channel_alignment(record)
+    except NRFError:  # no DOF has two kinds of channels
+        return []
+    out = []
+    for name, row in table.iterrows():
+        if row["aligned"]:
+            continue
+        gain = float(row["gain"])
+        unit = _betrayed(gain, str(row["reference"]), str(name)) if np.isfinite(gain) else ""
+        if unit:
+            out.append(f"{name} is {gain:.2g} times as large as {row['reference']} says: {unit}")
+        elif not np.isfinite(gain) or abs(gain - 1) > 0.1 or row["sign"] < 0 or abs(row["samples"]) > 0.5:
+            out.append(str(row["message"]))
+    return out
+
+
+def _betrayed(gain: float, reference: str, name: str) -> str:
+    for ratio, unit in _RATIOS.items():
+        if abs(gain / ratio - 1) < _NEAR:
+            wrong, other = (reference, name) if unit in ("g", "gal") else (name, reference)
+            return f"is {wrong} in {unit}? (or {other} in another unit)"
+        if abs(gain * ratio - 1) < _NEAR:
+            wrong, other = (name, reference) if unit in ("g", "gal") and name[0] == "a" else (reference, name)
+            return f"is {wrong} in {unit}? (or {other} in another unit)"
+    return ""

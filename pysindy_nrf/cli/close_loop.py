@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -13,17 +12,19 @@ from .options import (
     Degree,
     Mass,
     as_mapping,
+    files_argument,
     json_option,
     laws_of,
     output_option,
     readings_of,
     record_options,
 )
+from .output import page
 from .session import Session
 
 
-@click.command("close-loop")
-@click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path(path_type=Path))
+@click.command("close-loop", short_help="Find the effects that a model lacks.")
+@files_argument
 @record_options
 @click.option(
     "--heldout", multiple=True, type=click.Path(path_type=Path), help="A file that only the last line may see."
@@ -63,48 +64,46 @@ def close_loop(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
         laws=laws_of(pairs, options["degree"]),
         known_masses=as_mapping(options["masses"], "--known-mass") or None,
     )
-    readings = readings_of(files, options)
-    kept = readings_of(options["heldout"], options)
+    readings = readings_of(files, options, session)
+    kept = readings_of(options["heldout"], options, session) if options["heldout"] else []
     session.say("What was measured\n-----------------")
     for reading in (*readings, *kept):
         session.say(describe(reading))
-    report = run(
-        [r.record for r in readings],
-        baseline,
-        heldout=[r.record for r in kept] or None,
-        band=options["band"],
-        random_state=options["seed"],
-        max_steps=options["steps"],
-        progress=not as_json,
-    )
+    with session.listening():
+        report = run(
+            [r.record for r in readings],
+            baseline,
+            heldout=[r.record for r in kept] or None,
+            band=options["band"],
+            random_state=options["seed"],
+            max_steps=options["steps"],
+            progress=not as_json,
+        )
     session.say(heading("What was found"))
     session.say(str(report))
     session.say(heading("Errors, percent NRMSE (balance errors, but for the free run)"))
     session.say(table(report.table))
     session.say(heading("Model"))
     session.say(str(report.model))
+    session.take_care()
     written = _write(report, options["output"])
-    if as_json:
-        click.echo(json.dumps(_data(report) | {"files": [str(p) for p in written]}, indent=2))
-    session.say(f"\nWritten to {options['output']}: {', '.join(p.name for p in written)}")
+    session.emit(_data(report), written)
+    session.written(options["output"], written)
 
 
 def _write(report: Any, folder: Path) -> list[Path]:
     from .._atomic import atomic_write
+    from ..io import write_table
 
-    names = ["model.json", "closed_loop.md", "closed_loop.html", "closed_loop.csv"]
-    written = [folder / name for name in names]
-    report.model.to_json(written[0])
-    with atomic_write(written[1]) as file:
+    model, words = folder / "model.json", folder / "closed_loop.md"
+    report.model.to_json(model)
+    with atomic_write(words) as file:
         file.write(report.to_markdown())
-    report.to_html(written[2])
-    with atomic_write(written[3]) as file:
-        report.table.to_csv(file, index_label="model", lineterminator="\n")
-    return written
+    written = [model, words, write_table(report.table.rename_axis("model"), folder / "closed_loop.csv")]
+    return written + page(lambda path: report.to_html(path), folder / "closed_loop.html")
 
 
 def _data(report: Any) -> dict[str, Any]:
-    table = report.table.astype(object).where(report.table.notna(), None)
     return {
         "steps": [
             {
@@ -120,7 +119,7 @@ def _data(report: Any) -> dict[str, Any]:
             }
             for s in report.steps
         ],
-        "table": table.to_dict("index"),
+        "table": report.table,
         "stopped_because": report.stopped_because,
         "model": report.model.to_dict(),
     }

@@ -9,7 +9,7 @@ import click
 from .options import json_option, output_option
 
 
-@click.command()
+@click.command(short_help="Identify a bundled record of a shaken frame.")
 @output_option
 @json_option
 def demo(output: Path, as_json: bool) -> None:
@@ -32,5 +32,5 @@ def demo(output: Path, as_json: bool) -> None:
     estimator = NRFRegressor(degree=3)
     say_plan(session, 3, reading.record.forced, reading.record.unknown, {}, estimator)
     outcome = identify_records([reading.record], estimator, raw=False, progress=session.progress)
-    session.finish(outcome, None, output, True, [summary(reading.record)], demo_truth())
-    session.say("\nNext: pysindy-nrf identify YOUR_TEST.csv   (pysindy-nrf identify --help)")
+    session.finish(outcome, None, output, True, [summary(reading.record)], demo_truth(), page_of=[reading.record])
+    session.say("\nNext: pysindy-nrf inspect YOUR_TEST.csv, then identify, then close-loop   (pysindy-nrf --help)")

@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 
 from .._atomic import atomic_write
+from ..displays import FreeRunDisplay, HysteresisLoopDisplay
+from ..displays._axes import BLUE, ORANGE
 from .text import band_text
 from .work import Outcome
-
-# Blue and orange of Okabe and Ito's palette, told apart by colour-blind readers and in grey.
-MEASURED, MODEL = "#999999", "#0072B2"
 
 
 def available() -> bool:
@@ -44,8 +43,35 @@ def draw_all(outcome: Outcome, folder: Path, band: Any) -> list[Path]:
     written = []
     if outcome.runs:
         written.append(_save(folder / "restoring_forces.png", lambda: _forces(outcome)))
-        written.append(_save(folder / "free_run.png", lambda: _free_run(outcome)))
+        written.append(_save(folder / "free_run.png", lambda: _free_run(outcome, band)))
     return written
+
+
+def draw(path: Path, plot: Callable[[Any], Any], size: tuple[float, float] = (6.0, 4.0)) -> list[Path]:
+    """Draw one figure.
+
+    Parameters
+    ----------
+    path : Path
+    plot : callable
+        Takes the axes.
+    size : (float, float)
+        Inches.
+
+    Returns
+    -------
+    list of Path
+        Empty without matplotlib.
+    """
+    if not available():
+        return []
+
+    def drawn() -> Any:
+        figure, axes = _figure(1, 1, size)
+        plot(axes[0, 0])
+        return figure
+
+    return [_save(path, drawn)]
 
 
 def _save(path: Path, draw: Callable[[], Any]) -> Path:
@@ -66,47 +92,38 @@ def _figure(rows: int, columns: int, size: tuple[float, float]):
 
 
 def _forces(outcome: Outcome):
-    """Each storey's force along the first record, against its drift."""
+    """Each site's force along the first record, against its drift."""
     model = outcome.estimator.model_
     seg, _ = outcome.runs[0]
     sites = [site for site, laws in model.laws.items() if laws]
     columns = min(3, len(sites))
     rows = -(-len(sites) // columns)
-    figure, axes = _figure(rows, columns, (3.6 * columns, 3.2 * rows))
+    figure, axes = _figure(rows, columns, (3.9 * columns, 3.3 * rows))
     for ax, site in zip(axes.flat, sites):
         motion = seg.motion(site, seg.valid)
-        force = model.restoring_forces[site].along(motion)
-        ax.plot(1e3 * motion.s, force, ".", ms=1.5, color=MODEL, rasterized=True)
-        ax.set(xlabel="drift s (mm)", ylabel="restoring force (N)", title=str(site))
-        ax.grid(alpha=0.3)
+        HysteresisLoopDisplay(motion.s, model.restoring_forces[site].along(motion), site=str(site)).plot(ax)
     for ax in list(axes.flat)[len(sites) :]:
         ax.set_axis_off()
-    figure.suptitle(
-        f"Identified restoring forces along {seg.name!r}" if seg.name != "0" else "Identified restoring forces"
-    )
     return figure
 
 
-def _free_run(outcome: Outcome):
+def _free_run(outcome: Outcome, band: Any):
     """Measured and free-run displacements at the end of the first record, where a model has had time to go wrong."""
+    from ..fair_filter import FairFilter
+
     seg, run = outcome.runs[0]
-    measured = 1e3 * np.cumsum(seg.s[seg.valid], axis=1)
-    own, time = 1e3 * run.displacement, run.time
-    rows = slice(_start_of_last_cycles(measured), None)
-    measured, own, time = measured[rows], own[rows], time[rows]
+    measured, own = np.cumsum(seg.s[seg.valid], axis=1), run.displacement
+    begin = run.time[_start_of_last_cycles(measured)]
+    if band is not None:
+        filter = FairFilter(band, run.fs)
+        measured, own = filter.apply(measured), filter.apply(own)
     n = measured.shape[1]
     figure, axes = _figure(n, 1, (8.0, 1.2 + 1.7 * n))
-    for j in range(n):
-        ax = axes[n - 1 - j, 0]  # the roof on top
-        ax.plot(time, measured[:, j], color=MEASURED, lw=2.2, label="measured")
-        ax.plot(time, own[:, j], color=MODEL, lw=0.9, label="model alone")
-        low, high = measured[:, j].min(), measured[:, j].max()
-        room = 0.3 * (high - low)
-        ax.set(ylabel=f"x{j + 1} (mm)", ylim=(low - room, high + room))
-        ax.grid(alpha=0.3)
-    axes[-1, 0].set_xlabel("time (s)")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
-    figure.suptitle(f"Free run under the measured force, last {time[-1] - time[0]:.3g} s")
+    FreeRunDisplay(run.time, measured, own).plot(axes)  # its errors are those of the whole record
+    for ax in axes.flat:
+        ax.set_xlim(begin, run.time[-1])
+    last = f", last {run.time[-1] - begin:.3g} s" if begin > run.time[0] else ""
+    figure.suptitle(f"The model alone under the measured force{last}, {band_text(band)}")
     return figure
 
 
@@ -125,8 +142,8 @@ def _responses(outcome: Outcome, band: Any):
     figure, axes = _figure(frf.n_dof, 1, (8.0, 1.2 + 1.9 * frf.n_dof))
     for j in range(frf.n_dof):
         ax = axes[frf.n_dof - 1 - j, 0]
-        ax.semilogy(frf.f[used], np.abs(frf.H[used, j]), color=MEASURED, lw=2.2, label="measured")
-        ax.semilogy(frf.f[used], np.abs(found[used, j]), color=MODEL, lw=0.9, label="model")
+        ax.semilogy(frf.f[used], np.abs(frf.H[used, j]), color=ORANGE, lw=1.8, label="measured")
+        ax.semilogy(frf.f[used], np.abs(found[used, j]), color=BLUE, lw=0.9, ls="--", label="model")
         ax.set(ylabel=f"|H{j + 1}| (m/s²/N)")
         ax.grid(alpha=0.3)
     axes[-1, 0].set_xlabel("frequency (Hz)")

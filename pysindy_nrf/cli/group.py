@@ -10,13 +10,30 @@ import click
 from .. import __version__
 from ..exceptions import MissingExtraError, NRFError
 from .close_loop import close_loop
+from .compare import compare
 from .demo import demo
 from .identify import identify
+from .inspect import inspect
+from .plan import plan
+from .report import report
+from .select_order import select_order
+from .session import printable
+from .simulate import simulate
 
 USAGE, DATA, OTHER, INTERRUPTED = 2, 3, 1, 130
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110, "show_default": True})
+class _Ordered(click.Group):
+    """Commands in the order in which they are used."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(self.commands)
+
+
+@click.group(
+    cls=_Ordered,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110, "show_default": True},
+)
 @click.version_option(__version__, prog_name="pysindy-nrf")
 def cli() -> None:
     """Masses and nonlinear restoring forces of chain-like structures from measured forces and motions.
@@ -25,18 +42,19 @@ def cli() -> None:
     Start with
         pysindy-nrf demo
     then give it your own test, a file with columns t, F1.., a1.., v1.., x1.. (SI units):
+        pysindy-nrf inspect test.csv          (what does the file hold?)
         pysindy-nrf identify test.csv
         pysindy-nrf close-loop test.csv       (what does the model lack?)
-    and see pysindy-nrf identify --help for other names, units and kinds of files.
+    Columns with other names and units: --map F2='Shaker @ kN' --unit a=g --unit x=mm, on each of them.
 
     \b
     Exit codes: 0 done, 2 wrong usage, 3 the data or what was asked of them, 1 anything else, 130 stopped by Ctrl-C.
+    Results go to the output stream, progress and errors to the error stream.
     """
 
 
-cli.add_command(demo)
-cli.add_command(identify)
-cli.add_command(close_loop)
+for command in (demo, inspect, identify, close_loop, select_order, compare, simulate, report, plan):
+    cli.add_command(command)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -62,14 +80,17 @@ def run(arguments: Sequence[str] | None = None) -> int:
     int
         The exit code.
     """
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):  # a terminal that cannot show a sign shows its code
+            stream.reconfigure(errors="backslashreplace")
     try:
-        return (
-            cli.main(
-                args=None if arguments is None else list(arguments), prog_name="pysindy-nrf", standalone_mode=False
-            )
-            or 0
-        )
+        given = None if arguments is None else list(arguments)
+        return cli.main(args=given, prog_name="pysindy-nrf", standalone_mode=False) or 0
+    except click.exceptions.NoArgsIsHelpError as error:
+        error.show()
+        return USAGE
     except click.ClickException as error:
+        error.message = printable(error.message)
         error.show()
         return USAGE
     except NRFError as error:
@@ -84,6 +105,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         return _say(f"{where}{error.strerror or error}.", OTHER)
+    except RecursionError:
+        return _say("A file or expression is nested too deeply.", OTHER)
     except MemoryError:
         return _say("Not enough memory. Cut the record or lower the degree.", OTHER)
     except Exception as error:  # a fault of ours
@@ -92,5 +115,5 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 
 def _say(text: str, code: int, word: str = "Error: ") -> int:
-    click.echo(f"{word}{text}", err=True)
+    click.echo(printable(f"{word}{text}"), err=True)
     return code

@@ -13,6 +13,7 @@ from .options import (
     Mass,
     Pair,
     as_mapping,
+    files_argument,
     json_option,
     laws_of,
     output_option,
@@ -22,8 +23,8 @@ from .options import (
 from .session import Session
 
 
-@click.command()
-@click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path(path_type=Path))
+@click.command(short_help="Find masses and restoring forces from records.")
+@files_argument
 @record_options
 @click.option("--degree", type=Degree(), default=3, help="Total degree of the power series, or box k,q.")
 @click.option(
@@ -67,13 +68,19 @@ from .session import Session
 )
 @output_option
 @click.option("--figures/--no-figures", default=True, help="Draw figures (needs matplotlib).")
+@click.option("--tables", type=click.Choice(["csv", "parquet"]), default="csv", help="Type of the tables.")
+@click.option(
+    "--forces",
+    type=click.Choice(["csv", "parquet", "uff"]),
+    help="Write the restoring force of each site along each record too.",
+)
 @click.option("--dry-run", is_flag=True, help="Say what was understood and what can be identified, then stop.")
 @json_option
 def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) -> None:
     """Find masses and restoring forces from the records of one chain.
 
-    FILE is CSV or other delimited text, Parquet, MATLAB, HDF5 or NumPy; several files are several
-    tests of the same chain (another floor hit in each, say). Channels are
+    FILE is CSV or other delimited text, Parquet, MATLAB, HDF5, NumPy, UFF 58 or strong motion (V2); several
+    files are several tests of the same chain (another floor hit in each, say). Channels are
 
     \b
         t            time, s (or --fs)
@@ -81,10 +88,13 @@ def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) 
         a1, a2, ..   absolute accelerations, m/s^2
         v1.., x1..   velocities and displacements relative to the base, m/s and m
         ag, vg, xg   motion of the base
-    Any subset of a, v, x on each floor will do; it is fused into one motion.
+    Any subset of a, v, x on each floor will do; it is fused into one motion. Columns with other names are
+    mapped (--map), other units are declared (--unit, or in the header: "x1 [mm]"); pysindy-nrf inspect FILE
+    shows what was understood.
 
     \b
     Examples
+      pysindy-nrf identify own.csv --map F2=Shaker --map a1=Acc1 --map x1=Laser1 --unit F=kN --unit a=g --unit x=mm
       pysindy-nrf identify shaker.csv --unit a=g --unit x=mm --band 0.5,40
       pysindy-nrf identify DATA_EMPS.mat --map x1=qm --map F1='vir*35.1507' --band 0,20 --degree 1
       pysindy-nrf identify hammer1.csv hammer2.csv hammer3.csv
@@ -111,7 +121,7 @@ def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) 
     from ..io import describe, summary
     from .work import identify_records
 
-    readings = readings_of(files, options)
+    readings = readings_of(files, options, session)
     records = [reading.record for reading in readings]
     session.say("What was measured\n-----------------")
     for reading in readings:
@@ -127,7 +137,16 @@ def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) 
         _dry(session, plan, [summary(rec) for rec in records])
         return
     outcome = identify_records(records, estimator, options["raw"], session.progress)
-    session.finish(outcome, band, options["output"], options["figures"], [summary(rec) for rec in records])
+    session.finish(
+        outcome,
+        band,
+        options["output"],
+        options["figures"],
+        [summary(rec) for rec in records],
+        tables=options["tables"],
+        forces=options["forces"],
+        page_of=records,
+    )
 
 
 def _identify_frf(session: Session, files: tuple[Path, ...], settings: dict[str, Any], options: dict[str, Any]) -> None:
@@ -135,9 +154,11 @@ def _identify_frf(session: Session, files: tuple[Path, ...], settings: dict[str,
     from ..regressor import NRFRegressor
     from .work import identify_frf
 
-    if len(files) > 1:
-        raise click.UsageError("--frf takes one file.")
+    if len(files) != 1:
+        raise click.UsageError("--frf takes one FILE.")
     for name, given in (
+        ("--mapping", options["mapping_file"]),
+        ("--forces", options["forces"]),
         ("--map", options["mapping"]),
         ("--unit", options["units"]),
         ("--fs", options["fs"]),
@@ -196,12 +217,7 @@ def say_plan(session: Session, n: int, forced: Any, unknown: Any, masses: Any, e
 
 
 def _dry(session: Session, plan: Any, records: list[dict]) -> None:
-    import json
-
-    if session.as_json:
-        click.echo(
-            json.dumps({"records": records, "walk": str(plan).splitlines(), "complete": plan.complete}, indent=2)
-        )
+    session.emit({"records": records, "walk": str(plan).splitlines(), "complete": plan.complete})
     session.say("\nDry run: nothing was solved or written.")
 
 

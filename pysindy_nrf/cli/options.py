@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ output_option = click.option(
     default=Path("nrf_output"),
     help="Folder for the model, tables and figures.",
 )
+files_argument = click.argument("files", nargs=-1, metavar="FILE...", type=click.Path(path_type=Path))
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of words.")
 
 
@@ -40,8 +43,13 @@ def record_options(command: Any) -> Any:
             click.option(
                 "--coordinates",
                 type=click.Choice(["relative", "absolute"]),
-                default="relative",
-                help="Whether velocities and displacements are relative to the base.",
+                help="Whether velocities and displacements are relative to the base (what you get if nothing is said).",
+            ),
+            click.option(
+                "--mapping",
+                "mapping_file",
+                type=click.Path(path_type=Path),
+                help="A TOML file that says all of this, and names the files: see docs/files.md. Options go before it.",
             ),
         )
     ):
@@ -49,20 +57,42 @@ def record_options(command: Any) -> Any:
     return command
 
 
-def readings_of(files: Any, options: dict[str, Any]) -> list[Any]:
-    """What the files hold, by the record options."""
-    from ..io import inspect_record
+def readings_of(files: Any, options: dict[str, Any], session: Any = None, needed: bool = True) -> list[Any]:
+    """What the files hold, by the record options and the mapping file.
 
-    return [
-        inspect_record(
-            path,
-            mapping=as_mapping(options["mapping"], "--map"),
-            units=as_mapping(options["units"], "--unit"),
-            fs=options["fs"],
-            coordinates=options["coordinates"],
-        )
-        for path in files
-    ]
+    Parameters
+    ----------
+    files : sequence of Path
+        Those of the mapping file if empty.
+    options : dict
+        Of :func:`record_options`.
+    session : Session, optional
+        Shows progress.
+    needed : bool
+        Whether it is a usage error that there is no file.
+
+    Returns
+    -------
+    list of Reading
+    """
+    from ..io import MappingFile, inspect_record, read_mapping
+
+    said = MappingFile(Path()) if options["mapping_file"] is None else read_mapping(options["mapping_file"])
+    files = list(files or said.files)
+    if not files and needed:
+        raise click.UsageError("Missing argument 'FILE...': give a file with the channels of a test.")
+    tests = [files] if said.together and files else files
+    units = said.units | as_mapping(options["units"], "--unit")
+    how = {
+        "mapping": said.channels | as_mapping(options["mapping"], "--map"),
+        "units": units,
+        "fs": said.fs if options["fs"] is None else options["fs"],
+        "coordinates": options["coordinates"] or said.coordinates,
+    }
+    names = [said.name if len(tests) == 1 else None] * len(tests)
+    rows = list(zip(tests, names))
+    progress = rows if session is None else session.progress(rows, "reading")
+    return [inspect_record(test, name=name, **how) for test, name in progress]
 
 
 class Pair(click.ParamType):
@@ -81,6 +111,8 @@ class Pair(click.ParamType):
         """Split at the first ``=``."""
         if isinstance(value, tuple):
             return value
+        with contextlib.suppress(UnicodeError):  # bytes of a terminal that is said to know only ASCII
+            value = os.fsencode(value).decode("utf-8")
         key, sign, text = value.partition("=")
         if not sign or not key.strip() or not text.strip():
             self.fail(f"{value!r} is not of the form {self.name}", param, ctx)
@@ -136,6 +168,52 @@ class Degree(click.ParamType):
         if len(numbers) not in (1, 2) or any(n < 0 for n in numbers):
             self.fail(f"{value!r} is not a degree (3) or a box k,q (2,3)", param, ctx)
         return numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1])
+
+
+class Numbers(click.ParamType):
+    """Numbers with commas between them."""
+
+    name = "A,B,..."
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> list[float]:
+        """Split at commas."""
+        if isinstance(value, list):
+            return value
+        try:
+            return [float(p) for p in value.split(",")]
+        except ValueError:
+            self.fail(f"{value!r} is not numbers with commas between them, e.g. 0.001,0,0", param, ctx)
+
+
+class Range(click.ParamType):
+    """Whole numbers: ``1-7``, or ``1,3,5``."""
+
+    name = "A-B|A,B,..."
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> list[int]:
+        """Spell out."""
+        if isinstance(value, list):
+            return value
+        low, dash, high = value.partition("-")
+        try:
+            numbers = list(range(int(low), int(high) + 1)) if dash else [int(p) for p in value.split(",")]
+        except ValueError:
+            numbers = []
+        if not numbers or min(numbers) < 0 or max(numbers) > 50:
+            self.fail(f"{value!r} is not whole numbers up to 50, e.g. 1-7 or 1,3,5", param, ctx)
+        return numbers
+
+
+class Floors(Range):
+    """Floors: ``1,3`` or ``1-4``."""
+
+    name = "I,J,..."
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> list[int]:
+        """Spell out."""
+        if isinstance(value, str) and value.strip().lower() == "none":
+            return []
+        return super().convert(value, param, ctx)
 
 
 def as_mapping(pairs: Any, option: str) -> dict:

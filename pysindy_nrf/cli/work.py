@@ -36,6 +36,8 @@ class Outcome:
     frf : (FrequencyResponse, ndarray of complex) or None
         Measured responses and the model's.
     warnings : list of str
+    data : SegmentSet or None
+        The records as fused.
     """
 
     estimator: Any
@@ -45,6 +47,7 @@ class Outcome:
     shares: dict[str, pd.Series] = field(default_factory=dict)
     frf: tuple[FrequencyResponse, np.ndarray] | None = None
     warnings: list[str] = field(default_factory=list)
+    data: SegmentSet | None = None
 
 
 def identify_records(records: Sequence[Record], estimator: Any, raw: bool, progress: Progress) -> Outcome:
@@ -72,7 +75,7 @@ def identify_records(records: Sequence[Record], estimator: Any, raw: bool, progr
             options = _beside(records)
             estimator.fit(X, F, **options)
         data = from_arrays(X, F, n_dof=records[0].n_dof, **options)
-        outcome = Outcome(estimator, shares=term_shares(estimator.model_, data))
+        outcome = Outcome(estimator, shares=term_shares(estimator.model_, data), data=data)
         _free_runs(outcome, records, data, progress)
     outcome.warnings = list(dict.fromkeys(str(w.message) for w in caught if issubclass(w.category, NRFWarning)))
     return outcome
@@ -175,6 +178,7 @@ def base_acceleration(record: Record) -> np.ndarray:
 
 def _free_runs(outcome: Outcome, records: Sequence[Record], data: SegmentSet, progress: Progress) -> None:
     """Run the model alone, from the first measured state, under the measured force."""
+    from ..discrepancy.free_run import free_run_of, squares_of
     from ..fair_filter import FairFilter
 
     model, band = outcome.estimator.model_, outcome.estimator.band
@@ -187,47 +191,18 @@ def _free_runs(outcome: Outcome, records: Sequence[Record], data: SegmentSet, pr
             outcome.no_free_run = f"a force of {rec.name} is unknown"
             continue
         try:
-            run = free_run(model, seg, 1.0 / rec.fs)
+            run = free_run_of(model, seg, seg.valid, 1.0 / rec.fs)
         except SimulationError as error:
             outcome.no_free_run = str(error)
             continue
         outcome.runs.append((seg, run))
-        measured = np.cumsum(seg.s[seg.valid], axis=1)
-        gap = run.displacement - measured
-        if band is not None:
-            filter = FairFilter(band, rec.fs)
-            gap, measured = filter.apply(gap), filter.apply(measured)
-        rows[_unique(rec.name, rows)] = list(100.0 * np.sqrt((gap**2).mean(axis=0) / (measured**2).mean(axis=0)))
+        filter = None if band is None else FairFilter(band, rec.fs)
+        error, measured = squares_of(run, seg, seg.valid, filter)
+        rows[_unique(rec.name, rows)] = list(100.0 * np.sqrt(error / measured))
     if rows:
         outcome.free_run = pd.DataFrame.from_dict(
             rows, orient="index", columns=[f"x{j}" for j in range(1, model.n_dof + 1)]
         )
-
-
-def free_run(model: Any, segment: Segment, dt: float) -> Record:
-    """The model alone under the force and base motion of a record, from its first state.
-
-    Parameters
-    ----------
-    model : ChainModel
-    segment : Segment
-    dt : float
-        s.
-
-    Returns
-    -------
-    Record
-        The rows of ``segment.valid``; displacement relative to the base.
-    """
-    rows = segment.valid
-    return model.simulate(
-        segment.F[rows],
-        dt,
-        x0=np.cumsum(segment.s[rows.start]),
-        v0=np.cumsum(segment.v[rows.start]),
-        base_acceleration=None if segment.ag is None else segment.ag[rows],
-        covariates={k: c[rows] for k, c in segment.covariates.items()} or None,
-    )
 
 
 def _response(model: Any, frf: FrequencyResponse) -> np.ndarray:

@@ -1,0 +1,95 @@
+"""``pysindy-nrf simulate``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from .options import Numbers, Pair, as_mapping, json_option
+from .session import Session
+
+
+@click.command(short_help="Run a model alone under the forces of a file.")
+@click.argument("model", type=click.Path(path_type=Path))
+@click.argument("forces", type=click.Path(path_type=Path))
+@click.option("--map", "mapping", multiple=True, type=Pair("CHANNEL=COLUMN"), help="As for identify: F2='Shaker @ kN'.")
+@click.option("--unit", "units", multiple=True, type=Pair("CHANNEL=UNIT"), help="As for identify: F=kN, ag=g.")
+@click.option("--fs", type=float, help="Sampling rate in Hz, where the file has no time.")
+@click.option(
+    "--method",
+    type=click.Choice(["default", "rk4", "newmark"]),
+    default="default",
+    help="Order 8 with error control, one classical step a sample, or average-acceleration Newmark.",
+)
+@click.option("--x0", type=Numbers(), help="Displacements at the start, m: 0.001,0,0. At rest if left out.")
+@click.option("--v0", type=Numbers(), help="Velocities at the start, m/s.")
+@click.option(
+    "--output",
+    "-o",
+    type=click.Path(path_type=Path, dir_okay=False),
+    default=Path("simulation.csv"),
+    help="File of the record: .csv, .parquet or .uff.",
+)
+@json_option
+def simulate(model: Path, forces: Path, as_json: bool, **options: Any) -> None:
+    """Run a model alone under the forces of a file and write the motion.
+
+    MODEL is a model.json as identify and close-loop write it. FORCES holds F1.. (N) and ag (m/s^2), those that
+    act, with a time column t or --fs, and channels that the laws read (a voltage); motions in it are left out.
+
+    \b
+    Examples
+      pysindy-nrf simulate nrf_output/model.json shaker.csv -o answer.parquet
+      pysindy-nrf simulate nrf_output/model.json quake.csv --map ag='table @ g' -o answer.csv
+    """
+    from ..io import describe, read_excitation, summary, write_record
+    from ..model import ChainModel
+
+    session = Session(as_json)
+    structure = ChainModel.from_json(model)
+    load = read_excitation(
+        forces,
+        structure.n_dof,
+        mapping=as_mapping(options["mapping"], "--map"),
+        units=as_mapping(options["units"], "--unit"),
+        fs=options["fs"],
+    )
+    with session.listening():
+        for _ in session.progress([None], "simulating"):
+            run = structure.simulate(
+                load.force,
+                1.0 / load.fs,
+                method=options["method"],
+                x0=options["x0"],
+                v0=options["v0"],
+                base_acceleration=load.base_acceleration,
+                covariates=load.covariates or None,
+                name=load.name,
+            )
+    run.t0 = load.t0
+    beyond = _beyond(structure, run)
+    session.say(describe(run))
+    session.warnings += beyond
+    session.take_care()
+    path = write_record(run, options["output"])
+    session.emit({"record": summary(run)}, [path])
+    session.say(f"\nWritten: {path}")
+
+
+def _beyond(model: Any, run: Any) -> list[str]:
+    """Storeys that move further than the data the model was fitted to."""
+    out = []
+    drifts = np.diff(run.displacement, axis=1, prepend=0.0)
+    for site, region in model.visited.items():
+        if not site.is_storey:
+            continue
+        most, known = np.abs(drifts[:, site.p - 1]).max(), max(abs(region.low[1]), abs(region.high[1]))
+        if most > 1.05 * known:
+            out.append(
+                f"{site} drifts {1e3 * most:.3g} mm; the data of the model reached {1e3 * known:.3g} mm: "
+                "its force beyond is a guess."
+            )
+    return out

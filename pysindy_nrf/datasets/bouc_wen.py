@@ -7,12 +7,13 @@ from typing import Any
 from ..exceptions import FileFormatError
 from ..io import read_table
 from ..record import Record
+from .download import benchmark
 from .folder import data_file
 
 EXCITATIONS = ("multisine", "sinesweep")
 
 
-def load_bouc_wen_benchmark(excitation: str = "multisine", folder: Any = None) -> Record:
+def load_bouc_wen_benchmark(excitation: str = "multisine", folder: Any = None, *, download: bool = False) -> Record:
     """Published SIMULATED benchmark: one DOF with a Bouc-Wen hysteresis, noise-free.
 
     Parameters
@@ -20,7 +21,10 @@ def load_bouc_wen_benchmark(excitation: str = "multisine", folder: Any = None) -
     excitation : {"multisine", "sinesweep"}
         One period of a steady-state multisine (8192 samples), or a sweep (153 000 samples).
     folder : path-like, optional
-        See :func:`data_folder`; the files are ``bouc_wen_benchmark/[uy]val_<excitation>.mat``.
+        See :func:`data_folder`; the files are ``bouc_wen_benchmark/[uy]val_<excitation>.mat``. With
+        ``download``, where to keep them.
+    download : bool
+        Get them through the package nonlinear-benchmarks (extra ``datasets``) if they are not there yet.
 
     Returns
     -------
@@ -41,10 +45,11 @@ def load_bouc_wen_benchmark(excitation: str = "multisine", folder: Any = None) -
     """
     if excitation not in EXCITATIONS:
         raise FileFormatError(f"There is no excitation {excitation!r}", f"Choose one of {', '.join(EXCITATIONS)}.")
+
+    def file(name: str) -> Any:
+        return benchmark("BoucWen", folder, name) if download else data_file(folder, "bouc_wen_benchmark", name)
+
     force, displacement = (
-        read_table(data_file(folder, "bouc_wen_benchmark", f"{k}val_{excitation}.mat")).variables[
-            f"{k}val_{excitation}"
-        ]
-        for k in "uy"
+        read_table(file(f"{k}.mat")).variables[k] for k in (f"uval_{excitation}", f"yval_{excitation}")
     )
     return Record(force=force, displacement=displacement, fs=750.0, name=f"Bouc-Wen benchmark, {excitation}")

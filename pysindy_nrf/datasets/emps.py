@@ -6,16 +6,19 @@ from typing import Any
 
 from ..io import read_record
 from ..record import Record
+from .download import benchmark
 from .folder import data_file
 
 
-def load_emps(folder: Any = None) -> Record:
+def load_emps(folder: Any = None, *, download: bool = False) -> Record:
     """Electro-mechanical positioning stage (EMPS): one DOF, only position and drive are measured.
 
     Parameters
     ----------
     folder : path-like, optional
-        See :func:`data_folder`; the file is ``emps/DATA_EMPS.mat``.
+        See :func:`data_folder`; the file is ``emps/DATA_EMPS.mat``. With ``download``, where to keep it.
+    download : bool
+        Get it through the package nonlinear-benchmarks (extra ``datasets``) if it is not there yet.
 
     Returns
     -------
@@ -35,5 +38,5 @@ def load_emps(folder: Any = None) -> Record:
     203.5034 N s/m, Coulomb friction 20.3935 N, offset -3.1648 N. A model without friction leaves
     about 17 % of the force unexplained.
     """
-    path = data_file(folder, "emps", "DATA_EMPS.mat")
+    path = benchmark("EMPS", folder, "DATA_EMPS.mat") if download else data_file(folder, "emps", "DATA_EMPS.mat")
     return read_record(path, mapping={"t": "t", "x1": "qm", "F1": "vir*gtau"}, name="EMPS")

@@ -1,0 +1,339 @@
+"""Block moments of all folds and all orders from one pass over the samples.
+
+The columns of the largest order hold those of every smaller one, and the moments of a fold are sums
+of the moments of pieces: so any order on any fold is a matter of matrices of a dozen rows.
+
+Powers up to the seventh are nearly dependent, and a Gram matrix of them has lost its digits. Each site's
+columns are therefore made nearly orthogonal first, by the triangular factor of a sample of the rows; the
+Gram matrix of those is sound, and its root times that factor is the root that a QR of the monomials gives.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy import linalg
+from scipy.linalg import blas
+
+from ..chain import Chain
+from ..chain_solve import Solution, groups_of, solve
+from ..exceptions import ChannelError, NRFError, RankWarning
+from ..identifiability import Walk, plan_walk
+from ..laws import ForceLaw, PowerSeries
+from ..layout import Group, LawLayout
+from ..moments import Block, Moments
+from ..segments import SegmentSet
+from ..sites import Site
+from .monomials import Monomials
+
+_ROWS = 4096  # sampled for the factors of the sites
+PIECES = 20  # at least, over all records: blocks for the effective number of samples
+
+
+@dataclass
+class Order:
+    """One candidate: an order at every storey, and where its columns stand among those of all candidates.
+
+    Attributes
+    ----------
+    layout : LawLayout
+    columns : dict of Site to ndarray of int
+    """
+
+    layout: LawLayout
+    columns: dict[Site, np.ndarray]
+
+    @cached_property
+    def names(self) -> dict[Site, list[str]]:
+        """Labels of the terms, for messages."""
+        return {site: self.layout.labels(site) for site in self.layout.acting}
+
+    @property
+    def n_terms(self) -> int:
+        """Number of terms of all sites."""
+        return self.layout.n_terms
+
+
+class FoldMoments:
+    """Moments of the pieces into which the folds cut the data.
+
+    Parameters
+    ----------
+    chain : Chain
+    laws : mapping of Site to sequence of ForceLaw
+        Laws that every candidate holds; sites whose order is searched are left out.
+    orders : mapping of Site to iterable of int or (int, int)
+        All orders that will be asked for, by site.
+    data : SegmentSet
+    folds : sequence of (train, test)
+        Row numbers.
+    filters : sequence of FairFilter or None
+    known_masses : mapping of int to float
+    strategy : str
+    inner : PySINDy optimizer, optional
+    """
+
+    def __init__(
+        self,
+        chain: Chain,
+        laws: Mapping[Site, Sequence[ForceLaw]],
+        orders: Mapping[Site, Iterable[Any]],
+        data: SegmentSet,
+        folds: Sequence[tuple[np.ndarray, np.ndarray]],
+        filters: Sequence[Any],
+        known_masses: Mapping[int, float],
+        strategy: str,
+        inner: Any = None,
+    ) -> None:
+        self.chain, self.laws = chain, {s: tuple(held) for s, held in laws.items()}
+        self.data, self.filters, self.inner = data, filters, inner
+        self.known_masses, self.strategy = dict(known_masses), strategy
+        self.union = {site: Monomials.holding(given) for site, given in orders.items()}
+        self.layout = LawLayout(chain, {**{s: (law,) for s, law in self.union.items()}, **self.laws})
+        self.groups = self._groups()
+        self.factors = self._factors()
+        self.class_of, self.membership = _classes(data.n_samples, folds)
+        self.n_folds = len(folds)
+        self._accumulate("gram")
+
+    # -- one pass -----------------------------------------------------------------------------
+
+    def _groups(self) -> list[Group]:
+        walk = plan_walk(
+            self.chain, self.data.forced, self.data.unknown, self.known_masses, self.strategy, self.layout.acting
+        ).require_complete()
+        n = self.chain.n_dof
+        # sums of balances that a fold may need, in which some DOF is not forced
+        sums = [tuple(range(i, n + 1)) for i in range(1, n) if all(j in self.known_masses for j in range(i, n + 1))]
+        held = {g.dofs: g for g in groups_of(self.layout, walk)}
+        return [*held.values(), *(self.layout.group(dofs) for dofs in sums if dofs not in held)]
+
+    def _factors(self) -> dict[Site, np.ndarray]:
+        """Triangular factor of some rows of each site's columns."""
+        whole = sum(seg.valid.stop - seg.valid.start for seg in self.data.segments)
+        stride, out = max(1, whole // _ROWS), {}
+        rows: dict[Site, list[np.ndarray]] = {s: [] for s in self.union if self.layout.counts[s]}
+        for seg in self.data.segments:
+            for site, law in self.union.items():
+                if site in rows:
+                    rows[site].append(law.features(seg.motion(site, slice(seg.valid.start, seg.valid.stop, stride))))
+        for site, parts in rows.items():
+            columns = np.concatenate(parts)
+            upper = np.zeros((columns.shape[1],) * 2)
+            found = linalg.qr(columns, mode="r", check_finite=False)[0][: len(upper)]
+            upper[: len(found)] = found
+            pivots = np.abs(np.diag(upper))
+            least = 1e-9 * np.linalg.norm(upper, axis=0)
+            least[least == 0] = 1.0  # nothing moves
+            np.fill_diagonal(upper, np.where(pivots > least, np.diag(upper), least))
+            out[site] = upper
+        return out
+
+    def _whiten(self, block: Block) -> Block:
+        terms = np.array(block.terms, order="C")
+        for site, upper in self.factors.items():
+            where = self.layout.slices[site]
+            terms[where] = blas.dtrsm(1.0, upper, terms[where].T, side=1, lower=0).T
+        return Block(terms, block.acceleration, block.force)
+
+    def _back(self, dofs: tuple[int, ...]) -> np.ndarray:
+        """Accumulated columns of a group times this are its monomials."""
+        group = next(g for g in self.groups if g.dofs == dofs)
+        blocks = [
+            self.factors[s] if self.kind == "gram" and s in self.factors else np.eye(self.layout.counts[s])
+            for s in group.sites
+        ]
+        return linalg.block_diag(*blocks, np.eye(2 if len(dofs) == 1 else 1))
+
+    def _accumulate(self, kind: str) -> None:
+        self.kind = kind
+        self.pieces: list[Moments] = []
+        self.piece_class: list[int] = []
+        self.sums: list[np.ndarray] = []  # of the accelerations, for the variance behind R^2
+        self.counts: list[np.ndarray] = []
+        self._totals: dict[Any, tuple[Moments, np.ndarray, np.ndarray]] = {}
+        whole = sum(seg.valid.stop - seg.valid.start for seg in self.data.segments)
+        for seg, filter in zip(self.data.segments, self.filters):
+            classes = self.class_of[seg.rows][seg.valid]
+            cuts = _cuts(classes, max(whole // PIECES, 256) if kind == "gram" else whole)
+            shuffled = None if cuts is not None else {}
+            at, piece = 0, -1
+            known = ~np.isnan(seg.F[seg.valid.start])
+            for block in seg.blocks(self.layout, filter=filter):
+                block = self._whiten(block) if kind == "gram" else block
+                n = block.acceleration.shape[1]
+                if shuffled is not None:
+                    for code in np.unique(classes[at : at + n]):
+                        if code not in shuffled:
+                            shuffled[code] = self._open(int(code))
+                        self._add(shuffled[code], _rows(block, classes[at : at + n] == code), known)
+                else:
+                    inside = cuts[(cuts > at) & (cuts < at + n)]
+                    for lo, hi in zip([at, *inside], [*inside, at + n]):
+                        if piece < 0 or lo in cuts:
+                            piece = self._open(int(classes[lo]))
+                        self._add(piece, _rows(block, slice(lo - at, hi - at)), known)
+                at += n
+
+    def _open(self, code: int) -> int:
+        self.pieces.append(Moments(self.layout, self.groups, self.kind, self.known_masses))
+        self.piece_class.append(code)
+        self.sums.append(np.zeros(self.chain.n_dof))
+        self.counts.append(np.zeros(self.chain.n_dof))
+        return len(self.pieces) - 1
+
+    def _add(self, piece: int, block: Block, known: np.ndarray) -> None:
+        self.pieces[piece].add(block)
+        self.sums[piece] += np.where(known, block.acceleration.sum(axis=1), 0.0)
+        self.counts[piece] += known * block.acceleration.shape[1]
+
+    def sharpen(self) -> None:
+        """Accumulate once more by streamed QR, where the residual is too small for a Gram matrix."""
+        if self.kind == "gram":
+            self._accumulate("root")
+
+    # -- moments of a fold --------------------------------------------------------------------
+
+    def total(self, fold: int | None, side: str = "train") -> tuple[Moments, np.ndarray, np.ndarray]:
+        """Moments of one side of a fold (of everything if ``fold`` is None), sums of accelerations and counts."""
+        key = (fold, side)
+        if key not in self._totals:
+            wanted = {"train": 1, "test": 2}[side]
+            chosen = [
+                i for i, code in enumerate(self.piece_class) if fold is None or self.membership[code, fold] == wanted
+            ]
+            if not chosen:
+                raise ChannelError(f"Fold {fold} has no {side} samples", "Check the splitter.")
+            moments = self.sum_of(chosen)
+            self._totals[key] = (
+                moments,
+                np.sum([self.sums[i] for i in chosen], axis=0),
+                np.sum([self.counts[i] for i in chosen], axis=0),
+            )
+        return self._totals[key]
+
+    def sum_of(self, pieces: Iterable[int]) -> Moments:
+        """Moments of some pieces, in the monomials themselves; a piece may be there several times."""
+        held = Moments(self.layout, self.groups, self.kind, self.known_masses)
+        for i in pieces:
+            held.merge(self.pieces[i])
+        moments = Moments(self.layout, self.groups, "root", self.known_masses)
+        moments.n_samples = held.n_samples
+        for dofs, part in held.parts.items():
+            moments.parts[dofs].matrix = part.triangle(np.eye(len(part.matrix))) @ self._back(dofs)
+            moments.parts[dofs].n_samples = part.n_samples
+        return moments
+
+    def order(self, orders: Mapping[Site, Any]) -> Order:
+        """A candidate with an order at every searched site."""
+        laws = {**{s: (PowerSeries(o),) for s, o in orders.items()}, **self.laws}
+        layout = LawLayout(self.chain, laws)
+        columns = {
+            s: self.union[s].positions(orders[s]) if s in self.union else np.arange(layout.counts[s])
+            for s in layout.acting
+        }
+        return Order(layout, columns)
+
+    def cut(self, moments: Moments, order: Order, groups: Sequence[Group]) -> Moments:
+        """Moments of a candidate's own columns."""
+        out = Moments(order.layout, [], "root", self.known_masses)
+        out.n_samples = moments.n_samples
+        for group in groups:
+            where, mass_at, target_at = moments.positions(group.dofs)
+            index = [where[s].start + order.columns[s] for s in group.sites]
+            index += [np.array([i]) for i in (mass_at, target_at) if i is not None]
+            index = np.concatenate(index)
+            part = moments.parts[group.dofs]
+            small = type(part)(0, "root")
+            small.matrix = part.matrix[:, index]
+            small.n_samples = part.n_samples
+            out.groups[group.dofs], out.parts[group.dofs] = group, small
+        return out
+
+    def walk(self, moments: Moments, order: Order) -> Walk:
+        """The solve that the forces in some moments allow."""
+        forced, unknown = [], []
+        for j in range(1, self.chain.n_dof + 1):
+            part = moments.parts[(j,)]
+            if not part.n_samples:
+                unknown.append(j)
+            elif part.matrix[:, -1].any() and part.norm(np.eye(part.matrix.shape[1])[-1]) > 0:
+                forced.append(j)
+        return plan_walk(
+            self.chain, forced, unknown, self.known_masses, self.strategy, order.layout.acting
+        ).require_complete()
+
+    def fit(
+        self, order: Order, fold: int | None, inner: Any = None, moments: Moments | None = None
+    ) -> tuple[Solution, Walk, Moments]:
+        """Solve one candidate on the training side of a fold.
+
+        Parameters
+        ----------
+        order : Order
+        fold : int or None
+            None: all data.
+        inner : PySINDy optimizer, optional
+            In place of the one given at first.
+        moments : Moments, optional
+            Of these samples instead of the fold's.
+
+        Raises
+        ------
+        NRFError
+            If it cannot be solved there.
+        """
+        total = self.total(fold)[0] if moments is None else moments
+        walk = self.walk(total, order)
+        moments = self.cut(total, order, groups_of(order.layout, walk))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RankWarning)
+            return solve(moments, walk, self.known_masses, inner or self.inner, order.names), walk, moments
+
+    def piece_norms(self, order: Order, dofs: tuple[int, ...], weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Squared length of a combination of a candidate's columns in each piece, and the samples behind it."""
+        where, mass_at, target_at = self.pieces[0].positions(dofs)
+        group = next(g for g in self.groups if g.dofs == dofs)
+        index = [where[s].start + order.columns[s] for s in group.sites if s in order.columns]
+        index += [np.array([i]) for i in (mass_at, target_at) if i is not None]
+        whole = np.zeros(self.pieces[0].parts[dofs].matrix.shape[1])
+        whole[np.concatenate(index)] = weights
+        whole = self._back(dofs) @ whole
+        parts = [piece.parts[dofs] for piece in self.pieces]
+        return np.array([p.norm(whole) ** 2 for p in parts]), np.array([p.n_samples for p in parts], dtype=float)
+
+
+def _classes(size: int, folds: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """Class of each row, and on which side of each fold (0 out, 1 train, 2 test) a class is."""
+    code, membership = np.zeros(size, dtype=np.int64), np.zeros((1, 0), dtype=np.int8)
+    for train, test in folds:
+        side = np.zeros(size, dtype=np.int8)
+        side[train] = 1
+        if side[test].any():
+            raise NRFError("A fold tests on samples it was trained with", "Check the splitter.")
+        side[test] = 2
+        code, unique = pd.factorize(code * 3 + side)
+        membership = np.column_stack([membership[unique // 3], (unique % 3).astype(np.int8)])
+    return code, membership
+
+
+def _cuts(classes: np.ndarray, longest: int) -> np.ndarray | None:
+    """Where pieces start, or None if the folds are too fine to be cut into pieces."""
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(classes)) + 1])
+    if len(starts) > 8 and len(classes) / len(starts) < 64:
+        return None
+    stops = [*starts[1:], len(classes)]
+    return np.concatenate([
+        np.linspace(lo, hi, max(1, round((hi - lo) / longest)), endpoint=False).astype(int)
+        for lo, hi in zip(starts, stops)
+    ])
+
+
+def _rows(block: Block, rows: Any) -> Block:
+    return Block(block.terms[:, rows], block.acceleration[:, rows], block.force[:, rows])

@@ -17,6 +17,7 @@ from pysindy_nrf.laws.contract import CHECKS, check_law, random_values
 VARIANTS = [
     *(cls() for _, cls in sorted(laws.registry().items())),
     laws.OneSidedGap(side=-1),
+    laws.PreloadedContact(side=-1),
     laws.PowerSeries(5),
     laws.PowerSeries((2, 1)),
     laws.CovariateFriction("temperature"),

@@ -2,7 +2,7 @@
 
 from .base import ForceLaw, Motion, Shape, Term, from_dict, registry
 from .bouc_wen import BoucWen
-from .contact import Bilinear, DeadZone, OneSidedGap, TwoSidedGap
+from .contact import Bilinear, DeadZone, OneSidedGap, PreloadedContact, TwoSidedGap
 from .contract import check_law
 from .damping import DisplacementDependentDamping, PowerLawDamping, QuadraticDamping
 from .degradation import DampingDrift, StiffnessDrift, StiffnessStep
@@ -17,6 +17,7 @@ from .lugre import LuGre
 from .maxwell import MaxwellBranch
 from .power_series import PowerSeries
 from .semi_active import CovariateDahl, CovariateFriction, LaggedCovariateFriction
+from .sensor import ChannelDelay, GainError, SensorFault, SensorOffset
 from .stiffness import AbsoluteQuadraticStiffness, CubicStiffness, QuadraticStiffness, QuinticStiffness
 
 __all__ = [
@@ -46,6 +47,7 @@ __all__ = [
     "CubicStiffness",
     "QuinticStiffness",
     "OneSidedGap",
+    "PreloadedContact",
     "TwoSidedGap",
     "DeadZone",
     "Bilinear",
@@ -66,4 +68,8 @@ __all__ = [
     "AddedMass",
     "Inerter",
     "LinkSpringDashpot",
+    "SensorFault",
+    "ChannelDelay",
+    "GainError",
+    "SensorOffset",
 ]

@@ -144,8 +144,10 @@ class ForceLaw:
         Whether the law can only take energy out, or store it, for positive coefficients.
     uses_time, uses_acceleration : bool
         Whether the kernel reads t or a.
-    acts_at : tuple of {"link", "dof"}
+    acts_at : tuple of {"link", "dof", "sensor"}
         Kinds of site at which the law makes sense; a search tries it there.
+    output : str
+        SI unit of coefficient times term: a force, but for sensors (:mod:`pysindy_nrf.laws.sensor`).
     covariates : tuple of str
         Names of the covariates the kernel reads, in the order of ``u``.
     covariate_units : tuple of str
@@ -171,6 +173,7 @@ class ForceLaw:
     uses_time: ClassVar[bool] = False
     uses_acceleration: ClassVar[bool] = False
     acts_at: ClassVar[tuple[str, ...]] = ("link",)
+    output: ClassVar[str] = "N"
     covariates: tuple[str, ...] = ()
     covariate_units: ClassVar[tuple[str, ...]] = ()
 
@@ -286,6 +289,13 @@ class ForceLaw:
         return np.array(list(self.shape.values()), dtype=float)
 
     @property
+    def values(self) -> np.ndarray:
+        """Coefficients in the order of the terms, shape (n_terms,), SI units; a LawError where there are none."""
+        if self.coefficients is None:
+            raise LawError(f"{type(self).__name__} has no coefficients yet", "Fit a model, or give them.")
+        return self.coefficients
+
+    @property
     def parameters(self) -> dict[str, float | None]:
         """Coefficients by symbol and shape parameters by name, SI units."""
         values = dict(self.shape)
@@ -343,11 +353,7 @@ class ForceLaw:
             If a shape parameter has no value or a covariate, time or acceleration is missing.
         """
         n = motion.n_samples
-        u = np.empty((len(self.covariates), n))
-        for row, name in enumerate(self.covariates):
-            if name not in motion.covariates:
-                raise LawError(f"{type(self).__name__} needs the covariate {name!r}", "Pass it in covariates=.")
-            u[row] = motion.covariates[name]
+        u = self.covariates_of(motion)
         if self.uses_time and motion.t is None:
             raise LawError(f"{type(self).__name__} needs the time of the samples", "Pass time=, or dt=.")
         if self.uses_acceleration and motion.a is None:
@@ -372,6 +378,29 @@ class ForceLaw:
         )
         return out.T
 
+    def covariates_of(self, motion: Motion) -> np.ndarray:
+        """Covariates in the order in which the kernel reads them.
+
+        Parameters
+        ----------
+        motion : Motion
+
+        Returns
+        -------
+        ndarray of shape (n_covariates, n_samples)
+
+        Raises
+        ------
+        LawError
+            If one is missing.
+        """
+        u = np.empty((len(self.covariates), motion.n_samples))
+        for row, name in enumerate(self.covariates):
+            if name not in motion.covariates:
+                raise LawError(f"{type(self).__name__} needs the covariate {name!r}", "Pass it in covariates=.")
+            u[row] = motion.covariates[name]
+        return u
+
     def force(self, motion: Motion) -> np.ndarray:
         """Force of the law along one contiguous record, N.
 
@@ -383,9 +412,8 @@ class ForceLaw:
         -------
         ndarray of shape (n_samples,)
         """
-        if self.coefficients is None:
-            raise LawError(f"{type(self).__name__} has no coefficients yet", "Fit a model, or give them.")
-        return self.features(motion) @ self.coefficients
+        values = self.values
+        return self.features(motion) @ values
 
     def equation(self, index: int | str = "", digits: int = 4) -> str:
         """The law as text, in the manner of the paper's eq. (11a).

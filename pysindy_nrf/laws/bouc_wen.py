@@ -107,11 +107,24 @@ class BoucWen(ForceLaw):
                 if x <= 0.0:
                     break
                 c = 1.0 + rho if y >= 0.0 else rho - 1.0
-                f1 = 1.0 - c * abs(y) ** n
+                size = abs(y)
+                power = size**n
+                f1 = 1.0 - c * power
                 if abs(f1) < 1e-13 or (abs(y) >= limit and f1 * y > 0.0):
                     break
-                h = min(x, 0.1 / (abs(c) * n * (abs(y) + 0.1) ** (n - 1.0) + 1.0 / max(1.0, abs(y))))
-                h = min(h, max(0.5 * abs(y), 1e-3))  # |y|^n is not smooth at y = 0
+                steep = 1.0 if size < 0.9 else power / size * (1.0 + 0.15 * (n - 1.0) / size)  # of |y|^(n-1) nearby
+                h = min(x, 0.1 / (abs(c) * n * steep + 1.0 / max(1.0, size)))
+                h = min(h, max(0.5 * size, 1e-3))  # |y|^n is not smooth at y = 0
+                if h < 0.1 * size:  # four terms of Taylor's series: one power instead of four
+                    inverse = 1.0 / y
+                    d1 = -c * n * power * inverse
+                    d2 = d1 * (n - 1.0) * inverse
+                    d3 = d2 * (n - 2.0) * inverse
+                    y4 = f1 * f1 * d3 + 4.0 * f1 * d1 * d2 + d1 * d1 * d1
+                    y3 = f1 * d2 + d1 * d1 + 0.25 * h * y4
+                    y += h * f1 * (1.0 + 0.5 * h * (d1 + h * y3 / 3.0))
+                    x -= h
+                    continue
                 if y < 0.0 and y + h * f1 > 0.0:
                     # dx = dy / (1 - c |y|^n) up to y = 0, by Gauss's three points
                     x_zero = 0.0

@@ -127,7 +127,7 @@ def jit(function: Callable) -> Dispatcher:
     Parameters
     ----------
     function : callable
-        In nopython style. Division by zero gives inf, as NumPy does.
+        In nopython style, without the interpreter's lock. Division by zero gives inf, as NumPy does.
 
     Returns
     -------
@@ -136,11 +136,22 @@ def jit(function: Callable) -> Dispatcher:
     return _attach_cache(numba.njit(error_model="numpy", nogil=True)(function), function)
 
 
-def inline(function: Callable) -> Dispatcher:
-    """A small plain function for use within :func:`jit` code, copied into every place that calls it."""
+def inline(function: Callable, fastmath: Any = False) -> Dispatcher:
+    """A small plain function for use within :func:`jit` code, copied into every place that calls it.
+
+    Parameters
+    ----------
+    function : callable
+    fastmath : bool or set of str
+        What LLVM may do to its sums, e.g. ``{"reassoc", "contract"}`` to add up in vectors.
+
+    Returns
+    -------
+    numba dispatcher
+    """
     if isinstance(function, Dispatcher):
         return function
-    return numba.njit(error_model="numpy", nogil=True, forceinline=True)(function)
+    return numba.njit(error_model="numpy", nogil=True, forceinline=True, fastmath=fastmath)(function)
 
 
 def part(function: Callable) -> Dispatcher:
@@ -148,8 +159,7 @@ def part(function: Callable) -> Dispatcher:
     return numba.njit(error_model="numpy", nogil=True)(function)
 
 
-@intrinsic
-def borrow(typing_context, array):
+def _borrowed(typing_context: Any, array: Any) -> Any:
     """An array without its owner: handing it on costs no reference count. The owner must outlive it."""
 
     def codegen(context, builder, signature, args):
@@ -159,6 +169,9 @@ def borrow(typing_context, array):
         return view._getvalue()
 
     return array(array), codegen
+
+
+borrow: Any = intrinsic(_borrowed)
 
 
 def _pointer(function: Callable, signature: Any) -> CFunc:

@@ -63,6 +63,59 @@ class OneSidedGap(ForceLaw):
         out[0] = theta[1] * np.maximum(theta[1] * s - theta[0], 0.0)
 
 
+class PreloadedContact(ForceLaw):
+    r"""Contact under preload that opens: a spring pressed together by u at rest, lost beyond.
+
+    .. math:: R = k \max(s, -u) \quad\text{or}\quad R = k \min(s, u)
+
+    The preload itself is in balance at s = 0 and not counted; u = 0 is the breathing crack of :class:`Bilinear`.
+
+    Parameters
+    ----------
+    u : float, optional
+        Preload over stiffness, m; estimated if None.
+    k : float, optional
+        Stiffness while in contact, N/m.
+    side : {1, -1}
+        Whether positive or negative drift presses it together.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> print(laws.PreloadedContact(u=0.001, k=1e6).equation(3))
+    1e+06 max(s3, -u)  (u = 0.001)
+    """
+
+    name = "preloaded_contact"
+    family = "contact"
+    shapes = (Shape("u", "m", 0.05, 4.0, "s"),)
+    symmetry = "none"
+    passive = True
+
+    def __init__(self, u: float | None = None, k: float | None = None, side: int = 1) -> None:
+        if side not in (1, -1):
+            raise LawError(f"PreloadedContact: side={side!r} is unknown", "Give 1 or -1, the drift that presses it.")
+        self.side = int(side)
+        super().__init__({"u": u}, {"k": k})
+
+    def options(self) -> dict[str, Any]:
+        """Structural arguments: the side."""
+        return {"side": self.side}
+
+    def terms(self) -> tuple[Term, ...]:
+        """One term, the drift while in contact."""
+        return (Term("k", "max(s, -u)" if self.side > 0 else "min(s, u)", "N/m"),)
+
+    @property
+    def theta(self) -> np.ndarray:
+        """Preload over stiffness, and side."""
+        return np.append(super().theta, self.side)
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = theta[1] * np.maximum(theta[1] * s, -theta[0])
+
+
 class TwoSidedGap(ForceLaw):
     r"""Stops on both sides: a spring that is touched beyond an equal gap.
 

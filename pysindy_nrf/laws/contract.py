@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from .._random import generator
 from ..exceptions import LawError
 from .base import ForceLaw, Motion, from_dict
 
@@ -207,7 +208,7 @@ def check_units(law: ForceLaw, rng: np.random.Generator) -> None:
     columns, scaled = law.features(motion), law.with_values(shape=shape).features(other)
     for k, term in enumerate(law.terms()):
         what = f"{law}: {term.symbol} has not the unit {term.unit}, or a shape parameter not its own"
-        _close(scaled[:, k] * _in(term.unit, size, law), columns[:, k] * size["N"], what, 1e-6)
+        _close(scaled[:, k] * _in(term.unit, size, law), columns[:, k] * _in(law.output, size, law), what, 1e-6)
 
 
 def check_force(law: ForceLaw, rng: np.random.Generator) -> None:
@@ -233,7 +234,7 @@ def check_text(law: ForceLaw, rng: np.random.Generator) -> None:
     """Name, family, symbols, units and the equation are there and unambiguous."""
     terms = law.terms()
     assert law.name.isidentifier() and law.family, f"{law}: name or family is missing"
-    assert set(law.acts_at) <= {"link", "dof"} and law.acts_at, f"{law}: acts_at is {law.acts_at}"
+    assert set(law.acts_at) <= {"link", "dof", "sensor"} and law.acts_at, f"{law}: acts_at is {law.acts_at}"
     for field in ("symbol", "label"):
         texts = [getattr(term, field) for term in terms]
         assert len(set(texts)) == len(texts) and all(texts), f"{law}: {field}s {texts} are not distinct"
@@ -306,7 +307,7 @@ def check_law(law: ForceLaw, random_state: int = 0) -> None:
     >>> laws.check_law(laws.CoulombFriction())
     """
     for check in CHECKS:
-        rng = np.random.default_rng(random_state)
+        rng = generator(random_state)
         check(random_values(law, rng), rng)
 
 

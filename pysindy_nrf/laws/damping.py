@@ -60,7 +60,7 @@ class PowerLawDamping(ForceLaw):
 
     name = "power_law_damping"
     family = "damping"
-    shapes = (Shape("n", "1", 0.25, 4.0),)
+    shapes = (Shape("n", "1", 0.15, 4.0),)
     passive = True
 
     def __init__(self, n: float | None = None, cn: float | None = None) -> None:

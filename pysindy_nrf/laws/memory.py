@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 
 import numpy as np
@@ -10,7 +10,9 @@ from numba.core.errors import NumbaError
 
 from ..exceptions import ChannelError, LawError
 from .base import ForceLaw, Motion
-from .compiled import borrow, cannot_compile, inline, jit
+from .compiled import borrow, cannot_compile, inline, jit, part
+
+_STRETCH = 2048  # intervals whose turning points the first candidate finds for the others
 
 
 @inline
@@ -113,41 +115,60 @@ def _turns(s0, s1, v0, v1, h, a0, a1, has_a):
 
 
 @cache
-def _path(advance: Callable):
-    """Compiled path of one law's state; one machine-code file for each law."""
+def _paths(advance: Callable):
+    """Compiled paths of one law's state for many shape parameters; one machine-code file for each law."""
     step = inline(advance)
 
-    def memory_path(s, v, a, t, u, theta, state, z):
-        has_a, has_t = a.size > 0, t.size > 0
+    def one_path(s, v, a, t, u, state, theta, z, low, high, ways, n_ways):
+        """From sample ``low`` to ``high`` for one set of parameters; n_ways < 0: find where the motion turns."""
+        find, has_a, has_t = n_ways < 0, a.size > 0, t.size > 0
         buffer = np.zeros(u.shape[0])
         state, middle, u, theta, z = borrow(state), borrow(buffer), borrow(u), borrow(theta), borrow(z)
         h, a0, a1 = np.nan, 0.0, 0.0
-        for k in range(state.size):
-            z[k, 0] = state[k]
-        for i in range(1, s.size):
+        n_ways = 0 if find else n_ways
+        w, following = 0, ways[0, 0] if n_ways else np.inf
+        for i in range(low + 1, high):
             s0, s1, v0, v1 = s[i - 1], s[i], v[i - 1], v[i]
             for k in range(middle.size):
                 middle[k] = 0.5 * (u[k, i - 1] + u[k, i])
-            rest = h
             if has_t:
                 h = t[i] - t[i - 1]
-                rest = h
-                if has_a:
-                    a0, a1 = a[i - 1], a[i]
-                if v0 * v1 < 0.0 or v0 * a0 < 0.0 < v0 * a1:
-                    turns, x0, rise0, x1, rise1 = _turns(s0, s1, v0, v1, h, a0, a1, has_a)
-                    s_start = s0
-                    for k in range(turns):
-                        x = x0 if k == 0 else x1 - x0
-                        turn = s_start + (rise0 if k == 0 else rise1)
-                        step(state, s0, v0, turn, 0.0, x * h, middle, theta)
-                        rest -= x * h
-                        s0, v0 = turn, 0.0
+                if find:
+                    if has_a:
+                        a0, a1 = a[i - 1], a[i]
+                    if v0 * v1 < 0.0 or v0 * a0 < 0.0 < v0 * a1:
+                        turns, x0, rise0, x1, rise1 = _turns(s0, s1, v0, v1, h, a0, a1, has_a)
+                        for k in range(turns):
+                            ways[n_ways, 0] = following = i
+                            ways[n_ways, 1] = x1 - x0 if k else x0
+                            ways[n_ways, 2] = s0 + rise0 + rise1 if k else s0 + rise0
+                            n_ways += 1
+            rest = h
+            if following == i:  # to each point where the motion turns
+                while w < n_ways and ways[w, 0] == i:
+                    turn = ways[w, 2]
+                    step(state, s0, v0, turn, 0.0, ways[w, 1] * h, middle, theta)
+                    rest -= ways[w, 1] * h
+                    s0, v0 = turn, 0.0
+                    w += 1
+                following = ways[w, 0] if w < n_ways else np.inf
             step(state, s0, v0, s1, v1, rest, middle, theta)
             for k in range(state.size):
                 z[k, i] = state[k]
+        return n_ways
 
-    return jit(memory_path)
+    path = part(one_path)
+
+    def memory_paths(s, v, a, t, u, thetas, states, z):
+        ways = np.empty((2 * _STRETCH, 3))
+        for c in range(states.shape[0]):
+            z[c, :, 0] = states[c]
+        for low in range(0, s.size - 1, _STRETCH):
+            high, n_ways = min(low + _STRETCH + 1, s.size), -1  # where the motion turns is the same for all
+            for c in range(states.shape[0]):
+                n_ways = path(s, v, a, t, u, states[c], thetas[c], z[c], low, high, ways, n_ways)
+
+    return jit(memory_paths)
 
 
 def state_path(
@@ -198,32 +219,85 @@ def state_path(
     >>> z.shape, float(z[0, 0]), round(float(z[0, 100]), 6)
     ((1, 201), 0.0, -1.0)
     """
+    now = np.zeros((1, law.n_states)) if state is None else np.array(state, dtype=float)[None]
+    z = _along(law, motion, u, np.asarray(theta, dtype=float)[None], now)[0]
+    if not np.isfinite(now).all():
+        _explain(law, motion)
+    if state is not None:
+        state[:] = now[0]
+    return z
+
+
+def state_paths(law: ForceLaw, motions: Sequence[Motion], thetas: np.ndarray) -> list[np.ndarray]:
+    """Internal states of a law along several records for many shape parameters, in one pass over each.
+
+    Where a motion turns between two samples is found once for all candidates. A record starts with the
+    states at zero.
+
+    Parameters
+    ----------
+    law : ForceLaw
+    motions : sequence of Motion
+        One for each record; see :func:`state_path`.
+    thetas : ndarray of shape (n_candidates, n_theta)
+        Parameters as the law's kernel reads them (``law.theta``), a row for each candidate.
+
+    Returns
+    -------
+    list of ndarray of shape (n_candidates, n_states, n_samples)
+        One for each record. A candidate whose state grows beyond all bounds holds NaN or infinity.
+
+    Raises
+    ------
+    LawError, ChannelError
+        See :func:`state_path`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import laws
+    >>> t = np.linspace(0, 1, 201)
+    >>> motion = laws.Motion(1e-3 * np.sin(9 * t), 9e-3 * np.cos(9 * t), t=t)
+    >>> z, = state_paths(laws.Dahl(), [motion], np.array([[1e2], [1e3], [1e4]]))
+    >>> z.shape, z[:, 0, 20].round(3)
+    ((3, 1, 201), array([0.075, 0.543, 1.   ]))
+    """
+    thetas = np.atleast_2d(np.asarray(thetas, dtype=float))
+    out = []
+    for motion in motions:
+        states = np.zeros((len(thetas), law.n_states))
+        out.append(_along(law, motion, law.covariates_of(motion), thetas, states))
+        if len(thetas) and not np.isfinite(states).all(axis=1).any():
+            _explain(law, motion)
+    return out
+
+
+def _along(law: ForceLaw, motion: Motion, u: np.ndarray, thetas: np.ndarray, states: np.ndarray) -> np.ndarray:
+    """Paths for each row of ``thetas``; ``states`` is moved to the last sample."""
     none = np.empty(0)
 
     def line(array: np.ndarray | None) -> np.ndarray:
         return none if array is None else np.ascontiguousarray(array, dtype=float)
 
     s, v, a, t = line(motion.s), line(motion.v), line(motion.a), line(motion.t)
-    z = np.empty((law.n_states, len(s)))
-    now = np.zeros(law.n_states) if state is None else np.array(state, dtype=float)
-    if not len(s):
-        return z
-    try:
-        path = _path(type(law).advance)
-        path(s, v, a, t, np.ascontiguousarray(u, dtype=float), np.ascontiguousarray(theta, dtype=float), now, z)
-    except NumbaError as error:
-        raise cannot_compile(law, error) from error
-    if not np.isfinite(now).all():
-        if not (np.isfinite(s).all() and np.isfinite(v).all()):
-            raise ChannelError(
-                "The motion of a law with memory is not finite", "Cut leading and trailing NaN rows first."
+    z = np.empty((len(thetas), law.n_states, len(s)))
+    if not (np.isfinite(s).all() and np.isfinite(v).all()):
+        raise ChannelError("The motion of a law with memory is not finite", "Cut leading and trailing NaN rows first.")
+    if len(s):
+        try:
+            _paths(type(law).advance)(
+                s, v, a, t, np.ascontiguousarray(u, dtype=float), np.ascontiguousarray(thetas), states, z
             )
-        if motion.t is None:
-            raise LawError(f"{type(law).__name__} needs the time of the samples", "Pass time=, or dt=.")
-        raise LawError(
-            f"The state of {type(law).__name__} grows beyond all bounds on this motion",
-            f"Change its shape parameters ({', '.join(f'{k} = {x}' for k, x in law.shape.items())}).",
-        )
-    if state is not None:
-        state[:] = now
+        except NumbaError as error:
+            raise cannot_compile(law, error) from error
     return z
+
+
+def _explain(law: ForceLaw, motion: Motion) -> None:
+    """Raise the error for a state that is not finite."""
+    if motion.t is None:
+        raise LawError(f"{type(law).__name__} needs the time of the samples", "Pass time=, or dt=.")
+    raise LawError(
+        f"The state of {type(law).__name__} grows beyond all bounds on this motion",
+        f"Change its shape parameters ({', '.join(f'{k} = {x}' for k, x in law.shape.items())}).",
+    )

@@ -17,6 +17,9 @@ def whole(name: str, value: Any, least: int = 0) -> int:
     return int(value)
 
 
+MOST_POWER = 60  # a higher one is a mistake, or a file that wants all memory
+
+
 def exponents_of(order: Any) -> tuple[tuple[int, int], ...]:
     """Exponents (h, j) of v and s: total degree, or the box h <= k, j <= q of eq. (2).
 
@@ -29,16 +32,28 @@ def exponents_of(order: Any) -> tuple[tuple[int, int], ...]:
     -------
     tuple of (int, int)
         In the order of the paper's eq. (9): by total degree, within it by falling power of v.
+
+    Raises
+    ------
+    LawError
+        If the order is not whole numbers from 0 to 60.
     """
     if isinstance(order, (tuple, list)):
         if len(order) != 2:
             raise LawError(f"order={order!r} is not a box (k, q)", "Give two whole numbers, e.g. (2, 3).")
         k, q = whole("k", order[0]), whole("q", order[1])
+        _require_low("order", max(k, q))
         pairs = [(h, j) for h in range(k + 1) for j in range(q + 1)]
     else:
         degree = whole("degree", order)
+        _require_low("degree", degree)
         pairs = [(h, d - h) for d in range(degree + 1) for h in range(d + 1)]
     return tuple(sorted((p for p in pairs if p != (0, 0)), key=lambda p: (p[0] + p[1], -p[0])))
+
+
+def _require_low(name: str, power: int) -> None:
+    if power > MOST_POWER:
+        raise LawError(f"{name}={power} is above the highest power, {MOST_POWER}", "Give a lower degree.")
 
 
 def monomial(h: int, j: int) -> str:

@@ -1,0 +1,179 @@
+"""What a sensor adds to the truth: its reading minus the true channel, as a law of the true channel.
+
+At a site such as ``"sensor a2"`` a law sees the channel itself: s is the channel, v and a are its
+first and second derivative. It acts on the reading alone, never on the motion, so it stands in no
+balance; a simulation gives the readings, and :meth:`SensorFault.corrected` takes a reading back to
+the truth.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .base import ForceLaw, Term
+
+
+class SensorFault(ForceLaw):
+    """Base of the laws of faulty sensors; their output has the unit of the channel."""
+
+    family = "sensor"
+    acts_at = ("sensor",)
+    output = "m"  # the unit of s, which is the channel here
+
+    def reading(self, channel: Any, dt: float) -> np.ndarray:
+        """What the sensor shows.
+
+        Parameters
+        ----------
+        channel : array-like of shape (n_samples,)
+            The true channel.
+        dt : float
+            Sampling step, s.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+            NaN in rows for which a delayed sensor shows what lies before the record.
+        """
+        raise NotImplementedError
+
+    def corrected(self, reading: Any, dt: float) -> np.ndarray:
+        """The true channel from what the sensor shows; the inverse of :meth:`reading`.
+
+        Parameters
+        ----------
+        reading : array-like of shape (n_samples,)
+        dt : float
+            Sampling step, s.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+            NaN in rows that a shift leaves empty.
+        """
+        raise NotImplementedError
+
+
+class ChannelDelay(SensorFault):
+    r"""Channel that is late by tau, ``y(t - tau)``: another clock, an anti-aliasing filter, a slow converter.
+
+    To first order the reading lacks :math:`\tau \dot y`, which is the column of the law; readings and
+    corrections are exact (spline of degree 7).
+
+    Parameters
+    ----------
+    tau : float, optional
+        Delay, s; negative = early.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import laws
+    >>> t = np.arange(2000) / 1000
+    >>> late = laws.ChannelDelay(tau=0.0025).reading(np.sin(9 * t), dt=1e-3)
+    >>> bool(np.allclose(late[10:], np.sin(9 * (t[10:] - 0.0025)), atol=1e-9))
+    True
+    """
+
+    name = "channel_delay"
+
+    def __init__(self, tau: float | None = None) -> None:
+        super().__init__(coefficients={"tau": tau})
+
+    def terms(self) -> tuple[Term, ...]:
+        """One term, minus the derivative of the channel."""
+        return (Term("tau", "-dy/dt", "s"),)
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = -v
+
+    def reading(self, channel: Any, dt: float) -> np.ndarray:
+        """The channel, late by tau."""
+        from ..alignment import shifted
+
+        return shifted(np.asarray(channel, dtype=float), float(self.values[0]) / dt)
+
+    def corrected(self, reading: Any, dt: float) -> np.ndarray:
+        """The reading, early by tau."""
+        from ..alignment import shifted
+
+        return shifted(np.asarray(reading, dtype=float), -float(self.values[0]) / dt)
+
+
+class GainError(SensorFault):
+    """Channel that reads too much by the share e, ``(1 + e) y``: a wrong calibration, or a wrong sign (e = -2).
+
+    Parameters
+    ----------
+    e : float, optional
+        Gain minus one.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> laws.GainError(e=0.2).reading([1.0, -2.0], dt=1e-3)
+    array([ 1.2, -2.4])
+    """
+
+    name = "gain_error"
+
+    def __init__(self, e: float | None = None) -> None:
+        super().__init__(coefficients={"e": e})
+
+    def terms(self) -> tuple[Term, ...]:
+        """One term, the channel."""
+        return (Term("e", "y", "1"),)
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = s
+
+    def reading(self, channel: Any, dt: float) -> np.ndarray:
+        """The channel times 1 + e."""
+        return (1.0 + float(self.values[0])) * np.asarray(channel, dtype=float)
+
+    def corrected(self, reading: Any, dt: float) -> np.ndarray:
+        """The reading over 1 + e."""
+        return np.asarray(reading, dtype=float) / (1.0 + float(self.values[0]))
+
+
+class SensorOffset(SensorFault):
+    """Channel whose zero is wrong, ``y + b``.
+
+    Parameters
+    ----------
+    b : float, optional
+        Offset, in the unit of the channel.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> laws.SensorOffset(b=0.5).corrected([1.0, -2.0], dt=1e-3)
+    array([ 0.5, -2.5])
+    """
+
+    name = "sensor_offset"
+    symmetry = "even"
+    at_rest = None
+
+    def __init__(self, b: float | None = None) -> None:
+        super().__init__(coefficients={"b": b})
+
+    def terms(self) -> tuple[Term, ...]:
+        """One term, 1."""
+        return (Term("b", "1", "m"),)
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = 0.0 * s + 1.0
+
+    def reading(self, channel: Any, dt: float) -> np.ndarray:
+        """The channel plus b."""
+        return np.asarray(channel, dtype=float) + float(self.values[0])
+
+    def corrected(self, reading: Any, dt: float) -> np.ndarray:
+        """The reading minus b."""
+        return np.asarray(reading, dtype=float) - float(self.values[0])

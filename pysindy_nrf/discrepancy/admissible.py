@@ -8,7 +8,14 @@ from ..laws.base import ForceLaw
 
 # Families whose laws take energy out, or store it, with coefficients that are not negative.
 _POSITIVE = ("friction", "hysteresis", "link")
-_POSITIVE_LAWS = ("one_sided_gap", "two_sided_gap", "dead_zone", "quadratic_damping", "power_law_damping")
+_POSITIVE_LAWS = (
+    "one_sided_gap",
+    "preloaded_contact",
+    "two_sided_gap",
+    "dead_zone",
+    "quadratic_damping",
+    "power_law_damping",
+)
 # Laws whose second coefficient may have either sign.
 _FREE_LAWS = ("stribeck_friction",)
 _SLACK = 0.1

@@ -59,6 +59,8 @@ def default_catalogue(covariates: Sequence[str] = ()) -> list[ForceLaw]:
         laws.QuinticStiffness(),
         laws.OneSidedGap(),
         laws.OneSidedGap(side=-1),
+        laws.PreloadedContact(),
+        laws.PreloadedContact(side=-1),
         laws.TwoSidedGap(),
         laws.DeadZone(),
         laws.Bilinear(),
@@ -76,6 +78,9 @@ def default_catalogue(covariates: Sequence[str] = ()) -> list[ForceLaw]:
         laws.ConstantForce(),
         laws.AddedMass(),
         laws.LinkSpringDashpot(),
+        laws.ChannelDelay(),
+        laws.GainError(),
+        laws.SensorOffset(),
     ]
     for name in covariates:
         if name == "ag":
@@ -106,6 +111,8 @@ def as_laws(catalogue: Iterable[Any] | None, covariates: Sequence[str]) -> list[
     if catalogue is None:
         return default_catalogue(covariates)
     chosen = []
+    if not isinstance(catalogue, Iterable):
+        raise LawError(f"catalogue={catalogue!r} is not a list of laws", "Use those of pysindy_nrf.laws, or your own.")
     for item in catalogue:
         law = item() if isinstance(item, type) and issubclass(item, ForceLaw) else item
         if not isinstance(law, ForceLaw):
@@ -128,11 +135,31 @@ SPECIAL_CASES = {
     "lagged_covariate_friction": ("covariate_friction", "coulomb_friction"),
     "covariate_dahl": ("dahl", "lagged_covariate_friction", "covariate_friction"),
     "power_law_damping": ("quadratic_damping",),
-    "dead_zone": ("one_sided_gap", "two_sided_gap"),
+    "dead_zone": ("one_sided_gap", "two_sided_gap", "constant_force"),
     "iwan": ("jenkins",),
     "lugre": ("dahl",),
     "bouc_wen": ("dahl",),
-}
+    # Along a drift that keeps its sign an even law is little more than a constant.
+    **dict.fromkeys(
+        ("quadratic_stiffness", "absolute_quadratic_stiffness", "cubic_stiffness", "quintic_stiffness",
+         "one_sided_gap", "two_sided_gap", "bilinear", "preloaded_contact"),
+        ("constant_force",),
+    ),
+}  # fmt: skip
+
+
+def balances_of(site: Site) -> Site:
+    """One site for all that stand in the same balance with the same motion: on a DOF is from it to the ground.
+
+    Parameters
+    ----------
+    site : Site
+
+    Returns
+    -------
+    Site
+    """
+    return Site(f"ground {site.p}") if site.kind == "dof" else site
 
 
 def candidates(
@@ -141,8 +168,11 @@ def candidates(
     known_masses: Iterable[int],
     covariates: Sequence[str],
     forced: Iterable[int],
+    n_records: int = 1,
 ) -> Iterator[Candidate]:
-    """Every law at every site where it makes sense.
+    """Every force law at every site where it makes sense.
+
+    Faulty sensors are no forces; :mod:`pysindy_nrf.discrepancy.sensors` tries them.
 
     Parameters
     ----------
@@ -154,6 +184,9 @@ def candidates(
         inertia, leaking base motion and Maxwell branches are not tried there.
     covariates : sequence of str
         Channels that the records have.
+    n_records : int
+        Records that are searched. In several, a change at one time after the start of each would have to
+        heal in between: steps and drifts are tried in a single record only.
 
     Yields
     ------
@@ -164,7 +197,9 @@ def candidates(
     skips = [Site(f"link {p}-{q}") for p in range(3, n + 1) for q in range(1, p - 1)]
     known, driven = set(known_masses), set(forced)
     for law in catalogue:
-        if any(name not in covariates for name in law.covariates):
+        if any(name not in covariates for name in law.covariates) or law.family == "sensor":
+            continue
+        if law.family == "degradation" and n_records > 1:
             continue
         if law.family == "link":
             places = [s for s in grounds + skips if s not in chain.sites]
@@ -175,6 +210,9 @@ def candidates(
             )
         elif law.name in _LIKE_INERTIA and not driven:
             places = []
+        elif "link" in law.acts_at and "dof" in law.acts_at:
+            # on DOF 1 it is the same as in storey 1
+            places = [Site(f"dof {j}") for j in range(1, n + 1)] + [s for s in chain.sites if s.q > 0]
         elif "link" in law.acts_at:
             places = list(chain.sites)
             if law.family == "friction":

@@ -11,13 +11,16 @@ import pandas as pd
 
 from ..exceptions import ChannelError
 from ..laws.base import Motion
-from .dependence import GAPS, Basis, Judge, envelope, filtered
+from .dependence import GAPS, Basis, Judge, envelope, filtered, period_of
 
 # What explains nearly as much with less wins: at most this much worse, in shares of the residual's squares.
 NEARLY = 0.04
 # Below this share nothing that was tried explains the force.
 LEAST = 0.15
 _LINE_LEVEL = 0.01
+# Every k-th sample is enough for the regressions, as long as so many are left in all and in a period.
+_ENOUGH = 8000
+_PER_PERIOD = 8
 
 
 @dataclass
@@ -174,7 +177,9 @@ class _Work:
             self.frequency = spectral_line(left, motions)
             if np.isfinite(self.frequency):
                 groups["line"] = self._line(groups["constant"])
-        self.judge = Judge(force, groups)
+        every = int(max(1, min(sum(map(len, force)) // _ENOUGH, period_of([m.s for m in motions]) // _PER_PERIOD)))
+        thinned = {name: [part[::every] for part in parts] for name, parts in groups.items()}
+        self.judge = Judge([f[::every] for f in force], thinned)
         names = {"constant": [], "linear": [], "line": ["line"], "delay": ["delay"], "s alone": ["s"], "v alone": ["v"]}
         names |= {f"covariate {c}": [f"covariate {c}"] for c in covariates}
         names |= {"time": ["time"], "amplitude": ["amplitude"], "s and v": ["surface"], "path": ["path"]}

@@ -42,12 +42,41 @@ class Cross:
         return self.spread > 0 and self.energy > 0
 
 
-def cross_covariance(x: Parts, y: Parts, lags: int, first: int | None = None) -> Cross:
+class Signal:
+    """Contiguous records of one signal, means taken off, with their Fourier transforms.
+
+    Parameters
+    ----------
+    parts : sequence of ndarray
+        One for each record.
+
+    Attributes
+    ----------
+    sizes : list of (int, int)
+        Samples and length of the zero-padded transform of each record.
+    spectra : list of ndarray of complex
+    power : list of ndarray
+        Their squared magnitudes.
+    energy : float
+        Sum of the squares.
+    """
+
+    def __init__(self, parts: Parts) -> None:
+        from scipy.fft import next_fast_len, rfft
+
+        centred = [x - x.mean() for x in parts]
+        self.sizes = [(len(x), next_fast_len(2 * len(x), real=True)) for x in centred]
+        self.spectra = [rfft(x, size) for x, (_, size) in zip(centred, self.sizes)]
+        self.power = [X.real**2 + X.imag**2 for X in self.spectra]
+        self.energy = float(sum(x @ x for x in centred))
+
+
+def cross_covariance(x: Parts | Signal, y: Parts | Signal, lags: int, first: int | None = None) -> Cross:
     """Cross-covariance of two signals over contiguous records, means taken off.
 
     Parameters
     ----------
-    x, y : sequence of ndarray
+    x, y : Signal or sequence of ndarray
         One pair for each record.
     lags : int
         Largest lag, samples.
@@ -58,23 +87,20 @@ def cross_covariance(x: Parts, y: Parts, lags: int, first: int | None = None) ->
     -------
     Cross
     """
-    from scipy.fft import irfft, next_fast_len, rfft
+    from scipy.fft import irfft
 
+    x, y = (s if isinstance(s, Signal) else Signal(s) for s in (x, y))
     lag = np.arange(-lags if first is None else first, lags + 1)
-    total, variance, slope, energy = np.zeros(lag.size), 0.0, 0.0, np.zeros(2)
-    for a, b in zip(x, y):
-        a, b = a - a.mean(), b - b.mean()
-        size = next_fast_len(2 * len(a), real=True)
-        X, Y = rfft(a, size), rfft(b, size)
+    total, variance, slope = np.zeros(lag.size), 0.0, 0.0
+    for X, Y, p, q, (count, size) in zip(x.spectra, y.spectra, x.power, y.power, x.sizes):
         total += irfft(X.conj() * Y, size)[lag]
         # the sum over lags of both autocovariances is the sum over frequencies of both periodograms
-        both = (X.real**2 + X.imag**2) * (Y.real**2 + Y.imag**2) / (size * len(a))
+        both = p * q / (size * count)
         both[1:] *= 2
         variance += both.sum()
         slope += np.linspace(0, np.pi, both.size) ** 2 @ both
-        energy += a @ a, b @ b
     omega = np.sqrt(slope / variance) if variance > 0 else 0.0
-    return Cross(lag, total, float(np.sqrt(variance)), float(np.sqrt(energy[0] * energy[1])), float(omega))
+    return Cross(lag, total, float(np.sqrt(variance)), float(np.sqrt(x.energy * y.energy)), float(omega))
 
 
 def probability_of_peak(height: float, n_lags: int, omega: float) -> float:
@@ -92,9 +118,9 @@ def probability_of_peak(height: float, n_lags: int, omega: float) -> float:
     -------
     float
     """
-    from scipy.stats import norm
+    from scipy.special import ndtr
 
-    single = 2 * norm.sf(height)
+    single = 2 * float(ndtr(-height))
     further = min(omega / np.pi * np.exp(-(height**2) / 2), single)
     return float(-np.expm1(np.log1p(-min(single, 1 - 1e-16)) - (n_lags - 1) * further))
 

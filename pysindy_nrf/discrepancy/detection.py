@@ -14,18 +14,39 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ..exceptions import NRFError
 from ..segments import Segment, SegmentSet
 from ..sites import Site
-from .correlation import Cross, Parts, cross_covariance, peak_limit, probability_of_peak, whitened_autocorrelation
-from .dependence import filtered
-from .noise_floor import AT_FLOOR, NoiseFloor
+from .correlation import (
+    Cross,
+    Parts,
+    Signal,
+    cross_covariance,
+    peak_limit,
+    probability_of_peak,
+    whitened_autocorrelation,
+)
+from .dependence import filtered, period_of
+from .noise_floor import AT_FLOOR, BELOW_FLOOR, NoiseFloor
 from .residual import ROUND_OFF, Residual
 
 NOISE, LINEAR, NONLINEAR = "noise", "linear effect missing", "nonlinear effect missing"
 UNMEASURED = "unmeasured force or coloured noise"
 HIGHER = ("phi_x2e", "phi_x3e", "phi_|x||e|", "phi_e(ex)")
+# What the tests correlate, x being a signal and e the residual.
+TEST_WORDS = {
+    "phi_ee": "the residual with its own past",
+    "phi_xe": "the residual with {x}",
+    "phi_x2e": "the residual with the square of {x}",
+    "phi_x3e": "the residual with the cube of {x}",
+    "phi_|x||e|": "the size of the residual with the size of {x}",
+    "phi_e(ex)": "the residual with its own product with {x}",
+}
 _WHITE_LAGS = 20
 _TAPS = 4
+# Every k-th sample is enough for the correlations, as long as so many are left in all and in a period.
+_ENOUGH = 4096
+_PER_PERIOD = 8
 
 
 @dataclass
@@ -44,7 +65,7 @@ class Detection:
         ``lag`` (s, or samples if the step is unknown), ``band`` (the peak's bound at the level of the tests),
         ``p``, ``outside``.
     curves : dict of (where, test, signal) to (lag, correlation, band)
-        For drawing.
+        For drawing; lags as in ``tests``, but of ``phi_ee`` in samples of the whitened residual.
     level : float
     """
 
@@ -133,6 +154,8 @@ def detect(
     >>> detect(residual_of(truth.with_laws({2: spring}), data)).verdicts["verdict"]["storey 2"]
     'nonlinear effect missing'
     """
+    if not isinstance(residual, Residual):
+        raise NRFError(f"{type(residual).__name__} is not a residual", "Make one with residual_of(model, data).")
     verdicts: dict[str, dict[str, Any]] = {}
     rows: list[dict[str, Any]] = []
     curves: dict[tuple[str, str, str], Any] = {}
@@ -147,7 +170,7 @@ def detect(
         if residual.sizes.loc[where, "rms"] > ROUND_OFF * residual.sizes.loc[where, "reference"]:
             place = _Place(where, views, level, lags, min_share)
             verdict |= place.judge()
-            if verdict["verdict"] == UNMEASURED and ratio < AT_FLOOR:
+            if ratio < BELOW_FLOOR or (verdict["verdict"] == UNMEASURED and ratio < AT_FLOOR):
                 verdict["verdict"] = NOISE
             rows += place.rows
             curves |= place.curves
@@ -169,8 +192,8 @@ class _View:
         self.residual, self.data = residual, data
         self._bases: dict[tuple[int, ...], tuple[np.ndarray, int]] = {}
 
-    def basis(self, use: list[int], spacing: int, worth: float) -> tuple[np.ndarray, int]:
-        """Orthonormal columns of what is linear, in the band, and the rows lost at each end.
+    def basis(self, use: list[int], spacing: int, worth: float, every: int) -> tuple[np.ndarray, int]:
+        """Orthonormal columns of what is linear, in the band, and the rows lost at each end before thinning.
 
         All drifts and rates, and the inputs at neighbouring times. No accelerations and no drifts at
         neighbouring times, which hold them: beside the forces they close the true balance, whatever is missing.
@@ -187,7 +210,8 @@ class _View:
             for i, (seg, k) in enumerate(zip(segments, use)):
                 filter = self.residual.filters[k]
                 motion = np.column_stack([seg.s[seg.valid], seg.v[seg.valid]]).astype(float)
-                rows.append(_linear(filtered(motion, filter), [filtered(x[i], filter) for x in inputs], spacing, taps))
+                columns = [filtered(x[i], filter) for x in inputs]
+                rows.append(_linear(filtered(motion, filter), columns, spacing, taps)[::every])
             self._bases[key] = _orthonormal(np.vstack(rows)), taps * spacing
         return self._bases[key]
 
@@ -236,13 +260,15 @@ class _Place:
         use, e = first.target(where)
         states, _ = first.signals(where, use)
         shortest = min(map(len, e))
-        period = _period(next(iter(states.values())))
+        period = period_of(next(iter(states.values())))
         self.lags = (
             int(np.clip(period if lags is None else lags, 8, max(8, shortest // 10))) if lags is None else int(lags)
         )
         self.spacing = max(1, int(round(period / 8)))
-        self.steps = [first.data.segments[i].dt for i in use]
-        self.sides = [_Side(view, where, self.spacing) for view in views]
+        every = int(max(1, min(sum(map(len, e)) // _ENOUGH, period // _PER_PERIOD)))
+        self.lags = max(8, self.lags // every)
+        self.steps = [None if dt is None else dt * every for dt in (first.data.segments[i].dt for i in use)]
+        self.sides = [_Side(view, where, self.spacing, every) for view in views]
         self.draws = len(views) - 1
 
     def judge(self) -> dict[str, Any]:
@@ -275,10 +301,10 @@ class _Place:
 
         side = self.sides[0]
         density = _reference(side, self.sides[1:])
-        phi, n = whitened_autocorrelation(side.e, density, _WHITE_LAGS)
+        phi, n = whitened_autocorrelation(side.whole, density, _WHITE_LAGS)
         more = 1.0
         if self.draws:
-            noise = [whitened_autocorrelation(s.e, _fit(density, s.e), _WHITE_LAGS)[0] for s in self.sides[1:]]
+            noise = [whitened_autocorrelation(s.whole, _fit(density, s.whole), _WHITE_LAGS)[0] for s in self.sides[1:]]
             phi, more = np.clip(phi - np.mean(noise, axis=0), -1.0, 1.0), 1 + 1 / self.draws
         p = float(chi2.sf(n * (phi**2).sum() / more, _WHITE_LAGS))
         band = float(np.sqrt(more / n)) * peak_limit(self.level / 3, _WHITE_LAGS, np.pi)
@@ -306,7 +332,8 @@ class _Place:
             band = peak_limit(level, len(height), cross.omega) * spread / cross.energy
             phi = np.clip(total / cross.energy, -1.0, 1.0)
             self._note(test, name, phi[peak], float(cross.lag[peak]), band, p, p < level)
-            self.curves[self.where, test, name] = (cross.lag, phi, band)
+            step = self.steps[0] if self.steps[0] is not None else 1.0
+            self.curves[self.where, test, name] = (cross.lag * step, phi, band)
             least = min(least, p)
             if p < level:
                 strong = max(strong, abs(phi[peak]) if kind == "|x||e|" else phi[peak] ** 2)
@@ -321,16 +348,18 @@ class _Place:
 class _Side:
     """Residual, signals and their powers of one view; what is linear in drifts, rates and inputs is taken off."""
 
-    def __init__(self, view: _View, where: str, spacing: int) -> None:
-        use, self.e = view.target(where)
+    def __init__(self, view: _View, where: str, spacing: int, every: int) -> None:
+        use, self.whole = view.target(where)
         self.filters = [view.residual.filters[i] for i in use]
         self.steps = [view.data.segments[i].dt for i in use]
+        self.every = every
+        self.e = [part[::every] for part in self.whole]
         states, inputs = view.signals(where, use)
         self.raw = states | inputs
         self.plain = {name: _filtered(x, self.filters) for name, x in self.raw.items()}
         self.bandwidth = _bandwidth(self.e)
-        self._basis, self._pad = view.basis(use, spacing, sum(map(len, self.e)) * self.bandwidth)
-        inside = self._inside(self.e)
+        self._basis, self._pad = view.basis(use, spacing, sum(map(len, self.e)) * self.bandwidth, every)
+        inside = self._inside(self.whole)
         self.rest = self._without(inside)
         before, after = (sum(float(x @ x) for x in parts) for parts in (inside, self.rest))
         worth = max(sum(map(len, inside)) * self.bandwidth, 2.0 * self._basis.shape[1])
@@ -338,11 +367,12 @@ class _Side:
         self.linear_share = (
             float(np.clip(((before - after) / before - overfit) / (1 - overfit), 0.0, 1.0)) if before else 0.0
         )
-        self._powers: dict[tuple[str, int], list[np.ndarray]] = {}
+        self._residuals = {"xe": Signal(self.e), "": Signal(self.rest)}
+        self._residuals["|x||e|"] = Signal([np.abs(r) for r in self.rest])
 
     def _inside(self, x: Parts) -> list[np.ndarray]:
-        """The rows at which all neighbouring times lie within the record."""
-        return [part[self._pad : len(part) - self._pad] for part in x]
+        """The rows at which all neighbouring times lie within the record, thinned."""
+        return [part[self._pad : len(part) - self._pad : self.every] for part in x]
 
     def _without(self, x: Parts) -> list[np.ndarray]:
         """What drifts, rates and inputs do not explain linearly."""
@@ -350,26 +380,25 @@ class _Side:
         return np.split(whole - self._basis @ (self._basis.T @ whole), np.cumsum([len(part) for part in x])[:-1])
 
     def _power(self, name: str, degree: int) -> list[np.ndarray]:
-        if (name, degree) not in self._powers:
-            raw = self.raw[name]
-            size = max(float(np.abs(x).max()) for x in raw) or 1.0
-            columns = _filtered([(x / size) ** degree for x in raw], self.filters)
-            self._powers[name, degree] = self._without(self._inside([c - c.mean() for c in columns]))
-        return self._powers[name, degree]
+        raw = self.raw[name]
+        size = max(float(np.abs(x).max()) for x in raw) or 1.0
+        scaled = [x / size for x in raw]
+        columns = _filtered([x * x if degree == 2 else x * x * x for x in scaled], self.filters)
+        return self._without(self._inside([c - c.mean() for c in columns]))
 
     def cross(self, kind: str, name: str, lags: int) -> Cross:
         """Cross-covariance of one test; see :func:`detect`."""
         if kind == "xe":
-            return cross_covariance(self.plain[name], self.e, lags)
+            return cross_covariance([x[:: self.every] for x in self.plain[name]], self._residuals[kind], lags)
         if kind in ("x2e", "x3e"):
-            return cross_covariance(self._power(name, int(kind[1])), self.rest, lags)
+            return cross_covariance(self._power(name, int(kind[1])), self._residuals[""], lags)
         plain = self._inside(self.plain[name])
         if kind == "|x||e|":
-            return cross_covariance([np.abs(x) for x in plain], [np.abs(r) for r in self.rest], lags)
+            return cross_covariance([np.abs(x) for x in plain], self._residuals[kind], lags)
         products = [x * r for x, r in zip(plain, self.rest)]
         # nearer lags hold the residual's own colour besides
         first = int(np.ceil(1.5 / self.bandwidth))
-        return cross_covariance(products, self.rest, first + lags, first)
+        return cross_covariance(products, self._residuals[""], first + lags, first)
 
 
 def _filtered(x: Parts, filters: list[Any]) -> list[np.ndarray]:
@@ -393,13 +422,6 @@ def _orthonormal(columns: np.ndarray) -> np.ndarray:
     return columns @ (vectors[:, keep] / np.sqrt(values[keep]))
 
 
-def _period(x: Parts) -> float:
-    """Samples of a period at the rms frequency of a signal."""
-    pace = sum(float(np.sum(np.diff(p) ** 2)) for p in x)
-    size = sum(float(np.sum((p - p.mean()) ** 2)) for p in x)
-    return 2 * np.pi / max(np.sqrt(pace / size), 1e-6) if size > 0 else 16.0
-
-
 def _bandwidth(x: Parts) -> float:
     """Share of the frequency axis that a signal fills, ``(sum I)^2 / (M sum I^2)`` of its periodogram (1 for white)."""
     top = bottom = 0.0
@@ -414,12 +436,12 @@ def _reference(side: _Side, noise: list[_Side]) -> list[np.ndarray]:
     if noise:
         from scipy.signal import welch
 
-        parts = [e for s in noise for e in s.e]
+        parts = [e for s in noise for e in s.whole]
         size = min(512, min(map(len, parts)))
         density = np.mean([welch(e, nperseg=size)[1] for e in parts], axis=0)
         grid = np.linspace(0, 1, len(density))
-        return [np.interp(np.linspace(0, 1, len(e) // 2 + 1), grid, density) for e in side.e]
-    return [_response(f, dt, len(e)) for f, dt, e in zip(side.filters, side.steps, side.e)]
+        return [np.interp(np.linspace(0, 1, len(e) // 2 + 1), grid, density) for e in side.whole]
+    return [_response(f, dt, len(e)) for f, dt, e in zip(side.filters, side.steps, side.whole)]
 
 
 def _fit(density: list[np.ndarray], parts: Parts) -> list[np.ndarray]:

@@ -3,13 +3,74 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..exceptions import NRFError
 from ..model import ChainModel
+from ..record import Record
+from ..segments import Segment
 from .splits import BlockRows
-from .workspace import Workspace
+
+if TYPE_CHECKING:
+    from .workspace import Workspace
+
+
+def free_run_of(model: ChainModel, segment: Segment, rows: slice, dt: float) -> Record:
+    """The model alone under the forces and base motion of some rows, from their first state.
+
+    Parameters
+    ----------
+    model : ChainModel
+    segment : Segment
+    rows : slice
+        Finite rows; internal states start at zero.
+    dt : float
+        s.
+
+    Returns
+    -------
+    Record
+        Displacement relative to the base.
+
+    Raises
+    ------
+    SimulationError
+        If it diverges.
+    """
+    return model.simulate(
+        segment.F[rows],
+        dt,
+        x0=np.cumsum(segment.s[rows.start]),
+        v0=np.cumsum(segment.v[rows.start]),
+        base_acceleration=None if segment.ag is None else segment.ag[rows],
+        covariates={k: c[rows] for k, c in segment.covariates.items()} or None,
+    )
+
+
+def squares_of(run: Record, segment: Segment, rows: slice, filter: Any = None) -> tuple[np.ndarray, np.ndarray]:
+    """Sums of squares of a free run's error and of the measured displacement.
+
+    Parameters
+    ----------
+    run : Record
+        Of :func:`free_run_of`.
+    segment : Segment
+    rows : slice
+    filter : FairFilter, optional
+        Applied to both.
+
+    Returns
+    -------
+    error, measured : ndarray of shape (n_dof,)
+        m^2.
+    """
+    x = np.cumsum(segment.s[rows], axis=1)
+    error = run.displacement - x
+    if filter is not None:
+        error, x = filter.apply(error), filter.apply(x)
+    return (error**2).sum(axis=0), (x**2).sum(axis=0)
 
 
 def free_run_error(model: ChainModel, work: Workspace, blocks: Sequence[BlockRows]) -> float:
@@ -38,23 +99,11 @@ def free_run_error(model: ChainModel, work: Workspace, blocks: Sequence[BlockRow
         dt = seg.dt
         if dt is None or np.isnan(seg.F[rows.start]).any() or rows.stop - rows.start < 8:
             return float("nan")
-        x = np.cumsum(seg.s[rows], axis=1)
-        v0 = np.cumsum(seg.v[rows.start])
         try:
-            run = model.simulate(
-                seg.F[rows],
-                dt,
-                x0=x[0],
-                v0=v0,
-                base_acceleration=None if seg.ag is None else seg.ag[rows],
-                covariates={k: c[rows] for k, c in seg.covariates.items()} or None,
-            )
+            run = free_run_of(model, seg, rows, dt)
         except NRFError:
             return float("nan")
-        error = run.displacement - x
-        filter = work.filters[block.segment]
-        if filter is not None:
-            error, x = filter.apply(error), filter.apply(x)
-        top += (error**2).sum(axis=0)
-        bottom += (x**2).sum(axis=0)
+        error, x = squares_of(run, seg, rows, work.filters[block.segment])
+        top += error
+        bottom += x
     return float(100.0 * np.sqrt(np.mean(top / bottom))) if (bottom > 0).all() else float("nan")

@@ -7,11 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .catalogue import SPECIAL_CASES
+from .catalogue import SPECIAL_CASES, balances_of
 from .search import Finding
 
 MIN_GAIN = 0.15
 MIN_WINS = 0.8
+# What an effect must gain on top of all others: beside those it is accepted with, and those that came later.
+MEMBER_GAIN = 0.05
 # Further gain asked for each parameter beyond the second: a flexible law fits what is no effect.
 PARAMETER_GAIN = 0.05
 TIE = 0.10
@@ -21,6 +23,8 @@ PER_PARAMETER = 0.10
 SIMPLER = 0.02
 # Share of the fall of the error that a special case must reach to go before the law that holds it.
 MOST_OF_THE_WORK = 0.65
+# It must not leave more than so many times what that leaves, unless a measured covariate makes the difference.
+MOST_LEFT = 2.0
 MOST_FAMILIES = 3
 # Pooled balance error, percent, below which there is nothing an engineer would look for.
 FLOOR = 0.02
@@ -55,7 +59,9 @@ def gain_of(before: np.ndarray, after: np.ndarray) -> float:
     return 1.0 - low / high if high > 0 else 0.0
 
 
-def judge(before: np.ndarray, after: np.ndarray, n_parameters: int = 1, null_gain: float = 0.0) -> Verdict:
+def judge(
+    before: np.ndarray, after: np.ndarray, n_parameters: int = 1, null_gain: float = 0.0, least: float = MIN_GAIN
+) -> Verdict:
     """Accept an effect, or not.
 
     Parameters
@@ -66,13 +72,15 @@ def judge(before: np.ndarray, after: np.ndarray, n_parameters: int = 1, null_gai
         Coefficients and shape parameters of the effect.
     null_gain : float
         Largest gain on surrogates without any effect.
+    least : float
+        Gain asked of an effect of one or two parameters.
 
     Returns
     -------
     Verdict
     """
     gain, wins = gain_of(before, after), float(np.mean(after < before))
-    priced = MIN_GAIN + PARAMETER_GAIN * max(0, n_parameters - 2)
+    priced = least + PARAMETER_GAIN * max(0, n_parameters - 2)
     needed = max(priced, null_gain + 0.05 if null_gain > 0.05 else 0.0)
     facts = (
         f"the median error over {len(before)} blocks falls by {100 * gain:.0f} % "
@@ -130,7 +138,7 @@ def choose(findings: Sequence[Finding], before: float) -> tuple[Finding, list[Fi
     tied: dict[str, Finding] = {}
     for f in sorted(findings, key=lambda f: f.error):
         if (
-            f.site == chosen.site
+            balances_of(f.site) == balances_of(chosen.site)
             and f.law.family != chosen.law.family
             and f.error <= max(chosen.error, best) * (1 + TIE)
         ):
@@ -143,9 +151,10 @@ def _special_case(chosen: Finding, findings: Sequence[Finding], before: float) -
     simpler = [
         f
         for f in findings
-        if f.site == chosen.site
+        if balances_of(f.site) == balances_of(chosen.site)
         and f.law.name in SPECIAL_CASES.get(chosen.law.name, ())
-        and f.n_parameters < chosen.n_parameters
+        and f.n_parameters <= chosen.n_parameters
         and f.error <= enough
+        and (f.law.covariates or chosen.law.covariates or f.error + FLOOR <= MOST_LEFT * (chosen.error + FLOOR))
     ]
     return min(simpler, key=lambda f: (f.n_parameters, f.error)) if simpler else chosen

@@ -14,7 +14,7 @@ was solved: an error carried along a walk is a correction d. ``share = 1 - E_sit
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -180,6 +180,7 @@ class _Work:
     forced: np.ndarray
     held: np.ndarray
     values: np.ndarray
+    _cut: dict[bytes, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -274,12 +275,15 @@ class _Work:
         """
         from scipy.sparse.csgraph import connected_components
 
+        if _key(b) in self._cut:
+            return self._cut[_key(b)]
         B = self._patterns(b)
         single = np.count_nonzero(B, axis=0) == 1
         seen = ~B[:, single].any(axis=1)
         ties = np.abs(np.column_stack([self.owners[:, : -2 * self.residual.n_dof], B[:, ~single]])) * seen[:, None]
         piece = np.where(seen, connected_components(ties @ ties.T)[1], -1)
-        return piece, np.isin(piece, piece[self.forced & seen])
+        self._cut[_key(b)] = piece, np.isin(piece, piece[self.forced & seen])
+        return self._cut[_key(b)]
 
     def _free_masses(self, b: np.ndarray | None) -> np.ndarray:
         """DOFs whose mass is corrected: all but one, the largest, of a piece that nothing scales."""
@@ -318,17 +322,19 @@ class _Work:
         error = float(np.sqrt((k - 1) / k * ((rest - rest.mean()) ** 2).sum())) if k > 2 else float("nan")
         return value, value - 2 * error, value + 2 * error
 
-    # -- whose motion the force follows -----------------------------------------------------------
+    # -- the force itself, and whose motion it follows --------------------------------------------
 
-    def own(self, site: Site, b: np.ndarray | None) -> tuple[float, float]:
-        """Share of the free force that its own motion explains, percent, and its rms, N."""
-        assert b is not None
+    def force(self, b: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """The free force with a pattern along every record (N), and columns it may hold any multiple of.
+
+        The corrections are taken off as far as the other balances tell them; what enters the balances like
+        the force itself stays, and so do the model's own forces in pieces of the chain that no force scales.
+        """
         residual = self.residual
         delta, _ = self._correct(b, self.grams.sum(axis=0))
         k = len(delta)
         weights = self.weight @ b / (b @ self.weight @ b)
         correction = (weights @ self.owners[:, :k]) * delta
-        # the model's own forces in pieces of the chain that no force scales: f may hold any multiple of them
         theta = self.values + delta
         piece, scaled = self._pieces(b)
         loose = [
@@ -340,19 +346,63 @@ class _Work:
         alone = np.array([np.abs(o).sum() > 0 and np.allclose(o, (o @ b) / (b @ b) * b) for o in self.owners[:, :k].T])
         alone[k - residual.n_dof :] &= ~self.held
         layout = LawLayout(residual.model.chain, residual.model.laws)
-        columns = _Own(site, residual)
-        force, base, own = [], [], []
+        force, base = [], []
         for i, (seg, filter) in enumerate(zip(residual.data.segments, residual.filters)):
             blocks = list(seg.blocks(layout, filter=filter))
             every = np.vstack([np.hstack([block.terms.T, block.acceleration.T]) for block in blocks])
             force.append(residual.balance[i][:, self.known] @ weights - every @ correction)
             base.append(np.column_stack([every[:, alone], *(every @ c for c in loose)]))
-            own.append(filtered(columns.of(i), filter))
+        return force, base
+
+    def own(self, site: Site, b: np.ndarray | None) -> tuple[float, float]:
+        """Share of the free force that its own motion explains, percent, and its rms, N."""
+        assert b is not None
+        force, base = self.force(b)
         rms = float(np.sqrt(np.mean(np.concatenate(force) ** 2)))
         if site.kind == "dof" or rms == 0:
             return np.nan, rms
+        columns = _Own(site, self.residual)
+        own = [filtered(columns.of(i), filter) for i, filter in enumerate(self.residual.filters)]
         share, _ = Judge(force, {"base": base, "own": own}).share(["own"], ["base"])
         return 100 * max(share, 0.0), rms
+
+
+def missing_force(
+    residual: Residual,
+    site: Any,
+    *,
+    floor: NoiseFloor | None = None,
+    besides: Iterable[Any] = (),
+    known_masses: Iterable[int] = (),
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """The force that is missing if it acts at one site, freed of what the baseline does wrong to make up for it.
+
+    Parameters
+    ----------
+    residual : Residual
+    site : str
+    floor, besides, known_masses
+        As for :func:`localise`.
+
+    Returns
+    -------
+    force : list of ndarray of shape (n_valid_samples,)
+        One for each record, N, filtered like the residual.
+    beside : list of ndarray of shape (n_valid_samples, p)
+        Columns of the baseline whose coefficients the other balances cannot tell: the force may hold any
+        multiple of them. Pass them to :func:`~pysindy_nrf.discrepancy.characterisation.characterise`.
+
+    Raises
+    ------
+    ChannelError
+        If no balance is known in every record, or the site touches none that is.
+    """
+    work = _Work.of(residual, floor, besides, known_masses, 10)
+    place = _site(residual.model.chain, site)
+    b = work.pattern(place)
+    if b is None:
+        raise ChannelError(f"{place} is not seen in the known balances", "Give the force on its DOFs.")
+    return work.force(b)
 
 
 class _Own:

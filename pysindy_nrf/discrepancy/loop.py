@@ -3,27 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ..chain_solve import Solution
+from .._random import generator
 from ..errors import balance_errors
 from ..exceptions import ExcitationError, NRFError
 from ..laws.base import ForceLaw
-from ..model import ChainModel
-from ..regressor import NRFRegressor, _filters, _valued
+from ..laws.power_series import whole
+from ..regressor import NRFRegressor, _filters
 from ..segments import SegmentSet
 from ..sites import Site
-from .catalogue import SPECIAL_CASES, Candidate, as_laws, candidates
-from .gate import FLOOR, MOST_FAMILIES, Verdict, choose, gain_of, judge
+from .catalogue import SPECIAL_CASES, Candidate, as_laws, balances_of, candidates
+from .free_run import free_run_error
+from .gate import FLOOR, MIN_GAIN, MOST_FAMILIES, Verdict, choose, judge
+from .intervals import intervals
+from .likeliest import likeliest
 from .prepare import Prepared, prepare
-from .report import LoopReport, Scene, Step
-from .search import Finding, refine, screen, spectral_lines, validate
+from .reestimate import needless, place_of, reestimated
+from .report import LoopReport, Scene, Step, audit
+from .search import Finding, driving_frequency, refine, screen, spectral_lines, validate
+from .sensors import SensorFinding, contradictions, sensor_findings
 from .splits import BlockRows, split
-from .surrogate import surrogate
-from .workspace import Stage, Trial, Workspace
+from .surrogate import Null
+from .together import look_ahead
+from .workspace import Stage, Trial, Workspace, model_of
 
 _SHORTLIST = 14
 _VALIDATED = 10
@@ -33,6 +40,10 @@ _DECISIONS = 3
 _HOPELESS = 0.05
 # Share of the effect (noise taken off) that may stay unexplained before a name is no longer sure.
 _SURE = 0.4
+# An effect that makes the free run on the search data worse than this many times is none, unless the balance
+# error falls by so much that another missing effect must be to blame.
+_WORSE_ALONE = 1.3
+_BEYOND_DOUBT = 0.5
 # A hysteresis that turns over within this share of the rms drift is friction by another name.
 _ONE_CLASS = 0.3
 
@@ -52,12 +63,16 @@ def close_loop(
     """Find the effects a model lacks, add them, and report the error before and after.
 
     The records are fused (:class:`KinematicSmoother`), cut into contiguous blocks of equal energy,
-    and the last quarter of each (or the records in ``heldout``) is put aside until the last line.
+    and a quarter of each, between blocks of the search (or the records in ``heldout``), is put aside
+    until the last line.
     Every law of the catalogue is tried at every site where it makes sense: its columns are built
     from the raw motion, filtered like the rest, and the whole chain is solved again with it (variable
     projection). The best is accepted if the median error over blocks it was not fitted to falls by
-    at least 15 %, in at least 80 % of the blocks, and by more than the same law gains on surrogates
-    that hold the same noise and no effect. Then the next is looked for.
+    at least 15 %, in at least 80 % of the blocks, by more than the same law gains on surrogates that
+    hold the same noise and no effect, and if the model's free run does not get worse. Where none passes
+    alone, the best of several sites are put to the gate together. After each, the shape parameters of
+    all are estimated again and what a later effect made needless is taken out. Then the next is looked
+    for.
 
     Parameters
     ----------
@@ -101,6 +116,10 @@ def close_loop(
     ('friction', 'storey 1')
     """
     baseline = baseline if baseline is not None else NRFRegressor(degree=1)
+    if not isinstance(baseline, NRFRegressor):
+        raise NRFError(f"baseline={baseline!r} is not a model to begin with", "Give e.g. NRFRegressor(degree=1).")
+    max_steps, n_surrogates = whole("max_steps", max_steps), whole("n_surrogates", n_surrogates)
+    rng = generator(random_state)
     band = band if band is not None else baseline.band
     ready = prepare(records, heldout)
     search, held = split(ready.data.segments, ready.heldout)
@@ -116,10 +135,14 @@ def close_loop(
         )
     first = _baseline_laws(baseline, chain, given, work)
     names = tuple(ready.data.segments[0].covariates)
-    every = list(candidates(as_laws(catalogue, names), chain, known, names, work.forced))
-    loop = _Loop(ready, work, every, np.random.default_rng(random_state), n_surrogates, progress)
+    tried = as_laws(catalogue, names)
+    every = list(candidates(tried, chain, known, names, work.forced, len(work.searched)))
+    loop = _Loop(ready, work, every, rng, n_surrogates, progress)
+    loop.sensors = [law for law in tried if law.family == "sensor"]
     with threadpool_limits(1):  # the matrices are small: threads only get in each other's way
-        return loop.run(Stage(work, chain, first), max_steps, band, baseline)
+        report = loop.run(Stage(work, chain, first), max_steps, band, baseline)
+    report.settings = audit(baseline, tried, band, random_state, max_steps, n_surrogates, ready)
+    return report
 
 
 def _baseline_laws(baseline: NRFRegressor, chain: Any, given: Any, work: Workspace) -> dict[Site, tuple[ForceLaw, ...]]:
@@ -155,23 +178,6 @@ def _runs(blocks: Sequence[slice]) -> list[slice]:
     return runs
 
 
-def model_of(trial: Trial, solution: Solution) -> ChainModel:
-    """The chain model of a solved trial.
-
-    Parameters
-    ----------
-    trial : Trial
-    solution : Solution
-
-    Returns
-    -------
-    ChainModel
-    """
-    layout = trial.layout
-    laws = {s: _valued(layout.laws.get(s, ()), solution.coefficients.get(s)) for s in layout.sites}
-    return ChainModel([solution.masses[j] for j in range(1, layout.n_dof + 1)], laws, layout.chain)
-
-
 class _Loop:
     """One run of the loop: what stays the same from step to step."""
 
@@ -186,17 +192,21 @@ class _Loop:
     ) -> None:
         self.ready, self.work, self.every = ready, work, every
         self.rng, self.n_surrogates, self.progress = rng, n_surrogates, progress
+        self.sensors: list[ForceLaw] = []
+        self.accepted: list[Finding] = []
 
     def run(self, stage: Stage, max_steps: int, band: Any, baseline: NRFRegressor) -> LoopReport:
         """Walk through the four rooms until there is a reason to stop."""
         trial = stage.trial()
-        scenes = [Scene("baseline", trial, trial.fold_errors())]
         steps: list[Step] = []
         stopped = f"{max_steps} effects were added, which is the limit set by max_steps"
-        null = _Null(self, stage, trial)
+        null = Null(self.ready, stage, self.rng, self.n_surrogates)
+        scenes = [Scene("baseline", trial, trial.fold_errors(), null)]
         ranking: list[Finding] = []
-        while len(steps) < max_steps:
+        for _ in range(2 * max_steps):
             before = scenes[-1].folds
+            if len(steps) >= max_steps:
+                break
             if np.median(before) < FLOOR:
                 stopped = f"The balance closes within {np.median(before):.2g} % on the search data, nothing is left"
                 break
@@ -204,25 +214,37 @@ class _Loop:
             if not ranking:
                 stopped = "No law of the catalogue lowers the error at any site"
                 break
-            chosen, tied, verdict = self._decide(stage, ranking, before, null)
+            members, verdict = self._decide(stage, ranking, before, null)
             if not verdict.accepted:
+                chosen = members[0][0]
                 best = f"{chosen.law.name} at {chosen.site}"
                 stopped = f"No further effect is supported: the best candidate is {best}, but {verdict.sentence}"
                 break
-            stage = self._with(stage, chosen)
-            trial = stage.trial()
-            after = trial.fold_errors()
-            null = _Null(self, stage, trial)
-            step = _step(chosen, tied, verdict, before, after, null.floor, ranking, self.work.scales(chosen.site)[0])
-            steps.append(step)
-            scenes.append(Scene(f"{step.law} at {step.site}", trial, after))
+            for chosen, tied in members[: max_steps - len(steps)]:
+                stage, gone = self._with(stage, chosen)
+                for law in gone:
+                    k = next(k for k, s in enumerate(steps) if (s.law, s.site) == (law.law.name, str(law.site)))
+                    del steps[k], scenes[k + 1]
+                before = scenes[-1].folds
+                trial = stage.trial()
+                after = trial.fold_errors()
+                null = Null(self.ready, stage, self.rng, self.n_surrogates)
+                step = _step(chosen, tied, verdict, before, after, null.floor, ranking, self._drift(chosen))
+                beside = [f"{f.law.name} at {f.site}" for f, _ in members if f is not chosen]
+                step.evidence += f" (together with {' and '.join(beside)})" if beside else ""
+                step.evidence += "".join(f"; it makes {f.law.name} at {f.site} needless" for f in gone)
+                steps.append(step)
+                scenes.append(Scene(f"{step.law} at {step.site}", trial, after, null))
         floor, left = null.floor, float(np.median(scenes[-1].folds))
         for step in steps:
             step.remainder = _remainder(step.validation_before, left, floor)
             step.sure = step.remainder <= _SURE
+        self._estimated(stage, trial, steps, null)
         if np.isfinite(floor) and left > max(2.0 * floor, FLOOR):
             noise = f"(noise alone leaves about {floor:.2g} %)"
             stopped += f". {left:.3g} % stay unexplained by any law {noise}, most in the {_worst(trial)}"
+        if said := contradictions(self.ready, self.work) if self.sensors else []:
+            stopped += f". Channels contradict each other, and the fusion made the best of it: {'; '.join(said)}"
         return LoopReport.assemble(self.work, scenes, steps, stopped, ranking, band, self.ready, baseline)
 
     def _findings(self, stage: Stage, trial: Trial, steps: Sequence[Step]) -> list[Finding]:
@@ -242,32 +264,70 @@ class _Loop:
         if bar is not None:
             bar.close()
         hopeful = [f for f in found if f.screen < now * (1 - _HOPELESS)][:_SHORTLIST]
+        # a law that takes the place of a simpler one starts from where that stands
+        hopeful += [f for f in found if f.drop and len(f.candidate.law.free_shape) > 1 and not _holds(hopeful, f)]
         refined = sorted((refine(stage, f) for f in hopeful), key=lambda f: f.screen)[:_VALIDATED]
-        special = {(f.site, name) for f in refined[:3] for name in SPECIAL_CASES.get(f.law.name, ())}
-        refined += [refine(stage, f) for f in found if (f.site, f.law.name) in special and not _holds(refined, f)]
+        special = {(balances_of(f.site), name) for f in refined[:3] for name in SPECIAL_CASES.get(f.law.name, ())}
+        simple = [f for f in found if (balances_of(f.site), f.law.name) in special and not _holds(refined, f)]
+        refined += [refine(stage, f) for f in simple]
         judged = [validate(stage, f) for f in refined]
+        judged += sensor_findings(self.ready, self.work, stage, self.sensors)
         return sorted((f for f in judged if np.isfinite(f.error)), key=lambda f: f.error)
 
     def _decide(
-        self, stage: Stage, ranking: list[Finding], before: np.ndarray, null: _Null
-    ) -> tuple[Finding, list[Finding], Verdict]:
-        """The best candidate that passes the gate; the best of all with its verdict where none does."""
+        self, stage: Stage, ranking: list[Finding], before: np.ndarray, null: Null
+    ) -> tuple[list[tuple[Finding, list[Finding]]], Verdict]:
+        """The best candidate that passes the gate, or several together; the best of all where none does."""
         first = None
         left = list(ranking)
         for _ in range(_DECISIONS):
             chosen, tied = choose(left, float(np.median(before)))
             chosen = self._polished(stage, chosen)
-            verdict = judge(before, chosen.folds, chosen.n_parameters)
+            least = chosen.least if isinstance(chosen, SensorFinding) else MIN_GAIN
+            verdict = judge(before, chosen.folds, chosen.n_parameters, least=least)
             if verdict.accepted:
-                verdict = judge(before, chosen.folds, chosen.n_parameters, null.gain(chosen))
+                verdict = judge(before, chosen.folds, chosen.n_parameters, null.gain(chosen), least)
+            passed = verdict.accepted
+            if passed:
+                verdict = self._alone(stage, chosen, verdict)
             if verdict.accepted:
-                return chosen, tied, verdict
-            first = first or (chosen, tied, verdict)
-            left = [f for f in left if f.n_parameters < chosen.n_parameters]
+                if not isinstance(chosen, SensorFinding) and not self.ready.clean:
+                    chosen, tied = likeliest(stage, chosen, tied, ranking, before, self._null)
+                return [(chosen, tied)], verdict
+            first = first or ([(chosen, tied)], verdict)
+            if passed:  # but its free run is worse: the next best, however many parameters it has
+                left = [f for f in left if (f.site, f.law.name) != (chosen.site, chosen.law.name)]
+            else:
+                left = [f for f in left if f.n_parameters < chosen.n_parameters]
             if not left:
                 break
         assert first is not None
-        return first
+        return look_ahead(stage, ranking, before, lambda: null.stages) or first
+
+    def _null(self, stage: Stage) -> Null:
+        """A single surrogate of a model."""
+        return Null(self.ready, stage, self.rng, min(1, self.n_surrogates))
+
+    def _alone(self, stage: Stage, chosen: Finding, verdict: Verdict) -> Verdict:
+        """The verdict after a look at the free run on the search data, where one is possible."""
+        before, after = self._free_run(stage), self._free_run(chosen.on(stage))
+        if not before < 100.0 or after <= _WORSE_ALONE * before:
+            return verdict
+        much = f"rises from {before:.3g} to {after:.3g} %" if np.isfinite(after) else f"({before:.3g} %) diverges"
+        if verdict.gain >= _BEYOND_DOUBT:
+            return replace(verdict, sentence=f"{verdict.sentence}; the free run {much}, so more is missing")
+        return replace(verdict, accepted=False, sentence=f"{verdict.sentence}, but its free run {much}")
+
+    def _free_run(self, stage: Stage) -> float:
+        """Free-run error on the search blocks that each record begins with, percent; NaN where none is possible."""
+        work, blocks = stage.work, []
+        for i in work.searched:
+            run = _runs([b.rows for b in work.search if b.segment == i])[0]
+            blocks.append(BlockRows(i, run))
+        try:
+            return free_run_error(stage.trial().model(), work, blocks)
+        except NRFError:
+            return float("nan")
 
     def _polished(self, stage: Stage, chosen: Finding) -> Finding:
         """The chosen candidate with its shape parameters refined to the end."""
@@ -278,8 +338,7 @@ class _Loop:
 
     def _lines(self, trial: Trial) -> dict[Site, list[float]]:
         """Spectral lines of the residual of each balance."""
-        solution = trial.solve(range(len(self.work.search)))
-        model = model_of(trial, solution)
+        model = trial.model()
         longest = int(np.argmax([seg.valid.stop - seg.valid.start for seg in self.work.data.segments]))
         seg = self.work.data.segments[longest]
         if seg.dt is None:
@@ -291,75 +350,51 @@ class _Loop:
         one = SegmentSet([seg], self.work.data.n_samples)
         left = model.balance_forces(one)[0] - np.nan_to_num(seg.F[seg.valid])
         left = self.work.filtered(longest, left.T)[:, widest]
-        return {Site(f"dof {j + 1}"): spectral_lines(left[j], seg.dt) for j in range(self.work.n_dof)}
+        drive = np.nan_to_num(seg.F[seg.valid].T.astype(float))[:, widest]
+        drive = drive[drive.any(axis=1)]
+        if not len(drive) and seg.ag is not None:
+            drive = seg.ag[seg.valid].astype(float)[None, widest]
+        driven = driving_frequency(drive, seg.dt) if len(drive) else np.nan
+        return {Site(f"dof {j + 1}"): spectral_lines(left[j], seg.dt, 3, driven) for j in range(self.work.n_dof)}
 
-    def _with(self, stage: Stage, chosen: Finding) -> Stage:
-        """The stage with an accepted candidate, and no law that it made needless."""
-        trial = chosen.trial(stage)
-        return Stage(self.work, trial.layout.chain, trial.layout.laws)
+    def _with(self, stage: Stage, chosen: Finding) -> tuple[Stage, list[Finding]]:
+        """The stage with an accepted candidate, all shapes estimated again, and the laws it made needless."""
+        stage = chosen.on(stage)
+        if isinstance(chosen, SensorFinding):
+            assert chosen.ready is not None
+            self.ready, self.work = chosen.ready, stage.work
+        else:
+            self.accepted.append(chosen)
+        self.accepted = [f for f in self.accepted if place_of(stage, f) is not None]
+        stage = reestimated(stage, self.accepted)
+        gone: list[Finding] = []
+        while (weakest := needless(stage, self.accepted)) is not None:
+            place = place_of(stage, weakest)
+            assert place is not None
+            self.accepted = [f for f in self.accepted if f is not weakest]
+            stage = reestimated(Stage(stage.work, stage.chain, stage.without([place])), self.accepted)
+            gone.append(weakest)
+        return stage, gone
+
+    def _estimated(self, stage: Stage, trial: Trial, steps: Sequence[Step], null: Null) -> None:
+        """Intervals of the parameters of every effect in the final model."""
+        for finding in self.accepted:
+            place = place_of(stage, finding)
+            step = next((s for s in steps if (s.law, s.site) == (finding.law.name, str(finding.site))), None)
+            if place is None or step is None:
+                continue
+            at = stage.at[place] - trial.layout.slices[place[0]].start
+            theta = trial.solve(range(len(self.work.search))).coefficients[place[0]]
+            width = len(finding.law.terms())
+            step.intervals = intervals(stage, place, finding.candidate.law, theta[at : at + width], null.stages)
+
+    def _drift(self, chosen: Finding) -> float:
+        """Rms drift of a site, m; zero for a sensor."""
+        return 0.0 if isinstance(chosen, SensorFinding) else self.work.scales(chosen.site)[0]
 
 
 def _holds(findings: Sequence[Finding], one: Finding) -> bool:
     return any(f.site == one.site and f.candidate.law == one.candidate.law for f in findings)
-
-
-class _Null:
-    """What the search would see if the current model were the whole truth: its own free run with fresh noise."""
-
-    def __init__(self, loop: _Loop, stage: Stage, trial: Trial) -> None:
-        self.loop, self.stage, self.trial = loop, stage, trial
-        self._stages: list[Stage] | None = None
-
-    @property
-    def stages(self) -> list[Stage]:
-        """The same laws on surrogate records; empty where no free run is possible."""
-        if self._stages is None:
-            self._stages = []
-            try:
-                model = model_of(self.trial, self.trial.solve(range(len(self.loop.work.search))))
-                if (model.masses > 0).all():
-                    self._stages = [self._one(model) for _ in range(self.loop.n_surrogates)]
-            except NRFError:
-                self._stages = []
-        return self._stages
-
-    def _one(self, model: ChainModel) -> Stage:
-        ready, work = self.loop.ready, self.loop.work
-        chosen = sorted({b.segment for b in work.search})
-        fakes = [
-            surrogate(ready.records[i], work.data.segments[i], model, ready.noise[i], self.loop.rng) for i in chosen
-        ]
-        data = prepare(fakes).data
-        blocks = []
-        for number, i in enumerate(chosen):
-            seg = data.segments[number]
-            for b in (b for b in work.search if b.segment == i):
-                stop = min(b.rows.stop, seg.valid.stop - seg.valid.start)
-                blocks.append(BlockRows(number, slice(min(b.rows.start, stop), stop)))
-        fake = Workspace(data, [work.filters[i] for i in chosen], blocks, [], work.known_masses, work.strategy)
-        return Stage(fake, self.stage.chain, self.stage.laws)
-
-    @property
-    def floor(self) -> float:
-        """Median validation error that noise alone leaves, percent; NaN if unknown."""
-        try:
-            values = [float(np.median(stage.trial().fold_errors())) for stage in self.stages]
-        except NRFError:
-            return float("nan")
-        return float(np.median(values)) if values else float("nan")
-
-    def gain(self, finding: Finding) -> float:
-        """Largest gain of a candidate where it does not act; NaN if unknown."""
-        gains = [0.0]
-        for stage in self.stages:
-            try:
-                before = stage.trial().fold_errors()
-                best = screen(stage, [finding.candidate])
-                tried = validate(stage, refine(stage, best[0], 20)) if best else None
-                gains.append(gain_of(before, tried.folds) if tried is not None and np.median(before) > FLOOR else 0.0)
-            except NRFError:
-                continue
-        return max(gains)
 
 
 def _remainder(before: float, left: float, floor: float) -> float:
@@ -395,7 +430,10 @@ def _step(
     ranking: Sequence[Finding],
     drift: float,
 ) -> Step:
+    faulty = chosen if isinstance(chosen, SensorFinding) else None
     return Step(
+        parameters=chosen.law.parameters if faulty else {},
+        sensors=faulty.equals if faulty else [],
         law=chosen.law.name,
         family=chosen.law.family,
         site=str(chosen.site),
@@ -408,7 +446,7 @@ def _step(
         validation_before=float(np.median(before)),
         validation_after=float(np.median(after)),
         noise_floor=floor,
-        evidence=verdict.sentence,
+        evidence=verdict.sentence + (f" ({faulty.remark})" if faulty and faulty.remark else ""),
         runners_up=[(f.law.name, str(f.site), f.error) for f in ranking if f is not chosen][:5],
     )
 

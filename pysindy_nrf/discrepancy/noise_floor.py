@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .._random import generator
 from ..exceptions import ChannelError
 from ..kinematics import to_features
 from ..model import ChainModel
@@ -19,6 +20,8 @@ from .residual import Residual, free_run, from_top, residual_of, rms
 QUIET = 0.1
 # A residual within this factor of the noise floor is at the floor: the floor itself is known no better.
 AT_FLOOR = 1.3
+# One this far below it holds nothing but noise, whatever it correlates with.
+BELOW_FLOOR = 0.8
 
 
 @dataclass
@@ -138,7 +141,7 @@ class NoiseFloor:
         factor = np.sqrt(count / (count - 1))
         deviations = [factor * (e - mean) for e in every]
         noise = Residual(residual.model, residual.data, residual.filters, deviations, residual.sizes, residual.scale)
-        return cls._of([(noise, residual.data)], f"{count} repeated records")
+        return cls.from_draws([(noise, residual.data)], f"{count} repeated records")
 
     @classmethod
     def from_channels(
@@ -182,7 +185,7 @@ class NoiseFloor:
         NoiseFloor
         """
         records = [records] if isinstance(records, Record) else list(records)
-        rng = np.random.default_rng(random_state)
+        rng = generator(random_state)
         prepared = [_Clean.of(rec, dict(noise or {}), model) for rec in records]
         base = residual_of(model, _together([p.data for p in prepared]), filters, band=band)
         draws = []
@@ -191,10 +194,22 @@ class NoiseFloor:
             moved = residual_of(model, data, base.filters)
             moved.balance = [_difference(a, b) for a, b in zip(moved.balance, base.balance)]
             draws.append((moved, data))
-        return cls._of(draws, "noise of the channels, as their contradictions show it")
+        return cls.from_draws(draws, "noise of the channels, as their contradictions show it")
 
     @classmethod
-    def _of(cls, draws: list[tuple[Residual, SegmentSet]], source: str) -> NoiseFloor:
+    def from_draws(cls, draws: list[tuple[Residual, SegmentSet]], source: str) -> NoiseFloor:
+        """Noise floor from residuals of noise alone.
+
+        Parameters
+        ----------
+        draws : list of (Residual, SegmentSet)
+            Each with the noisy data that go with it.
+        source : str
+
+        Returns
+        -------
+        NoiseFloor
+        """
         parts = [e for residual, _ in draws for e in residual.balance]
         return cls(rms(parts), rms([from_top(e) for e in parts]), source, draws)
 

@@ -32,15 +32,18 @@ class Prepared:
         Estimated noise of each channel of each record, SI rms.
     heldout : list of int or None
         Numbers of the records held out whole.
+    clean : bool
+        Whether all channels were taken as they are.
     """
 
     records: list[Record]
     data: SegmentSet
     noise: list[dict[str, float]] = field(default_factory=list)
     heldout: list[int] | None = None
+    clean: bool = False
 
 
-def prepare(records: Any, heldout: Any = None) -> Prepared:
+def prepare(records: Any, heldout: Any = None, noise: Sequence[dict[str, float]] | None = None) -> Prepared:
     """Fuse the channels of every record.
 
     Parameters
@@ -48,6 +51,8 @@ def prepare(records: Any, heldout: Any = None) -> Prepared:
     records : Record or sequence of Record
     heldout : Record or sequence of Record, optional
         Further records that nothing but the last line may see.
+    noise : sequence of dict, optional
+        Noise of each channel of each record, SI rms, where it is known.
 
     Returns
     -------
@@ -63,24 +68,27 @@ def prepare(records: Any, heldout: Any = None) -> Prepared:
         raise ChannelError("There is no record to search", "Pass a Record or a list of them.")
     every = [*mine, *kept]
     n = every[0].n_dof
-    segments, noise, at = [], [], 0
-    for rec in every:
+    segments, found, at, clean = [], [], 0, True
+    for number, rec in enumerate(every):
         if rec.n_dof != n:
             raise ChannelError(
                 f"Record {rec.name!r} has {rec.n_dof} DOFs, {n} are needed", "Give records of one chain."
             )
-        smoother = KinematicSmoother()
+        known = {k: v for k, v in noise[number].items() if v > 0} if noise else {}
+        smoother = KinematicSmoother(noise=known or "estimate")
         X, F = to_features(rec, smoother)
         levels = {str(k): float(v) for k, v in smoother.noise_.items()}
         if _is_clean(rec, levels):
             X, F = to_features(rec, False)
-        noise.append(levels)
+        else:
+            clean = False
+        found.append(levels)
         piece = from_arrays(X, F, base_acceleration=_base_acceleration(rec), covariates=_covariates(rec)).segments[0]
         piece.name, piece.rows = rec.name, slice(at, at + len(X))
         at += len(X)
         segments.append(piece)
     held = list(range(len(mine), len(every))) if kept else None
-    return Prepared(every, SegmentSet(segments, at), noise, held)
+    return Prepared(every, SegmentSet(segments, at), found, held, clean)
 
 
 def as_records(records: Any, name: str) -> list[Record]:

@@ -11,10 +11,15 @@ import pandas as pd
 
 from ..errors import balance_errors
 from ..exceptions import NRFError
+from ..laws.base import ForceLaw
 from ..model import ChainModel
+from ..report.loops import SiteLoop, loops_of
+from ..report.measured import Measured, measured_of
 from ..sites import Site
 from ..visited import VisitedRegion
+from .evidence import Evidence, gather, searched
 from .free_run import free_run_error
+from .prepare import Prepared
 from .search import Finding
 from .workspace import Trial, Workspace
 
@@ -26,6 +31,12 @@ class Scene:
     name: str
     trial: Trial
     folds: np.ndarray
+    null: Any = None
+
+    @property
+    def noise(self) -> list[Workspace]:
+        """Surrogate records of this model with nothing but noise; empty where there are none."""
+        return [stage.work for stage in getattr(self.null, "stages", ())]
 
 
 @dataclass
@@ -40,6 +51,9 @@ class Step:
         In the grammar of :class:`pysindy_nrf.Site`.
     parameters : dict
         Coefficients by symbol and shape parameters by name, SI units, in the final model.
+    intervals : dict of str to (float, float)
+        95 % intervals of the same, from block to block and from the noise in the motion; empty for an
+        effect that another took the place of.
     alternatives : list of str
         Other families the data cannot tell from this one (at most two, three with its own).
     error_before, error_after : float
@@ -55,7 +69,13 @@ class Step:
     sure : bool
         Whether the remainder is small enough for the name to be sure.
     evidence : str
+        Why the gate accepted it.
+    detection, localisation, characterisation : str
+        What the residual before this step looked like, gathered without any law: whether it was noise,
+        where it acted (and whether that agrees with ``site``), what it depended on.
     tied, runners_up : list of (law, site, validation error)
+    sensors : list of str
+        For a faulty sensor: others that the data could accuse as well.
     """
 
     law: str
@@ -63,6 +83,7 @@ class Step:
     site: str
     shape: dict[str, float | None] = field(default_factory=dict)
     parameters: dict[str, float | None] = field(default_factory=dict)
+    intervals: dict[str, tuple[float, float]] = field(default_factory=dict)
     alternatives: list[str] = field(default_factory=list)
     error_before: float = float("nan")
     error_after: float = float("nan")
@@ -77,8 +98,12 @@ class Step:
     remainder: float = 0.0
     sure: bool = True
     evidence: str = ""
+    detection: str = ""
+    localisation: str = ""
+    characterisation: str = ""
     tied: list[tuple[str, str, float]] = field(default_factory=list)
     runners_up: list[tuple[str, str, float]] = field(default_factory=list)
+    sensors: list[str] = field(default_factory=list)
 
     @property
     def sentence(self) -> str:
@@ -93,6 +118,8 @@ class Step:
         text = f"{name} ({values}): {self.evidence}; {change}."
         if self.alternatives:
             text += f" The data cannot tell it from: {', '.join(self.alternatives)}."
+        if self.sensors:
+            text += f" The same fault, reversed, at {' or '.join(self.sensors)} explains as much."
         return text
 
 
@@ -111,6 +138,19 @@ class LoopReport:
         With the effects in it, fitted to the search data.
     band : tuple or None
         Hz.
+    candidates : DataFrame
+        The candidates of the last search, best first.
+    models : list of ChainModel
+        The baseline and the model after each step.
+    evidence : list of Evidence
+        What was left of the search data after the baseline and after each step: is it noise, where does it
+        act, what is it like. See :mod:`pysindy_nrf.discrepancy.evidence`.
+    measured : list of Measured
+        What was measured, for the page.
+    loops : list of SiteLoop
+        The force of every site of the final model along the search data, thinned for drawing.
+    settings : dict of str to dict
+        Every setting of the run, by group.
     """
 
     steps: list[Step]
@@ -120,6 +160,10 @@ class LoopReport:
     band: Any = None
     candidates: pd.DataFrame = field(default_factory=pd.DataFrame)
     models: list[ChainModel] = field(default_factory=list)
+    evidence: list[Evidence] = field(default_factory=list)
+    measured: list[Measured] = field(default_factory=list)
+    loops: list[SiteLoop] = field(default_factory=list)
+    settings: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     @classmethod
     def assemble(
@@ -149,7 +193,7 @@ class LoopReport:
                 "search": trial.error(solution, search),
                 "validation": float(np.median(scene.folds)),
                 "held-out": float(errors["pooled"]),
-                "free run": free_run_error(model, work, work.held),
+                "free run": free_run_error(model, trial.work, trial.work.held),
                 **{f"held-out {name}": float(e) for name, e in errors.items() if name != "pooled"},
             }
             rows[scene.name if scene.name not in rows else f"{scene.name} ({len(rows)})"] = row
@@ -192,7 +236,9 @@ class LoopReport:
             [[f.law.name, f.law.family, str(f.site), f.error] for f in ranking],
             columns=["law", "family", "site", "validation error (%)"],
         )
-        return cls(steps, table, stopped, model, band, listed, models)
+        evidence = gather(scenes, models, steps)
+        loops = loops_of(model, *searched(scenes[-1].trial.work))
+        return cls(steps, table, stopped, model, band, listed, models, evidence, measured_of(ready), loops)
 
     def __str__(self) -> str:
         lines = [f"{i}. {step.sentence}" for i, step in enumerate(self.steps, 1)] or ["No effect was added."]
@@ -205,32 +251,67 @@ class LoopReport:
         -------
         str
         """
-        columns = ["", *self.table.columns]
-        out = ["# Closing the loop", ""]
-        out += [f"{i}. {step.sentence}" for i, step in enumerate(self.steps, 1)] or ["No effect was added."]
-        out += [
-            "",
-            f"Stopped: {self.stopped_because}.",
-            "",
-            "Errors in percent NRMSE; balance errors (one step) except the free run.",
-            "",
-        ]
-        out += ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
-        for name, row in self.table.iterrows():
-            cells = [f"{x:.3g}" if isinstance(x, float) else str(x) for x in row]
-            out.append("| " + " | ".join([str(name), *cells]) + " |")
-        out += ["", "```", str(self.model), "```", ""]
-        return "\n".join(out)
+        from .markdown import markdown
+
+        return markdown(self)
 
     def to_html(self, path: Any) -> None:
-        """Write the report as one self-contained page.
+        """Write the report as one self-contained page that works offline.
+
+        What was measured, the model with its equations, surfaces and loops, the story of the loop step by
+        step with its evidence, tables that sort and copy, and every setting.
 
         Parameters
         ----------
         path : path-like
-        """
-        from .._atomic import atomic_write
-        from .page import page
+            An older file is replaced whole.
 
-        with atomic_write(path) as file:
-            file.write(page(self))
+        Raises
+        ------
+        MissingExtraError
+            Without jinja2 or plotly, which the extra ``report`` brings.
+        """
+        from ..report import write_html
+
+        write_html(path, self)
+
+    def _repr_html_(self) -> str:
+        from ..report.notebook import loop_html
+
+        return loop_html(self)
+
+
+def audit(
+    baseline: Any,
+    tried: Sequence[ForceLaw],
+    band: Any,
+    random_state: Any,
+    max_steps: int,
+    n_surrogates: int,
+    ready: Prepared,
+) -> dict[str, dict[str, str]]:
+    """Every setting of a run of the loop: its arguments, the declared model, the thresholds of the gate.
+
+    Returns
+    -------
+    dict of str to dict
+    """
+    from ..report.audit import constants_of, settings_of
+    from . import gate, splits
+
+    held = ready.heldout
+    return settings_of(
+        loop={
+            "band": "full" if band is None else f"{band} Hz",
+            "random_state": random_state,
+            "max_steps": max_steps,
+            "n_surrogates": n_surrogates,
+            "held out": "a quarter of every record"
+            if held is None
+            else "; ".join(ready.records[i].name for i in held),
+            "catalogue": ", ".join(dict.fromkeys(law.name for law in tried)),
+        },
+        baseline=baseline.get_params(deep=False),
+        gate=constants_of(gate),
+        blocks=constants_of(splits),
+    )

@@ -76,6 +76,23 @@ class Residual:
         size = self.sizes.iloc[: self.n_dof].dropna(subset="rms")
         return bool((size["rms"] <= ROUND_OFF * size["reference"]).all())
 
+    def with_balance(self, balance: Sequence[np.ndarray]) -> Residual:
+        """The same with other residuals of the balances, N, and their sizes.
+
+        Parameters
+        ----------
+        balance : sequence of ndarray of shape (n_valid_samples, n_dof)
+
+        Returns
+        -------
+        Residual
+        """
+        left = np.concatenate([rms(balance), rms([from_top(e) for e in balance])])
+        reference = self.sizes["reference"].to_numpy()
+        percent = 100 * np.divide(left, reference, out=np.full(len(left), np.nan), where=reference > 0)
+        sizes = self.sizes.assign(rms=left, percent=percent)
+        return Residual(self.model, self.data, self.filters, list(balance), sizes, self.scale)
+
     def at(self, name: str) -> list[np.ndarray]:
         """Residual of one balance (``"dof 2"``) or storey (``"storey 2"``), one array for each record, N."""
         kind, _, number = name.partition(" ")

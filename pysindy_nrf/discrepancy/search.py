@@ -1,12 +1,12 @@
 """Variable projection over laws x sites x shape parameters.
 
-Linear coefficients are eliminated on Gram matrices; shape parameters are scanned, then refined by
-a bounded simplex. Everything here sees search blocks only.
+Linear coefficients are eliminated on Gram matrices; shape parameters are scanned, all points of a law
+at once, then refined by a bounded simplex. Everything here sees search blocks only.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 
@@ -16,14 +16,16 @@ from scipy.optimize import minimize
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw, Shape
 from ..sites import Site
-from .admissible import admissible
 from .catalogue import Candidate
-from .workspace import Stage, Trial
+from .workspace import Stage
 
 # Points of the scan along each of the first two axes, by the number of shape parameters; a further
-# parameter starts a quarter of the way up its range and is left to the refinement.
+# parameter starts at the lower end of its range, where its law is simplest, and is left to the refinement.
 _GRID = {1: 9, 2: 5, 3: 4}
 _EVALUATIONS = {1: 24, 2: 60, 3: 110}
+# Share of a drive's power in one line that makes a test harmonic; bins of the record a line is wide.
+_ONE_LINE = 0.6
+_BINS = 4.0
 # A law with more shape parameters than this is only tried where a simpler one comes near the best.
 _SIMPLE = 2
 _NEAR = 1.3
@@ -67,12 +69,12 @@ class Finding:
         """Median over the search blocks, percent."""
         return float(np.median(self.folds))
 
-    def trial(self, stage: Stage) -> Trial:
+    def on(self, stage: Stage) -> Stage:
         """The current laws with this one."""
-        return stage.trial(self.site, self.law, self.drop)
+        return stage.with_law(self.site, self.law, self.drop)
 
 
-class _Axes:
+class Axes:
     """Shape parameters of a law in the coordinates of the search: logarithms where the scale is one."""
 
     def __init__(self, law: ForceLaw, scales: tuple[float, float, float]) -> None:
@@ -86,10 +88,23 @@ class _Axes:
             else (np.zeros(0),) * 2
         )
 
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Bounds of the first shape parameter."""
+        return float(self.low[0]), float(self.high[0])
+
+    def values(self, u: np.ndarray) -> np.ndarray:
+        """Shape parameters at a point of the search, SI units."""
+        return np.where(self.log, np.exp(np.where(self.log, u, 0.0)), u)
+
+    def point(self, law: ForceLaw) -> np.ndarray:
+        """The point of the search at which a law stands."""
+        values = np.array([law.shape[p.name] for p in self.shapes], dtype=float)
+        return np.where(self.log, np.log(np.where(self.log, values, 1.0)), values)
+
     def at(self, u: np.ndarray) -> ForceLaw:
         """The law with shape parameters at a point of the search."""
-        u = np.clip(u, self.low, self.high)
-        values = np.where(self.log, np.exp(np.where(self.log, u, 0.0)), u)
+        values = self.values(np.clip(u, self.low, self.high))
         return self.law.with_values(shape={p.name: float(x) for p, x in zip(self.shapes, values)})
 
     def grid(self, lines: Sequence[float] = ()) -> Iterable[np.ndarray]:
@@ -99,7 +114,7 @@ class _Axes:
         if len(self.shapes) == 1 and self.shapes[0].name == "frequency":
             return [np.array([np.log(f)]) for f in lines if np.log(f) >= self.low[0]]
         count = _GRID.get(len(self.shapes), 4)
-        shares = [(np.arange(count) + 0.5) / count if i < 2 else [0.25] for i in range(len(self.shapes))]
+        shares = [(np.arange(count) + 0.5) / count if i < 2 else [0.0] for i in range(len(self.shapes))]
         return [self.low + np.array(p) * (self.high - self.low) for p in product(*shares)]
 
     def step(self, lines: bool) -> np.ndarray:
@@ -132,7 +147,29 @@ def replaced(stage: Stage, candidate: Candidate, accepted: Sequence[tuple[Site, 
     )
 
 
-def spectral_lines(residual: np.ndarray, dt: float, most: int = 3) -> list[float]:
+def driving_frequency(drive: np.ndarray, dt: float) -> float:
+    """Frequency of a test that is driven by one line, Hz; NaN if the drive is anything else.
+
+    Parameters
+    ----------
+    drive : ndarray of shape (n_channels, n_samples)
+        Measured forces, or the acceleration of the base.
+    dt : float
+        s.
+
+    Returns
+    -------
+    float
+    """
+    drive = drive - drive.mean(axis=1, keepdims=True)
+    power = (np.abs(np.fft.rfft(drive * np.hanning(drive.shape[1]))) ** 2).sum(axis=0)
+    top = int(np.argmax(power))
+    if not power[max(top - 3, 0) : top + 4].sum() > _ONE_LINE * power.sum():
+        return float("nan")
+    return top / (drive.shape[1] * dt)
+
+
+def spectral_lines(residual: np.ndarray, dt: float, most: int = 3, driven: float = float("nan")) -> list[float]:
     """Frequencies at which a residual has its highest peaks, Hz, by the periodogram of a Hann window.
 
     Parameters
@@ -141,6 +178,8 @@ def spectral_lines(residual: np.ndarray, dt: float, most: int = 3) -> list[float
     dt : float
         s.
     most : int
+    driven : float
+        Frequency of a harmonic test, Hz: there, and at its multiples, any nonlinear law has lines.
 
     Returns
     -------
@@ -152,6 +191,9 @@ def spectral_lines(residual: np.ndarray, dt: float, most: int = 3) -> list[float
     size = 4 * n
     power = np.abs(np.fft.rfft(residual * np.hanning(n), size)) ** 2
     peaks, _ = find_peaks(power, distance=8)
+    if np.isfinite(driven):
+        away = np.abs(peaks / (size * dt * driven) - np.round(peaks / (size * dt * driven)))
+        peaks = peaks[away * driven * n * dt > _BINS]
     best = peaks[np.argsort(-power[peaks])][:most]
     return [float(k / (size * dt)) for k in best if k > 0]
 
@@ -191,43 +233,44 @@ def screen(
     return sorted(found, key=lambda f: f.screen)
 
 
+def grid_of(stage: Stage, candidate: Candidate, lines: Sequence[float] = ()) -> list[ForceLaw]:
+    """The law of a candidate with the values of its shape parameters that a scan tries.
+
+    Parameters
+    ----------
+    stage : Stage
+    candidate : Candidate
+    lines : sequence of float
+        Spectral lines of the residual at its site, Hz.
+
+    Returns
+    -------
+    list of ForceLaw
+    """
+    axes = Axes(candidate.law, stage.work.scales(candidate.site))
+    return [axes.at(u) for u in axes.grid(lines)]
+
+
 def _scan(stage: Stage, candidates: Iterable[Candidate], accepted, lines, progress) -> list[Finding]:
     found = []
     for candidate in candidates:
         if progress is not None:
             progress()
-        axes = _Axes(candidate.law, stage.work.scales(candidate.site))
         drop = replaced(stage, candidate, accepted)
-        best: Finding | None = None
-        for point in axes.grid((lines or {}).get(candidate.site, ())):
-            law = axes.at(point)
-            error = _cost(stage, candidate.site, law, drop)
-            if np.isfinite(error) and (best is None or error < best.screen):
-                best = Finding(candidate, law, error, drop)
-        if best is not None:
-            found.append(best)
+        points = grid_of(stage, candidate, (lines or {}).get(candidate.site, ()))
+        if not points:
+            continue
+        try:
+            errors = stage.slot(candidate.site, candidate.law, drop).errors(points, keep=True)
+        except NRFError:
+            continue
+        best = int(np.argmin(errors))
+        if np.isfinite(errors[best]):
+            found.append(Finding(candidate, points[best], float(errors[best]), drop))
     return found
 
 
-def _cost(stage: Stage, site: Site, law: ForceLaw, drop: Sequence[tuple[Site, int]]) -> float:
-    """Pooled error of the laws with a candidate, percent; infinite where it cannot be told or cannot be."""
-    try:
-        trial = stage.trial(site, law, drop)
-        error, solution = trial.search_fit()
-    except NRFError:
-        return np.inf
-    width = len(law.terms())
-    where = trial.layout.slices[site]
-    mine = slice(where.stop - width, where.stop)
-    squares = trial.grams[: len(stage.work.search), range(mine.start, mine.stop), range(mine.start, mine.stop)].sum(
-        axis=0
-    )
-    if not np.isfinite(error) or not admissible(law, solution.coefficients[site][-width:], np.sqrt(squares)):
-        return np.inf
-    return error
-
-
-def refine(stage: Stage, finding: Finding, evaluations: int | None = None) -> Finding:
+def refine(stage: Stage, finding: Finding, evaluations: int | None = None, reach: float = 0.5) -> Finding:
     """Refine the shape parameters of a candidate.
 
     Parameters
@@ -236,20 +279,22 @@ def refine(stage: Stage, finding: Finding, evaluations: int | None = None) -> Fi
     finding : Finding
     evaluations : int, optional
         At most so many trials.
+    reach : float
+        First step, as a share of the spacing of the scan.
 
     Returns
     -------
     Finding
     """
-    axes = _Axes(finding.candidate.law, stage.work.scales(finding.site))
+    axes = Axes(finding.candidate.law, stage.work.scales(finding.site))
     if not axes.shapes:
         return finding
-    values = np.array([finding.law.shape[p.name] for p in axes.shapes], dtype=float)
-    start = np.where(axes.log, np.log(np.where(axes.log, values, 1.0)), values)
-    step = 0.5 * axes.step(axes.shapes[0].name == "frequency")
+    start = axes.point(finding.law)
+    step = reach * axes.step(axes.shapes[0].name == "frequency")
+    slot = stage.slot(finding.site, finding.candidate.law, finding.drop)
 
     def cost(u: np.ndarray) -> float:
-        return min(_cost(stage, finding.site, axes.at(u), finding.drop), 1e6)
+        return min(float(slot.errors([axes.at(u)])[0]), 1e6)
 
     away = np.where(start + step > axes.high, -step, step)
     simplex = np.vstack([start, start + np.diag(away)])
@@ -261,9 +306,51 @@ def refine(stage: Stage, finding: Finding, evaluations: int | None = None) -> Fi
         bounds=list(zip(axes.low, axes.high)),
         options={"initial_simplex": simplex, "xatol": 1e-5, "fatol": 1e-9, "maxfev": most},
     )
-    if best.fun < finding.screen:
-        return Finding(finding.candidate, axes.at(best.x), float(best.fun), finding.drop)
-    return finding
+    point, error = (best.x, float(best.fun)) if best.fun < finding.screen else (start, finding.screen)
+    if len(point) == 1:
+        point = np.array([np.mean(plateau(lambda u: cost(np.array([u])), float(point[0]), *axes.ends))])
+    elif point is start:
+        return finding
+    return Finding(finding.candidate, axes.at(point), error, finding.drop)
+
+
+def plateau(
+    cost: Callable[[float], float], best: float, low: float, high: float, slack: float = 1e-9
+) -> tuple[float, float]:
+    """Between which values a shape parameter can be moved without a change of the error.
+
+    A change in time that falls between two blocks of the search is seen, but not when it happens.
+
+    Parameters
+    ----------
+    cost : callable
+    best, low, high : float
+        The best value, and the bounds.
+    slack : float
+        Change that is none, as a share of the error.
+
+    Returns
+    -------
+    (float, float)
+        Equal to ``best`` twice where the error has a sharp minimum.
+    """
+    enough = cost(best) * (1 + slack)
+    ends = []
+    for bound in (low, high):
+        inside, outside, step = best, bound, 1e-3 * (bound - best)
+        while step and abs(step) < abs(bound - best):
+            if cost(best + step) > enough:
+                outside = best + step
+                break
+            inside, step = best + step, 2.0 * step
+        else:
+            if cost(bound) <= enough:
+                inside = bound
+        for _ in range(8 if inside != best or slack > 1e-6 else 0):
+            middle = 0.5 * (inside + outside)
+            inside, outside = (middle, outside) if cost(middle) <= enough else (inside, middle)
+        ends.append(inside)
+    return ends[0], ends[1]
 
 
 def validate(stage: Stage, finding: Finding) -> Finding:
@@ -280,7 +367,7 @@ def validate(stage: Stage, finding: Finding) -> Finding:
         With ``folds``; infinite where a block cannot be judged.
     """
     try:
-        folds = finding.trial(stage).fold_errors()
+        folds = stage.slot(finding.site, finding.candidate.law, finding.drop).folds(finding.law)
     except NRFError:
         folds = np.full(len(stage.work.search), np.inf)
     return Finding(finding.candidate, finding.law, finding.screen, finding.drop, folds)

@@ -1,0 +1,155 @@
+"""Intervals of an effect's parameters: from block to block, and from the noise in the motion.
+
+The effect's coefficients and shape parameters are estimated together, once, with each block of the
+search left out: a law with parameters near the best is linear in them,
+``phi(theta + d) c = phi(theta) c + sum_i d_i D_i`` with ``D_i = c dphi/dtheta_i``, so the derivatives
+stand beside the columns and the chain is solved as ever (delete-one-block jackknife; Efron 1982). The
+spread over the blocks holds what the balances leave, whatever its colour. Noise in the motion also
+biases; how much is seen on surrogates, whose truth is known, and the interval reaches as far the other way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.stats import t as student
+
+from ..chain_solve import groups_of
+from ..exceptions import NRFError
+from ..laws.base import ForceLaw
+from ..layout import Layout
+from ..sites import Site
+from .projection import Projection
+from .search import Axes, plateau
+from .workspace import Stage, leave_one_out
+
+LEVEL = 0.95
+# Step of the derivatives: share of the range of a shape parameter in the coordinates of the search.
+_STEP = 2e-3
+_LEAST_FOLDS = 3
+# No interval is narrower than this share of its parameter on each side, whatever the blocks say.
+_LEAST = 1e-4
+
+
+def intervals(
+    stage: Stage,
+    place: tuple[Site, int],
+    law: ForceLaw,
+    theta: np.ndarray,
+    nulls: Sequence[Stage] = (),
+    level: float = LEVEL,
+) -> dict[str, tuple[float, float]]:
+    """Intervals of the parameters of one law of the model.
+
+    Parameters
+    ----------
+    stage : Stage
+        The model.
+    place : (Site, int)
+        The law in question, by site and number.
+    law : ForceLaw
+        The same law with the shape parameters to be judged left free.
+    theta : ndarray of shape (n_terms,)
+        Its coefficients.
+    nulls : sequence of Stage
+        The same laws on surrogates of the model.
+    level : float
+        Probability.
+
+    Returns
+    -------
+    dict of str to (float, float)
+        Lower and upper end by name of the coefficient or shape parameter, SI units; empty where they cannot be
+        told.
+    """
+    site, i = place
+    held = stage.laws[site][i]
+    axes = Axes(law, stage.work.scales(site))
+    centre = axes.point(held)
+    width, true = len(theta), np.concatenate([theta, np.zeros(len(centre))])
+    out: dict[str, tuple[float, float]] = {}
+    try:
+        drift, half = _widths(stage, place, axes, centre, theta, true, nulls, level)
+    except NRFError:  # a change in time between two blocks has no slope: from the profile of the error instead
+        out = _profile(stage, place, law, axes, centre, level)
+        axes, centre, true = Axes(held, stage.work.scales(site)), np.zeros(0), theta
+        try:
+            drift, half = _widths(stage, place, axes, centre, theta, true, nulls, level)
+        except NRFError:
+            return out
+    half = np.maximum(half, _LEAST * np.append(np.abs(theta), np.ones(len(centre))))
+    low, high = (true + np.minimum(0.0, -drift) - half, true + np.maximum(0.0, -drift) + half)
+    out |= {t.symbol: (float(lo), float(hi)) for t, lo, hi in zip(held.terms(), low, high)}
+    ends = [axes.values(np.clip(centre + end[width:], axes.low, axes.high)) for end in (low, high)]
+    out |= {p.name: (float(lo), float(hi)) for p, lo, hi in zip(axes.shapes, *ends)}
+    for name, (lo, hi) in _profile(stage, place, law, axes, centre, level).items():
+        if name in out:  # where a single block decides, the others do not show how well
+            out[name] = min(lo, out[name][0]), max(hi, out[name][1])
+    return {k: v for k, v in out.items() if np.isfinite(v).all()}
+
+
+def _widths(stage, place, axes, centre, theta, true, nulls, level) -> tuple[np.ndarray, np.ndarray]:
+    """What noise adds on average, and half the interval: coefficients, shape parameters as the search sees them."""
+    _, folds = _linearised(stage, place, axes, centre, theta)
+    n = len(folds)
+    spread = np.sqrt((n - 1) / n * ((folds - folds.mean(axis=0)) ** 2).sum(axis=0))
+    drifts = []
+    for null in nulls:
+        try:
+            drifts.append(_linearised(null, place, axes, centre, theta)[0] - true)
+        except NRFError:
+            continue
+    drift = np.mean(drifts, axis=0) if drifts else np.zeros_like(true)
+    return drift, student.ppf(0.5 + level / 2, n - 1) * spread
+
+
+def _profile(stage: Stage, place: tuple[Site, int], law: ForceLaw, axes: Axes, centre: np.ndarray, level: float):
+    """The interval of a single shape parameter within which the error hardly changes.
+
+    Likelihood ratio with as many independent values as the rate at the site changes its sign.
+    """
+    if len(centre) != 1:
+        return {}
+    site, work = place[0], stage.work
+    signs = [np.sign(work.motion(site, b.segment).v[b.rows]) for b in work.search]
+    count = max(sum(int((np.diff(s) != 0).sum()) for s in signs), 8)
+    slack = (1.0 + student.ppf(0.5 + level / 2, count) ** 2 / count) ** 0.5 - 1.0
+    slot = Stage(work, stage.chain, stage.without([place])).slot(site, law)
+    ends = plateau(
+        lambda u: float(slot.errors([axes.at(np.array([u]))])[0]), float(centre[0]), *axes.ends, slack=slack
+    )
+    low, high = (float(axes.values(np.array([u]))[0]) for u in ends)
+    return {axes.shapes[0].name: (low, high)} if high > low else {}
+
+
+def _linearised(
+    stage: Stage, place: tuple[Site, int], axes: Axes, centre: np.ndarray, theta: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients and corrections of the shape parameters: from all blocks, and with each left out."""
+    site, i = place
+    work, width, extra = stage.work, len(theta), len(centre)
+    columns = stage.columns
+    size = len(columns)
+    if extra:
+        step = _STEP * (axes.high - axes.low)
+        ends = [axes.at(centre + sign * d) for d in np.diag(step) for sign in (1.0, -1.0)]
+        both = work.search_columns(site, ends).reshape(extra, 2, width, -1)
+        slopes = np.einsum("ekn,k->en", both[:, 0] - both[:, 1], theta) / (2 * step[:, None])
+        columns = np.vstack([columns, slopes])
+    counts = dict(stage.layout.counts)
+    counts[site] += extra
+    layout = Layout(stage.chain, counts)
+    where = {s: list(range(stage.layout.slices[s].start, stage.layout.slices[s].stop)) for s in stage.layout.sites}
+    where[site] = where[site] + list(range(size, size + extra))
+    uses, members = work.uses([g.dofs for g in groups_of(layout, stage.walk)])
+    project = Projection(layout, stage.walk, work.known_masses, where, stage.tail, uses)
+    grams = np.array([(part := columns[:, rows]) @ part.T for rows in work.spans])
+    every = np.einsum("ub,bij->uij", members.astype(float), grams)[None]
+    own = [*range(stage.at[place], stage.at[place] + width), *range(size, size + extra)]
+    errors, best, _ = project(every)
+    more, folds, _ = project(leave_one_out(grams, members))
+    told = np.isfinite(more)  # without the one block that shows a change in time there is no answer
+    if not np.isfinite(errors).all() or told.sum() < _LEAST_FOLDS:
+        raise NRFError("The parameters cannot be told apart", "Give longer records.")
+    return best[0, own], folds[told][:, own]

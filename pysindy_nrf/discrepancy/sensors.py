@@ -1,0 +1,381 @@
+"""Faulty sensors as undeclared effects: channels that are late, wrongly scaled, or have a wrong zero.
+
+A fault of a sensor is not a force: it changes the channels from which every column is built, and
+the fusion that mixes them. So a candidate corrects the channel and the same model is solved again
+on what follows. Where a DOF has several kinds of channels their contradiction gives the fault
+(:func:`pysindy_nrf.alignment.channel_alignment`) and the balances say which of them is wrong; where
+it has one, and for forces, the fault is found from the balances alone.
+
+What the data cannot show is not tried: the gain of the only force where no mass is known (it scales the
+chain), the gain of the only DOF, the zero of x1 (a constant force on DOF 1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from ..alignment import channel_alignment
+from ..exceptions import NRFError
+from ..laws.base import ForceLaw
+from ..laws.sensor import ChannelDelay, GainError, SensorFault, SensorOffset
+from ..segments import Segment, SegmentSet
+from ..simulation.readings import as_true
+from ..sites import Site
+from .catalogue import Candidate
+from .gate import MIN_GAIN, TIE
+from .prepare import Prepared, prepare
+from .search import Finding
+from .splits import BlockRows
+from .workspace import Stage, Workspace
+
+# Contradictions between channels of one DOF, as a share of the channel, that are looked into, and that are
+# worth a word; and how many.
+_CONTRADICTION, _SAID = 0.02, 0.06
+_MOST_CONTRADICTIONS = 4
+_WITNESSED = 0.05
+# How far, as a share, the value of such a fault may be off, and trials to mend it.
+_ROUGH = 0.2
+_TRIALS = 7
+# Fall of the error that a parabola through three trials must promise; faults that are rebuilt from the records.
+_PROMISE = 0.05
+_REBUILT = 2
+# Baseline error, percent, above which a fault may be too large for a parabola; shares of its reach tried then.
+_WILD = 20.0
+_COARSE = np.array([-0.6, -0.25, 0.25, 0.6])
+# First step and reach of a delay in radians of the channel's mean frequency; of a gain; of an offset in rms.
+_STEPS = {"channel_delay": (0.05, 1.5), "gain_error": (0.02, 0.6), "sensor_offset": (0.05, 5.0)}
+
+
+@dataclass
+class SensorFinding(Finding):
+    """A faulty sensor, with everything that follows from the corrected channel.
+
+    Attributes
+    ----------
+    ready : Prepared
+    stage : Stage
+        The same laws on the corrected records.
+    equals : list of str
+        Sensors of which the data could accuse one as well as this.
+    remark : str
+        What the channels themselves say.
+    """
+
+    ready: Prepared | None = None
+    stage: Stage | None = None
+    equals: list[str] = field(default_factory=list)
+    remark: str = ""
+
+    @property
+    def least(self) -> float:
+        """Gain that the gate asks: less where the channels themselves bear witness, whatever the model."""
+        return _WITNESSED if self.remark else MIN_GAIN
+
+    def on(self, stage: Stage) -> Stage:
+        """The current laws on the corrected channels."""
+        assert self.stage is not None
+        return self.stage
+
+
+@dataclass(frozen=True)
+class _Suspect:
+    """A fault at a channel; ``remark`` where the channels of one DOF contradict each other."""
+
+    law: SensorFault
+    site: Site
+    remark: str = ""
+
+
+def sensor_findings(ready: Prepared, work: Workspace, stage: Stage, laws: Sequence[ForceLaw]) -> list[SensorFinding]:
+    """Faulty sensors that lower the error, validated, best first.
+
+    Parameters
+    ----------
+    ready : Prepared
+    work : Workspace
+    stage : Stage
+        The current laws.
+    laws : sequence of ForceLaw
+        The catalogue; its sensor faults are tried.
+
+    Returns
+    -------
+    list of SensorFinding
+    """
+    names = {law.name for law in laws if law.family == "sensor"}
+    if not names:
+        return []
+    now = stage.trial().search_error()
+    promising: list[tuple[float, _Suspect]] = []
+    contradictory, apart = _contradictions(ready, work, names)
+    for suspect in _alone(ready, work, names, apart):
+        best = _scan(work, stage, suspect, now)
+        if best is not None:
+            promising.append(best)
+    promising.sort(key=lambda p: p[0])
+    found = [_rebuilt(ready, work, stage, s) for s in [*contradictory, *(s for _, s in promising[:_REBUILT])]]
+    kept = sorted((f for f in found if f is not None and f.screen < now), key=lambda f: f.error)
+    if kept and kept[0].remark:
+        kept[0] = _sharpened(ready, work, stage, kept[0])
+    near = [f for f in kept if f.error <= (1 + TIE) * kept[0].error]
+    for one in near:
+        one.equals = [str(o.site) for o in near if o.law.name == one.law.name and o.site != one.site]
+    return kept
+
+
+def contradictions(ready: Prepared, work: Workspace) -> list[str]:
+    """Channels of one DOF that do not show one motion, in words.
+
+    Parameters
+    ----------
+    ready : Prepared
+    work : Workspace
+
+    Returns
+    -------
+    list of str
+    """
+    every = {ChannelDelay.name, GainError.name}
+    return list(dict.fromkeys(s.remark for s in _contradictions(ready, work, every, _SAID)[0]))
+
+
+def null_gain(stage: Stage, finding: SensorFinding) -> float:
+    """Fall of the error that the same fault promises on data without it, as a share."""
+    if finding.remark:
+        return 0.0  # the channels contradict each other, whatever the model
+    assert isinstance(finding.law, SensorFault)
+    now = stage.trial().search_error()
+    best = _scan(stage.work, stage, _Suspect(finding.law, finding.site), now)
+    return 0.0 if best is None else 1.0 - best[0] / now
+
+
+# -- who is suspected -----------------------------------------------------------------------------
+
+
+def _longest(work: Workspace) -> tuple[int, slice]:
+    """The record with most search rows, and those rows of it."""
+    sizes: dict[int, int] = {}
+    for b in work.search:
+        sizes[b.segment] = sizes.get(b.segment, 0) + b.rows.stop - b.rows.start
+    chosen = max(sizes, key=lambda i: sizes[i])
+    first = work.data.segments[chosen].valid.start
+    rows = [b.rows for b in work.search if b.segment == chosen]
+    return chosen, slice(first + min(r.start for r in rows), first + max(r.stop for r in rows))
+
+
+def _contradictions(
+    ready: Prepared, work: Workspace, names: set[str], least: float = _CONTRADICTION
+) -> tuple[list[_Suspect], set[int]]:
+    """Faults that would reconcile the channels of one DOF; and the DOFs that have one kind of channel."""
+    chosen, rows = _longest(work)
+    record = ready.records[chosen]
+    measured = record.measured
+    kinds = {j: [k for k in "avx" if f"{k}{j}" in measured] for j in range(1, record.n_dof + 1)}
+    apart = {j for j, held in kinds.items() if len(held) == 1}
+    try:
+        table = channel_alignment(record.rows(rows))
+    except NRFError:
+        return [], apart
+    sized: list[tuple[float, _Suspect]] = []
+    for name, row in table.iterrows():
+        if row["aligned"] or not np.isfinite(row["gain"]):
+            continue
+        channel, reference = str(name), str(row["reference"])
+        gain = float(row["sign"] * row["gain"])
+        pace = _pace(work, int(channel[1:]))
+        pairs = [
+            (abs(row["delay"]) * pace, ChannelDelay(row["delay"]), ChannelDelay(-row["delay"])),
+            (abs(gain - 1.0), GainError(gain - 1.0), GainError(1.0 / gain - 1.0)),
+        ]
+        for size, own, other in pairs:
+            if size < least or own.name not in names:
+                continue
+            for law, of in ((own, channel), (other, reference)):
+                sized.append((size, _Suspect(law, Site(f"sensor {of}"), str(row["message"]))))
+    once: dict[tuple[str, str], tuple[float, _Suspect]] = {}
+    for size, s in sorted(sized, key=lambda p: -p[0]):
+        once.setdefault((s.law.name, str(s.site)), (size, s))
+    return [s for _, s in once.values()][:_MOST_CONTRADICTIONS], apart
+
+
+def _alone(ready: Prepared, work: Workspace, names: set[str], apart: set[int]) -> Iterator[_Suspect]:
+    """Channels that no other channel of their DOF can contradict, with faults that the balances can show."""
+    chosen, _ = _longest(work)
+    record = ready.records[chosen]
+    scales = len(work.forced) + len(work.known_masses)
+    n = work.n_dof
+
+    def suspects(law: SensorFault, channels: list[str]) -> Iterator[_Suspect]:
+        if law.name in names:
+            yield from (_Suspect(law, Site(f"sensor {c}")) for c in channels)
+
+    single = [f"{k}{j}" for j in sorted(apart) for k in "avx" if f"{k}{j}" in record.measured]
+    forces = [f"F{j}" for j in work.forced]
+    yield from suspects(ChannelDelay(), single + forces)
+    yield from suspects(GainError(), single if n > 1 and work.forced else [])
+    yield from suspects(GainError(), forces if scales > 1 else [])
+    yield from suspects(SensorOffset(), [f"x{j}" for j in range(2, n + 1) if f"x{j}" in record.measured])
+
+
+# -- from the balances alone ----------------------------------------------------------------------
+
+
+def _pace(work: Workspace, dof: int) -> float:
+    """Mean circular frequency of the displacement of a DOF's rate, 1/s."""
+    top = bottom = 0.0
+    for i in {b.segment for b in work.search}:
+        seg = work.data.segments[i]
+        v = seg.v[seg.valid, :dof].sum(axis=1)
+        a = np.diff(v) / (seg.dt or 1.0)
+        top, bottom = top + float(a @ a), bottom + float(v @ v)
+    return float(np.sqrt(top / bottom)) if bottom > 0 else 1.0
+
+
+def _scan(work: Workspace, stage: Stage, suspect: _Suspect, now: float) -> tuple[float, _Suspect] | None:
+    """The best value of a fault and its error; None if a parabola through three trials promises too little."""
+    kind, j = suspect.site.channel[0], int(suspect.site.channel[1:])
+    step, reach = _STEPS[suspect.law.name]
+    if suspect.law.name == "channel_delay":
+        unit = 1.0 / _pace(work, j)
+    elif suspect.law.name == "sensor_offset":
+        unit = work.scales(Site(f"ground {j}"))[0]
+    else:
+        unit = 1.0
+
+    def cost(value: float) -> float:
+        law = suspect.law.with_values([value])
+        try:
+            moved = _with_segments(work, [_shifted(s, kind, j, law) for s in work.data.segments])
+            return min(Stage(moved, stage.chain, stage.laws).trial().search_error(), 1e6)
+        except NRFError:
+            return 1e6
+
+    h, most = step * unit, reach * unit
+    low, high = cost(-h), cost(h)
+    # squared errors are a parabola in a small fault
+    curve, slope = (low**2 + high**2) / 2 - now**2, (high**2 - low**2) / 2
+    promise = slope**2 / (4 * curve) if curve > 0 else np.inf
+    if min(low, high) < now and promise >= (1 - (1 - _PROMISE) ** 2) * now**2:
+        ends = (0.0, most) if high < low else (-most, 0.0)
+        guess = 2.0 * (-slope / (2 * curve) * h) if curve > 0 else sum(ends)
+        inner = sorted((0.0, float(np.clip(guess, *ends)) or sum(ends)))
+    elif now > _WILD:  # a fault so large that nothing is straight near zero
+        trials = [x for x in [*(most * _COARSE), *_means(work, suspect)] if abs(x) <= most]
+        costs = [cost(x) for x in trials]
+        if min(costs) > now * (1 - _PROMISE):
+            return None
+        near = trials[int(np.argmin(costs))]
+        ends = inner = sorted((0.5 * near, 1.7 * near))
+    else:
+        return None
+    best = minimize_scalar(cost, bounds=inner, method="bounded", options={"xatol": 0.01 * h, "maxiter": 16})
+    if ends is not inner and abs(best.x) > 0.9 * max(map(abs, inner)):
+        best = minimize_scalar(cost, bounds=ends, method="bounded", options={"xatol": 0.01 * h, "maxiter": 24})
+    if not best.fun < now * (1 - _PROMISE):
+        return None
+    return float(best.fun), replace(suspect, law=suspect.law.with_values([float(best.x)]))
+
+
+def _means(work: Workspace, suspect: _Suspect) -> list[float]:
+    """The mean of a displacement, from which an offset of its sensor is not far."""
+    if suspect.law.name != "sensor_offset":
+        return []
+    i, rows = _longest(work)
+    return [float(work.data.segments[i].s[rows, : int(suspect.site.channel[1:])].sum(axis=1).mean())]
+
+
+def _shifted(seg: Segment, kind: str, dof: int, law: SensorFault) -> Segment:
+    """A record in which a force, or the whole motion of a DOF, is freed of a fault."""
+    dt = seg.dt or 1.0
+    j = dof - 1
+    if kind == "F":
+        force = np.array(seg.F, dtype=float)
+        if np.isfinite(force[:, j]).any() and np.nan_to_num(force[:, j]).any():
+            force[:, j] = law.corrected(force[:, j], dt)
+        changed = replace(seg, F=force)
+    else:
+        a, v, s = (np.array(y, dtype=float) for y in (seg.a, seg.v, seg.s))
+        x, rate = s[:, :dof].sum(axis=1), v[:, :dof].sum(axis=1)
+        offset = isinstance(law, SensorOffset)
+        moved = (a[:, j] if offset else law.corrected(a[:, j], dt), rate if offset else law.corrected(rate, dt))
+        new = law.corrected(x, dt)
+        a[:, j] = moved[0]
+        for y, change in ((s, new - x), (v, moved[1] - rate)):
+            y[:, j] += change
+            if dof < seg.n_dof:
+                y[:, j + 1] -= change
+        changed = replace(seg, a=a, v=v, s=s)
+    force_known = np.isfinite(seg.F[seg.valid]).all(axis=0)
+    every = np.hstack([changed.a, changed.v, changed.s, changed.F[:, force_known]])
+    finite = np.isfinite(every).all(axis=1)
+    inside = np.flatnonzero(finite[seg.valid])
+    start = seg.valid.start
+    return replace(changed, valid=slice(start + int(inside[0]), start + int(inside[-1]) + 1))
+
+
+def _with_segments(work: Workspace, segments: Sequence[Segment]) -> Workspace:
+    """The workspace of other motions, with the same blocks of the same rows."""
+    data = SegmentSet(list(segments), work.data.n_samples)
+
+    def same(blocks: Sequence[BlockRows]) -> list[BlockRows]:
+        out = []
+        for b in blocks:
+            old, new = work.data.segments[b.segment].valid, data.segments[b.segment].valid
+            length = new.stop - new.start
+            ends = (int(np.clip(r + old.start - new.start, 0, length)) for r in (b.rows.start, b.rows.stop))
+            out.append(BlockRows(b.segment, slice(*ends)))
+        return out
+
+    return Workspace(data, work.filters, same(work.search), same(work.held), work.known_masses, work.strategy)
+
+
+# -- from the records -----------------------------------------------------------------------------
+
+
+def _rebuilt(ready: Prepared, work: Workspace, stage: Stage, suspect: _Suspect) -> SensorFinding | None:
+    """Everything again from the corrected records: fusion, columns, errors."""
+    held = ready.heldout or []
+    try:
+        records = [as_true(r, suspect.site, suspect.law) for r in ready.records]
+        fresh = prepare(
+            [r for i, r in enumerate(records) if i not in held], [records[i] for i in held] if held else None
+        )
+        moved = _with_segments(work, fresh.data.segments)
+        after = Stage(moved, stage.chain, stage.laws)
+        trial = after.trial()
+        screen, folds = trial.search_error(), trial.fold_errors()
+    except NRFError:
+        return None
+    candidate = Candidate(suspect.law, suspect.site)
+    return SensorFinding(candidate, suspect.law, screen, (), folds, fresh, after, [], suspect.remark)
+
+
+def _sharpened(ready: Prepared, work: Workspace, stage: Stage, finding: SensorFinding) -> SensorFinding:
+    """A fault that the channels told roughly, as the balances want it."""
+    assert isinstance(finding.law, SensorFault)
+    fault, best = finding.law, finding
+    rough = float(fault.parameters[fault.terms()[0].symbol] or 0.0)
+
+    def cost(value: float) -> float:
+        nonlocal best
+        one = _rebuilt(ready, work, stage, _Suspect(fault.with_values([value]), finding.site, finding.remark))
+        if one is None:
+            return 1e6
+        best = min(best, one, key=lambda f: f.screen)
+        return one.screen
+
+    reach = _ROUGH * abs(rough)
+    minimize_scalar(
+        cost,
+        bounds=(rough - reach, rough + reach),
+        method="bounded",
+        options={"xatol": 0.01 * reach, "maxiter": _TRIALS},
+    )
+    return best
+
+
+__all__ = ["SensorFinding", "contradictions", "null_gain", "sensor_findings"]

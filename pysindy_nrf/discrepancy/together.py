@@ -1,0 +1,106 @@
+"""Effects at several places none of which stands out alone: looked for together.
+
+Where the same kind of effect sits in every storey, each is a part of the pooled error that may stay
+below what the gate asks of one. Then the best candidates of different sites are added one on top
+of the other, and the gate judges them as one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ..exceptions import NRFError
+from .catalogue import balances_of
+from .gate import FLOOR, MEMBER_GAIN, MIN_WINS, Verdict, choose, gain_of, judge
+from .search import Finding, refine, screen, validate
+from .workspace import Stage
+
+_MOST = 4
+
+
+def look_ahead(
+    stage: Stage, ranking: Sequence[Finding], before: np.ndarray, nulls: Callable[[], Sequence[Stage]]
+) -> tuple[list[tuple[Finding, list[Finding]]], Verdict] | None:
+    """Candidates of several sites that pass the gate together.
+
+    Parameters
+    ----------
+    stage : Stage
+    ranking : sequence of Finding
+        Validated candidates, none of which passed alone.
+    before : ndarray of shape (n_blocks,)
+        Errors of the current model.
+    nulls : callable
+        Gives the current laws on surrogates that hold nothing but noise.
+
+    Returns
+    -------
+    members : list of (Finding, list of Finding)
+        In the order in which they are added; with the families that each is tied with.
+    verdict : Verdict
+        Of all of them. None instead of the pair if they do not pass.
+    """
+    found = _chain(stage, ranking, before)
+    if len(found) < 2:
+        return None
+    members = [f for f, _, _ in found]
+    whole = found[-1][2]
+    after = whole.slot().folds()
+    for f in members:  # each must be missed when it is left out
+        where = [(f.site, len(whole.laws[f.site]) - 1)]
+        try:
+            without = Stage(whole.work, whole.chain, whole.without(where)).slot().folds()
+        except NRFError:
+            continue
+        if gain_of(without, after) < MEMBER_GAIN or np.mean(after < without) < MIN_WINS:
+            return None
+    n_parameters = sum(f.n_parameters for f in members) - 2 * (len(members) - 1)
+    if not judge(before, after, n_parameters).accepted:
+        return None
+    verdict = judge(before, after, n_parameters, max((_null_gain(s, members) for s in nulls()), default=0.0))
+    return ([(f, tied) for f, tied, _ in found], verdict) if verdict.accepted else None
+
+
+def _chain(
+    stage: Stage, ranking: Sequence[Finding], before: np.ndarray
+) -> list[tuple[Finding, list[Finding], Stage]]:
+    """The best candidate of each site, added where it still helps after those before it."""
+    by_site: dict[str, list[Finding]] = {}
+    for f in ranking:
+        if not f.drop and type(f) is Finding:
+            by_site.setdefault(str(balances_of(f.site)), []).append(f)
+    out: list[tuple[Finding, list[Finding], Stage]] = []
+    now = before
+    for group in sorted(by_site.values(), key=lambda g: min(f.error for f in g)):
+        if len(out) == _MOST:
+            break
+        chosen, tied = choose(group, float(np.median(before)))
+        try:
+            again = validate(stage, refine(stage, Finding(chosen.candidate, chosen.law, np.inf), 40))
+            if gain_of(now, again.folds) < MEMBER_GAIN or np.mean(again.folds < now) < MIN_WINS:
+                continue
+            stage = again.on(stage)
+        except NRFError:
+            continue
+        now = again.folds
+        out.append((again, tied, stage))
+    return out
+
+
+def _null_gain(stage: Stage, members: Sequence[Finding]) -> float:
+    """What the same candidates gain together where they do not act."""
+    try:
+        first = now = stage.slot().folds()
+        if np.median(first) < FLOOR:
+            return 0.0
+        for f in members:
+            best = screen(stage, [f.candidate])
+            if best:
+                tried = validate(stage, refine(stage, best[0], 20))
+                if np.isfinite(tried.error) and tried.error < np.median(now):
+                    stage, now = tried.on(stage), tried.folds
+        return gain_of(first, now)
+    except NRFError:
+        return 0.0

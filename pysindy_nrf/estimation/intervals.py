@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from scipy import stats
 
+from .._random import generator
 from ..chain_solve import solve
 from ..exceptions import ChainError, ChannelError, ExtrapolationWarning, IdentifiabilityError, RankWarning
 from ..identifiability import Walk
@@ -80,6 +81,10 @@ class Resolver:
             model = model_of(self.pieces.layout, solve(moments, self.walk, self.known_masses, self.inner))
         return model if self.constrain is None else self.constrain(model)
 
+    def at(self, weights: np.ndarray) -> ChainModel:
+        """Model of the pieces, each taken ``weights`` times."""
+        return self.model(self.pieces.moments(weights))
+
     def left_out(self, statistic: Callable[[ChainModel], pd.Series]) -> np.ndarray:
         """Statistics without each piece in turn, shape (n_pieces, n_statistics)."""
         n = len(self.pieces)
@@ -88,7 +93,7 @@ class Resolver:
                 f"{n} pieces of data are too few to judge an uncertainty", "Use a longer record, or more records."
             )
         try:
-            return np.array([statistic(self.model(self.pieces.without(i))).to_numpy(float) for i in range(n)])
+            return np.array([statistic(self.at(w)).to_numpy(float) for w in 1.0 - np.eye(n)])
         except IdentifiabilityError as error:
             raise IdentifiabilityError(
                 f"A single stretch of the data carries the estimate ({error.what})",
@@ -112,12 +117,12 @@ class Resolver:
             raise ChannelError(
                 f"{n} pieces of data are too few to judge an uncertainty", "Use a longer record, or more records."
             )
-        rng = np.random.default_rng(random_state)
+        rng = generator(random_state)
         weights = rng.multinomial(n, np.full(n, 1.0 / n), size=draws).astype(float)
         out = []
         for w in weights:
             try:
-                out.append(statistic(self.model(self.pieces.moments(w))).to_numpy(float))
+                out.append(statistic(self.at(w)).to_numpy(float))
             except IdentifiabilityError:  # a draw without any blow says nothing
                 continue
         if len(out) < draws / 2:
@@ -126,6 +131,30 @@ class Resolver:
                 "Excite the structure more than once.",
             )
         return np.array(out)
+
+
+@dataclass
+class InfluenceResolver(Resolver):
+    """Stands for re-solving where the estimate is the optimum of a free run: every piece moves it by its influence.
+
+    Attributes
+    ----------
+    theta : ndarray of shape (n_parameters,)
+        The estimate.
+    rebuild : callable
+        From a vector of parameters to a ChainModel.
+    moves : ndarray of shape (n_pieces, n_parameters)
+        Influence of each piece; their sum is zero at the optimum.
+    """
+
+    theta: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    rebuild: Callable[[np.ndarray], ChainModel] | None = None
+    moves: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def at(self, weights: np.ndarray) -> ChainModel:
+        """Model of the pieces, each taken ``weights`` times."""
+        model = self.rebuild(self.theta + weights @ (self.moves - self.moves.mean(axis=0)))
+        return model if self.constrain is None else self.constrain(model)
 
 
 def parameter_intervals(

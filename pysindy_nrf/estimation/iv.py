@@ -8,8 +8,11 @@ measured force is correlated with the true motion and not with its noise,
 and solving this, simulating again and solving again three or four times removes the bias
 (Young, Refined instrumental variable methods, 1976). Three traps, all measured:
 
-- noise of the force is in the right-hand side and, through the simulation, in the instruments. The
-  instruments are therefore delayed by one sample: white force noise of this sample is not in them.
+- noise of the force is in the right-hand side and, through the simulation, in the instruments. In the first
+  rounds the instruments are therefore delayed by one sample: white force noise of this sample is not in them.
+  In the later ones the run goes under the force as the motion corrects it (:mod:`.spectra`), which lets every
+  balance be weighted by frequency as its own noise asks for (generalised least squares; the masses' errors fall to
+  a third, the dampings' to half).
 - what the fusion could not resolve is missing in the motion, not in the force. The instruments are low-passed to
   what it resolved; what lies above is then not asked for.
 - the motion must not have been shrunk towards what is likely (as the joint step of
@@ -35,8 +38,10 @@ from ..model import ChainModel
 from ..segments import Segment, SegmentSet
 from .model_of import model_of
 from .pieces import Pieces, pieces_of
+from .weighting import Weighting, weighting_of
 
-ROUNDS = 5
+ROUNDS = 8
+PLAIN = 2  # rounds before the balances are weighted
 SETTLED = 1e-4  # relative change of every mass below which the rounds stop
 ALIKE = 0.5  # correlation of simulated and measured accelerations below which a free run is no instrument
 
@@ -57,6 +62,8 @@ class IVResult:
         Correlation of the simulated accelerations with the measured ones in the last round.
     notes : list of str
         What was left out, in words.
+    runs : list of Segment or None
+        The motion that gave the last instruments.
     """
 
     model: ChainModel
@@ -65,6 +72,33 @@ class IVResult:
     rounds: int
     likeness: float
     notes: list[str] = field(default_factory=list)
+    runs: list[Segment | None] = field(default_factory=list)
+
+    def judged(self, data: SegmentSet, layout: LawLayout) -> SegmentSet:
+        """What the balances miss along the measured motion, laid beside the free run, which is free of its noise.
+
+        A law that is missing can be predicted from the run; noise of the motion that a law turns into an error
+        cannot. See :func:`pysindy_nrf.analysis.missing_terms`.
+
+        Parameters
+        ----------
+        data : SegmentSet
+        layout : LawLayout
+
+        Returns
+        -------
+        SegmentSet
+            Motions of the runs, with forces that leave the residual of the measured ones.
+        """
+        pairs = [(seg, run) for seg, run in zip(data.segments, self.runs) if run is not None]
+        measured, simulated = (SegmentSet([p[k] for p in pairs], data.n_samples) for k in (0, 1))
+        parts = zip(pairs, self.model.balance_forces(measured), self.model.balance_forces(simulated))
+        segments = []
+        for (seg, run), along, free in parts:
+            force = np.full(seg.F.shape, np.nan)
+            force[seg.valid] = seg.F[seg.valid] - along + free
+            segments.append(replace(run, F=force))
+        return SegmentSet(segments, data.n_samples)
 
 
 def instrumental_variables(
@@ -110,19 +144,27 @@ def instrumental_variables(
             f"{len(data.segments) - len(usable)} records with an unknown force were left out of the instruments."
         )
     why = ""
+    weighting: Weighting | None = None
     for round_ in range(1, ROUNDS + 1):
         try:
-            runs, likeness = _runs(model, data, usable, band)
+            if best is None:
+                runs, likeness = _first_runs(start, data, usable, layout, walk, filters, known_masses, band)
+            elif round_ > PLAIN:
+                weighting = weighting_of(model, data, usable, layout, groups, filters, known_masses, band)
+            if weighting is not None:
+                runs, likeness = weighting.runs, weighting.likeness
+            elif best is not None:
+                runs, likeness = _runs(model, data, usable, band)
         except SimulationError as error:
-            why, runs = error.what, None
-        if runs is not None and likeness < ALIKE:
-            why, runs = f"the free run is unlike the measured motion (correlation {likeness:.2f})", None
-        if runs is None and best is None:
-            # the least-squares model cannot run: the linear chain can, and its motion serves as well
-            runs, likeness = _linear_runs(data, usable, layout, walk, filters, known_masses, band)
-        if runs is None:
+            why = error.what
             break
-        pieces = pieces_of(data, layout, groups, filters, known_masses, runs)
+        if likeness < ALIKE:
+            why = f"the free run is unlike the measured motion (correlation {likeness:.2f})"
+            break
+        pieces = pieces_of(
+            data, layout, groups, filters, known_masses, runs,
+            whiteners=weighting and weighting.whiteners,
+        )  # fmt: skip
         try:
             solution = solve(pieces.moments(), walk, known_masses, inner, {s: layout.labels(s) for s in layout.acting})
         except IdentifiabilityError as error:
@@ -133,9 +175,9 @@ def instrumental_variables(
             why = f"m{int(np.argmin(found.masses)) + 1} became {found.masses.min():.3g} kg"
             break
         change = np.abs(found.masses / model.masses - 1).max()
-        best = IVResult(found, solution, pieces, round_, likeness, notes)
+        best = IVResult(found, solution, pieces, round_, likeness, notes, runs)
         model = found
-        if round_ > 1 and change < SETTLED:
+        if change < SETTLED and (round_ > PLAIN + 1 or (round_ > PLAIN and weighting is None)):
             break
     if best is None:
         return _fall_back(why)
@@ -165,7 +207,12 @@ def delay_of(band: Any, dt: float) -> int:
 
 
 def free_run_of(
-    model: ChainModel, segment: Segment, delay: int = 0, limited: bool = False, start: tuple | None = None
+    model: ChainModel,
+    segment: Segment,
+    delay: int = 0,
+    limited: bool = False,
+    start: tuple | None = None,
+    hold: str = "cubic",
 ) -> Segment:
     """The motion a model makes under a record's forces, as a record with the same rows.
 
@@ -180,6 +227,8 @@ def free_run_of(
         Whether the motion is low-passed to the frequencies that the measured one resolves.
     start : (ndarray, ndarray) of shape (n_dof,), optional
         Displacement and velocity relative to the base at the first valid row; as measured if None.
+    hold : {"cubic", "linear", "zero"}
+        Course of the force between its samples; a straight one loses ``(pi f dt)^2 / 3`` of it at frequency f.
 
     Returns
     -------
@@ -201,6 +250,7 @@ def free_run_of(
         covariates={k: c[rows] for k, c in segment.covariates.items()} or None,
         method="default" if model.has_memory else "rk4",
         rtol=1e-5,
+        hold=hold,
     )
     shift = np.maximum(np.arange(rows.stop - rows.start) - delay, 0)
     smooth = None
@@ -219,36 +269,57 @@ def free_run_of(
 def _runs(model: ChainModel, data: SegmentSet, usable: Sequence[int], band: Any):
     """Delayed free runs of the usable records, and their correlation with the measured accelerations."""
     runs: list[Segment | None] = [None] * len(data.segments)
-    both = own = other = 0.0
     for i in usable:
         segment = data.segments[i]
-        run = free_run_of(model, segment, delay_of(band, segment.dt or 1.0), limited=True)
+        runs[i] = free_run_of(model, segment, delay_of(band, segment.dt or 1.0), limited=True)
+    return runs, likeness_of([data.segments[i] for i in usable], [runs[i] for i in usable])
+
+
+def likeness_of(segments: Sequence[Segment], runs: Sequence[Segment]) -> float:
+    """Correlation of simulated and measured accelerations, every DOF with equal weight."""
+    both = own = other = 0.0
+    for segment, run in zip(segments, runs):
         a, b = segment.a[segment.valid].astype(float), run.a[run.valid]
         scale = np.mean(a**2, axis=0)
         scale[scale == 0] = 1.0
         both, own, other = both + (a * b / scale).sum(), own + (a * a / scale).sum(), other + (b * b / scale).sum()
-        runs[i] = run
     with np.errstate(invalid="ignore", over="ignore"):
         likeness = both / np.sqrt(own * other)
-    return runs, float(likeness) if np.isfinite(likeness) else 0.0
+    return float(likeness) if np.isfinite(likeness) else 0.0
 
 
-def _linear_runs(data, usable, layout, walk, filters, known, band):
-    """Free runs of the linear chain, or None."""
+def _first_runs(start: ChainModel, data, usable, layout, walk, filters, known, band):
+    """Free runs of the first model that can run: least squares, or the linear chain."""
+    found, worst = [], None
     plain = LawLayout(layout.chain, {s: (PowerSeries(1),) for s in layout.acting if s.kind == "link"})
-    missing = [s for s in layout.acting if s.kind != "link"]
-    if missing:
-        return None, 0.0
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RankWarning)
-            solution, _ = solve_blocks(
-                plain,
-                walk,
-                lambda: (b for seg, f in zip(data.segments, filters) for b in seg.blocks(plain, filter=f)),
-                known,
-            )
-        runs, likeness = _runs(model_of(plain, solution), data, usable, band)
-    except NRFError:
-        return None, 0.0
-    return (runs, likeness) if likeness >= ALIKE else (None, likeness)
+    linear = plain if all(s.kind == "link" for s in layout.acting) else None
+    for make in (
+        lambda: start,
+        lambda: linear and _least_squares(data, linear, walk, filters, known),
+    ):
+        try:
+            model = make()
+            if model is None or (model.masses <= 0).any():
+                continue
+            found.append(_runs(model, data, usable, band))
+        except NRFError as error:
+            worst = worst or error
+            continue
+        if found[-1][1] >= ALIKE:
+            return found[-1]
+    if not found:
+        what, cure = (worst.what, worst.cure) if worst else ("No model of the chain can run", "")
+        raise SimulationError(what, cure or "Use estimation='ls', or excite the chain better.")
+    return max(found, key=lambda pair: pair[1])
+
+
+def _least_squares(data, layout, walk, filters, known) -> ChainModel:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RankWarning)
+        solution, _ = solve_blocks(
+            layout,
+            walk,
+            lambda: (b for seg, f in zip(data.segments, filters) for b in seg.blocks(layout, filter=f)),
+            known,
+        )
+    return model_of(layout, solution)

@@ -1,12 +1,16 @@
 r"""Output-error refinement: the free run itself is fitted to the measured motion.
 
-.. math:: \min_\theta \sum_t \sum_c \left(\frac{A_c (y_c(t) - \hat y_c(t; \theta))}{\sigma_c}\right)^2
+The free run under the measured force misses the motion by R(f) = E_x - G E_u (see :mod:`.spectra`). With noise in
+the force as well, maximum likelihood solves
 
-where A_c whitens the residual of the starting model (an autoregression): noise of the force rings in
-the structure's own frequencies, and unwhitened least squares fits that ringing. The free run :math:`\hat y` goes
-under the measured force, each record one shot whose initial condition is found with the parameters. It is started from
-instrumental variables and kept only if it predicts the last part of the records, which it did not see,
-better than they do.
+.. math:: \sum_f J^*(f) S^{-1}(f) R(f; \theta) = 0, \qquad J = \partial V / \partial \theta
+
+with sensitivities J along the run under the corrected force (errors-in-variables; Pintelon and Schoukens,
+System identification, 2012). They follow from the laws' own columns: what a coefficient adds to the balances,
+passed through the structure linearised along the run. The solution is therefore right for nonlinear laws too,
+whatever the linearisation; only its sharpness depends on it. Every record is a shot whose initial condition is
+found with the parameters; long records are several. Started from instrumental variables, and kept only where it
+predicts parts of the records that it did not see better than they do.
 """
 
 from __future__ import annotations
@@ -14,20 +18,24 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from ..exceptions import BiasWarning, SimulationError
+from ..layout import LawLayout
 from ..model import ChainModel
 from ..segments import Segment, SegmentSet
+from .intervals import parameters_of
 from .iv import free_run_of
+from .spectra import NoiseModel, corrected, noise_model, spectrum, velocities
 
-TRAINED = 0.75  # share of each record that the refinement sees before it is judged on the rest
-EVALUATIONS = 12
-ORDER = 60  # past residuals that predict the present one
-_LOST = 1e3
+SHOT = 32768  # samples of a shot at most
+ROUNDS = 8
+SETTLED = 1e-3  # standard errors by which no parameter moves any more
+HALVINGS = 4
+PIECES = 64
+HOLDS = ("cubic", "linear", "zero")  # courses of the force between its samples
 
 
 @dataclass
@@ -38,62 +46,60 @@ class OutputErrorResult:
     ----------
     model : ChainModel
     kept : bool
-        Whether the refined model is better on the judged part than the one it started from.
+        Whether the refined model predicts unseen parts better than the one it started from.
     error_before, error_after : float
-        Free-run error on the judged part, percent NRMSE of all motions.
+        Free-run error of the velocities on parts that the refinement did not see, percent NRMSE.
+    influences : ndarray of shape (n_pieces, n_parameters) or None
+        By how much every piece (comb of Fourier lines) of the data moves the parameters.
+    record : ndarray of shape (n_pieces,)
+        Number of the record of each piece.
+    why : str
+        Why it was not kept.
     """
 
     model: ChainModel
     kept: bool
-    error_before: float
-    error_after: float
+    error_before: float = np.nan
+    error_after: float = np.nan
+    influences: np.ndarray | None = None
+    record: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
+    why: str = ""
 
 
 @dataclass
 class Shot:
-    """One record and where its free run starts.
+    """A record, or a stretch of one, with the state its free run starts from.
 
     Attributes
     ----------
     segment : Segment
-        What is fitted.
-    filter : FairFilter or None
+    number : int
+        Of the record.
     start : ndarray of shape (2, n_dof)
         Displacement and velocity relative to the base.
-    judged : slice
-        Valid rows, counted from the first, in which the error is taken.
     """
 
     segment: Segment
-    filter: Any
+    number: int
     start: np.ndarray
-    judged: slice = field(default_factory=lambda: slice(None))
+    hold: str = HOLDS[0]
 
-    @cached_property
-    def motion(self) -> np.ndarray:
-        """Measured a, xdot, x of the DOFs, shape (n_valid_rows, 3 n_dof)."""
-        return self._of(self.segment)
+    @property
+    def n_samples(self) -> int:
+        """Valid rows."""
+        return self.segment.valid.stop - self.segment.valid.start
 
-    def gap(self, model: ChainModel, start: np.ndarray | None = None) -> np.ndarray:
-        """Free run less measured motion in the judged rows."""
-        run = free_run_of(model, self.segment, start=tuple(self.start if start is None else start))
-        return (self._of(run) - self.motion)[self.judged]
-
-    def _of(self, segment: Segment) -> np.ndarray:
-        rows = segment.valid
-        # of the DOFs, not of the storeys: the noise of neighbouring drifts is not independent
-        motion = np.hstack([segment.a[rows], *(np.cumsum(y[rows], axis=1) for y in (segment.v, segment.s))]).astype(
-            float
-        )
-        return motion if self.filter is None else self.filter.apply(motion)
+    def run(self, model: ChainModel, segment: Segment | None = None) -> Segment:
+        """Free run under the shot's forces, or under those of a corrected copy."""
+        return free_run_of(model, segment or self.segment, start=tuple(self.start), hold=self.hold)
 
 
 def output_error(
     start: ChainModel,
     data: SegmentSet,
-    filters: Sequence[Any],
+    layout: LawLayout,
     known_masses: Mapping[int, float],
-    raw: SegmentSet | None = None,
+    band: Any = None,
 ) -> OutputErrorResult:
     """Refine masses and coefficients on the free run.
 
@@ -102,98 +108,262 @@ def output_error(
     start : ChainModel
         From instrumental variables.
     data : SegmentSet
-        Fused motions; they give the first guess of the initial conditions.
-    filters : sequence of FairFilter or None
+        Motions whose noise is independent of the motion.
+    layout : LawLayout
     known_masses : mapping of int to float
         These are held.
-    raw : SegmentSet, optional
-        The channels as measured, on the same rows: white noise, which suits least squares better.
+    band : (float, float), optional
+        Hz; only lines inside count.
 
     Returns
     -------
     OutputErrorResult
     """
-    shots, early, late = [], [], []
-    for fused, seg, filter in zip(data.segments, (raw or data).segments, filters):
+    shots = shots_of(data, layout.has_memory)
+    if not shots:
+        return _kept_start(start, "the force on some DOF is unknown in every record")
+    try:
+        problem = _Problem(start, shots, layout, known_masses, band)
+        if problem.noise is None:
+            return OutputErrorResult(start, False, 0.0, 0.0, why="the free run misses nothing but round-off")
+        halves = [[slice(0, s.n_samples // 2) for s in shots], [slice(s.n_samples // 2, s.n_samples) for s in shots]]
+        before, after = np.zeros(3), np.zeros(3)
+        for seen, unseen in (halves, halves[::-1]):
+            before += problem.judge(start, unseen)
+            after += problem.judge(problem.solve(seen).model, unseen)
+        errors = [float(100 * np.sqrt(e[0] / e[2])) for e in (before, after)]
+        if not (after[:2] < before[:2]).all():
+            return OutputErrorResult(start, False, *errors, why="it does not predict unseen parts of the records better")
+        best = problem.solve([slice(0, s.n_samples) for s in shots])
+    except SimulationError as error:
+        return _kept_start(start, error.what)
+    return OutputErrorResult(best.model, True, *errors, best.influences, best.record)
+
+
+def _kept_start(start: ChainModel, why: str) -> OutputErrorResult:
+    warnings.warn(
+        f"estimation='simulation' kept the instrumental-variable estimate: {why}.", BiasWarning, stacklevel=6
+    )
+    return OutputErrorResult(start, False, why=why)
+
+
+def shots_of(data: SegmentSet, has_memory: bool) -> list[Shot]:
+    """Records whose forces are all known, long ones cut; a law that remembers wants its record whole."""
+    out = []
+    for number, seg in enumerate(data.segments):
         if np.isnan(seg.F[seg.valid.start]).any():
             continue
-        first = np.array([np.cumsum(y[seg.valid.start].astype(float)) for y in (fused.s, fused.v)])
-        cut = int(TRAINED * (seg.valid.stop - seg.valid.start))
-        shots.append(Shot(seg, filter, first))
-        early.append(Shot(replace(seg, valid=slice(seg.valid.start, seg.valid.start + cut)), filter, first))
-        late.append(Shot(seg, filter, first, slice(cut, None)))
-    before = _error(start, late) if shots else np.inf
-    if not np.isfinite(before):
-        why = "a free run diverges" if shots else "the force on some DOF is unknown in every record"
-        warnings.warn(
-            f"estimation='simulation' kept the instrumental-variable estimate: {why}.", BiasWarning, stacklevel=5
-        )
-        return OutputErrorResult(start, False, before, before)
-    refined = _refined(start, early, known_masses)
-    after = _error(refined, late)
-    if not after < before:
-        return OutputErrorResult(start, False, before, after)
-    return OutputErrorResult(_refined(refined, shots, known_masses, start), True, before, after)
+        n = seg.valid.stop - seg.valid.start
+        edges = np.linspace(0, n, 1 if has_memory else -(-n // SHOT), endpoint=False).astype(int).tolist() + [n]
+        for lo, hi in zip(edges[:-1], edges[1:]):
+            rows = slice(seg.valid.start + lo, seg.valid.start + hi)
+            state = np.array([np.cumsum(y[rows.start].astype(float)) for y in (seg.s, seg.v)])
+            out.append(Shot(replace(seg, valid=rows), number, state))
+    return out
 
 
-def _refined(
-    start: ChainModel, shots: list[Shot], known: Mapping[int, float], coloured: ChainModel | None = None
-) -> ChainModel:
-    """Levenberg-Marquardt on parameters and initial conditions together.
+@dataclass
+class _Solution:
+    model: ChainModel
+    influences: np.ndarray
+    record: np.ndarray
 
-    The residual is whitened as that of ``coloured`` (of ``start`` if None), which holds the force noise's ringing.
-    """
-    from scipy.optimize import least_squares
-    from scipy.signal import lfilter
 
-    x0, rebuild = _vector(start, known)
-    gaps = [shot.gap(coloured or start) for shot in shots]
-    colour = [_prediction(np.concatenate([g[:, c] for g in gaps])) for c in range(gaps[0].shape[1])]
+class _Problem:
+    """The shots, their noise, and Gauss-Newton on them."""
 
-    def whitened(gap: np.ndarray) -> np.ndarray:
-        return np.column_stack([lfilter(colour[c], 1.0, gap[:, c]) for c in range(gap.shape[1])])
+    def __init__(self, start, shots, layout, known_masses, band) -> None:
+        self.start, self.shots, self.layout = start, shots, layout
+        self.theta, self.rebuild, self.columns = free_parameters(start, known_masses)
+        runs = [shot.run(start) for shot in shots]
+        self.noise: NoiseModel | None = noise_model(start, layout, [s.segment for s in shots], runs)
+        if self.noise is not None:
+            low, high = band or (None, None)
+            resolved = [s.segment.resolved for s in shots if s.segment.resolved is not None]
+            self.low = max(low or 0.0, self.noise.lively[0])
+            self.high = min([self.noise.lively[1], *resolved, *([] if high is None else [high])])
+            self.states = [shot.start.copy() for shot in shots]
+            self._choose_hold()
+            runs = [shot.run(start) for shot in shots]
+            # the force as the motion knows it: from the start model, and then left alone
+            self.better = [corrected(shot.segment, run, self.noise) for shot, run in zip(shots, runs)]
 
-    gaps = [whitened(g) for g in gaps]
-    sizes = [np.sqrt(np.mean(shot.motion**2, axis=0)) for shot in shots]
-    noise = [np.maximum(np.sqrt(np.mean(g**2, axis=0)), 1e-9 * s + 1e-300) for g, s in zip(gaps, sizes)]
-    n = start.n_dof
-    units = [np.array([s[2 * n :], s[n : 2 * n]]) + 1e-300 for s in sizes]  # of the initial conditions
-    size = sum(g.size for g in gaps)
-    p = len(x0)
+    def _choose_hold(self) -> None:
+        """Between the samples the force goes as the motion says."""
+        whole = [slice(0, s.n_samples) for s in self.shots]
+        costs = {}
+        for hold in HOLDS:
+            for shot in self.shots:
+                shot.hold = hold
+            costs[hold] = self.judge(self.start, whole)[1]
+        for shot in self.shots:
+            shot.hold = min(costs, key=costs.__getitem__)
 
-    def residual(q: np.ndarray) -> np.ndarray:
-        model, ends = rebuild(x0 * q[:p]), np.split(q[p:], len(shots))
-        try:
-            out = [
-                whitened(shot.gap(model, shot.start + unit * end.reshape(2, n))) / level
-                for shot, unit, end, level in zip(shots, units, ends, noise)
+    def solve(self, rows: Sequence[slice]) -> _Solution:
+        """Estimate from some rows of every shot."""
+        theta = self.theta.copy()
+        for shot, state in zip(self.shots, self.states):
+            shot.start = state.copy()
+        cost, parts = self.normal(theta, rows)
+        for _ in range(ROUNDS):
+            matrix, right = (sum(p[k] for p in parts) for k in (0, 1))
+            size = np.sqrt(np.diag(matrix))
+            step = np.linalg.lstsq(matrix / size[:, None] / size, right / size, rcond=1e-12)[0] / size
+            moved = float(np.abs(step * size).max())
+            starts = [shot.start for shot in self.shots]
+            for halving in range(HALVINGS + 1):
+                share = 0.5**halving
+                for shot, own, part in zip(self.shots, starts, parts):
+                    shot.start = own + share * part[2](step)
+                try:
+                    new_cost, new_parts = self.normal(theta + share * step, rows)
+                except SimulationError:
+                    continue
+                if new_cost <= cost * (1 + 1e-9):
+                    break
+            else:
+                for shot, own in zip(self.shots, starts):
+                    shot.start = own
+                break
+            theta, cost, parts = theta + share * step, new_cost, new_parts
+            if moved < SETTLED:
+                break
+        matrix = sum(p[0] for p in parts)
+        size = np.sqrt(np.diag(matrix))
+        inverse = np.linalg.pinv(matrix / size[:, None] / size, rcond=1e-12, hermitian=True) / size[:, None] / size
+        scores = [p[3] for p in parts]
+        record = np.concatenate([[shot.number] * len(s) for shot, s in zip(self.shots, scores)])
+        return _Solution(self.rebuild(theta), np.concatenate(scores) @ inverse, record)
+
+    def normal(self, theta: np.ndarray, rows: Sequence[slice]):
+        """Cost, and for each shot: normal matrix, right-hand side, its initial condition, scores of pieces."""
+        model = self.rebuild(theta)
+        total = sum(r.stop - r.start for r in rows)
+        cost, parts = 0.0, []
+        for shot, better, part in zip(self.shots, self.better, rows):
+            gap = velocities(shot.segment) - velocities(shot.run(model))
+            J = self.sensitivities(model, shot, shot.run(model, better))
+            C = self.decays(shot)
+            dt = shot.segment.dt
+            f = np.fft.rfftfreq(part.stop - part.start, dt)[1:]
+            use = (f >= self.low) & (f <= self.high)
+            R, JF, CF = (_lines(y[part], dt)[use] for y in (gap[:, :, None], J, C))
+            W = _weighted(self.noise, f[use], np.concatenate([R, JF, CF], axis=2))
+            p, q = JF.shape[2], CF.shape[2]
+            WR, WJ, WC = W[:, :, :1], W[:, :, 1 : 1 + p], W[:, :, 1 + p :]
+            rr = 2 * _inner(R, WR)[0, 0]
+            jj, jc, cc = (2 * _inner(a, b) for a, b in ((JF, WJ), (JF, WC), (CF, WC)))
+            jr, cr = 2 * _inner(JF, WR)[:, 0], 2 * _inner(CF, WR)[:, 0]
+            size = np.sqrt(np.maximum(np.diag(cc), 1e-300))
+            solve = np.linalg.pinv(cc / size[:, None] / size, rcond=1e-9, hermitian=True) / size[:, None] / size
+            own = _scores(R, WJ - WC @ (solve @ jc.T), max(2, round(PIECES * (part.stop - part.start) / total)))
+            cost += rr
+            parts.append((
+                jj - jc @ solve @ jc.T, jr - jc @ solve @ cr,
+                lambda step, s=solve, c=cr, j=jc: (s @ (c - j.T @ step)).reshape(2, -1), own,
+            ))  # fmt: skip
+        return cost, parts
+
+    def sensitivities(self, model: ChainModel, shot: Shot, run: Segment) -> np.ndarray:
+        """Change of the relative velocities with each parameter, shape (n_rows, n_dof, n_parameters)."""
+        rows, n = shot.segment.valid, model.n_dof
+        length, dt = rows.stop - rows.start, shot.segment.dt
+        block = next(iter(replace(run, valid=rows).blocks(self.layout, size=length)))
+        f = np.fft.rfftfreq(length, dt)
+        G = self.noise.transfer(np.maximum(f, 0.25 * f[1]))[:, :, :n]
+        out = np.empty((length, n, len(self.columns)))
+        for k, column in enumerate(self.columns):
+            if isinstance(column, int):
+                added = np.zeros((n, length))
+                added[column] = block.acceleration[column]
+            else:
+                site, at = column
+                signs = np.array([site.incidence(j) for j in range(1, n + 1)], dtype=float)
+                added = np.outer(signs, block.terms[self.layout.slices[site].start + at])
+            moved = -(G @ np.fft.rfft(added, axis=1).T[:, :, None])[:, :, 0]
+            out[:, :, k] = np.fft.irfft(moved, length, axis=0)
+        return out
+
+    def decays(self, shot: Shot) -> np.ndarray:
+        """Velocities after a unit displacement or velocity of each DOF, shape (n_rows, n_dof, 2 n_dof)."""
+        M, C, K = self.noise.matrices
+        n = len(M)
+        A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
+        values, vectors = np.linalg.eig(A)
+        t = np.arange(shot.n_samples) * shot.segment.dt
+        growth = np.exp(np.minimum(values.real, 0)[:, None] * t + 1j * values.imag[:, None] * t)
+        left = np.linalg.pinv(vectors)
+        return np.einsum("jm,mt,mk->tjk", vectors[n:], growth, left).real
+
+    def judge(self, model: ChainModel, rows: Sequence[slice]) -> np.ndarray:
+        """Squared free-run errors in some rows: as they are, weighted, and the motion itself; states refitted."""
+        out = np.zeros(3)
+        for shot, state, part in zip(self.shots, self.states, rows):
+            run = free_run_of(model, shot.segment, start=tuple(state), hold=shot.hold)
+            v = velocities(shot.segment)
+            gap, C = (v - velocities(run))[part], self.decays(shot)[part]
+            flat = C.reshape(-1, C.shape[2])
+            size = np.linalg.norm(flat, axis=0)
+            gap = gap - (C / size) @ np.linalg.lstsq(flat / size, gap.ravel(), rcond=1e-6)[0]
+            dt = shot.segment.dt
+            f = np.fft.rfftfreq(len(gap), dt)[1:]
+            use = (f >= self.low) & (f <= self.high)
+            R, V = (_lines(y[:, :, None], dt)[use] for y in (gap, v[part]))
+            scale = np.mean(v**2, axis=0)
+            scale[scale == 0] = 1.0
+            out += [
+                (np.abs(R[:, :, 0]) ** 2 / scale).sum(),
+                _inner(R, _weighted(self.noise, f[use], R))[0, 0],
+                (np.abs(V[:, :, 0]) ** 2 / scale).sum(),
             ]
-        except SimulationError:
-            return np.full(size, _LOST)
-        return np.concatenate([r.ravel() for r in out])
-
-    q = np.concatenate([np.ones(p), np.zeros(2 * n * len(shots))])
-    best = least_squares(
-        residual, q, method="trf", x_scale="jac", diff_step=1e-5, max_nfev=EVALUATIONS, ftol=1e-8, xtol=1e-10,
-    )  # fmt: skip
-    return rebuild(x0 * best.x[:p])
+        return out
 
 
-def _prediction(gap: np.ndarray, order: int = ORDER) -> np.ndarray:
-    """Filter from a channel's residual to what its own past does not predict (autoregression, Yule-Walker)."""
-    from scipy.linalg import solve_toeplitz
-    from scipy.signal import correlate
-
-    order = min(order, len(gap) // 10)
-    if order < 1 or not gap.any():
-        return np.ones(1)
-    r = correlate(gap, gap, method="fft")[len(gap) - 1 :][: order + 1] / (gap @ gap)
-    r[0] *= 1 + 1e-9
-    return np.concatenate([[1.0], -solve_toeplitz(r[:-1], r[1:])])
+def _lines(values: np.ndarray, dt: float) -> np.ndarray:
+    n, d, k = values.shape
+    return spectrum(values.reshape(n, d * k), dt).reshape(-1, d, k)
 
 
-def _vector(model: ChainModel, known: Mapping[int, float]):
-    """Free parameters as a vector, and the way back. Terms that are zero stay zero."""
+def _weighted(noise: NoiseModel, f: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """S^-1 times columns, line by line."""
+    out = np.empty_like(columns)
+    for rows, _, S in noise.blocks(f):
+        scale = np.sqrt(np.einsum("ijj->ij", S).real)[:, :, None]
+        out[rows] = np.linalg.solve(S / scale / scale.transpose(0, 2, 1), columns[rows] / scale) / scale
+    return out
+
+
+def _inner(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.einsum("fdi,fdj->ij", a.conj(), b, optimize=True).real
+
+
+def _scores(R: np.ndarray, WJ: np.ndarray, pieces: int) -> np.ndarray:
+    """What each comb of lines adds to J* S^-1 R, shape (n_pieces, n_parameters).
+
+    Weighted lines are independent but for their neighbours, and every comb hears every resonance; pieces of time
+    would not do, for the weighting remembers as long as the structure rings.
+    """
+    products = 2 * np.einsum("fd,fdp->fp", R[:, :, 0].conj(), WJ).real
+    return np.array([products[k::pieces].sum(axis=0) for k in range(pieces)])
+
+
+def free_parameters(model: ChainModel, known: Mapping[int, float]):
+    """Free parameters as a vector, the way back, and where each enters. Terms that are zero stay zero.
+
+    Parameters
+    ----------
+    model : ChainModel
+    known : mapping of int to float
+        Known masses, kg.
+
+    Returns
+    -------
+    theta : ndarray
+    rebuild : callable
+        From a vector to a ChainModel.
+    columns : list of int or (Site, int)
+        A mass by its DOF (from 0), a coefficient by its site and number there.
+    """
     free = [j for j in range(model.n_dof) if j + 1 not in known]
     held = [
         (site, i, k)
@@ -202,7 +372,9 @@ def _vector(model: ChainModel, known: Mapping[int, float]):
         for k, c in enumerate(law.coefficients)
         if c
     ]
-    x0 = np.array([*model.masses[free], *(model.laws[s][i].coefficients[k] for s, i, k in held)])
+    theta = np.array([*model.masses[free], *(model.laws[s][i].coefficients[k] for s, i, k in held)])
+    before = {(s, i): sum(len(law.terms()) for law in laws[:i]) for s, laws in model.laws.items() for i in range(len(laws))}
+    columns = [*free, *((s, before[s, i] + k) for s, i, k in held)]
 
     def rebuild(x: np.ndarray) -> ChainModel:
         masses = model.masses.copy()
@@ -215,18 +387,4 @@ def _vector(model: ChainModel, known: Mapping[int, float]):
         }
         return ChainModel(masses, laws, model.chain, model.visited, model.info)
 
-    return x0, rebuild
-
-
-def _error(model: ChainModel, shots: list[Shot]) -> float:
-    """Percent NRMSE of all motions in the judged rows; infinite where a run diverges."""
-    top = bottom = 0.0
-    for shot in shots:
-        try:
-            gap = shot.gap(model)
-        except SimulationError:
-            return np.inf
-        size = np.mean(shot.motion**2, axis=0)
-        size[size == 0] = 1.0
-        top, bottom = top + (gap**2 / size).sum(), bottom + (shot.motion[shot.judged] ** 2 / size).sum()
-    return float(100 * np.sqrt(top / bottom)) if np.isfinite(top) else np.inf
+    return theta, rebuild, columns

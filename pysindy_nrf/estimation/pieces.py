@@ -81,12 +81,6 @@ class Pieces:
             out.n_samples = max(out.n_samples, part.n_samples)
         return out
 
-    def without(self, i: int) -> Moments:
-        """Moments of all pieces but one."""
-        weights = np.ones(len(self))
-        weights[i] = 0.0
-        return self.moments(weights)
-
 
 def pieces_of(
     data: SegmentSet,
@@ -96,6 +90,7 @@ def pieces_of(
     known_masses: Mapping[int, float],
     runs: Sequence[Segment | None] | None = None,
     n_pieces: int = N_PIECES,
+    whiteners: Mapping[tuple[int, ...], Any] | None = None,
 ) -> Pieces:
     """Cut the data into consecutive pieces and take the moments of each.
 
@@ -112,6 +107,8 @@ def pieces_of(
         Free runs whose motion gives the instruments; records without one are left out.
     n_pieces : int
         Pieces over all records, about; a record has at least one.
+    whiteners : mapping of tuple of int to Whitener, optional
+        By the DOFs of the group: filters of its rows and instruments alike.
 
     Returns
     -------
@@ -125,22 +122,25 @@ def pieces_of(
     sizes: dict[tuple[int, ...], list[int]] = {g.dofs: [] for g in groups}
     record: list[int] = []
     for i in chosen:
-        blocks = _cut(data.segments[i], layout, length, filters[i])
-        others = None if runs is None else _cut(runs[i], layout, length, filters[i])
-        for block in blocks:
-            twin = None if others is None else next(others)
-            record.append(i)
-            for group in groups:
-                n_rows = _width(layout, group) + (0 if twin is None else _width(layout, group) - 1)
-                if any(np.isnan(block.force[j - 1, 0]) for j in group.dofs):
-                    grams[group.dofs].append(np.zeros((n_rows, n_rows)))
-                    sizes[group.dofs].append(0)
-                    continue
-                rows = _rows(layout, group, block, known)
-                if twin is not None:
-                    rows = np.vstack([rows, _rows(layout, group, twin, known)[:-1]])
-                grams[group.dofs].append(rows @ rows.T)
-                sizes[group.dofs].append(rows.shape[1])
+        block = whole_block(data.segments[i], layout, filters[i])
+        twin = None if runs is None else whole_block(runs[i], layout, filters[i])
+        n = block.acceleration.shape[1]
+        edges = np.linspace(0, n, max(1, round(n / length)) + 1).astype(int)
+        record += [i] * (len(edges) - 1)
+        for group in groups:
+            n_rows = _width(layout, group) + (0 if twin is None else _width(layout, group) - 1)
+            if any(np.isnan(block.force[j - 1, 0]) for j in group.dofs):
+                grams[group.dofs] += [np.zeros((n_rows, n_rows))] * (len(edges) - 1)
+                sizes[group.dofs] += [0] * (len(edges) - 1)
+                continue
+            rows = rows_of(layout, group, block, known)
+            if twin is not None:
+                rows = np.vstack([rows, rows_of(layout, group, twin, known)[:-1]])
+            if whiteners is not None and whiteners.get(group.dofs) is not None:
+                rows = whiteners[group.dofs].apply(rows, data.segments[i].dt)
+            for lo, hi in zip(edges[:-1], edges[1:]):
+                grams[group.dofs].append(rows[:, lo:hi] @ rows[:, lo:hi].T)
+                sizes[group.dofs].append(hi - lo)
     return Pieces(
         layout,
         list(groups),
@@ -152,22 +152,20 @@ def pieces_of(
     )
 
 
-def _cut(segment: Segment, layout: LawLayout, length: int, filter: Any):
-    """Blocks of equal length; a rest shorter than half a block joins the last one."""
-    n = segment.valid.stop - segment.valid.start
-    size = max(1, -(-n // max(1, round(n / length))))
-    for block in segment.blocks(layout, size, filter):
-        width = block.acceleration.shape[1]
-        for start in range(0, width, size):
-            rows = slice(start, start + size)
-            yield Block(block.terms[:, rows], block.acceleration[:, rows], block.force[:, rows])
+def whole_block(segment: Segment, layout: LawLayout, filter: Any) -> Block:
+    """All valid rows of a record as one block, its arrays our own."""
+    parts = list(segment.blocks(layout, filter=filter))
+    arrays = (
+        np.concatenate([getattr(p, k) for p in parts], axis=1) for k in ("terms", "acceleration", "force")
+    )
+    return Block(*arrays)
 
 
 def _width(layout: LawLayout, group: Group) -> int:
     return sum(layout.counts[s] for s in group.sites) + (2 if len(group.dofs) == 1 else 1)
 
 
-def _rows(layout: LawLayout, group: Group, block: Block, known: Mapping[int, float]) -> np.ndarray:
+def rows_of(layout: LawLayout, group: Group, block: Block, known: Mapping[int, float]) -> np.ndarray:
     """Rows ``[terms | a | F]`` of a balance, ``[terms | F - m a]`` of a sum of balances."""
     own = [block.terms[layout.slices[s]] for s in group.sites]
     index = [j - 1 for j in group.dofs]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from ..chain_solve import Solution, groups_of
@@ -10,9 +11,9 @@ from ..identifiability import Walk
 from ..layout import LawLayout
 from ..model import ChainModel
 from ..segments import SegmentSet
-from .intervals import Resolver
+from .intervals import InfluenceResolver, Resolver
 from .iv import instrumental_variables
-from .output_error import output_error
+from .output_error import free_parameters, output_error
 from .pieces import pieces_of
 
 METHODS = ("ls", "iv", "simulation")
@@ -29,8 +30,7 @@ def refine(
     known: Mapping[int, float],
     inner: Any = None,
     band: Any = None,
-    raw: SegmentSet | None = None,
-) -> tuple[ChainModel, Solution, Resolver | None, dict[str, Any]]:
+) -> tuple[ChainModel, Solution, Resolver | None, dict[str, Any], SegmentSet]:
     """Instrumental variables, and output error after them.
 
     Parameters
@@ -42,30 +42,36 @@ def refine(
         Motions whose noise is independent of the motion.
     layout, walk, filters, known, inner, band
         As in the solve.
-    raw : SegmentSet, optional
-        Channels as measured, where all are; for ``"simulation"``.
 
     Returns
     -------
-    model, solution, resolver, facts
-        The resolver is None where the estimate stayed with least squares.
+    model, solution, resolver, facts, judged
+        The resolver is None where the estimate stayed with least squares; ``judged`` is what says whether a law is
+        missing.
     """
     facts: dict[str, Any] = {"asked": method, "found": "ls"}
     iv = instrumental_variables(model, data, layout, walk, filters, known, inner, band)
     if iv is None:
-        return model, solution, None, facts
+        return model, solution, None, facts, data
     facts |= {"found": "iv", "rounds": iv.rounds, "likeness": iv.likeness, "notes": list(iv.notes)}
     resolver = Resolver(iv.pieces, walk, dict(known), inner)
     model, solution = iv.model, iv.solution
     if method == "simulation":
-        result = output_error(model, data, filters, known, raw)
+        result = output_error(model, data, layout, known, band)
         facts |= {
             "free_run_error_before": _finite(result.error_before),
             "free_run_error_after": _finite(result.error_after),
         }
         if result.kept:
             model, facts["found"] = result.model, "simulation"
-    return model, solution, resolver, facts
+            theta, rebuild, _ = free_parameters(model, known)
+            pieces = replace(iv.pieces, record=result.record)
+            resolver = InfluenceResolver(
+                pieces, walk, dict(known), inner, theta=theta, rebuild=rebuild, moves=result.influences
+            )
+        else:
+            facts["notes"] = [*facts["notes"], f"instrumental variables kept: {result.why}"]
+    return model, solution, resolver, facts, iv.judged(data, layout)
 
 
 def least_squares_resolver(

@@ -1,0 +1,129 @@
+"""The loop says of every residual whether it is noise, where it acts and what it is like, before it names a law."""
+
+import dataclasses
+
+import numpy as np
+import pandas as pd
+import pytest
+from report_cases import CATALOGUE, cubic, friction, loop_report, record
+
+from pysindy_nrf import ChainModel, close_loop, excitation, laws, simulate
+from pysindy_nrf.discrepancy import evidence as room
+from pysindy_nrf.discrepancy.evidence import Evidence, look, searched
+from pysindy_nrf.discrepancy.prepare import prepare
+from pysindy_nrf.discrepancy.splits import split
+from pysindy_nrf.discrepancy.workspace import Workspace
+from pysindy_nrf.exceptions import ChannelError
+
+
+def workspace(rec, heldout=None):
+    ready = prepare(rec, heldout)
+    search, held = split(ready.data.segments, ready.heldout)
+    return Workspace(ready.data, [None] * len(ready.data.segments), search, held, {}, "auto")
+
+
+@pytest.mark.parametrize(
+    "effect, dependence, mark", [(friction, "v alone", "jump at v = 0"), (cubic, "s alone", "hardening")]
+)
+def test_evidence_names_place_and_kind_before_the_law_does(effect, dependence, mark):
+    report = loop_report(effect)
+    first = report.evidence[0]
+    assert first.detection.verdicts.loc["storey 2", "verdict"] == "nonlinear effect missing"
+    assert first.site == "storey 2" == report.steps[0].site
+    assert first.characterisation.dependence == dependence and mark in first.characterisation.features
+    step = report.steps[0]
+    assert "not noise" in step.detection and "same site, storey 2" in step.localisation
+    assert dependence in step.characterisation
+
+
+def test_what_the_step_leaves_is_called_noise():
+    report = loop_report(cubic)
+    last = report.evidence[-1]
+    assert len(report.evidence) == len(report.steps) + 1
+    assert last.detection.verdicts["floor ratio"].max() < 2 < report.evidence[0].detection.verdicts["floor ratio"].max()
+    assert last.chosen == "" and last.agreement == ""
+
+
+def test_a_linear_chain_leaves_nothing_but_noise():
+    report = loop_report(None, noise=0.02)
+    assert report.steps == []
+    assert "noise" in report.evidence[0].detection_sentence
+    assert report.evidence[0].characterisation is None
+    assert "not possible because" in report.evidence[0].characterisation_sentence
+
+
+def test_records_held_out_do_not_reach_the_evidence():
+    first = record(friction, seed=3)
+    reports = [
+        close_loop(first, catalogue=list(CATALOGUE[:1]), heldout=other, max_steps=1)
+        for other in (record(friction, seed=2, n_samples=2000), record(cubic, seed=4, n_samples=2000))
+    ]
+    a, b = (report.evidence[0] for report in reports)
+    pd.testing.assert_frame_equal(a.localisation, b.localisation)
+    pd.testing.assert_frame_equal(a.sizes, b.sizes)
+    assert str(a) == str(b)
+
+
+def test_only_rows_of_the_search_are_looked_at():
+    work = workspace(record(cubic, seed=1))
+    data, filters = searched(work)
+    rows = np.concatenate([np.arange(seg.valid.start, seg.valid.stop) for seg in data.segments])
+    start = work.data.segments[0].valid.start
+    held = np.concatenate([start + np.arange(b.rows.start, b.rows.stop) for b in work.held])
+    assert len(filters) == len(data.segments) and not np.isin(rows, held).any()
+    few = searched(work, most=1000)[0]
+    assert sum(seg.valid.stop - seg.valid.start for seg in few.segments) <= 1000 + len(few.segments)
+
+
+def test_a_law_with_memory_follows_its_path_through_what_is_held_out():
+    spring = [laws.LinearElastic(3e4), laws.LinearViscous(30.0)]
+    truth = ChainModel([10.0, 8.0], {1: [*spring, laws.Dahl(sigma=1e4, Fd=20.0)], 2: spring})
+    F = excitation.band_limited_random(2, 6.0, 500.0, dofs=2, rms=60.0, band=(0.5, 25), random_state=0)
+    found = look(workspace(simulate(truth, F, 2e-3)), truth)
+    assert found.sizes["percent"].max() < 1.0  # a fresh start of every stretch would leave about 20 %
+
+
+def test_a_room_that_cannot_be_entered_says_why_and_the_loop_goes_on(monkeypatch):
+    def no_site(*args, **kwargs):
+        raise ChannelError("No balance is known in every record", "Judge them one by one.")
+
+    def no_numbers(*args, **kwargs):
+        raise np.linalg.LinAlgError("singular")
+
+    monkeypatch.setattr(room, "localise", no_site)
+    monkeypatch.setattr(room, "detect", no_numbers)
+    report = close_loop(record(cubic, seed=1), catalogue=[laws.CubicStiffness()], max_steps=1)
+    assert report.steps[0].law == "cubic_stiffness"
+    assert "not possible because No balance is known in every record" in report.steps[0].localisation
+    assert "singular" in report.steps[0].detection
+    assert "No balance is known in every record" in report.to_markdown()
+
+
+def test_agreement_and_disagreement_with_the_chosen_site_are_said():
+    first = loop_report(cubic).evidence[0]
+
+    def words(site):
+        return dataclasses.replace(first, chosen=site).agreement
+
+    assert "the same site" in words("storey 2")
+    far = first.localisation["share"].idxmin()
+    assert f"disagrees with the loop, which chose {far}" in words(far)
+    assert "in a later step" in dataclasses.replace(first, chosen=far, later=("storey 2",)).agreement
+    assert "cannot judge" in words("sensor x1")
+    twins = first.localisation[first.localisation["balances"] == "+3"].index
+    best = dataclasses.replace(first, localisation=first.localisation.loc[twins], site=twins[0], chosen=twins[1])
+    assert "by the error after refitting" in best.agreement  # one pattern: the signs say nothing
+    assert Evidence("baseline").detection_sentence.startswith("Detection is not possible because")
+
+
+def test_markdown_holds_evidence_parameters_alternatives_and_settings():
+    report = loop_report()
+    text = report.to_markdown()
+    for said in (
+        report.steps[0].detection.split(":")[0],
+        "| parameter | estimate |",
+        "held-out dof 1",
+        "random_state = 0",
+    ):
+        assert said in text
+    assert "shaker &lt;b>1" in text and "<b>" not in text

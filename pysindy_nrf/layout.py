@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -67,7 +68,7 @@ class Layout:
         self.slices = {s: slice(int(ends[i]), int(ends[i + 1])) for i, s in enumerate(self.sites)}
         self.n_terms = int(ends[-1])
 
-    @property
+    @cached_property
     def acting(self) -> tuple[Site, ...]:
         """Sites that have at least one term."""
         return tuple(s for s in self.sites if self.counts[s])
@@ -88,6 +89,133 @@ class Layout:
         return Group(tuple(dofs), tuple(s for s, _ in pairs), tuple(sign for _, sign in pairs))
 
 
+@dataclass(frozen=True)
+class Recipe:
+    """Columns v^h s^j as products of earlier columns with v or s: one multiplication each.
+
+    Attributes
+    ----------
+    steps : ndarray of shape (n_steps, 3)
+        ``(row, p, q)``: the row is row p of the source if q is -1, else row p times row q of the source. Rows from
+        ``n_terms`` on are helpers.
+    motions : tuple of Site
+        Sites whose v and s are the rows 2 i and 2 i + 1 of the source.
+    others : tuple of (Site, int, slice)
+        Laws (by site and number) whose columns are not such products; they follow in the source, in this order,
+        and are the given columns.
+    n_source : int
+        Rows of the source.
+    """
+
+    steps: np.ndarray
+    motions: tuple[Site, ...]
+    others: tuple[tuple[Site, int, slice], ...]
+    n_source: int
+
+    def finish(self, source: np.ndarray, n_terms: int) -> np.ndarray:
+        """All columns of a block.
+
+        Parameters
+        ----------
+        source : ndarray of shape (n_source, n)
+        n_terms : int
+
+        Returns
+        -------
+        ndarray of shape (n_terms, n)
+        """
+        out = np.empty((max(n_terms, int(self.steps[:, 0].max(initial=-1)) + 1), source.shape[1]))
+        for row, p, q in self.steps.tolist():
+            if q < 0:
+                out[row] = source[p]
+            else:
+                np.multiply(out[p], source[q], out=out[row])
+        return out[:n_terms]
+
+
+def _recipe(layout: LawLayout) -> Recipe:
+    steps: list[tuple[int, int, int]] = []
+    motions: list[Site] = []
+    others: list[tuple[Site, int, slice]] = []
+    helper = layout.n_terms
+    for site in layout.acting:
+        at, made = layout.slices[site].start, {}
+        rows: dict[tuple[int, int], int] = {}
+        for number, law in enumerate(layout.laws[site]):
+            terms = law.terms()
+            powers = [powers_of(term.label) for term in terms]
+            if not _are_products(law, powers):
+                others.append((site, number, slice(at, at + len(terms))))
+            else:
+                rows |= {power: at + k for k, power in enumerate(powers)}
+            at += len(terms)
+        if not rows:
+            continue
+        v = 2 * len(motions)
+        motions.append(site)
+        for power in sorted(rows, key=sum):
+            chain = [power]  # down to what is there already: s is taken off first, as the power series multiplies
+            while sum(chain[-1]) > 1:
+                h, j = chain[-1]
+                below = (h, j - 1) if j else (h - 1, 0)
+                if below in made:
+                    break
+                chain.append(below)
+            for h, j in reversed(chain):
+                if (h, j) in made:
+                    continue
+                row = rows.get((h, j))
+                if row is None:
+                    row, helper = helper, helper + 1
+                if h + j == 1:
+                    steps.append((row, v + j, -1))
+                else:
+                    steps.append((row, made[(h, j - 1) if j else (h - 1, 0)], v + (1 if j else 0)))
+                made[h, j] = row
+    size = 2 * len(motions)
+    for _, _, where in others:
+        steps += [(k, size + k - where.start, -1) for k in range(where.start, where.stop)]
+        size += where.stop - where.start
+    return Recipe(np.array(steps, dtype=np.int64).reshape(-1, 3), tuple(motions), tuple(others), size)
+
+
+_PROBE = Motion(np.array([0.7, -1.3, 0.4]), np.array([-0.6, 0.8, 1.7]))
+
+
+def _are_products(law: ForceLaw, powers: list[tuple[int, int] | None]) -> bool:
+    """Whether the columns of a law are what their labels say, and nothing else is needed for them."""
+    needs_more = law.has_memory or law.covariates or law.uses_time or law.uses_acceleration or law.free_shape
+    if needs_more or not powers or None in powers or (0, 0) in powers:
+        return False
+    products = np.column_stack([_PROBE.v**h * _PROBE.s**j for h, j in powers])
+    return np.allclose(law.features(_PROBE), products, rtol=1e-12, atol=0.0)
+
+
+def powers_of(label: str) -> tuple[int, int] | None:
+    """Exponents (h, j) of a label such as ``"v^2 s"`` or ``"1"``; None if it is no monomial.
+
+    Parameters
+    ----------
+    label : str
+
+    Returns
+    -------
+    tuple of (int, int) or None
+
+    Examples
+    --------
+    >>> powers_of("v^2 s"), powers_of("1"), powers_of("sgn(v)")
+    ((2, 1), (0, 0), None)
+    """
+    if not _MONOMIAL.match(label):
+        return None
+    power = {"v": 0, "s": 0, "1": 0}
+    for factor in label.split():
+        base, _, exponent = factor.partition("^")
+        power[base] = int(exponent or 1)
+    return power["v"], power["s"]
+
+
 class LawLayout(Layout):
     """A layout whose columns come from laws.
 
@@ -102,7 +230,7 @@ class LawLayout(Layout):
         If two laws at one site hold the same term.
     """
 
-    def __init__(self, chain: Chain, laws: Mapping[str, Iterable[ForceLaw]]) -> None:
+    def __init__(self, chain: Chain, laws: Mapping[Any, Iterable[ForceLaw]]) -> None:
         self.laws = {chain.site(s): tuple(ls) for s, ls in laws.items()}
         super().__init__(chain, {s: sum(len(law.terms()) for law in ls) for s, ls in self.laws.items()})
         for site, held in self.laws.items():
@@ -137,10 +265,15 @@ class LawLayout(Layout):
         plain = [label for _, label in held]
         return [label if plain.count(label) == 1 else f"{label} ({name})" for name, label in held]
 
-    @property
+    @cached_property
     def has_memory(self) -> bool:
         """Whether any law remembers the path."""
         return any(law.has_memory for held in self.laws.values() for law in held)
+
+    @cached_property
+    def recipe(self) -> Recipe:
+        """How the columns follow from rates and drifts, as far as they are products of them."""
+        return _recipe(self)
 
     def columns(self, site: Site, motion: Motion, states: dict | None = None) -> np.ndarray:
         """Feature columns at a site along one contiguous record.

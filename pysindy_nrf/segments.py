@@ -11,9 +11,11 @@ import pandas as pd
 
 from .channels import as_matrix, finite_span, rows_text
 from .exceptions import ChannelError, LawError
+from .extent import Extent
 from .laws.base import Motion
-from .layout import LawLayout
-from .moments import BLOCK, Block
+from .layout import LawLayout, Recipe
+from .moments import Block, block_size
+from .pieces import by_record, contiguous, gaps
 from .record import Record, seconds_of
 from .sites import Site
 
@@ -51,6 +53,7 @@ class Segment:
     covariates: dict[str, np.ndarray] = field(default_factory=dict)
     valid: slice = field(default_factory=lambda: slice(0, 0))
     resolved: float | None = None
+    _extent: tuple[slice, Extent] | None = field(default=None, repr=False, compare=False)
 
     @property
     def n_samples(self) -> int:
@@ -100,39 +103,84 @@ class Segment:
             {k: c[rows] for k, c in self.covariates.items()},
         )
 
-    def blocks(self, layout: LawLayout, size: int = BLOCK, filter: Any = None) -> Iterator[Block]:
+    def blocks(
+        self, layout: LawLayout, size: int | None = None, filter: Any = None, states: dict | None = None
+    ) -> Iterator[Block]:
         """Columns of all balances, block by block.
 
         Parameters
         ----------
         layout : LawLayout
-        size : int
-            Samples in a block; a filtered record, or one with laws that remember, is taken whole.
+        size : int, optional
+            Samples in a block, as fits the cache by default; a filtered record, or one with laws that remember, is
+            taken whole.
         filter : FairFilter, optional
             Applied alike to accelerations, forces and law columns.
+        states : dict, optional
+            States of laws that remember, moved from the first sample to the last; the record is then taken in
+            blocks that share one sample.
 
         Yields
         ------
         Block
         """
         start, stop = self.valid.start, self.valid.stop
-        if filter is not None or layout.has_memory:
+        if filter is not None or (layout.has_memory and states is None):
             size = max(stop - start, 1)
+        size = size or block_size(layout)
+        recipe = layout.recipe
         for begin in range(start, stop, size):
             rows = slice(begin, min(begin + size, stop))
-            terms = np.empty((layout.n_terms, rows.stop - rows.start))
-            for site in layout.acting:
-                terms[layout.slices[site]] = layout.columns(site, self.motion(site, rows)).T
+            source = self._source(layout, recipe, rows, states, lead=int(begin > start or bool(states)))
             a = np.ascontiguousarray(self.a[rows].T, dtype=np.float64)
             force = np.ascontiguousarray(self.F[rows].T, dtype=np.float64)
-            if filter is not None:
+            if filter is None:
+                yield Block(None, a, force, source, recipe, layout.n_terms)
+            else:
+                terms = recipe.finish(source, layout.n_terms)
                 terms = np.ascontiguousarray(filter.apply(terms.T).T)
                 a = np.ascontiguousarray(filter.apply(a.T).T)
                 known = ~np.isnan(force[:, 0])
                 if known.any():
                     force = force.copy()  # it may be the user's own array
                     force[known] = filter.apply(force[known].T).T
-            yield Block(terms, a, force)
+                yield Block(terms, a, force)
+
+
+    def _source(self, layout: LawLayout, recipe: Recipe, rows: slice, states: dict | None, lead: int) -> np.ndarray:
+        """Rates, drifts and the columns of laws that are not products of them, one row each."""
+        out = np.empty((recipe.n_source, rows.stop - rows.start))
+        at = 2 * len(recipe.motions)
+        ends = [(site.q, site.p) for site in recipe.motions]
+        if ends and ends == [(i, i + 1) for i in range(ends[0][0], ends[-1][1])]:
+            floors = slice(ends[0][0], ends[-1][1])
+            out[0:at:2], out[1:at:2] = self.v[rows, floors].T, self.s[rows, floors].T
+        else:
+            for i, (low, high) in enumerate(ends):
+                out[2 * i] = self.v[rows, low:high].sum(axis=1, dtype=np.float64)
+                out[2 * i + 1] = self.s[rows, low:high].sum(axis=1, dtype=np.float64)
+        last, motion = None, None
+        for site, number, where in recipe.others:
+            law = layout.laws[site][number]
+            if site != last:
+                last, motion = site, self.motion(site, rows)
+            width = where.stop - where.start
+            if law.has_memory and states is not None:
+                state = states.setdefault((site, number), np.zeros(law.n_states))
+                wide = self.motion(site, slice(rows.start - lead, rows.stop))
+                out[at : at + width] = law.features(wide, state)[lead:].T
+            else:
+                out[at : at + width] = law.features(motion).T
+            at += width
+        return out
+
+    @property
+    def extent(self) -> Extent:
+        """Least and largest value of a_1.., v_1.., s_1.., F_1.. inside the NaN edges."""
+        if self._extent is None or self._extent[0] != self.valid:
+            rows = self.valid
+            self._extent = rows, Extent.of([self.a[rows], self.v[rows], self.s[rows], self.F[rows]])
+        return self._extent[1]
 
 
 class SegmentSet:
@@ -153,7 +201,7 @@ class SegmentSet:
     def forced(self) -> tuple[int, ...]:
         """DOFs forced in at least one record."""
         return tuple(
-            j + 1 for j in range(self.n_dof) if any(np.nan_to_num(seg.F[seg.valid, j]).any() for seg in self.segments)
+            j + 1 for j in range(self.n_dof) if any(seg.extent.moves(3 * self.n_dof + j) for seg in self.segments)
         )
 
     @property
@@ -235,6 +283,8 @@ def from_arrays(
     if isinstance(X, Record):
         X = [X]
     if isinstance(X, (list, tuple)) and X and isinstance(X[0], Record):
+        if not all(isinstance(rec, Record) for rec in X):
+            raise ChannelError("X is a list of records with something else in it", "Give Record objects only.")
         beside = {
             "F": F,
             "record": record,
@@ -250,13 +300,18 @@ def from_arrays(
         time = named_time if time is None else time
     else:
         x = as_matrix(X, _array_names(X, coordinates), what="columns of X")
+        if x.shape[1] == 0:
+            raise ChannelError(
+                f"X has 0 feature(s) (shape={x.shape}) while a minimum of 1 is required",
+                f"Give {', '.join(feature_names(n_dof or 1, coordinates)[:9])}.",
+            )
         if not x.size:
             raise ChannelError("X has no samples", "Give at least as many samples as a balance has unknowns.")
         if x.shape[1] == 0 or x.shape[1] % 3 or (n_dof and x.shape[1] != 3 * n_dof):
             wanted = feature_names(n_dof or max(1, x.shape[1] // 3), coordinates)
             need = f"{3 * n_dof} are needed" if n_dof else "a multiple of 3 is needed"
             raise ChannelError(
-                f"X has {x.shape[1]} columns, {need}",
+                f"X has {x.shape[1]} columns (n_features = {x.shape[1]}), {need}",
                 f"Give accelerations, inter-storey velocities and drifts of all DOFs: {', '.join(wanted[:9])}.",
             )
         n = x.shape[1] // 3
@@ -277,9 +332,20 @@ def from_arrays(
             )
         v = np.diff(v, axis=1, prepend=0.0 if base_v is None else base_v)
         s = np.diff(s, axis=1, prepend=0.0 if base_s is None else base_s)
-    extra = {str(k): _line(c, f"covariate {k}", size) for k, c in dict(covariates or {}).items()}
+    if not isinstance(covariates, (Mapping, pd.DataFrame, type(None))):
+        raise ChannelError(
+            "The covariates are not a mapping", "Give channels by name: covariates={'voltage': u}, or a table."
+        )
+    extra = {
+        str(k): _line(c, f"covariate {k}", size) for k, c in ({} if covariates is None else dict(covariates)).items()
+    }
     pieces = _pieces(record, size, has_memory)
     seconds = _seconds(time, dt, size, pieces)
+    if time is not None and has_memory:
+        _require_no_gap(pieces, seconds)
+    elif time is not None and (np.isnan(x).any() or np.isnan(force).any()):
+        # a cross-validation took rows out; what a filter masked lies at the edges of the pieces
+        pieces = contiguous(size, record, seconds)
     segments = []
     for name, rows in pieces:
         segment = Segment(
@@ -289,7 +355,7 @@ def from_arrays(
             {k: c[rows] for k, c in extra.items()},
             resolved=getattr(X, "attrs", {}).get("resolved"),
         )
-        segments.append(_trimmed(segment, names))
+        segments.append(_trimmed(segment, names, x[rows] if coordinates == "relative" else None))
     if has_memory:
         for segment in segments:
             _require_order(segment)
@@ -341,7 +407,8 @@ def _from_frame(frame: pd.DataFrame, coordinates: str, n_dof: int | None):
             f"Name the columns a1.., {rate}1.., {'s' if rate == 'v' else 'x'}1..; covariates and base acceleration are "
             "passed beside X.",
         )
-    values = as_matrix(frame[[present[c] for c in wanted]], wanted, what="X")
+    columns = [present[c] for c in wanted]
+    values = as_matrix(frame if columns == list(frame.columns) else frame[columns], wanted, what="X")
     bases = [as_matrix(frame[present[c]], [c], 1)[:, :1] if c in present else None for c in ("xdot0", "x0")]
     if (bases[0] is None) != (bases[1] is None) and base:
         raise ChannelError("X has only one of the columns xdot0 and x0", "Give both, or neither for a base at rest.")
@@ -354,7 +421,10 @@ def _from_frame(frame: pd.DataFrame, coordinates: str, n_dof: int | None):
 
 
 def _array_names(X: Any, coordinates: str) -> list[str] | str:
-    shape = np.shape(X)
+    try:
+        shape = np.shape(np.asarray(X))
+    except ValueError:  # ragged lists
+        return "column "
     plain = len(shape) == 2 and shape[1] and shape[1] % 3 == 0
     return feature_names(shape[1] // 3, coordinates) if plain else "column "
 
@@ -389,23 +459,24 @@ def _line(value: Any, name: str, size: int) -> np.ndarray:
 
 
 def _pieces(record: Any, size: int, has_memory: bool) -> list[tuple[str, slice]]:
-    if record is None:
-        return [("record", slice(0, size))]
-    ids = np.asarray(record).ravel()
-    if len(ids) != size:
-        raise ChannelError(f"record has {len(ids)} ids, X has {size} samples", "Give one id for each sample.")
-    lost = np.flatnonzero(pd.isna(ids))
-    if lost.size:
-        raise ChannelError(f"record has no id in {rows_text(lost)}", "Give one id for each sample.")
-    cuts = np.flatnonzero(ids[1:] != ids[:-1]) + 1
-    edges = [0, *cuts.tolist(), size]
-    pieces = [(str(ids[lo]), slice(lo, hi)) for lo, hi in zip(edges[:-1], edges[1:])]
+    pieces = by_record(record, size)
     if has_memory and len({name for name, _ in pieces}) < len(pieces):
         raise LawError(
             "The rows of a record do not follow each other, and a law remembers the path",
             "Sort the rows by record and time; never shuffle them.",
         )
     return pieces
+
+
+def _require_no_gap(pieces: Sequence[tuple[str, slice]], seconds: np.ndarray) -> None:
+    for name, rows in pieces:
+        where = gaps(seconds[rows])
+        if where.size:
+            raise LawError(
+                f"The time of {name} jumps after {rows_text(rows.start + where)}, and a law remembers the path",
+                "Rows were left out or shuffled. Hold out whole records (RecordSplit), or give each contiguous piece "
+                "its own record id.",
+            )
 
 
 def _seconds(time: Any, dt: float | None, size: int, pieces: Sequence[tuple[str, slice]]) -> np.ndarray | None:
@@ -429,9 +500,15 @@ def _seconds(time: Any, dt: float | None, size: int, pieces: Sequence[tuple[str,
     return seconds
 
 
-def _trimmed(segment: Segment, names: Sequence[str]) -> Segment:
+def _trimmed(segment: Segment, names: Sequence[str], packed: np.ndarray | None = None) -> Segment:
     """Find the rows inside the NaN edges, and check every channel."""
     n = segment.n_dof
+    extent = Extent.of([*([segment.a, segment.v, segment.s] if packed is None else [packed]), segment.F])
+    lines = [line for line in (segment.ag, *segment.covariates.values()) if line is not None]
+    if segment.n_samples and extent.is_whole(3 * n) and all(np.isfinite(line).all() for line in lines):
+        segment.valid = slice(0, segment.n_samples)
+        segment._extent = segment.valid, extent
+        return segment
     rate, drift = names[n], names[2 * n]
     motion = (
         [segment.a[:, j] for j in range(n)] + [segment.v[:, j] for j in range(n)] + [segment.s[:, j] for j in range(n)]
@@ -466,6 +543,13 @@ def _require_order(segment: Segment) -> None:
         pace = segment.v[rows, j].astype(float)
         pace = pace[1:] + pace[:-1]
         scale = np.linalg.norm(step) * np.linalg.norm(pace)
+        dt = segment.dt
+        if dt is not None and step @ pace > 1.1 * 0.5 * dt * (pace @ pace) and step @ pace > 0.3 * scale:
+            raise LawError(
+                f"The drift s{j + 1} moves {step @ pace / (0.5 * dt * (pace @ pace)):.3g} times as far as its rate "
+                f"v{j + 1} allows in a step of {dt:.4g} s, and a law remembers the path",
+                "Rows are missing (a shuffled split takes them out), or dt or the units are wrong.",
+            )
         if scale > 0 and step @ pace < 0.3 * scale:
             where = rows_text(rows.start + np.flatnonzero(step * pace < 0))
             raise LawError(

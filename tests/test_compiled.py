@@ -54,11 +54,11 @@ def test_without_a_place_to_write_it_still_compiles(monkeypatch):
     def advance(z, s0, v0, s1, v1, dt, u, theta):
         z[0] += theta[0] * (s1 - s0)
 
-    path = memory._path(advance)
+    paths = memory._paths(advance)
     s = np.array([0.0, 1.0, 3.0])
-    z, none = np.zeros((1, 3)), np.empty(0)
-    path(s, s, none, none, np.empty((0, 3)), np.array([2.0]), np.zeros(1), z)
-    assert z.tolist() == [[0.0, 2.0, 6.0]]
+    z, none = np.zeros((2, 1, 3)), np.empty(0)
+    paths(s, s, none, none, np.empty((0, 3)), np.array([[2.0], [5.0]]), np.zeros((2, 1)), z)
+    assert z.tolist() == [[[0.0, 2.0, 6.0]], [[0.0, 5.0, 15.0]]]
 
 
 def test_first_loading_of_dahl_is_the_exponential():

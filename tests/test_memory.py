@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 
 from pysindy_nrf import laws
 from pysindy_nrf.laws.base import ForceLaw, Motion, Term
-from pysindy_nrf.laws.memory import state_path
+from pysindy_nrf.laws.memory import state_path, state_paths
 
 SIGMA = 5e3
 
@@ -79,3 +79,55 @@ def test_law_that_needs_time_says_so_and_a_user_law_is_compiled():
     np.testing.assert_allclose(Lag().features(Motion(s, 0 * t, t=t))[:, 0], 1 - np.exp(-t / 0.1), atol=1e-12)
     with pytest.raises(ValueError, match="needs the time"):
         Lag().features(Motion(s, 0 * t))
+
+
+@pytest.mark.parametrize(
+    "law, shapes",
+    [
+        (laws.Dahl(), [{"sigma": x} for x in (1e2, 5e3, 4e4)]),
+        (laws.Jenkins(), [{"uy": x} for x in (1e-4, 7e-4, 5e-3)]),
+        (laws.Iwan(), [{"uy": 1e-4, "ratio": 2.0}, {"uy": 4e-4, "ratio": 5.0}]),
+        (laws.BoucWen(), [{"beta": 900.0, "rho": r, "n": n} for r in (-1.4, 0.5) for n in (1.0, 1.7)]),
+    ],
+    ids=lambda x: getattr(x, "name", ""),
+)
+def test_many_shapes_in_one_pass_are_the_single_passes_to_the_last_bit(law, shapes):
+    t = np.arange(2000) / 1000
+    s, v, a = two_tones(t)
+    motions = [Motion(s, v, a, t), Motion(-0.3 * s[:700], -0.3 * v[:700], t=t[:700]), Motion(2 * s[:50], 2 * v[:50])]
+    candidates = [law.with_values(shape=shape) for shape in shapes]
+    found = state_paths(law, motions, np.array([c.theta for c in candidates]))
+    for motion, z in zip(motions, found, strict=True):
+        none = np.empty((0, motion.n_samples))
+        assert z.shape == (len(shapes), law.n_states, motion.n_samples)
+        for one, candidate in zip(z, candidates, strict=True):
+            assert np.array_equal(one, state_path(candidate, motion, none, candidate.theta))
+
+
+def test_many_shapes_of_a_law_with_a_covariate_and_one_that_diverges():
+    class Pull(ForceLaw):
+        """A state that grows at a rate set by a channel."""
+
+        name = "test_pull"
+        n_states = 1
+        covariates = ("gain",)
+
+        def terms(self):
+            return (Term("c", "Z", "N"),)
+
+        @staticmethod
+        def kernel(s, v, a, t, u, z, theta, out):
+            out[0] = z[0]
+
+        @staticmethod
+        def advance(z, s0, v0, s1, v1, dt, u, theta):
+            z[0] = z[0] * theta[0] + u[0]
+
+    s = np.linspace(0, 1, 2000)
+    motion = Motion(s, np.ones(2000), covariates={"gain": np.ones(2000)})
+    (z,) = state_paths(Pull(), [motion], np.array([[0.5], [2.0]]))
+    assert z[0, 0, -1] == pytest.approx(2.0) and not np.isfinite(z[1, 0, -1])  # 1 / (1 - 0.5); 2^k overflows
+    with pytest.raises(ValueError, match="needs the covariate 'gain'"):
+        state_paths(Pull(), [Motion(s, s)], np.array([[0.5]]))
+    with pytest.raises(ValueError, match="not finite"):
+        state_paths(laws.Dahl(), [Motion(np.full(9, np.nan), np.ones(9))], np.array([[10.0]]))

@@ -1,0 +1,546 @@
+"""Where samples come from, chunk by chunk: NumPy files, Parquet, HDF5, lists of them, iterators of tables."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._extras import require
+from ..exceptions import ChannelError, FileFormatError
+from ..io.table import check_file, unreadable
+from ..record import Record, seconds_of
+from ..segments import _pieces as pieces_of_ids
+from ..segments import feature_names
+
+CHUNK_BYTES = 2**25  # of a chunk as float64
+
+
+@dataclass
+class Chunk:
+    """Some consecutive samples of a source.
+
+    Attributes
+    ----------
+    X : ndarray of shape (n_samples, 3 n_dof) or DataFrame
+        As for ``NRFRegressor.fit``.
+    F : ndarray of shape (n_samples, n_dof) or DataFrame, optional
+        N.
+    record : str
+        Name of the record, where no ids tell several apart.
+    first : bool
+        Whether a record starts with it; otherwise it goes on where the chunk before it ended.
+    ids : ndarray of shape (n_samples,), optional
+        Record ids.
+    time : ndarray of shape (n_samples,), optional
+        s.
+    base_acceleration : ndarray of shape (n_samples,), optional
+        m/s^2.
+    covariates : dict of str to ndarray of shape (n_samples,)
+    """
+
+    X: Any
+    F: Any = None
+    record: str = "record"
+    first: bool = True
+    ids: np.ndarray | None = None
+    time: np.ndarray | None = None
+    base_acceleration: np.ndarray | None = None
+    covariates: dict[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def n_samples(self) -> int:
+        """Rows."""
+        return len(self.X)
+
+    def records(self) -> list[Chunk]:
+        """The samples of each record, where ids tell several apart."""
+        if self.ids is None:
+            return [self]
+        pieces = pieces_of_ids(self.ids, self.n_samples, False)
+        return [
+            Chunk(
+                cut(self.X, rows), cut(self.F, rows), name, self.first or i > 0, None, cut(self.time, rows),
+                cut(self.base_acceleration, rows), {k: c[rows] for k, c in self.covariates.items()},
+            )
+            for i, (name, rows) in enumerate(pieces)
+        ]  # fmt: skip
+
+
+def cut(value: Any, rows: slice) -> Any:
+    """Rows of an array or a table, if there is one."""
+    return value.iloc[rows] if hasattr(value, "iloc") else None if value is None else value[rows]
+
+
+class Source:
+    """Chunks of samples in a fixed order.
+
+    Attributes
+    ----------
+    n_samples : int or None
+        In all, if known.
+    again : bool
+        Whether it can be read more than once, and from the middle.
+    """
+
+    n_samples: int | None = None
+    again: bool = True
+
+    def identity(self) -> list[Any]:
+        """What tells these data from others, as JSON."""
+        raise NotImplementedError
+
+    def chunks(self, start: int = 0) -> Iterator[Chunk]:
+        """Chunks from number ``start`` on."""
+        raise NotImplementedError
+
+    def folder(self) -> Path | None:
+        """Where the data lie, or None."""
+        return None
+
+
+def chunk_rows(n_dof: int) -> int:
+    """Samples in a chunk of a chain."""
+    return int(np.clip(CHUNK_BYTES // (32 * n_dof), 4096, 2**18))
+
+
+def _file_identity(path: Path) -> list[Any]:
+    stat = path.stat()
+    return [str(path.resolve()), stat.st_size, stat.st_mtime_ns]
+
+
+def load_rows(value: Any, what: str) -> Any:
+    """An array, or a NumPy file by path: mapped, not read."""
+    if not isinstance(value, (str, os.PathLike)):
+        return value
+    path = Path(value)
+    check_file(path, 2**62)
+    if path.suffix.lower() != ".npy":
+        raise FileFormatError(f"{what}={str(path)!r} is not a .npy file", "Save it with numpy.save.")
+    try:
+        return np.load(path, mmap_mode="r", allow_pickle=False)
+    except (ValueError, OSError, EOFError) as error:
+        raise unreadable(path, "NumPy", error) from error
+
+
+class ArraySource(Source):
+    """Arrays, most often mapped ``.npy`` files.
+
+    Parameters
+    ----------
+    X : path-like or array of shape (n_samples, 3 n_dof)
+    F : path-like or array of shape (n_samples, n_dof), optional
+    record, time, base_acceleration : path-like or array of shape (n_samples,), optional
+    covariates : mapping of str to path-like or array, optional
+    """
+
+    def __init__(
+        self, X: Any, F: Any = None, record: Any = None, time: Any = None, base_acceleration: Any = None,
+        covariates: Mapping[str, Any] | None = None,
+    ) -> None:  # fmt: skip
+        given = {"X": X, "F": F, "record": record, "time": time, "base_acceleration": base_acceleration}
+        given |= {f"covariate {k}": c for k, c in dict(covariates or {}).items()}
+        self.paths = [Path(v) for v in given.values() if isinstance(v, (str, os.PathLike))]
+        self.arrays = {k: load_rows(v, k) for k, v in given.items() if v is not None}
+        x = self.arrays["X"]
+        if getattr(x, "ndim", 0) != 2 or not x.shape[1] or x.shape[1] % 3:
+            raise ChannelError(
+                f"X has the shape {np.shape(x)}, (n_samples, 3 n_dof) is needed",
+                f"Its columns are {', '.join(feature_names(2))} for two DOFs.",
+            )
+        self.n_samples = len(x)
+        for name, values in self.arrays.items():
+            if len(values) != self.n_samples:
+                raise ChannelError(
+                    f"{name} has {len(values)} samples, X has {self.n_samples}", "Cut both to the same clock."
+                )
+        self.rows = chunk_rows(x.shape[1] // 3)
+
+    def identity(self) -> list[Any]:
+        """Paths, sizes and times of change."""
+        return [_file_identity(p) for p in self.paths] + [
+            [k, list(np.shape(v)), str(v.dtype)] for k, v in self.arrays.items() if hasattr(v, "dtype")
+        ]
+
+    def folder(self) -> Path | None:
+        """Folder of the first file."""
+        return self.paths[0].parent if self.paths else None
+
+    def chunks(self, start: int = 0) -> Iterator[Chunk]:
+        """Slices of the arrays."""
+        name = self.paths[0].stem if self.paths else "record"
+        for low in range(start * self.rows, self.n_samples, self.rows):
+            rows = {k: np.asarray(v[low : low + self.rows]) for k, v in self.arrays.items()}
+            extra = {k.removeprefix("covariate "): v for k, v in rows.items() if k.startswith("covariate ")}
+            yield Chunk(
+                rows["X"], rows.get("F"), name, low == 0, rows.get("record"), rows.get("time"),
+                rows.get("base_acceleration"), extra,
+            )  # fmt: skip
+
+
+class TableSource(Source):
+    """Columns by name: a1.., v1.., s1.., F1.., and t, ag, record or covariates where there are any.
+
+    Parameters
+    ----------
+    path : path-like
+    covariates : sequence of str
+        Further columns that laws read.
+    """
+
+    def __init__(self, path: Any, covariates: Sequence[str] = (), coordinates: str = "relative") -> None:
+        self.path = Path(path)
+        check_file(self.path, 2**62)
+        self.covariates, self.coordinates = tuple(covariates), coordinates
+        self.columns = self._open()
+        self.n_dof = n_dof_of(self.columns, self.path)
+        self.rows = chunk_rows(self.n_dof)
+
+    def _open(self) -> list[str]:
+        raise NotImplementedError
+
+    def identity(self) -> list[Any]:
+        """Path, size and time of change."""
+        return [_file_identity(self.path)]
+
+    def folder(self) -> Path | None:
+        """Folder of the file."""
+        return self.path.parent
+
+    def wanted(self) -> list[str]:
+        """Columns to read."""
+        return wanted_columns(self.columns, self.n_dof, self.covariates, self.coordinates, self.path)
+
+    def chunk(self, values: Mapping[str, Any], first: bool) -> Chunk:
+        """Named columns as a chunk."""
+        return chunk_of_columns(values, self.n_dof, self.covariates, self.path.stem, first, self.coordinates)
+
+
+class ParquetSource(TableSource):
+    """A Parquet file, row group after row group."""
+
+    def _open(self) -> list[str]:
+        self._pyarrow = require("pyarrow", "files", "Reading Parquet files")
+        self._parquet = require("pyarrow.parquet", "files", "Reading Parquet files")
+        try:
+            with self._parquet.ParquetFile(self.path) as file:
+                self.n_samples = file.metadata.num_rows
+                return list(file.schema_arrow.names)
+        except (self._pyarrow.ArrowException, OSError) as error:
+            raise unreadable(self.path, "Parquet", error) from error
+
+    def chunks(self, start: int = 0) -> Iterator[Chunk]:
+        """Batches of rows; groups before the first one wanted are not read."""
+        wanted = self.wanted()
+        try:
+            with self._parquet.ParquetFile(self.path) as file:
+                sizes = [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
+                ends = np.cumsum([0, *sizes])
+                at = start * self.rows
+                group = int(np.searchsorted(ends, at, side="right")) - 1 if at < ends[-1] else len(sizes)
+                skip = at - int(ends[group])
+                groups = list(range(group, len(sizes)))
+                pending: list[Any] = []
+                held, number = 0, start
+                for batch in file.iter_batches(self.rows, row_groups=groups, columns=wanted, use_threads=False):
+                    if skip >= batch.num_rows:
+                        skip -= batch.num_rows
+                        continue
+                    batch, skip = batch.slice(skip), 0
+                    while batch.num_rows:
+                        piece = batch.slice(0, self.rows - held)
+                        batch = batch.slice(piece.num_rows)
+                        pending.append(piece)
+                        held += piece.num_rows
+                        if held == self.rows:
+                            yield self._chunk(pending, number == 0)
+                            pending, held, number = [], 0, number + 1
+                if held:
+                    yield self._chunk(pending, number == 0)
+        except (self._pyarrow.ArrowException, OSError) as error:
+            raise unreadable(self.path, "Parquet", error) from error
+
+    def _chunk(self, pieces: list[Any], first: bool) -> Chunk:
+        table = self._pyarrow.Table.from_batches(pieces)
+        return self.chunk({name: table.column(name).to_numpy() for name in table.column_names}, first)
+
+
+class HDF5Source(TableSource):
+    """Data sets of an HDF5 file: ``X`` and ``F``; ``a``, ``v``, ``s``, ``F``; or one for each column."""
+
+    def _open(self) -> list[str]:
+        self._h5py = require("h5py", "files", "Reading HDF5 files")
+        try:
+            with self._h5py.File(self.path, "r") as file:
+                sets = {k: v for k, v in file.items() if isinstance(v, self._h5py.Dataset)}
+                lengths = {len(v) for v in sets.values() if v.ndim and len(v) > 1}
+                if len(lengths) != 1:
+                    raise ChannelError(
+                        f"The data sets of {self.path} have {sorted(lengths)} samples", "Give all of them one clock."
+                    )
+                self.n_samples = lengths.pop()
+                self._matrix = {k: v.shape[1] for k, v in sets.items() if v.ndim == 2}
+                rate, drift = ("v", "s") if self.coordinates == "relative" else ("xdot", "x")
+                self._spread: dict[str, list[str]] = {}
+                for name, width in self._matrix.items():
+                    if name == "X" and width % 3 == 0:
+                        self._spread[name] = feature_names(width // 3, self.coordinates)
+                    elif name in ("a", rate, drift, "F"):
+                        self._spread[name] = [f"{name}{j}" for j in range(1, width + 1)]
+                single = [k for k, v in sets.items() if v.ndim == 1]
+                return [c for columns in self._spread.values() for c in columns] + single
+        except (OSError, RuntimeError, KeyError) as error:
+            raise unreadable(self.path, "HDF5", error) from error
+
+    def chunks(self, start: int = 0) -> Iterator[Chunk]:
+        """Slices of the data sets."""
+        wanted = set(self.wanted())
+        try:
+            with self._h5py.File(self.path, "r") as file:
+                for low in range(start * self.rows, self.n_samples, self.rows):
+                    rows, values = slice(low, low + self.rows), {}
+                    for name, columns in self._spread.items():
+                        if wanted & set(columns):
+                            values |= dict(zip(columns, file[name][rows].T))
+                    for name in wanted - set(values):
+                        values[name] = file[name][rows]
+                    yield self.chunk(values, low == 0)
+        except (OSError, RuntimeError, KeyError) as error:
+            raise unreadable(self.path, "HDF5", error) from error
+
+
+class ListSource(Source):
+    """Several sources, one record or more each, one after the other."""
+
+    def __init__(self, parts: Sequence[Source]) -> None:
+        self.parts = list(parts)
+        sizes = [p.n_samples for p in self.parts]
+        self.n_samples = None if None in sizes else sum(sizes)
+        self.again = all(p.again for p in self.parts)
+        self._counts = [-(-p.n_samples // p.rows) for p in self.parts]
+
+    def identity(self) -> list[Any]:
+        """Those of the parts."""
+        return [p.identity() for p in self.parts]
+
+    def folder(self) -> Path | None:
+        """Folder of the first part."""
+        return self.parts[0].folder()
+
+    def chunks(self, start: int = 0) -> Iterator[Chunk]:
+        """Chunks of the parts, each part a record of its own."""
+        for part, count in zip(self.parts, self._counts):
+            if start >= count:
+                start -= count
+                continue
+            yield from part.chunks(start)
+            start = 0
+
+
+class IteratorSource(Source):
+    """An iterator that can be read once: of tables, of pairs (X, F) or of records.
+
+    Tables and pairs follow each other in one record unless a column ``record`` tells records apart; each
+    :class:`Record` is one of its own.
+    """
+
+    again = False
+
+    def __init__(self, items: Iterable[Any], covariates: Sequence[str] = (), coordinates: str = "relative") -> None:
+        self.items, self.covariates, self.coordinates = items, tuple(covariates), coordinates
+
+    def identity(self) -> list[Any]:
+        """An iterator cannot be told from another one."""
+        return []
+
+    def chunks(self, start: int = 0) -> Iterator[Chunk]:
+        """Chunks as they come."""
+        first = True
+        for item in self.items:
+            yield chunk_of(item, self.covariates, self.coordinates, first)
+            first = isinstance(item, Record)
+
+
+def chunk_of(item: Any, covariates: Sequence[str] = (), coordinates: str = "relative", first: bool = True) -> Chunk:
+    """One item of an iterator as a chunk.
+
+    Parameters
+    ----------
+    item : DataFrame, (X, F), Chunk or Record
+    covariates : sequence of str
+        Columns of a table that laws read.
+    coordinates : str
+    first : bool
+        Whether a record starts here.
+
+    Returns
+    -------
+    Chunk
+    """
+    if isinstance(item, Chunk):
+        return item
+    if isinstance(item, Record):
+        x, force = item.to_features()
+        return Chunk(
+            x.to_numpy(), force.to_numpy(), item.name, True, None, np.asarray(item.time), item.base_acceleration,
+            dict(item.covariates),
+        )  # fmt: skip
+    if hasattr(item, "columns"):
+        names = [str(c) for c in item.columns]
+        n = n_dof_of(names, "The table")
+        wanted = wanted_columns(names, n, covariates, coordinates, "The table")
+        values = {c: item[c].to_numpy() for c in wanted}
+        if item.index.name in ("t", "time") or item.index.dtype.kind in "mM":
+            values.setdefault("t", item.index.to_numpy())
+        return chunk_of_columns(values, n, covariates, "record", first, coordinates)
+    if isinstance(item, tuple) and len(item) == 2:
+        return Chunk(item[0], item[1], first=first)
+    if isinstance(item, np.ndarray):
+        return Chunk(item, first=first)
+    raise ChannelError(
+        f"The iterator gave {type(item).__name__}", "Let it give DataFrames, pairs (X, F) or Records."
+    )
+
+
+def n_dof_of(columns: Sequence[str], where: Any) -> int:
+    """DOFs of named columns: those of a1, a2, ..."""
+    n = sum(1 for c in columns if c[:1] == "a" and c[1:].isdigit() and c != "a0")
+    if not n:
+        raise ChannelError(f"{where} has no columns a1, a2, ...", f"Name them {', '.join(feature_names(2))}, F1, F2.")
+    return n
+
+
+def wanted_columns(
+    columns: Sequence[str], n_dof: int, covariates: Sequence[str], coordinates: str, where: Any
+) -> list[str]:
+    """The columns to read, or an error that names those that are missing."""
+    needed = [*feature_names(n_dof, coordinates), *covariates]
+    missing = [c for c in needed if c not in columns]
+    forces = [f"F{j}" for j in range(1, n_dof + 1)]
+    some = [c for c in forces if c in columns]
+    if missing or (some and len(some) < n_dof):
+        lost = (missing or [c for c in forces if c not in columns])[:6]
+        raise ChannelError(
+            f"{where} lacks the column{'s' if len(lost) > 1 else ''} {', '.join(lost)}",
+            "A force known to be zero is a column of zeros, an unknown one of NaN.",
+        )
+    base = ("xdot0", "x0") if coordinates == "absolute" else ()
+    return [*needed, *some, *(c for c in (*base, "t", "time", "ag", "record") if c in columns)]
+
+
+def chunk_of_columns(
+    values: Mapping[str, Any], n_dof: int, covariates: Sequence[str], record: str, first: bool, coordinates: str
+) -> Chunk:
+    """Named columns as a chunk."""
+    import pandas as pd
+
+    names = feature_names(n_dof, coordinates)
+    if "xdot0" in values and "x0" in values and coordinates == "absolute":
+        X: Any = pd.DataFrame({c: values[c] for c in (*names, "xdot0", "x0")}, copy=False)
+    else:
+        X = _stacked([values[c] for c in names])
+    forces = [f"F{j}" for j in range(1, n_dof + 1)]
+    F = _stacked([values[c] for c in forces]) if forces[0] in values else None
+    time = values.get("t", values.get("time"))
+    return Chunk(
+        X, F, record, first, values.get("record"), time, values.get("ag"), {c: values[c] for c in covariates}
+    )
+
+
+def _stacked(columns: Sequence[np.ndarray]) -> np.ndarray:
+    kind = np.result_type(*columns)
+    out = np.empty((len(columns), len(columns[0])), dtype=kind if kind == np.float32 else np.float64)
+    for row, column in zip(out, columns):
+        row[:] = column
+    return out.T
+
+
+def seconds_since(time: Any, origin: Any) -> np.ndarray:
+    """Times as seconds since an origin of the same kind; numbers are seconds already."""
+    array = np.asarray(time)
+    if array.dtype.kind in "mM":
+        return (array - origin) / np.timedelta64(1, "ns") * 1e-9
+    return seconds_of(array, "time")
+
+
+_READERS = {".parquet": ParquetSource, ".pq": ParquetSource, ".h5": HDF5Source, ".hdf5": HDF5Source}
+
+
+def open_source(
+    X: Any,
+    F: Any = None,
+    *,
+    record: Any = None,
+    time: Any = None,
+    base_acceleration: Any = None,
+    covariates: Any = None,
+    coordinates: str = "relative",
+    laws_read: Sequence[str] = (),
+) -> Source:
+    """The source behind what a user passes to ``fit``.
+
+    Parameters
+    ----------
+    X : path-like, list of path-like, or iterator
+        ``.npy`` holds the columns of X; Parquet and HDF5 hold named columns, the forces among them.
+    F : path-like or array, optional
+        Forces beside a ``.npy`` file; a list of them beside a list of files.
+    record, time, base_acceleration, covariates
+        Beside ``.npy`` files; paths or arrays.
+    coordinates : {"relative", "absolute"}
+    laws_read : sequence of str
+        Covariates that the laws read; columns of a table.
+
+    Returns
+    -------
+    Source
+
+    Raises
+    ------
+    FileFormatError, ChannelError
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import numpy as np
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> path = pathlib.Path(folder.name, "X.npy")
+    >>> np.save(path, np.zeros((1000, 6)))
+    >>> source = open_source(path)
+    >>> source.n_samples, [chunk.n_samples for chunk in source.chunks()]
+    (1000, [1000])
+    >>> folder.cleanup()
+    """
+    beside = dict(record=record, time=time, base_acceleration=base_acceleration, covariates=covariates)
+    if isinstance(X, (str, os.PathLike)):
+        suffix = Path(X).suffix.lower()
+        if suffix == ".npy":
+            return ArraySource(X, F, **beside)
+        if suffix not in _READERS:
+            raise FileFormatError(
+                f"{X} has the type {suffix or '(none)'}, which is not read in pieces",
+                f"Give .npy, {', '.join(_READERS)}; read a single record with pysindy_nrf.io.read_record, or a long "
+                "text file as pandas.read_csv(path, chunksize=...).",
+            )
+        _refuse(F, beside, "a table, whose columns hold them")
+        return _READERS[suffix](X, tuple(laws_read), coordinates)
+    if isinstance(X, (list, tuple)):
+        forces = F if isinstance(F, (list, tuple)) else [None] * len(X)
+        if F is not None and (not isinstance(F, (list, tuple)) or len(forces) != len(X)):
+            raise ChannelError(f"{len(X)} files of X need as many of F", "Give a list of paths of the same length.")
+        _refuse(None, beside, "a list of files")
+        return ListSource(
+            [open_source(x, f, coordinates=coordinates, laws_read=laws_read) for x, f in zip(X, forces)]
+        )
+    _refuse(F, beside, "an iterator, whose items hold them")
+    return IteratorSource(X, tuple(laws_read), coordinates)
+
+
+def _refuse(F: Any, beside: Mapping[str, Any], what: str) -> None:
+    given = [name for name, value in {"F": F, **beside}.items() if value is not None]
+    if given:
+        raise ChannelError(f"{given[0]} was given beside {what}", f"Leave {given[0]} out.")

@@ -9,11 +9,14 @@ from __future__ import annotations
 __all__ = [
     "NRFError",
     "ChannelError",
+    "ChannelTypeError",
     "ChainError",
+    "UnknownSiteError",
     "ExcitationError",
     "IdentifiabilityError",
     "LawError",
     "FileFormatError",
+    "FileVersionError",
     "SimulationError",
     "MissingExtraError",
     "NRFWarning",
@@ -66,8 +69,18 @@ class ChannelError(NRFError):
     """A measured channel cannot be used as it is (NaN, infinite, constant, missing, mis-shaped)."""
 
 
+class ChannelTypeError(ChannelError, TypeError):
+    """A channel holds things that are no numbers (also a ``TypeError``, as of ``float``)."""
+
+
 class ChainError(NRFError):
     """A chain, a site or a parameter given per storey or DOF does not exist or contradicts another."""
+
+
+class UnknownSiteError(ChainError, KeyError):
+    """A model is asked for the force of a site that it does not have (also a ``KeyError``, as of any mapping)."""
+
+    __str__ = Exception.__str__
 
 
 class ExcitationError(ChannelError):
@@ -84,6 +97,10 @@ class LawError(NRFError):
 
 class FileFormatError(NRFError):
     """A file could not be read as what it claims to be."""
+
+
+class FileVersionError(FileFormatError):
+    """A file was written by a later version of this package."""
 
 
 class SimulationError(NRFError):
@@ -115,7 +132,23 @@ class MissingExtraError(ImportError):
 
 
 class NRFWarning(UserWarning):
-    """Base of every warning of this package."""
+    """Base of every warning of this package.
+
+    Parameters
+    ----------
+    what : str
+        What looks wrong, naming the channel, degree of freedom or parameter; or the whole message.
+    cure : str
+        What the user can do about it.
+    """
+
+    def __init__(self, what: str, cure: str = "") -> None:
+        self.what = what
+        self.cure = cure
+        super().__init__(sentence(what, cure))
+
+    def __reduce__(self) -> tuple[type, tuple[str, str]]:
+        return type(self), (self.what, self.cure)
 
 
 class RankWarning(NRFWarning):

@@ -1,0 +1,39 @@
+"""
+A magnetorheological damper under changing voltage
+==================================================
+
+A damper by itself, driven by white noise while its voltage changes. A spring and a dashpot leave half of its force
+unexplained. The voltage is among the channels; nobody says what it does.
+
+Run: ``PYSINDY_NRF_DATA=... python plot_closed_loop_mr_damper.py [folder]``
+"""
+
+import os
+import sys
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+
+from pysindy_nrf import KinematicSmoother, NRFRegressor, close_loop, datasets
+from pysindy_nrf.displays import BeforeAfterDisplay
+
+if "PYSINDY_NRF_DATA" not in os.environ:
+    sys.exit("Set PYSINDY_NRF_DATA to the folder of the measured records.")
+folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
+folder.mkdir(parents=True, exist_ok=True)
+
+record, band = datasets.load_mr_damper_white_noise(), (None, 60.0)
+report = close_loop(record, NRFRegressor(degree=1, known_masses={1: 0.0}), band=band)
+print(f"{report}\n{report.table.round(2).to_string()}")
+
+X, F = record.to_features(KinematicSmoother(band=band))
+figure, axes = plt.subplots(1, 3, figsize=(14, 4.5), layout="constrained")
+part = slice(30000, 33000)  # one second
+for ax, model, when in zip(axes, (report.models[0], report.model), ("before", "after")):
+    force = model.predict(X, covariates=record.covariates)
+    ax.plot(record.time[part], F["F1"].to_numpy()[part], "k", linewidth=1, label="measured")
+    ax.plot(record.time[part], force[part, 0], linewidth=1, label="model")
+    ax.set(xlabel="time (s)", ylabel="damper force (N)", title=when)
+    ax.legend(frameon=False)
+BeforeAfterDisplay.from_report(report).plot(axes[2])
+figure.savefig(folder / "closed_loop_mr_damper.png", dpi=150)

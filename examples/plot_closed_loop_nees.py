@@ -1,0 +1,44 @@
+"""
+A steel frame on a shaking table, weak and strong
+=================================================
+
+Three storeys, base motion only, so storey forces come per mass. In the weak test the loop should add nothing; in the
+strong one every storey yields and the loops open.
+
+Run: ``PYSINDY_NRF_DATA=... python plot_closed_loop_nees.py [folder]``
+"""
+
+import os
+import sys
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+
+from pysindy_nrf import KinematicSmoother, NRFRegressor, close_loop, datasets
+from pysindy_nrf.displays import BeforeAfterDisplay, HysteresisLoopDisplay
+from pysindy_nrf.fair_filter import FairFilter
+
+if "PYSINDY_NRF_DATA" not in os.environ:
+    sys.exit("Set PYSINDY_NRF_DATA to the folder of the measured records.")
+folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
+folder.mkdir(parents=True, exist_ok=True)
+
+band = (0.2, 10.0)
+equal = {1: 1.0, 2: 1.0, 3: 1.0}
+reports = {}
+for name in ("fbgm162s1", "fbgm162s5"):
+    record = datasets.load_nees_three_storey(name)
+    reports[name] = close_loop(record, NRFRegressor(degree=1, known_masses=equal), band=band)
+    print(f"{name}\n{reports[name]}\n{reports[name].table.round(2).to_string()}\n")
+
+X, F = record.to_features(KinematicSmoother(band=band))
+base = FairFilter(band, record.fs).apply(record.base_acceleration)
+figure, axes = plt.subplots(2, 4, figsize=(17, 8), layout="constrained")
+for row, model, when in zip(axes, (reports[name].models[0], reports[name].model), ("before", "after")):
+    for ax, i in zip(row, (1, 2, 3)):
+        HysteresisLoopDisplay.from_estimator(model, X, F, f"storey {i}", base_acceleration=base).plot(ax)
+        ax.set_title(f"strong shaking, storey {i}, {when}")
+for ax, (name, report) in zip(axes[:, 3], reports.items()):
+    BeforeAfterDisplay.from_report(report).plot(ax)
+    ax.set_title(name)
+figure.savefig(folder / "closed_loop_nees.png", dpi=150)

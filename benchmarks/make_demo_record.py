@@ -31,12 +31,11 @@ def measure() -> Record:
 
 
 def main(path: str | Path = Path(__file__).parents[1] / "pysindy_nrf" / "datasets" / "demo_record.csv") -> None:
-    """Write the record with the units sensors come in."""
+    """Write the record in SI units, so that reading it needs no package for units."""
     record = measure()
     table = record.to_frame()
     lines = ["# Three-storey frame, shaker on floor 2, simulated with 2 % noise (benchmarks/make_demo_record.py)"]
-    lines.append("t [s],F2 [N],a1 [m/s^2],a2 [m/s^2],a3 [m/s^2],x1 [mm],x2 [mm],x3 [mm]")
-    table[["x1", "x2", "x3"]] *= 1e3
+    lines.append("t [s],F2 [N],a1 [m/s^2],a2 [m/s^2],a3 [m/s^2],x1 [m],x2 [m],x3 [m]")
     columns = ["F2", "a1", "a2", "a3", "x1", "x2", "x3"]
     for time, row in zip(table.index, table[columns].to_numpy()):
         lines.append(f"{time:.3f}," + ",".join(f"{value:.4g}" for value in row))

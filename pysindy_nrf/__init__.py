@@ -23,6 +23,11 @@ _LAZY = {
     "StateSpaceChainOptimizer": "optimizers",
     "close_loop": "discrepancy",
     "compare_with_sindy": "comparison",
+    "BlockedTimeSplit": "model_selection",
+    "OrderSelection": "model_selection",
+    "RecordSplit": "model_selection",
+    "one_standard_error": "model_selection",
+    "select_order": "model_selection",
     "simulate": "simulation",
 }
 _LAZY_MODULES = (
@@ -37,8 +42,11 @@ _LAZY_MODULES = (
     "excitation",
     "guidance",
     "io",
+    "model_selection",
     "noise",
     "paper",
+    "report",
+    "scorers",
     "signals",
 )
 

@@ -9,6 +9,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
+from .exceptions import NRFError
+
 
 @contextmanager
 def atomic_write(path: Any, mode: str = "w") -> Iterator[IO[Any]]:
@@ -39,7 +41,7 @@ def atomic_write(path: Any, mode: str = "w") -> Iterator[IO[Any]]:
     >>> folder.cleanup()
     """
     if mode not in ("w", "wb"):
-        raise ValueError(f"mode={mode!r} is unknown. Choose 'w' or 'wb'.")
+        raise NRFError(f"mode={mode!r} is unknown", "Choose 'w' or 'wb'.")
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part")

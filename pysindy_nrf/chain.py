@@ -11,6 +11,7 @@ from .exceptions import ChainError
 from .sites import Site
 
 _GROUNDS = ("base", "both", "free")
+MOST_DOFS = 10_000  # a larger number is a mistake, or a file that wants all memory
 
 
 class Chain:
@@ -55,6 +56,8 @@ class Chain:
     def __init__(self, n_dof: int, links: Iterable[str] = (), ground: str = "base") -> None:
         if isinstance(n_dof, bool) or not hasattr(n_dof, "__index__") or int(n_dof) < 1:
             raise ChainError(f"n_dof={n_dof!r} is not a number of masses", "Give a whole number of at least 1.")
+        if int(n_dof) > MOST_DOFS:
+            raise ChainError(f"n_dof={n_dof} is more than the {MOST_DOFS} masses a chain may have", "Condense it.")
         if ground not in _GROUNDS:
             raise ChainError(f"ground={ground!r} is unknown", "Choose 'base', 'both' or 'free'.")
         self.n_dof = int(n_dof)

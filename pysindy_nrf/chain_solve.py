@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
-from .exceptions import BiasWarning, IdentifiabilityError, NRFError, RankWarning
+from .exceptions import IdentifiabilityError, NRFError, RankWarning
 from .identifiability import Step, Walk
 from .layout import Group, Layout
-from .moments import Block, Moments, accumulate
+from .moments import Block, Moments, accumulate, guess_of
 from .sites import Site
 
 # Squaring a scaled condition number c loses c^2 of the 1e16 digits of a double.
@@ -105,13 +105,18 @@ def groups_of(layout: Layout, walk: Walk) -> list[Group]:
     return [layout.group(dofs) for dofs in dict.fromkeys([*((j,) for j in range(1, layout.n_dof + 1)), *sums])]
 
 
-def warn_of_masses(solution: Solution) -> None:
-    """Warn of masses that are not positive, or that noise in the motion or a missing law decides.
+def doubtful_masses(solution: Solution) -> list[str]:
+    """Sentences on masses that are not positive, or that noise in the motion or a missing law decides.
 
     Parameters
     ----------
     solution : Solution
+
+    Returns
+    -------
+    list of str
     """
+    said = []
     for fit in solution.fits:
         for dof, noise in zip(fit.step.masses, fit.mass_noise):
             mass = solution.masses[dof]
@@ -128,7 +133,8 @@ def warn_of_masses(solution: Solution) -> None:
                     "its inertia that no other term can imitate. Fuse or filter the channels, excite more frequencies, "
                     "add the missing law, or give the mass."
                 )
-            warnings.warn(f"m{dof} = {mass:.4g} kg {why}", BiasWarning, stacklevel=4)
+            said.append(f"m{dof} = {mass:.4g} kg {why}")
+    return said
 
 
 def solve_blocks(
@@ -154,21 +160,41 @@ def solve_blocks(
     -------
     Solution, Moments
     """
-    groups = groups_of(layout, walk)
+    groups, known = groups_of(layout, walk), dict(known_masses or {})
+    moments = accumulate(Moments(layout, groups, "gram", known), blocks())
+    solution = solved_safely(moments, walk, known_masses, inner, names)
+    if solution is None:
+        guess = {dofs: guess_of(part) for dofs, part in moments.parts.items()}
+        moments = accumulate(Moments(layout, groups, "root", known, guess), blocks())
+        solution = solve(moments, walk, known_masses, inner, names)
+    return solution, moments
 
-    def run(kind: str) -> tuple[Solution, Moments]:
-        moments = accumulate(Moments(layout, groups, kind, dict(known_masses or {})), blocks())
-        return solve(moments, walk, known_masses, inner, names), moments
 
+def solved_safely(
+    moments: Moments,
+    walk: Walk,
+    known_masses: Mapping[int, float] | None = None,
+    inner: Any = None,
+    names: Mapping[Site, list[str]] | None = None,
+) -> Solution | None:
+    """Solution of Gram matrices, or None where squaring may have lost digits that the data hold.
+
+    Parameters
+    ----------
+    moments, walk, known_masses, inner, names
+        See :func:`solve`.
+
+    Returns
+    -------
+    Solution or None
+    """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", RankWarning)
-            solution, moments = run("gram")
-        if not solution.digits_at_risk():
-            return solution, moments
+            solution = solve(moments, walk, known_masses, inner, names)
     except (RankWarning, IdentifiabilityError):
-        pass
-    return run("root")
+        return None
+    return None if solution.digits_at_risk() else solution
 
 
 def solve(
@@ -210,7 +236,7 @@ def solve(
     for step in walk.steps:
         part, where, mass_at, target_at = _locate(moments, step.dofs)
         signs = dict(zip(moments.groups[step.dofs].sites, moments.groups[step.dofs].signs))
-        target = np.zeros(part.matrix.shape[0])
+        target = np.zeros(part.matrix.shape[1])
         target[target_at] = 1.0
         for site in step.known_sites:
             target[where[site]] -= signs[site] * solution.coefficients[site]
@@ -266,8 +292,8 @@ def _least_squares(triangle: np.ndarray, step: Step, n_samples: int, inner: Any,
     idle = [labels[i] for i in np.flatnonzero(size == 0)]
     if idle:
         raise IdentifiabilityError(
-            f"{step.name}: the column of {idle[0]} is zero throughout",
-            "Nothing moves there; leave the term out, or excite it.",
+            f"{step.name}: the column of {idle[0]} is zero throughout, or its squares leave the range of a double",
+            "Nothing moves there, or its channels have wrong units; check them, leave the term out, or excite it.",
         )
     unit = columns / size if p else columns
     values = np.linalg.svd(unit, compute_uv=False) if p else np.ones(1)
@@ -346,7 +372,7 @@ def _solve_joint(moments: Moments, walk: Walk, solution: Solution, inner: Any, n
     """All balances at once with shared laws (Newton's third law built in), each divided by its rms force."""
     layout, n = moments.layout, moments.layout.n_dof
     free = [step.dofs[0] for step in walk.steps if step.masses]
-    column = {("m", j): i for i, j in enumerate(free)}
+    column: dict[Any, int] = {("m", j): i for i, j in enumerate(free)}
     at = len(free)
     for site in layout.acting:
         column[site], at = at, at + layout.counts[site]
@@ -354,7 +380,7 @@ def _solve_joint(moments: Moments, walk: Walk, solution: Solution, inner: Any, n
     for j in range(1, n + 1):
         part, where, mass_at, target_at = _locate(moments, (j,))
         group = moments.groups[(j,)]
-        combine = np.zeros((part.matrix.shape[0], at + 1))
+        combine = np.zeros((part.matrix.shape[1], at + 1))
         for site, sign in zip(group.sites, group.signs):
             inside = np.arange(where[site].start, where[site].stop)
             combine[inside, column[site] + np.arange(len(inside))] = sign

@@ -6,12 +6,13 @@ filter edges, masked and counted; any other NaN and every infinity = an error.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from .exceptions import ChannelError
+from .exceptions import ChannelError, ChannelTypeError, DataQualityWarning
 
 
 def rows_text(rows: np.ndarray, most: int = 3) -> str:
@@ -39,7 +40,8 @@ def as_matrix(
     Returns
     -------
     ndarray of shape (n_samples, n_columns)
-        float32 stays float32, everything else becomes float64. Never a view that is written to.
+        float32 stays float32, everything else becomes float64 (of float16 a DataQualityWarning is
+        raised). Never a view that is written to.
 
     Raises
     ------
@@ -47,10 +49,17 @@ def as_matrix(
         If the values are not real numbers or the shape is wrong.
     """
     if isinstance(value, np.ma.MaskedArray):
-        value = value.astype(float).filled(np.nan)
+        value = np.ma.filled(value.astype(float), np.nan)
+    if hasattr(value, "nnz") and hasattr(value, "toarray"):
+        raise ChannelError(f"The {what} are sparse, which is not supported", "Give a dense array: .toarray().")
     if hasattr(value, "to_numpy"):
         value = value.to_numpy()
-    array = np.asarray(value)
+    try:
+        array = np.asarray(value)
+    except ValueError:  # ragged lists
+        raise ChannelError(
+            f"The {what} differ in length", "Give one row per sample and one column per channel."
+        ) from None
     if array.ndim == 1:
         array = array[:, None]
     if array.ndim != 2:
@@ -70,21 +79,28 @@ def as_matrix(
         return array
     if np.iscomplexobj(array):
         raise ChannelError(
-            f"Channel {name(0)} of the {what} is complex",
+            f"Complex data not supported: channel {name(0)} of the {what} is complex",
             "Give real time series; take .real if the imaginary part is zero.",
         )
+    if array.dtype.kind == "b" and not what.startswith("covariate"):
+        raise ChannelError(f"Channel {name(0)} of the {what} holds truth values", "Give the measured numbers.")
+    if array.dtype == np.float16:
+        lost = f"Channel {name(0)} of the {what} is float16, which holds three digits"
+        warnings.warn(DataQualityWarning(lost, "Save the channels as float32 or float64."), stacklevel=2)
     if array.dtype.kind in "biuf":
         return array.astype(np.float64)
     out = np.empty(array.shape)
     for i in range(array.shape[1]):
         try:
-            column = array[:, i]
-            if any(isinstance(x, complex) for x in column[:1000]):
+            if array.dtype.kind in "mMSV":  # NumPy would turn dates into nanoseconds
                 raise TypeError
-            out[:, i] = column.astype(np.float64)
-        except (TypeError, ValueError):
-            raise ChannelError(
-                f"Channel {name(i)} of the {what} does not hold numbers",
+            with warnings.catch_warnings():
+                warnings.simplefilter("error", np.exceptions.ComplexWarning)
+                out[:, i] = array[:, i].astype(np.float64)
+        except (TypeError, ValueError, np.exceptions.ComplexWarning) as error:
+            kind = ChannelTypeError if isinstance(error, TypeError) and array.dtype == object else ChannelError
+            raise kind(
+                f"Channel {name(i)} of the {what} does not hold numbers" + (f" ({error})" if str(error) else ""),
                 "Convert it to float (decimal point, no text).",
             ) from None
     return out

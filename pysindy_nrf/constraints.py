@@ -251,8 +251,7 @@ def _nearest(theta: np.ndarray, P: np.ndarray, A: np.ndarray, b: np.ndarray, bou
         if len(own) and own.min() < 0 and len(own) == len(active):
             active.pop(int(np.argmin(own)))  # this bound pulls the wrong way
             continue
-        low = np.flatnonzero(bounded & (point < -1e-9 * scale))
-        low = [i for i in low if i not in active]
+        low = [i for i in np.flatnonzero(bounded & (point < -1e-9 * scale)) if i not in active]
         if not low:
             point = point.copy()
             point[active] = 0.0

@@ -8,7 +8,7 @@ its storey force.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +22,8 @@ from .moments import Block, Moments, accumulate
 from .sites import Site
 
 COLUMNS = ["error", "residual", "reference", "of"]
+# Percent; below it round-off of a Gram matrix (the root of the machine precision) shows in the last digits.
+_HELD_BY_A_GRAM = 0.1
 
 
 def balance_errors(model: ChainModel, moments: Moments) -> pd.DataFrame:
@@ -116,7 +118,7 @@ def balance_sizes(
     where, mass_at, target_at = moments.positions(dofs)
     group = moments.groups[dofs]
     # columns: residual, force alone, inertia alone, storey force alone
-    weights = np.zeros((part.matrix.shape[0], 4))
+    weights = np.zeros((part.matrix.shape[1], 4))
     own = None
     for site, sign in zip(group.sites, group.signs):
         weights[where[site], 0] = sign * coefficients[site]
@@ -153,7 +155,9 @@ def _percent(part: float, whole: float) -> float:
     return 100.0 * part / whole if whole else (0.0 if part == 0 else np.inf)
 
 
-def judge(model: ChainModel, layout: Layout, walk: Walk, blocks: Iterable[Block]) -> pd.DataFrame:
+def judge(
+    model: ChainModel, layout: Layout, walk: Walk, blocks: Iterable[Block] | Callable[[], Iterable[Block]]
+) -> pd.DataFrame:
     """Balance errors of a model on blocks of samples.
 
     Parameters
@@ -163,7 +167,9 @@ def judge(model: ChainModel, layout: Layout, walk: Walk, blocks: Iterable[Block]
         Of the model's laws.
     walk : Walk
         How the model was solved: single balances, or from the top down.
-    blocks : iterable of Block
+    blocks : iterable of Block, or callable
+        A callable returns a fresh iterable at each call; an error too small for a Gram matrix is then read off the
+        samples once more, by QR.
 
     Returns
     -------
@@ -171,7 +177,14 @@ def judge(model: ChainModel, layout: Layout, walk: Walk, blocks: Iterable[Block]
         See :func:`balance_errors`.
     """
     known = dict(enumerate(model.masses.tolist(), 1))
-    return balance_errors(model, accumulate(Moments(layout, groups_of(layout, walk), known_masses=known), blocks))
+
+    def run(kind: str, held: Iterable[Block]) -> pd.DataFrame:
+        return balance_errors(model, accumulate(Moments(layout, groups_of(layout, walk), kind, known), held))
+
+    if not callable(blocks):
+        return run("gram", blocks)
+    errors = run("gram", blocks())
+    return run("root", blocks()) if (errors["error"] < _HELD_BY_A_GRAM).any() else errors
 
 
 def nrmse(measured: Any, found: Any) -> float:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ._random import generator
 from .exceptions import ChainError, ChannelError
 
 
@@ -75,7 +76,7 @@ def impact_hammer(
         raise ChannelError(
             f"{hits} blows of {width:g} s do not fit into {duration:g} s", "Take fewer or a longer record."
         )
-    rng = np.random.default_rng(random_state)
+    rng = generator(random_state)
     t = np.arange(n) / fs
     F = np.zeros((n, n_dof))
     room = duration / hits
@@ -131,7 +132,7 @@ def band_limited_random(
     n, columns = _frame(n_dof, duration, fs, dofs)
     levels = _levels(rms)
     low, high = _band(band, fs)
-    rng = np.random.default_rng(random_state)
+    rng = generator(random_state)
     F = np.zeros((n, n_dof))
     parts = np.array_split(np.arange(n), len(levels))
     for j in columns:
@@ -281,7 +282,7 @@ def earthquake(
         raise ChannelError(
             f"rise={rise!r}, fall={fall!r} are not in order", "They are shares of the duration, 0 < rise < fall < 1."
         )
-    rng = np.random.default_rng(random_state)
+    rng = generator(random_state)
     frequency = np.fft.rfftfreq(2 * n, 1 / fs)  # twice as long: no wrapping round
     r = 1j * frequency / fg
     soil = (1 + 2 * zeta * r) / (1 + 2 * zeta * r + r**2)

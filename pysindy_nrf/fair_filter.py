@@ -107,7 +107,7 @@ class FairFilter:
         use = ~unmeasured
         if use.any():
             padding = min(max(self.edge, 3 * len(self.sos)), len(matrix) - 1)
-            out[:, use] = sosfiltfilt(self.sos, matrix[:, use], axis=0, padtype="even", padlen=padding)
+            out[:, use] = sosfiltfilt(self.sos.copy(), matrix[:, use], axis=0, padtype="even", padlen=padding)
         return out[:, 0] if array.ndim == 1 else out
 
     def __repr__(self) -> str:

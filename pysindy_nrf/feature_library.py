@@ -10,6 +10,7 @@ from pysindy import AxesArray
 from pysindy.feature_library.base import BaseFeatureLibrary
 from sklearn.utils.validation import check_is_fitted
 
+from ._input import checked, same_columns
 from .chain import Chain
 from .exceptions import ChainError, ChannelError, LawError
 from .laws import PowerSeries
@@ -95,13 +96,14 @@ class ForceLawLibrary(BaseFeatureLibrary):
         """
         if self.inputs not in _INPUTS:
             raise ChannelError(f"inputs={self.inputs!r} is unknown", "Choose 'balance' or 'state'.")
-        first = x[0] if isinstance(x, (list, tuple)) else x
-        width = int(np.shape(first)[-1])
+        first = x[0] if _is_list_of_records(x) else x
+        width = self._checked(first, reset=True).shape[-1]
         n = self.chain.n_dof if self.chain is not None else width // 3
         if n < 1 or width != 3 * n:
             what = "a, v, s" if self.inputs == "balance" else "x, xdot, u = F"
             raise ChannelError(
-                f"The library got {width} columns, {3 * max(n, 1)} are needed", f"Give {what} of every DOF."
+                f"The library got {width} columns (n_features = {width}), {3 * max(n, 1)} are needed",
+                f"Give {what} of every DOF.",
             )
         chain = self.chain if self.chain is not None else Chain(n)
         self.layout_ = LawLayout(chain, self._laws(chain))
@@ -115,7 +117,6 @@ class ForceLawLibrary(BaseFeatureLibrary):
                 "A law of the acceleration cannot stand in a state-space SINDy model",
                 "Use NRFRegressor, or inputs='balance'.",
             )
-        self.n_features_in_ = width
         self.n_output_features_ = self.layout_.n_terms + (n if self.inputs == "balance" else 2 * n)
         return self
 
@@ -132,18 +133,19 @@ class ForceLawLibrary(BaseFeatureLibrary):
         AxesArray of shape (n_samples, n_output_features_), or list of them
         """
         check_is_fitted(self)
-        if isinstance(x, (list, tuple)):
+        if _is_list_of_records(x):
             return [self._columns(item) for item in x]
         return self._columns(x)
 
+    def _checked(self, x: Any, reset: bool) -> np.ndarray:
+        if getattr(x, "ndim", 2) > 2:  # PySINDy's leading axes
+            x = np.asarray(x)
+            same_columns(self, x.shape[-1], None, reset)
+            return x
+        return checked(self, x, reset=reset)
+
     def _columns(self, x: Any) -> Any:
-        x = np.asarray(x)
-        if x.ndim == 1:
-            x = x.reshape(-1, 1)
-        if x.shape[-1] != self.n_features_in_:
-            raise ChannelError(
-                f"The library got {x.shape[-1]} columns, {self.n_features_in_} were fitted", "Give the same columns."
-            )
+        x = self._checked(x, reset=False)
         lead = x.shape[:-1]
         x = x.reshape(-1, x.shape[-1])
         n = self.layout_.n_dof
@@ -191,6 +193,23 @@ class ForceLawLibrary(BaseFeatureLibrary):
         else:
             head, tail = [f"xdot{j}" for j in range(1, n + 1)], [f"F{j}" for j in range(1, n + 1)]
         return [*head, *term_names(self.layout_), *tail]
+
+    def get_feature_names_out(self, input_features: Any = None) -> np.ndarray:
+        """The same, as scikit-learn asks for them.
+
+        Parameters
+        ----------
+        input_features : ignored
+
+        Returns
+        -------
+        ndarray of str
+        """
+        return np.array(self.get_feature_names(), dtype=object)
+
+
+def _is_list_of_records(x: Any) -> bool:
+    return isinstance(x, (list, tuple)) and len(x) > 0 and np.ndim(np.asarray(x[0])) > 1
 
 
 def _axes(array: np.ndarray) -> dict[str, Any]:

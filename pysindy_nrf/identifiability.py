@@ -168,7 +168,8 @@ def plan_walk(
 def _sequential(
     chain: Chain, forced: frozenset[int], unknown: frozenset[int], given: frozenset[int], acting: tuple[Site, ...]
 ) -> Walk:
-    masses, sites = set(given), set()
+    masses = set(given)
+    sites: set[Site] = set()
     open_rows = [j for j in range(chain.n_dof, 0, -1) if j not in unknown]
     steps: list[Step] = []
 

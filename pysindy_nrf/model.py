@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from .chain import Chain
-from .exceptions import ChainError, ChannelError, FileFormatError, LawError
+from .exceptions import ChainError, ChannelError, FileFormatError, FileVersionError, LawError
 from .laws.base import ForceLaw, from_dict
 from .restoring_force import RestoringForces, grid
 from .segments import SegmentSet, from_arrays
@@ -19,6 +21,8 @@ from .visited import VisitedRegion
 
 SCHEMA = "pysindy_nrf.ChainModel"
 VERSION = 1
+# A model of a thousand floors is far below this size, bytes.
+_MOST_BYTES = 200_000_000
 
 
 class ChainModel:
@@ -62,10 +66,13 @@ class ChainModel:
         masses: Any,
         laws: Mapping[Any, ForceLaw | Sequence[ForceLaw]],
         chain: Chain | None = None,
-        visited: Mapping[str, VisitedRegion] | None = None,
+        visited: Mapping[Any, VisitedRegion] | None = None,
         info: Mapping[str, Any] | None = None,
     ) -> None:
-        self.masses = np.atleast_1d(np.asarray(masses, dtype=float)).copy()
+        try:
+            self.masses = np.array(masses, dtype=float, ndmin=1)
+        except (TypeError, ValueError):
+            self.masses = np.array([np.nan])
         if self.masses.ndim != 1 or not np.isfinite(self.masses).all():
             raise ChainError("The masses are not a list of finite numbers", "Give one mass in kg for each DOF.")
         n = len(self.masses)
@@ -82,6 +89,8 @@ class ChainModel:
             held[site] = (value,) if isinstance(value, ForceLaw) else tuple(value)
         for site, group in held.items():
             for law in group:
+                if not isinstance(law, ForceLaw):
+                    raise LawError(f"{site}: {law!r} is not a force law", "Use those of pysindy_nrf.laws.")
                 if law.coefficients is None or law.free_shape:
                     raise LawError(f"{site}: {law!r} has no values", "Give its coefficients and shape parameters.")
         self.laws = held
@@ -205,7 +214,7 @@ class ChainModel:
         M = np.diag(self.masses)
         for site, b in zip(sites, to_link):
             for law in self.laws[site]:
-                for term, c in zip(law.terms(), law.coefficients):
+                for term, c in zip(law.terms(), law.values):
                     if term.label == "a":
                         M = M + c * np.outer(b, b)
         C = to_link.T @ (np.array([p["c"] for p in linear])[:, None] * to_link)
@@ -306,6 +315,38 @@ class ChainModel:
 
     # -- text and JSON ------------------------------------------------------------------------
 
+    def to_sindy(self, dt: float = 1.0):
+        """The model as a fitted ``ps.SINDy`` of its state space; see :func:`pysindy_nrf.state_space.to_sindy`.
+
+        Parameters
+        ----------
+        dt : float
+            Sampling step, s, that SINDy notes.
+
+        Returns
+        -------
+        pysindy.SINDy
+        """
+        from .state_space import to_sindy
+
+        return to_sindy(self, dt)
+
+    @classmethod
+    def from_sindy(cls, sindy: Any) -> ChainModel:
+        """The chain behind a ``ps.SINDy``; see :func:`pysindy_nrf.state_space.from_sindy`.
+
+        Parameters
+        ----------
+        sindy : pysindy.SINDy
+
+        Returns
+        -------
+        ChainModel
+        """
+        from .state_space import from_sindy
+
+        return from_sindy(sindy)
+
     def with_laws(self, laws: Mapping[Any, Sequence[ForceLaw]]) -> ChainModel:
         """A copy with other laws at some sites.
 
@@ -342,6 +383,31 @@ class ChainModel:
     def __str__(self) -> str:
         masses = ", ".join(f"m{j + 1} = {m:.5g} kg" for j, m in enumerate(self.masses))
         return "\n".join([masses, *self.equations()])
+
+    def to_html(self, path: Any, record: Any = None, *, band: Any = None) -> None:
+        """Write the model as one self-contained page that works offline; see :func:`pysindy_nrf.report.write_html`.
+
+        Parameters
+        ----------
+        path : path-like
+        record : Record or sequence of Record, optional
+            Measured data to draw the model over.
+        band : (float, float), optional
+            Hz; the one the model was fitted in if None.
+
+        Raises
+        ------
+        MissingExtraError
+            Without jinja2 or plotly, which the extra ``report`` brings.
+        """
+        from .report import write_html
+
+        write_html(path, self, record, band=band)
+
+    def _repr_html_(self) -> str:
+        from .report.notebook import model_html
+
+        return model_html(self)
 
     def __repr__(self) -> str:
         return f"ChainModel({self.n_dof} DOF, {', '.join(str(s) for s, held in self.laws.items() if held)})"
@@ -404,23 +470,25 @@ class ChainModel:
 
         Raises
         ------
+        FileVersionError
+            If a later version of this package wrote it.
         FileFormatError
-            If it is not a model of this package, or of a newer version.
+            If it is not a model of this package or does not obey :func:`pysindy_nrf.schema.schema`.
         """
+        from .schema import check, plain_json, schema
+
         text, where = source, "The JSON text"
-        if not (isinstance(source, str) and source.lstrip()[:1] == "{"):
-            where = str(source)
-            with open(source, encoding="utf-8") as file:
-                text = file.read()
         try:
-            data = json.loads(text)
+            if not (isinstance(source, str) and source.lstrip()[:1] == "{"):
+                text, where = _text_of(source), str(source)
+            data = plain_json(text)
             if not isinstance(data, dict) or data.get("schema") != SCHEMA:
-                raise FileFormatError(f"{where} does not hold a chain model", f"It needs \"schema\": \"{SCHEMA}\".")
-            if not isinstance(data.get("version"), int) or data["version"] > VERSION:
-                raise FileFormatError(
-                    f"{where} has version {data.get('version')!r}, this package reads up to {VERSION}",
-                    "Update pysindy_nrf.",
+                raise FileFormatError(f"{where} does not hold a chain model", f'It needs "schema": "{SCHEMA}".')
+            if isinstance(data.get("version"), int) and data["version"] > VERSION:
+                raise FileVersionError(
+                    f"{where} has version {data['version']}, this package reads up to {VERSION}", "Update pysindy_nrf."
                 )
+            check(data, schema("chain_model"), where)
             if data["chain"]["n_dof"] != len(data["masses"]):
                 raise FileFormatError(
                     f"{where} has {len(data['masses'])} masses for {data['chain']['n_dof']!r} DOFs",
@@ -436,7 +504,20 @@ class ChainModel:
             )
         except FileFormatError:
             raise
-        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        except (ValueError, KeyError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
             raise FileFormatError(
                 f"{where} is not a readable chain model: {error}", "Write it with ChainModel.to_json."
             ) from error
+
+
+def _text_of(path: Any) -> str:
+    """The text of a model's file, or an error that names it."""
+    from .io.table import check_file, unreadable
+
+    if not isinstance(path, (str, os.PathLike)):
+        raise FileFormatError(f"{path!r} is neither JSON text nor a path", "Give what ChainModel.to_json wrote.")
+    try:
+        check_file(Path(path), _MOST_BYTES)
+        return Path(path).read_text(encoding="utf-8")
+    except (UnicodeError, OSError) as error:
+        raise unreadable(Path(path), "JSON", error) from error

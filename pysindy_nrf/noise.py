@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ._random import generator
 from .exceptions import ChannelError
 from .record import Record
 
@@ -60,7 +61,7 @@ def add_noise(record: Record, level: float, random_state: Any = None, channels: 
         raise ChannelError(f"level={level!r} is not a share of the RMS", "Give e.g. 0.05 for 5 %.")
     measured = record.channels()
     names = _chosen(measured, record, channels)
-    rng = np.random.default_rng(random_state)
+    rng = generator(random_state)
     noisy = {}
     for name in names:
         column = np.asarray(measured[name], dtype=float)

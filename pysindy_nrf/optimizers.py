@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
@@ -9,10 +10,11 @@ import numpy as np
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 from sklearn.utils.validation import check_is_fitted
 
+from ._input import checked
 from .chain import Chain
-from .chain_solve import Solution, solve_blocks, warn_of_masses
+from .chain_solve import Solution, doubtful_masses, solve_blocks
 from .channels import as_matrix, finite_span
-from .exceptions import ChannelError, ExcitationError
+from .exceptions import BiasWarning, ChannelError, ExcitationError
 from .identifiability import Walk, plan_walk
 from .layout import Layout
 from .moments import Block, Moments, blocks_of
@@ -69,6 +71,8 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
             raise ChannelError(
                 f"{n} balances for a chain with {chain.n_dof} DOFs", "Give one force column for each DOF."
             )
+        if len(a) < 2:
+            raise ChannelError(f"{len(a)} sample is too few", "Give more samples than a balance has unknowns.")
         layout = Layout(chain, dict(zip(chain.sites, _term_counts(self.terms, terms.shape[1], len(chain.sites)))))
         unknown = [j + 1 for j in range(n) if np.isnan(F[:, j]).all()]
         forced = (
@@ -89,7 +93,8 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         )
         terms, a, F = terms[rows], a[rows], F[rows]
         self.solution_, self.moments_ = self.solve(layout, walk, lambda: blocks_of(terms, a, F))
-        warn_of_masses(self.solution_)
+        if said := doubtful_masses(self.solution_):
+            warnings.warn(" ".join(said), BiasWarning, stacklevel=3)
         self.walk_ = walk
         self.masses_ = np.array([self.solution_.masses[j] for j in range(1, n + 1)])
         return layout
@@ -109,8 +114,24 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         self.coef_ = coef
         self.ind_ = np.abs(coef) > 0
         self.intercept_ = 0.0
-        self.n_features_in_ = coef.shape[1]
+        self.n_iter_ = 1  # the solve is direct; an inner optimizer counts its own steps
         return self
+
+    def _targets(self, y: Any, names: str, what: str) -> np.ndarray:
+        if y is None:
+            raise ChannelError(
+                f"{type(self).__name__} requires y to be passed, but the target y is None", f"Give the {what}."
+            )
+        matrix = as_matrix(y, names, what=what)
+        self._one_target = np.ndim(np.asarray(y)) == 1
+        if np.isinf(matrix).any():
+            raise ChannelError(f"The {what} hold infinite values", "Repair or cut these rows.")
+        return matrix
+
+    def __sklearn_tags__(self):
+        tags = super().__sklearn_tags__()
+        tags.regressor_tags.poor_score = True  # without an intercept: a balance of forces has none
+        return tags
 
     def predict(self, x: Any) -> np.ndarray:
         """Right-hand sides.
@@ -125,7 +146,8 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         ndarray of shape (n_samples, n_targets)
         """
         check_is_fitted(self, "coef_")
-        return np.asarray(x) @ self.coef_.T
+        out = checked(self, x, reset=False) @ self.coef_.T
+        return out[:, 0] if self._one_target else out
 
     @property
     def complexity(self) -> int:
@@ -220,8 +242,8 @@ class ChainOptimizer(_ChainOptimizerBase):
         -------
         self
         """
-        F = as_matrix(y, "F", what="forces F")
-        x = as_matrix(x_, "feature ", what="features")
+        x = checked(self, x_, reset=True, prefix="feature ")
+        F = self._targets(y, "F", "forces F")
         n = F.shape[1]
         if x.shape[1] < n:
             raise ChannelError(
@@ -276,8 +298,8 @@ class StateSpaceChainOptimizer(_ChainOptimizerBase):
         -------
         self
         """
-        target = as_matrix(y, "target ", what="targets")
-        x = as_matrix(x_, "feature ", what="features")
+        x = checked(self, x_, reset=True, prefix="feature ")
+        target = self._targets(y, "target ", "targets")
         if target.shape[1] % 2:
             raise ChannelError(
                 f"{target.shape[1]} targets are not velocities and accelerations", "Give [xdot | a], 2 n columns."

@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from .chain import MOST_DOFS
 from .channels import as_matrix, finite_span
 from .exceptions import ChannelError
 
+_LARGEST = 1e100  # SI units
 _MOTIONS = {"acceleration": "a", "velocity": "v", "displacement": "x"}
 
 
@@ -102,11 +104,22 @@ class Record:
                 "Give one column for each DOF everywhere; NaN for a channel that is not measured.",
             )
         self.n_dof = n_dof.pop()
+        if not 1 <= self.n_dof <= MOST_DOFS:
+            raise ChannelError(
+                f"Record {self.name!r} has {self.n_dof} DOFs",
+                "Give one row per sample and one column per DOF; transpose the arrays?",
+            )
         base = {
             "base acceleration ag": base_acceleration,
             "base velocity vg": base_velocity,
             "base displacement xg": base_displacement,
-        } | {f"covariate {k}": v for k, v in dict(covariates or {}).items()}
+        }
+        if not isinstance(covariates, (Mapping, type(None))):
+            raise ChannelError(
+                f"Record {self.name!r}: the covariates are not a mapping",
+                "Give channels by name: covariates={'voltage': u}.",
+            )
+        base |= {f"covariate {k}": v for k, v in dict(covariates or {}).items()}
         lines = {k: as_matrix(v, [k], 1, k)[:, 0] for k, v in base.items() if v is not None}
         lengths = {k: len(a) for k, a in (arrays | lines).items()}
         if len(set(lengths.values())) > 1:
@@ -118,6 +131,10 @@ class Record:
         self.n_samples = next(iter(lengths.values()))
         if self.n_samples < 2:
             raise ChannelError(f"Record {self.name!r} has {self.n_samples} samples", "At least two are needed.")
+        if all(np.isnan(arrays[key]).all() for key in present):
+            raise ChannelError(
+                f"Record {self.name!r} has no motion, every channel is NaN", "Give one that was measured."
+            )
         self.fs, self.t0 = _clock(fs, time, self.n_samples, self.name)
         self.acceleration: np.ndarray | None = arrays.get("acceleration")
         self.velocity: np.ndarray | None = arrays.get("velocity")
@@ -129,6 +146,13 @@ class Record:
         self.covariates = {k: lines[f"covariate {k}"] for k in dict(covariates or {})}
         columns = self.channels()
         finite_span(list(columns.values()), list(columns), f"record {self.name!r}")
+        for channel, line in columns.items():
+            if float(max(-np.nanmin(line), np.nanmax(line))) > _LARGEST:
+                raise ChannelError(
+                    f"Channel {channel} of record {self.name!r} reaches {np.nanmax(np.abs(line)):.3g}, whose square "
+                    "leaves the range of a double",
+                    "Check its unit.",
+                )
 
     # -- the channels -------------------------------------------------------------------------
 
@@ -210,19 +234,21 @@ class Record:
         ChannelError
             If no column is a motion or a DOF is missing in the numbering.
         """
+        if not isinstance(df, pd.DataFrame):
+            raise ChannelError(f"{type(df).__name__} is not a table", "Give a DataFrame with columns a1.., x1.., F1..")
         names = [str(c) for c in df.columns]
         twice = sorted({c for c in names if names.count(c) > 1})
         if twice:
             raise ChannelError(f"Column {twice[0]!r} is in the table more than once", "Rename or drop one.")
         columns = dict(zip(names, (df.iloc[:, i] for i in range(len(names)))))
         time = None
-        for key in ("t", "time"):
-            if key in columns:
-                time = columns.pop(key).to_numpy()
+        for name in ("t", "time"):
+            if name in columns:
+                time = columns.pop(name).to_numpy()
                 break
         if time is None and fs is None:
             time = _index_time(df.index)
-        numbered = {}
+        numbered: dict[tuple[str, int], Any] = {}
         for column in list(columns):
             match = re.fullmatch(r"([aAvVxXfF])_?(\d+)", column)
             if match and int(match[2]) >= 1:
@@ -239,6 +265,8 @@ class Record:
                 "Name accelerations a1.., velocities v1.., displacements x1.., forces F1.., base acceleration ag.",
             )
         n = max(j for _, j in numbered)
+        if n > MOST_DOFS:
+            raise ChannelError(f"A column names DOF {n}, more than the {MOST_DOFS} a chain may have", "Rename it.")
 
         def matrix(prefix: str, missing: float) -> np.ndarray | None:
             if not any(p == prefix for p, _ in numbered):
@@ -380,6 +408,11 @@ class Record:
         new.t0 = self.t0
         return new
 
+    def _repr_html_(self) -> str:
+        from .report.notebook import record_html
+
+        return record_html(self)
+
     def __repr__(self) -> str:
         return (
             f"Record({self.name!r}: {self.n_dof} DOF, {self.n_samples} samples at {self.fs:g} Hz "
@@ -416,16 +449,29 @@ def _clock(fs: Any, time: Any, n: int, name: str) -> tuple[float, float]:
     if bad.size:
         kind = "stands still" if (steps[bad] == 0).all() else "runs backwards"
         raise ChannelError(
-            f"Record {name!r}: the time {kind} after row {int(bad[0])}", "Sort the rows and drop repeated ones."
+            f"Record {name!r}: the time {kind} after row {int(bad[0])}",
+            "Sort the rows and drop repeated ones; if the time is only rounded, leave it out (t = 'none') and give fs.",
         )
     step = (seconds[-1] - seconds[0]) / (n - 1)
     grid = np.abs(seconds - seconds[0] - step * np.arange(n)).max()
     if grid > 0.05 * step and np.abs(steps - step).max() > 0.05 * step:
-        worst = int(np.abs(steps - np.median(steps)).argmax())
+        usual = float(np.median(steps))
+        worst = int(np.abs(steps - usual).argmax())
+        gaps = np.flatnonzero(steps > 1.5 * usual)
+        if gaps.size and steps.min() > 0.75 * usual:  # jitter shortens as many steps as it lengthens
+            lost = round(float((steps[gaps] / usual - 1).sum()))
+            kind = f"{gaps.size} gap{'s' if gaps.size > 1 else ''}, about {lost} samples are missing"
+            cure = "Split the record at gaps (alignment.split_at_gaps), or resample it to an even clock."
+        else:
+            kind = f"jitter, steps of {steps.min():g} to {steps.max():g} s"
+            cure = (
+                f"If the time is only rounded, leave it out (t = 'none') and give fs={1 / step:g}; else resample it "
+                "to an even clock."
+            )
         raise ChannelError(
-            f"Record {name!r}: the clock is uneven, {steps[worst]:g} s after row {worst} where "
-            f"{np.median(steps):g} s is usual",
-            "Split the record at gaps, or resample it to an even clock.",
+            f"Record {name!r}: the clock is uneven, {steps[worst]:g} s after row {worst} where {usual:g} s is usual; "
+            f"{kind}",
+            cure,
         )
     rate = 1.0 / step
     if fs is not None and abs(given - rate) > 0.01 * rate:
@@ -450,11 +496,11 @@ def seconds_of(time: Any, name: str = "record") -> np.ndarray:
     ndarray of shape (n_samples,)
     """
     if isinstance(time, (pd.DatetimeIndex, pd.TimedeltaIndex)):
-        return ((time - time[0]) / pd.Timedelta(seconds=1)).to_numpy(dtype=float)
-    array = np.asarray(time)
-    if array.dtype.kind in "mM":
-        return (array - array[0]) / np.timedelta64(1, "ns") * 1e-9
-    seconds = as_matrix(array, ["time"], 1, "time")[:, 0].astype(float)
+        seconds = ((time - time[0]) / pd.Timedelta(seconds=1)).to_numpy(dtype=float)
+    elif (array := np.asarray(time)).dtype.kind in "mM":
+        seconds = (array - array[0]) / np.timedelta64(1, "ns") * 1e-9
+    else:
+        seconds = as_matrix(array, ["time"], 1, "time")[:, 0].astype(float)
     if not np.isfinite(seconds).all():
         raise ChannelError(
             f"Record {name!r}: the time is not finite in row {int(np.flatnonzero(~np.isfinite(seconds))[0])}",

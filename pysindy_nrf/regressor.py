@@ -11,17 +11,19 @@ import pandas as pd
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted
 
+from ._input import column_names, require_two_dimensions, same_columns, sample_weights
 from .chain import Chain
-from .chain_solve import Solution, warn_of_masses
-from .exceptions import ChainError, ChannelError, DataQualityWarning, ExcitationError, NRFError
+from .chain_solve import Solution, doubtful_masses
+from .exceptions import ChainError, ChannelError, DataQualityWarning, ExcitationError
 from .identifiability import Walk, plan_walk
 from .laws import ForceLaw, PowerSeries
 from .layout import LawLayout
 from .model import ChainModel
 from .moments import Block, Moments
 from .record import Record
-from .segments import SegmentSet, from_arrays
+from .segments import SegmentSet, feature_names, from_arrays
 from .sites import Site
+from .streaming import fit_streamed, is_streamed, partial_fit
 from .visited import VisitedRegion
 
 _DEFAULT_DEGREE = 3
@@ -158,6 +160,7 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         time: Any = None,
         base_acceleration: Any = None,
         covariates: Mapping[str, Any] | None = None,
+        state: Any = None,
     ) -> NRFRegressor:
         """Identify masses and restoring forces.
 
@@ -165,7 +168,9 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         ----------
         X : array-like of shape (n_samples, 3 n_dof), DataFrame, Record or list of Record
             Columns a_1..a_n (absolute, m/s^2), v_1..v_n (inter-storey, m/s), s_1..s_n (m), paper
-            eq. 8; with ``coordinates="absolute"`` xdot and x of the DOFs.
+            eq. 8; with ``coordinates="absolute"`` xdot and x of the DOFs. Files by path (``.npy``, Parquet,
+            HDF5), iterators of tables, and Dask arrays, tables and delayed records are read piece by piece; see
+            :func:`pysindy_nrf.streaming.fit_streamed`.
         y : array-like of shape (n_samples, n_dof), optional
             The applied forces F_j, N. A column of zeros = known to be unforced, of NaN = unknown.
             None = no force anywhere (base excitation, known masses).
@@ -176,15 +181,23 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         base_acceleration : array-like of shape (n_samples,), optional
             m/s^2.
         covariates : mapping of str to array-like of shape (n_samples,), optional
+        state : path-like, optional
+            Of a fit from files: where it leaves its state if it is interrupted, to go on from there.
 
         Returns
         -------
         self
         """
+        self._stream = None
         if self.coordinates not in ("relative", "absolute"):
             raise ChannelError(f"coordinates={self.coordinates!r} is unknown", "Choose 'relative' or 'absolute'.")
         if self.estimation not in _ESTIMATIONS:
             raise ChainError(f"estimation={self.estimation!r} is unknown", f"Choose one of {', '.join(_ESTIMATIONS)}.")
+        if is_streamed(X):
+            return fit_streamed(
+                self, X, y, record=record, time=time, base_acceleration=base_acceleration, covariates=covariates,
+                state=state,
+            )  # fmt: skip
         laws_given = self._given_laws()
         options = dict(
             record=record,
@@ -194,21 +207,40 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
             has_memory=any(law.has_memory for held in laws_given.values() for law in held),
             n_dof=self.chain.n_dof if self._given_chain() is not None else None,
         )
+        if not isinstance(X, Record):
+            require_two_dimensions(X)
         data = self._data(X, y, **options)
         separate = data if self.estimation == "ls" else self._separate(X, y, data, options)
-        raw = self._raw(X, y, options) if self.estimation == "simulation" else None
-        self._fit(data, laws_given, separate, raw)
-        self.n_features_in_ = 3 * data.n_dof
-        if hasattr(X, "columns"):
-            self.feature_names_in_ = np.array([str(c) for c in X.columns], dtype=object)
+        self._fit(data, laws_given, separate)
+        self._one_force = y is not None and np.ndim(np.asarray(y)) == 1
+        same_columns(self, len(X.columns) if hasattr(X, "columns") else 3 * data.n_dof, column_names(X), reset=True)
         return self
+
+    def partial_fit(
+        self, X: Any, y: Any = None, *, record=None, time=None, base_acceleration=None, covariates=None
+    ) -> NRFRegressor:
+        """Add samples to what earlier calls gave, and solve again.
+
+        Each call holds one record or more of its own. ``fit`` begins anew.
+
+        Parameters
+        ----------
+        X, y, record, time, base_acceleration, covariates
+            Arrays, tables or Records, as for :meth:`fit`.
+
+        Returns
+        -------
+        self
+        """
+        return partial_fit(
+            self, X, y, record=record, time=time, base_acceleration=base_acceleration, covariates=covariates
+        )
 
     def _fit(
         self,
         data: SegmentSet,
         laws_given: Mapping[Any, tuple[ForceLaw, ...]],
         separate: SegmentSet | None = None,
-        raw: SegmentSet | None = None,
     ) -> None:
         chain = self._chain(data.n_dof, laws_given)
         laws = self._laws(chain, laws_given)
@@ -237,19 +269,19 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
             (data, layout, walk, filters, known),
             {"asked": "ls", "found": "ls"},
         )
+        judged = data
         if self.estimation != "ls":
             from .estimation.refine import refine
 
-            model, solution, self._resolver, facts = refine(
+            model, solution, self._resolver, facts, judged = refine(
                 self.estimation, model, solution, separate or data, layout, walk, filters, known, self._inner(),
-                self.band, raw,
+                self.band,
             )  # fmt: skip
-        warn_of_masses(solution)
         if self.constraints is not None:
             from .constraints import constrained
 
             model = constrained(model, self.constraints, self._resolving())
-        self._publish(model, solution, moments, walk, layout, data)
+        self._publish(model, solution, moments, walk, layout, data, judged)
         model.info["estimation"] = facts
 
     def _separate(self, X: Any, y: Any, data: SegmentSet, options: dict[str, Any]) -> SegmentSet:
@@ -267,13 +299,6 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
                 stacklevel=3,
             )
         return data
-
-    def _raw(self, X: Any, y: Any, options: dict[str, Any]) -> SegmentSet | None:
-        """Channels as measured, if records with all of them were given."""
-        try:
-            return self._data(X, y, **options, smooth=False) if _holds_records(X) else None
-        except NRFError:  # a channel is missing, or too noisy for a law that remembers the path
-            return None
 
     def _inner(self) -> Any:
         """The PySINDy optimizer that runs on every balance."""
@@ -311,7 +336,7 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
 
         def blocks() -> Iterator[Block]:
             for segment, filter in zip(data.segments, filters):
-                yield from segment.blocks(layout, filter=filter)
+                yield from segment.blocks(layout, filter=filter, states={} if filter is None else None)
 
         names = {site: layout.labels(site) for site in layout.acting}
         optimizer = ChainOptimizer(self.optimizer, layout.chain, self.strategy, known_masses=known)
@@ -320,7 +345,7 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         masses = [solution.masses[j] for j in range(1, layout.n_dof + 1)]
         return ChainModel(masses, held, layout.chain), solution, moments
 
-    def _publish(self, model, solution, moments, walk, layout, data) -> None:
+    def _publish(self, model, solution, moments, walk, layout, data, judged) -> None:
         from .analysis.bias import missing_terms_of, warn_of_bias
         from .errors import balance_errors
 
@@ -342,8 +367,8 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         self.model_ = model
         self.restoring_forces_ = model.restoring_forces
         self.unknown_forces_ = _unknown_forces(model, data)
-        self.missing_terms_ = missing_terms_of(model, walk, data, self.band)
-        warn_of_bias(self.missing_terms_, stacklevel=5)
+        self.missing_terms_ = missing_terms_of(model, walk, judged, self.band)
+        warn_of_bias(self.missing_terms_, doubtful_masses(solution), stacklevel=5)
 
     # -- what was asked for -------------------------------------------------------------------
 
@@ -425,10 +450,11 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         Returns
         -------
         ndarray of shape (n_samples, n_dof)
-            N; NaN at masked edges.
+            N; NaN at masked edges. Of shape (n_samples,) if ``fit`` got its forces so.
         """
         data = self._judged(X, None, record, time, base_acceleration, covariates)
-        return data.scatter(self.model_.balance_forces(data))
+        out = data.scatter(self.model_.balance_forces(data))
+        return out[:, 0] if getattr(self, "_one_force", False) else out
 
     def restoring_force(self, X: Any, *, record=None, time=None, base_acceleration=None, covariates=None) -> np.ndarray:
         """Storey forces along data.
@@ -445,7 +471,17 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         """
         return self.model_.restoring_force(self._judged(X, None, record, time, base_acceleration, covariates))
 
-    def score(self, X: Any, y: Any = None, *, record=None, time=None, base_acceleration=None, covariates=None) -> float:
+    def score(
+        self,
+        X: Any,
+        y: Any = None,
+        sample_weight: Any = None,
+        *,
+        record=None,
+        time=None,
+        base_acceleration=None,
+        covariates=None,
+    ) -> float:
         """R^2 of the accelerations the model predicts, variance-weighted over the DOFs.
 
         It means the same under any excitation; ``scoring="r2"`` of scikit-learn judges the forces
@@ -455,23 +491,27 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         ----------
         X, y, record, time, base_acceleration, covariates
             As for :meth:`fit`.
+        sample_weight : array-like of shape (n_samples,), optional
+            Weights of the samples; equal if None.
 
         Returns
         -------
         float
         """
         data = self._judged(X, y, record, time, base_acceleration, covariates)
+        weights = sample_weights(sample_weight, data.n_samples)
         left = error = 0.0
         judged = []
         for seg, part, filter in zip(data.segments, self.model_.balance_forces(data), _filters(self.band, data)):
             a, gap = seg.a[seg.valid].astype(float), (seg.F[seg.valid] - part) / self.masses_
-            judged.append((a, gap) if filter is None else (filter.apply(a), filter.apply(gap)))
+            a, gap = (a, gap) if filter is None else (filter.apply(a), filter.apply(gap))
+            judged.append((a, gap, weights[seg.rows][seg.valid]))
         for j in range(data.n_dof):
-            pairs = [(a[:, j], gap[:, j]) for a, gap in judged if not np.isnan(gap[0, j])]
-            if pairs:
-                a = np.concatenate([p[0] for p in pairs])
-                error += float(sum((p[1] ** 2).sum() for p in pairs))
-                left += float(((a - a.mean()) ** 2).sum())
+            parts = [(a[:, j], gap[:, j], w) for a, gap, w in judged if not np.isnan(gap[0, j])]
+            if parts:
+                a, gap, w = (np.concatenate(column) for column in zip(*parts))
+                error += float(w @ gap**2)
+                left += float(w @ (a - np.average(a, weights=w)) ** 2)
         return 1.0 - error / left if left else float("nan")
 
     def balance_errors(
@@ -494,7 +534,11 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         data = self._judged(X, y, record, time, base_acceleration, covariates)
         layout = LawLayout(self.chain_, self.model_.laws)
         filters = _filters(self.band, data)
-        blocks = (b for seg, filter in zip(data.segments, filters) for b in seg.blocks(layout, filter=filter))
+
+        def blocks() -> Iterator[Block]:
+            for seg, filter in zip(data.segments, filters):
+                yield from seg.blocks(layout, filter=filter)
+
         return judge(self.model_, layout, self.walk_, blocks)
 
     def modes(self) -> pd.DataFrame:
@@ -591,8 +635,27 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
             raise ChannelError("The free run needs the sampling step of F", "Pass dt= in s.")
         return self.model_.simulate(F, step, x0=x0, v0=v0, **options)
 
+    def to_sindy(self):
+        """The identified model as a fitted ``ps.SINDy``; see :func:`pysindy_nrf.state_space.to_sindy`.
+
+        Returns
+        -------
+        pysindy.SINDy
+        """
+        check_is_fitted(self)
+        return self.model_.to_sindy(1.0 if self.dt is None else self.dt)
+
     def _judged(self, X, y, record, time, base_acceleration, covariates) -> SegmentSet:
         check_is_fitted(self)
+        if not (hasattr(X, "columns") or isinstance(X, Record) or _holds_records(X)):
+            require_two_dimensions(X)
+            width = np.shape(np.asarray(X))[-1] if not hasattr(X, "nnz") else 3 * self.model_.n_dof
+            if np.ndim(np.asarray(X)) == 2 and width != 3 * self.model_.n_dof:
+                raise ChannelError(
+                    f"X has {width} features, but {type(self).__name__} is expecting {3 * self.model_.n_dof} features "
+                    f"as input; {3 * self.model_.n_dof} columns are needed",
+                    f"Give {', '.join(feature_names(self.model_.n_dof, self.coordinates)[:9])}.",
+                )
         return self._data(
             X,
             y,
@@ -606,6 +669,13 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
 
     def __sklearn_is_fitted__(self) -> bool:
         return hasattr(self, "model_")
+
+    def __sklearn_tags__(self):
+        tags = super().__sklearn_tags__()
+        tags.target_tags.required = False  # base excitation: no force anywhere
+        tags.target_tags.multi_output = True
+        tags.regressor_tags.poor_score = True  # without an intercept: a balance of forces has none
+        return tags
 
 
 def _unknown_forces(model: ChainModel, data: SegmentSet) -> pd.DataFrame:
@@ -656,14 +726,19 @@ def _third_law_gap(solution: Solution, moments: Moments) -> pd.Series:
 def _visited(data: SegmentSet, layout: LawLayout) -> dict[Site, VisitedRegion]:
     out = {}
     for site in layout.sites:
-        v, s = (
-            np.concatenate(
-                [getattr(seg, key)[seg.valid, site.q : site.p].sum(axis=1, dtype=float) for seg in data.segments]
-            )
-            for key in "vs"
-        )
-        out[site] = VisitedRegion.of(v, s)
+        pieces = [tuple(_along(getattr(seg, key)[seg.valid, site.q : site.p]) for key in "vs") for seg in data.segments]
+        if site.p - site.q == 1:
+            ends = [seg.extent.box(site.p - 1, data.n_dof) for seg in data.segments]
+            low, high = (tuple(map(float, f(e, axis=0))) for f, e in zip((np.min, np.max), zip(*ends)))
+            out[site] = VisitedRegion.of_pieces(pieces, low, high)
+        else:
+            out[site] = VisitedRegion.of(*(np.concatenate(lines) for lines in zip(*pieces)))
     return out
+
+
+def _along(columns: np.ndarray) -> np.ndarray:
+    """Sum of columns; a single one without a copy."""
+    return columns[:, 0] if columns.shape[1] == 1 else columns.sum(axis=1, dtype=float)
 
 
 def _scales(data: SegmentSet, layout: LawLayout) -> dict[Site, tuple[float, float, float]]:
@@ -680,12 +755,12 @@ def _scales(data: SegmentSet, layout: LawLayout) -> dict[Site, tuple[float, floa
 
 def _require_moving(data: SegmentSet, layout: LawLayout) -> None:
     """Refuse channels that are constant in every record."""
-    for key, name in (("a", "a"), ("v", "v"), ("s", "s")):
+    for at, name in enumerate("avs"):
         for j in range(data.n_dof):
             site = Site(j + 1)
-            if key != "a" and not (site in layout.counts and layout.counts[site]):
+            if name != "a" and not (site in layout.counts and layout.counts[site]):
                 continue
-            if all(np.ptp(getattr(seg, key)[seg.valid, j]) == 0 for seg in data.segments):
+            if all(seg.extent.is_constant(at * data.n_dof + j) for seg in data.segments):
                 raise ChannelError(
                     f"Channel {name}{j + 1} is constant in every record",
                     "A dead sensor, a wrong column or a floor that is not excited; check it, or leave the DOF out.",

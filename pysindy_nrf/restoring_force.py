@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from .chain import Chain
-from .exceptions import ChainError, ChannelError, LawError
+from .exceptions import ChainError, ChannelError, LawError, UnknownSiteError
 from .laws.base import ForceLaw, Motion
 from .sites import Site
 
@@ -51,7 +51,7 @@ class RestoringForce:
     @property
     def coefficients(self) -> pd.Series:
         """Coefficients by term (``"v"``, ``"s"``, ``"v^2 s"``, ...), SI units."""
-        held = [(law, t, c) for law in self.laws for t, c in zip(law.terms(), law.coefficients)]
+        held = [(law, t, c) for law in self.laws for t, c in zip(law.terms(), law.values)]
         plain = [t.label for _, t, _ in held]
         index = [t.label if plain.count(t.label) == 1 else f"{t.label} ({law.name})" for law, t, _ in held]
         return pd.Series(
@@ -86,8 +86,17 @@ class RestoringForce:
         ------
         LawError
             If a law remembers the path and v, s are not one path.
+        ChannelError
+            If v and s are not real numbers of one shape.
         """
-        rate, drift = np.broadcast_arrays(np.asarray(v, dtype=float), np.asarray(s, dtype=float))
+        if np.iscomplexobj(v) or np.iscomplexobj(s):
+            raise ChannelError(f"v and s of {self.site} are complex", "Give real rates (m/s) and drifts (m).")
+        try:
+            rate, drift = np.broadcast_arrays(np.asarray(v, dtype=float), np.asarray(s, dtype=float))
+        except (TypeError, ValueError) as error:
+            raise ChannelError(
+                f"v and s of {self.site} are not numbers of one shape: {error}", "Give rates in m/s and drifts in m."
+            ) from error
         if self.has_memory and drift.ndim != 1:
             raise LawError(
                 f"The force of {self.site} depends on the path",
@@ -133,7 +142,7 @@ class RestoringForce:
         """
         total = {"v": 0.0, "s": 0.0}
         for law in self.laws:
-            for term, c in zip(law.terms(), law.coefficients):
+            for term, c in zip(law.terms(), law.values):
                 if term.label in total:
                     total[term.label] += float(c)
         return pd.Series({"c": total["v"], "k": total["s"]}, name=str(self.site))
@@ -184,7 +193,9 @@ class RestoringForces(Mapping):
         try:
             return self._forces[self._chain.site(site)]
         except (ChainError, KeyError):
-            raise KeyError(f"{site!r}; there are {', '.join(map(str, self._forces))}") from None
+            raise UnknownSiteError(
+                f"The model has no site {site!r}", f"It has {', '.join(map(str, self._forces))}."
+            ) from None
 
     def __iter__(self) -> Iterator[Site]:
         return iter(self._forces)

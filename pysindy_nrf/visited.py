@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
+
+from .exceptions import ChannelError
 
 _CELLS = 40
 _MOST = 200_000
@@ -39,12 +43,31 @@ class VisitedRegion:
         -------
         VisitedRegion
         """
-        low = (float(v.min()), float(s.min()))
-        high = (float(v.max()), float(s.max()))
-        step = max(1, len(v) // _MOST)
-        edges = [np.linspace(a, b if b > a else a + 1e-300, _CELLS + 1) for a, b in zip(low, high)]
-        counts = np.histogram2d(v[::step], s[::step], bins=edges)[0]
-        return cls(low, high, counts > 0)
+        return cls.of_pieces([(v, s)], (float(v.min()), float(s.min())), (float(v.max()), float(s.max())))
+
+    @classmethod
+    def of_pieces(
+        cls, pieces: Sequence[tuple[np.ndarray, np.ndarray]], low: tuple[float, float], high: tuple[float, float]
+    ) -> VisitedRegion:
+        """Region visited by the samples of several records.
+
+        Parameters
+        ----------
+        pieces : sequence of (ndarray, ndarray)
+            v and s of each.
+        low, high : tuple of (float, float)
+            Corners (v, s) of the rectangle, m/s and m.
+
+        Returns
+        -------
+        VisitedRegion
+        """
+        step = max(1, sum(len(v) for v, _ in pieces) // _MOST)
+        cells = np.zeros((_CELLS, _CELLS), dtype=bool)
+        for v, s in pieces:
+            scale = [_CELLS / (b - a) if b > a else 0.0 for a, b in zip(low, high)]
+            _marker()(*(np.asarray(x[::step], dtype=np.float64) for x in (v, s)), *low, *scale, cells)
+        return cls(low, high, cells)
 
     def contains(self, v: Any, s: Any) -> np.ndarray:
         """Whether points lie in a visited cell, or next to one.
@@ -99,6 +122,28 @@ class VisitedRegion:
     @classmethod
     def from_dict(cls, data: Any) -> VisitedRegion:
         """Region from plain data."""
-        return cls(
-            tuple(data["low"]), tuple(data["high"]), np.array([[c == "x" for c in row] for row in data["cells"]])
-        )
+        low, high = (tuple(float(x) for x in data[key]) for key in ("low", "high"))
+        cells = np.array([[c == "x" for c in row] for row in data["cells"]])
+        if len(low) != 2 or len(high) != 2 or not np.isfinite([*low, *high]).all() or cells.ndim != 2 or not cells.size:
+            raise ChannelError("A visited region is not a rectangle of cells", "It needs 'low', 'high' and 'cells'.")
+        return cls(low, high, cells)
+
+
+@cache
+def _marker():
+    """Compiled: mark the cells that samples fall into."""
+    from numba import types
+
+    from .laws.compiled import jit
+
+    def mark_cells(v, s, v_low, s_low, v_scale, s_scale, cells):
+        most_v, most_s = cells.shape[0] - 1, cells.shape[1] - 1
+        for t in range(v.size):
+            i, j = int((v[t] - v_low) * v_scale), int((s[t] - s_low) * s_scale)
+            cells[min(max(i, 0), most_v), min(max(j, 0), most_s)] = True
+
+    line = types.Array(types.float64, 1, "A", readonly=True)
+    marker = jit(mark_cells)
+    marker.compile((line, line, *[types.float64] * 4, types.Array(types.boolean, 2, "C")))
+    marker.disable_compile()
+    return marker

@@ -10,7 +10,7 @@ coefficients that least squares found without it are biased.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -19,7 +19,8 @@ import pandas as pd
 from scipy import linalg
 
 from ..exceptions import BiasWarning
-from ..layout import LawLayout
+from ..layout import LawLayout, Layout
+from ..moments import Block, Moments
 from ..segments import Segment, SegmentSet
 from ._inputs import as_segments
 
@@ -28,6 +29,8 @@ MISSING = 2.0  # percent of the balance's right-hand side that they must explain
 _ROUND_OFF = 1e-6  # share of the balance below which a residual says nothing
 _WINDOW = 1024
 _WINDOWS = 32
+_OFFERED = 7  # columns of _offered
+_SCALE_ROWS = 10_000  # are enough for the rms of a channel
 _FOLDS = 4
 _ROWS_PER_COLUMN = 20  # fewer samples than this say nothing about further columns
 
@@ -57,46 +60,55 @@ def missing_terms_of(model: Any, walk: Any, data: SegmentSet, band: Any = None) 
     """:func:`missing_terms` for a model and the walk that found it."""
     layout = LawLayout(model.chain, model.laws)
     coefficients = {s: np.concatenate([law.coefficients for law in layout.laws[s]]) for s in layout.acting}
-    grams: dict[int, list[np.ndarray]] = {}
+    # the columns of each site: its own, then those offered
+    wide = Layout(layout.chain, {s: layout.counts[s] + _OFFERED for s in layout.acting})
+    groups = [wide.group(dofs) for dofs in dict.fromkeys(step.dofs for step in walk.steps)]
+    masses = dict(enumerate(model.masses.tolist(), 1))
+    folds = [Moments(wide, groups, known_masses=masses) for _ in range(_FOLDS)]
+    counts = dict.fromkeys((g.dofs for g in groups), 0)
     n_rows = 0
-    for terms, extra, a, force in _windows(layout, data, band):
+    for i, (terms, extra, a, force) in enumerate(_windows(layout, data, band)):
         n_rows += a.shape[1]
-        for k, step in enumerate(walk.steps):
-            columns = _columns(step, layout, coefficients, model.masses, terms, extra, a, force)
-            if columns is not None:
-                grams.setdefault(k, []).append(columns @ columns.T)
+        columns = [x for s in layout.acting for x in (terms[layout.slices[s]], extra[s])]
+        folds[i % _FOLDS].add(Block(np.vstack(columns) if columns else terms, a, force))
+        for dofs in counts:
+            counts[dofs] += not np.isnan(force[[j - 1 for j in dofs], 0]).any()
     rows = {}
-    for k, step in enumerate(walk.steps):
-        if k in grams:
+    for step in walk.steps:
+        if counts[step.dofs]:
+            combine = _combination(step, layout, coefficients, masses, folds[0])
+            grams = [combine.T @ fold.parts[step.dofs].matrix @ combine for fold in folds]
             n_own = len(step.masses) + sum(layout.counts[s] for s in step.sites)
-            rows[step.name] = _judge(grams[k], n_own, bool(step.masses), n_rows)
+            rows[step.name] = _judge(grams, n_own, bool(step.masses), n_rows, counts[step.dofs])
     table = pd.DataFrame.from_dict(rows, orient="index", columns=["residual", "gain", "shift"])
     table.insert(2, "missing", table["residual"] * np.sqrt(table["gain"] / 100))
     return table.assign(biased=(table["gain"] > GAIN) & (table["missing"] > MISSING))
 
 
-def warn_of_bias(table: pd.DataFrame, stacklevel: int = 2) -> None:
-    """Raise a BiasWarning if a step of :func:`missing_terms` is biased.
+def warn_of_bias(table: pd.DataFrame, masses: Sequence[str] = (), stacklevel: int = 2) -> None:
+    """Raise one BiasWarning if masses are doubtful, or a step of :func:`missing_terms` is biased.
 
     Parameters
     ----------
     table : DataFrame
+    masses : sequence of str
+        Sentences of :func:`pysindy_nrf.chain_solve.doubtful_masses`.
     stacklevel : int
     """
+    said = list(masses)
     hit = table[table["biased"]]
-    if not len(hit):
-        return
-    worst = hit["missing"].idxmax()
-    row = hit.loc[worst]
-    others = f" (and {len(hit) - 1} more)" if len(hit) > 1 else ""
-    warnings.warn(
-        f"{worst[0].upper()}{worst[1:]}{others}: {row['residual']:.2g} % of it is unexplained, and that is not noise "
-        f"alone: terms the laws do not have explain {row['gain']:.0f} % of it on held-out data. A law is missing there "
-        "(hysteresis, friction, a gap) or the motion is noisy; masses and forces are likely biased. Add the law "
-        "(laws=), search for it (close_loop), or fuse noisy channels with KinematicSmoother.",
-        BiasWarning,
-        stacklevel=stacklevel,
-    )
+    if len(hit):
+        worst = hit["missing"].idxmax()
+        row = hit.loc[worst]
+        others = f" (and {len(hit) - 1} more)" if len(hit) > 1 else ""
+        said.append(
+            f"{worst[0].upper()}{worst[1:]}{others}: {row['residual']:.2g} % of it is unexplained, and that is not "
+            f"noise alone: terms the laws do not have explain {row['gain']:.0f} % of it on held-out data. A law is "
+            "missing there (hysteresis, friction, a gap) or the motion is noisy; masses and forces are likely biased. "
+            "Add the law (laws=), search for it (close_loop), or fuse noisy channels with KinematicSmoother."
+        )
+    if said:
+        warnings.warn(" ".join(said), BiasWarning, stacklevel=stacklevel)
 
 
 # -- columns ----------------------------------------------------------------------------------
@@ -108,7 +120,9 @@ def _windows(layout: LawLayout, data: SegmentSet, band: Any) -> Iterator[tuple]:
 
     total = sum(seg.valid.stop - seg.valid.start for seg in data.segments)
     size = min(_WINDOW, max(total // (2 * _FOLDS), 1))
-    motions = [seg.motion(s, seg.valid) for seg in data.segments[:1] for s in layout.acting]
+    first = data.segments[0].valid
+    some = slice(first.start, first.stop, max(1, (first.stop - first.start) // _SCALE_ROWS))
+    motions = [seg.motion(s, some) for seg in data.segments[:1] for s in layout.acting]
     scales = {s: (m.v.std() or 1.0, m.s.std() or 1.0) for s, m in zip(layout.acting, motions)}
     whole = band is not None or layout.has_memory
     every = max(1, -(-total // (size * _WINDOWS)))
@@ -116,7 +130,7 @@ def _windows(layout: LawLayout, data: SegmentSet, band: Any) -> Iterator[tuple]:
     for seg, filter in zip(data.segments, _filters(band, data)):
         if whole:
             block = next(iter(seg.blocks(layout, filter=filter)))
-            extra = {s: _offered(seg.motion(s, seg.valid), *scales[s]) for s in layout.acting}
+            extra = _offered({s: seg.motion(s, seg.valid) for s in layout.acting}, scales)
             if filter is not None:
                 extra = {s: filter.apply(e.T).T for s, e in extra.items()}
         n = seg.valid.stop - seg.valid.start
@@ -130,8 +144,8 @@ def _windows(layout: LawLayout, data: SegmentSet, band: Any) -> Iterator[tuple]:
                 yield block.terms[:, rows], offered, block.acceleration[:, rows], block.force[:, rows]
             else:
                 piece = _part(seg, rows)
-                window = next(iter(piece.blocks(layout)))
-                offered = {s: _offered(piece.motion(s, piece.valid), *scales[s]) for s in layout.acting}
+                window = next(iter(piece.blocks(layout, size=rows.stop - rows.start)))
+                offered = _offered({s: piece.motion(s, piece.valid) for s in layout.acting}, scales)
                 yield window.terms, offered, window.acceleration, window.force
 
 
@@ -140,42 +154,49 @@ def _part(seg: Segment, rows: slice) -> Segment:
     return replace(seg, valid=slice(first + rows.start, first + rows.stop))
 
 
-def _offered(motion: Any, rate: float, drift: float) -> np.ndarray:
+def _offered(motions: dict[Any, Any], scales: dict[Any, tuple[float, float]]) -> dict[Any, np.ndarray]:
     """Columns that stand for what a law may lack, one row each: friction, hysteresis, kinks."""
-    v, s = motion.v / rate, motion.s / drift
+    if not motions:
+        return {}
+    v = np.array([m.v / scales[site][0] for site, m in motions.items()])
+    s = np.array([m.s / scales[site][1] for site, m in motions.items()])
     forward = np.sign(v)
     # drift since the last reversal: on it a saturated hysteresis depends (Masing's rule)
-    turn = np.where(np.diff(forward, prepend=forward[:1]) != 0, np.arange(len(v)), 0)
-    way = np.abs(s - s[np.maximum.accumulate(turn)])
+    turn = np.where(np.diff(forward, axis=1, prepend=forward[:, :1]) != 0, np.arange(v.shape[1]), 0)
+    way = np.abs(s - np.take_along_axis(s, np.maximum.accumulate(turn, axis=1), axis=1))
     loops = [forward * (1.0 - 2.0 * np.exp(-sharp * way)) for sharp in (1.0, 5.0, 25.0)]
-    return np.array([forward, v * np.abs(v), s * np.abs(s), np.maximum(np.abs(s) - 1.0, 0.0) * np.sign(s), *loops])
+    size = np.abs(s)
+    rows = np.array([forward, v * np.abs(v), s * size, np.maximum(size - 1.0, 0.0) * np.sign(s), *loops])
+    return {site: rows[:, i] for i, site in enumerate(motions)}
 
 
-def _columns(step, layout, coefficients, masses, terms, extra, a, force) -> np.ndarray | None:
-    """Rows [own columns | offered columns | right-hand side] of one step."""
-    rows = [j - 1 for j in step.dofs]
-    if np.isnan(force[rows, 0]).any():
-        return None
-    group = layout.group(step.dofs)
-    signs = dict(zip(group.sites, group.signs))
-    target = force[rows].sum(axis=0)
-    for j in step.dofs:
-        if j not in step.masses:
-            target = target - masses[j - 1] * a[j - 1]
+def _combination(step: Any, layout: LawLayout, coefficients: dict, masses: dict, moments: Moments) -> np.ndarray:
+    """From the columns of a group to [own columns | offered columns | right-hand side] of one step."""
+    where, mass_at, target_at = moments.positions(step.dofs)
+    signs = dict(zip(moments.groups[step.dofs].sites, moments.groups[step.dofs].signs))
+    own = [mass_at] if step.masses else []
+    own += [where[s].start + k for s in step.sites for k in range(layout.counts[s])]
+    offered = [where[s].stop - _OFFERED + k for s in (*step.sites, *step.known_sites) for k in range(_OFFERED)]
+    out = np.zeros((target_at + 1, len(own) + len(offered) + 1))
+    out[[*own, *offered], np.arange(len(own) + len(offered))] = 1.0
+    out[target_at, -1] = 1.0
+    if mass_at is not None and not step.masses:
+        out[mass_at, -1] = -masses[step.dofs[0]]
     for site in step.known_sites:
-        target = target - signs[site] * (coefficients[site] @ terms[layout.slices[site]])
-    own = [a[j - 1][None] for j in step.masses] + [terms[layout.slices[s]] for s in step.sites]
-    return np.vstack([*own, *(extra[s] for s in (*step.sites, *step.known_sites)), target])
+        out[where[site].start : where[site].stop - _OFFERED, -1] = -signs[site] * coefficients[site]
+    return out
 
 
 # -- judgement --------------------------------------------------------------------------------
 
 
-def _judge(windows: list[np.ndarray], n_own: int, has_mass: bool, n_rows: int) -> tuple[float, float, float]:
-    total = np.sum(windows, axis=0)
+def _judge(
+    folds: list[np.ndarray], n_own: int, has_mass: bool, n_rows: int, n_windows: int
+) -> tuple[float, float, float]:
+    total = np.sum(folds, axis=0)
     scale = np.sqrt(np.diag(total))
     scale[scale == 0] = 1.0
-    grams = [g / scale[:, None] / scale for g in windows]
+    grams = [g / scale[:, None] / scale for g in folds]
     total = total / scale[:, None] / scale
     p = len(total) - 1
     own = np.arange(n_own)
@@ -183,11 +204,11 @@ def _judge(windows: list[np.ndarray], n_own: int, has_mass: bool, n_rows: int) -
     c = _solve(total, own)
     residual = _left(total, own, c)
     share = np.sqrt(residual / total[p, p]) if total[p, p] else 0.0
-    if share < _ROUND_OFF or len(grams) < 2 * _FOLDS or n_rows < _ROWS_PER_COLUMN * p:
+    if share < _ROUND_OFF or n_windows < 2 * _FOLDS or n_rows < _ROWS_PER_COLUMN * p:
         return 100 * share, 0.0, 0.0 if has_mass else np.nan
     with_own = with_both = 0.0
     for fold in range(_FOLDS):
-        test = np.sum(grams[fold::_FOLDS], axis=0)
+        test = grams[fold]
         train = total - test
         with_own += _left(test, own, _solve(train, own))
         with_both += _left(test, both, _solve(train, both))

@@ -79,7 +79,7 @@ class ChangeReport:
         change = self.after.restoring_forces[site](v, s) - self.before.restoring_forces[site](v, s)
         variance = sum(_jackknife([m.restoring_forces[site](v, s) for m in models]) for models in self.replicates)
         error = np.sqrt(variance)
-        n_coefficients = sum(len(law.coefficients) for held in self.before.laws.values() for law in held)
+        n_coefficients = sum(len(law.values) for held in self.before.laws.values() for law in held)
         # all points of all maps together: a map has as many directions as coefficients (Bonferroni)
         critical = _critical(self.level / n_coefficients, self.replicates)
         visited = regions[0].contains(v, s) & regions[1].contains(v, s)
@@ -162,7 +162,7 @@ def compare_tests(
         every = range(len(blocks.pieces))
         replicates.append([blocks.solve(blocks.total(k for k in every if k != i))[0] for i in every])
     table = _table(models, replicates)
-    return ChangeReport(table, level, least, *models, tuple(replicates))
+    return ChangeReport(table, level, least, models[0], models[1], (replicates[0], replicates[1]))
 
 
 def _fit(estimator: Any, test: Any, options: dict[str, Any]) -> tuple[Any, SegmentSet]:

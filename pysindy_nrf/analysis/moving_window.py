@@ -188,7 +188,7 @@ def find_onset(
 
 def _scatter(blocks: BlockMoments, index: int) -> np.ndarray:
     """Standard error of the stiffnesses after less before, by leaving out a tenth of each part in turn."""
-    variance = 0.0
+    variance = np.zeros(())
     for rows in (np.arange(index), np.arange(index, len(blocks.pieces))):
         groups = np.array_split(rows, min(_PARTS, len(rows)))
         values = [_linear(blocks.solve(blocks.total(np.setdiff1d(rows, g)))[0])[:, 0] for g in groups]

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from .._random import generator
 from ..exceptions import ChainError
 from ..laws import Dahl, PowerSeries
 from ..layout import LawLayout
@@ -155,7 +156,7 @@ def _off_plane(data: SegmentSet, forces: list[np.ndarray]) -> tuple[np.ndarray, 
 def _reference(estimator: Any, data: SegmentSet, scale: np.ndarray, draws: int, random_state: Any) -> np.ndarray:
     from ..regressor import _filters
 
-    rng = np.random.default_rng(random_state)
+    rng = generator(random_state)
     model = estimator.model_
     layout = LawLayout(estimator.chain_, model.laws)
     filters = _filters(estimator.band, data)

@@ -13,6 +13,7 @@ from .free_run import FreeRunDisplay
 from .localisation import LocalisationDisplay
 from .loops import HysteresisLoopDisplay
 from .modes import ModesDisplay
+from .order_selection import OrderSelectionDisplay
 from .planarity import PlanarityDisplay
 from .record import RecordDisplay
 from .residual_map import ResidualMapDisplay
@@ -28,6 +29,7 @@ __all__ = [
     "FreeRunDisplay",
     "ChangeMapDisplay",
     "ModesDisplay",
+    "OrderSelectionDisplay",
     "PlanarityDisplay",
     "RecordDisplay",
     "TrackDisplay",

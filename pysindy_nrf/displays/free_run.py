@@ -85,7 +85,9 @@ class FreeRunDisplay:
             axis.plot(t, x, color=ORANGE, linewidth=1.6, label="measured")
             axis.plot(t, y, color=BLUE, linewidth=0.8, linestyle="--", label=f"free run ({errors[j]:.2g} % NRMSE)")
             axis.set_ylabel(f"$x_{{{j + 1}}}$ (mm)")
-            axis.legend(frameon=False, fontsize="x-small", loc="lower right", bbox_to_anchor=(1, 0.93), ncols=2)
+            axis.legend(
+                frameon=False, fontsize="x-small", loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.2, ncols=2
+            )
         ax[-1].set_xlabel("time (s)")
         self.ax_ = ax
         return self

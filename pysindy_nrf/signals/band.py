@@ -60,26 +60,30 @@ class BandLimiter(ColumnTransformer):
         self._filter = FairFilter(self.band, check_rate(self.fs), self.order)
         self.edge_ = self._filter.edge
 
-    def transform(self, X: Any) -> Any:
-        """Filter the columns of one contiguous record.
+    def transform(self, X: Any, *, record: Any = None, time: Any = None) -> Any:
+        """Filter every column of each contiguous record.
 
         Parameters
         ----------
         X : DataFrame or array-like of shape (n_samples, n_columns)
-            Leading and trailing NaN rows stay NaN.
+            Leading and trailing NaN rows of a record stay NaN.
+        record : array-like of shape (n_samples,), optional
+            Record ids; rows without ids are one record.
+        time : array-like of shape (n_samples,), optional
+            s; a time index of X is used by itself. Where it jumps, a new piece begins.
 
         Returns
         -------
         DataFrame or ndarray
         """
-        out = self._columns(X, self._limit)
+        out = self._columns(X, self._work, record, time)
         if self.edges != "drop":
             return out
         whole = np.asarray(out)
         rows = ~np.isnan(whole[:, ~np.isnan(whole).all(axis=0)]).any(axis=1)
         return out[rows]
 
-    def _limit(self, values: np.ndarray) -> np.ndarray:
+    def _work(self, values: np.ndarray) -> np.ndarray:
         out = self._filter.apply(values)
         if self.edges == "keep" or self.edge_ == 0:
             return out

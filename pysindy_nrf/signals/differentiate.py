@@ -117,16 +117,5 @@ class Differentiator(ColumnTransformer):
     def _prepare(self) -> None:
         check_rate(self.fs)
 
-    def transform(self, X: Any) -> Any:
-        """Derivatives of the columns.
-
-        Parameters
-        ----------
-        X : DataFrame or array-like of shape (n_samples, n_columns)
-            Leading and trailing NaN rows stay NaN.
-
-        Returns
-        -------
-        DataFrame or ndarray
-        """
-        return self._columns(X, lambda x: differentiate(x, 1.0 / check_rate(self.fs), self.method, self.order))
+    def _work(self, values: np.ndarray) -> np.ndarray:
+        return differentiate(values, 1.0 / check_rate(self.fs), self.method, self.order)

@@ -50,7 +50,8 @@ class BasisLadder:
     """Spline bases of one record length, built when needed and shared by all degrees of freedom."""
 
     def __init__(self, n: int, finest: float = 1.0) -> None:
-        self.n, self.built = n, {}
+        self.n = n
+        self.built: dict[float, SplineBasis] = {}
         self.spacings = [h for h in LADDER if h == 1.0 or (n - 1) / h >= 12]
 
     def __getitem__(self, spacing: float) -> SplineBasis:

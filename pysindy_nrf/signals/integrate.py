@@ -106,18 +106,5 @@ class Integrator(ColumnTransformer):
     def _prepare(self) -> None:
         check_rate(self.fs)
 
-    def transform(self, X: Any) -> Any:
-        """Integrals of the columns.
-
-        Parameters
-        ----------
-        X : DataFrame or array-like of shape (n_samples, n_columns)
-            Leading and trailing NaN rows stay NaN.
-
-        Returns
-        -------
-        DataFrame or ndarray
-        """
-        return self._columns(
-            X, lambda a: integrate(a, 1.0 / check_rate(self.fs), self.method, self.order, self.detrend)
-        )
+    def _work(self, values: np.ndarray) -> np.ndarray:
+        return integrate(values, 1.0 / check_rate(self.fs), self.method, self.order, self.detrend)

@@ -12,12 +12,16 @@ import pandas as pd
 from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted
 
+from .._input import checked
 from ..channels import as_matrix, finite_span
 from ..exceptions import ChannelError, DataQualityWarning
 from ..fair_filter import Band, FairFilter, check_band
+from ..pieces import contiguous
 from ..record import Record
 from .blocks import fuse_all
+from .columns import clock_of
 
+_FEWEST = 8
 _ORDERS = {"x": 0, "v": 1, "a": 2}
 _MOTION = re.compile(r"([avx])_?(\d+)")
 
@@ -54,6 +58,9 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         False leaves the second step out: the noise left in the motions is then independent of the
         motion and nothing of it is lost, which instrumental variables need
         (``NRFRegressor(estimation="iv")`` does this by itself where it is given records).
+
+    channels : str or sequence of str, optional
+        Names of the columns of an array without names: a kind (``"x"``: displacements x1, x2, ...), or all names.
 
     Attributes
     ----------
@@ -98,23 +105,34 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
     """
 
     def __init__(
-        self, fs: float | None = None, noise: Any = "estimate", band: Band = None, joint: bool = True
+        self,
+        fs: float | None = None,
+        noise: Any = "estimate",
+        band: Band = None,
+        joint: bool = True,
+        channels: Any = None,
     ) -> None:
         self.fs = fs
         self.noise = noise
         self.band = band
         self.joint = joint
+        self.channels = channels
 
     # -- scikit-learn -------------------------------------------------------------------------
 
-    def fit(self, X: Any, y: Any = None) -> KinematicSmoother:
+    def fit(self, X: Any, y: Any = None, *, record: Any = None, time: Any = None) -> KinematicSmoother:
         """Find the noise levels of the channels.
 
         Parameters
         ----------
-        X : Record or DataFrame
-            Columns ``a1.., v1.., x1..`` and, if any, ``ag, vg, xg``, ``F1..``, ``t`` and others.
+        X : Record, DataFrame or array-like of shape (n_samples, n_channels)
+            Columns ``a1.., v1.., x1..`` and, if any, ``ag, vg, xg``, ``F1..``, ``t`` and others; an array needs
+            ``channels``.
         y : ignored
+        record : array-like of shape (n_samples,), optional
+            Record ids; each record is fused by itself, the noise levels are the median over the records.
+        time : array-like of shape (n_samples,), optional
+            s. Where it jumps, a new piece begins.
 
         Returns
         -------
@@ -126,28 +144,31 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
             If no column is a motion, a channel holds NaN within the record or infinities, the
             sampling rate is unknown, or a noise level is not positive.
         """
-        self._run(X, learn=True)
+        self._run_pieces(X, True, record, time)
         return self
 
-    def transform(self, X: Any) -> Any:
+    def transform(self, X: Any, *, record: Any = None, time: Any = None) -> Any:
         """Fuse with the noise levels found in ``fit``.
 
         Parameters
         ----------
-        X : Record or DataFrame
+        X : Record, DataFrame or array-like
+        record, time
+            As for :meth:`fit`.
 
         Returns
         -------
-        Record or DataFrame
+        Record, DataFrame or ndarray
             As given. A table gets ``a, v, x`` of every DOF that has a motion channel, then the
-            other columns; leading and trailing NaN rows stay NaN.
+            other columns; leading and trailing NaN rows of a record stay NaN.
         """
         check_is_fitted(self, "noise_")
-        return self._run(X, learn=False)
+        return self._run_pieces(X, False, record, time)
 
-    def fit_transform(self, X: Any, y: Any = None) -> Any:
-        """Find the noise levels and fuse, in one pass; see :meth:`fit` and :meth:`transform`."""
-        return self._run(X, learn=True)
+    def fit_transform(self, X: Any, y: Any = None, *, record: Any = None, time: Any = None) -> Any:
+        """Find the noise levels and fuse; see :meth:`fit` and :meth:`transform`."""
+        out = self._run_pieces(X, True, record, time)
+        return out if out is not None else self.transform(X, record=record, time=time)
 
     def transform_record(self, record: Record) -> Record:
         """Fuse one record with its own noise levels, or those of ``fit`` if it was called.
@@ -179,6 +200,46 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
 
     # -- the work -----------------------------------------------------------------------------
 
+    def _run_pieces(self, X: Any, learn: bool, record: Any, time: Any) -> Any:
+        """Each contiguous piece by itself; None after learning from several."""
+        if isinstance(X, Record):
+            return self._run(X, learn)
+        if not isinstance(X, pd.DataFrame):
+            out = self._run_pieces(self._named(X, learn), learn, record, time)
+            if learn and hasattr(self, "feature_names_in_"):
+                del self.feature_names_in_
+            return None if out is None else out.to_numpy()
+        seconds = clock_of(X, time, len(X), record)
+        pieces = contiguous(len(X), record, seconds)
+        table = X if time is None else X.set_axis(pd.Index(seconds, name="t"))
+        if len(pieces) == 1:
+            out = self._run(table, learn)
+            return out if time is None else out.set_axis(X.index)
+        if learn:
+            found = []
+            for _, rows in pieces:
+                self._run(table.iloc[rows], True)
+                found.append(self.noise_)
+            self.noise_ = pd.concat(found, axis=1).median(axis=1).rename("noise")
+            return None
+        return pd.concat([self._run(table.iloc[rows], False) for _, rows in pieces]).set_axis(X.index)
+
+    def _named(self, X: Any, learn: bool) -> pd.DataFrame:
+        if self.channels is None:
+            raise ChannelError(
+                f"KinematicSmoother needs to know the channels, {type(X).__name__} has no names",
+                "Give a Record, a DataFrame with columns a1.., v1.., x1.., or channels= beside an array.",
+            )
+        matrix = checked(self, X, reset=learn)
+        width = matrix.shape[1]
+        if isinstance(self.channels, str):
+            names = [f"{self.channels}{j + 1}" for j in range(width)]
+        else:
+            names = [str(c) for c in self.channels]
+        if len(names) != width:
+            raise ChannelError(f"{len(names)} channels are named, X has {width} columns", "Name each column once.")
+        return pd.DataFrame(matrix, columns=names)
+
     def _run(self, X: Any, learn: bool) -> Any:
         record = X if isinstance(X, Record) else None
         table = record.to_frame() if record is not None else X
@@ -187,11 +248,13 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
                 f"KinematicSmoother needs to know the channels, {type(X).__name__} has no names",
                 "Give a Record, or a DataFrame with columns a1.., v1.., x1...",
             )
+        if len(table) == 0:
+            raise ChannelError("X has no samples (0 rows)", "Give a record.")
         fs = self._rate(record, table)
         names = [str(c) for c in table.columns]
-        if not learn and names != list(self.feature_names_in_):
+        if not learn and names != self._names_in:
             raise ChannelError(
-                f"The channels {', '.join(names[:9])} are not those of fit, {', '.join(self.feature_names_in_[:9])}",
+                f"The channels {', '.join(names[:9])} are not those of fit, {', '.join(self._names_in[:9])}",
                 "Fit again, or give the same columns in the same order.",
             )
         columns = {
@@ -205,11 +268,12 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         fused, rest = self._fuse({n: y[span] for n, y in live.items()}, fs, record, learn)
         result = fused | rest
         if self.band is not None:
-            result = self._limit(result, fs)
+            result = self._limit(result, fs, learn)
         out = {n: _pad(y, span, len(table)) for n, y in result.items()}
         out |= {n: columns[n] for n in unmeasured if n not in out}
         if learn:
             self.n_features_in_, self.feature_names_in_ = len(names), np.array(names, dtype=object)
+            self._names_in = names
             self._names_out = [n for n in ("t", "time") if n in names] + list(out)
         if record is not None:
             return _to_record(record, out)
@@ -226,7 +290,7 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
             )
         dofs = sorted({j for _, j in motion})
         n = len(next(iter(live.values())))
-        if n < 16:
+        if n < _FEWEST:
             raise ChannelError(f"{n} samples are too few to fuse", "Give a longer record, or use smooth=False.")
         lo, _ = check_band(self.band, fs)
         corner = None if lo is None else lo / 8 / fs
@@ -240,6 +304,7 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
                 if (name := motion.get((kind, j))) is not None:
                     views[order] = (live[name] - base if kind == "a" else live[name]) * units[kind]
                     levels[row, order] = (self._level(kind, name) if learn else self.noise_[name]) * units[kind]
+            _require_moving(j, {n: live[n] for (_, i), n in motion.items() if i == j})
             every.append(views)
         noise, spacing, high_pass, a, v, x = {}, {}, {}, {}, {}, {}
         for j, best in zip(dofs, fuse_all(every, levels, corner, self.joint), strict=True):
@@ -250,8 +315,8 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
                     noise[motion[kind, j]] = best.noise[order] / units[kind]
         if learn:
             self.noise_ = pd.Series({n: noise[n] for n in live if n in noise}, name="noise")
-        self.spacing_ = pd.Series(spacing, name="spacing")
-        self.high_pass_ = pd.Series(high_pass, name="high_pass")
+            self.spacing_ = pd.Series(spacing, name="spacing")
+            self.high_pass_ = pd.Series(high_pass, name="high_pass")
         lost = [j for j in dofs if high_pass[j] > 0]
         if lost and self.band is None:
             warnings.warn(
@@ -311,9 +376,10 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         check_band(None, rate)
         return float(rate)
 
-    def _limit(self, columns: dict[str, np.ndarray], fs: float) -> dict[str, np.ndarray]:
+    def _limit(self, columns: dict[str, np.ndarray], fs: float, learn: bool) -> dict[str, np.ndarray]:
         operator = FairFilter(self.band, fs)
-        self.edge_ = operator.edge
+        if learn:
+            self.edge_ = operator.edge
         n = len(next(iter(columns.values())))
         if n <= 2 * operator.edge:
             raise ChannelError(
@@ -324,6 +390,19 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         limited[: operator.edge] = np.nan
         limited[n - operator.edge :] = np.nan
         return dict(zip(columns, limited.T))
+
+
+def _require_moving(dof: int, channels: Mapping[str, np.ndarray]) -> None:
+    """Refuse channels that never change, which would pass for perfect ones; a DOF all of zeros is at rest."""
+    if not any(y.any() for y in channels.values()):
+        return
+    dead = [name for name, y in channels.items() if np.ptp(y) <= 1e-12 * np.abs(y).max()]
+    if dead:
+        raise ChannelError(
+            f"Channel {dead[0]} of DOF {dof} is constant",
+            "A dead sensor, or a record without motion; leave the channel out (a column of NaN), or excite the "
+            "structure.",
+        )
 
 
 def base_acceleration(live: Mapping[str, np.ndarray], fs: float) -> np.ndarray:

@@ -96,6 +96,11 @@ class PaperIntegration(TransformerMixin, BaseEstimator):
         self.high_pass = high_pass
         self.filter_force = filter_force
 
+    def __sklearn_tags__(self):
+        tags = super().__sklearn_tags__()
+        tags.input_tags.two_d_array = False  # a Record: the channels need their names and one clock
+        return tags
+
     def fit(self, X: Record, y: Any = None) -> PaperIntegration:
         """Nothing to learn.
 
@@ -108,6 +113,7 @@ class PaperIntegration(TransformerMixin, BaseEstimator):
         -------
         PaperIntegration
         """
+        _require_record(X)
         self.edge_ = FairFilter((self.high_pass, None), X.fs).edge
         return self
 
@@ -122,4 +128,12 @@ class PaperIntegration(TransformerMixin, BaseEstimator):
         -------
         Record
         """
+        _require_record(X)
         return paper_processing(X, self.high_pass, self.filter_force)
+
+
+def _require_record(X: Any) -> None:
+    if not isinstance(X, Record):
+        raise ChannelError(
+            f"PaperIntegration processes a Record, not {type(X).__name__}", "Use Record.from_frame(table, fs=...)."
+        )

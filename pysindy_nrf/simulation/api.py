@@ -13,6 +13,7 @@ from ..exceptions import ChannelError, SimulationError
 from ..record import Record
 from ..sites import Site
 from .inputs import finite, initial, input_matrix, polynomials
+from .readings import as_read
 
 METHODS = ("default", "rk4", "newmark")
 
@@ -129,7 +130,7 @@ def simulate(
     True
     """
     run = _run(model, F, dt, method, x0, v0, base_acceleration, covariates, hold, rtol)
-    return run.record(name)
+    return as_read(run.record(name), model.laws)
 
 
 def free_run(model: Any, F: Any, dt: float, **options: Any) -> FreeRun:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
@@ -36,8 +38,7 @@ def _part(context, builder, array_type, array, start):
     return builder.gep(view.data, [start])
 
 
-@intrinsic
-def _call_kernel(typing_context, address, s, v, a, t, u, n_u, z, z0, n_z, theta, theta0, n_theta, out, n_out):
+def _kernel_at(typing_context, address, s, v, a, t, u, n_u, z, z0, n_z, theta, theta0, n_theta, out, n_out):
     """Call a law's kernel by its address on parts of flat arrays."""
 
     def codegen(context, builder, signature, args):
@@ -64,8 +65,10 @@ def _call_kernel(typing_context, address, s, v, a, t, u, n_u, z, z0, n_z, theta,
     ), codegen
 
 
-@intrinsic
-def _call_advance(typing_context, address, z, z0, n_z, s0, v0, s1, v1, dt, u, n_u, theta, theta0, n_theta):
+_call_kernel: Any = intrinsic(_kernel_at)
+
+
+def _advance_at(typing_context, address, z, z0, n_z, s0, v0, s1, v1, dt, u, n_u, theta, theta0, n_theta):
     """Call a law's state update by its address on parts of flat arrays."""
 
     def codegen(context, builder, signature, args):
@@ -88,6 +91,9 @@ def _call_advance(typing_context, address, z, z0, n_z, s0, v0, s1, v1, dt, u, n_
     return types.void(
         whole, vector, whole, whole, number, number, number, number, number, vector, whole, vector, whole, whole
     ), codegen
+
+
+_call_advance: Any = intrinsic(_advance_at)
 
 
 @part

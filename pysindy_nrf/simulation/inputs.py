@@ -57,13 +57,14 @@ def input_matrix(
     """
     n = len(force)
     lines = [("ag", np.zeros(n) if base_acceleration is None else base_acceleration)]
+    given = dict(covariates or {})
     for name in names:
-        if name not in dict(covariates or {}):
+        if name not in given:
             raise ChannelError(
                 f"The laws of the model read the covariate {name!r}, which is not given",
                 f"Pass covariates={{{name!r}: ...}}.",
             )
-        lines.append((name, covariates[name]))
+        lines.append((name, given[name]))
     columns = []
     for name, line in lines:
         column = finite(line, [name], 1, "input")[:, 0]

@@ -1,0 +1,101 @@
+"""The range of every channel, in one pass over the samples."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Extent:
+    """Least and largest value of channels, and which of them hold a NaN or an infinity.
+
+    Attributes
+    ----------
+    low, high : ndarray of shape (n_channels,)
+        NaN is passed over; +inf and -inf for a channel of NaN.
+    finite : ndarray of shape (n_channels,), bool
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    finite: np.ndarray
+
+    @classmethod
+    def of(cls, matrices: Sequence[np.ndarray]) -> Extent:
+        """Extent of the columns of some matrices.
+
+        Parameters
+        ----------
+        matrices : sequence of ndarray of shape (n_samples, n_columns)
+            float32 or float64.
+
+        Returns
+        -------
+        Extent
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> Extent.of([np.array([[1.0, np.nan], [3.0, 2.0]])])
+        Extent(low=array([1., 2.]), high=array([3., 2.]), finite=array([ True, False]))
+        """
+        parts = []
+        for matrix in matrices:
+            part = np.zeros((3, matrix.shape[1]))
+            part[0], part[1] = np.inf, -np.inf
+            if matrix.size:
+                _scan(matrix.dtype.name, "C" if matrix.flags.c_contiguous else "A")(np.asarray(matrix), part)
+            parts.append(part)
+        low, high, bad = np.hstack(parts)
+        return cls(low, high, bad == 0.0)
+
+    def merge(self, other: Extent) -> Extent:
+        """Extent of both."""
+        return Extent(
+            np.minimum(self.low, other.low), np.maximum(self.high, other.high), self.finite & other.finite
+        )
+
+    def moves(self, channel: int) -> bool:
+        """Whether a channel holds anything but zeros and NaN."""
+        return bool(self.low[channel] < 0.0 or self.high[channel] > 0.0)
+
+    def is_constant(self, channel: int) -> bool:
+        """Whether a channel holds one value only."""
+        return bool(self.low[channel] >= self.high[channel])
+
+    def box(self, storey: int, n_dof: int) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Least and largest (v, s) of a storey (counted from 0) where the channels are a, v, s, F of n DOFs."""
+        at = [n_dof + storey, 2 * n_dof + storey]
+        return tuple(self.low[at]), tuple(self.high[at])
+
+    def is_whole(self, n_needed: int) -> bool:
+        """Whether the first channels are finite, and each further one too or nothing but NaN."""
+        empty = (self.low == np.inf) & (self.high == -np.inf)
+        return bool(self.finite[:n_needed].all() and (self.finite | empty)[n_needed:].all())
+
+
+@cache
+def _scan(kind: str, layout: str):
+    """Compiled pass, row after row; one machine-code version for each type, whoever owns the array."""
+    from numba import from_dtype, types
+
+    from .laws.compiled import jit
+
+    def extent_scan(x, out):
+        for t in range(x.shape[0]):
+            for j in range(x.shape[1]):
+                y = x[t, j]
+                out[0, j] = y if y < out[0, j] else out[0, j]
+                out[1, j] = y if y > out[1, j] else out[1, j]
+                out[2, j] += y * 0.0
+
+    scan = jit(extent_scan)
+    scan.compile(
+        (types.Array(from_dtype(np.dtype(kind)), 2, layout, readonly=True), types.Array(types.float64, 2, "C"))
+    )
+    scan.disable_compile()
+    return scan

@@ -1,0 +1,146 @@
+"""Estimators of chains on the generic tables of scikit-learn's checks: columns padded to whole DOFs.
+
+A chain's features come in threes (a, v, s) and its targets one for each DOF; the generic checks pass any number.
+Each class below adds columns that are functions of the row alone, so that nothing but the count changes, and takes
+its parent's fit, predict, transform and score.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pysindy_nrf import ForceLawLibrary, InterstoryPolynomialLibrary, NRFRegressor, StateSpaceChainOptimizer, laws
+from pysindy_nrf._input import checked
+
+
+def padded(X, multiple, least=0):
+    """X with further columns up to a multiple of some number."""
+    X = np.asarray(X, dtype=float)
+    width = max(-(-X.shape[1] // multiple) * multiple, least)
+    scale = 1.0 + np.abs(X).sum(axis=1)
+    more = [scale * np.sin(k + X @ np.cos(k * np.arange(1.0, X.shape[1] + 1))) for k in range(1, width - X.shape[1] + 1)]
+    return np.column_stack([X, *more])
+
+
+class PaddedRegressor(NRFRegressor):
+    def partial_fit(self, X, y=None):
+        fitted = hasattr(self, "n_features_in_")
+        Z = padded(checked(self, X, reset=not fitted), 3)
+        width = self.n_features_in_
+        columns = np.asarray(y, dtype=float).reshape(len(Z), -1)
+        super().partial_fit(Z, np.hstack([columns, np.tile(columns[:, :1], Z.shape[1] // 3 - columns.shape[1])]))
+        self.n_features_in_ = width
+        return self
+
+    def fit(self, X, y=None):
+        Z = padded(checked(self, X, reset=True), 3)
+        self._wide = None
+        if y is not None:
+            y = np.asarray(y)
+            self._wide = y.shape[1:]
+            columns = y.reshape(len(y), -1)
+            Z = padded(Z, 3, 3 * columns.shape[1])
+            y = np.hstack([columns, np.tile(columns[:, :1], Z.shape[1] // 3 - columns.shape[1])])
+        width = self.n_features_in_
+        super().fit(Z, y)
+        self.n_features_in_ = width
+        return self
+
+    def _judged(self, X, y, *metadata):
+        from sklearn.utils.validation import check_is_fitted
+
+        check_is_fitted(self)
+        Z = padded(checked(self, X, reset=False), 3, 3 * self.model_.n_dof)
+        if y is not None:
+            columns = np.asarray(y).reshape(len(y), -1)
+            y = np.hstack([columns, np.tile(columns[:, :1], self.model_.n_dof - columns.shape[1])])
+        return super()._judged(Z, y, *metadata)
+
+    def predict(self, X):
+        out = super().predict(X)
+        return out[:, 0] if self._wide == () else out[:, : self._wide[0]]
+
+    def score(self, X, y=None):
+        return super().score(X, y)
+
+
+class _PaddedLibrary:
+    def _checked(self, x, reset):
+        return padded(checked(self, x, reset=reset), 3)
+
+
+class PaddedPolynomialLibrary(_PaddedLibrary, InterstoryPolynomialLibrary):
+    pass
+
+
+DUFFING = (laws.LinearViscous(), laws.Duffing())
+
+
+class PaddedLawLibrary(_PaddedLibrary, ForceLawLibrary):
+    def __init__(self, laws=DUFFING, chain=None, inputs="balance", dt=None):
+        super().__init__(laws, chain, inputs, dt)
+
+
+class PaddedStateSpace(StateSpaceChainOptimizer):
+    """One target becomes the acceleration of one DOF."""
+
+    def fit(self, x_, y):
+        x = checked(self, x_, reset=True)
+        target = self._targets(y, "target ", "targets")
+        n, width, one = target.shape[1], x.shape[1], self._one_target
+        wide = padded(x, 3 * n)
+        super().fit(wide, np.hstack([wide[:, :n], target]))
+        self.n_features_in_, self._one_target = width, one
+        self._n = n
+        return self
+
+    def predict(self, x):
+        from sklearn.utils.validation import check_is_fitted
+
+        check_is_fitted(self, "coef_")
+        out = (padded(checked(self, x, reset=False), 3 * self._n) @ self.coef_.T)[:, self._n :]
+        return out[:, 0] if self._one_target else out
+
+
+ORDER = "what a transformer of signals does to a sample depends on its neighbours in time"
+EDGES = "NaN rows at the ends of a record are masked edges, not errors; NaN within it and infinities are refused"
+SIGNALS = {
+    "check_estimators_nan_inf": EDGES,
+    "check_methods_sample_order_invariance": ORDER,
+    "check_methods_subset_invariance": ORDER,
+}
+COLUMNS = {"check_estimators_nan_inf": EDGES}
+
+
+def cases():
+    """Every public estimator with the checks it is expected to fail, and why."""
+    from pysindy_nrf import ChainOptimizer, KinematicSmoother
+    from pysindy_nrf.signals import BandLimiter, Differentiator, Integrator
+
+    return [
+        (BandLimiter((0.05, None), fs=10.0, edges="keep"), SIGNALS),
+        (Differentiator(), SIGNALS),
+        (Integrator(), SIGNALS),
+        (KinematicSmoother(fs=100.0, channels="x"), SIGNALS),
+        (ChainOptimizer(), COLUMNS),
+        (PaddedStateSpace(), COLUMNS),
+        (PaddedPolynomialLibrary(), COLUMNS),
+        (PaddedLawLibrary(), COLUMNS),
+        (PaddedRegressor(degree=1), COLUMNS),
+    ]
+
+
+def direct():
+    """What asks for columns in threes, without the padding."""
+    return [NRFRegressor(), InterstoryPolynomialLibrary(), ForceLawLibrary([laws.Duffing()]), StateSpaceChainOptimizer()]
+
+
+def own_column_error(result):
+    """Whether a failed check failed because our own error says how many columns (or targets) are needed."""
+    error = result["exception"]
+    while error is not None:
+        text = str(error)
+        if "columns (n_features = " in text or "targets are not velocities and accelerations" in text:
+            return True
+        error = error.__cause__ or error.__context__
+    return False

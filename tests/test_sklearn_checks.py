@@ -1,0 +1,136 @@
+"""scikit-learn's own checks on every public estimator; copies, names, tables and pickles."""
+
+from __future__ import annotations
+
+import pickle
+import warnings
+
+import chains
+import numpy as np
+import padded
+import pandas as pd
+import pysindy as ps
+import pytest
+from sklearn import config_context
+from sklearn.base import clone
+from sklearn.utils import estimator_html_repr
+from sklearn.utils.estimator_checks import check_estimator, parametrize_with_checks
+
+import pysindy_nrf
+from pysindy_nrf import ChainOptimizer, InterstoryPolynomialLibrary, KinematicSmoother, NRFRegressor, Record, signals
+from pysindy_nrf.exceptions import ChannelError
+
+pytestmark = pytest.mark.filterwarnings("ignore")
+CASES = padded.cases()
+REASONS = {type(estimator).__name__: failures for estimator, failures in CASES}
+
+
+@parametrize_with_checks([e for e, _ in CASES], expected_failed_checks=lambda e: REASONS[type(e).__name__])
+def test_scikit_learn_checks(estimator, check):
+    check(estimator)
+
+
+def test_at_most_three_checks_are_expected_to_fail_and_each_with_a_reason():
+    """benchmarks/estimator_checks.py counts them."""
+    for estimator, reasons in CASES:
+        assert len(reasons) <= 3, estimator
+        assert all(len(reason) > 40 for reason in reasons.values())
+
+
+@pytest.mark.parametrize("estimator", padded.direct(), ids=lambda e: type(e).__name__)
+def test_without_padding_only_the_number_of_columns_is_refused(estimator):
+    results = check_estimator(estimator, on_fail=None, on_skip=None)
+    other = {r["check_name"] for r in results if r["status"] == "failed" and not padded.own_column_error(r)}
+    # ten samples of three columns: one DOF, and its own error that cubic terms need more of them, or masked NaN edges
+    assert other <= {"check_estimators_nan_inf"}
+    assert sum(r["status"] == "passed" for r in results) >= 20
+
+
+def test_every_public_estimator_is_among_the_checked():
+    from sklearn.base import BaseEstimator
+
+    everything = {n: getattr(pysindy_nrf, n, None) for n in dir(pysindy_nrf)} | {n: getattr(signals, n) for n in signals.__all__}
+    public = {n for n, c in everything.items() if isinstance(c, type) and issubclass(c, BaseEstimator)}
+    checked = {type(e).__name__ for e, _ in CASES} | {c.__name__ for e, _ in CASES for c in type(e).__mro__}
+    assert public - checked == {"PaperIntegration"}  # it takes Records: no generic table can be one
+
+
+@pytest.mark.parametrize("estimator", [e for e, _ in CASES] + [signals.PaperIntegration()], ids=lambda e: type(e).__name__)
+def test_copies_parameters_pickles_and_html(estimator):
+    copy = clone(estimator)
+    assert copy.get_params(deep=False).keys() == estimator.get_params(deep=False).keys()
+    assert copy.set_params() is copy and type(pickle.loads(pickle.dumps(copy))) is type(estimator)
+    assert type(estimator).__name__ in estimator_html_repr(estimator)
+
+
+def test_nested_parameters_of_the_inner_optimizer():
+    model = NRFRegressor(optimizer=ps.STLSQ(threshold=0.1))
+    assert model.set_params(optimizer__threshold=0.03) is model
+    assert clone(model).optimizer.threshold == 0.03
+    wrapped = ChainOptimizer(ps.STLSQ(threshold=0.1)).set_params(optimizer__threshold=0.02)
+    assert clone(wrapped).optimizer.threshold == 0.02
+
+
+def test_tables_keep_their_names():
+    case = chains.duffing(2, [1, 2], seed=3, n_samples=600)
+    t = pd.Index(np.arange(600) * case.dt, name="t")
+    table = pd.DataFrame(case.X, columns=["a1", "a2", "v1", "v2", "s1", "s2"], index=t)
+    for step in (signals.Differentiator(fs=1000.0), signals.Integrator(fs=1000.0), signals.BandLimiter((None, 100.0), fs=1000.0)):
+        out = step.fit_transform(table)
+        assert list(out.columns) == list(table.columns) == list(step.get_feature_names_out()) and out.index.equals(t)
+    library = InterstoryPolynomialLibrary(2)
+    with config_context(transform_output="pandas"):
+        out = library.fit(table).transform(table)
+    assert list(out.columns) == library.get_feature_names() == list(library.get_feature_names_out())
+    assert np.allclose(out["v2 s2"], table["v2"] * table["s2"]) and out.index.equals(t)
+    as_table = clone(library).set_output(transform="pandas").fit(case.X).transform(case.X)
+    assert np.array_equal(as_table.to_numpy(), out.to_numpy())
+
+
+def test_an_array_of_named_channels_is_fused_like_the_table():
+    case = chains.duffing(2, [1, 2], seed=3, n_samples=600, substeps=4)
+    rng = np.random.default_rng(0)
+    x = case.s.cumsum(axis=1) * (1 + 0.0) + 1e-5 * rng.standard_normal((600, 2))
+    channels = np.hstack([case.a, x])
+    names = ["a1", "a2", "x1", "x2"]
+    smoother = KinematicSmoother(fs=1000.0, channels=names)
+    out = smoother.fit_transform(channels)
+    table = KinematicSmoother(fs=1000.0).fit_transform(pd.DataFrame(channels, columns=names))
+    assert np.array_equal(out, table.to_numpy()) and list(smoother.get_feature_names_out()) == list(table.columns)
+    assert np.allclose(clone(smoother).fit(channels).transform(channels), out, rtol=1e-6, atol=1e-9)
+    with pytest.raises(ChannelError, match="3 channels are named, X has 4"):
+        KinematicSmoother(fs=1000.0, channels=names[:3]).fit(channels)
+
+
+def test_records_are_smoothed_each_by_itself():
+    """The end of one record must not bend the start of the next, nor a gap of the clock be smoothed over."""
+    t = np.arange(1500) / 500
+    one, two = np.sin(30 * t), 2 + np.cos(17 * t)
+    ids = np.repeat(["one", "two"], 1500)
+    both = pd.DataFrame({"x1": np.concatenate([one, two])})
+    velocity = signals.Differentiator(fs=500.0).fit_transform(both, record=ids)["x1"].to_numpy()
+    assert np.abs(velocity - np.concatenate([30 * np.cos(30 * t), -17 * np.sin(17 * t)])).max() < 1e-2
+    clock = np.concatenate([t, t + 10.0])
+    assert np.array_equal(signals.Differentiator(fs=500.0).fit_transform(both, time=clock)["x1"], velocity)
+    fused = KinematicSmoother(fs=500.0).fit_transform(both, record=ids)
+    assert np.abs(fused["v1"].to_numpy() - velocity).max() < 0.3
+    with pytest.raises(ChannelError, match="does not increase after row 1499"):
+        signals.Differentiator(fs=500.0).fit_transform(both, time=np.concatenate([t, t]))
+    limiter = signals.BandLimiter((None, 40.0), fs=500.0).fit(both)
+    masked = limiter.transform(both, record=ids)["x1"].isna().to_numpy()
+    edge = limiter.edge_
+    assert masked[1500 - edge : 1500 + edge].all() and masked.sum() == 4 * edge
+
+
+def test_the_regressor_in_html_shows_its_parameters():
+    text = NRFRegressor(degree=5)._repr_html_()
+    assert "NRFRegressor" in text and "degree" in text and "5" in text
+
+
+def test_paper_integration_says_what_it_takes():
+    with pytest.raises(ChannelError, match="processes a Record, not ndarray"):
+        signals.PaperIntegration().fit(np.zeros((50, 2)))
+    record = Record(acceleration=np.sin(np.arange(9000) / 50)[:, None], displacement=np.ones((9000, 1)), fs=1000.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert clone(signals.PaperIntegration(2.0)).fit_transform(record).velocity.shape == (9000, 1)

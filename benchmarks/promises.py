@@ -130,7 +130,7 @@ def detected(seed: int, noise: float, kind: str | None, base: bool) -> list[dict
 
 def bin_of(heard: float) -> str:
     """Effect over noise, in steps."""
-    at = int(np.searchsorted(HEARD, heard, side="right")) - 1
+    at = min(int(np.searchsorted(HEARD, heard, side="right")), len(HEARD) - 1) - 1
     return (
         f"heard {HEARD[at]:g} to {HEARD[at + 1]:g}" if np.isfinite(HEARD[at + 1]) else f"heard {HEARD[at]:g} and more"
     )
@@ -264,10 +264,12 @@ def main(arguments: list[str] | None = None) -> pd.DataFrame:
     began, sizes = time.time(), QUICK if o.quick else RUNS
     todo = [job for part in o.part for job in jobs_of(part, o.runs or sizes[part], o.seed)]
     runs = Parallel(n_jobs=o.jobs, return_as="generator_unordered")(delayed(quietly)(*job) for job in todo)
-    rows = [row for found in tqdm(runs, total=len(todo), unit="run", disable=None) for row in found]
+    rows: list[dict] = []
+    for found in tqdm(runs, total=len(todo), unit="run", disable=None):
+        rows += found
+        if o.out is not None:  # after every run: what was done is kept
+            pd.DataFrame(rows).to_csv(o.out, index=False)
     table = pd.DataFrame(rows)
-    if o.out is not None:
-        table.to_csv(o.out, index=False)
     print("\n".join(report(table)))
     print(f"\n{len(todo)} runs in {time.time() - began:.0f} s")
     return table

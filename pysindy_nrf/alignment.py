@@ -21,6 +21,9 @@ from .record import Record, seconds_of
 _ORDER = {"x": 0, "v": 1, "a": 2}
 _NAMES = {"a": "acceleration", "v": "velocity", "x": "displacement"}
 STRONG = 1e-3  # share of a spectrum's peak
+LONGEST = 65536  # samples of a channel that are looked at
+FINE, MOST = 4, 20  # steps of a sample in which a delay is searched, and samples up to which
+MISFIT = 0.5  # share of a channel that gain, sign and delay leave, from which on it is of another place
 DELAY, GAIN = 0.05, 0.02  # samples, and share of one, from which on a channel is called misaligned
 
 
@@ -70,12 +73,7 @@ def channel_alignment(record: Record, band: tuple[float, float] | None = None, r
         first = reference if reference in own else next(iter(own))
         for kind, values in own.items():
             if kind != first:
-                a, b = (
-                    y - base if k == "a" and base is not None else y for k, y in ((first, own[first]), (kind, values))
-                )
-                rows[f"{kind}{j}"] = _compare(
-                    a, b, _ORDER[kind] - _ORDER[first], record.fs, band, f"{first}{j}", f"{kind}{j}"
-                )
+                rows[f"{kind}{j}"] = _against(record, base, (first, own[first]), (kind, values), j, band)
     if not rows:
         raise ChannelError(
             f"No DOF of record {record.name!r} has two kinds of motion channels",
@@ -248,16 +246,64 @@ def _base(record: Record, channels: Mapping[str, np.ndarray]) -> np.ndarray | No
     return channels["ag"]
 
 
+def _against(record: Record, base, one: tuple[str, np.ndarray], other: tuple[str, np.ndarray], j: int, band: Any):
+    """One row of the table: the second channel against the first, in the frame of reference the record claims."""
+    order = _ORDER[other[0]] - _ORDER[one[0]]
+    names = f"{one[0]}{j}", f"{other[0]}{j}"
+    if said := _wrong_frame(record, one, other, names):
+        return [names[0], *[np.nan] * 5, False, said]
+    lines = (y - base if k == "a" and base is not None else y for k, y in (one, other))
+    return _compare(*lines, order, record.fs, band, *names)
+
+
+def _wrong_frame(record: Record, one, other, names: tuple[str, str]) -> str:
+    """Whether displacement or velocity is of another frame than the record says.
+
+    Its derivative is fitted as alpha a + beta a_g, line by line: beta is -1 for motion relative to the base, 0 for
+    absolute motion.
+    """
+    ag = record.base_acceleration
+    pair = {k: y for k, y in (one, other)}
+    if ag is None or "a" not in pair or len(pair) < 2:
+        return ""
+    kind = next(k for k in pair if k != "a")
+    good = np.isfinite(pair["a"]) & np.isfinite(pair[kind]) & np.isfinite(ag)
+    n = min(int(good.sum()), LONGEST)
+    if n < 64 or not np.any(ag[good]):
+        return ""
+    bell = 1 - np.cos(2 * np.pi * (np.arange(n) + 0.5) / n)
+    y, a, g = (np.fft.rfft(bell * (line[good][:n] - line[good][:n].mean())) for line in (pair[kind], pair["a"], ag))
+    y = y * (2j * np.pi * np.fft.rfftfreq(n, 1 / record.fs)) ** (_ORDER["a"] - _ORDER[kind])
+    use = np.arange(len(y)) > 4
+    use &= (np.abs(a) ** 2 > STRONG * (np.abs(a[use]) ** 2).max()) & (np.arange(len(y)) < 0.8 * len(y))
+    if use.sum() < 8:
+        return ""
+    columns = np.column_stack([a[use], g[use]]) / np.abs(y[use])[:, None]
+    alpha, beta = np.linalg.lstsq(columns, y[use] / np.abs(y[use]), rcond=None)[0].real
+    wanted, turned = (-1.0, 0.0) if record.coordinates == "relative" else (0.0, -1.0)
+    if abs(alpha - 1) > 0.3 or abs(beta - turned) > 0.3:
+        return ""
+    x = names[0] if names[0][0] == kind else names[1]
+    if wanted == -1.0:
+        return (
+            f"{x} moves as a{x[1:]} itself says, not as a{x[1:]} less the base acceleration: {x} is absolute "
+            f"(coordinates='absolute'), or a{x[1:]} is relative to the base (add ag to it)"
+        )
+    return (
+        f"{x} moves as a{x[1:]} less the base acceleration says: it is relative to the base (coordinates='relative')"
+    )
+
+
 def _compare(
     first: np.ndarray, second: np.ndarray, order: int, fs: float, band: Any, one: str, other: str
-) -> Sequence[Any]:
+) -> list[Any]:
     """Fit gain, sign and delay of the second channel against derivatives of the first."""
-    from scipy.signal import csd, welch
+    from scipy.signal import csd, detrend, welch
 
     good = np.isfinite(first) & np.isfinite(second)
-    y, z = first[good], second[good]
+    y, z = (detrend(line[good][:LONGEST]) for line in (first, second))
     length = int(min(len(y), max(256, 2 ** int(np.log2(max(len(y) / 8, 1))))))
-    options = dict(fs=fs, window="hann", nperseg=length, detrend="linear")
+    options = dict(fs=fs, window="hann", nperseg=length, detrend="constant")
     f, cross = csd(y, z, **options)
     own, theirs = welch(y, **options)[1], welch(z, **options)[1]
     # only where both are strong: elsewhere the window leaks from the resonances, at their frequency's scale
@@ -267,32 +313,30 @@ def _compare(
     coherence = np.zeros(len(f))
     coherence[use] = np.abs(cross[use]) ** 2 / own[use] / theirs[use]
     if not (coherence > 0.5).any():
-        return [
-            one,
-            np.nan,
-            np.nan,
-            np.nan,
-            np.nan,
-            float(coherence.max()),
-            False,
-            f"{other} and {one} are not coherent: another floor, or dead?",
-        ]
+        lost = [np.nan] * 4
+        said = f"{other} and {one} are not coherent: columns swapped, another floor, or dead?"
+        return [one, *lost, float(coherence.max()), False, said]
     use &= coherence > min(0.9, 0.9 * coherence.max())
     w = 2 * np.pi * f[use]
     H = cross[use] / own[use] / (1j * w) ** order
     weight = coherence[use] / np.maximum(1 - coherence[use], 1e-6)
     weight = np.minimum(weight, 1e3)
-    # delay: the one that lines all phases up, searched on a grid and refined
-    grid = np.linspace(-20, 20, 4001) / fs
-    unit = H / np.abs(H) * weight
-    total = np.exp(1j * np.outer(grid, w)) @ unit
-    best = int(np.argmax(np.abs(total.real)))
-    delay = grid[best]
-    sign = 1.0 if total[best].real > 0 else -1.0
+    # delay: the one that lines all phases up, searched on a grid (a padded transform) and refined
+    lined = np.zeros(length // 2 + 1, dtype=complex)
+    lined[: len(f)][use] = H / np.abs(H) * weight
+    fine = max(FINE, -(-FINE * 256 // length))
+    total = np.fft.irfft(lined, fine * length)
+    near = np.r_[0 : MOST * fine + 1, len(total) - MOST * fine : len(total)]
+    best = int(near[np.argmax(np.abs(total[near]))])
+    sign = 1.0 if total[best] > 0 else -1.0
+    delay = -(best if best <= len(total) // 2 else best - len(total)) / fine / fs
     for _ in range(3):
         phase = np.angle(sign * H * np.exp(1j * w * delay))
         delay -= float((weight * w * phase).sum() / (weight * w**2).sum())
     gain = float(np.exp(np.average(np.log(np.abs(H)), weights=weight)))
+    fitted = sign * gain * np.exp(-1j * w * delay)
+    power = theirs[use] * coherence[use]
+    misfit = float(np.sqrt((np.abs(H / fitted - 1) ** 2 * power).sum() / power.sum()))
     said = []
     if sign < 0:
         said.append("has the opposite sign")
@@ -301,4 +345,9 @@ def _compare(
     if abs(gain - 1) > GAIN:
         said.append(f"is {gain:.3g} times as large")
     message = f"{other} {', '.join(said)} against {one}" if said else ""
-    return [one, delay, delay * fs, gain, sign, float(np.average(coherence[use])), not said, message]
+    if misfit > MISFIT:
+        message = (
+            f"{other} does not follow {one} as {_NAMES[other[0]]} follows {_NAMES[one[0]]}: columns swapped, or a "
+            "channel of another floor?"
+        )
+    return [one, delay, delay * fs, gain, sign, float(np.average(coherence[use])), not message, message]

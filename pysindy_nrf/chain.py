@@ -225,7 +225,7 @@ measure the force on floor 2, or hit floor 1.
 
         return plan_walk(self, forced, unknown, known_masses, strategy)
 
-    def plan(self, **options: Any):
+    def plan(self, **options: Any) -> Any:
         """Say which floor to hit, or which sensor to add.
 
         Parameters

@@ -267,7 +267,7 @@ def solve(
     return solution
 
 
-def _locate(moments: Moments, dofs: tuple[int, ...]):
+def _locate(moments: Moments, dofs: tuple[int, ...]) -> tuple[Any, ...]:
     return moments.parts[dofs], *moments.positions(dofs)
 
 
@@ -275,7 +275,9 @@ def _labels(names: Mapping[Site, list[str]] | None, site: Site, count: int) -> l
     return list(names[site]) if names and site in names else [f"term {k + 1}" for k in range(count)]
 
 
-def _least_squares(triangle: np.ndarray, step: Step, n_samples: int, inner: Any, labels: list[str], cut: float):
+def _least_squares(
+    triangle: np.ndarray, step: Step, n_samples: int, inner: Any, labels: list[str], cut: float
+) -> tuple[np.ndarray, StepFit]:
     """Solve one sub-problem given as the triangular factor of [columns | right-hand side]."""
     p = triangle.shape[1] - 1
     columns, target = triangle[:, :p], triangle[:, p]
@@ -368,7 +370,7 @@ def _report_rank(unit: np.ndarray, rank: int, step: Step, labels: list[str]) -> 
     )
 
 
-def _solve_joint(moments: Moments, walk: Walk, solution: Solution, inner: Any, names) -> None:
+def _solve_joint(moments: Moments, walk: Walk, solution: Solution, inner: Any, names: Any) -> None:
     """All balances at once with shared laws (Newton's third law built in), each divided by its rms force."""
     layout, n = moments.layout, moments.layout.n_dof
     free = [step.dofs[0] for step in walk.steps if step.masses]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 
 import numpy as np
@@ -10,8 +11,10 @@ import pandas as pd
 from .exceptions import DataQualityWarning
 from .record import Record
 
+_MOTION = re.compile(r"[avx]\d+")
 CLIPPED = 5  # samples in a row at an extreme
 SPIKE = 12.0  # robust standard deviations of the second difference
+ENOUGH = 20_000  # samples that show the steps of a converter, and suspects of being spikes
 LEVELS = 64  # fewer distinct steps over the range than this are coarse
 
 
@@ -116,8 +119,8 @@ def _stuck(name: str, y: np.ndarray):
         return []
     longest = int(lengths.argmax())
     start, length = int(starts[longest]), int(lengths[longest]) + 1
-    if length < max(100, 0.02 * len(y)) or y[start] in (y.min(), y.max()) or name[:1] == "F":
-        return []
+    if length < max(100, 0.02 * len(y)) or y[start] in (y.min(), y.max()) or not _MOTION.fullmatch(name):
+        return []  # forces, the base and covariates may rest
     before = np.ptp(y[:start]) if start else 0.0
     if before == 0:  # at rest before the test begins
         return []
@@ -134,7 +137,7 @@ def _stuck(name: str, y: np.ndarray):
 
 def _resolution(y: np.ndarray) -> float:
     """Smallest step between two different values that the channel uses over and over; 0 if there is none."""
-    values, counts = np.unique(y, return_counts=True)
+    values, counts = np.unique(y[:: max(1, len(y) // ENOUGH)], return_counts=True)
     if len(values) < 3 or np.median(counts) < 3:
         return 0.0
     return float(np.median(np.diff(values)))
@@ -162,13 +165,14 @@ def _spiky(name: str, y: np.ndarray):
         return []
     signed = y[1:-1] - 0.5 * (y[2:] + y[:-2])
     bend = np.abs(signed)
-    # the neighbourhood's own liveliness, so that a hammer blow is none
-    width = 101
-    from scipy.ndimage import median_filter
-
-    usual = median_filter(bend, size=min(width, len(bend) // 2 * 2 - 1)) / 0.6745
     floor = np.median(bend) / 0.6745
-    hits = np.flatnonzero(bend > SPIKE * np.maximum(usual, floor) + 1e-300)
+    hits = np.flatnonzero(bend > SPIKE * floor + 1e-300)[:ENOUGH]
+    if not len(hits):
+        return []
+    # against the neighbourhood's own liveliness, so that a hammer blow is none
+    width = min(101, len(bend) // 2 * 2 - 1)
+    at = np.clip(hits[:, None] + np.arange(width) - width // 2, 0, len(bend) - 1)
+    hits = hits[bend[hits] > SPIKE * np.median(bend[at], axis=1) / 0.6745]
     # one sample off bends its neighbours the other way by half: a smooth peak does not
     hits = hits[(hits > 0) & (hits < len(bend) - 1)]
     beside = np.stack([signed[hits - 1], signed[hits + 1]]) / np.where(signed[hits] == 0, 1.0, signed[hits])

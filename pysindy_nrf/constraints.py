@@ -69,7 +69,7 @@ class EqualMasses(Constraint):
     def __init__(self, dofs: Iterable[int] | None = None) -> None:
         self.dofs = None if dofs is None else tuple(dofs)
 
-    def equations(self, names, chain, known):
+    def equations(self, names: Any, chain: Any, known: Any) -> Any:
         dofs = self.dofs or tuple(range(1, chain.n_dof + 1))
         _check_dofs(dofs, chain)
         return [
@@ -94,7 +94,7 @@ class TotalMass(Constraint):
         self.mass = mass
         self.dofs = None if dofs is None else tuple(dofs)
 
-    def equations(self, names, chain, known):
+    def equations(self, names: Any, chain: Any, known: Any) -> Any:
         dofs = self.dofs or tuple(range(1, chain.n_dof + 1))
         _check_dofs(dofs, chain)
         return [_mass_equation({j: 1.0 for j in dofs}, _positive("mass", self.mass), known)]
@@ -115,7 +115,7 @@ class KnownStiffness(Constraint):
     def __init__(self, site: Any, stiffness: float, term: str = "s") -> None:
         self.site, self.stiffness, self.term = site, stiffness, term
 
-    def equations(self, names, chain, known):
+    def equations(self, names: Any, chain: Any, known: Any) -> Any:
         return [({_existing(f"{chain.site(self.site)}: {self.term}", names): 1.0}, float(self.stiffness))]
 
 
@@ -134,7 +134,7 @@ class EqualStoreys(Constraint):
         self.storeys = None if storeys is None else tuple(storeys)
         self.terms = None if terms is None else tuple(terms)
 
-    def equations(self, names, chain, known):
+    def equations(self, names: Any, chain: Any, known: Any) -> Any:
         sites = (
             [s for s in chain.sites if s.is_storey] if self.storeys is None else [chain.site(s) for s in self.storeys]
         )
@@ -162,7 +162,7 @@ class NonNegative(Constraint):
         self.term = term
         self.sites = None if sites is None else tuple(sites)
 
-    def bounded(self, names, chain):
+    def bounded(self, names: Any, chain: Any) -> Any:
         if self.term == "m":
             return [n for n in names if n[:1] == "m" and n[1:].isdigit()]
         if self.sites is None:

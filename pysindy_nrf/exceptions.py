@@ -61,7 +61,7 @@ class NRFError(ValueError):
         self.cure = cure
         super().__init__(sentence(what, cure))
 
-    def __reduce__(self):
+    def __reduce__(self) -> tuple[type, tuple[str, str]]:
         return type(self), (self.what, self.cure)
 
 
@@ -127,7 +127,7 @@ class MissingExtraError(ImportError):
             f"Install it with: pip install 'pysindy_nrf[{extra}]'"
         )
 
-    def __reduce__(self):
+    def __reduce__(self) -> tuple[type, tuple[str, str, str]]:
         return type(self), (self.package, self.extra, self.purpose)
 
 

@@ -82,7 +82,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
             given = dict.fromkeys(chain.sites, list(given))
         return {s: [v] if isinstance(v, ForceLaw) else list(v) for s, v in given.items()}
 
-    def fit(self, x: Any, y: Any = None):
+    def fit(self, x: Any, y: Any = None) -> Any:
         """Count the features.
 
         Parameters
@@ -120,7 +120,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
         self.n_output_features_ = self.layout_.n_terms + (n if self.inputs == "balance" else 2 * n)
         return self
 
-    def transform(self, x: Any):
+    def transform(self, x: Any) -> Any:
         """Columns of the balances.
 
         Parameters

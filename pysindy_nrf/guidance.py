@@ -29,7 +29,7 @@ class Diagnosis:
     ----------
     table : DataFrame
         One row for each finding, the gravest first: ``limit`` (``"noise"``, ``"excitation"``,
-        ``"conditioning"``, ``"missing law"``, ``"uncertainty"``, ``"estimation"``), ``where``, ``size``, ``message``.
+        ``"conditioning"``, ``"missing law"``, ``"uncertainty"``, ``"estimation"``, ``"delay"``), ``where``, ``size``, ``message``.
     """
 
     table: pd.DataFrame
@@ -57,6 +57,7 @@ def diagnose(model: Any) -> Diagnosis:
         + _conditioning(model)
         + _uncertainty(model)
         + _estimation(model)
+        + _delays(model)
         + _noise(model)
     )
     rows.sort(key=lambda row: -row[0])
@@ -142,6 +143,21 @@ def _estimation(model: Any):
         )
         return [(2.5, "estimation", "all", np.nan, text)]
     return []
+
+
+def _delays(model: Any):
+    from .exceptions import NRFError
+    from .force_delay import force_delay
+
+    try:
+        table = force_delay(model)
+    except NRFError:
+        return []
+    return [
+        (2.6, "delay", name, float(row["samples"]), row["message"])
+        for name, row in table.iterrows()
+        if not row["aligned"]
+    ]
 
 
 def _noise(model: Any):

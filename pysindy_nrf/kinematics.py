@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from .exceptions import ChannelError
+from .exceptions import ChannelError, DataQualityWarning
 from .record import Record
 
 # Share of the knots' Nyquist frequency up to which a fused motion is the motion itself.
@@ -38,6 +39,11 @@ def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.Da
     ``X.attrs`` says what fused motions can serve for: ``"resolved"``, the frequency in Hz up to which they hold
     the motion where accelerations are not measured, and ``"joint_fusion"``, whether the DOFs improved each other.
 
+    Warns
+    -----
+    DataQualityWarning
+        If channels look wrong or contradict each other (units, sign, delay, swapped or copied columns).
+
     Raises
     ------
     ChannelError
@@ -65,6 +71,7 @@ def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.Da
                 f"Measure a{j}, v{j} or x{j}; the storeys beside an uninstrumented floor cannot be told apart.",
             )
     smoother = None if smooth is False else _smoother(smooth)
+    _warn_of_doubts(record)
     if smoother is None:
         _all_measured(record, have)
         fused = record
@@ -88,6 +95,18 @@ def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.Da
     return X, F
 
 
+def _warn_of_doubts(record: Record) -> None:
+    from .io.plausibility import doubts
+
+    if found := doubts(record):
+        warnings.warn(
+            f"Record {record.name!r}: {'; '.join(text.rstrip('.') for text in found)}. See "
+            "pysindy_nrf.alignment and pysindy_nrf.channel_checks.",
+            DataQualityWarning,
+            stacklevel=4,
+        )
+
+
 def _as_measured(record: Record, fused: Record) -> bool:
     """Whether the fusion passed clean channels on as they are."""
     return record.acceleration is not None and np.allclose(
@@ -95,11 +114,11 @@ def _as_measured(record: Record, fused: Record) -> bool:
     )
 
 
-def _smoother(smooth: Any):
+def _smoother(smooth: Any) -> Any:
     from .signals.kinematic_smoother import KinematicSmoother
 
     if smooth is True:
-        return KinematicSmoother()
+        return KinematicSmoother(band="auto")
     if isinstance(smooth, KinematicSmoother):
         return smooth
     raise ChannelError(f"smooth={smooth!r} is unknown", "Give True, False or a KinematicSmoother.")

@@ -293,7 +293,7 @@ class ChainModel:
 
     # -- free run -----------------------------------------------------------------------------
 
-    def simulate(self, F: Any, dt: float, **options: Any):
+    def simulate(self, F: Any, dt: float, **options: Any) -> Any:
         """Free run under sampled forces; see :func:`pysindy_nrf.simulate`.
 
         Parameters
@@ -315,7 +315,7 @@ class ChainModel:
 
     # -- text and JSON ------------------------------------------------------------------------
 
-    def to_sindy(self, dt: float = 1.0):
+    def to_sindy(self, dt: float = 1.0) -> Any:
         """The model as a fitted ``ps.SINDy`` of its state space; see :func:`pysindy_nrf.state_space.to_sindy`.
 
         Parameters

@@ -358,7 +358,7 @@ class Record:
         -------
         Record
         """
-        def cut(array):
+        def cut(array: Any) -> Any:
             return None if array is None else array[rows]
 
         new = self.replace()

@@ -289,7 +289,7 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         if _holds_records(X):
             from .signals import KinematicSmoother
 
-            return self._data(X, y, **options, smooth=KinematicSmoother(joint=False))
+            return self._data(X, y, **options, smooth=KinematicSmoother(band="auto", joint=False))
         if getattr(X, "attrs", {}).get("joint_fusion"):
             warnings.warn(
                 f"estimation={self.estimation!r} was given motions in which the DOFs improve each other; their noise "
@@ -547,7 +547,8 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         return self.model_.modes()
 
     def confidence_intervals(
-        self, level: float = 0.95, *, of: Any = "parameters", method: str = "hac", random_state: Any = None
+        self, level: float = 0.95, *, of: Any = "parameters", method: str = "hac", random_state: Any = None,
+        n_jobs: int | None = None,
     ) -> pd.DataFrame:
         """Confidence intervals of masses and coefficients, or of anything that follows from the model.
 
@@ -565,6 +566,9 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
             Delete-one-block jackknife with correlated neighbours (Newey and West), or block bootstrap.
         random_state : int, Generator or None
             Of the bootstrap.
+        n_jobs : int, optional
+            Joblib jobs of the bootstrap, -1 for all cores; ``joblib.parallel_config("dask")`` and the like choose
+            another backend.
 
         Returns
         -------
@@ -574,7 +578,7 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         from .estimation.intervals import parameter_intervals
 
         check_is_fitted(self)
-        return parameter_intervals(self._resolving(), self.model_, level, of, method, random_state)
+        return parameter_intervals(self._resolving(), self.model_, level, of, method, random_state, n_jobs)
 
     def force_intervals(self, site: Any, v: Any, s: Any, level: float = 0.95) -> pd.DataFrame:
         """Restoring force of a site at points (v, s) with its interval.

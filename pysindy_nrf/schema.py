@@ -121,8 +121,8 @@ def _fault(data: Any, rules: dict[str, Any], defs: dict[str, Any], place: str) -
     if kind == "array":
         if not rules.get("minItems", 0) <= len(data) <= rules.get("maxItems", math.inf):
             return f"{at} has {len(data)} entries"
-        faults = (_fault(x, rules.get("items", {}), defs, f"{place}[{i}]") for i, x in enumerate(data))
-        return next(filter(None, faults), "")
+        entries = (_fault(x, rules.get("items", {}), defs, f"{place}[{i}]") for i, x in enumerate(data))
+        return next(filter(None, entries), "")
     return _object_fault(data, rules, defs, place, at) if kind == "object" else ""
 
 

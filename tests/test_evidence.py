@@ -9,6 +9,7 @@ from report_cases import CATALOGUE, cubic, friction, loop_report, record
 
 from pysindy_nrf import ChainModel, close_loop, excitation, laws, simulate
 from pysindy_nrf.discrepancy import evidence as room
+from pysindy_nrf.discrepancy.characterisation import characterise
 from pysindy_nrf.discrepancy.evidence import Evidence, look, searched
 from pysindy_nrf.discrepancy.prepare import prepare
 from pysindy_nrf.discrepancy.splits import split
@@ -114,6 +115,14 @@ def test_agreement_and_disagreement_with_the_chosen_site_are_said():
     best = dataclasses.replace(first, localisation=first.localisation.loc[twins], site=twins[0], chosen=twins[1])
     assert "by the error after refitting" in best.agreement  # one pattern: the signs say nothing
     assert Evidence("baseline").detection_sentence.startswith("Detection is not possible because")
+
+
+def test_a_force_linear_in_the_motion_is_no_spectral_line():
+    t = np.arange(4000) / 500
+    s = np.sin(9 * t) + 0.7 * np.sin(23.1 * t)
+    v = 9 * np.cos(9 * t) + 0.7 * 23.1 * np.cos(23.1 * t)
+    found = characterise(3.0 * s + 0.5 * v, laws.Motion(s, v, t=t))
+    assert found.dependence == "linear" and "wrong stiffness, damping or mass" in found.sentence
 
 
 def test_markdown_holds_evidence_parameters_alternatives_and_settings():

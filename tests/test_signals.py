@@ -300,7 +300,7 @@ def test_smoother_is_a_scikit_learn_transformer():
         "fs": 3.0,
         "noise": "estimate",
         "band": (1, 2),
-        "joint": True,
+        "joint": True, "channels": None,
     }
 
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -93,11 +94,19 @@ def rough(noise: float = 0.002) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def spoilt(channel: str, dof: int, change: Any) -> tuple:
+def asked(given: dict[str, Any]) -> Any:
+    return check_channels(Record(**given), warn=True)
+
+
+def unasked(given: dict[str, Any]) -> Any:
+    return Record(**given).to_features()
+
+
+def spoilt(channel: str, dof: int, change: Any, act: Any = asked) -> tuple:
     given = rough()
     array = given[channel]
     array[:, dof - 1] = change(array[:, dof - 1])
-    return lambda given: check_channels(Record(**given), warn=True), (given,)
+    return act, (given,)
 
 
 def quality() -> dict[str, tuple]:
@@ -127,6 +136,24 @@ def quality() -> dict[str, tuple]:
     }  # fmt: skip
 
 
+def on_the_way() -> dict[str, tuple]:
+    """The same without being asked, on the way to the features."""
+    rows = quality()
+    return {
+        f"{name}, found on the way to the features": ((unasked, given), *words)
+        for name, ((_, given), *words) in rows.items()
+        if name != "dead channel"  # that one is refused
+    }
+
+
+def quiet(given: dict[str, Any]) -> bool:
+    """Whether good channels pass without a word."""
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        unasked(given)
+    return not said
+
+
 def features_of(**changes: Any):
     """Features of a noisy record in which channels contradict each other."""
     return lambda given: Record(**given).to_features(), (rough() | changes,)
@@ -137,13 +164,13 @@ def contradictions() -> dict[str, tuple]:
     g = rough()
     a, x = g["acceleration"], g["displacement"]
     swapped = a[:, [1, 0, 2]]
-    late = np.column_stack([np.roll(a[:, 0], 8), a[:, 1:]])
+    late = np.column_stack([np.roll(a[:, 0], 2), a[:, 1:]])
     return {
         "displacement in mm beside acceleration in m/s^2": (features_of(displacement=1e3 * x), "x1|x2|x3", "mm|unit|1000"),
         "one displacement in mm": (features_of(displacement=x * np.array([1.0, 1e3, 1.0])), "x2", "mm|unit|1000"),
         "acceleration in g": (features_of(acceleration=a / 9.80665), "a1|a2|a3", r"\bg\b|unit"),
-        "one acceleration delayed by 8 ms": (features_of(acceleration=late), "a1|DOF 1", "delay|late"),
-        "one acceleration with the wrong sign": (features_of(acceleration=a * np.array([1.0, -1.0, 1.0])), "a2|DOF 2", "sign"),
+        "one acceleration delayed by 2 ms": (features_of(acceleration=late), "x1 is .* early against a1", "alignment"),
+        "one acceleration with the wrong sign": (features_of(acceleration=a * np.array([1.0, -1.0, 1.0])), "x2 (has the opposite sign|does not follow)", "alignment"),
         "two accelerations swapped": (features_of(acceleration=swapped), "a1|a2|DOF 1|DOF 2", "swap|column|wiring|channel"),
         "one acceleration copied from another": (features_of(acceleration=a[:, [0, 0, 2]]), "a2|a1", "copied|same|wiring|copy"),
         "one displacement copied from another": (features_of(displacement=x[:, [0, 1, 1]]), "x3|x2", "copied|same|wiring|copy"),
@@ -157,7 +184,14 @@ def kinds() -> list[Kind]:
     ]
     out += [
         Kind("record", name, act, given, DataQualityWarning, tuple(words))
-        for part in (quality(), contradictions())
+        for part in (quality(), on_the_way(), contradictions())
         for name, ((act, given), *words) in part.items()
+    ]
+    dead = spoilt("displacement", 3, lambda y: 0 * y + 1e-3, unasked)
+    words = ("Channel x3 of DOF 3 is constant", "leave the channel out")
+    out.append(Kind("record", "dead channel on the way to the features", *dead, NRFError, words))
+    out += [
+        Kind("record", f"good channels with {100 * noise:g} % noise", quiet, (rough(noise),), lambda passed: passed is True)
+        for noise in (0.0, 0.002, 0.05)
     ]
     return out

@@ -197,8 +197,8 @@ def _free_runs(outcome: Outcome, records: Sequence[Record], data: SegmentSet, pr
             continue
         outcome.runs.append((seg, run))
         filter = None if band is None else FairFilter(band, rec.fs)
-        error, measured = squares_of(run, seg, seg.valid, filter)
-        rows[_unique(rec.name, rows)] = list(100.0 * np.sqrt(error / measured))
+        missed, measured = squares_of(run, seg, seg.valid, filter)
+        rows[_unique(rec.name, rows)] = list(100.0 * np.sqrt(missed / measured))
     if rows:
         outcome.free_run = pd.DataFrame.from_dict(
             rows, orient="index", columns=[f"x{j}" for j in range(1, model.n_dof + 1)]

@@ -5,8 +5,7 @@ from __future__ import annotations
 from importlib.resources import files
 from typing import Any
 
-from ..io import inspect_record
-from ..io.records import Reading
+from ..io import Reading, inspect_record
 from ..record import Record
 
 FILE = "demo_record.csv"

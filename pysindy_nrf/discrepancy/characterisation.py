@@ -384,7 +384,7 @@ def _sentence(found: Characterisation, noise: float | None, rms: float) -> str:
         return f"{text}: noise, or a force from outside."  # noqa: E501
     share = float(found.shares.loc[d, "share"])
     end = f"; {share:.0f} % explained on data left out{quiet}."
-    if d.startswith("line"):
+    if d == "line":
         return f"Is a spectral line at {found.frequency:.4g} Hz: an unmeasured harmonic force{end}"
     if d.startswith("covariate "):
         return f"Is modulated by {d[10:]}{_friction(found)}{end}"

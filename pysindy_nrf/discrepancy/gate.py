@@ -23,6 +23,8 @@ PER_PARAMETER = 0.10
 SIMPLER = 0.02
 # Share of the fall of the error that a special case must reach to go before the law that holds it.
 MOST_OF_THE_WORK = 0.65
+# The same for a constant: of an even law along a drift about zero it cannot do half, so the zero is elsewhere.
+HALF_OF_THE_WORK = 0.5
 # It must not leave more than so many times what that leaves, unless a measured covariate makes the difference.
 MOST_LEFT = 2.0
 MOST_FAMILIES = 3
@@ -147,14 +149,17 @@ def choose(findings: Sequence[Finding], before: float) -> tuple[Finding, list[Fi
 
 
 def _special_case(chosen: Finding, findings: Sequence[Finding], before: float) -> Finding:
-    enough = chosen.error + (1.0 - MOST_OF_THE_WORK) * max(before - chosen.error, 0.0)
+    def enough(f: Finding) -> float:
+        share = HALF_OF_THE_WORK if f.law.name == "constant_force" else MOST_OF_THE_WORK
+        return chosen.error + (1.0 - share) * max(before - chosen.error, 0.0)
+
     simpler = [
         f
         for f in findings
         if balances_of(f.site) == balances_of(chosen.site)
         and f.law.name in SPECIAL_CASES.get(chosen.law.name, ())
         and f.n_parameters <= chosen.n_parameters
-        and f.error <= enough
+        and f.error <= enough(f)
         and (f.law.covariates or chosen.law.covariates or f.error + FLOOR <= MOST_LEFT * (chosen.error + FLOOR))
     ]
     return min(simpler, key=lambda f: (f.n_parameters, f.error)) if simpler else chosen

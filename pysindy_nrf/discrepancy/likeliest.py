@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..exceptions import NRFError
-from .catalogue import balances_of
+from .catalogue import SPECIAL_CASES, balances_of
 from .gate import MOST_FAMILIES, judge
 from .search import Finding, refine
 from .surrogate import Null
@@ -60,6 +60,8 @@ def likeliest(
     for f in sorted(ranking, key=lambda f: f.error):
         same = any((f.law.name, f.site) == (r.law.name, r.site) for r in rivals)
         if same or type(f) is not Finding or balances_of(f.site) != balances_of(chosen.site):
+            continue
+        if chosen.law.name in SPECIAL_CASES.get(f.law.name, ()):  # the simpler one goes first
             continue
         near = f.error <= best * (1 + _RIVAL) and f.n_parameters <= chosen.n_parameters
         if near and len(rivals) < _MOST and judge(before, f.folds, f.n_parameters).accepted:

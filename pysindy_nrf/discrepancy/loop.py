@@ -39,13 +39,15 @@ _DECISIONS = 3
 # A candidate that does not even do this on the data it is fitted to cannot pass the gate.
 _HOPELESS = 0.05
 # Share of the effect (noise taken off) that may stay unexplained before a name is no longer sure.
-_SURE = 0.4
+_SURE = 0.3
 # An effect that makes the free run on the search data worse than this many times is none, unless the balance
 # error falls by so much that another missing effect must be to blame.
 _WORSE_ALONE = 1.3
 _BEYOND_DOUBT = 0.5
 # A hysteresis that turns over within this share of the rms drift is friction by another name.
 _ONE_CLASS = 0.3
+# So is a power of the rate below this; the fluid dampers of the literature begin with 0.3.
+_NEARLY_FRICTION = 0.25
 
 
 def close_loop(
@@ -220,8 +222,9 @@ class _Loop:
                 best = f"{chosen.law.name} at {chosen.site}"
                 stopped = f"No further effect is supported: the best candidate is {best}, but {verdict.sentence}"
                 break
-            for chosen, tied in members[: max_steps - len(steps)]:
-                stage, gone = self._with(stage, chosen)
+            members = members[: max_steps - len(steps)]
+            for chosen, tied in members:
+                stage, gone = self._with(stage, chosen, chosen is members[-1][0])
                 for law in gone:
                     k = next(k for k, s in enumerate(steps) if (s.law, s.site) == (law.law.name, str(law.site)))
                     del steps[k], scenes[k + 1]
@@ -349,7 +352,12 @@ class _Loop:
         widest = max(runs, key=lambda r: r.stop - r.start)
         one = SegmentSet([seg], self.work.data.n_samples)
         left = model.balance_forces(one)[0] - np.nan_to_num(seg.F[seg.valid])
-        left = self.work.filtered(longest, left.T)[:, widest]
+        left = self.work.filtered(longest, left.T)
+        # a line is as sharp as the record is long: what is held out is zero, not cut away
+        inside = np.zeros(left.shape[1])
+        for run in runs:
+            inside[run] = 1.0
+        left = (left * inside)[:, runs[0].start : runs[-1].stop]
         drive = np.nan_to_num(seg.F[seg.valid].T.astype(float))[:, widest]
         drive = drive[drive.any(axis=1)]
         if not len(drive) and seg.ag is not None:
@@ -357,8 +365,11 @@ class _Loop:
         driven = driving_frequency(drive, seg.dt) if len(drive) else np.nan
         return {Site(f"dof {j + 1}"): spectral_lines(left[j], seg.dt, 3, driven) for j in range(self.work.n_dof)}
 
-    def _with(self, stage: Stage, chosen: Finding) -> tuple[Stage, list[Finding]]:
-        """The stage with an accepted candidate, all shapes estimated again, and the laws it made needless."""
+    def _with(self, stage: Stage, chosen: Finding, last: bool) -> tuple[Stage, list[Finding]]:
+        """The stage with an accepted candidate, all shapes estimated again, and the laws it made needless.
+
+        Of effects that are accepted together, only the last shows which earlier ones are.
+        """
         stage = chosen.on(stage)
         if isinstance(chosen, SensorFinding):
             assert chosen.ready is not None
@@ -368,7 +379,7 @@ class _Loop:
         self.accepted = [f for f in self.accepted if place_of(stage, f) is not None]
         stage = reestimated(stage, self.accepted)
         gone: list[Finding] = []
-        while (weakest := needless(stage, self.accepted)) is not None:
+        while last and (weakest := needless(stage, self.accepted)) is not None:
             place = place_of(stage, weakest)
             assert place is not None
             self.accepted = [f for f in self.accepted if f is not weakest]
@@ -411,11 +422,15 @@ def _worst(trial: Trial) -> str:
 
 
 def _alternatives(chosen: Finding, tied: Sequence[Finding], drift: float) -> list[str]:
-    """Other families: those tied, and friction where a hysteresis turns over within a small part of the drift."""
+    """Other families: those tied, and friction where a law is all but that.
+
+    A hysteresis that turns over within a small part of the drift, a power of the rate near zero.
+    """
     families = [f.law.family for f in tied]
     shape = chosen.law.shape
     turn = shape.get("uy") if "uy" in shape else 1.0 / (shape.get("sigma") or np.inf) if "sigma" in shape else np.inf
-    if chosen.law.family == "hysteresis" and turn is not None and turn < _ONE_CLASS * drift:
+    steep = chosen.law.family == "hysteresis" and turn is not None and turn < _ONE_CLASS * drift
+    if steep or (chosen.law.name == "power_law_damping" and (shape.get("n") or 1.0) < _NEARLY_FRICTION):
         families.insert(0, "friction")
     return list(dict.fromkeys(families))[: MOST_FAMILIES - 1]
 

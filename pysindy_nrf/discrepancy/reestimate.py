@@ -8,6 +8,7 @@ import numpy as np
 
 from ..exceptions import NRFError
 from ..sites import Site
+from .catalogue import SPECIAL_CASES, balances_of
 from .gate import MEMBER_GAIN, MIN_WINS, gain_of
 from .search import Finding, refine
 from .workspace import Stage
@@ -76,7 +77,8 @@ def needless(stage: Stage, accepted: Sequence[Finding]) -> Finding | None:
     """The accepted effect that the folds could best do without, if there is one that they can.
 
     Each but the last is left out and the others are estimated again; it stays if it still lowers the error by
-    a twentieth, in four blocks of five.
+    a twentieth, in four blocks of five. One that another law at its site holds as a special case is left where it
+    is: that law would imitate it whatever the truth.
 
     Parameters
     ----------
@@ -91,9 +93,9 @@ def needless(stage: Stage, accepted: Sequence[Finding]) -> Finding | None:
     weakest: tuple[float, Finding] | None = None
     for f in accepted[:-1]:
         where = place_of(stage, f)
-        if where is None:
-            continue
         others = [g for g in accepted if g is not f]
+        if where is None or any(_holds(g, f) for g in others):
+            continue
         try:
             base = reestimated(Stage(stage.work, stage.chain, stage.without([where])), others, 1)
             before = base.slot().folds()
@@ -104,3 +106,9 @@ def needless(stage: Stage, accepted: Sequence[Finding]) -> Finding | None:
         if not kept and (weakest is None or gain < weakest[0]):
             weakest = gain, f
     return None if weakest is None else weakest[1]
+
+
+def _holds(general: Finding, special: Finding) -> bool:
+    """Whether one accepted law can imitate another in the same balances."""
+    same = balances_of(general.site) == balances_of(special.site)
+    return same and special.law.name in SPECIAL_CASES.get(general.law.name, ())

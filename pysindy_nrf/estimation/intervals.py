@@ -110,8 +110,12 @@ class Resolver:
         n = len(values)
         return (values - values.mean(axis=0)) * np.sqrt((n - 1) / n)
 
-    def drawn(self, statistic: Callable[[ChainModel], pd.Series], random_state: Any, draws: int = DRAWS) -> np.ndarray:
-        """Statistics of block-bootstrap samples, shape (n_draws, n_statistics)."""
+    def drawn(
+        self, statistic: Callable[[ChainModel], pd.Series], random_state: Any, draws: int = DRAWS, n_jobs: int | None = None
+    ) -> np.ndarray:
+        """Statistics of block-bootstrap samples, shape (n_draws, n_statistics); the same for any ``n_jobs``."""
+        from joblib import Parallel, delayed, effective_n_jobs
+
         n = len(self.pieces)
         if n < FEWEST:
             raise ChannelError(
@@ -119,18 +123,27 @@ class Resolver:
             )
         rng = generator(random_state)
         weights = rng.multinomial(n, np.full(n, 1.0 / n), size=draws).astype(float)
-        out = []
-        for w in weights:
-            try:
-                out.append(statistic(self.at(w)).to_numpy(float))
-            except IdentifiabilityError:  # a draw without any blow says nothing
-                continue
+        shares = np.array_split(weights, effective_n_jobs(n_jobs))
+        out = sum(Parallel(n_jobs=n_jobs)(delayed(_each)(self, statistic, share) for share in shares), [])
         if len(out) < draws / 2:
             raise IdentifiabilityError(
                 "Most bootstrap samples cannot be solved: few stretches of the data carry the estimate",
                 "Excite the structure more than once.",
             )
         return np.array(out)
+
+
+def _each(
+    resolver: Resolver, statistic: Callable[[ChainModel], pd.Series], weights: np.ndarray
+) -> list[np.ndarray]:
+    """Statistics of the draws that can be solved."""
+    out = []
+    for w in weights:
+        try:
+            out.append(statistic(resolver.at(w)).to_numpy(float))
+        except IdentifiabilityError:  # a draw without any blow says nothing
+            continue
+    return out
 
 
 @dataclass
@@ -164,6 +177,7 @@ def parameter_intervals(
     of: Any = "parameters",
     method: str = "hac",
     random_state: Any = None,
+    n_jobs: int | None = None,
 ) -> pd.DataFrame:
     """Confidence intervals of anything that follows from a model.
 
@@ -179,6 +193,8 @@ def parameter_intervals(
     method : {"hac", "bootstrap"}
     random_state : int, Generator or None
         Of the bootstrap.
+    n_jobs : int, optional
+        Joblib jobs of the bootstrap; another backend by ``joblib.parallel_config``.
 
     Returns
     -------
@@ -201,7 +217,7 @@ def parameter_intervals(
     else:
         raise ChainError(f"of={of!r} is unknown", "Give 'parameters', 'modes' or a function of a ChainModel.")
     estimate = statistic(model)
-    low, high = _bounds(resolver, statistic, estimate.to_numpy(float), level, method, random_state)
+    low, high = _bounds(resolver, statistic, estimate.to_numpy(float), level, method, random_state, n_jobs)
     return pd.DataFrame({"parameter": estimate.index, "estimate": estimate.to_numpy(), "lower": low, "upper": high})
 
 
@@ -257,9 +273,9 @@ def force_intervals(
     return pd.DataFrame({"v": rate, "s": drift, "force": force, "lower": low, "upper": high, "visited": visited})
 
 
-def _bounds(resolver: Resolver, statistic, estimate, level: float, method: str, random_state):
+def _bounds(resolver: Resolver, statistic, estimate, level: float, method: str, random_state, n_jobs=None):
     if method == "bootstrap":
-        draws = resolver.drawn(statistic, random_state)
+        draws = resolver.drawn(statistic, random_state, n_jobs=n_jobs)
         tail = 100 * (1 - level) / 2
         low, high = np.percentile(draws, [tail, 100 - tail], axis=0)
         return 2 * estimate - high, 2 * estimate - low

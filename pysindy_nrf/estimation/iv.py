@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 
 from ..chain_solve import Solution, groups_of, solve, solve_blocks
-from ..exceptions import BiasWarning, ChannelError, IdentifiabilityError, NRFError, RankWarning, SimulationError
+from ..exceptions import BiasWarning, ChannelError, IdentifiabilityError, RankWarning, SimulationError
 from ..fair_filter import FairFilter
 from ..identifiability import Walk
 from ..laws import PowerSeries
@@ -302,7 +302,7 @@ def _first_runs(start: ChainModel, data, usable, layout, walk, filters, known, b
             if model is None or (model.masses <= 0).any():
                 continue
             found.append(_runs(model, data, usable, band))
-        except NRFError as error:
+        except (SimulationError, IdentifiabilityError) as error:
             worst = worst or error
             continue
         if found[-1][1] >= ALIKE:

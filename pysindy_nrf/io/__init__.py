@@ -3,11 +3,12 @@
 from .frf import FrequencyResponse, frequency_response, frf_to_features, read_frf
 from .mapping_file import MappingFile, read_mapping
 from .plausibility import doubts
-from .records import Reading, inspect_record, read_excitation, read_record
+from .records import inspect_record, read_excitation, read_record
 from .sep005 import from_sep005, to_sep005
 from .summary import describe, summary
 from .table import Table
 from .tables import read_table
+from .understanding import Reading
 from .write import write_forces, write_record, write_table
 
 __all__ = [

@@ -112,9 +112,9 @@ class Attributes:
 
     @classmethod
     def _checked(cls, data: Mapping[str, Any]) -> Attributes:
-        texts = {key: data[key] for key in ("name", "coordinates")}
-        numbers = {key: float(data[key]) for key in ("fs", "t0")}
-        lists = {key: tuple(data[key]) for key in ("columns", "covariates", "float32")}
+        texts: dict[str, Any] = {key: data[key] for key in ("name", "coordinates")}
+        numbers: dict[str, Any] = {key: float(data[key]) for key in ("fs", "t0")}
+        lists: dict[str, Any] = {key: tuple(data[key]) for key in ("columns", "covariates", "float32")}
         names = [name for group in lists.values() for name in group]
         if not all(isinstance(text, str) for text in (*texts.values(), *names)):
             raise ValueError("a name is no text")

@@ -79,7 +79,7 @@ def from_sep005(channels: Sequence[Mapping[str, Any]], **options: Any) -> Record
     ChannelError
         If a dictionary lacks a key, or channels differ in clock, start or length.
     """
-    from .records import understand
+    from .understanding import understand
 
     return understand(table_of_sep005(channels), **options).record
 

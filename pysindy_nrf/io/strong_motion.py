@@ -107,7 +107,8 @@ def _rate(step: float) -> float:
 def _read(path: Path, lines: Sequence[str]) -> tuple[list[_Series], list[str]]:
     out: list[_Series] = []
     notes: list[str] = []
-    channel, peaks, step = "1", {}, None
+    peaks: dict[str, tuple[float, float]] = {}
+    channel, step = "1", None
     row = 0
     while row < len(lines):
         line = lines[row]

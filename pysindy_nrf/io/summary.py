@@ -8,8 +8,8 @@ import numpy as np
 
 from ..channels import finite_span
 from ..record import Record
-from .records import Reading
 from .table import Table
+from .understanding import Reading
 from .units import si_unit
 
 _KINDS = {"a": "absolute acceleration", "v": "velocity", "x": "displacement", "F": "force"}

@@ -122,7 +122,9 @@ def _together(tables: list[Table]) -> Table:
     if len(rates) > 1:
         shown = ", ".join(f"{t.path.name} {t.fs:g} Hz" for t in tables if t.fs is not None)
         raise FileFormatError(f"The files are sampled differently: {shown}", "Resample them to one clock.")
-    variables, units, notes = {}, {}, []
+    variables: dict[str, np.ndarray] = {}
+    units: dict[str, str] = {}
+    notes: list[str] = []
     for stem, table in zip(stems, tables):
         variables |= {f"{stem}.{name}": values for name, values in table.variables.items()}
         units |= {f"{stem}.{name}": unit for name, unit in table.units.items()}

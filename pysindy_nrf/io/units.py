@@ -150,7 +150,7 @@ def _tokens(text: str) -> list[tuple[str, int]] | None:
     """Unit names and their powers; nothing else is let through to pint."""
     if not text or len(text) > _MOST:
         return None
-    out = []
+    out: list[tuple[str, int]] = []
     for sign, part in zip([1, *(1 if s in "* " else -1 for s in re.findall(r"[*/ ]", text))], re.split(r"[*/ ]", text)):
         match = _TOKEN.fullmatch(part)
         if match is None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -20,12 +21,19 @@ _PERIOD = 2.0  # s
 _DRIFT = 0.01  # m
 
 
+class _Whole(Motion):
+    """A motion with accelerations and times."""
+
+    a: np.ndarray
+    t: np.ndarray
+
+
 def covariate_units(law: ForceLaw) -> tuple[str, ...]:
     """Units of the covariates of a law, "[u]" where it names none."""
     return law.covariate_units or ("[u]",) * len(law.covariates)
 
 
-def random_motion(law: ForceLaw, rng: np.random.Generator, n_periods: int = 2, n_samples: int = 500) -> Motion:
+def random_motion(law: ForceLaw, rng: np.random.Generator, n_periods: int = 2, n_samples: int = 500) -> _Whole:
     """A smooth periodic motion with everything that a law may read, large enough to close every gap.
 
     Parameters
@@ -50,7 +58,7 @@ def random_motion(law: ForceLaw, rng: np.random.Generator, n_periods: int = 2, n
     for name, unit in zip(law.covariates, covariate_units(law), strict=True):
         wave = np.sin(3 * t + rng.uniform(0, 2 * np.pi))
         covariates[name] = 1.5 + wave if unit == "[u]" else 20 * _DRIFT * wave
-    return Motion(
+    return _Whole(
         (size * np.sin(phase)).sum(axis=0),
         (size * omega * np.cos(phase)).sum(axis=0),
         (-size * omega**2 * np.sin(phase)).sum(axis=0),
@@ -116,8 +124,8 @@ def check_single_samples(law: ForceLaw, rng: np.random.Generator) -> None:
     for kernel, how in ((type(law).kernel, "on floats"), (jit(type(law).kernel), "compiled")):
         for i in range(0, motion.n_samples, 29):
             sample = np.full(columns.shape[1], np.nan)
-            now = (float(x[i]) for x in (motion.s, motion.v, motion.a, motion.t))
-            kernel(*now, np.ascontiguousarray(u[:, i]), np.ascontiguousarray(z[:, i]), theta, sample)
+            s, v, a, t = (float(x[i]) for x in (motion.s, motion.v, motion.a, motion.t))
+            kernel(s, v, a, t, np.ascontiguousarray(u[:, i]), np.ascontiguousarray(z[:, i]), theta, sample)
             _close(sample, columns[i], f"{law}: the kernel {how} differs from the kernel on arrays", scale=columns)
 
 
@@ -175,14 +183,7 @@ def check_energy(law: ForceLaw, rng: np.random.Generator) -> None:
 def check_single_precision(law: ForceLaw, rng: np.random.Generator) -> None:
     """Float32 input is welcome; the features are those of the same numbers in float64."""
     motion = random_motion(law, rng)
-    single = Motion(
-        *(x.astype(np.float32) for x in (motion.s, motion.v, motion.a, motion.t)),
-        {c: x.astype(np.float32) for c, x in motion.covariates.items()},
-    )
-    double = Motion(
-        *(x.astype(float) for x in (single.s, single.v, single.a, single.t)),
-        {c: x.astype(float) for c, x in single.covariates.items()},
-    )
+    single, double = _as_type(motion, np.float32), _as_type(_as_type(motion, np.float32), float)
     columns = law.features(single)
     assert columns.dtype == np.float64, f"{law}: features of float32 are {columns.dtype}"
     _close(columns, law.features(double), f"{law}: float32 input loses digits beyond its own", 1e-5)
@@ -204,7 +205,7 @@ def check_units(law: ForceLaw, rng: np.random.Generator) -> None:
         motion.t * size["s"],
         covariates,
     )
-    shape = {p.name: law.shape[p.name] * _in(p.unit, size, law) for p in law.shapes}
+    shape = {p.name: theta * _in(p.unit, size, law) for p, theta in zip(law.shapes, law.theta)}
     columns, scaled = law.features(motion), law.with_values(shape=shape).features(other)
     for k, term in enumerate(law.terms()):
         what = f"{law}: {term.symbol} has not the unit {term.unit}, or a shape parameter not its own"
@@ -214,7 +215,7 @@ def check_units(law: ForceLaw, rng: np.random.Generator) -> None:
 def check_force(law: ForceLaw, rng: np.random.Generator) -> None:
     """The force is the features times the coefficients, and no force is given without them."""
     motion = random_motion(law, rng)
-    expected = sum(c * x for c, x in zip(law.coefficients, law.features(motion).T, strict=True))
+    expected = np.sum([c * x for c, x in zip(law.values, law.features(motion).T, strict=True)], axis=0)
     _close(law.force(motion), expected, f"{law}: the force is not the features times the coefficients")
 
 
@@ -225,9 +226,9 @@ def check_json(law: ForceLaw, rng: np.random.Generator) -> None:
     assert copy == law and hash(copy) == hash(law), f"{law}: is not equal to its copy by JSON"
     assert np.array_equal(copy.force(motion), law.force(motion)), f"{law}: its copy by JSON gives another force"
     before = law.to_dict()
-    changed = law.with_values(law.coefficients + 1.0, {k: 0.9 * x for k, x in law.shape.items()})
+    changed = law.with_values(law.values + 1.0, {k: 0.9 * x for k, x in zip(law.shape, law.theta)})
     assert changed != law and law.to_dict() == before, f"{law}: with_values changes the law itself"
-    assert np.array_equal(changed.coefficients, law.coefficients + 1.0), f"{law}: with_values loses coefficients"
+    assert np.array_equal(changed.values, law.values + 1.0), f"{law}: with_values loses coefficients"
 
 
 def check_text(law: ForceLaw, rng: np.random.Generator) -> None:
@@ -319,9 +320,14 @@ def _close(
     assert (gap <= tolerance * size).all(), f"{what} (by {np.max(gap):.3g})"
 
 
-def _part(motion: Motion, rows: slice) -> Motion:
+def _as_type(motion: _Whole, dtype: Any) -> _Whole:
+    s, v, a, t = (x.astype(dtype) for x in (motion.s, motion.v, motion.a, motion.t))
+    return _Whole(s, v, a, t, {c: x.astype(dtype) for c, x in motion.covariates.items()})
+
+
+def _part(motion: _Whole, rows: slice) -> _Whole:
     covariates = {c: x[rows] for c, x in motion.covariates.items()}
-    return Motion(motion.s[rows], motion.v[rows], motion.a[rows], motion.t[rows], covariates)
+    return _Whole(motion.s[rows], motion.v[rows], motion.a[rows], motion.t[rows], covariates)
 
 
 def _in(unit: str, size: dict[str, float], law: ForceLaw) -> float:
@@ -330,7 +336,7 @@ def _in(unit: str, size: dict[str, float], law: ForceLaw) -> float:
     for k, part in enumerate(unit.split("/")):
         for factor in part.strip("()").split():
             base, _, power = factor.partition("^")
-            exponent = 1.0 if not power else law.shape[power] if power in law.shape else float(power)
+            exponent = float((law.shape[power] if power in law.shape else power) or 1.0)
             value *= size[base] ** (exponent if k == 0 else -exponent)
     return value
 

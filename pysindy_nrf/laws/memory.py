@@ -119,14 +119,14 @@ def _paths(advance: Callable):
     """Compiled paths of one law's state for many shape parameters; one machine-code file for each law."""
     step = inline(advance)
 
-    def one_path(s, v, a, t, u, state, theta, z, low, high, ways, n_ways):
+    def one_path(s, v, a, t, u, state, theta, z, low, high, at, ways, n_ways):
         """From sample ``low`` to ``high`` for one set of parameters; n_ways < 0: find where the motion turns."""
         find, has_a, has_t = n_ways < 0, a.size > 0, t.size > 0
         buffer = np.zeros(u.shape[0])
         state, middle, u, theta, z = borrow(state), borrow(buffer), borrow(u), borrow(theta), borrow(z)
         h, a0, a1 = np.nan, 0.0, 0.0
         n_ways = 0 if find else n_ways
-        w, following = 0, ways[0, 0] if n_ways else np.inf
+        w, following = 0, at[0] if n_ways else -1
         for i in range(low + 1, high):
             s0, s1, v0, v1 = s[i - 1], s[i], v[i - 1], v[i]
             for k in range(middle.size):
@@ -139,19 +139,19 @@ def _paths(advance: Callable):
                     if v0 * v1 < 0.0 or v0 * a0 < 0.0 < v0 * a1:
                         turns, x0, rise0, x1, rise1 = _turns(s0, s1, v0, v1, h, a0, a1, has_a)
                         for k in range(turns):
-                            ways[n_ways, 0] = following = i
-                            ways[n_ways, 1] = x1 - x0 if k else x0
-                            ways[n_ways, 2] = s0 + rise0 + rise1 if k else s0 + rise0
+                            at[n_ways] = following = i
+                            ways[n_ways, 0] = x1 - x0 if k else x0
+                            ways[n_ways, 1] = s0 + rise0 + rise1 if k else s0 + rise0
                             n_ways += 1
             rest = h
             if following == i:  # to each point where the motion turns
-                while w < n_ways and ways[w, 0] == i:
-                    turn = ways[w, 2]
-                    step(state, s0, v0, turn, 0.0, ways[w, 1] * h, middle, theta)
-                    rest -= ways[w, 1] * h
+                while w < n_ways and at[w] == i:
+                    turn = ways[w, 1]
+                    step(state, s0, v0, turn, 0.0, ways[w, 0] * h, middle, theta)
+                    rest -= ways[w, 0] * h
                     s0, v0 = turn, 0.0
                     w += 1
-                following = ways[w, 0] if w < n_ways else np.inf
+                following = at[w] if w < n_ways else -1
             step(state, s0, v0, s1, v1, rest, middle, theta)
             for k in range(state.size):
                 z[k, i] = state[k]
@@ -160,13 +160,13 @@ def _paths(advance: Callable):
     path = part(one_path)
 
     def memory_paths(s, v, a, t, u, thetas, states, z):
-        ways = np.empty((2 * _STRETCH, 3))
+        at, ways = np.empty(2 * _STRETCH, dtype=np.int64), np.empty((2 * _STRETCH, 2))
         for c in range(states.shape[0]):
             z[c, :, 0] = states[c]
         for low in range(0, s.size - 1, _STRETCH):
             high, n_ways = min(low + _STRETCH + 1, s.size), -1  # where the motion turns is the same for all
             for c in range(states.shape[0]):
-                n_ways = path(s, v, a, t, u, states[c], thetas[c], z[c], low, high, ways, n_ways)
+                n_ways = path(s, v, a, t, u, states[c], thetas[c], z[c], low, high, at, ways, n_ways)
 
     return jit(memory_paths)
 
@@ -281,7 +281,7 @@ def _along(law: ForceLaw, motion: Motion, u: np.ndarray, thetas: np.ndarray, sta
 
     s, v, a, t = line(motion.s), line(motion.v), line(motion.a), line(motion.t)
     z = np.empty((len(thetas), law.n_states, len(s)))
-    if not (np.isfinite(s).all() and np.isfinite(v).all()):
+    if not np.isfinite(s.sum() + v.sum()):
         raise ChannelError("The motion of a law with memory is not finite", "Cut leading and trailing NaN rows first.")
     if len(s):
         try:

@@ -66,7 +66,7 @@ class _RecordSplitter(BaseCrossValidator):
         for name, rows in zip(names, records):
             if rows[-1] - rows[0] != len(rows) - 1:
                 raise ChannelError(
-                    f"The samples of record {name!r} do not follow each other",
+                    f"The samples of record {name} do not follow each other",
                     "Sort the rows by record and time; never shuffle them.",
                 )
         return records

@@ -168,6 +168,8 @@ def _localisation(evidence: Evidence) -> Figure | None:
         for _, g in groups
     ])  # fmt: skip
     heads = heads[(heads.index < _SITES - 1) | heads["mine"] | ((heads.index < _SITES) & ~heads["mine"][_SITES:].any())]
+    if len(heads) < 2:  # one balance: the signs say nothing
+        return None
     colors = [ORANGE if mine else (BLUE if k == 0 else SKY) for k, mine in enumerate(heads["mine"])]
     shown = found.head(20)[["share", "low", "high", "own", "balances"]]
     head = {

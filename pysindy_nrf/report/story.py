@@ -100,6 +100,7 @@ def _step(number: int, step: Any, evidence: Any, report: Any) -> Chapter:
     after = [("Held-out balance error", f"{step.error_before:.3g} → {step.error_after:.3g} %")]
     if np.isfinite(step.free_run_before) and np.isfinite(step.free_run_after):
         after.append(("Held-out free-run error", f"{step.free_run_before:.3g} → {step.free_run_after:.3g} %"))
+    after.append(("In one line", step.sentence))
     tables = [_parameters(step, report.model)]
     if step.tied or step.runners_up:
         tables.append(_others(step))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from threadpoolctl import threadpool_limits
 
@@ -62,7 +64,9 @@ def fuse_all(
     return [FusedMotion(motion[j], levels[j], spacing[j], corners[j]) for j in range(len(views))]
 
 
-def _fuse_block(views: list[Views], levels, corners, ladder: BasisLadder, joint: bool) -> list[FusedMotion]:
+def _fuse_block(
+    views: list[Views], levels: Any, corners: Any, ladder: BasisLadder, joint: bool
+) -> list[FusedMotion]:
     single = [fuse(y, ladder, s, c) for y, s, c in zip(views, levels, corners, strict=True)]
     return fuse_jointly(views, single, ladder) if joint else refine(views, single, ladder)
 

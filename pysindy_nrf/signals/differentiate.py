@@ -65,7 +65,7 @@ def differentiate(x: Any, dt: float, method: str = "spline", order: int = 1) -> 
     return spline_of(values, dt).derivative(order)(dt * np.arange(len(values)))
 
 
-def spline_of(values: np.ndarray, dt: float):
+def spline_of(values: np.ndarray, dt: float) -> Any:
     """Interpolating spline of degree 7 (less for the shortest records), as a function of s."""
     from scipy.interpolate import make_interp_spline
 

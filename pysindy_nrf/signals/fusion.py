@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import comb
+from typing import Any
 
 import numpy as np
 
@@ -113,6 +114,7 @@ def fuse(
             worse += 1
             if worse == 2:
                 break
+    assert best is not None  # there is always a ladder of at least one step
     _, coefficients, levels, spacing = best
     if len(measured) == 1 and spacing == spacings[0] and np.isnan(given[measured[0]]):
         # one channel and no sign of noise beyond its band: follow it sample by sample
@@ -149,13 +151,15 @@ def refine(views: list[list[np.ndarray | None]], single: list[FusedMotion], ladd
     return out
 
 
-def _clean(channels, measured, given, levels, scale) -> bool:
+def _clean(channels: Any, measured: list[int], given: np.ndarray, levels: np.ndarray, scale: np.ndarray) -> bool:
     white = np.array([_white_level(y, 10) if y is not None else 0.0 for y in channels])
     white = np.where(np.isnan(given), white, given)
     return all(white[o] < CLEAN_NOISE * scale[o] and levels[o] < CLEAN_CONTRADICTION * scale[o] for o in measured)
 
 
-def _as_measured(channels, measured, ladder, given, floor, levels, corner) -> FusedMotion:
+def _as_measured(
+    channels: Any, measured: list[int], ladder: BasisLadder, given: Any, floor: Any, levels: Any, corner: float
+) -> FusedMotion:
     coefficients = _solve(channels, measured, ladder[1.0], levels, corner)
     motion = np.stack([ladder[1.0].evaluate(o, coefficients) for o in range(3)])
     noise = np.full(3, np.nan)
@@ -179,13 +183,16 @@ def weights_of(levels: np.ndarray, corner: float) -> np.ndarray:
     return weights
 
 
-def _solve(channels, measured, basis: SplineBasis, levels, corner) -> np.ndarray:
+def _solve(channels: Any, measured: list[int], basis: SplineBasis, levels: np.ndarray, corner: float) -> np.ndarray:
     weights = weights_of(levels, corner)
     rhs = sum(weights[o] * basis.project(o, channels[o]) for o in measured)
     return basis.solve(weights / weights.max(), rhs / weights.max())
 
 
-def _fit(channels, measured, basis: SplineBasis, start, given, floor, corner, rounds: int = 40):
+def _fit(
+    channels: Any, measured: list[int], basis: SplineBasis, start: Any, given: Any, floor: Any, corner: float,
+    rounds: int = 40,
+) -> tuple[float, np.ndarray, np.ndarray]:  # fmt: skip
     """Criterion, coefficients and noise levels for one distance of the knots."""
     n = basis.n
     w = np.pi * (np.arange(512) + 0.5) / 512
@@ -230,7 +237,7 @@ def _white_level(y: np.ndarray, order: int = 4) -> float:
     return float(np.median(np.abs(np.diff(y, order))) / 0.6745 / np.sqrt(comb(2 * order, order)))
 
 
-def _lowest_frequency(channels, levels, n: int) -> float:
+def _lowest_frequency(channels: Any, levels: np.ndarray, n: int) -> float:
     """Half the lowest frequency (cycles per sample) at which a channel rises out of its noise."""
     from scipy.signal import welch
 

@@ -12,6 +12,8 @@ No model of the structure is assumed, and no periodicity: the prediction starts 
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy.linalg import solveh_banded
 
@@ -59,7 +61,7 @@ def fuse_jointly(
     return out
 
 
-def _group(views, single, basis, order: int) -> list[np.ndarray] | None:
+def _group(views: Any, single: Any, basis: Any, order: int) -> list[np.ndarray] | None:
     n, size = len(views), basis.size
     weights = [weights_of(m.noise, 0.0) for m in single]
     rest = np.array([m.motion[0].mean() for m in single])  # the prior is about the motion around it
@@ -93,7 +95,7 @@ def _group(views, single, basis, order: int) -> list[np.ndarray] | None:
     return [np.stack([basis.evaluate(o, c[:, j]) for o in range(3)]) for j in range(n)]
 
 
-def _prediction(c: np.ndarray, weights: np.ndarray, basis, order: int) -> np.ndarray | None:
+def _prediction(c: np.ndarray, weights: np.ndarray, basis: Any, order: int) -> np.ndarray | None:
     """Whitened one-step prediction errors as filters G_0 .. G_order, (order + 1, n, n)."""
     from scipy.signal import csd
 

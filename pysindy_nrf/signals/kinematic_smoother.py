@@ -20,6 +20,7 @@ from ..pieces import contiguous
 from ..record import Record
 from .blocks import fuse_all
 from .columns import clock_of
+from .lowest import lowest_frequency
 
 _FEWEST = 8
 _ORDERS = {"x": 0, "v": 1, "a": 2}
@@ -54,6 +55,8 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         Frequency band, Hz. The fused motion, the forces and every other channel go through the
         same zero-phase :class:`~pysindy_nrf.fair_filter.FairFilter`, and the rows the filter
         spoils at the ends become NaN (they are masked later). None: forces are left as they are.
+        ``"auto"``: None if every DOF has a displacement sensor; else from the lowest frequency at which the
+        accelerations still tell the displacement, with a warning that names it.
     joint : bool
         False leaves the second step out: the noise left in the motions is then independent of the
         motion and nothing of it is lost, which instrumental variables need
@@ -71,6 +74,8 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
     high_pass_ : Series
         Frequency, Hz, by DOF, at which half of the motion is lost because displacement was not
         measured (``1 / (1 + (f_c/f)^4)``, zero phase); 0 where displacement was measured.
+    band_ : tuple or None
+        The band applied, Hz.
     edge_ : int
         Rows made NaN at each end (0 without ``band``).
     n_features_in_, feature_names_in_ : int, ndarray of str
@@ -265,9 +270,12 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         unmeasured = [n for n, y in columns.items() if np.isnan(y).all()]
         live = {n: y for n, y in columns.items() if n not in unmeasured}
         span = finite_span(list(live.values()), list(live), f"record {record.name!r}" if record is not None else "")
-        fused, rest = self._fuse({n: y[span] for n, y in live.items()}, fs, record, learn)
+        live = {n: y[span] for n, y in live.items()}
+        if learn:
+            self.band_ = self._chosen_band(live, fs, record)
+        fused, rest = self._fuse(live, fs, record, learn)
         result = fused | rest
-        if self.band is not None:
+        if self.band_ is not None:
             result = self._limit(result, fs, learn)
         out = {n: _pad(y, span, len(table)) for n, y in result.items()}
         out |= {n: columns[n] for n in unmeasured if n not in out}
@@ -292,7 +300,7 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         n = len(next(iter(live.values())))
         if n < _FEWEST:
             raise ChannelError(f"{n} samples are too few to fuse", "Give a longer record, or use smooth=False.")
-        lo, _ = check_band(self.band, fs)
+        lo, _ = check_band(self.band_, fs)
         corner = None if lo is None else lo / 8 / fs
         absolute = record is not None and record.coordinates == "absolute"
         base = np.zeros(n) if absolute else base_acceleration(live, fs)
@@ -318,7 +326,7 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
             self.spacing_ = pd.Series(spacing, name="spacing")
             self.high_pass_ = pd.Series(high_pass, name="high_pass")
         lost = [j for j in dofs if high_pass[j] > 0]
-        if lost and self.band is None:
+        if lost and self.band_ is None:
             warnings.warn(
                 f"DOF {', '.join(map(str, lost))}: no displacement is measured, so motion below about "
                 f"{2 * max(high_pass[j] for j in lost):.3g} Hz is lost while the force keeps it. "
@@ -327,6 +335,28 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
                 stacklevel=4,
             )
         return a | v | x, {n: y for n, y in live.items() if n not in motion.values()}
+
+    def _chosen_band(self, live: dict[str, np.ndarray], fs: float, record: Record | None) -> Band:
+        if not isinstance(self.band, str):
+            return self.band
+        if self.band != "auto":
+            raise ChannelError(f"band={self.band!r} is unknown", "Give (lo, hi) in Hz, None or 'auto'.")
+        motion = {(m[1], int(m[2])) for n in live if (m := _MOTION.fullmatch(n))}
+        blind = sorted({j for _, j in motion} - {j for kind, j in motion if kind in "xv"})
+        if not blind:
+            return None
+        absolute = record is not None and record.coordinates == "absolute"
+        base = 0.0 if absolute else base_acceleration(live, fs)
+        lo = lowest_frequency(np.column_stack([live[f"a{j}"] - base for j in blind]), fs)
+        if lo is None:
+            return None
+        warnings.warn(
+            f"DOF {', '.join(map(str, blind))}: only the acceleration is measured, which tells the displacement above "
+            f"about {lo:.3g} Hz. Force and response are taken from there up; give band=(lo, hi) to choose yourself.",
+            DataQualityWarning,
+            stacklevel=5,
+        )
+        return (lo, None)
 
     def _level(self, kind: str, name: str) -> float:
         if isinstance(self.noise, str):
@@ -377,13 +407,13 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         return float(rate)
 
     def _limit(self, columns: dict[str, np.ndarray], fs: float, learn: bool) -> dict[str, np.ndarray]:
-        operator = FairFilter(self.band, fs)
+        operator = FairFilter(self.band_, fs)
         if learn:
             self.edge_ = operator.edge
         n = len(next(iter(columns.values())))
         if n <= 2 * operator.edge:
             raise ChannelError(
-                f"The record has {n} samples, the filter {self.band} Hz spoils {operator.edge} at each end",
+                f"The record has {n} samples, the filter {self.band_} Hz spoils {operator.edge} at each end",
                 "Raise the lower band edge, give a longer record, or filter with FairFilter and keep the ends.",
             )
         limited = operator.apply(np.column_stack(list(columns.values())))

@@ -93,7 +93,12 @@ def flatten(model: Any) -> tuple[System, Layout]:
     groups = {site: group for site, group in model.laws.items() if site.kind != "sensor" and group}
     names = tuple(dict.fromkeys(name for group in groups.values() for law in group for name in law.covariates))
     n = len(masses)
-    sites, rows, coefficients, theta, channels, keep = [], [], [], [], [], []
+    sites: list[Any] = []
+    rows: list[Any] = []
+    coefficients: list[Any] = []
+    theta: list[Any] = []
+    channels: list[Any] = []
+    keep: list[Any] = []
     states, n_states, link_inertia = {}, 0, False
     for site, group in groups.items():
         first = len(rows)

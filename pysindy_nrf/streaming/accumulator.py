@@ -121,7 +121,7 @@ class Accumulator:
         self.model: Model | None = None
         self.blocks: list[BlockEntry] = []
         self.runs: list[Run] = []
-        self.windows: list[tuple[Key, Segment]] = []
+        self.windows: list[tuple[tuple[int, int, int], Segment]] = []
         self.window_every, self._offered = 1, 0
         self.extent: Extent | None = None
         self.n_samples = 0
@@ -259,7 +259,7 @@ class Accumulator:
         for start in range(inside.start, max(inside.stop - size // 2, inside.start + 1), 8 * size):
             if self._offered % self.window_every == 0:
                 stop = min(start + size, inside.stop)
-                self.windows.append(((key[0], key[1], start), _copied(segment, start, stop)))
+                self.windows.append(((*key, start - inside.start), _copied(segment, start, stop)))
                 if len(self.windows) > N_WINDOWS:
                     self.windows = self.windows[::2]
                     self.window_every *= 2

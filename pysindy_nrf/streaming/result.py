@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ..chain_solve import Solution, solve, solved_safely, warn_of_masses
+from ..chain_solve import Solution, solve, solved_safely
 from ..estimation.intervals import Resolver
 from ..estimation.model_of import model_of
 from ..estimation.pieces import Pieces
@@ -58,16 +58,15 @@ def publish(accumulator: Accumulator, solution: Solution, moments: Moments, walk
     data = _shown(accumulator)
     estimator._evidence = None
     estimator._resolver = Resolver(_pieces(accumulator), walk, accumulator.model.known_masses, estimator._inner())
-    warn_of_masses(solution)
     if estimator.constraints is not None:
         from ..constraints import constrained
 
         model = constrained(model, estimator.constraints, estimator._resolver)
-    estimator._publish(model, solution, moments, walk, layout, data)
+    estimator._publish(model, solution, moments, walk, layout, data, _judged(accumulator, data))
     hidden = sorted({j for run in accumulator.runs for j in run.unknown})
     estimator.unknown_forces_ = pd.DataFrame({f"F{j}": np.zeros(0) for j in hidden})
     model.info["estimation"] = {"asked": "ls", "found": "ls"}
-    estimator.n_features_in_ = 3 * layout.n_dof
+    estimator.n_features_in_, estimator._one_force = 3 * layout.n_dof, False
     if hasattr(estimator, "feature_names_in_"):
         del estimator.feature_names_in_
     return estimator
@@ -94,6 +93,15 @@ def _require_usable(accumulator: Accumulator, moments: Moments) -> None:
                 "unknowns",
                 "Use a longer record or a lower degree.",
             )
+
+
+def _judged(accumulator: Accumulator, data: SegmentSet) -> SegmentSet:
+    """The windows in which states of laws that remember are known: those at the start of a record."""
+    if not accumulator.model.layout.has_memory:
+        return data
+    starts = {run.first for run in accumulator.runs}
+    chosen = [w for key, w in accumulator.windows if key[:2] in starts and key[2] == 0]
+    return SegmentSet(chosen or data.segments[:1], data.n_samples)
 
 
 def _shown(accumulator: Accumulator) -> SegmentSet:

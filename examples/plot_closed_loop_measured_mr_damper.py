@@ -5,7 +5,7 @@ A magnetorheological damper under changing voltage
 A damper by itself, driven by white noise while its voltage changes. A spring and a dashpot leave half of its force
 unexplained. The voltage is among the channels; nobody says what it does.
 
-Run: ``PYSINDY_NRF_DATA=... python plot_closed_loop_mr_damper.py [folder]``
+Run: ``PYSINDY_NRF_DATA=... python plot_closed_loop_measured_mr_damper.py [folder]``
 """
 
 import os
@@ -36,4 +36,4 @@ for ax, model, when in zip(axes, (report.models[0], report.model), ("before", "a
     ax.set(xlabel="time (s)", ylabel="damper force (N)", title=when)
     ax.legend(frameon=False)
 BeforeAfterDisplay.from_report(report).plot(axes[2])
-figure.savefig(folder / "closed_loop_mr_damper.png", dpi=150)
+figure.savefig(folder / "closed_loop_measured_mr_damper.png", dpi=150)

@@ -5,7 +5,7 @@ A steel frame on a shaking table, weak and strong
 Three storeys, base motion only, so storey forces come per mass. In the weak test the loop should add nothing; in the
 strong one every storey yields and the loops open.
 
-Run: ``PYSINDY_NRF_DATA=... python plot_closed_loop_nees.py [folder]``
+Run: ``PYSINDY_NRF_DATA=... python plot_closed_loop_measured_nees.py [folder]``
 """
 
 import os
@@ -41,4 +41,4 @@ for row, model, when in zip(axes, (reports[name].models[0], reports[name].model)
 for ax, (name, report) in zip(axes[:, 3], reports.items()):
     BeforeAfterDisplay.from_report(report).plot(ax)
     ax.set_title(name)
-figure.savefig(folder / "closed_loop_nees.png", dpi=150)
+figure.savefig(folder / "closed_loop_measured_nees.png", dpi=150)

@@ -6,7 +6,7 @@ Two instrumented floors of a six-storey building in six earthquakes. A linear ch
 of the motion unexplained, since four floors carry no sensor. No storey law mends that, and the loop should say so
 instead of inventing one.
 
-Run: ``PYSINDY_NRF_DATA=... python plot_closed_loop_hotel.py [folder]``
+Run: ``PYSINDY_NRF_DATA=... python plot_closed_loop_measured_hotel.py [folder]``
 """
 
 import os
@@ -33,4 +33,4 @@ for ax, site in zip(axes, ("storey 1", "storey 2")):
     HysteresisLoopDisplay.from_estimator(report.model, X, F, site).plot(ax)
     ax.set_title(f"{records[0].name}, {site}")
 BeforeAfterDisplay.from_report(report).plot(axes[2])
-figure.savefig(folder / "closed_loop_hotel.png", dpi=150)
+figure.savefig(folder / "closed_loop_measured_hotel.png", dpi=150)

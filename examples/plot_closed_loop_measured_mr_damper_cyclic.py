@@ -6,7 +6,7 @@ Tests of a damper at constant current, each at one frequency. The declared model
 cell's offset. Beside it stands the cubic series in velocity and drift, the paper's nine terms. Every twelfth of the
 82 runs is drawn.
 
-Run: ``PYSINDY_NRF_DATA=... python plot_closed_loop_mr_damper_cyclic.py [folder]``
+Run: ``PYSINDY_NRF_DATA=... python plot_closed_loop_measured_mr_damper_cyclic.py [folder]``
 """
 
 import os
@@ -52,4 +52,4 @@ for k, name in enumerate(("spring and dashpot", "cubic series", "found by the lo
 axes[2].set_xticks(at, runs, rotation=45, ha="right")
 axes[2].set_ylabel("held-out error (% NRMSE)")
 axes[2].legend(frameon=False)
-figure.savefig(folder / "closed_loop_mr_damper_cyclic.png", dpi=150)
+figure.savefig(folder / "closed_loop_measured_mr_damper_cyclic.png", dpi=150)

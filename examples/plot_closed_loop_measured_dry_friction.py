@@ -5,7 +5,7 @@ A mass that rubs, but not where one would look
 A one-storey frame on a shaking base; the mass rubs on a frame that stands on the laboratory floor. Is the friction in
 the storey or against the ground? The force over the drift does not say; the loop does.
 
-Run: ``PYSINDY_NRF_DATA=... python plot_closed_loop_dry_friction.py [folder]``
+Run: ``PYSINDY_NRF_DATA=... python plot_closed_loop_measured_dry_friction.py [folder]``
 """
 
 import os
@@ -44,4 +44,4 @@ for ax, rate, name in zip(axes, (X["v1"].to_numpy(), X["v1"].to_numpy() + vg), (
     ax.set(xlabel=f"{name} velocity (mm/s)", ylabel="force the storey does not explain (N, for 1 kg)")
     ax.set_title(f"over the {name} velocity")
 BeforeAfterDisplay.from_report(report).plot(axes[2])
-figure.savefig(folder / "closed_loop_dry_friction.png", dpi=150)
+figure.savefig(folder / "closed_loop_measured_dry_friction.png", dpi=150)

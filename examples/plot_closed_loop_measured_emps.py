@@ -6,7 +6,7 @@ A drive pushes a carriage along its rails; only the position is measured. The de
 and a dashpot. What is missing? The published answer is Coulomb friction of 20.4 N and an offset of -3.2 N (Janot,
 Gautier, Brunot, 2019).
 
-Run: ``PYSINDY_NRF_DATA=... python plot_closed_loop_emps.py [folder]``
+Run: ``PYSINDY_NRF_DATA=... python plot_closed_loop_measured_emps.py [folder]``
 """
 
 import os
@@ -37,4 +37,4 @@ for ax, model, when in zip(axes, (report.models[0], report.model), ("before", "a
     ax.set(xlabel="velocity (m/s)", ylabel="force (N)", title=when)
     ax.legend(frameon=False)
 BeforeAfterDisplay.from_report(report).plot(axes[2])
-figure.savefig(folder / "closed_loop_emps.png", dpi=150)
+figure.savefig(folder / "closed_loop_measured_emps.png", dpi=150)

@@ -6,7 +6,7 @@ The published benchmark of Noel and Schoukens (2016): a mass on a hysteretic spr
 linear spring. Found should be m = 2 kg, c = 10 N s/m, k = 5e4 N/m, and the hysteresis with alpha = 5e4 N/m, beta
 gamma = 800 1/m, delta / gamma = -1.375, nu = 1.
 
-Run: ``PYSINDY_NRF_DATA=... python plot_closed_loop_bouc_wen.py [folder]``
+Run: ``PYSINDY_NRF_DATA=... python plot_closed_loop_measured_bouc_wen.py [folder]``
 """
 
 import os
@@ -34,4 +34,4 @@ for ax, model, when in zip(axes, (report.models[0], report.model), ("before", "a
     HysteresisLoopDisplay.from_estimator(model, X, F, "storey 1").plot(ax)
     ax.set_title(when)
 BeforeAfterDisplay.from_report(report).plot(axes[2])
-figure.savefig(folder / "closed_loop_bouc_wen.png", dpi=150)
+figure.savefig(folder / "closed_loop_measured_bouc_wen.png", dpi=150)

@@ -1,0 +1,140 @@
+r"""Forces that come earlier or later than the motion they cause.
+
+The balance of a forced DOF is solved with its force shifted by whole samples,
+
+.. math:: \min_\theta \sum_t \bigl(F_j(t + \tau) - \Phi_j(t) \theta\bigr)^2 ,
+
+for every shift at once (they share one Gram matrix); the parabola through the lowest three residuals gives the
+delay to a fraction of a sample, and leaving out pieces of the record its standard error.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy import linalg
+
+from .exceptions import ChannelError
+from .layout import LawLayout
+from .segments import SegmentSet
+
+MOST = 20  # samples
+PIECES = 24
+LATE = 0.1  # samples from which on a delay is said
+SURE = 3.0  # standard errors that a delay must be away from zero
+
+
+def force_delay(estimator: Any, X: Any = None, F: Any = None, **options: Any) -> pd.DataFrame:
+    """Delay of each measured force against the motion.
+
+    Parameters
+    ----------
+    estimator : fitted NRFRegressor
+        Its laws are used, its numbers are not.
+    X, F, **options
+        As for its ``fit``; the data of the fit if None (they are gone after loading).
+
+    Returns
+    -------
+    DataFrame
+        By force (``F1``..): ``delay`` (s, positive = the force is late; NaN without a clock), ``samples``,
+        ``error`` (standard error, samples), ``aligned`` (bool) and ``message``. Forces that act in no balance with a
+        single unknown force are left out.
+
+    Raises
+    ------
+    ChannelError
+        If no force is measured, or the data are gone.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+    >>> from pysindy_nrf.force_delay import force_delay
+    >>> truth = ChainModel([10.0], {"storey 1": laws.PowerSeries(1, [100.0, 1e5])})
+    >>> F = excitation.band_limited_random(1, 4.0, 1000.0, dofs=[1], rms=100.0, band=(1, 60), random_state=0)
+    >>> record = simulate(truth, F, 1e-3)
+    >>> late = record.replace(force=np.roll(F, 3, axis=0))  # the force channel comes 3 ms late
+    >>> import warnings
+    >>> with warnings.catch_warnings():
+    ...     warnings.simplefilter("ignore")
+    ...     model = NRFRegressor(degree=1).fit(late)
+    >>> force_delay(model).loc["F1", "samples"].round(1).item()
+    3.0
+    """
+    if X is None:
+        if estimator._evidence is None:
+            raise ChannelError("The model was loaded without the data it was fitted to", "Pass X and F.")
+        data: SegmentSet = estimator._evidence[0]
+    else:
+        from .analysis._inputs import as_segments
+
+        data = as_segments(estimator, X, F, **options)
+    layout = LawLayout(estimator.model_.chain, estimator.model_.laws)
+    rows = {}
+    for j in data.forced:
+        found = _delay(data, layout, j)
+        if found is None:
+            continue
+        samples, error = found
+        aligned = abs(samples) < LATE or abs(samples) < SURE * error
+        seconds = samples * data.dt if data.dt else np.nan
+        when = "late" if samples > 0 else "early"
+        span = f"{abs(seconds) * 1e3:.3g} ms ({abs(samples):.2f} samples)" if data.dt else f"{abs(samples):.2f} samples"
+        message = "" if aligned else (
+            f"F{j} is {span} {when} against the motion of DOF {j}: masses and damping are wrong by as much as its phase "
+            "turns. Shift it (alignment.shifted)."
+        )  # fmt: skip
+        rows[f"F{j}"] = [seconds, samples, error, aligned, message]
+    if not rows:
+        raise ChannelError("No force is measured, so no delay can be told", "Measure a force.")
+    columns = ["delay", "samples", "error", "aligned", "message"]
+    return pd.DataFrame.from_dict(rows, orient="index", columns=columns).rename_axis("channel")
+
+
+def _delay(data: SegmentSet, layout: LawLayout, j: int) -> tuple[float, float] | None:
+    """Delay in samples and its standard error, or None where nothing can be told."""
+    from .estimation.pieces import rows_of, whole_block
+
+    group = layout.group((j,))
+    known = dict.fromkeys(range(1, layout.n_dof + 1), 0.0)
+    grams = []
+    for seg in data.segments:
+        force = seg.F[seg.valid, j - 1].astype(float)
+        if np.isnan(force[0]) or not force.any() or len(force) < 8 * MOST:
+            continue
+        rows = rows_of(layout, group, whole_block(seg, layout, None), known)[:-1]
+        inner = slice(MOST, len(force) - MOST)
+        shifted = [force[MOST + k : len(force) - MOST + k] for k in range(-MOST, MOST + 1)]
+        both = np.vstack([rows[:, inner], *shifted])
+        for part in np.array_split(both, PIECES, axis=1):
+            grams.append(part @ part.T)
+    if not grams:
+        return None
+    total, n = np.sum(grams, axis=0), len(grams)
+    best = _lowest(total)
+    if best is None:
+        return None
+    left_out = [_lowest(total - g) for g in grams]
+    values = np.array([v for v in left_out if v is not None])
+    if len(values) < n:
+        return None
+    return best, float(np.sqrt((n - 1) / n * ((values - values.mean()) ** 2).sum()))
+
+
+def _lowest(gram: np.ndarray) -> float | None:
+    """Shift, samples, at which the force leaves least; None at the ends of the range."""
+    p = len(gram) - 2 * MOST - 1
+    size = np.sqrt(np.diag(gram))
+    if not (size > 0).all():
+        return None
+    unit = gram / size[:, None] / size
+    c = linalg.lstsq(unit[:p, :p], unit[:p, p:], cond=1e-12, check_finite=False)[0]
+    left = 1.0 - np.einsum("ij,ij->j", unit[:p, p:], c)
+    k = int(np.argmin(left))
+    if not 0 < k < 2 * MOST:
+        return None
+    bend = left[k - 1] - 2 * left[k] + left[k + 1]
+    return float(k - MOST + (0.5 * (left[k - 1] - left[k + 1]) / bend if bend > 0 else 0.0))

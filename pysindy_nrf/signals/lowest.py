@@ -1,0 +1,68 @@
+"""How far down accelerations alone tell the displacement."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import signal
+
+from ..fair_filter import FairFilter
+
+# Noise of the displacement that integration may bring along, as a share of the displacement.
+SHARE = 0.02
+# Part of the spectrum, from the top, that holds noise alone.
+_TOP = 0.2
+# A filter may spoil this share of the record at each end.
+_SPOILT = 0.2
+# Share of the displacement's power that a short record, which asks for a higher edge, must keep.
+_KEPT = 0.8
+
+
+def lowest_frequency(accelerations: np.ndarray, fs: float) -> float | None:
+    r"""Frequency above which displacements integrated from noisy accelerations can be trusted.
+
+    White noise of density N in an acceleration is noise of density :math:`N / \omega^4` in the displacement. The
+    frequency is the lowest one above which the rms of that noise is at most 2 % of the displacement's, for every
+    channel and for the difference of every two neighbours (the drift of a storey).
+
+    Parameters
+    ----------
+    accelerations : ndarray of shape (n_samples, n_dof)
+        m/s^2, the base's taken off.
+    fs : float
+        Hz.
+
+    Returns
+    -------
+    float or None
+        Hz; None where no lower edge would leave enough of the record and of the motion.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.signals.lowest import lowest_frequency
+    >>> t, rng = np.arange(20000) / 500, np.random.default_rng(0)
+    >>> a = np.sin(2 * np.pi * 6 * t) + 0.02 * rng.standard_normal(20000)
+    >>> bool(0.3 < lowest_frequency(a[:, None], 500.0) < 4)
+    True
+    """
+    channels = np.column_stack([accelerations, np.diff(accelerations, axis=1)])
+    channels = channels[:, channels.any(axis=0)]
+    f, density = signal.welch(channels, fs, nperseg=max(64, len(channels) // 6), axis=0)
+    f, density = f[1:], density[1:]
+    noise = np.median(density[f > (1 - _TOP) * f[-1]], axis=0)
+    weight = f[:, None] ** -4.0
+    above = lambda y: np.cumsum(y[::-1], axis=0)[::-1]  # noqa: E731
+    told, untold = above(np.maximum(density - noise, 0.0) * weight), above(noise * weight)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.sqrt(untold / told)
+    worst = np.where(np.isfinite(share), share, np.inf).max(axis=1)
+    good = np.flatnonzero(worst <= SHARE)
+    at = int(good[0]) if good.size else int(np.argmin(worst))
+    if not np.isfinite(worst[at]):
+        return None
+    for i in range(at, int(np.searchsorted(f, 0.1 * fs))):
+        if (told[i] < _KEPT * told[at]).any():
+            break
+        if FairFilter((float(f[i]), None), fs).edge <= _SPOILT * len(channels):
+            return float(f[i])
+    return None

@@ -1,0 +1,57 @@
+"""Accelerations and one force are enough: nothing but what such a test measures is passed."""
+
+from __future__ import annotations
+
+import warnings
+
+import chains
+import numpy as np
+import pytest
+
+from pysindy_nrf import KinematicSmoother, NRFRegressor, Record
+from pysindy_nrf.exceptions import ChannelError, DataQualityWarning
+from pysindy_nrf.noise import add_noise
+from pysindy_nrf.signals.lowest import lowest_frequency
+
+
+def record_of(case, noise, seed):
+    rec = Record(force=case.F, acceleration=case.a, fs=1 / case.dt)
+    return add_noise(rec, noise, random_state=seed) if noise else rec
+
+
+@pytest.mark.parametrize("estimation", ["ls", "iv"])
+@pytest.mark.parametrize("n, forced, seed", [(2, 2, 1), (4, 3, 2)])
+def test_masses_and_stiffness_within_two_percent(n, forced, seed, estimation):
+    case = chains.duffing(n, [forced], seed=seed, n_samples=16000, cubic=False)
+    with pytest.warns(DataQualityWarning, match="only the acceleration is measured, which tells the displacement above"):
+        model = NRFRegressor(degree=1, estimation=estimation).fit(record_of(case, 0.02, seed))
+    stiffness = np.array([model.restoring_forces_[i].coefficients["s"] for i in range(1, n + 1)])
+    assert np.abs(model.masses_ / case.m - 1).max() < 0.02
+    assert np.abs(stiffness / case.k - 1).max() < 0.02
+
+
+def test_the_lowest_frequency_follows_the_noise():
+    """Noise of an integrated acceleration: rms sqrt(N / (3 (2 pi)^4 f^3)); eight times the density, twice the frequency."""
+    rng = np.random.default_rng(0)
+    t = np.arange(120_000) / 500
+    clean, noise = np.sin(2 * np.pi * 20 * t), rng.standard_normal(t.size)
+    found = [lowest_frequency((clean + level * noise)[:, None], 500.0) for level in (0.005, 0.005 * 8**0.5)]
+    assert found[1] / found[0] == pytest.approx(2.0, rel=0.15)
+    density = 2 * 0.005**2 / 500
+    share = np.sqrt(density / (3 * (2 * np.pi) ** 4 * found[0] ** 3)) / (np.sqrt(0.5) / (2 * np.pi * 20) ** 2)
+    assert share == pytest.approx(0.02, rel=0.2)
+
+
+def test_a_displacement_sensor_on_every_floor_needs_no_band():
+    case = chains.duffing(2, [1], seed=1, n_samples=3000)
+    rec = Record(force=case.F, acceleration=case.a, displacement=case.s.cumsum(axis=1), fs=1000.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        X, _ = rec.to_features()
+    assert X.notna().all(axis=None) and KinematicSmoother(band="auto").fit(rec).band_ is None
+
+
+def test_an_unknown_band_is_refused():
+    case = chains.duffing(1, [1], seed=1, n_samples=1000)
+    with pytest.raises(ChannelError, match="band='automatic' is unknown"):
+        KinematicSmoother(band="automatic").fit(record_of(case, 0.0, 0))

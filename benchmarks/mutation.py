@@ -113,11 +113,12 @@ def sampled(session: Path, home: Path, count: int, seed: int) -> int:
     return len(chosen)
 
 
-def run(part: str, count: int, seed: int) -> dict:
+def run(part: str, count: int, seed: int, chosen: list[str] | None = None) -> dict:
     """Mutate one part; killed, survived and the survivors' lines."""
     from cosmic_ray.work_db import WorkDB, use_db
 
     modules, tests = PARTS[part]
+    tests = chosen or tests
     with tempfile.TemporaryDirectory(prefix="mutants") as folder:
         home = copied(Path(folder))
         modules = [m for m in modules if (home / m).exists()]
@@ -160,6 +161,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--part", nargs="+", choices=list(PARTS), default=list(PARTS))
     parser.add_argument("--sample", type=int, default=120, help="mutants of each part; 0 for all")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--tests", nargs="+", help="other tests than those of the part (a quick look)")
     o = parser.parse_args(arguments)
     try:
         import cosmic_ray  # noqa: F401
@@ -169,7 +171,7 @@ def main(arguments: list[str] | None = None) -> int:
     rows = []
     print("| part | mutants | killed | survived | killed % |\n|---|---|---|---|---|", flush=True)
     for part in o.part:
-        found = run(part, o.sample, o.seed)
+        found = run(part, o.sample, o.seed, o.tests)
         rows.append(found)
         alive = len(found["survivors"])
         share = 100 * found["killed"] / max(found["killed"] + alive, 1)

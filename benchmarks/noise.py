@@ -1,13 +1,15 @@
 """What measurement noise does to masses and stiffnesses, and what the estimators make of it.
 
-    python benchmarks/noise.py --quick                 # a few seeds of everything: some minutes
-    python benchmarks/noise.py                         # 20 seeds, 300 repetitions for the intervals
+    python benchmarks/noise.py --quick                 # two seeds, short records: some minutes
+    python benchmarks/noise.py                         # 20 seeds, 300 repetitions for the intervals: hours
     python benchmarks/noise.py --only "5 %" --seeds 5
 
 Noise is white on every channel, the force included, as a share of the channel's RMS. The truth is
 simulated with the force as a cubic spline through its samples (a band-limited force, as measured);
 with straight lines between the samples accelerations and displacements contradict each other by
-0.1 %, which shows. Errors in percent: median over the seeds and the range that holds 90 % of them.
+0.1 %, which shows. Errors in percent: median over the seeds and the range that holds 90 % of them. Below the
+linear chains stands what no unbiased estimate can fall below (Cramer-Rao): the median of the worst of Gaussian
+errors with the covariance that the noise of these channels leaves.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ from joblib import Parallel, delayed  # noqa: E402
 
 from pysindy_nrf import ChainModel, KinematicSmoother, NRFRegressor, Record, excitation, laws, simulate  # noqa: E402
 from pysindy_nrf.errors import nrmse  # noqa: E402
+from pysindy_nrf.estimation.spectra import spectrum, transfer  # noqa: E402
 from pysindy_nrf.exceptions import NRFError  # noqa: E402
 from pysindy_nrf.noise import add_noise  # noqa: E402
 
@@ -54,15 +57,19 @@ def chain(kind: str, seed: int) -> tuple[ChainModel, dict]:
     return ChainModel(m, held), told
 
 
-def record(
-    truth: ChainModel, dofs, seed: int, noise: float, force: str = "random", duration: float = DURATION
-) -> Record:
-    """A noisy record of a chain."""
+def exact_record(truth: ChainModel, dofs, seed: int, force: str = "random", duration: float | None = None) -> Record:
+    """What happened."""
+    duration = duration or DURATION
     if force == "hammer":
         F = excitation.impact_hammer(N, duration, FS, dofs=dofs, level=1000.0, n_hits=8, random_state=seed)
     else:
         F = excitation.band_limited_random(N, duration, FS, dofs=dofs, rms=100.0, band=(0.5, 60.0), random_state=seed)
-    return add_noise(simulate(truth, F, 1 / FS, hold="cubic"), noise, random_state=[seed, 1000])
+    return simulate(truth, F, 1 / FS, hold="cubic")
+
+
+def record(truth: ChainModel, dofs, seed: int, noise: float, force: str = "random") -> Record:
+    """A noisy record of a chain."""
+    return add_noise(exact_record(truth, dofs, seed, force), noise, random_state=[seed, 1000])
 
 
 def parameters(model: ChainModel) -> np.ndarray:
@@ -110,6 +117,30 @@ def one(case: str, estimation: str, seed: int) -> np.ndarray:
     return errors(NRFRegressor(**told, estimation=estimation).fit(rec).model_, truth)
 
 
+def bound(case: str, seed: int) -> np.ndarray:
+    """Cramer-Rao standard deviations of a linear chain's parameters, percent, for noise on a, v, x and F."""
+    kind, dofs, noise, force = CASES[case]
+    truth, _ = chain(kind, seed)
+    run = exact_record(truth, dofs, seed, force)
+    f = np.fft.rfftfreq(run.n_samples, 1 / FS)[1:]
+    f = f[f < 200.0]
+    w = 2 * np.pi * f[:, None]
+    share = {k: noise * np.sqrt(np.mean(getattr(run, k) ** 2, axis=0)) for k in ("acceleration", "velocity", "displacement")}
+    # all three channels together, as one velocity
+    blur = 1 / ((w / share["acceleration"]) ** 2 + 1 / share["velocity"] ** 2 + 1 / (w * share["displacement"]) ** 2) / FS
+    shock = (noise * np.sqrt(np.mean(run.force**2, axis=0))) ** 2 / FS
+    G = transfer(truth.matrices(), f)[:, :, :N]
+    S = (G * shock) @ G.conj().transpose(0, 2, 1) + blur[:, :, None] * np.eye(N)
+    v, s = (np.diff(y, axis=1, prepend=0.0) for y in (run.velocity, run.displacement))
+    step = np.eye(N) - np.eye(N, k=1)  # storey i pulls DOF i up and DOF i - 1 down
+    added = [np.outer(run.acceleration[:, j], np.eye(N)[j]) for j in range(N)]
+    added += [np.outer(y[:, i], step[:, i]) for y in (s, v) for i in range(N)]
+    J = np.stack([-(G @ spectrum(y, 1 / FS)[: len(f), :, None])[:, :, 0] for y in added], axis=2)
+    information = 2 * np.einsum("fdi,fdj->ij", J.conj(), np.linalg.solve(S, J)).real
+    scale = parameters(truth)
+    return 100 * np.sqrt(np.diag(np.linalg.inv(information * np.outer(scale, scale))))
+
+
 SENSORS = ("accelerations and force", "displacements and force", "displacements, moving base")
 
 
@@ -155,6 +186,11 @@ def table(function, cases, estimations, seeds: int, jobs: int) -> None:
                 )
             row["s per fit"] = f"{(time.time() - began) * jobs / seeds:.1f}"
             rows[estimation] = row
+        if function is one and CASES[case][0] in ("plain", "random parameters"):
+            sigma = np.mean([bound(case, s) for s in range(min(seeds, 3))], axis=0)
+            worst = np.abs(np.random.default_rng(0).normal(size=(4000, len(sigma))) * sigma)
+            parts = {"mass": slice(0, N), "stiffness": slice(N, 2 * N), "damping": slice(2 * N, None)}
+            rows["Cramer-Rao bound"] = {f"worst {k}": f"{np.median(worst[:, p].max(axis=1)):.2f}" for k, p in parts.items()}
         goal = f"   (target: worst mass {TARGET[case]} %)" if case in TARGET else ""
         print(f"\n{case}{goal}\n{pd.DataFrame(rows).T.to_string()}", flush=True)
 
@@ -203,12 +239,12 @@ def coverage(repetitions: int, jobs: int) -> None:
 # -- output error, measured frame -------------------------------------------------------------------
 
 
-def free_run_errors(seed: int) -> tuple[float, float]:
+def free_run_errors(kind: str, seed: int) -> tuple[float, float]:
     """Free-run errors on a held-out record without noise: instrumental variables, then output error."""
-    truth, told = chain("plain", seed)
+    truth, told = chain(kind, seed)
     rec = record(truth, [3], seed, 0.05)
-    F = excitation.band_limited_random(N, 8.0, FS, dofs=[3], rms=100.0, band=(0.5, 60.0), random_state=[seed, 9])
-    exact = simulate(truth, F, 1 / FS, hold="cubic")
+    exact = exact_record(truth, [3], [seed, 9], duration=8.0)
+    F = exact.force
     out = []
     for estimation in ("iv", "simulation"):
         model = NRFRegressor(**told, estimation=estimation).fit(rec)
@@ -218,13 +254,14 @@ def free_run_errors(seed: int) -> tuple[float, float]:
 
 
 def output_error(seeds: int, jobs: int) -> None:
-    found = np.array(Parallel(n_jobs=jobs)(delayed(quietly)(free_run_errors, s) for s in range(seeds)))
-    print(
-        f"\nFree-run error on a held-out record, percent NRMSE of the accelerations, 5 % noise, {seeds} seeds\n"
-        f"  iv {spread(found[:, 0])}   simulation {spread(found[:, 1])}   "
-        f"simulation worse in {int((found[:, 1] > found[:, 0]).sum())} of {seeds}",
-        flush=True,
-    )
+    for kind in ("plain", "cubic storey", "damper", "random parameters"):
+        found = np.array(Parallel(n_jobs=jobs)(delayed(quietly)(free_run_errors, kind, s) for s in range(seeds)))
+        print(
+            f"\nFree-run error on a held-out record, {kind}: percent NRMSE of the accelerations, 5 % noise, {seeds} "
+            f"seeds\n  iv {spread(found[:, 0])}   simulation {spread(found[:, 1])}   "
+            f"simulation worse in {int((found[:, 1] > found[:, 0] * (1 + 1e-9)).sum())} of {seeds}",
+            flush=True,
+        )
 
 
 def measured_frame() -> None:
@@ -237,7 +274,7 @@ def measured_frame() -> None:
     except NRFError as error:
         print(f"\nthree_storey_frf skipped: {error}")
         return
-    print("\nthree_storey_frf, 4 to 32 Hz: three equal masses (kg in the file's units), their spread, 95 % intervals")
+    print("\nthree_storey_frf, 4 to 32 Hz (the useful band its owners name): three equal masses (kg in the file's units), their spread, 95 % intervals")
     for estimation in ("ls", "iv"):
         model = quietly(fit_frequency_response, NRFRegressor(degree=1, estimation=estimation), frf, band=(4.0, 32.0))
         ci = model.confidence_intervals().set_index("parameter").iloc[:3]
@@ -250,21 +287,26 @@ def measured_frame() -> None:
         )
 
 
-def main() -> None:
+def main(argv: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="4 seeds, 40 repetitions")
+    parser.add_argument("--quick", action="store_true", help="2 seeds, 8 s, 20 repetitions")
     parser.add_argument("--seeds", type=int, default=None)
+    parser.add_argument("--seconds", type=float, default=None, help="length of the records")
+    parser.add_argument("--repetitions", type=int, default=None)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--only", default="", help="run only the parts whose title contains this")
-    options = parser.parse_args()
-    seeds = options.seeds or (4 if options.quick else 20)
+    options = parser.parse_args(argv)
+    global DURATION
+    DURATION = options.seconds or (8.0 if options.quick else DURATION)
+    seeds = options.seeds or (2 if options.quick else 20)
     began = time.time()
-    table(one, [c for c in CASES if options.only in c], ["ls, raw channels", "ls", "iv"], seeds, options.jobs)
-    table(sensors, [c for c in SENSORS if options.only in c], ["ls", "iv"], seeds, options.jobs)
+    cases, few = ([c for c in every if options.only in c] for every in (CASES, SENSORS))
+    table(one, cases, ["ls, raw channels", "ls", "iv", "simulation"], seeds, options.jobs)
+    table(sensors, few, ["ls", "iv"], seeds, options.jobs)
     if options.only in "intervals":
-        coverage(40 if options.quick else 300, options.jobs)
+        coverage(options.repetitions or (20 if options.quick else 300), options.jobs)
     if options.only in "output error":
-        output_error(2 if options.quick else min(seeds, 8), options.jobs)
+        output_error(min(seeds, 8), options.jobs)
     if options.only in "frequency response":
         measured_frame()
     print(f"\n{time.time() - began:.0f} s")

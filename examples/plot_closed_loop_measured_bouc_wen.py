@@ -15,8 +15,9 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 
-from pysindy_nrf import KinematicSmoother, NRFRegressor, close_loop, datasets
+from pysindy_nrf import NRFRegressor, close_loop, datasets
 from pysindy_nrf.displays import BeforeAfterDisplay, HysteresisLoopDisplay
+from pysindy_nrf.fair_filter import FairFilter
 
 if "PYSINDY_NRF_DATA" not in os.environ:
     sys.exit("Set PYSINDY_NRF_DATA to the folder of the measured records.")
@@ -28,10 +29,14 @@ report = close_loop(record, NRFRegressor(degree=1), band=band)
 print(report.model)
 print(f"{report}\n{report.table.round(2).to_string()}")
 
-X, F = record.to_features(KinematicSmoother(band=band))
+X, F = record.to_features()
+filter = FairFilter(band, record.fs)
+part = slice(3000, 3500)
 figure, axes = plt.subplots(1, 3, figsize=(14, 4.5), layout="constrained")
 for ax, model, when in zip(axes, (report.models[0], report.model), ("before", "after")):
-    HysteresisLoopDisplay.from_estimator(model, X, F, "storey 1").plot(ax)
+    measured = filter.apply(F["F1"].to_numpy() - model.masses[0] * X["a1"].to_numpy())
+    force = filter.apply(model.restoring_force(X)[:, 0])
+    HysteresisLoopDisplay(X["s1"].to_numpy()[part], force[part], measured[part]).plot(ax)
     ax.set_title(when)
 BeforeAfterDisplay.from_report(report).plot(axes[2])
 figure.savefig(folder / "closed_loop_measured_bouc_wen.png", dpi=150)

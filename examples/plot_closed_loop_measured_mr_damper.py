@@ -14,8 +14,9 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 
-from pysindy_nrf import KinematicSmoother, NRFRegressor, close_loop, datasets
+from pysindy_nrf import NRFRegressor, close_loop, datasets
 from pysindy_nrf.displays import BeforeAfterDisplay
+from pysindy_nrf.fair_filter import FairFilter
 
 if "PYSINDY_NRF_DATA" not in os.environ:
     sys.exit("Set PYSINDY_NRF_DATA to the folder of the measured records.")
@@ -23,16 +24,18 @@ folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)
 
 record, band = datasets.load_mr_damper_white_noise(), (None, 60.0)
-report = close_loop(record, NRFRegressor(degree=1, known_masses={1: 0.0}), band=band)
+report = close_loop(record, NRFRegressor(degree=1, known_masses={1: 0.0}), band=band, max_steps=2)
 print(f"{report}\n{report.table.round(2).to_string()}")
 
-X, F = record.to_features(KinematicSmoother(band=band))
+X, F = record.to_features()
+filter = FairFilter(band, record.fs)
+measured = filter.apply(F["F1"].to_numpy())
 figure, axes = plt.subplots(1, 3, figsize=(14, 4.5), layout="constrained")
 part = slice(30000, 33000)  # one second
 for ax, model, when in zip(axes, (report.models[0], report.model), ("before", "after")):
-    force = model.predict(X, covariates=record.covariates)
-    ax.plot(record.time[part], F["F1"].to_numpy()[part], "k", linewidth=1, label="measured")
-    ax.plot(record.time[part], force[part, 0], linewidth=1, label="model")
+    force = filter.apply(model.predict(X, covariates=record.covariates)[:, 0])
+    ax.plot(record.time[part], measured[part], "k", linewidth=1, label="measured")
+    ax.plot(record.time[part], force[part], linewidth=1, label="model")
     ax.set(xlabel="time (s)", ylabel="damper force (N)", title=when)
     ax.legend(frameon=False)
 BeforeAfterDisplay.from_report(report).plot(axes[2])

@@ -13,8 +13,9 @@ import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
+import numpy as np
 
-from pysindy_nrf import KinematicSmoother, NRFRegressor, close_loop, datasets
+from pysindy_nrf import NRFRegressor, close_loop, datasets
 from pysindy_nrf.displays import BeforeAfterDisplay, HysteresisLoopDisplay
 from pysindy_nrf.fair_filter import FairFilter
 
@@ -31,13 +32,19 @@ for name in ("fbgm162s1", "fbgm162s5"):
     reports[name] = close_loop(record, NRFRegressor(degree=1, known_masses=equal), band=band)
     print(f"{name}\n{reports[name]}\n{reports[name].table.round(2).to_string()}\n")
 
-X, F = record.to_features(KinematicSmoother(band=band))
-base = FairFilter(band, record.fs).apply(record.base_acceleration)
+# columns are built from the whole motion and then filtered, as in the search: a law with memory needs the slow part
+X, _ = record.to_features()
+filter = FairFilter(band, record.fs)
+inertia = filter.apply(-np.cumsum(X[["a3", "a2", "a1"]].to_numpy(), axis=1)[:, ::-1])
+drift = filter.apply(X[["s1", "s2", "s3"]].to_numpy())
+part = slice(len(X) // 25, len(X) // 2)
 figure, axes = plt.subplots(2, 4, figsize=(17, 8), layout="constrained")
 for row, model, when in zip(axes, (reports[name].models[0], reports[name].model), ("before", "after")):
-    for ax, i in zip(row, (1, 2, 3)):
-        HysteresisLoopDisplay.from_estimator(model, X, F, f"storey {i}", base_acceleration=base).plot(ax)
-        ax.set_title(f"strong shaking, storey {i}, {when}")
+    force = filter.apply(model.restoring_force(X, base_acceleration=record.base_acceleration))
+    for ax, i in zip(row, range(3)):
+        HysteresisLoopDisplay(drift[part, i], force[part, i], inertia[part, i], f"storey {i + 1}").plot(ax)
+        ax.set_title(f"strong shaking, storey {i + 1}, {when}")
+        ax.set_ylabel(f"$R_{i + 1}$ for floors of 1 kg (N)")
 for ax, (name, report) in zip(axes[:, 3], reports.items()):
     BeforeAfterDisplay.from_report(report).plot(ax)
     ax.set_title(name)

@@ -34,6 +34,7 @@ _LAZY_MODULES = (
     "alignment",
     "analysis",
     "channel_checks",
+    "condensation",
     "constraints",
     "datasets",
     "displays",

@@ -42,7 +42,8 @@ def checked(estimator: Any, X: Any, *, reset: bool, prefix: str = "column ") -> 
     matrix = as_matrix(X, names or prefix, what="columns of X")
     if matrix.shape[1] == 0:
         raise ChannelError(
-            f"X has 0 feature(s) (shape={matrix.shape}) while a minimum of 1 is required", "Give one column per channel."
+            f"X has 0 feature(s) (shape={matrix.shape}) while a minimum of 1 is required",
+            "Give one column per channel.",
         )
     if len(matrix) == 0:
         raise ChannelError("X has no samples (0 rows)", "Give a record.")

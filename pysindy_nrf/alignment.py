@@ -8,7 +8,7 @@ between them says why: its phase is a delay (straight in frequency) or an invers
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,18 @@ import pandas as pd
 
 from .channels import as_matrix
 from .exceptions import ChannelError
+from .force_delay import force_delay
 from .record import Record, seconds_of
+
+__all__ = [
+    "align",
+    "channel_alignment",
+    "displacement_from_drifts",
+    "force_delay",
+    "resampled",
+    "shifted",
+    "split_at_gaps",
+]
 
 _ORDER = {"x": 0, "v": 1, "a": 2}
 _NAMES = {"a": "acceleration", "v": "velocity", "x": "displacement"}

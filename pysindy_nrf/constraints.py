@@ -190,7 +190,7 @@ def constrained(model: ChainModel, constraints: Any, resolver: Any) -> ChainMode
     ChainError
         If a constraint names what does not exist, or they contradict each other.
     """
-    from .estimation.intervals import parameters_of
+    from .estimation.statistics import parameters_of
 
     given = (constraints,) if isinstance(constraints, Constraint) else tuple(constraints)
     wrong = [c for c in given if not isinstance(c, Constraint)]

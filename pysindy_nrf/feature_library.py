@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -19,6 +20,7 @@ from .layout import LawLayout
 from .segments import Segment, feature_names
 
 _INPUTS = ("balance", "state")
+_UNNAMED = re.compile(r"[xu]\d+")
 
 
 class ForceLawLibrary(BaseFeatureLibrary):
@@ -51,6 +53,12 @@ class ForceLawLibrary(BaseFeatureLibrary):
         If a law that remembers the path is used with ``inputs="state"``: the right-hand side of an
         ordinary differential equation has no path.
 
+    Notes
+    -----
+    ``+`` of two such libraries holds the laws of both at every site and is again one for a chain. ``+`` with any
+    other PySINDy library, and ``*``, are PySINDy's own: plain columns. They belong to no storey, so fit them with
+    a plain optimizer (``ps.STLSQ``); the chain optimizers know columns by their order and number alone.
+
     Examples
     --------
     >>> import numpy as np
@@ -58,6 +66,9 @@ class ForceLawLibrary(BaseFeatureLibrary):
     >>> library = ForceLawLibrary([laws.LinearViscous(), laws.Duffing()]).fit(np.zeros((5, 6)))
     >>> library.get_feature_names()
     ['a1', 'a2', 'v1', 's1', 's1^3', 'v2', 's2', 's2^3']
+    >>> more = library + ForceLawLibrary({"storey 2": laws.CoulombFriction()})
+    >>> more.fit(np.zeros((5, 6))).get_feature_names()
+    ['a1', 'a2', 'v1', 's1', 's1^3', 'v2', 's2', 's2^3', 'sgn(v2)']
     """
 
     dt: float | None = None
@@ -174,25 +185,45 @@ class ForceLawLibrary(BaseFeatureLibrary):
         out = out.reshape(*lead, -1)
         return AxesArray(out, {"ax_time": 0, "ax_coord": out.ndim - 1} if out.ndim == 2 else _axes(out))
 
+    def __add__(self, other: Any) -> Any:
+        """Laws of both libraries at every site; PySINDy's concatenated columns with a library of another kind."""
+        if isinstance(other, ForceLawLibrary):
+            return ForceLawLibrarySum([self, other])
+        return super().__add__(other)
+
     def get_feature_names(self, input_features: Sequence[str] | None = None) -> list[str]:
         """Names of the features, e.g. ``"v2^2 s2"``.
 
         Parameters
         ----------
         input_features : sequence of str, optional
-            Names of the input columns; only those of the leading block and of the forces are used.
+            The user's names of the input columns, for the columns that are passed through: accelerations, or
+            velocities and forces. Terms keep the names of their storeys. PySINDy's own x0, x1, ..., u0 say
+            nothing and count as no names.
 
         Returns
         -------
         list of str
+
+        Raises
+        ------
+        ChannelError
+            If there are more or fewer names than columns.
         """
         check_is_fitted(self)
         n = self.layout_.n_dof
-        if self.inputs == "balance":
-            head, tail = [f"a{j}" for j in range(1, n + 1)], []
-        else:
-            head, tail = [f"xdot{j}" for j in range(1, n + 1)], [f"F{j}" for j in range(1, n + 1)]
-        return [*head, *term_names(self.layout_), *tail]
+        heads = ("a", "v", "s") if self.inputs == "balance" else ("x", "xdot", "F")
+        names = [f"{head}{j}" for head in heads for j in range(1, n + 1)]
+        if input_features is not None:
+            given = [str(name) for name in input_features]
+            if len(given) != 3 * n:
+                raise ChannelError(
+                    f"{len(given)} names for {3 * n} columns", f"Give the names of {', '.join(heads)} of every DOF."
+                )
+            if not all(_UNNAMED.fullmatch(name) for name in given):
+                names = given
+        through = (names[:n], []) if self.inputs == "balance" else (names[n : 2 * n], names[2 * n :])
+        return [*through[0], *term_names(self.layout_), *through[1]]
 
     def get_feature_names_out(self, input_features: Any = None) -> np.ndarray:
         """The same, as scikit-learn asks for them.
@@ -234,6 +265,51 @@ def term_names(layout: LawLayout) -> list[str]:
         index = str(site.p) if site.is_storey else f"_{str(site).replace(' ', '').replace('-', '')}"
         names += [subscript(label, index) if label != "1" else f"1_{index}" for label in layout.labels(site)]
     return names
+
+
+class ForceLawLibrarySum(ForceLawLibrary):
+    """Several libraries of one chain as one: ``InterstoryPolynomialLibrary() + ForceLawLibrary(...)``.
+
+    Parameters
+    ----------
+    libraries : list of ForceLawLibrary
+        With the same ``inputs``, and the same ``chain`` and ``dt`` where these are given.
+
+    Raises
+    ------
+    LawError
+        If the libraries do not fit together, or two of them hold the same term at one site.
+    """
+
+    def __init__(self, libraries: list[ForceLawLibrary]) -> None:
+        self.libraries = libraries
+
+    def _shared(self, name: str) -> Any:
+        values = [value for lib in self.libraries if (value := getattr(lib, name)) is not None]
+        if any(value != values[0] for value in values):
+            raise LawError(
+                f"The libraries added have {name}={values[0]!r} and another", f"Give all of them one {name}."
+            )
+        return values[0] if values else None
+
+    @property
+    def inputs(self) -> str:  # type: ignore[override]
+        return self._shared("inputs")
+
+    @property
+    def chain(self) -> Chain | None:  # type: ignore[override]
+        return self._shared("chain")
+
+    @property
+    def dt(self) -> float | None:  # type: ignore[override]
+        return self._shared("dt")
+
+    def _laws(self, chain: Chain) -> Mapping[Any, Sequence[ForceLaw]]:
+        merged: dict[Any, list[ForceLaw]] = {}
+        for library in self.libraries:
+            for text, held in library._laws(chain).items():
+                merged.setdefault(chain.site(text), []).extend(held)
+        return merged
 
 
 class InterstoryPolynomialLibrary(ForceLawLibrary):

@@ -84,8 +84,8 @@ def force_delay(estimator: Any, X: Any = None, F: Any = None, **options: Any) ->
         when = "late" if samples > 0 else "early"
         span = f"{abs(seconds) * 1e3:.3g} ms ({abs(samples):.2f} samples)" if data.dt else f"{abs(samples):.2f} samples"
         message = "" if aligned else (
-            f"F{j} is {span} {when} against the motion of DOF {j}: masses and damping are wrong by as much as its phase "
-            "turns. Shift it (alignment.shifted)."
+            f"F{j} is {span} {when} against the motion of DOF {j}: masses and damping are wrong by as much as its "
+            "phase turns. Shift it (alignment.shifted)."
         )  # fmt: skip
         rows[f"F{j}"] = [seconds, samples, error, aligned, message]
     if not rows:

@@ -29,7 +29,8 @@ class Diagnosis:
     ----------
     table : DataFrame
         One row for each finding, the gravest first: ``limit`` (``"noise"``, ``"excitation"``,
-        ``"conditioning"``, ``"missing law"``, ``"uncertainty"``, ``"estimation"``, ``"delay"``), ``where``, ``size``, ``message``.
+        ``"conditioning"``, ``"missing law"``, ``"uncertainty"``, ``"estimation"``,
+        ``"delay"``), ``where``, ``size``, ``message``.
     """
 
     table: pd.DataFrame

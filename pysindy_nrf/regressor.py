@@ -560,8 +560,10 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         Parameters
         ----------
         level : float
-        of : {"parameters", "modes"} or callable
-            A callable takes a ChainModel and returns a Series (energies, ratios, ...).
+        of : {"parameters", "masses", "coefficients", "modes", "energies"}, mapping or callable
+            ``"energies"``: what every storey dissipates along the data of the fit, J. A mapping of site to points,
+            ``{"storey 2": (v, s)}``, asks for forces there. A callable takes a ChainModel and returns a Series (ratios,
+            ...).
         method : {"hac", "bootstrap"}
             Delete-one-block jackknife with correlated neighbours (Newey and West), or block bootstrap.
         random_state : int, Generator or None
@@ -578,7 +580,8 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         from .estimation.intervals import parameter_intervals
 
         check_is_fitted(self)
-        return parameter_intervals(self._resolving(), self.model_, level, of, method, random_state, n_jobs)
+        data = None if self._evidence is None else self._evidence[0]
+        return parameter_intervals(self._resolving(), self.model_, level, of, method, random_state, n_jobs, data)
 
     def force_intervals(self, site: Any, v: Any, s: Any, level: float = 0.95) -> pd.DataFrame:
         """Restoring force of a site at points (v, s) with its interval.

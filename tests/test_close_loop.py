@@ -18,7 +18,8 @@ from pysindy_nrf.discrepancy.prepare import prepare
 from pysindy_nrf.discrepancy.reestimate import needless, reestimated
 from pysindy_nrf.discrepancy.search import Finding, refine, screen
 from pysindy_nrf.discrepancy.splits import split
-from pysindy_nrf.discrepancy.workspace import Stage, Workspace
+from pysindy_nrf.discrepancy.stage import Stage
+from pysindy_nrf.discrepancy.workspace import Workspace
 from pysindy_nrf.exceptions import ChannelError, LawError
 from pysindy_nrf.noise import add_noise
 

@@ -6,7 +6,8 @@ import pytest
 from pysindy_nrf import Chain, Record, Site, excitation, laws, simulate
 from pysindy_nrf.discrepancy.prepare import prepare
 from pysindy_nrf.discrepancy.splits import split
-from pysindy_nrf.discrepancy.workspace import Stage, Workspace
+from pysindy_nrf.discrepancy.stage import Stage
+from pysindy_nrf.discrepancy.workspace import Workspace
 from pysindy_nrf.exceptions import NRFError
 from pysindy_nrf.model import ChainModel
 from pysindy_nrf.noise import add_noise

@@ -22,7 +22,8 @@ from ..layout import Layout
 from ..sites import Site
 from .projection import Projection
 from .search import Axes, plateau
-from .workspace import Stage, leave_one_out
+from .stage import Stage
+from .workspace import leave_one_out
 
 LEVEL = 0.95
 # Step of the derivatives: share of the range of a shape parameter in the coordinates of the search.

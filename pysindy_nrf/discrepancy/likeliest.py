@@ -16,8 +16,8 @@ from ..exceptions import NRFError
 from .catalogue import SPECIAL_CASES, balances_of
 from .gate import MOST_FAMILIES, judge
 from .search import Finding, refine
+from .stage import Stage
 from .surrogate import Null
-from .workspace import Stage
 
 # Rivals have errors within this share of the best one's.
 _RIVAL = 0.35

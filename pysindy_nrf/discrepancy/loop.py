@@ -10,7 +10,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from .._random import generator
-from ..errors import balance_errors
 from ..exceptions import ExcitationError, NRFError
 from ..laws.base import ForceLaw
 from ..laws.power_series import whole
@@ -19,7 +18,7 @@ from ..segments import SegmentSet
 from ..sites import Site
 from .catalogue import SPECIAL_CASES, Candidate, as_laws, balances_of, candidates
 from .free_run import free_run_error
-from .gate import FLOOR, MIN_GAIN, MOST_FAMILIES, Verdict, choose, judge
+from .gate import FLOOR, MIN_GAIN, Verdict, choose, judge
 from .intervals import intervals
 from .likeliest import likeliest
 from .prepare import Prepared, prepare
@@ -28,9 +27,11 @@ from .report import LoopReport, Scene, Step, audit
 from .search import Finding, driving_frequency, refine, screen, spectral_lines, validate
 from .sensors import SensorFinding, contradictions, sensor_findings
 from .splits import BlockRows, split
+from .stage import Stage, Trial, model_of
+from .steps import remainder, step_of, worst
 from .surrogate import Null
 from .together import look_ahead
-from .workspace import Stage, Trial, Workspace, model_of
+from .workspace import Workspace
 
 _SHORTLIST = 14
 _VALIDATED = 10
@@ -44,10 +45,6 @@ _SURE = 0.3
 # error falls by so much that another missing effect must be to blame.
 _WORSE_ALONE = 1.3
 _BEYOND_DOUBT = 0.5
-# A hysteresis that turns over within this share of the rms drift is friction by another name.
-_ONE_CLASS = 0.3
-# So is a power of the rate below this; the fluid dampers of the literature begin with 0.3.
-_NEARLY_FRICTION = 0.25
 
 
 def close_loop(
@@ -232,7 +229,7 @@ class _Loop:
                 trial = stage.trial()
                 after = trial.fold_errors()
                 null = Null(self.ready, stage, self.rng, self.n_surrogates)
-                step = _step(chosen, tied, verdict, before, after, null.floor, ranking, self._drift(chosen))
+                step = step_of(chosen, tied, verdict, before, after, null.floor, ranking, self._drift(chosen))
                 beside = [f"{f.law.name} at {f.site}" for f, _ in members if f is not chosen]
                 step.evidence += f" (together with {' and '.join(beside)})" if beside else ""
                 step.evidence += "".join(f"; it makes {f.law.name} at {f.site} needless" for f in gone)
@@ -240,12 +237,12 @@ class _Loop:
                 scenes.append(Scene(f"{step.law} at {step.site}", trial, after, null))
         floor, left = null.floor, float(np.median(scenes[-1].folds))
         for step in steps:
-            step.remainder = _remainder(step.validation_before, left, floor)
+            step.remainder = remainder(step.validation_before, left, floor)
             step.sure = step.remainder <= _SURE
         self._estimated(stage, trial, steps, null)
         if np.isfinite(floor) and left > max(2.0 * floor, FLOOR):
             noise = f"(noise alone leaves about {floor:.2g} %)"
-            stopped += f". {left:.3g} % stay unexplained by any law {noise}, most in the {_worst(trial)}"
+            stopped += f". {left:.3g} % stay unexplained by any law {noise}, most in the {worst(trial)}"
         if said := contradictions(self.ready, self.work) if self.sensors else []:
             stopped += f". Channels contradict each other, and the fusion made the best of it: {'; '.join(said)}"
         return LoopReport.assemble(self.work, scenes, steps, stopped, ranking, band, self.ready, baseline)
@@ -406,64 +403,6 @@ class _Loop:
 
 def _holds(findings: Sequence[Finding], one: Finding) -> bool:
     return any(f.site == one.site and f.candidate.law == one.candidate.law for f in findings)
-
-
-def _remainder(before: float, left: float, floor: float) -> float:
-    """Share of what noise does not explain that stays unexplained at the end."""
-    noise = floor if np.isfinite(floor) else 0.0
-    return float(np.sqrt(max(left**2 - noise**2, 0.0) / max(before**2 - noise**2, 1e-300)))
-
-
-def _worst(trial: Trial) -> str:
-    """The balance with the largest share of the pooled error, in words."""
-    blocks = range(len(trial.work.search))
-    errors = balance_errors(model_of(trial, trial.solve(blocks)), trial.moments(blocks))["error"].drop("pooled")
-    return f"balance of {str(errors.idxmax()).replace('dof', 'DOF')}"
-
-
-def _alternatives(chosen: Finding, tied: Sequence[Finding], drift: float) -> list[str]:
-    """Other families: those tied, and friction where a law is all but that.
-
-    A hysteresis that turns over within a small part of the drift, a power of the rate near zero.
-    """
-    families = [f.law.family for f in tied]
-    shape = chosen.law.shape
-    turn = shape.get("uy") if "uy" in shape else 1.0 / (shape.get("sigma") or np.inf) if "sigma" in shape else np.inf
-    steep = chosen.law.family == "hysteresis" and turn is not None and turn < _ONE_CLASS * drift
-    if steep or (chosen.law.name == "power_law_damping" and (shape.get("n") or 1.0) < _NEARLY_FRICTION):
-        families.insert(0, "friction")
-    return list(dict.fromkeys(families))[: MOST_FAMILIES - 1]
-
-
-def _step(
-    chosen: Finding,
-    tied: Sequence[Finding],
-    verdict: Verdict,
-    before: np.ndarray,
-    after: np.ndarray,
-    floor: float,
-    ranking: Sequence[Finding],
-    drift: float,
-) -> Step:
-    faulty = chosen if isinstance(chosen, SensorFinding) else None
-    return Step(
-        parameters=chosen.law.parameters if faulty else {},
-        sensors=faulty.equals if faulty else [],
-        law=chosen.law.name,
-        family=chosen.law.family,
-        site=str(chosen.site),
-        shape=dict(chosen.law.shape),
-        alternatives=_alternatives(chosen, tied, drift),
-        tied=[(f.law.name, str(f.site), f.error) for f in tied],
-        gain=verdict.gain,
-        wins=verdict.wins,
-        null_gain=verdict.null_gain,
-        validation_before=float(np.median(before)),
-        validation_after=float(np.median(after)),
-        noise_floor=floor,
-        evidence=verdict.sentence + (f" ({faulty.remark})" if faulty and faulty.remark else ""),
-        runners_up=[(f.law.name, str(f.site), f.error) for f in ranking if f is not chosen][:5],
-    )
 
 
 __all__ = ["close_loop", "model_of"]

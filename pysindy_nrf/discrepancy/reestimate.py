@@ -11,7 +11,7 @@ from ..sites import Site
 from .catalogue import SPECIAL_CASES, balances_of
 from .gate import MEMBER_GAIN, MIN_WINS, gain_of
 from .search import Finding, refine
-from .workspace import Stage
+from .stage import Stage
 
 _ROUNDS = 2
 _EVALUATIONS = 40

@@ -21,7 +21,8 @@ from .evidence import Evidence, gather, searched
 from .free_run import free_run_error
 from .prepare import Prepared
 from .search import Finding
-from .workspace import Trial, Workspace
+from .stage import Trial
+from .workspace import Workspace
 
 
 @dataclass

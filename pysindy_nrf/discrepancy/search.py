@@ -17,7 +17,7 @@ from ..exceptions import NRFError
 from ..laws.base import ForceLaw, Shape
 from ..sites import Site
 from .catalogue import Candidate
-from .workspace import Stage
+from .stage import Stage
 
 # Points of the scan along each of the first two axes, by the number of shape parameters; a further
 # parameter starts at the lower end of its range, where its law is simplest, and is left to the refinement.

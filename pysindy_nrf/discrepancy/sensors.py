@@ -30,7 +30,8 @@ from .gate import MIN_GAIN, TIE
 from .prepare import Prepared, prepare
 from .search import Finding
 from .splits import BlockRows
-from .workspace import Stage, Workspace
+from .stage import Stage
+from .workspace import Workspace
 
 # Contradictions between channels of one DOF, as a share of the channel, that are looked into, and that are
 # worth a word; and how many.
@@ -348,7 +349,7 @@ def _rebuilt(ready: Prepared, work: Workspace, stage: Stage, suspect: _Suspect) 
         after = Stage(moved, stage.chain, stage.laws)
         trial = after.trial()
         screen, folds = trial.search_error(), trial.fold_errors()
-    except NRFError:
+    except (NRFError, np.linalg.LinAlgError):  # the corrected channels cannot be fused
         return None
     candidate = Candidate(suspect.law, suspect.site)
     return SensorFinding(candidate, suspect.law, screen, (), folds, fresh, after, [], suspect.remark)

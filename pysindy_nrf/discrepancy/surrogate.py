@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from functools import cached_property
 from typing import Any
 
@@ -16,7 +17,8 @@ from .prepare import Prepared, prepare
 from .search import Finding, refine, screen, validate
 from .sensors import SensorFinding, null_gain
 from .splits import BlockRows
-from .workspace import Stage, Workspace
+from .stage import Stage
+from .workspace import Workspace
 
 _MOTIONS = ("acceleration", "velocity", "displacement")
 
@@ -93,7 +95,7 @@ class Null:
         try:
             model = self.stage.trial().model()
             return [self._one(model) for _ in range(self.count)] if (model.masses > 0).all() else []
-        except NRFError:
+        except (NRFError, np.linalg.LinAlgError):
             return []
 
     def _one(self, model: ChainModel) -> Stage:
@@ -101,7 +103,9 @@ class Null:
         fakes = [
             surrogate(ready.records[i], work.data.segments[i], model, ready.noise[i], self.rng) for i in work.searched
         ]
-        data = prepare(fakes, noise=[ready.noise[i] for i in work.searched]).data
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what is to be said of the channels was said of the measured ones
+            data = prepare(fakes, noise=[ready.noise[i] for i in work.searched]).data
         blocks = []
         for number, i in enumerate(work.searched):
             seg = data.segments[number]

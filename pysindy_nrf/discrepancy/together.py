@@ -15,7 +15,7 @@ from ..exceptions import NRFError
 from .catalogue import balances_of
 from .gate import FLOOR, MEMBER_GAIN, MIN_WINS, Verdict, choose, gain_of, judge
 from .search import Finding, refine, screen, validate
-from .workspace import Stage
+from .stage import Stage
 
 _MOST = 4
 

@@ -17,41 +17,15 @@ from ..exceptions import ChainError, ChannelError, ExtrapolationWarning, Identif
 from ..identifiability import Walk
 from ..model import ChainModel
 from ..moments import Moments
+from ..segments import SegmentSet
 from .covariance import newey_west
 from .model_of import model_of
 from .pieces import Pieces
+from .statistics import statistic_of
 
 METHODS = ("hac", "bootstrap")
 FEWEST = 8
 DRAWS = 300
-
-
-def parameters_of(model: ChainModel, known_masses: Mapping[int, float] | None = None) -> pd.Series:
-    """Masses and coefficients by name: ``m1``, ``storey 1: v``, ...
-
-    Parameters
-    ----------
-    model : ChainModel
-    known_masses : mapping of int to float, optional
-        These are left out.
-
-    Returns
-    -------
-    Series
-    """
-    values = {f"m{j + 1}": m for j, m in enumerate(model.masses) if j + 1 not in (known_masses or {})}
-    for site, force in model.restoring_forces.items():
-        if force.laws:
-            values |= {f"{site}: {term}": c for term, c in force.coefficients.items()}
-    return pd.Series(values, dtype=float)
-
-
-def modes_of(model: ChainModel) -> pd.Series:
-    """Frequencies (Hz) and damping ratios by name: ``frequency 1``, ``damping 1``, ..."""
-    modes = model.modes()
-    return pd.Series(
-        {f"{key} {i}": modes.loc[i, key] for key in ("frequency", "damping") for i in modes.index}, dtype=float
-    )
 
 
 @dataclass
@@ -111,7 +85,11 @@ class Resolver:
         return (values - values.mean(axis=0)) * np.sqrt((n - 1) / n)
 
     def drawn(
-        self, statistic: Callable[[ChainModel], pd.Series], random_state: Any, draws: int = DRAWS, n_jobs: int | None = None
+        self,
+        statistic: Callable[[ChainModel], pd.Series],
+        random_state: Any,
+        draws: int = DRAWS,
+        n_jobs: int | None = None,
     ) -> np.ndarray:
         """Statistics of block-bootstrap samples, shape (n_draws, n_statistics); the same for any ``n_jobs``."""
         from joblib import Parallel, delayed, effective_n_jobs
@@ -178,6 +156,7 @@ def parameter_intervals(
     method: str = "hac",
     random_state: Any = None,
     n_jobs: int | None = None,
+    data: SegmentSet | None = None,
 ) -> pd.DataFrame:
     """Confidence intervals of anything that follows from a model.
 
@@ -188,13 +167,15 @@ def parameter_intervals(
         The estimate.
     level : float
         E.g. 0.95.
-    of : {"parameters", "modes"} or callable
-        A callable takes a ChainModel and returns a Series: energies, a force, a ratio.
+    of : {"parameters", "masses", "coefficients", "modes", "energies"}, mapping or callable
+        A mapping of site to points (v, s) asks for forces there; a callable takes a ChainModel and returns a Series.
     method : {"hac", "bootstrap"}
     random_state : int, Generator or None
         Of the bootstrap.
     n_jobs : int, optional
         Joblib jobs of the bootstrap; another backend by ``joblib.parallel_config``.
+    data : SegmentSet, optional
+        What energies are taken along.
 
     Returns
     -------
@@ -204,25 +185,35 @@ def parameter_intervals(
     level = _share(level)
     if method not in METHODS:
         raise ChainError(f"method={method!r} is unknown", f"Choose {' or '.join(map(repr, METHODS))}.")
-    if of == "parameters":
-
-        def statistic(m: ChainModel) -> pd.Series:
-            return parameters_of(m, resolver.known_masses)
-    elif of == "modes":
-        statistic = modes_of
-    elif callable(of):
-
-        def statistic(m: ChainModel) -> pd.Series:
-            return pd.Series(of(m), dtype=float)
-    else:
-        raise ChainError(f"of={of!r} is unknown", "Give 'parameters', 'modes' or a function of a ChainModel.")
+    if isinstance(of, Mapping):
+        return _forces_table(resolver, model, of, level, method, random_state)
+    statistic = statistic_of(of, resolver.known_masses, resolver.pieces.layout, data)
     estimate = statistic(model)
     low, high = _bounds(resolver, statistic, estimate.to_numpy(float), level, method, random_state, n_jobs)
     return pd.DataFrame({"parameter": estimate.index, "estimate": estimate.to_numpy(), "lower": low, "upper": high})
 
 
+def _forces_table(resolver, model, points: Mapping[Any, Any], level, method, random_state) -> pd.DataFrame:
+    parts = []
+    for site, pair in points.items():
+        if not hasattr(pair, "__len__") or len(pair) != 2:
+            raise ChainError(f"of[{site!r}]={pair!r} is not a pair (v, s)", "Give m/s and m.")
+        table = force_intervals(resolver, model, site, *pair, level, method, random_state)
+        name = [f"{model.chain.site(site)} at v = {v:.4g} m/s, s = {s:.4g} m" for v, s in zip(table["v"], table["s"])]
+        parts.append(table[["force", "lower", "upper"]].rename(columns={"force": "estimate"}))
+        parts[-1].insert(0, "parameter", name)
+    return pd.concat(parts, ignore_index=True)
+
+
 def force_intervals(
-    resolver: Resolver, model: ChainModel, site: Any, v: Any, s: Any, level: float, warn: bool = True
+    resolver: Resolver,
+    model: ChainModel,
+    site: Any,
+    v: Any,
+    s: Any,
+    level: float,
+    method: str = "hac",
+    random_state: Any = None,
 ) -> pd.DataFrame:
     """Restoring force of a site at points (v, s) with its interval; wide where the data never were.
 
@@ -238,7 +229,8 @@ def force_intervals(
     v, s : array-like
         m/s and m; broadcast against each other.
     level : float
-    warn : bool
+    method : {"hac", "bootstrap"}
+    random_state : int, Generator or None
 
     Returns
     -------
@@ -252,7 +244,7 @@ def force_intervals(
         return pd.Series(m.restoring_forces[site](rate, drift))
 
     force = statistic(model).to_numpy()
-    low, high = _bounds(resolver, statistic, force, _share(level), "hac", None)
+    low, high = _bounds(resolver, statistic, force, _share(level), method, random_state)
     region = model.visited.get(site)
     visited = np.ones(len(rate), dtype=bool) if region is None else region.contains(rate, drift)
     if not visited.all():
@@ -260,16 +252,13 @@ def force_intervals(
         reach = np.abs(force[~visited] - model.restoring_forces[site](*near))
         low[~visited] -= reach
         high[~visited] += reach
-        if warn:
-            warnings.warn(
-                f"{site}: {int((~visited).sum())} of {len(visited)} points (v, s) lie outside the region the data "
-                "visited "
-                f"(v {region.low[0]:.3g} to {region.high[0]:.3g} m/s, s {region.low[1]:.3g} to "
-                f"{region.high[1]:.3g} m); "
-                "the force there is an extrapolation of the law, and its interval is widened.",
-                ExtrapolationWarning,
-                stacklevel=3,
-            )
+        warnings.warn(
+            f"{site}: {int((~visited).sum())} of {len(visited)} points (v, s) lie outside the region the data visited "
+            f"(v {region.low[0]:.3g} to {region.high[0]:.3g} m/s, s {region.low[1]:.3g} to {region.high[1]:.3g} m); "
+            "the force there is an extrapolation of the law, and its interval is widened.",
+            ExtrapolationWarning,
+            stacklevel=3,
+        )
     return pd.DataFrame({"v": rate, "s": drift, "force": force, "lower": low, "upper": high, "visited": visited})
 
 
@@ -280,9 +269,19 @@ def _bounds(resolver: Resolver, statistic, estimate, level: float, method: str, 
         low, high = np.percentile(draws, [tail, 100 - tail], axis=0)
         return 2 * estimate - high, 2 * estimate - low
     influences = resolver.influences(statistic)
-    deviation = np.sqrt(np.clip(np.diag(newey_west(influences, resolver.pieces.record)), 0.0, None))
+    deviation = _deviation(influences, resolver.pieces.record)
     half = stats.t.ppf(0.5 + level / 2, _freedom(influences)) * deviation
     return estimate - half, estimate + half
+
+
+def _deviation(influences: np.ndarray, record: np.ndarray) -> np.ndarray:
+    """Standard errors; neighbours count where they widen them, and the mean that was taken off is given back.
+
+    A few dozen pieces cannot show that neighbours cancel; taken at their word they would narrow every second interval.
+    """
+    n = len(influences)
+    own, both = (np.diag(newey_west(influences, record, lags)) for lags in (0, 1))
+    return np.sqrt(np.maximum(own, both) * n / (n - 2))
 
 
 def _freedom(influences: np.ndarray) -> np.ndarray:

@@ -26,7 +26,6 @@ from ..exceptions import BiasWarning, SimulationError
 from ..layout import LawLayout
 from ..model import ChainModel
 from ..segments import Segment, SegmentSet
-from .intervals import parameters_of
 from .iv import free_run_of
 from .spectra import NoiseModel, corrected, noise_model, spectrum, velocities
 
@@ -133,7 +132,8 @@ def output_error(
             after += problem.judge(problem.solve(seen).model, unseen)
         errors = [float(100 * np.sqrt(e[0] / e[2])) for e in (before, after)]
         if not (after[:2] < before[:2]).all():
-            return OutputErrorResult(start, False, *errors, why="it does not predict unseen parts of the records better")
+            why = "the refinement does not predict unseen parts of the records better"
+            return OutputErrorResult(start, False, *errors, why=why)
         best = problem.solve([slice(0, s.n_samples) for s in shots])
     except SimulationError as error:
         return _kept_start(start, error.what)
@@ -249,7 +249,7 @@ class _Problem:
             use = (f >= self.low) & (f <= self.high)
             R, JF, CF = (_lines(y[part], dt)[use] for y in (gap[:, :, None], J, C))
             W = _weighted(self.noise, f[use], np.concatenate([R, JF, CF], axis=2))
-            p, q = JF.shape[2], CF.shape[2]
+            p = JF.shape[2]
             WR, WJ, WC = W[:, :, :1], W[:, :, 1 : 1 + p], W[:, :, 1 + p :]
             rr = 2 * _inner(R, WR)[0, 0]
             jj, jc, cc = (2 * _inner(a, b) for a, b in ((JF, WJ), (JF, WC), (CF, WC)))
@@ -373,8 +373,7 @@ def free_parameters(model: ChainModel, known: Mapping[int, float]):
         if c
     ]
     theta = np.array([*model.masses[free], *(model.laws[s][i].coefficients[k] for s, i, k in held)])
-    before = {(s, i): sum(len(law.terms()) for law in laws[:i]) for s, laws in model.laws.items() for i in range(len(laws))}
-    columns = [*free, *((s, before[s, i] + k) for s, i, k in held)]
+    columns = [*free, *((s, sum(len(law.terms()) for law in model.laws[s][:i]) + k) for s, i, k in held)]
 
     def rebuild(x: np.ndarray) -> ChainModel:
         masses = model.masses.copy()

@@ -312,7 +312,8 @@ def corrected(segment: Segment, run: Segment, noise: NoiseModel) -> Segment:
     R = spectrum(velocities(segment) - velocities(run), segment.dt)[first:last]
     more = np.zeros((len(f) + 1, n + 1), dtype=complex)
     for part, G, S in noise.blocks(f[first:last]):
-        more[1 + first : 1 + last][part] = noise.force * (G.conj().transpose(0, 2, 1) @ np.linalg.solve(S, R[part][:, :, None]))[:, :, 0]
+        found = G.conj().transpose(0, 2, 1) @ np.linalg.solve(S, R[part][:, :, None])
+        more[1 + first : 1 + last][part] = noise.force * found[:, :, 0]
     length = rows.stop - rows.start
     # the free run missed E_x - G E_u: the force's own noise is minus what it heard
     more = np.fft.irfft(more, length, axis=0) / np.sqrt(segment.dt / length)

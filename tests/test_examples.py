@@ -1,0 +1,31 @@
+"""Every example of the gallery runs as it stands and draws what it promises."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("plot_*.py"))
+MEASURED = os.environ.get("PYSINDY_NRF_DATA")
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda p: p.stem)
+def test_the_example_runs_and_draws(path, tmp_path):
+    pytest.importorskip("matplotlib")
+    if "_measured" in path.stem and not MEASURED:
+        pytest.skip("PYSINDY_NRF_DATA does not name the folder of the measured records")
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", str(path), str(tmp_path)],
+        cwd=tmp_path,
+        env={**os.environ, "MPLBACKEND": "Agg"},
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    drawn = [p for p in tmp_path.rglob("*.png") if p.stat().st_size > 5000]
+    assert drawn, f"{path.name} wrote no picture into the folder it was given"

@@ -48,12 +48,12 @@ def counts(outcomes: list[Outcome]) -> list[str]:
     return lines
 
 
-def main() -> int:
+def main(arguments: list[str] | None = None) -> int:
     """Run the battery; the exit code says whether every promise was kept."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--room", help="record, estimator, representation, law, model, loop, file or command line")
     parser.add_argument("--failures", action="store_true", help="print only the rows of broken promises")
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     kinds = [k for k in every_kind() if options.room in (None, k.room)]
     outcomes = [judge(kind) for kind in tqdm(kinds, unit="kind", disable=None)]
     shown = [o for o in outcomes if not (options.failures and o.kept)]

@@ -125,9 +125,9 @@ def bound(case: str, seed: int) -> np.ndarray:
     f = np.fft.rfftfreq(run.n_samples, 1 / FS)[1:]
     f = f[f < 200.0]
     w = 2 * np.pi * f[:, None]
-    share = {k: noise * np.sqrt(np.mean(getattr(run, k) ** 2, axis=0)) for k in ("acceleration", "velocity", "displacement")}
+    a, v, x = (noise * np.sqrt(np.mean(y**2, axis=0)) for y in (run.acceleration, run.velocity, run.displacement))
     # all three channels together, as one velocity
-    blur = 1 / ((w / share["acceleration"]) ** 2 + 1 / share["velocity"] ** 2 + 1 / (w * share["displacement"]) ** 2) / FS
+    blur = 1 / ((w / a) ** 2 + 1 / v**2 + 1 / (w * x) ** 2) / FS
     shock = (noise * np.sqrt(np.mean(run.force**2, axis=0))) ** 2 / FS
     G = transfer(truth.matrices(), f)[:, :, :N]
     S = (G * shock) @ G.conj().transpose(0, 2, 1) + blur[:, :, None] * np.eye(N)
@@ -190,7 +190,9 @@ def table(function, cases, estimations, seeds: int, jobs: int) -> None:
             sigma = np.mean([bound(case, s) for s in range(min(seeds, 3))], axis=0)
             worst = np.abs(np.random.default_rng(0).normal(size=(4000, len(sigma))) * sigma)
             parts = {"mass": slice(0, N), "stiffness": slice(N, 2 * N), "damping": slice(2 * N, None)}
-            rows["Cramer-Rao bound"] = {f"worst {k}": f"{np.median(worst[:, p].max(axis=1)):.2f}" for k, p in parts.items()}
+            rows["Cramer-Rao bound"] = {
+                f"worst {k}": f"{np.median(worst[:, part].max(axis=1)):.2f}" for k, part in parts.items()
+            }
         goal = f"   (target: worst mass {TARGET[case]} %)" if case in TARGET else ""
         print(f"\n{case}{goal}\n{pd.DataFrame(rows).T.to_string()}", flush=True)
 
@@ -274,7 +276,7 @@ def measured_frame() -> None:
     except NRFError as error:
         print(f"\nthree_storey_frf skipped: {error}")
         return
-    print("\nthree_storey_frf, 4 to 32 Hz (the useful band its owners name): three equal masses (kg in the file's units), their spread, 95 % intervals")
+    print("\nthree_storey_frf, 4 to 32 Hz, its useful band: three equal masses (file's unit), spread, 95 % intervals")
     for estimation in ("ls", "iv"):
         model = quietly(fit_frequency_response, NRFRegressor(degree=1, estimation=estimation), frf, band=(4.0, 32.0))
         ci = model.confidence_intervals().set_index("parameter").iloc[:3]

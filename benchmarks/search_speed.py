@@ -116,7 +116,8 @@ def main(arguments: list[str] | None = None) -> dict:
         f"numpy.linalg.lstsq on the full design matrix:    {slow:.2f} s; best: {winner[0]} at {winner[1]}\n"
         f"ratio {ratio:.0f} (target at least {TARGET:g}): {'PASS' if ratio >= TARGET else 'FAIL'}"
     )
-    return {"fast": fast, "slow": slow, "ratio": ratio, "trials": len(tried), "site": str(found[0].site), "winner": winner}
+    site = str(found[0].site)
+    return {"fast": fast, "slow": slow, "ratio": ratio, "trials": len(tried), "site": site, "winner": winner}
 
 
 if __name__ == "__main__":

@@ -32,12 +32,12 @@ from pysindy_nrf.noise import add_noise  # noqa: E402
 N, TRUE, NOISE = 4, {"v", "s", "s^3"}, 0.02
 
 
-def draw(seed: int, n_samples: int):
+def draw(seed: int, n_samples: int, noise: float = NOISE, n: int = N):
     """A chain whose damping is at least 1 % of every storey's force, and its noisy record."""
     rng = np.random.default_rng(seed)
-    m, c, k, k3 = chains.parameters(N, rng)
+    m, c, k, k3 = chains.parameters(n, rng)
     for _ in range(5):
-        case = chains.duffing(N, [1 + seed % N], seed=seed, n_samples=n_samples, given=(m, c, k, k3))
+        case = chains.duffing(n, [1 + seed % n], seed=seed, n_samples=n_samples, given=(m, c, k, k3))
         share = case.c * case.v.std(axis=0) / case.storey_forces.std(axis=0)
         if share.min() > 0.0102:
             break
@@ -45,8 +45,8 @@ def draw(seed: int, n_samples: int):
     motion = case.absolute
     a, v, x = np.hsplit(motion, 3)
     rec = Record(force=case.F, acceleration=a, velocity=v, displacement=x, fs=1 / case.dt)
-    truth = ChainModel(m, {i + 1: [laws.LinearViscous(case.c[i]), laws.Duffing(k[i], k3[i])] for i in range(N)})
-    return add_noise(rec, NOISE, random_state=seed), truth, float(share.min())
+    truth = ChainModel(m, {i + 1: [laws.LinearViscous(case.c[i]), laws.Duffing(k[i], k3[i])] for i in range(n)})
+    return add_noise(rec, noise, random_state=seed) if noise else rec, truth, float(share.min())
 
 
 def rows(seed: int, n_samples: int, plain: bool) -> list[dict]:

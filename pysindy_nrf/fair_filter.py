@@ -189,3 +189,40 @@ def _edge(sos: np.ndarray) -> int:
     tail = np.cumsum(both[::-1])[::-1]
     total = 2 * tail[0] - both[0]
     return int(np.argmax(tail < EDGE_LEVEL * total))
+
+
+def filters_of(band: Band, data: Any) -> list[FairFilter | None]:
+    """The filter of each record, or None for each.
+
+    Parameters
+    ----------
+    band : (float, float) or None
+        Hz.
+    data : SegmentSet
+
+    Returns
+    -------
+    list of FairFilter or None
+
+    Raises
+    ------
+    ChannelError
+        If the clock of a record is unknown or uneven.
+    """
+    if band is None:
+        return [None] * len(data.segments)
+    filters = []
+    for seg in data.segments:
+        if seg.dt is None:
+            raise ChannelError(
+                "band= needs the sampling step", "Pass dt= (s) to the estimator, time= to fit, or X with a time index."
+            )
+        steps = np.diff(seg.t)
+        uneven = np.flatnonzero(np.abs(steps - np.median(steps)) > 0.05 * seg.dt)
+        if uneven.size:
+            raise ChannelError(
+                f"band= needs an even clock; the step changes after row {seg.rows.start + int(uneven[0])}",
+                "Split the record at gaps, or resample it.",
+            )
+        filters.append(FairFilter(band, 1.0 / seg.dt))
+    return filters

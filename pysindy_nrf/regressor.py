@@ -15,16 +15,18 @@ from ._input import column_names, require_two_dimensions, same_columns, sample_w
 from .chain import Chain
 from .chain_solve import Solution, doubtful_masses
 from .exceptions import ChainError, ChannelError, DataQualityWarning, ExcitationError
-from .identifiability import Walk, plan_walk
+from .fair_filter import filters_of
+from .identifiability import plan_walk
 from .laws import ForceLaw, PowerSeries
 from .layout import LawLayout
 from .model import ChainModel
 from .moments import Block, Moments
 from .record import Record
+from .requirements import require_clock, require_moving, require_samples
 from .segments import SegmentSet, feature_names, from_arrays
 from .sites import Site
+from .solved import model_of, scales_of, third_law_gap, unknown_forces, visited_regions
 from .streaming import fit_streamed, is_streamed, partial_fit
-from .visited import VisitedRegion
 
 _DEFAULT_DEGREE = 3
 _ESTIMATIONS = ("ls", "iv", "simulation")
@@ -253,15 +255,15 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
                 "Measure a force on one DOF, or give a mass: known_masses={dof: kg}; ratios to it then come out.",
             )
         walk = plan_walk(chain, forced, unknown, known, self.strategy, layout.acting).require_complete()
-        _require_samples(data, walk, layout)
-        _require_moving(data, layout)
-        _require_clock(data, layout)
-        filters = _filters(self.band, data)
+        require_samples(data, walk, layout)
+        require_moving(data, layout)
+        require_clock(data, layout)
+        filters = filters_of(self.band, data)
         if any(law.free_shape for held in laws.values() for law in held):
             from .shape_search import estimate_shapes
 
             layout = estimate_shapes(
-                layout, _scales(data, layout), lambda trial: self._solve(trial, walk, data, filters, known)[1:]
+                layout, scales_of(data, layout), lambda trial: self._solve(trial, walk, data, filters, known)[1:]
             )
         model, solution, moments = self._solve(layout, walk, data, filters, known)
         self._resolver, self._evidence, facts = (
@@ -341,9 +343,7 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         names = {site: layout.labels(site) for site in layout.acting}
         optimizer = ChainOptimizer(self.optimizer, layout.chain, self.strategy, known_masses=known)
         solution, moments = optimizer.solve(layout, walk, blocks, names)
-        held = {site: _valued(layout.laws.get(site, ()), solution.coefficients.get(site)) for site in layout.sites}
-        masses = [solution.masses[j] for j in range(1, layout.n_dof + 1)]
-        return ChainModel(masses, held, layout.chain), solution, moments
+        return model_of(layout, solution), solution, moments
 
     def _publish(self, model, solution, moments, walk, layout, data, judged) -> None:
         from .analysis.bias import missing_terms_of, warn_of_bias
@@ -356,8 +356,8 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
             {fit.step.name: fit.condition for fit in solution.fits}, name="condition", dtype=float
         )
         self.n_samples_ = moments.n_samples
-        self.third_law_gap_ = _third_law_gap(solution, moments)
-        model.visited = _visited(data, layout)
+        self.third_law_gap_ = third_law_gap(solution, moments)
+        model.visited = visited_regions(data, layout)
         model.info = {
             "band": None if self.band is None else [None if b is None else float(b) for b in self.band],
             "strategy": walk.strategy,
@@ -366,7 +366,7 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         }
         self.model_ = model
         self.restoring_forces_ = model.restoring_forces
-        self.unknown_forces_ = _unknown_forces(model, data)
+        self.unknown_forces_ = unknown_forces(model, data)
         self.missing_terms_ = missing_terms_of(model, walk, judged, self.band)
         warn_of_bias(self.missing_terms_, doubtful_masses(solution), stacklevel=5)
 
@@ -502,7 +502,7 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         weights = sample_weights(sample_weight, data.n_samples)
         left = error = 0.0
         judged = []
-        for seg, part, filter in zip(data.segments, self.model_.balance_forces(data), _filters(self.band, data)):
+        for seg, part, filter in zip(data.segments, self.model_.balance_forces(data), filters_of(self.band, data)):
             a, gap = seg.a[seg.valid].astype(float), (seg.F[seg.valid] - part) / self.masses_
             a, gap = (a, gap) if filter is None else (filter.apply(a), filter.apply(gap))
             judged.append((a, gap, weights[seg.rows][seg.valid]))
@@ -533,7 +533,7 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
 
         data = self._judged(X, y, record, time, base_acceleration, covariates)
         layout = LawLayout(self.chain_, self.model_.laws)
-        filters = _filters(self.band, data)
+        filters = filters_of(self.band, data)
 
         def blocks() -> Iterator[Block]:
             for seg, filter in zip(data.segments, filters):
@@ -685,18 +685,6 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         return tags
 
 
-def _unknown_forces(model: ChainModel, data: SegmentSet) -> pd.DataFrame:
-    hidden = [j for j in range(data.n_dof) if any(np.isnan(seg.F[seg.valid.start, j]) for seg in data.segments)]
-    parts = [np.zeros((seg.valid.stop - seg.valid.start, 0)) for seg in data.segments]
-    if hidden:
-        forces = model.balance_forces(data)
-        parts = [
-            np.where(np.isnan(seg.F[seg.valid][:, hidden]), f[:, hidden], np.nan)
-            for seg, f in zip(data.segments, forces)
-        ]
-    return pd.DataFrame(data.scatter(parts), columns=[f"F{j + 1}" for j in hidden])
-
-
 def _holds_records(X: Any) -> bool:
     return isinstance(X, Record) or (isinstance(X, (list, tuple)) and len(X) > 0 and isinstance(X[0], Record))
 
@@ -707,116 +695,3 @@ def _mapping(name: str, value: Any, example: str) -> Mapping[Any, Any]:
     if not isinstance(value, Mapping):
         raise ChainError(f"{name}={value!r} is not a mapping", f"Give e.g. {name}={example}.")
     return value
-
-
-def _valued(laws: tuple[ForceLaw, ...], coefficients: np.ndarray | None) -> tuple[ForceLaw, ...]:
-    at, out = 0, []
-    for law in laws:
-        width = len(law.terms())
-        out.append(law.with_values(coefficients=coefficients[at : at + width] if width else []))
-        at += width
-    return tuple(out)
-
-
-def _third_law_gap(solution: Solution, moments: Moments) -> pd.Series:
-    gaps = {}
-    for site, twin in solution.twins.items():
-        where, *_ = moments.positions((site.p,))
-        part = moments.parts[(site.p,)]
-        both = np.zeros((2, part.matrix.shape[0]))
-        both[0, where[site]], both[1, where[site]] = solution.coefficients[site] - twin, solution.coefficients[site]
-        whole = part.norm(both[1])
-        gaps[str(site)] = 100.0 * part.norm(both[0]) / whole if whole else np.inf
-    return pd.Series(gaps, name="third-law gap (%)", dtype=float).sort_index()
-
-
-def _visited(data: SegmentSet, layout: LawLayout) -> dict[Site, VisitedRegion]:
-    out = {}
-    for site in layout.sites:
-        pieces = [tuple(_along(getattr(seg, key)[seg.valid, site.q : site.p]) for key in "vs") for seg in data.segments]
-        if site.p - site.q == 1:
-            ends = [seg.extent.box(site.p - 1, data.n_dof) for seg in data.segments]
-            low, high = (tuple(map(float, f(e, axis=0))) for f, e in zip((np.min, np.max), zip(*ends)))
-            out[site] = VisitedRegion.of_pieces(pieces, low, high)
-        else:
-            out[site] = VisitedRegion.of(*(np.concatenate(lines) for lines in zip(*pieces)))
-    return out
-
-
-def _along(columns: np.ndarray) -> np.ndarray:
-    """Sum of columns; a single one without a copy."""
-    return columns[:, 0] if columns.shape[1] == 1 else columns.sum(axis=1, dtype=float)
-
-
-def _scales(data: SegmentSet, layout: LawLayout) -> dict[Site, tuple[float, float, float]]:
-    """Rms drift, rms rate and longest record at each site."""
-    total = {}
-    for site in layout.sites:
-        motions = [seg.motion(site, seg.valid) for seg in data.segments]
-        size = sum(m.n_samples for m in motions)
-        rms = [float(np.sqrt(sum((getattr(m, key) ** 2).sum() for m in motions) / size)) for key in "sv"]
-        lengths = [m.t[-1] - m.t[0] for m in motions if m.t is not None]
-        total[site] = (rms[0], rms[1], float(max(lengths, default=1.0)))
-    return total
-
-
-def _require_moving(data: SegmentSet, layout: LawLayout) -> None:
-    """Refuse channels that are constant in every record."""
-    for at, name in enumerate("avs"):
-        for j in range(data.n_dof):
-            site = Site(j + 1)
-            if name != "a" and not (site in layout.counts and layout.counts[site]):
-                continue
-            if all(seg.extent.is_constant(at * data.n_dof + j) for seg in data.segments):
-                raise ChannelError(
-                    f"Channel {name}{j + 1} is constant in every record",
-                    "A dead sensor, a wrong column or a floor that is not excited; check it, or leave the DOF out.",
-                )
-
-
-def _require_samples(data: SegmentSet, walk: Walk, layout: LawLayout) -> None:
-    for step in walk.steps:
-        unknowns = len(step.masses) + sum(layout.counts[s] for s in step.sites)
-        rows = sum(
-            seg.valid.stop - seg.valid.start
-            for seg in data.segments
-            if not any(np.isnan(seg.F[seg.valid.start, j - 1]) for j in step.dofs)
-        )
-        if rows < unknowns + 1:
-            raise ChannelError(
-                f"{rows} samples are too few for the {step.name}, which has {unknowns} unknowns",
-                "Use a longer record or a lower degree.",
-            )
-
-
-def _require_clock(data: SegmentSet, layout: LawLayout) -> None:
-    """Warn where laws that remember the path have to guess where the motion turns."""
-    if layout.has_memory and any(seg.t is None for seg in data.segments):
-        warnings.warn(
-            "A law remembers the path and the time of the samples is unknown: where the motion turns between two "
-            "samples is guessed, which costs accuracy. Pass dt= (s) to the estimator or time= to fit.",
-            DataQualityWarning,
-            stacklevel=4,
-        )
-
-
-def _filters(band: Any, data: SegmentSet) -> list[Any]:
-    if band is None:
-        return [None] * len(data.segments)
-    from .fair_filter import FairFilter
-
-    filters = []
-    for seg in data.segments:
-        if seg.dt is None:
-            raise ChannelError(
-                "band= needs the sampling step", "Pass dt= (s) to the estimator, time= to fit, or X with a time index."
-            )
-        steps = np.diff(seg.t)
-        uneven = np.flatnonzero(np.abs(steps - np.median(steps)) > 0.05 * seg.dt)
-        if uneven.size:
-            raise ChannelError(
-                f"band= needs an even clock; the step changes after row {seg.rows.start + int(uneven[0])}",
-                "Split the record at gaps, or resample it.",
-            )
-        filters.append(FairFilter(band, 1.0 / seg.dt))
-    return filters

@@ -135,14 +135,14 @@ def _acceleration(regressor: Any, X: Any, F: Any = None, **metadata: Any) -> flo
 def _free_run(regressor: Any, X: Any, F: Any = None, **metadata: Any) -> float:
     from .discrepancy.free_run import free_run_error
     from .discrepancy.splits import BlockRows
-    from .regressor import _filters
+    from .fair_filter import filters_of
 
     names = dict.fromkeys(METADATA) | metadata
     data = regressor._judged(X, F, *(names[k] for k in METADATA))
     if any(seg.dt is None for seg in data.segments):
         raise ChannelError("The free run needs the time of the samples", "Pass dt= (s), time=, or X with a time index.")
     blocks = [BlockRows(i, slice(0, seg.valid.stop - seg.valid.start)) for i, seg in enumerate(data.segments)]
-    error = free_run_error(regressor.model_, _Judged(data, _filters(regressor.band, data)), blocks)
+    error = free_run_error(regressor.model_, _Judged(data, filters_of(regressor.band, data)), blocks)
     return -error if np.isfinite(error) else float("nan")
 
 

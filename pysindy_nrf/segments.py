@@ -88,7 +88,9 @@ class Segment:
 
         def along(array: np.ndarray) -> np.ndarray:
             part = array[rows, low:high]
-            return np.ascontiguousarray(part[:, 0] if part.shape[1] == 1 else part.sum(axis=1), dtype=np.float64)
+            return np.ascontiguousarray(
+                part[:, 0] if part.shape[1] == 1 else part.sum(axis=1, dtype=np.float64), dtype=np.float64
+            )
 
         top = self.a[rows, high - 1].astype(np.float64)
         if low > 0:

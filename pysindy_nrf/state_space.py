@@ -40,7 +40,7 @@ class IdentifiedChain(StateSpaceChainOptimizer):
         coef[:n, :n] = np.eye(n)
         coef[n:, n : n + layout.n_terms] = -rows / model.masses[:, None]
         coef[n:, n + layout.n_terms :] = np.diag(1.0 / model.masses)
-        self.masses_ = model.masses
+        self.masses_, self.n_features_in_, self._one_target = model.masses, coef.shape[1], False
         return self._finish(coef)
 
 

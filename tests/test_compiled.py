@@ -54,7 +54,7 @@ def test_without_a_place_to_write_it_still_compiles(monkeypatch):
     def advance(z, s0, v0, s1, v1, dt, u, theta):
         z[0] += theta[0] * (s1 - s0)
 
-    paths = memory._paths(advance)
+    paths = memory._paths(advance, 1)
     s = np.array([0.0, 1.0, 3.0])
     z, none = np.zeros((2, 1, 3)), np.empty(0)
     paths(s, s, none, none, np.empty((0, 3)), np.array([[2.0], [5.0]]), np.zeros((2, 1)), z)

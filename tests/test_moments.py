@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pysindy_nrf import Chain
+from pysindy_nrf import Chain, laws
 from pysindy_nrf.exceptions import NRFError
-from pysindy_nrf.layout import Layout
-from pysindy_nrf.moments import Moments, accumulate, blocks_of
+from pysindy_nrf.layout import LawLayout, Layout
+from pysindy_nrf.moments import GroupMoments, Moments, accumulate, blocks_of, guess_of
+from pysindy_nrf.segments import from_arrays
 
 LAYOUT = Layout(Chain(3, ["link 3-1"]), {"storey 1": 2, "storey 2": 3, "storey 3": 1, "link 3-1": 2})
 GROUPS = [LAYOUT.group((j,)) for j in (1, 2, 3)] + [LAYOUT.group((2, 3))]
@@ -123,3 +124,107 @@ def test_moments_of_other_columns_do_not_add():
         _moments(_data()).merge(Moments(LAYOUT, GROUPS[:1]))
     with pytest.raises(NRFError, match="cannot be added"):
         _moments(_data()).merge(_moments(_data(), "root"))
+
+
+@given(counts=st.lists(st.integers(0, 14), min_size=4, max_size=4), size=st.integers(1, 600), seed=st.integers(0, 99))
+def test_any_number_of_terms_anywhere_gives_the_gram_matrix(counts, size, seed):
+    """Tiles of three by three, and whatever is left over: storeys, a brace and a DOF's own terms, sums of balances."""
+    chain = Chain(3, ["link 3-1"])
+    layout = Layout(chain, dict(zip(["storey 1", "storey 2", "storey 3", "link 3-1"], counts)) | {"dof 2": 1})
+    groups = [layout.group(dofs) for dofs in ((1,), (2,), (3,), (3, 2), (1, 2, 3))]
+    masses = {1: 2.0, 2: 3.0, 3: 5.0}
+    rng = np.random.default_rng(seed)
+    terms, a, F = (rng.normal(size=(size, k)) for k in (layout.n_terms, 3, 3))
+    found = accumulate(Moments(layout, groups, "gram", masses), blocks_of(terms, a, F, 257))
+    for group in groups:
+        own = [terms[:, layout.slices[s]] for s in group.sites]
+        j = [d - 1 for d in group.dofs]
+        if len(j) == 1:
+            own += [a[:, j], F[:, j]]
+        else:
+            own.append((F[:, j] - a[:, j] * [masses[d] for d in group.dofs]).sum(axis=1)[:, None])
+        columns = np.hstack(own)
+        assert np.allclose(found.parts[group.dofs].matrix, columns.T @ columns, rtol=1e-12, atol=1e-11)
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("order", ["C", "F", "strided", "read-only"])
+def test_columns_built_in_the_pass_are_those_of_the_laws(order, dtype):
+    """Products of v and s, and laws that are none, whatever the layout of the user's arrays; float32 is added in double."""
+    held = {
+        "storey 1": [laws.PowerSeries((2, 3))],
+        "storey 2": [laws.LinearElastic(), laws.LinearViscous(), laws.CubicStiffness(), laws.CoulombFriction()],
+        "storey 3": [laws.Dahl(sigma=300.0), laws.PowerSeries(1)],
+        "link 3-1": [laws.PowerSeries(2)],
+    }
+    layout = LawLayout(Chain(3, ["link 3-1"]), held)
+    rng = np.random.default_rng(0)
+    s = np.cumsum(rng.normal(size=(5000, 3)), axis=0) * 1e-4
+    X = np.hstack([rng.normal(size=(5000, 3)), np.gradient(s, axis=0) * 1e3, s]).astype(dtype)
+    F = rng.normal(size=(5000, 3)).astype(dtype)
+    given = {
+        "C": X, "F": np.asfortranarray(X), "strided": np.repeat(X, 2, axis=0)[::2], "read-only": X.copy(),
+    }[order]  # fmt: skip
+    given.flags.writeable = order != "read-only"
+    segment = from_arrays(given, F, dt=1e-3).segments[0]
+    moments = Moments(layout, [layout.group((j,)) for j in (1, 2, 3)])
+    for block in segment.blocks(layout, 700, states={}):
+        moments.add(block)
+    whole = slice(0, 5000)
+    for (j,), part in moments.parts.items():
+        own = [
+            law.features(segment.motion(site, whole)) for site in moments.groups[(j,)].sites for law in layout.laws[site]
+        ]
+        columns = np.hstack([*own, X[:, [j - 1]].astype(float), F[:, [j - 1]].astype(float)])
+        size = np.linalg.norm(columns, axis=0)
+        assert np.allclose(part.matrix / np.outer(size, size), columns.T @ columns / np.outer(size, size), atol=1e-13)
+    assert X.dtype == dtype  # the user's array is as it was
+
+
+def test_a_law_whose_label_lies_is_taken_at_its_word_by_nobody():
+    """A user's law may call a column "s" and mean another: its own function decides."""
+
+    class Clipped(laws.ForceLaw):
+        name = "test_clipped"
+
+        def terms(self):
+            return (laws.Term("k", "s", "N/m"),)
+
+        @staticmethod
+        def kernel(s, v, a, t, u, z, theta, out):
+            out[0] = np.minimum(s, 0.5)
+
+    layout = LawLayout(Chain(1), {"storey 1": [Clipped()]})
+    x = np.linspace(0, 1, 9)[:, None]
+    block = next(iter(from_arrays(np.hstack([x, x, x]), x).segments[0].blocks(layout)))
+    assert block.terms[0].max() == 0.5
+
+
+@pytest.mark.parametrize("condition", [1e1, 1e5, 1e9, 1e13])
+def test_a_guess_of_the_root_loses_no_digit(condition):
+    """The root through a guess is that of Householder's QR, up to signs, at any condition number and any units."""
+    rng = np.random.default_rng(3)
+    p = 12
+    mix = np.linalg.qr(rng.normal(size=(p, p)))[0] * np.logspace(0, -np.log10(condition), p)
+    columns = (mix @ rng.normal(size=(p, 4000))) * 10.0 ** rng.uniform(-8, 8, p)[:, None]
+    gram, guessed, direct = GroupMoments(p), GroupMoments(p, "root"), GroupMoments(p, "root")
+    gram.add(columns[:, :2000])  # half the samples are enough to guess
+    guess = guess_of(gram)
+    for low in range(0, 4000, 800):
+        guessed.add_guessed(columns[:, low : low + 800], guess)
+        direct.add(columns[:, low : low + 800])
+    size = np.linalg.norm(columns, axis=1)
+    R, truth = (np.linalg.qr(part.matrix / size, mode="r") for part in (guessed, direct))
+    sign = np.sign(np.diag(R) * np.diag(truth))[:, None]
+    assert np.allclose(R, sign * truth, atol=1e-14)
+
+
+def test_the_user_may_pickle_and_merge_half_way():
+    import pickle
+
+    data = _data()
+    first = _moments([d[:200] for d in data])
+    both = pickle.loads(pickle.dumps(first)).merge(_moments([d[200:] for d in data]))
+    for dofs, part in _moments(data).parts.items():
+        size = np.sqrt(np.diag(part.matrix))
+        assert np.allclose((both.parts[dofs].matrix - part.matrix) / np.outer(size, size), 0, atol=1e-13)

@@ -12,7 +12,10 @@ import chains
 import numpy as np
 import pysindy as ps
 import pytest
+import sklearn
 from sklearn.linear_model import LinearRegression
+
+sklearn_version = tuple(int(part) for part in sklearn.__version__.split(".")[:2])
 
 
 def test_set_params_of_pysindy_optimizers_returns_none():
@@ -20,12 +23,24 @@ def test_set_params_of_pysindy_optimizers_returns_none():
     assert ps.STLSQ().set_params(threshold=0.2) is None
 
 
+@pytest.mark.skipif(sklearn_version < (1, 7), reason="scikit-learn 1.7 brought the cut-off")
 def test_linear_regression_cuts_what_it_calls_rank():
     """Why columns are scaled before any PySINDy optimizer: its unbiasing step loses columns ten orders apart."""
     rng = np.random.default_rng(0)
     A = rng.normal(size=(1000, 2)) * [1.0, 1e-9]
     found = LinearRegression(fit_intercept=False).fit(A, A @ [1.0, 1e9]).coef_
     assert abs(found[1] / 1e9 - 1) > 0.5
+
+
+@pytest.mark.skipif(sklearn_version < (1, 7), reason="scikit-learn 1.7 brought the cut-off")
+def test_unbiasing_on_raw_si_columns_loses_the_cubic():
+    """The same through PySINDy: without unbiasing all four coefficients of a Duffing storey are exact, with it not."""
+    rng = np.random.default_rng(0)
+    a, v, s = rng.normal(size=(3, 2000, 1)) * np.array([10.0, 0.1, 1e-3])[:, None, None]
+    columns, true = np.hstack([a, v, s, s**3]), [10.0, 30.0, 1e5, 1e9]
+    exact, lost = (ps.STLSQ(threshold=0, alpha=0, unbias=on).fit(columns, columns @ true).coef_[0] for on in (False, True))
+    assert exact == pytest.approx(true, rel=1e-6)
+    assert abs(lost[3]) < 0.1 * true[3]
 
 
 def test_default_stlsq_deletes_the_force_from_a_model_in_si_units():
@@ -71,6 +86,57 @@ def test_coef_list_of_ensembles_grows_with_each_fit():
     optimizer.fit(A, y[:, None])
     optimizer.fit(A, y[:, None])
     assert len(optimizer.coef_list) == 6
+
+
+def test_ensembles_draw_from_the_global_state_of_numpy():
+    """Why block ensembles are drawn here (``BlockEnsemble``): randomness has to come through random_state."""
+    A, y = _problem()
+    y = y + np.random.default_rng(1).normal(size=y.shape)
+    coefs = []
+    for seed in (0, 0, 1):
+        np.random.seed(seed)
+        coefs.append(ps.EnsembleOptimizer(ps.STLSQ(threshold=0.1), bagging=True, n_models=3).fit(A, y[:, None]).coef_)
+    assert np.array_equal(coefs[0], coefs[1]) and not np.array_equal(coefs[0], coefs[2])
+    assert "random_state" not in ps.EnsembleOptimizer(ps.STLSQ(), bagging=True).get_params(deep=False)
+
+
+def test_ensembles_read_two_attributes_that_the_contract_does_not_name():
+    """Why the chain optimizers carry max_iter and copy_X, which say nothing there."""
+
+    class Bare:
+        pass
+
+    with pytest.raises(AttributeError, match="max_iter"):
+        ps.EnsembleOptimizer(Bare(), bagging=True)
+
+
+def test_sindy_makes_up_names_and_passes_them_on_as_the_users():
+    """Why our libraries take x0, x1, ..., u0 for no names: else every acceleration would be printed as x0, x1, ..."""
+
+    class Listening(ps.PolynomialLibrary):
+        def get_feature_names(self, input_features=None):
+            self.heard = input_features
+            return super().get_feature_names(input_features)
+
+    x = np.random.default_rng(0).normal(size=(50, 2))
+    library = Listening(1)
+    ps.SINDy(feature_library=library).fit(x, t=0.1, x_dot=x, u=x[:, 0]).get_feature_names()
+    assert library.heard == ["x0", "x1", "u0"]
+
+
+def test_sindy_cannot_be_fitted_under_metadata_routing():
+    """Why pipelines with routed records are built around NRFRegressor: a helper of SINDy.fit is half an estimator."""
+    x = np.random.default_rng(0).normal(size=(50, 2))
+    model = ps.SINDy(feature_library=ps.PolynomialLibrary(1))
+    with sklearn.config_context(enable_metadata_routing=True):
+        with pytest.raises(AttributeError, match="get_metadata_routing"):
+            model.fit(x, t=0.1, x_dot=x)
+
+
+def test_predictions_of_one_target_keep_two_axes():
+    """What the next version changes; ours follow scikit-learn: one axis in, one axis out."""
+    A, y = _problem()
+    assert ps.STLSQ().fit(A, y).predict(A).shape == (200, 1)
 
 
 def test_normalising_an_unforced_column_divides_by_zero():

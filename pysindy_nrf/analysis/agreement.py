@@ -104,14 +104,14 @@ def found_twice(estimator: Any, X: Any, F: Any, **options: Any) -> dict[str, pd.
     ChainError
         If the strategy was not complete: no storey is found twice then.
     """
-    from ..regressor import _filters
+    from ..fair_filter import filters_of
 
     if estimator.walk_.strategy != "complete":
         raise ChainError(f"Under the {estimator.walk_.strategy} strategy no storey is found twice", "Force every DOF.")
     data = as_segments(estimator, X, F, **options)
     layout = LawLayout(estimator.chain_, estimator.model_.laws)
     moments = Moments(layout, groups_of(layout, estimator.walk_))
-    for seg, filter in zip(data.segments, _filters(estimator.band, data)):
+    for seg, filter in zip(data.segments, filters_of(estimator.band, data)):
         accumulate(moments, seg.blocks(layout, filter=filter))
     solution = solve(moments, estimator.walk_, estimator._known_masses(estimator.chain_))
     return {

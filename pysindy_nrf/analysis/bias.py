@@ -116,7 +116,7 @@ def warn_of_bias(table: pd.DataFrame, masses: Sequence[str] = (), stacklevel: in
 
 def _windows(layout: LawLayout, data: SegmentSet, band: Any) -> Iterator[tuple]:
     """Some thousand rows in contiguous windows: own terms, extra terms by site, a and F."""
-    from ..regressor import _filters
+    from ..fair_filter import filters_of
 
     total = sum(seg.valid.stop - seg.valid.start for seg in data.segments)
     size = min(_WINDOW, max(total // (2 * _FOLDS), 1))
@@ -127,7 +127,7 @@ def _windows(layout: LawLayout, data: SegmentSet, band: Any) -> Iterator[tuple]:
     whole = band is not None or layout.has_memory
     every = max(1, -(-total // (size * _WINDOWS)))
     count = 0
-    for seg, filter in zip(data.segments, _filters(band, data)):
+    for seg, filter in zip(data.segments, filters_of(band, data)):
         if whole:
             block = next(iter(seg.blocks(layout, filter=filter)))
             extra = _offered({s: seg.motion(s, seg.valid) for s in layout.acting}, scales)

@@ -15,6 +15,7 @@ from ..layout import LawLayout
 from ..model import ChainModel
 from ..moments import Block, Moments
 from ..segments import SegmentSet
+from ..solved import model_of
 
 
 @dataclass
@@ -74,13 +75,8 @@ class BlockMoments:
         -------
         ChainModel, Solution
         """
-        from ..regressor import _valued
-
         solution = solve(moments, self.walk, self.known_masses)
-        laws = self.layout.laws
-        held = {s: _valued(laws.get(s, ()), solution.coefficients.get(s)) for s in self.layout.sites}
-        masses = [solution.masses[j] for j in range(1, self.layout.n_dof + 1)]
-        return ChainModel(masses, held, self.layout.chain), solution
+        return model_of(self.layout, solution), solution
 
 
 def block_moments(
@@ -114,7 +110,7 @@ def block_moments(
     ChannelError
         If a piece would hold fewer samples than there are coefficients.
     """
-    from ..regressor import _filters
+    from ..fair_filter import filters_of
 
     layout = LawLayout(estimator.chain_, estimator.model_.laws)
     known = dict(estimator._known_masses(layout.chain) if known_masses is None else known_masses)
@@ -124,7 +120,7 @@ def block_moments(
     groups = groups_of(layout, walk)
     pieces, edges, record = [], [], []
     whole = sum(seg.valid.stop - seg.valid.start for seg in data.segments)
-    for number, (seg, filter) in enumerate(zip(data.segments, _filters(estimator.band, data))):
+    for number, (seg, filter) in enumerate(zip(data.segments, filters_of(estimator.band, data))):
         n = seg.valid.stop - seg.valid.start
         if length is None:
             size = int(np.ceil(whole / (n_blocks or 1)))

@@ -154,12 +154,12 @@ def _off_plane(data: SegmentSet, forces: list[np.ndarray]) -> tuple[np.ndarray, 
 
 
 def _reference(estimator: Any, data: SegmentSet, scale: np.ndarray, draws: int, random_state: Any) -> np.ndarray:
-    from ..regressor import _filters
+    from ..fair_filter import filters_of
 
     rng = generator(random_state)
     model = estimator.model_
     layout = LawLayout(estimator.chain_, model.laws)
-    filters = _filters(estimator.band, data)
+    filters = filters_of(estimator.band, data)
     known = estimator._known_masses(estimator.chain_)
     implied = model.balance_forces(data)
     found = [model.restoring_force(data)[seg.rows][seg.valid] for seg in data.segments]

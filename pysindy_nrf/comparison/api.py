@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ..exceptions import ChannelError
+from ..exceptions import ChannelError, NRFError
 from ..model import ChainModel
+from ..model_selection.sparsity import default_paths
 from ..segments import from_arrays
 from .data import Part, Ruler
 from .hand_steered import HandSteeredSINDy
@@ -45,7 +46,7 @@ def compare(
     *,
     truth: ChainModel | None = None,
     degree: int = 3,
-    optimizers: Mapping[str, Any] | None = None,
+    optimizers: Mapping[str, Any] | str | None = None,
     heldout: float = 0.3,
     free_run: int = 500,
     time_limit: float = 10.0,
@@ -94,7 +95,7 @@ def compare(
         raise ChannelError("A force is unknown", "SINDy needs every force: give zeros where none acts.")
     cut = round(len(whole.a) * (1 - heldout))
     search, rest = whole.part(slice(0, cut)), whole.part(slice(cut, None))
-    given = optimizers if optimizers is not None else _default_optimizers()
+    given = _optimizers(optimizers)
     entries: dict[str, Any] = {
         "SINDy, defaults": PlainSINDy(degree, normalise=False),
         "SINDy, normalised": PlainSINDy(degree, normalise=True),
@@ -123,7 +124,7 @@ def compare_with_sindy(
     *,
     truth: ChainModel | None = None,
     degree: int = 3,
-    optimizers: Mapping[str, Any] | None = None,
+    optimizers: Mapping[str, Any] | str | None = None,
     heldout: float = 0.3,
     free_run: int = 500,
     time_limit: float = 10.0,
@@ -144,9 +145,12 @@ def compare_with_sindy(
         and ``restoring_force_error``.
     degree : int
         Of the power series everywhere.
-    optimizers : mapping of str to PySINDy optimizer, optional
-        Rows of this package beside least squares; STLSQ at PySINDy's default threshold (a tenth of
-        each balance's force) and at a hundredth if None.
+    optimizers : mapping of str to PySINDy optimizer or sequence of them, or "select", optional
+        Rows of this package beside least squares. Of a sequence the held-out rule of
+        :func:`~pysindy_nrf.model_selection.select_sparsity` chooses one, within the first part of the
+        record, and ``note`` says which; ``"select"`` takes its default paths (STLSQ, ensemble, SR3, SSR,
+        FROLS). STLSQ at PySINDy's default threshold (a tenth of each balance's force) and at a hundredth
+        if None.
     heldout : float
         Share of the record at its end on which all errors are measured.
     free_run : int
@@ -179,6 +183,8 @@ def compare_with_sindy(
     ------
     ChannelError
         If the record has several parts or no sampling step.
+    NRFError
+        If ``optimizers`` is another word.
 
     Notes
     -----
@@ -203,7 +209,13 @@ def compare_with_sindy(
     ).table  # fmt: skip
 
 
-def _default_optimizers() -> dict[str, Any]:
-    from pysindy import STLSQ
+def _optimizers(given: Mapping[str, Any] | str | None) -> Mapping[str, Any]:
+    if given is None:
+        from pysindy import STLSQ
 
-    return {"STLSQ": STLSQ(), "STLSQ, threshold 0.01": STLSQ(threshold=0.01)}
+        return {"STLSQ": STLSQ(), "STLSQ, threshold 0.01": STLSQ(threshold=0.01)}
+    if given == "select":
+        return {f"{name} selected": path for name, path in default_paths().items()}
+    if isinstance(given, str):
+        raise NRFError(f"optimizers={given!r} is unknown", "Give 'select', or optimizers by name.")
+    return given

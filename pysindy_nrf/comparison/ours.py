@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from ..model import ChainModel
+from ..model_selection.sparsity import select_sparsity
 from ..regressor import NRFRegressor
 from .data import Part, shares
 
 
 class Ours:
-    """NRFRegressor with some optimizer."""
+    """NRFRegressor with some optimizer, or with the one of several that the held-out rule chooses."""
 
     finds_masses = True
+    note = ""
 
     def __init__(self, degree: int, optimizer: Any) -> None:
         self.degree, self.optimizer = degree, optimizer
@@ -23,7 +26,14 @@ class Ours:
         return 0.0
 
     def fit(self, data: Part) -> None:
-        self.model = NRFRegressor(degree=self.degree, optimizer=self.optimizer, dt=data.dt).fit(data.X, data.F)
+        self.model = self._estimator(data).fit(data.X, data.F)
+
+    def _estimator(self, data: Part) -> NRFRegressor:
+        if not isinstance(self.optimizer, Sequence):
+            return NRFRegressor(degree=self.degree, optimizer=self.optimizer, dt=data.dt)
+        found = select_sparsity(data.X, data.F, paths={"path": self.optimizer}, degree=self.degree, dt=data.dt)
+        self.note = f"chosen: {found.table.index[found.table['chosen']][0][1]}"
+        return found.regressor("path")
 
     @property
     def terms(self) -> int:

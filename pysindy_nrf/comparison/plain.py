@@ -18,6 +18,7 @@ class PlainSINDy:
     """``ps.SINDy`` on state [x | xdot], u = F."""
 
     finds_masses = False
+    note = ""
 
     def __init__(self, degree: int, normalise: bool) -> None:
         self.degree, self.normalise = degree, normalise

@@ -54,7 +54,7 @@ def row_of(
         found,
         seconds,
         megabytes,
-        note,
+        "; ".join(filter(None, (entry.note, note))),
     ], R
 
 

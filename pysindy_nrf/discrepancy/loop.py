@@ -11,9 +11,10 @@ from threadpoolctl import threadpool_limits
 
 from .._random import generator
 from ..exceptions import ExcitationError, NRFError
+from ..fair_filter import filters_of
 from ..laws.base import ForceLaw
 from ..laws.power_series import whole
-from ..regressor import NRFRegressor, _filters
+from ..regressor import NRFRegressor
 from ..segments import SegmentSet
 from ..sites import Site
 from .catalogue import SPECIAL_CASES, Candidate, as_laws, balances_of, candidates
@@ -27,8 +28,8 @@ from .report import LoopReport, Scene, Step, audit
 from .search import Finding, driving_frequency, refine, screen, spectral_lines, validate
 from .sensors import SensorFinding, contradictions, sensor_findings
 from .splits import BlockRows, split
-from .stage import Stage, Trial, model_of
-from .steps import remainder, step_of, worst
+from .stage import Stage, Trial
+from .steps import improper, remainder, step_of, worst
 from .surrogate import Null
 from .together import look_ahead
 from .workspace import Workspace
@@ -40,7 +41,7 @@ _DECISIONS = 3
 # A candidate that does not even do this on the data it is fitted to cannot pass the gate.
 _HOPELESS = 0.05
 # Share of the effect (noise taken off) that may stay unexplained before a name is no longer sure.
-_SURE = 0.3
+_SURE = 0.15
 # An effect that makes the free run on the search data worse than this many times is none, unless the balance
 # error falls by so much that another missing effect must be to blame.
 _WORSE_ALONE = 1.3
@@ -125,7 +126,7 @@ def close_loop(
     given = baseline._given_laws()
     chain = baseline._chain(ready.data.n_dof, given)
     known = baseline._known_masses(chain)
-    filters = _filters(band, ready.data)
+    filters = filters_of(band, ready.data)
     work = Workspace(ready.data, filters, search, held, known, baseline.strategy)
     if not work.forced and not known:
         raise ExcitationError(
@@ -240,6 +241,8 @@ class _Loop:
             step.remainder = remainder(step.validation_before, left, floor)
             step.sure = step.remainder <= _SURE
         self._estimated(stage, trial, steps, null)
+        for step in steps:
+            step.sure = step.sure and not improper(step.law, step.intervals)
         if np.isfinite(floor) and left > max(2.0 * floor, FLOOR):
             noise = f"(noise alone leaves about {floor:.2g} %)"
             stopped += f". {left:.3g} % stay unexplained by any law {noise}, most in the {worst(trial)}"
@@ -405,4 +408,4 @@ def _holds(findings: Sequence[Finding], one: Finding) -> bool:
     return any(f.site == one.site and f.candidate.law == one.candidate.law for f in findings)
 
 
-__all__ = ["close_loop", "model_of"]
+__all__ = ["close_loop"]

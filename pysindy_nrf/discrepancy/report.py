@@ -16,6 +16,7 @@ from ..model import ChainModel
 from ..report.loops import SiteLoop, loops_of
 from ..report.measured import Measured, measured_of
 from ..sites import Site
+from ..solved import model_of
 from ..visited import VisitedRegion
 from .evidence import Evidence, gather, searched
 from .free_run import free_run_error
@@ -179,15 +180,13 @@ class LoopReport:
         baseline: Any,
     ) -> LoopReport:
         """Fit every scene to the search data and read the held-out data, once, at the end."""
-        from .loop import model_of
-
         search = range(len(work.search))
         held = range(len(work.search), len(work.blocks))
         rows, models = {}, []
         for scene in scenes:
             trial = scene.trial
             solution = trial.solve(search)
-            model = model_of(trial, solution)
+            model = model_of(trial.layout, solution)
             models.append(model)
             errors = balance_errors(model, trial.moments(held))["error"]
             row = {

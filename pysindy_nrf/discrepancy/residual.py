@@ -133,9 +133,9 @@ def filters_of(data: SegmentSet, filters: Any = None, band: Any = None) -> list[
     list of FairFilter or None
     """
     if filters is None:
-        from ..regressor import _filters
+        from ..fair_filter import filters_of
 
-        return _filters(band, data)
+        return filters_of(band, data)
     if band is not None:
         raise ChannelError("Both filters and band were given", "Give one of them.")
     filters = list(filters)

@@ -22,8 +22,8 @@ from ..laws.base import ForceLaw
 from ..layout import LawLayout
 from ..model import ChainModel
 from ..moments import Moments
-from ..regressor import _valued
 from ..sites import Site
+from ..solved import model_of
 from .admissible import admissible
 from .projection import Projection
 from .workspace import Workspace, leave_one_out
@@ -108,7 +108,7 @@ class Trial:
         NRFError
             If the columns depend on each other.
         """
-        return model_of(self, self.solve(range(len(self.work.search))))
+        return model_of(self.layout, self.solve(range(len(self.work.search))))
 
     def error(self, solution: Solution, blocks: Sequence[int]) -> float:
         """Pooled balance error on some blocks, percent NRMSE."""
@@ -121,23 +121,6 @@ class Trial:
     def fold_errors(self) -> np.ndarray:
         """Pooled balance error on each search block after fitting to the others, percent NRMSE."""
         return self.stage.slot().folds()
-
-
-def model_of(trial: Trial, solution: Solution) -> ChainModel:
-    """The chain model of a solved trial.
-
-    Parameters
-    ----------
-    trial : Trial
-    solution : Solution
-
-    Returns
-    -------
-    ChainModel
-    """
-    layout = trial.layout
-    laws = {s: _valued(layout.laws.get(s, ()), solution.coefficients.get(s)) for s in layout.sites}
-    return ChainModel([solution.masses[j] for j in range(1, layout.n_dof + 1)], laws, layout.chain)
 
 
 class Stage:

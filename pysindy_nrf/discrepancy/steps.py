@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from ..errors import balance_errors
+from ..solved import model_of
 from .gate import MOST_FAMILIES, Verdict
 from .report import Step
 from .search import Finding
 from .sensors import SensorFinding
-from .stage import Trial, model_of
+from .stage import Trial
 
 # A hysteresis that turns over within this share of the rms drift is friction by another name.
 _ONE_CLASS = 0.3
@@ -25,10 +26,18 @@ def remainder(before: float, left: float, floor: float) -> float:
     return float(np.sqrt(max(left**2 - noise**2, 0.0) / max(before**2 - noise**2, 1e-300)))
 
 
+def improper(law: str, found: Mapping[str, tuple[float, float]]) -> bool:
+    """Whether the coefficients are not those of the effect that a law is named after.
+
+    A Stribeck force that falls towards rest is a way to write a force that grows with the rate.
+    """
+    return law == "stribeck_friction" and found.get("dF", (0.0, 0.0))[1] < 0.0
+
+
 def worst(trial: Trial) -> str:
     """The balance with the largest share of the pooled error, in words."""
     blocks = range(len(trial.work.search))
-    errors = balance_errors(model_of(trial, trial.solve(blocks)), trial.moments(blocks))["error"].drop("pooled")
+    errors = balance_errors(model_of(trial.layout, trial.solve(blocks)), trial.moments(blocks))["error"].drop("pooled")
     return f"balance of {str(errors.idxmax()).replace('dof', 'DOF')}"
 
 

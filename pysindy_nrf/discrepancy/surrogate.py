@@ -7,11 +7,12 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.signal import welch
 
 from ..exceptions import NRFError
 from ..model import ChainModel
 from ..record import Record
-from ..segments import Segment
+from ..segments import Segment, SegmentSet
 from .gate import FLOOR, gain_of
 from .prepare import Prepared, prepare
 from .search import Finding, refine, screen, validate
@@ -69,7 +70,51 @@ def surrogate(
             if np.isnan(measured[:, j]).all():
                 values[:, j] = np.nan
         changes[key] = values
+    changes["force"] = record.force + rng.standard_normal(record.force.shape) * [
+        noise.get(f"F{j + 1}", 0.0) for j in range(record.n_dof)
+    ]
     return record.replace(coordinates="relative", **changes)
+
+
+def force_noise(residual: np.ndarray, force: np.ndarray, fs: float, band: tuple | None = None) -> np.ndarray:
+    """Noise of the forces: the white part of what the balances of the forced DOFs leave.
+
+    A missing effect leaves lines and resonances; noise fills the gaps between them. Its level is the
+    lower edge of the residual's spectrum (Welch, the tenth percentile over the band).
+
+    Parameters
+    ----------
+    residual, force : ndarray of shape (n_samples, n_dof)
+        N; the force of a DOF known to be unforced is zero.
+    fs : float
+        Hz.
+    band : (float or None, float or None), optional
+        Hz; outside of it nothing is left.
+
+    Returns
+    -------
+    ndarray of shape (n_dof,)
+        Rms, N; zero for unforced DOFs and unknown forces.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.discrepancy.surrogate import force_noise
+    >>> rng = np.random.default_rng(0)
+    >>> t = np.arange(8000)[:, None] / 400
+    >>> left = 3.0 * np.sin(40 * t) + 0.5 * rng.standard_normal((8000, 2))
+    >>> force_noise(left, np.array([[1.0, 0.0]]) * t, 400.0).round(1).tolist()
+    [0.5, 0.0]
+    """
+    forced = np.nan_to_num(force).any(axis=0)
+    f, power = welch(residual, fs, nperseg=min(256, len(residual)), axis=0)
+    low, high = band or (None, None)
+    inside = (f >= (low or 0.0)) & (f <= (high or fs / 2))
+    inside[[0, -1]] = False
+    if not inside.any():
+        return np.zeros(residual.shape[1])
+    level = np.percentile(power[inside], 10, axis=0)
+    return np.where(forced, np.minimum(np.sqrt(level * fs / 2), residual.std(axis=0)), 0.0)
 
 
 class Null:
@@ -100,9 +145,10 @@ class Null:
 
     def _one(self, model: ChainModel) -> Stage:
         ready, work = self.ready, self.stage.work
-        fakes = [
-            surrogate(ready.records[i], work.data.segments[i], model, ready.noise[i], self.rng) for i in work.searched
-        ]
+        fakes = []
+        for i in work.searched:
+            noise = ready.noise[i] | self._force_noise(model, i)
+            fakes.append(surrogate(ready.records[i], work.data.segments[i], model, noise, self.rng))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what is to be said of the channels was said of the measured ones
             data = prepare(fakes, noise=[ready.noise[i] for i in work.searched]).data
@@ -115,6 +161,18 @@ class Null:
         filters = [work.filters[i] for i in work.searched]
         fake = Workspace(data, filters, blocks, [], work.known_masses, work.strategy)
         return Stage(fake, self.stage.chain, self.stage.laws)
+
+    def _force_noise(self, model: ChainModel, i: int) -> dict[str, float]:
+        work, seg = self.stage.work, self.stage.work.data.segments[i]
+        if seg.dt is None:
+            return {}
+        force = seg.F[seg.valid].astype(float)
+        left = model.balance_forces(SegmentSet([seg], work.data.n_samples))[0] - np.nan_to_num(force)
+        rows = max((b.rows for b in work.search if b.segment == i), key=lambda r: r.stop - r.start)
+        filter = work.filters[i]
+        left = work.filtered(i, left.T)[:, rows].T
+        levels = force_noise(left, force[rows], 1 / seg.dt, None if filter is None else filter.band)
+        return {f"F{j + 1}": float(level) for j, level in enumerate(levels)}
 
     @property
     def floor(self) -> float:

@@ -20,8 +20,8 @@ from ..chain_solve import groups_of, solve
 from ..exceptions import BiasWarning, ChainError, ChannelError
 from ..layout import LawLayout
 from ..segments import from_arrays
+from ..solved import model_of
 from .intervals import Resolver
-from .model_of import model_of
 from .pieces import pieces_of
 
 APART = 2  # lines; the noise of a Hann-windowed response reaches its next neighbour

@@ -18,8 +18,8 @@ from ..identifiability import Walk
 from ..model import ChainModel
 from ..moments import Moments
 from ..segments import SegmentSet
+from ..solved import model_of
 from .covariance import newey_west
-from .model_of import model_of
 from .pieces import Pieces
 from .statistics import statistic_of
 

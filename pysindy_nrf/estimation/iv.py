@@ -36,7 +36,7 @@ from ..laws import PowerSeries
 from ..layout import LawLayout
 from ..model import ChainModel
 from ..segments import Segment, SegmentSet
-from .model_of import model_of
+from ..solved import model_of
 from .pieces import Pieces, pieces_of
 from .weighting import Weighting, weighting_of
 

@@ -34,6 +34,7 @@ ROUNDS = 8
 SETTLED = 1e-3  # standard errors by which no parameter moves any more
 HALVINGS = 4
 PIECES = 64
+FEWEST_ROWS = 64  # of a part of a shot that counts
 HOLDS = ("cubic", "linear", "zero")  # courses of the force between its samples
 
 
@@ -99,6 +100,7 @@ def output_error(
     layout: LawLayout,
     known_masses: Mapping[int, float],
     band: Any = None,
+    halves: Sequence[ChainModel] | None = None,
 ) -> OutputErrorResult:
     """Refine masses and coefficients on the free run.
 
@@ -113,6 +115,8 @@ def output_error(
         These are held.
     band : (float, float), optional
         Hz; only lines inside count.
+    halves : (ChainModel, ChainModel), optional
+        Instrumental variables on the first and on the second half of every record, for a fair comparison.
 
     Returns
     -------
@@ -125,10 +129,10 @@ def output_error(
         problem = _Problem(start, shots, layout, known_masses, band)
         if problem.noise is None:
             return OutputErrorResult(start, False, 0.0, 0.0, why="the free run misses nothing but round-off")
-        halves = [[slice(0, s.n_samples // 2) for s in shots], [slice(s.n_samples // 2, s.n_samples) for s in shots]]
+        parts = [_half(shots, 0), _half(shots, 1)]
         before, after = np.zeros(3), np.zeros(3)
-        for seen, unseen in (halves, halves[::-1]):
-            before += problem.judge(start, unseen)
+        for rival, seen, unseen in zip(halves or (start, start), parts, parts[::-1]):
+            before += problem.judge(rival, unseen)
             after += problem.judge(problem.solve(seen).model, unseen)
         errors = [float(100 * np.sqrt(e[0] / e[2])) for e in (before, after)]
         if not (after[:2] < before[:2]).all():
@@ -159,6 +163,19 @@ def shots_of(data: SegmentSet, has_memory: bool) -> list[Shot]:
             rows = slice(seg.valid.start + lo, seg.valid.start + hi)
             state = np.array([np.cumsum(y[rows.start].astype(float)) for y in (seg.s, seg.v)])
             out.append(Shot(replace(seg, valid=rows), number, state))
+    return out
+
+
+def _half(shots: Sequence[Shot], which: int) -> list[slice]:
+    """The first or second half of every record, which may be several shots."""
+    total = {s.number: 0 for s in shots}
+    for shot in shots:
+        total[shot.number] += shot.n_samples
+    at, out = dict.fromkeys(total, 0), []
+    for shot in shots:
+        middle = min(max(total[shot.number] // 2 - at[shot.number], 0), shot.n_samples)
+        out.append(slice(0, middle) if which == 0 else slice(middle, shot.n_samples))
+        at[shot.number] += shot.n_samples
     return out
 
 
@@ -232,7 +249,7 @@ class _Problem:
         size = np.sqrt(np.diag(matrix))
         inverse = np.linalg.pinv(matrix / size[:, None] / size, rcond=1e-12, hermitian=True) / size[:, None] / size
         scores = [p[3] for p in parts]
-        record = np.concatenate([[shot.number] * len(s) for shot, s in zip(self.shots, scores)])
+        record = np.concatenate([[shot.number] * len(s) for shot, s in zip(self.shots, scores)]).astype(int)
         return _Solution(self.rebuild(theta), np.concatenate(scores) @ inverse, record)
 
     def normal(self, theta: np.ndarray, rows: Sequence[slice]):
@@ -241,6 +258,10 @@ class _Problem:
         total = sum(r.stop - r.start for r in rows)
         cost, parts = 0.0, []
         for shot, better, part in zip(self.shots, self.better, rows):
+            if part.stop - part.start < FEWEST_ROWS:
+                p, n = len(theta), len(model.masses)
+                parts.append((np.zeros((p, p)), np.zeros(p), lambda step, n=n: np.zeros((2, n)), np.zeros((0, p))))
+                continue
             gap = velocities(shot.segment) - velocities(shot.run(model))
             J = self.sensitivities(model, shot, shot.run(model, better))
             C = self.decays(shot)
@@ -299,6 +320,8 @@ class _Problem:
         """Squared free-run errors in some rows: as they are, weighted, and the motion itself; states refitted."""
         out = np.zeros(3)
         for shot, state, part in zip(self.shots, self.states, rows):
+            if part.stop - part.start < FEWEST_ROWS:
+                continue
             run = free_run_of(model, shot.segment, start=tuple(state), hold=shot.hold)
             v = velocities(shot.segment)
             gap, C = (v - velocities(run))[part], self.decays(shot)[part]

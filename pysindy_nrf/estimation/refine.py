@@ -6,7 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from ..chain_solve import Solution, groups_of
+from ..exceptions import IdentifiabilityError
 from ..identifiability import Walk
 from ..layout import LawLayout
 from ..model import ChainModel
@@ -57,7 +60,7 @@ def refine(
     resolver = Resolver(iv.pieces, walk, dict(known), inner)
     model, solution = iv.model, iv.solution
     if method == "simulation":
-        result = output_error(model, data, layout, known, band)
+        result = output_error(model, data, layout, known, band, _halves(resolver))
         facts |= {
             "free_run_error_before": _finite(result.error_before),
             "free_run_error_after": _finite(result.error_after),
@@ -94,6 +97,17 @@ def least_squares_resolver(
     Resolver
     """
     return Resolver(pieces_of(data, layout, groups_of(layout, walk), filters, known), walk, dict(known), inner)
+
+
+def _halves(resolver: Resolver) -> list[ChainModel] | None:
+    """Models of the first and second half of every record, or None where one of them cannot be solved."""
+    record = resolver.pieces.record
+    place = np.arange(len(record)) - np.searchsorted(record, record)
+    first = place < np.bincount(record)[record] // 2
+    try:
+        return [resolver.at(half.astype(float)) for half in (first, ~first)]
+    except IdentifiabilityError:
+        return None
 
 
 def _finite(value: float) -> float | None:

@@ -159,6 +159,30 @@ def part(function: Callable) -> Dispatcher:
     return numba.njit(error_model="numpy", nogil=True)(function)
 
 
+def _on_stack(typing_context: Any, size: Any) -> Any:
+    """A line of numbers on the stack: nothing else can write to it, so that a loop keeps it in registers.
+
+    Its size is a constant of the code that is compiled.
+    """
+    if not isinstance(size, types.IntegerLiteral):
+        return None
+    line = types.Array(types.float64, 1, "C")
+
+    def codegen(context, builder, signature, args):
+        count = max(size.literal_value, 1)
+        number = context.get_value_type(types.float64)
+        place = cgutils.alloca_once(builder, number, size=context.get_constant(types.intp, count))
+        view = context.make_array(line)(context, builder)
+        extent, step = context.get_constant(types.intp, size.literal_value), context.get_constant(types.intp, 8)
+        context.populate_array(view, data=place, shape=[extent], strides=[step], itemsize=step, meminfo=None)
+        return view._getvalue()
+
+    return line(size), codegen
+
+
+on_stack: Any = intrinsic(prefer_literal=True)(_on_stack)
+
+
 def _borrowed(typing_context: Any, array: Any) -> Any:
     """An array without its owner: handing it on costs no reference count. The owner must outlive it."""
 

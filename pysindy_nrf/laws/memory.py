@@ -10,7 +10,7 @@ from numba.core.errors import NumbaError
 
 from ..exceptions import ChannelError, LawError
 from .base import ForceLaw, Motion
-from .compiled import borrow, cannot_compile, inline, jit, part
+from .compiled import borrow, cannot_compile, inline, jit, on_stack, part
 
 _STRETCH = 2048  # intervals whose turning points the first candidate finds for the others
 
@@ -115,7 +115,7 @@ def _turns(s0, s1, v0, v1, h, a0, a1, has_a):
 
 
 @cache
-def _paths(advance: Callable):
+def _paths(advance: Callable, n_states: int):
     """Compiled paths of one law's state for many shape parameters; one machine-code file for each law."""
     step = inline(advance)
 
@@ -123,7 +123,10 @@ def _paths(advance: Callable):
         """From sample ``low`` to ``high`` for one set of parameters; n_ways < 0: find where the motion turns."""
         find, has_a, has_t = n_ways < 0, a.size > 0, t.size > 0
         buffer = np.zeros(u.shape[0])
-        state, middle, u, theta, z = borrow(state), borrow(buffer), borrow(u), borrow(theta), borrow(z)
+        middle, u, theta, z = borrow(buffer), borrow(u), borrow(theta), borrow(z)
+        now = on_stack(n_states)
+        for k in range(n_states):
+            now[k] = state[k]
         h, a0, a1 = np.nan, 0.0, 0.0
         n_ways = 0 if find else n_ways
         w, following = 0, at[0] if n_ways else -1
@@ -147,14 +150,16 @@ def _paths(advance: Callable):
             if following == i:  # to each point where the motion turns
                 while w < n_ways and at[w] == i:
                     turn = ways[w, 1]
-                    step(state, s0, v0, turn, 0.0, ways[w, 0] * h, middle, theta)
+                    step(now, s0, v0, turn, 0.0, ways[w, 0] * h, middle, theta)
                     rest -= ways[w, 0] * h
                     s0, v0 = turn, 0.0
                     w += 1
                 following = at[w] if w < n_ways else -1
-            step(state, s0, v0, s1, v1, rest, middle, theta)
-            for k in range(state.size):
-                z[k, i] = state[k]
+            step(now, s0, v0, s1, v1, rest, middle, theta)
+            for k in range(n_states):
+                z[k, i] = now[k]
+        for k in range(n_states):
+            state[k] = now[k]
         return n_ways
 
     path = part(one_path)
@@ -285,7 +290,7 @@ def _along(law: ForceLaw, motion: Motion, u: np.ndarray, thetas: np.ndarray, sta
         raise ChannelError("The motion of a law with memory is not finite", "Cut leading and trailing NaN rows first.")
     if len(s):
         try:
-            _paths(type(law).advance)(
+            _paths(type(law).advance, law.n_states)(
                 s, v, a, t, np.ascontiguousarray(u, dtype=float), np.ascontiguousarray(thetas), states, z
             )
         except NumbaError as error:

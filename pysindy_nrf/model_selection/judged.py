@@ -11,8 +11,8 @@ import numpy as np
 from ..chain_solve import Solution, groups_of
 from ..errors import Pooled, balance_sizes, pooled_error
 from ..exceptions import NRFError
-from ..model import ChainModel
 from ..moments import Moments
+from ..solved import model_of
 from .fold_moments import FoldMoments, Order
 
 # Residual, as a share of the reference, below which a Gram matrix no longer holds it to ten digits.
@@ -124,7 +124,7 @@ def _require_digits(held: Heldout) -> None:
 def _free_run(fold_moments: FoldMoments, order: Order, held: Heldout) -> float:
     from ..discrepancy.free_run import free_run_error
 
-    error = free_run_error(model_of(order, held.solution), fold_moments, _runs(fold_moments, held.fold))
+    error = free_run_error(model_of(order.layout, held.solution), fold_moments, _runs(fold_moments, held.fold))
     return -error if np.isfinite(error) else float("nan")
 
 
@@ -138,15 +138,6 @@ def _runs(fold_moments: FoldMoments, fold: int) -> list[Any]:
         edges = np.flatnonzero(np.diff(np.concatenate([[0], held.astype(np.int8), [0]])))
         out += [BlockRows(i, slice(int(lo), int(hi))) for lo, hi in zip(edges[::2], edges[1::2])]
     return out
-
-
-def model_of(order: Order, solution: Solution) -> ChainModel:
-    """The model that a solution means."""
-    from ..regressor import _valued
-
-    layout = order.layout
-    held = {s: _valued(layout.laws.get(s, ()), solution.coefficients.get(s)) for s in layout.sites}
-    return ChainModel([solution.masses[j] for j in range(1, layout.n_dof + 1)], held, layout.chain)
 
 
 _SCORES: dict[str, Any] = {"balance": _balance, "acceleration": _acceleration, "free_run": _free_run}

@@ -285,7 +285,8 @@ def _rule(rule: Any) -> Callable[[Mapping[str, Any]], int]:
 
 def fold_moments_of(estimator, labels, X, F, cv, options, searching: bool = True) -> FoldMoments:
     """Moments for all folds of what an estimator would be fitted to, with several orders where none is given."""
-    from ..regressor import _filters, _require_moving
+    from ..fair_filter import filters_of
+    from ..requirements import require_moving
 
     if estimator.estimation != "ls" or estimator.constraints is not None:
         what = "constraints" if estimator.constraints is not None else f"estimation={estimator.estimation!r}"
@@ -314,10 +315,10 @@ def fold_moments_of(estimator, labels, X, F, cv, options, searching: bool = True
     splitter = n_splits_of(cv)
     folds = list(splitter.split(np.empty((data.n_samples, 1)), None, ids) if hasattr(splitter, "split") else splitter)
     held = FoldMoments(
-        chain, fixed, searched, data, folds, _filters(estimator.band, data), estimator._known_masses(chain),
+        chain, fixed, searched, data, folds, filters_of(estimator.band, data), estimator._known_masses(chain),
         estimator.strategy, estimator._inner(),
     )  # fmt: skip
-    _require_moving(data, held.layout)
+    require_moving(data, held.layout)
     return held
 
 

@@ -283,7 +283,7 @@ def _intervals(subject: Any, notes: list[str]) -> Any:
 def _data(subject: Any, records: Any, band: Any) -> tuple[Any, Any]:
     """Data to draw the model over, and the filter of each record."""
     from ..discrepancy.prepare import prepare
-    from ..regressor import _filters
+    from ..fair_filter import filters_of
 
     kept = getattr(subject, "_evidence", None)
     if records is None:
@@ -292,7 +292,7 @@ def _data(subject: Any, records: Any, band: Any) -> tuple[Any, Any]:
     if kept is not None and kept[0].n_samples == sum(rec.n_samples for rec in given):
         return kept[0], kept[3]  # it was fitted to them: they need not be fused again
     data = prepare(given).data
-    return data, _filters(band, data)
+    return data, filters_of(band, data)
 
 
 def _band(band: Any) -> str:

@@ -9,12 +9,12 @@ import pandas as pd
 
 from ..chain_solve import Solution, solve, solved_safely
 from ..estimation.intervals import Resolver
-from ..estimation.model_of import model_of
 from ..estimation.pieces import Pieces
 from ..exceptions import ChannelError
 from ..identifiability import Walk
 from ..moments import Moments
 from ..segments import Segment, SegmentSet
+from ..solved import model_of
 from .accumulator import Accumulator
 
 
@@ -73,7 +73,7 @@ def publish(accumulator: Accumulator, solution: Solution, moments: Moments, walk
 
 
 def _require_usable(accumulator: Accumulator, moments: Moments) -> None:
-    from ..regressor import _require_clock, _require_moving
+    from ..requirements import require_clock, require_moving
 
     data, layout = _shown(accumulator), accumulator.model.layout
     if not accumulator.forced and not accumulator.model.known_masses:
@@ -83,8 +83,8 @@ def _require_usable(accumulator: Accumulator, moments: Moments) -> None:
             "No force is measured and no mass is known, so nothing scales the chain",
             "Measure a force on one DOF, or give a mass: known_masses={dof: kg}; ratios to it then come out.",
         )
-    _require_moving(data, layout)
-    _require_clock(data, layout)
+    require_moving(data, layout)
+    require_clock(data, layout)
     for dofs, part in moments.parts.items():
         unknowns = part.matrix.shape[0] - 1
         if 0 < part.n_samples < unknowns + 1 and len(dofs) == 1:

@@ -1,0 +1,94 @@
+"""From a solution of the balances to the chain model, and what can be read off beside it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from .chain_solve import Solution
+from .layout import LawLayout
+from .model import ChainModel
+from .moments import Moments
+from .segments import SegmentSet
+from .sites import Site
+from .visited import VisitedRegion
+
+
+def model_of(layout: LawLayout, solution: Solution) -> ChainModel:
+    """Put the coefficients of a solution into the laws of a layout.
+
+    Parameters
+    ----------
+    layout : LawLayout
+    solution : Solution
+
+    Returns
+    -------
+    ChainModel
+    """
+    held = {}
+    for site in layout.sites:
+        values = solution.coefficients.get(site, np.zeros(0))
+        ends = np.cumsum([len(law.terms()) for law in layout.laws.get(site, ())])[:-1]
+        held[site] = tuple(
+            law.with_values(coefficients=part) for law, part in zip(layout.laws.get(site, ()), np.split(values, ends))
+        )
+    masses = [solution.masses[j] for j in range(1, layout.n_dof + 1)]
+    return ChainModel(masses, held, layout.chain)
+
+
+def third_law_gap(solution: Solution, moments: Moments) -> pd.Series:
+    """Rms difference of the two estimates of each storey's force (paper eq. 10b), percent of its rms."""
+    gaps = {}
+    for site, twin in solution.twins.items():
+        where, *_ = moments.positions((site.p,))
+        part = moments.parts[(site.p,)]
+        both = np.zeros((2, part.matrix.shape[0]))
+        both[0, where[site]], both[1, where[site]] = solution.coefficients[site] - twin, solution.coefficients[site]
+        whole = part.norm(both[1])
+        gaps[str(site)] = 100.0 * part.norm(both[0]) / whole if whole else np.inf
+    return pd.Series(gaps, name="third-law gap (%)", dtype=float).sort_index()
+
+
+def unknown_forces(model: ChainModel, data: SegmentSet) -> pd.DataFrame:
+    """Forces (N) on the DOFs whose force was not known, from the balances; NaN where it was given."""
+    hidden = [j for j in range(data.n_dof) if any(np.isnan(seg.F[seg.valid.start, j]) for seg in data.segments)]
+    parts = [np.zeros((seg.valid.stop - seg.valid.start, 0)) for seg in data.segments]
+    if hidden:
+        forces = model.balance_forces(data)
+        parts = [
+            np.where(np.isnan(seg.F[seg.valid][:, hidden]), f[:, hidden], np.nan)
+            for seg, f in zip(data.segments, forces)
+        ]
+    return pd.DataFrame(data.scatter(parts), columns=[f"F{j + 1}" for j in hidden])
+
+
+def visited_regions(data: SegmentSet, layout: LawLayout) -> dict[Site, VisitedRegion]:
+    """Rates and drifts that the data visited, by site."""
+    out = {}
+    for site in layout.sites:
+        pieces = [tuple(_along(getattr(seg, key)[seg.valid, site.q : site.p]) for key in "vs") for seg in data.segments]
+        if site.p - site.q == 1:
+            ends = [seg.extent.box(site.p - 1, data.n_dof) for seg in data.segments]
+            low, high = (tuple(map(float, f(e, axis=0))) for f, e in zip((np.min, np.max), zip(*ends)))
+            out[site] = VisitedRegion.of_pieces(pieces, low, high)
+        else:
+            out[site] = VisitedRegion.of(*(np.concatenate(lines) for lines in zip(*pieces)))
+    return out
+
+
+def _along(columns: np.ndarray) -> np.ndarray:
+    """Sum of columns; a single one without a copy."""
+    return columns[:, 0] if columns.shape[1] == 1 else columns.sum(axis=1, dtype=float)
+
+
+def scales_of(data: SegmentSet, layout: LawLayout) -> dict[Site, tuple[float, float, float]]:
+    """Rms drift, rms rate and longest record at each site."""
+    total = {}
+    for site in layout.sites:
+        motions = [seg.motion(site, seg.valid) for seg in data.segments]
+        size = sum(m.n_samples for m in motions)
+        rms = [float(np.sqrt(sum((getattr(m, key) ** 2).sum() for m in motions) / size)) for key in "sv"]
+        lengths = [m.t[-1] - m.t[0] for m in motions if m.t is not None]
+        total[site] = (rms[0], rms[1], float(max(lengths, default=1.0)))
+    return total

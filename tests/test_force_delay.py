@@ -1,0 +1,55 @@
+"""A force that comes late against the motion is found to a fraction of a sample."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+from pysindy_nrf.alignment import force_delay, shifted
+from pysindy_nrf.exceptions import ChannelError
+from pysindy_nrf.noise import add_noise
+
+pytestmark = pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
+STOREY = laws.PowerSeries(1, [60.0, 1e5])
+TRUTH = ChainModel([10.0, 12.0], {"storey 1": STOREY, "storey 2": STOREY})
+
+
+def record(kind="random", noise=0.0, dofs=(1, 2)):
+    if kind == "hammer":
+        F = excitation.impact_hammer(2, 8.0, 1000.0, dofs=dofs, level=500.0, n_hits=6, random_state=0)
+    else:
+        F = excitation.band_limited_random(2, 8.0, 1000.0, dofs=dofs, rms=100.0, band=(0.5, 60.0), random_state=0)
+    rec = simulate(TRUTH, F, 1e-3, hold="cubic")
+    return add_noise(rec, noise, random_state=1) if noise else rec
+
+
+@pytest.mark.parametrize("kind", ["random", "hammer"])
+@pytest.mark.parametrize("noise", [0.0, 0.1])
+@pytest.mark.parametrize("late", [0.0, 2.4, -3.0])
+def test_the_delay_comes_back(kind, noise, late):
+    rec = record(kind, noise)
+    force = rec.force.copy()
+    force[:, 1] = np.nan_to_num(shifted(force[:, 1], late))
+    table = force_delay(NRFRegressor(degree=1).fit(rec.replace(force=force)))
+    assert table.loc["F2", "samples"] == pytest.approx(late, abs=max(0.05, 4 * table.loc["F2", "error"]))
+    assert table.loc["F2", "delay"] == pytest.approx(late * 1e-3, abs=2e-4)
+    assert table.loc["F1", "aligned"] and table.loc["F2", "aligned"] == (late == 0)
+
+
+def test_the_diagnosis_says_it_with_its_channel():
+    rec = record(dofs=(2,))
+    late = rec.replace(force=np.roll(rec.force, 4, axis=0))
+    said = NRFRegressor(degree=1).fit(late).diagnose()
+    assert "delay" in set(said.table["limit"]) and "F2 is 4 ms (4.0" in str(said).replace("3.99", "4.0").replace("4 samples", "4.0")
+    assert "delay" not in set(NRFRegressor(degree=1).fit(rec).diagnose().table["limit"])
+
+
+def test_without_a_force_there_is_nothing_to_tell():
+    ag = excitation.band_limited_random(1, 4.0, 1000.0, dofs=[1], rms=2.0, band=(1, 30), random_state=0)[:, 0]
+    rec = simulate(TRUTH, None, 1e-3, base_acceleration=ag)
+    model = NRFRegressor(degree=1, known_masses={1: 10.0, 2: 12.0}).fit(rec)
+    with pytest.raises(ChannelError, match="No force"):
+        force_delay(model)

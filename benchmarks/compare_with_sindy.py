@@ -47,7 +47,8 @@ def main(arguments: list[str] | None = None) -> pd.DataFrame:
     parser.add_argument("--noise", type=float, default=0.02, help="share of each channel's rms")
     given = parser.parse_args(arguments)
     warnings.simplefilter("ignore")
-    size = {"n_samples": 4000, "free_run": 20, "n_dof": 2} if given.quick else {"n_samples": given.samples, "free_run": 100}
+    quick = {"n_samples": 3000, "free_run": 5, "n_dof": 2}
+    size = quick if given.quick else {"n_samples": given.samples, "free_run": 100}
     names = {0.0: "clean", given.noise: f"{100 * given.noise:g} % noise"}
     table = pd.concat({name: rows(given.seed, noise, **size) for noise, name in names.items()}, names=["data"])
     print(table.round(3).to_string())

@@ -67,10 +67,10 @@ class Extent:
         """Whether a channel holds one value only."""
         return bool(self.low[channel] >= self.high[channel])
 
-    def box(self, storey: int, n_dof: int) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Least and largest (v, s) of a storey (counted from 0) where the channels are a, v, s, F of n DOFs."""
-        at = [n_dof + storey, 2 * n_dof + storey]
-        return tuple(self.low[at]), tuple(self.high[at])
+    def boxes(self, n_dof: int) -> tuple[np.ndarray, np.ndarray]:
+        """Least and largest (v, s) of each storey, shape (n_dof, 2), where the channels are a, v, s, F of n DOFs."""
+        low, high = (x[n_dof : 3 * n_dof].reshape(2, n_dof).T.copy() for x in (self.low, self.high))
+        return low, high
 
     def is_whole(self, n_needed: int) -> bool:
         """Whether the first channels are finite, and each further one too or nothing but NaN."""

@@ -65,21 +65,18 @@ def unknown_forces(model: ChainModel, data: SegmentSet) -> pd.DataFrame:
 
 def visited_regions(data: SegmentSet, layout: LawLayout) -> dict[Site, VisitedRegion]:
     """Rates and drifts that the data visited, by site."""
+    pieces = [(seg.v[seg.valid], seg.s[seg.valid]) for seg in data.segments]
+    lows, highs = zip(*(seg.extent.boxes(data.n_dof) for seg in data.segments))
+    low, high = np.min(lows, axis=0), np.max(highs, axis=0)
+    storeys = VisitedRegion.of_storeys(pieces, low, high)
     out = {}
     for site in layout.sites:
-        pieces = [tuple(_along(getattr(seg, key)[seg.valid, site.q : site.p]) for key in "vs") for seg in data.segments]
         if site.p - site.q == 1:
-            ends = [seg.extent.box(site.p - 1, data.n_dof) for seg in data.segments]
-            low, high = (tuple(map(float, f(e, axis=0))) for f, e in zip((np.min, np.max), zip(*ends)))
-            out[site] = VisitedRegion.of_pieces(pieces, low, high)
+            out[site] = storeys[site.p - 1]
         else:
-            out[site] = VisitedRegion.of(*(np.concatenate(lines) for lines in zip(*pieces)))
+            lines = ([x[k][:, site.q : site.p].sum(axis=1, dtype=float) for x in pieces] for k in (0, 1))
+            out[site] = VisitedRegion.of(*map(np.concatenate, lines))
     return out
-
-
-def _along(columns: np.ndarray) -> np.ndarray:
-    """Sum of columns; a single one without a copy."""
-    return columns[:, 0] if columns.shape[1] == 1 else columns.sum(axis=1, dtype=float)
 
 
 def scales_of(data: SegmentSet, layout: LawLayout) -> dict[Site, tuple[float, float, float]]:

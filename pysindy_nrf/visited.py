@@ -43,31 +43,35 @@ class VisitedRegion:
         -------
         VisitedRegion
         """
-        return cls.of_pieces([(v, s)], (float(v.min()), float(s.min())), (float(v.max()), float(s.max())))
+        low, high = (np.array([f(v), f(s)], dtype=float)[None] for f in (np.min, np.max))
+        return cls.of_storeys([(v[:, None], s[:, None])], low, high)[0]
 
     @classmethod
-    def of_pieces(
-        cls, pieces: Sequence[tuple[np.ndarray, np.ndarray]], low: tuple[float, float], high: tuple[float, float]
-    ) -> VisitedRegion:
-        """Region visited by the samples of several records.
+    def of_storeys(
+        cls, pieces: Sequence[tuple[np.ndarray, np.ndarray]], low: np.ndarray, high: np.ndarray
+    ) -> list[VisitedRegion]:
+        """Regions visited by the samples of several records, one for each storey.
 
         Parameters
         ----------
-        pieces : sequence of (ndarray, ndarray)
-            v and s of each.
-        low, high : tuple of (float, float)
-            Corners (v, s) of the rectangle, m/s and m.
+        pieces : sequence of (ndarray, ndarray) of shape (n_samples, n_storeys)
+            v and s of each record.
+        low, high : ndarray of shape (n_storeys, 2)
+            Corners (v, s) of the rectangles, m/s and m.
 
         Returns
         -------
-        VisitedRegion
+        list of VisitedRegion
         """
         step = max(1, sum(len(v) for v, _ in pieces) // _MOST)
-        cells = np.zeros((_CELLS, _CELLS), dtype=bool)
+        cells = np.zeros((len(low), _CELLS, _CELLS), dtype=bool)
+        span = high - low
+        scale = np.where(span > 0, _CELLS / np.where(span > 0, span, 1.0), 0.0)
         for v, s in pieces:
-            scale = [_CELLS / (b - a) if b > a else 0.0 for a, b in zip(low, high)]
-            _marker()(*(np.asarray(x[::step], dtype=np.float64) for x in (v, s)), *low, *scale, cells)
-        return cls(low, high, cells)
+            kind = np.float32 if v.dtype == s.dtype == np.float32 else np.float64
+            mark = _marker(np.dtype(kind).name)
+            mark(*(np.asarray(x[::step], dtype=kind) for x in (v, s)), low, scale, cells)
+        return [cls(tuple(a), tuple(b), c) for a, b, c in zip(low.tolist(), high.tolist(), cells)]
 
     def contains(self, v: Any, s: Any) -> np.ndarray:
         """Whether points lie in a visited cell, or next to one.
@@ -130,20 +134,23 @@ class VisitedRegion:
 
 
 @cache
-def _marker():
-    """Compiled: mark the cells that samples fall into."""
-    from numba import types
+def _marker(kind: str):
+    """Compiled: mark the cells that samples fall into, row after row."""
+    from numba import from_dtype, types
 
     from .laws.compiled import jit
 
-    def mark_cells(v, s, v_low, s_low, v_scale, s_scale, cells):
-        most_v, most_s = cells.shape[0] - 1, cells.shape[1] - 1
-        for t in range(v.size):
-            i, j = int((v[t] - v_low) * v_scale), int((s[t] - s_low) * s_scale)
-            cells[min(max(i, 0), most_v), min(max(j, 0), most_s)] = True
+    def mark_cells(v, s, low, scale, cells):
+        most_v, most_s = cells.shape[1] - 1, cells.shape[2] - 1
+        for t in range(v.shape[0]):
+            for k in range(v.shape[1]):
+                i = int((v[t, k] - low[k, 0]) * scale[k, 0])
+                j = int((s[t, k] - low[k, 1]) * scale[k, 1])
+                cells[k, min(max(i, 0), most_v), min(max(j, 0), most_s)] = True
 
-    line = types.Array(types.float64, 1, "A", readonly=True)
+    lines = types.Array(from_dtype(np.dtype(kind)), 2, "A", readonly=True)
+    corners = types.Array(types.float64, 2, "C")
     marker = jit(mark_cells)
-    marker.compile((line, line, *[types.float64] * 4, types.Array(types.boolean, 2, "C")))
+    marker.compile((lines, lines, corners, corners, types.Array(types.boolean, 3, "C")))
     marker.disable_compile()
     return marker

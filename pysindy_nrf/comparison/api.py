@@ -176,8 +176,8 @@ def compare_with_sindy(
         ``restoring_force_error`` and ``balance_error`` (pooled percent NRMSE, one step);
         ``free_run_error`` (percent NRMSE of the displacements, inf if it diverges);
         ``third_law_gap`` (largest disagreement of the two estimates of a storey, percent) and
-        ``storeys_found`` (``"once"`` or ``"twice"``); ``seconds`` and ``megabytes`` of the fit;
-        ``note``. NaN = cannot be known.
+        ``storeys_found`` (``"once"`` or ``"twice"``); ``seconds`` of the fit, choosing
+        included, and ``megabytes`` of the fit without it; ``note``. NaN = cannot be known.
 
     Raises
     ------

@@ -16,8 +16,10 @@ from math import comb
 
 import numpy as np
 from scipy.interpolate import BSpline
-from scipy.linalg import solveh_banded
+from scipy.linalg import LinAlgError, solveh_banded
 from scipy.sparse import csr_array, diags_array
+
+from ..exceptions import ChannelError
 
 DEGREE = 7
 # Weight of the roughness that settles the ends, where fewer samples than coefficients speak.
@@ -123,8 +125,23 @@ class SplineBasis:
             As for :meth:`normal_matrix`.
         rhs : ndarray of shape (size, ...)
             Weighted sum of :meth:`project`.
+
+        Raises
+        ------
+        ChannelError
+            If the matrix is not positive definite, whatever the ridge.
         """
-        return solveh_banded(self.normal_matrix(weights), rhs, overwrite_ab=True, check_finite=False)
+        for ridge in (0.0, 1e-13, 1e-11, 1e-9):  # heavily oversampled motion takes the last digits
+            band = self.normal_matrix(weights)
+            band[-1] *= 1.0 + ridge
+            try:
+                return solveh_banded(band, rhs, overwrite_ab=True, check_finite=False)
+            except LinAlgError:
+                continue
+        raise ChannelError(
+            "The motion cannot be told at this sampling rate: its channels are far below their own resolution",
+            "Resample to a lower rate, or give noise= levels to KinematicSmoother.",
+        )
 
     def evaluate(self, order: int, coefficients: np.ndarray) -> np.ndarray:
         """The motion (order 0) or its derivatives per sample at the samples."""

@@ -35,7 +35,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PARTS = {
     "chain_solve": (
         ["pysindy_nrf/chain_solve.py"],
-        ["tests/test_properties.py", "tests/test_solve.py", "tests/test_regressor.py"],
+        ["tests/test_properties.py", "tests/test_solve.py", "tests/test_regressor.py", "tests/test_bad_input.py"],
     ),
     "moments": (
         ["pysindy_nrf/moments.py", "pysindy_nrf/gram.py"],

@@ -27,17 +27,22 @@ _LAZY = {
     "OrderSelection": "model_selection",
     "RecordSplit": "model_selection",
     "one_standard_error": "model_selection",
+    "select_groups": "model_selection",
     "select_order": "model_selection",
+    "select_sparsity": "model_selection",
     "simulate": "simulation",
 }
 _LAZY_MODULES = (
     "alignment",
     "analysis",
     "channel_checks",
+    "comparison",
     "condensation",
     "constraints",
     "datasets",
+    "discrepancy",
     "displays",
+    "distributed",
     "errors",
     "estimation",
     "excitation",
@@ -49,6 +54,8 @@ _LAZY_MODULES = (
     "report",
     "scorers",
     "signals",
+    "state_space",
+    "streaming",
 )
 
 __all__ = ["Chain", "Record", "Site", "exceptions", "laws", *_LAZY, *_LAZY_MODULES]

@@ -34,6 +34,7 @@ _NAMES = {"a": "acceleration", "v": "velocity", "x": "displacement"}
 STRONG = 1e-3  # share of a spectrum's peak
 LONGEST = 65536  # samples of a channel that are looked at
 FINE, MOST = 4, 20  # steps of a sample in which a delay is searched, and samples up to which
+NEIGHBOURS = 9  # lines that are averaged
 MISFIT = 0.5  # share of a channel that gain, sign and delay leave, from which on it is of another place
 DELAY, GAIN = 0.05, 0.02  # samples, and share of one, from which on a channel is called misaligned
 
@@ -309,38 +310,43 @@ def _compare(
     first: np.ndarray, second: np.ndarray, order: int, fs: float, band: Any, one: str, other: str
 ) -> list[Any]:
     """Fit gain, sign and delay of the second channel against derivatives of the first."""
-    from scipy.signal import csd, detrend, welch
+    from scipy.ndimage import uniform_filter1d
+    from scipy.signal import detrend
 
     good = np.isfinite(first) & np.isfinite(second)
     y, z = (detrend(line[good][:LONGEST]) for line in (first, second))
-    # differences bring both to the same derivative: a window then leaks alike in both, however steep their spectra
-    times = abs(order)
-    if order > 0:
-        y, z = np.diff(y, times), z[times:]
-    else:
-        y, z = y[times:], np.diff(z, times)
-    length = int(min(len(y), max(256, 2 ** int(np.log2(max(len(y) / 8, 1))))))
-    options = dict(fs=fs, window="hann", nperseg=length, detrend="constant")
-    f, cross = csd(y, z, **options)
-    own, theirs = welch(y, **options)[1], welch(z, **options)[1]
-    # only where both are strong: elsewhere the window leaks from the resonances, at their frequency's scale
-    use = (f > 2 * fs / length) & (f < 0.4 * fs) & (own > STRONG * own.max()) & (theirs > STRONG * theirs.max())
+    length = len(y)
+    bell = 1 - np.cos(2 * np.pi * (np.arange(length) + 0.5) / length)
+    f = np.fft.rfftfreq(length, 1 / fs)
+    Y, Z = np.fft.rfft(bell * y), np.fft.rfft(bell * z)
+    # derived line by line before lines are averaged: however steep the spectra, nothing leaks then
+    U = Y * np.where(f > 0, 2j * np.pi * f, 1.0) ** order
+
+    def mean(product: np.ndarray) -> np.ndarray:
+        return uniform_filter1d(product, NEIGHBOURS)
+
+    both = np.conj(U) * Z
+    cross, own, theirs = mean(both.real) + 1j * mean(both.imag), mean(np.abs(U) ** 2), mean(np.abs(Z) ** 2)
+    size = mean(np.abs(Y) ** 2)
+    use = (np.arange(len(f)) > NEIGHBOURS) & (f < 0.4 * fs)
+    use &= (size > STRONG * size[use].max(initial=0)) & (theirs > STRONG * theirs[use].max(initial=0))
     if band is not None:
         use &= (f >= band[0]) & (f <= band[1])
     coherence = np.zeros(len(f))
     coherence[use] = np.abs(cross[use]) ** 2 / own[use] / theirs[use]
-    if not (coherence > 0.5).any():
+    if (coherence[use] > 0.5).sum() <= 0.2 * use.sum():
         lost = [np.nan] * 4
         said = f"{other} and {one} are not coherent: columns swapped, another floor, or dead?"
         return [one, *lost, float(coherence.max()), False, said]
     use &= coherence > min(0.9, 0.9 * coherence.max())
     w = 2 * np.pi * f[use]
-    H = cross[use] / own[use] * ((1 - np.exp(-1j * w / fs)) / (1j * w)) ** order
+    # between the gains that noise in the one and in the other channel makes too small and too large
+    H = cross[use] / np.abs(cross[use]) * np.sqrt(theirs[use] / own[use])
     weight = coherence[use] / np.maximum(1 - coherence[use], 1e-6)
     weight = np.minimum(weight, 1e3)
     # delay: the one that lines all phases up, searched on a grid (a padded transform) and refined
     lined = np.zeros(length // 2 + 1, dtype=complex)
-    lined[: len(f)][use] = H / np.abs(H) * weight
+    lined[use] = H / np.abs(H) * weight
     fine = max(FINE, -(-FINE * 256 // length))
     total = np.fft.irfft(lined, fine * length)
     near = np.r_[0 : MOST * fine + 1, len(total) - MOST * fine : len(total)]

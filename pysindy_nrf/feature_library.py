@@ -141,7 +141,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
 
         Returns
         -------
-        AxesArray of shape (n_samples, n_output_features_), or list of them
+        AxesArray of shape (n_samples, n_output_features), or list of them
         """
         check_is_fitted(self)
         if _is_list_of_records(x):

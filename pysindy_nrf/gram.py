@@ -65,7 +65,8 @@ class Plan:
                     at = place[key] + np.arange(m * k)
                     block = at.reshape(k, m).T if swap else at.reshape(m, k)
                     if i == j:  # only what is on and below the diagonal is multiplied
-                        block = np.tril(block) + np.tril(block, -1).T
+                        line = np.arange(m)
+                        block = np.where(line[:, None] >= line, block, block.T)
                     index[ends[i] : ends[i + 1], ends[j] : ends[j + 1]] = block
                     index[ends[j] : ends[j + 1], ends[i] : ends[i + 1]] = block.T
             self.take[group.dofs] = index

@@ -100,7 +100,7 @@ class Recipe:
         ``(row, p, q)``: the row is row p of the source if q is -1, else row p times row q of the source. Rows from
         ``n_terms`` on are helpers.
     motions : tuple of Site
-        Sites whose v and s are the rows 2 i and 2 i + 1 of the source.
+        Sites whose rates are the first rows of the source, and whose drifts are the next ones.
     others : tuple of (Site, int, slice)
         Laws (by site and number) whose columns are not such products; they follow in the source, in this order,
         and are the given columns.
@@ -174,6 +174,8 @@ def _recipe(layout: LawLayout) -> Recipe:
                     steps.append((row, made[(h, j - 1) if j else (h - 1, 0)], v + (1 if j else 0)))
                 made[h, j] = row
     size = 2 * len(motions)
+    order = np.arange(size).reshape(2, -1).T.ravel()  # rates first, then drifts
+    steps = [(row, order[p], q) if q < 0 else (row, p, order[q]) for row, p, q in steps]
     for _, _, where in others:
         steps += [(k, size + k - where.start, -1) for k in range(where.start, where.stop)]
         size += where.stop - where.start

@@ -301,6 +301,23 @@ class Moments:
         self._settle()
         return self._parts
 
+    def empty(self) -> Moments:
+        """Moments of nothing, of the same columns.
+
+        Returns
+        -------
+        Moments
+            For use in the same thread: both share their working memory.
+        """
+        out = Moments(self.layout, list(self.groups.values()), self.kind, self.known_masses, self.guess)
+        out._plan = self._planned() if self.kind == "gram" else None
+        return out
+
+    def _planned(self) -> Plan:
+        if self._plan is None:
+            self._plan = Plan(self.layout, list(self.groups.values()), self.known_masses)
+        return self._plan
+
     def add(self, block: Block) -> None:
         """Add some consecutive samples.
 
@@ -313,13 +330,12 @@ class Moments:
         if self.kind == "root":
             self._add_root(block)
             return
-        if self._plan is None:
-            self._plan = Plan(self.layout, list(self.groups.values()), self.known_masses)
+        plan = self._planned()
         known = tuple(np.isfinite(block.force[:, 0]).tolist())
         if known != self._known or not len(self._store):
             self._settle()
-            self._known, self._store = known, np.zeros(self._plan.size)
-        self._plan.multiply(block, self._store)
+            self._known, self._store = known, np.zeros(plan.size)
+        plan.multiply(block, self._store)
         self._pending += n
 
     def _settle(self) -> None:

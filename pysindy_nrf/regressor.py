@@ -291,7 +291,9 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         if _holds_records(X):
             from .signals import KinematicSmoother
 
-            return self._data(X, y, **options, smooth=KinematicSmoother(band="auto", joint=False))
+            with warnings.catch_warnings():  # what is wrong with the channels has been said
+                warnings.simplefilter("ignore", DataQualityWarning)
+                return self._data(X, y, **options, smooth=KinematicSmoother(band="auto", joint=False))
         if getattr(X, "attrs", {}).get("joint_fusion"):
             warnings.warn(
                 f"estimation={self.estimation!r} was given motions in which the DOFs improve each other; their noise "

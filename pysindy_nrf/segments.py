@@ -131,10 +131,18 @@ class Segment:
             size = max(stop - start, 1)
         size = size or block_size(layout)
         recipe = layout.recipe
+        storeys = tuple((site.q, site.p) for site in recipe.motions) == tuple((j, j + 1) for j in range(self.n_dof))
+        beside = _side_by_side(self.a, self.v, self.s) if storeys and not recipe.others else None
         for begin in range(start, stop, size):
             rows = slice(begin, min(begin + size, stop))
-            source = self._source(layout, recipe, rows, states, lead=int(begin > start or bool(states)))
-            a = np.ascontiguousarray(self.a[rows].T, dtype=np.float64)
+            source = None
+            if beside is None:
+                source = self._source(layout, recipe, rows, states, lead=int(begin > start or bool(states)))
+            if source is None:
+                channels = np.ascontiguousarray(beside[rows].T, dtype=np.float64)
+                a, source = channels[: self.n_dof], channels[self.n_dof :]
+            else:
+                a = np.ascontiguousarray(self.a[rows].T, dtype=np.float64)
             force = np.ascontiguousarray(self.F[rows].T, dtype=np.float64)
             if filter is None:
                 yield Block(None, a, force, source, recipe, layout.n_terms)
@@ -152,15 +160,16 @@ class Segment:
     def _source(self, layout: LawLayout, recipe: Recipe, rows: slice, states: dict | None, lead: int) -> np.ndarray:
         """Rates, drifts and the columns of laws that are not products of them, one row each."""
         out = np.empty((recipe.n_source, rows.stop - rows.start))
-        at = 2 * len(recipe.motions)
+        m = len(recipe.motions)
+        at = 2 * m
         ends = [(site.q, site.p) for site in recipe.motions]
         if ends and ends == [(i, i + 1) for i in range(ends[0][0], ends[-1][1])]:
             floors = slice(ends[0][0], ends[-1][1])
-            out[0:at:2], out[1:at:2] = self.v[rows, floors].T, self.s[rows, floors].T
+            out[:m], out[m:at] = self.v[rows, floors].T, self.s[rows, floors].T
         else:
             for i, (low, high) in enumerate(ends):
-                out[2 * i] = self.v[rows, low:high].sum(axis=1, dtype=np.float64)
-                out[2 * i + 1] = self.s[rows, low:high].sum(axis=1, dtype=np.float64)
+                out[i] = self.v[rows, low:high].sum(axis=1, dtype=np.float64)
+                out[m + i] = self.s[rows, low:high].sum(axis=1, dtype=np.float64)
         last, motion = None, None
         for site, number, where in recipe.others:
             law = layout.laws[site][number]
@@ -183,6 +192,17 @@ class Segment:
             rows = self.valid
             self._extent = rows, Extent.of([self.a[rows], self.v[rows], self.s[rows], self.F[rows]])
         return self._extent[1]
+
+
+def _side_by_side(a: np.ndarray, v: np.ndarray, s: np.ndarray) -> np.ndarray | None:
+    """The matrix of which a, v and s are neighbouring columns, if they are: one transposition instead of three."""
+    if not (a.dtype == v.dtype == s.dtype and a.shape == v.shape == s.shape and a.strides == v.strides == s.strides):
+        return None
+    place = [x.__array_interface__["data"][0] for x in (a, v, s)]
+    step = a.shape[1] * a.strides[1]
+    if a.strides[1] <= 0 or place != [place[0], place[0] + step, place[0] + 2 * step]:
+        return None
+    return np.lib.stride_tricks.as_strided(a, (a.shape[0], 3 * a.shape[1]), a.strides, writeable=False)
 
 
 class SegmentSet:

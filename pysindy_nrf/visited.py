@@ -12,7 +12,7 @@ import numpy as np
 from .exceptions import ChannelError
 
 _CELLS = 40
-_MOST = 200_000
+_MOST = 60_000  # samples at most; a cell beside a visited one counts as visited, see contains
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from pathlib import Path
 
 import chains
 import numpy as np
@@ -180,3 +181,39 @@ def test_coefficients_are_drawn_a_panel_a_storey(case):
     assert len(display.ax_) == 2 and [t.get_text() for t in display.ax_[-1].get_xticklabels()][:2] == ["v", "s"]
     heights = [bar.get_height() for bar in display.ax_[0].containers[0]]
     assert heights == found.coefficients.loc["storey 1", "truth"].tolist()
+
+
+def test_the_held_out_rule_chooses_within_the_first_part(case):
+    """Between a threshold that keeps all and one that drops the damping; the spoilt end plays no part."""
+    X = case.X + 0.003 * case.X.std(axis=0) * np.random.default_rng(0).standard_normal(case.X.shape)
+    X[2500:, :2] += 5.0 * np.random.default_rng(1).standard_normal((500, 2))
+    path = [ps.STLSQ(threshold=t) for t in (1e-6, 0.005, 0.6)]
+    table = compare_with_sindy(X, case.F, case.dt, truth=true_model(case), free_run=5, optimizers={"STLSQ selected": path})
+    row = table.loc["pysindy_nrf, STLSQ selected"]
+    assert (row.terms, row.precision, row.recall) == (8, 1.0, 1.0)
+    assert row.note.startswith("chosen: threshold=0.005")
+    assert row.seconds > table.loc["pysindy_nrf, least squares", "seconds"]  # choosing is counted
+
+
+def test_optimizers_by_a_word(case):
+    from pysindy_nrf.comparison.api import _optimizers
+    from pysindy_nrf.exceptions import NRFError
+
+    assert list(_optimizers("select")) == [f"{name} selected" for name in ("STLSQ", "ensemble", "SR3", "SSR", "FROLS")]
+    with pytest.raises(NRFError, match="'all' is unknown.*Give 'select'"):
+        compare_with_sindy(case.X, case.F, case.dt, optimizers="all")
+
+
+def test_the_benchmark_runs_and_every_optimizer_of_ours_finds_the_true_terms(monkeypatch):
+    benchmarks = Path(__file__).parents[1] / "benchmarks"
+    if not benchmarks.exists():
+        pytest.skip("the benchmarks are not part of an installed package")
+    monkeypatch.syspath_prepend(str(benchmarks))
+    import compare_with_sindy as benchmark
+
+    table = benchmark.main(["--quick"])
+    ours = table[table.index.get_level_values("model").str.contains("selected")]
+    assert len(ours) == 10 and (ours["recall"] == 1.0).all() and (ours["precision"] == 1.0).all()
+    plain = table.xs("SINDy, defaults", level="model")
+    assert (plain["recall"] < 1).all() and (plain["restoring_force_error"] > 20).all()
+    assert (ours["restoring_force_error"] < 1.0).all()

@@ -19,6 +19,7 @@ import pandas as pd
 from scipy import linalg
 
 from ..exceptions import BiasWarning
+from ..laws.base import Motion
 from ..layout import LawLayout, Layout
 from ..moments import Block, Moments
 from ..segments import Segment, SegmentSet
@@ -64,7 +65,8 @@ def missing_terms_of(model: Any, walk: Any, data: SegmentSet, band: Any = None) 
     wide = Layout(layout.chain, {s: layout.counts[s] + _OFFERED for s in layout.acting})
     groups = [wide.group(dofs) for dofs in dict.fromkeys(step.dofs for step in walk.steps)]
     masses = dict(enumerate(model.masses.tolist(), 1))
-    folds = [Moments(wide, groups, known_masses=masses) for _ in range(_FOLDS)]
+    first = Moments(wide, groups, known_masses=masses)
+    folds = [first, *(first.empty() for _ in range(1, _FOLDS))]
     counts = dict.fromkeys((g.dofs for g in groups), 0)
     n_rows = 0
     for i, (terms, extra, a, force) in enumerate(_windows(layout, data, band)):
@@ -145,8 +147,15 @@ def _windows(layout: LawLayout, data: SegmentSet, band: Any) -> Iterator[tuple]:
             else:
                 piece = _part(seg, rows)
                 window = next(iter(piece.blocks(layout, size=rows.stop - rows.start)))
-                offered = _offered({s: piece.motion(s, piece.valid) for s in layout.acting}, scales)
+                offered = _offered(_motions(piece, window, layout), scales)
                 yield window.terms, offered, window.acceleration, window.force
+
+
+def _motions(piece: Segment, window: Block, layout: LawLayout) -> dict[Any, Any]:
+    """What a law at each site sees; taken from the block where its columns were built from it."""
+    sites, source = window.recipe.motions, window.source
+    held = {s: Motion(source[len(sites) + i], source[i]) for i, s in enumerate(sites)}
+    return {s: held[s] if s in held else piece.motion(s, piece.valid) for s in layout.acting}
 
 
 def _part(seg: Segment, rows: slice) -> Segment:

@@ -90,7 +90,8 @@ def compare(
     if not 0 < heldout < 1:
         raise ChannelError(f"heldout={heldout!r} is not a share", "Give a number between 0 and 1.")
     rows = segment.valid
-    whole = Part(*(getattr(segment, k)[rows].astype(float) for k in ("a", "v", "s", "F")), step)
+    a, v, s, force = (getattr(segment, k)[rows].astype(float) for k in ("a", "v", "s", "F"))
+    whole = Part(a, v, s, force, step)
     if np.isnan(whole.F).any():
         raise ChannelError("A force is unknown", "SINDy needs every force: give zeros where none acts.")
     cut = round(len(whole.a) * (1 - heldout))
@@ -109,11 +110,11 @@ def compare(
         reference.fit(search)
         ruler = Ruler.of(truth if truth is not None else reference.model.model_, truth is not None, whole, cut)
         found = {name: row_of(entry, search, rest, ruler, free_run, time_limit) for name, entry in entries.items()}
-    rows = {name: row for name, (row, _) in found.items()}
+    lines = {name: line for name, (line, _) in found.items()}
     forces = {name: R for name, (_, R) in found.items() if R is not None}
     if ruler.known:
         forces = {"truth": ruler.R, **forces}
-    table = pd.DataFrame.from_dict(rows, orient="index", columns=COLUMNS).rename_axis("model")
+    table = pd.DataFrame.from_dict(lines, orient="index", columns=COLUMNS).rename_axis("model")
     return Comparison(table, term_shares(forces, rest, degree, ruler.size))
 
 

@@ -241,8 +241,10 @@ class _Loop:
             step.remainder = remainder(step.validation_before, left, floor)
             step.sure = step.remainder <= _SURE
         self._estimated(stage, trial, steps, null)
-        for step in steps:
-            step.sure = step.sure and not improper(step.law, step.intervals)
+        for k in reversed(range(len(steps))):  # what later had to be added at its site was not said by its name
+            after = [s for s in steps[k + 1 :] if balances_of(Site(s.site)) == balances_of(Site(steps[k].site))]
+            doubtful = improper(steps[k].law, steps[k].intervals) or not all(s.sure for s in after)
+            steps[k].sure = steps[k].sure and not doubtful
         if np.isfinite(floor) and left > max(2.0 * floor, FLOOR):
             noise = f"(noise alone leaves about {floor:.2g} %)"
             stopped += f". {left:.3g} % stay unexplained by any law {noise}, most in the {worst(trial)}"

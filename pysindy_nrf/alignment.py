@@ -329,9 +329,11 @@ def _compare(
     cross, own, theirs = mean(both.real) + 1j * mean(both.imag), mean(np.abs(U) ** 2), mean(np.abs(Z) ** 2)
     size = mean(np.abs(Y) ** 2)
     use = (np.arange(len(f)) > NEIGHBOURS) & (f < 0.4 * fs)
-    use &= (size > STRONG * size[use].max(initial=0)) & (theirs > STRONG * theirs[use].max(initial=0))
+    use &= (size > STRONG * size.max()) & (theirs > STRONG * theirs.max())
     if band is not None:
         use &= (f >= band[0]) & (f <= band[1])
+    if use.sum() < NEIGHBOURS:  # all that moves is slower than the record can tell
+        return [one, *[np.nan] * 5, True, ""]
     coherence = np.zeros(len(f))
     coherence[use] = np.abs(cross[use]) ** 2 / own[use] / theirs[use]
     if (coherence[use] > 0.5).sum() <= 0.2 * use.sum():

@@ -13,7 +13,8 @@ from .record import Record
 
 _MOTION = re.compile(r"[avx]\d+")
 CLIPPED = 5  # samples in a row at an extreme
-SPIKE = 12.0  # robust standard deviations of the second difference
+SPIKE = 25.0  # robust standard deviations of the second difference
+LOUD = 4.0  # standard deviations of the channel by which a spike stands out
 ENOUGH = 20_000  # samples that show the steps of a converter, and suspects of being spikes
 LEVELS = 64  # fewer distinct steps over the range than this are coarse
 
@@ -173,6 +174,8 @@ def _spiky(name: str, y: np.ndarray):
     width = min(101, len(bend) // 2 * 2 - 1)
     at = np.clip(hits[:, None] + np.arange(width) - width // 2, 0, len(bend) - 1)
     hits = hits[bend[hits] > SPIKE * np.median(bend[at], axis=1) / 0.6745]
+    # an acceleration jumps where friction turns over, but not beyond what the channel holds anyway
+    hits = hits[bend[hits] > LOUD * np.std(y)]
     # one sample off bends its neighbours the other way by half: a smooth peak does not
     hits = hits[(hits > 0) & (hits < len(bend) - 1)]
     beside = np.stack([signed[hits - 1], signed[hits + 1]]) / np.where(signed[hits] == 0, 1.0, signed[hits])

@@ -10,6 +10,7 @@ from scipy import stats
 from scipy.signal import lfilter
 
 from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+from pysindy_nrf.analysis import dissipated_energy
 from pysindy_nrf.estimation import newey_west
 from pysindy_nrf.exceptions import ChainError, ChannelError, ExtrapolationWarning
 
@@ -51,12 +52,15 @@ def test_newey_west_sums_the_autocovariances_of_a_moving_average():
     assert newey_west(u, lags=0)[0, 0] / len(u) == pytest.approx(1.25, rel=0.05)
 
 
+def _force():
+    return excitation.band_limited_random(3, 8.0, 500.0, dofs=[3], rms=100.0, band=(0.5, 50.0), random_state=0)
+
+
 @pytest.fixture(scope="module")
 def fitted():
     storey = laws.PowerSeries(1, [60.0, 1e5])
     truth = ChainModel([10.0, 11.0, 12.0], {f"storey {i}": storey for i in (1, 2, 3)})
-    F = excitation.band_limited_random(3, 8.0, 500.0, dofs=[3], rms=100.0, band=(0.5, 50.0), random_state=0)
-    X, F = simulate(truth, F, 1 / 500.0).to_features(smooth=False)
+    X, F = simulate(truth, _force(), 1 / 500.0).to_features(smooth=False)
     F = F + 5.0 * np.random.default_rng(1).normal(size=F.shape) * [0, 0, 1]
     return truth, NRFRegressor(degree=1, dt=1 / 500.0).fit(X, F)
 
@@ -85,6 +89,26 @@ def test_modes_bootstrap_and_energies(fitted):
     assert boot.equals(again)
 
 
+def test_energies_and_forces_can_be_asked_directly(fitted):
+    truth, model = fitted
+    X = simulate(truth, _force(), 1 / 500.0).to_features(smooth=False)[0]
+    true = dissipated_energy(truth, X).iloc[-1].to_numpy()
+    energies = model.confidence_intervals(of="energies")
+    assert energies["parameter"].tolist() == [f"energy of storey {i}" for i in (1, 2, 3)]
+    np.testing.assert_allclose(energies["estimate"], dissipated_energy(model, X).iloc[-1], rtol=1e-6)
+    wide = 2 * (energies["upper"] - energies["lower"])  # all three follow one noisy force: twice the width
+    assert (np.abs(energies["estimate"] - true) < wide).all()
+    forces = model.confidence_intervals(of={"storey 2": (0.0, [1e-3, 2e-3]), 3: (0.1, 0.0)})
+    assert forces["parameter"].tolist()[2] == "storey 3 at v = 0.1 m/s, s = 0 m"
+    np.testing.assert_allclose(forces["estimate"], [100.0, 200.0, 6.0], rtol=0.05)
+    half = (forces["upper"] - forces["lower"]) / 2
+    assert half[1] == pytest.approx(2 * half[0], rel=1e-6)  # a linear law: as the drift, so its uncertainty
+    masses = model.confidence_intervals(of="masses")
+    assert masses["parameter"].tolist() == ["m1", "m2", "m3"]
+    with pytest.raises(ChainError, match="pair"):
+        model.confidence_intervals(of={2: 0.1})
+
+
 def test_a_force_outside_the_visited_region_is_marked(fitted):
     truth, model = fitted
     v_s = model.model_.visited["storey 2"]
@@ -103,7 +127,7 @@ def test_known_masses_have_no_interval_and_bad_questions_no_answer(fitted):
     X, F = oscillator(np.random.default_rng(0))
     known = NRFRegressor(degree=1, known_masses={1: 10.0}).fit(X, F)
     assert known.confidence_intervals()["parameter"].tolist() == ["storey 1: v", "storey 1: s"]
-    for wrong in (dict(level=95), dict(method="guess"), dict(of="masses")):
+    for wrong in (dict(level=95), dict(method="guess"), dict(of="weights")):
         with pytest.raises(ChainError):
             model.confidence_intervals(**wrong)
     with pytest.raises(ChannelError, match="too few"):

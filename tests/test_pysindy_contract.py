@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import copy
 import pickle
+import re
 import warnings
+from pathlib import Path
 
 import chains
 import numpy as np
@@ -351,3 +353,16 @@ def test_trajectories_of_different_length_inside_sindy(kind):
     whole = ps.SINDy(optimizer=kind(), feature_library=clone(library)).fit(x, t=case.dt, x_dot=y, u=u)
     assert np.allclose(model.optimizer.masses_, whole.optimizer.masses_, rtol=1e-9)
     assert [p.shape for p in model.predict(pieces(x), u=pieces(u))] == [y[rows].shape for rows in cut]
+
+
+# -- the examples of PySINDy's documentation, written both ways -----------------------------------
+
+
+def test_the_examples_take_fewer_lines_here():
+    example = Path(__file__).parents[1] / "examples" / "plot_coming_from_pysindy.py"
+    if not example.exists():
+        pytest.skip("the examples are not part of an installed package")
+    cells = re.findall(r"^# (plain SINDy|pysindy_nrf)\n((?:[^#\n].*\n)+)", example.read_text("utf-8"), re.MULTILINE)
+    assert [who for who, _ in cells] == ["plain SINDy", "pysindy_nrf"] * 3
+    lines = [code.count("\n") for _, code in cells]
+    assert all(ours < plain for plain, ours in zip(lines[::2], lines[1::2]))

@@ -94,7 +94,7 @@ def needless(stage: Stage, accepted: Sequence[Finding]) -> Finding | None:
     for f in accepted[:-1]:
         where = place_of(stage, f)
         others = [g for g in accepted if g is not f]
-        if where is None or any(_holds(g, f) for g in others):
+        if where is None or any(_imitates(stage, g, f) for g in others):
             continue
         try:
             base = reestimated(Stage(stage.work, stage.chain, stage.without([where])), others, 1)
@@ -108,7 +108,16 @@ def needless(stage: Stage, accepted: Sequence[Finding]) -> Finding | None:
     return None if weakest is None else weakest[1]
 
 
-def _holds(general: Finding, special: Finding) -> bool:
-    """Whether one accepted law can imitate another in the same balances."""
+def _imitates(stage: Stage, general: Finding, special: Finding) -> bool:
+    """Whether one accepted law imitates another in the same balances whatever the truth.
+
+    An even law is little more than a constant only along a drift that keeps its sign.
+    """
     same = balances_of(general.site) == balances_of(special.site)
-    return same and special.law.name in SPECIAL_CASES.get(general.law.name, ())
+    if not same or special.law.name not in SPECIAL_CASES.get(general.law.name, ()):
+        return False
+    if special.law.name != "constant_force":
+        return True
+    work = stage.work
+    s = np.concatenate([work.motion(special.site, b.segment).s[b.rows] for b in work.search])
+    return bool(s.mean() ** 2 > s.var())

@@ -90,7 +90,7 @@ def _plausible(turn, rise, h, v0, v1):
     return 0.0 <= way <= h * abs(v0) and 0.0 <= back <= h * abs(v1)
 
 
-@inline
+@part
 def _turns(s0, s1, v0, v1, h, a0, a1, has_a):
     """Where the drift turns inside an interval: how often (0, 1, 2), shares of the time, rises."""
     rise = s1 - s0
@@ -139,7 +139,8 @@ def _paths(advance: Callable, n_states: int):
                 if find:
                     if has_a:
                         a0, a1 = a[i - 1], a[i]
-                    if v0 * v1 < 0.0 or v0 * a0 < 0.0 < v0 * a1:
+                    dips = max(v0 * a0, -(v0 * a1))  # negative where the rate falls, then recovers
+                    if min(v0 * v1, dips) < 0.0:
                         turns, x0, rise0, x1, rise1 = _turns(s0, s1, v0, v1, h, a0, a1, has_a)
                         for k in range(turns):
                             at[n_ways] = following = i

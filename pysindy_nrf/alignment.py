@@ -34,6 +34,7 @@ _NAMES = {"a": "acceleration", "v": "velocity", "x": "displacement"}
 STRONG = 1e-3  # share of a spectrum's peak
 LONGEST = 65536  # samples of a channel that are looked at
 FINE, MOST = 4, 20  # steps of a sample in which a delay is searched, and samples up to which
+CYCLES = 8  # of a line, at least, within the lasting part of a record
 NEIGHBOURS = 9  # lines that are averaged
 MISFIT = 0.5  # share of a channel that gain, sign and delay leave, from which on it is of another place
 DELAY, GAIN = 0.05, 0.02  # samples, and share of one, from which on a channel is called misaligned
@@ -306,6 +307,12 @@ def _wrong_frame(record: Record, one, other, names: tuple[str, str]) -> str:
     )
 
 
+def _duration(line: np.ndarray) -> float:
+    """Samples over which the power of a signal is spread: its square sum squared over the sum of its fourth powers."""
+    power = line**2
+    return float(power.sum() ** 2 / max((power**2).sum(), np.finfo(float).tiny))
+
+
 def _compare(
     first: np.ndarray, second: np.ndarray, order: int, fs: float, band: Any, one: str, other: str
 ) -> list[Any]:
@@ -328,7 +335,9 @@ def _compare(
     both = np.conj(U) * Z
     cross, own, theirs = mean(both.real) + 1j * mean(both.imag), mean(np.abs(U) ** 2), mean(np.abs(Z) ** 2)
     size = mean(np.abs(Y) ** 2)
-    use = (np.arange(len(f)) > NEIGHBOURS) & (f < 0.4 * fs)
+    # the bell is differentiated too: lines with few cycles under it and under the motion's own decay tell nothing
+    lasting = min(_duration(bell * y), _duration(bell * z)) / fs
+    use = (np.arange(len(f)) > NEIGHBOURS) & (f * lasting > CYCLES) & (f < 0.4 * fs)
     use &= (size > STRONG * size.max()) & (theirs > STRONG * theirs.max())
     if band is not None:
         use &= (f >= band[0]) & (f <= band[1])

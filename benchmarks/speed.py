@@ -6,10 +6,10 @@
     python benchmarks/speed.py --out table.csv
 
 Every contender runs on one thread, alternating with the others. Times are processor time of that thread, the least of
-all rounds, so that other people's load on the machine falls on none of them (process starts, files and Dask: wall time). Data: chains of Duffing storeys in random motion, 1 % noise in the
-forces (and a row without noise). ``lstsq``, scikit-learn and SINDy are given the raw channels, as this package is;
-their time holds the columns they need. Memory: peak of what Python and NumPy allocate on top of the data
-(tracemalloc, in a run of its own).
+all rounds, so that other people's load on the machine falls on none of them (process starts, files and Dask: wall
+time). Data: chains of Duffing storeys in random motion, 1 % noise in the forces (and rows without noise). ``lstsq``,
+scikit-learn and SINDy are given the raw channels, as this package is; their time holds the columns they need. Memory:
+peak of what Python and NumPy allocate on top of the data (tracemalloc, in a run of its own).
 """
 
 from __future__ import annotations
@@ -190,7 +190,7 @@ def frols(data: Data) -> np.ndarray:
             order_selection=False, n_terms=20, ylag=1, xlag=[[1]] * u.shape[1], model_type="NFIR",
             basis_function=Polynomial(degree=DEGREE),
         )  # fmt: skip
-        model.fit(X=u, y=data.F[:, [j]])
+        model.fit(X=u, y=np.roll(data.F[:, [j]], 1, axis=0))  # its inputs are those of the sample before
         linear = np.flatnonzero((model.final_model[:, 0] == 2001) & (model.final_model[:, 1:] == 0).all(axis=1))
         if linear.size:
             masses[j] = model.theta[linear[0], 0]
@@ -225,9 +225,10 @@ def excuse(name: str, data: Data) -> str | None:
     """Why a contender does not run on these data."""
     package = NOT_HERE.get(name)
     if package and importlib.util.find_spec(package) is None:
-        return f"not run: the package {package} is not installed here"
+        needs = ", which brings torch and Julia," if package == "pycc" else ""
+        return f"not run: the package {package}{needs} is not installed here"
     if name == "pyCC-ID polynomial":
-        return "does not apply: one degree of freedom, no chain"
+        return "does not apply: functions of one variable, no terms in v and s together"
     columns = columns_of(name, data.n)
     if name != "pysindy_nrf" and (columns * data.size > MOST or columns**2 * data.size > MOST_WORK):
         return f"not run: a matrix of {columns * data.size * 8 / 1e9:.2g} GB with {columns:.0f} columns"

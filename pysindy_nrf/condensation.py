@@ -79,7 +79,8 @@ def condense(record: Record) -> Condensed:
     m1: floor 1 and a part of floor 2.
     storey 1: storey 1.
     m2: floor 3 and a part of floor 2.
-    storey 2: storeys 2 to 3 in series, right only well below the resonance of floor 2 between floors 1 and 3 held fixed.
+    storey 2: storeys 2 to 3 in series, right only well below the resonance of floor 2 between floors 1 and 3 held
+    fixed.
     """
     have = set(record.measured)
     every = range(1, record.n_dof + 1)
@@ -98,14 +99,16 @@ def condense(record: Record) -> Condensed:
     columns = [j - 1 for j in kept]
     changes = {key: getattr(record, key) for key in ("force", "acceleration", "velocity", "displacement")}
     out = Condensed(
-        record.replace(**{key: None if y is None else np.ascontiguousarray(y[:, columns]) for key, y in changes.items()}),
+        record.replace(
+            **{key: None if y is None else np.ascontiguousarray(y[:, columns]) for key, y in changes.items()}
+        ),
         tuple(kept),
         _meaning(kept, record.n_dof),
     )
     unlike = "; ".join(f"{name} = {text}" for name, text in out.meaning.items() if "floor" in text or "series" in text)
     warnings.warn(
-        f"Record {record.name!r}: floor {', '.join(map(str, gone))} has no sensor and is left out. In the condensed chain "
-        f"{unlike}. Fit below that resonance (band=).",
+        f"Record {record.name!r}: floor {', '.join(map(str, gone))} has no sensor and is left out. In the condensed "
+        f"chain {unlike}. Fit below that resonance (band=).",
         DataQualityWarning,
         stacklevel=2,
     )
@@ -123,7 +126,9 @@ def _meaning(kept: list[int], n_dof: int) -> dict[str, str]:
             parts.append(f"a part of {_floors(near)}")
         if high is None and j < n_dof:
             top = list(range(j + 1, n_dof + 1))
-            parts.append(f"all of {_floors(top)} above it (right only well below their resonance on floor {j} held fixed)")
+            parts.append(
+                f"all of {_floors(top)} above it (right only well below their resonance on floor {j} held fixed)"
+            )
         said[f"m{i}"] = " and ".join(parts)
         between = list(range(low + 1, j))
         said[f"storey {i}"] = f"storey {j}" if not between else (

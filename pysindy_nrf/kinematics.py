@@ -68,8 +68,8 @@ def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.Da
         if not have & {f"a{j}", f"v{j}", f"x{j}"}:
             raise ChannelError(
                 f"DOF {j} of record {record.name!r} has no motion channel",
-                f"Measure a{j}, v{j} or x{j}: the storeys beside an uninstrumented floor cannot be told apart. Or leave "
-                "the floor out and read what its storeys then mean: pysindy_nrf.condensation.condense(record).",
+                f"Measure a{j}, v{j} or x{j}: the storeys beside an uninstrumented floor cannot be told apart. Or "
+                "leave the floor out and read what its storeys then mean: pysindy_nrf.condensation.condense(record).",
             )
     smoother = None if smooth is False else _smoother(smooth)
     _warn_of_doubts(record)

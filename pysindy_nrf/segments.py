@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from .channels import as_matrix, finite_span, rows_text
+from .clock import EvenClock
 from .exceptions import ChannelError, LawError
 from .extent import Extent
 from .laws.base import Motion
@@ -18,6 +19,8 @@ from .moments import Block, block_size
 from .pieces import by_record, contiguous, gaps
 from .record import Record, seconds_of
 from .sites import Site
+
+_STRETCH = 2**16  # samples looked at at a time
 
 
 @dataclass
@@ -365,14 +368,14 @@ def from_arrays(
     seconds = _seconds(time, dt, size, pieces)
     if time is not None and has_memory:
         _require_no_gap(pieces, seconds)
-    elif time is not None and (np.isnan(x).any() or np.isnan(force).any()):
+    elif time is not None and not Extent.of([x, force]).finite.all():
         # a cross-validation took rows out; what a filter masked lies at the edges of the pieces
         pieces = contiguous(size, record, seconds)
     segments = []
     for name, rows in pieces:
         segment = Segment(
             name, rows, a[rows], v[rows], s[rows], force[rows],
-            None if seconds is None else seconds[rows] - seconds[rows.start],
+            _clock(seconds, rows, dt),
             None if ag is None else ag[rows],
             {k: c[rows] for k, c in extra.items()},
             resolved=getattr(X, "attrs", {}).get("resolved"),
@@ -507,7 +510,7 @@ def _seconds(time: Any, dt: float | None, size: int, pieces: Sequence[tuple[str,
             return None
         if isinstance(dt, bool) or not isinstance(dt, (int, float, np.number)) or not np.isfinite(dt) or dt <= 0:
             raise ChannelError(f"dt={dt!r} is not a sampling step", "Give a positive number in s.")
-        return np.concatenate([np.arange(rows.stop - rows.start) * float(dt) for _, rows in pieces])
+        return None
     seconds = seconds_of(time, "time")
     if len(seconds) != size:
         raise ChannelError(f"time has {len(seconds)} values, X has {size} samples", "Give one time for each sample.")
@@ -520,6 +523,13 @@ def _seconds(time: Any, dt: float | None, size: int, pieces: Sequence[tuple[str,
                 "Pass record= ids where several records are stacked; sort the rows of each; never shuffle them.",
             )
     return seconds
+
+
+def _clock(seconds: np.ndarray | None, rows: slice, dt: float | None) -> Any:
+    """Time since the start of a record, s, or None."""
+    if seconds is not None:
+        return seconds[rows] - seconds[rows.start]
+    return None if dt is None else EvenClock(rows.stop - rows.start, float(dt))
 
 
 def _trimmed(segment: Segment, names: Sequence[str], packed: np.ndarray | None = None) -> Segment:
@@ -555,24 +565,32 @@ def _trimmed(segment: Segment, names: Sequence[str], packed: np.ndarray | None =
     return segment
 
 
+def _steps(segment: Segment, j: int, rows: slice) -> tuple[np.ndarray, np.ndarray]:
+    """Steps of a drift, and twice the mean rate between the same samples."""
+    pace = segment.v[rows, j].astype(float)
+    return np.diff(segment.s[rows, j].astype(float)), pace[1:] + pace[:-1]
+
+
 def _require_order(segment: Segment) -> None:
     """Refuse shuffled rows: in order, every drift moves the way its rate points."""
     rows = segment.valid
     if rows.stop - rows.start < 8:
         return
     for j in range(segment.n_dof):
-        step = np.diff(segment.s[rows, j].astype(float))
-        pace = segment.v[rows, j].astype(float)
-        pace = pace[1:] + pace[:-1]
-        scale = np.linalg.norm(step) * np.linalg.norm(pace)
+        along = ways = paces = 0.0
+        for begin in range(rows.start, rows.stop - 1, _STRETCH):
+            step, pace = _steps(segment, j, slice(begin, min(begin + _STRETCH + 1, rows.stop)))
+            along, ways, paces = along + step @ pace, ways + step @ step, paces + pace @ pace
+        scale = (ways * paces) ** 0.5
         dt = segment.dt
-        if dt is not None and step @ pace > 1.1 * 0.5 * dt * (pace @ pace) and step @ pace > 0.3 * scale:
+        if dt is not None and along > 1.1 * 0.5 * dt * paces and along > 0.3 * scale:
             raise LawError(
-                f"The drift s{j + 1} moves {step @ pace / (0.5 * dt * (pace @ pace)):.3g} times as far as its rate "
+                f"The drift s{j + 1} moves {along / (0.5 * dt * paces):.3g} times as far as its rate "
                 f"v{j + 1} allows in a step of {dt:.4g} s, and a law remembers the path",
                 "Rows are missing (a shuffled split takes them out), or dt or the units are wrong.",
             )
-        if scale > 0 and step @ pace < 0.3 * scale:
+        if scale > 0 and along < 0.3 * scale:
+            step, pace = _steps(segment, j, rows)
             where = rows_text(rows.start + np.flatnonzero(step * pace < 0))
             raise LawError(
                 f"The drift s{j + 1} does not move the way its rate v{j + 1} points ({where}), and a law remembers the "

@@ -112,7 +112,9 @@ def test_no_measured_set_is_doubted():
     from pysindy_nrf import datasets
 
     root = measured.folder("nees_three_storey")
-    recs = [datasets.load_nees_three_storey(test, root) for test in ("fbgm162s1", "fbgm162s3", "fbgm162s5", "fpgm111s1")]
+    recs = [
+        datasets.load_nees_three_storey(test, root) for test in ("fbgm162s1", "fbgm162s3", "fbgm162s5", "fpgm111s1")
+    ]
     recs += [datasets.load_six_storey_hotel(event, measured.folder("six_storey_hotel")) for event in (1, 7, 14, 21)]
     recs += [
         datasets.load_emps(measured.folder("emps")),

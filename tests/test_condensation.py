@@ -45,7 +45,10 @@ def test_the_condensed_storey_is_the_series_of_those_beside_the_missing_floor():
 def test_the_words_say_base_and_top():
     with pytest.warns(DataQualityWarning):
         meaning = condense(record(blind=(1, 4), dofs=(3,))).meaning
-    assert meaning["storey 1"].startswith("storeys 1 to 2 in series") and "between the base and floor 2" in meaning["storey 1"]
+    assert (
+        meaning["storey 1"].startswith("storeys 1 to 2 in series")
+        and "between the base and floor 2" in meaning["storey 1"]
+    )
     assert "all of floor 4 above it" in meaning["m2"]
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 import pytest
 
@@ -43,7 +41,9 @@ def test_the_diagnosis_says_it_with_its_channel():
     rec = record(dofs=(2,))
     late = rec.replace(force=np.roll(rec.force, 4, axis=0))
     said = NRFRegressor(degree=1).fit(late).diagnose()
-    assert "delay" in set(said.table["limit"]) and "F2 is 4 ms (4.0" in str(said).replace("3.99", "4.0").replace("4 samples", "4.0")
+    assert "delay" in set(said.table["limit"]) and "F2 is 4 ms (4.0" in str(said).replace("3.99", "4.0").replace(
+        "4 samples", "4.0"
+    )
     assert "delay" not in set(NRFRegressor(degree=1).fit(rec).diagnose().table["limit"])
 
 

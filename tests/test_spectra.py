@@ -57,7 +57,10 @@ def test_the_corrected_force_is_nearer_and_its_error_independent_of_what_the_run
     assert after < 0.7 * before
     missed = np.fft.rfft((np.cumsum(segment.v - run.v, axis=1))[:, 2])
     G = transfer(noise.matrices, f[band])[:, 2, 2]
-    alike = [abs(np.sum(np.conj(e[band]) * missed[band] / G)) / np.linalg.norm(e[band]) / np.linalg.norm(missed[band] / G) for e in errors]
+    alike = [
+        abs(np.sum(np.conj(e[band]) * missed[band] / G)) / np.linalg.norm(e[band]) / np.linalg.norm(missed[band] / G)
+        for e in errors
+    ]
     assert alike[1] < 0.3 * alike[0]
 
 
@@ -97,4 +100,6 @@ def test_a_whitener_whitens_and_treats_all_rows_alike():
     inside = (level > 2) & (level < 240)
     assert density[inside].std() / density[inside].mean() < 0.25
     both = whitener.apply(coloured, 1 / 500.0)
-    np.testing.assert_allclose(whitener.apply((3 * coloured[:1] - 2 * coloured[1:]), 1 / 500.0)[0], 3 * both[0] - 2 * both[1], atol=1e-9)
+    np.testing.assert_allclose(
+        whitener.apply((3 * coloured[:1] - 2 * coloured[1:]), 1 / 500.0)[0], 3 * both[0] - 2 * both[1], atol=1e-9
+    )

@@ -126,7 +126,7 @@ def _windows(layout: LawLayout, data: SegmentSet, band: Any) -> Iterator[tuple]:
     some = slice(first.start, first.stop, max(1, (first.stop - first.start) // _SCALE_ROWS))
     motions = [seg.motion(s, some) for seg in data.segments[:1] for s in layout.acting]
     scales = {s: (m.v.std() or 1.0, m.s.std() or 1.0) for s, m in zip(layout.acting, motions)}
-    whole = band is not None or layout.has_memory
+    whole = band is not None
     every = max(1, -(-total // (size * _WINDOWS)))
     count = 0
     for seg, filter in zip(data.segments, filters_of(band, data)):
@@ -136,17 +136,19 @@ def _windows(layout: LawLayout, data: SegmentSet, band: Any) -> Iterator[tuple]:
             if filter is not None:
                 extra = {s: filter.apply(e.T).T for s, e in extra.items()}
         n = seg.valid.stop - seg.valid.start
+        running = seg.blocks(layout, size, states={}) if layout.has_memory and not whole else None
         for start in range(0, max(n - size // 2, 1), size):
             count += 1
+            rows = slice(start, min(start + size, n))
+            window = None if running is None else next(running)  # a state needs all that lies before
             if (count - 1) % every:
                 continue
-            rows = slice(start, min(start + size, n))
             if whole:
                 offered = {s: e[:, rows] for s, e in extra.items()}
                 yield block.terms[:, rows], offered, block.acceleration[:, rows], block.force[:, rows]
             else:
                 piece = _part(seg, rows)
-                window = next(iter(piece.blocks(layout, size=rows.stop - rows.start)))
+                window = window or next(iter(piece.blocks(layout, size=rows.stop - rows.start)))
                 offered = _offered(_motions(piece, window, layout), scales)
                 yield window.terms, offered, window.acceleration, window.force
 

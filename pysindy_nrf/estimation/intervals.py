@@ -111,9 +111,7 @@ class Resolver:
         return np.array(out)
 
 
-def _each(
-    resolver: Resolver, statistic: Callable[[ChainModel], pd.Series], weights: np.ndarray
-) -> list[np.ndarray]:
+def _each(resolver: Resolver, statistic: Callable[[ChainModel], pd.Series], weights: np.ndarray) -> list[np.ndarray]:
     """Statistics of the draws that can be solved."""
     out = []
     for w in weights:

@@ -30,8 +30,8 @@ from .iv import free_run_of
 from .spectra import NoiseModel, corrected, noise_model, spectrum, velocities
 
 SHOT = 32768  # samples of a shot at most
-ROUNDS = 8
-SETTLED = 1e-3  # standard errors by which no parameter moves any more
+ROUNDS, FEW = 6, 2  # of Gauss and Newton, at last and for the halves
+SETTLED = 0.05  # standard errors by which no parameter moves any more
 HALVINGS = 4
 CLEARLY = 0.9  # of the rival's error on unseen parts that a refinement may have: less of a gain may be luck
 PIECES = 64
@@ -134,7 +134,7 @@ def output_error(
         before, after = np.zeros(3), np.zeros(3)
         for rival, seen, unseen in zip(halves or (start, start), parts, parts[::-1]):
             before += problem.judge(rival, unseen)
-            after += problem.judge(problem.solve(seen).model, unseen)
+            after += problem.judge(problem.solve(seen, FEW).model, unseen)
         errors = [float(100 * np.sqrt(e[0] / e[2])) for e in (before, after)]
         if errors[1] > CLEARLY * errors[0] or after[1] >= before[1]:
             why = "the refinement does not predict unseen parts of the records clearly better"
@@ -146,9 +146,7 @@ def output_error(
 
 
 def _kept_start(start: ChainModel, why: str) -> OutputErrorResult:
-    warnings.warn(
-        f"estimation='simulation' kept the instrumental-variable estimate: {why}.", BiasWarning, stacklevel=6
-    )
+    warnings.warn(f"estimation='simulation' kept the instrumental-variable estimate: {why}.", BiasWarning, stacklevel=6)
     return OutputErrorResult(start, False, why=why)
 
 
@@ -194,6 +192,7 @@ class _Problem:
         self.start, self.shots, self.layout = start, shots, layout
         self.theta, self.rebuild, self.columns = free_parameters(start, known_masses)
         runs = [shot.run(start) for shot in shots]
+        self._decays: dict[tuple[int, float], np.ndarray] = {}
         self.noise: NoiseModel | None = noise_model(start, layout, [s.segment for s in shots], runs)
         if self.noise is not None:
             low, high = band or (None, None)
@@ -217,13 +216,13 @@ class _Problem:
         for shot in self.shots:
             shot.hold = min(costs, key=costs.__getitem__)
 
-    def solve(self, rows: Sequence[slice]) -> _Solution:
+    def solve(self, rows: Sequence[slice], rounds: int = ROUNDS) -> _Solution:
         """Estimate from some rows of every shot."""
         theta = self.theta.copy()
         for shot, state in zip(self.shots, self.states):
             shot.start = state.copy()
         cost, parts = self.normal(theta, rows)
-        for _ in range(ROUNDS):
+        for _ in range(rounds):
             matrix, right = (sum(p[k] for p in parts) for k in (0, 1))
             size = np.sqrt(np.diag(matrix))
             step = np.linalg.lstsq(matrix / size[:, None] / size, right / size, rcond=1e-12)[0] / size
@@ -308,14 +307,18 @@ class _Problem:
 
     def decays(self, shot: Shot) -> np.ndarray:
         """Velocities after a unit displacement or velocity of each DOF, shape (n_rows, n_dof, 2 n_dof)."""
-        M, C, K = self.noise.matrices
-        n = len(M)
-        A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
-        values, vectors = np.linalg.eig(A)
-        t = np.arange(shot.n_samples) * shot.segment.dt
-        growth = np.exp(np.minimum(values.real, 0)[:, None] * t + 1j * values.imag[:, None] * t)
-        left = np.linalg.pinv(vectors)
-        return np.einsum("jm,mt,mk->tjk", vectors[n:], growth, left).real
+        key = (shot.n_samples, shot.segment.dt)
+        if key not in self._decays:
+            M, C, K = self.noise.matrices
+            n = len(M)
+            A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
+            values, vectors = np.linalg.eig(A)
+            t = np.arange(shot.n_samples) * shot.segment.dt
+            growth = np.exp(np.outer(t, np.minimum(values.real, 0) + 1j * values.imag))
+            shapes = np.einsum("jm,mk->mjk", vectors[n:], np.linalg.pinv(vectors))
+            out = (growth @ shapes.reshape(2 * n, -1)).real
+            self._decays = {key: out.reshape(-1, n, 2 * n)}  # shots are of one or two lengths: keep the last
+        return self._decays[key]
 
     def judge(self, model: ChainModel, rows: Sequence[slice]) -> np.ndarray:
         """Squared free-run errors in some rows: as they are, weighted, and the motion itself; states refitted."""
@@ -371,6 +374,38 @@ def _scores(R: np.ndarray, WJ: np.ndarray, pieces: int) -> np.ndarray:
     return np.array([products[k::pieces].sum(axis=0) for k in range(pieces)])
 
 
+@dataclass
+class Rebuild:
+    """From a vector of free parameters to a ChainModel.
+
+    Attributes
+    ----------
+    model : ChainModel
+        What is not free.
+    free : list of int
+        DOFs (from 0) whose mass is free.
+    held : list of (Site, int, int)
+        Site, law and term of every free coefficient.
+    """
+
+    model: ChainModel
+    free: list[int]
+    held: list[tuple[Any, int, int]]
+
+    def __call__(self, x: np.ndarray) -> ChainModel:
+        """Model of a vector."""
+        model = self.model
+        masses = model.masses.copy()
+        masses[self.free] = x[: len(self.free)]
+        values = {s: [law.coefficients.copy() for law in laws] for s, laws in model.laws.items()}
+        for (site, i, k), value in zip(self.held, x[len(self.free) :]):
+            values[site][i][k] = value
+        laws = {
+            s: tuple(law.with_values(coefficients=c) for law, c in zip(model.laws[s], values[s])) for s in model.laws
+        }
+        return ChainModel(masses, laws, model.chain, model.visited, model.info)
+
+
 def free_parameters(model: ChainModel, known: Mapping[int, float]):
     """Free parameters as a vector, the way back, and where each enters. Terms that are zero stay zero.
 
@@ -383,8 +418,7 @@ def free_parameters(model: ChainModel, known: Mapping[int, float]):
     Returns
     -------
     theta : ndarray
-    rebuild : callable
-        From a vector to a ChainModel.
+    rebuild : Rebuild
     columns : list of int or (Site, int)
         A mass by its DOF (from 0), a coefficient by its site and number there.
     """
@@ -398,16 +432,4 @@ def free_parameters(model: ChainModel, known: Mapping[int, float]):
     ]
     theta = np.array([*model.masses[free], *(model.laws[s][i].coefficients[k] for s, i, k in held)])
     columns = [*free, *((s, sum(len(law.terms()) for law in model.laws[s][:i]) + k) for s, i, k in held)]
-
-    def rebuild(x: np.ndarray) -> ChainModel:
-        masses = model.masses.copy()
-        masses[free] = x[: len(free)]
-        values = {s: [law.coefficients.copy() for law in laws] for s, laws in model.laws.items()}
-        for (site, i, k), value in zip(held, x[len(free) :]):
-            values[site][i][k] = value
-        laws = {
-            s: tuple(law.with_values(coefficients=c) for law, c in zip(model.laws[s], values[s])) for s in model.laws
-        }
-        return ChainModel(masses, laws, model.chain, model.visited, model.info)
-
-    return theta, rebuild, columns
+    return theta, Rebuild(model, free, held), columns

@@ -155,9 +155,7 @@ def pieces_of(
 def whole_block(segment: Segment, layout: LawLayout, filter: Any) -> Block:
     """All valid rows of a record as one block, its arrays our own."""
     parts = list(segment.blocks(layout, filter=filter))
-    arrays = (
-        np.concatenate([getattr(p, k) for p in parts], axis=1) for k in ("terms", "acceleration", "force")
-    )
+    arrays = (np.concatenate([getattr(p, k) for p in parts], axis=1) for k in ("terms", "acceleration", "force"))
     return Block(*arrays)
 
 

@@ -70,7 +70,7 @@ def _contradictions(record: Record) -> list[str]:
         unit = _betrayed(gain, str(row["reference"]), str(name)) if np.isfinite(gain) else ""
         if unit:
             out.append(f"{name} is {gain:.2g} times as large as {row['reference']} says: {unit}")
-        elif not np.isfinite(gain) or abs(gain - 1) > 0.1 or row["sign"] < 0 or abs(row["samples"]) > 0.5:
+        elif not np.isfinite(gain) or abs(gain - 1) > 0.2 or row["sign"] < 0 or abs(row["samples"]) > 0.5:
             out.append(str(row["message"]))
     return out
 

@@ -12,7 +12,7 @@ from ..exceptions import ChannelError, LawError
 from .base import ForceLaw, Motion
 from .compiled import borrow, cannot_compile, inline, jit, on_stack, part
 
-_STRETCH = 2048  # intervals whose turning points the first candidate finds for the others
+_STRETCH = 2048  # intervals whose turning points are found before the candidates walk along them
 
 
 @inline
@@ -114,65 +114,96 @@ def _turns(s0, s1, v0, v1, h, a0, a1, has_a):
     return 0, 1.0, 0.0, 1.0, 0.0
 
 
+@inline
+def _doubt_sign(v0, v1, out):
+    """Whether the rate changes sign."""
+    for i in range(v0.size):
+        out[i] = v0[i] * v1[i] < 0.0
+
+
+@inline
+def _doubt_both(v0, v1, a0, a1, out):
+    """Whether the rate changes sign, or falls and recovers."""
+    for i in range(v0.size):
+        out[i] = (v0[i] * v1[i] < 0.0) | ((v0[i] * a0[i] < 0.0) & (v0[i] * a1[i] > 0.0))
+
+
+def _find_turns(s, v, a, t, low, high, doubtful, at, shares, drifts):
+    """Points between samples low..high where the motion turns: interval, share of its time, drift; how many."""
+    if t.size == 0:
+        return 0
+    has_a = a.size > 0
+    if has_a:
+        _doubt_both(v[low : high - 1], v[low + 1 : high], a[low : high - 1], a[low + 1 : high], doubtful)
+    else:
+        _doubt_sign(v[low : high - 1], v[low + 1 : high], doubtful)
+    count, a0, a1 = 0, 0.0, 0.0
+    for i in range(low + 1, high):
+        if doubtful[i - low - 1]:
+            if has_a:
+                a0, a1 = a[i - 1], a[i]
+            turns, x0, rise0, x1, rise1 = _turns(s[i - 1], s[i], v[i - 1], v[i], t[i] - t[i - 1], a0, a1, has_a)
+            for k in range(turns):
+                at[count] = i
+                shares[count] = x1 - x0 if k else x0
+                drifts[count] = s[i - 1] + rise0 + rise1 if k else s[i - 1] + rise0
+                count += 1
+    return count
+
+
 @cache
 def _paths(advance: Callable, n_states: int):
     """Compiled paths of one law's state for many shape parameters; one machine-code file for each law."""
     step = inline(advance)
+    find = part(_find_turns)
 
-    def one_path(s, v, a, t, u, state, theta, z, low, high, at, ways, n_ways):
-        """From sample ``low`` to ``high`` for one set of parameters; n_ways < 0: find where the motion turns."""
-        find, has_a, has_t = n_ways < 0, a.size > 0, t.size > 0
+    def one_path(s, v, t, u, state, theta, z, low, high, at, shares, drifts, count):
+        """From sample ``low`` to ``high`` for one set of parameters."""
+        has_t = t.size > 0
         buffer = np.zeros(u.shape[0])
         middle, u, theta, z = borrow(buffer), borrow(u), borrow(theta), borrow(z)
         now = on_stack(n_states)
         for k in range(n_states):
             now[k] = state[k]
-        h, a0, a1 = np.nan, 0.0, 0.0
-        n_ways = 0 if find else n_ways
-        w, following = 0, at[0] if n_ways else -1
-        for i in range(low + 1, high):
-            s0, s1, v0, v1 = s[i - 1], s[i], v[i - 1], v[i]
-            for k in range(middle.size):
-                middle[k] = 0.5 * (u[k, i - 1] + u[k, i])
-            if has_t:
-                h = t[i] - t[i - 1]
-                if find:
-                    if has_a:
-                        a0, a1 = a[i - 1], a[i]
-                    dips = max(v0 * a0, -(v0 * a1))  # negative where the rate falls, then recovers
-                    if min(v0 * v1, dips) < 0.0:
-                        turns, x0, rise0, x1, rise1 = _turns(s0, s1, v0, v1, h, a0, a1, has_a)
-                        for k in range(turns):
-                            at[n_ways] = following = i
-                            ways[n_ways, 0] = x1 - x0 if k else x0
-                            ways[n_ways, 1] = s0 + rise0 + rise1 if k else s0 + rise0
-                            n_ways += 1
-            rest = h
-            if following == i:  # to each point where the motion turns
-                while w < n_ways and at[w] == i:
-                    turn = ways[w, 1]
-                    step(now, s0, v0, turn, 0.0, ways[w, 0] * h, middle, theta)
-                    rest -= ways[w, 0] * h
-                    s0, v0 = turn, 0.0
+        h, w, begin = np.nan, 0, low + 1
+        while begin < high:
+            end = at[w] if w < count else high
+            for i in range(begin, end):  # up to the next interval in which the motion turns
+                for k in range(middle.size):
+                    middle[k] = 0.5 * (u[k, i - 1] + u[k, i])
+                if has_t:
+                    h = t[i] - t[i - 1]
+                step(now, s[i - 1], v[i - 1], s[i], v[i], h, middle, theta)
+                for k in range(n_states):
+                    z[k, i] = now[k]
+            if end < high:
+                for k in range(middle.size):
+                    middle[k] = 0.5 * (u[k, end - 1] + u[k, end])
+                h = t[end] - t[end - 1]
+                s0, v0, rest = s[end - 1], v[end - 1], h
+                while w < count and at[w] == end:
+                    step(now, s0, v0, drifts[w], 0.0, shares[w] * h, middle, theta)
+                    s0, v0, rest = drifts[w], 0.0, rest - shares[w] * h
                     w += 1
-                following = at[w] if w < n_ways else -1
-            step(now, s0, v0, s1, v1, rest, middle, theta)
-            for k in range(n_states):
-                z[k, i] = now[k]
+                step(now, s0, v0, s[end], v[end], rest, middle, theta)
+                for k in range(n_states):
+                    z[k, end] = now[k]
+            begin = end + 1
         for k in range(n_states):
             state[k] = now[k]
-        return n_ways
 
     path = part(one_path)
 
     def memory_paths(s, v, a, t, u, thetas, states, z):
-        at, ways = np.empty(2 * _STRETCH, dtype=np.int64), np.empty((2 * _STRETCH, 2))
+        doubtful, at = np.empty(_STRETCH, dtype=np.uint8), np.empty(2 * _STRETCH, dtype=np.int64)
+        shares, drifts = np.empty(2 * _STRETCH), np.empty(2 * _STRETCH)
         for c in range(states.shape[0]):
             z[c, :, 0] = states[c]
         for low in range(0, s.size - 1, _STRETCH):
-            high, n_ways = min(low + _STRETCH + 1, s.size), -1  # where the motion turns is the same for all
+            high = min(low + _STRETCH + 1, s.size)
+            count = find(s, v, a, t, low, high, doubtful, at, shares, drifts)  # the same for all
             for c in range(states.shape[0]):
-                n_ways = path(s, v, a, t, u, states[c], thetas[c], z[c], low, high, at, ways, n_ways)
+                path(s, v, t, u, states[c], thetas[c], z[c], low, high, at, shares, drifts, count)
 
     return jit(memory_paths)
 

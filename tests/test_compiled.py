@@ -1,5 +1,6 @@
 """Compiled laws: the right code from the disk, in every process."""
 
+import os
 import subprocess
 import sys
 
@@ -68,3 +69,28 @@ def test_first_loading_of_dahl_is_the_exponential():
     z = law.features(Motion(s, v, a, t))[:, 0]
     loading = slice(0, 17)  # up to the first reversal the state is 1 - exp(-sigma s)
     np.testing.assert_allclose(z[loading], 1 - np.exp(-5e3 * s[loading]), rtol=1e-12)
+
+
+TOGETHER = """
+import sys
+import numpy as np
+from pysindy_nrf import laws
+t = np.arange(300) / 1000
+motion = laws.Motion(1e-3 * np.sin(90 * t), 0.09 * np.cos(90 * t), t=t)
+held = {"dahl": laws.Dahl(sigma=1500.0), "jenkins": laws.Jenkins(uy=7e-4)}
+for name in sys.argv[1:]:
+    print(name, repr(float(np.abs(held[name].features(motion)).sum())))
+"""
+
+
+def test_laws_compiled_in_different_processes_do_not_take_each_others_code(tmp_path):
+    """Both start numbering their machine code at the same number; a third process loads both from the disk."""
+    env = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+
+    def run(*names):
+        out = subprocess.run([sys.executable, "-c", TOGETHER, *names], check=True, capture_output=True, text=True, env=env)
+        return dict(line.split() for line in out.stdout.splitlines())
+
+    alone = run("dahl") | run("jenkins")
+    assert alone["dahl"] != alone["jenkins"]
+    assert run("dahl", "jenkins") == run("jenkins", "dahl") == alone

@@ -27,6 +27,7 @@ from numba.extending import intrinsic
 from ..exceptions import LawError
 from .base import ForceLaw
 
+_NAMING = "names with fingerprints"  # what is on the disk under another rule is not taken
 _VECTOR = types.CPointer(types.float64)
 _KERNEL_SIGNATURE = types.void(*[types.float64] * 4, *[_VECTOR, types.int64] * 4)
 _ADVANCE_SIGNATURE = types.void(_VECTOR, types.int64, *[types.float64] * 5, *[_VECTOR, types.int64] * 2)
@@ -44,7 +45,7 @@ def fingerprint(*functions: Any) -> str:
     str
         Equal for equal code in every process.
     """
-    digest = hashlib.sha256(f"numba {numba.__version__}".encode())
+    digest = hashlib.sha256(f"numba {numba.__version__}, {_NAMING}".encode())
     seen: set[int] = set()
 
     def code(block: CodeType) -> None:
@@ -112,6 +113,19 @@ class _CodeCache(FunctionCache):
             return None
 
 
+def _named(function: Callable) -> Callable:
+    """The function under a name that holds its fingerprint.
+
+    Numba numbers compiled functions anew in every process. Two laws' versions of one template, compiled in two
+    processes, could otherwise bear one name in machine code, and a third process that loads both would run one of
+    them for both.
+    """
+    mark = fingerprint(function)[:16]
+    if not function.__qualname__.endswith(mark):
+        function.__qualname__ = f"{function.__qualname__}_{mark}"
+    return function
+
+
 def _attach_cache(compiled: Any, function: Callable) -> Any:
     """Cache on disk where there is a place to write; otherwise compile in every process."""
     try:
@@ -133,7 +147,7 @@ def jit(function: Callable) -> Dispatcher:
     -------
     numba dispatcher
     """
-    return _attach_cache(numba.njit(error_model="numpy", nogil=True)(function), function)
+    return _attach_cache(numba.njit(error_model="numpy", nogil=True)(_named(function)), function)
 
 
 def inline(function: Callable, fastmath: Any = False) -> Dispatcher:
@@ -156,7 +170,7 @@ def inline(function: Callable, fastmath: Any = False) -> Dispatcher:
 
 def part(function: Callable) -> Dispatcher:
     """A larger plain function for use within :func:`jit` code."""
-    return numba.njit(error_model="numpy", nogil=True)(function)
+    return numba.njit(error_model="numpy", nogil=True)(_named(function))
 
 
 def _on_stack(typing_context: Any, size: Any) -> Any:
@@ -199,7 +213,7 @@ borrow: Any = intrinsic(_borrowed)
 
 
 def _pointer(function: Callable, signature: Any) -> CFunc:
-    callback = CFunc(function, (signature.args, signature.return_type), {}, {"nopython": True})
+    callback = CFunc(_named(function), (signature.args, signature.return_type), {}, {"nopython": True})
     _attach_cache(callback, function)
     callback.compile()
     return callback

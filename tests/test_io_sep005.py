@@ -60,3 +60,9 @@ def test_what_does_not_fit_is_named(channels, words):
         pytest.importorskip("pint")
     with pytest.raises(ChannelError, match=words):
         from_sep005(channels)
+
+
+@pytest.mark.parametrize("fs", [0, -100.0, float("inf"), "fast", 10**400])
+def test_a_rate_that_is_none_is_refused(fs):
+    with pytest.raises(ChannelError, match="'acc' has fs = "):
+        from_sep005([{"data": np.zeros(9), "name": "acc", "unit_str": "m/s^2", "fs": fs}])

@@ -105,7 +105,7 @@ class Attributes:
             return cls._checked(data)
         except FileFormatError:
             raise
-        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
             raise FileFormatError(
                 f"The attributes of the record in {where} are damaged: {error}", "Write it again with write_record."
             ) from error

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import difflib
-import math
+import sys
 import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -88,7 +88,7 @@ def read_mapping(path: Any) -> MappingFile:
     try:
         with open(path, "rb") as file:
             data = tomllib.load(file)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # no TOML, no UTF-8, a number of thousands of digits
         raise unreadable(path, "a mapping file (TOML)", error) from error
     for key in data:
         if key not in _KEYS:
@@ -120,7 +120,7 @@ def _good(key: str, value: Any) -> bool:
         return isinstance(value, bool)
     if key == "fs":
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        return number and math.isfinite(value) and value > 0
+        return number and 0 < value <= sys.float_info.max
     if key == "coordinates":
         return value in ("relative", "absolute")
     return isinstance(value, str) if key == "name" else isinstance(value, dict)
@@ -137,7 +137,10 @@ def _texts(path: Path, key: str, table: dict[str, Any]) -> dict[str, str]:
 
 
 def _shown(value: Any) -> str:
-    return repr(value)[:60]
+    try:
+        return repr(value)[:60]
+    except ValueError:  # Python writes no integer of thousands of digits
+        return "a number too long to print"
 
 
 def _inside(path: Path, name: str) -> Path:

@@ -110,7 +110,7 @@ def table_of_sep005(channels: Sequence[Mapping[str, Any]]) -> Table:
             units[str(label)] = str(one["unit_str"])
     _same(channels, "fs", "Resample them to one clock.")
     _same(channels, "start_timestamp", "Cut them to one start.")
-    fs = next((float(one["fs"]) for one in channels if one.get("fs") is not None), None)
+    fs = next((_rate(one) for one in channels if one.get("fs") is not None), None)
     times = [np.asarray(one["time"]) for one in channels if one.get("time") is not None]
     if times:
         if any(not np.array_equal(times[0], time) for time in times):
@@ -124,6 +124,16 @@ def table_of_sep005(channels: Sequence[Mapping[str, Any]]) -> Table:
     start = channels[0].get("start_timestamp")
     notes = [f"starts {start}"] if start else []
     return Table(Path("SEP005"), "SEP005", variables, units, notes, own, fs)
+
+
+def _rate(channel: Mapping[str, Any]) -> float:
+    try:
+        rate = float(channel["fs"])
+    except (TypeError, ValueError, OverflowError):
+        rate = float("nan")
+    if not 0 < rate < float("inf"):
+        raise ChannelError(f"SEP005 channel {channel['name']!r} has fs = {str(channel['fs'])[:40]}", "Give Hz above 0.")
+    return rate
 
 
 def _same(channels: Sequence[Mapping[str, Any]], key: str, cure: str) -> None:

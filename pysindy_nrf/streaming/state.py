@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import zipfile
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from .accumulator import Accumulator, BlockEntry, Model
 from .sources import Source
 
 _VERSION = 1
+_DAMAGED = (OSError, ValueError, LookupError, TypeError, AttributeError, OverflowError, EOFError)
 _LINES = ("a", "v", "s", "F", "t", "ag")
 
 
@@ -147,7 +149,7 @@ def load(path: Path, estimator: Any, mark: str) -> tuple[Accumulator, int] | Non
                 last["covariates"] = {k.removeprefix(head): v for k, v in data.items() if k.startswith(head)}
                 acc._carry["last"] = last
         return acc, int(meta["following"])
-    except (OSError, ValueError, KeyError, TypeError, IndexError, EOFError, zipfile.BadZipFile) as error:
+    except (*_DAMAGED, zipfile.BadZipFile, zlib.error) as error:
         raise FileFormatError(
             f"{path} is not the state of an interrupted fit ({type(error).__name__}: {error})",
             "Give another path for the state, or delete the file to begin anew.",

@@ -128,7 +128,9 @@ def test_emps(here, capsys):
     assert run([*command, "--degree", "1"]) == 0
     said = capsys.readouterr().out
     assert "<- vir * 35.1507" in said and "not used: gtau, kp, kv, qg" in said and "0 to 20 Hz" in said
-    assert "Take care" in said
+    assert "Take care" in said and "Next: pysindy-nrf close-loop" in said
+    care = said.split("Take care")[1].split("Written to")[0]
+    assert max(map(len, care.splitlines())) <= 110  # a terminal shows it whole
     assert run([*command, "--degree", "1", "--json"]) == 0
     data = json.loads(capsys.readouterr().out)
     assert 93 <= data["masses_kg"][0] <= 97

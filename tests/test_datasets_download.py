@@ -13,6 +13,7 @@ from scipy.io import savemat
 
 from pysindy_nrf import datasets
 from pysindy_nrf.exceptions import FileFormatError, NRFError
+from pysindy_nrf.io import read_record
 from pysindy_nrf.paper import cases
 
 
@@ -79,6 +80,52 @@ def test_a_file_by_address_and_checksum(served, tmp_path, capsys):
     with pytest.raises(NRFError, match="cannot be had"):
         datasets.fetch(url.replace("test", "rest"), checksum, tmp_path / "other")
     assert capsys.readouterr().out == ""
+
+
+def test_what_came_is_read_as_any_file(served, tmp_path):
+    url, checksum, _ = served
+    record = read_record(datasets.fetch(url, checksum, tmp_path / "kept"))
+    assert record.fs == 2 and record.displacement.ravel().tolist() == [1.0, 2.0]
+
+
+def test_a_kept_file_that_was_changed_is_fetched_again(served, tmp_path):
+    """A checksum is of the file that is analysed, not of the one that once came."""
+    url, checksum, content = served
+    path = datasets.fetch(url, checksum, tmp_path / "kept")
+    path.write_bytes(content.replace(b"2.0", b"9.9"))
+    assert datasets.fetch(url, checksum, tmp_path / "kept").read_bytes() == content
+
+
+class _CutOff(_Quiet):
+    def do_GET(self):
+        self.send_response(200)
+        self.send_header("Content-Length", "1000000")
+        self.end_headers()
+        self.wfile.write(b"t,x1\n0.0,1.0\n")
+
+
+class _Failing(_Quiet):
+    def do_GET(self):
+        self.send_error(500)
+
+
+@pytest.mark.parametrize("handler", [_CutOff, _Failing, None], ids=["cut off", "server error", "nobody answers"])
+def test_a_download_that_fails_leaves_nothing(handler, tmp_path):
+    pytest.importorskip("pooch")
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler or _Quiet)
+    url = f"http://127.0.0.1:{server.server_port}/test.csv"
+    if handler is None:
+        server.server_close()
+    else:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+    try:
+        with pytest.raises(NRFError, match="cannot be had|not the file that was meant"):
+            datasets.fetch(url, "0" * 64, tmp_path / "kept")
+    finally:
+        if handler is not None:
+            server.shutdown()
+            server.server_close()
+    assert not list(tmp_path.rglob("*.csv"))
 
 
 @pytest.mark.parametrize(

@@ -104,6 +104,86 @@ def test_cosmos(tmp_path):
     np.testing.assert_allclose(rec.acceleration[:, 0], 0.01 * values, rtol=1e-14)
 
 
+def block_of(values, *, title, announced, width, precision, per_line, form, reals, reals_form, channel=1):
+    """A block as the COSMOS description lays it out; the variants are those that processing centres write."""
+    per, wide = reals_form
+    number = (lambda v: f"{v:{width}d}") if form.endswith("I") else (lambda v: f"{v:{width}.{precision}{form[-1]}}")
+    lines = [
+        f"{title:<26s}(Format v01.20 with 13 text lines) Src: 052b146n8036z.abc",
+        *(f"text line {i}" for i in range(7)),
+        f"Sta Chan {channel:3d}: 90 Deg (Rcrdr Chan {channel:2d}) Location:Roof",
+        *(f"text line {i}" for i in range(4)),
+        " 100 Integer-header values follow on  10 lines, Format = (10I8)",
+        *("".join(f"{-999:8d}" for _ in range(10)) for _ in range(10)),
+        f" 100 Real-header values follow on  {-(-100 // per)} lines , Format = ({per}F{wide}.6)",
+        *("".join(f"{v:{wide}.6f}" for v in reals[i : i + per]) for i in range(0, 100, per)),
+        "   2 Comment line(s) follow, each starting with a |",
+        "| RcrdId: NC.1336",
+        "| 3 acceleration pts of the pre-event part were cut",
+        announced,
+        *("".join(map(number, values[i : i + per_line])) for i in range(0, len(values), per_line)),
+        f"End-of-data for Chan  {channel} {title.lower()}",
+    ]
+    return "\r\n".join(lines) + "\r\n"
+
+
+VARIANTS = {
+    "corrected, packed": ("Corrected acceleration", "{n:8d} acceleration  pts, approx {T:4.0f} secs, units=cm/sec2(04), Format=(8F10.3)", (10, 3, 8, "F"), (6, 13), "acceleration"),
+    "corrected, a column": ("Corrected acceleration", "{n:8d} acceleration  pts, approx {T:4.0f} secs, units=cm/sec2(04), Format=(1E15.6)", (15, 6, 1, "E"), (5, 15), "acceleration"),
+    "uncorrected": ("Uncorrected acceleration", "{n:8d} uncor. accel. pts, approx {T:4.0f} secs, units=cm/sec2 (04),Format=(8F10.3)", (10, 3, 8, "F"), (6, 13), "acceleration"),
+    "no comma": ("Uncorrected acceleration", "{n:8d} accel. pts approx {T:4.0f} secs, units=cm/sec2(04), Format =(5E14.5)", (14, 5, 5, "E"), (5, 15), "acceleration"),
+    "velocity": ("Velocity data", "{n:8d} velocity     pts, approx {T:4.0f} secs, units= cm/sec(05), Format=(8F10.4)", (10, 4, 8, "F"), (6, 13), "velocity"),
+    "displacement": ("Displacement data", "{n:8d} displacement pts, approx {T:4.0f} secs, units=     cm(06), Format=(5E15.6)", (15, 6, 5, "E"), (6, 13), "displacement"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("suffix", [".v2", ".V2c", ".v1c", ".txt"])
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_cosmos_as_the_processing_centres_write_it(tmp_path, variant, suffix):
+    """Real 62 is the interval of the series in ms; real 34 that of the raw record in s, before it was resampled."""
+    title, announced, (width, precision, per_line, form), reals_form, kind = VARIANTS[variant]
+    n, reals = 1201, np.full(100, -999.0)
+    reals[33], reals[61] = 0.01, 5.0
+    values = 50 * np.sin(np.arange(n) / 7)
+    text = block_of(
+        values, title=title, announced=announced.format(n=n, T=n * 0.005), width=width, precision=precision,
+        per_line=per_line, form=form, reals=reals, reals_form=reals_form,
+    )  # fmt: skip
+    path = tmp_path / f"station{suffix}"
+    path.write_text(text, newline="")
+    table = read_table(path)
+    assert list(table.variables) == [kind] and table.fs == 200
+    np.testing.assert_allclose(table.variables[kind], values, atol=1e-3)
+    pytest.importorskip("pint")
+    letter = {"acceleration": "a", "velocity": "v", "displacement": "x"}[kind]
+    rec = read_record(path, mapping={f"{letter}1": kind})
+    np.testing.assert_allclose(getattr(rec, kind)[:, 0], 0.01 * values, atol=1e-5)
+
+
+def test_cosmos_channels_of_one_file_and_raw_counts(tmp_path):
+    title, announced, (width, precision, per_line, form), reals_form, _ = VARIANTS["corrected, packed"]
+    reals = np.full(100, -999.0)
+    reals[33] = 0.005  # where only the raw record's interval is stated, the series has it
+    values = np.arange(400) / 8
+    text = "".join(
+        block_of(
+            k * values, title=title, announced=announced.format(n=400, T=2), width=width, precision=precision,
+            per_line=per_line, form=form, reals=reals, reals_form=reals_form, channel=k,
+        ) for k in (1, 3)
+    )  # fmt: skip
+    (tmp_path / "both.v2").write_text(text, newline="")
+    table = read_table(tmp_path / "both.v2")
+    assert list(table.variables) == ["ch1.acceleration", "ch3.acceleration"] and table.fs == 200
+    np.testing.assert_allclose(table.variables["ch3.acceleration"], 3 * values, atol=5e-4)
+    counts = block_of(
+        np.arange(40) - 982416, title="Raw acceleration counts", reals=reals, reals_form=(5, 15), width=8, precision=0,
+        announced="      40 raw accel.   pts, approx    0 secs, units=counts (50),Format=(10I8)", per_line=10, form="I",
+    )  # fmt: skip
+    (tmp_path / "raw.V0c").write_text(counts, newline="")
+    with pytest.raises(FileFormatError, match="raw counts of channel 1.*V1, V2"):
+        read_table(tmp_path / "raw.V0c")
+
+
 def test_headers_that_do_not_fit_the_points(tmp_path):
     with pytest.raises(FileFormatError, match="announces 40 points.*10|announces 40 points"):
         read_table(cosmos(tmp_path, announced=40)[0])

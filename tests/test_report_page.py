@@ -3,6 +3,7 @@
 import json
 import re
 import sys
+import warnings
 from html.parser import HTMLParser
 from xml.etree import ElementTree
 
@@ -12,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from report_cases import K3, NASTY, C, K, M, cubic, loop_report, nasty_report, record, regressor
 
-from pysindy_nrf import ChainModel, Record, laws
+from pysindy_nrf import ChainModel, NRFRegressor, Record, datasets, laws
 from pysindy_nrf.exceptions import MissingExtraError, NRFError
 from pysindy_nrf.report import write_html
 from pysindy_nrf.report.equations import feature, law_equation, number
@@ -256,3 +257,34 @@ def test_notebook_views_are_small_and_escaped():
         assert len(view) < 20_000 and Page(view).errors == []
     assert "storey 2" in report._repr_html_() and "<math" in est.model_._repr_html_()
     assert "displacement" in record(cubic)._repr_html_()
+
+
+@given(
+    low=st.floats(-1e9, 1e9, allow_nan=False),
+    span=st.floats(1e-6, 1e9, allow_nan=False),
+)
+def test_numbers_on_the_axes_of_a_surface_keep_clear_of_its_corners(low, span):
+    """Where two axes meet their numbers would touch; three round numbers at least say how large things are."""
+    from pysindy_nrf.report.figures_model import _ticks
+
+    if low + span == low or span < 1e-3 * abs(low):
+        return
+    values = np.array([low, low + span])
+    ticks = np.array(_ticks(values))
+    assert 3 <= len(ticks) <= 5 and len(set(ticks)) == len(ticks)
+    # six digits are shown
+    room = 0.12 * span - 1e-5 * max(abs(low), abs(low + span))
+    assert ((ticks >= low + room) & (ticks <= low + span - room)).all()
+
+
+def test_what_further_terms_would_explain_is_said_with_units(tmp_path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        linear = NRFRegressor(degree=1).fit(datasets.load_demo())  # storey 1 is cubic
+        write_html(tmp_path / "report.html", linear, datasets.load_demo())
+    page = (tmp_path / "report.html").read_text("utf-8")
+    table = page.split("What terms beyond the laws would explain", 2)[-1].split("</table>")[0]
+    assert "residual (% of its force)" in table and "mass moves with them by (%)" in table
+    rows = re.findall(r"<tr>(.*?)</tr>", table.split("<tbody>")[1], re.DOTALL)
+    assert ["yes" if ">yes<" in row else "no" for row in rows if "balance of DOF 1" in row] == ["yes"]
+    assert sum(">no<" in row for row in rows) == 2

@@ -89,6 +89,9 @@ def close_loop(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
     written = _write(report, options["output"])
     session.emit(_data(report), written)
     session.written(options["output"], written)
+    for path in written:
+        if path.suffix == ".html":
+            session.say(f"Open {path} in a browser.")
 
 
 def _write(report: Any, folder: Path) -> list[Path]:

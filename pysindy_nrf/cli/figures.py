@@ -41,8 +41,9 @@ def draw_all(outcome: Outcome, folder: Path, band: Any) -> list[Path]:
     if outcome.frf is not None:
         return [_save(folder / "frequency_response.png", lambda: _responses(outcome, band))]
     written = []
+    if outcome.data is not None:
+        written.append(_save(folder / "restoring_forces.png", lambda: _forces(outcome, band)))
     if outcome.runs:
-        written.append(_save(folder / "restoring_forces.png", lambda: _forces(outcome)))
         written.append(_save(folder / "free_run.png", lambda: _free_run(outcome, band)))
     return written
 
@@ -81,7 +82,7 @@ def _save(path: Path, draw: Callable[[], Any]) -> Path:
     return path
 
 
-def _figure(rows: int, columns: int, size: tuple[float, float]):
+def _figure(rows: int, columns: int, size: tuple[float, float]) -> tuple[Any, Any]:
     # no pyplot: no global state, no display
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -91,23 +92,25 @@ def _figure(rows: int, columns: int, size: tuple[float, float]):
     return figure, figure.subplots(rows, columns, squeeze=False)
 
 
-def _forces(outcome: Outcome):
-    """Each site's force along the first record, against its drift."""
-    model = outcome.estimator.model_
-    seg, _ = outcome.runs[0]
-    sites = [site for site, laws in model.laws.items() if laws]
-    columns = min(3, len(sites))
-    rows = -(-len(sites) // columns)
+def _forces(outcome: Outcome, band: Any) -> Any:
+    """Each site's force around the largest motion, against its drift: identified over what the balances ask for."""
+    from ..fair_filter import filters_of
+    from ..report.loops import loops_of
+
+    data = outcome.data
+    assert data is not None
+    loops = loops_of(outcome.estimator.model_, data, filters_of(band, data))
+    columns = max(1, min(3, len(loops)))
+    rows = max(1, -(-len(loops) // columns))
     figure, axes = _figure(rows, columns, (3.9 * columns, 3.3 * rows))
-    for ax, site in zip(axes.flat, sites):
-        motion = seg.motion(site, seg.valid)
-        HysteresisLoopDisplay(motion.s, model.restoring_forces[site].along(motion), site=str(site)).plot(ax)
-    for ax in list(axes.flat)[len(sites) :]:
+    for ax, loop in zip(axes.flat, loops):
+        HysteresisLoopDisplay(loop.s, loop.identified, loop.measured, site=loop.site).plot(ax)
+    for ax in list(axes.flat)[len(loops) :]:
         ax.set_axis_off()
     return figure
 
 
-def _free_run(outcome: Outcome, band: Any):
+def _free_run(outcome: Outcome, band: Any) -> Any:
     """Measured and free-run displacements at the end of the first record, where a model has had time to go wrong."""
     from ..fair_filter import FairFilter
 
@@ -134,8 +137,9 @@ def _start_of_last_cycles(measured: np.ndarray, cycles: int = 25) -> int:
     return int(crossings[-2 * cycles]) if len(crossings) >= 2 * cycles else 0
 
 
-def _responses(outcome: Outcome, band: Any):
+def _responses(outcome: Outcome, band: Any) -> Any:
     """Measured and modelled accelerance."""
+    assert outcome.frf is not None
     frf, found = outcome.frf
     low, high = band if band is not None else (None, None)
     used = (frf.f >= (low or 0.0)) & (frf.f <= (np.inf if high is None else high))

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import _thread
+import io
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
 
 import click
 
@@ -85,13 +90,15 @@ def run(arguments: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="backslashreplace")
     try:
         given = None if arguments is None else list(arguments)
-        return cli.main(args=given, prog_name="pysindy-nrf", standalone_mode=False) or 0
+        with _heard():
+            return cli.main(args=given, prog_name="pysindy-nrf", standalone_mode=False) or 0
     except click.exceptions.NoArgsIsHelpError as error:
         error.show()
         return USAGE
     except click.ClickException as error:
-        error.message = printable(error.message)
-        error.show()
+        said = io.StringIO()
+        error.show(said)
+        click.echo(printable(said.getvalue()), err=True, nl=False)
         return USAGE
     except NRFError as error:
         return _say(str(error), DATA)
@@ -112,6 +119,26 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:  # a fault of ours
         fault = f"This is a fault of pysindy-nrf {__version__}; please report it."
         return _say(f"Unexpected {type(error).__name__}: {error}. {fault}", OTHER)
+
+
+@contextmanager
+def _heard() -> Iterator[None]:
+    """Ctrl-C that falls into a callback of the compiler, which swallows it, comes again a moment later."""
+    before = sys.unraisablehook
+
+    def hook(fault: Any) -> None:
+        if issubclass(fault.exc_type, KeyboardInterrupt):
+            again = threading.Timer(0.05, _thread.interrupt_main)
+            again.daemon = True
+            again.start()
+        else:
+            before(fault)
+
+    sys.unraisablehook = hook
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
 
 
 def _say(text: str, code: int, word: str = "Error: ") -> int:

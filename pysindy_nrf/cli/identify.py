@@ -52,7 +52,13 @@ from .session import Session
     help="A mass that is known: 2=12.4. Needed where no force is measured.",
 )
 @click.option("--band", type=Band(), help="Frequency band in Hz in which everything is fitted and judged: 0.5,30.")
-@click.option("--estimation", default="ls", help="How coefficients are estimated.")
+@click.option(
+    "--estimation",
+    type=click.Choice(["ls", "iv", "simulation"]),
+    default="ls",
+    help="Least squares; instrumental variables, which noise in the motion does not bias; or these and then the free "
+    "run fitted to the motion: see docs/noise.md.",
+)
 @click.option(
     "--raw", is_flag=True, help="Take all channels as they are, no fusion: every floor then needs a, v and x."
 )
@@ -147,6 +153,8 @@ def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) 
         forces=options["forces"],
         page_of=records,
     )
+    if estimator.missing_terms_["biased"].any():
+        session.say("\nNext: pysindy-nrf close-loop, with the same files and channels, looks for the missing law.")
 
 
 def _identify_frf(session: Session, files: tuple[Path, ...], settings: dict[str, Any], options: dict[str, Any]) -> None:

@@ -18,6 +18,12 @@ output_option = click.option(
 )
 files_argument = click.argument("files", nargs=-1, metavar="FILE...", type=click.Path(path_type=Path))
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of words.")
+mapping_option = click.option(
+    "--mapping",
+    "mapping_file",
+    type=click.Path(path_type=Path),
+    help="A TOML file that says all of this, and names the files: see docs/files.md. Options go before it.",
+)
 
 
 def record_options(command: Any) -> Any:
@@ -45,12 +51,7 @@ def record_options(command: Any) -> Any:
                 type=click.Choice(["relative", "absolute"]),
                 help="Whether velocities and displacements are relative to the base (what you get if nothing is said).",
             ),
-            click.option(
-                "--mapping",
-                "mapping_file",
-                type=click.Path(path_type=Path),
-                help="A TOML file that says all of this, and names the files: see docs/files.md. Options go before it.",
-            ),
+            mapping_option,
         )
     ):
         command = option(command)
@@ -75,24 +76,42 @@ def readings_of(files: Any, options: dict[str, Any], session: Any = None, needed
     -------
     list of Reading
     """
-    from ..io import MappingFile, inspect_record, read_mapping
+    from ..io import inspect_record
 
-    said = MappingFile(Path()) if options["mapping_file"] is None else read_mapping(options["mapping_file"])
+    said, how = said_of(options)
+    how["coordinates"] = options["coordinates"] or said.coordinates
     files = list(files or said.files)
     if not files and needed:
         raise click.UsageError("Missing argument 'FILE...': give a file with the channels of a test.")
     tests = [files] if said.together and files else files
-    units = said.units | as_mapping(options["units"], "--unit")
-    how = {
-        "mapping": said.channels | as_mapping(options["mapping"], "--map"),
-        "units": units,
-        "fs": said.fs if options["fs"] is None else options["fs"],
-        "coordinates": options["coordinates"] or said.coordinates,
-    }
     names = [said.name if len(tests) == 1 else None] * len(tests)
     rows = list(zip(tests, names))
     progress = rows if session is None else session.progress(rows, "reading")
     return [inspect_record(test, name=name, **how) for test, name in progress]
+
+
+def said_of(options: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
+    """The mapping file, and channels, units and clock by it and by the options, which go before it.
+
+    Parameters
+    ----------
+    options : dict
+        Holds ``mapping_file``, ``mapping``, ``units`` and ``fs``.
+
+    Returns
+    -------
+    MappingFile, dict
+        An empty one if none is named; arguments of the readers.
+    """
+    from ..io import MappingFile, read_mapping
+
+    said = MappingFile(Path()) if options["mapping_file"] is None else read_mapping(options["mapping_file"])
+    how: dict[str, Any] = {
+        "mapping": said.channels | as_mapping(options["mapping"], "--map"),
+        "units": said.units | as_mapping(options["units"], "--unit"),
+        "fs": said.fs if options["fs"] is None else options["fs"],
+    }
+    return said, how
 
 
 class Pair(click.ParamType):

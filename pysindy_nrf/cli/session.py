@@ -65,8 +65,7 @@ class Session:
         """Say the warnings."""
         if self.warnings:
             self.say(text.heading("Take care"))
-            for one in self.warnings:
-                self.say(f"  {one}")
+            self.say(text.take_care(self.warnings))
 
     def written(self, folder: Path, files: list[Path]) -> None:
         """Say what was written."""

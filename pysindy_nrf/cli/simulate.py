@@ -8,16 +8,17 @@ from typing import Any
 import click
 import numpy as np
 
-from .options import Numbers, Pair, as_mapping, json_option
+from .options import Numbers, Pair, json_option, mapping_option, said_of
 from .session import Session
 
 
 @click.command(short_help="Run a model alone under the forces of a file.")
 @click.argument("model", type=click.Path(path_type=Path))
-@click.argument("forces", type=click.Path(path_type=Path))
+@click.argument("forces", required=False, type=click.Path(path_type=Path))
 @click.option("--map", "mapping", multiple=True, type=Pair("CHANNEL=COLUMN"), help="As for identify: F2='Shaker @ kN'.")
 @click.option("--unit", "units", multiple=True, type=Pair("CHANNEL=UNIT"), help="As for identify: F=kN, ag=g.")
 @click.option("--fs", type=float, help="Sampling rate in Hz, where the file has no time.")
+@mapping_option
 @click.option(
     "--method",
     type=click.Choice(["default", "rk4", "newmark"]),
@@ -34,29 +35,26 @@ from .session import Session
     help="File of the record: .csv, .parquet or .uff.",
 )
 @json_option
-def simulate(model: Path, forces: Path, as_json: bool, **options: Any) -> None:
+def simulate(model: Path, forces: Path | None, as_json: bool, **options: Any) -> None:
     """Run a model alone under the forces of a file and write the motion.
 
     MODEL is a model.json as identify and close-loop write it. FORCES holds F1.. (N) and ag (m/s^2), those that
-    act, with a time column t or --fs, and channels that the laws read (a voltage); motions in it are left out.
+    act, with a time column t or --fs, and channels that the laws read (a voltage); motions in it are left out. A
+    mapping file that names one test may stand for it.
 
     \b
     Examples
       pysindy-nrf simulate nrf_output/model.json shaker.csv -o answer.parquet
       pysindy-nrf simulate nrf_output/model.json quake.csv --map ag='table @ g' -o answer.csv
+      pysindy-nrf simulate nrf_output/model.json tomorrow.csv --mapping campaign.toml
     """
     from ..io import describe, read_excitation, summary, write_record
     from ..model import ChainModel
 
     session = Session(as_json)
     structure = ChainModel.from_json(model)
-    load = read_excitation(
-        forces,
-        structure.n_dof,
-        mapping=as_mapping(options["mapping"], "--map"),
-        units=as_mapping(options["units"], "--unit"),
-        fs=options["fs"],
-    )
+    said, how = said_of(options)
+    load = read_excitation(_one_test(forces, said), structure.n_dof, name=None if forces else said.name, **how)
     with session.listening():
         for _ in session.progress([None], "simulating"):
             run = structure.simulate(
@@ -77,6 +75,18 @@ def simulate(model: Path, forces: Path, as_json: bool, **options: Any) -> None:
     path = write_record(run, options["output"])
     session.emit({"record": summary(run)}, [path])
     session.say(f"\nWritten: {path}")
+
+
+def _one_test(forces: Path | None, said: Any) -> Any:
+    """The file given, or the one test that the mapping file names."""
+    if forces is not None:
+        return forces
+    if said.together and said.files:
+        return list(said.files)
+    if len(said.files) != 1:
+        many = f"the mapping file names {len(said.files)} tests" if said.files else "no file is named"
+        raise click.UsageError(f"Missing argument 'FORCES': {many}; give the file with the forces.")
+    return said.files[0]
 
 
 def _beyond(model: Any, run: Any) -> list[str]:

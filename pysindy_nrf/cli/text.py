@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import textwrap
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -86,9 +88,25 @@ def result(outcome: Outcome, band: Any, truth: Any = None) -> str:
         said += [heading("Modes of the linear part (Hz, share of critical damping, shape)"), indent(table(modes))]
     notes = outcome.warnings + advice(outcome)
     if notes:
-        said.append(heading("Take care"))
-        said += [f"  {note}" for note in notes]
+        said += [heading("Take care"), take_care(notes)]
     return "\n".join(said)
+
+
+def take_care(notes: Sequence[str]) -> str:
+    """Warnings, one a paragraph, in lines that a terminal shows whole.
+
+    Parameters
+    ----------
+    notes : sequence of str
+
+    Returns
+    -------
+    str
+    """
+    lines = textwrap.TextWrapper(
+        110, initial_indent="  - ", subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
+    )
+    return "\n".join(lines.fill(note) for note in notes)
 
 
 def _carriers(shares: pd.Series, least: float = 1.0) -> str:
@@ -140,6 +158,7 @@ def response_errors(outcome: Outcome, band: Any) -> list[float]:
     -------
     list of float
     """
+    assert outcome.frf is not None
     frf, found = outcome.frf
     low, high = band if band is not None else (None, None)
     used = (frf.f >= (low or 0.0)) & (frf.f <= (np.inf if high is None else high))

@@ -173,7 +173,9 @@ def base_acceleration(record: Record) -> np.ndarray:
         name=f"base of {record.name}",
         coordinates="absolute",
     )
-    return KinematicSmoother().transform_record(ground).acceleration[:, 0]
+    acceleration = KinematicSmoother().transform_record(ground).acceleration
+    assert acceleration is not None
+    return acceleration[:, 0]
 
 
 def _free_runs(outcome: Outcome, records: Sequence[Record], data: SegmentSet, progress: Progress) -> None:

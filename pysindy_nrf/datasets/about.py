@@ -33,6 +33,13 @@ class DataSet:
         Sub-folder that the loader looks into.
     licence_file : str
         File of the sub-folder that holds the licence, if there is one.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import datasets
+    >>> emps = datasets.about("emps")
+    >>> emps.loader, emps.kind, emps.folder
+    ('load_emps', 'measured', 'emps')
     """
 
     name: str
@@ -162,6 +169,13 @@ def catalogue() -> pd.DataFrame:
     -------
     DataFrame
         By name: ``title``, ``kind``, ``loader``, ``citation``, ``licence``, ``source``.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import datasets
+    >>> table = datasets.catalogue()
+    >>> table.loc["emps", "loader"], table.loc["demo", "kind"]
+    ('load_emps', 'simulated')
     """
     table = pd.DataFrame([asdict(one) for one in _SETS]).set_index("name")
     return table[["title", "kind", "loader", "citation", "licence", "source"]]

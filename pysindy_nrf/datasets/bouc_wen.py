@@ -42,6 +42,20 @@ def load_bouc_wen_benchmark(excitation: str = "multisine", folder: Any = None, *
     Nonlinear System Identification Benchmarks, 2016 (nonlinearbenchmark.org; the set states no
     licence). The truth: m = 2 kg, c = 10 N s/m, k = 5e4 N/m, alpha = 5e4, beta = 1e3,
     gamma = 0.8, delta = -1.1, nu = 1.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import numpy as np
+    >>> from scipy.io import savemat
+    >>> from pysindy_nrf import datasets
+    >>> with tempfile.TemporaryDirectory() as folder:  # a stand-in with the layout of the set
+    ...     place = pathlib.Path(folder, "bouc_wen_benchmark")
+    ...     place.mkdir()
+    ...     for kind in "uy":
+    ...         savemat(place / f"{kind}val_multisine.mat", {f"{kind}val_multisine": np.ones((1, 8192))})
+    ...     datasets.load_bouc_wen_benchmark(folder=folder)
+    Record('Bouc-Wen benchmark, multisine': 1 DOF, 8192 samples at 750 Hz (10.92 s), channels F1, x1)
     """
     if excitation not in EXCITATIONS:
         raise FileFormatError(f"There is no excitation {excitation!r}", f"Choose one of {', '.join(EXCITATIONS)}.")

@@ -45,6 +45,15 @@ def fetch(url: str, sha256: str, folder: Any = None) -> Path:
         If the checksum is no checksum or does not fit, or the file cannot be had.
     MissingExtraError
         Without pooch, which the extra ``datasets`` brings.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import datasets
+    >>> datasets.fetch("https://example.org/frame.csv", sha256="unknown")
+    Traceback (most recent call last):
+        ...
+    pysindy_nrf.exceptions.NRFError: sha256='unknown' is no SHA-256 checksum. Give the 64 hexadecimal digits
+    of the file.
     """
     pooch = require("pooch", "datasets", "Downloading data")
     if not re.match(r"(https?://|doi:)", str(url)):

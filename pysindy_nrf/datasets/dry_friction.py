@@ -33,6 +33,19 @@ def load_dry_friction_storey(folder: Any = None) -> Record:
     -----
     C. Lathourakis and A. Cicirello, Nonlinear Dynamics, 2024, doi 10.1007/s11071-024-09652-2; the set
     states no licence. The friction acts on the ABSOLUTE velocity of the mass, not on the storey's.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import numpy as np
+    >>> from pysindy_nrf import datasets
+    >>> with tempfile.TemporaryDirectory() as folder:  # a stand-in with the layout of the set, mm
+    ...     place = pathlib.Path(folder, "dry_friction_storey")
+    ...     place.mkdir()
+    ...     run = np.column_stack([np.arange(100) / 2000, np.full(100, 5.0), np.full(100, 7.0)])
+    ...     np.savez(place / "dry_friction_storey.npz", run_60_52=run)
+    ...     float(datasets.load_dry_friction_storey(folder).displacement[0, 0])  # m
+    0.007
     """
     path = data_file(folder, "dry_friction_storey", "dry_friction_storey.npz")
     return read_record(

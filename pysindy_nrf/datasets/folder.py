@@ -27,6 +27,19 @@ def data_folder(folder: Any = None) -> Path:
     ------
     NRFError
         If no folder is named, or it does not exist.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pysindy_nrf import datasets
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     datasets.data_folder(folder).is_dir()
+    True
+    >>> datasets.data_folder("no/such/folder")
+    Traceback (most recent call last):
+        ...
+    pysindy_nrf.exceptions.NRFError: The folder of measured data 'no/such/folder' does not exist. Correct
+    folder=.
     """
     named = folder if folder is not None else os.environ.get(VARIABLE)
     if not named:

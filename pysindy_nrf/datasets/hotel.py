@@ -39,6 +39,21 @@ def load_six_storey_hotel(event: int = 1, folder: Any = None) -> Record:
     R. Zhang, Y. Liu and H. Sun, "Physics-guided convolutional neural network (PhyCNN) for
     data-driven seismic response modeling", Engineering Structures, 2020; MIT licence. The
     instrumented floors are not neighbours: "storey 2" spans several.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import numpy as np
+    >>> from pysindy_nrf import datasets
+    >>> with tempfile.TemporaryDirectory() as folder:  # a stand-in with the layout of the set: cm
+    ...     place = pathlib.Path(folder, "six_storey_hotel")
+    ...     place.mkdir()
+    ...     motion, ground = np.ones((21, 500, 2)), np.ones((21, 500))
+    ...     held = {"acc": motion, "vel": motion, "disp": motion, "ground_disp": ground, "fs": 50.0}
+    ...     np.savez(place / "san_bernardino_float32.npz", **held)
+    ...     record = datasets.load_six_storey_hotel(1, folder)
+    >>> record.n_dof, record.coordinates, float(record.base_displacement[0])  # m
+    (2, 'absolute', 0.01)
     """
     variables = read_table(data_file(folder, "six_storey_hotel", "san_bernardino_float32.npz")).variables
     ground = variables["ground_disp"]

@@ -36,6 +36,21 @@ def load_mr_damper_white_noise(folder: Any = None) -> Record:
     S. Dyke, NEES-2012-1158, doi 10.4231/D3V11VM6X; the set states no licence. The file's velocity
     was derived from its displacement (it loses 6 % at 80 Hz) and is left out; so is the actuator's
     acceleration, whose unit is not stated.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import numpy as np
+    >>> from pysindy_nrf import datasets
+    >>> with tempfile.TemporaryDirectory() as folder:  # a stand-in with the layout of the set
+    ...     place = pathlib.Path(folder, "mr_damper_white_noise")
+    ...     place.mkdir()
+    ...     column = np.sin(np.arange(2000) / 50)
+    ...     held = {"displacement_cm": column, "force_N": column, "voltage": column, "fs": 3004.8}
+    ...     np.savez(place / "mr_damper_white_noise.npz", **held)
+    ...     record = datasets.load_mr_damper_white_noise(folder)
+    >>> list(record.covariates), round(float(record.displacement.max()), 4)  # V; m
+    (['voltage'], 0.01)
     """
     path = data_file(folder, "mr_damper_white_noise", "mr_damper_white_noise.npz")
     fs = float(read_table(path).variables["fs"])
@@ -69,6 +84,21 @@ def load_mr_damper_cyclic(run: str = "ensaio.A.1", folder: Any = None) -> Record
     load cell's offset calls for a constant in the law.
 
     A. N. Vargas, doi 10.5281/zenodo.4445334, MIT licence.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import numpy as np
+    >>> from pysindy_nrf import datasets
+    >>> with tempfile.TemporaryDirectory() as folder:  # a stand-in with the layout of the set: s, mm, N
+    ...     place = pathlib.Path(folder, "mr_damper_cyclic")
+    ...     place.mkdir()
+    ...     t = np.arange(800) / 100
+    ...     run = np.column_stack([t, 5.0 * np.sin(9 * t), 80.0 * np.sign(np.cos(9 * t))])
+    ...     np.savez(place / "labcontrol_mr_all_float32.npz", **{"ensaio.A.1": run})
+    ...     record = datasets.load_mr_damper_cyclic("ensaio.A.1", folder)
+    >>> record.measured, round(float(record.displacement.max()), 4)  # m
+    (('F1', 'x1'), 0.005)
     """
     path = data_file(folder, "mr_damper_cyclic", "labcontrol_mr_all_float32.npz")
     runs = mr_damper_cyclic_runs(folder)
@@ -89,5 +119,18 @@ def mr_damper_cyclic_runs(folder: Any = None) -> tuple[str, ...]:
     Returns
     -------
     tuple of str
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import numpy as np
+    >>> from pysindy_nrf import datasets
+    >>> with tempfile.TemporaryDirectory() as folder:  # a stand-in with the layout of the set
+    ...     place = pathlib.Path(folder, "mr_damper_cyclic")
+    ...     place.mkdir()
+    ...     runs = {"ensaio.A.1": np.ones((9, 3)), "ensaio.A.2": np.ones((9, 3))}
+    ...     np.savez(place / "labcontrol_mr_all_float32.npz", **runs)
+    ...     datasets.mr_damper_cyclic_runs(folder)
+    ('ensaio.A.1', 'ensaio.A.2')
     """
     return tuple(read_table(data_file(folder, "mr_damper_cyclic", "labcontrol_mr_all_float32.npz")).variables)

@@ -40,6 +40,21 @@ def load_nees_three_storey(test: str = "fbgm162s5", folder: Any = None) -> Recor
     University at Buffalo, NEES project; A. Masroor and G. Mosqueda, report MCEER-13-0003. The
     publishers low-passed the channels at 25 Hz; the set states no licence. Velocities and
     accelerations of the floors were not measured. The floors' masses are about equal (not stated).
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import numpy as np
+    >>> from pysindy_nrf import datasets
+    >>> with tempfile.TemporaryDirectory() as folder:  # a stand-in with the layout of the set: s, g, inches
+    ...     place = pathlib.Path(folder, "nees_three_storey")
+    ...     place.mkdir()
+    ...     t = np.arange(1000) / 256
+    ...     test = np.column_stack([t, *[np.sin(9 * t)] * 5])
+    ...     np.savez(place / "nees_three_storey.npz", fbgm162s5=test)
+    ...     record = datasets.load_nees_three_storey(folder=folder)
+    >>> record.n_dof, record.coordinates, round(float(record.displacement.max()), 4)  # m
+    (3, 'absolute', 0.0254)
     """
     if test not in TESTS:
         raise FileFormatError(f"There is no test {test!r}", f"Choose one of {', '.join(TESTS)}.")

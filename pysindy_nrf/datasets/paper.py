@@ -62,6 +62,13 @@ def load_paper_four_storey(
     See Also
     --------
     pysindy_nrf.paper.cases.four_storey : The same with the truth.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import datasets
+    >>> record = datasets.load_paper_four_storey(floors=(4,), friction=0.0)
+    >>> record.n_dof, record.forced, record.fs, record.name
+    (4, (4,), 1024.0, 'frame, floor 4 hit, 1000 N, damper 0 N, 0% noise')
     """
     from ..paper.cases import four_storey
 

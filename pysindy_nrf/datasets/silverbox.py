@@ -38,6 +38,19 @@ def load_silverbox(folder: Any = None, *, download: bool = False) -> Record:
     -----
     T. Wigren and J. Schoukens, "Three free data sets for development and benchmarking in nonlinear system
     identification", European Control Conference, 2013 (nonlinearbenchmark.org).
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import numpy as np
+    >>> from scipy.io import savemat
+    >>> from pysindy_nrf import datasets
+    >>> with tempfile.TemporaryDirectory() as folder:  # a stand-in with the layout of the set
+    ...     place = pathlib.Path(folder, "silverbox")
+    ...     place.mkdir()
+    ...     savemat(place / "SNLS80mV.mat", {"V1": np.ones((1, 500)), "V2": np.ones((1, 500))})
+    ...     datasets.load_silverbox(folder)
+    Record('Silverbox': 1 DOF, 500 samples at 610.35 Hz (0.8192 s), channels F1, x1)
     """
     name = "SNLS80mV.mat"
     path = benchmark("Silverbox", folder, name) if download else data_file(folder, "silverbox", name)

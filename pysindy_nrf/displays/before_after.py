@@ -25,6 +25,14 @@ class BeforeAfterDisplay:
     Attributes
     ----------
     ax_, figure_ : matplotlib Axes and Figure
+
+    Examples
+    --------
+    >>> from pysindy_nrf.displays import BeforeAfterDisplay
+    >>> names, balances = ["linear storeys", "cubic stiffness at storey 1"], ["DOF 1", "DOF 2"]
+    >>> display = BeforeAfterDisplay(names, [[43.9, 4.3], [2.2, 4.2]], balances).plot()
+    >>> display.ax_.get_ylabel(), len(display.ax_.containers)
+    ('held-out balance error (% NRMSE)', 2)
     """
 
     def __init__(self, names: Sequence[str], errors: Any, balances: Sequence[str]) -> None:

@@ -26,6 +26,17 @@ class ChangeMapDisplay:
     Attributes
     ----------
     ax_, figure_ : matplotlib Axes and Figure
+
+    Examples
+    --------
+    >>> import numpy as np, pandas as pd
+    >>> from pysindy_nrf.displays import ChangeMapDisplay
+    >>> v, s = (g.ravel() for g in np.meshgrid(np.linspace(-0.1, 0.1, 9), np.linspace(-0.002, 0.002, 9)))
+    >>> table = pd.DataFrame({"v": v, "s": s, "change": -4e3 * s, "error": 0.5})  # 4 kN/m of stiffness lost
+    >>> table["significant"], table["visited"] = abs(table["change"]) > 1.0, True
+    >>> display = ChangeMapDisplay(table, "storey 2").plot()
+    >>> display.ax_.get_title(loc="left")
+    'storey 2'
     """
 
     def __init__(self, table: pd.DataFrame, site: str = "storey 1", largest: float | None = None) -> None:
@@ -79,6 +90,7 @@ class ChangeMapDisplay:
         if colorbar:
             self.figure_.colorbar(image, ax=ax, label="change of force (N)")
         i = number(self.site)
-        ax.set(xlabel=f"drift $s_{{{i}}}$ (mm)", ylabel=f"rate $v_{{{i}}}$ (m/s)", title=self.site)
+        ax.set(xlabel=f"drift $s_{{{i}}}$ (mm)", ylabel=f"rate $v_{{{i}}}$ (m/s)")
+        ax.set_title(self.site, loc="left")
         self.ax_ = ax
         return self

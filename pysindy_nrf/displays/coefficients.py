@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -85,7 +86,7 @@ class CoefficientsDisplay:
             panel.set_ylabel(f"{site}\nshare of its force")
             # bars beyond twice the storey's force (columns that nearly cancel) are cut, and say so by reaching the edge
             panel.set_ylim(*np.clip([1.1 * part.min(axis=None), 1.1 * part.max(axis=None)], -2.0, 2.0))
-            panel.set_xticks(at, list(part.index))
+            panel.set_xticks(at, [_typeset(str(term)) for term in part.index])
         self.ax_[-1].set_xlabel("term: coefficient times its rms; other: what the terms of this storey cannot hold")
         self.figure_.legend(
             *self.ax_[0].get_legend_handles_labels(),
@@ -97,9 +98,15 @@ class CoefficientsDisplay:
         return self
 
 
+def _typeset(term: str) -> str:
+    """Powers of v and s as a formula; other words as they are."""
+    return f"${term.replace(' ', chr(92) + ',')}$" if re.fullmatch(r"[vs](\^\d+)?( [vs](\^\d+)?)*", term) else term
+
+
 def _styles(models: list[str]) -> dict[str, dict[str, str]]:
     """A colour for each model; hatched once the colours are used up."""
-    colours, out = [c for c in CYCLE if c != BLACK], {}
+    colours = [c for c in CYCLE if c != BLACK]
+    out: dict[str, dict[str, str]] = {}
     for model in models:
         k = len(out) - ("truth" in out)
         plain = {"facecolor": BLACK} if model == "truth" else {"facecolor": colours[k % len(colours)]}

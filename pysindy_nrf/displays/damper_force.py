@@ -33,6 +33,16 @@ class DamperForceDisplay:
     Attributes
     ----------
     ax_, figure_ : matplotlib Axes and Figure
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.displays import DamperForceDisplay
+    >>> t = np.linspace(0, 6.3, 500)
+    >>> found, true = 20.0 * np.tanh(9 * np.cos(t)), 20.0 * np.sign(np.cos(t))
+    >>> display = DamperForceDisplay(t, found, true, over="time").plot()
+    >>> display.ax_.get_xlabel(), display.ax_.get_ylabel()
+    ('time (s)', 'damper force (N)')
     """
 
     def __init__(

@@ -25,6 +25,19 @@ class DependenceDisplay:
     ----------
     ax_ : ndarray of Axes
     figure_ : Figure
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.discrepancy.characterisation import characterise
+    >>> from pysindy_nrf.displays import DependenceDisplay
+    >>> from pysindy_nrf.laws import Motion
+    >>> t = np.arange(4000) / 500
+    >>> s = np.sin(9 * t) + 0.7 * np.sin(23.1 * t)
+    >>> v = 9 * np.cos(9 * t) + 0.7 * 23.1 * np.cos(23.1 * t)
+    >>> display = DependenceDisplay(characterise(20 * np.sign(v), Motion(s, v, t=t))).plot()  # friction
+    >>> display.found.dependence, len(display.ax_)
+    ('v alone', 3)
     """
 
     def __init__(self, found: Any, variables: tuple[str, ...] = ("s", "v")) -> None:

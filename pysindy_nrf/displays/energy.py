@@ -23,6 +23,15 @@ class EnergyDisplay:
     Attributes
     ----------
     ax_, figure_ : matplotlib Axes and Figure
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.displays import EnergyDisplay
+    >>> t = np.linspace(0, 10, 500)
+    >>> display = EnergyDisplay(t, {"identified": 2.0 * t, "true": 2.1 * t}).plot()
+    >>> display.ax_.get_ylabel(), len(display.ax_.lines)
+    ('dissipated energy (J)', 2)
     """
 
     def __init__(self, time: Any, energy: Mapping[str, Any]) -> None:

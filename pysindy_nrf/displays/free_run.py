@@ -26,6 +26,16 @@ class FreeRunDisplay:
     ax_ : ndarray of Axes
         One for each DOF, the uppermost floor on top.
     figure_ : Figure
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.displays import FreeRunDisplay
+    >>> t = np.linspace(0, 10, 500)
+    >>> x = 1e-3 * np.column_stack([np.sin(9 * t), 2 * np.sin(9 * t)])
+    >>> display = FreeRunDisplay(t, x, 0.98 * x).plot()
+    >>> display.error.round(1), len(display.ax_)  # percent NRMSE of both DOFs
+    (array([2., 2.]), 2)
     """
 
     def __init__(self, time: Any, measured: Any, predicted: Any) -> None:

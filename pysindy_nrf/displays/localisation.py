@@ -23,6 +23,15 @@ class LocalisationDisplay:
     Attributes
     ----------
     ax_, figure_ : matplotlib Axes and Figure
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from pysindy_nrf.displays import LocalisationDisplay
+    >>> rows = {"share": [96.0, 40.0], "low": [90.0, 20.0], "high": [99.0, 60.0], "balances": ["+1", "-1 +2"]}
+    >>> display = LocalisationDisplay(pd.DataFrame(rows, index=["storey 1", "storey 2"])).plot()
+    >>> display.ax_.get_yticklabels()[0].get_text()
+    'storey 1  (+1)'
     """
 
     def __init__(self, table: pd.DataFrame, most: int = 10) -> None:

@@ -26,6 +26,16 @@ class HysteresisLoopDisplay:
     Attributes
     ----------
     ax_, figure_ : matplotlib Axes and Figure
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.displays import HysteresisLoopDisplay
+    >>> t = np.linspace(0, 6.3, 500)
+    >>> force = 30.0 * np.sin(t) + 10.0 * np.sign(np.cos(t))  # spring and friction
+    >>> display = HysteresisLoopDisplay(0.001 * np.sin(t), force, site="storey 2").plot()
+    >>> display.ax_.get_xlabel(), display.ax_.get_ylabel()
+    ('drift $s_{2}$ (mm)', 'force $R_{2}$ (N)')
     """
 
     def __init__(self, drift: Any, identified: Any, measured: Any = None, site: str = "storey 1") -> None:

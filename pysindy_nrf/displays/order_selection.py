@@ -25,10 +25,20 @@ class OrderSelectionDisplay:
     Attributes
     ----------
     ax_, figure_ : matplotlib Axes and Figure
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from pysindy_nrf.displays import OrderSelectionDisplay
+    >>> table = pd.DataFrame({"error": [43.0, 5.1, 5.2], "standard_error": [2.0, 0.3, 0.3]}, index=["1", "3", "5"])
+    >>> table["chosen"] = [False, True, False]
+    >>> display = OrderSelectionDisplay(table).plot()
+    >>> [label.get_text() for label in display.ax_.get_xticklabels()]
+    ['1', '3', '5']
     """
 
     def __init__(
-        self, table: pd.DataFrame, folds: pd.DataFrame | None = None, ylabel: str = "Held-out balance error (% NRMSE)"
+        self, table: pd.DataFrame, folds: pd.DataFrame | None = None, ylabel: str = "held-out balance error (% NRMSE)"
     ) -> None:
         self.table, self.folds, self.ylabel = table, folds, ylabel
 
@@ -75,7 +85,9 @@ class OrderSelectionDisplay:
         return cls._from_scores(frame, chosen, "acceleration" if np.nanmax(scores) > 0 else "balance")
 
     @classmethod
-    def _from_scores(cls, scores: pd.DataFrame, chosen: np.ndarray, scoring: str, free_run: Any = None):
+    def _from_scores(
+        cls, scores: pd.DataFrame, chosen: np.ndarray, scoring: str, free_run: Any = None
+    ) -> OrderSelectionDisplay:
         from ..model_selection.rule import errors_of, standard_error
 
         folds = pd.DataFrame(100.0 * errors_of(scores.to_numpy()), index=scores.index, columns=scores.columns)
@@ -88,7 +100,7 @@ class OrderSelectionDisplay:
         if free_run is not None:
             table["free_run_error"] = free_run
         what = {"acceleration": "acceleration error", "free_run": "free-run error"}.get(scoring, "balance error")
-        return cls(table, folds, f"Held-out {what} (% NRMSE)")
+        return cls(table, folds, f"held-out {what} (% NRMSE)")
 
     def plot(self, ax: Any = None) -> OrderSelectionDisplay:
         """Draw.
@@ -104,7 +116,8 @@ class OrderSelectionDisplay:
         ax, self.figure_ = axes(ax)
         at = np.arange(len(self.table))
         if self.folds is not None:
-            ax.plot(at, self.folds.to_numpy(), color=BLUE, alpha=0.3, linewidth=0.8)
+            lines = ax.plot(at, self.folds.to_numpy(), color=BLUE, alpha=0.3, linewidth=0.8)
+            lines[0].set_label("each fold")
         ax.errorbar(
             at, self.table["error"], self.table["standard_error"], color=BLUE, marker="o", capsize=3,
             label="mean and standard error",
@@ -119,8 +132,10 @@ class OrderSelectionDisplay:
         low, high = np.nanmin(self.table["error"]), np.nanmax(self.table["error"])
         if low > 0 and high > 20 * low:
             ax.set_yscale("log")
+        elif low >= 0:
+            ax.set_ylim(bottom=0)
         ax.set_xticks(at, [str(label) for label in self.table.index])
-        ax.set_xlabel("Order of the power series: total degree, or box (k, q)")
+        ax.set_xlabel("order of the power series: total degree, or box (k, q)")
         ax.set_ylabel(self.ylabel)
         ax.legend(frameon=False)
         ax.tick_params(colors=BLACK)

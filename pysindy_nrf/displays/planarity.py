@@ -21,6 +21,15 @@ class PlanarityDisplay:
     Attributes
     ----------
     ax_, figure_ : matplotlib Axes and Figure
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from pysindy_nrf.displays import PlanarityDisplay
+    >>> table = pd.DataFrame({"index": [21.0, 0.9], "reference": [2.1, 2.0], "planar": [False, True]})
+    >>> table.index = ["storey 1", "storey 2"]
+    >>> [label.get_text() for label in PlanarityDisplay(table).plot().ax_.get_yticklabels()]
+    ['storey 1', 'storey 2']
     """
 
     def __init__(self, table: pd.DataFrame) -> None:

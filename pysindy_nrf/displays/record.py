@@ -29,6 +29,14 @@ class RecordDisplay:
     ax_ : ndarray of Axes
         One for each DOF, the uppermost floor on top.
     figure_ : Figure
+
+    Examples
+    --------
+    >>> from pysindy_nrf import datasets
+    >>> from pysindy_nrf.displays import RecordDisplay
+    >>> display = RecordDisplay(datasets.load_demo(), "displacement").plot()
+    >>> display.ax_[-1].get_xlabel(), [axis.get_ylabel() for axis in display.ax_]
+    ('time (s)', ['$x_{3}$ (mm)', '$x_{2}$ (mm)', '$x_{1}$ (mm)'])
     """
 
     def __init__(self, record: Any, kind: str = "acceleration") -> None:

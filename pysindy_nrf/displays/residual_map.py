@@ -23,6 +23,15 @@ class ResidualMapDisplay:
     Attributes
     ----------
     ax_, figure_ : matplotlib Axes and Figure
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> from pysindy_nrf.displays import ResidualMapDisplay
+    >>> X, F = datasets.load_demo().to_features()
+    >>> display = ResidualMapDisplay.from_estimator(NRFRegressor(degree=3).fit(X, F), X, F).plot()
+    >>> list(display.table.index)
+    ['storey 1', 'storey 2', 'storey 3']
     """
 
     def __init__(self, table: pd.DataFrame) -> None:
@@ -86,13 +95,13 @@ class ResidualMapDisplay:
         -------
         self
         """
-        ax, self.figure_ = axes(ax, (6.4, 0.6 + 0.5 * len(self.table)))
+        ax, self.figure_ = axes(ax, (6.4, max(2.4, 0.8 + 0.5 * len(self.table))))
         times = self.table.columns.to_numpy(dtype=float)
         step = times[1] - times[0] if len(times) > 1 else 1.0
         grid = np.append(times, times[-1] + step)
         mesh = ax.pcolormesh(grid, np.arange(len(self.table) + 1) + 0.5, self.table.to_numpy(), cmap="cividis", vmin=0)
         ax.set_yticks(np.arange(len(self.table)) + 1, self.table.index)
         ax.set_xlabel("time (s)")
-        self.figure_.colorbar(mesh, ax=ax, label="residual, rms (% of reference)")
+        self.figure_.colorbar(mesh, ax=ax, label="residual, rms\n(% of its reference)")
         self.ax_ = ax
         return self

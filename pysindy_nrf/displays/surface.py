@@ -114,7 +114,8 @@ class RestoringForceSurfaceDisplay:
         for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
             axis.set_major_locator(ticker.MaxNLocator(5))
         ax.tick_params(labelsize="small", pad=1)
-        ax.zaxis.labelpad = 8
+        ax.tick_params(axis="z", pad=4)
+        ax.zaxis.labelpad = 11
         ax.view_init(elev=24, azim=-125)
         ax.set_box_aspect(None, zoom=0.8)
         self.ax_ = ax

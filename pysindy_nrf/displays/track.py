@@ -25,6 +25,16 @@ class TrackDisplay:
     Attributes
     ----------
     ax_, figure_ : matplotlib Axes and Figure
+
+    Examples
+    --------
+    >>> import numpy as np, pandas as pd
+    >>> from pysindy_nrf.displays import TrackDisplay
+    >>> t = np.arange(1.0, 9.0, 0.25)
+    >>> table = pd.DataFrame({"record": "quake", "t": t, "k1": np.where(t < 5, 4e4, 3.2e4), "k2": 3e4})
+    >>> display = TrackDisplay(table, onset=5.0).plot()
+    >>> display.ax_.get_ylabel()
+    'change of stiffness (%)'
     """
 
     def __init__(self, table: pd.DataFrame, onset: float | None = None, window: float | None = None) -> None:
@@ -86,8 +96,8 @@ class TrackDisplay:
                 va="top",
                 fontsize="small",
             )
-        windows = "" if self.window is None else f" ({self.window:g} s windows)"
-        ax.set(xlabel=f"middle of the window (s){windows}", ylabel="change of stiffness (%)")
+        window = "window" if self.window is None else f"{self.window:g} s window"
+        ax.set(xlabel=f"time at the middle of the {window} (s)", ylabel="change of stiffness (%)")
         ax.legend(frameon=False, fontsize="small", ncols=2)
         self.ax_ = ax
         return self

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -131,7 +132,7 @@ def _own(path: Path, first: bytes) -> Table:
     return Table(path, "CSV", columns, attributes=attributes, fs=attributes.fs)
 
 
-def _numbers(column) -> np.ndarray:
+def _numbers(column: Any) -> np.ndarray:
     if column.dtype.kind in "biuf":
         return column.to_numpy(dtype=float)
     return column.to_numpy(dtype=object)
@@ -248,7 +249,9 @@ def _try(lines: list[str], separator: str, decimal: str, encoding: str, share: f
     return Dialect(separator, decimal, header, units, rows[start][0], encoding, named)
 
 
-def _header(lines, rows, start: int, width: int, separator: str) -> tuple[tuple[str, ...], tuple[str, ...], bool]:
+def _header(
+    lines: list[str], rows: list[tuple[int, list[str]]], start: int, width: int, separator: str
+) -> tuple[tuple[str, ...], tuple[str, ...], bool]:
     above = [cells for _, cells in rows[:start] if len(cells) == width]
     if not above:
         # names may stand in the last comment line: "# t, a1, a2"

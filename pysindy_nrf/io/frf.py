@@ -31,6 +31,16 @@ class FrequencyResponse:
     driven : int
         The DOF on which the force acts.
     name : str
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.io import frequency_response
+    >>> f = np.arange(0.5, 20.0, 0.5)
+    >>> w = 2 * np.pi * f
+    >>> response = frequency_response(f, (-(w**2) / (4e4 - 10.0 * w**2 + 30j * w))[:, None])
+    >>> response.n_dof, response.driven, float(response.f[np.abs(response.H[:, 0]).argmax()])  # Hz
+    (1, 1, 10.0)
     """
 
     f: np.ndarray
@@ -141,6 +151,17 @@ def frequency_response(
     Returns
     -------
     FrequencyResponse
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.io import frequency_response
+    >>> f = np.arange(0.5, 20.0, 0.5)
+    >>> w = 2 * np.pi * f
+    >>> receptance = 1 / (4e4 - 10.0 * w**2 + 30j * w)  # displacement over force, m/N
+    >>> response = frequency_response(f, receptance[:, None], kind="receptance")
+    >>> bool(np.allclose(response.H[:, 0], -(w**2) * receptance))  # kept as accelerance
+    True
     """
     f, H = np.asarray(f), np.asarray(H)
     if np.iscomplexobj(f):

@@ -29,7 +29,7 @@ _KEYS = {
 
 @dataclass(frozen=True)
 class MappingFile:
-    """What a mapping file says.
+    r"""What a mapping file says.
 
     Attributes
     ----------
@@ -42,6 +42,17 @@ class MappingFile:
         As ``mapping`` and ``units`` of :func:`read_record`.
     fs : float or None
     coordinates, name : str or None
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from pysindy_nrf.io import read_mapping
+    >>> text = '[channels]\nF1 = "Shaker @ kN"\na1 = "ACC_07 @ g"\n'
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "campaign.toml")
+    ...     _ = path.write_text(text)
+    ...     read_mapping(path).channels
+    {'F1': 'Shaker @ kN', 'a1': 'ACC_07 @ g'}
     """
 
     path: Path

@@ -35,9 +35,10 @@ def check_elements(path: Path) -> None:
         If an element has a type that does not exist or reaches beyond what holds it.
     """
     raw = memoryview(path.read_bytes())
-    if raw[126:128] not in (b"IM", b"MI"):
+    mark = bytes(raw[126:128])
+    if mark not in (b"IM", b"MI"):
         return  # v4, which has no such elements
-    order = "<" if raw[126:128] == b"IM" else ">"
+    order = "<" if mark == b"IM" else ">"
     at = _HEADER
     while at + 8 <= len(raw):
         kind, size = struct.unpack_from(order + "II", raw, at)

@@ -103,7 +103,7 @@ def read_record(path: Any, *, mapping: Mapping[str, str] | None = None, fs: floa
 def inspect_record(path: Any, *, mapping: Mapping[str, str] | None = None, fs: float | None = None,
                    units: Mapping[str, str] | None = None, name: str | None = None,
                    coordinates: str | None = None, max_bytes: int = MAX_BYTES) -> Reading:  # fmt: skip
-    """Read a record and keep how the file was understood, for :func:`describe`.
+    r"""Read a record and keep how the file was understood, for :func:`describe`.
 
     Parameters
     ----------
@@ -113,6 +113,17 @@ def inspect_record(path: Any, *, mapping: Mapping[str, str] | None = None, fs: f
     Returns
     -------
     Reading
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from pysindy_nrf import io
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "own.csv")
+    ...     _ = path.write_text("t,Deck\n" + "".join(f"{k / 100},{k % 7}\n" for k in range(50)))
+    ...     reading = io.inspect_record(path, mapping={"x1": "Deck @ mm"})
+    >>> print(io.describe(reading).splitlines()[3])
+      x1  displacement relative to base     rms 0.003569 m, peak 0.006 m   <- Deck in mm
     """
     table = read_table(path, max_bytes=max_bytes)
     return understand(table, mapping=mapping, fs=fs, units=units, name=name, coordinates=coordinates)
@@ -121,7 +132,7 @@ def inspect_record(path: Any, *, mapping: Mapping[str, str] | None = None, fs: f
 def read_excitation(path: Any, n_dof: int, *, mapping: Mapping[str, str] | None = None, fs: float | None = None,
                     units: Mapping[str, str] | None = None, name: str | None = None,
                     max_bytes: int = MAX_BYTES) -> Load:  # fmt: skip
-    """Read what acts on a structure, to simulate its answer.
+    r"""Read what acts on a structure, to simulate its answer.
 
     Parameters
     ----------
@@ -133,16 +144,31 @@ def read_excitation(path: Any, n_dof: int, *, mapping: Mapping[str, str] | None 
     Returns
     -------
     Load
-        Motions in the file are left out.
+        Motions are left out, in the file as in ``mapping`` and ``units``.
 
     Raises
     ------
     ChannelError
         If nothing acts, or a force acts on a DOF that the structure does not have.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from pysindy_nrf import io
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "hit.csv")
+    ...     _ = path.write_text("t,F2\n" + "".join(f"{k / 100},{100.0 * (k == 5)}\n" for k in range(50)))
+    ...     load = io.read_excitation(path, n_dof=3)
+    >>> load.force.shape, float(load.force[5, 1])  # N, on floor 2
+    ((50, 3), 100.0)
     """
     table = read_table(path, max_bytes=max_bytes)
+    # what a mapping file says of the motions of the whole test need not be in this file
+    mapping = {c: text for c, text in (mapping or {}).items() if not _is_motion(c)}
+    base = "ag" in mapping or "ag" in table.variables
+    units = {c: unit for c, unit in (units or {}).items() if not _is_motion(c) and c not in ("v", "x", "a"[base:])}
     lines, sources = lines_of(table, mapping, units)
-    lines = {c: line for c, line in lines.items() if c[:1] not in "avx" or c == "ag" or dimension_of(c) is None}
+    lines = {c: line for c, line in lines.items() if not _is_motion(c)}
     if not any(dimension_of(c) == "force" or c == "ag" for c in lines):
         raise FileFormatError(
             f"{table.path}: no column is known to be a force or the base acceleration; it holds {table.names}",
@@ -157,3 +183,8 @@ def read_excitation(path: Any, n_dof: int, *, mapping: Mapping[str, str] | None 
     if record.unknown:
         raise ChannelError(f"F{record.unknown[0]} is unknown", "A simulation needs the force itself.")
     return Load(record.name, record.fs, record.t0, record.force, record.base_acceleration, record.covariates)
+
+
+def _is_motion(channel: str) -> bool:
+    """Whether a channel is an answer: a motion of a floor, or of the base but for its acceleration."""
+    return channel != "ag" and dimension_of(channel) in ("length", "velocity", "acceleration")

@@ -78,6 +78,16 @@ def from_sep005(channels: Sequence[Mapping[str, Any]], **options: Any) -> Record
     ------
     ChannelError
         If a dictionary lacks a key, or channels differ in clock, start or length.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.io import from_sep005
+    >>> t = np.arange(1000) / 200
+    >>> channel = {"data": np.sin(9 * t), "name": "x1", "unit_str": "mm", "fs": 200.0}
+    >>> record = from_sep005([channel])
+    >>> record.fs, round(float(record.displacement.max()), 6)  # m
+    (200.0, 0.001)
     """
     from .understanding import understand
 

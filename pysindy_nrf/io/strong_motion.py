@@ -1,14 +1,19 @@
-r"""Strong-motion records: CSMIP "volume 2" and COSMOS v1.20 text.
+r"""Strong-motion records: CSMIP "volume 2" and COSMOS v1.20 text (V1 and V2).
 
 CSMIP V2, one block for each channel: 25 lines of text, 100 integers in 16I5, 100 reals in 8F10.3, then
 three series, each under a line such as
 
     1138 POINTS OF ACCEL DATA EQUALLY SPACED AT  .020 SEC.  (UNITS: CM/SEC/SEC)
 
-in 8F10.3, and ``/&`` at the end. COSMOS, one series for each block: text, integers, reals (the 34th is the
-sampling interval, s) and comments, each under a line that says how many follow, then
+in 8F10.3, and ``/&`` at the end. COSMOS, one series for each block: text, integers, reals (the 62nd is the
+sampling interval of the series, ms; the 34th that of the raw record, s, which may have been resampled) and
+comments, each under a line that says how many follow, then one of
 
     12000 acceleration pts, approx  60 secs, units=cm/sec2 (04), Format=(8F10.3)
+    12000 uncor. accel. pts, approx  60 secs, units=cm/sec2(04), Format=(1E15.6)
+    12000 raw accel.    pts, approx  60 secs, units=counts (50), Format=(10I8)
+
+Raw counts (V0) are no motion yet and are refused.
 
 References: A. F. Shakal, M. J. Huang, "Standard tape format for CSMIP strong-motion data tapes", California
 Division of Mines and Geology, OSMS 85-03, 1985; COSMOS, "Strong-motion data format", version 1.20, 2001.
@@ -32,8 +37,8 @@ _SERIES = re.compile(
     re.IGNORECASE,
 )
 _COSMOS_SERIES = re.compile(
-    r"\s*(\d+)\s+.*?(accel|veloc|displ)\S*\s*pts?,\s*approx\s+([\d.]+)\s*secs?,\s*units\s*=\s*([^\s(,]+).*?"
-    r"format\s*=?\s*\((\d+)[EFG](\d+)\.\d+\)",
+    r"\s*(\d+)\s+.*?(accel|veloc|displ)\S*\s*pts?,?\s*approx\s+([\d.]+)\s*secs?,\s*units\s*=\s*([^\s(,]+).*?"
+    r"format\s*=?\s*\((?:\d*P,?)?(\d+)[EFGI](\d+)(?:\.\d+)?(?:E\d+)?\)",
     re.IGNORECASE,
 )
 _REALS = re.compile(r"\s*(\d+)\s+Real-header values follow on\s+(\d+)\s+lines.*?\(\s*\d+[EFG](\d+)\.\d+\)", re.I)
@@ -41,7 +46,8 @@ _CHANNEL = re.compile(r"CHAN\s*(\d+)\s*:\s*(.*?)\s*(?:\(STA CHN|LOCATION:|FROM\b
 _PEAK = re.compile(r"PEAK\s+(ACCEL|VELOC|DISPL)\w*\s*=\s*(-?[\d.]+)\s*\S+\s+AT\s+([\d.]+)", re.IGNORECASE)
 _END = re.compile(r"\s*(/&|[A-Za-z])")  # of a series
 _KINDS = {"ACCEL": "acceleration", "VELOC": "velocity", "DISPL": "displacement"}
-_INTERVAL = 33  # index of the sampling interval among COSMOS's reals
+# Indices among COSMOS's reals: sampling interval of the series (ms), of the raw record (s).
+_INTERVAL, _RAW_INTERVAL = 61, 33
 
 
 @dataclass
@@ -55,7 +61,11 @@ class _Series:
 
 def is_strong_motion(text: str) -> bool:
     """Whether the head of a file is a processed strong-motion record."""
-    return bool(re.match(r"\s*(un)?correct(ed|\.)\s+accel", text, re.IGNORECASE)) or "COSMOS" in text[:200].upper()
+    first = text.lstrip()[:200].splitlines()[0] if text.strip() else ""
+    if re.match(r"(un)?correct(ed|\.)\s+accel", first, re.IGNORECASE) or "COSMOS" in text[:200].upper():
+        return True
+    # "Velocity data", "Raw acceleration counts", ... of COSMOS
+    return bool(re.search(r"\(Format v\d+\.\d+ with\s+\d+ text lines\)", first, re.IGNORECASE))
 
 
 def read_strong_motion(path: Path, max_bytes: int = MAX_BYTES) -> Table:
@@ -120,6 +130,11 @@ def _read(path: Path, lines: Sequence[str]) -> tuple[list[_Series], list[str]]:
             notes += _peak_note(channel, kind, values, out[-1].step, peaks.get(kind))
         elif match := _COSMOS_SERIES.match(line):
             n, kind = int(match[1]), match[2].upper()
+            if match[4].lower().startswith("count"):
+                raise FileFormatError(
+                    f"{path} holds raw counts of channel {channel} (COSMOS V0), which are no motion yet",
+                    "Get the uncorrected or corrected record (V1, V2), in cm/s^2.",
+                )
             if step is None:
                 raise unreadable(path, "COSMOS", "no real header with the sampling interval stands above the series")
             values, row = _fixed(path, lines, row, n, int(match[6]), f"{_KINDS[kind]} of channel {channel}")
@@ -131,7 +146,7 @@ def _read(path: Path, lines: Sequence[str]) -> tuple[list[_Series], list[str]]:
             out.append(_Series(channel, _KINDS[kind], values, step, match[4]))
         elif match := _REALS.match(line):
             reals, row = _fixed(path, lines, row, int(match[1]), int(match[3]), "real header")
-            step = _positive(path, reals[_INTERVAL] if len(reals) > _INTERVAL else 0.0)
+            step = _positive(path, _interval(reals))
         elif match := _PEAK.match(line):
             peaks[match[1].upper()] = (float(match[2]), float(match[3]))
         elif match := _CHANNEL.search(line[:80]):
@@ -167,6 +182,14 @@ def _fixed(path: Path, lines: Sequence[str], row: int, n: int, width: int, what:
             "The file is cut off or damaged; export it again.",
         )
     return values, row
+
+
+def _interval(reals: np.ndarray) -> float:
+    """Sampling interval of the series, s; not positive if the header does not say."""
+    own = reals[_INTERVAL] if len(reals) > _INTERVAL else -1.0
+    if own > 0:
+        return float(own) / 1000.0
+    return float(reals[_RAW_INTERVAL]) if len(reals) > _RAW_INTERVAL else -1.0
 
 
 def _positive(path: Path, value: float | str) -> float:

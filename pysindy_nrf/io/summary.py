@@ -111,6 +111,14 @@ def summary(record: Record) -> dict[str, Any]:
     Returns
     -------
     dict
+
+    Examples
+    --------
+    >>> from pysindy_nrf import datasets
+    >>> from pysindy_nrf.io import summary
+    >>> found = summary(datasets.load_demo())
+    >>> found["n_dof"], found["fs"]
+    (3, 200.0)
     """
     return {
         "name": record.name,

@@ -16,7 +16,7 @@ MAX_BYTES = 4_000_000_000
 
 @dataclass
 class Table:
-    """Variables of one file by name.
+    r"""Variables of one file by name.
 
     Attributes
     ----------
@@ -33,6 +33,17 @@ class Table:
         Of the record, where the file was written by this package.
     fs : float, optional
         Sampling rate, Hz, where the file states one and has no time.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from pysindy_nrf import io
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "own.csv")
+    ...     _ = path.write_text("t,Deck [mm]\n0.00,1.5\n0.01,1.6\n")
+    ...     table = io.read_table(path)
+    >>> table.kind, list(table.variables), table.units
+    ('delimited text', ['t', 'Deck'], {'Deck': 'mm'})
     """
 
     path: Path

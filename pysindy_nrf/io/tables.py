@@ -32,8 +32,7 @@ READERS = {
     ".npy": read_npz,
     ".uff": read_uff,
     ".unv": read_uff,
-    ".v2": read_strong_motion,
-    ".v2c": read_strong_motion,
+    **dict.fromkeys((".v2", ".v2c", ".v1", ".v1c", ".v0c"), read_strong_motion),
 }
 # What a file starts with, whatever it is called.
 _SIGNATURES = (
@@ -54,8 +53,8 @@ def read_table(path: Any, *, max_bytes: int = MAX_BYTES) -> Table:
     path : path-like or sequence of path-like
         CSV and other delimited text (``.csv .txt .tsv .dat .asc``), Parquet (``.parquet .pq``),
         MATLAB v5 and v7.3 (``.mat``), HDF5 (``.h5 .hdf5``), NumPy (``.npz .npy``), UFF 58 (``.uff .unv``) or
-        strong motion (CSMIP and COSMOS, ``.v2 .v2c``, or ``.txt`` that starts as one). Several files are channels of
-        one test: their variables are called ``<file>.<variable>``.
+        strong motion (CSMIP and COSMOS, ``.v2 .v2c .v1 .v1c``, or ``.txt`` that starts as one). Several files are
+        channels of one test: their variables are called ``<file>.<variable>``.
     max_bytes : int
         Larger files, and archives that unpack to more, are refused.
 

@@ -41,7 +41,7 @@ class Source:
 
 @dataclass
 class Reading:
-    """A record and how the file was understood.
+    r"""A record and how the file was understood.
 
     Attributes
     ----------
@@ -53,6 +53,17 @@ class Reading:
         Variables of the file that are not in the record.
     clock : str
         How the sampling rate was found.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from pysindy_nrf import io
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "own.csv")
+    ...     _ = path.write_text("t,x1,remark\n" + "".join(f"{k / 100},{k % 7},0\n" for k in range(50)))
+    ...     reading = io.inspect_record(path, units={"x": "mm"})
+    >>> reading.record.measured, reading.unused
+    (('F1', 'x1'), ('remark',))
     """
 
     record: Record

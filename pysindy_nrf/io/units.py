@@ -177,8 +177,8 @@ def _parsed(text: str) -> tuple[float, tuple[int, int, int]] | None:
         size = float(quantity.to_base_units().magnitude)
     except (pint.PintError, ValueError, TypeError, AttributeError, OverflowError, ZeroDivisionError):
         return None
-    powers = tuple(int(dimensions.pop(key, 0)) for key in ("[mass]", "[length]", "[time]"))
-    return None if dimensions else (size, powers)  # type: ignore[return-value]
+    mass, length, time = (int(dimensions.pop(key, 0)) for key in ("[mass]", "[length]", "[time]"))
+    return None if dimensions else (size, (mass, length, time))
 
 
 @lru_cache(maxsize=1)

@@ -92,6 +92,18 @@ def write_table(table: pd.DataFrame, path: Any) -> Path:
     ------
     FileFormatError
         If the type is neither.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import pandas as pd
+    >>> from pysindy_nrf.io import write_table
+    >>> table = pd.DataFrame({"mass": [12.03, 10.03]}, index=pd.Index(["m1", "m2"], name="parameter"))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     print(write_table(table, pathlib.Path(folder, "masses.csv")).read_text())
+    parameter,mass
+    m1,12.03
+    m2,10.03
     """
     path = Path(path)
     suffix = _suffix(path, (".csv", ".parquet", ".pq"))

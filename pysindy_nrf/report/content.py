@@ -14,7 +14,7 @@ from ..exceptions import NRFError, NRFWarning
 from ..model import ChainModel
 from ..record import Record
 from .audit import settings_of, versions
-from .equations import balance_equations, law_equation, pretty_label, pretty_unit, shape_values
+from .equations import as_text, balance_equations, law_equation, pretty_label, pretty_unit, shape_values
 from .figures import Figure
 from .figures_evidence import before_after, residual_bars
 from .figures_model import loop_figure, mode_shapes, surface
@@ -97,7 +97,7 @@ def of_loop(report: Any, title: str | None = None) -> Content:
     content.lead, content.stopped = lead(report), report.stopped_because
     content.measured = [(m, _channels(m)) for m in report.measured]
     content.chapters = chapters(report)
-    heads = {c: f"{c} (%)" for c in report.table.columns if c != "band"} | {"band": "band (Hz)"}
+    heads = {c: f"{c} (%)".replace("dof", "DOF") for c in report.table.columns if c != "band"} | {"band": "band (Hz)"}
     shown = report.table.assign(band=report.table["band"].astype(str).str.replace(" Hz", ""))
     content.errors = [
         before_after(report.table),
@@ -159,7 +159,7 @@ def of_model(
         content.errors.append(table(caption, frame, {"gap": "difference (% of its rms)"}, index="storey"))
     missing = getattr(subject, "missing_terms_", None)
     if isinstance(missing, pd.DataFrame) and len(missing):
-        content.errors.append(table("What the laws leave to be explained", missing.reset_index()))
+        content.errors.append(_missing(missing))
     total = float(model.masses.sum())
     tiles += [("Total mass", f"{total:.4g} kg", ""), ("Band", _band(band), "")]
     content.tiles, content.title = tiles, title or "Identified chain"
@@ -255,6 +255,19 @@ def _bounded(caption: str, head: list[str], more: list[str], rows: list[list[Any
     return rows_table(f"{caption}, with 95 % intervals" if wide > 2 else caption, head + more[: wide - 2], rows)
 
 
+def _missing(found: pd.DataFrame) -> Table:
+    """Of :func:`pysindy_nrf.analysis.missing_terms`, in words."""
+    heads = {
+        "residual": "residual (% of its force)",
+        "gain": "held-out part of it that further terms remove (%)",
+        "missing": "size of these terms (% of its force)",
+        "shift": "mass moves with them by (%)",
+        "biased": "a law is missing",
+    }
+    shown = found.assign(biased=["yes" if b else "no" for b in found["biased"]])
+    return table("What terms beyond the laws would explain", shown, heads, index="step of the solve")
+
+
 def _channels(m: Measured) -> Table:
     heads = {"what": "what it is", "rms": "rms", "peak": "peak", "noise": "noise estimate, rms"}
     shown = m.channels.assign(unit=[pretty_unit(str(u)) for u in m.channels["unit"]])
@@ -264,8 +277,15 @@ def _channels(m: Measured) -> Table:
 
 
 def _settings(groups: dict[str, dict[str, Any]]) -> Table:
-    rows = [[group, k, str(v)] for group, values in groups.items() for k, v in values.items()]
+    rows = [[group, k, _said(v)] for group, values in groups.items() for k, v in values.items()]
     return rows_table("Every setting of this run", ["of", "setting", "value"], rows)
+
+
+def _said(value: Any) -> str:
+    """A setting in words; numbers of a mapping to four digits."""
+    if isinstance(value, dict) and value and all(isinstance(x, float) for x in value.values()):
+        return ", ".join(f"{key}: {as_text(x)}" for key, x in value.items())
+    return str(value)
 
 
 def _intervals(subject: Any, notes: list[str]) -> Any:
@@ -297,7 +317,7 @@ def _data(subject: Any, records: Any, band: Any) -> tuple[Any, Any]:
 
 def _band(band: Any) -> str:
     if band is None or all(edge is None for edge in band):
-        return "full"
+        return "all frequencies"
     low, high = band
     return f"{low or 0:g}–{'∞' if high is None else format(high, 'g')} Hz"
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 
@@ -132,7 +134,7 @@ def _correlation(evidence: Evidence) -> Figure | None:
     factor, unit = unit_of(lag, "s") if best["test"] != "phi_ee" else (1.0, "samples, whitened")
     x = factor * np.asarray(lag, dtype=float)
     ends = rounded([x[0], x[-1], x[-1], x[0]])
-    data = [
+    data: list[dict[str, Any]] = [
         {"type": "scatter", "mode": "lines", "x": ends, "y": rounded([band, band, -band, -band]), "fill": "toself",
          "fillcolor": MUTED, "opacity": 0.3, "line": {"width": 0}, "name": "noise stays within", "hoverinfo": "skip"},
         {"type": "scatter", "mode": "lines", "x": rounded(x), "y": rounded(phi), "name": "correlation",
@@ -181,7 +183,7 @@ def _localisation(evidence: Evidence) -> Figure | None:
         "Localisation: where the missing force acts",
         f"A force at {evidence.site} would explain {heads['share'].iloc[0]:.0f} percent of the residual.",
         [bars(heads["name"], heads["share"], colors, low=heads["low"], high=heads["high"], name="share")],
-        bar_layout("a force there explains (%)", len(heads), showlegend=False),
+        bar_layout("residual explained by a force there (%)", len(heads), showlegend=False),
         table("Sites by the share of the residual that a force there would explain", shown, head, index="site"),
         f"By the pattern of signs across the balances (Newton's third law); lines are about 95 %.{chosen}",
     )

@@ -16,7 +16,7 @@ from .loops import SiteLoop
 from .tables import Table, rows_table
 
 _SIZE = 33
-_CAMERA = {"eye": {"x": -1.35, "y": -1.55, "z": 0.85}, "center": {"x": 0, "y": 0, "z": -0.12}}
+_CAMERA = {"eye": {"x": -1.5, "y": -1.72, "z": 0.95}, "center": {"x": 0, "y": 0, "z": -0.12}}
 
 
 def surface(model: ChainModel, site: Site, loop: SiteLoop | None = None) -> Figure | None:
@@ -70,7 +70,7 @@ def surface(model: ChainModel, site: Site, loop: SiteLoop | None = None) -> Figu
         f"Restoring-force surface of {site}",
         alt,
         data,
-        _scene(index, us, uv, ur),
+        _scene(index, us, uv, ur, (fs * s, fv * v, fr * np.clip(R, low, high))),
         _grid_table(site, v, s, R, visited),
         "Coloured where the data were, grey where the law is extrapolated; the line is the path of the data. "
         "Drag to turn, or use the arrow keys.",
@@ -85,7 +85,7 @@ def _path(memory: bool, loop: SiteLoop) -> Figure:
         f"Force of {loop.site} along its path",
         alt,
         [_line(loop, fs, fv, fr, "identified", BLUE, 3)],
-        _scene(_index(Site(loop.site)), us, uv, ur),
+        _scene(_index(Site(loop.site)), us, uv, ur, (fs * loop.s, fv * loop.v, fr * loop.identified)),
         _loop_table(loop),
         f"{why}: the identified force along the data. Drag to turn, or use the arrow keys.",
     )
@@ -155,20 +155,36 @@ def _hover(us: str, uv: str, ur: str) -> str:
     return f"s %{{x:.3g}} {us}<br>v %{{y:.3g}} {uv}<br>R %{{z:.4g}} {ur}<extra></extra>"
 
 
-def _scene(index: str, us: str, uv: str, ur: str) -> dict[str, object]:
-    def one(title: str) -> dict[str, object]:
-        return {"title": {"text": title}, "nticks": 5}
+def _scene(index: str, us: str, uv: str, ur: str, data: tuple[np.ndarray, np.ndarray, np.ndarray]) -> dict[str, object]:
+    def one(title: str, values: np.ndarray) -> dict[str, object]:
+        return {"title": {"text": title}, "tickmode": "array", "tickvals": _ticks(values)}
 
     # the title of an upright axis leaves the picture when it turns: it stands still in the corner
     corner = {"x": 0, "y": 1, "xref": "paper", "yref": "paper", "xanchor": "left", "yanchor": "top", "showarrow": False}
     return {
         "annotations": [{"text": f"upright: R{index} ({ur})", **corner}],
         "scene": {
-            "xaxis": one(f"s{index} ({us})"), "yaxis": one(f"v{index} ({uv})"), "zaxis": one(""),
+            "xaxis": one(f"s{index} ({us})", data[0]), "yaxis": one(f"v{index} ({uv})", data[1]),
+            "zaxis": one("", data[2]),
             "camera": _CAMERA, "aspectmode": "manual", "aspectratio": {"x": 1.1, "y": 1.1, "z": 0.75},
         },
         "height": 380, "margin": {"l": 0, "r": 0, "t": 0, "b": 0}, "showlegend": False,
     }  # fmt: skip
+
+
+def _ticks(values: np.ndarray) -> list[float]:
+    """Three to five round numbers inside the range; none near its ends, where those of two axes would touch."""
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    span = high - low
+    if not np.isfinite(span) or span <= 0:
+        return []
+    low, high = low + 0.12 * span, high - 0.12 * span
+    decade = 10.0 ** np.floor(np.log10((high - low) / 3))
+    step = decade * max(k for k in (1, 2, 5) if k == 1 or k * decade <= (high - low) / 3)
+    inside = np.arange(np.ceil(low / step), np.floor(high / step) + 1)
+    if len(inside) > 5:
+        inside = inside[inside % 2 == 0]
+    return [float(f"{k * step:.6g}") for k in inside]
 
 
 def _index(site: Site) -> str:
@@ -180,8 +196,8 @@ def _grid_table(site: Site, v: np.ndarray, s: np.ndarray, R: np.ndarray, visited
     pick = np.linspace(0, _SIZE - 1, 7).astype(int)
     rows = []
     for i in pick:
-        row = [float(f"{v[i, 0]:.3g}")]
-        row += [float(f"{R[i, j]:.4g}") if visited[i, j] else "" for j in pick]  # type: ignore[list-item]
+        row: list[float | str] = [float(f"{v[i, 0]:.3g}")]
+        row += [float(f"{R[i, j]:.4g}") if visited[i, j] else "" for j in pick]
         rows.append(row)
     head = ["v (m/s)", *(f"s = {s[0, j]:.3g} m" for j in pick)]
     return rows_table(f"Force of {site} (N) by rate and drift; empty where the data never were", head, rows)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -117,7 +118,7 @@ def as_measured(records: Record | Sequence[Record] | None) -> list[Measured]:
     -------
     list of Measured
     """
-    from ..exceptions import NRFError
+    from ..exceptions import NRFError, NRFWarning
     from ..kinematics import to_features
     from ..signals import KinematicSmoother
 
@@ -125,7 +126,9 @@ def as_measured(records: Record | Sequence[Record] | None) -> list[Measured]:
     for record in [] if records is None else [records] if isinstance(records, Record) else records:
         smoother = KinematicSmoother()
         try:
-            to_features(record, smoother)
+            with warnings.catch_warnings():  # the fit has said what is wrong with the channels
+                warnings.simplefilter("ignore", NRFWarning)
+                to_features(record, smoother)
             noise = {str(k): float(v) for k, v in smoother.noise_.items()}
         except NRFError:  # the page shows the record, whatever fusion makes of it
             noise = {}

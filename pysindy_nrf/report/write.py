@@ -21,6 +21,12 @@ def available() -> bool:
     Returns
     -------
     bool
+
+    Examples
+    --------
+    >>> from pysindy_nrf.report import available
+    >>> if not available():
+    ...     print("pip install 'pysindy_nrf[report]'")
     """
     return all(find_spec(name) is not None for name in ("jinja2", "plotly"))
 

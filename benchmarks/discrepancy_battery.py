@@ -29,9 +29,9 @@ from battery.generators import KINDS, Case, effect_cycle, make_case  # noqa: E40
 BLIND_NOISE = (0.0, 0.05, 0.01, 0.05, 0.05)
 NOTHING_NOISE = (0.0, 0.01, 0.02, 0.05, 0.10)
 SIZES = {"blind": 360, "base": 66, "nothing": 200, "withheld": 48, "two": 60}
-# A dozen short records of small chains.
+# Short records of small chains.
 SMALL = {"n_samples": 4096, "most": 3}
-QUICK = {"blind": 6, "base": 2, "nothing": 2, "withheld": 1, "two": 1}
+QUICK = {"blind": 4, "base": 1, "nothing": 1, "withheld": 1, "two": 1}
 TARGET = {0.0: 95.0, 0.01: 95.0, 0.05: 85.0}
 
 

@@ -136,13 +136,13 @@ def test_cases_are_reproducible_and_base_excitation_has_no_force():
 
 
 def test_quick_battery(tmp_path):
-    """A dozen cases: what can be heard is found where it is, and nothing where there is nothing."""
+    """A few cases: what can be heard is found where it is, and nothing where there is nothing."""
     from discrepancy_battery import main
 
     table = main(["--quick", "--out", str(tmp_path / "rows.csv")])
-    assert len(table) == 12 and "crash" not in table
+    assert len(table) == 8 and "crash" not in table
     heard = table[table.group.isin(["blind", "base"]) & table.eligible.astype(bool)]
-    assert len(heard) >= 4
+    assert len(heard) >= 2
     assert heard.right.mean() >= 0.75
     assert table[table.group == "nothing"].right.all()
 

@@ -26,7 +26,7 @@ from pysindy_nrf.noise import add_noise
 warnings.simplefilter("ignore")
 storey = [laws.LinearElastic(1e5), laws.LinearViscous(80.0)]
 truth = ChainModel([10.0, 12.0, 9.0], {1: [*storey, laws.Dahl(sigma=3e3, Fd=30.0)], 2: storey, 3: storey})
-F = excitation.band_limited_random(3, 4.0, 1000.0, dofs=2, rms=100.0, band=(1, 60), random_state=3)
+F = excitation.band_limited_random(3, 2.0, 1000.0, dofs=2, rms=100.0, band=(1, 60), random_state=3)
 record = add_noise(simulate(truth, F, 1e-3), 0.01, random_state=4)
 X, F = record.to_features()
 model = NRFRegressor(degree=3, laws={1: [laws.PowerSeries(1), laws.Dahl()]}).fit(X, F)

@@ -16,7 +16,7 @@ from typing import Any
 
 import numba
 import numpy as np
-from numba import carray, types
+from numba import carray, types  # type: ignore[attr-defined]  # public, but not in numba's __all__
 from numba.core import cgutils
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.ccallback import CFunc
@@ -148,6 +148,22 @@ def jit(function: Callable) -> Dispatcher:
     numba dispatcher
     """
     return _attach_cache(numba.njit(error_model="numpy", nogil=True)(_named(function)), function)
+
+
+def read_only(array: np.ndarray) -> np.ndarray:
+    """A view of floats in C order that cannot be written to: arrays of other kinds would be compiled for anew.
+
+    Parameters
+    ----------
+    array : ndarray
+
+    Returns
+    -------
+    ndarray
+    """
+    view = np.ascontiguousarray(array, dtype=float).view()
+    view.flags.writeable = False
+    return view
 
 
 def inline(function: Callable, fastmath: Any = False) -> Dispatcher:

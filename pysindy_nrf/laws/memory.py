@@ -10,7 +10,7 @@ from numba.core.errors import NumbaError
 
 from ..exceptions import ChannelError, LawError
 from .base import ForceLaw, Motion
-from .compiled import borrow, cannot_compile, inline, jit, on_stack, part
+from .compiled import borrow, cannot_compile, inline, jit, on_stack, part, read_only
 
 _STRETCH = 2048  # intervals whose turning points are found before the candidates walk along them
 
@@ -152,7 +152,7 @@ def _find_turns(s, v, a, t, low, high, doubtful, at, shares, drifts):
 
 
 @cache
-def _paths(advance: Callable, n_states: int):
+def _paths(advance: Callable, n_states: int) -> Callable[..., None]:
     """Compiled paths of one law's state for many shape parameters; one machine-code file for each law."""
     step = inline(advance)
     find = part(_find_turns)
@@ -314,7 +314,7 @@ def _along(law: ForceLaw, motion: Motion, u: np.ndarray, thetas: np.ndarray, sta
     none = np.empty(0)
 
     def line(array: np.ndarray | None) -> np.ndarray:
-        return none if array is None else np.ascontiguousarray(array, dtype=float)
+        return read_only(none if array is None else array)
 
     s, v, a, t = line(motion.s), line(motion.v), line(motion.a), line(motion.t)
     z = np.empty((len(thetas), law.n_states, len(s)))
@@ -323,7 +323,7 @@ def _along(law: ForceLaw, motion: Motion, u: np.ndarray, thetas: np.ndarray, sta
     if len(s):
         try:
             _paths(type(law).advance, law.n_states)(
-                s, v, a, t, np.ascontiguousarray(u, dtype=float), np.ascontiguousarray(thetas), states, z
+                s, v, a, t, read_only(u), read_only(thetas), states, z
             )
         except NumbaError as error:
             raise cannot_compile(law, error) from error

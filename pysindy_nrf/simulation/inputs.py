@@ -71,7 +71,7 @@ def input_matrix(
         if len(column) != n:
             raise ChannelError(f"{name} has {len(column)} samples, the force {n}", "Cut or resample them to one clock.")
         columns.append(column)
-    return np.column_stack([force, *columns])
+    return np.ascontiguousarray(np.column_stack([force, *columns]))  # one layout: compiled once
 
 
 def polynomials(samples: np.ndarray, hold: str) -> np.ndarray:

@@ -111,6 +111,19 @@ def align(record: Record, found: pd.DataFrame, gains: bool = False) -> Record:
     -------
     Record
         A new one; rows at the ends that a shift leaves empty are NaN in that channel.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import Record
+    >>> from pysindy_nrf.alignment import align, channel_alignment
+    >>> t = np.arange(8000) / 500
+    >>> x = sum(np.sin(w * t + w**2) / w**2 for w in np.arange(9.0, 120.0, 1.3))
+    >>> a = np.gradient(np.gradient(x, t), t)
+    >>> rec = Record(acceleration=a, displacement=-x, fs=500.0)  # the laser counts the other way
+    >>> mended = align(rec, channel_alignment(rec))
+    >>> bool(np.nanmax(abs(mended.displacement[50:-50, 0] - x[50:-50])) < 0.01 * x.max())
+    True
     """
     changes: dict[str, np.ndarray] = {}
     for name, row in found.iterrows():
@@ -136,6 +149,15 @@ def shifted(values: np.ndarray, samples: float) -> np.ndarray:
     Returns
     -------
     ndarray of shape (n_samples,)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.alignment import shifted
+    >>> t = np.arange(1000) / 500
+    >>> late = shifted(np.sin(30 * t), 2.5)  # by 5 ms
+    >>> bool(np.nanmax(abs(late - np.sin(30 * (t - 0.005)))[20:-20]) < 1e-3)
+    True
     """
     from scipy.interpolate import make_interp_spline
 
@@ -168,6 +190,17 @@ def resampled(
     Record
         Resampled with :func:`scipy.signal.resample_poly` (its anti-aliasing filter has no delay), cut to
         the shortest channel.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.alignment import resampled
+    >>> slow, fast = np.arange(1000) / 250, np.arange(4000) / 1000
+    >>> rec = resampled({"x1": np.sin(9 * slow), "a1": -81 * np.sin(9 * fast)}, {"x1": 250.0, "a1": 1000.0})
+    >>> rec.fs, rec.n_samples
+    (250.0, 1000)
+    >>> bool(np.abs(rec.acceleration + 81 * rec.displacement)[50:-50].max() < 0.2)
+    True
     """
     from fractions import Fraction
 
@@ -208,6 +241,15 @@ def split_at_gaps(table: pd.DataFrame, fs: float | None = None, shortest: int = 
     Returns
     -------
     list of Record
+
+    Examples
+    --------
+    >>> import numpy as np, pandas as pd
+    >>> from pysindy_nrf.alignment import split_at_gaps
+    >>> t = np.delete(np.arange(1000) / 100, slice(400, 500))  # the logger paused for a second
+    >>> table = pd.DataFrame({"t": t, "x1": np.sin(9 * t)})
+    >>> [(rec.n_samples, round(rec.fs, 6)) for rec in split_at_gaps(table)]
+    [(400, 100.0), (500, 100.0)]
     """
     key = next((k for k in ("t", "time") if k in table), None)
     time = seconds_of(table[key].to_numpy() if key else table.index)
@@ -218,7 +260,7 @@ def split_at_gaps(table: pd.DataFrame, fs: float | None = None, shortest: int = 
     good = measured.notna().all(axis=1).to_numpy()
     breaks = np.flatnonzero((steps > 1.5 * usual) | (steps <= 0) | (good[1:] != good[:-1])) + 1
     name = options.pop("name", "record")
-    out = []
+    out: list[Record] = []
     for rows in np.split(np.arange(len(table)), breaks):
         if good[rows[0]] and len(rows) >= shortest:
             out.append(
@@ -245,6 +287,12 @@ def displacement_from_drifts(drifts: Any) -> np.ndarray:
     Returns
     -------
     ndarray of shape (n_samples, n_dof)
+
+    Examples
+    --------
+    >>> from pysindy_nrf.alignment import displacement_from_drifts
+    >>> displacement_from_drifts([[0.002, 0.001, -0.0005]]).round(6)  # three storeys, one instant
+    array([[0.002 , 0.003 , 0.0025]])
     """
     return np.cumsum(as_matrix(drifts, "s").astype(float), axis=1)
 
@@ -259,17 +307,26 @@ def _base(record: Record, channels: Mapping[str, np.ndarray]) -> np.ndarray | No
     return channels["ag"]
 
 
-def _against(record: Record, base, one: tuple[str, np.ndarray], other: tuple[str, np.ndarray], j: int, band: Any):
+def _against(
+    record: Record,
+    base: np.ndarray | None,
+    one: tuple[str, np.ndarray],
+    other: tuple[str, np.ndarray],
+    j: int,
+    band: Any,
+) -> list[Any]:
     """One row of the table: the second channel against the first, in the frame of reference the record claims."""
     order = _ORDER[other[0]] - _ORDER[one[0]]
     names = f"{one[0]}{j}", f"{other[0]}{j}"
     if said := _wrong_frame(record, one, other, names):
         return [names[0], *[np.nan] * 5, False, said]
-    lines = (y - base if k == "a" and base is not None else y for k, y in (one, other))
-    return _compare(*lines, order, record.fs, band, *names)
+    first, second = (y - base if k == "a" and base is not None else y for k, y in (one, other))
+    return _compare(first, second, order, record.fs, band, *names)
 
 
-def _wrong_frame(record: Record, one, other, names: tuple[str, str]) -> str:
+def _wrong_frame(
+    record: Record, one: tuple[str, np.ndarray], other: tuple[str, np.ndarray], names: tuple[str, str]
+) -> str:
     """Whether displacement or velocity is of another frame than the record says.
 
     Its derivative is fitted as alpha a + beta a_g, line by line: beta is -1 for motion relative to the base, 0 for
@@ -371,14 +428,15 @@ def _compare(
     fitted = sign * gain * np.exp(-1j * w * delay)
     power = theirs[use] * coherence[use]
     misfit = float(np.sqrt((np.abs(H / fitted - 1) ** 2 * power).sum() / power.sum()))
-    said = []
+    faults = []
     if sign < 0:
-        said.append("has the opposite sign")
+        faults.append("has the opposite sign")
     if abs(delay * fs) > DELAY:
-        said.append(f"is {abs(delay) * 1e3:.3g} ms ({abs(delay * fs):.2f} samples) {'late' if delay > 0 else 'early'}")
+        side = "late" if delay > 0 else "early"
+        faults.append(f"is {abs(delay) * 1e3:.3g} ms ({abs(delay * fs):.2f} samples) {side}")
     if abs(gain - 1) > GAIN:
-        said.append(f"is {gain:.3g} times as large")
-    message = f"{other} {', '.join(said)} against {one}" if said else ""
+        faults.append(f"is {gain:.3g} times as large")
+    message = f"{other} {', '.join(faults)} against {one}" if faults else ""
     if misfit > MISFIT:
         message = (
             f"{other} does not follow {one} as {_NAMES[other[0]]} follows {_NAMES[one[0]]}: columns swapped, or a "

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .exceptions import ChainError
 from .sites import Site
+
+if TYPE_CHECKING:
+    from .identifiability import Walk
 
 _GROUNDS = ("base", "both", "free")
 MOST_DOFS = 10_000  # a larger number is a mistake, or a file that wants all memory
@@ -191,7 +194,7 @@ class Chain:
         unknown: Iterable[int] = (),
         known_masses: Iterable[int] = (),
         strategy: str = "auto",
-    ):
+    ) -> Walk:
         """Say what an excitation can identify, before any number is produced.
 
         Parameters

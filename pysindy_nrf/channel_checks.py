@@ -18,6 +18,8 @@ LOUD = 4.0  # standard deviations of the channel by which a spike stands out
 ENOUGH = 20_000  # samples that show the steps of a converter, and suspects of being spikes
 LEVELS = 64  # fewer distinct steps over the range than this are coarse
 
+Finding = tuple[str, str, float, str]  # channel, problem, share and message as in the table
+
 
 def check_channels(record: Record, warn: bool = False) -> pd.DataFrame:
     """What is wrong with the measured channels of a record.
@@ -44,7 +46,7 @@ def check_channels(record: Record, warn: bool = False) -> pd.DataFrame:
     >>> check_channels(Record(displacement=y, fs=1000.0))[["channel", "problem"]].values.tolist()
     [['x1', 'clipped']]
     """
-    rows: list[tuple[str, str, float, str]] = []
+    rows: list[Finding] = []
     seen: dict[str, np.ndarray] = {}
     for name, values in record.channels().items():
         y = np.asarray(values, dtype=float)
@@ -86,7 +88,7 @@ def _runs(flag: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return edges[::2], edges[1::2] - edges[::2]
 
 
-def _clipped(name: str, y: np.ndarray):
+def _clipped(name: str, y: np.ndarray) -> list[Finding]:
     low, high = y.min(), y.max()
     resolution = _resolution(y)
     if resolution > np.ptp(y) / LEVELS:
@@ -113,7 +115,7 @@ def _clipped(name: str, y: np.ndarray):
     ]
 
 
-def _stuck(name: str, y: np.ndarray):
+def _stuck(name: str, y: np.ndarray) -> list[Finding]:
     """A sensor that dies on the way."""
     starts, lengths = _runs(np.diff(y) == 0)
     if not len(lengths):
@@ -144,7 +146,7 @@ def _resolution(y: np.ndarray) -> float:
     return float(np.median(np.diff(values)))
 
 
-def _quantised(name: str, y: np.ndarray):
+def _quantised(name: str, y: np.ndarray) -> list[Finding]:
     step = _resolution(y)
     rms = float(np.std(y))
     if not step or step < 0.02 * rms or step < np.ptp(y) / 1024:
@@ -161,7 +163,7 @@ def _quantised(name: str, y: np.ndarray):
     ]
 
 
-def _spiky(name: str, y: np.ndarray):
+def _spiky(name: str, y: np.ndarray) -> list[Finding]:
     if name[:1] == "F" or len(y) < 32:
         return []
     signed = y[1:-1] - 0.5 * (y[2:] + y[:-2])

@@ -32,6 +32,21 @@ class Constraint:
     """Linear equations, or bounds, of masses and coefficients.
 
     A subclass writes :meth:`equations`, or :meth:`bounded`, on names such as ``"m1"`` and ``"storey 2: s"``.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, excitation, simulate
+    >>> from pysindy_nrf.constraints import Constraint
+    >>> from pysindy_nrf.noise import add_noise
+    >>> from pysindy_nrf.paper.cases import two_dof_model
+    >>> F = excitation.band_limited_random(2, 4.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
+    >>> rec = add_noise(simulate(two_dof_model(damper=False), F, 0.002), 0.01, random_state=0)
+    >>> class Ratio(Constraint):
+    ...     def equations(self, names, chain, known):
+    ...         return [({"m1": 1.0, "m2": -1.0}, 0.0)]  # m1 - m2 = 0
+    >>> masses = NRFRegressor(degree=1, constraints=Ratio()).fit(rec).masses_
+    >>> bool(abs(masses[0] - masses[1]) < 1e-6)
+    True
     """
 
     def equations(
@@ -46,11 +61,26 @@ class Constraint:
         chain : Chain
         known : dict of int to float
             Known masses, kg.
+
+        Returns
+        -------
+        list of (dict of str to float, float)
         """
         return []
 
     def bounded(self, names: Sequence[str], chain: Chain) -> list[str]:
-        """Names of parameters that must not be negative."""
+        """Names of parameters that must not be negative.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Parameters that are estimated.
+        chain : Chain
+
+        Returns
+        -------
+        list of str
+        """
         return []
 
     def __repr__(self) -> str:
@@ -64,6 +94,18 @@ class EqualMasses(Constraint):
     ----------
     dofs : iterable of int, optional
         All if None.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, excitation, simulate
+    >>> from pysindy_nrf.constraints import EqualMasses
+    >>> from pysindy_nrf.noise import add_noise
+    >>> from pysindy_nrf.paper.cases import two_dof_model
+    >>> F = excitation.band_limited_random(2, 4.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
+    >>> rec = add_noise(simulate(two_dof_model(damper=False), F, 0.002), 0.01, random_state=0)
+    >>> masses = NRFRegressor(degree=1, constraints=EqualMasses()).fit(rec).masses_
+    >>> bool(abs(masses[0] - masses[1]) < 1e-6)
+    True
     """
 
     def __init__(self, dofs: Iterable[int] | None = None) -> None:
@@ -88,6 +130,14 @@ class TotalMass(Constraint):
         kg.
     dofs : iterable of int, optional
         All if None.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> from pysindy_nrf.constraints import TotalMass
+    >>> masses = NRFRegressor(degree=3, constraints=TotalMass(30.0)).fit(datasets.load_demo()).masses_
+    >>> round(float(masses.sum()), 6)
+    30.0
     """
 
     def __init__(self, mass: float, dofs: Iterable[int] | None = None) -> None:
@@ -110,6 +160,14 @@ class KnownStiffness(Constraint):
         N/m.
     term : str
         Another term's coefficient, in its own unit, e.g. ``"v"``.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> from pysindy_nrf.constraints import KnownStiffness
+    >>> model = NRFRegressor(degree=3, constraints=KnownStiffness("storey 3", 30e3)).fit(datasets.load_demo())
+    >>> round(float(model.restoring_forces_["storey 3"].coefficients["s"]), 3)
+    30000.0
     """
 
     def __init__(self, site: Any, stiffness: float, term: str = "s") -> None:
@@ -128,6 +186,19 @@ class EqualStoreys(Constraint):
         All storeys of the chain if None.
     terms : iterable of str, optional
         Only these terms; all if None.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, excitation, simulate
+    >>> from pysindy_nrf.constraints import EqualStoreys
+    >>> from pysindy_nrf.noise import add_noise
+    >>> from pysindy_nrf.paper.cases import two_dof_model
+    >>> F = excitation.band_limited_random(2, 4.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
+    >>> rec = add_noise(simulate(two_dof_model(damper=False), F, 0.002), 0.01, random_state=0)
+    >>> model = NRFRegressor(degree=1, constraints=EqualStoreys(terms=["s"])).fit(rec)
+    >>> k = [float(model.restoring_forces_[i].coefficients["s"]) for i in (1, 2)]  # N/m
+    >>> abs(k[0] / k[1] - 1) < 1e-9
+    True
     """
 
     def __init__(self, storeys: Iterable[Any] | None = None, terms: Iterable[str] | None = None) -> None:
@@ -156,6 +227,18 @@ class NonNegative(Constraint):
         ``"s"`` (stiffness), ``"v"`` (damping), ``"s^3"``, or ``"m"`` for masses.
     sites : iterable of str or int, optional
         All sites that have the term if None.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, excitation, simulate
+    >>> from pysindy_nrf.constraints import NonNegative
+    >>> from pysindy_nrf.noise import add_noise
+    >>> from pysindy_nrf.paper.cases import two_dof_model
+    >>> F = excitation.band_limited_random(2, 4.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
+    >>> rec = add_noise(simulate(two_dof_model(damper=False), F, 0.002), 0.01, random_state=0)
+    >>> model = NRFRegressor(degree=1, constraints=NonNegative("v")).fit(rec)
+    >>> [bool(model.restoring_forces_[i].coefficients["v"] >= 0) for i in (1, 2)]
+    [True, True]
     """
 
     def __init__(self, term: str = "s", sites: Iterable[Any] | None = None) -> None:
@@ -189,6 +272,19 @@ def constrained(model: ChainModel, constraints: Any, resolver: Any) -> ChainMode
     ------
     ChainError
         If a constraint names what does not exist, or they contradict each other.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, excitation, simulate
+    >>> from pysindy_nrf.constraints import TotalMass, constrained
+    >>> from pysindy_nrf.noise import add_noise
+    >>> from pysindy_nrf.paper.cases import two_dof_model
+    >>> F = excitation.band_limited_random(2, 4.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
+    >>> rec = add_noise(simulate(two_dof_model(damper=False), F, 0.002), 0.01, random_state=0)
+    >>> fitted = NRFRegressor(degree=1).fit(rec)
+    >>> model = constrained(fitted.model_, TotalMass(fitted.masses_.sum() + 0.01), fitted._resolving())
+    >>> round(float(model.masses.sum() - fitted.masses_.sum()), 6)  # kg
+    0.01
     """
     from .estimation.statistics import parameters_of
 

@@ -63,6 +63,18 @@ def fit_distributed(
         If a law remembers the path and a record is cut into partitions.
     MissingExtraError
         Without the extra ``dask``.
+
+    Examples
+    --------
+    >>> import dask.array as da
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+    >>> from pysindy_nrf.distributed import fit_distributed
+    >>> truth = ChainModel([10.0], {1: laws.PowerSeries(1, [30.0, 4e4])})
+    >>> F = excitation.band_limited_random(1, 8.0, 500.0, dofs=1, rms=50.0, band=(1, 60), random_state=0)
+    >>> X, F = simulate(truth, F, 0.002).to_features(smooth=False)
+    >>> X, F = (da.from_array(z, chunks=(1000, -1)) for z in (X.to_numpy(), F.to_numpy()))
+    >>> fit_distributed(NRFRegressor(degree=1), X, F).masses_.round(6)
+    array([10.])
     """
     dask = require("dask", "dask", "Fitting Dask collections")
     from threadpoolctl import threadpool_limits
@@ -82,6 +94,7 @@ def fit_distributed(
             guess = {dofs: guess_of(part) for dofs, part in moments.parts.items()}
             accumulator = _pass(dask, estimator, items, whole, "root", guess)
             solution, moments, walk = solution_of(accumulator)
+        assert solution is not None  # only Gram matrices lose digits
         return publish(accumulator, solution, moments, walk)
 
 
@@ -121,6 +134,14 @@ def accumulate(
     Returns
     -------
     Accumulator
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> from pysindy_nrf.distributed import accumulate
+    >>> part = accumulate(NRFRegressor(degree=1), datasets.load_demo(), number=0, whole=True)
+    >>> part.n_samples, part.forced
+    (4000, (2,))
     """
     from threadpoolctl import threadpool_limits
 
@@ -153,6 +174,15 @@ def added(accumulators: Sequence[Accumulator]) -> Accumulator:
     Returns
     -------
     Accumulator
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> from pysindy_nrf.distributed import accumulate, added
+    >>> record = datasets.load_demo()
+    >>> parts = [accumulate(NRFRegressor(degree=1), record, number, whole=True) for number in range(2)]
+    >>> added(parts).n_samples
+    8000
     """
     first = accumulators[0]
     out = Accumulator(first.estimator, first.kind, first.guess)

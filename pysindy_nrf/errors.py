@@ -40,6 +40,21 @@ def balance_errors(model: ChainModel, moments: Moments) -> pd.DataFrame:
     DataFrame
         One row ``"dof j"`` for each balance whose force is known, and ``"pooled"``; columns
         ``error`` (percent), ``residual`` and ``reference`` (rms, N), ``of`` (``"F"`` or ``"m a"``).
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> from pysindy_nrf.chain_solve import groups_of
+    >>> from pysindy_nrf.errors import balance_errors
+    >>> from pysindy_nrf.layout import LawLayout
+    >>> from pysindy_nrf.moments import Moments, accumulate
+    >>> X, F = datasets.load_demo().to_features()
+    >>> fitted = NRFRegressor(degree=3).fit(X, F)
+    >>> layout = LawLayout(fitted.chain_, fitted.model_.laws)
+    >>> data = fitted.model_.segments(X, F)
+    >>> moments = accumulate(Moments(layout, groups_of(layout, fitted.walk_)), data.segments[0].blocks(layout))
+    >>> balance_errors(fitted.model_, moments)["error"].round(1).to_dict()
+    {'dof 1': 2.2, 'dof 2': 4.2, 'dof 3': 1.2, 'pooled': 1.9}
     """
     coefficients = {
         site: np.concatenate([law.coefficients for law in held if law.coefficients is not None] or [np.zeros(0)])
@@ -70,6 +85,23 @@ def pooled_error(masses: Mapping[int, float], coefficients: Mapping[Site, np.nda
     Returns
     -------
     float
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> from pysindy_nrf.chain_solve import groups_of
+    >>> from pysindy_nrf.errors import pooled_error
+    >>> from pysindy_nrf.layout import LawLayout
+    >>> from pysindy_nrf.moments import Moments, accumulate
+    >>> X, F = datasets.load_demo().to_features()
+    >>> fitted = NRFRegressor(degree=3).fit(X, F)
+    >>> layout = LawLayout(fitted.chain_, fitted.model_.laws)
+    >>> segment = fitted.model_.segments(X, F).segments[0]
+    >>> moments = accumulate(Moments(layout, groups_of(layout, fitted.walk_)), segment.blocks(layout))
+    >>> masses = dict(enumerate(fitted.masses_, 1))
+    >>> coefficients = {site: held[0].coefficients for site, held in fitted.model_.laws.items()}
+    >>> round(pooled_error(masses, coefficients, moments), 1)  # percent
+    1.9
     """
     pooled = Pooled()
     for j in range(1, moments.layout.n_dof + 1):
@@ -80,7 +112,23 @@ def pooled_error(masses: Mapping[int, float], coefficients: Mapping[Site, np.nda
 
 
 class Sizes(NamedTuple):
-    """Rms of the residual, the reference and the storey force of one balance (N), and the samples behind them."""
+    """Rms of the residual, the reference and the storey force of one balance (N), and the samples behind them.
+
+    Attributes
+    ----------
+    residual, reference, storey : float
+        Rms, N.
+    of : {"F", "m a"}
+        What the reference is: the applied force, or the inertia.
+    n_samples : int
+
+    Examples
+    --------
+    >>> from pysindy_nrf.errors import Sizes
+    >>> size = Sizes(residual=2.0, reference=50.0, storey=40.0, of="F", n_samples=4000)
+    >>> 100 * size.residual / size.reference  # percent NRMSE of this balance
+    4.0
+    """
 
     residual: float
     reference: float
@@ -109,6 +157,23 @@ def balance_sizes(
     Returns
     -------
     Sizes or None
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> from pysindy_nrf.chain_solve import groups_of
+    >>> from pysindy_nrf.errors import balance_sizes
+    >>> from pysindy_nrf.layout import LawLayout
+    >>> from pysindy_nrf.moments import Moments, accumulate
+    >>> X, F = datasets.load_demo().to_features()
+    >>> fitted = NRFRegressor(degree=3).fit(X, F)
+    >>> layout = LawLayout(fitted.chain_, fitted.model_.laws)
+    >>> segment = fitted.model_.segments(X, F).segments[0]
+    >>> moments = accumulate(Moments(layout, groups_of(layout, fitted.walk_)), segment.blocks(layout))
+    >>> masses = dict(enumerate(fitted.masses_, 1))
+    >>> coefficients = {site: held[0].coefficients for site, held in fitted.model_.laws.items()}
+    >>> [balance_sizes(j, masses, coefficients, moments).of for j in (1, 2, 3)]  # floor 2 is shaken
+    ['m a', 'F', 'm a']
     """
     above = tuple(range(dof, moments.layout.n_dof + 1))
     dofs = above if above in moments.parts else (dof,)
@@ -135,13 +200,28 @@ def balance_sizes(
 
 
 class Pooled:
-    """Running sums behind the pooled error."""
+    """Running sums behind the pooled error.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.errors import Pooled, Sizes
+    >>> pooled = Pooled()
+    >>> pooled.add(Sizes(residual=2.0, reference=50.0, storey=50.0, of="F", n_samples=1000))
+    >>> pooled.add(Sizes(residual=0.6, reference=10.0, storey=10.0, of="m a", n_samples=1000))
+    >>> round(pooled.percent, 2)  # between 4 and 6 %
+    5.1
+    """
 
     def __init__(self) -> None:
         self.top = self.bottom = 0.0
 
     def add(self, sizes: Sizes) -> None:
-        """Add one balance, divided by the rms of its storey force."""
+        """Add one balance, divided by the rms of its storey force.
+
+        Parameters
+        ----------
+        sizes : Sizes
+        """
         self.top += sizes.n_samples * (sizes.residual / sizes.storey) ** 2
         self.bottom += sizes.n_samples * (sizes.reference / sizes.storey) ** 2
 
@@ -175,6 +255,19 @@ def judge(
     -------
     DataFrame
         See :func:`balance_errors`.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> from pysindy_nrf.errors import judge
+    >>> from pysindy_nrf.layout import LawLayout
+    >>> X, F = datasets.load_demo().to_features()
+    >>> fitted = NRFRegressor(degree=3).fit(X, F)
+    >>> layout = LawLayout(fitted.chain_, fitted.model_.laws)
+    >>> segment = fitted.model_.segments(X, F).segments[0]
+    >>> errors = judge(fitted.model_, layout, fitted.walk_, segment.blocks(layout))
+    >>> errors["of"].to_dict()
+    {'dof 1': 'm a', 'dof 2': 'F', 'dof 3': 'm a', 'pooled': ''}
     """
     known = dict(enumerate(model.masses.tolist(), 1))
 
@@ -198,6 +291,12 @@ def nrmse(measured: Any, found: Any) -> float:
     -------
     float
         Rows with NaN in either are left out.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.errors import nrmse
+    >>> round(nrmse([1.0, -2.0, 2.0], [1.1, -2.2, 2.2]), 9)  # ten percent too large
+    10.0
     """
     a, b = np.asarray(measured, dtype=float), np.asarray(found, dtype=float)
     good = np.isfinite(a) & np.isfinite(b)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import Literal
 
 import numpy as np
 
@@ -79,7 +80,7 @@ class Extent:
 
 
 @cache
-def _scan(kind: str, layout: str):
+def _scan(kind: str, layout: Literal["C", "A"]) -> Callable[[np.ndarray, np.ndarray], None]:
     """Compiled pass, row after row; one machine-code version for each type, whoever owns the array."""
     from numba import from_dtype, types
 

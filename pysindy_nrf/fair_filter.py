@@ -211,7 +211,7 @@ def filters_of(band: Band, data: Any) -> list[FairFilter | None]:
     """
     if band is None:
         return [None] * len(data.segments)
-    filters = []
+    filters: list[FairFilter | None] = []
     for seg in data.segments:
         if seg.dt is None:
             raise ChannelError(

@@ -293,15 +293,15 @@ class ForceLawLibrarySum(ForceLawLibrary):
         return values[0] if values else None
 
     @property
-    def inputs(self) -> str:  # type: ignore[override]
+    def inputs(self) -> str:  # type: ignore[override]  # read-only: it is that of the libraries added
         return self._shared("inputs")
 
     @property
-    def chain(self) -> Chain | None:  # type: ignore[override]
+    def chain(self) -> Chain | None:  # type: ignore[override]  # likewise
         return self._shared("chain")
 
     @property
-    def dt(self) -> float | None:  # type: ignore[override]
+    def dt(self) -> float | None:  # type: ignore[override]  # likewise
         return self._shared("dt")
 
     def _laws(self, chain: Chain) -> Mapping[Any, Sequence[ForceLaw]]:

@@ -7,7 +7,7 @@ therefore proportional to the number of storeys.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -137,7 +137,7 @@ def orthogonal_gram(rows: np.ndarray, guess: np.ndarray, store: np.ndarray) -> N
 
 
 @cache
-def kernels():
+def kernels() -> tuple[Callable[..., None], Callable[..., None]]:
     """The compiled passes.
 
     ``gram_pass(a, force, source, steps, sums, masses, pairs, scratch, store)`` adds the products of the rows of

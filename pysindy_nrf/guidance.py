@@ -20,6 +20,8 @@ ILL = 1e4  # scaled condition number from which on terms are hard to tell apart
 WIDE = 0.05  # half-width of a 95 % interval, as a share, from which on a parameter is uncertain
 BIASED = 0.01  # expected relative bias of a mass from which on it is named
 
+Finding = tuple[float, str, str, float, str]  # gravity; limit, where, size and message as in the table
+
 
 @dataclass
 class Diagnosis:
@@ -31,6 +33,14 @@ class Diagnosis:
         One row for each finding, the gravest first: ``limit`` (``"noise"``, ``"excitation"``,
         ``"conditioning"``, ``"missing law"``, ``"uncertainty"``, ``"estimation"``,
         ``"delay"``), ``where``, ``size``, ``message``.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> from pysindy_nrf.guidance import diagnose
+    >>> found = diagnose(NRFRegressor(degree=3).fit(datasets.load_demo()))
+    >>> found.table.columns.tolist()
+    ['limit', 'where', 'size', 'message']
     """
 
     table: pd.DataFrame
@@ -50,8 +60,19 @@ def diagnose(model: Any) -> Diagnosis:
     -------
     Diagnosis
         ``print`` it.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> from pysindy_nrf.guidance import diagnose
+    >>> with warnings.catch_warnings():
+    ...     warnings.simplefilter("ignore")
+    ...     linear = NRFRegressor(degree=1).fit(datasets.load_demo())  # storey 1 is cubic
+    >>> "missing law" in diagnose(linear).table["limit"].tolist()
+    True
     """
-    rows: list[tuple[float, str, str, float, str]] = []
+    rows: list[Finding] = []
     rows += (
         _missing(model)
         + _excitation(model)
@@ -65,7 +86,7 @@ def diagnose(model: Any) -> Diagnosis:
     return Diagnosis(pd.DataFrame([row[1:] for row in rows], columns=["limit", "where", "size", "message"]))
 
 
-def _missing(model: Any):
+def _missing(model: Any) -> list[Finding]:
     out = []
     for name, row in model.missing_terms_.iterrows():
         if row["biased"]:
@@ -80,7 +101,7 @@ def _missing(model: Any):
     return out
 
 
-def _excitation(model: Any):
+def _excitation(model: Any) -> list[Finding]:
     out = []
     sizes = {site: _drift(region) for site, region in model.model_.visited.items() if site.is_storey}
     top = max(sizes.values(), default=0.0)
@@ -99,7 +120,7 @@ def _drift(region: Any) -> float:
     return max(abs(region.low[1]), abs(region.high[1]))
 
 
-def _conditioning(model: Any):
+def _conditioning(model: Any) -> list[Finding]:
     return [
         (
             1.5, "conditioning", name, float(value),
@@ -113,7 +134,7 @@ def _conditioning(model: Any):
     ]  # fmt: skip
 
 
-def _uncertainty(model: Any):
+def _uncertainty(model: Any) -> list[Finding]:
     from .exceptions import NRFError
 
     try:
@@ -135,7 +156,7 @@ def _uncertainty(model: Any):
     return out
 
 
-def _estimation(model: Any):
+def _estimation(model: Any) -> list[Finding]:
     facts = model.model_.info.get("estimation", {})
     if facts.get("asked", "ls") == "iv" and facts.get("found") == "ls":
         text = (
@@ -146,7 +167,7 @@ def _estimation(model: Any):
     return []
 
 
-def _delays(model: Any):
+def _delays(model: Any) -> list[Finding]:
     from .exceptions import NRFError
     from .force_delay import force_delay
 
@@ -161,7 +182,7 @@ def _delays(model: Any):
     ]
 
 
-def _noise(model: Any):
+def _noise(model: Any) -> list[Finding]:
     """The bias that white noise still in the motions gives a least-squares mass, balance by balance.
 
     ``theta = (G - N)^-1 G theta_LS`` with the Gram matrix G of the columns and N that of their noise.
@@ -186,12 +207,12 @@ def _noise(model: Any):
         if len(step.dofs) > 1 or not step.masses or pieces.instrumented:
             continue
         group = layout.group(step.dofs)
-        names: list[str | None] = []
+        names: list[str] = []  # empty for what is not a linear term of this storey
         for site in group.sites:
             for term in layout.terms_at(site):
                 own = term.label in ("v", "s") and site.is_storey and site in step.sites
-                names.append(f"{term.label}{site.p}" if own else None)
-        free = [i for i, name in enumerate(names) if name is not None] + [len(names)]
+                names.append(f"{term.label}{site.p}" if own else "")
+        free = [i for i, name in enumerate(names) if name] + [len(names)]
         names.append(f"a{step.dofs[0]}")
         gram = pieces.grams[step.dofs].sum(axis=0)[np.ix_(free, free)]
         n = pieces.sizes[step.dofs].sum()
@@ -233,6 +254,14 @@ class Plan:
         ``records``, ``identifies`` (share of masses and laws), ``depth`` (most steps an error travels),
         ``left`` (what stays out of reach).
     advice : list of str
+
+    Examples
+    --------
+    >>> from pysindy_nrf import Chain
+    >>> from pysindy_nrf.guidance import plan
+    >>> found = plan(Chain(3), can_hit=[1, 3])
+    >>> found.table["hit"].iloc[0], float(found.table["identifies"].iloc[0])
+    ((1,), 1.0)
     """
 
     table: pd.DataFrame
@@ -274,6 +303,13 @@ def plan(
     -------
     Plan
         ``print`` it.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import Chain
+    >>> from pysindy_nrf.guidance import plan
+    >>> print(plan(Chain(3), can_hit=[1, 3], unknown=[2]).advice[0])
+    Hit floor 1 and 3: out of reach remain m2.
     """
     every = tuple(range(1, chain.n_dof + 1))
     reach = every if can_hit is None else tuple(sorted(set(can_hit)))
@@ -283,9 +319,9 @@ def plan(
     blind = sorted(set(every) - set(every if sensors is None else sensors))
     advice = []
     if blind:
-        floors = ", ".join(map(str, blind))
+        without = ", ".join(map(str, blind))
         advice.append(
-            f"Floor {floors} has no sensor: the storeys beside it cannot be told apart (x_{blind[0]} enters "
+            f"Floor {without} has no sensor: the storeys beside it cannot be told apart (x_{blind[0]} enters "
             "both). Add an "
             f"accelerometer on floor {blind[0]}, or model the floors around it as one mass: the storey is then "
             "the series of both, "

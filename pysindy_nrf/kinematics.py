@@ -78,20 +78,21 @@ def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.Da
         fused = record
     else:
         fused = smoother.transform_record(record)
-    v, x = fused.velocity, fused.displacement
+    a, v, x = fused.acceleration, fused.velocity, fused.displacement
+    assert a is not None and v is not None and x is not None  # measured, or filled in by the smoother
     if record.coordinates == "absolute" and record.base_moves:
         vg, xg = _base_motion(record, fused, smooth)
         v, x = v - vg[:, None], x - xg[:, None]
     index = pd.Index(record.time, name="t")
     columns = [f"{kind}{j}" for kind in "avs" for j in range(1, record.n_dof + 1)]
     drift = [np.diff(y, axis=1, prepend=0.0) for y in (v, x)]
-    X = pd.DataFrame(np.hstack([fused.acceleration, *drift]), index=index, columns=columns)
+    X = pd.DataFrame(np.hstack([a, *drift]), index=index, columns=columns)
     if smoother is not None and smoother.spacing_.max() > 1.0:
         # an accelerometer shows the whole band; what a displacement sensor cannot show is smoothed away
         blind = [h for j, h in smoother.spacing_.items() if f"a{j}" not in have and h > 1.0]
         if blind:
             X.attrs["resolved"] = RESOLVED * record.fs / (2 * float(max(blind)))
-        X.attrs["joint_fusion"] = smoother.joint and not _as_measured(record, fused)
+        X.attrs["joint_fusion"] = smoother.joint and not _as_measured(record, a)
     F = pd.DataFrame(fused.force, index=index, columns=[f"F{j}" for j in range(1, record.n_dof + 1)])
     return X, F
 
@@ -108,10 +109,10 @@ def _warn_of_doubts(record: Record) -> None:
         )
 
 
-def _as_measured(record: Record, fused: Record) -> bool:
-    """Whether the fusion passed clean channels on as they are."""
+def _as_measured(record: Record, fused: np.ndarray) -> bool:
+    """Whether the fusion passed clean accelerations on as they are."""
     return record.acceleration is not None and np.allclose(
-        record.acceleration, fused.acceleration, rtol=1e-4, atol=1e-4 * np.nanstd(fused.acceleration), equal_nan=True
+        record.acceleration, fused, rtol=1e-4, atol=1e-4 * np.nanstd(fused), equal_nan=True
     )
 
 
@@ -138,6 +139,7 @@ def _base_motion(record: Record, fused: Record, smooth: Any) -> tuple[np.ndarray
     """Velocity and displacement of the base for absolute coordinates."""
     have = set(record.measured)
     if {"vg", "xg"} <= have and smooth is False:
+        assert fused.base_velocity is not None and fused.base_displacement is not None
         return fused.base_velocity, fused.base_displacement
     if smooth is False or not have & {"vg", "xg"}:
         raise ChannelError(
@@ -160,4 +162,5 @@ def _base_motion(record: Record, fused: Record, smooth: Any) -> tuple[np.ndarray
 
     # the record is already band-limited if the smoother was told to
     whole = KinematicSmoother().transform_record(ground)
+    assert whole.velocity is not None and whole.displacement is not None
     return whole.velocity[:, 0], whole.displacement[:, 0]

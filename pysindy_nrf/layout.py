@@ -43,7 +43,7 @@ class Layout:
     Parameters
     ----------
     chain : Chain
-    terms : mapping of str to int
+    terms : mapping of site to int
         Number of terms at each site; sites beyond the chain's own (``"dof 2"``, further links) follow
         in the order given.
 
@@ -54,7 +54,7 @@ class Layout:
     n_terms : int
     """
 
-    def __init__(self, chain: Chain, terms: Mapping[str, int]) -> None:
+    def __init__(self, chain: Chain, terms: Mapping[Any, int]) -> None:
         counts = {chain.site(s): int(k) for s, k in terms.items()}
         self.chain = chain
         self.sites: tuple[Site, ...] = (*chain.sites, *(s for s in counts if s not in chain.sites))
@@ -140,16 +140,17 @@ def _recipe(layout: LawLayout) -> Recipe:
     others: list[tuple[Site, int, slice]] = []
     helper = layout.n_terms
     for site in layout.acting:
-        at, made = layout.slices[site].start, {}
+        at = layout.slices[site].start
+        made: dict[tuple[int, int], int] = {}
         rows: dict[tuple[int, int], int] = {}
         for number, law in enumerate(layout.laws[site]):
-            terms = law.terms()
-            powers = [powers_of(term.label) for term in terms]
-            if not _are_products(law, powers):
-                others.append((site, number, slice(at, at + len(terms))))
+            width = len(law.terms())
+            powers = _products(law)
+            if powers is None:
+                others.append((site, number, slice(at, at + width)))
             else:
                 rows |= {power: at + k for k, power in enumerate(powers)}
-            at += len(terms)
+            at += width
         if not rows:
             continue
         v = 2 * len(motions)
@@ -185,13 +186,14 @@ def _recipe(layout: LawLayout) -> Recipe:
 _PROBE = Motion(np.array([0.7, -1.3, 0.4]), np.array([-0.6, 0.8, 1.7]))
 
 
-def _are_products(law: ForceLaw, powers: list[tuple[int, int] | None]) -> bool:
-    """Whether the columns of a law are what their labels say, and nothing else is needed for them."""
+def _products(law: ForceLaw) -> list[tuple[int, int]] | None:
+    """Exponents of the columns of a law if they are what their labels say and need nothing else, else None."""
+    powers = [power for term in law.terms() if (power := powers_of(term.label)) is not None]
     needs_more = law.has_memory or law.covariates or law.uses_time or law.uses_acceleration or law.free_shape
-    if needs_more or not powers or None in powers or (0, 0) in powers:
-        return False
+    if needs_more or not powers or len(powers) < len(law.terms()) or (0, 0) in powers:
+        return None
     products = np.column_stack([_PROBE.v**h * _PROBE.s**j for h, j in powers])
-    return np.allclose(law.features(_PROBE), products, rtol=1e-12, atol=0.0)
+    return powers if np.allclose(law.features(_PROBE), products, rtol=1e-12, atol=0.0) else None
 
 
 def powers_of(label: str) -> tuple[int, int] | None:

@@ -115,7 +115,17 @@ class ChainModel:
     # -- forces along data --------------------------------------------------------------------
 
     def segments(self, X: Any, F: Any = None, **options: Any) -> SegmentSet:
-        """The contiguous records in arrays of channels; see :meth:`predict`."""
+        """The contiguous records in arrays of channels.
+
+        Parameters
+        ----------
+        X, F, **options
+            As for :meth:`predict`; forces in N.
+
+        Returns
+        -------
+        SegmentSet
+        """
         if isinstance(X, SegmentSet):
             return X
         return from_arrays(X, F, n_dof=self.n_dof, has_memory=self.has_memory, **options)
@@ -420,10 +430,16 @@ class ChainModel:
             and self.laws == other.laws
         )
 
-    __hash__ = None  # type: ignore[assignment]
+    __hash__ = None  # type: ignore[assignment]  # how Python says that an object that can change has no hash
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            As :func:`pysindy_nrf.schema.schema` describes it, SI units.
+        """
         return {
             "schema": SCHEMA,
             "version": VERSION,

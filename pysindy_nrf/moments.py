@@ -75,6 +75,7 @@ class Block:
     def terms(self) -> np.ndarray:
         """Columns of all sites, shape (n_terms, n)."""
         if self._terms is None:
+            assert self.recipe is not None and self.source is not None  # a block has its columns or these
             self._terms = self.recipe.finish(self.source, self._n_terms)
         return self._terms
 
@@ -342,9 +343,10 @@ class Moments:
         """Move what the compiled pass has summed up into the groups whose forces it knew."""
         if not self._pending:
             return
+        plan = self._planned()
         for dofs, part in self._parts.items():
             if all(self._known[j - 1] for j in dofs):
-                part.matrix += self._store[self._plan.take[dofs]]
+                part.matrix += self._store[plan.take[dofs]]
                 part.n_samples += self._pending
         self._store, self._pending = np.zeros(0), 0
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
@@ -20,6 +20,9 @@ from .layout import Layout
 from .moments import Block, Moments, blocks_of
 from .sites import Site
 
+if TYPE_CHECKING:
+    from sklearn.utils import Tags
+
 
 class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
     """What both chain optimizers share: PySINDy's optimizer contract around one solve."""
@@ -27,7 +30,15 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
     # read by pysindy.EnsembleOptimizer from the optimizer it wraps
     max_iter, copy_X, initial_guess = 1, True, None
 
-    def __init__(self, optimizer=None, chain=None, strategy="auto", excited=None, terms=None, known_masses=None):
+    def __init__(
+        self,
+        optimizer: Any = None,
+        chain: Chain | None = None,
+        strategy: str = "auto",
+        excited: Iterable[int] | None = None,
+        terms: Sequence[int] | None = None,
+        known_masses: Mapping[int, float] | None = None,
+    ) -> None:
         self.optimizer = optimizer
         self.chain = chain
         self.strategy = strategy
@@ -110,7 +121,7 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
                     rows[j - 1, layout.slices[site]] = site.incidence(j) * held[site]
         return rows
 
-    def _finish(self, coef: np.ndarray):
+    def _finish(self, coef: np.ndarray) -> Self:
         self.coef_ = coef
         self.ind_ = np.abs(coef) > 0
         self.intercept_ = 0.0
@@ -128,7 +139,7 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
             raise ChannelError(f"The {what} hold infinite values", "Repair or cut these rows.")
         return matrix
 
-    def __sklearn_tags__(self):
+    def __sklearn_tags__(self) -> Tags:
         tags = super().__sklearn_tags__()
         tags.regressor_tags.poor_score = True  # without an intercept: a balance of forces has none
         return tags
@@ -228,7 +239,7 @@ class ChainOptimizer(_ChainOptimizerBase):
     array([[ 10.,   3., 500.]])
     """
 
-    def fit(self, x_, y):
+    def fit(self, x_: Any, y: Any) -> Self:
         """Find masses and coefficients.
 
         Parameters
@@ -284,7 +295,7 @@ class StateSpaceChainOptimizer(_ChainOptimizerBase):
            [  0. ,  -0.3, -50. ,   0.1]])
     """
 
-    def fit(self, x_, y):
+    def fit(self, x_: Any, y: Any) -> Self:
         """Find masses and coefficients.
 
         Parameters

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -16,7 +16,7 @@ from .chain import Chain
 from .chain_solve import Solution, doubtful_masses
 from .exceptions import ChainError, ChannelError, DataQualityWarning, ExcitationError
 from .fair_filter import filters_of
-from .identifiability import plan_walk
+from .identifiability import Walk, plan_walk
 from .laws import ForceLaw, PowerSeries
 from .layout import LawLayout
 from .model import ChainModel
@@ -27,6 +27,12 @@ from .segments import SegmentSet, feature_names, from_arrays
 from .sites import Site
 from .solved import model_of, scales_of, third_law_gap, unknown_forces, visited_regions
 from .streaming import fit_streamed, is_streamed, partial_fit
+
+if TYPE_CHECKING:
+    from sklearn.utils import Tags
+
+    from .estimation.intervals import Resolver
+    from .guidance import Diagnosis
 
 _DEFAULT_DEGREE = 3
 _ESTIMATIONS = ("ls", "iv", "simulation")
@@ -123,6 +129,10 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
     400000000.0
     """
 
+    model_: ChainModel
+    _resolver: Resolver | None
+    _evidence: tuple[SegmentSet, LawLayout, Walk, Sequence[Any], Mapping[int, float]] | None
+
     def __init__(
         self,
         degree: Any = _DEFAULT_DEGREE,
@@ -200,14 +210,14 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
                 self, X, y, record=record, time=time, base_acceleration=base_acceleration, covariates=covariates,
                 state=state,
             )  # fmt: skip
-        laws_given = self._given_laws()
+        laws_given, chain = self._given_laws(), self._given_chain()
         options = dict(
             record=record,
             time=time,
             base_acceleration=base_acceleration,
             covariates=covariates,
             has_memory=any(law.has_memory for held in laws_given.values() for law in held),
-            n_dof=self.chain.n_dof if self._given_chain() is not None else None,
+            n_dof=None if chain is None else chain.n_dof,
         )
         if not isinstance(X, Record):
             require_two_dimensions(X)
@@ -219,7 +229,14 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         return self
 
     def partial_fit(
-        self, X: Any, y: Any = None, *, record=None, time=None, base_acceleration=None, covariates=None
+        self,
+        X: Any,
+        y: Any = None,
+        *,
+        record: Any = None,
+        time: Any = None,
+        base_acceleration: Any = None,
+        covariates: Mapping[str, Any] | None = None,
     ) -> NRFRegressor:
         """Add samples to what earlier calls gave, and solve again.
 
@@ -310,7 +327,7 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
 
         return self.optimizer.optimizer if isinstance(self.optimizer, ChainOptimizer) else self.optimizer
 
-    def _resolving(self):
+    def _resolving(self) -> Resolver:
         """What re-solving the chain on parts of the data needs; made when first asked for."""
         if self._resolver is None:
             if self._evidence is None:
@@ -331,11 +348,13 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         self._resolver = resolver
         return self
 
-    def __getstate__(self):
+    def __getstate__(self) -> dict[str, Any]:
         state = super().__getstate__()
         return {**state, "_evidence": None} if "_evidence" in state else state  # the data are not part of the model
 
-    def _solve(self, layout, walk, data, filters, known) -> tuple[ChainModel, Solution, Moments]:
+    def _solve(
+        self, layout: LawLayout, walk: Walk, data: SegmentSet, filters: Sequence[Any], known: Mapping[int, float]
+    ) -> tuple[ChainModel, Solution, Moments]:
         from .optimizers import ChainOptimizer
 
         def blocks() -> Iterator[Block]:
@@ -347,7 +366,16 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         solution, moments = optimizer.solve(layout, walk, blocks, names)
         return model_of(layout, solution), solution, moments
 
-    def _publish(self, model, solution, moments, walk, layout, data, judged) -> None:
+    def _publish(
+        self,
+        model: ChainModel,
+        solution: Solution,
+        moments: Moments,
+        walk: Walk,
+        layout: LawLayout,
+        data: SegmentSet,
+        judged: SegmentSet,
+    ) -> None:
         from .analysis.bias import missing_terms_of, warn_of_bias
         from .errors import balance_errors
 
@@ -441,7 +469,15 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
 
     # -- use ----------------------------------------------------------------------------------
 
-    def predict(self, X: Any, *, record=None, time=None, base_acceleration=None, covariates=None) -> np.ndarray:
+    def predict(
+        self,
+        X: Any,
+        *,
+        record: Any = None,
+        time: Any = None,
+        base_acceleration: Any = None,
+        covariates: Mapping[str, Any] | None = None,
+    ) -> np.ndarray:
         """Forces on the DOFs that the measured motion implies (left-hand sides of the balances).
 
         Parameters
@@ -458,7 +494,15 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         out = data.scatter(self.model_.balance_forces(data))
         return out[:, 0] if getattr(self, "_one_force", False) else out
 
-    def restoring_force(self, X: Any, *, record=None, time=None, base_acceleration=None, covariates=None) -> np.ndarray:
+    def restoring_force(
+        self,
+        X: Any,
+        *,
+        record: Any = None,
+        time: Any = None,
+        base_acceleration: Any = None,
+        covariates: Mapping[str, Any] | None = None,
+    ) -> np.ndarray:
         """Storey forces along data.
 
         Parameters
@@ -479,10 +523,10 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         y: Any = None,
         sample_weight: Any = None,
         *,
-        record=None,
-        time=None,
-        base_acceleration=None,
-        covariates=None,
+        record: Any = None,
+        time: Any = None,
+        base_acceleration: Any = None,
+        covariates: Mapping[str, Any] | None = None,
     ) -> float:
         """R^2 of the accelerations the model predicts, variance-weighted over the DOFs.
 
@@ -517,7 +561,14 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         return 1.0 - error / left if left else float("nan")
 
     def balance_errors(
-        self, X: Any, y: Any = None, *, record=None, time=None, base_acceleration=None, covariates=None
+        self,
+        X: Any,
+        y: Any = None,
+        *,
+        record: Any = None,
+        time: Any = None,
+        base_acceleration: Any = None,
+        covariates: Mapping[str, Any] | None = None,
     ) -> pd.DataFrame:
         """Balance errors (one step) on other data, in the same band; percent NRMSE.
 
@@ -544,7 +595,13 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         return judge(self.model_, layout, self.walk_, blocks)
 
     def modes(self) -> pd.DataFrame:
-        """Frequencies (Hz), damping ratios and shapes of the linear part; see :meth:`ChainModel.modes`."""
+        """Frequencies (Hz), damping ratios and shapes of the linear part.
+
+        Returns
+        -------
+        DataFrame
+            See :meth:`ChainModel.modes`.
+        """
         check_is_fitted(self)
         return self.model_.modes()
 
@@ -607,7 +664,7 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         check_is_fitted(self)
         return force_intervals(self._resolving(), self.model_, site, v, s, level)
 
-    def diagnose(self):
+    def diagnose(self) -> Diagnosis:
         """Say in words what limits the estimate: noise, excitation, conditioning, a missing law.
 
         Returns
@@ -620,7 +677,7 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         check_is_fitted(self)
         return diagnose(self)
 
-    def simulate(self, F: Any, *, dt: float | None = None, x0: Any = None, v0: Any = None, **options: Any):
+    def simulate(self, F: Any, *, dt: float | None = None, x0: Any = None, v0: Any = None, **options: Any) -> Record:
         """Free run of the identified model; see :func:`pysindy_nrf.simulate`.
 
         Parameters
@@ -644,7 +701,7 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
             raise ChannelError("The free run needs the sampling step of F", "Pass dt= in s.")
         return self.model_.simulate(F, step, x0=x0, v0=v0, **options)
 
-    def to_sindy(self):
+    def to_sindy(self) -> Any:
         """The identified model as a fitted ``ps.SINDy``; see :func:`pysindy_nrf.state_space.to_sindy`.
 
         Returns
@@ -654,7 +711,9 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         check_is_fitted(self)
         return self.model_.to_sindy(1.0 if self.dt is None else self.dt)
 
-    def _judged(self, X, y, record, time, base_acceleration, covariates) -> SegmentSet:
+    def _judged(
+        self, X: Any, y: Any, record: Any, time: Any, base_acceleration: Any, covariates: Mapping[str, Any] | None
+    ) -> SegmentSet:
         check_is_fitted(self)
         if not (hasattr(X, "columns") or isinstance(X, Record) or _holds_records(X)):
             require_two_dimensions(X)
@@ -679,7 +738,7 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
     def __sklearn_is_fitted__(self) -> bool:
         return hasattr(self, "model_")
 
-    def __sklearn_tags__(self):
+    def __sklearn_tags__(self) -> Tags:
         tags = super().__sklearn_tags__()
         tags.target_tags.required = False  # base excitation: no force anywhere
         tags.target_tags.multi_output = True

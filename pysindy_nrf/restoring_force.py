@@ -226,4 +226,5 @@ def grid(low: Sequence[float], high: Sequence[float], size: int) -> tuple[np.nda
     """
     if size < 2:
         raise ChannelError(f"A surface on {size} points a side is no surface", "Take at least 2.")
-    return tuple(np.meshgrid(*(np.linspace(a, b, size) for a, b in zip(low, high)), indexing="ij"))  # type: ignore[return-value]
+    v, s = np.meshgrid(*(np.linspace(a, b, size) for a, b in zip(low, high)), indexing="ij")
+    return v, s

@@ -47,7 +47,7 @@ class ChainScorer:
 
     def __init__(self, name: str, judge: Callable[..., float]) -> None:
         self.name, self.judge = name, judge
-        self._requested = dict.fromkeys(METADATA, True)
+        self._requested: dict[str, bool | str | None] = dict.fromkeys(METADATA, True)
 
     def __call__(self, estimator: Any, X: Any, y: Any = None, **metadata: Any) -> float:
         """Score a fitted regressor, or a pipeline that ends in one.
@@ -95,7 +95,7 @@ class ChainScorer:
     def __repr__(self) -> str:
         return f"scorers.{self.name}"
 
-    def __reduce__(self):
+    def __reduce__(self) -> str | tuple[Any, ...]:
         if self._requested == dict.fromkeys(METADATA, True) and self.name in SCORERS:
             return get_scorer, (self.name,)
         return super().__reduce__()
@@ -177,6 +177,14 @@ def get_scorer(scoring: str | Callable[..., float]) -> Callable[..., float]:
     ------
     NRFError
         If there is no scorer of that name.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, datasets, scorers
+    >>> X, F = datasets.load_demo().to_features()
+    >>> model = NRFRegressor(degree=3).fit(X, F)
+    >>> round(scorers.get_scorer("balance")(model, X, F), 1)  # minus percent NRMSE: larger is better
+    -1.9
     """
     if callable(scoring):
         return scoring

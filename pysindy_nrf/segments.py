@@ -73,6 +73,16 @@ class Segment:
         """Sampling step, s, if the time is known."""
         return None if self.t is None or len(self.t) < 2 else float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
 
+    @property
+    def step(self) -> float:
+        """Sampling step, s; a ChannelError where the time is not known."""
+        if self.dt is None:
+            raise ChannelError(
+                f"The sampling step of {self.name!r} is not known",
+                "Pass dt= (s) to the estimator, time= to fit, or X with a time index.",
+            )
+        return self.dt
+
     def motion(self, site: Site, rows: slice) -> Motion:
         """Motion that a law at one site sees.
 
@@ -138,13 +148,11 @@ class Segment:
         beside = _side_by_side(self.a, self.v, self.s) if storeys and not recipe.others else None
         for begin in range(start, stop, size):
             rows = slice(begin, min(begin + size, stop))
-            source = None
-            if beside is None:
-                source = self._source(layout, recipe, rows, states, lead=int(begin > start or bool(states)))
-            if source is None:
+            if beside is not None:
                 channels = np.ascontiguousarray(beside[rows].T, dtype=np.float64)
                 a, source = channels[: self.n_dof], channels[self.n_dof :]
             else:
+                source = self._source(layout, recipe, rows, states, lead=int(begin > start or bool(states)))
                 a = np.ascontiguousarray(self.a[rows].T, dtype=np.float64)
             force = np.ascontiguousarray(self.F[rows].T, dtype=np.float64)
             if filter is None:
@@ -173,10 +181,11 @@ class Segment:
             for i, (low, high) in enumerate(ends):
                 out[i] = self.v[rows, low:high].sum(axis=1, dtype=np.float64)
                 out[m + i] = self.s[rows, low:high].sum(axis=1, dtype=np.float64)
-        last, motion = None, None
+        last: Site | None = None
+        motion: Motion | None = None
         for site, number, where in recipe.others:
             law = layout.laws[site][number]
-            if site != last:
+            if motion is None or site != last:
                 last, motion = site, self.motion(site, rows)
             width = where.stop - where.start
             if law.has_memory and states is not None:
@@ -366,9 +375,9 @@ def from_arrays(
     }
     pieces = _pieces(record, size, has_memory)
     seconds = _seconds(time, dt, size, pieces)
-    if time is not None and has_memory:
+    if seconds is not None and has_memory:
         _require_no_gap(pieces, seconds)
-    elif time is not None and not Extent.of([x, force]).finite.all():
+    elif seconds is not None and not Extent.of([x, force]).finite.all():
         # a cross-validation took rows out; what a filter masked lies at the edges of the pieces
         pieces = contiguous(size, record, seconds)
     segments = []
@@ -408,7 +417,10 @@ def _from_records(records: Sequence[Record], beside: Sequence[str], n_dof: int |
     return SegmentSet(segments, at)
 
 
-def _from_frame(frame: pd.DataFrame, coordinates: str, n_dof: int | None):
+def _from_frame(
+    frame: pd.DataFrame, coordinates: str, n_dof: int | None
+) -> tuple[np.ndarray, list[str], np.ndarray | None, np.ndarray | None, Any, int]:
+    """Matrix and names of the columns, rate and drift of the base, time, number of DOFs."""
     names = [str(c) for c in frame.columns]
     twice = sorted({c for c in names if names.count(c) > 1})
     if twice:

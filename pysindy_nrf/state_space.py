@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -20,14 +20,32 @@ class IdentifiedChain(StateSpaceChainOptimizer):
     Parameters
     ----------
     model : ChainModel
+
+    Examples
+    --------
+    >>> from pysindy_nrf import datasets
+    >>> from pysindy_nrf.state_space import IdentifiedChain, to_sindy
+    >>> sindy = to_sindy(datasets.demo_truth())
+    >>> type(sindy.optimizer).__name__, sindy.optimizer.model.masses.tolist()
+    ('IdentifiedChain', [12.0, 10.0, 8.0])
     """
 
     def __init__(self, model: ChainModel | None = None) -> None:
         super().__init__()
         self.model = model
 
-    def fit(self, x_, y):
-        """Take the model's coefficients; the data are not used."""
+    def fit(self, x_: Any, y: Any) -> Self:
+        """Take the model's coefficients; the data are not used.
+
+        Parameters
+        ----------
+        x_, y
+            Ignored.
+
+        Returns
+        -------
+        self
+        """
         model = self.model
         if model is None:
             raise ChainError("There is no model to hold", "Pass model=.")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -134,7 +134,7 @@ class VisitedRegion:
 
 
 @cache
-def _marker(kind: str):
+def _marker(kind: str) -> Callable[..., None]:
     """Compiled: mark the cells that samples fall into, row after row."""
     from numba import from_dtype, types
 

@@ -11,6 +11,7 @@ from pysindy_nrf import ChainModel, NRFRegressor, Record, laws
 from pysindy_nrf.discrepancy.correlation import cross_covariance, peak_limit, probability_of_peak
 from pysindy_nrf.discrepancy.detection import LINEAR, NOISE, NONLINEAR, UNMEASURED, detect
 from pysindy_nrf.discrepancy.noise_floor import NoiseFloor
+from pysindy_nrf.discrepancy.noise_level import quiet_level
 from pysindy_nrf.discrepancy.residual import residual_of
 from pysindy_nrf.segments import from_arrays
 
@@ -139,3 +140,38 @@ def test_rounding_is_noise_and_the_sentence_says_what_was_found():
     assert detect(fitted(case)).is_noise
     text = detect(fitted(duffing(2, [1, 2], seed=1))).sentence
     assert "nonlinear effect missing" in text and "phi_" in text
+
+
+def test_noise_is_noise_beside_a_floor_that_was_fitted_as_the_model_was():
+    """Noise of 5 % on every channel biases the fit; alarms nevertheless come at the level, one in twenty balances."""
+    alarms = balances = 0
+    for seed in range(5):
+        n = 1 + seed % 3
+        case = linear_case(n, list(range(1, n + 1)) if seed % 2 else [1], 40 + seed, n_samples=2500)
+        rng = np.random.default_rng(seed)
+        motion = (case.a, case.v.cumsum(axis=1), case.s.cumsum(axis=1))
+        parts = [p + 0.05 * np.sqrt((p**2).mean(axis=0)) * rng.standard_normal(p.shape) for p in (case.F, *motion)]
+        rec = Record(*parts, fs=1 / case.dt)
+        X, F = rec.to_features()
+        regressor = NRFRegressor(degree=1).fit(X, F)
+        floor = NoiseFloor.from_channels(regressor.model_, rec, regressor=regressor, random_state=seed)
+        found = detect(residual_of(regressor.model_, from_arrays(X, F)), floor).verdicts
+        verdicts = found.loc[[f"dof {j + 1}" for j in range(n)], "verdict"]
+        alarms, balances = alarms + int((verdicts != NOISE).sum()), balances + n
+    assert alarms <= binom.ppf(0.999, balances, 0.05)
+
+
+@pytest.mark.parametrize("kind", ["random", "blows", "white"])
+def test_noise_under_a_force_is_read_where_the_force_is_quiet(kind):
+    rng = np.random.default_rng(3)
+    n, fs, level = 8000, 500.0, 0.3
+    spectrum = np.fft.rfft(rng.standard_normal(n))
+    spectrum[np.fft.rfftfreq(n, 1 / fs) > 60.0] = 0.0
+    force = {
+        "random": np.fft.irfft(spectrum, n),
+        "blows": np.where(np.arange(n) % 1000 < 8, 40.0, 0.0),
+        "white": rng.standard_normal(n),
+    }[kind]
+    force *= 6.0 / np.sqrt(np.mean(force**2))
+    found = quiet_level(force + level * rng.standard_normal(n), fs)
+    assert found == pytest.approx(0.0 if kind == "white" else level, rel=0.05)

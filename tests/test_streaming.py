@@ -347,6 +347,29 @@ def test_a_state_of_other_data_or_settings_is_not_taken(tmp_path, data, monkeypa
 
 
 @pytest.mark.filterwarnings("ignore")
+def test_ctrl_c_without_a_state_promises_none(data, monkeypatch):
+    """An iterator cannot be resumed: nothing is said of a file with what was done."""
+    X, F = data
+    plain = Accumulator.add
+
+    def stop(self, chunk, number):
+        if number == 1:
+            raise KeyboardInterrupt
+        plain(self, chunk, number)
+
+    monkeypatch.setattr(Accumulator, "add", stop)
+    with pytest.raises(KeyboardInterrupt) as caught:
+        NRFRegressor().fit(iter([table(X[:3000], F[:3000]), table(X[3000:], F[3000:])]))
+    assert not getattr(caught.value, "__notes__", [])
+
+
+def test_a_list_of_iterators_is_refused_with_the_cure(data):
+    X, F = data
+    with pytest.raises(ChannelError, match="holds something that is no file.*one iterator"):
+        NRFRegressor().fit([iter([table(X, F)]), iter([table(X, F)])])
+
+
+@pytest.mark.filterwarnings("ignore")
 def test_many_chunks_leave_few_blocks_and_the_same_sum(data, in_memory, monkeypatch):
     monkeypatch.setattr(accumulator, "N_BLOCKS", 5)
     monkeypatch.setattr(accumulator, "N_WINDOWS", 9)

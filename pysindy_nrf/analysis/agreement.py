@@ -62,6 +62,16 @@ def model_agreement(first: Any, second: Any, X: Any, **options: Any) -> pd.DataF
         One row for each storey: ``mass`` (difference of the mass above it, percent of the
         first), ``k`` and ``c`` (differences of the linear terms, percent), ``force`` (rms difference of
         the forces along X, percent of their rms).
+
+    Examples
+    --------
+    >>> from pysindy_nrf import ChainModel, datasets, laws
+    >>> from pysindy_nrf.analysis import model_agreement
+    >>> X, F = datasets.load_demo().to_features()
+    >>> truth = datasets.demo_truth()
+    >>> softer = ChainModel(truth.masses, {**truth.laws, "storey 2": [laws.PowerSeries(1, [25.0, 0.9 * 35e3])]})
+    >>> model_agreement(truth, softer, X).loc["storey 2", ["mass", "k"]].astype(float).round(1).tolist()
+    [0.0, -10.0]
     """
     one, two = as_model(first), as_model(second)
     if one.n_dof != two.n_dof:
@@ -103,6 +113,19 @@ def found_twice(estimator: Any, X: Any, F: Any, **options: Any) -> dict[str, pd.
     ------
     ChainError
         If the strategy was not complete: no storey is found twice then.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+    >>> from pysindy_nrf.analysis import found_twice
+    >>> storey = laws.PowerSeries(1, [30.0, 4e4])
+    >>> truth = ChainModel([10.0, 10.0], {1: storey, 2: storey})
+    >>> F = excitation.band_limited_random(2, 4.0, 500.0, dofs=[1, 2], rms=50.0, band=(1, 60), random_state=0)
+    >>> X, F = simulate(truth, F, 0.002).to_features(smooth=False)
+    >>> found_twice(NRFRegressor(degree=1).fit(X, F), X, F)["storey 2"].round(3)
+       balance 2  balance 1
+    v       30.0       30.0
+    s    40000.0    40000.0
     """
     from ..fair_filter import filters_of
 

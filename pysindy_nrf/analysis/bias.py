@@ -52,6 +52,18 @@ def missing_terms(estimator: Any, X: Any, F: Any = None, **options: Any) -> pd.D
         the held-out residual that columns the laws do not have remove), ``missing`` (what they explain, percent
         of the right-hand side), ``shift`` (percent by which the mass moves with them; NaN where the step has no
         unknown mass), ``biased`` (bool: gain above 5 % and missing above 2 %).
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> from pysindy_nrf.analysis import missing_terms
+    >>> X, F = datasets.load_demo().to_features()
+    >>> with warnings.catch_warnings():
+    ...     warnings.simplefilter("ignore")
+    ...     linear = NRFRegressor(degree=1).fit(X, F)  # storey 1 is cubic
+    >>> missing_terms(linear, X, F)["biased"].to_dict()
+    {'balance of DOF 2': False, 'balance of DOF 3': False, 'balance of DOF 1': True}
     """
     data = as_segments(estimator, X, F, **options)
     return missing_terms_of(estimator.model_, estimator.walk_, data, estimator.band)
@@ -96,6 +108,19 @@ def warn_of_bias(table: pd.DataFrame, masses: Sequence[str] = (), stacklevel: in
     masses : sequence of str
         Sentences of :func:`pysindy_nrf.chain_solve.doubtful_masses`.
     stacklevel : int
+
+    Examples
+    --------
+    >>> import warnings
+    >>> import pandas as pd
+    >>> from pysindy_nrf.analysis import warn_of_bias
+    >>> columns = {"residual": 40.0, "gain": 90.0, "missing": 38.0, "shift": 21.0, "biased": True}
+    >>> table = pd.DataFrame(columns, index=["balance of DOF 1"])
+    >>> with warnings.catch_warnings(record=True) as caught:
+    ...     warnings.simplefilter("always")
+    ...     warn_of_bias(table)
+    >>> caught[0].category.__name__, str(caught[0].message).split(":")[0]
+    ('BiasWarning', 'Balance of DOF 1')
     """
     said = list(masses)
     hit = table[table["biased"]]
@@ -155,6 +180,7 @@ def _windows(layout: LawLayout, data: SegmentSet, band: Any) -> Iterator[tuple]:
 
 def _motions(piece: Segment, window: Block, layout: LawLayout) -> dict[Any, Any]:
     """What a law at each site sees; taken from the block where its columns were built from it."""
+    assert window.recipe is not None and window.source is not None  # no filter went over it
     sites, source = window.recipe.motions, window.source
     held = {s: Motion(source[len(sites) + i], source[i]) for i, s in enumerate(sites)}
     return {s: held[s] if s in held else piece.motion(s, piece.valid) for s in layout.acting}

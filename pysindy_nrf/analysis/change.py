@@ -34,6 +34,21 @@ class ChangeReport:
     before, after : ChainModel
     replicates : tuple of list of ChainModel
         Leave-one-block-out models of both tests, for :meth:`map`.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+    >>> from pysindy_nrf.analysis import compare_tests
+    >>> def test(k2, seed):
+    ...     model = ChainModel([10.0, 10.0], {1: laws.PowerSeries(1, [30.0, 4e4]), 2: laws.PowerSeries(1, [30.0, k2])})
+    ...     F = excitation.band_limited_random(2, 8.0, 500.0, dofs=[1, 2], rms=50.0, band=(1, 60), random_state=seed)
+    ...     return simulate(model, F, 0.002).to_features(smooth=False)
+    >>> report = compare_tests(NRFRegressor(degree=1, dt=0.002), test(4e4, 0), test(3.6e4, 1))
+    >>> row = report.changed.iloc[0]
+    >>> row["storey"], row["term"], round(float(row["change"]), 1)
+    ('storey 2', 'k', -10.0)
+    >>> report.map("storey 2").columns.tolist()
+    ['v', 's', 'change', 'error', 'significant', 'visited']
     """
 
     table: pd.DataFrame
@@ -145,6 +160,18 @@ def compare_tests(
     ------
     ChainError
         If fewer than 5 blocks are asked for.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+    >>> from pysindy_nrf.analysis import compare_tests
+    >>> def test(k2, seed):
+    ...     model = ChainModel([10.0, 10.0], {1: laws.PowerSeries(1, [30.0, 4e4]), 2: laws.PowerSeries(1, [30.0, k2])})
+    ...     F = excitation.band_limited_random(2, 8.0, 500.0, dofs=[1, 2], rms=50.0, band=(1, 60), random_state=seed)
+    ...     return simulate(model, F, 0.002).to_features(smooth=False)
+    >>> report = compare_tests(NRFRegressor(degree=1, dt=0.002), test(4e4, 0), test(3.6e4, 1))
+    >>> report.damaged, report.changed["change"].round(1).tolist()
+    (['storey 2'], [-10.0])
     """
     if n_blocks < 5:
         raise ChainError(f"{n_blocks} blocks give no standard error", "Use at least 5, 20 is usual.")

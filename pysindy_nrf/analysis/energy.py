@@ -57,6 +57,15 @@ def power_energy(force: Any, rate: Any, time: Any) -> np.ndarray:
     -------
     ndarray of the same shape as force
         J, zero at the first sample.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.analysis import power_energy
+    >>> t = np.linspace(0, 4 * np.pi, 4001)
+    >>> work = power_energy(30.0 * np.cos(t), np.cos(t), t)  # a dashpot of 30 N s/m, two cycles
+    >>> float(work[-1].round(3)), round(30.0 * 2 * np.pi, 3)
+    (188.496, 188.496)
     """
     power = np.asarray(force, dtype=float) * np.asarray(rate, dtype=float)
     dt = np.diff(np.asarray(time, dtype=float)).reshape(-1, *[1] * (power.ndim - 1))
@@ -80,6 +89,18 @@ def dissipated_energy(model: Any, X: Any, without: Any = None, **options: Any) -
     -------
     DataFrame of shape (n_samples, n_dof)
         ``storey 1``.., J; zero at the start of each record.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import ChainModel, laws
+    >>> from pysindy_nrf.analysis import dissipated_energy
+    >>> model = ChainModel([10.0], {1: laws.PowerSeries(1, [30.0, 4e4])})
+    >>> t = np.linspace(0, 4 * np.pi, 4001)
+    >>> X = np.column_stack([-np.sin(t), np.cos(t), np.sin(t)])  # a, v, s
+    >>> energy = dissipated_energy(model, X, time=t)
+    >>> float(energy["storey 1"].iloc[-1].round(1))  # c times the integral of v^2: 30 times 2 pi
+    188.5
     """
     whole = as_model(model)
     data = as_segments(model, X, **options)
@@ -116,6 +137,15 @@ def energy_shares(model: Any, X: Any, **options: Any) -> pd.DataFrame:
     -------
     DataFrame
         One row for each storey: ``energy`` (J, at the end of the records), ``share`` (percent).
+
+    Examples
+    --------
+    >>> from pysindy_nrf import datasets
+    >>> from pysindy_nrf.analysis import energy_shares
+    >>> X, F = datasets.load_demo().to_features()
+    >>> shares = energy_shares(datasets.demo_truth(), X)
+    >>> float(shares["share"].sum().round(6)), shares["share"].idxmax()
+    (100.0, 'storey 3')
     """
     model_, data = as_model(model), as_segments(model, X, **options)
     energy = dissipated_energy(model_, data).to_numpy()

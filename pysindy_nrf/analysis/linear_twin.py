@@ -51,6 +51,15 @@ def linear_part(model: Any) -> ChainModel:
     -----
     The linear terms of a cubic series are the tangent at rest, not the best line through a loop;
     for the latter fit a :func:`linear_twin`.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import ChainModel, laws
+    >>> from pysindy_nrf.analysis import linear_part
+    >>> model = ChainModel([10.0], {1: laws.Duffing(k=4e4, k3=1e9)})
+    >>> print(linear_part(model))
+    m1 = 10 kg
+    R1 = 0 v1 + 4e+04 s1
     """
     model = as_model(model)
     held = {

@@ -53,6 +53,19 @@ def track(
     ------
     ChainError
         If no window fits into a record.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+    >>> from pysindy_nrf.analysis import track
+    >>> damaged = laws.StiffnessStep(t0=4.0, dk=-8e3)  # 20 % of the stiffness is lost after 4 s
+    >>> truth = ChainModel([10.0], {1: [laws.PowerSeries(1, [30.0, 4e4]), damaged]})
+    >>> F = excitation.band_limited_random(1, 8.0, 500.0, dofs=1, rms=50.0, band=(1, 60), random_state=0)
+    >>> X, F = simulate(truth, F, 0.002).to_features(smooth=False)
+    >>> table = track(NRFRegressor(degree=1, dt=0.002).fit(X, F), X, F, masses={1: 10.0})
+    >>> [int(table.loc[side, "k1"].median().round(-2)) for side in (table["t"] < 2.9, table["t"] > 5.1)]
+    [40000, 32000]
     """
     blocks = block_moments(estimator, as_segments(estimator, X, F, **options), _masses(estimator, masses), length=step)
     width = max(1, int(round(window / step)))
@@ -89,6 +102,17 @@ class Onset:
         By candidate time ``t``: ``gain``, the share (percent) of the residual that a change there removes.
     table : DataFrame
         By storey: ``before``, ``after`` (N/m), ``change`` (percent), ``z`` (in standard errors).
+
+    Examples
+    --------
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+    >>> from pysindy_nrf.analysis import find_onset
+    >>> sound = ChainModel([10.0], {1: laws.PowerSeries(1, [30.0, 4e4])})
+    >>> F = excitation.band_limited_random(1, 8.0, 500.0, dofs=1, rms=50.0, band=(1, 60), random_state=0)
+    >>> X, F = simulate(sound, F, 0.002).to_features(smooth=False)
+    >>> onset = find_onset(NRFRegressor(degree=1, dt=0.002).fit(X, F), X, F)
+    >>> onset.time, onset.storey  # nothing changed
+    (nan, None)
     """
 
     time: float
@@ -145,6 +169,18 @@ def find_onset(
     ------
     ChainError
         If there is more than one record, or it is shorter than two margins.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+    >>> from pysindy_nrf.analysis import find_onset
+    >>> damaged = laws.StiffnessStep(t0=4.0, dk=-8e3)
+    >>> truth = ChainModel([10.0], {1: [laws.PowerSeries(1, [30.0, 4e4]), damaged]})
+    >>> F = excitation.band_limited_random(1, 8.0, 500.0, dofs=1, rms=50.0, band=(1, 60), random_state=0)
+    >>> X, F = simulate(truth, F, 0.002).to_features(smooth=False)
+    >>> onset = find_onset(NRFRegressor(degree=1, dt=0.002).fit(X, F), X, F, masses={1: 10.0})
+    >>> onset.storey, round(onset.time, 1), round(onset.change)
+    ('storey 1', 4.0, -20)
     """
     data = as_segments(estimator, X, F, **options)
     if len(data.segments) > 1:

@@ -50,6 +50,15 @@ def planarity(
     DataFrame
         One row for each storey: ``index``, ``reference`` (percent; NaN without draws), ``planar``
         (bool: the index is below the reference or below 1 %).
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> from pysindy_nrf.analysis import planarity
+    >>> X, F = datasets.load_demo().to_features()  # a cubic spring in storey 1, the others linear
+    >>> table = planarity(NRFRegressor(degree=3).fit(X, F), X, F, draws=3, random_state=0)
+    >>> table["planar"].tolist()
+    [False, True, True]
     """
     model = as_model(estimator)
     data = as_segments(estimator, X, F, **options)
@@ -76,6 +85,17 @@ class Location:
         The same after the storeys found were given a hysteretic law: the others are planar now.
     estimator : NRFRegressor
         Fitted, with these laws.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from pysindy_nrf.analysis import Location
+    >>> index = ["storey 1", "storey 2"]
+    >>> first = pd.DataFrame({"index": [21.0, 6.0], "reference": [2.1, 2.0], "planar": [False, False]}, index)
+    >>> last = pd.DataFrame({"index": [0.8, 0.9], "reference": [2.1, 2.0], "planar": [True, True]}, index)
+    >>> found = Location(["storey 1"], first, last, None)  # its hysteresis had bent the neighbour's surface too
+    >>> found.storeys, found.last["planar"].all().item()
+    (['storey 1'], True)
     """
 
     storeys: list[str]
@@ -110,6 +130,17 @@ def locate_nonlinearity(
     Returns
     -------
     Location
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, excitation, simulate
+    >>> from pysindy_nrf.analysis import locate_nonlinearity
+    >>> from pysindy_nrf.paper.cases import two_dof_model
+    >>> F = excitation.band_limited_random(2, 4.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
+    >>> X, F = simulate(two_dof_model(damper=False), F, 0.002).to_features(smooth=False)
+    >>> found = locate_nonlinearity(NRFRegressor(degree=3).fit(X, F), X, F, draws=3, random_state=0)
+    >>> found.storeys, found.first["planar"].tolist()  # a linear frame
+    ([], [True, True])
     """
     from sklearn.base import clone
 

@@ -33,6 +33,16 @@ class Comparison:
     coefficients : DataFrame
         See :func:`~pysindy_nrf.comparison.term_shares`; drawn by
         :class:`pysindy_nrf.displays.CoefficientsDisplay`.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from pysindy_nrf.comparison import Comparison
+    >>> sites = pd.MultiIndex.from_tuples([("storey 1", "v"), ("storey 1", "s")], names=["site", "term"])
+    >>> shares = pd.DataFrame({"truth": [0.1, 0.9], "SINDy": [0.3, 0.6]}, index=sites)
+    >>> found = Comparison(pd.DataFrame({"terms": [2, 18]}, index=["pysindy_nrf", "SINDy"]), shares)
+    >>> found.table["terms"].idxmin(), found.coefficients.loc[("storey 1", "s"), "SINDy"].item()
+    ('pysindy_nrf', 0.6)
     """
 
     table: pd.DataFrame

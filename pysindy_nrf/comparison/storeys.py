@@ -37,6 +37,18 @@ def term_shares(forces: Mapping[str, np.ndarray], part: Part, degree: int, size:
     DataFrame
         One row for each (storey, term) and one for the rest of each storey, one column for each model:
         coefficient times the rms of its term, as a share of ``size``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.comparison import term_shares
+    >>> from pysindy_nrf.comparison.data import Part
+    >>> t = np.arange(2000)[:, None] / 200
+    >>> s, v = 0.001 * np.sin(9 * t), 0.009 * np.cos(9 * t)
+    >>> R = 30.0 * v + 4e4 * s
+    >>> shares = term_shares({"truth": R}, Part(-81 * s, v, s, R, 0.005), 1, np.sqrt(np.mean(R**2, axis=0)))
+    >>> shares["truth"].round(3).to_dict()
+    {('storey 1', 'v'): 0.007, ('storey 1', 's'): 1.0, ('storey 1', 'other'): 0.0}
     """
     law, rows = PowerSeries(degree), {}
     labels = [term.label for term in law.terms()]

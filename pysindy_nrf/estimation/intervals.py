@@ -102,7 +102,8 @@ class Resolver:
         rng = generator(random_state)
         weights = rng.multinomial(n, np.full(n, 1.0 / n), size=draws).astype(float)
         shares = np.array_split(weights, effective_n_jobs(n_jobs))
-        out = sum(Parallel(n_jobs=n_jobs)(delayed(_each)(self, statistic, share) for share in shares), [])
+        found = Parallel(n_jobs=n_jobs)(delayed(_each)(self, statistic, share) for share in shares)
+        out: list[np.ndarray] = sum(found, [])
         if len(out) < draws / 2:
             raise IdentifiabilityError(
                 "Most bootstrap samples cannot be solved: few stretches of the data carry the estimate",
@@ -136,9 +137,9 @@ class InfluenceResolver(Resolver):
         Influence of each piece; their sum is zero at the optimum.
     """
 
-    theta: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    rebuild: Callable[[np.ndarray], ChainModel] | None = None
-    moves: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    theta: np.ndarray = field(kw_only=True)
+    rebuild: Callable[[np.ndarray], ChainModel] = field(kw_only=True)
+    moves: np.ndarray = field(kw_only=True)
 
     def at(self, weights: np.ndarray) -> ChainModel:
         """Model of the pieces, each taken ``weights`` times."""
@@ -179,6 +180,15 @@ def parameter_intervals(
     -------
     DataFrame
         Columns ``parameter``, ``estimate``, ``lower``, ``upper``.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> from pysindy_nrf.estimation import parameter_intervals
+    >>> fitted = NRFRegressor(degree=3).fit(datasets.load_demo())
+    >>> table = parameter_intervals(fitted._resolving(), fitted.model_, 0.95, of="masses")
+    >>> table.columns.tolist(), bool((table["lower"] < table["upper"]).all())
+    (['parameter', 'estimate', 'lower', 'upper'], True)
     """
     level = _share(level)
     if method not in METHODS:
@@ -191,12 +201,15 @@ def parameter_intervals(
     return pd.DataFrame({"parameter": estimate.index, "estimate": estimate.to_numpy(), "lower": low, "upper": high})
 
 
-def _forces_table(resolver, model, points: Mapping[Any, Any], level, method, random_state) -> pd.DataFrame:
+def _forces_table(
+    resolver: Resolver, model: ChainModel, points: Mapping[Any, Any], level: float, method: str, random_state: Any
+) -> pd.DataFrame:
     parts = []
     for site, pair in points.items():
         if not hasattr(pair, "__len__") or len(pair) != 2:
             raise ChainError(f"of[{site!r}]={pair!r} is not a pair (v, s)", "Give m/s and m.")
-        table = force_intervals(resolver, model, site, *pair, level, method, random_state)
+        rate, drift = pair
+        table = force_intervals(resolver, model, site, rate, drift, level, method, random_state)
         name = [f"{model.chain.site(site)} at v = {v:.4g} m/s, s = {s:.4g} m" for v, s in zip(table["v"], table["s"])]
         parts.append(table[["force", "lower", "upper"]].rename(columns={"force": "estimate"}))
         parts[-1].insert(0, "parameter", name)
@@ -234,6 +247,15 @@ def force_intervals(
     -------
     DataFrame
         ``v``, ``s``, ``force`` (N), ``lower``, ``upper``, ``visited`` (bool).
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> from pysindy_nrf.estimation import force_intervals
+    >>> fitted = NRFRegressor(degree=3).fit(datasets.load_demo())
+    >>> row = force_intervals(fitted._resolving(), fitted.model_, "storey 2", v=0.0, s=1e-4, level=0.95).iloc[0]
+    >>> bool(row["visited"]), bool(row["lower"] < row["force"] < row["upper"])
+    (True, True)
     """
     site = model.chain.site(site)
     rate, drift = (np.ravel(x).astype(float) for x in np.broadcast_arrays(np.asarray(v, float), np.asarray(s, float)))
@@ -245,7 +267,7 @@ def force_intervals(
     low, high = _bounds(resolver, statistic, force, _share(level), method, random_state)
     region = model.visited.get(site)
     visited = np.ones(len(rate), dtype=bool) if region is None else region.contains(rate, drift)
-    if not visited.all():
+    if region is not None and not visited.all():
         near = region.nearest(rate[~visited], drift[~visited])
         reach = np.abs(force[~visited] - model.restoring_forces[site](*near))
         low[~visited] -= reach
@@ -260,7 +282,15 @@ def force_intervals(
     return pd.DataFrame({"v": rate, "s": drift, "force": force, "lower": low, "upper": high, "visited": visited})
 
 
-def _bounds(resolver: Resolver, statistic, estimate, level: float, method: str, random_state, n_jobs=None):
+def _bounds(
+    resolver: Resolver,
+    statistic: Callable[[ChainModel], pd.Series],
+    estimate: np.ndarray,
+    level: float,
+    method: str,
+    random_state: Any,
+    n_jobs: int | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
     if method == "bootstrap":
         draws = resolver.drawn(statistic, random_state, n_jobs=n_jobs)
         tail = 100 * (1 - level) / 2

@@ -22,14 +22,14 @@ and solving this, simulating again and solving again three or four times removes
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from ..chain_solve import Solution, groups_of, solve, solve_blocks
-from ..exceptions import BiasWarning, ChannelError, IdentifiabilityError, RankWarning, SimulationError
+from ..exceptions import BiasWarning, IdentifiabilityError, RankWarning, SimulationError
 from ..fair_filter import FairFilter
 from ..identifiability import Walk
 from ..laws import PowerSeries
@@ -64,6 +64,21 @@ class IVResult:
         What was left out, in words.
     runs : list of Segment or None
         The motion that gave the last instruments.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, excitation, simulate
+    >>> from pysindy_nrf.estimation import instrumental_variables
+    >>> from pysindy_nrf.layout import LawLayout
+    >>> from pysindy_nrf.paper.cases import two_dof_model
+    >>> F = excitation.band_limited_random(2, 8.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
+    >>> X, F = simulate(two_dof_model(damper=False), F, 0.002).to_features(smooth=False)
+    >>> start = NRFRegressor(degree=1, dt=0.002).fit(X, F)
+    >>> layout = LawLayout(start.chain_, start.model_.laws)
+    >>> data = start.model_.segments(X, F, dt=0.002)
+    >>> found = instrumental_variables(start.model_, data, layout, start.walk_, [None], {})
+    >>> found.model.masses.round(3), bool(found.likeness > 0.99)
+    (array([10., 10.]), True)
     """
 
     model: ChainModel
@@ -132,13 +147,25 @@ def instrumental_variables(
     -------
     IVResult or None
         None where no free run could serve; a BiasWarning then says why.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, excitation, simulate
+    >>> from pysindy_nrf.noise import add_noise
+    >>> from pysindy_nrf.paper.cases import two_dof_model
+    >>> F = excitation.band_limited_random(2, 8.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
+    >>> rec = add_noise(simulate(two_dof_model(damper=False), F, 0.002), 0.05, random_state=0)
+    >>> model = NRFRegressor(degree=1, estimation="iv").fit(rec)  # calls it after least squares
+    >>> model.masses_.round(1), model.model_.info["estimation"]["found"]
+    (array([10.1, 10.1]), 'iv')
     """
     groups = groups_of(layout, walk)
     notes: list[str] = []
     model, best = start, None
     usable = [i for i, seg in enumerate(data.segments) if not np.isnan(seg.F[seg.valid.start]).any()]
     if not usable:
-        return _fall_back("in every record the force on some DOF is unknown, and a free run needs them all")
+        _fall_back("in every record the force on some DOF is unknown, and a free run needs them all")
+        return None
     if len(usable) < len(data.segments):
         notes.append(
             f"{len(data.segments) - len(usable)} records with an unknown force were left out of the instruments."
@@ -163,7 +190,7 @@ def instrumental_variables(
             break
         pieces = pieces_of(
             data, layout, groups, filters, known_masses, runs,
-            whiteners=weighting and weighting.whiteners,
+            whiteners=None if weighting is None else weighting.whiteners,
         )  # fmt: skip
         try:
             solution = solve(pieces.moments(), walk, known_masses, inner, {s: layout.labels(s) for s in layout.acting})
@@ -180,7 +207,8 @@ def instrumental_variables(
         if change < SETTLED and (round_ > PLAIN + 1 or (round_ > PLAIN and weighting is None)):
             break
     if best is None:
-        return _fall_back(why)
+        _fall_back(why)
+        return None
     if why:
         warnings.warn(
             f"estimation='iv' stopped after {best.rounds} rounds: {why}. The estimate of the last good round is kept.",
@@ -235,15 +263,11 @@ def free_run_of(
     Segment
         NaN outside the valid rows.
     """
-    if segment.dt is None:
-        raise ChannelError(
-            "A free run needs the sampling step", "Pass dt= (s) to the estimator, time= to fit, or X with a time index."
-        )
-    rows = segment.valid
+    rows, dt = segment.valid, segment.step
     x0, v0 = start or (np.cumsum(y[rows.start].astype(float)) for y in (segment.s, segment.v))
     record = model.simulate(
         segment.F[rows],
-        segment.dt,
+        dt,
         x0=x0,
         v0=v0,
         base_acceleration=None if segment.ag is None else segment.ag[rows],
@@ -254,8 +278,8 @@ def free_run_of(
     )
     shift = np.maximum(np.arange(rows.stop - rows.start) - delay, 0)
     smooth = None
-    if limited and segment.resolved is not None and segment.resolved < 0.45 / segment.dt:
-        smooth = FairFilter((None, segment.resolved), 1.0 / segment.dt)
+    if limited and segment.resolved is not None and segment.resolved < 0.45 / dt:
+        smooth = FairFilter((None, segment.resolved), 1.0 / dt)
 
     def place(values: np.ndarray) -> np.ndarray:
         out = np.full((segment.n_samples, segment.n_dof), np.nan)
@@ -266,13 +290,16 @@ def free_run_of(
     return replace(segment, a=place(record.acceleration), v=place(drifts[0]), s=place(drifts[1]))
 
 
-def _runs(model: ChainModel, data: SegmentSet, usable: Sequence[int], band: Any):
+def _runs(
+    model: ChainModel, data: SegmentSet, usable: Sequence[int], band: Any
+) -> tuple[list[Segment | None], float]:
     """Delayed free runs of the usable records, and their correlation with the measured accelerations."""
+    measured = [data.segments[i] for i in usable]
+    made = [free_run_of(model, seg, delay_of(band, seg.step), limited=True) for seg in measured]
     runs: list[Segment | None] = [None] * len(data.segments)
-    for i in usable:
-        segment = data.segments[i]
-        runs[i] = free_run_of(model, segment, delay_of(band, segment.dt or 1.0), limited=True)
-    return runs, likeness_of([data.segments[i] for i in usable], [runs[i] for i in usable])
+    for i, run in zip(usable, made):
+        runs[i] = run
+    return runs, likeness_of(measured, made)
 
 
 def likeness_of(segments: Sequence[Segment], runs: Sequence[Segment]) -> float:
@@ -288,15 +315,26 @@ def likeness_of(segments: Sequence[Segment], runs: Sequence[Segment]) -> float:
     return float(likeness) if np.isfinite(likeness) else 0.0
 
 
-def _first_runs(start: ChainModel, data, usable, layout, walk, filters, known, band):
+def _first_runs(
+    start: ChainModel,
+    data: SegmentSet,
+    usable: Sequence[int],
+    layout: LawLayout,
+    walk: Walk,
+    filters: Sequence[Any],
+    known: Mapping[int, float],
+    band: Any,
+) -> tuple[list[Segment | None], float]:
     """Free runs of the first model that can run: least squares, or the linear chain."""
-    found, worst = [], None
+    found: list[tuple[list[Segment | None], float]] = []
+    worst: SimulationError | IdentifiabilityError | None = None
     plain = LawLayout(layout.chain, {s: (PowerSeries(1),) for s in layout.acting if s.kind == "link"})
     linear = plain if all(s.kind == "link" for s in layout.acting) else None
-    for make in (
+    makes: tuple[Callable[[], ChainModel | None], ...] = (
         lambda: start,
-        lambda: linear and _least_squares(data, linear, walk, filters, known),
-    ):
+        lambda: None if linear is None else _least_squares(data, linear, walk, filters, known),
+    )
+    for make in makes:
         try:
             model = make()
             if model is None or (model.masses <= 0).any():
@@ -313,7 +351,9 @@ def _first_runs(start: ChainModel, data, usable, layout, walk, filters, known, b
     return max(found, key=lambda pair: pair[1])
 
 
-def _least_squares(data, layout, walk, filters, known) -> ChainModel:
+def _least_squares(
+    data: SegmentSet, layout: LawLayout, walk: Walk, filters: Sequence[Any], known: Mapping[int, float]
+) -> ChainModel:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RankWarning)
         solution, _ = solve_blocks(

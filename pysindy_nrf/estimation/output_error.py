@@ -26,6 +26,7 @@ from ..exceptions import BiasWarning, SimulationError
 from ..layout import LawLayout
 from ..model import ChainModel
 from ..segments import Segment, SegmentSet
+from ..sites import Site
 from .iv import free_run_of
 from .spectra import NoiseModel, corrected, noise_model, spectrum, velocities
 
@@ -56,6 +57,20 @@ class OutputErrorResult:
         Number of the record of each piece.
     why : str
         Why it was not kept.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, excitation, simulate
+    >>> from pysindy_nrf.estimation import output_error
+    >>> from pysindy_nrf.layout import LawLayout
+    >>> from pysindy_nrf.paper.cases import two_dof_model
+    >>> F = excitation.band_limited_random(2, 8.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
+    >>> X, F = simulate(two_dof_model(damper=False), F, 0.002).to_features(smooth=False)
+    >>> start = NRFRegressor(degree=1, dt=0.002).fit(X, F)
+    >>> layout = LawLayout(start.chain_, start.model_.laws)
+    >>> found = output_error(start.model_, start.model_.segments(X, F, dt=0.002), layout, {})
+    >>> found.kept, found.model.masses.round(2)
+    (False, array([10., 10.]))
     """
 
     model: ChainModel
@@ -122,27 +137,39 @@ def output_error(
     Returns
     -------
     OutputErrorResult
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, excitation, simulate
+    >>> from pysindy_nrf.noise import add_noise
+    >>> from pysindy_nrf.paper.cases import two_dof_model
+    >>> F = excitation.band_limited_random(2, 8.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
+    >>> rec = add_noise(simulate(two_dof_model(damper=False), F, 0.002), 0.05, random_state=0)
+    >>> model = NRFRegressor(degree=1, estimation="simulation").fit(rec)  # calls it after instrumental variables
+    >>> model.masses_.round(1)
+    array([10.1, 10.1])
     """
     shots = shots_of(data, layout.has_memory)
     if not shots:
         return _kept_start(start, "the force on some DOF is unknown in every record")
     try:
-        problem = _Problem(start, shots, layout, known_masses, band)
-        if problem.noise is None:
+        noise = noise_model(start, layout, [s.segment for s in shots], [s.run(start) for s in shots])
+        if noise is None:
             return OutputErrorResult(start, False, 0.0, 0.0, why="the free run misses nothing but round-off")
+        problem = _Problem(start, shots, layout, known_masses, noise, band)
         parts = [_half(shots, 0), _half(shots, 1)]
         before, after = np.zeros(3), np.zeros(3)
         for rival, seen, unseen in zip(halves or (start, start), parts, parts[::-1]):
             before += problem.judge(rival, unseen)
             after += problem.judge(problem.solve(seen, FEW).model, unseen)
-        errors = [float(100 * np.sqrt(e[0] / e[2])) for e in (before, after)]
-        if errors[1] > CLEARLY * errors[0] or after[1] >= before[1]:
+        error_before, error_after = (float(100 * np.sqrt(e[0] / e[2])) for e in (before, after))
+        if error_after > CLEARLY * error_before or after[1] >= before[1]:
             why = "the refinement does not predict unseen parts of the records clearly better"
-            return OutputErrorResult(start, False, *errors, why=why)
+            return OutputErrorResult(start, False, error_before, error_after, why=why)
         best = problem.solve([slice(0, s.n_samples) for s in shots])
     except SimulationError as error:
         return _kept_start(start, error.what)
-    return OutputErrorResult(best.model, True, *errors, best.influences, best.record)
+    return OutputErrorResult(best.model, True, error_before, error_after, best.influences, best.record)
 
 
 def _kept_start(start: ChainModel, why: str) -> OutputErrorResult:
@@ -185,25 +212,58 @@ class _Solution:
     record: np.ndarray
 
 
+@dataclass
+class _Part:
+    """Normal equations of one shot with its initial condition taken out of them.
+
+    Attributes
+    ----------
+    matrix, right : ndarray of shape (p, p) and (p,)
+    inverse : ndarray of shape (2 n_dof, 2 n_dof)
+        Of the initial condition's own normal matrix.
+    own : ndarray of shape (2 n_dof,)
+        Its right-hand side.
+    shared : ndarray of shape (p, 2 n_dof)
+        What ties it to the parameters.
+    scores : ndarray of shape (n_pieces, p)
+    """
+
+    matrix: np.ndarray
+    right: np.ndarray
+    inverse: np.ndarray
+    own: np.ndarray
+    shared: np.ndarray
+    scores: np.ndarray
+
+    def state(self, step: np.ndarray) -> np.ndarray:
+        """Change of the initial condition that goes with a step of the parameters, shape (2, n_dof)."""
+        return (self.inverse @ (self.own - self.shared.T @ step)).reshape(2, -1)
+
+
 class _Problem:
     """The shots, their noise, and Gauss-Newton on them."""
 
-    def __init__(self, start, shots, layout, known_masses, band) -> None:
-        self.start, self.shots, self.layout = start, shots, layout
+    def __init__(
+        self,
+        start: ChainModel,
+        shots: Sequence[Shot],
+        layout: LawLayout,
+        known_masses: Mapping[int, float],
+        noise: NoiseModel,
+        band: Any,
+    ) -> None:
+        self.start, self.shots, self.layout, self.noise = start, shots, layout, noise
         self.theta, self.rebuild, self.columns = free_parameters(start, known_masses)
-        runs = [shot.run(start) for shot in shots]
         self._decays: dict[tuple[int, float], np.ndarray] = {}
-        self.noise: NoiseModel | None = noise_model(start, layout, [s.segment for s in shots], runs)
-        if self.noise is not None:
-            low, high = band or (None, None)
-            resolved = [s.segment.resolved for s in shots if s.segment.resolved is not None]
-            self.low = max(low or 0.0, self.noise.lively[0])
-            self.high = min([self.noise.lively[1], *resolved, *([] if high is None else [high])])
-            self.states = [shot.start.copy() for shot in shots]
-            self._choose_hold()
-            runs = [shot.run(start) for shot in shots]
-            # the force as the motion knows it: from the start model, and then left alone
-            self.better = [corrected(shot.segment, run, self.noise) for shot, run in zip(shots, runs)]
+        low, high = band or (None, None)
+        resolved = [s.segment.resolved for s in shots if s.segment.resolved is not None]
+        self.low = max(low or 0.0, noise.lively[0])
+        self.high = min([noise.lively[1], *resolved, *([] if high is None else [high])])
+        self.states = [shot.start.copy() for shot in shots]
+        self._choose_hold()
+        runs = [shot.run(start) for shot in shots]
+        # the force as the motion knows it: from the start model, and then left alone
+        self.better = [corrected(shot.segment, run, noise) for shot, run in zip(shots, runs)]
 
     def _choose_hold(self) -> None:
         """Between the samples the force goes as the motion says."""
@@ -223,7 +283,7 @@ class _Problem:
             shot.start = state.copy()
         cost, parts = self.normal(theta, rows)
         for _ in range(rounds):
-            matrix, right = (sum(p[k] for p in parts) for k in (0, 1))
+            matrix, right = _sum([p.matrix for p in parts]), _sum([p.right for p in parts])
             size = np.sqrt(np.diag(matrix))
             step = np.linalg.lstsq(matrix / size[:, None] / size, right / size, rcond=1e-12)[0] / size
             moved = float(np.abs(step * size).max())
@@ -231,7 +291,7 @@ class _Problem:
             for halving in range(HALVINGS + 1):
                 share = 0.5**halving
                 for shot, own, part in zip(self.shots, starts, parts):
-                    shot.start = own + share * part[2](step)
+                    shot.start = own + share * part.state(step)
                 try:
                     new_cost, new_parts = self.normal(theta + share * step, rows)
                 except SimulationError:
@@ -245,27 +305,29 @@ class _Problem:
             theta, cost, parts = theta + share * step, new_cost, new_parts
             if moved < SETTLED:
                 break
-        matrix = sum(p[0] for p in parts)
+        matrix = _sum([p.matrix for p in parts])
         size = np.sqrt(np.diag(matrix))
         inverse = np.linalg.pinv(matrix / size[:, None] / size, rcond=1e-12, hermitian=True) / size[:, None] / size
-        scores = [p[3] for p in parts]
+        scores = [p.scores for p in parts]
         record = np.concatenate([[shot.number] * len(s) for shot, s in zip(self.shots, scores)]).astype(int)
         return _Solution(self.rebuild(theta), np.concatenate(scores) @ inverse, record)
 
-    def normal(self, theta: np.ndarray, rows: Sequence[slice]):
-        """Cost, and for each shot: normal matrix, right-hand side, its initial condition, scores of pieces."""
+    def normal(self, theta: np.ndarray, rows: Sequence[slice]) -> tuple[float, list[_Part]]:
+        """Cost, and the normal equations of each shot."""
         model = self.rebuild(theta)
         total = sum(r.stop - r.start for r in rows)
-        cost, parts = 0.0, []
+        cost = 0.0
+        parts: list[_Part] = []
         for shot, better, part in zip(self.shots, self.better, rows):
             if part.stop - part.start < FEWEST_ROWS:
-                p, n = len(theta), len(model.masses)
-                parts.append((np.zeros((p, p)), np.zeros(p), lambda step, n=n: np.zeros((2, n)), np.zeros((0, p))))
+                p, n = len(theta), 2 * len(model.masses)
+                sizes = (p, p), p, (n, n), n, (p, n), (0, p)
+                parts.append(_Part(*(np.zeros(size) for size in sizes)))
                 continue
             gap = velocities(shot.segment) - velocities(shot.run(model))
             J = self.sensitivities(model, shot, shot.run(model, better))
             C = self.decays(shot)
-            dt = shot.segment.dt
+            dt = shot.segment.step
             f = np.fft.rfftfreq(part.stop - part.start, dt)[1:]
             use = (f >= self.low) & (f <= self.high)
             R, JF, CF = (_lines(y[part], dt)[use] for y in (gap[:, :, None], J, C))
@@ -279,16 +341,13 @@ class _Problem:
             solve = np.linalg.pinv(cc / size[:, None] / size, rcond=1e-9, hermitian=True) / size[:, None] / size
             own = _scores(R, WJ - WC @ (solve @ jc.T), max(2, round(PIECES * (part.stop - part.start) / total)))
             cost += rr
-            parts.append((
-                jj - jc @ solve @ jc.T, jr - jc @ solve @ cr,
-                lambda step, s=solve, c=cr, j=jc: (s @ (c - j.T @ step)).reshape(2, -1), own,
-            ))  # fmt: skip
+            parts.append(_Part(jj - jc @ solve @ jc.T, jr - jc @ solve @ cr, solve, cr, jc, own))
         return cost, parts
 
     def sensitivities(self, model: ChainModel, shot: Shot, run: Segment) -> np.ndarray:
         """Change of the relative velocities with each parameter, shape (n_rows, n_dof, n_parameters)."""
         rows, n = shot.segment.valid, model.n_dof
-        length, dt = rows.stop - rows.start, shot.segment.dt
+        length, dt = rows.stop - rows.start, shot.segment.step
         block = next(iter(replace(run, valid=rows).blocks(self.layout, size=length)))
         f = np.fft.rfftfreq(length, dt)
         G = self.noise.transfer(np.maximum(f, 0.25 * f[1]))[:, :, :n]
@@ -307,13 +366,13 @@ class _Problem:
 
     def decays(self, shot: Shot) -> np.ndarray:
         """Velocities after a unit displacement or velocity of each DOF, shape (n_rows, n_dof, 2 n_dof)."""
-        key = (shot.n_samples, shot.segment.dt)
+        key = (shot.n_samples, shot.segment.step)
         if key not in self._decays:
             M, C, K = self.noise.matrices
             n = len(M)
             A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
             values, vectors = np.linalg.eig(A)
-            t = np.arange(shot.n_samples) * shot.segment.dt
+            t = np.arange(shot.n_samples) * shot.segment.step
             growth = np.exp(np.outer(t, np.minimum(values.real, 0) + 1j * values.imag))
             shapes = np.einsum("jm,mk->mjk", vectors[n:], np.linalg.pinv(vectors))
             out = (growth @ shapes.reshape(2 * n, -1)).real
@@ -332,7 +391,7 @@ class _Problem:
             flat = C.reshape(-1, C.shape[2])
             size = np.linalg.norm(flat, axis=0)
             gap = gap - (C / size) @ np.linalg.lstsq(flat / size, gap.ravel(), rcond=1e-6)[0]
-            dt = shot.segment.dt
+            dt = shot.segment.step
             f = np.fft.rfftfreq(len(gap), dt)[1:]
             use = (f >= self.low) & (f <= self.high)
             R, V = (_lines(y[:, :, None], dt)[use] for y in (gap, v[part]))
@@ -344,6 +403,10 @@ class _Problem:
                 (np.abs(V[:, :, 0]) ** 2 / scale).sum(),
             ]
         return out
+
+
+def _sum(parts: Sequence[np.ndarray]) -> np.ndarray:
+    return sum(parts[1:], parts[0])
 
 
 def _lines(values: np.ndarray, dt: float) -> np.ndarray:
@@ -390,14 +453,14 @@ class Rebuild:
 
     model: ChainModel
     free: list[int]
-    held: list[tuple[Any, int, int]]
+    held: list[tuple[Site, int, int]]
 
     def __call__(self, x: np.ndarray) -> ChainModel:
         """Model of a vector."""
         model = self.model
         masses = model.masses.copy()
         masses[self.free] = x[: len(self.free)]
-        values = {s: [law.coefficients.copy() for law in laws] for s, laws in model.laws.items()}
+        values = {s: [law.values.copy() for law in laws] for s, laws in model.laws.items()}
         for (site, i, k), value in zip(self.held, x[len(self.free) :]):
             values[site][i][k] = value
         laws = {
@@ -406,7 +469,9 @@ class Rebuild:
         return ChainModel(masses, laws, model.chain, model.visited, model.info)
 
 
-def free_parameters(model: ChainModel, known: Mapping[int, float]):
+def free_parameters(
+    model: ChainModel, known: Mapping[int, float]
+) -> tuple[np.ndarray, Rebuild, list[int | tuple[Site, int]]]:
     """Free parameters as a vector, the way back, and where each enters. Terms that are zero stay zero.
 
     Parameters
@@ -427,9 +492,10 @@ def free_parameters(model: ChainModel, known: Mapping[int, float]):
         (site, i, k)
         for site, laws in model.laws.items()
         for i, law in enumerate(laws)
-        for k, c in enumerate(law.coefficients)
+        for k, c in enumerate(law.values)
         if c
     ]
-    theta = np.array([*model.masses[free], *(model.laws[s][i].coefficients[k] for s, i, k in held)])
-    columns = [*free, *((s, sum(len(law.terms()) for law in model.laws[s][:i]) + k) for s, i, k in held)]
+    theta = np.array([*model.masses[free], *(model.laws[s][i].values[k] for s, i, k in held)])
+    before = {s: np.cumsum([0, *(len(law.terms()) for law in laws)]).tolist() for s, laws in model.laws.items()}
+    columns: list[int | tuple[Site, int]] = [*free, *((s, before[s][i] + k) for s, i, k in held)]
     return theta, Rebuild(model, free, held), columns

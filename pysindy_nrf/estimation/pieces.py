@@ -40,6 +40,14 @@ class Pieces:
         Number of the record of each piece.
     instrumented : bool
         Whether the rows hold instruments behind the columns.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> fitted = NRFRegressor(degree=3).fit(datasets.load_demo())
+    >>> pieces = fitted._resolving().pieces  # what its intervals are taken from
+    >>> len(pieces), pieces.instrumented
+    (63, False)
     """
 
     layout: LawLayout
@@ -113,6 +121,19 @@ def pieces_of(
     Returns
     -------
     Pieces
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> from pysindy_nrf.chain_solve import groups_of
+    >>> from pysindy_nrf.estimation import pieces_of
+    >>> from pysindy_nrf.layout import LawLayout
+    >>> X, F = datasets.load_demo().to_features()
+    >>> fitted = NRFRegressor(degree=3).fit(X, F)
+    >>> layout = LawLayout(fitted.chain_, fitted.model_.laws)
+    >>> data = fitted.model_.segments(X, F)
+    >>> len(pieces_of(data, layout, groups_of(layout, fitted.walk_), [None], {}, n_pieces=16))
+    16
     """
     chosen = [i for i in range(len(data.segments)) if runs is None or runs[i] is not None]
     total = sum(data.segments[i].valid.stop - data.segments[i].valid.start for i in chosen)
@@ -123,7 +144,8 @@ def pieces_of(
     record: list[int] = []
     for i in chosen:
         block = whole_block(data.segments[i], layout, filters[i])
-        twin = None if runs is None else whole_block(runs[i], layout, filters[i])
+        run = None if runs is None else runs[i]
+        twin = None if run is None else whole_block(run, layout, filters[i])
         n = block.acceleration.shape[1]
         edges = np.linspace(0, n, max(1, round(n / length)) + 1).astype(int)
         record += [i] * (len(edges) - 1)
@@ -155,8 +177,10 @@ def pieces_of(
 def whole_block(segment: Segment, layout: LawLayout, filter: Any) -> Block:
     """All valid rows of a record as one block, its arrays our own."""
     parts = list(segment.blocks(layout, filter=filter))
-    arrays = (np.concatenate([getattr(p, k) for p in parts], axis=1) for k in ("terms", "acceleration", "force"))
-    return Block(*arrays)
+    terms, acceleration, force = (
+        np.concatenate([getattr(p, k) for p in parts], axis=1) for k in ("terms", "acceleration", "force")
+    )
+    return Block(terms, acceleration, force)
 
 
 def _width(layout: LawLayout, group: Group) -> int:

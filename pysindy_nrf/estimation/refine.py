@@ -66,6 +66,7 @@ def refine(
             "free_run_error_after": _finite(result.error_after),
         }
         if result.kept:
+            assert result.influences is not None
             model, facts["found"] = result.model, "simulation"
             theta, rebuild, _ = free_parameters(model, known)
             pieces = replace(iv.pieces, record=result.record)

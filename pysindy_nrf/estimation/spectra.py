@@ -95,7 +95,9 @@ class NoiseModel:
             yield rows, G, S
 
 
-def linearised(model: ChainModel, layout: LawLayout, runs: Sequence[Segment]) -> tuple[np.ndarray, ...]:
+def linearised(
+    model: ChainModel, layout: LawLayout, runs: Sequence[Segment]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mass, damping and stiffness matrices that come nearest to the forces along free runs.
 
     Parameters
@@ -140,7 +142,7 @@ def transfer(matrices: Sequence[np.ndarray], f: np.ndarray) -> np.ndarray:
 
 def lines_of(segment: Segment) -> np.ndarray:
     """Frequencies of a record's Fourier lines but the first, Hz."""
-    return np.fft.rfftfreq(segment.valid.stop - segment.valid.start, segment.dt)[1:]
+    return np.fft.rfftfreq(segment.valid.stop - segment.valid.start, segment.step)[1:]
 
 
 def spectrum(values: np.ndarray, dt: float, taper: bool = False) -> np.ndarray:
@@ -209,8 +211,8 @@ def noise_model(
     n = model.n_dof
     matrices = linearised(model, layout, runs)
     every = [lines_of(seg) for seg in data]
-    R = [spectrum(velocities(seg) - velocities(run), seg.dt, taper=True) for seg, run in zip(data, runs)]
-    V = [spectrum(velocities(run), run.dt, taper=True) for run in runs]
+    R = [spectrum(velocities(seg) - velocities(run), seg.step, taper=True) for seg, run in zip(data, runs)]
+    V = [spectrum(velocities(run), run.step, taper=True) for run in runs]
     missed, whole = (np.sqrt(sum((np.abs(y) ** 2).sum(axis=0) for y in part)) for part in (R, V))
     if not np.all(missed > 1e-6 * whole):
         return None
@@ -236,9 +238,8 @@ def noise_model(
 
 def _lively(f: Sequence[np.ndarray], V: Sequence[np.ndarray], ringing: Sequence[np.ndarray]) -> tuple[float, float]:
     """Frequencies between which nearly all of the run's drift (below) and acceleration (above) lies."""
-    own, made = (smoothed(f, part) for part in ([np.abs(v) ** 2 for v in V], ringing))
     at = np.sort(np.concatenate(f), kind="stable")
-    own, made = own(at), made(at)
+    own, made = (smoothed(f, part)(at) for part in ([np.abs(v) ** 2 for v in V], ringing))
     ends = []
     for weight, share in ((at**-2.0, HELD), (at**2, 1 - HELD)):
         whole = own * weight[:, None]
@@ -257,11 +258,11 @@ def _force_density(data: Sequence[Segment], j: int) -> float:
     for seg in data:
         line = seg.ag if j == seg.n_dof else seg.F[:, j]
         if line is not None and np.any(line[seg.valid]):
-            found.append(_white_level(line[seg.valid].astype(float)) ** 2 * seg.dt)
+            found.append(_white_level(line[seg.valid].astype(float)) ** 2 * seg.step)
     return float(np.mean(found)) if found else 0.0
 
 
-def _ringing(matrices, f: np.ndarray, force: np.ndarray) -> np.ndarray:
+def _ringing(matrices: Sequence[np.ndarray], f: np.ndarray, force: np.ndarray) -> np.ndarray:
     out = np.empty((len(f), len(matrices[0])))
     for start in range(0, len(f), LINES):
         rows = slice(start, start + LINES)
@@ -269,21 +270,27 @@ def _ringing(matrices, f: np.ndarray, force: np.ndarray) -> np.ndarray:
     return out
 
 
-def _heard(matrices, f, R, motion: Smooth, noisy: np.ndarray) -> np.ndarray:
+def _heard(
+    matrices: Sequence[np.ndarray],
+    f: Sequence[np.ndarray],
+    R: Sequence[np.ndarray],
+    motion: Smooth,
+    noisy: np.ndarray,
+) -> np.ndarray:
     """Upper bound of every force's noise density from what the motion heard of it."""
     bound = np.full(len(noisy), np.inf)
     if not noisy.any():
         return bound
-    size, blur = [], []
+    sizes, blurs = [], []
     for lines, r in zip(f, R):
         for start in range(0, len(lines), LINES):
             rows = slice(start, start + LINES)
             G = transfer(matrices, lines[rows])[:, :, noisy]
             W = G.conj().transpose(0, 2, 1) / motion(lines[rows])[:, None, :]
             inverse = np.linalg.pinv(W @ G, hermitian=True)
-            size.append(np.abs((inverse @ (W @ r[rows][:, :, None]))[:, :, 0]) ** 2)
-            blur.append(np.einsum("ijj->ij", inverse).real)
-    size, blur = np.concatenate(size), np.concatenate(blur)
+            sizes.append(np.abs((inverse @ (W @ r[rows][:, :, None]))[:, :, 0]) ** 2)
+            blurs.append(np.einsum("ijj->ij", inverse).real)
+    size, blur = np.concatenate(sizes), np.concatenate(blurs)
     for i, j in enumerate(np.flatnonzero(noisy)):
         clear = blur[:, i] <= np.quantile(blur[:, i], min(1.0, max(0.1, 2 * FEWEST / len(blur))))
         bound[j] = np.median(size[clear, i]) / _LN2
@@ -309,14 +316,14 @@ def corrected(segment: Segment, run: Segment, noise: NoiseModel) -> Segment:
     rows, n = segment.valid, segment.n_dof
     f = lines_of(segment)
     first, last = np.searchsorted(f, noise.lively, side="left")
-    R = spectrum(velocities(segment) - velocities(run), segment.dt)[first:last]
+    R = spectrum(velocities(segment) - velocities(run), segment.step)[first:last]
     more = np.zeros((len(f) + 1, n + 1), dtype=complex)
     for part, G, S in noise.blocks(f[first:last]):
         found = G.conj().transpose(0, 2, 1) @ np.linalg.solve(S, R[part][:, :, None])
         more[1 + first : 1 + last][part] = noise.force * found[:, :, 0]
     length = rows.stop - rows.start
     # the free run missed E_x - G E_u: the force's own noise is minus what it heard
-    more = np.fft.irfft(more, length, axis=0) / np.sqrt(segment.dt / length)
+    more = np.fft.irfft(more, length, axis=0) / np.sqrt(segment.step / length)
     F = np.array(segment.F, dtype=float)
     F[rows] += more[:, :n]
     ag = segment.ag

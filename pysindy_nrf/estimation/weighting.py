@@ -106,7 +106,7 @@ def _whiteners(
             gap = rows[-1] - np.concatenate([*own, *mass]) @ rows[:-1]
             f = lines_of(seg)
             use = (f >= noise.lively[0]) & (f <= noise.lively[1])
-            missed[group.dofs].append((f[use], np.abs(spectrum(gap[:, None], seg.dt, taper=True)[use]) ** 2))
+            missed[group.dofs].append((f[use], np.abs(spectrum(gap[:, None], seg.step, taper=True)[use]) ** 2))
     out = {}
     for dofs, held in missed.items():
         left = smoothed([f for f, _ in held], [p for _, p in held])

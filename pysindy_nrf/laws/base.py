@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -30,6 +30,12 @@ class Term(NamedTuple):
         The feature in plain text, e.g. ``"v^2 s"``; equal labels are equal columns.
     unit : str
         SI unit of the coefficient.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> [(term.symbol, term.label, term.unit) for term in laws.Duffing().terms()]
+    [('k', 's', 'N/m'), ('k3', 's^3', 'N/m^3')]
     """
 
     symbol: str
@@ -101,6 +107,14 @@ class Motion:
         Time since the start of the record (s).
     covariates : mapping of str to ndarray of shape (n_samples,)
         Further measured channels, e.g. a damper's voltage.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import laws
+    >>> s = np.array([-0.001, 0.0, 0.002])  # m
+    >>> laws.LinearElastic(4e4).force(laws.Motion(s, v=0 * s)).tolist()  # N
+    [-40.0, 0.0, 80.0]
     """
 
     s: np.ndarray
@@ -161,6 +175,15 @@ class ForceLaw:
 
     ``advance(z, s0, v0, s1, v1, dt, u, theta)`` moves the state from (s0, v0) to (s1, v1) along a
     path on which v keeps its sign, exactly where theory allows; it writes into z (floats only).
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> law = laws.CoulombFriction(20.0)
+    >>> law.name, law.family, law.coefficients.tolist()
+    ('coulomb_friction', 'friction', [20.0])
+    >>> laws.Dahl().free_shape  # to be estimated
+    ('sigma',)
     """
 
     name: ClassVar[str] = ""
@@ -209,12 +232,38 @@ class ForceLaw:
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
-        """Write the value of every term into ``out``; see the notes of :class:`ForceLaw`."""
+        """Write the value of every term into ``out``; see the notes of :class:`ForceLaw`.
+
+        Parameters
+        ----------
+        s, v, a, t : float or ndarray of shape (n_samples,)
+            Drift (m), its rate (m/s), relative acceleration (m/s^2), time since the start of the record (s).
+        u : ndarray of shape (n_covariates, ...)
+            Covariates, in the order of ``covariates``.
+        z : ndarray of shape (n_states, ...)
+            Internal states.
+        theta : ndarray of shape (n_shapes,)
+            Values of the shape parameters.
+        out : ndarray of shape (n_terms, ...)
+            Written to; for unit coefficients.
+        """
         raise NotImplementedError
 
     @staticmethod
     def advance(z, s0, v0, s1, v1, dt, u, theta):
-        """Move the internal state; see the notes of :class:`ForceLaw`."""
+        """Move the internal state over one step; see the notes of :class:`ForceLaw`.
+
+        Parameters
+        ----------
+        z : ndarray of shape (n_states,)
+            Read and written.
+        s0, v0, s1, v1 : float
+            Drift (m) and rate (m/s) at both ends of the step.
+        dt : float
+            s.
+        u : ndarray of shape (n_covariates,)
+        theta : ndarray of shape (n_shapes,)
+        """
 
     def options(self) -> dict[str, Any]:
         """Structural constructor arguments (not shape, not coefficients), for JSON and copies.
@@ -303,7 +352,7 @@ class ForceLaw:
             values |= {t.symbol: float(c) for t, c in zip(self.terms(), self.coefficients, strict=True)}
         return values
 
-    def with_values(self, coefficients: Any = None, shape: Mapping[str, float | None] | None = None) -> ForceLaw:
+    def with_values(self, coefficients: Any = None, shape: Mapping[str, float | None] | None = None) -> Self:
         """A copy with other coefficients or shape parameters.
 
         Parameters
@@ -488,6 +537,12 @@ def registry() -> dict[str, type[ForceLaw]]:
     Returns
     -------
     dict of str to type
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> laws.registry()["coulomb_friction"]
+    <class 'pysindy_nrf.laws.friction.CoulombFriction'>
     """
     return dict(_REGISTRY)
 
@@ -508,6 +563,13 @@ def from_dict(data: Mapping[str, Any]) -> ForceLaw:
     ------
     LawError
         If the law is unknown or its parameters do not fit.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> data = laws.Dahl(sigma=5e4, Fd=35.0).to_dict()
+    >>> laws.from_dict(data)
+    Dahl(sigma=50000, Fd=35)
     """
     try:
         name, options = data["law"], dict(data.get("options") or {})

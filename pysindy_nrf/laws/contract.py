@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -253,12 +254,16 @@ def check_text(law: ForceLaw, rng: np.random.Generator) -> None:
 def check_errors(law: ForceLaw, rng: np.random.Generator) -> None:
     """What a law needs and does not get is named."""
     motion = random_motion(law, rng)
+
+    def features_without(name: str) -> np.ndarray:
+        return law.with_values(shape={name: None}).features(motion)
+
     for name in law.shape:
-        _refuses(lambda name=name: law.with_values(shape={name: None}).features(motion), name)
-        _refuses(lambda name=name: law.with_values(shape={name: np.nan}), name)
+        _refuses(partial(features_without, name), name)
+        _refuses(partial(law.with_values, shape={name: np.nan}), name)
     for parameter in law.shapes:
         if parameter.log:
-            _refuses(lambda name=parameter.name: law.with_values(shape={name: -1.0}), parameter.name)
+            _refuses(partial(law.with_values, shape={parameter.name: -1.0}), parameter.name)
     for name in law.covariates:
         _refuses(lambda: law.features(replace(motion, covariates={})), name)
     if law.uses_time:

@@ -16,7 +16,15 @@ from .base import ForceLaw, Term
 
 
 class SensorFault(ForceLaw):
-    """Base of the laws of faulty sensors; their output has the unit of the channel."""
+    """Base of the laws of faulty sensors; their output has the unit of the channel.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> fault = laws.GainError(0.02)  # shows 2 % too much
+    >>> isinstance(fault, laws.SensorFault), fault.reading([1.0, -2.0], dt=0.01).tolist()
+    (True, [1.02, -2.04])
+    """
 
     family = "sensor"
     acts_at = ("sensor",)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from sklearn.base import BaseEstimator, clone
@@ -57,7 +57,7 @@ class AlongPath(BaseEstimator):
         self.optimizer = optimizer
         self.tolerance = tolerance
 
-    def fit(self, x: Any, y: Any):
+    def fit(self, x: Any, y: Any) -> Self:
         """Follow the path and choose.
 
         Parameters
@@ -91,7 +91,7 @@ class AlongPath(BaseEstimator):
             raise NRFError(
                 f"{type(self.optimizer).__name__} keeps no history_ of its models", "Use SSR, FROLS or STLSQ."
             )
-        seen = {tuple(np.flatnonzero(np.ravel(coef))) for coef in history}
+        seen = {tuple(np.flatnonzero(np.ravel(coef)).tolist()) for coef in history}
         return sorted({(), everything} | seen, key=lambda columns: (len(columns), self._left(x, y, columns)))
 
     @staticmethod

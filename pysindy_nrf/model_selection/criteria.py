@@ -34,8 +34,8 @@ def information(fits: list[StepFit], moments: Moments, shares: dict[tuple[int, .
     aic = bic = 0.0
     for fit in fits:
         dofs = fit.step.dofs
-        size = moments.parts[dofs].n_samples if dofs in moments.parts else moments.n_samples
-        size = max(size * shares.get(dofs, 1.0), 2.0)
+        seen = moments.parts[dofs].n_samples if dofs in moments.parts else moments.n_samples
+        size = max(seen * shares.get(dofs, 1.0), 2.0)
         level = 2.0 * size * np.log(max(fit.share, FLOOR) * fit.residual / fit.share if fit.share else FLOOR)
         aic += level + 2.0 * fit.n_columns
         bic += level + np.log(size) * fit.n_columns

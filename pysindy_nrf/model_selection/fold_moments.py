@@ -162,13 +162,13 @@ class FoldMoments:
         for seg, filter in zip(self.data.segments, self.filters):
             classes = self.class_of[seg.rows][seg.valid]
             cuts = _cuts(classes, max(whole // PIECES, 256) if kind == "gram" else whole)
-            shuffled = None if cuts is not None else {}
+            shuffled: dict[int, int] = {}  # piece of each class
             at, piece = 0, -1
             known = ~np.isnan(seg.F[seg.valid.start])
             for block in seg.blocks(self.layout, filter=filter):
                 block = self._whiten(block) if kind == "gram" else block
                 n = block.acceleration.shape[1]
-                if shuffled is not None:
+                if cuts is None:
                     for code in np.unique(classes[at : at + n]):
                         if code not in shuffled:
                             shuffled[code] = self._open(int(code))
@@ -246,9 +246,9 @@ class FoldMoments:
         out.n_samples = moments.n_samples
         for group in groups:
             where, mass_at, target_at = moments.positions(group.dofs)
-            index = [where[s].start + order.columns[s] for s in group.sites]
-            index += [np.array([i]) for i in (mass_at, target_at) if i is not None]
-            index = np.concatenate(index)
+            columns = [where[s].start + order.columns[s] for s in group.sites]
+            columns += [np.array([i]) for i in (mass_at, target_at) if i is not None]
+            index = np.concatenate(columns)
             part = moments.parts[group.dofs]
             small = type(part)(0, "root")
             small.matrix = part.matrix[:, index]

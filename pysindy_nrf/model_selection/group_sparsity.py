@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -17,6 +18,9 @@ from .judged import CLEAN
 from .rule import choose
 from .selection import fold_moments_of
 from .supports import MARGIN, restricted
+
+if TYPE_CHECKING:
+    from ..regressor import NRFRegressor
 
 NONLINEAR = "nonlinear terms"
 
@@ -35,9 +39,25 @@ class GroupSelection:
     table : DataFrame
         One row for each step of the elimination: what was left out with all before it, number of ``terms``, held-out
         balance ``error`` (percent NRMSE, mean over the folds), ``chosen``.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import datasets
+    >>> from pysindy_nrf.model_selection import select_groups
+    >>> found = select_groups(datasets.load_demo())  # a cubic spring in storey 1
+    >>> found.linear
+    ['storey 3', 'storey 2']
     """
 
-    def __init__(self, held, order, path, errors, chosen, estimator) -> None:
+    def __init__(
+        self,
+        held: FoldMoments,
+        order: Order,
+        path: Sequence[tuple[Any, Order]],
+        errors: np.ndarray,
+        chosen: int,
+        estimator: Any,
+    ) -> None:
         gone = [group for group, _ in path[1 : chosen + 1]]
         every = groups_in(held, order)
         self.dropped = [(str(site), name) for site, name in gone]
@@ -50,7 +70,7 @@ class GroupSelection:
         self.table["chosen"] = np.arange(len(path)) == chosen
         self._order, self._estimator = path[chosen][1], estimator
 
-    def regressor(self):
+    def regressor(self) -> NRFRegressor:
         """An estimator, not yet fitted, without the groups that were dropped.
 
         Returns
@@ -161,7 +181,8 @@ def _eliminated(held: FoldMoments, order: Order) -> tuple[list[tuple[Any, Order]
     if not groups:
         raise NRFError("There is no group to choose from", "Give a degree above 1, or laws=.")
     support = {s: np.ones(order.layout.counts[s], dtype=bool) for s in order.layout.acting}
-    path, errors = [(None, order)], [_errors(held, order)]
+    path: list[tuple[Any, Order]] = [(None, order)]
+    errors = [_errors(held, order)]
     if not np.isfinite(errors[0]).all():
         raise NRFError("The full model cannot be fitted on every fold", "Use fewer folds or a lower degree.")
     while groups:

@@ -153,7 +153,7 @@ def choose(
     else:
         se = np.full(len(errors), standard_error(errors[best]))
     good = np.flatnonzero(mean <= np.maximum(mean[best] + se, mean[best] / (1.0 - min_gain)))
-    return int(min(good, key=lambda i: (complexity[i], mean[i])))
+    return min(good.tolist(), key=lambda i: (complexity[i], mean[i]))
 
 
 def standard_error(errors: np.ndarray) -> float:

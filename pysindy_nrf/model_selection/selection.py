@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -17,6 +17,10 @@ from .fold_moments import FoldMoments, Order
 from .judged import SCORINGS, DigitsLost, balances_on_folds, on_folds
 from .rule import choose, complexity_of, one_standard_error, standard_error
 from .splitters import n_splits_of
+
+if TYPE_CHECKING:
+    from ..displays.order_selection import OrderSelectionDisplay
+    from ..regressor import NRFRegressor
 
 _RULES = ("one_standard_error", "best")
 
@@ -40,6 +44,13 @@ class OrderSelection:
     cv_results_ : dict
         The same in the form of scikit-learn's searches.
     scoring, rule : str
+
+    Examples
+    --------
+    >>> from pysindy_nrf import datasets, select_order
+    >>> found = select_order(datasets.load_demo(), degrees=(1, 3))
+    >>> found.best_order, found.orders_["storey 1"]
+    (3, 3)
     """
 
     def __init__(self, labels: list[Any], scores: np.ndarray, scoring: str, rule: Any, source: Any) -> None:
@@ -75,7 +86,7 @@ class OrderSelection:
     def orders_(self) -> dict[str, Any]:
         return _orders_by_storey(self._source[0], self._labels, self.best_order)
 
-    def regressor(self, by_storey: bool = False):
+    def regressor(self, by_storey: bool = False) -> NRFRegressor:
         """An estimator, not yet fitted, with the order found.
 
         Parameters
@@ -94,7 +105,7 @@ class OrderSelection:
             return new.set_params(degree=self.best_order)
         return new.set_params(orders={**self.orders_, **dict(new.orders or {})})
 
-    def plot(self, ax: Any = None):
+    def plot(self, ax: Any = None) -> OrderSelectionDisplay:
         """Draw held-out error over the order; see :class:`pysindy_nrf.displays.OrderSelectionDisplay`.
 
         Parameters
@@ -283,7 +294,9 @@ def _rule(rule: Any) -> Callable[[Mapping[str, Any]], int]:
     raise NRFError(f"rule={rule!r} is unknown", f"Choose {' or '.join(_RULES)}, or give a function of cv_results_.")
 
 
-def fold_moments_of(estimator, labels, X, F, cv, options, searching: bool = True) -> FoldMoments:
+def fold_moments_of(
+    estimator: Any, labels: list[Any], X: Any, F: Any, cv: Any, options: Mapping[str, Any], searching: bool = True
+) -> FoldMoments:
     """Moments for all folds of what an estimator would be fitted to, with several orders where none is given."""
     from ..fair_filter import filters_of
     from ..requirements import require_moving

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -22,6 +22,9 @@ from .rule import choose, standard_error
 from .selection import fold_moments_of
 from .supports import MARGIN, inclusion, labels_of, restricted, support_of
 
+if TYPE_CHECKING:
+    from ..regressor import NRFRegressor
+
 # Shares of the force that a term must carry to be kept.
 SHARES = tuple(np.geomspace(0.002, 0.2, 13).round(5))
 
@@ -37,6 +40,17 @@ class BlockEnsemble:
         Bootstraps.
     min_inclusion : float
         Share of them in which a term must be kept.
+
+    Examples
+    --------
+    >>> import pysindy as ps
+    >>> from pysindy_nrf import datasets
+    >>> from pysindy_nrf.model_selection import BlockEnsemble, select_sparsity
+    >>> ensemble = BlockEnsemble(ps.STLSQ(threshold=0.02), n_models=5)
+    >>> found = select_sparsity(datasets.load_demo(), paths={"ensemble": [ensemble]})
+    >>> kept = found.terms["ensemble"].loc["storey 1"]
+    >>> kept[kept != 0].index.tolist()
+    ['v', 's', 's^3']
     """
 
     optimizer: Any
@@ -60,9 +74,30 @@ class SparsitySelection:
         Share of block bootstraps that keep each term, for the ensembles' chosen setting.
     best : str
         The optimizer with the fewest terms among those whose error the folds cannot tell from the least.
+
+    Examples
+    --------
+    >>> import pysindy as ps
+    >>> from pysindy_nrf import datasets
+    >>> from pysindy_nrf.model_selection import select_sparsity
+    >>> settings = [ps.STLSQ(threshold=share) for share in (0.002, 0.02)]
+    >>> found = select_sparsity(datasets.load_demo(), paths={"STLSQ": settings})
+    >>> found.best, found.table["chosen"].tolist()
+    ('STLSQ', [False, True])
     """
 
-    def __init__(self, table, fold_errors, terms, inclusion, supports, candidates, estimator, order, held) -> None:
+    def __init__(
+        self,
+        table: pd.DataFrame,
+        fold_errors: pd.DataFrame,
+        terms: pd.DataFrame,
+        inclusion: pd.DataFrame,
+        supports: Mapping[Any, list[tuple[str, str]]],
+        candidates: Mapping[Any, Any],
+        estimator: Any,
+        order: Order,
+        held: FoldMoments,
+    ) -> None:
         self.table, self.fold_errors, self.terms, self.inclusion = table, fold_errors, terms, inclusion
         self._candidates, self._estimator, self._order, self._held = candidates, estimator, order, held
         self._supports = supports
@@ -84,7 +119,7 @@ class SparsitySelection:
         """
         return self._supports.get((name, setting), [])
 
-    def regressor(self, name: str | None = None):
+    def regressor(self, name: str | None = None) -> NRFRegressor:
         """An estimator, not yet fitted, with the chosen setting of an optimizer.
 
         Parameters
@@ -191,7 +226,7 @@ def select_sparsity(
     from ..regressor import NRFRegressor
 
     estimator = NRFRegressor(degree=degree, **regressor_params)
-    given = default_paths()
+    given: Mapping[str, Sequence[Any]] = default_paths()
     if paths is not None:
         unknown = [] if isinstance(paths, Mapping) else [name for name in paths if name not in given]
         if unknown:
@@ -298,13 +333,15 @@ def _selection(found: dict, candidates: dict, estimator: Any, order: Order, held
         if included is not None:
             shares[name] = labels_of(order, included)
     fold_errors = pd.DataFrame(errors, index=index, columns=[f"fold {i + 1}" for i in range(held.n_folds)])
-    frames = [pd.DataFrame(part).rename_axis(["site", "term"]) if part else pd.DataFrame() for part in (terms, shares)]
+    kept, included = (
+        pd.DataFrame(part).rename_axis(["site", "term"]) if part else pd.DataFrame() for part in (terms, shares)
+    )
     supports = {
         name: [key for key, value in labels_of(order, whole).items() if value]
         for name, (_, whole, _) in found.items()
         if whole
     }
-    return SparsitySelection(table, fold_errors, *frames, supports, candidates, estimator, order, held)
+    return SparsitySelection(table, fold_errors, kept, included, supports, candidates, estimator, order, held)
 
 
 __all__ = ["BlockEnsemble", "SparsitySelection", "default_paths", "select_sparsity", "setting_of"]

@@ -116,7 +116,7 @@ class RecordSplit(_RecordSplitter):
             return whole("n_splits", self.n_splits, 2)
         return len(self._records(X if X is not None else groups, groups))
 
-    def _tests(self, records):
+    def _tests(self, records: list[np.ndarray]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         n = len(records) if self.n_splits is None else whole("n_splits", self.n_splits, 2)
         if len(records) < max(n, 2):
             raise ChannelError(
@@ -172,7 +172,7 @@ class BlockedTimeSplit(_RecordSplitter):
         """
         return whole("n_splits", self.n_splits, 2)
 
-    def _tests(self, records):
+    def _tests(self, records: list[np.ndarray]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         n, gap = whole("n_splits", self.n_splits, 2), whole("gap", self.gap)
         short = min(records, key=len)
         if len(short) < n or len(short) - len(short) // n <= 2 * gap:

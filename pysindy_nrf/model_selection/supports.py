@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import NRFError
+from ..laws import ForceLaw
 from ..layout import LawLayout
 from ..moments import Moments
 from ..sites import Site
@@ -38,25 +39,25 @@ def restricted(held: FoldMoments, order: Order, support: Support) -> Order:
     -------
     Order
     """
-    laws, columns = {}, {}
+    laws: dict[Site, list[ForceLaw]] = {site: [] for site in order.layout.sites}
+    columns: dict[Site, np.ndarray] = {}
     for site in order.layout.sites:
         if site not in held.union:
-            given, kept, at = order.layout.laws.get(site, ()), [], 0
-            laws[site] = []
-            for law in given:
+            blocks, at = [], 0
+            for law in order.layout.laws.get(site, ()):
                 block = np.arange(at, at := at + len(law.terms()))
                 if site not in support or support[site][block].any():
                     laws[site].append(law)
-                    kept.append(block)
-            if kept:
-                columns[site] = order.columns[site][np.concatenate(kept)]
+                    blocks.append(block)
+            if blocks:
+                columns[site] = order.columns[site][np.concatenate(blocks)]
             continue
         kept = order.columns[site][support[site]]
-        law = Monomials(held.union[site].exponents[i] for i in kept)
-        laws[site] = (law,) if len(kept) else ()
         if len(kept):
+            few = Monomials(held.union[site].exponents[i] for i in kept)
+            laws[site].append(few)
             place = {pair: i for i, pair in enumerate(held.union[site].exponents)}
-            columns[site] = np.array([place[pair] for pair in law.exponents], dtype=int)
+            columns[site] = np.array([place[pair] for pair in few.exponents], dtype=int)
     return Order(LawLayout(order.layout.chain, laws), columns)
 
 

@@ -126,7 +126,7 @@ def clock_of(X: Any, time: Any, size: int, record: Any = None) -> np.ndarray | N
     ChannelError
         If the time does not increase within a record.
     """
-    index = getattr(X, "index", None)
+    index: Any = getattr(X, "index", None)
     if time is None and isinstance(index, (pd.DatetimeIndex, pd.TimedeltaIndex)):
         time = index
     elif time is None and getattr(index, "name", None) in ("t", "time") and index.dtype.kind in "fiu":

@@ -109,11 +109,18 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
     {'a1': 5.01, 'x1': 0.02}
     """
 
+    noise_: pd.Series
+    spacing_: pd.Series
+    high_pass_: pd.Series
+    feature_names_in_: np.ndarray
+    _names_in: list[str]
+    _names_out: list[str]
+
     def __init__(
         self,
         fs: float | None = None,
         noise: Any = "estimate",
-        band: Band = None,
+        band: Band | str = None,
         joint: bool = True,
         channels: Any = None,
     ) -> None:
@@ -171,7 +178,18 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         return self._run_pieces(X, False, record, time)
 
     def fit_transform(self, X: Any, y: Any = None, *, record: Any = None, time: Any = None) -> Any:
-        """Find the noise levels and fuse; see :meth:`fit` and :meth:`transform`."""
+        """Find the noise levels and fuse.
+
+        Parameters
+        ----------
+        X, y, record, time
+            As for :meth:`fit`.
+
+        Returns
+        -------
+        DataFrame or Record
+            As of :meth:`transform`.
+        """
         out = self._run_pieces(X, True, record, time)
         return out if out is not None else self.transform(X, record=record, time=time)
 
@@ -288,7 +306,9 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         clock = {n: table[n].to_numpy() for n in ("t", "time") if n in names}
         return pd.DataFrame(clock | out, index=table.index)
 
-    def _fuse(self, live: dict[str, np.ndarray], fs: float, record: Record | None, learn: bool):
+    def _fuse(
+        self, live: dict[str, np.ndarray], fs: float, record: Record | None, learn: bool
+    ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         """Fused motion columns, and the other columns."""
         motion = {(m[1], int(m[2])): n for n in live if (m := _MOTION.fullmatch(n))}
         if not motion:
@@ -384,6 +404,7 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         return float(value)
 
     def _rate(self, record: Record | None, table: Any) -> float:
+        rate: float | None
         if record is not None:
             rate = record.fs
         else:

@@ -193,7 +193,18 @@ class _Run:
         )
 
 
-def _run(model, F, dt, method, x0, v0, base_acceleration, covariates, hold, rtol) -> _Run:
+def _run(
+    model: Any,
+    F: Any,
+    dt: Any,
+    method: str,
+    x0: Any,
+    v0: Any,
+    base_acceleration: Any,
+    covariates: Any,
+    hold: str,
+    rtol: Any,
+) -> _Run:
     if method not in METHODS:
         raise SimulationError(f"method={method!r} is unknown", f"Choose {', '.join(map(repr, METHODS))}.")
     dt = _positive("dt", dt, "Give the sampling step in s.")

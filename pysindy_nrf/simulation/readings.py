@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -65,7 +65,7 @@ def as_true(record: Record, site: Site, law: SensorFault) -> Record:
     return _changed(record, site, law.corrected)
 
 
-def _changed(record: Record, site: Site, change) -> Record:
+def _changed(record: Record, site: Site, change: Callable[[np.ndarray, float], np.ndarray]) -> Record:
     kind, number = site.channel[:1], site.channel[1:]
     if kind not in CHANNELS or not number.isdigit() or not 1 <= int(number) <= record.n_dof:
         raise ChannelError(

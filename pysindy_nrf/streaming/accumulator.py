@@ -127,6 +127,7 @@ class Accumulator:
         self.n_samples = 0
         self.has_time = True
         self.origin: Any = None  # of time
+        self.settings: dict[str, str] = {}  # of the estimator, between calls of partial_fit
         self._open: BlockEntry | None = None
         self._carry: dict[str, Any] | None = None  # end of the last run: states, last row, origin of time
 
@@ -157,9 +158,12 @@ class Accumulator:
         unknown = tuple(j + 1 for j in range(segment.n_dof) if np.isnan(segment.F[inside.start, j]))
         trimmed = inside.start > 0, inside.stop < size
         goes_on = self._append(Run(chunk.record, key, key, chunk.first, ends, *trimmed, False, unknown, size))
-        self.extent = segment.extent if self.extent is None else self.extent.merge(segment.extent)
+        self._widen(segment.extent)
         self._accumulate(segment, key, goes_on)
         self._offer_windows(key, segment)
+
+    def _widen(self, extent: Extent) -> None:
+        self.extent = extent if self.extent is None else self.extent.merge(extent)
 
     def _append(self, run: Run) -> bool:
         """Put a run behind the others; whether it goes on where the last one stopped."""
@@ -191,7 +195,7 @@ class Accumulator:
         return segment
 
     def _accumulate(self, segment: Segment, key: Key, goes_on: bool) -> None:
-        layout = self.model.layout
+        layout = self.require_model().layout
         if segment.t is None:
             self.has_time = False
         carry = self._carry if goes_on else None
@@ -231,12 +235,12 @@ class Accumulator:
         self._carry = {"states": states, "last": last, "zero": zero, "end": end}
 
     def _moments(self) -> Moments:
-        model, kind = self.model, "gram" if self.kind == "gram" else "root"
+        model, kind = self.require_model(), "gram" if self.kind == "gram" else "root"
         return Moments(model.layout, model.groups, kind, model.known_masses, self.guess)
 
     def _own_guess(self, blocks: list[Block]) -> None:
         """Guess the root of some blocks from their own Gram matrices."""
-        model = self.model
+        model = self.require_model()
         own = accumulate(Moments(model.layout, model.groups, "gram", model.known_masses), blocks)
         self.guess = {dofs: guess_of(part) for dofs, part in own.parts.items()}
         if self._open is not None:
@@ -305,20 +309,26 @@ class Accumulator:
             self.windows = sorted([*self.windows, *other.windows], key=lambda w: w[0])
             while len(self.windows) > N_WINDOWS:
                 self.windows = self.windows[::2]
-            self.extent = self.extent.merge(other.extent)
+            if other.extent is not None:
+                self._widen(other.extent)
             self.has_time = self.has_time and other.has_time
         self.runs = runs.joined([*self.runs, *other.runs])
         self.n_samples += other.n_samples
         return self
 
-    def total(self) -> Moments:
-        """Moments of everything."""
+    def require_model(self) -> Model:
+        """The model, which is there from the first sample on; a ChannelError before."""
         if self.model is None:
             raise ChannelError("There are no samples", "The source is empty, or holds nothing but NaN.")
+        return self.model
+
+    def total(self) -> Moments:
+        """Moments of everything."""
+        model = self.require_model()
         out = None
         for entry in [*self.blocks, *([self._open] if self._open else [])]:
             if out is None:
-                out = Moments(self.model.layout, self.model.groups, entry.moments.kind, self.model.known_masses)
+                out = Moments(model.layout, model.groups, entry.moments.kind, model.known_masses)
             out.merge(entry.moments)
         if out is None:
             raise NRFError("No block of samples was seen", "Check the source.")
@@ -327,8 +337,8 @@ class Accumulator:
     @property
     def forced(self) -> tuple[int, ...]:
         """DOFs forced somewhere."""
-        n = self.model.chain.n_dof
-        return tuple(j + 1 for j in range(n) if self.extent.moves(3 * n + j))
+        n, extent = self.require_model().chain.n_dof, self.extent
+        return tuple(j + 1 for j in range(n) if extent is not None and extent.moves(3 * n + j))
 
     @property
     def unknown(self) -> tuple[int, ...]:
@@ -338,9 +348,10 @@ class Accumulator:
 
     def walk(self) -> Walk:
         """The order of the solve that these data allow."""
-        walk = self.model.walk(self.forced, self.unknown)
-        held = {g.dofs for g in self.model.groups}
-        if any(g.dofs not in held for g in groups_of(self.model.layout, walk)):
+        model = self.require_model()
+        walk = model.walk(self.forced, self.unknown)
+        held = {g.dofs for g in model.groups}
+        if any(g.dofs not in held for g in groups_of(model.layout, walk)):
             raise NRFError(
                 "These data need sums of balances that were not accumulated", "Give them as arrays that fit in memory."
             )
@@ -373,14 +384,14 @@ def _halved(blocks: list[BlockEntry]) -> list[BlockEntry]:
 def _row(segment: Segment, i: int) -> dict[str, Any]:
     """One sample of a segment."""
     rows = slice(i, i + 1)
-    out = {k: np.array(getattr(segment, k)[rows], dtype=float) for k in ("a", "v", "s", "F")}
+    out: dict[str, Any] = {k: np.array(getattr(segment, k)[rows], dtype=float) for k in ("a", "v", "s", "F")}
     out |= {k: None if getattr(segment, k) is None else np.array(getattr(segment, k)[rows]) for k in ("t", "ag")}
     return {**out, "covariates": {k: np.array(c[rows], dtype=float) for k, c in segment.covariates.items()}}
 
 
 def _behind(last: Mapping[str, Any], segment: Segment) -> Segment:
     """A segment with the sample before it in front; its own samples stay the valid ones."""
-    joint = {k: np.concatenate([last[k], getattr(segment, k)]) for k in ("a", "v", "s", "F")}
+    joint: dict[str, Any] = {k: np.concatenate([last[k], getattr(segment, k)]) for k in ("a", "v", "s", "F")}
     for k in ("t", "ag"):
         value = getattr(segment, k)
         joint[k] = None if value is None or last[k] is None else np.concatenate([last[k], value])
@@ -392,7 +403,7 @@ def _behind(last: Mapping[str, Any], segment: Segment) -> Segment:
 def _copied(segment: Segment, start: int, stop: int) -> Segment:
     """Some samples of a segment, its own."""
     rows = slice(start, stop)
-    lines = {k: np.array(getattr(segment, k)[rows], dtype=float) for k in ("a", "v", "s", "F")}
+    lines: dict[str, Any] = {k: np.array(getattr(segment, k)[rows], dtype=float) for k in ("a", "v", "s", "F")}
     lines |= {k: None if getattr(segment, k) is None else np.array(getattr(segment, k)[rows]) for k in ("t", "ag")}
     covariates = {k: np.array(c[rows], dtype=float) for k, c in segment.covariates.items()}
     size = stop - start

@@ -83,6 +83,22 @@ def fit_streamed(
     Raises
     ------
     ChannelError, ChainError, FileFormatError
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import numpy as np
+    >>> from pysindy_nrf import NRFRegressor
+    >>> from pysindy_nrf.streaming import fit_streamed
+    >>> t = np.arange(4000) / 200
+    >>> s, v = np.sin(9 * t) + np.sin(23 * t), 9 * np.cos(9 * t) + 23 * np.cos(23 * t)
+    >>> a = -81 * np.sin(9 * t) - 529 * np.sin(23 * t)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     X, F = pathlib.Path(folder, "X.npy"), pathlib.Path(folder, "F.npy")
+    ...     np.save(X, np.column_stack([a, v, s]))
+    ...     np.save(F, (10 * a + 30 * v + 4e3 * s)[:, None])
+    ...     fit_streamed(NRFRegressor(degree=1), X, F).masses_.round(6)
+    array([10.])
     """
     from threadpoolctl import threadpool_limits
 
@@ -108,6 +124,7 @@ def fit_streamed(
             guess = {dofs: guess_of(part) for dofs, part in moments.parts.items()}
             accumulator = passes.run("root", guess)
             solution, moments, walk = solution_of(accumulator)
+        assert solution is not None  # only Gram matrices lose digits
         publish(accumulator, solution, moments, walk)
     passes.done()
     return estimator
@@ -136,6 +153,21 @@ def partial_fit(
     Returns
     -------
     NRFRegressor
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import NRFRegressor
+    >>> from pysindy_nrf.streaming import partial_fit
+    >>> model = NRFRegressor(degree=1)
+    >>> for blow in range(3):
+    ...     t = np.arange(1000) / 200
+    ...     s = np.sin(9 * t + blow) + np.sin(23 * t)
+    ...     v = 9 * np.cos(9 * t + blow) + 23 * np.cos(23 * t)
+    ...     a = -81 * np.sin(9 * t + blow) - 529 * np.sin(23 * t)
+    ...     model = partial_fit(model, np.column_stack([a, v, s]), (10 * a + 30 * v + 4e3 * s)[:, None])
+    >>> model.masses_.round(6)
+    array([10.])
     """
     from threadpoolctl import threadpool_limits
 
@@ -145,7 +177,7 @@ def partial_fit(
 
     held = getattr(estimator, "_stream", None)
     accumulator, number = (Accumulator(estimator, "careful"), 0) if held is None else held
-    if held is not None and held[0].settings != _settings(estimator):
+    if held is not None and accumulator.settings != _settings(estimator):
         raise NRFError(
             "The settings of the estimator changed between two calls of partial_fit",
             "Set them back, or begin anew with fit or with a clone.",
@@ -160,6 +192,7 @@ def partial_fit(
             number += 1
         accumulator.settings = _settings(estimator)
         solution, moments, walk = solution_of(accumulator)
+        assert solution is not None  # only Gram matrices lose digits
         publish(accumulator, solution, moments, walk)
     estimator._stream = accumulator, number
     return estimator
@@ -200,7 +233,7 @@ class _Passes:
         accumulator, number = Accumulator(self.estimator, kind, guess, self.source.n_samples), 0
         self.kind = kind
         if self.path is not None:
-            found = state.load(self._file(), self.estimator, self.mark)
+            found = state.load(self._file(self.path), self.estimator, self.mark)
             if found is not None:
                 accumulator, number = found
         saved = clock.monotonic()
@@ -220,7 +253,8 @@ class _Passes:
             except KeyboardInterrupt as stop:
                 if number:
                     self._save(accumulator, number)
-                    stop.add_note(f"What was done is in {self._file()}; the same call goes on from there.")
+                if number and self.path is not None:  # an in-memory source or a folder that is not ours has no state
+                    stop.add_note(f"What was done is in {self._file(self.path)}; the same call goes on from there.")
                 raise
         self.number = number
         return accumulator.close()
@@ -229,11 +263,9 @@ class _Passes:
         """Write the state of a pass that is done and that another one follows."""
         self._save(accumulator, self.number)
 
-    def _file(self) -> Path | None:
+    def _file(self, path: Path) -> Path:
         """The file of this pass."""
-        if self.path is None or self.kind != "root":
-            return self.path
-        return self.path.with_name(self.path.name + "-2")
+        return path.with_name(path.name + "-2") if self.kind == "root" else path
 
     def _save(self, accumulator: Any, number: int) -> None:
         import warnings
@@ -243,7 +275,7 @@ class _Passes:
         if self.path is None:
             return
         try:
-            save(self._file(), accumulator, number, self.mark)
+            save(self._file(self.path), accumulator, number, self.mark)
         except OSError as error:  # the fit is worth more than its state
             warnings.warn(
                 f"The state of the fit cannot be written to {self.path} ({error}); the fit goes on, but cannot be "
@@ -258,6 +290,6 @@ class _Passes:
         for kind in ("gram", "root"):
             self.kind = kind
             if self.path is not None:
-                self._file().unlink(missing_ok=True)
+                self._file(self.path).unlink(missing_ok=True)
 
 

@@ -29,7 +29,7 @@ def solution_of(accumulator: Accumulator) -> tuple[Solution | None, Moments, Wal
     -------
     Solution or None, Moments, Walk
     """
-    moments, walk, model = accumulator.total(), None, accumulator.model
+    moments, model = accumulator.total(), accumulator.require_model()
     _require_usable(accumulator, moments)
     walk = accumulator.walk()
     names = {site: model.layout.labels(site) for site in model.layout.acting}
@@ -53,11 +53,12 @@ def publish(accumulator: Accumulator, solution: Solution, moments: Moments, walk
     NRFRegressor
         Fitted.
     """
-    estimator, layout = accumulator.estimator, accumulator.model.layout
+    estimator, given = accumulator.estimator, accumulator.require_model()
+    layout = given.layout
     model = model_of(layout, solution)
     data = _shown(accumulator)
     estimator._evidence = None
-    estimator._resolver = Resolver(_pieces(accumulator), walk, accumulator.model.known_masses, estimator._inner())
+    estimator._resolver = Resolver(_pieces(accumulator), walk, given.known_masses, estimator._inner())
     if estimator.constraints is not None:
         from ..constraints import constrained
 
@@ -75,16 +76,16 @@ def publish(accumulator: Accumulator, solution: Solution, moments: Moments, walk
 def _require_usable(accumulator: Accumulator, moments: Moments) -> None:
     from ..requirements import require_clock, require_moving
 
-    data, layout = _shown(accumulator), accumulator.model.layout
-    if not accumulator.forced and not accumulator.model.known_masses:
+    data, model = _shown(accumulator), accumulator.require_model()
+    if not accumulator.forced and not model.known_masses:
         from ..exceptions import ExcitationError
 
         raise ExcitationError(
             "No force is measured and no mass is known, so nothing scales the chain",
             "Measure a force on one DOF, or give a mass: known_masses={dof: kg}; ratios to it then come out.",
         )
-    require_moving(data, layout)
-    require_clock(data, layout)
+    require_moving(data, model.layout)
+    require_clock(data, model.layout)
     for dofs, part in moments.parts.items():
         unknowns = part.matrix.shape[0] - 1
         if 0 < part.n_samples < unknowns + 1 and len(dofs) == 1:
@@ -97,7 +98,7 @@ def _require_usable(accumulator: Accumulator, moments: Moments) -> None:
 
 def _judged(accumulator: Accumulator, data: SegmentSet) -> SegmentSet:
     """The windows in which states of laws that remember are known: those at the start of a record."""
-    if not accumulator.model.layout.has_memory:
+    if not accumulator.require_model().layout.has_memory:
         return data
     starts = {run.first for run in accumulator.runs}
     chosen = [w for key, w in accumulator.windows if key[:2] in starts and key[2] == 0]
@@ -106,7 +107,7 @@ def _judged(accumulator: Accumulator, data: SegmentSet) -> SegmentSet:
 
 def _shown(accumulator: Accumulator) -> SegmentSet:
     """The windows that were kept, with the range of all samples."""
-    if not accumulator.windows:
+    if not accumulator.windows or accumulator.extent is None:
         raise ChannelError("There are no samples", "The source is empty, or holds nothing but NaN.")
     segments: list[Segment] = []
     at = 0
@@ -121,7 +122,7 @@ def _shown(accumulator: Accumulator) -> SegmentSet:
 
 def _pieces(accumulator: Accumulator) -> Pieces:
     """Block moments as the intervals and the bootstrap need them."""
-    model = accumulator.model
+    model = accumulator.require_model()
     entries = [*accumulator.blocks, *([accumulator._open] if accumulator._open else [])]
     grams, sizes = {}, {}
     for group in model.groups:

@@ -41,6 +41,14 @@ class Chunk:
     base_acceleration : ndarray of shape (n_samples,), optional
         m/s^2.
     covariates : dict of str to ndarray of shape (n_samples,)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.streaming import Chunk
+    >>> chunk = Chunk(np.zeros((6, 3)), np.zeros((6, 1)), ids=np.array([1, 1, 1, 2, 2, 2]))
+    >>> chunk.n_samples, [part.n_samples for part in chunk.records()]
+    (6, [3, 3])
     """
 
     X: Any
@@ -58,7 +66,12 @@ class Chunk:
         return len(self.X)
 
     def records(self) -> list[Chunk]:
-        """The samples of each record, where ids tell several apart."""
+        """The samples of each record, where ids tell several apart.
+
+        Returns
+        -------
+        list of Chunk
+        """
         if self.ids is None:
             return [self]
         pieces = pieces_of_ids(self.ids, self.n_samples, False)
@@ -85,6 +98,14 @@ class Source:
         In all, if known.
     again : bool
         Whether it can be read more than once, and from the middle.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.streaming import Source, open_source
+    >>> source = open_source((np.zeros((1000, 3)) for _ in range(3)))  # chunks as they come, once
+    >>> isinstance(source, Source), source.again, [chunk.n_samples for chunk in source.chunks()]
+    (True, False, [1000, 1000, 1000])
     """
 
     n_samples: int | None = None
@@ -95,7 +116,17 @@ class Source:
         raise NotImplementedError
 
     def chunks(self, start: int = 0) -> Iterator[Chunk]:
-        """Chunks from number ``start`` on."""
+        """Chunks from number ``start`` on.
+
+        Parameters
+        ----------
+        start : int
+            Number of the first chunk wanted.
+
+        Yields
+        ------
+        Chunk
+        """
         raise NotImplementedError
 
     def folder(self) -> Path | None:
@@ -127,7 +158,21 @@ def load_rows(value: Any, what: str) -> Any:
         raise unreadable(path, "NumPy", error) from error
 
 
-class ArraySource(Source):
+class FileSource(Source):
+    """A source that can be read from the middle: its samples are counted, its chunks of one size.
+
+    Attributes
+    ----------
+    n_samples : int
+    rows : int
+        Samples in a chunk; the last one may be shorter.
+    """
+
+    n_samples: int
+    rows: int
+
+
+class ArraySource(FileSource):
     """Arrays, most often mapped ``.npy`` files.
 
     Parameters
@@ -182,7 +227,7 @@ class ArraySource(Source):
             )  # fmt: skip
 
 
-class TableSource(Source):
+class TableSource(FileSource):
     """Columns by name: a1.., v1.., s1.., F1.., and t, ag, record or covariates where there are any.
 
     Parameters
@@ -302,7 +347,8 @@ class HDF5Source(TableSource):
         try:
             with self._h5py.File(self.path, "r") as file:
                 for low in range(start * self.rows, self.n_samples, self.rows):
-                    rows, values = slice(low, low + self.rows), {}
+                    rows = slice(low, low + self.rows)
+                    values: dict[str, Any] = {}
                     for name, columns in self._spread.items():
                         if wanted & set(columns):
                             values |= dict(zip(columns, file[name][rows].T))
@@ -317,10 +363,13 @@ class ListSource(Source):
     """Several sources, one record or more each, one after the other."""
 
     def __init__(self, parts: Sequence[Source]) -> None:
-        self.parts = list(parts)
-        sizes = [p.n_samples for p in self.parts]
-        self.n_samples = None if None in sizes else sum(sizes)
-        self.again = all(p.again for p in self.parts)
+        self.parts = [p for p in parts if isinstance(p, FileSource)]
+        if len(self.parts) < len(parts):
+            raise ChannelError(
+                "A list of sources holds something that is no file",
+                "Give a list of paths without lists in it, or one iterator that yields all the pieces.",
+            )
+        self.n_samples = sum(p.n_samples for p in self.parts)
         self._counts = [-(-p.n_samples // p.rows) for p in self.parts]
 
     def identity(self) -> list[Any]:

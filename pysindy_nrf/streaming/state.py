@@ -55,7 +55,8 @@ def save(path: Path, accumulator: Accumulator, following: int, mark: str) -> Non
     mark : str
         See :func:`identity`.
     """
-    acc, arrays = accumulator, {}
+    acc = accumulator
+    arrays: dict[str, Any] = {}
     entries = [*acc.blocks, *([acc._open] if acc._open else [])]
     for i, entry in enumerate(entries):
         parts = entry.moments.parts.values()
@@ -172,7 +173,7 @@ def _lines(name: str, segment: Segment) -> dict[str, np.ndarray]:
 
 
 def _segment(name: str, data: dict[str, np.ndarray], stem: str) -> Segment:
-    lines = {k: data.get(f"{stem}.{k}") for k in _LINES}
+    lines: dict[str, Any] = {k: data.get(f"{stem}.{k}") for k in _LINES}
     head = f"{stem}.covariate "
     covariates = {k.removeprefix(head): v for k, v in data.items() if k.startswith(head)}
     size = len(lines["a"])

@@ -307,7 +307,7 @@ class _Work:
             "amplitude": np.concatenate([envelope(m.s) for m in self.motions]),
         }  # fmt: skip
         if all(m.t is not None for m in self.motions):
-            lines["t"] = np.concatenate([m.t for m in self.motions])  # type: ignore[list-item]
+            lines["t"] = np.concatenate([m.t for m in self.motions])
         for k in self.makers:
             if k.startswith("covariate "):
                 lines[k] = np.concatenate([m.covariates[k[10:]] for m in self.motions])

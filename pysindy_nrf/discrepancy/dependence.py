@@ -78,15 +78,13 @@ class Basis:
         return self._knots[key]
 
     def _of(self, name: str, x: np.ndarray, count: int) -> np.ndarray:
-        parts = {"s": [m.s for m in self.motions], "v": [m.v for m in self.motions], "t": [m.t for m in self.motions]}
-        chosen = parts.get(name)
-        if chosen is None:
-            chosen = (
-                [envelope(m.s) for m in self.motions]
-                if name == "amplitude"
-                else [m.covariates[name] for m in self.motions]
-            )
-        return hats(x, self.knots(name, chosen, count))  # type: ignore[arg-type]
+        if name in ("s", "v", "t"):
+            chosen = [getattr(m, name) for m in self.motions]
+        elif name == "amplitude":
+            chosen = [envelope(m.s) for m in self.motions]
+        else:
+            chosen = [m.covariates[name] for m in self.motions]
+        return hats(x, self.knots(name, chosen, count))
 
     def linear(self, m: Motion) -> np.ndarray:
         """s, v and, if known, a."""
@@ -124,7 +122,8 @@ class Basis:
 
     def time(self, m: Motion) -> np.ndarray:
         """Linear forces and friction with coefficients that change in time."""
-        return _products(self._of("t", m.t, 7), self._carriers(m))  # type: ignore[arg-type]
+        assert m.t is not None  # asked for only where the time is known
+        return _products(self._of("t", m.t, 7), self._carriers(m))
 
     def amplitude(self, m: Motion) -> np.ndarray:
         """Linear forces whose coefficients depend on the amplitude."""

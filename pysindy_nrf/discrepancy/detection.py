@@ -27,7 +27,7 @@ from .correlation import (
     whitened_autocorrelation,
 )
 from .dependence import filtered, period_of
-from .noise_floor import AT_FLOOR, BELOW_FLOOR, NoiseFloor
+from .noise_floor import AT_FLOOR, BELOW_FLOOR, LOUD, NoiseFloor
 from .residual import ROUND_OFF, Residual
 
 NOISE, LINEAR, NONLINEAR = "noise", "linear effect missing", "nonlinear effect missing"
@@ -42,6 +42,7 @@ TEST_WORDS = {
     "phi_|x||e|": "the size of the residual with the size of {x}",
     "phi_e(ex)": "the residual with its own product with {x}",
 }
+_KINDS = {"nonlinear": NONLINEAR, "linear": LINEAR, "white": UNMEASURED}
 _WHITE_LAGS = 20
 _TAPS = 4
 # Every k-th sample is enough for the correlations, as long as so many are left in all and in a period.
@@ -58,7 +59,7 @@ class Detection:
     verdicts : DataFrame
         Rows ``"dof j"`` and ``"storey i"``: ``verdict``; ``percent`` (of the reference); ``floor ratio`` (rms
         over that of the noise floor); ``linear share`` (of the residual's variance that drifts, rates and
-        inputs explain linearly); ``p white``, ``p linear``,
+        inputs explain linearly, noise's own share included); ``p white``, ``p linear``,
         ``p nonlinear`` (probability of such a correlation in noise, corrected for the number of tests).
     tests : DataFrame
         One row for each test: ``where``, ``test``, ``signal``, ``peak`` (of the normalised correlation),
@@ -120,20 +121,24 @@ def detect(
     order* (Billings-Voon), on what drifts, rates and inputs do not explain linearly: :math:`\phi_{x^2 e}`,
     :math:`\phi_{x^3 e}`, :math:`\phi_{|x||e|}` (in place of squares, whose heavy tails give false alarms),
     :math:`\phi_{e(ex)}`. The noise floor's draws tell what correlation the noise in the channels causes
-    by itself; it is taken off.
+    by itself: it is taken off, and where it scatters from draw to draw by more than that of
+    signals that were never fitted, the bands widen accordingly (Student's distribution).
 
     Parameters
     ----------
     residual : Residual
     floor : NoiseFloor, optional
-        Without it, noise is taken to be white within the filter's band; fused channels leave coloured noise.
+        Without it, noise is taken to be white within the filter's band, which only unfused channels with an
+        exact model come near to. Of a model that was fitted to these records take the floor of the same
+        fit: ``NoiseFloor.from_channels(model, records, regressor=regressor)``.
     level : float
-        Probability of a false alarm in one balance.
+        Probability of a false alarm in one balance or storey, shared equally by the tests of whiteness, of first and
+        of higher order; not corrected for the number of balances.
     lags : int
         Largest lag, samples; about a period of the motion if None.
     min_share : float
-        Share of the residual's variance below which a significant correlation is named in the
-        sentence, but does not change the verdict: long records show every bias of the fit.
+        Share of the residual's variance, beyond that of noise, below which a significant correlation is named in
+        the sentence, but does not change the verdict: long records show every bias of the fit.
 
     Returns
     -------
@@ -170,7 +175,9 @@ def detect(
         if residual.sizes.loc[where, "rms"] > ROUND_OFF * residual.sizes.loc[where, "reference"]:
             place = _Place(where, views, level, lags, min_share)
             verdict |= place.judge()
-            if ratio < BELOW_FLOOR or (verdict["verdict"] == UNMEASURED and ratio < AT_FLOOR):
+            if verdict["verdict"] == NOISE and ratio > LOUD * place.loudest:
+                verdict["verdict"] = place.likeliest(verdict)
+            if ratio < BELOW_FLOOR or (verdict["verdict"] == UNMEASURED and ratio < max(AT_FLOOR, place.loudest)):
                 verdict["verdict"] = NOISE
             rows += place.rows
             curves |= place.curves
@@ -242,8 +249,9 @@ def _inputs(segments: list[Segment]) -> Iterator[tuple[str, list[np.ndarray]]]:
         parts = [np.nan_to_num(seg.F[seg.valid, k].astype(float)) for seg in segments]
         if any(p.any() for p in parts):
             yield f"F{k + 1}", parts
-    if all(seg.ag is not None for seg in segments) and any(seg.ag[seg.valid].any() for seg in segments):
-        yield "ag", [seg.ag[seg.valid] for seg in segments]
+    base = [seg.ag[seg.valid] for seg in segments if seg.ag is not None]
+    if len(base) == len(segments) and any(ag.any() for ag in base):
+        yield "ag", base
     for name in segments[0].covariates:
         if name not in ("ag", "vg") and all(name in seg.covariates for seg in segments):
             yield name, [seg.covariates[name][seg.valid].astype(float) for seg in segments]
@@ -271,6 +279,17 @@ class _Place:
         self.sides = [_Side(view, where, self.spacing, every) for view in views]
         self.draws = len(views) - 1
 
+    @property
+    def loudest(self) -> float:
+        """Largest rms of a draw of noise over that of all."""
+        squares = [float(np.mean(np.concatenate(s.whole) ** 2)) for s in self.sides[1:]]
+        return float(np.sqrt(max(squares) / np.mean(squares))) if squares and max(squares) > 0 else 1.0
+
+    @staticmethod
+    def likeliest(verdict: dict[str, Any]) -> str:
+        """What a residual far above the noise is, by the family of tests that stands out most."""
+        return min(((verdict[f"p {word}"], kind) for word, kind in _KINDS.items()), key=lambda pair: pair[0])[1]
+
     def judge(self) -> dict[str, Any]:
         """Run the tests; fill ``rows`` and ``curves``."""
         side = self.sides[0]
@@ -280,10 +299,11 @@ class _Place:
         p_nonlinear, strong = self._family(higher)
         share = side.linear_share
         left = 1.0 - share
+        excess = self._excess()
         verdict = NOISE
         if p_white < self.level / 3 and white >= self.min_share:
             verdict = UNMEASURED
-        if p_linear < self.level / 3 and share >= self.min_share:
+        if p_linear < self.level / 3 and excess >= self.min_share:
             verdict = LINEAR
         if p_nonlinear < self.level / 3 and min(strong, left) >= self.min_share:
             verdict = NONLINEAR
@@ -297,7 +317,7 @@ class _Place:
 
     def _whiteness(self) -> tuple[float, float]:
         """p of the portmanteau, and the share of the variance that the past predicts."""
-        from scipy.stats import chi2
+        from scipy.stats import chi2, f
 
         side = self.sides[0]
         density = _reference(side, self.sides[1:])
@@ -306,7 +326,10 @@ class _Place:
         if self.draws:
             noise = [whitened_autocorrelation(s.whole, _fit(density, s.whole), _WHITE_LAGS)[0] for s in self.sides[1:]]
             phi, more = np.clip(phi - np.mean(noise, axis=0), -1.0, 1.0), 1 + 1 / self.draws
-        p = float(chi2.sf(n * (phi**2).sum() / more, _WHITE_LAGS))
+            more *= _scatter([(d, np.sqrt(1.0 / n)) for d in noise])
+        p = float(f.sf(n * (phi**2).mean() / more, _WHITE_LAGS, max(1, self.draws - 1) * _WHITE_LAGS))
+        if not self.draws:
+            p = float(chi2.sf(n * (phi**2).sum(), _WHITE_LAGS))
         band = float(np.sqrt(more / n)) * peak_limit(self.level / 3, _WHITE_LAGS, np.pi)
         peak = int(np.abs(phi).argmax())
         self._note("phi_ee", "e", phi[peak], float(peak + 1), band, p, p < self.level / 3)
@@ -317,19 +340,27 @@ class _Place:
         """Corrected p of a family of tests, and the largest share of the variance a correlation outside stands for."""
         level = self.level / 3 / max(1, len(tests))
         least, strong = 1.0, 0.0
-        for test, kind, name in tests:
-            cross = self.sides[0].cross(kind, name, self.lags)
-            if not cross.moves:
-                continue
+        found = [(test, kind, name, self._crosses(kind, name)) for test, kind, name in tests]
+        found = [one for one in found if one[3][0].moves]
+        # fits scatter from one noise to the next by more than signals that never were fitted
+        drawn: dict[str, list[float]] = {}
+        for test, _, _, crosses in found:
+            drawn.setdefault(test, []).append(_scatter([(c.total, c.spread) for c in crosses[1:]]))
+        for test, kind, name, (cross, *others) in found:
+            dof = float((self.draws - 1) * len(drawn[test])) if self.draws > 1 else np.inf
             total, spread = cross.total, cross.spread
-            others = [side.cross(kind, name, self.lags) for side in self.sides[1:]]
             if others:
                 total = total - np.mean([c.total for c in others], axis=0)
-                spread = float(np.sqrt(spread**2 + np.mean([c.spread**2 for c in others]) / len(others)))
+                noise = float(np.mean([c.spread**2 for c in others]))
+                by_noise = noise * float(np.mean(drawn[test])) * (1 + 1 / len(others))
+                beyond = max(spread**2 - noise, 0.0)
+                spread = float(np.sqrt(by_noise + beyond))
+                dof *= (1 + beyond / by_noise) ** 2 if by_noise > 0 else np.inf
             height = np.abs(total) / spread
             peak = int(height.argmax())
-            p = probability_of_peak(float(height[peak]), len(height), cross.omega)
-            band = peak_limit(level, len(height), cross.omega) * spread / cross.energy
+            p = probability_of_peak(_as_normal(float(height[peak]), dof), len(height), cross.omega)
+            limit = _as_student(peak_limit(level, len(height), cross.omega), dof)
+            band = limit * spread / cross.energy
             phi = np.clip(total / cross.energy, -1.0, 1.0)
             self._note(test, name, phi[peak], float(cross.lag[peak]), band, p, p < level)
             step = self.steps[0] if self.steps[0] is not None else 1.0
@@ -338,6 +369,16 @@ class _Place:
             if p < level:
                 strong = max(strong, abs(phi[peak]) if kind == "|x||e|" else phi[peak] ** 2)
         return min(1.0, least * len(tests)), float(strong)
+
+    def _crosses(self, kind: str, name: str) -> list[Cross]:
+        """One test in the measured view and in those of noise alone."""
+        return [side.cross(kind, name, self.lags) for side in self.sides]
+
+    def _excess(self) -> float:
+        """Share of the residual's variance that is linear beyond what is linear in noise alone."""
+        first, *others = self.sides
+        size = first.size or 1.0
+        return first.linear_share - float(np.mean([s.linear_share * s.size / size for s in others] or [0.0]))
 
     def _note(self, test: str, signal: str, peak: float, lag: float, band: float, p: float, outside: bool) -> None:
         step = self.steps[0] if self.steps[0] is not None else 1.0
@@ -362,6 +403,7 @@ class _Side:
         inside = self._inside(self.whole)
         self.rest = self._without(inside)
         before, after = (sum(float(x @ x) for x in parts) for parts in (inside, self.rest))
+        self.size = before
         worth = max(sum(map(len, inside)) * self.bandwidth, 2.0 * self._basis.shape[1])
         overfit = self._basis.shape[1] / worth
         self.linear_share = (
@@ -399,6 +441,28 @@ class _Side:
         # nearer lags hold the residual's own colour besides
         first = int(np.ceil(1.5 / self.bandwidth))
         return cross_covariance(products, self._residuals[""], first + lags, first)
+
+
+def _scatter(drawn: list[tuple[np.ndarray, float]]) -> float:
+    """Variance among draws (curves with their spread under independence) over that expected; at least 1."""
+    count = len(drawn)
+    if count < 2:
+        return 1.0
+    curves = np.array([curve for curve, _ in drawn])
+    return max(1.0, float((curves.var(axis=0, ddof=1)).mean() / np.mean([spread**2 for _, spread in drawn])))
+
+
+def _as_normal(height: float, dof: float) -> float:
+    """Height in standard deviations that is as rare as one in estimated ones (Student)."""
+    from scipy.stats import norm, t
+
+    return height if not np.isfinite(dof) else float(min(norm.isf(t.sf(height, dof)), 37.0))
+
+
+def _as_student(height: float, dof: float) -> float:
+    from scipy.stats import norm, t
+
+    return height if not np.isfinite(dof) else float(t.isf(norm.sf(height), dof))
 
 
 def _filtered(x: Parts, filters: list[Any]) -> list[np.ndarray]:

@@ -19,10 +19,12 @@ from ..model import ChainModel
 from ..segments import SegmentSet
 from ..sites import Site
 from .characterisation import Characterisation, characterise
+from .coupling import Coupling, couplings
 from .detection import NOISE, TEST_WORDS, Detection, detect
 from .localisation import localise, missing_force
 from .noise_floor import NoiseFloor
 from .residual import Residual, residual_of
+from .stage import Stage
 from .workspace import Workspace
 
 # Samples looked at: enough to see any effect, and little beside the search.
@@ -55,6 +57,8 @@ class Evidence:
         The site at which the loop then added an effect; empty if none was added.
     later : tuple of str
         Sites at which the loop added effects in later steps.
+    couplings : list of Coupling
+        Storeys of the last model whose residual is loud and no function of their own motion.
     not_possible : dict of str to str
         Why a room could not be entered, by its name.
     """
@@ -68,6 +72,7 @@ class Evidence:
     characterisation: Characterisation | None = None
     chosen: str = ""
     later: tuple[str, ...] = ()
+    couplings: list[Coupling] = field(default_factory=list)
     not_possible: dict[str, str] = field(default_factory=dict)
 
     @property
@@ -123,6 +128,13 @@ class Evidence:
         return f"The force missing at {self.site} {said[0].lower()}{said[1:]}"
 
     @property
+    def coupling_sentence(self) -> str:
+        """Where something is left that no law of a chain explains, in words; empty if nowhere."""
+        if not self.couplings:
+            return ""
+        return f"Not explained by a chain law: {'; '.join(map(str, self.couplings))}"
+
+    @property
     def agreement(self) -> str:
         """Whether localisation agrees with the site of the effect that was added; empty without one."""
         table = self.localisation
@@ -157,8 +169,9 @@ def look(
     work: Workspace,
     model: ChainModel,
     name: str = "model",
-    noise: Sequence[Workspace] = (),
+    noise: Sequence[Stage] = (),
     chosen: str = "",
+    floor: NoiseFloor | None = None,
 ) -> Evidence:
     """Enter the rooms detection, localisation and characterisation with one model.
 
@@ -171,10 +184,13 @@ def look(
     model : ChainModel
         Fitted to them.
     name : str
-    noise : sequence of Workspace
-        Surrogate records of the model with nothing but noise; they give the noise floor.
+    noise : sequence of Stage
+        The model's laws on surrogate records of it with nothing but noise: fitted to these as the model was to the
+        measured ones, they give the noise floor.
     chosen : str
         The site at which the loop then added an effect.
+    floor : NoiseFloor, optional
+        Instead of that of the surrogates, where it was measured or given.
 
     Returns
     -------
@@ -189,9 +205,10 @@ def look(
         }
         return out
     out.sizes = residual.sizes
-    floor = _tried(out, "noise floor", lambda: _floor(model, noise)) if noise else None
+    if floor is None and noise:
+        floor = _tried(out, "noise floor", lambda: _floor(noise))
     out.detection = _tried(out, "detection", lambda: detect(residual, floor))
-    options = {"floor": floor, "known_masses": work.known_masses}
+    options: dict[str, Any] = {"floor": floor, "known_masses": work.known_masses}
     out.localisation = _tried(out, "localisation", lambda: localise(residual, **options))
     if out.localisation is None:
         out.not_possible["characterisation"] = f"the site is not known: {out.not_possible['localisation']}"
@@ -204,6 +221,8 @@ def look(
         else:
             out.characterisation = _tried(out, "characterisation", lambda: _characterised(residual, out.site, options))
     if floor is not None:
+        if not chosen:
+            out.couplings = _tried(out, "coupling", lambda: couplings(residual, floor)) or []
         out.floor = replace(floor, draws=[])
     return out
 
@@ -225,7 +244,7 @@ def gather(scenes: Sequence[Any], models: Sequence[ChainModel], steps: Sequence[
     """
     sites = [str(step.site) for step in steps] + [""] * (len(scenes) - len(steps))
     found = [
-        look(scene.trial.work, model, scene.name, scene.noise, site)
+        look(scene.trial.work, model, scene.name, scene.noise, site, scene.floor)
         for scene, model, site in zip(scenes, models, sites)
     ]
     for k, evidence in enumerate(found):
@@ -291,10 +310,10 @@ def _residual(work: Workspace, model: ChainModel) -> Residual:
     return residual.with_balance(balance)
 
 
-def _floor(model: ChainModel, noise: Sequence[Workspace]) -> NoiseFloor:
+def _floor(noise: Sequence[Stage]) -> NoiseFloor:
     draws = []
-    for work in noise:
-        residual = _residual(work, model)
+    for stage in noise:
+        residual = _residual(stage.work, stage.trial().model())
         draws.append((residual, residual.data))
     return NoiseFloor.from_draws(draws, "free runs of the model with the noise of the channels")
 

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from ..exceptions import NRFError
 from ..model import ChainModel
 from ..record import Record
-from ..segments import Segment
+from ..segments import Segment, SegmentSet
 from .splits import BlockRows
-
-if TYPE_CHECKING:
-    from .workspace import Workspace
 
 
 def free_run_of(model: ChainModel, segment: Segment, rows: slice, dt: float) -> Record:
@@ -73,13 +70,26 @@ def squares_of(run: Record, segment: Segment, rows: slice, filter: Any = None) -
     return (error**2).sum(axis=0), (x**2).sum(axis=0)
 
 
-def free_run_error(model: ChainModel, work: Workspace, blocks: Sequence[BlockRows]) -> float:
+class Judged(Protocol):
+    """What a free run is compared with."""
+
+    @property
+    def data(self) -> SegmentSet:
+        """Records."""
+
+    @property
+    def filters(self) -> Sequence[Any]:
+        """FairFilter or None, one for each record."""
+
+
+def free_run_error(model: ChainModel, work: Judged, blocks: Sequence[BlockRows]) -> float:
     """Free-run error of the displacements on some blocks, percent NRMSE.
 
     Parameters
     ----------
     model : ChainModel
-    work : Workspace
+    work : Workspace or the like
+        With ``data`` and ``filters``.
     blocks : sequence of BlockRows
         Each is run from its own first state, internal states at zero.
 

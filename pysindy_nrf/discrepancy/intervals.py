@@ -90,7 +90,16 @@ def intervals(
     return {k: v for k, v in out.items() if np.isfinite(v).all()}
 
 
-def _widths(stage, place, axes, centre, theta, true, nulls, level) -> tuple[np.ndarray, np.ndarray]:
+def _widths(
+    stage: Stage,
+    place: tuple[Site, int],
+    axes: Axes,
+    centre: np.ndarray,
+    theta: np.ndarray,
+    true: np.ndarray,
+    nulls: Sequence[Stage],
+    level: float,
+) -> tuple[np.ndarray, np.ndarray]:
     """What noise adds on average, and half the interval: coefficients, shape parameters as the search sees them."""
     _, folds = _linearised(stage, place, axes, centre, theta)
     n = len(folds)
@@ -105,7 +114,9 @@ def _widths(stage, place, axes, centre, theta, true, nulls, level) -> tuple[np.n
     return drift, student.ppf(0.5 + level / 2, n - 1) * spread
 
 
-def _profile(stage: Stage, place: tuple[Site, int], law: ForceLaw, axes: Axes, centre: np.ndarray, level: float):
+def _profile(
+    stage: Stage, place: tuple[Site, int], law: ForceLaw, axes: Axes, centre: np.ndarray, level: float
+) -> dict[str, tuple[float, float]]:
     """The interval of a single shape parameter within which the error hardly changes.
 
     Likelihood ratio with as many independent values as the rate at the site changes its sign.

@@ -63,8 +63,8 @@ def likeliest(
             continue
         if chosen.law.name in SPECIAL_CASES.get(f.law.name, ()):  # the simpler one goes first
             continue
-        near = f.error <= best * (1 + _RIVAL) and f.n_parameters <= chosen.n_parameters
-        if near and len(rivals) < _MOST and judge(before, f.folds, f.n_parameters).accepted:
+        close = f.error <= best * (1 + _RIVAL) and f.n_parameters <= chosen.n_parameters
+        if close and len(rivals) < _MOST and judge(before, f.folds, f.n_parameters).accepted:
             rivals.append(f)
     if len(rivals) < 2:
         return chosen, tied

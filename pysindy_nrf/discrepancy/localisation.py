@@ -205,7 +205,7 @@ class _Work:
         owners = np.column_stack([*terms, np.eye(n), np.eye(n)])[known]
         grams, sizes = _grams(residual, layout, n_blocks)
         noise = None
-        weight = np.diag(1.0 / residual.scale[known] ** 2)
+        weight: np.ndarray = np.diag(1.0 / residual.scale[known] ** 2)
         if floor is not None:
             sigma = floor.covariance()[np.ix_(known, known)]
             if np.isfinite(sigma).all() and (np.diag(sigma) > 0).all():
@@ -279,7 +279,7 @@ class _Work:
             return self._cut[_key(b)]
         B = self._patterns(b)
         single = np.count_nonzero(B, axis=0) == 1
-        seen = ~B[:, single].any(axis=1)
+        seen = np.logical_not(B[:, single].any(axis=1))
         ties = np.abs(np.column_stack([self.owners[:, : -2 * self.residual.n_dof], B[:, ~single]])) * seen[:, None]
         piece = np.where(seen, connected_components(ties @ ties.T)[1], -1)
         self._cut[_key(b)] = piece, np.isin(piece, piece[self.forced & seen])

@@ -18,6 +18,7 @@ from ..regressor import NRFRegressor
 from ..segments import SegmentSet
 from ..sites import Site
 from .catalogue import SPECIAL_CASES, Candidate, as_laws, balances_of, candidates
+from .floor_source import FloorSource
 from .free_run import free_run_error
 from .gate import FLOOR, MIN_GAIN, Verdict, choose, judge
 from .intervals import intervals
@@ -29,7 +30,7 @@ from .search import Finding, driving_frequency, refine, screen, spectral_lines, 
 from .sensors import SensorFinding, contradictions, sensor_findings
 from .splits import BlockRows, split
 from .stage import Stage, Trial
-from .steps import improper, remainder, step_of, worst
+from .steps import doubt_names, improper, remainder, step_of, surely_left, worst
 from .surrogate import Null
 from .together import look_ahead
 from .workspace import Workspace
@@ -42,6 +43,8 @@ _DECISIONS = 3
 _HOPELESS = 0.05
 # Share of the effect (noise taken off) that may stay unexplained before a name is no longer sure.
 _SURE = 0.15
+# Balance error, percent, far above noise, beyond which nothing is explained, however bad it was before.
+_OPEN = 50.0
 # An effect that makes the free run on the search data worse than this many times is none, unless the balance
 # error falls by so much that another missing effect must be to blame.
 _WORSE_ALONE = 1.3
@@ -58,6 +61,7 @@ def close_loop(
     *,
     max_steps: int = 4,
     n_surrogates: int = 2,
+    noise_floor: Any = "channels",
     progress: bool = False,
 ) -> LoopReport:
     """Find the effects a model lacks, add them, and report the error before and after.
@@ -92,6 +96,12 @@ def close_loop(
         Effects at most.
     n_surrogates : int
         Surrogates for the null reference; 0 leaves it out.
+    noise_floor : {"channels", "repeats"}, float, mapping of int to float or NoiseFloor
+        What noise alone leaves of the forces, against which residuals, remainders and the certainty of
+        names are measured. ``"channels"``: of the surrogates, whose noise is that by which the channels of a DOF
+        contradict each other. ``"repeats"``: the records are repetitions of one test, sample by sample, and
+        differ by noise. Or the rms of the noise in each balance, N: one number, or by DOF. A floor that is
+        measured or given, and so does not rest on the model, also stops the loop where it is reached.
     progress : bool
         Show a progress bar (tqdm) where the error stream is a terminal.
 
@@ -114,6 +124,12 @@ def close_loop(
     >>> report = close_loop(simulate(truth, F, 1e-3))
     >>> report.steps[0].family, report.steps[0].site
     ('friction', 'storey 1')
+
+    Where the balances are known to be no better than 10 N, that friction of 30 N is still heard, and nothing else:
+
+    >>> report = close_loop(simulate(truth, F, 1e-3), noise_floor={1: 10.0, 2: 10.0})
+    >>> [step.law for step in report.steps], "noise" in report.stopped_because
+    (['coulomb_friction'], True)
     """
     baseline = baseline if baseline is not None else NRFRegressor(degree=1)
     if not isinstance(baseline, NRFRegressor):
@@ -122,6 +138,7 @@ def close_loop(
     rng = generator(random_state)
     band = band if band is not None else baseline.band
     ready = prepare(records, heldout)
+    floors = FloorSource(noise_floor, ready.data.n_dof)
     search, held = split(ready.data.segments, ready.heldout)
     given = baseline._given_laws()
     chain = baseline._chain(ready.data.n_dof, given)
@@ -138,10 +155,11 @@ def close_loop(
     tried = as_laws(catalogue, names)
     every = list(candidates(tried, chain, known, names, work.forced, len(work.searched)))
     loop = _Loop(ready, work, every, rng, n_surrogates, progress)
+    loop.floors = floors
     loop.sensors = [law for law in tried if law.family == "sensor"]
     with threadpool_limits(1):  # the matrices are small: threads only get in each other's way
         report = loop.run(Stage(work, chain, first), max_steps, band, baseline)
-    report.settings = audit(baseline, tried, band, random_state, max_steps, n_surrogates, ready)
+    report.settings = audit(baseline, tried, band, random_state, max_steps, n_surrogates, ready, floors.words)
     return report
 
 
@@ -193,6 +211,7 @@ class _Loop:
         self.ready, self.work, self.every = ready, work, every
         self.rng, self.n_surrogates, self.progress = rng, n_surrogates, progress
         self.sensors: list[ForceLaw] = []
+        self.floors = FloorSource("channels", work.n_dof)
         self.accepted: list[Finding] = []
 
     def run(self, stage: Stage, max_steps: int, band: Any, baseline: NRFRegressor) -> LoopReport:
@@ -201,7 +220,7 @@ class _Loop:
         steps: list[Step] = []
         stopped = f"{max_steps} effects were added, which is the limit set by max_steps"
         null = Null(self.ready, stage, self.rng, self.n_surrogates)
-        scenes = [Scene("baseline", trial, trial.fold_errors(), null)]
+        scenes = [Scene("baseline", trial, trial.fold_errors(), null, self.floors.of(trial))]
         ranking: list[Finding] = []
         for _ in range(2 * max_steps):
             before = scenes[-1].folds
@@ -209,6 +228,10 @@ class _Loop:
                 break
             if np.median(before) < FLOOR:
                 stopped = f"The balance closes within {np.median(before):.2g} % on the search data, nothing is left"
+                break
+            if self.floors.closes(trial, float(np.median(before)), null):
+                rest = f"{np.median(before):.3g} % are left on the search data"
+                stopped = f"{rest}, no more than noise ({self.floors.words})"
                 break
             ranking = self._findings(stage, trial, steps)
             if not ranking:
@@ -230,24 +253,29 @@ class _Loop:
                 trial = stage.trial()
                 after = trial.fold_errors()
                 null = Null(self.ready, stage, self.rng, self.n_surrogates)
-                step = step_of(chosen, tied, verdict, before, after, null.floor, ranking, self._drift(chosen))
+                floor = self.floors.percent(trial, null)
+                step = step_of(chosen, tied, verdict, before, after, floor, ranking, self._drift(chosen))
                 beside = [f"{f.law.name} at {f.site}" for f, _ in members if f is not chosen]
                 step.evidence += f" (together with {' and '.join(beside)})" if beside else ""
                 step.evidence += "".join(f"; it makes {f.law.name} at {f.site} needless" for f in gone)
                 steps.append(step)
-                scenes.append(Scene(f"{step.law} at {step.site}", trial, after, null))
-        floor, left = null.floor, float(np.median(scenes[-1].folds))
+                scenes.append(Scene(f"{step.law} at {step.site}", trial, after, null, self.floors.of(trial)))
+        floor, left = self.floors.percent(trial, null), float(np.median(scenes[-1].folds))
+        noise = [] if self.floors.measured else [s.trial().fold_errors() for s in null.stages]
+        least = surely_left(scenes[-1].folds, noise)
         for step in steps:
             step.remainder = remainder(step.validation_before, left, floor)
-            step.sure = step.remainder <= _SURE
+            open_still = least > _OPEN and not least <= 2.0 * floor
+            step.sure = remainder(step.validation_before, least, floor) <= _SURE and not open_still
         self._estimated(stage, trial, steps, null)
         for k in reversed(range(len(steps))):  # what later had to be added at its site was not said by its name
-            after = [s for s in steps[k + 1 :] if balances_of(Site(s.site)) == balances_of(Site(steps[k].site))]
-            doubtful = improper(steps[k].law, steps[k].intervals) or not all(s.sure for s in after)
+            later = [s for s in steps[k + 1 :] if balances_of(Site(s.site)) == balances_of(Site(steps[k].site))]
+            doubtful = improper(steps[k].law, steps[k].intervals) or not all(s.sure for s in later)
             steps[k].sure = steps[k].sure and not doubtful
+        doubt_names(steps)
         if np.isfinite(floor) and left > max(2.0 * floor, FLOOR):
-            noise = f"(noise alone leaves about {floor:.2g} %)"
-            stopped += f". {left:.3g} % stay unexplained by any law {noise}, most in the {worst(trial)}"
+            alone = f"(noise alone leaves about {floor:.2g} %)"
+            stopped += f". {left:.3g} % stay unexplained by any law {alone}, most in the {worst(trial)}"
         if said := contradictions(self.ready, self.work) if self.sensors else []:
             stopped += f". Channels contradict each other, and the fusion made the best of it: {'; '.join(said)}"
         return LoopReport.assemble(self.work, scenes, steps, stopped, ranking, band, self.ready, baseline)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -14,12 +15,13 @@ from ..kinematics import to_features
 from ..model import ChainModel
 from ..record import Record
 from ..segments import SegmentSet, from_arrays
+from .noise_level import BASE, levels_of, noisy_base, quiet_drive
 from .residual import Residual, free_run, from_top, residual_of, rms
 
-# A white floor under the force louder than this share of its rms is taken for force, not for noise.
-QUIET = 0.1
 # A residual within this factor of the noise floor is at the floor: the floor itself is known no better.
 AT_FLOOR = 1.3
+# One that is so many times the loudest draw of noise is no noise, however it correlates.
+LOUD = 2.0
 # One this far below it holds nothing but noise, whatever it correlates with.
 BELOW_FLOOR = 0.8
 
@@ -153,7 +155,8 @@ class NoiseFloor:
         band: Any = None,
         noise: Mapping[str, float] | None = None,
         smooth: bool = True,
-        n_draws: int = 2,
+        regressor: Any = None,
+        n_draws: int = 4,
         random_state: Any = None,
     ) -> NoiseFloor:
         """Noise floor from the channels' own contradictions.
@@ -161,7 +164,7 @@ class NoiseFloor:
         A motion without noise is taken for the truth - the model's free run, or the fused motion where
         none is possible (that misses what fusion smooths away, some 10-20 %); fresh noise of the
         estimated levels is laid on every measured channel, all is treated like the measurement, and the
-        change of the residual is the noise.
+        change of the residual is the noise (a parametric bootstrap; B. Efron, R. Tibshirani, 1993).
 
         Parameters
         ----------
@@ -177,6 +180,10 @@ class NoiseFloor:
             noise: name its level).
         smooth : bool
             Whether the residual was taken from fused channels.
+        regressor : NRFRegressor, optional
+            The estimator that gave the model, if it was fitted to these very records: it is then fitted anew to
+            every draw. A fit bends to the noise of its own data, and noise in the motion biases it, so that
+            its residual is another than that of a model that was found elsewhere.
         n_draws : int
         random_state : int, Generator or None
 
@@ -186,12 +193,17 @@ class NoiseFloor:
         """
         records = [records] if isinstance(records, Record) else list(records)
         rng = generator(random_state)
-        prepared = [_Clean.of(rec, dict(noise or {}), model) for rec in records]
-        base = residual_of(model, _together([p.data for p in prepared]), filters, band=band)
+        measured = [_Measured.of(rec, dict(noise or {})) for rec in records]
+        if regressor is not None and not smooth:
+            model = _fitted(regressor, _together([m.data for m in measured]))
+        prepared = [_Clean.of(m, model) for m in measured]
+        whole = _together([p.data for p in prepared])
+        own = model if regressor is None else _fitted(regressor, whole)
+        base = residual_of(own, whole, filters, band=band)
         draws = []
         for _ in range(n_draws):
             data = _together([p.draw(rng, smooth) for p in prepared])
-            moved = residual_of(model, data, base.filters)
+            moved = residual_of(model if regressor is None else _fitted(regressor, data), data, base.filters)
             moved.balance = [_difference(a, b) for a, b in zip(moved.balance, base.balance)]
             draws.append((moved, data))
         return cls.from_draws(draws, "noise of the channels, as their contradictions show it")
@@ -229,6 +241,36 @@ def _together(pieces: Sequence[SegmentSet]) -> SegmentSet:
     return SegmentSet(segments, at)
 
 
+def _fitted(regressor: Any, data: SegmentSet) -> ChainModel:
+    """The model that an estimator finds in these data."""
+    from sklearn.base import clone
+
+    fresh = clone(regressor)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what is to be said of the data was said of the measured ones
+        fresh._fit(data, fresh._given_laws(), data)
+    return fresh.model_
+
+
+@dataclass
+class _Measured:
+    """A record, its motion fused, and the noise levels of its channels."""
+
+    record: Record
+    levels: dict[str, float]
+    data: SegmentSet
+
+    @classmethod
+    def of(cls, record: Record, given: dict[str, float]) -> _Measured:
+        from ..signals.kinematic_smoother import KinematicSmoother
+
+        known = {k: v for k, v in given.items() if not k.startswith("F") and k not in BASE and v > 0}
+        smoother = KinematicSmoother(noise=known or "estimate")
+        X, F = to_features(record, smoother)
+        levels = levels_of(record, smoother.noise_) | given
+        return cls(record, {k: v for k, v in levels.items() if k in record.channels()}, _segments(record, X, F))
+
+
 @dataclass
 class _Clean:
     """A record without noise, and the noise levels of its channels."""
@@ -238,21 +280,12 @@ class _Clean:
     data: SegmentSet
 
     @classmethod
-    def of(cls, record: Record, given: dict[str, float], model: ChainModel) -> _Clean:
-        from ..signals.kinematic_smoother import KinematicSmoother
-
-        known = {k: v for k, v in given.items() if not k.startswith("F") and v > 0}
-        smoother = KinematicSmoother(noise=known or "estimate")
-        X, F = to_features(record, smoother)
-        levels = {str(k): float(v) for k, v in smoother.noise_.items()}
-        fs = record.fs
-        for j in record.forced:
-            levels[f"F{j}"] = _quiet_level(record.force[:, j - 1], fs)
-        levels |= given
-        levels = {k: v for k, v in levels.items() if k in record.channels()}
-        data = _segments(record, X, F)
-        seg = data.segments[0]
-        run, _ = free_run(model, seg, {})
+    def of(cls, measured: _Measured, model: ChainModel) -> _Clean:
+        levels = measured.levels
+        record = quiet_drive(measured.record, levels)
+        seg = measured.data.segments[0]
+        ag = record.base_acceleration
+        run, _ = free_run(model, replace(seg, F=record.force, ag=seg.ag if ag is None else ag), {})
         motion = [seg.a.copy(), np.cumsum(seg.v, axis=1), np.cumsum(seg.s, axis=1)]
         if run is not None:
             for whole, part in zip(motion, (run.acceleration, run.velocity, run.displacement)):
@@ -274,20 +307,10 @@ class _Clean:
                 elif prefix != "F" and smooth:
                     values[:, j] = np.nan
             changes[key] = values
-        return _segments(self.record, *to_features(self.record.replace(**changes), smooth))
+        changes |= noisy_base(self.record, self.levels, rng)
+        noisy = self.record.replace(**changes)
+        return _segments(noisy, *to_features(noisy, smooth))
 
 
 def _segments(record: Record, X: Any, F: Any) -> SegmentSet:
     return from_arrays(X, F, base_acceleration=record.base_acceleration, covariates=record.covariates)
-
-
-def _quiet_level(force: np.ndarray, fs: float) -> float:
-    """White noise under a band-limited force (rms) from its quietest frequencies; 0 if it cannot be told."""  # noqa: E501
-    from scipy.signal import welch
-
-    force = force[np.isfinite(force)]
-    if len(force) < 256:
-        return 0.0
-    _, density = welch(force, fs, nperseg=min(1024, len(force) // 8), detrend="constant")
-    level = float(np.sqrt(np.median(np.sort(density)[: max(3, len(density) // 20)]) * fs / 2))
-    return level if level < QUIET * float(np.sqrt(np.mean(force**2))) else 0.0

@@ -34,6 +34,10 @@ class Prepared:
         Numbers of the records held out whole.
     clean : bool
         Whether all channels were taken as they are.
+    contradictions : list or None
+        Faults that would reconcile the channels of one DOF, once they were looked for.
+    refused : dict of (str, str) to float
+        Such faults (law, site) that explained nothing, and the model's error at that time, percent.
     """
 
     records: list[Record]
@@ -41,6 +45,8 @@ class Prepared:
     noise: list[dict[str, float]] = field(default_factory=list)
     heldout: list[int] | None = None
     clean: bool = False
+    contradictions: list[Any] | None = None
+    refused: dict[tuple[str, str], float] = field(default_factory=dict)
 
 
 def prepare(records: Any, heldout: Any = None, noise: Sequence[dict[str, float]] | None = None) -> Prepared:

@@ -8,7 +8,7 @@ is reported is solved by ``chain_solve.solve`` itself, with which this agrees to
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 
 import numpy as np
@@ -22,7 +22,9 @@ from ..moments import Moments
 from ..sites import Site
 
 
-def _least_squares(gram, columns, target, values, work):
+def _least_squares(
+    gram: np.ndarray, columns: np.ndarray, target: np.ndarray, values: np.ndarray, work: np.ndarray
+) -> bool:
     """Solve for columns scaled to unit length; False where they depend on each other."""
     width = len(columns)
     for i in range(width):
@@ -58,7 +60,7 @@ def _least_squares(gram, columns, target, values, work):
     return True
 
 
-def _square(gram, weights):
+def _square(gram: np.ndarray, weights: np.ndarray) -> float:
     """Sum of squares of a combination of columns."""
     total = 0.0
     for i in range(len(weights)):
@@ -70,12 +72,16 @@ def _square(gram, weights):
 
 
 @cache
-def _compiled():
+def _compiled() -> Callable[..., None]:
     from ..laws.compiled import jit, part
 
     least_squares, square = part(_least_squares), part(_square)
 
-    def project(fit, judge, sizes, n, at, steps, entries, groups, members, dofs, known, masses, theta, errors, parts):
+    def project(
+        fit: np.ndarray, judge: np.ndarray, sizes: np.ndarray, n: int, at: int, steps: np.ndarray, entries: np.ndarray,
+        groups: np.ndarray, members: np.ndarray, dofs: np.ndarray, known: np.ndarray, masses: np.ndarray,
+        theta: np.ndarray, errors: np.ndarray, parts: np.ndarray,
+    ) -> None:  # fmt: skip
         """For each Gram matrix: masses and coefficients from ``fit``, errors on ``judge``."""
         p = fit.shape[2]
         target, weights = np.empty(p), np.empty((4, p))
@@ -184,7 +190,8 @@ class Projection:
         n = self.n_dof = layout.n_dof
         self._known = np.array([self.known_masses.get(j, 0.0) for j in range(1, n + 1)])
         entries: list[tuple[int, int, int, int]] = []
-        steps, dofs = [], []
+        steps: list[tuple[int, ...]] = []
+        dofs: list[int] = []
         done: set[Site] = set()
         for step in walk.steps if walk.strategy != "joint" else ():
             signs = {s: sum(s.incidence(j) for j in step.dofs) for s in (*step.sites, *step.known_sites)}
@@ -197,7 +204,8 @@ class Projection:
             dofs += [j - 1 for j in step.dofs]
             done.update(step.sites)
             steps.append((uses[step.dofs], begin, len(entries), first, len(dofs), int(bool(step.masses))))
-        members, groups = [], []
+        members: list[tuple[int, int, int, int]] = []
+        groups: list[tuple[int, ...]] = []
         have = {g.dofs for g in self.groups}
         for j in range(1, n + 1):
             above = tuple(range(j, n + 1))
@@ -255,13 +263,15 @@ class Projection:
         )  # fmt: skip
         return errors, theta, parts
 
-    def _joint(self, fit, judge, sizes, theta, errors) -> None:
+    def _joint(
+        self, fit: np.ndarray, judge: np.ndarray, sizes: np.ndarray, theta: np.ndarray, errors: np.ndarray
+    ) -> None:
         """One after another by the chain solve itself."""
         rows = [c for s in self.layout.sites for c in self.where.get(s, ())]
         rows += range(self.at, self.at + 2 * self.n_dof)
         for b in range(len(fit)):
-            def moments(grams, b=b):
-                def gram(dofs):
+            def moments(grams: np.ndarray, b: int = b) -> Moments:
+                def gram(dofs: tuple[int, ...]) -> tuple[np.ndarray, int]:
                     u = self._uses[dofs]
                     return grams[b, u][np.ix_(rows, rows)], int(sizes[b, u])
 

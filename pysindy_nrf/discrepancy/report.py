@@ -20,9 +20,10 @@ from ..solved import model_of
 from ..visited import VisitedRegion
 from .evidence import Evidence, gather, searched
 from .free_run import free_run_error
+from .noise_floor import NoiseFloor
 from .prepare import Prepared
 from .search import Finding
-from .stage import Trial
+from .stage import Stage, Trial
 from .workspace import Workspace
 
 
@@ -34,11 +35,12 @@ class Scene:
     trial: Trial
     folds: np.ndarray
     null: Any = None
+    floor: NoiseFloor | None = None
 
     @property
-    def noise(self) -> list[Workspace]:
-        """Surrogate records of this model with nothing but noise; empty where there are none."""
-        return [stage.work for stage in getattr(self.null, "stages", ())]
+    def noise(self) -> list[Stage]:
+        """The model's laws on surrogate records of it with nothing but noise; empty where there are none."""
+        return list(getattr(self.null, "stages", ()))
 
 
 @dataclass
@@ -51,6 +53,8 @@ class Step:
         E.g. ``"coulomb_friction"`` of the family ``"friction"``.
     site : str
         In the grammar of :class:`pysindy_nrf.Site`.
+    shape : dict
+        Shape parameters by name, SI units, as the search found them.
     parameters : dict
         Coefficients by symbol and shape parameters by name, SI units, in the final model.
     intervals : dict of str to (float, float)
@@ -60,6 +64,8 @@ class Step:
         Other families the data cannot tell from this one (at most two, three with its own).
     error_before, error_after : float
         Pooled balance error on the held-out data, percent NRMSE.
+    free_run_before, free_run_after : float
+        Free-run error on the held-out data, percent NRMSE; NaN where the model could not run.
     validation_before, validation_after : float
         Median over the search blocks, each judged after fitting to the others.
     gain, wins, null_gain : float
@@ -78,6 +84,17 @@ class Step:
     tied, runners_up : list of (law, site, validation error)
     sensors : list of str
         For a faulty sensor: others that the data could accuse as well.
+    company : list of str
+        Other laws of the same variable (rate or drift) at this site: together they may write a single law that
+        the catalogue does not hold, so that no name is sure; ``remainder`` is then what this one leaves alone.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.discrepancy import Step
+    >>> found = {"Fc": 20.3}  # N
+    >>> step = Step("coulomb_friction", "friction", "storey 2", parameters=found, intervals={"Fc": (19.8, 20.8)})
+    >>> step.law, step.site, step.intervals["Fc"], step.sure
+    ('coulomb_friction', 'storey 2', (19.8, 20.8), True)
     """
 
     law: str
@@ -106,6 +123,7 @@ class Step:
     tied: list[tuple[str, str, float]] = field(default_factory=list)
     runners_up: list[tuple[str, str, float]] = field(default_factory=list)
     sensors: list[str] = field(default_factory=list)
+    company: list[str] = field(default_factory=list)
 
     @property
     def sentence(self) -> str:
@@ -120,6 +138,8 @@ class Step:
         text = f"{name} ({values}): {self.evidence}; {change}."
         if self.alternatives:
             text += f" The data cannot tell it from: {', '.join(self.alternatives)}."
+        if self.company:
+            text += f" With {' and '.join(self.company)} there it may stand for one law that is not in the catalogue."
         if self.sensors:
             text += f" The same fault, reversed, at {' or '.join(self.sensors)} explains as much."
         return text
@@ -153,6 +173,18 @@ class LoopReport:
         The force of every site of the final model along the search data, thinned for drawing.
     settings : dict of str to dict
         Every setting of the run, by group.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from pysindy_nrf import ChainModel, laws
+    >>> from pysindy_nrf.discrepancy import LoopReport, Step
+    >>> model = ChainModel([10.0], {1: [laws.PowerSeries(1, [30.0, 4e4]), laws.CoulombFriction(20.3)]})
+    >>> step = Step("coulomb_friction", "friction", "storey 1", error_before=31.0, error_after=2.0)
+    >>> table = pd.DataFrame({"held-out": [31.0, 2.0]}, index=["baseline", "coulomb_friction at storey 1"])
+    >>> report = LoopReport([step], table, "No law of the catalogue lowers the error at any site.", model)
+    >>> [(step.law, step.site) for step in report.steps], report.table["held-out"].tolist()
+    ([('coulomb_friction', 'storey 1')], [31.0, 2.0])
     """
 
     steps: list[Step]
@@ -179,10 +211,32 @@ class LoopReport:
         ready: Any,
         baseline: Any,
     ) -> LoopReport:
-        """Fit every scene to the search data and read the held-out data, once, at the end."""
+        """Fit every scene to the search data and read the held-out data, once, at the end.
+
+        Parameters
+        ----------
+        work : Workspace
+        scenes : sequence of Scene
+            The baseline and the model after each step.
+        steps : list of Step
+        stopped : str
+            Why the search ended.
+        ranking : sequence of Finding
+            The candidates of the last search, best first.
+        band : tuple or None
+            Hz.
+        ready : Prepared
+            What was measured, after fusion.
+        baseline : NRFRegressor or None
+
+        Returns
+        -------
+        LoopReport
+        """
         search = range(len(work.search))
         held = range(len(work.search), len(work.blocks))
-        rows, models = {}, []
+        rows: dict[str, dict[str, float]] = {}
+        models = []
         for scene in scenes:
             trial = scene.trial
             solution = trial.solve(search)
@@ -237,6 +291,9 @@ class LoopReport:
             columns=["law", "family", "site", "validation error (%)"],
         )
         evidence = gather(scenes, models, steps)
+        if said := evidence[-1].coupling_sentence:
+            stopped += f". {said}"
+            model.info["stopped_because"] = stopped
         loops = loops_of(model, *searched(scenes[-1].trial.work))
         return cls(steps, table, stopped, model, band, listed, models, evidence, measured_of(ready), loops)
 
@@ -289,6 +346,7 @@ def audit(
     max_steps: int,
     n_surrogates: int,
     ready: Prepared,
+    noise_floor: str = "",
 ) -> dict[str, dict[str, str]]:
     """Every setting of a run of the loop: its arguments, the declared model, the thresholds of the gate.
 
@@ -306,6 +364,7 @@ def audit(
             "random_state": random_state,
             "max_steps": max_steps,
             "n_surrogates": n_surrogates,
+            "noise floor": noise_floor,
             "held out": "a quarter of every record"
             if held is None
             else "; ".join(ready.records[i].name for i in held),

@@ -188,7 +188,8 @@ def residual_of(model: ChainModel, data: Any, filters: Any = None, *, band: Any 
     """
     data = model.segments(data)
     filters = filters_of(data, filters, band)
-    balances, inertias, forces, storeys = [], [], [], []
+    found: tuple[list[np.ndarray], ...] = ([], [], [], [])
+    balances, inertias, forces, storeys = found
     own = {site: k for k, site in enumerate(model.laws)}
     pick = [own.get(model.chain.site(j)) for j in range(1, model.n_dof + 1)]
     incidence = model.chain.incidence(model.laws)
@@ -196,7 +197,7 @@ def residual_of(model: ChainModel, data: Any, filters: Any = None, *, band: Any 
         inertia, force = seg.a[seg.valid].astype(float) * model.masses, seg.F[seg.valid].astype(float)
         storey = np.column_stack([np.zeros(len(R)) if k is None else R[:, k] for k in pick])
         parts = [force - inertia - R @ incidence.T, inertia, force, storey]
-        for out, part in zip((balances, inertias, forces, storeys), parts):
+        for out, part in zip(found, parts):
             out.append(part if filter is None else filter.apply(part))
     if not np.isfinite(balances[0][0]).any() and not any(np.isfinite(e[0]).any() for e in balances):
         raise ChannelError(

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import product
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
@@ -82,11 +83,7 @@ class Axes:
         self.shapes: list[Shape] = [p for p in law.shapes if law.shape[p.name] is None]
         bounds = np.array([p.bounds(*scales) for p in self.shapes]).reshape(-1, 2)
         self.log = np.array([p.log for p in self.shapes], dtype=bool)
-        self.low, self.high = (
-            (np.where(self.log, np.log(np.where(self.log, b, 1.0)), b) for b in bounds.T)
-            if len(bounds)
-            else (np.zeros(0),) * 2
-        )
+        self.low, self.high = (np.where(self.log, np.log(np.where(self.log, b, 1.0)), b) for b in bounds.T)
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -203,7 +200,7 @@ def screen(
     candidates: Iterable[Candidate],
     accepted: Sequence[tuple[Site, str]] = (),
     lines: dict[Site, list[float]] | None = None,
-    progress=None,
+    progress: Callable[[], Any] | None = None,
 ) -> list[Finding]:
     """Scan every candidate over the grid of its shape parameters.
 
@@ -251,7 +248,13 @@ def grid_of(stage: Stage, candidate: Candidate, lines: Sequence[float] = ()) -> 
     return [axes.at(u) for u in axes.grid(lines)]
 
 
-def _scan(stage: Stage, candidates: Iterable[Candidate], accepted, lines, progress) -> list[Finding]:
+def _scan(
+    stage: Stage,
+    candidates: Iterable[Candidate],
+    accepted: Sequence[tuple[Site, str]],
+    lines: dict[Site, list[float]] | None,
+    progress: Callable[[], Any] | None,
+) -> list[Finding]:
     found = []
     for candidate in candidates:
         if progress is not None:

@@ -38,11 +38,15 @@ from .workspace import Workspace
 _CONTRADICTION, _SAID = 0.02, 0.06
 _MOST_CONTRADICTIONS = 4
 _WITNESSED = 0.05
+# Share to which the error must have fallen before a fault that explained nothing is tried again.
+_AGAIN = 0.5
 # How far, as a share, the value of such a fault may be off, and trials to mend it.
 _ROUGH = 0.2
 _TRIALS = 7
 # Fall of the error that a parabola through three trials must promise; faults that are rebuilt from the records.
 _PROMISE = 0.05
+# Fall of the error that the fused motion must show before everything is built again: the gate asks for more still.
+_WORTH = 0.1
 _REBUILT = 2
 # Baseline error, percent, above which a fault may be too large for a parabola; shares of its reach tried then.
 _WILD = 20.0
@@ -112,15 +116,17 @@ def sensor_findings(ready: Prepared, work: Workspace, stage: Stage, laws: Sequen
         return []
     now = stage.trial().search_error()
     promising: list[tuple[float, _Suspect]] = []
-    contradictory, apart = _contradictions(ready, work, names)
-    for suspect in _alone(ready, work, names, apart):
+    seen = _contradictions(ready, work)
+    contradictory = [s for size, s in seen if s.law.name in names and size >= _CONTRADICTION][:_MOST_CONTRADICTIONS]
+    for suspect in _alone(ready, work, names):
         best = _scan(work, stage, suspect, now)
         if best is not None:
             promising.append(best)
     promising.sort(key=lambda p: p[0])
-    found = [_rebuilt(ready, work, stage, s) for s in [*contradictory, *(s for _, s in promising[:_REBUILT])]]
+    found = [_tried(ready, work, stage, s, now) for s in contradictory]
+    found += [_rebuilt(ready, work, stage, s) for _, s in promising[:_REBUILT]]
     kept = sorted((f for f in found if f is not None and f.screen < now), key=lambda f: f.error)
-    if kept and kept[0].remark:
+    if kept and kept[0].remark and kept[0].screen < (1 - _WITNESSED) * now:
         kept[0] = _sharpened(ready, work, stage, kept[0])
     near = [f for f in kept if f.error <= (1 + TIE) * kept[0].error]
     for one in near:
@@ -140,8 +146,8 @@ def contradictions(ready: Prepared, work: Workspace) -> list[str]:
     -------
     list of str
     """
-    every = {ChannelDelay.name, GainError.name}
-    return list(dict.fromkeys(s.remark for s in _contradictions(ready, work, every, _SAID)[0]))
+    said = [s.remark for size, s in _contradictions(ready, work) if size >= _SAID]
+    return list(dict.fromkeys(said[:_MOST_CONTRADICTIONS]))
 
 
 def null_gain(stage: Stage, finding: SensorFinding) -> float:
@@ -168,19 +174,22 @@ def _longest(work: Workspace) -> tuple[int, slice]:
     return chosen, slice(first + min(r.start for r in rows), first + max(r.stop for r in rows))
 
 
-def _contradictions(
-    ready: Prepared, work: Workspace, names: set[str], least: float = _CONTRADICTION
-) -> tuple[list[_Suspect], set[int]]:
-    """Faults that would reconcile the channels of one DOF; and the DOFs that have one kind of channel."""
+def _contradictions(ready: Prepared, work: Workspace) -> list[tuple[float, _Suspect]]:
+    """Faults that would reconcile the channels of one DOF, with their size as a share of the channel, largest first.
+
+    They are looked for once: nothing in the channels changes from step to step.
+    """
+    if ready.contradictions is not None:
+        return ready.contradictions
     chosen, rows = _longest(work)
-    record = ready.records[chosen]
-    measured = record.measured
-    kinds = {j: [k for k in "avx" if f"{k}{j}" in measured] for j in range(1, record.n_dof + 1)}
-    apart = {j for j, held in kinds.items() if len(held) == 1}
+    record, middle = ready.records[chosen], (rows.start + rows.stop) // 2
     try:
         table = channel_alignment(record.rows(rows))
+        parts = slice(rows.start, middle), slice(middle, rows.stop)
+        halves = [channel_alignment(record.rows(part)) for part in parts]
     except NRFError:
-        return [], apart
+        ready.contradictions = []
+        return []
     sized: list[tuple[float, _Suspect]] = []
     for name, row in table.iterrows():
         if row["aligned"] or not np.isfinite(row["gain"]):
@@ -188,25 +197,39 @@ def _contradictions(
         channel, reference = str(name), str(row["reference"])
         gain = float(row["sign"] * row["gain"])
         pace = _pace(work, int(channel[1:]))
+        late = [float(half.loc[name, "delay"]) for half in halves]
+        large = [float(half.loc[name, "sign"] * half.loc[name, "gain"]) - 1.0 for half in halves]
         pairs = [
-            (abs(row["delay"]) * pace, ChannelDelay(row["delay"]), ChannelDelay(-row["delay"])),
-            (abs(gain - 1.0), GainError(gain - 1.0), GainError(1.0 / gain - 1.0)),
+            (abs(row["delay"]) * pace, late, ChannelDelay(row["delay"]), ChannelDelay(-row["delay"])),
+            (_beyond_noise(gain, row["coherence"]), large, GainError(gain - 1.0), GainError(1.0 / gain - 1.0)),
         ]
-        for size, own, other in pairs:
-            if size < least or own.name not in names:
+        for size, seen, own, other in pairs:
+            # what one half of the record does not confirm is chance
+            if size < _CONTRADICTION or not (min(seen) > 0 or max(seen) < 0):
                 continue
             for law, of in ((own, channel), (other, reference)):
                 sized.append((size, _Suspect(law, Site(f"sensor {of}"), str(row["message"]))))
     once: dict[tuple[str, str], tuple[float, _Suspect]] = {}
     for size, s in sorted(sized, key=lambda p: -p[0]):
         once.setdefault((s.law.name, str(s.site)), (size, s))
-    return [s for _, s in once.values()][:_MOST_CONTRADICTIONS], apart
+    ready.contradictions = list(once.values())
+    return ready.contradictions
 
 
-def _alone(ready: Prepared, work: Workspace, names: set[str], apart: set[int]) -> Iterator[_Suspect]:
+def _beyond_noise(gain: float, coherence: float) -> float:
+    """Deviation of a gain from 1; zero where noise in either channel alone could make it seem so.
+
+    The gain lies between that of a noisy output, ``g sqrt(coherence)``, and of a noisy input, ``g / sqrt(coherence)``.
+    """
+    return abs(gain - 1.0) if gain <= 0 or abs(np.log(gain)) > -0.5 * np.log(coherence) else 0.0
+
+
+def _alone(ready: Prepared, work: Workspace, names: set[str]) -> Iterator[_Suspect]:
     """Channels that no other channel of their DOF can contradict, with faults that the balances can show."""
     chosen, _ = _longest(work)
     record = ready.records[chosen]
+    kinds = {j: [k for k in "avx" if f"{k}{j}" in record.measured] for j in range(1, record.n_dof + 1)}
+    apart = {j for j, held in kinds.items() if len(held) == 1}
     scales = len(work.forced) + len(work.known_masses)
     n = work.n_dof
 
@@ -260,23 +283,25 @@ def _scan(work: Workspace, stage: Stage, suspect: _Suspect, now: float) -> tuple
     # squared errors are a parabola in a small fault
     curve, slope = (low**2 + high**2) / 2 - now**2, (high**2 - low**2) / 2
     promise = slope**2 / (4 * curve) if curve > 0 else np.inf
+    wide: tuple[float, float] | None = None  # where to look again if the best value lies at an end
+    inner: list[float]
     if min(low, high) < now and promise >= (1 - (1 - _PROMISE) ** 2) * now**2:
         ends = (0.0, most) if high < low else (-most, 0.0)
         guess = 2.0 * (-slope / (2 * curve) * h) if curve > 0 else sum(ends)
-        inner = sorted((0.0, float(np.clip(guess, *ends)) or sum(ends)))
+        wide, inner = ends, sorted((0.0, float(np.clip(guess, *ends)) or sum(ends)))
     elif now > _WILD:  # a fault so large that nothing is straight near zero
         trials = [x for x in [*(most * _COARSE), *_means(work, suspect)] if abs(x) <= most]
         costs = [cost(x) for x in trials]
         if min(costs) > now * (1 - _PROMISE):
             return None
         near = trials[int(np.argmin(costs))]
-        ends = inner = sorted((0.5 * near, 1.7 * near))
+        inner = sorted((0.5 * near, 1.7 * near))
     else:
         return None
     best = minimize_scalar(cost, bounds=inner, method="bounded", options={"xatol": 0.01 * h, "maxiter": 16})
-    if ends is not inner and abs(best.x) > 0.9 * max(map(abs, inner)):
-        best = minimize_scalar(cost, bounds=ends, method="bounded", options={"xatol": 0.01 * h, "maxiter": 24})
-    if not best.fun < now * (1 - _PROMISE):
+    if wide is not None and abs(best.x) > 0.9 * max(map(abs, inner)):
+        best = minimize_scalar(cost, bounds=wide, method="bounded", options={"xatol": 0.01 * h, "maxiter": 24})
+    if not best.fun < now * (1 - _WORTH):
         return None
     return float(best.fun), replace(suspect, law=suspect.law.with_values([float(best.x)]))
 
@@ -337,14 +362,30 @@ def _with_segments(work: Workspace, segments: Sequence[Segment]) -> Workspace:
 # -- from the records -----------------------------------------------------------------------------
 
 
+def _tried(ready: Prepared, work: Workspace, stage: Stage, suspect: _Suspect, now: float) -> SensorFinding | None:
+    """A fault that the channels tell, once the model is so good that it could show; refused, not again before."""
+    key = suspect.law.name, str(suspect.site)
+    if now > _AGAIN * ready.refused.get(key, np.inf):
+        return None
+    found = _rebuilt(ready, work, stage, suspect)
+    if found is None or not found.screen < now:
+        ready.refused[key] = now
+    return found
+
+
 def _rebuilt(ready: Prepared, work: Workspace, stage: Stage, suspect: _Suspect) -> SensorFinding | None:
-    """Everything again from the corrected records: fusion, columns, errors."""
+    """Everything again from the corrected records: fusion (which forces take no part in), columns, errors."""
     held = ready.heldout or []
+    kind, j = suspect.site.channel[0], int(suspect.site.channel[1:])
     try:
         records = [as_true(r, suspect.site, suspect.law) for r in ready.records]
-        fresh = prepare(
-            [r for i, r in enumerate(records) if i not in held], [records[i] for i in held] if held else None
-        )
+        if kind == "F":
+            segments = [_shifted(s, kind, j, suspect.law) for s in work.data.segments]
+            fresh = replace(ready, records=records, data=SegmentSet(segments, work.data.n_samples))
+        else:
+            fresh = prepare(
+                [r for i, r in enumerate(records) if i not in held], [records[i] for i in held] if held else None
+            )
         moved = _with_segments(work, fresh.data.segments)
         after = Stage(moved, stage.chain, stage.laws)
         trial = after.trial()

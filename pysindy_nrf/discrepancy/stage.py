@@ -17,7 +17,7 @@ from ..chain import Chain
 from ..chain_solve import Solution, groups_of, solve
 from ..errors import pooled_error
 from ..exceptions import NRFError, RankWarning
-from ..identifiability import plan_walk
+from ..identifiability import Walk, plan_walk
 from ..laws.base import ForceLaw
 from ..layout import LawLayout
 from ..model import ChainModel
@@ -152,7 +152,7 @@ class Stage:
         )  # fmt: skip
         self.grams = np.array([(part := self.columns[:, rows]) @ part.T for rows in work.spans])
 
-    def _walk(self, layout: LawLayout):
+    def _walk(self, layout: LawLayout) -> Walk:
         work = self.work
         return plan_walk(
             layout.chain, work.forced, work.unknown, dict(work.known_masses), work.strategy, layout.acting
@@ -271,9 +271,13 @@ class Slot:
             out.append(self._errors(laws[start : start + _AT_ONCE], keep))
         return np.concatenate(out) if out else np.zeros(0)
 
+    def _columns(self, laws: Sequence[ForceLaw], keep: bool = False) -> np.ndarray:
+        assert self.site is not None  # a slot for a law has a place
+        return self.work.search_columns(self.site, laws, keep)
+
     def _errors(self, laws: Sequence[ForceLaw], keep: bool) -> np.ndarray:
         try:
-            columns = self.work.search_columns(self.site, laws, keep)
+            columns = self._columns(laws, keep)
         except NRFError:
             if len(laws) == 1:
                 return np.full(1, np.inf)
@@ -318,7 +322,7 @@ class Slot:
     def _blocks(self, law: ForceLaw | None) -> np.ndarray:
         if law is None:
             return self.stage.grams
-        return self.extended(self.work.search_columns(self.site, [law]), self.work.spans)[0]
+        return self.extended(self._columns([law]), self.work.spans)[0]
 
     def search_error(self, law: ForceLaw | None = None) -> float:
         """Pooled error on the search blocks after fitting to all of them, percent NRMSE."""

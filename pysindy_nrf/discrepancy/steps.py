@@ -7,7 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..errors import balance_errors
+from ..sites import Site
 from ..solved import model_of
+from .catalogue import balances_of
 from .gate import MOST_FAMILIES, Verdict
 from .report import Step
 from .search import Finding
@@ -18,12 +20,73 @@ from .stage import Trial
 _ONE_CLASS = 0.3
 # So is a power of the rate below this; the fluid dampers of the literature begin with 0.3.
 _NEARLY_FRICTION = 0.25
+# Families that are functions of one variable: of the rate, of the drift.
+_ONE_VARIABLE = (("friction", "damping"), ("stiffness", "contact"))
 
 
 def remainder(before: float, left: float, floor: float) -> float:
     """Share of what noise does not explain that stays unexplained at the end."""
     noise = floor if np.isfinite(floor) else 0.0
     return float(np.sqrt(max(left**2 - noise**2, 0.0) / max(before**2 - noise**2, 1e-300)))
+
+
+def surely_left(folds: np.ndarray, noise: Sequence[np.ndarray]) -> float:
+    """Error that is left at the end at least: what block by block exceeds noise by more than chance (95 %).
+
+    Parameters
+    ----------
+    folds : ndarray of shape (n_blocks,)
+        Error on each search block after fitting to the others, percent.
+    noise : sequence of ndarray of shape (n_blocks,)
+        The same on surrogates, the same blocks: what is loud in one is loud in all.
+
+    Returns
+    -------
+    float
+        Percent; the median of ``folds`` where there are no surrogates.
+    """
+    from scipy.stats import t
+
+    median = float(np.median(folds))
+    others = [n for n in noise if len(n) == len(folds) and (n > 0).all()]
+    if not others or len(folds) < 3 or not (folds > 0).all():
+        return median
+    beyond = np.log(folds) - np.mean([np.log(n) for n in others], axis=0)
+    chance = t.ppf(0.95, len(folds) - 1) * beyond.std(ddof=1) / np.sqrt(len(folds))
+    return median * float(np.exp(-chance))
+
+
+def doubt_names(steps: Sequence[Step]) -> None:
+    """Take back the certainty of names that are only parts of one description.
+
+    Two laws of the rate (friction, damping), or two of the drift (stiffness, contact), at one site are how the
+    catalogue writes a single one that it does not hold: neither name is sure then. A constant beside
+    another effect in the same balance may as well be that effect's lack of symmetry; with friction it is asymmetric
+    friction to the letter, with any other law of one variable the names are not sure. A power of the rate whose
+    interval reaches down to friction may be that.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        Changed in place.
+    """
+    for step in steps:
+        beside = [s for s in steps if s is not step and balances_of(Site(s.site)) == balances_of(Site(step.site))]
+        for kinds in _ONE_VARIABLE:
+            curved = [kind for kind in kinds if kind != "friction"]
+            company = [s for s in beside if step.family in kinds and s.family in kinds]
+            company += [s for s in beside if step.family in curved and s.law == "constant_force"]
+            company += [s for s in beside if s.family in curved and step.law == "constant_force"]
+            if company:
+                step.sure, step.company = False, [s.law for s in company]
+                alone = remainder(step.validation_before, step.validation_after, step.noise_floor)
+                step.remainder = max(step.remainder, alone)
+        if step.law == "power_law_damping" and step.intervals.get("n", (1.0, 1.0))[0] < _NEARLY_FRICTION:
+            step.alternatives = list(dict.fromkeys(["friction", *step.alternatives]))[: MOST_FAMILIES - 1]
+        if step.law == "constant_force" and beside:
+            families = [*step.alternatives, *(f for s in beside for f in (s.family, *s.alternatives))]
+            others = [f for f in dict.fromkeys(families) if f != step.family]
+            step.alternatives = others[: MOST_FAMILIES - 1]
 
 
 def improper(law: str, found: Mapping[str, tuple[float, float]]) -> bool:

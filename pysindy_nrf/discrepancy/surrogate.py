@@ -14,6 +14,7 @@ from ..model import ChainModel
 from ..record import Record
 from ..segments import Segment, SegmentSet
 from .gate import FLOOR, gain_of
+from .noise_level import levels_of, lower_tail, noisy_base, quiet_drive
 from .prepare import Prepared, prepare
 from .search import Finding, refine, screen, validate
 from .sensors import SensorFinding, null_gain
@@ -50,12 +51,13 @@ def surrogate(
         If the free run diverges.
     """
     row = segment.valid.start
+    quiet = quiet_drive(record, noise)
     run = model.simulate(
-        np.nan_to_num(record.force),
+        np.nan_to_num(quiet.force),
         record.dt,
         x0=np.cumsum(segment.s[row]),
         v0=np.cumsum(segment.v[row]),
-        base_acceleration=segment.ag,
+        base_acceleration=segment.ag if quiet.base_acceleration is None else quiet.base_acceleration,
         covariates=segment.covariates or None,
     )
     changes: dict[str, Any] = {}
@@ -70,17 +72,18 @@ def surrogate(
             if np.isnan(measured[:, j]).all():
                 values[:, j] = np.nan
         changes[key] = values
-    changes["force"] = record.force + rng.standard_normal(record.force.shape) * [
+    changes |= noisy_base(quiet, noise, rng)
+    changes["force"] = quiet.force + rng.standard_normal(record.force.shape) * [
         noise.get(f"F{j + 1}", 0.0) for j in range(record.n_dof)
     ]
-    return record.replace(coordinates="relative", **changes)
+    return quiet.replace(coordinates="relative", **changes)
 
 
 def force_noise(residual: np.ndarray, force: np.ndarray, fs: float, band: tuple | None = None) -> np.ndarray:
     """Noise of the forces: the white part of what the balances of the forced DOFs leave.
 
     A missing effect leaves lines and resonances; noise fills the gaps between them. Its level is the
-    lower edge of the residual's spectrum (Welch, the tenth percentile over the band).
+    lower edge of the residual's spectrum (Welch, the tenth percentile over the band, and what it is in noise).
 
     Parameters
     ----------
@@ -107,13 +110,14 @@ def force_noise(residual: np.ndarray, force: np.ndarray, fs: float, band: tuple 
     [0.5, 0.0]
     """
     forced = np.nan_to_num(force).any(axis=0)
-    f, power = welch(residual, fs, nperseg=min(256, len(residual)), axis=0)
+    size = min(256, len(residual))
+    f, power = welch(residual, fs, nperseg=size, axis=0)
     low, high = band or (None, None)
     inside = (f >= (low or 0.0)) & (f <= (high or fs / 2))
     inside[[0, -1]] = False
     if not inside.any():
         return np.zeros(residual.shape[1])
-    level = np.percentile(power[inside], 10, axis=0)
+    level = np.percentile(power[inside], 10, axis=0) / lower_tail(0.1, 2 * len(residual) // size - 1)
     return np.where(forced, np.minimum(np.sqrt(level * fs / 2), residual.std(axis=0)), 0.0)
 
 
@@ -147,7 +151,9 @@ class Null:
         ready, work = self.ready, self.stage.work
         fakes = []
         for i in work.searched:
-            noise = ready.noise[i] | self._force_noise(model, i)
+            noise = levels_of(ready.records[i], ready.noise[i])
+            for name, level in self._force_noise(model, i).items():  # the force alone may tell less, or nothing
+                noise[name] = min(noise.get(name, 0.0) or np.inf, level)
             fakes.append(surrogate(ready.records[i], work.data.segments[i], model, noise, self.rng))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what is to be said of the channels was said of the measured ones

@@ -173,9 +173,10 @@ class Workspace:
         """
         seen = self.known[[b.segment for b in self.search]]
         rows: dict[bytes, int] = {}
-        out, members = {}, []
+        out: dict[tuple[int, ...], int] = {}
+        members: list[np.ndarray] = []
         for dofs in groups:
-            mine = seen[:, [j - 1 for j in dofs]].all(axis=1)
+            mine = np.asarray(seen[:, [j - 1 for j in dofs]].all(axis=1))
             if mine.tobytes() not in rows:
                 rows[mine.tobytes()] = len(members)
                 members.append(mine)

@@ -1,0 +1,191 @@
+"""White noise under a signal, from where the signal is quiet: some of its frequencies, or some of its time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..record import Record
+
+BASE = {"ag": "base_acceleration", "vg": "base_velocity", "xg": "base_displacement"}
+# A floor louder than this share of the signal's rms is taken for the signal itself.
+QUIET = 0.2
+_FEWEST = 256
+# Share of a channel's noise that is its own at least.
+_LEAST = 0.1
+_WINDOW = 64
+# Where noise reaches with this probability is still noise.
+_NOISE = 0.99
+
+
+def quiet_level(signal: np.ndarray, fs: float) -> float:
+    """Rms of the white noise under a signal, from its quiet frequencies or its quiet times.
+
+    A band-limited force leaves frequencies, hammer blows leave time, in which there is nothing but noise. Its
+    level is the mean over these (not the lowest value found, which is low by chance): all that lie
+    within the scatter of noise about their own mean, from the lowest up.
+
+    Parameters
+    ----------
+    signal : ndarray of shape (n_samples,)
+    fs : float
+        Hz.
+
+    Returns
+    -------
+    float
+        In the signal's unit; 0 if it cannot be told: of less than 256 samples, or of a signal that is nowhere
+        quieter than a fifth of its rms.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.discrepancy.noise_level import quiet_level
+    >>> rng = np.random.default_rng(0)
+    >>> blows = np.where(np.arange(8000) % 1000 < 20, 30.0, 0.0)
+    >>> round(quiet_level(blows + 0.5 * rng.standard_normal(8000), 1000.0), 2)
+    0.5
+    >>> quiet_level(rng.standard_normal(8000), 1000.0)  # a force that fills the spectrum
+    0.0
+    """
+    from scipy.signal import welch
+
+    signal = signal[np.isfinite(signal)]
+    if len(signal) < _FEWEST:
+        return 0.0
+    size = min(1024, len(signal) // 8)
+    _, density = welch(signal, fs, nperseg=size, detrend="constant")
+    by_frequency = flat_level(density[1:-1], _dof(2 * len(signal) // size - 1)) * fs / 2
+    windows = signal[: len(signal) // _WINDOW * _WINDOW].reshape(-1, _WINDOW)
+    by_time = flat_level((windows**2).mean(axis=1), _WINDOW)
+    level = float(np.sqrt(min(by_frequency, by_time)))
+    return level if level < QUIET * float(np.sqrt(np.mean(signal**2))) else 0.0
+
+
+def denoised(signal: np.ndarray, level: float, fs: float) -> np.ndarray:
+    """A signal without the white noise beneath it (Wiener's filter), as far as frequencies tell them apart.
+
+    Parameters
+    ----------
+    signal : ndarray of shape (n_samples,)
+    level : float
+        Rms of the noise.
+    fs : float
+        Hz.
+
+    Returns
+    -------
+    ndarray of shape (n_samples,)
+        The signal itself where it is too short, holds NaN, or there is no noise.
+    """
+    from scipy.signal import welch
+
+    if level <= 0 or len(signal) < _FEWEST or not np.isfinite(signal).all():
+        return signal
+    f, density = welch(signal, fs, nperseg=min(1024, len(signal) // 8), detrend=False)
+    # twice the noise taken off: what is left of its scatter would be force
+    gain = np.clip(1.0 - 2.0 * level**2 * 2.0 / fs / np.maximum(density, 1e-300), 0.0, 1.0)
+    spectrum = np.fft.rfft(signal)
+    return np.fft.irfft(spectrum * np.interp(np.fft.rfftfreq(len(signal), 1 / fs), f, gain), len(signal))
+
+
+def levels_of(record: Record, motion: Mapping[str, float]) -> dict[str, float]:
+    """Noise of every channel of a record.
+
+    Parameters
+    ----------
+    record : Record
+    motion : mapping of str to float
+        Noise of accelerations, velocities and displacements as :class:`~pysindy_nrf.KinematicSmoother` finds it,
+        SI rms: an absolute acceleration contradicts the motion relative to the base by the noise of the base
+        besides, which is taken off here.
+
+    Returns
+    -------
+    dict of str to float
+        SI rms; the same with forces (``"F1"``, zero where it cannot be told) and the base (``"ag"``).
+    """
+    channels, fs = record.channels(), record.fs
+    levels = {str(k): float(v) for k, v in motion.items()}
+    levels |= {f"F{j}": quiet_level(record.force[:, j - 1], fs) for j in record.forced}
+    levels |= {name: quiet_level(channels[name], fs) for name in BASE if name in channels}
+    if record.coordinates == "relative" and (base := levels.get("ag", 0.0)) > 0:
+        for name in (k for k in levels if k[0] == "a" and k in motion):
+            levels[name] = float(np.sqrt(max(levels[name] ** 2 - base**2, (_LEAST * levels[name]) ** 2)))
+    return levels
+
+
+def quiet_drive(record: Record, levels: Mapping[str, float]) -> Record:
+    """A record whose forces and base motion are freed of noise, for a free run.
+
+    A free run would answer to the noise, far beyond the band of the motion; what then measures and
+    fuses the answer takes that for noise of the motion, and the noise would count twice.
+
+    Parameters
+    ----------
+    record : Record
+    levels : mapping of str to float
+        See :func:`levels_of`.
+
+    Returns
+    -------
+    Record
+    """
+    changes = {
+        key: denoised(np.asarray(getattr(record, key), dtype=float), levels[name], record.fs)
+        for name, key in BASE.items()
+        if name in levels and getattr(record, key) is not None
+    }
+    force = np.array(record.force, dtype=float)
+    for j in record.forced:
+        force[:, j - 1] = denoised(force[:, j - 1], levels.get(f"F{j}", 0.0), record.fs)
+    return record.replace(force=force, **changes)
+
+
+def noisy_base(record: Record, levels: Mapping[str, float], rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """Fresh noise on the measured motion of the base; fields of the record by name."""
+    out = {}
+    for name, key in BASE.items():
+        if levels.get(name, 0.0) > 0 and getattr(record, key) is not None:
+            line = np.asarray(getattr(record, key), dtype=float)
+            out[key] = line + levels[name] * rng.standard_normal(len(line))
+    return out
+
+
+def lower_tail(share: float, pieces: int) -> float:
+    """Quantile of Welch's estimate of white noise from so many half-overlapping pieces, its mean being 1."""
+    from scipy.stats import chi2
+
+    return float(chi2.ppf(share, _dof(pieces)) / _dof(pieces))
+
+
+def _dof(pieces: int) -> float:
+    return 2 * pieces / (1 + 1 / 18)  # Hann windows that overlap by half
+
+
+def flat_level(values: np.ndarray, dof: float) -> float:
+    """Mean of the lowest part of values that scatters like noise.
+
+    Parameters
+    ----------
+    values : ndarray
+        Mean squares, one for each frequency or window.
+    dof : float
+        Degrees of freedom of each (chi squared).
+
+    Returns
+    -------
+    float
+    """
+    from scipy.stats import chi2
+
+    values = np.sort(values)
+    reach = chi2.ppf(_NOISE, dof) / dof
+    count = max(3, len(values) // 20)
+    for _ in range(len(values)):
+        more = int(np.searchsorted(values, reach * values[:count].mean(), side="right"))
+        if more <= count:
+            break
+        count = more
+    return float(values[:count].mean())

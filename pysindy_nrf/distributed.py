@@ -16,9 +16,9 @@ from ._extras import require
 from .exceptions import ChannelError, LawError
 from .moments import guess_of
 from .streaming.accumulator import Accumulator
+from .streaming.chunks import Chunk, chunk_of
 from .streaming.dispatch import is_dask
 from .streaming.result import publish, solution_of
-from .streaming.sources import Chunk, chunk_of
 
 FAN_IN = 8  # accumulators added up by one task
 

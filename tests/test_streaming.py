@@ -22,9 +22,8 @@ from pysindy_nrf.chain_solve import groups_of
 from pysindy_nrf.exceptions import ChainError, ChannelError, FileFormatError, NRFError
 from pysindy_nrf.moments import Moments, accumulate
 from pysindy_nrf.segments import feature_names
-from pysindy_nrf.streaming import accumulator, fit_streamed, sources
+from pysindy_nrf.streaming import Chunk, accumulator, fit_streamed, sources
 from pysindy_nrf.streaming.accumulator import Accumulator
-from pysindy_nrf.streaming.sources import Chunk
 
 
 @pytest.fixture(autouse=True)

@@ -16,8 +16,8 @@ from ..layout import Group, LawLayout
 from ..moments import Block, Moments, accumulate, block_size, guess_of
 from ..segments import Segment, from_arrays
 from . import runs
+from .chunks import Chunk, seconds_since
 from .runs import Key, Run
-from .sources import Chunk, seconds_since
 
 N_BLOCKS = 64  # are kept at least, twice as many at most
 N_WINDOWS = 64  # at most

@@ -172,8 +172,8 @@ def partial_fit(
     from threadpoolctl import threadpool_limits
 
     from .accumulator import Accumulator
+    from .chunks import Chunk, chunk_of
     from .result import publish, solution_of
-    from .sources import Chunk, chunk_of
 
     held = getattr(estimator, "_stream", None)
     accumulator, number = (Accumulator(estimator, "careful"), 0) if held is None else held

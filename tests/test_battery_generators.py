@@ -140,7 +140,7 @@ def test_quick_battery(tmp_path):
     from discrepancy_battery import main
 
     table = main(["--quick", "--out", str(tmp_path / "rows.csv")])
-    assert len(table) == 8 and "crash" not in table
+    assert len(table) == 6 and "crash" not in table
     heard = table[table.group.isin(["blind", "base"]) & table.eligible.astype(bool)]
     assert len(heard) >= 2
     assert heard.right.mean() >= 0.75

@@ -178,7 +178,7 @@ def test_coefficients_are_drawn_a_panel_a_storey(case):
 
     found = compare(case.X, case.F, case.dt, truth=true_model(case), free_run=5, optimizers={})
     display = CoefficientsDisplay.from_comparison(found).plot()
-    assert len(display.ax_) == 2 and [t.get_text() for t in display.ax_[-1].get_xticklabels()][:2] == ["v", "s"]
+    assert len(display.ax_) == 2 and [t.get_text() for t in display.ax_[-1].get_xticklabels()][:2] == ["$v$", "$s$"]
     heights = [bar.get_height() for bar in display.ax_[0].containers[0]]
     assert heights == found.coefficients.loc["storey 1", "truth"].tolist()
 

@@ -11,8 +11,8 @@ import pytest
 
 EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("plot_*.py"))
 MEASURED = os.environ.get("PYSINDY_NRF_DATA")
-# The others search long records for minutes; PYSINDY_NRF_ALL_EXAMPLES=1 runs them too.
-SHORT = ("plot_closed_loop_measured_emps", "plot_closed_loop_measured_dry_friction")
+# The others take half a minute to minutes each; PYSINDY_NRF_ALL_EXAMPLES=1 runs them too, and so does the gallery.
+SHORT = ("plot_coming_from_pysindy", "plot_paper_2dof_damper_force", "plot_paper_2dof_surfaces")
 ALL = os.environ.get("PYSINDY_NRF_ALL_EXAMPLES")
 
 
@@ -21,7 +21,7 @@ def test_the_example_runs_and_draws(path, tmp_path):
     pytest.importorskip("matplotlib")
     if "_measured" in path.stem and not MEASURED:
         pytest.skip("PYSINDY_NRF_DATA does not name the folder of the measured records")
-    if "_measured" in path.stem and path.stem not in SHORT and not ALL:
+    if path.stem not in SHORT and not ALL:
         pytest.skip("long; PYSINDY_NRF_ALL_EXAMPLES=1 runs it")
     done = subprocess.run(
         [sys.executable, "-W", "ignore", str(path), str(tmp_path)],

@@ -90,7 +90,7 @@ def test_without_measured_accelerations_sindy_differentiates(case):
         optimizer=StateSpaceChainOptimizer(),
         differentiation_method=ps.SINDyDerivative(kind="spline", s=1e-12),
     )
-    middle = slice(200, 5800)
+    middle = slice(200, 2700)
     sindy.fit(state_of(case)[middle], t=case.dt, u=case.F[middle])
     assert np.abs(ChainModel.from_sindy(sindy).masses / case.m - 1).max() < 0.02
 

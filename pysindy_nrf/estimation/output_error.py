@@ -10,7 +10,7 @@ System identification, 2012). They follow from the laws' own columns: what a coe
 passed through the structure linearised along the run. The solution is therefore right for nonlinear laws too,
 whatever the linearisation; only its sharpness depends on it. Every record is a shot whose initial condition is
 found with the parameters; long records are several. Started from instrumental variables, and kept only where it
-predicts parts of the records that it did not see better than they do.
+predicts the parts of the records that it did not see, both halves of them, better than they do.
 """
 
 from __future__ import annotations
@@ -158,12 +158,12 @@ def output_error(
             return OutputErrorResult(start, False, 0.0, 0.0, why="the free run misses nothing but round-off")
         problem = _Problem(start, shots, layout, known_masses, noise, band)
         parts = [_half(shots, 0), _half(shots, 1)]
-        before, after = np.zeros(3), np.zeros(3)
-        for rival, seen, unseen in zip(halves or (start, start), parts, parts[::-1]):
-            before += problem.judge(rival, unseen)
-            after += problem.judge(problem.solve(seen, FEW).model, unseen)
-        error_before, error_after = (float(100 * np.sqrt(e[0] / e[2])) for e in (before, after))
-        if error_after > CLEARLY * error_before or after[1] >= before[1]:
+        swapped = list(zip(halves or (start, start), parts, parts[::-1]))
+        before = np.array([problem.judge(rival, unseen) for rival, _, unseen in swapped])
+        after = np.array([problem.judge(problem.solve(seen, FEW).model, unseen) for _, seen, unseen in swapped])
+        error_before, error_after = (float(100 * np.sqrt(e[0] / e[2])) for e in (before.sum(0), after.sum(0)))
+        worse = (after[:, 0] >= before[:, 0]).any() or after[:, 1].sum() >= before[:, 1].sum()
+        if error_after > CLEARLY * error_before or worse:
             why = "the refinement does not predict unseen parts of the records clearly better"
             return OutputErrorResult(start, False, error_before, error_after, why=why)
         best = problem.solve([slice(0, s.n_samples) for s in shots])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import _thread
 import io
+import signal
 import sys
 import threading
 from collections.abc import Iterator, Sequence
@@ -121,6 +122,14 @@ def run(arguments: Sequence[str] | None = None) -> int:
         return _say(f"Unexpected {type(error).__name__}: {error}. {fault}", OTHER)
 
 
+def _interrupt() -> None:
+    """A real signal where there is one: it ends a wait of the main thread too."""
+    if hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+    else:
+        _thread.interrupt_main()
+
+
 @contextmanager
 def _heard() -> Iterator[None]:
     """Ctrl-C that falls into a callback of the compiler, which swallows it, comes again a moment later."""
@@ -128,7 +137,7 @@ def _heard() -> Iterator[None]:
 
     def hook(fault: Any) -> None:
         if issubclass(fault.exc_type, KeyboardInterrupt):
-            again = threading.Timer(0.05, _thread.interrupt_main)
+            again = threading.Timer(0.05, _interrupt)
             again.daemon = True
             again.start()
         else:

@@ -38,6 +38,9 @@ from .workspace import Workspace
 _CONTRADICTION, _SAID = 0.02, 0.06
 _MOST_CONTRADICTIONS = 4
 _WITNESSED = 0.05
+# Least gain error that is believed where no other channel contradicts: least squares leaves masses that are some
+# percent off, and the gain of a force makes up for that.
+_LEAST_GAIN = 0.05
 # Share to which the error must have fallen before a fault that explained nothing is tried again.
 _AGAIN = 0.5
 # How far, as a share, the value of such a fault may be off, and trials to mend it.
@@ -125,13 +128,18 @@ def sensor_findings(ready: Prepared, work: Workspace, stage: Stage, laws: Sequen
     promising.sort(key=lambda p: p[0])
     found = [_tried(ready, work, stage, s, now) for s in contradictory]
     found += [_rebuilt(ready, work, stage, s) for _, s in promising[:_REBUILT]]
-    kept = sorted((f for f in found if f is not None and f.screen < now), key=lambda f: f.error)
+    kept = sorted((f for f in found if f is not None and f.screen < now and not _slight(f)), key=lambda f: f.error)
     if kept and kept[0].remark and kept[0].screen < (1 - _WITNESSED) * now:
         kept[0] = _sharpened(ready, work, stage, kept[0])
     near = [f for f in kept if f.error <= (1 + TIE) * kept[0].error]
     for one in near:
         one.equals = [str(o.site) for o in near if o.law.name == one.law.name and o.site != one.site]
     return kept
+
+
+def _slight(finding: SensorFinding) -> bool:
+    law = finding.law
+    return law.name == "gain_error" and not finding.remark and abs(float(law.values[0])) < _LEAST_GAIN
 
 
 def contradictions(ready: Prepared, work: Workspace) -> list[str]:

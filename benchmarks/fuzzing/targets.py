@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import copy
 import io
 import json
 from collections.abc import Callable
@@ -274,7 +275,7 @@ def json_damage(seed: bytes, rng: np.random.Generator) -> bytes:
                 if isinstance(node, dict) and rng.random() < 0.2:
                     del node[key]
                 else:
-                    node[key] = values[int(rng.integers(len(values)))]
+                    node[key] = copy.deepcopy(values[int(rng.integers(len(values)))])
                 break
             node, steps = child, steps + 1
     return json.dumps(data).encode()

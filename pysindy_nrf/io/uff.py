@@ -70,6 +70,8 @@ def read_uff(path: Path, max_bytes: int = MAX_BYTES) -> Table:
         raise
     except Exception as error:  # pyuff raises bare exceptions
         raise unreadable(path, "UFF", error) from error
+    if any("data" not in one for one in sets):
+        raise unreadable(path, "UFF", "a data set 58 holds no data")
     sets = [one for one in sets if not np.iscomplexobj(one["data"])]
     if not sets:
         raise unreadable(path, "UFF", "it holds no time history (data set 58, function type 1)")

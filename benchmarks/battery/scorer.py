@@ -266,7 +266,6 @@ def run_case(case: Case) -> dict:
                 baseline(case),
                 withheld(case) if case.group == "withheld" else None,
                 heldout=unseen,
-                random_state=case.seed,
             )
         except Exception as error:  # a crash is a failure of the case, shown in its row
             row |= {

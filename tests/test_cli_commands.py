@@ -328,7 +328,7 @@ def swallow():
     def callback():
         raise KeyboardInterrupt
     ctypes.CFUNCTYPE(None)(callback)()
-    time.sleep(30)
+    time.sleep(600)
     print("not heard")
 
 group.main(["swallow"])

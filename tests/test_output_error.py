@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import sys
 import warnings
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
 from pysindy_nrf.errors import nrmse
+from pysindy_nrf.estimation import output_error
 from pysindy_nrf.noise import add_noise
 
 FS = 500.0
@@ -47,6 +49,16 @@ def test_it_is_said_what_was_kept(fits):
         better = facts["free_run_error_after"] < facts["free_run_error_before"]
         assert better or facts["found"] == "iv"
     assert sum(m.model_.info["estimation"]["found"] == "simulation" for m in fits["simulation"]) >= 1
+
+
+@pytest.mark.parametrize(("after", "kept"), [([0.5, 0.5], True), ([0.2, 1.05], False), ([0.97, 0.97], False)])
+def test_a_refinement_must_predict_both_halves_better_and_clearly(monkeypatch, after, kept):
+    """Squared errors of 1 before and so much after, on the halves it did not see: better on the whole is not enough."""
+    room = sys.modules[output_error.__module__]
+    ratios = iter([*[1.0] * (len(room.HOLDS) + 2), *after])  # courses of the force, two halves before, two after
+    monkeypatch.setattr(room._Problem, "judge", lambda self, model, rows: np.array([(x := next(ratios)), x, 1.0]))
+    model = NRFRegressor(degree=1, estimation="simulation").fit(measured(ChainModel(TRUE, LINEAR), 0, duration=4.0))
+    assert (model.model_.info["estimation"]["found"] == "simulation") is kept
 
 
 def test_intervals_survive_saving(fits):

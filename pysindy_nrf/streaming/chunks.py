@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import ChannelError
+from ..pieces import by_record
 from ..record import Record, seconds_of
-from ..segments import _pieces as pieces_of_ids
 from ..segments import feature_names
 
 
@@ -68,7 +68,7 @@ class Chunk:
         """
         if self.ids is None:
             return [self]
-        pieces = pieces_of_ids(self.ids, self.n_samples, False)
+        pieces = by_record(self.ids, self.n_samples)
         return [
             Chunk(
                 cut(self.X, rows), cut(self.F, rows), name, self.first or i > 0, None, cut(self.time, rows),

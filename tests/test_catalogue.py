@@ -8,8 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pysindy_nrf import Chain, ChainModel, NRFRegressor, Record, Site, close_loop, excitation, laws, simulate
-from pysindy_nrf.discrepancy.catalogue import candidates, default_catalogue
+from pysindy_nrf.discrepancy.catalogue import Candidate, candidates, default_catalogue
+from pysindy_nrf.discrepancy.prepare import prepare
 from pysindy_nrf.discrepancy.search import driving_frequency, spectral_lines
+from pysindy_nrf.discrepancy.sensors import SensorFinding
+from pysindy_nrf.discrepancy.splits import split
+from pysindy_nrf.discrepancy.stage import Stage
+from pysindy_nrf.discrepancy.surrogate import Null
+from pysindy_nrf.discrepancy.workspace import Workspace
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.noise import add_noise
 
@@ -135,6 +141,29 @@ def test_the_faulty_sensor_is_found_and_measured(forced, left_out, channel, faul
     assert found == pytest.approx(true, rel=0.05)
     assert step.error_after < 0.6 * step.error_before
     assert np.allclose(report.model.masses, _chain(3, 3).masses, rtol=0.02)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_a_small_gain_of_a_force_is_found_where_it_stands_out_of_the_noise(noise):
+    record = _record(3, [1, 2, 3], noise, sensors={"sensor F2": laws.GainError(0.025)})
+    step = close_loop(record, catalogue=RIVALS, n_surrogates=1, max_steps=1).steps[0]
+    assert (step.law, step.site) == ("gain_error", "sensor F2")
+    assert step.parameters["e"] == pytest.approx(0.025, rel=0.1)
+
+
+def test_a_gain_that_makes_up_for_what_noise_does_to_the_masses_is_none():
+    """At the noise floor least squares' masses are percents off, from draw to draw, and a gain would mend that."""
+    record = _record(3, [1, 2, 3], 0.01)
+    ready = prepare(record)
+    search, held = split(ready.data.segments)
+    work = Workspace(ready.data, [None], search, held, {}, "auto")
+    gain = laws.GainError(0.02)
+    finding = SensorFinding(Candidate(gain, Site("sensor F2")), gain, 1.0)
+    held_laws = {Site(i): (laws.PowerSeries(1),) for i in (1, 2, 3)}
+    rng = np.random.default_rng(0)
+    assert Null(ready, Stage(work, Chain(3), held_laws), rng, 2).gain(finding) == 1.0
+    missing = {s: (laws.LinearElastic(),) for s in held_laws}  # no damping: far above what noise leaves
+    assert Null(ready, Stage(work, Chain(3), missing), rng, 2).gain(finding) < 0.5
 
 
 def test_of_two_forces_either_may_be_wrong():

@@ -9,8 +9,10 @@ from report_cases import CATALOGUE, cubic, friction, loop_report, record
 
 from pysindy_nrf import ChainModel, close_loop, excitation, laws, simulate
 from pysindy_nrf.discrepancy import evidence as room
+from pysindy_nrf.discrepancy import sensors
 from pysindy_nrf.discrepancy.characterisation import characterise
 from pysindy_nrf.discrepancy.evidence import Evidence, look, searched
+from pysindy_nrf.discrepancy.noise_level import levels_of
 from pysindy_nrf.discrepancy.prepare import prepare
 from pysindy_nrf.discrepancy.splits import split
 from pysindy_nrf.discrepancy.workspace import Workspace
@@ -74,6 +76,23 @@ def test_only_rows_of_the_search_are_looked_at():
     assert len(filters) == len(data.segments) and not np.isin(rows, held).any()
     few = searched(work, most=1000)[0]
     assert sum(seg.valid.stop - seg.valid.start for seg in few.segments) <= 1000 + len(few.segments)
+
+
+def test_channels_are_compared_and_noise_is_sized_on_rows_of_the_search():
+    """What is held out inside a record may be as wrong as it likes: a channel with the other sign, a loud force."""
+    rec = record(friction, seed=3, noise=0.02)
+    work = workspace(rec)
+    seen = work.seen_rows(0)
+    assert 0.6 < seen.mean() < 0.9
+    chosen, rows = sensors._longest(work)
+    assert chosen == 0 and seen[rows].all() and rows.stop - rows.start > 0.2 * len(seen)
+    velocity, force = rec.velocity.copy(), rec.force.copy()
+    velocity[~seen] *= -1.0
+    force[~seen] += 1e3 * np.random.default_rng(0).standard_normal(force[~seen].shape) * (force.any(axis=0))
+    wrong = rec.replace(velocity=velocity, force=force)
+    ready = dataclasses.replace(prepare(rec), records=[wrong])
+    assert sensors.contradictions(ready, work) == []
+    assert levels_of(wrong, {}, seen) == levels_of(rec, {}, seen)
 
 
 def test_a_law_with_memory_follows_its_path_through_what_is_held_out():

@@ -119,11 +119,9 @@ def repeated(work: Workspace, model: ChainModel) -> Residual:
     """
     used = list(work.searched)
     segments = [work.data.segments[i] for i in used]
-    seen = np.zeros((len(used), max(seg.n_samples for seg in segments)), dtype=bool)
-    for b in work.search:
-        start = work.data.segments[b.segment].valid.start
-        seen[used.index(b.segment), start + b.rows.start : start + b.rows.stop] = True
-    edges = np.flatnonzero(np.diff(np.r_[False, seen.all(axis=0), False].astype(int)))
+    least = min(seg.n_samples for seg in segments)
+    seen = np.all([work.seen_rows(i)[:least] for i in used], axis=0)
+    edges = np.flatnonzero(np.diff(np.r_[False, seen, False].astype(int)))
     runs = edges.reshape(-1, 2)
     first, last = max(runs, key=lambda r: r[1] - r[0]) if len(runs) else (0, 0)
     if len(used) < 2 or last - first < _FEWEST:

@@ -28,7 +28,7 @@ from .reestimate import needless, place_of, reestimated
 from .report import LoopReport, Scene, Step, audit
 from .search import Finding, driving_frequency, refine, screen, spectral_lines, validate
 from .sensors import SensorFinding, contradictions, sensor_findings
-from .splits import BlockRows, split
+from .splits import BlockRows, joined, split
 from .stage import Stage, Trial
 from .steps import doubt_names, improper, remainder, step_of, surely_left, worst
 from .surrogate import Null
@@ -154,9 +154,8 @@ def close_loop(
     names = tuple(ready.data.segments[0].covariates)
     tried = as_laws(catalogue, names)
     every = list(candidates(tried, chain, known, names, work.forced, len(work.searched)))
-    loop = _Loop(ready, work, every, rng, n_surrogates, progress)
-    loop.floors = floors
-    loop.sensors = [law for law in tried if law.family == "sensor"]
+    sensors = [law for law in tried if law.family == "sensor"]
+    loop = _Loop(ready, work, every, sensors, floors, rng, n_surrogates, progress)
     with threadpool_limits(1):  # the matrices are small: threads only get in each other's way
         report = loop.run(Stage(work, chain, first), max_steps, band, baseline)
     report.settings = audit(baseline, tried, band, random_state, max_steps, n_surrogates, ready, floors.words)
@@ -180,20 +179,9 @@ def _searched(work: Workspace) -> SegmentSet:
     pieces = []
     for i, seg in enumerate(work.data.segments):
         start = seg.valid.start
-        for rows in _runs([b.rows for b in work.search if b.segment == i]):
+        for rows in joined(b.rows for b in work.search if b.segment == i):
             pieces.append(type(seg)(**{**seg.__dict__, "valid": slice(start + rows.start, start + rows.stop)}))
     return SegmentSet(pieces, work.data.n_samples)
-
-
-def _runs(blocks: Sequence[slice]) -> list[slice]:
-    """Blocks that follow each other, joined."""
-    runs: list[slice] = []
-    for rows in blocks:
-        if runs and runs[-1].stop == rows.start:
-            runs[-1] = slice(runs[-1].start, rows.stop)
-        else:
-            runs.append(rows)
-    return runs
 
 
 class _Loop:
@@ -204,14 +192,15 @@ class _Loop:
         ready: Prepared,
         work: Workspace,
         every: Sequence[Candidate],
+        sensors: Sequence[ForceLaw],
+        floors: FloorSource,
         rng: np.random.Generator,
         n_surrogates: int,
         progress: bool,
     ) -> None:
         self.ready, self.work, self.every = ready, work, every
         self.rng, self.n_surrogates, self.progress = rng, n_surrogates, progress
-        self.sensors: list[ForceLaw] = []
-        self.floors = FloorSource("channels", work.n_dof)
+        self.sensors, self.floors = sensors, floors
         self.accepted: list[Finding] = []
 
     def run(self, stage: Stage, max_steps: int, band: Any, baseline: NRFRegressor) -> LoopReport:
@@ -355,7 +344,7 @@ class _Loop:
         """Free-run error on the search blocks that each record begins with, percent; NaN where none is possible."""
         work, blocks = stage.work, []
         for i in work.searched:
-            run = _runs([b.rows for b in work.search if b.segment == i])[0]
+            run = joined(b.rows for b in work.search if b.segment == i)[0]
             blocks.append(BlockRows(i, run))
         try:
             return free_run_error(stage.trial().model(), work, blocks)
@@ -372,13 +361,12 @@ class _Loop:
     def _lines(self, trial: Trial) -> dict[Site, list[float]]:
         """Spectral lines of the residual of each balance."""
         model = trial.model()
-        longest = int(np.argmax([seg.valid.stop - seg.valid.start for seg in self.work.data.segments]))
+        spans = {i: self.work.data.segments[i].valid for i in self.work.searched}
+        longest = max(spans, key=lambda i: spans[i].stop - spans[i].start)
         seg = self.work.data.segments[longest]
         if seg.dt is None:
             return {}
-        runs = _runs([b.rows for b in self.work.search if b.segment == longest])
-        if not runs:
-            return {}
+        runs = joined(b.rows for b in self.work.search if b.segment == longest)
         widest = max(runs, key=lambda r: r.stop - r.start)
         one = SegmentSet([seg], self.work.data.n_samples)
         left = model.balance_forces(one)[0] - np.nan_to_num(seg.F[seg.valid])

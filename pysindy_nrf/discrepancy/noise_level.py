@@ -90,7 +90,7 @@ def denoised(signal: np.ndarray, level: float, fs: float) -> np.ndarray:
     return np.fft.irfft(spectrum * np.interp(np.fft.rfftfreq(len(signal), 1 / fs), f, gain), len(signal))
 
 
-def levels_of(record: Record, motion: Mapping[str, float]) -> dict[str, float]:
+def levels_of(record: Record, motion: Mapping[str, float], rows: np.ndarray | None = None) -> dict[str, float]:
     """Noise of every channel of a record.
 
     Parameters
@@ -100,6 +100,8 @@ def levels_of(record: Record, motion: Mapping[str, float]) -> dict[str, float]:
         Noise of accelerations, velocities and displacements as :class:`~pysindy_nrf.KinematicSmoother` finds it,
         SI rms: an absolute acceleration contradicts the motion relative to the base by the noise of the base
         besides, which is taken off here.
+    rows : ndarray of bool, shape (n_samples,), optional
+        Those that may be looked at; all if None.
 
     Returns
     -------
@@ -107,9 +109,10 @@ def levels_of(record: Record, motion: Mapping[str, float]) -> dict[str, float]:
         SI rms; the same with forces (``"F1"``, zero where it cannot be told) and the base (``"ag"``).
     """
     channels, fs = record.channels(), record.fs
+    rows = np.ones(record.n_samples, dtype=bool) if rows is None else rows
     levels = {str(k): float(v) for k, v in motion.items()}
-    levels |= {f"F{j}": quiet_level(record.force[:, j - 1], fs) for j in record.forced}
-    levels |= {name: quiet_level(channels[name], fs) for name in BASE if name in channels}
+    levels |= {f"F{j}": quiet_level(record.force[rows, j - 1], fs) for j in record.forced}
+    levels |= {name: quiet_level(np.asarray(channels[name])[rows], fs) for name in BASE if name in channels}
     if record.coordinates == "relative" and (base := levels.get("ag", 0.0)) > 0:
         for name in (k for k in levels if k[0] == "a" and k in motion):
             levels[name] = float(np.sqrt(max(levels[name] ** 2 - base**2, (_LEAST * levels[name]) ** 2)))

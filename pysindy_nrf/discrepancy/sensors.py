@@ -29,7 +29,7 @@ from .catalogue import Candidate
 from .gate import MIN_GAIN, TIE
 from .prepare import Prepared, prepare
 from .search import Finding
-from .splits import BlockRows
+from .splits import BlockRows, joined
 from .stage import Stage
 from .workspace import Workspace
 
@@ -38,9 +38,8 @@ from .workspace import Workspace
 _CONTRADICTION, _SAID = 0.02, 0.06
 _MOST_CONTRADICTIONS = 4
 _WITNESSED = 0.05
-# Least gain error that is believed where no other channel contradicts: least squares leaves masses that are some
-# percent off, and the gain of a force makes up for that.
-_LEAST_GAIN = 0.05
+# Samples below which half a record tells no delay.
+_HALF = 1000
 # Share to which the error must have fallen before a fault that explained nothing is tried again.
 _AGAIN = 0.5
 # How far, as a share, the value of such a fault may be off, and trials to mend it.
@@ -128,18 +127,13 @@ def sensor_findings(ready: Prepared, work: Workspace, stage: Stage, laws: Sequen
     promising.sort(key=lambda p: p[0])
     found = [_tried(ready, work, stage, s, now) for s in contradictory]
     found += [_rebuilt(ready, work, stage, s) for _, s in promising[:_REBUILT]]
-    kept = sorted((f for f in found if f is not None and f.screen < now and not _slight(f)), key=lambda f: f.error)
+    kept = sorted((f for f in found if f is not None and f.screen < now), key=lambda f: f.error)
     if kept and kept[0].remark and kept[0].screen < (1 - _WITNESSED) * now:
         kept[0] = _sharpened(ready, work, stage, kept[0])
     near = [f for f in kept if f.error <= (1 + TIE) * kept[0].error]
     for one in near:
         one.equals = [str(o.site) for o in near if o.law.name == one.law.name and o.site != one.site]
     return kept
-
-
-def _slight(finding: SensorFinding) -> bool:
-    law = finding.law
-    return law.name == "gain_error" and not finding.remark and abs(float(law.values[0])) < _LEAST_GAIN
 
 
 def contradictions(ready: Prepared, work: Workspace) -> list[str]:
@@ -172,14 +166,11 @@ def null_gain(stage: Stage, finding: SensorFinding) -> float:
 
 
 def _longest(work: Workspace) -> tuple[int, slice]:
-    """The record with most search rows, and those rows of it."""
-    sizes: dict[int, int] = {}
-    for b in work.search:
-        sizes[b.segment] = sizes.get(b.segment, 0) + b.rows.stop - b.rows.start
-    chosen = max(sizes, key=lambda i: sizes[i])
+    """The longest run of search rows without a held-out piece in it: number of its record, rows of the record."""
+    runs = [(i, run) for i in work.searched for run in joined(b.rows for b in work.search if b.segment == i)]
+    chosen, rows = max(runs, key=lambda r: r[1].stop - r[1].start)
     first = work.data.segments[chosen].valid.start
-    rows = [b.rows for b in work.search if b.segment == chosen]
-    return chosen, slice(first + min(r.start for r in rows), first + max(r.stop for r in rows))
+    return chosen, slice(first + rows.start, first + rows.stop)
 
 
 def _contradictions(ready: Prepared, work: Workspace) -> list[tuple[float, _Suspect]]:
@@ -193,7 +184,7 @@ def _contradictions(ready: Prepared, work: Workspace) -> list[tuple[float, _Susp
     record, middle = ready.records[chosen], (rows.start + rows.stop) // 2
     try:
         table = channel_alignment(record.rows(rows))
-        parts = slice(rows.start, middle), slice(middle, rows.stop)
+        parts = [slice(rows.start, middle), slice(middle, rows.stop)] if middle - rows.start >= _HALF else [rows]
         halves = [channel_alignment(record.rows(part)) for part in parts]
     except NRFError:
         ready.contradictions = []
@@ -213,7 +204,7 @@ def _contradictions(ready: Prepared, work: Workspace) -> list[tuple[float, _Susp
         ]
         for size, seen, own, other in pairs:
             # what one half of the record does not confirm is chance
-            if size < _CONTRADICTION or not (min(seen) > 0 or max(seen) < 0):
+            if size < _CONTRADICTION or not (all(x > 0 for x in seen) or all(x < 0 for x in seen)):
                 continue
             for law, of in ((own, channel), (other, reference)):
                 sized.append((size, _Suspect(law, Site(f"sensor {of}"), str(row["message"]))))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -113,6 +113,33 @@ def pieces(n_blocks: int, share: float) -> tuple[np.ndarray, list[bool]]:
             widths.append(share / len(after))
             held.append(True)
     return np.cumsum(widths), held
+
+
+def joined(blocks: Iterable[slice]) -> list[slice]:
+    """Blocks of one record that follow each other, as one.
+
+    Parameters
+    ----------
+    blocks : iterable of slice
+        In order.
+
+    Returns
+    -------
+    list of slice
+
+    Examples
+    --------
+    >>> from pysindy_nrf.discrepancy.splits import joined
+    >>> joined([slice(0, 5), slice(5, 9), slice(12, 20)])
+    [slice(0, 9, None), slice(12, 20, None)]
+    """
+    runs: list[slice] = []
+    for rows in blocks:
+        if runs and runs[-1].stop == rows.start:
+            runs[-1] = slice(runs[-1].start, rows.stop)
+        else:
+            runs.append(rows)
+    return runs
 
 
 def split(

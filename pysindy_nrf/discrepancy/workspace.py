@@ -93,6 +93,25 @@ class Workspace:
             self._scales[site] = float(s), float(v), length
         return self._scales[site]
 
+    def seen_rows(self, record: int) -> np.ndarray:
+        """Which samples of a record the search may look at.
+
+        Parameters
+        ----------
+        record : int
+            Its number.
+
+        Returns
+        -------
+        ndarray of bool, shape (n_samples,)
+        """
+        segment = self.data.segments[record]
+        seen = np.zeros(segment.n_samples, dtype=bool)
+        for b in self.search:
+            if b.segment == record:
+                seen[segment.valid.start + b.rows.start : segment.valid.start + b.rows.stop] = True
+        return seen
+
     def columns(self, site: Site, laws: Sequence[ForceLaw], segment: int) -> np.ndarray:
         """Columns of laws along one record, built from the raw motion and then filtered like the rest.
 

@@ -162,3 +162,28 @@ def test_the_quick_benchmark_runs_and_ours_are_right(capsys):
     table = sparse_selection.main(["--quick"]).set_index("optimizer")
     assert table.loc["STLSQ", "missing"] == 0 and table.loc["STLSQ", "false"] <= 1
     assert table.loc["SINDy, defaults", "missing"] > 0
+
+
+def test_the_path_goes_on_where_one_threshold_fits_no_storey_and_never_past_what_the_folds_miss():
+    """A low threshold keeps false terms; dropped one by one they cost nothing, and the damping (1 % of the force) stays."""
+    case = chains.duffing(3, [2], seed=9, n_samples=8000)
+    rec, path = record_of(case, 0.02), {"STLSQ": [ps.STLSQ(threshold=0.002)]}
+    plain, found = (select_sparsity(rec, paths=path, prune=prune) for prune in (False, True))
+    assert len(plain.table) == 1 and plain.table["terms"].iloc[0] > 9
+    assert kept(found.terms["STLSQ"], 3) == [TRUE] * 3
+    table = found.table
+    assert table["error"].max() < 1.02 * table["error"].min()
+    assert table["terms"].tolist() == list(range(plain.table["terms"].iloc[0], 8, -1)) and table["chosen"].iloc[-1]
+    assert "without" in table.index[-1][1]
+    model = found.regressor().fit(rec)
+    assert [list(model.restoring_forces_[i].coefficients.index) for i in (1, 2, 3)] == [TRUE] * 3
+    assert np.abs(model.masses_ / case.m - 1).max() < 0.02
+
+
+def test_a_law_that_was_given_is_never_taken_apart():
+    m, c, k, k3 = chains.parameters(2, np.random.default_rng(3))
+    case = chains.duffing(2, [1, 2], seed=3, n_samples=8000, given=(m, c, k, k3 * [1, 0]))
+    given = {"storey 1": [laws.LinearViscous(), laws.Duffing(), laws.QuadraticDamping()]}
+    found = select_sparsity(record_of(case, 0.01), paths={"STLSQ": [ps.STLSQ(threshold=1e-4)]}, laws=given)
+    assert (found.terms.loc["storey 1", "STLSQ"] != 0).sum() == 4
+    assert kept(found.terms["STLSQ"], 2)[1] == ["v", "s"]

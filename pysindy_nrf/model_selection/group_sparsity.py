@@ -182,7 +182,7 @@ def _eliminated(held: FoldMoments, order: Order) -> tuple[list[tuple[Any, Order]
         raise NRFError("There is no group to choose from", "Give a degree above 1, or laws=.")
     support = {s: np.ones(order.layout.counts[s], dtype=bool) for s in order.layout.acting}
     path: list[tuple[Any, Order]] = [(None, order)]
-    errors = [_errors(held, order)]
+    errors = [heldout_errors(held, order)]
     if not np.isfinite(errors[0]).all():
         raise NRFError("The full model cannot be fitted on every fold", "Use fewer folds or a lower degree.")
     while groups:
@@ -190,7 +190,7 @@ def _eliminated(held: FoldMoments, order: Order) -> tuple[list[tuple[Any, Order]
         for key, mask in groups.items():
             smaller = {**support, key[0]: support[key[0]] & ~mask}
             one = restricted(held, order, smaller)
-            trials[key] = _errors(held, one), one, smaller
+            trials[key] = heldout_errors(held, one), one, smaller
         key = min(trials, key=lambda k: trials[k][0].mean())
         found, one, support = trials[key]
         if not np.isfinite(found).all():
@@ -201,8 +201,8 @@ def _eliminated(held: FoldMoments, order: Order) -> tuple[list[tuple[Any, Order]
     return path, np.array(errors)
 
 
-def _errors(held: FoldMoments, order: Order) -> np.ndarray:
-    """Held-out balance errors on the folds, as shares."""
+def heldout_errors(held: FoldMoments, order: Order) -> np.ndarray:
+    """Held-out balance errors on the folds, as shares; infinity where a fold cannot be fitted."""
     out = np.full(held.n_folds, np.inf)
     for fold in range(held.n_folds):
         try:

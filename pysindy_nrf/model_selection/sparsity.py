@@ -18,6 +18,7 @@ from ..exceptions import NRFError, NRFWarning
 from .along_path import AlongPath
 from .fold_moments import FoldMoments, Order
 from .judged import CLEAN
+from .pruning import Pruned, pruned
 from .rule import choose, standard_error
 from .selection import fold_moments_of
 from .supports import MARGIN, inclusion, labels_of, restricted, support_of
@@ -130,14 +131,14 @@ class SparsitySelection:
         Returns
         -------
         NRFRegressor
-            An ensemble's terms stand in ``laws``: they were chosen from all the data given.
+            The terms of an ensemble or of a pruned setting stand in ``laws``: they were chosen from all the data given.
         """
         name = self.best if name is None else name
         index = self.table.index[(self.table.index.get_level_values(0) == name) & self.table["chosen"]]
         if not len(index):
             raise NRFError(f"There is no optimizer {name!r}", f"Choose {', '.join(self.terms)}.")
         candidate = self._candidates[index[0]]
-        if not isinstance(candidate, BlockEnsemble):
+        if not isinstance(candidate, BlockEnsemble | Pruned):
             return clone(self._estimator).set_params(optimizer=candidate)
         kept = self.terms[name] != 0
         support = {s: kept.loc[str(s)].to_numpy() for s in self._order.layout.acting}
@@ -175,6 +176,7 @@ def select_sparsity(
     paths: Mapping[str, Sequence[Any]] | Iterable[str] | None = None,
     degree: Any = 3,
     cv: Any = 6,
+    prune: bool = True,
     random_state: Any = 0,
     record: Any = None,
     time: Any = None,
@@ -186,7 +188,8 @@ def select_sparsity(
 
     For each setting the terms are chosen and fitted on the training side of every fold and judged on its
     other side; within each optimizer the sparsest setting is taken whose error the folds cannot tell from the
-    least (one standard error of the difference).
+    least (one standard error of the difference). One threshold serves all storeys alike; so the path then goes on
+    from there term by term, as long as the same rule misses none of them (``prune``).
 
     Parameters
     ----------
@@ -198,6 +201,8 @@ def select_sparsity(
         Of the power series that is thinned out.
     cv : int, splitter or iterable of (train, test)
         Blocks in time for a number.
+    prune : bool
+        Go on beyond the chosen setting; each step is one more setting, named ``"... without v^2 s of storey 4"``.
     random_state : int, Generator or None
         For the bootstraps of the ensembles.
     **regressor_params
@@ -245,12 +250,17 @@ def select_sparsity(
     if held.kind == "gram" and min(np.nanmin(errors) for errors, _, _ in found.values()) < 100 * CLEAN:
         held.sharpen()
         found = _judged(held, order, candidates, seeds)
+    if prune:
+        _pruned(held, order, candidates, found)
     return _selection(found, candidates, estimator, order, held)
 
 
 def setting_of(candidate: Any) -> str:
     """The parameters in which a candidate differs from the default, in words."""
     inner = getattr(candidate, "optimizer", None)
+    if isinstance(candidate, Pruned):
+        gone = ", ".join(f"{label} of {site}" for site, label in candidate.without)
+        return f"{setting_of(candidate.optimizer)} without {gone}"
     if isinstance(candidate, AlongPath):
         return f"tolerance={candidate.tolerance:g}"
     text = setting_of(inner) if inner is not None else ""
@@ -275,6 +285,27 @@ def _judged(held: FoldMoments, order: Order, candidates: Mapping[Any, Any], seed
                 solution, kept, shares, errors = None, order, None, np.full(held.n_folds, np.inf)
             out[name] = errors, solution and _whole(held, order, kept, solution), shares
     return out
+
+
+def _pruned(held: FoldMoments, order: Order, candidates: dict, found: dict) -> None:
+    """Lengthen the path of each optimizer beyond its chosen setting."""
+    for name in dict.fromkeys(name for name, _ in candidates):
+        path = [key for key in candidates if key[0] == name and found[key][1]]
+        if not path:
+            continue
+        errors = np.array([found[key][0] for key in path]) / 100.0
+        chosen = path[choose(errors, [_terms(found[key][1]) for key in path], min_gain=MARGIN, paired=True)]
+        least = errors[np.argmin(errors.mean(axis=1))]
+        for gone, support, own in pruned(held, order, support_of(found[chosen][1]), least):
+            candidate = Pruned(candidates[chosen], gone)
+            kept = restricted(held, order, support)
+            key = name, setting_of(candidate)
+            candidates[key] = candidate
+            found[key] = 100.0 * own, _whole(held, order, kept, held.fit(kept, None)[0]), found[chosen][2]
+
+
+def _terms(whole: Mapping[Any, np.ndarray]) -> int:
+    return sum(int(kept.sum()) for kept in support_of(whole).values())
 
 
 def _fitter(held: FoldMoments, order: Order, candidate: Any, seed: int) -> Callable[[int | None], tuple]:
@@ -317,8 +348,7 @@ def _selection(found: dict, candidates: dict, estimator: Any, order: Order, held
     index = pd.MultiIndex.from_tuples(candidates, names=["optimizer", "setting"])
     errors = np.array([found[name][0] for name in candidates])
     counts = [
-        sum(int(k.sum()) for k in support_of(found[name][1]).values()) if found[name][1] else order.n_terms + 1
-        for name in candidates
+        _terms(found[name][1]) if found[name][1] else order.n_terms + 1 for name in candidates
     ]
     table = pd.DataFrame({"terms": counts, "error": errors.mean(axis=1)}, index=index)
     table["standard_error"] = [standard_error(row) if np.isfinite(row).all() else np.inf for row in errors]

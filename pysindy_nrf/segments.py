@@ -73,6 +73,10 @@ class Segment:
         """Sampling step, s, if the time is known."""
         return None if self.t is None or len(self.t) < 2 else float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
 
+    def time_at(self, row: int) -> float:
+        """Time of a row on the clock that the laws read, s; zero if the data have none."""
+        return 0.0 if self.t is None else float(self.t[row])
+
     @property
     def step(self) -> float:
         """Sampling step, s; a ChannelError where the time is not known."""

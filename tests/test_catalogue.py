@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from pysindy_nrf import Chain, ChainModel, NRFRegressor, Record, Site, close_loop, excitation, laws, simulate
 from pysindy_nrf.discrepancy.catalogue import Candidate, candidates, default_catalogue
 from pysindy_nrf.discrepancy.prepare import prepare
-from pysindy_nrf.discrepancy.search import driving_frequency, spectral_lines
 from pysindy_nrf.discrepancy.sensors import SensorFinding
+from pysindy_nrf.discrepancy.spectral_lines import driving_frequency, spectral_lines
 from pysindy_nrf.discrepancy.splits import split
 from pysindy_nrf.discrepancy.stage import Stage
 from pysindy_nrf.discrepancy.surrogate import Null

@@ -41,6 +41,7 @@ def free_run_of(model: ChainModel, segment: Segment, rows: slice, dt: float) -> 
         dt,
         x0=np.cumsum(segment.s[rows.start]),
         v0=np.cumsum(segment.v[rows.start]),
+        t0=segment.time_at(rows.start),
         base_acceleration=None if segment.ag is None else segment.ag[rows],
         covariates={k: c[rows] for k, c in segment.covariates.items()} or None,
     )

@@ -26,8 +26,9 @@ from .likeliest import likeliest
 from .prepare import Prepared, prepare
 from .reestimate import needless, place_of, reestimated
 from .report import LoopReport, Scene, Step, audit
-from .search import Finding, driving_frequency, refine, screen, spectral_lines, validate
+from .search import Finding, refine, screen, validate
 from .sensors import SensorFinding, contradictions, sensor_findings
+from .spectral_lines import lines_of
 from .splits import BlockRows, joined, split
 from .stage import Stage, Trial
 from .steps import doubt_names, improper, remainder, step_of, surely_left, worst
@@ -273,7 +274,7 @@ class _Loop:
         """Validated candidates, best first."""
         now = trial.search_error()
         accepted = [(Site(s.site), s.law) for s in steps]
-        lines = self._lines(trial)
+        lines = lines_of(trial)
         bar, tick = None, None
         if self.progress:
             from tqdm.auto import tqdm
@@ -357,31 +358,6 @@ class _Loop:
             return chosen
         finer = validate(stage, refine(stage, chosen, 120 * len(chosen.candidate.law.free_shape)))
         return finer if finer.error <= chosen.error * 1.02 else chosen
-
-    def _lines(self, trial: Trial) -> dict[Site, list[float]]:
-        """Spectral lines of the residual of each balance."""
-        model = trial.model()
-        spans = {i: self.work.data.segments[i].valid for i in self.work.searched}
-        longest = max(spans, key=lambda i: spans[i].stop - spans[i].start)
-        seg = self.work.data.segments[longest]
-        if seg.dt is None:
-            return {}
-        runs = joined(b.rows for b in self.work.search if b.segment == longest)
-        widest = max(runs, key=lambda r: r.stop - r.start)
-        one = SegmentSet([seg], self.work.data.n_samples)
-        left = model.balance_forces(one)[0] - np.nan_to_num(seg.F[seg.valid])
-        left = self.work.filtered(longest, left.T)
-        # a line is as sharp as the record is long: what is held out is zero, not cut away
-        inside = np.zeros(left.shape[1])
-        for run in runs:
-            inside[run] = 1.0
-        left = (left * inside)[:, runs[0].start : runs[-1].stop]
-        drive = np.nan_to_num(seg.F[seg.valid].T.astype(float))[:, widest]
-        drive = drive[drive.any(axis=1)]
-        if not len(drive) and seg.ag is not None:
-            drive = seg.ag[seg.valid].astype(float)[None, widest]
-        driven = driving_frequency(drive, seg.dt) if len(drive) else np.nan
-        return {Site(f"dof {j + 1}"): spectral_lines(left[j], seg.dt, 3, driven) for j in range(self.work.n_dof)}
 
     def _with(self, stage: Stage, chosen: Finding, last: bool) -> tuple[Stage, list[Finding]]:
         """The stage with an accepted candidate, all shapes estimated again, and the laws it made needless.

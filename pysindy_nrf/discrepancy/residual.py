@@ -319,6 +319,7 @@ def free_run(model: ChainModel, seg: Segment, options: dict[str, Any]) -> tuple[
             seg.dt,
             x0=np.cumsum(seg.s[rows.start].astype(float)),
             v0=np.cumsum(seg.v[rows.start].astype(float)),
+            t0=seg.time_at(rows.start),
             base_acceleration=None if seg.ag is None else seg.ag[rows],
             covariates={k: c[rows] for k, c in seg.covariates.items()} or None,
             name=seg.name,

@@ -24,9 +24,6 @@ from .stage import Stage
 # parameter starts at the lower end of its range, where its law is simplest, and is left to the refinement.
 _GRID = {1: 9, 2: 5, 3: 4}
 _EVALUATIONS = {1: 24, 2: 60, 3: 110}
-# Share of a drive's power in one line that makes a test harmonic; bins of the record a line is wide.
-_ONE_LINE = 0.6
-_BINS = 4.0
 # A law with more shape parameters than this is only tried where a simpler one comes near the best.
 _SIMPLE = 2
 _NEAR = 1.3
@@ -142,57 +139,6 @@ def replaced(stage: Stage, candidate: Candidate, accepted: Sequence[tuple[Site, 
         if (candidate.site, law.name) in accepted
         and (labels & {t.label for t in law.terms()} or law.family == candidate.law.family)
     )
-
-
-def driving_frequency(drive: np.ndarray, dt: float) -> float:
-    """Frequency of a test that is driven by one line, Hz; NaN if the drive is anything else.
-
-    Parameters
-    ----------
-    drive : ndarray of shape (n_channels, n_samples)
-        Measured forces, or the acceleration of the base.
-    dt : float
-        s.
-
-    Returns
-    -------
-    float
-    """
-    drive = drive - drive.mean(axis=1, keepdims=True)
-    power = (np.abs(np.fft.rfft(drive * np.hanning(drive.shape[1]))) ** 2).sum(axis=0)
-    top = int(np.argmax(power))
-    if not power[max(top - 3, 0) : top + 4].sum() > _ONE_LINE * power.sum():
-        return float("nan")
-    return top / (drive.shape[1] * dt)
-
-
-def spectral_lines(residual: np.ndarray, dt: float, most: int = 3, driven: float = float("nan")) -> list[float]:
-    """Frequencies at which a residual has its highest peaks, Hz, by the periodogram of a Hann window.
-
-    Parameters
-    ----------
-    residual : ndarray of shape (n_samples,)
-    dt : float
-        s.
-    most : int
-    driven : float
-        Frequency of a harmonic test, Hz: there, and at its multiples, any nonlinear law has lines.
-
-    Returns
-    -------
-    list of float
-    """
-    from scipy.signal import find_peaks
-
-    n = len(residual)
-    size = 4 * n
-    power = np.abs(np.fft.rfft(residual * np.hanning(n), size)) ** 2
-    peaks, _ = find_peaks(power, distance=8)
-    if np.isfinite(driven):
-        away = np.abs(peaks / (size * dt * driven) - np.round(peaks / (size * dt * driven)))
-        peaks = peaks[away * driven * n * dt > _BINS]
-    best = peaks[np.argsort(-power[peaks])][:most]
-    return [float(k / (size * dt)) for k in best if k > 0]
 
 
 def screen(

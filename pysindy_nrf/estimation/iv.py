@@ -270,6 +270,7 @@ def free_run_of(
         dt,
         x0=x0,
         v0=v0,
+        t0=segment.time_at(rows.start),
         base_acceleration=None if segment.ag is None else segment.ag[rows],
         covariates={k: c[rows] for k, c in segment.covariates.items()} or None,
         method="default" if model.has_memory else "rk4",

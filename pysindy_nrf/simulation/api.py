@@ -63,6 +63,7 @@ def simulate(
     covariates: Mapping[str, Any] | None = None,
     hold: str = "linear",
     rtol: float = 1e-10,
+    t0: float = 0.0,
     name: str = "simulation",
 ) -> Record:
     r"""Free run of a chain model under sampled forces.
@@ -93,6 +94,9 @@ def simulate(
         steps, or a cubic spline (for band-limited signals).
     rtol : float
         Error of a step of the default method as a share of the largest motion so far.
+    t0 : float
+        Time of the first sample, s, for laws that know the time: a harmonic force, a stiffness that steps or
+        drifts. On the clock of the data that the model was fitted to.
     name : str
         Name of the record.
 
@@ -129,7 +133,7 @@ def simulate(
     >>> bool(np.allclose(rec.displacement[:, 0], 1e-3 * np.cos(10 * rec.time), atol=1e-11))
     True
     """
-    run = _run(model, F, dt, method, x0, v0, base_acceleration, covariates, hold, rtol)
+    run = _run(model, F, dt, method, x0, v0, base_acceleration, covariates, hold, rtol, t0)
     return as_read(run.record(name), model.laws)
 
 
@@ -153,7 +157,7 @@ def free_run(model: Any, F: Any, dt: float, **options: Any) -> FreeRun:
         As :func:`simulate`.
     """
     defaults = dict(
-        method="default", x0=None, v0=None, base_acceleration=None, covariates=None, hold="linear", rtol=1e-10
+        method="default", x0=None, v0=None, base_acceleration=None, covariates=None, hold="linear", rtol=1e-10, t0=0.0
     )
     name = options.pop("name", "simulation")
     run = _run(model, F, dt, **(defaults | options))
@@ -161,7 +165,7 @@ def free_run(model: Any, F: Any, dt: float, **options: Any) -> FreeRun:
     kinetic = 0.5 * (out.v**2) @ run.masses
     energy = pd.DataFrame(
         np.column_stack([out.work[:, 0], kinetic, out.work[:, 1:]]),
-        index=pd.Index(np.arange(len(kinetic)) * dt, name="t"),
+        index=pd.Index(run.t0 + np.arange(len(kinetic)) * dt, name="t"),
         columns=["input", "kinetic", *map(str, run.layout.sites)],
     )
     states = {key: out.z[:, part] for key, part in run.layout.states.items()}
@@ -178,10 +182,11 @@ class _Run:
     base_moves: bool
     covariates: Mapping[str, Any] | None
     quality: dict[str, int]
+    t0: float
 
     def record(self, name: str) -> Record:
         n = len(self.masses)
-        return Record(
+        record = Record(
             force=self.samples[:, :n].copy(),
             acceleration=self.out.a,
             velocity=self.out.v,
@@ -191,6 +196,8 @@ class _Run:
             covariates=self.covariates,
             name=name,
         )
+        record.t0 = self.t0
+        return record
 
 
 def _run(
@@ -204,11 +211,13 @@ def _run(
     covariates: Any,
     hold: str,
     rtol: Any,
+    t0: Any,
 ) -> _Run:
     if method not in METHODS:
         raise SimulationError(f"method={method!r} is unknown", f"Choose {', '.join(map(repr, METHODS))}.")
     dt = _positive("dt", dt, "Give the sampling step in s.")
     rtol = _positive("rtol", rtol, "Give a small positive number, e.g. 1e-10.")
+    t0 = _number("t0", t0, "Give the time of the first sample in s.")
     n = len(model.masses)
     if F is None and base_acceleration is None:
         raise ChannelError("Nothing drives the free run", "Give forces F, or base_acceleration=.")
@@ -219,7 +228,7 @@ def _run(
 
     from . import system as flat
 
-    system, layout = flat.flatten(model)
+    system, layout = flat.flatten(model, t0)
     samples = input_matrix(force, base_acceleration, covariates, layout.covariates)
     courses = polynomials(samples, hold if method != "newmark" else "zero")
     n_sites, n_states = len(layout.sites), sum(s.stop - s.start for s in layout.states.values())
@@ -250,14 +259,21 @@ def _run(
             "or dt is too long for its stiffness: lower the force, the degree or dt.",
         )
     quality = {"steps": int(steps), "rejected": int(rejected), "forced": int(forced)}
-    return _Run(samples, dt, system.masses, layout, out, base_acceleration is not None, covariates, quality)
+    return _Run(samples, dt, system.masses, layout, out, base_acceleration is not None, covariates, quality, t0)
 
 
 def _positive(name: str, value: Any, cure: str) -> float:
+    number = _number(name, value, cure, "positive number")
+    if number <= 0:
+        raise SimulationError(f"{name}={value!r} is not a positive number", cure)
+    return number
+
+
+def _number(name: str, value: Any, cure: str, what: str = "number") -> float:
     try:
         number = float(value)
     except (TypeError, ValueError):
         number = np.nan
-    if not np.isfinite(number) or number <= 0:
-        raise SimulationError(f"{name}={value!r} is not a positive number", cure)
+    if not np.isfinite(number):
+        raise SimulationError(f"{name}={value!r} is not a {what}", cure)
     return number

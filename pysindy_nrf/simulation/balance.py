@@ -120,7 +120,7 @@ def law_force(system, law, s, v, a, t, row, z, u, out):
     for k in range(n_u):
         u[k] = row[system.channels[law[INPUT] + k]]
     _call_kernel(
-        law[KERNEL], s, v, a, t, u, n_u, z, law[STATE], law[N_STATES],
+        law[KERNEL], s, v, a, system.t0 + t, u, n_u, z, law[STATE], law[N_STATES],
         system.theta, law[THETA], law[N_THETA], out, n_terms,
     )  # fmt: skip
     force = 0.0

@@ -33,6 +33,8 @@ class System(NamedTuple):
         Columns of the inputs that hold the covariates of all laws, one after the other.
     link_inertia : bool
         Whether the mass matrix is not diagonal.
+    t0 : float
+        Time of the first sample on the clock of the laws, s.
     """
 
     masses: np.ndarray
@@ -42,6 +44,7 @@ class System(NamedTuple):
     theta: np.ndarray
     channels: np.ndarray
     link_inertia: bool
+    t0: float
 
 
 class Layout(NamedTuple):
@@ -64,13 +67,15 @@ class Layout(NamedTuple):
     keep: list
 
 
-def flatten(model: Any) -> tuple[System, Layout]:
+def flatten(model: Any, t0: float = 0.0) -> tuple[System, Layout]:
     """A chain model as flat arrays.
 
     Parameters
     ----------
     model : ChainModel
         Anything with ``chain``, ``masses`` and ``laws`` (by site, with coefficients).
+    t0 : float
+        Time of the first sample, s.
 
     Returns
     -------
@@ -130,6 +135,7 @@ def flatten(model: Any) -> tuple[System, Layout]:
         np.array(theta, dtype=float),
         np.array(channels, dtype=np.int64),
         bool(link_inertia),
+        float(t0),
     )
     return system, Layout(tuple(groups), states, names, keep)
 

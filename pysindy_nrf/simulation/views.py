@@ -10,7 +10,7 @@ from .system import Stages, System, Work
 def borrow_system(s):
     return System(
         borrow(s.masses), borrow(s.sites), borrow(s.laws), borrow(s.coefficients), borrow(s.theta), borrow(s.channels),
-        s.link_inertia,
+        s.link_inertia, s.t0,
     )  # fmt: skip
 
 

@@ -317,9 +317,10 @@ class _Work:
             return 1.0 - self._left(b, g, m) / whole if whole > 0 else np.nan
 
         value = one(gram, size)
-        rest = np.array([one(gram - g, size - m) for g, m in zip(self.grams, self.sizes)])
-        k = len(rest)
-        error = float(np.sqrt((k - 1) / k * ((rest - rest.mean()) ** 2).sum())) if k > 2 else float("nan")
+        k, error = len(self.sizes), float("nan")
+        if k > 2:
+            rest = np.array([one(gram - g, size - m) for g, m in zip(self.grams, self.sizes)])
+            error = float(np.sqrt((k - 1) / k * ((rest - rest.mean()) ** 2).sum()))
         return value, value - 2 * error, value + 2 * error
 
     # -- the force itself, and whose motion it follows --------------------------------------------

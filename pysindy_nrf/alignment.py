@@ -8,8 +8,8 @@ between them says why: its phase is a delay (straight in frequency) or an invers
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -35,12 +35,19 @@ STRONG = 1e-3  # share of a spectrum's peak
 LONGEST = 65536  # samples of a channel that are looked at
 FINE, MOST = 4, 20  # steps of a sample in which a delay is searched, and samples up to which
 CYCLES = 8  # of a line, at least, within the lasting part of a record
+CYCLES_OF_A_RUN, DENSE = 3, 4  # the same for runs that are differentiated first; lines of a run for each of its own
+AS_WELL = 0.9  # share of the best height at which another sign and shift do about as well
 NEIGHBOURS = 9  # lines that are averaged
 MISFIT = 0.5  # share of a channel that gain, sign and delay leave, from which on it is of another place
 DELAY, GAIN = 0.05, 0.02  # samples, and share of one, from which on a channel is called misaligned
 
 
-def channel_alignment(record: Record, band: tuple[float, float] | None = None, reference: str = "a") -> pd.DataFrame:
+def channel_alignment(
+    record: Record,
+    band: tuple[float, float] | None = None,
+    reference: str = "a",
+    runs: Sequence[slice] | None = None,
+) -> pd.DataFrame:
     """Delay, gain and sign of each motion channel against another channel of the same DOF.
 
     Parameters
@@ -50,6 +57,8 @@ def channel_alignment(record: Record, band: tuple[float, float] | None = None, r
         Hz; by default wherever the two channels are coherent.
     reference : {"a", "v", "x"}
         Kind taken as right; where a DOF lacks it the first that it has of a, v, x.
+    runs : sequence of slice, optional
+        Rows that are looked at; all if None.
 
     Returns
     -------
@@ -86,7 +95,7 @@ def channel_alignment(record: Record, band: tuple[float, float] | None = None, r
         first = reference if reference in own else next(iter(own))
         for kind, values in own.items():
             if kind != first:
-                rows[f"{kind}{j}"] = _against(record, base, (first, own[first]), (kind, values), j, band)
+                rows[f"{kind}{j}"] = _against(record, base, (first, own[first]), (kind, values), j, band, runs)
     if not rows:
         raise ChannelError(
             f"No DOF of record {record.name!r} has two kinds of motion channels",
@@ -314,6 +323,7 @@ def _against(
     other: tuple[str, np.ndarray],
     j: int,
     band: Any,
+    runs: Sequence[slice] | None,
 ) -> list[Any]:
     """One row of the table: the second channel against the first, in the frame of reference the record claims."""
     order = _ORDER[other[0]] - _ORDER[one[0]]
@@ -321,7 +331,7 @@ def _against(
     if said := _wrong_frame(record, one, other, names):
         return [names[0], *[np.nan] * 5, False, said]
     first, second = (y - base if k == "a" and base is not None else y for k, y in (one, other))
-    return _compare(first, second, order, record.fs, band, *names)
+    return _compare(first, second, order, record.fs, band, *names, runs)
 
 
 def _wrong_frame(
@@ -359,9 +369,7 @@ def _wrong_frame(
             f"{x} moves as a{x[1:]} itself says, not as a{x[1:]} less the base acceleration: {x} is absolute "
             f"(coordinates='absolute'), or a{x[1:]} is relative to the base (add ag to it)"
         )
-    return (
-        f"{x} moves as a{x[1:]} less the base acceleration says: it is relative to the base (coordinates='relative')"
-    )
+    return f"{x} moves as a{x[1:]} less the base acceleration says: it is relative to the base (coordinates='relative')"
 
 
 def _duration(line: np.ndarray) -> float:
@@ -370,31 +378,115 @@ def _duration(line: np.ndarray) -> float:
     return float(power.sum() ** 2 / max((power**2).sum(), np.finfo(float).tiny))
 
 
-def _compare(
-    first: np.ndarray, second: np.ndarray, order: int, fs: float, band: Any, one: str, other: str
-) -> list[Any]:
-    """Fit gain, sign and delay of the second channel against derivatives of the first."""
-    from scipy.ndimage import uniform_filter1d
+class _Lines(NamedTuple):
+    """Spectra of two channels brought to one kind, averaged over neighbouring lines."""
+
+    f: np.ndarray
+    cross: np.ndarray
+    own: np.ndarray
+    theirs: np.ndarray
+    size: np.ndarray
+    slowest: float
+    length: int
+
+
+def _whole(first: np.ndarray, second: np.ndarray, order: int, fs: float) -> _Lines:
+    """Lines of the whole record."""
     from scipy.signal import detrend
 
     good = np.isfinite(first) & np.isfinite(second)
     y, z = (detrend(line[good][:LONGEST]) for line in (first, second))
     length = len(y)
-    bell = 1 - np.cos(2 * np.pi * (np.arange(length) + 0.5) / length)
+    bell = _bell(length)
     f = np.fft.rfftfreq(length, 1 / fs)
     Y, Z = np.fft.rfft(bell * y), np.fft.rfft(bell * z)
     # derived line by line before lines are averaged: however steep the spectra, nothing leaks then
     U = Y * np.where(f > 0, 2j * np.pi * f, 1.0) ** order
-
-    def mean(product: np.ndarray) -> np.ndarray:
-        return uniform_filter1d(product, NEIGHBOURS)
-
-    both = np.conj(U) * Z
-    cross, own, theirs = mean(both.real) + 1j * mean(both.imag), mean(np.abs(U) ** 2), mean(np.abs(Z) ** 2)
-    size = mean(np.abs(Y) ** 2)
     # the bell is differentiated too: lines with few cycles under it and under the motion's own decay tell nothing
     lasting = min(_duration(bell * y), _duration(bell * z)) / fs
-    use = (np.arange(len(f)) > NEIGHBOURS) & (f * lasting > CYCLES) & (f < 0.4 * fs)
+    sums = _mean(np.conj(U) * Z), _mean(np.abs(U) ** 2), _mean(np.abs(Z) ** 2), _mean(np.abs(Y) ** 2)
+    return _Lines(f, *sums, CYCLES / lasting if lasting else np.inf, length)
+
+
+def _in_runs(first: np.ndarray, second: np.ndarray, order: int, fs: float, runs: Sequence[slice]) -> _Lines:
+    """Lines of several runs together.
+
+    Runs are short, so the channel that is the integral of the other is differentiated before the bell is laid over
+    it (a central difference, undone line by line), and slow lines tell as much as fast ones.
+    """
+    from scipy.signal import detrend
+
+    longest = min(max(run.stop - run.start for run in runs), LONGEST)
+    dense = DENSE * longest
+    f = np.fft.rfftfreq(dense, 1 / fs)
+    turn = np.minimum(2 * np.pi * f / fs, 0.9 * np.pi)
+    true = {1: np.where(f > 0, np.sin(turn) / np.where(f > 0, turn, 1.0), 1.0)}
+    true[2] = np.where(f > 0, 2 * (1 - np.cos(turn)) / np.where(f > 0, turn, 1.0) ** 2, 1.0)
+    total = [np.zeros(len(f), dtype=complex), np.zeros(len(f)), np.zeros(len(f))]
+    for run in runs:
+        pair = first[run][:longest], second[run][:longest]
+        good = np.isfinite(pair[0]) & np.isfinite(pair[1])
+        y, z = (_derived(line[good], max(k, 0), fs) for line, k in zip(pair, (order, -order)))
+        if len(y) < 2 * NEIGHBOURS:
+            continue
+        U, Z = (np.fft.rfft(_bell(len(line)) * detrend(line), dense) for line in (y, z))
+        if order:
+            U, Z = (U / true[order], Z) if order > 0 else (U, Z / true[-order])
+        for part, more in zip(total, (np.conj(U) * Z, np.abs(U) ** 2, np.abs(Z) ** 2)):
+            part += np.where(f < 0.45 * fs, more, 0.0)  # beyond, a difference tells nothing
+    cross, own, theirs = (_mean(part) for part in total)
+    return _Lines(f, cross, own, theirs, own, CYCLES_OF_A_RUN * fs / longest, dense)
+
+
+def _likelier(heights: np.ndarray, steps: np.ndarray) -> tuple[float, int]:
+    """Sign and shift that line all phases up best.
+
+    A narrow motion that is late by some of a period looks like one of the other sign that is early by the rest: of two
+    that do about as well the shorter shift is taken.
+    """
+    plus, minus = int(np.argmax(heights)), int(np.argmin(heights))
+    best, other = (plus, minus) if heights[plus] >= -heights[minus] else (minus, plus)
+    if abs(heights[other]) > AS_WELL * abs(heights[best]) and abs(steps[other]) < abs(steps[best]):
+        best = other
+    return (1.0 if heights[best] > 0 else -1.0), int(steps[best])
+
+
+def _derived(y: np.ndarray, order: int, fs: float) -> np.ndarray:
+    """Central differences of first or second order, a sample shorter at either end."""
+    if order == 0:
+        return y[1:-1]
+    if order == 1:
+        return (y[2:] - y[:-2]) * (0.5 * fs)
+    return (y[2:] - 2 * y[1:-1] + y[:-2]) * fs**2
+
+
+def _bell(length: int) -> np.ndarray:
+    return np.asarray(1 - np.cos(2 * np.pi * (np.arange(length) + 0.5) / length))
+
+
+def _mean(product: np.ndarray) -> np.ndarray:
+    """Mean over neighbouring lines."""
+    from scipy.ndimage import uniform_filter1d
+
+    if np.iscomplexobj(product):
+        return np.asarray(uniform_filter1d(product.real, NEIGHBOURS) + 1j * uniform_filter1d(product.imag, NEIGHBOURS))
+    return np.asarray(uniform_filter1d(product, NEIGHBOURS))
+
+
+def _compare(
+    first: np.ndarray,
+    second: np.ndarray,
+    order: int,
+    fs: float,
+    band: Any,
+    one: str,
+    other: str,
+    runs: Sequence[slice] | None,
+) -> list[Any]:
+    """Fit gain, sign and delay of the second channel against derivatives of the first."""
+    lines = _whole(first, second, order, fs) if runs is None else _in_runs(first, second, order, fs, runs)
+    f, cross, own, theirs, size, slowest, length = lines
+    use = (np.arange(len(f)) > NEIGHBOURS) & (f > slowest) & (f < 0.4 * fs)
     use &= (size > STRONG * size.max()) & (theirs > STRONG * theirs.max())
     if band is not None:
         use &= (f >= band[0]) & (f <= band[1])
@@ -418,9 +510,9 @@ def _compare(
     fine = max(FINE, -(-FINE * 256 // length))
     total = np.fft.irfft(lined, fine * length)
     near = np.r_[0 : MOST * fine + 1, len(total) - MOST * fine : len(total)]
-    best = int(near[np.argmax(np.abs(total[near]))])
-    sign = 1.0 if total[best] > 0 else -1.0
-    delay = -(best if best <= len(total) // 2 else best - len(total)) / fine / fs
+    steps = np.where(near <= len(total) // 2, near, near - len(total))
+    sign, step = _likelier(total[near], steps)
+    delay = step / fine / fs
     for _ in range(3):
         phase = np.angle(sign * H * np.exp(1j * w * delay))
         delay -= float((weight * w * phase).sum() / (weight * w**2).sum())

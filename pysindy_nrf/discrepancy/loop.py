@@ -18,6 +18,7 @@ from ..regressor import NRFRegressor
 from ..segments import SegmentSet
 from ..sites import Site
 from .catalogue import SPECIAL_CASES, Candidate, as_laws, balances_of, candidates
+from .contradictions import contradictions
 from .floor_source import FloorSource
 from .free_run import free_run_error
 from .gate import FLOOR, MIN_GAIN, Verdict, choose, judge
@@ -27,7 +28,8 @@ from .prepare import Prepared, prepare
 from .reestimate import needless, place_of, reestimated
 from .report import LoopReport, Scene, Step, audit
 from .search import Finding, refine, screen, validate
-from .sensors import SensorFinding, contradictions, sensor_findings
+from .second_opinion import confirmed
+from .sensors import SensorFinding, sensor_findings
 from .spectral_lines import lines_of
 from .splits import BlockRows, joined, split
 from .stage import Stage, Trial
@@ -314,6 +316,8 @@ class _Loop:
             if passed:
                 verdict = self._alone(stage, chosen, verdict)
             if verdict.accepted:
+                verdict = confirmed(verdict, stage, chosen.on(stage), null)
+            if verdict.accepted:
                 if not isinstance(chosen, SensorFinding) and not self.ready.clean:
                     chosen, tied = likeliest(stage, chosen, tied, ranking, before, self._null)
                 return [(chosen, tied)], verdict
@@ -325,7 +329,7 @@ class _Loop:
             if not left:
                 break
         assert first is not None
-        return look_ahead(stage, ranking, before, lambda: null.stages) or first
+        return look_ahead(stage, ranking, before, null) or first
 
     def _null(self, stage: Stage) -> Null:
         """A single surrogate of a model."""

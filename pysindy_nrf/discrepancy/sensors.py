@@ -18,7 +18,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from ..alignment import channel_alignment
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw
 from ..laws.sensor import ChannelDelay, GainError, SensorFault, SensorOffset
@@ -26,20 +25,16 @@ from ..segments import Segment, SegmentSet
 from ..simulation.readings import as_true
 from ..sites import Site
 from .catalogue import Candidate
+from .contradictions import CONTRADICTION, MOST, Suspect, contradictory, longest, pace
 from .gate import MIN_GAIN, TIE
 from .prepare import Prepared, prepare
 from .search import Finding
-from .splits import BlockRows, joined
+from .splits import BlockRows
 from .stage import Stage
 from .workspace import Workspace
 
-# Contradictions between channels of one DOF, as a share of the channel, that are looked into, and that are
-# worth a word; and how many.
-_CONTRADICTION, _SAID = 0.02, 0.06
-_MOST_CONTRADICTIONS = 4
+# Gain that is asked where the channels themselves bear witness.
 _WITNESSED = 0.05
-# Samples below which half a record tells no delay.
-_HALF = 1000
 # Share to which the error must have fallen before a fault that explained nothing is tried again.
 _AGAIN = 0.5
 # How far, as a share, the value of such a fault may be off, and trials to mend it.
@@ -88,15 +83,6 @@ class SensorFinding(Finding):
         return self.stage
 
 
-@dataclass(frozen=True)
-class _Suspect:
-    """A fault at a channel; ``remark`` where the channels of one DOF contradict each other."""
-
-    law: SensorFault
-    site: Site
-    remark: str = ""
-
-
 def sensor_findings(ready: Prepared, work: Workspace, stage: Stage, laws: Sequence[ForceLaw]) -> list[SensorFinding]:
     """Faulty sensors that lower the error, validated, best first.
 
@@ -117,15 +103,15 @@ def sensor_findings(ready: Prepared, work: Workspace, stage: Stage, laws: Sequen
     if not names:
         return []
     now = stage.trial().search_error()
-    promising: list[tuple[float, _Suspect]] = []
-    seen = _contradictions(ready, work)
-    contradictory = [s for size, s in seen if s.law.name in names and size >= _CONTRADICTION][:_MOST_CONTRADICTIONS]
+    promising: list[tuple[float, Suspect]] = []
+    seen = contradictory(ready, work)
+    against = [s for size, s in seen if s.law.name in names and size >= CONTRADICTION][:MOST]
     for suspect in _alone(ready, work, names):
         best = _scan(work, stage, suspect, now)
         if best is not None:
             promising.append(best)
     promising.sort(key=lambda p: p[0])
-    found = [_tried(ready, work, stage, s, now) for s in contradictory]
+    found = [_tried(ready, work, stage, s, now) for s in against]
     found += [_rebuilt(ready, work, stage, s) for _, s in promising[:_REBUILT]]
     kept = sorted((f for f in found if f is not None and f.screen < now), key=lambda f: f.error)
     if kept and kept[0].remark and kept[0].screen < (1 - _WITNESSED) * now:
@@ -136,105 +122,28 @@ def sensor_findings(ready: Prepared, work: Workspace, stage: Stage, laws: Sequen
     return kept
 
 
-def contradictions(ready: Prepared, work: Workspace) -> list[str]:
-    """Channels of one DOF that do not show one motion, in words.
-
-    Parameters
-    ----------
-    ready : Prepared
-    work : Workspace
-
-    Returns
-    -------
-    list of str
-    """
-    said = [s.remark for size, s in _contradictions(ready, work) if size >= _SAID]
-    return list(dict.fromkeys(said[:_MOST_CONTRADICTIONS]))
-
-
 def null_gain(stage: Stage, finding: SensorFinding) -> float:
     """Fall of the error that the same fault promises on data without it, as a share."""
     if finding.remark:
         return 0.0  # the channels contradict each other, whatever the model
     assert isinstance(finding.law, SensorFault)
     now = stage.trial().search_error()
-    best = _scan(stage.work, stage, _Suspect(finding.law, finding.site), now)
+    best = _scan(stage.work, stage, Suspect(finding.law, finding.site), now)
     return 0.0 if best is None else 1.0 - best[0] / now
 
 
-# -- who is suspected -----------------------------------------------------------------------------
-
-
-def _longest(work: Workspace) -> tuple[int, slice]:
-    """The longest run of search rows without a held-out piece in it: number of its record, rows of the record."""
-    runs = [(i, run) for i in work.searched for run in joined(b.rows for b in work.search if b.segment == i)]
-    chosen, rows = max(runs, key=lambda r: r[1].stop - r[1].start)
-    first = work.data.segments[chosen].valid.start
-    return chosen, slice(first + rows.start, first + rows.stop)
-
-
-def _contradictions(ready: Prepared, work: Workspace) -> list[tuple[float, _Suspect]]:
-    """Faults that would reconcile the channels of one DOF, with their size as a share of the channel, largest first.
-
-    They are looked for once: nothing in the channels changes from step to step.
-    """
-    if ready.contradictions is not None:
-        return ready.contradictions
-    chosen, rows = _longest(work)
-    record, middle = ready.records[chosen], (rows.start + rows.stop) // 2
-    try:
-        table = channel_alignment(record.rows(rows))
-        parts = [slice(rows.start, middle), slice(middle, rows.stop)] if middle - rows.start >= _HALF else [rows]
-        halves = [channel_alignment(record.rows(part)) for part in parts]
-    except NRFError:
-        ready.contradictions = []
-        return []
-    sized: list[tuple[float, _Suspect]] = []
-    for name, row in table.iterrows():
-        if row["aligned"] or not np.isfinite(row["gain"]):
-            continue
-        channel, reference = str(name), str(row["reference"])
-        gain = float(row["sign"] * row["gain"])
-        pace = _pace(work, int(channel[1:]))
-        late = [float(half.loc[name, "delay"]) for half in halves]
-        large = [float(half.loc[name, "sign"] * half.loc[name, "gain"]) - 1.0 for half in halves]
-        pairs = [
-            (abs(row["delay"]) * pace, late, ChannelDelay(row["delay"]), ChannelDelay(-row["delay"])),
-            (_beyond_noise(gain, row["coherence"]), large, GainError(gain - 1.0), GainError(1.0 / gain - 1.0)),
-        ]
-        for size, seen, own, other in pairs:
-            # what one half of the record does not confirm is chance
-            if size < _CONTRADICTION or not (all(x > 0 for x in seen) or all(x < 0 for x in seen)):
-                continue
-            for law, of in ((own, channel), (other, reference)):
-                sized.append((size, _Suspect(law, Site(f"sensor {of}"), str(row["message"]))))
-    once: dict[tuple[str, str], tuple[float, _Suspect]] = {}
-    for size, s in sorted(sized, key=lambda p: -p[0]):
-        once.setdefault((s.law.name, str(s.site)), (size, s))
-    ready.contradictions = list(once.values())
-    return ready.contradictions
-
-
-def _beyond_noise(gain: float, coherence: float) -> float:
-    """Deviation of a gain from 1; zero where noise in either channel alone could make it seem so.
-
-    The gain lies between that of a noisy output, ``g sqrt(coherence)``, and of a noisy input, ``g / sqrt(coherence)``.
-    """
-    return abs(gain - 1.0) if gain <= 0 or abs(np.log(gain)) > -0.5 * np.log(coherence) else 0.0
-
-
-def _alone(ready: Prepared, work: Workspace, names: set[str]) -> Iterator[_Suspect]:
+def _alone(ready: Prepared, work: Workspace, names: set[str]) -> Iterator[Suspect]:
     """Channels that no other channel of their DOF can contradict, with faults that the balances can show."""
-    chosen, _ = _longest(work)
+    chosen, _ = longest(work)
     record = ready.records[chosen]
     kinds = {j: [k for k in "avx" if f"{k}{j}" in record.measured] for j in range(1, record.n_dof + 1)}
     apart = {j for j, held in kinds.items() if len(held) == 1}
     scales = len(work.forced) + len(work.known_masses)
     n = work.n_dof
 
-    def suspects(law: SensorFault, channels: list[str]) -> Iterator[_Suspect]:
+    def suspects(law: SensorFault, channels: list[str]) -> Iterator[Suspect]:
         if law.name in names:
-            yield from (_Suspect(law, Site(f"sensor {c}")) for c in channels)
+            yield from (Suspect(law, Site(f"sensor {c}")) for c in channels)
 
     single = [f"{k}{j}" for j in sorted(apart) for k in "avx" if f"{k}{j}" in record.measured]
     forces = [f"F{j}" for j in work.forced]
@@ -247,23 +156,12 @@ def _alone(ready: Prepared, work: Workspace, names: set[str]) -> Iterator[_Suspe
 # -- from the balances alone ----------------------------------------------------------------------
 
 
-def _pace(work: Workspace, dof: int) -> float:
-    """Mean circular frequency of the displacement of a DOF's rate, 1/s."""
-    top = bottom = 0.0
-    for i in {b.segment for b in work.search}:
-        seg = work.data.segments[i]
-        v = seg.v[seg.valid, :dof].sum(axis=1)
-        a = np.diff(v) / (seg.dt or 1.0)
-        top, bottom = top + float(a @ a), bottom + float(v @ v)
-    return float(np.sqrt(top / bottom)) if bottom > 0 else 1.0
-
-
-def _scan(work: Workspace, stage: Stage, suspect: _Suspect, now: float) -> tuple[float, _Suspect] | None:
+def _scan(work: Workspace, stage: Stage, suspect: Suspect, now: float) -> tuple[float, Suspect] | None:
     """The best value of a fault and its error; None if a parabola through three trials promises too little."""
     kind, j = suspect.site.channel[0], int(suspect.site.channel[1:])
     step, reach = _STEPS[suspect.law.name]
     if suspect.law.name == "channel_delay":
-        unit = 1.0 / _pace(work, j)
+        unit = 1.0 / pace(work, j)
     elif suspect.law.name == "sensor_offset":
         unit = work.scales(Site(f"ground {j}"))[0]
     else:
@@ -305,11 +203,11 @@ def _scan(work: Workspace, stage: Stage, suspect: _Suspect, now: float) -> tuple
     return float(best.fun), replace(suspect, law=suspect.law.with_values([float(best.x)]))
 
 
-def _means(work: Workspace, suspect: _Suspect) -> list[float]:
+def _means(work: Workspace, suspect: Suspect) -> list[float]:
     """The mean of a displacement, from which an offset of its sensor is not far."""
     if suspect.law.name != "sensor_offset":
         return []
-    i, rows = _longest(work)
+    i, rows = longest(work)
     return [float(work.data.segments[i].s[rows, : int(suspect.site.channel[1:])].sum(axis=1).mean())]
 
 
@@ -361,7 +259,7 @@ def _with_segments(work: Workspace, segments: Sequence[Segment]) -> Workspace:
 # -- from the records -----------------------------------------------------------------------------
 
 
-def _tried(ready: Prepared, work: Workspace, stage: Stage, suspect: _Suspect, now: float) -> SensorFinding | None:
+def _tried(ready: Prepared, work: Workspace, stage: Stage, suspect: Suspect, now: float) -> SensorFinding | None:
     """A fault that the channels tell, once the model is so good that it could show; refused, not again before."""
     key = suspect.law.name, str(suspect.site)
     if now > _AGAIN * ready.refused.get(key, np.inf):
@@ -372,7 +270,7 @@ def _tried(ready: Prepared, work: Workspace, stage: Stage, suspect: _Suspect, no
     return found
 
 
-def _rebuilt(ready: Prepared, work: Workspace, stage: Stage, suspect: _Suspect) -> SensorFinding | None:
+def _rebuilt(ready: Prepared, work: Workspace, stage: Stage, suspect: Suspect) -> SensorFinding | None:
     """Everything again from the corrected records: fusion (which forces take no part in), columns, errors."""
     held = ready.heldout or []
     kind, j = suspect.site.channel[0], int(suspect.site.channel[1:])
@@ -403,7 +301,7 @@ def _sharpened(ready: Prepared, work: Workspace, stage: Stage, finding: SensorFi
 
     def cost(value: float) -> float:
         nonlocal best
-        one = _rebuilt(ready, work, stage, _Suspect(fault.with_values([value]), finding.site, finding.remark))
+        one = _rebuilt(ready, work, stage, Suspect(fault.with_values([value]), finding.site, finding.remark))
         if one is None:
             return 1e6
         best = min(best, one, key=lambda f: f.screen)
@@ -419,4 +317,4 @@ def _sharpened(ready: Prepared, work: Workspace, stage: Stage, finding: SensorFi
     return best
 
 
-__all__ = ["SensorFinding", "contradictions", "null_gain", "sensor_findings"]
+__all__ = ["SensorFinding", "null_gain", "sensor_findings"]

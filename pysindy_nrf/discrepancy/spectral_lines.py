@@ -105,7 +105,7 @@ def hidden_lines(
     """
     rows = np.vstack([columns, target])
     n = rows.shape[1]
-    seen = np.count_nonzero(rows.any(axis=0))
+    seen = int(np.count_nonzero(rows.any(axis=0)))
     size = np.sqrt(np.mean(rows**2, axis=1, keepdims=True))
     rows = rows / np.where(size > 0, size, 1.0)
     gram = rows @ rows.T

@@ -16,6 +16,8 @@ N_BLOCKS = 10
 SETTLING = 0.04
 # Share of its rms that a motion at rest may show at the start: noise.
 AT_REST = 0.25
+# Share of the mean force energy of a block below which its forces rest; blocks that must be left when such are joined.
+RESTING, FEWEST_BLOCKS = 0.1, 4
 # Fewer samples than this let any law of a hundred fit.
 LEAST_ROWS = 200
 
@@ -190,4 +192,39 @@ def split(
         raise ChannelError(
             "The records are too short to be split into search, validation and held-out parts", "Give longer records."
         )
-    return search, held
+    return awake(search, segments), held
+
+
+def awake(blocks: list[BlockRows], segments: Sequence[Segment]) -> list[BlockRows]:
+    """Blocks in which the forces rest, joined to their neighbours.
+
+    The error of a balance is a share of the force applied to it. While a structure rings after a hammer blow there
+    is none, and a block of nothing else has errors of many hundred percent, whatever the model.
+
+    Parameters
+    ----------
+    blocks : list of BlockRows
+    segments : sequence of Segment
+
+    Returns
+    -------
+    list of BlockRows
+        The same if no force is measured, or if fewer than four would be left.
+    """
+    force = [np.nan_to_num(segments[b.segment].F[segments[b.segment].valid][b.rows].astype(float)) for b in blocks]
+    energy = np.array([(F**2).sum(axis=0) for F in force])
+    total = energy.sum(axis=0)
+    if not total.any():
+        return blocks
+    rests = (energy[:, total > 0] / total[total > 0]).mean(axis=1) < RESTING / len(blocks)
+    out: list[BlockRows] = []
+    asleep = False  # whether the last block of the list still waits for a force
+    for block, resting in zip(blocks, rests):
+        last = out[-1] if out else None
+        if last and last.segment == block.segment and last.rows.stop == block.rows.start and (resting or asleep):
+            out[-1] = BlockRows(block.segment, slice(last.rows.start, block.rows.stop))
+            asleep = asleep and bool(resting)
+        else:
+            out.append(block)
+            asleep = bool(resting)
+    return out if len(out) >= FEWEST_BLOCKS else blocks

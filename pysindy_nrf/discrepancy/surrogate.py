@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from scipy.signal import welch
 
+from ..chain_solve import Solution
 from ..exceptions import NRFError
 from ..model import ChainModel
 from ..record import Record
 from ..segments import Segment, SegmentSet
+from ..solved import model_of
 from .gate import FLOOR, gain_of
 from .noise_floor import AT_FLOOR
 from .noise_level import levels_of, lower_tail, noisy_base, quiet_drive
@@ -20,9 +23,11 @@ from .prepare import Prepared, prepare
 from .search import Finding, refine, screen, validate
 from .sensors import SensorFinding, null_gain
 from .splits import BlockRows
-from .stage import Stage
+from .stage import Stage, Trial
 from .workspace import Workspace
 
+# Share of a mass or a force by which noise may make it wrong before that matters.
+UNBIASED = 0.005
 _MOTIONS = ("acceleration", "velocity", "displacement")
 
 
@@ -139,14 +144,64 @@ class Null:
     def __init__(self, ready: Prepared, stage: Stage, rng: np.random.Generator, count: int) -> None:
         self.ready, self.stage, self.rng, self.count = ready, stage, rng, count
 
-    @cached_property
+    @property
     def stages(self) -> list[Stage]:
         """The same laws on surrogate records; empty where no free run is possible."""
+        return self._made[0]
+
+    @property
+    def bias(self) -> float:
+        """By how much noise makes the model wrong: the largest share of a mass or of a site's force; 0 if unknown."""
+        return self._made[1]
+
+    @cached_property
+    def _made(self) -> tuple[list[Stage], float]:
         try:
-            model = self.stage.trial().model()
-            return [self._one(model) for _ in range(self.count)] if (model.masses > 0).all() else []
+            trial = self.stage.trial()
+            found = trial.solve(range(len(self.stage.work.search)))
+            model = model_of(trial.layout, found)
+            first = [self._one(model) for _ in range(self.count)] if (model.masses > 0).all() else []
         except (NRFError, np.linalg.LinAlgError):
-            return []
+            return [], 0.0
+        return self._like_the_truth(trial, found, first) if first else ([], 0.0)
+
+    def _like_the_truth(self, trial: Trial, found: Solution, first: list[Stage]) -> tuple[list[Stage], float]:
+        """Surrogates of what the model would be if noise had not made it wrong, and how wrong it made it.
+
+        Least squares on noisy motions returns masses and stiffnesses that are low. A surrogate of such a model is less
+        wrong than the model is, and so is what a candidate makes up for in it. By how much the surrogates' own
+        estimates miss tells what to begin with (indirect inference: Gourieroux, Monfort and Renault, J. Appl.
+        Econometrics 8, 1993, S85).
+        """
+        try:
+            every = [s.trial().solve(range(len(s.work.search))) for s in first]
+        except (NRFError, np.linalg.LinAlgError):
+            return first, 0.0
+        shifts = [self._shift(trial, found, e) for e in every]
+        bias = max(shifts)
+        masses, coefficients = dict(found.masses), dict(found.coefficients)
+        for j, m in found.masses.items():
+            masses[j] = 2 * m - float(np.mean([e.masses[j] for e in every]))
+        for site, c in found.coefficients.items():
+            coefficients[site] = 2 * c - np.mean([e.coefficients[site] for e in every], axis=0)
+        if bias < UNBIASED or min(masses.values()) <= 0:
+            return first, bias
+        try:
+            model = model_of(trial.layout, replace(found, masses=masses, coefficients=coefficients))
+            return [self._one(model) for _ in first], bias
+        except (NRFError, np.linalg.LinAlgError):  # that one has no free run
+            return first, bias
+
+    def _shift(self, trial: Trial, found: Solution, other: Solution) -> float:
+        """Largest difference of two solutions, as a share of a mass or of a site's force."""
+        size = np.sqrt(np.diag(self.stage.grams.sum(axis=0)))
+        shares = [abs(other.masses[j] - m) / m for j, m in found.masses.items()]
+        for site, c in found.coefficients.items():
+            weight = size[trial.layout.slices[site]]
+            whole = float(np.linalg.norm(c * weight))
+            gap = float(np.linalg.norm((other.coefficients[site] - c) * weight))
+            shares.append(gap / whole if whole > 0 else 0.0)
+        return max(shares)
 
     def _one(self, model: ChainModel) -> Stage:
         ready, work = self.ready, self.stage.work

@@ -7,7 +7,7 @@ of the other, and the gate judges them as one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -15,13 +15,15 @@ from ..exceptions import NRFError
 from .catalogue import balances_of
 from .gate import FLOOR, MEMBER_GAIN, MIN_WINS, Verdict, choose, gain_of, judge
 from .search import Finding, refine, screen, validate
+from .second_opinion import confirmed
 from .stage import Stage
+from .surrogate import Null
 
 _MOST = 4
 
 
 def look_ahead(
-    stage: Stage, ranking: Sequence[Finding], before: np.ndarray, nulls: Callable[[], Sequence[Stage]]
+    stage: Stage, ranking: Sequence[Finding], before: np.ndarray, null: Null
 ) -> tuple[list[tuple[Finding, list[Finding]]], Verdict] | None:
     """Candidates of several sites that pass the gate together.
 
@@ -32,8 +34,8 @@ def look_ahead(
         Validated candidates, none of which passed alone.
     before : ndarray of shape (n_blocks,)
         Errors of the current model.
-    nulls : callable
-        Gives the current laws on surrogates that hold nothing but noise.
+    null : Null
+        The current laws on surrogates that hold nothing but noise.
 
     Returns
     -------
@@ -59,7 +61,9 @@ def look_ahead(
     n_parameters = sum(f.n_parameters for f in members) - 2 * (len(members) - 1)
     if not judge(before, after, n_parameters).accepted:
         return None
-    verdict = judge(before, after, n_parameters, max((_null_gain(s, members) for s in nulls()), default=0.0))
+    verdict = judge(before, after, n_parameters, max((_null_gain(s, members) for s in null.stages), default=0.0))
+    if verdict.accepted:
+        verdict = confirmed(verdict, stage, whole, null)
     return ([(f, tied) for f, tied, _ in found], verdict) if verdict.accepted else None
 
 

@@ -1,0 +1,98 @@
+"""Whether an effect is still needed where noise makes nothing wrong.
+
+Noise in the motions makes the masses and coefficients of least squares low, most where the motion is small: early or
+late in a sweep, after the strong part of an earthquake. A stiffness that drifts, a force with another gain or a
+constant makes up for some of that, in every block of the data. Instrumental variables are not made wrong by noise: with
+their coefficients the error falls only if the effect is there.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+
+from ..estimation.iv import instrumental_variables
+from ..exceptions import NRFError, NRFWarning
+from .evidence import searched
+from .gate import Verdict, gain_of
+from .stage import Stage
+from .surrogate import UNBIASED, Null
+
+# Share of the gain by least squares that must be left without the noise's share in it.
+_LEFT = 0.25
+# An error this many times what noise leaves is not made by noise.
+_BEYOND = 2.5
+# An error this many times that of least squares says that the instruments are too weak to be asked.
+_WEAK = 1.3
+# Noise that makes a mass or a force wrong by this share, with no instruments to ask: gain that is then asked for,
+# beside twice that of the surrogates; error, percent, beyond which nothing is believed.
+_STRONG, _GAIN, _OPEN = 0.05, 0.5, 50.0
+
+
+def unbiased_errors(stage: Stage) -> np.ndarray | None:
+    """Balance errors on the search blocks with masses and coefficients by instrumental variables.
+
+    Parameters
+    ----------
+    stage : Stage
+
+    Returns
+    -------
+    ndarray of shape (n_blocks,) or None
+        Percent NRMSE; None where no free run can serve as an instrument.
+    """
+    trial, work = stage.trial(), stage.work
+    data, filters = searched(work)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", NRFWarning)
+            found = instrumental_variables(
+                trial.model(), data, trial.layout, trial.walk, filters, work.known_masses
+            )
+            if found is None:
+                return None
+            return np.array([trial.error(found.solution, [b]) for b in range(len(work.search))])
+    except (NRFError, np.linalg.LinAlgError):
+        return None
+
+
+def confirmed(verdict: Verdict, stage: Stage, after: Stage, null: Null) -> Verdict:
+    """The verdict on an accepted effect once the noise's own share in it is known.
+
+    Parameters
+    ----------
+    verdict : Verdict
+        By least squares.
+    stage, after : Stage
+        Without and with the effect.
+    null : Null
+        Of the model without it.
+
+    Returns
+    -------
+    Verdict
+    """
+    if null.ready.clean or (null.stages and null.bias < UNBIASED):
+        return verdict
+    plain = [float(np.median(s.slot().folds())) for s in (stage, after)]
+    if plain[0] > _BEYOND * null.floor:  # not so of a floor that is not known
+        return verdict
+    before, left = unbiased_errors(stage), unbiased_errors(after)
+    if before is not None and left is not None:
+        clean = [float(np.median(before)), float(np.median(left))]
+        if clean[0] <= _WEAK * plain[0] or clean[1] <= _WEAK * plain[1]:
+            if gain_of(before, left) >= _LEFT * verdict.gain:
+                return verdict
+            fall = f"{clean[0]:.3g} to {clean[1]:.3g} %"
+            said = f"{verdict.sentence}; but not with instrumental variables, which noise does not bias ({fall})"
+            return replace(verdict, accepted=False, sentence=said)
+    needed = max(_GAIN, 2.0 * verdict.null_gain + 0.05) if null.stages else 0.0
+    if (null.stages and null.bias < _STRONG) or (verdict.gain >= needed and plain[1] <= _OPEN):
+        return verdict
+    wrong = f"noise alone makes the model wrong by {100 * null.bias:.0f} %" if null.stages else "noise is strong"
+    return replace(verdict, accepted=False, sentence=f"{verdict.sentence}; {wrong}, and no instruments can tell")
+
+
+__all__ = ["confirmed", "unbiased_errors"]

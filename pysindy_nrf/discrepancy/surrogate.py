@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -28,6 +29,8 @@ from .workspace import Workspace
 
 # Share of a mass or a force by which noise may make it wrong before that matters.
 UNBIASED = 0.005
+# Gain that noise can lend to the fault of a sensor which no other channel contradicts.
+_OF_A_SENSOR = 0.5
 _MOTIONS = ("acceleration", "velocity", "displacement")
 
 
@@ -127,6 +130,11 @@ def force_noise(residual: np.ndarray, force: np.ndarray, fs: float, band: tuple 
     return np.where(forced, np.minimum(np.sqrt(level * fs / 2), residual.std(axis=0)), 0.0)
 
 
+def _finite(stages: Iterable[Stage]) -> list[Stage]:
+    """Those that can be judged: the run of an unstable model says nothing."""
+    return [stage for stage in stages if np.isfinite(stage.slot().folds()).all()]
+
+
 class Null:
     """What the search would see if a model were the whole truth: its own free run with fresh noise.
 
@@ -160,7 +168,7 @@ class Null:
             trial = self.stage.trial()
             found = trial.solve(range(len(self.stage.work.search)))
             model = model_of(trial.layout, found)
-            first = [self._one(model) for _ in range(self.count)] if (model.masses > 0).all() else []
+            first = _finite(self._one(model) for _ in range(self.count)) if (model.masses > 0).all() else []
         except (NRFError, np.linalg.LinAlgError):
             return [], 0.0
         return self._like_the_truth(trial, found, first) if first else ([], 0.0)
@@ -188,7 +196,7 @@ class Null:
             return first, bias
         try:
             model = model_of(trial.layout, replace(found, masses=masses, coefficients=coefficients))
-            return [self._one(model) for _ in first], bias
+            return _finite(self._one(model) for _ in first) or first, bias
         except (NRFError, np.linalg.LinAlgError):  # that one has no free run
             return first, bias
 
@@ -252,11 +260,10 @@ class Null:
         """Largest gain of a candidate where it does not act; zero if unknown.
 
         Noise leaves the masses of least squares some percent off, otherwise from draw to draw, and a fault of a sensor
-        makes up for that: where the model is at the floor, all of its gain may be noise (1).
+        makes up for that: where the model is at the floor, a good part of its gain may be noise.
         """
-        if isinstance(finding, SensorFinding) and not finding.remark and self.reached:
-            return 1.0
-        gains = [0.0]
+        own = isinstance(finding, SensorFinding) and not finding.remark and self.reached
+        gains = [_OF_A_SENSOR if own else 0.0]
         for stage in self.stages:
             try:
                 if isinstance(finding, SensorFinding):

@@ -4,6 +4,9 @@ Noise in the motions makes the masses and coefficients of least squares low, mos
 late in a sweep, after the strong part of an earthquake. A stiffness that drifts, a force with another gain or a
 constant makes up for some of that, in every block of the data. Instrumental variables are not made wrong by noise: with
 their coefficients the error falls only if the effect is there.
+
+Frictions and hystereses are not asked about. Noise does not look like them, and their free runs under a noisy force
+stick and slip in every sample, which takes minutes.
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ import numpy as np
 
 from ..estimation.iv import instrumental_variables
 from ..exceptions import NRFError, NRFWarning
+from ..simulation.system import flatten, jumps
 from .evidence import searched
 from .gate import Verdict, gain_of
 from .stage import Stage
@@ -58,6 +62,18 @@ def unbiased_errors(stage: Stage) -> np.ndarray | None:
         return None
 
 
+def _rough(stage: Stage) -> bool:
+    """Whether a law of the model remembers its path, or its force jumps."""
+    model = stage.trial().model()
+    if model.has_memory:
+        return True
+    try:
+        _, layout = flatten(model)
+    except NRFError:  # no free run is possible anyway
+        return False
+    return bool(jumps(model, layout, np.ones(len(layout.covariates))).any())
+
+
 def confirmed(verdict: Verdict, stage: Stage, after: Stage, null: Null) -> Verdict:
     """The verdict on an accepted effect once the noise's own share in it is known.
 
@@ -77,7 +93,7 @@ def confirmed(verdict: Verdict, stage: Stage, after: Stage, null: Null) -> Verdi
     if null.ready.clean or (null.stages and null.bias < UNBIASED):
         return verdict
     plain = [float(np.median(s.slot().folds())) for s in (stage, after)]
-    if plain[0] > _BEYOND * null.floor:  # not so of a floor that is not known
+    if plain[0] > _BEYOND * null.floor or _rough(after):  # the first is not so of a floor that is not known
         return verdict
     before, left = unbiased_errors(stage), unbiased_errors(after)
     if before is not None and left is not None:

@@ -316,11 +316,14 @@ class _Loop:
             if passed:
                 verdict = self._alone(stage, chosen, verdict)
             if verdict.accepted:
-                verdict = confirmed(verdict, stage, chosen.on(stage), null)
-            if verdict.accepted:
+                named = chosen, tied
                 if not isinstance(chosen, SensorFinding) and not self.ready.clean:
-                    chosen, tied = likeliest(stage, chosen, tied, ranking, before, self._null)
-                return [(chosen, tied)], verdict
+                    named = likeliest(stage, chosen, tied, ranking, before, self._null)
+                verdict = confirmed(verdict, stage, named[0].on(stage), null)
+                if verdict.accepted:
+                    return [named], verdict
+                noisy = balances_of(named[0].site)  # what noise does there, other laws imitate too
+                left = [f for f in left if balances_of(f.site) != noisy]
             first = first or ([(chosen, tied)], verdict)
             if passed:  # but its free run is worse: the next best, however many parameters it has
                 left = [f for f in left if (f.site, f.law.name) != (chosen.site, chosen.law.name)]

@@ -36,7 +36,6 @@ LONGEST = 65536  # samples of a channel that are looked at
 FINE, MOST = 4, 20  # steps of a sample in which a delay is searched, and samples up to which
 CYCLES = 8  # of a line, at least, within the lasting part of a record
 CYCLES_OF_A_RUN, DENSE = 3, 4  # the same for runs that are differentiated first; lines of a run for each of its own
-AS_WELL = 0.9  # share of the best height at which another sign and shift do about as well
 NEIGHBOURS = 9  # lines that are averaged
 MISFIT = 0.5  # share of a channel that gain, sign and delay leave, from which on it is of another place
 DELAY, GAIN = 0.05, 0.02  # samples, and share of one, from which on a channel is called misaligned
@@ -438,19 +437,6 @@ def _in_runs(first: np.ndarray, second: np.ndarray, order: int, fs: float, runs:
     return _Lines(f, cross, own, theirs, own, CYCLES_OF_A_RUN * fs / longest, dense)
 
 
-def _likelier(heights: np.ndarray, steps: np.ndarray) -> tuple[float, int]:
-    """Sign and shift that line all phases up best.
-
-    A narrow motion that is late by some of a period looks like one of the other sign that is early by the rest: of two
-    that do about as well the shorter shift is taken.
-    """
-    plus, minus = int(np.argmax(heights)), int(np.argmin(heights))
-    best, other = (plus, minus) if heights[plus] >= -heights[minus] else (minus, plus)
-    if abs(heights[other]) > AS_WELL * abs(heights[best]) and abs(steps[other]) < abs(steps[best]):
-        best = other
-    return (1.0 if heights[best] > 0 else -1.0), int(steps[best])
-
-
 def _derived(y: np.ndarray, order: int, fs: float) -> np.ndarray:
     """Central differences of first or second order, a sample shorter at either end."""
     if order == 0:
@@ -510,9 +496,9 @@ def _compare(
     fine = max(FINE, -(-FINE * 256 // length))
     total = np.fft.irfft(lined, fine * length)
     near = np.r_[0 : MOST * fine + 1, len(total) - MOST * fine : len(total)]
-    steps = np.where(near <= len(total) // 2, near, near - len(total))
-    sign, step = _likelier(total[near], steps)
-    delay = step / fine / fs
+    best = int(near[np.argmax(np.abs(total[near]))])
+    sign = 1.0 if total[best] > 0 else -1.0
+    delay = (best if best <= len(total) // 2 else best - len(total)) / fine / fs
     for _ in range(3):
         phase = np.angle(sign * H * np.exp(1j * w * delay))
         delay -= float((weight * w * phase).sum() / (weight * w**2).sum())

@@ -15,7 +15,6 @@ from ..exceptions import NRFError
 from ..laws.sensor import ChannelDelay, GainError, SensorFault
 from ..sites import Site
 from .prepare import Prepared
-from .splits import joined
 from .workspace import Workspace
 
 # Contradictions between channels of one DOF, as a share of the channel, that are looked into, and that are
@@ -53,7 +52,7 @@ def contradictions(ready: Prepared, work: Workspace) -> list[str]:
 
 def longest(work: Workspace) -> tuple[int, slice]:
     """The longest run of search rows without a held-out piece in it: number of its record, rows of the record."""
-    runs = [(i, run) for i in work.searched for run in joined(b.rows for b in work.search if b.segment == i)]
+    runs = [(i, run) for i in work.searched for run in work.runs(i)]
     chosen, rows = max(runs, key=lambda r: r[1].stop - r[1].start)
     first = work.data.segments[chosen].valid.start
     return chosen, slice(first + rows.start, first + rows.stop)
@@ -61,7 +60,7 @@ def longest(work: Workspace) -> tuple[int, slice]:
 
 def _runs(work: Workspace) -> tuple[int, list[slice]]:
     """The record that has most rows of the search, and its runs without a held-out piece in them."""
-    runs = {i: joined(b.rows for b in work.search if b.segment == i) for i in work.searched}
+    runs = {i: work.runs(i) for i in work.searched}
     chosen = max(runs, key=lambda i: sum(run.stop - run.start for run in runs[i]))
     first = work.data.segments[chosen].valid.start
     return chosen, [slice(first + run.start, first + run.stop) for run in runs[chosen]]

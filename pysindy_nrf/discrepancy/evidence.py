@@ -24,7 +24,6 @@ from .detection import NOISE, TEST_WORDS, Detection, detect
 from .localisation import localise, missing_force
 from .noise_floor import NoiseFloor
 from .residual import Residual, residual_of
-from .splits import joined
 from .stage import Stage
 from .workspace import Workspace
 
@@ -277,7 +276,7 @@ def searched(work: Workspace, most: int = _ENOUGH) -> tuple[SegmentSet, list[Any
     pieces, filters = [], []
     for i, seg in enumerate(work.data.segments):
         start = seg.valid.start
-        runs = joined(b.rows for b in work.search if b.segment == i)
+        runs = work.runs(i)
         longest = max((rows.stop - rows.start for rows in runs), default=0)
         for rows in (r for r in runs if 4 * (r.stop - r.start) >= longest):
             stop = rows.start + int(np.ceil(share * (rows.stop - rows.start)))

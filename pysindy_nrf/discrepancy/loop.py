@@ -31,7 +31,7 @@ from .search import Finding, refine, screen, validate
 from .second_opinion import confirmed
 from .sensors import SensorFinding, sensor_findings
 from .spectral_lines import lines_of
-from .splits import BlockRows, joined, split
+from .splits import BlockRows, split
 from .stage import Stage, Trial
 from .steps import doubt_names, improper, remainder, step_of, surely_left, worst
 from .surrogate import Null
@@ -182,7 +182,7 @@ def _searched(work: Workspace) -> SegmentSet:
     pieces = []
     for i, seg in enumerate(work.data.segments):
         start = seg.valid.start
-        for rows in joined(b.rows for b in work.search if b.segment == i):
+        for rows in work.runs(i):
             pieces.append(type(seg)(**{**seg.__dict__, "valid": slice(start + rows.start, start + rows.stop)}))
     return SegmentSet(pieces, work.data.n_samples)
 
@@ -315,8 +315,8 @@ class _Loop:
             passed = verdict.accepted
             if passed:
                 verdict = self._alone(stage, chosen, verdict)
+            named = chosen, tied
             if verdict.accepted:
-                named = chosen, tied
                 if not isinstance(chosen, SensorFinding) and not self.ready.clean:
                     named = likeliest(stage, chosen, tied, ranking, before, self._null)
                 verdict = confirmed(verdict, stage, named[0].on(stage), null)
@@ -324,7 +324,7 @@ class _Loop:
                     return [named], verdict
                 noisy = balances_of(named[0].site)  # what noise does there, other laws imitate too
                 left = [f for f in left if balances_of(f.site) != noisy]
-            first = first or ([(chosen, tied)], verdict)
+            first = first or ([named], verdict)
             if passed:  # but its free run is worse: the next best, however many parameters it has
                 left = [f for f in left if (f.site, f.law.name) != (chosen.site, chosen.law.name)]
             else:
@@ -352,7 +352,7 @@ class _Loop:
         """Free-run error on the search blocks that each record begins with, percent; NaN where none is possible."""
         work, blocks = stage.work, []
         for i in work.searched:
-            run = joined(b.rows for b in work.search if b.segment == i)[0]
+            run = work.runs(i)[0]
             blocks.append(BlockRows(i, run))
         try:
             return free_run_error(stage.trial().model(), work, blocks)

@@ -12,7 +12,6 @@ from scipy.signal import find_peaks
 
 from ..segments import Segment
 from ..sites import Site
-from .splits import joined
 from .stage import Trial
 
 # Share of a drive's power in one line that makes a test harmonic; bins of the record a line is wide.
@@ -147,7 +146,7 @@ def lines_of(trial: Trial) -> dict[Site, list[float]]:
     seg = work.data.segments[longest]
     if seg.dt is None:
         return {}
-    runs = joined(b.rows for b in work.search if b.segment == longest)
+    runs = work.runs(longest)
     # a line is as sharp as the record is long: what is held out is zero, not cut away
     inside = np.zeros(seg.valid.stop - seg.valid.start)
     for run in runs:

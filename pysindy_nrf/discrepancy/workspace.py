@@ -13,7 +13,7 @@ from ..exceptions import NRFError
 from ..laws.base import ForceLaw, Motion
 from ..segments import SegmentSet
 from ..sites import Site
-from .splits import BlockRows
+from .splits import BlockRows, joined
 
 # Bytes of columns of candidates that are kept from one step of the loop to the next.
 CACHE = 200_000_000
@@ -92,6 +92,10 @@ class Workspace:
             length = max((float(m.t[-1] - m.t[0]) for m in chosen if m.t is not None), default=1.0)
             self._scales[site] = float(s), float(v), length
         return self._scales[site]
+
+    def runs(self, record: int) -> list[slice]:
+        """Runs of search rows of a record with no held-out piece in them, counted from its first valid row."""
+        return joined(b.rows for b in self.search if b.segment == record)
 
     def seen_rows(self, record: int) -> np.ndarray:
         """Which samples of a record the search may look at.

@@ -270,7 +270,8 @@ class StateSpaceChainOptimizer(_ChainOptimizerBase):
     With x = [x_1..x_n, xdot_1..xdot_n] relative to the base, x_dot = [xdot | a], u = F and
     ``InterstoryPolynomialLibrary(inputs="state")``, rows of ``coef_`` are -c/m, +c/m and 1/m; the
     kinematic rows are fixed. The result prints, predicts, scores and simulates as any ``ps.SINDy``,
-    also where only one floor was excited.
+    also where only one floor was excited. Outside of ``ps.SINDy`` an odd number of targets, a single
+    one among them, is taken as the accelerations alone.
 
     Parameters
     ----------
@@ -279,7 +280,8 @@ class StateSpaceChainOptimizer(_ChainOptimizerBase):
 
     Attributes
     ----------
-    coef_ : ndarray of shape (2 n_dof, n_features)
+    coef_ : ndarray of shape (2 n_dof, n_features) or (n_dof, n_features)
+        Kinematic rows, then those of the accelerations; the latter alone where they were the targets.
     masses_ : ndarray of shape (n_dof,)
         kg.
 
@@ -293,6 +295,8 @@ class StateSpaceChainOptimizer(_ChainOptimizerBase):
     >>> StateSpaceChainOptimizer().fit(np.hstack([v, v, x, F]), np.hstack([v, a])).coef_.round(6) + 0.0
     array([[  1. ,   0. ,   0. ,   0. ],
            [  0. ,  -0.3, -50. ,   0.1]])
+    >>> StateSpaceChainOptimizer().fit(np.hstack([v, v, x, F]), a[:, 0]).coef_.round(6) + 0.0
+    array([[  0. ,  -0.3, -50. ,   0.1]])
     """
 
     def fit(self, x_: Any, y: Any) -> Self:
@@ -302,8 +306,8 @@ class StateSpaceChainOptimizer(_ChainOptimizerBase):
         ----------
         x_ : array-like of shape (n_samples, n_dof + n_terms + n_dof)
             Features: xdot_1..xdot_n, the terms of every site, F_1..F_n.
-        y : array-like of shape (n_samples, 2 n_dof)
-            Targets: velocities and accelerations.
+        y : array-like of shape (n_samples, 2 n_dof), (n_samples, n_dof) with n_dof odd, or (n_samples,)
+            Targets: velocities and accelerations, or the accelerations alone.
 
         Returns
         -------
@@ -311,20 +315,20 @@ class StateSpaceChainOptimizer(_ChainOptimizerBase):
         """
         x = checked(self, x_, reset=True, prefix="feature ")
         target = self._targets(y, "target ", "targets")
-        if target.shape[1] % 2:
-            raise ChannelError(
-                f"{target.shape[1]} targets are not velocities and accelerations", "Give [xdot | a], 2 n columns."
-            )
-        n = target.shape[1] // 2
+        moving = target.shape[1] % 2 == 0  # with the velocities
+        n = target.shape[1] // 2 if moving else target.shape[1]
         if x.shape[1] < 2 * n:
             raise ChannelError(
-                f"{x.shape[1]} features for {n} DOFs",
-                "The features are xdot, the terms and F: use InterstoryPolynomialLibrary(inputs='state') and pass u=F.",
+                f"{x.shape[1]} feature(s) for the accelerations of {n} DOFs"
+                + ("" if moving else " (an odd number of targets: accelerations alone)"),
+                "The features are xdot, the terms and F: use InterstoryPolynomialLibrary(inputs='state') and pass u=F; "
+                "the targets are [xdot | a].",
             )
-        layout = self._fit_columns(x[:, n : x.shape[1] - n], target[:, n:], x[:, x.shape[1] - n :])
+        layout = self._fit_columns(x[:, n : x.shape[1] - n], target[:, -n:], x[:, x.shape[1] - n :])
         inverse = 1.0 / self.masses_
-        coef = np.zeros((2 * n, x.shape[1]))
-        coef[:n, :n] = np.eye(n)
-        coef[n:, n : x.shape[1] - n] = -inverse[:, None] * self._rows(layout)
-        coef[n:, x.shape[1] - n :] = np.diag(inverse)
+        coef = np.zeros((n, x.shape[1]))
+        coef[:, n : x.shape[1] - n] = -inverse[:, None] * self._rows(layout)
+        coef[:, x.shape[1] - n :] = np.diag(inverse)
+        if moving:
+            coef = np.vstack([np.eye(n, x.shape[1]), coef])
         return self._finish(coef)

@@ -359,13 +359,26 @@ def test_optimizer_takes_what_a_chain_needs(chain4):
         (lambda x, F: ChainOptimizer(strategy="complete").fit(x, F), "none is measured on DOF 1, 2, 4"),
         (lambda x, F: ChainOptimizer(known_masses={9: 1.0}).fit(x, F), "DOF 9"),
         (lambda x, F: ChainOptimizer("STLSQ").fit(x, F), "not an optimizer"),
-        (lambda x, F: StateSpaceChainOptimizer().fit(x, F[:, :3]), "3 targets are not velocities and accelerations"),
+        (lambda x, F: StateSpaceChainOptimizer().fit(x, F[:, :3]), "34 storey terms cannot be shared out"),
+        (lambda x, F: StateSpaceChainOptimizer().fit(x[:, :5], F[:, :3]), "odd number of targets: accelerations alone"),
         (lambda x, F: ChainOptimizer().fit(x[:500], F), "500 samples, the targets 4000"),
     ],
 )
 def test_optimizers_refuse_in_words(chain4, make, message):
     with pytest.raises((ChannelError, ExcitationError, IdentifiabilityError, NRFError), match=message):
         make(*_features(chain4))
+
+
+def test_accelerations_alone_as_targets_give_the_same_rows():
+    case = chains.duffing(3, [2], seed=5, n_samples=2000)
+    x, v = np.cumsum(case.s, axis=1), np.cumsum(case.v, axis=1)
+    state = np.hstack([x, v, case.F])
+    features = np.asarray(InterstoryPolynomialLibrary(3, inputs="state").fit(state).transform(state))
+    both = StateSpaceChainOptimizer().fit(features, np.hstack([v, case.a]))
+    alone = StateSpaceChainOptimizer().fit(features, case.a)
+    assert np.array_equal(alone.coef_, both.coef_[3:]) and np.array_equal(both.coef_[:3, :3], np.eye(3))
+    assert worst(alone.masses_, case.m) < 1e-8
+    assert np.allclose(alone.predict(features), case.a, atol=1e-8 * np.abs(case.a).max())
 
 
 @pytest.mark.parametrize("inputs", ["balance", "state"])

@@ -273,14 +273,15 @@ def searched(work: Workspace, most: int = _ENOUGH) -> tuple[SegmentSet, list[Any
     """
     total = sum(b.rows.stop - b.rows.start for b in work.search)
     share = min(1.0, most / max(total, 1))
+    longest: dict[int, int] = {}
+    parts = [(i, piece, piece.valid.stop - piece.valid.start) for i, piece in work.pieces()]
+    for i, _, length in parts:
+        longest[i] = max(length, longest.get(i, 0))
     pieces, filters = [], []
-    for i, seg in enumerate(work.data.segments):
-        start = seg.valid.start
-        runs = work.runs(i)
-        longest = max((rows.stop - rows.start for rows in runs), default=0)
-        for rows in (r for r in runs if 4 * (r.stop - r.start) >= longest):
-            stop = rows.start + int(np.ceil(share * (rows.stop - rows.start)))
-            pieces.append(replace(seg, valid=slice(start + rows.start, start + stop)))
+    for i, piece, length in parts:
+        if 4 * length >= longest[i]:
+            start = piece.valid.start
+            pieces.append(replace(piece, valid=slice(start, start + int(np.ceil(share * length)))))
             filters.append(work.filters[i])
     return SegmentSet(pieces, work.data.n_samples), filters
 

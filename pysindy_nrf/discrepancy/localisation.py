@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -300,13 +301,19 @@ class _Work:
         left = self._correct(b, gram)[1] / size
         return left if self.noise is None else left - float(np.trace(self._form(b) @ self.noise))
 
+    @cached_property
+    def over_floor(self) -> float:
+        """Residual of all balances over what noise leaves of them; NaN where the noise is not known."""
+        if self.noise is None:
+            return np.nan
+        expected = float(np.trace(self._form(None) @ self.noise))
+        left = self._left(None, self.grams.sum(axis=0), self.sizes.sum())
+        return float(np.sqrt(max(left / expected + 1.0, 0.0))) if expected > 0 else np.inf
+
     @property
     def at_floor(self) -> bool:
         """Whether noise or rounding explains the residual."""
-        if self.noise is None:
-            return self.residual.is_round_off
-        expected = float(np.trace(self._form(None) @ self.noise))
-        return self._left(None, self.grams.sum(axis=0), self.sizes.sum()) < (AT_FLOOR**2 - 1) * expected
+        return self.residual.is_round_off if self.noise is None else self.over_floor < AT_FLOOR
 
     def share(self, b: np.ndarray) -> _Share:
         """Share of the squares that a pattern explains, with a band."""
@@ -473,7 +480,8 @@ def _verdicts(table: pd.DataFrame, patterns: dict[Site, np.ndarray | None], work
     for place, site in enumerate(every):
         share, own = table.loc[site, "share"], table.loc[site, "own"]
         if work.at_floor:
-            said.append("the residual is at the noise floor: nothing to locate" if place == 0 else "")
+            much = "round-off" if work.noise is None else f"{work.over_floor:.2g} times what noise leaves"
+            said.append(f"all balances together leave {much}: nothing to locate" if place == 0 else "")
             continue
         if not np.isfinite(share):
             said.append("not seen in the known balances" if patterns[site] is None else "")

@@ -171,20 +171,10 @@ def _baseline_laws(baseline: NRFRegressor, chain: Any, given: Any, work: Workspa
         from sklearn.base import clone
 
         fresh = clone(baseline)
-        part = _searched(work)
+        part = SegmentSet([piece for _, piece in work.pieces()], work.data.n_samples)
         fresh._fit(part, given, part, None)
         return {s: tuple(law for law in held) for s, held in fresh.model_.laws.items()}
     return laws
-
-
-def _searched(work: Workspace) -> SegmentSet:
-    """The part of the data that the search may see."""
-    pieces = []
-    for i, seg in enumerate(work.data.segments):
-        start = seg.valid.start
-        for rows in work.runs(i):
-            pieces.append(type(seg)(**{**seg.__dict__, "valid": slice(start + rows.start, start + rows.stop)}))
-    return SegmentSet(pieces, work.data.n_samples)
 
 
 class _Loop:

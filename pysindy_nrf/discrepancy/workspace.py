@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw, Motion
-from ..segments import SegmentSet
+from ..segments import Segment, SegmentSet
 from ..sites import Site
 from .splits import BlockRows, joined
 
@@ -96,6 +97,14 @@ class Workspace:
     def runs(self, record: int) -> list[slice]:
         """Runs of search rows of a record with no held-out piece in them, counted from its first valid row."""
         return joined(b.rows for b in self.search if b.segment == record)
+
+    def pieces(self) -> list[tuple[int, Segment]]:
+        """The data that the search may see, as contiguous segments with the numbers of their records."""
+        return [
+            (i, replace(seg, valid=slice(seg.valid.start + rows.start, seg.valid.start + rows.stop)))
+            for i, seg in enumerate(self.data.segments)
+            for rows in self.runs(i)
+        ]
 
     def seen_rows(self, record: int) -> np.ndarray:
         """Which samples of a record the search may look at.

@@ -13,9 +13,10 @@ import pandas as pd
 
 from .chain import Chain
 from .exceptions import ChainError, ChannelError, FileFormatError, FileVersionError, LawError
+from .input_arrays import from_arrays
 from .laws.base import ForceLaw, from_dict
 from .restoring_force import RestoringForces, grid
-from .segments import SegmentSet, from_arrays
+from .segments import SegmentSet
 from .sites import Site
 from .visited import VisitedRegion
 

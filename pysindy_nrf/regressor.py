@@ -17,13 +17,14 @@ from .chain_solve import Solution, doubtful_masses
 from .exceptions import ChainError, ChannelError, DataQualityWarning, ExcitationError
 from .fair_filter import filters_of
 from .identifiability import Walk, plan_walk
+from .input_arrays import from_arrays
 from .laws import ForceLaw, PowerSeries
 from .layout import LawLayout
 from .model import ChainModel
 from .moments import Block, Moments
 from .record import Record
 from .requirements import require_clock, require_moving, require_samples
-from .segments import SegmentSet, feature_names, from_arrays
+from .segments import SegmentSet, feature_names
 from .sites import Site
 from .solved import model_of, scales_of, third_law_gap, unknown_forces, visited_regions
 from .streaming import fit_streamed, is_streamed, partial_fit

@@ -13,7 +13,7 @@ from pysindy_nrf.discrepancy.detection import LINEAR, NOISE, NONLINEAR, UNMEASUR
 from pysindy_nrf.discrepancy.noise_floor import NoiseFloor
 from pysindy_nrf.discrepancy.noise_level import quiet_level
 from pysindy_nrf.discrepancy.residual import residual_of
-from pysindy_nrf.segments import from_arrays
+from pysindy_nrf.input_arrays import from_arrays
 
 RUNS = 200
 

@@ -9,7 +9,7 @@ from pysindy_nrf.discrepancy.localisation import localise
 from pysindy_nrf.discrepancy.noise_floor import NoiseFloor
 from pysindy_nrf.discrepancy.residual import residual_of
 from pysindy_nrf.exceptions import ChannelError
-from pysindy_nrf.segments import from_arrays
+from pysindy_nrf.input_arrays import from_arrays
 
 N = 4
 EXCITATIONS = {"complete": [1, 2, 3, 4], "top": [4], "middle": [2], "base": []}

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from pysindy_nrf import Chain, laws
 from pysindy_nrf.exceptions import NRFError
+from pysindy_nrf.input_arrays import from_arrays
 from pysindy_nrf.layout import LawLayout, Layout
 from pysindy_nrf.moments import GroupMoments, Moments, accumulate, blocks_of, guess_of
-from pysindy_nrf.segments import from_arrays
 
 LAYOUT = Layout(Chain(3, ["link 3-1"]), {"storey 1": 2, "storey 2": 3, "storey 3": 1, "link 3-1": 2})
 GROUPS = [LAYOUT.group((j,)) for j in (1, 2, 3)] + [LAYOUT.group((2, 3))]

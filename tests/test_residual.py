@@ -9,7 +9,7 @@ from pysindy_nrf.discrepancy.noise_floor import NoiseFloor
 from pysindy_nrf.discrepancy.residual import free_run_residual, residual_of
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.fair_filter import FairFilter
-from pysindy_nrf.segments import from_arrays
+from pysindy_nrf.input_arrays import from_arrays
 
 FS = 1000.0
 

@@ -94,3 +94,20 @@ def test_a_velocity_that_reads_too_much_is_found_in_a_hammer_test():
     report = close_loop(rec.replace(velocity=1.25 * rec.velocity), NRFRegressor(degree=1))
     assert [(s.law, s.site) for s in report.steps] == [("gain_error", "sensor v1")]
     assert report.steps[0].parameters["e"] == pytest.approx(0.25, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("gain", "bias", "taken"), [(0.3, 0.02, True), (0.3, 0.1, False), (0.6, 0.1, True)], ids=["little", "much", "large"]
+)
+def test_without_instruments_a_gain_must_be_larger_than_what_biased_models_pretend(monkeypatch, gain, bias, taken):
+    """Noise makes the model wrong by 2 or 10 % and no free run can tell: half of the error must then go."""
+    import sys
+    from types import SimpleNamespace
+
+    ready, stage = stage_of(0.0)
+    after = stage.with_law(Site("storey 1"), laws.StiffnessDrift())
+    monkeypatch.setattr(sys.modules[confirmed.__module__], "unbiased_errors", lambda stage: None)
+    null = SimpleNamespace(ready=ready, stages=[stage], bias=bias, floor=float(np.median(stage.slot().folds())))
+    verdict = confirmed(Verdict(True, gain, 1.0, 0.0, "the error falls"), stage, after, null)
+    assert verdict.accepted is taken
+    assert taken or verdict.sentence.endswith("wrong by 10 %, and no instruments can tell")

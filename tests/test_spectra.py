@@ -12,9 +12,9 @@ from pysindy_nrf import ChainModel, KinematicSmoother, excitation, laws, simulat
 from pysindy_nrf.estimation.iv import free_run_of
 from pysindy_nrf.estimation.spectra import Smooth, corrected, linearised, noise_model, transfer
 from pysindy_nrf.estimation.whitening import Whitener
+from pysindy_nrf.input_arrays import from_arrays
 from pysindy_nrf.layout import LawLayout
 from pysindy_nrf.noise import add_noise
-from pysindy_nrf.segments import from_arrays
 
 FS, LEVEL = 1000.0, 0.05
 TRUTH = ChainModel([12.4] * 3, {f"storey {i}": laws.PowerSeries(1, [25.0, 1.4e5]) for i in (1, 2, 3)})

@@ -11,9 +11,10 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import NRFWarning, SimulationError
+from ..input_arrays import from_arrays
 from ..io import FrequencyResponse, frf_to_features
 from ..record import Record
-from ..segments import Segment, SegmentSet, from_arrays
+from ..segments import Segment, SegmentSet
 
 Progress = Callable[[Iterable[Any], str], Iterable[Any]]
 

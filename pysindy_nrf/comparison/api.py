@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import ChannelError, NRFError
+from ..input_arrays import from_arrays
 from ..model import ChainModel
 from ..model_selection.sparsity import default_paths
-from ..segments import from_arrays
 from .data import Part, Ruler
 from .hand_steered import HandSteeredSINDy
 from .ours import Ours

@@ -91,7 +91,7 @@ def localise(
     >>> from pysindy_nrf.discrepancy.localisation import localise
     >>> from pysindy_nrf.discrepancy.residual import residual_of
     >>> from pysindy_nrf.excitation import band_limited_random
-    >>> from pysindy_nrf.segments import from_arrays
+    >>> from pysindy_nrf.input_arrays import from_arrays
     >>> spring = [laws.LinearElastic(1e5), laws.LinearViscous(100.0)]
     >>> truth = ChainModel([10.0] * 3, {1: spring, 2: [*spring, laws.CoulombFriction(5.0)], 3: spring})
     >>> F = band_limited_random(3, 4.0, 1000.0, dofs=3, rms=100.0, band=(1.0, 60.0), random_state=0)

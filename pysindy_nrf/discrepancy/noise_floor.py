@@ -11,10 +11,11 @@ import numpy as np
 
 from .._random import generator
 from ..exceptions import ChannelError
+from ..input_arrays import from_arrays
 from ..kinematics import to_features
 from ..model import ChainModel
 from ..record import Record
-from ..segments import SegmentSet, from_arrays
+from ..segments import SegmentSet
 from .noise_level import BASE, levels_of, noisy_base, quiet_drive
 from .residual import Residual, free_run, from_top, residual_of, rms
 

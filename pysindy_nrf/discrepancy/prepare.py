@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import ChannelError
+from ..input_arrays import from_arrays
 from ..kinematics import to_features
 from ..record import Record
-from ..segments import SegmentSet, from_arrays
+from ..segments import SegmentSet
 from ..signals.kinematic_smoother import KinematicSmoother
 
 # Noise of every channel, as a share of its rms, below which the channels are taken as they are.

@@ -175,7 +175,7 @@ def residual_of(model: ChainModel, data: Any, filters: Any = None, *, band: Any 
     >>> import numpy as np
     >>> from pysindy_nrf import ChainModel, laws, simulate
     >>> from pysindy_nrf.discrepancy.residual import residual_of
-    >>> from pysindy_nrf.segments import from_arrays
+    >>> from pysindy_nrf.input_arrays import from_arrays
     >>> spring = [laws.LinearElastic(1e5), laws.LinearViscous(100.0)]
     >>> truth = ChainModel([10.0, 10.0], {1: spring, 2: [*spring, laws.CoulombFriction(5.0)]})
     >>> F = 100 * np.random.default_rng(0).standard_normal((2000, 2))
@@ -269,7 +269,7 @@ def free_run_residual(
     >>> import numpy as np
     >>> from pysindy_nrf import ChainModel, laws, simulate
     >>> from pysindy_nrf.discrepancy.residual import free_run_residual
-    >>> from pysindy_nrf.segments import from_arrays
+    >>> from pysindy_nrf.input_arrays import from_arrays
     >>> model = ChainModel([10.0], {1: [laws.LinearElastic(1e5), laws.LinearViscous(100.0)]})
     >>> F = 100 * np.random.default_rng(0).standard_normal((500, 1))
     >>> data = from_arrays(*simulate(model, F, 1e-3).to_features(smooth=False))

@@ -18,8 +18,8 @@ from sklearn.base import clone
 
 from ..chain_solve import groups_of, solve
 from ..exceptions import BiasWarning, ChainError, ChannelError
+from ..input_arrays import from_arrays
 from ..layout import LawLayout
-from ..segments import from_arrays
 from ..solved import model_of
 from .intervals import Resolver
 from .pieces import pieces_of

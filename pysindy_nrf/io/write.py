@@ -146,7 +146,7 @@ def write_forces(model: Any, data: Any, path: Any, **options: Any) -> Path:
     ['t', 'storey 1', 'storey 2', 'storey 3']
     >>> folder.cleanup()
     """
-    from ..segments import from_arrays
+    from ..input_arrays import from_arrays
 
     path = Path(path)
     suffix = _suffix(path, (".uff", ".unv", ".parquet", ".pq", ".csv"))

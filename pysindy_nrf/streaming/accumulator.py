@@ -12,9 +12,10 @@ from ..chain_solve import groups_of
 from ..exceptions import ChainError, ChannelError, NRFError
 from ..extent import Extent
 from ..identifiability import Walk, plan_walk
+from ..input_arrays import from_arrays
 from ..layout import Group, LawLayout
 from ..moments import Block, Moments, accumulate, block_size, guess_of
-from ..segments import Segment, from_arrays
+from ..segments import Segment
 from . import runs
 from .chunks import Chunk, seconds_since
 from .runs import Key, Run

@@ -44,8 +44,9 @@ _VALIDATED = 10
 _DECISIONS = 3
 # A candidate that does not even do this on the data it is fitted to cannot pass the gate.
 _HOPELESS = 0.05
-# Share of the effect (noise taken off) that may stay unexplained before a name is no longer sure.
-_SURE = 0.15
+# Share of the effect (noise taken off) that may stay unexplained before a name is no longer sure: what stays at
+# least, whatever chance did, and what stays in the median block.
+_SURE, _USUALLY = 0.10, 0.25
 # Balance error, percent, far above noise, beyond which nothing is explained, however bad it was before.
 _OPEN = 50.0
 # An effect that makes the free run on the search data worse than this many times is none, unless the balance
@@ -248,7 +249,8 @@ class _Loop:
         for step in steps:
             step.remainder = remainder(step.validation_before, left, floor)
             open_still = least > _OPEN and not least <= 2.0 * floor
-            step.sure = remainder(step.validation_before, least, floor) <= _SURE and not open_still
+            surely = remainder(step.validation_before, least, floor)
+            step.sure = surely <= _SURE and step.remainder <= _USUALLY and not open_still
         self._estimated(stage, trial, steps, null)
         for k in reversed(range(len(steps))):  # what later had to be added at its site was not said by its name
             later = [s for s in steps[k + 1 :] if balances_of(Site(s.site)) == balances_of(Site(steps[k].site))]

@@ -4,25 +4,31 @@
     python benchmarks/mutation.py                                     # the benchmark setting: 120 mutants of each part
     python benchmarks/mutation.py --sample 0                          # every mutant: days
 
-Needs cosmic-ray (pip install cosmic-ray). Package and tests are copied to a temporary folder, one
-fault at a time is put into the copy (an operator exchanged, a number off by one, a condition turned
-round, ...), and the tests that belong to the part are run on it until the first one fails. A mutant is
-killed if a test fails or the run takes ten times as long as without it. Faults inside type annotations
-and of decorators change nothing that runs and are left out. Survivors are printed with their line:
-each is either a test to write or a fault without effect (a tolerance, a speed-up).
+Needs cosmic-ray (pip install cosmic-ray) and a system that forks (Linux, macOS). Package and tests are
+copied to a temporary folder, one fault at a time is put into the copy (an operator exchanged, a number
+off by one, a condition turned round, ...), and the test files that belong to the part are run on it, one
+after the other, until a test fails. A mutant is killed if a test fails or a file takes ten times as long
+as without it. One process imports the libraries; every run is a fork of it that imports the package
+anew. Faults inside type annotations and of decorators change nothing that runs and are left out.
+Survivors are printed with their line: each is either a test to write or a fault without effect (a
+tolerance, a speed-up).
 """
 
 from __future__ import annotations
 
 import argparse
 import ast
+import importlib
 import os
 import shutil
-import subprocess
+import signal
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
@@ -35,13 +41,22 @@ ROOT = Path(__file__).resolve().parents[1]
 PARTS = {
     "chain_solve": (
         ["pysindy_nrf/chain_solve.py"],
-        ["tests/test_properties.py", "tests/test_solve.py", "tests/test_regressor.py", "tests/test_bad_input.py"],
+        [
+            "tests/test_chain_solve.py",
+            "tests/test_regressor.py",
+            "tests/test_properties.py",
+            "tests/test_bad_input.py",
+            "tests/test_solve.py",
+        ],
     ),
     "moments": (
         ["pysindy_nrf/moments.py", "pysindy_nrf/gram.py"],
-        ["tests/test_moments.py", "tests/test_solve.py", "tests/test_properties.py"],
+        ["tests/test_gram.py", "tests/test_moments.py", "tests/test_properties.py", "tests/test_solve.py"],
     ),
-    "laws": (["pysindy_nrf/laws"], ["tests/test_laws.py", "tests/test_memory.py", "tests/test_compiled.py"]),
+    "laws": (
+        ["pysindy_nrf/laws"],
+        ["tests/test_laws_exact.py", "tests/test_laws.py", "tests/test_memory.py", "tests/test_compiled.py"],
+    ),
     "discrepancy": (
         ["pysindy_nrf/discrepancy"],
         [
@@ -55,16 +70,18 @@ PARTS = {
 }
 # Mutants that turn one binary operator into every other are mostly type errors; these are the telling ones.
 SKIPPED = ("_BitOr", "_BitAnd", "_BitXor", "_RShift", "_LShift", "_Mod", "_FloorDiv", "RemoveDecorator")
-
-CONFIG = """[cosmic-ray]
-module-path = {modules}
-timeout = {timeout}
-excluded-modules = []
-test-command = "{command}"
-
-[cosmic-ray.distributor]
-name = "local"
-"""
+# Imported once, before the package; every run of the tests is a fork of this process.
+LIBRARIES = (
+    "scipy.linalg",
+    "scipy.signal",
+    "scipy.optimize",
+    "pandas",
+    "sklearn.linear_model",
+    "pysindy",
+    "numba",
+    "pytest",
+    "hypothesis",
+)
 
 
 def copied(folder: Path) -> Path:
@@ -90,69 +107,115 @@ def idle_lines(path: Path) -> set[tuple[int, int]]:
     return out
 
 
-def sampled(session: Path, home: Path, count: int, seed: int) -> int:
-    """Leave a random sample of the mutants in a session; the number left."""
-    from cosmic_ray.work_db import WorkDB, use_db
+def mutants(home: Path, modules: list[str], count: int, seed: int) -> list:
+    """A random sample of the faults that can be put into some modules, in the order of the files and lines."""
+    from cosmic_ray.commands.init import init
+    from cosmic_ray.modules import find_modules
+    from cosmic_ray.work_db import use_db
 
-    with use_db(str(session), WorkDB.Mode.open) as db:
-        items = list(db.work_items)
-    idle: dict[Path, set[tuple[int, int]]] = {}
-    chosen = []
-    for item in items:
-        mutation = item.mutations[0]
-        where = home / mutation.module_path
-        at = idle.setdefault(where, idle_lines(where))
-        if mutation.start_pos not in at and not any(skipped in mutation.operator_name for skipped in SKIPPED):
-            chosen.append(item)
+    with use_db(":memory:") as db:
+        init(find_modules([home / m for m in modules]), db, {})
+        every = [item.mutations[0] for item in db.work_items]
+    every.sort(key=lambda m: (str(m.module_path), m.start_pos, m.operator_name, m.occurrence))
+    idle = {path: idle_lines(path) for path in {m.module_path for m in every}}
+    chosen = [
+        m for m in every if m.start_pos not in idle[m.module_path] and not any(s in m.operator_name for s in SKIPPED)
+    ]
     if count and len(chosen) > count:
         picked = np.random.default_rng(seed).choice(len(chosen), count, replace=False)
         chosen = [chosen[i] for i in sorted(picked)]
-    session.unlink()
-    with use_db(str(session), WorkDB.Mode.create) as db:
-        db.add_work_items(chosen)
-    return len(chosen)
+    return chosen
+
+
+@contextmanager
+def faulty(mutation: Any) -> Iterator[None]:
+    """Put a fault into its file; byte code is known by the time of its file, and this time is no other's."""
+    from cosmic_ray.mutating import mutate_code
+    from cosmic_ray.plugins import get_operator
+
+    path, operator = mutation.module_path, get_operator(mutation.operator_name)(**mutation.operator_args)
+    clean, stat = path.read_bytes(), path.stat()
+    path.write_text(mutate_code(clean.decode("utf-8"), operator, mutation.occurrence), encoding="utf-8")
+    os.utime(path, (0, 0))
+    try:
+        yield
+    finally:
+        path.write_bytes(clean)
+        os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
+
+
+def passes(home: Path, test: str, limit: float = np.inf) -> bool:
+    """Whether the tests of one file pass on the copy within some seconds, in a fork of this process.
+
+    What is imported here (:data:`LIBRARIES`) need not be imported again there; the package is. What it prints is in
+    ``log``.
+    """
+    child = os.fork()
+    if not child:
+        _test(home, test, keep=limit == np.inf)
+    end = time.monotonic() + limit
+    while time.monotonic() < end:
+        done, status = os.waitpid(child, os.WNOHANG)
+        if done:
+            return status == 0
+        time.sleep(0.02)
+    os.killpg(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    return False
+
+
+def _test(home: Path, test: str, keep: bool) -> None:
+    """Run a test file in a forked process, which ends here; ``keep`` its byte code for the next."""
+    code = 1
+    try:
+        os.setsid()
+        sys.stdout = sys.stderr = log = open(home / "log", "w", encoding="utf-8")
+        os.dup2(log.fileno(), 1)
+        os.dup2(log.fileno(), 2)
+        os.chdir(home)
+        sys.path.insert(0, str(home))
+        os.environ |= {"PYTHONPATH": str(home), "NUMBA_CACHE_DIR": str(home / "numba")}
+        if not keep:
+            os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
+            sys.dont_write_bytecode = True
+        import numba
+        import pytest
+
+        numba.config.reload_config()
+        # The package knows compiled code by what it does; a fault elsewhere in its file is no reason to compile again.
+        numba.core.caching._SourceFileBackedLocatorMixin.get_source_stamp = lambda self: None
+        code = int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", test]))
+    finally:
+        sys.stdout.flush()
+        os._exit(code)
 
 
 def run(part: str, count: int, seed: int, chosen: list[str] | None = None) -> dict:
     """Mutate one part; killed, survived and the survivors' lines."""
-    from cosmic_ray.work_db import WorkDB, use_db
-
     modules, tests = PARTS[part]
     tests = chosen or tests
+    for name in LIBRARIES:
+        importlib.import_module(name)
+    killed, survivors = 0, []
     with tempfile.TemporaryDirectory(prefix="mutants") as folder:
         home = copied(Path(folder))
-        modules = [m for m in modules if (home / m).exists()]
-        tests = [t for t in tests if (home / t).exists()]
-        command = f"{sys.executable} -m pytest -x -q -p no:cacheprovider {' '.join(tests)}"
-        env = {**os.environ, "PYTHONPATH": str(home), "NUMBA_CACHE_DIR": str(home / "numba")}
-        began = time.monotonic()
-        clean = subprocess.run(command.split(), cwd=home, env=env, capture_output=True, text=True)
-        if clean.returncode:
-            raise RuntimeError(f"the tests of {part} fail without a fault in the code:\n{clean.stdout[-3000:]}")
-        took = time.monotonic() - began
-        config, session = home / "mutation.toml", home / "session.sqlite"
-        config.write_text(CONFIG.format(modules=modules, timeout=round(10 * took + 30, 1), command=command))
-        for step in (["init", config.name, session.name], ["exec", config.name, session.name]):
-            if step[0] == "exec":
-                left = sampled(session, home, count, seed)
-            done = subprocess.run(
-                [sys.executable, "-m", "cosmic_ray.cli", *step], cwd=home, env=env, capture_output=True, text=True
-            )
-            if done.returncode:
-                raise RuntimeError(f"cosmic-ray {step[0]} fails:\n{done.stderr[-3000:]}")
-        survivors, killed, invalid = [], 0, 0
-        with use_db(str(session), WorkDB.Mode.open) as db:
-            for item, result in db.completed_work_items:
-                mutation = item.mutations[0]
-                if result.test_outcome is None or "incompetent" in str(result.test_outcome).lower():
-                    invalid += 1
-                elif "survived" in str(result.test_outcome).lower():
-                    line = (home / mutation.module_path).read_text().splitlines()[mutation.start_pos[0] - 1].strip()
-                    name = mutation.operator_name.removeprefix("core/")
-                    survivors.append(f"{mutation.module_path}:{mutation.start_pos[0]} {name}: {line}")
-                else:
-                    killed += 1
-    return {"part": part, "mutants": left, "killed": killed, "invalid": invalid, "survivors": survivors}
+        limits = {}
+        for test in tests:
+            began = time.monotonic()
+            if not passes(home, test):
+                tail = (home / "log").read_text(errors="replace")[-3000:]
+                raise RuntimeError(f"{test} fails without a fault in the code:\n{tail}")
+            limits[test] = 10 * (time.monotonic() - began) + 30
+        every = mutants(home, modules, count, seed)
+        for mutation in every:
+            line = mutation.module_path.read_text(encoding="utf-8").splitlines()[mutation.start_pos[0] - 1].strip()
+            with faulty(mutation):
+                alive = all(passes(home, test, limit) for test, limit in limits.items())
+            if alive:
+                where = f"{mutation.module_path.relative_to(home)}:{mutation.start_pos[0]}"
+                survivors.append(f"{where} {mutation.operator_name.removeprefix('core/')}: {line}")
+            killed += not alive
+    return {"part": part, "mutants": len(every), "killed": killed, "survivors": survivors}
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -44,7 +44,7 @@ class StepFit:
     rank : int
     n_columns : int
     residual : float
-        Rms of what the step leaves, N.
+        Rms of what the step leaves, N; of a joint solve, whose balances are divided by their rms force, without unit.
     share : float
         The same over the rms of the right-hand side.
     mass_noise : tuple of float
@@ -101,7 +101,7 @@ def groups_of(layout: Layout, walk: Walk) -> list[Group]:
     -------
     list of Group
     """
-    sums = [step.dofs for step in walk.steps if len(step.dofs) > 1] if walk.strategy != "joint" else []
+    sums = [step.dofs for step in walk.steps if len(step.dofs) > 1]
     return [layout.group(dofs) for dofs in dict.fromkeys([*((j,) for j in range(1, layout.n_dof + 1)), *sums])]
 
 
@@ -313,7 +313,7 @@ def _least_squares(
         q, upper = linalg.qr(unit, mode="economic", check_finite=False)
         scaled = linalg.solve_triangular(upper, q.T @ (target / size_y), check_finite=False)
     else:
-        scaled = _sparse(unit, target / size_y, bool(step.masses), n_samples, inner)
+        scaled = _sparse(unit, target / size_y, len(step.masses), n_samples, inner)
     residual = float(np.linalg.norm(target / size_y - unit @ scaled)) * size_y if p else size_y
     noise = _mass_noise(unit, scaled, residual / size_y, len(step.masses)) if rank == p else ()
     fit = StepFit(step, condition, rank, p, residual / max(n_samples, 1) ** 0.5, residual / size_y, noise)
@@ -330,8 +330,8 @@ def _mass_noise(unit: np.ndarray, scaled: np.ndarray, share: float, n_masses: in
     return tuple(float(share / part) if part else np.inf for part in own)
 
 
-def _sparse(unit: np.ndarray, target: np.ndarray, has_mass: bool, n_samples: int, inner: Any) -> np.ndarray:
-    """Run a PySINDy optimizer on the problem with the mass eliminated, then solve for the mass.
+def _sparse(unit: np.ndarray, target: np.ndarray, n_masses: int, n_samples: int, inner: Any) -> np.ndarray:
+    """Run a PySINDy optimizer on the problem with the masses, its first columns, eliminated; then solve for these.
 
     Columns and target have the length sqrt(n_samples), as the samples divided by their rms would.
     """
@@ -340,13 +340,14 @@ def _sparse(unit: np.ndarray, target: np.ndarray, has_mass: bool, n_samples: int
     length = n_samples**0.5
     q, upper = linalg.qr(unit, mode="full", check_finite=False)
     rotated = q.T @ target
-    free = slice(1, None) if has_mass else slice(0, None)
+    own, free = slice(0, n_masses), slice(n_masses, None)
     coefficients = np.zeros(unit.shape[1])
     sub_columns, sub_target = upper[free, free], rotated[free]
     if sub_columns.shape[1]:
         coefficients[free] = fit_inner(inner, sub_columns * length, sub_target * length)
-    if has_mass:
-        coefficients[0] = (rotated[0] - upper[0, 1:] @ coefficients[1:]) / upper[0, 0]
+    if n_masses:
+        rest = rotated[own] - upper[own, free] @ coefficients[free]
+        coefficients[own] = linalg.solve_triangular(upper[own, own], rest, check_finite=False)
     return coefficients
 
 

@@ -133,6 +133,7 @@ def orthogonal_gram(rows: np.ndarray, guess: np.ndarray, store: np.ndarray) -> N
     store : ndarray of shape (p, p)
         Its lower triangle is complete afterwards.
     """
+    rows = np.ascontiguousarray(rows, dtype=np.float64)
     kernels()[1](rows, guess, _scratch(len(rows)), store.ravel())
 
 

@@ -236,8 +236,8 @@ def guess_of(part: GroupMoments) -> np.ndarray:
 def _scaled_cholesky(gram: np.ndarray) -> np.ndarray:
     """Upper factor of a Gram matrix whose columns span many orders of magnitude.
 
-    Columns are scaled to unit length first. A pivot lost to round-off becomes zero: the column is a
-    combination of those before it.
+    Columns are scaled to unit length first. Where the factor fails, a pivot lost to round-off becomes zero: the
+    column is a combination of those before it.
     """
     scale = np.sqrt(np.clip(np.diag(gram), 0.0, None))
     safe = np.where(scale > 0, scale, 1.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
@@ -34,3 +35,32 @@ def test_the_copy_holds_package_and_tests_and_nothing_compiled(tmp_path):
     home = mutation.copied(tmp_path)
     assert (home / "pysindy_nrf" / "__init__.py").is_file() and (home / "tests" / "conftest.py").is_file()
     assert not list(home.rglob("*.nbi")) and not list(home.rglob("__pycache__"))
+
+
+def test_a_fault_is_put_in_and_taken_out(tmp_path):
+    pytest.importorskip("cosmic_ray")
+    path, source = tmp_path / "code.py", "def half(x: int | None):\n    return x / 2\n"
+    path.write_text(source)
+    written = path.stat().st_mtime_ns
+    every = mutation.mutants(tmp_path, ["code.py"], 0, 0)
+    assert len(every) > 3 and {m.start_pos[0] for m in every} == {2}  # none in the annotation
+    for fault in every:
+        with mutation.faulty(fault):
+            assert path.read_text() != source and path.stat().st_mtime_ns == 0
+        assert path.read_text() == source and path.stat().st_mtime_ns == written
+    few = [mutation.mutants(tmp_path, ["code.py"], 3, 5) for _ in range(2)]
+    assert few[0] == few[1] and len(few[0]) == 3
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs a system that forks")
+def test_a_run_passes_fails_or_is_ended(tmp_path):
+    body = {"good": "assert half(4) == 2", "bad": "assert half(4) == 3", "endless": "import time; time.sleep(600)"}
+    (tmp_path / "code_of_the_user.py").write_text("def half(x):\n    return x / 2\n")
+    for name, line in body.items():
+        text = f"from code_of_the_user import half\n\n\ndef test_it():\n    {line}\n"
+        (tmp_path / f"test_{name}.py").write_text(text)
+    assert mutation.passes(tmp_path, "test_good.py", 60)
+    assert not mutation.passes(tmp_path, "test_bad.py", 60)
+    assert "half(4) == 3" in (tmp_path / "log").read_text()
+    assert not mutation.passes(tmp_path, "test_endless.py", 5)
+    assert "code_of_the_user" not in sys.modules

@@ -27,7 +27,7 @@ class BoucWen(ForceLaw):
     ============================================================  ==============================
 
     For n = 1 the state is moved exactly along a path without reversal, otherwise by a fourth-order
-    rule in parts short enough for a relative error of about 1e-7.
+    rule in parts short enough for a relative error of about 1e-6 inside the loop.
 
     Parameters
     ----------

@@ -92,7 +92,7 @@ def _plausible(turn, rise, h, v0, v1):
 
 @part
 def _turns(s0, s1, v0, v1, h, a0, a1, has_a):
-    """Where the drift turns inside an interval: how often (0, 1, 2), shares of the time, rises."""
+    """Where the drift turns inside an interval: how often (0, 1, 2), shares of the time, rises since its start."""
     rise = s1 - s0
     if v0 * v1 < 0.0:
         if has_a:
@@ -146,7 +146,7 @@ def _find_turns(s, v, a, t, low, high, doubtful, at, shares, drifts):
             for k in range(turns):
                 at[count] = i
                 shares[count] = x1 - x0 if k else x0
-                drifts[count] = s[i - 1] + rise0 + rise1 if k else s[i - 1] + rise0
+                drifts[count] = s[i - 1] + (rise1 if k else rise0)
                 count += 1
     return count
 

@@ -96,8 +96,6 @@ def condense(record: Record) -> Condensed:
     every = range(1, record.n_dof + 1)
     kept = [j for j in every if have & {f"a{j}", f"v{j}", f"x{j}"}]
     gone = [j for j in every if j not in kept]
-    if not kept:
-        raise ChannelError(f"No floor of record {record.name!r} has a motion channel", "Measure a, v or x of one.")
     forced = [j for j in gone if record.force[:, j - 1].any()]  # NaN counts: an unknown force is one
     if forced:
         raise ChannelError(

@@ -107,9 +107,6 @@ def run(arguments: Sequence[str] | None = None) -> int:
         return _say(str(error), OTHER)
     except (click.Abort, KeyboardInterrupt):
         return _say("Stopped. No half-written file is left.", INTERRUPTED, "")
-    except BrokenPipeError:
-        sys.stderr.close()  # the reader of our output has left
-        return OTHER
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         return _say(f"{where}{error.strerror or error}.", OTHER)

@@ -173,7 +173,7 @@ def _baseline_laws(baseline: NRFRegressor, chain: Any, given: Any, work: Workspa
 
         fresh = clone(baseline)
         part = SegmentSet([piece for _, piece in work.pieces()], work.data.n_samples)
-        fresh._fit(part, given, part, None)
+        fresh._fit(part, given, part)
         return {s: tuple(law for law in held) for s, held in fresh.model_.laws.items()}
     return laws
 

@@ -68,16 +68,9 @@ def parameter_table(step: Any) -> pd.DataFrame:
     DataFrame
         Index = parameter; ``estimate``, and ``lower``, ``upper`` where the loop gave intervals.
     """
-    intervals = getattr(step, "intervals", None)
     frame = pd.DataFrame({"estimate": pd.Series(step.parameters, dtype=float)})
     frame.index.name = "parameter"
-    if isinstance(intervals, pd.DataFrame) and "parameter" in intervals:
-        bounds = intervals.set_index("parameter")[["lower", "upper"]]
-    elif isinstance(intervals, dict):
-        bounds = pd.DataFrame.from_dict(intervals, orient="index", columns=["lower", "upper"])
-    else:
-        return frame
-    return frame.join(bounds)
+    return frame.join(pd.DataFrame.from_dict(step.intervals or {}, orient="index", columns=["lower", "upper"]))
 
 
 def table(frame: pd.DataFrame) -> list[str]:

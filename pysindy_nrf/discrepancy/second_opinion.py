@@ -6,7 +6,7 @@ constant makes up for some of that, in every block of the data. Instrumental var
 their coefficients the error falls only if the effect is there.
 
 Frictions and hystereses are not asked about. Noise does not look like them, and their free runs under a noisy force
-stick and slip in every sample, which takes minutes.
+stick and slip where the structure did not.
 """
 
 from __future__ import annotations

@@ -104,7 +104,7 @@ def _turns(s0, s1, v0, v1, h, a0, a1, has_a):
         x = _turning_point(0.0, 1.0, c)
         if _plausible(_rise(x, c), rise, h, v0, v1):
             return 1, x, _rise(x, c), 1.0, 0.0
-    elif has_a:  # the rate dips and recovers: it may cross zero twice
+    else:  # the accelerations say that the rate dips and recovers: it may cross zero twice
         c = _quintic(rise, h, v0, a0, v1, a1)
         x = _slowest_point(0.0, 1.0, c)
         if _slope(x, c) * v0 < 0.0:

@@ -157,6 +157,7 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
             sampling rate is unknown, or a noise level is not positive.
         """
         self._run_pieces(X, True, record, time)
+        self._levels_of_fit = True
         return self
 
     def transform(self, X: Any, *, record: Any = None, time: Any = None) -> Any:
@@ -191,6 +192,7 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
             As of :meth:`transform`.
         """
         out = self._run_pieces(X, True, record, time)
+        self._levels_of_fit = True
         return out if out is not None else self.transform(X, record=record, time=time)
 
     def transform_record(self, record: Record) -> Record:
@@ -205,7 +207,7 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         Record
             With acceleration, velocity and displacement of every DOF that has a motion channel.
         """
-        return self._run(record, learn=not hasattr(self, "noise_"))
+        return self._run(record, learn=not getattr(self, "_levels_of_fit", False))
 
     def get_feature_names_out(self, input_features: Any = None) -> np.ndarray:
         """Names of the columns that ``transform`` gives.
@@ -266,11 +268,6 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
     def _run(self, X: Any, learn: bool) -> Any:
         record = X if isinstance(X, Record) else None
         table = record.to_frame() if record is not None else X
-        if not isinstance(table, pd.DataFrame):
-            raise ChannelError(
-                f"KinematicSmoother needs to know the channels, {type(X).__name__} has no names",
-                "Give a Record, or a DataFrame with columns a1.., v1.., x1...",
-            )
         if len(table) == 0:
             raise ChannelError("X has no samples (0 rows)", "Give a record.")
         fs = self._rate(record, table)

@@ -327,6 +327,8 @@ def runge_kutta(system, w, k, polynomials, samples, dt, x, v, z, jump, tables, a
             if adaptive:
                 grow = 10.0 if error < 1e-9 else min(0.9 * error ** (-0.125), 10.0)
                 proposal = min(max(h * max(grow, 0.1), h_tried if arrived >= 0 else shortest), dt)
+            else:
+                proposal = dt
     return DONE, last, 0, steps, rejected, forced
 
 

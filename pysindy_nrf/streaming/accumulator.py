@@ -366,20 +366,22 @@ def _sum(one: Moments, other: Moments) -> Moments:
 
 def _halved(blocks: list[BlockEntry]) -> list[BlockEntry]:
     """Neighbours made one, within records where that makes them fewer."""
-    for across in (False, True):
-        out: list[BlockEntry] = []
-        alone = True
-        for entry in blocks:
-            if out and alone and (across or out[-1].record == entry.record):
-                out[-1] = replace(out[-1], moments=_sum(out[-1].moments, entry.moments))
-                alone = False
-            else:
-                out.append(entry)
-                alone = True
-        if len(out) <= 0.75 * len(blocks) or across:
-            return out
-        blocks = out
-    return blocks
+    out = _paired(blocks, across=False)
+    return out if len(out) <= 0.75 * len(blocks) else _paired(out, across=True)
+
+
+def _paired(blocks: list[BlockEntry], across: bool) -> list[BlockEntry]:
+    """Every two neighbours made one, those of different records too if ``across``."""
+    out: list[BlockEntry] = []
+    alone = True
+    for entry in blocks:
+        if out and alone and (across or out[-1].record == entry.record):
+            out[-1] = replace(out[-1], moments=_sum(out[-1].moments, entry.moments))
+            alone = False
+        else:
+            out.append(entry)
+            alone = True
+    return out
 
 
 def _row(segment: Segment, i: int) -> dict[str, Any]:

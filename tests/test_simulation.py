@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from pysindy_nrf import Chain, Site, laws
+from pysindy_nrf import Chain, ChainModel, Site, laws
 from pysindy_nrf.exceptions import ChannelError, LawError, SimulationError
 from pysindy_nrf.laws.base import ForceLaw, Motion, Term
 from pysindy_nrf.simulation import free_run, simulate
@@ -75,6 +75,19 @@ def test_default_method_agrees_with_scipy(kind, rms, method):
     if kind == "dahl":
         ((_, states),) = run.states.items()
         np.testing.assert_allclose(states[:, 0], truth[:, 4], atol=1e-7)
+
+
+def test_the_fourth_order_rule_takes_one_step_for_each_sample_after_a_slip_too():
+    """Two floors that rub on each other: close to a slip the steps are short, and then one for each sample again."""
+    rubbing = [laws.LinearElastic(1e4), laws.CoulombFriction(20.0)]
+    chain = ChainModel([10.0, 5.0], {1: rubbing, 2: rubbing})
+    t = np.arange(1000) * 1e-3
+    F = np.zeros((1000, 2))
+    F[:, 1] = 80 * np.sin(20 * t) * (t < 0.3)
+    runs = {method: free_run(chain, F, 1e-3, method=method) for method in ("rk4", "default")}
+    assert runs["rk4"].quality["steps"] < 1.2 * len(t)
+    x = {method: run.record.displacement for method, run in runs.items()}
+    np.testing.assert_allclose(x["rk4"], x["default"], atol=1e-6 * np.abs(x["default"]).max())
 
 
 @pytest.mark.parametrize("kind", ["linear", "duffing", "dahl"])

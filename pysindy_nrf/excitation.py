@@ -76,6 +76,10 @@ def impact_hammer(
         raise ChannelError(
             f"{hits} blows of {width:g} s do not fit into {duration:g} s", "Take fewer or a longer record."
         )
+    if width * fs < 2:
+        raise ChannelError(
+            f"Blows of {width:g} s are shorter than two samples at {fs:g} Hz", "Sample faster, or take softer blows."
+        )
     rng = generator(random_state)
     t = np.arange(n) / fs
     F = np.zeros((n, n_dof))

@@ -193,7 +193,7 @@ def candidates(
     Candidate
     """
     n = chain.n_dof
-    grounds = [Site(f"ground {j}") for j in range(2, n + 1)]
+    grounds = [Site(f"ground {j}") for j in range(1, n + 1)]  # of DOF 1 it is storey 1, which a free chain has not
     skips = [Site(f"link {p}-{q}") for p in range(3, n + 1) for q in range(1, p - 1)]
     known, driven = set(known_masses), set(forced)
     for law in catalogue:

@@ -66,7 +66,7 @@ def intervals(
     """
     site, i = place
     held = stage.laws[site][i]
-    axes = Axes(law, stage.work.scales(site))
+    axes = Axes(law, stage.work, site)
     centre = axes.point(held)
     width, true = len(theta), np.concatenate([theta, np.zeros(len(centre))])
     out: dict[str, tuple[float, float]] = {}
@@ -74,7 +74,7 @@ def intervals(
         drift, half = _widths(stage, place, axes, centre, theta, true, nulls, level)
     except NRFError:  # a change in time between two blocks has no slope: from the profile of the error instead
         out = _profile(stage, place, law, axes, centre, level)
-        axes, centre, true = Axes(held, stage.work.scales(site)), np.zeros(0), theta
+        axes, centre, true = Axes(held, stage.work, site), np.zeros(0), theta
         try:
             drift, half = _widths(stage, place, axes, centre, theta, true, nulls, level)
         except NRFError:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from .._random import generator
-from ..exceptions import ExcitationError, NRFError
+from ..exceptions import BiasWarning, ChannelError, ExcitationError, NRFError
 from ..fair_filter import filters_of
 from ..laws.base import ForceLaw
 from ..laws.power_series import whole
@@ -155,14 +156,17 @@ def close_loop(
             "Give the baseline known_masses={dof: kg}.",
         )
     first = _baseline_laws(baseline, chain, given, work)
-    names = tuple(ready.data.segments[0].covariates)
+    _require_covariates(first, ready)
+    _say_what_is_not_used(baseline)
+    names = tuple(c for c in ready.data.segments[0].covariates if all(c in s.covariates for s in ready.data.segments))
     tried = as_laws(catalogue, names)
     every = list(candidates(tried, chain, known, names, work.forced, len(work.searched)))
     sensors = [law for law in tried if law.family == "sensor"]
     loop = _Loop(ready, work, every, sensors, floors, rng, n_surrogates, progress)
     with threadpool_limits(1):  # the matrices are small: threads only get in each other's way
         report = loop.run(Stage(work, chain, first), max_steps, band, baseline)
-    report.settings = audit(baseline, tried, band, random_state, max_steps, n_surrogates, ready, floors.words)
+    words = floors.words if n_surrogates or floors.measured else "not known: no surrogates were run"
+    report.settings = audit(baseline, tried, band, random_state, max_steps, n_surrogates, ready, words)
     return report
 
 
@@ -176,6 +180,31 @@ def _baseline_laws(baseline: NRFRegressor, chain: Any, given: Any, work: Workspa
         fresh._fit(part, given, part)
         return {s: tuple(law for law in held) for s, held in fresh.model_.laws.items()}
     return laws
+
+
+def _require_covariates(laws: Mapping[Site, Sequence[ForceLaw]], ready: Prepared) -> None:
+    """Every record, held-out ones too, has what the declared laws need."""
+    for site, held in laws.items():
+        needed = {name: law.name for law in held for name in law.covariates}
+        for seg in ready.data.segments:
+            for name in needed.keys() - seg.covariates.keys():
+                raise ChannelError(
+                    f"Record {seg.name!r} has no covariate {name!r}, which {needed[name]} at {site} needs",
+                    "Give it in covariates=, or leave the record out.",
+                )
+
+
+def _say_what_is_not_used(baseline: NRFRegressor) -> None:
+    """The search is least squares: what else the baseline asks for has no part in it."""
+    asked = [f"estimation={baseline.estimation!r}"] if baseline.estimation != "ls" else []
+    asked += [f"{name}=" for name in ("constraints", "optimizer") if getattr(baseline, name) is not None]
+    if asked:
+        warnings.warn(
+            f"close_loop fits by plain least squares and does not use {', '.join(asked)} of the baseline. Fit "
+            "NRFRegressor(laws=report.model.laws, ...) with it to the records afterwards.",
+            BiasWarning,
+            stacklevel=3,
+        )
 
 
 class _Loop:
@@ -205,6 +234,7 @@ class _Loop:
         null = Null(self.ready, stage, self.rng, self.n_surrogates)
         scenes = [Scene("baseline", trial, trial.fold_errors(), null, self.floors.of(trial))]
         ranking: list[Finding] = []
+        measured = self.ready  # channels that turn out faulty are corrected further on
         for _ in range(2 * max_steps):
             before = scenes[-1].folds
             if len(steps) >= max_steps:
@@ -220,13 +250,13 @@ class _Loop:
             if not ranking:
                 stopped = "No law of the catalogue lowers the error at any site"
                 break
-            members, verdict = self._decide(stage, ranking, before, null)
+            members, verdict = self._decide(stage, ranking, before, null, max_steps - len(steps))
             if not verdict.accepted:
                 chosen = members[0][0]
                 best = f"{chosen.law.name} at {chosen.site}"
                 stopped = f"No further effect is supported: the best candidate is {best}, but {verdict.sentence}"
                 break
-            members = members[: max_steps - len(steps)]
+            untested = not null.stages
             for chosen, tied in members:
                 stage, gone = self._with(stage, chosen, chosen is members[-1][0])
                 for law in gone:
@@ -241,6 +271,7 @@ class _Loop:
                 beside = [f"{f.law.name} at {f.site}" for f, _ in members if f is not chosen]
                 step.evidence += f" (together with {' and '.join(beside)})" if beside else ""
                 step.evidence += "".join(f"; it makes {f.law.name} at {f.site} needless" for f in gone)
+                step.null_gain = np.nan if untested else step.null_gain
                 steps.append(step)
                 scenes.append(Scene(f"{step.law} at {step.site}", trial, after, null, self.floors.of(trial)))
         floor, left = self.floors.percent(trial, null), float(np.median(scenes[-1].folds))
@@ -262,7 +293,7 @@ class _Loop:
             stopped += f". {left:.3g} % stay unexplained by any law {alone}, most in the {worst(trial)}"
         if said := contradictions(self.ready, self.work) if self.sensors else []:
             stopped += f". Channels contradict each other, and the fusion made the best of it: {'; '.join(said)}"
-        return LoopReport.assemble(self.work, scenes, steps, stopped, ranking, band, self.ready, baseline)
+        return LoopReport.assemble(self.work, scenes, steps, stopped, ranking, band, measured, baseline)
 
     def _findings(self, stage: Stage, trial: Trial, steps: Sequence[Step]) -> list[Finding]:
         """Validated candidates, best first."""
@@ -292,7 +323,7 @@ class _Loop:
         return sorted((f for f in judged if np.isfinite(f.error)), key=lambda f: f.error)
 
     def _decide(
-        self, stage: Stage, ranking: list[Finding], before: np.ndarray, null: Null
+        self, stage: Stage, ranking: list[Finding], before: np.ndarray, null: Null, most: int
     ) -> tuple[list[tuple[Finding, list[Finding]]], Verdict]:
         """The best candidate that passes the gate, or several together; the best of all where none does."""
         first = None
@@ -310,7 +341,9 @@ class _Loop:
             named = chosen, tied
             if verdict.accepted:
                 if not isinstance(chosen, SensorFinding) and not self.ready.clean:
-                    named = likeliest(stage, chosen, tied, ranking, before, self._null)
+                    other = likeliest(stage, chosen, tied, ranking, before, self._null)
+                    own = verdict if other[0] is chosen else self._judged(stage, other[0], before, null)
+                    named, verdict = (other, own) if own.accepted else (named, verdict)
                 verdict = confirmed(verdict, stage, named[0].on(stage), null)
                 if verdict.accepted:
                     return [named], verdict
@@ -324,7 +357,12 @@ class _Loop:
             if not left:
                 break
         assert first is not None
-        return look_ahead(stage, ranking, before, null) or first
+        return look_ahead(stage, ranking, before, null, most) or first
+
+    def _judged(self, stage: Stage, finding: Finding, before: np.ndarray, null: Null) -> Verdict:
+        """The verdict on a law by the gate, on surrogates and in its free run."""
+        verdict = judge(before, finding.folds, finding.n_parameters, null.gain(finding))
+        return self._alone(stage, finding, verdict) if verdict.accepted else verdict
 
     def _null(self, stage: Stage) -> Null:
         """A single surrogate of a model."""

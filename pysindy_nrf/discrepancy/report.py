@@ -69,7 +69,7 @@ class Step:
     validation_before, validation_after : float
         Median over the search blocks, each judged after fitting to the others.
     gain, wins, null_gain : float
-        Fall of the median, share of blocks won, largest gain on surrogates without the effect.
+        Fall of the median, share of blocks won, largest gain on surrogates without the effect (NaN if none was run).
     noise_floor : float
         Median error that noise alone leaves, percent; NaN if no surrogate could be run.
     remainder : float
@@ -258,12 +258,11 @@ class LoopReport:
         model = models[-1]
         for site in model.laws:
             try:
-                motions = work.motions(site)
+                seen = [(work.motion(site, b.segment), b.rows) for b in work.search]
             except (NRFError, IndexError):
                 continue
-            model.visited[Site(site)] = VisitedRegion.of(
-                np.concatenate([m.v for m in motions]), np.concatenate([m.s for m in motions])
-            )
+            v, s = (np.concatenate([getattr(m, k)[rows] for m, rows in seen]) for k in "vs")
+            model.visited[Site(site)] = VisitedRegion.of(v, s)
         model.info = {
             "band": None if band is None else list(band),
             "steps": [s.law + " at " + s.site for s in steps],

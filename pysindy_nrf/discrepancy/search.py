@@ -19,6 +19,7 @@ from ..laws.base import ForceLaw, Shape
 from ..sites import Site
 from .catalogue import Candidate
 from .stage import Stage
+from .workspace import Workspace
 
 # Points of the scan along each of the first two axes, by the number of shape parameters; a further
 # parameter starts at the lower end of its range, where its law is simplest, and is left to the refinement.
@@ -27,6 +28,10 @@ _EVALUATIONS = {1: 24, 2: 60, 3: 110}
 # A law with more shape parameters than this is only tried where a simpler one comes near the best.
 _SIMPLE = 2
 _NEAR = 1.3
+# The shape parameter that spectral lines give.
+_FREQUENCY = "frequency"
+# Families whose laws stand beside each other: a constant force does not take the place of a harmonic one.
+_COMPANIONS = ("forcing",)
 
 
 @dataclass
@@ -73,12 +78,16 @@ class Finding:
 
 
 class Axes:
-    """Shape parameters of a law in the coordinates of the search: logarithms where the scale is one."""
+    """Shape parameters of a law in the coordinates of the search: logarithms where the scale is one.
 
-    def __init__(self, law: ForceLaw, scales: tuple[float, float, float]) -> None:
+    A frequency goes up to half the sampling rate: what excites a structure may be faster than it moves.
+    """
+
+    def __init__(self, law: ForceLaw, work: Workspace, site: Site) -> None:
         self.law = law
         self.shapes: list[Shape] = [p for p in law.shapes if law.shape[p.name] is None]
-        bounds = np.array([p.bounds(*scales) for p in self.shapes]).reshape(-1, 2)
+        bounds = np.array([p.bounds(*work.scales(site)) for p in self.shapes]).reshape(-1, 2)
+        bounds[[p.name == _FREQUENCY for p in self.shapes], 1] = work.fastest
         self.log = np.array([p.log for p in self.shapes], dtype=bool)
         self.low, self.high = (np.where(self.log, np.log(np.where(self.log, b, 1.0)), b) for b in bounds.T)
 
@@ -105,8 +114,8 @@ class Axes:
         """Points of the scan; spectral lines of the residual for a frequency."""
         if not self.shapes:
             return [np.zeros(0)]
-        if len(self.shapes) == 1 and self.shapes[0].name == "frequency":
-            return [np.array([np.log(f)]) for f in lines if np.log(f) >= self.low[0]]
+        if len(self.shapes) == 1 and self.shapes[0].name == _FREQUENCY:
+            return [np.array([np.log(f)]) for f in lines if self.low[0] <= np.log(f) <= self.high[0]]
         count = _GRID.get(len(self.shapes), 4)
         shares = [(np.arange(count) + 0.5) / count if i < 2 else [0.0] for i in range(len(self.shapes))]
         return [self.low + np.array(p) * (self.high - self.low) for p in product(*shares)]
@@ -119,7 +128,7 @@ class Axes:
 
 
 def replaced(stage: Stage, candidate: Candidate, accepted: Sequence[tuple[Site, str]]) -> tuple[tuple[Site, int], ...]:
-    """Accepted laws that share a column with a candidate at its site: it takes their place.
+    """Accepted laws that share a column with a candidate at its site, or explain the same: it takes their place.
 
     Parameters
     ----------
@@ -133,11 +142,12 @@ def replaced(stage: Stage, candidate: Candidate, accepted: Sequence[tuple[Site, 
     tuple of (Site, int)
     """
     labels = {t.label for t in candidate.law.terms()}
+    rivals = candidate.law.family not in _COMPANIONS
     return tuple(
         (candidate.site, i)
         for i, law in enumerate(stage.laws.get(candidate.site, ()))
         if (candidate.site, law.name) in accepted
-        and (labels & {t.label for t in law.terms()} or law.family == candidate.law.family)
+        and (labels & {t.label for t in law.terms()} or (rivals and law.family == candidate.law.family))
     )
 
 
@@ -190,7 +200,7 @@ def grid_of(stage: Stage, candidate: Candidate, lines: Sequence[float] = ()) -> 
     -------
     list of ForceLaw
     """
-    axes = Axes(candidate.law, stage.work.scales(candidate.site))
+    axes = Axes(candidate.law, stage.work, candidate.site)
     return [axes.at(u) for u in axes.grid(lines)]
 
 
@@ -235,11 +245,11 @@ def refine(stage: Stage, finding: Finding, evaluations: int | None = None, reach
     -------
     Finding
     """
-    axes = Axes(finding.candidate.law, stage.work.scales(finding.site))
+    axes = Axes(finding.candidate.law, stage.work, finding.site)
     if not axes.shapes:
         return finding
     start = axes.point(finding.law)
-    step = reach * axes.step(axes.shapes[0].name == "frequency")
+    step = reach * axes.step(axes.shapes[0].name == _FREQUENCY)
     slot = stage.slot(finding.site, finding.candidate.law, finding.drop)
 
     def cost(u: np.ndarray) -> float:

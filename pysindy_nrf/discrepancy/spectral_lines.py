@@ -12,7 +12,8 @@ from scipy.signal import find_peaks
 
 from ..segments import Segment
 from ..sites import Site
-from .stage import Trial
+from .catalogue import Candidate
+from .stage import Stage, Trial
 
 # Share of a drive's power in one line that makes a test harmonic; bins of the record a line is wide.
 _ONE_LINE = 0.6
@@ -175,6 +176,21 @@ def lines_of(trial: Trial) -> dict[Site, list[float]]:
             found += hidden_lines(np.vstack(free), left, seg.dt, _MOST, driven)
         out[Site(f"dof {j}")] = found
     return out
+
+
+def lines_for(stage: Stage, candidate: Candidate) -> dict[Site, list[float]]:
+    """The same for one candidate: nothing unless a frequency is among what it is to be found by.
+
+    Parameters
+    ----------
+    stage : Stage
+    candidate : Candidate
+
+    Returns
+    -------
+    dict of Site to list of float
+    """
+    return lines_of(stage.trial()) if "frequency" in candidate.law.free_shape else {}
 
 
 def _driven(trial: Trial, seg: Segment, number: int, widest: slice) -> float:

@@ -23,6 +23,7 @@ from .noise_level import levels_of, lower_tail, noisy_base, quiet_drive
 from .prepare import Prepared, prepare
 from .search import Finding, refine, screen, validate
 from .sensors import SensorFinding, null_gain
+from .spectral_lines import lines_for
 from .splits import BlockRows
 from .stage import Stage, Trial
 from .workspace import Workspace
@@ -270,7 +271,8 @@ class Null:
                     gains.append(null_gain(stage, finding))
                     continue
                 before = stage.trial().fold_errors()
-                best = screen(stage, [finding.candidate])
+                instead = [(site, stage.laws[site][i].name) for site, i in finding.drop]
+                best = screen(stage, [finding.candidate], instead, lines_for(stage, finding.candidate))
                 tried = validate(stage, refine(stage, best[0], 20)) if best else None
                 gains.append(gain_of(before, tried.folds) if tried is not None and np.median(before) > FLOOR else 0.0)
             except NRFError:

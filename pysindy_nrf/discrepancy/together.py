@@ -16,6 +16,7 @@ from .catalogue import balances_of
 from .gate import FLOOR, MEMBER_GAIN, MIN_WINS, Verdict, choose, gain_of, judge
 from .search import Finding, refine, screen, validate
 from .second_opinion import confirmed
+from .spectral_lines import lines_for
 from .stage import Stage
 from .surrogate import Null
 
@@ -23,7 +24,7 @@ _MOST = 4
 
 
 def look_ahead(
-    stage: Stage, ranking: Sequence[Finding], before: np.ndarray, null: Null
+    stage: Stage, ranking: Sequence[Finding], before: np.ndarray, null: Null, most: int = _MOST
 ) -> tuple[list[tuple[Finding, list[Finding]]], Verdict] | None:
     """Candidates of several sites that pass the gate together.
 
@@ -36,6 +37,8 @@ def look_ahead(
         Errors of the current model.
     null : Null
         The current laws on surrogates that hold nothing but noise.
+    most : int
+        Effects that may still be added.
 
     Returns
     -------
@@ -44,7 +47,7 @@ def look_ahead(
     verdict : Verdict
         Of all of them. None instead of the pair if they do not pass.
     """
-    found = _chain(stage, ranking, before)
+    found = _chain(stage, ranking, before, min(most, _MOST))
     if len(found) < 2:
         return None
     members = [f for f, _, _ in found]
@@ -68,7 +71,7 @@ def look_ahead(
 
 
 def _chain(
-    stage: Stage, ranking: Sequence[Finding], before: np.ndarray
+    stage: Stage, ranking: Sequence[Finding], before: np.ndarray, most: int
 ) -> list[tuple[Finding, list[Finding], Stage]]:
     """The best candidate of each site, added where it still helps after those before it."""
     by_site: dict[str, list[Finding]] = {}
@@ -78,7 +81,7 @@ def _chain(
     out: list[tuple[Finding, list[Finding], Stage]] = []
     now = before
     for group in sorted(by_site.values(), key=lambda g: min(f.error for f in g)):
-        if len(out) == _MOST:
+        if len(out) >= most:
             break
         chosen, tied = choose(group, float(np.median(before)))
         try:
@@ -100,7 +103,7 @@ def _null_gain(stage: Stage, members: Sequence[Finding]) -> float:
         if np.median(first) < FLOOR:
             return 0.0
         for f in members:
-            best = screen(stage, [f.candidate])
+            best = screen(stage, [f.candidate], (), lines_for(stage, f.candidate))
             if best:
                 tried = validate(stage, refine(stage, best[0], 20))
                 if np.isfinite(tried.error) and tried.error < np.median(now):

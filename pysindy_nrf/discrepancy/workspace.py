@@ -94,6 +94,12 @@ class Workspace:
             self._scales[site] = float(s), float(v), length
         return self._scales[site]
 
+    @property
+    def fastest(self) -> float:
+        """Half the lowest sampling rate of the search, Hz."""
+        step = max((self.data.segments[i].dt or 0.0 for i in self.searched), default=0.0)
+        return 0.5 / step if step else np.inf
+
     def runs(self, record: int) -> list[slice]:
         """Runs of search rows of a record with no held-out piece in them, counted from its first valid row."""
         return joined(b.rows for b in self.search if b.segment == record)

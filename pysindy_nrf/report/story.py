@@ -95,8 +95,8 @@ def cautions(report: Any) -> list[str]:
 
 def _step(number: int, step: Any, evidence: Any, report: Any) -> Chapter:
     facts = _rooms(evidence)
-    facts.append(("Decision", f"{_sentence(step.evidence)} On surrogates with noise alone the same law gains at most "
-                              f"{100 * step.null_gain:.0f} %."))  # fmt: skip
+    chance = f" On surrogates with noise alone the same law gains at most {100 * step.null_gain:.0f} %."
+    facts.append(("Decision", _sentence(step.evidence) + (chance if np.isfinite(step.null_gain) else "")))
     after = [("Held-out balance error", f"{step.error_before:.3g} → {step.error_after:.3g} %")]
     if np.isfinite(step.free_run_before) and np.isfinite(step.free_run_after):
         after.append(("Held-out free-run error", f"{step.free_run_before:.3g} → {step.free_run_after:.3g} %"))

@@ -8,7 +8,8 @@ import numpy as np
 
 from ..exceptions import ChannelError
 from ..fair_filter import Band, FairFilter
-from .columns import ColumnTransformer, check_rate
+from ..pieces import contiguous
+from .columns import ColumnTransformer, check_rate, clock_of
 
 
 class BandLimiter(ColumnTransformer):
@@ -79,8 +80,11 @@ class BandLimiter(ColumnTransformer):
         out = self._columns(X, self._work, record, time)
         if self.edges != "drop":
             return out
-        whole = np.asarray(out)
-        rows = ~np.isnan(whole[:, ~np.isnan(whole).all(axis=0)]).any(axis=1)
+        empty = np.isnan(np.asarray(out))
+        rows = np.zeros(len(empty), dtype=bool)
+        for _, piece in contiguous(len(empty), record, clock_of(X, time, len(empty), record)):
+            known = ~empty[piece].all(axis=0)  # a force may be unknown in one record and known in the next
+            rows[piece] = ~empty[piece][:, known].any(axis=1) & known.any()
         return out[rows]
 
     def _work(self, values: np.ndarray) -> np.ndarray:

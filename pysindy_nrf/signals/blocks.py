@@ -48,7 +48,7 @@ def fuse_all(
     levels = np.median([[m.noise for m in motions] for motions in first], axis=0)
     corners = np.median([[m.high_pass for m in motions] for motions in first], axis=0)
     motion = np.zeros((len(views), 3, n))
-    spacing = np.zeros(len(views))
+    spacing, total = np.zeros(len(views)), np.zeros(n)
     for i, start in enumerate(starts):
         block = _fuse_block(_part(views, start), levels, corners, ladder, joint)
         weight = np.ones(BLOCK)
@@ -57,10 +57,12 @@ def fuse_all(
             weight[:rise] = (np.arange(rise) + 0.5) / rise
         if i + 1 < len(starts):
             fall = start + BLOCK - starts[i + 1]
-            weight[BLOCK - fall :] = 1 - (np.arange(fall) + 0.5) / fall
+            weight[BLOCK - fall :] *= 1 - (np.arange(fall) + 0.5) / fall
+        total[start : start + BLOCK] += weight
         for j, m in enumerate(block):
             motion[j, :, start : start + BLOCK] += weight * m.motion
             spacing[j] = max(spacing[j], m.spacing)
+    motion /= total  # three blocks may overlap
     return [FusedMotion(motion[j], levels[j], spacing[j], corners[j]) for j in range(len(views))]
 
 

@@ -200,6 +200,7 @@ def _fit(
     levels = start.copy()
     free = [o for o in measured if np.isnan(given[o])]
     projections = [basis.project(o, channels[o]) if o in measured else None for o in range(3)]
+    alive = {o: _alive(channels[o]) for o in free}
     for _ in range(rounds if free else 1):
         weights = weights_of(levels, corner)
         rhs = sum(weights[o] * projections[o] for o in measured)
@@ -212,7 +213,7 @@ def _fit(
             residual = basis.evaluate(o, c) - channels[o]
             squares[o] = residual @ residual
             # by the median: the kink a hammer leaves is no noise
-            typical[o] = np.median(np.abs(residual)) / 0.6745
+            typical[o] = np.median(np.abs(residual[alive.get(o, slice(None))])) / 0.6745
         new = levels.copy()
         new[free] = np.maximum(typical[free] * np.sqrt(n / left[free]), floor[free])
         change = np.abs(np.log(new[free] / levels[free])).max() if free else 0.0
@@ -234,7 +235,24 @@ def _white_level(y: np.ndarray, order: int = 4) -> float:
     """Level of white noise that explains the differences of a channel: at most its noise."""
     if len(y) < 4 * order:
         return float(1e-3 * np.sqrt(np.mean(y**2)))
-    return float(np.median(np.abs(np.diff(y, order))) / 0.6745 / np.sqrt(comb(2 * order, order)))
+    steps = np.abs(np.diff(y, order))
+    if 2 * np.count_nonzero(steps) < steps.size:  # quiet to the last bit for the most part: see _alive
+        steps = steps[steps > 0]
+    return float(np.median(steps) / 0.6745 / np.sqrt(comb(2 * order, order))) if steps.size else 0.0
+
+
+def _alive(y: np.ndarray) -> slice | np.ndarray:
+    """Samples at which a channel changes, where it is quiet to the last bit for more than half of the record.
+
+    A triggered or coarsely quantised channel that rests says nothing of its noise.
+    """
+    moves = np.diff(y) != 0
+    if 2 * np.count_nonzero(moves) >= moves.size or not moves.any():
+        return slice(None)
+    alive = np.zeros(len(y), dtype=bool)
+    alive[:-1] |= moves
+    alive[1:] |= moves
+    return alive
 
 
 def _lowest_frequency(channels: Any, levels: np.ndarray, n: int) -> float:

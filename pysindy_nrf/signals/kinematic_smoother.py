@@ -328,7 +328,8 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
             for kind, order in _ORDERS.items():
                 if (name := motion.get((kind, j))) is not None:
                     views[order] = (live[name] - base if kind == "a" else live[name]) * units[kind]
-                    levels[row, order] = (self._level(kind, name) if learn else self.noise_[name]) * units[kind]
+                    level = self._level(kind, name) if learn else self.noise_.get(name, np.nan)
+                    levels[row, order] = level * units[kind]
             _require_moving(j, {n: live[n] for (_, i), n in motion.items() if i == j})
             every.append(views)
         noise, spacing, high_pass, a, v, x = {}, {}, {}, {}, {}, {}

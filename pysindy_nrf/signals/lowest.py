@@ -47,6 +47,8 @@ def lowest_frequency(accelerations: np.ndarray, fs: float) -> float | None:
     """
     channels = np.column_stack([accelerations, np.diff(accelerations, axis=1)])
     channels = channels[:, channels.any(axis=0)]
+    if channels.shape[1] == 0:
+        return None
     f, density = signal.welch(channels, fs, nperseg=max(64, len(channels) // 6), axis=0)
     f, density = f[1:], density[1:]
     noise = np.median(density[f > (1 - _TOP) * f[-1]], axis=0)

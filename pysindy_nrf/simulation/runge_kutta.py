@@ -112,7 +112,8 @@ def _reversal(system, regime, watch, v0, v1, k, stages, v_tol):
             elif abs(start) > v_tol:
                 sign = np.sign(start)
             if sign != 0.0 and end * sign < -v_tol:
-                return i, 1
+                # from rest, the right way and back: nothing to interpolate between yet, the step is too long
+                return i, 2 if abs(start) <= v_tol and relative(k.a[0], site) * sign > 0.0 else 1
             plus = sign > 0.0 or end > v_tol
             minus = sign < 0.0 or end < -v_tol
             for stage in range(1, stages):
@@ -153,21 +154,24 @@ def _settle(system, regime, jump, v_tol, t, row, x, v, z, a, force, w):
     for i in range(jump.size):
         if jump[i] and regime[i] != 0:
             site = system.sites[i]
-            if abs(relative(v, site)) <= v_tol and regime[i] == FREE:
+            if abs(relative(v, site)) <= v_tol:
                 regime[i] = 0
             elif regime[i] == FREE:
                 regime[i] = 1 if relative(v, site) > 0.0 else -1
     for _ in range(jump.size + 1):
         accelerate(system, regime, t, row, x, v, z, a, force, w)
         changed = False
+        worst, most = -1, 1.0 + 1e-9  # one at a time: a site that slips relieves the others
         for i in range(jump.size):
             if jump[i] and regime[i] == 0:
                 if w.jump[i] <= 0.0:
                     regime[i] = 1 if relative(a, system.sites[i]) > 0.0 else -1
                     changed = True
-                elif abs(w.share[i]) > 1.0 + 1e-9:
-                    regime[i] = 1 if w.share[i] > 0.0 else -1
-                    changed = True
+                elif abs(w.share[i]) > most:
+                    worst, most = i, abs(w.share[i])
+        if worst >= 0:
+            regime[worst] = 1 if w.share[worst] > 0.0 else -1
+            changed = True
         if not changed:
             break
 

@@ -125,7 +125,7 @@ def align(record: Record, found: pd.DataFrame, gains: bool = False) -> Record:
     """
     changes: dict[str, np.ndarray] = {}
     for name, row in found.iterrows():
-        if row["aligned"]:
+        if row["aligned"] or not np.isfinite(row["sign"]):  # an incoherent channel tells nothing to correct
             continue
         key, j = NAMES[str(name)[0]], int(str(name)[1:]) - 1
         array = changes.setdefault(key, np.array(getattr(record, key), dtype=float))

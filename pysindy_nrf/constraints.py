@@ -300,6 +300,13 @@ def constrained(model: ChainModel, constraints: Any, resolver: Any) -> ChainMode
     rows = [e for c in given for e in c.equations(names, model.chain, known)]
     A = np.array([[factors.get(n, 0.0) for n in names] for factors, _ in rows]).reshape(len(rows), len(names))
     b = np.array([value for _, value in rows])
+    empty = ~A.any(axis=1)  # equations of known masses alone
+    if np.abs(b[empty]).max(initial=0.0) > 1e-6 * np.abs(model.masses).sum():
+        raise ChainError(
+            f"The known masses are {np.abs(b[empty]).max():.4g} kg away from what a constraint says of them",
+            "Correct known_masses, or leave the constraint out.",
+        )
+    A, b = A[~empty], b[~empty]
     bounded = np.array([n in {x for c in given for x in c.bounded(names, model.chain)} for n in names])
     resolver.constrain = None
     P = _covariance(resolver.covariance(lambda m: parameters_of(m, known)), theta.to_numpy(), len(resolver.pieces))
@@ -328,6 +335,7 @@ def _nearest(theta: np.ndarray, P: np.ndarray, A: np.ndarray, b: np.ndarray, bou
     scale = np.sqrt(np.diag(P))
     R = P / scale[:, None] / scale
     active: list[int] = []
+    own = np.zeros(0)
     for _ in range(4 * len(theta) + 4):
         B = np.vstack([A, np.eye(len(theta))[active]])
         target = np.concatenate([b, np.zeros(len(active))])
@@ -342,7 +350,14 @@ def _nearest(theta: np.ndarray, P: np.ndarray, A: np.ndarray, b: np.ndarray, bou
             point = theta + scale * (R @ C.T @ multipliers)
             left = np.abs(B @ point - target) / size
             if left.max(initial=0.0) > 1e-6 * max(np.abs(gap).max(), 1.0):
-                raise ChainError("The constraints contradict each other", "Leave one out.")
+                # the newest bound follows from the others: one that stands in its way goes, the least needed first
+                share = np.linalg.lstsq(C[:-1].T, C[-1], rcond=1e-10)[0][len(b) :] if active else np.zeros(0)
+                against = share > 1e-9
+                if not against.any():
+                    raise ChainError("The constraints contradict each other", "Leave one out.")
+                own = np.where(against, own, np.inf) / np.where(against, share, 1.0)
+                active.pop(int(np.argmin(own)))
+                continue
         own = multipliers[len(b) :]
         if len(own) and own.min() < 0 and len(own) == len(active):
             active.pop(int(np.argmin(own)))  # this bound pulls the wrong way

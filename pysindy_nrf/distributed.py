@@ -60,7 +60,7 @@ def fit_distributed(
     ChannelError
         If X and F do not fit together.
     LawError
-        If a law remembers the path and a record is cut into partitions.
+        If a law remembers the path or reads the time and a record is cut into partitions.
     MissingExtraError
         Without the extra ``dask``.
 
@@ -80,11 +80,16 @@ def fit_distributed(
     from threadpoolctl import threadpool_limits
 
     beside = {"record": record, "time": time, "base_acceleration": base_acceleration}
-    beside |= {f"covariate {k}": c for k, c in dict(covariates or {}).items()}
+    beside |= {f"covariate {k}": c for k, c in ({} if covariates is None else dict(covariates)).items()}
     items, whole = _items(dask, X, F, {k: v for k, v in beside.items() if v is not None})
     if not whole and any(law.has_memory for held in estimator._given_laws().values() for law in held):
         raise LawError(
             "A law remembers the path, and the partitions of a collection cut it",
+            "Give a list of delayed records; each is then taken from its start.",
+        )
+    if not whole and any(law.uses_time for held in estimator._given_laws().values() for law in held):
+        raise LawError(
+            "A law reads the time, and each partition of a collection would count it from its own start",
             "Give a list of delayed records; each is then taken from its start.",
         )
     accumulator = _pass(dask, estimator, items, whole, "gram", {})

@@ -10,6 +10,7 @@ delay to a fraction of a sample, and leaving out pieces of the record its standa
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -18,11 +19,12 @@ from scipy import linalg
 
 from .exceptions import ChannelError
 from .layout import LawLayout
-from .segments import SegmentSet
+from .segments import Segment, SegmentSet
 
 MOST = 20  # samples
 PIECES = 24
 LATE = 0.1  # samples from which on a delay is said
+SAME_RATE = 1e-3  # relative difference of sampling steps that are taken as one
 SURE = 3.0  # standard errors that a delay must be away from zero
 
 
@@ -39,9 +41,9 @@ def force_delay(estimator: Any, X: Any = None, F: Any = None, **options: Any) ->
     Returns
     -------
     DataFrame
-        By force (``F1``..): ``delay`` (s, positive = the force is late; NaN without a clock), ``samples``,
-        ``error`` (standard error, samples), ``aligned`` (bool) and ``message``. Forces that act in no balance with a
-        single unknown force are left out.
+        By force (``F1``..): ``delay`` (s, positive = the force is late; NaN without a clock), ``samples``
+        (of the first record), ``error`` (standard error, samples), ``aligned`` (bool) and ``message``. Forces that
+        act in no balance with a single unknown force are left out.
 
     Raises
     ------
@@ -95,13 +97,39 @@ def force_delay(estimator: Any, X: Any = None, F: Any = None, **options: Any) ->
 
 
 def _delay(data: SegmentSet, layout: LawLayout, j: int) -> tuple[float, float] | None:
-    """Delay in samples and its standard error, or None where nothing can be told."""
+    """Delay in samples of the first record and its standard error, or None where nothing can be told.
+
+    Each sampling rate by itself, for a shift by whole samples is another time at another rate.
+    """
+    rates: list[list[Segment]] = []
+    for seg in data.segments:
+        alike = (r for r in rates if seg.dt is None or (r[0].dt and abs(seg.dt / r[0].dt - 1) < SAME_RATE))
+        if held := next(alike, None):
+            held.append(seg)
+        else:
+            rates.append([seg])
+    found = [
+        np.array(one) * (held[0].dt / data.dt if held[0].dt and data.dt else 1.0)
+        for held in rates
+        if (one := _delay_at(held, layout, j)) is not None
+    ]
+    if not found:
+        return None
+    values, errors = np.transpose(found)
+    if len(found) == 1:
+        return float(values[0]), float(errors[0])
+    weights = 1 / np.maximum(errors, 1e-9) ** 2
+    return float(np.average(values, weights=weights)), float(weights.sum() ** -0.5)
+
+
+def _delay_at(segments: Sequence[Segment], layout: LawLayout, j: int) -> tuple[float, float] | None:
+    """Delay in samples and its standard error from records of one sampling rate, or None."""
     from .estimation.pieces import rows_of, whole_block
 
     group = layout.group((j,))
     known = dict.fromkeys(range(1, layout.n_dof + 1), 0.0)
     grams = []
-    for seg in data.segments:
+    for seg in segments:
         force = seg.F[seg.valid, j - 1].astype(float)
         if np.isnan(force[0]) or not force.any() or len(force) < 8 * MOST:
             continue

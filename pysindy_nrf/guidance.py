@@ -185,13 +185,16 @@ def _delays(model: Any) -> list[Finding]:
 def _noise(model: Any) -> list[Finding]:
     """The bias that white noise still in the motions gives a least-squares mass, balance by balance.
 
-    ``theta = (G - N)^-1 G theta_LS`` with the Gram matrix G of the columns and N that of their noise.
+    ``theta = (G - N)^-1 G theta_LS`` with the Gram matrix G of the columns and N that of their noise, both as the
+    filters of the fit pass them on.
     """
     if model._evidence is None or model.model_.info.get("estimation", {}).get("found") != "ls":
         return []
     from .signals.fusion import _white_level
 
-    data, layout, walk, *_ = model._evidence
+    data, layout, walk, filters, *_ = model._evidence
+    sizes = [seg.valid.stop - seg.valid.start for seg in data.segments]
+    passed = float(np.average([_noise_gain(f) for f in filters], weights=sizes))
     shares: dict[str, list[tuple[float, float]]] = {}
     for seg in data.segments:
         for kind in "avs":
@@ -216,7 +219,7 @@ def _noise(model: Any) -> list[Finding]:
         names.append(f"a{step.dofs[0]}")
         gram = pieces.grams[step.dofs].sum(axis=0)[np.ix_(free, free)]
         n = pieces.sizes[step.dofs].sum()
-        lost = np.diag([n * noise[names[i]] ** 2 for i in free])
+        lost = np.diag([n * passed * noise[names[i]] ** 2 for i in free])
         scale = np.sqrt(np.diag(gram))
         gram, lost = gram / scale[:, None] / scale, lost / scale[:, None] / scale
         signed = [
@@ -238,6 +241,15 @@ def _noise(model: Any) -> list[Finding]:
             "fused, with estimation='iv'.",
         ))  # fmt: skip
     return out
+
+
+def _noise_gain(filter: Any) -> float:
+    """The part of the power of white noise that a filter, run forward and backward, lets through."""
+    if filter is None or filter.sos is None:
+        return 1.0
+    from scipy.signal import sosfreqz
+
+    return float(np.mean(np.abs(sosfreqz(filter.sos, 8192)[1]) ** 4))
 
 
 # -- planning -----------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -12,11 +13,13 @@ from .channels import as_matrix, finite_span, rows_text
 from .clock import EvenClock
 from .exceptions import ChannelError, LawError
 from .extent import Extent
+from .kinematics import base_acceleration
 from .pieces import by_record, contiguous, gaps
 from .record import Record, seconds_of
 from .segments import Segment, SegmentSet, feature_names
 
 _STRETCH = 2**16  # samples looked at at a time
+_PIECE = 30  # samples between two gaps at least; fewer are rows drawn at random, or too few to run a model along
 
 
 def from_arrays(
@@ -126,14 +129,18 @@ def from_arrays(
     seconds = _seconds(time, dt, size, pieces)
     if seconds is not None and has_memory:
         _require_no_gap(pieces, seconds)
-    elif seconds is not None and not Extent.of([x, force]).finite.all():
-        # a cross-validation took rows out; what a filter masked lies at the edges of the pieces
-        pieces = contiguous(size, record, seconds)
+    starts = [rows.start for _, rows in pieces]
+    if seconds is not None and not has_memory:
+        # rows are missing, as a cross-validation takes them out; what a filter masked lies at the edges of the pieces
+        parts = contiguous(size, record, seconds)
+        if min(rows.stop - rows.start for _, rows in parts) >= _PIECE or not Extent.of([x, force]).finite.all():
+            pieces = parts
     segments = []
     for name, rows in pieces:
+        start = starts[bisect_right(starts, rows.start) - 1]
         segment = Segment(
             name, rows, a[rows], v[rows], s[rows], force[rows],
-            _clock(seconds, rows, dt),
+            _clock(seconds, rows, start, dt),
             None if ag is None else ag[rows],
             {k: c[rows] for k, c in extra.items()},
             resolved=getattr(X, "attrs", {}).get("resolved"),
@@ -157,9 +164,10 @@ def _from_records(records: Sequence[Record], beside: Sequence[str], n_dof: int |
             )
         x, force = rec.to_features(smooth=smooth)
         n, values = rec.n_dof, x.to_numpy()
+        ag = base_acceleration(rec) if rec.base_moves else rec.base_acceleration
         segment = Segment(
             rec.name, slice(at, at + len(x)), values[:, :n], values[:, n : 2 * n], values[:, 2 * n :], force.to_numpy(),
-            rec.time - rec.time[0], rec.base_acceleration, dict(rec.covariates), resolved=x.attrs.get("resolved"),
+            rec.time - rec.time[0], ag, dict(rec.covariates), resolved=x.attrs.get("resolved"),
         )
         segments.append(_trimmed(segment, feature_names(n)))
         at += len(x)
@@ -286,10 +294,10 @@ def _seconds(time: Any, dt: float | None, size: int, pieces: Sequence[tuple[str,
     return seconds
 
 
-def _clock(seconds: np.ndarray | None, rows: slice, dt: float | None) -> Any:
-    """Time since the start of a record, s, or None."""
+def _clock(seconds: np.ndarray | None, rows: slice, start: int, dt: float | None) -> Any:
+    """Time since the first row of a record, s, or None."""
     if seconds is not None:
-        return seconds[rows] - seconds[rows.start]
+        return seconds[rows] - seconds[start]
     return None if dt is None else EvenClock(rows.stop - rows.start, float(dt))
 
 

@@ -97,6 +97,36 @@ def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.Da
     return X, F
 
 
+def base_acceleration(record: Record) -> np.ndarray:
+    """Acceleration of the base, derived where only its motion was measured.
+
+    Parameters
+    ----------
+    record : Record
+
+    Returns
+    -------
+    ndarray of shape (n_samples,)
+        m/s^2; zeros for a base at rest.
+    """
+    if record.base_acceleration is not None:
+        return record.base_acceleration
+    if not record.base_moves:
+        return np.zeros(record.n_samples)
+    from .signals.kinematic_smoother import KinematicSmoother
+
+    ground = Record(
+        velocity=record.base_velocity,
+        displacement=record.base_displacement,
+        fs=record.fs,
+        name=f"base of {record.name}",
+        coordinates="absolute",
+    )
+    acceleration = KinematicSmoother().transform_record(ground).acceleration
+    assert acceleration is not None
+    return acceleration[:, 0]
+
+
 def _warn_of_doubts(record: Record) -> None:
     from .io.plausibility import doubts
 

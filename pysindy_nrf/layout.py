@@ -221,6 +221,52 @@ def powers_of(label: str) -> tuple[int, int] | None:
     return power["v"], power["s"]
 
 
+def numbered(words: Sequence[str]) -> list[str]:
+    """Words, with a number behind those that occur more than once.
+
+    Parameters
+    ----------
+    words : sequence of str
+
+    Returns
+    -------
+    list of str
+
+    Examples
+    --------
+    >>> numbered(["dahl", "power series", "dahl"])
+    ['dahl 1', 'power series', 'dahl 2']
+    """
+    return [w if words.count(w) == 1 else f"{w} {words[: i + 1].count(w)}" for i, w in enumerate(words)]
+
+
+def distinct_labels(laws: Sequence[ForceLaw]) -> list[str]:
+    """Labels of the terms of some laws, all different.
+
+    Parameters
+    ----------
+    laws : sequence of ForceLaw
+
+    Returns
+    -------
+    list of str
+        A law's name is added where two would be equal, and its number too where the names are equal as well.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.laws import Dahl, PowerSeries
+    >>> distinct_labels([PowerSeries(1), Dahl(), Dahl()])
+    ['v', 's', 'Z (dahl 1)', 'Z (dahl 2)']
+    """
+    plain = [term.label for law in laws for term in law.terms()]
+    named = [(term.label, law.name) for law in laws for term in law.terms()]
+    number = [name for law, name in zip(laws, numbered([law.name for law in laws])) for _ in law.terms()]
+    return [
+        label if plain.count(label) == 1 else f"{label} ({name if named.count((label, name)) == 1 else full})"
+        for (label, name), full in zip(named, number)
+    ]
+
+
 class LawLayout(Layout):
     """A layout whose columns come from laws.
 
@@ -265,10 +311,8 @@ class LawLayout(Layout):
         return [term for law in self.laws.get(Site(site), ()) for term in law.terms()]
 
     def labels(self, site: str) -> list[str]:
-        """Distinct labels of the terms at a site; a law's name is added where two would be equal."""
-        held = [(law.name, t.label) for law in self.laws.get(Site(site), ()) for t in law.terms()]
-        plain = [label for _, label in held]
-        return [label if plain.count(label) == 1 else f"{label} ({name})" for name, label in held]
+        """Distinct labels of the terms at a site, as :func:`distinct_labels` makes them."""
+        return distinct_labels(self.laws.get(Site(site), ()))
 
     @cached_property
     def has_memory(self) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -405,7 +406,8 @@ class Record:
             )
         }
         new = Record(**(fields | changes))
-        new.t0 = self.t0
+        if changes.get("time") is None:
+            new.t0 = self.t0
         return new
 
     def _repr_html_(self) -> str:
@@ -497,7 +499,7 @@ def seconds_of(time: Any, name: str = "record") -> np.ndarray:
     """
     if isinstance(time, (pd.DatetimeIndex, pd.TimedeltaIndex)):
         seconds = ((time - time[0]) / pd.Timedelta(seconds=1)).to_numpy(dtype=float)
-    elif (array := np.asarray(time)).dtype.kind in "mM":
+    elif (array := plain_times(time)).dtype.kind in "mM":
         seconds = (array - array[0]) / np.timedelta64(1, "ns") * 1e-9
     else:
         seconds = as_matrix(array, ["time"], 1, "time")[:, 0].astype(float)
@@ -507,3 +509,27 @@ def seconds_of(time: Any, name: str = "record") -> np.ndarray:
             "Repair it.",
         )
     return seconds
+
+
+def plain_times(time: Any) -> np.ndarray:
+    """Times as an array of numbers, ``datetime64`` or ``timedelta64``; those with a time zone become UTC.
+
+    Parameters
+    ----------
+    time : array-like of numbers (s), datetimes or timedeltas
+
+    Returns
+    -------
+    ndarray
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from pysindy_nrf.record import plain_times
+    >>> plain_times(pd.date_range("2024-05-01 12:00", periods=2, freq="s", tz="Europe/Berlin"))[0].item().hour
+    10
+    """
+    array = np.asarray(time)
+    if array.dtype == object and array.size and isinstance(array.flat[0], datetime):
+        return pd.DatetimeIndex(pd.to_datetime(array.ravel(), utc=True)).tz_localize(None).to_numpy()
+    return array

@@ -390,7 +390,7 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         self.third_law_gap_ = third_law_gap(solution, moments)
         model.visited = visited_regions(data, layout)
         model.info = {
-            "band": None if self.band is None else [None if b is None else float(b) for b in self.band],
+            "band": None if self.band is None else [None if b is None or np.isinf(b) else float(b) for b in self.band],
             "strategy": walk.strategy,
             "n_samples": int(moments.n_samples),
             "balance_error_percent": {k: float(e) for k, e in self.errors_["error"].items() if np.isfinite(e)},

@@ -11,6 +11,7 @@ import pandas as pd
 from .chain import Chain
 from .exceptions import ChainError, ChannelError, LawError, UnknownSiteError
 from .laws.base import ForceLaw, Motion
+from .layout import distinct_labels
 from .sites import Site
 
 
@@ -51,11 +52,9 @@ class RestoringForce:
     @property
     def coefficients(self) -> pd.Series:
         """Coefficients by term (``"v"``, ``"s"``, ``"v^2 s"``, ...), SI units."""
-        held = [(law, t, c) for law in self.laws for t, c in zip(law.terms(), law.values)]
-        plain = [t.label for _, t, _ in held]
-        index = [t.label if plain.count(t.label) == 1 else f"{t.label} ({law.name})" for law, t, _ in held]
+        values = [float(c) for law in self.laws for c in law.values]
         return pd.Series(
-            [float(c) for *_, c in held], index=pd.Index(index, name="term"), name=str(self.site), dtype=float
+            values, index=pd.Index(distinct_labels(self.laws), name="term"), name=str(self.site), dtype=float
         )
 
     @property

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from ..chain_solve import groups_of, solve
@@ -61,7 +62,7 @@ def model_agreement(first: Any, second: Any, X: Any, **options: Any) -> pd.DataF
     DataFrame
         One row for each storey: ``mass`` (difference of the mass above it, percent of the
         first), ``k`` and ``c`` (differences of the linear terms, percent), ``force`` (rms difference of
-        the forces along X, percent of their rms).
+        the forces along X, percent of their rms). ``k`` and ``c`` are NaN for a storey that the chain lacks.
 
     Examples
     --------
@@ -81,7 +82,7 @@ def model_agreement(first: Any, second: Any, X: Any, **options: Any) -> pd.DataF
     linear = [linear_part(m).restoring_forces for m in (one, two)]
     rows = {}
     for i, name in enumerate(storey_names(one)):
-        a, b = (f[name].linear_part() for f in linear)
+        a, b = (f[name].linear_part() if name in f else {"k": np.nan, "c": np.nan} for f in linear)
         rows[name] = {
             "mass": 100.0 * (two.masses[i] / one.masses[i] - 1.0),
             "k": 100.0 * (b["k"] / a["k"] - 1.0),

@@ -201,8 +201,12 @@ def _fit(estimator: Any, test: Any, options: dict[str, Any]) -> tuple[Any, Segme
 
 
 def _linear(model: ChainModel) -> np.ndarray:
+    """Stiffness and damping of every storey; NaN where the chain has none, as below a free one."""
     forces = model.restoring_forces
-    return np.array([[forces[name].linear_part()[term] for term in ("k", "c")] for name in storey_names(model)])
+    return np.array([
+        [forces[name].linear_part()[term] if name in forces else np.nan for term in ("k", "c")]
+        for name in storey_names(model)
+    ])  # fmt: skip
 
 
 def _jackknife(values: list[np.ndarray]) -> np.ndarray:
@@ -241,9 +245,9 @@ def _table(models: list[ChainModel], replicates: list[list[ChainModel]]) -> pd.D
 
 
 def _holm(p: np.ndarray) -> np.ndarray:
-    """Holm's adjusted probabilities."""
-    order = np.argsort(p)
-    adjusted = np.maximum.accumulate((len(p) - np.arange(len(p))) * p[order])
-    out = np.empty_like(p)
+    """Holm's adjusted probabilities; NaN, where nothing was tested, stays so and does not count."""
+    order = np.argsort(p)[: np.isfinite(p).sum()]
+    adjusted = np.maximum.accumulate((len(order) - np.arange(len(order))) * p[order])
+    out = np.full_like(p, np.nan)
     out[order] = np.minimum(adjusted, 1.0)
     return out

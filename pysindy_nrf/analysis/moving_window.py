@@ -207,9 +207,9 @@ def find_onset(
     z = (k1 - k0) / _scatter(blocks, index)
     names = storey_names(estimator.model_)
     table = pd.DataFrame({"before": k0, "after": k1, "change": 100 * (k1 / k0 - 1), "z": z}, index=names)
-    where = int(np.argmax(np.abs(z)))
+    where = int(np.nanargmax(np.abs(z)))  # a free chain has no storey 1
     independent = max(2, int((times[-1] - times[0]) / margin))
-    p = float(min(1.0, 2 * special.stdtr(_PARTS - 1, -abs(z[where])) * len(names) * independent))
+    p = float(min(1.0, 2 * special.stdtr(_PARTS - 1, -abs(z[where])) * np.isfinite(z).sum() * independent))
     found = p < level
     curve = pd.DataFrame({"t": times, "gain": 100 * (1 - costs / (before[-1].n_samples * len(scale)))})
     return Onset(

@@ -165,7 +165,7 @@ class Band(click.ParamType):
             return value
         parts = [p.strip().lower() for p in value.split(",")]
         try:
-            low, high = (None if p in ("none", "") else float(p) for p in parts)
+            low, high = (None if p in ("none", "", "inf") else float(p) for p in parts)
         except ValueError:
             self.fail(f"{value!r} is not a band, e.g. 0.5,30 (Hz)", param, ctx)
         return low, high

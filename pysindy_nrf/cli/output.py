@@ -108,8 +108,8 @@ def coefficients(model: Any) -> pd.DataFrame:
         ``site``, ``term``, ``value``, ``unit``.
     """
     rows = [
-        (str(site), term, value, force.units[term])
+        (str(site), term, value, unit)
         for site, force in model.restoring_forces.items()
-        for term, value in force.coefficients.items()
+        for (term, value), unit in zip(force.coefficients.items(), force.units)
     ]
     return pd.DataFrame(rows, columns=["site", "term", "value", "unit"])

@@ -13,6 +13,7 @@ import pandas as pd
 from ..exceptions import NRFWarning, SimulationError
 from ..input_arrays import from_arrays
 from ..io import FrequencyResponse, frf_to_features
+from ..kinematics import base_acceleration
 from ..record import Record
 from ..segments import Segment, SegmentSet
 
@@ -68,9 +69,14 @@ def identify_records(records: Sequence[Record], estimator: Any, raw: bool, progr
     -------
     Outcome
     """
+    from ..signals import KinematicSmoother
+
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", NRFWarning)
-        pairs = [rec.to_features(smooth=not raw) for rec in progress(records, "fusing channels")]
+        smooth: Any = not raw
+        if smooth and estimator.estimation != "ls":  # which needs noise that is independent of the motion
+            smooth = KinematicSmoother(band="auto", joint=False)
+        pairs = [rec.to_features(smooth=smooth) for rec in progress(records, "fusing channels")]
         X, F = (pd.concat([pair[k] for pair in pairs]) for k in (0, 1))
         for _ in progress([None], "identifying"):
             options = _beside(records)
@@ -102,7 +108,7 @@ def identify_frf(frf: FrequencyResponse, estimator: Any, band: Any) -> Outcome:
         estimator.fit(*frf_to_features(frf, band=band))
     model = estimator.model_
     model.visited = {}  # amplitudes of a steady state are no visited motion
-    model.info["band"] = None if band is None else list(band)
+    model.info["band"] = None if band is None else [None if b is None or np.isinf(b) else b for b in band]
     outcome = Outcome(estimator, frf=(frf, _response(model, frf)))
     outcome.warnings = list(dict.fromkeys(str(w.message) for w in caught if issubclass(w.category, NRFWarning)))
     return outcome
@@ -147,36 +153,6 @@ def term_shares(model: Any, data: SegmentSet) -> dict[str, pd.Series]:
             shares = pd.Series(100 * np.sqrt(terms / whole), index=force.coefficients.index)
             out[str(site)] = shares.sort_values(ascending=False)
     return out
-
-
-def base_acceleration(record: Record) -> np.ndarray:
-    """Acceleration of the base, derived where only its motion was measured.
-
-    Parameters
-    ----------
-    record : Record
-
-    Returns
-    -------
-    ndarray of shape (n_samples,)
-        m/s^2; zeros for a base at rest.
-    """
-    if record.base_acceleration is not None:
-        return record.base_acceleration
-    if not record.base_moves:
-        return np.zeros(record.n_samples)
-    from ..signals import KinematicSmoother
-
-    ground = Record(
-        velocity=record.base_velocity,
-        displacement=record.base_displacement,
-        fs=record.fs,
-        name=f"base of {record.name}",
-        coordinates="absolute",
-    )
-    acceleration = KinematicSmoother().transform_record(ground).acceleration
-    assert acceleration is not None
-    return acceleration[:, 0]
 
 
 def _free_runs(outcome: Outcome, records: Sequence[Record], data: SegmentSet, progress: Progress) -> None:

@@ -51,7 +51,7 @@ class FreeRunDisplay:
         ----------
         estimator : fitted NRFRegressor or ChainModel
         record : Record
-            With forces and displacements; its first sample is the initial condition.
+            With forces, displacements and the covariates of the laws; its first sample is the initial condition.
         **options
             Passed to :func:`pysindy_nrf.simulate`.
 
@@ -65,11 +65,18 @@ class FreeRunDisplay:
                 f"Record {record.name!r} has no displacement to compare with",
                 "Fuse its channels with KinematicSmoother first.",
             )
-        start = {"x0": record.displacement[0]}
-        if record.velocity is not None:
-            start["v0"] = record.velocity[0]
-        run = model.simulate(record.force, record.dt, base_acceleration=record.base_acceleration, **(start | options))
-        return cls(record.time, record.displacement, run.displacement)
+        from ..kinematics import base_acceleration
+
+        measured, rate = _relative(record)
+        given = {
+            "x0": measured[0],
+            "base_acceleration": base_acceleration(record) if record.base_moves else None,
+            "covariates": record.covariates,
+        }
+        if rate is not None:
+            given["v0"] = rate[0]
+        run = model.simulate(record.force, record.dt, **(given | options))
+        return cls(record.time, measured, run.displacement)
 
     @property
     def error(self) -> np.ndarray:
@@ -101,3 +108,13 @@ class FreeRunDisplay:
         ax[-1].set_xlabel("time (s)")
         self.ax_ = ax
         return self
+
+
+def _relative(record: Any) -> tuple[np.ndarray, np.ndarray | None]:
+    """Displacement and, if measured, velocity of the DOFs relative to the base."""
+    if record.coordinates == "relative" or not record.base_moves:
+        return record.displacement, record.velocity
+    from ..kinematics import _base_motion
+
+    vg, xg = _base_motion(record, record, not {"vg", "xg"} <= set(record.measured))
+    return record.displacement - xg[:, None], None if record.velocity is None else record.velocity - vg[:, None]

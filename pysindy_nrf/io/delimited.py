@@ -160,8 +160,10 @@ def sniff(path: Path) -> Dialect:
     if b"\x00" in raw and raw[:2] not in (b"\xff\xfe", b"\xfe\xff"):
         raise unreadable(path, "delimited text", "it holds binary data")
     encoding, text = _decode(raw, path)
-    lines = text.splitlines()
-    if not whole and len(lines) > 1:
+    lines = re.split(r"\r\n|\n|\r", text)  # splitlines() knows ends of lines that pandas does not
+    if not lines[-1]:
+        lines.pop()
+    elif not whole and len(lines) > 1:
         lines.pop()  # probably cut
     trials = [(sep, mark) for sep in _SEPARATORS for mark in (".", ",") if sep != mark]
     for separator, decimal in trials:

@@ -16,6 +16,7 @@ from .parquet import read_parquet
 from .strong_motion import is_strong_motion, read_strong_motion
 from .table import MAX_BYTES, Table, check_file
 from .uff import read_uff
+from .units import factor
 
 READERS = {
     ".csv": read_delimited,
@@ -135,7 +136,14 @@ def _together(tables: list[Table]) -> Table:
                 raise FileFormatError(
                     f"The files {stems[0]!r} and {stem!r} have times of their own", "Resample them to one clock."
                 )
+        written = {table.units.get("t", "s") for table in tables}
+        if len({factor(unit, "t") for unit in written}) > 1:
+            raise FileFormatError(
+                f"The times of the files have different units: {', '.join(sorted(written))}", "Export them in one unit."
+            )
         variables["t"] = times[0]
+        if "t" in tables[0].units:
+            units["t"] = tables[0].units["t"]
     kinds = ", ".join(dict.fromkeys(table.kind for table in tables))
     first = tables[0].path
     return Table(first, f"{kinds} ({len(tables)} files)", variables, units, notes, fs=rates.pop() if rates else None)

@@ -86,7 +86,7 @@ def read_uff(path: Path, max_bytes: int = MAX_BYTES) -> Table:
 
 
 def _foreign(path: Path, sets: Sequence[Mapping[str, Any]], systems: Sequence[Mapping], skipped: int) -> Table:
-    names = _names(sets)
+    names, signs = _names(sets)
     length, force = _SYSTEMS.get(int(systems[0]["units_code"]), ("", "")) if systems else ("m", "N")
     lengths = {len(one["data"]) for one in sets}
     if len(lengths) > 1:
@@ -95,8 +95,8 @@ def _foreign(path: Path, sets: Sequence[Mapping[str, Any]], systems: Sequence[Ma
             "Export those of one test into one file.",
         )
     variables, units, notes = {}, {}, []
-    for name, one in zip(names, sets):
-        variables[name] = np.asarray(one["data"], dtype=float)
+    for name, sign, one in zip(names, signs, sets):
+        variables[name] = sign * np.asarray(one["data"], dtype=float)
         label = str(one.get("ordinate_axis_units_lab", "")).strip()
         kind = name[0]
         implied = {"x": length, "v": f"{length}/s", "a": f"{length}/s^2", "F": force}.get(kind, "") if length else ""
@@ -106,6 +106,9 @@ def _foreign(path: Path, sets: Sequence[Mapping[str, Any]], systems: Sequence[Ma
         text = str(one["id1"]).strip()
         if text and text.upper() != "NONE":
             notes.append(f"{name} is {text!r}")
+        if sign < 0:
+            along = _DIRECTIONS.get(int(one["rsp_dir"]), "a negative axis")
+            notes.append(f"{name} was measured along {along}: its sign is turned")
     if skipped:
         notes.append(f"{skipped} other data sets are left out")
     if systems and not length:
@@ -131,14 +134,17 @@ def _rate(step: float) -> float:
     return float(round(rate)) if abs(rate - round(rate)) < 1e-5 * rate else rate
 
 
-def _names(sets: Sequence[Mapping[str, Any]]) -> list[str]:
+def _names(sets: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[float]]:
+    """Names, and the sign that turns each channel into the direction that its name stands for."""
     kinds = [_KINDS.get(int(one["ordinate_spec_data_type"]), "c") for one in sets]
     nodes = [int(one["rsp_node"]) for one in sets]
     directions = [int(one["rsp_dir"]) for one in sets]
     short = [f"{kind}{node}" for kind, node in zip(kinds, nodes)]
+    signs = [-1.0 if d < 0 else 1.0 for d in directions]
     if len(set(map(abs, directions))) > 1 or len(set(short)) < len(short):
         short = [f"{name}{_DIRECTIONS.get(d, f'({d})')}" for name, d in zip(short, directions)]
-    return [name if short.count(name) == 1 else f"{name} set {i + 1}" for i, name in enumerate(short)]
+        signs = [1.0] * len(short)  # the names say it
+    return [name if short.count(name) == 1 else f"{name} set {i + 1}" for i, name in enumerate(short)], signs
 
 
 def _own(path: Path, sets: Sequence[Mapping[str, Any]]) -> Table | None:

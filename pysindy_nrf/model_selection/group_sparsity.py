@@ -12,6 +12,7 @@ from sklearn.base import clone
 from ..chain_solve import groups_of
 from ..errors import pooled_error
 from ..exceptions import NRFError
+from ..layout import numbered
 from ..sites import Site
 from .fold_moments import FoldMoments, Order
 from .judged import CLEAN
@@ -31,7 +32,8 @@ class GroupSelection:
     Attributes
     ----------
     kept : list of (site, group)
-        Groups that the data need: ``"nonlinear terms"`` of a storey, or the name of a law.
+        Groups that the data need: ``"nonlinear terms"`` of a storey, or the name of a law
+        (with its number where a site holds several of that name).
     dropped : list of (site, group)
         In the order in which they went.
     linear : list of str
@@ -78,8 +80,8 @@ class GroupSelection:
         NRFRegressor
         """
         layout = self._order.layout
-        laws = {str(s): list(held) for s, held in layout.laws.items() if held}
-        return clone(self._estimator).set_params(laws=laws)
+        laws = {str(s): list(held) for s, held in layout.laws.items()}  # an empty list: nothing is left there
+        return clone(self._estimator).set_params(laws=laws, orders=None)
 
     def __repr__(self) -> str:
         words = [f"{name} of {site}" for site, name in self.kept] or ["none"]
@@ -107,10 +109,11 @@ def groups_in(held: FoldMoments, order: Order) -> dict[tuple[Site, str], np.ndar
                 out[site, NONLINEAR] = degrees > 1
             continue
         at = 0
-        for law in order.layout.laws[site]:
+        laws = order.layout.laws[site]
+        for law, name in zip(laws, numbered([law.name for law in laws])):
             mask = np.zeros(count, dtype=bool)
             mask[at : (at := at + len(law.terms()))] = True
-            out[site, law.name] = mask
+            out[site, name] = mask
     return out
 
 

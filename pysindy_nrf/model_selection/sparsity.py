@@ -143,7 +143,8 @@ class SparsitySelection:
         kept = self.terms[name] != 0
         support = {s: kept.loc[str(s)].to_numpy() for s in self._order.layout.acting}
         laws = restricted(self._held, self._order, support).layout.laws
-        return clone(self._estimator).set_params(optimizer=None, laws={str(s): list(v) for s, v in laws.items()})
+        given = {str(s): list(v) for s, v in laws.items()}
+        return clone(self._estimator).set_params(optimizer=None, laws=given, orders=None)
 
     def __repr__(self) -> str:
         rows = self.table[self.table["chosen"]]

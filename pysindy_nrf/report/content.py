@@ -13,6 +13,7 @@ import pandas as pd
 from ..exceptions import NRFError, NRFWarning
 from ..model import ChainModel
 from ..record import Record
+from ..segments import SegmentSet
 from .audit import settings_of, versions
 from .equations import as_text, balance_equations, law_equation, pretty_label, pretty_unit, shape_values
 from .figures import Figure
@@ -306,13 +307,30 @@ def _data(subject: Any, records: Any, band: Any) -> tuple[Any, Any]:
     from ..fair_filter import filters_of
 
     kept = getattr(subject, "_evidence", None)
-    if records is None:
-        return (None, None) if kept is None else (kept[0], kept[3])
-    given = [records] if isinstance(records, Record) else list(records)
-    if kept is not None and kept[0].n_samples == sum(rec.n_samples for rec in given):
-        return kept[0], kept[3]  # it was fitted to them: they need not be fused again
+    if records is None and kept is None:
+        return None, None
+    given = [records] if isinstance(records, Record) else list(records or ())
+    if kept is not None and (records is None or _fitted_to(kept[0], given)):  # they need not be fused again
+        own = subject.model_.info.get("band")
+        same = (None if own is None else tuple(own)) == (None if band is None else tuple(band))
+        return kept[0], kept[3] if same else filters_of(band, kept[0])
     data = prepare(given).data
     return data, filters_of(band, data)
+
+
+def _fitted_to(data: SegmentSet, records: Sequence[Record]) -> bool:
+    """Whether the data are these records: lengths, forces and motion of the base; names where nothing is given."""
+    if [seg.n_samples for seg in data.segments] != [rec.n_samples for rec in records]:
+        return False
+    for seg, rec in zip(data.segments, records):
+        inputs = [(seg.F, rec.force)]
+        if rec.base_acceleration is not None and seg.ag is not None:
+            inputs.append((seg.ag, rec.base_acceleration))
+        if not all(np.array_equal(mine, given, equal_nan=True) for mine, given in inputs):
+            return False
+        if seg.name != rec.name and not any(np.nan_to_num(given).any() for _, given in inputs):
+            return False
+    return True
 
 
 def _band(band: Any) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,6 +16,7 @@ from ..identifiability import Walk, plan_walk
 from ..input_arrays import from_arrays
 from ..layout import Group, LawLayout
 from ..moments import Block, Moments, accumulate, block_size, guess_of
+from ..record import plain_times
 from ..segments import Segment
 from . import runs
 from .chunks import Chunk, seconds_since
@@ -143,25 +145,27 @@ class Accumulator:
         number : int
             Its place among all chunks.
         """
-        pieces = chunk.records()
+        pieces, at = chunk.records(), 0
         for i, piece in enumerate(pieces):
-            self._add((number, i), piece, ends=i < len(pieces) - 1)
+            at = self._add((number, at), piece, ends=i < len(pieces) - 1)
         self.n_samples += chunk.n_samples
 
-    def _add(self, key: Key, chunk: Chunk, ends: bool) -> None:
-        """Add samples of one record."""
-        size = chunk.n_samples
+    def _add(self, key: Key, chunk: Chunk, ends: bool) -> int:
+        """Add samples of one record; the number of the piece that comes next."""
         if runs.is_empty(chunk.X):
-            self._append(Run(chunk.record, key, key, chunk.first, ends, True, True, True, (), size))
-            return
-        segment = self._segment(chunk)
-        inside = segment.valid
-        unknown = tuple(j + 1 for j in range(segment.n_dof) if np.isnan(segment.F[inside.start, j]))
-        trimmed = inside.start > 0, inside.stop < size
-        goes_on = self._append(Run(chunk.record, key, key, chunk.first, ends, *trimmed, False, unknown, size))
-        self._widen(segment.extent)
-        self._accumulate(segment, key, goes_on)
-        self._offer_windows(key, segment)
+            self._append(Run(chunk.record, key, key, chunk.first, ends, True, True, True, (), chunk.n_samples))
+            return key[1] + 1
+        segments = self._segments(chunk)
+        for i, segment in enumerate(segments):  # more than one where the clock has gaps
+            here, size, inside = (key[0], key[1] + i), segment.n_samples, segment.valid
+            unknown = tuple(j + 1 for j in range(segment.n_dof) if np.isnan(segment.F[inside.start, j]))
+            trimmed = inside.start > 0, inside.stop < size
+            starts, stops = chunk.first or i > 0, ends or i < len(segments) - 1
+            goes_on = self._append(Run(chunk.record, here, here, starts, stops, *trimmed, False, unknown, size))
+            self._widen(segment.extent)
+            self._accumulate(segment, here, goes_on, after_gap=i > 0)
+            self._offer_windows(here, segment)
+        return key[1] + len(segments)
 
     def _widen(self, extent: Extent) -> None:
         self.extent = extent if self.extent is None else self.extent.merge(extent)
@@ -174,28 +178,30 @@ class Accumulator:
         self.runs.append(run)
         return False
 
-    def _segment(self, chunk: Chunk) -> Segment:
+    def _segments(self, chunk: Chunk) -> list[Segment]:
         model, time = self.model, chunk.time
         if time is not None and len(time):
+            time = plain_times(time)
             if self.origin is None:
                 self.origin = time[0]
             time = seconds_since(time, self.origin)
         data = from_arrays(
             chunk.X, chunk.F, time=time, base_acceleration=chunk.base_acceleration,
-            covariates=chunk.covariates, coordinates=self.estimator.coordinates, dt=self.estimator.dt,
+            covariates=chunk.covariates, coordinates=chunk.coordinates or self.estimator.coordinates,
+            dt=self.estimator.dt,
             n_dof=None if model is None else model.chain.n_dof,
             has_memory=any(law.has_memory for held in self.estimator._given_laws().values() for law in held),
         )  # fmt: skip
         if model is None:
             self.model = Model(self.estimator, data.n_dof)
-        segment = data.segments[0]
-        segment.name, segment.resolved = chunk.record, None
-        if segment.t is not None and time is not None:
-            # seconds since the first sample of all, whichever chunk or record the samples came in
-            segment.t = segment.t + float(time[0])
-        return segment
+        for segment in data.segments:
+            segment.name, segment.resolved = chunk.record, None
+            if segment.t is not None and time is not None:
+                # seconds since the first sample of all, whichever chunk or record the samples came in
+                segment.t = segment.t + float(time[0])
+        return data.segments
 
-    def _accumulate(self, segment: Segment, key: Key, goes_on: bool) -> None:
+    def _accumulate(self, segment: Segment, key: Key, goes_on: bool, after_gap: bool) -> None:
         layout = self.require_model().layout
         if segment.t is None:
             self.has_time = False
@@ -208,6 +214,8 @@ class Accumulator:
                 zero = carry["zero"]
             elif carry is not None:
                 zero = carry["zero"]
+            elif after_gap and self._carry is not None:
+                zero = self._carry["zero"]
             segment.t = segment.t - zero  # since the start of the record
             end = float(segment.t[-1])
             if carry is not None and segment.t[0] <= carry["end"]:
@@ -271,6 +279,18 @@ class Accumulator:
             self._offered += 1
 
     # -- adding up ----------------------------------------------------------------------------
+
+    def copy(self) -> Accumulator:
+        """An accumulator to which records can be added while this one stays as it is.
+
+        Returns
+        -------
+        Accumulator
+        """
+        out = copy(self)
+        out.blocks, out.runs, out.windows = list(self.blocks), list(self.runs), list(self.windows)
+        out._shut()  # what follows is another record
+        return out
 
     def close(self) -> Accumulator:
         """End the pass: no chunk follows."""

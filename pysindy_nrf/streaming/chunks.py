@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import ChannelError
+from ..kinematics import base_acceleration
 from ..pieces import by_record
 from ..record import Record, seconds_of
 from ..segments import feature_names
@@ -35,6 +36,8 @@ class Chunk:
     base_acceleration : ndarray of shape (n_samples,), optional
         m/s^2.
     covariates : dict of str to ndarray of shape (n_samples,)
+    coordinates : {"relative", "absolute"}, optional
+        Of X; those of the estimator if None.
 
     Examples
     --------
@@ -53,6 +56,7 @@ class Chunk:
     time: np.ndarray | None = None
     base_acceleration: np.ndarray | None = None
     covariates: dict[str, np.ndarray] = field(default_factory=dict)
+    coordinates: str | None = None
 
     @property
     def n_samples(self) -> int:
@@ -72,7 +76,7 @@ class Chunk:
         return [
             Chunk(
                 cut(self.X, rows), cut(self.F, rows), name, self.first or i > 0, None, cut(self.time, rows),
-                cut(self.base_acceleration, rows), {k: c[rows] for k, c in self.covariates.items()},
+                cut(self.base_acceleration, rows), {k: c[rows] for k, c in self.covariates.items()}, self.coordinates,
             )
             for i, (name, rows) in enumerate(pieces)
         ]  # fmt: skip
@@ -103,9 +107,10 @@ def chunk_of(item: Any, covariates: Sequence[str] = (), coordinates: str = "rela
         return item
     if isinstance(item, Record):
         x, force = item.to_features()
+        ag = base_acceleration(item) if item.base_moves else item.base_acceleration
         return Chunk(
-            x.to_numpy(), force.to_numpy(), item.name, True, None, np.asarray(item.time), item.base_acceleration,
-            dict(item.covariates),
+            x.to_numpy(), force.to_numpy(), item.name, True, None, np.asarray(item.time), ag, dict(item.covariates),
+            "relative",
         )  # fmt: skip
     if hasattr(item, "columns"):
         names = [str(c) for c in item.columns]
@@ -116,12 +121,22 @@ def chunk_of(item: Any, covariates: Sequence[str] = (), coordinates: str = "rela
             values.setdefault("t", item.index.to_numpy())
         return chunk_of_columns(values, n, covariates, "record", first, coordinates)
     if isinstance(item, tuple) and len(item) == 2:
-        return Chunk(item[0], item[1], first=first)
+        return Chunk(item[0], item[1], first=first, time=_table_time(item[0]))
     if isinstance(item, np.ndarray):
         return Chunk(item, first=first)
     raise ChannelError(
         f"The iterator gave {type(item).__name__}", "Let it give DataFrames, pairs (X, F) or Records."
     )
+
+
+def _table_time(X: Any) -> Any:
+    """Time of the rows of a table, from a column or the index; None where there is none."""
+    if not hasattr(X, "columns"):
+        return None
+    named = next((c for c in ("t", "time") if c in X.columns), None)
+    if named is not None:
+        return X[named].to_numpy()
+    return X.index.to_numpy() if X.index.name in ("t", "time") or X.index.dtype.kind in "mM" else None
 
 
 def n_dof_of(columns: Sequence[str], where: Any) -> int:

@@ -8,6 +8,8 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..exceptions import ChannelError, DataQualityWarning, NRFError
 from ..record import Record
 
@@ -142,7 +144,7 @@ def partial_fit(
 ) -> Any:
     """Add samples to an estimator and solve again.
 
-    Each call holds one record or more of its own.
+    Each call holds one record or more of its own. A call that fails adds nothing.
 
     Parameters
     ----------
@@ -176,7 +178,8 @@ def partial_fit(
     from .result import publish, solution_of
 
     held = getattr(estimator, "_stream", None)
-    accumulator, number = (Accumulator(estimator, "careful"), 0) if held is None else held
+    # work on a copy: a call that fails leaves the samples of those before as they were
+    accumulator, number = (Accumulator(estimator, "careful"), 0) if held is None else (held[0].copy(), held[1])
     if held is not None and accumulator.settings != _settings(estimator):
         raise NRFError(
             "The settings of the estimator changed between two calls of partial_fit",
@@ -185,7 +188,8 @@ def partial_fit(
     if isinstance(X, Record) or (isinstance(X, (list, tuple)) and X and isinstance(X[0], Record)):
         chunks: Iterable[Chunk] = (chunk_of(r) for r in (X if isinstance(X, (list, tuple)) else [X]))
     else:
-        chunks = [Chunk(X, F, f"call {number}", True, record, time, base_acceleration, dict(covariates or {}))]
+        extra = {} if covariates is None else {k: np.asarray(c) for k, c in dict(covariates).items()}
+        chunks = [Chunk(X, F, f"call {number}", True, record, time, base_acceleration, extra)]
     with threadpool_limits(1, "blas"):
         for chunk in chunks:
             accumulator.add(chunk, number)

@@ -118,7 +118,7 @@ class ArraySource(FileSource):
         covariates: Mapping[str, Any] | None = None,
     ) -> None:  # fmt: skip
         given = {"X": X, "F": F, "record": record, "time": time, "base_acceleration": base_acceleration}
-        given |= {f"covariate {k}": c for k, c in dict(covariates or {}).items()}
+        given |= {f"covariate {k}": c for k, c in ({} if covariates is None else dict(covariates)).items()}
         self.paths = [Path(v) for v in given.values() if isinstance(v, (str, os.PathLike))]
         self.arrays = {k: load_rows(v, k) for k, v in given.items() if v is not None}
         x = self.arrays["X"]

@@ -27,7 +27,8 @@ def add_noise(record: Record, level: float, random_state: Any = None, channels: 
         paper's "5 % noise" is 5 % of the mean instead, which is almost nothing for a signal that
         swings about zero.
     random_state : int, Generator or None
-        Source of the noise; see ``numpy.random.default_rng``.
+        Source of the noise; see ``numpy.random.default_rng``. Take another seed than for the excitation: one seed
+        draws the same numbers twice, and the noise of a force would then be a copy of it.
     channels : iterable of str, optional
         ``"a"`` (all accelerations), ``"a2"``, ``"F"``, ``"ag"``, the name of a covariate; by default every
         measured force and motion. Channels of zeros (known to be unforced) stay zero.

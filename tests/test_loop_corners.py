@@ -43,19 +43,20 @@ def test_a_dead_load_and_a_harmonic_force_on_one_floor_are_both_found():
     assert report.table["held-out"].iloc[-1] < 0.01
 
 
-@pytest.mark.parametrize("most", [1, 2])
+@pytest.mark.parametrize("most", [1, 4])
 def test_effects_that_pass_only_together_are_not_added_in_part(most):
-    """A little friction in each of six storeys: what is added has itself passed the gate."""
+    """A little friction in each of six storeys: what is added has itself passed the gate, and four together do."""
     truth = ChainModel([12.0] * 6, {i: [*LINEAR, laws.CoulombFriction(6.0)] for i in range(1, 7)})
     report = close_loop(
         simulate(truth, forces(6), 1 / FS), catalogue=[laws.CoulombFriction()], max_steps=most, n_surrogates=0
     )
-    gains = [1 - s.validation_after / s.validation_before for s in report.steps]
-    if len(gains) == 1:
-        assert gains[0] == pytest.approx(report.steps[0].gain, abs=0.02) and gains[0] >= 0.15
-    elif gains:
-        whole = 1 - report.steps[-1].validation_after / report.steps[0].validation_before
-        assert whole >= 0.15
+    if most == 1:  # the best storey alone gains 11 %
+        assert report.steps == [] and "15 % are asked" in report.stopped_because
+        return
+    assert [s.law for s in report.steps] == ["coulomb_friction"] * 4
+    together = [s for s in report.steps if "together with" in s.evidence]
+    whole = 1 - together[-1].validation_after / together[0].validation_before
+    assert whole >= 0.15 and whole == pytest.approx(together[0].gain, abs=0.02)
 
 
 def test_a_free_chain_may_turn_out_to_be_tied_to_the_ground():
@@ -66,12 +67,8 @@ def test_a_free_chain_may_turn_out_to_be_tied_to_the_ground():
         catalogue=[laws.LinkSpringDashpot()],
         n_surrogates=0,
     )
-    assert [balanced(s.site) for s in report.steps] == ["storey 1"]
+    assert [str(Site(s.site)) for s in report.steps] == ["storey 1"]
     assert report.table["held-out"].iloc[-1] < 0.01
-
-
-def balanced(site):
-    return str(Site(site))
 
 
 @pytest.fixture(scope="module")

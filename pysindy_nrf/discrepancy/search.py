@@ -29,7 +29,7 @@ _EVALUATIONS = {1: 24, 2: 60, 3: 110}
 _SIMPLE = 2
 _NEAR = 1.3
 # The shape parameter that spectral lines give.
-_FREQUENCY = "frequency"
+FREQUENCY = "frequency"
 # Families whose laws stand beside each other: a constant force does not take the place of a harmonic one.
 _COMPANIONS = ("forcing",)
 
@@ -87,7 +87,7 @@ class Axes:
         self.law = law
         self.shapes: list[Shape] = [p for p in law.shapes if law.shape[p.name] is None]
         bounds = np.array([p.bounds(*work.scales(site)) for p in self.shapes]).reshape(-1, 2)
-        bounds[[p.name == _FREQUENCY for p in self.shapes], 1] = work.fastest
+        bounds[[p.name == FREQUENCY for p in self.shapes], 1] = work.fastest
         self.log = np.array([p.log for p in self.shapes], dtype=bool)
         self.low, self.high = (np.where(self.log, np.log(np.where(self.log, b, 1.0)), b) for b in bounds.T)
 
@@ -114,7 +114,7 @@ class Axes:
         """Points of the scan; spectral lines of the residual for a frequency."""
         if not self.shapes:
             return [np.zeros(0)]
-        if len(self.shapes) == 1 and self.shapes[0].name == _FREQUENCY:
+        if len(self.shapes) == 1 and self.shapes[0].name == FREQUENCY:
             return [np.array([np.log(f)]) for f in lines if self.low[0] <= np.log(f) <= self.high[0]]
         count = _GRID.get(len(self.shapes), 4)
         shares = [(np.arange(count) + 0.5) / count if i < 2 else [0.0] for i in range(len(self.shapes))]
@@ -249,7 +249,7 @@ def refine(stage: Stage, finding: Finding, evaluations: int | None = None, reach
     if not axes.shapes:
         return finding
     start = axes.point(finding.law)
-    step = reach * axes.step(axes.shapes[0].name == _FREQUENCY)
+    step = reach * axes.step(axes.shapes[0].name == FREQUENCY)
     slot = stage.slot(finding.site, finding.candidate.law, finding.drop)
 
     def cost(u: np.ndarray) -> float:

@@ -13,6 +13,7 @@ from scipy.signal import find_peaks
 from ..segments import Segment
 from ..sites import Site
 from .catalogue import Candidate
+from .search import FREQUENCY
 from .stage import Stage, Trial
 
 # Share of a drive's power in one line that makes a test harmonic; bins of the record a line is wide.
@@ -190,7 +191,7 @@ def lines_for(stage: Stage, candidate: Candidate) -> dict[Site, list[float]]:
     -------
     dict of Site to list of float
     """
-    return lines_of(stage.trial()) if "frequency" in candidate.law.free_shape else {}
+    return lines_of(stage.trial()) if FREQUENCY in candidate.law.free_shape else {}
 
 
 def _driven(trial: Trial, seg: Segment, number: int, widest: slice) -> float:

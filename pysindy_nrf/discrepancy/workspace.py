@@ -79,10 +79,6 @@ class Workspace:
             self._motions[site, segment] = seg.motion(site, seg.valid)
         return self._motions[site, segment]
 
-    def motions(self, site: Site) -> list[Motion]:
-        """Motion that a law at a site sees, for each record."""
-        return [self.motion(site, i) for i in range(len(self.data.segments))]
-
     def scales(self, site: Site) -> tuple[float, float, float]:
         """Rms drift (m), rms rate (m/s) and longest record (s) of the search at a site."""
         if site not in self._scales:

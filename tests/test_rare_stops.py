@@ -65,6 +65,17 @@ def test_the_gate_asks_for_something_to_explain_and_for_most_blocks():
     assert judge(before, np.where(before > 5, 2.0, 0.5)).accepted
 
 
+def test_at_the_floor_of_noise_the_gate_asks_for_twice_what_noise_gives():
+    """A tenth of noise's own bias, unknown to the surrogates, must not become an effect; a clear one must pass."""
+    before = np.linspace(9.0, 11.0, 9)
+    assert judge(before, 0.70 * before, null_gain=0.2).accepted
+    refused = judge(before, 0.70 * before, null_gain=0.2, at_floor=True)
+    assert not refused.accepted
+    assert "45 % are asked (20 % come from noise alone)" in refused.sentence
+    assert judge(before, 0.50 * before, null_gain=0.2, at_floor=True).accepted
+    assert judge(before, 0.80 * before, null_gain=0.0, at_floor=True).accepted
+
+
 def test_an_error_of_blocks_needs_three_of_them():
     assert np.isnan(jackknife(np.array([4.0, 4.0]), np.array([1.0, 1.0])))
     assert jackknife(np.full(5, 4.0), np.full(5, 1.0)) == pytest.approx(0.0, abs=1e-12)

@@ -137,7 +137,7 @@ def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) 
     settings["chain"] = _chain(n, options["links"])
     estimator = NRFRegressor(**settings, band=band)
     forced = sorted({j for rec in records for j in rec.forced})
-    unknown = [j for j in range(1, n + 1) if all(j in rec.unknown for rec in records)]
+    unknown = sorted(set.intersection(*(set(rec.unknown) for rec in records)))
     plan = say_plan(session, n, forced, unknown, masses, estimator)
     if options["dry_run"]:
         _dry(session, plan, [summary(rec) for rec in records])

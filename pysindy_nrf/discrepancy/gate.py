@@ -16,6 +16,9 @@ MIN_WINS = 0.8
 MEMBER_GAIN = 0.05
 # Further gain asked for each parameter beyond the second: a flexible law fits what is no effect.
 PARAMETER_GAIN = 0.05
+# At the floor of noise an effect must gain so many times what it gains on surrogates: nothing need be missing there,
+# and how noise makes the model wrong is known to some tenths only.
+AT_THE_FLOOR = 2.0
 TIE = 0.10
 # A further parameter must lower the error by this share to be preferred: within one family at one
 # site, and between families.
@@ -62,7 +65,12 @@ def gain_of(before: np.ndarray, after: np.ndarray) -> float:
 
 
 def judge(
-    before: np.ndarray, after: np.ndarray, n_parameters: int = 1, null_gain: float = 0.0, least: float = MIN_GAIN
+    before: np.ndarray,
+    after: np.ndarray,
+    n_parameters: int = 1,
+    null_gain: float = 0.0,
+    least: float = MIN_GAIN,
+    at_floor: bool = False,
 ) -> Verdict:
     """Accept an effect, or not.
 
@@ -76,6 +84,8 @@ def judge(
         Largest gain on surrogates without any effect.
     least : float
         Gain asked of an effect of one or two parameters.
+    at_floor : bool
+        Whether the model misses no more than where noise is all that it misses.
 
     Returns
     -------
@@ -83,7 +93,8 @@ def judge(
     """
     gain, wins = gain_of(before, after), float(np.mean(after < before))
     priced = least + PARAMETER_GAIN * max(0, n_parameters - 2)
-    needed = max(priced, null_gain + 0.05 if null_gain > 0.05 else 0.0)
+    beyond_noise = (AT_THE_FLOOR if at_floor else 1.0) * null_gain + 0.05
+    needed = max(priced, beyond_noise if null_gain > 0.05 else 0.0)
     facts = (
         f"the median error over {len(before)} blocks falls by {100 * gain:.0f} % "
         f"({np.median(before):.3g} to {np.median(after):.3g} %), in {100 * wins:.0f} % of the blocks"

@@ -333,8 +333,9 @@ class _Loop:
             chosen = self._polished(stage, chosen)
             least = chosen.least if isinstance(chosen, SensorFinding) else MIN_GAIN
             verdict = judge(before, chosen.folds, chosen.n_parameters, least=least)
-            if verdict.accepted:
-                verdict = judge(before, chosen.folds, chosen.n_parameters, null.gain(chosen), least)
+            if verdict.accepted:  # what the floor asks of a sensor's fault, its gain on surrogates has in it
+                at_floor = null.reached and not isinstance(chosen, SensorFinding)
+                verdict = judge(before, chosen.folds, chosen.n_parameters, null.gain(chosen), least, at_floor)
             passed = verdict.accepted
             if passed:
                 verdict = self._alone(stage, chosen, verdict)
@@ -361,7 +362,7 @@ class _Loop:
 
     def _judged(self, stage: Stage, finding: Finding, before: np.ndarray, null: Null) -> Verdict:
         """The verdict on a law by the gate, on surrogates and in its free run."""
-        verdict = judge(before, finding.folds, finding.n_parameters, null.gain(finding))
+        verdict = judge(before, finding.folds, finding.n_parameters, null.gain(finding), at_floor=null.reached)
         return self._alone(stage, finding, verdict) if verdict.accepted else verdict
 
     def _null(self, stage: Stage) -> Null:

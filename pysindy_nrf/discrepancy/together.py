@@ -64,7 +64,8 @@ def look_ahead(
     n_parameters = sum(f.n_parameters for f in members) - 2 * (len(members) - 1)
     if not judge(before, after, n_parameters).accepted:
         return None
-    verdict = judge(before, after, n_parameters, max((_null_gain(s, members) for s in null.stages), default=0.0))
+    null_gain = max((_null_gain(s, members) for s in null.stages), default=0.0)
+    verdict = judge(before, after, n_parameters, null_gain, at_floor=null.reached)
     if verdict.accepted:
         verdict = confirmed(verdict, stage, whole, null)
     return ([(f, tied) for f, tied, _ in found], verdict) if verdict.accepted else None

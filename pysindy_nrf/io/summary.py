@@ -191,12 +191,13 @@ def _dofs(numbers: Any) -> str:
 
 
 def _forces(record: Record) -> str:
-    idle = [j for j in range(1, record.n_dof + 1) if j not in record.forced and j not in record.unknown]
-    parts = [f"forced: {_dofs(record.forced)}" if record.forced else "no force is measured"]
+    forced, unknown = record.forced, record.unknown
+    idle = sorted(set(range(1, record.n_dof + 1)) - {*forced, *unknown})
+    parts = [f"forced: {_dofs(forced)}" if forced else "no force is measured"]
     if idle:
         parts.append(f"known to be unforced: {_dofs(idle)}")
-    if record.unknown:
-        parts.append(f"force unknown: {_dofs(record.unknown)}")
+    if unknown:
+        parts.append(f"force unknown: {_dofs(unknown)}")
     parts.append("the base moves" if record.base_moves else "the base is at rest")
     return "; ".join(parts)
 

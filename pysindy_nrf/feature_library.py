@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -13,7 +14,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from ._input import checked, same_columns
 from .chain import Chain
-from .exceptions import ChainError, ChannelError, LawError
+from .exceptions import ChainError, ChannelError, DataQualityWarning, LawError
 from .laws import PowerSeries
 from .laws.base import ForceLaw
 from .layout import LawLayout
@@ -39,16 +40,22 @@ class ForceLawLibrary(BaseFeatureLibrary):
         features are xdot, the terms and F, for :class:`StateSpaceChainOptimizer`.
     dt : float, optional
         Sampling step, s, for laws that need the time or remember the path.
+    forced : int or sequence of int, optional
+        With ``inputs="state"``: the DOFs on which the columns of u act, in their order; ``()`` is free vibration
+        without any. The features F_j of the others are zero: known to be unforced. If None, u is one column a
+        DOF, or, where the number of columns can only mean that and a warning says so, there is none.
 
     Attributes
     ----------
     n_features_in_, n_output_features_ : int
     layout_ : LawLayout
+    forced_ : tuple of int
+        DOFs that have a column of u; all of them with ``inputs="balance"``, which has none.
 
     Raises
     ------
     ChannelError
-        If the number of columns does not fit.
+        If the number of columns does not fit, or ``forced`` names a DOF twice or none of the chain.
     LawError
         If a law that remembers the path is used with ``inputs="state"``: the right-hand side of an
         ordinary differential equation has no path.
@@ -69,17 +76,29 @@ class ForceLawLibrary(BaseFeatureLibrary):
     >>> more = library + ForceLawLibrary({"storey 2": laws.CoulombFriction()})
     >>> more.fit(np.zeros((5, 6))).get_feature_names()
     ['a1', 'a2', 'v1', 's1', 's1^3', 'v2', 's2', 's2^3', 'sgn(v2)']
+
+    One shaker, on the roof of two storeys; x, xdot and u are what ``ps.SINDy`` passes on:
+
+    >>> shaken = ForceLawLibrary([laws.Duffing()], inputs="state", forced=[2]).fit(np.zeros((5, 5)))
+    >>> shaken.get_feature_names()
+    ['xdot1', 'xdot2', 's1', 's1^3', 's2', 's2^3', 'F1', 'F2']
     """
 
     dt: float | None = None
 
     def __init__(
-        self, laws: Any = None, chain: Chain | None = None, inputs: str = "balance", dt: float | None = None
+        self,
+        laws: Any = None,
+        chain: Chain | None = None,
+        inputs: str = "balance",
+        dt: float | None = None,
+        forced: int | Sequence[int] | None = None,
     ) -> None:
         self.laws = laws
         self.chain = chain
         self.inputs = inputs
         self.dt = dt
+        self.forced = forced
 
     def _laws(self, chain: Chain) -> Mapping[Any, Sequence[ForceLaw]]:
         given = self.laws
@@ -109,13 +128,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
             raise ChannelError(f"inputs={self.inputs!r} is unknown", "Choose 'balance' or 'state'.")
         first = x[0] if _is_list_of_records(x) else x
         width = self._checked(first, reset=True).shape[-1]
-        n = self.chain.n_dof if self.chain is not None else width // 3
-        if n < 1 or width != 3 * n:
-            what = "a, v, s" if self.inputs == "balance" else "x, xdot, u = F"
-            raise ChannelError(
-                f"The library got {width} columns (n_features = {width}), {3 * max(n, 1)} are needed",
-                f"Give {what} of every DOF.",
-            )
+        n, self.forced_ = self._meaning(width)
         chain = self.chain if self.chain is not None else Chain(n)
         self.layout_ = LawLayout(chain, self._laws(chain))
         if self.inputs == "state" and self.layout_.has_memory:
@@ -130,6 +143,47 @@ class ForceLawLibrary(BaseFeatureLibrary):
             )
         self.n_output_features_ = self.layout_.n_terms + (n if self.inputs == "balance" else 2 * n)
         return self
+
+    def _meaning(self, width: int) -> tuple[int, tuple[int, ...]]:
+        """Number of DOFs, and those with a column of u, of a table of so many columns."""
+        n = None if self.chain is None else self.chain.n_dof
+        free = width // 2 if n is None else n
+        if self.forced is not None:
+            return self._of_the_forced(width, n)
+        if self.inputs == "state" and width % 3 and width == 2 * free > 0:
+            if n is None:
+                warnings.warn(
+                    f"{width} columns are taken as x and xdot of {free} DOFs in free vibration. Give forced=() if that "
+                    "is so, or forced=[...], the DOFs that the columns of u act on.",
+                    DataQualityWarning,
+                    stacklevel=4,
+                )
+            return free, ()
+        whole = width // 3 if n is None else n
+        if whole < 1 or width != 3 * whole:
+            what = "a, v, s" if self.inputs == "balance" else "x, xdot, u = F"
+            cure = "" if self.inputs == "balance" else ", or forced=[...], the DOFs that the columns of u act on"
+            raise ChannelError(
+                f"The library got {width} columns (n_features = {width}), {3 * max(whole, 1)} are needed",
+                f"Give {what} of every DOF{cure}.",
+            )
+        return whole, tuple(range(1, whole + 1))
+
+    def _of_the_forced(self, width: int, n: int | None) -> tuple[int, tuple[int, ...]]:
+        forced = (self.forced,) if isinstance(self.forced, int) else tuple(self.forced or ())
+        if self.inputs != "state":
+            raise ChannelError("forced= is for inputs='state'", "A balance has no column of u: pass F to fit.")
+        n = (width - len(forced)) // 2 if n is None else n
+        if n < 1 or width != 2 * n + len(forced):
+            raise ChannelError(
+                f"The library got {width} columns (n_features = {width}), {2 * max(n, 1) + len(forced)} are needed",
+                f"Give x and xdot of every DOF, and u of {len(forced)} (forced={list(forced)}).",
+            )
+        if len(set(forced)) < len(forced) or not set(forced) <= set(range(1, n + 1)):
+            raise ChannelError(
+                f"forced={list(forced)} does not name DOFs of a chain of {n}", f"Give each once, from 1 to {n}."
+            )
+        return n, forced
 
     def transform(self, x: Any) -> Any:
         """Columns of the balances.
@@ -181,7 +235,8 @@ class ForceLawLibrary(BaseFeatureLibrary):
             where = self.layout_.slices[site]
             out[:, n + where.start : n + where.stop] = self.layout_.columns(site, segment.motion(site, rows))
         if tail is not None:
-            out[:, n + self.layout_.n_terms :] = tail
+            out[:, n + self.layout_.n_terms :] = 0.0
+            out[:, [n + self.layout_.n_terms + j - 1 for j in self.forced_]] = tail
         out = out.reshape(*lead, -1)
         return AxesArray(out, {"ax_time": 0, "ax_coord": out.ndim - 1} if out.ndim == 2 else _axes(out))
 
@@ -214,14 +269,17 @@ class ForceLawLibrary(BaseFeatureLibrary):
         n = self.layout_.n_dof
         heads = ("a", "v", "s") if self.inputs == "balance" else ("x", "xdot", "F")
         names = [f"{head}{j}" for head in heads for j in range(1, n + 1)]
+        inputs = [*range(2 * n), *(2 * n + j - 1 for j in self.forced_)]  # which of them are columns of the input
         if input_features is not None:
             given = [str(name) for name in input_features]
-            if len(given) != 3 * n:
+            if len(given) != len(inputs):
                 raise ChannelError(
-                    f"{len(given)} names for {3 * n} columns", f"Give the names of {', '.join(heads)} of every DOF."
+                    f"{len(given)} names for {len(inputs)} columns",
+                    f"Give the names of {', '.join(heads)} of every DOF.",
                 )
             if not all(_UNNAMED.fullmatch(name) for name in given):
-                names = given
+                for i, name in zip(inputs, given):
+                    names[i] = name
         through = (names[:n], []) if self.inputs == "balance" else (names[n : 2 * n], names[2 * n :])
         return [*through[0], *term_names(self.layout_), *through[1]]
 
@@ -273,7 +331,7 @@ class ForceLawLibrarySum(ForceLawLibrary):
     Parameters
     ----------
     libraries : list of ForceLawLibrary
-        With the same ``inputs``, and the same ``chain`` and ``dt`` where these are given.
+        With the same ``inputs``, and the same ``chain``, ``dt`` and ``forced`` where these are given.
 
     Raises
     ------
@@ -304,6 +362,10 @@ class ForceLawLibrarySum(ForceLawLibrary):
     def dt(self) -> float | None:  # type: ignore[override]  # likewise
         return self._shared("dt")
 
+    @property
+    def forced(self) -> int | Sequence[int] | None:  # type: ignore[override]  # likewise
+        return self._shared("forced")
+
     def _laws(self, chain: Chain) -> Mapping[Any, Sequence[ForceLaw]]:
         merged: dict[Any, list[ForceLaw]] = {}
         for library in self.libraries:
@@ -325,6 +387,8 @@ class InterstoryPolynomialLibrary(ForceLawLibrary):
         Other orders at some sites.
     inputs : {"balance", "state"}
         See :class:`ForceLawLibrary`.
+    forced : int or sequence of int, optional
+        See :class:`ForceLawLibrary`.
 
     Raises
     ------
@@ -345,11 +409,13 @@ class InterstoryPolynomialLibrary(ForceLawLibrary):
         chain: Chain | None = None,
         orders: Mapping[Any, Any] | None = None,
         inputs: str = "balance",
+        forced: int | Sequence[int] | None = None,
     ) -> None:
         self.degree = degree
         self.chain = chain
         self.orders = orders
         self.inputs = inputs
+        self.forced = forced
 
     def _laws(self, chain: Chain) -> Mapping[Any, Sequence[ForceLaw]]:
         return power_series_laws(chain, self.degree, self.orders)

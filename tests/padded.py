@@ -46,7 +46,7 @@ class PaddedRegressor(NRFRegressor):
         self.n_features_in_ = width
         return self
 
-    def _judged(self, X, y, *metadata):
+    def _judged(self, X, y, *metadata, **how):
         from sklearn.utils.validation import check_is_fitted
 
         check_is_fitted(self)
@@ -54,7 +54,7 @@ class PaddedRegressor(NRFRegressor):
         if y is not None:
             columns = np.asarray(y).reshape(len(y), -1)
             y = np.hstack([columns, np.tile(columns[:, :1], self.model_.n_dof - columns.shape[1])])
-        return super()._judged(Z, y, *metadata)
+        return super()._judged(Z, y, *metadata, **how)
 
     def predict(self, X):
         out = super().predict(X)
@@ -77,8 +77,8 @@ DUFFING = (laws.LinearViscous(), laws.Duffing())
 
 
 class PaddedLawLibrary(_PaddedLibrary, ForceLawLibrary):
-    def __init__(self, laws=DUFFING, chain=None, inputs="balance", dt=None):
-        super().__init__(laws, chain, inputs, dt)
+    def __init__(self, laws=DUFFING, chain=None, inputs="balance", dt=None, forced=None):
+        super().__init__(laws, chain, inputs, dt, forced)
 
 
 ORDER = "what a transformer of signals does to a sample depends on its neighbours in time"
@@ -89,6 +89,9 @@ SIGNALS = {
     "check_methods_subset_invariance": ORDER,
 }
 COLUMNS = {"check_estimators_nan_inf": EDGES}
+STATE = COLUMNS | {
+    "check_estimators_dtypes": "five columns are neither positions and velocities alone nor those with forces on each DOF",
+}
 
 
 def cases():
@@ -103,6 +106,8 @@ def cases():
         (KinematicSmoother(fs=100.0, channels="x"), SIGNALS),
         (ChainOptimizer(), COLUMNS),
         (StateSpaceChainOptimizer(), COLUMNS),
+        (InterstoryPolynomialLibrary(inputs="state"), STATE),
+        (ForceLawLibrary(DUFFING, inputs="state"), STATE),
         (PaddedPolynomialLibrary(), COLUMNS),
         (PaddedLawLibrary(), COLUMNS),
         (PaddedRegressor(degree=1), COLUMNS),

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from pysindy_nrf import ChainModel, InterstoryPolynomialLibrary, NRFRegressor, StateSpaceChainOptimizer, laws
-from pysindy_nrf.exceptions import ChainError, LawError
+from pysindy_nrf.exceptions import ChainError, ChannelError, LawError
 
 N = 3
 
@@ -93,6 +93,58 @@ def test_without_measured_accelerations_sindy_differentiates(case):
     middle = slice(200, 2700)
     sindy.fit(state_of(case)[middle], t=case.dt, u=case.F[middle])
     assert np.abs(ChainModel.from_sindy(sindy).masses / case.m - 1).max() < 0.02
+
+
+def rates_of(case):
+    return np.hstack([case.v.cumsum(axis=1), case.a])
+
+
+def test_one_shaker_is_one_column_of_u(case):
+    """PySINDy's way with one actuator: the same chain as with zeros written out for the floors that rest."""
+    found = {}
+    for forced, u in (((2,), case.F[:, 1:2]), (None, case.F)):
+        library = InterstoryPolynomialLibrary(3, inputs="state", forced=forced)
+        sindy = ps.SINDy(feature_library=library, optimizer=StateSpaceChainOptimizer())
+        sindy.fit(state_of(case), t=case.dt, x_dot=rates_of(case), u=u)
+        found[forced] = ChainModel.from_sindy(sindy)
+        assert np.abs(found[forced].masses / case.m - 1).max() < 1e-8
+        names = ["x1", "x2", "x3", "v1", "v2", "v3", *(f"shaker {j}" for j in library.forced_)]
+        assert library.get_feature_names(names)[-2] == "shaker 2"
+    assert found[(2,)] == found[None]
+
+
+@pytest.mark.parametrize("forced", [(), None])
+def test_free_vibration_needs_no_u_and_one_known_mass(case, forced):
+    """Two storeys let go: with the mass of the roof known, everything else follows from equations (4)-(5)."""
+    m, c, k = np.array([12.0, 9.0]), np.array([40.0, 25.0]), np.array([9e3, 6e3])
+    M, C, K = np.diag(m), np.array([[65.0, -25.0], [-25.0, 25.0]]), np.array([[15e3, -6e3], [-6e3, 6e3]])
+    A = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
+    t = np.arange(2000) * 0.005
+    run = solve_ivp(lambda _, y: A @ y, (0, t[-1]), [0.01, -0.02, 0.1, 0.3], t_eval=t, rtol=1e-11, atol=1e-14, method="DOP853").y.T
+    library = InterstoryPolynomialLibrary(1, inputs="state", forced=forced)
+    sindy = ps.SINDy(feature_library=library, optimizer=StateSpaceChainOptimizer(known_masses={2: 9.0}))
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        sindy.fit(run, t=0.005, x_dot=run @ A.T)
+    assert any("x and xdot of 2 DOFs in free vibration" in str(w.message) for w in said) == (forced is None)
+    model = ChainModel.from_sindy(sindy)
+    assert model.masses == pytest.approx(m, rel=1e-7)
+    for i in (1, 2):
+        assert model.restoring_forces[i].coefficients.to_dict() == pytest.approx({"v": c[i - 1], "s": k[i - 1]}, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("forced", "width", "words"),
+    [((2,), 6, "5 are needed"), ((3,), 5, "forced=\\[3\\] does not name DOFs of a chain of 2"), ((1, 1), 6, "names? DOFs of a chain")],
+)
+def test_columns_of_u_that_do_not_fit_are_refused(forced, width, words):
+    with pytest.raises(ChannelError, match=words):
+        InterstoryPolynomialLibrary(1, inputs="state", forced=forced).fit(np.zeros((5, width)))
+
+
+def test_a_balance_has_no_column_of_u():
+    with pytest.raises(ChannelError, match="inputs='state'"):
+        InterstoryPolynomialLibrary(1, forced=(1,)).fit(np.zeros((5, 3)))
 
 
 def test_a_plain_optimizer_on_our_library_is_read_too():

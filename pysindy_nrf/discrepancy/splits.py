@@ -18,6 +18,8 @@ SETTLING = 0.04
 AT_REST = 0.25
 # Share of the mean force energy of a block below which its forces rest; blocks that must be left when such are joined.
 RESTING, FEWEST_BLOCKS = 0.1, 4
+# Share of the energy of each force that the search must see, where some arrangement of the pieces allows it.
+SEEN = 0.5
 # Fewer samples than this let any law of a hundred fit.
 LEAST_ROWS = 200
 
@@ -77,7 +79,7 @@ def settled(segment: Segment) -> int:
     return int(SETTLING * len(s)) if moving else 0
 
 
-def pieces(n_blocks: int, share: float) -> tuple[np.ndarray, list[bool]]:
+def pieces(n_blocks: int, share: float, most: int = 4, shift: int = 0) -> tuple[np.ndarray, list[bool]]:
     """How one record is cut: blocks of the search, and the pieces held out between them.
 
     What is held out lies inside the record, with blocks of the search on both sides: a change in
@@ -90,6 +92,10 @@ def pieces(n_blocks: int, share: float) -> tuple[np.ndarray, list[bool]]:
     share : float
         Share of the energy that is held out; in four pieces where there are at least eight blocks, in two where
         there are at least four.
+    most : {4, 2, 1}
+        Pieces held out at most.
+    shift : int
+        By how many blocks they come earlier; from as early as they can they go on where they began.
 
     Returns
     -------
@@ -105,8 +111,12 @@ def pieces(n_blocks: int, share: float) -> tuple[np.ndarray, list[bool]]:
     >>> ends.round(2).tolist(), held
     ([0.2, 0.4, 0.5, 0.7, 0.8, 1.0], [False, False, True, False, True, False])
     """
-    count = 4 if n_blocks >= 8 else 2 if n_blocks >= 4 else 1
-    after = [n_blocks - 1 - (n_blocks // (count + 1)) * k for k in range(count)] if count > 1 else [(n_blocks + 1) // 2]
+    count = min(most, 4 if n_blocks >= 8 else 2 if n_blocks >= 4 else 1)
+    if count > 1:
+        after = [n_blocks - 1 - (n_blocks // (count + 1)) * k for k in range(count)]
+        after = [k - shift % after[-1] for k in after]
+    else:
+        after = [1 + ((n_blocks + 1) // 2 - 1 - shift) % max(1, n_blocks - 1)]
     widths, held = [], []
     for k in range(1, n_blocks + 1):
         widths.append((1.0 - share) / n_blocks)
@@ -177,22 +187,76 @@ def split(
     sums = [energy(seg, scale) for seg in segments]
     first = [settled(seg) for seg in segments]
     sums = [line - (line[k - 1] if k else 0.0) for line, k in zip(sums, first)]
-    held = [BlockRows(i, slice(first[i], len(sums[i]))) for i in heldout or ()]
+    apart = [BlockRows(i, slice(first[i], len(sums[i]))) for i in heldout or ()]
     total = sum(sums[i][-1] for i in chosen)
-    search: list[BlockRows] = []
-    for i in chosen:
-        mine = max(1, round(n_blocks * sums[i][-1] / total), -(-n_blocks // len(chosen)))
-        shares, out = pieces(mine, HELDOUT_SHARE if heldout is None else 0.0)
-        marks = np.searchsorted(sums[i], sums[i][-1] * shares[:-1]) + 1
-        edges = np.minimum([first[i], *marks, len(sums[i])], len(sums[i]))
-        for lo, hi, kept in zip(edges[:-1], edges[1:], out):
-            if hi > lo:
-                (held if kept else search).append(BlockRows(i, slice(int(lo), int(hi))))
+
+    def cut(most: int, shift: int) -> tuple[list[BlockRows], list[BlockRows]]:
+        search, held = [], list(apart)
+        for i in chosen:
+            mine = max(1, round(n_blocks * sums[i][-1] / total), -(-n_blocks // len(chosen)))
+            shares, out = pieces(mine, HELDOUT_SHARE if heldout is None else 0.0, most, shift)
+            marks = np.searchsorted(sums[i], sums[i][-1] * shares[:-1]) + 1
+            edges = np.minimum([first[i], *marks, len(sums[i])], len(sums[i]))
+            for lo, hi, kept in zip(edges[:-1], edges[1:], out):
+                if hi > lo:
+                    (held if kept else search).append(BlockRows(i, slice(int(lo), int(hi))))
+        return search, held
+
+    search, held = cut(4, 0)
+    if heldout is None and seen(search, held, segments).min() < SEEN:
+        ways = [cut(most, shift) for most in (4, 2, 1) for shift in range(n_blocks)]
+        search, held = max(ways, key=lambda way: _balanced(seen(*way, segments)))
     if len(search) < 3 or not held or sum(b.rows.stop - b.rows.start for b in search) < LEAST_ROWS:
         raise ChannelError(
             "The records are too short to be split into search, validation and held-out parts", "Give longer records."
         )
     return awake(search, segments), held
+
+
+def force_energy(blocks: Sequence[BlockRows], segments: Sequence[Segment]) -> np.ndarray:
+    """Sum of squares of each force in each block.
+
+    Parameters
+    ----------
+    blocks : sequence of BlockRows
+    segments : sequence of Segment
+
+    Returns
+    -------
+    ndarray of shape (n_blocks, n_dof)
+        N^2; zero where the force is unknown.
+    """
+    force = [np.nan_to_num(segments[b.segment].F[segments[b.segment].valid][b.rows].astype(float)) for b in blocks]
+    return np.array([(F**2).sum(axis=0) for F in force]).reshape(len(blocks), -1)
+
+
+def seen(search: Sequence[BlockRows], held: Sequence[BlockRows], segments: Sequence[Segment]) -> np.ndarray:
+    """Share of the energy of each measured force that lies in blocks of the search.
+
+    A floor that is hit three times in a record may have all three blows in the pieces held out: its mass is then fitted
+    to nothing.
+
+    Parameters
+    ----------
+    search, held : sequence of BlockRows
+    segments : sequence of Segment
+
+    Returns
+    -------
+    ndarray of shape (n_forced,)
+        1 where no force is measured.
+    """
+    inside, outside = (force_energy(blocks, segments).sum(axis=0) for blocks in (search, held))
+    if not np.any(inside + outside > 0):
+        return np.ones(1)
+    forced = inside + outside > 0
+    return inside[forced] / (inside + outside)[forced]
+
+
+def _balanced(shares: np.ndarray) -> tuple[bool, float]:
+    """How near each force is to its part in the search and in what is held out; the search goes first."""
+    nearest = np.minimum(shares / (1 - HELDOUT_SHARE), (1 - shares) / HELDOUT_SHARE).min()
+    return bool(shares.min() >= SEEN), float(nearest)
 
 
 def awake(blocks: list[BlockRows], segments: Sequence[Segment]) -> list[BlockRows]:
@@ -211,8 +275,7 @@ def awake(blocks: list[BlockRows], segments: Sequence[Segment]) -> list[BlockRow
     list of BlockRows
         The same if no force is measured, or if fewer than four would be left.
     """
-    force = [np.nan_to_num(segments[b.segment].F[segments[b.segment].valid][b.rows].astype(float)) for b in blocks]
-    energy = np.array([(F**2).sum(axis=0) for F in force])
+    energy = force_energy(blocks, segments)
     total = energy.sum(axis=0)
     if not total.any():
         return blocks

@@ -2,6 +2,7 @@
 
 import pickle
 import warnings
+from dataclasses import replace
 
 import chains
 import numpy as np
@@ -15,6 +16,7 @@ from pysindy_nrf import (
     NRFRegressor,
     Record,
     RecordSplit,
+    Site,
     excitation,
     laws,
     one_standard_error,
@@ -23,7 +25,15 @@ from pysindy_nrf import (
     simulate,
 )
 from pysindy_nrf.alignment import force_delay
+from pysindy_nrf.discrepancy import second_opinion
+from pysindy_nrf.discrepancy.prepare import prepare
+from pysindy_nrf.discrepancy.second_opinion import unbiased_errors
+from pysindy_nrf.discrepancy.splits import split
+from pysindy_nrf.discrepancy.stage import Stage
+from pysindy_nrf.discrepancy.workspace import Workspace
+from pysindy_nrf.estimation import IVResult
 from pysindy_nrf.estimation.frequency import fit_frequency_response
+from pysindy_nrf.estimation.iv import _most_alike
 from pysindy_nrf.exceptions import BiasWarning, ChainError, ChannelError, IdentifiabilityError, NRFError
 from pysindy_nrf.io import frequency_response
 from pysindy_nrf.model_selection import AlongPath, BlockedTimeSplit, select_groups, select_sparsity
@@ -270,3 +280,30 @@ def test_weights_and_columns_of_another_fit_are_refused():
     library = InterstoryPolynomialLibrary(1).fit(frame)
     with pytest.raises(ChannelError, match="not those of fit"):
         library.transform(frame.rename(columns={"a1": "b1"}))
+
+
+def result(round_, likeness):
+    return IVResult(TRUTH, None, None, round_, likeness)
+
+
+def test_rounds_that_go_astray_give_way_to_the_one_that_runs_like_the_structure():
+    """What a round found is seen in the run that the next one begins with: the last is the first to be doubted."""
+    rounds = [result(k, likeness) for k, likeness in enumerate([0.95, 0.99, 0.97], 1)]
+    assert _most_alike(rounds, [0.95, 0.99, 0.97, -0.07]).rounds == 1  # the fourth run is that of round 3
+    assert _most_alike(rounds[:2], [0.95, 0.99, 0.97]).rounds == 1  # a solve failed, its run did not
+    assert _most_alike(rounds, [0.95, 0.90, 0.80, -0.07]) is None  # least squares runs better than any
+    assert _most_alike(rounds[:1], [0.95]) is None
+    assert _most_alike([], [0.3]) is None
+
+
+def test_instruments_that_went_astray_have_no_say_against_an_effect(monkeypatch):
+    """A gain of a half by least squares, of which noise explains nothing, is not refused by rounds that diverged."""
+    rec = add_noise(record(3, duration=10.0), 0.04, random_state=9)
+    ready = prepare([rec])
+    work = Workspace(ready.data, [None], *split(ready.data.segments), {}, "auto")
+    stage = Stage(work, Chain(2), {s: tuple(held) for s, held in ((Site(k), v) for k, v in LINEAR.items())})
+    found = unbiased_errors(stage)
+    assert found is not None and np.isfinite(found).all()
+    whole = second_opinion.instrumental_variables
+    monkeypatch.setattr(second_opinion, "instrumental_variables", lambda *a: replace(whole(*a), settled=False))
+    assert unbiased_errors(stage) is None

@@ -55,7 +55,7 @@ def unbiased_errors(stage: Stage) -> np.ndarray | None:
             found = instrumental_variables(
                 trial.model(), data, trial.layout, trial.walk, filters, work.known_masses
             )
-            if found is None:
+            if found is None or not found.settled:
                 return None
             return np.array([trial.error(found.solution, [b]) for b in range(len(work.search))])
     except (NRFError, np.linalg.LinAlgError):

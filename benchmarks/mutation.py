@@ -4,14 +4,17 @@
     python benchmarks/mutation.py                                     # the benchmark setting: 120 mutants of each part
     python benchmarks/mutation.py --sample 0                          # every mutant: days
 
-Needs cosmic-ray (pip install cosmic-ray) and a system that forks (Linux, macOS). Package and tests are
-copied to a temporary folder, one fault at a time is put into the copy (an operator exchanged, a number
-off by one, a condition turned round, ...), and the test files that belong to the part are run on it, one
-after the other, until a test fails. A mutant is killed if a test fails or a file takes ten times as long
-as without it. One process imports the libraries; every run is a fork of it that imports the package
-anew. Faults inside type annotations and of decorators change nothing that runs and are left out.
-Survivors are printed with their line: each is either a test to write or a fault without effect (a
-tolerance, a speed-up).
+Needs cosmic-ray and pytest-cov (pip install cosmic-ray pytest-cov) and a system that forks (Linux, macOS).
+Package and tests are copied to a temporary folder, and one fault at a time is put into the copy (an
+operator exchanged, a number off by one, a condition turned round, ...). Of the test files that belong to
+the part those tests are run on it that come by the faulty line, the fastest first, until one fails; a
+fault in what a module does when it is imported (a constant), or in compiled code, is put before every
+test that comes by the module. Tests beyond two minutes for one fault are not run: what they alone would
+notice counts as survived. A mutant is killed if a test fails or the tests take ten times as long as
+without it. One process imports the libraries; every run is a fork of it that imports the package anew.
+Faults inside type annotations and of decorators change nothing that runs and are left out. Survivors
+are printed with their line: each is either a test to write or a fault without effect (a tolerance, a
+speed-up).
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ from __future__ import annotations
 import argparse
 import ast
 import importlib
+import json
 import os
 import shutil
 import signal
@@ -64,12 +68,23 @@ PARTS = {
             "tests/test_detection.py",
             "tests/test_localisation.py",
             "tests/test_characterisation.py",
+            "tests/test_projection.py",
+            "tests/test_splits.py",
+            "tests/test_catalogue.py",
+            "tests/test_rare_stops.py",
+            "tests/test_evidence.py",
+            "tests/test_channel_doubts.py",
+            "tests/test_close_loop_names.py",
+            "tests/test_close_loop_noise_floor.py",
+            "tests/test_loop_corners.py",
+            "tests/test_second_opinion.py",
             "tests/test_close_loop.py",
         ],
     ),
 }
 # Mutants that turn one binary operator into every other are mostly type errors; these are the telling ones.
 SKIPPED = ("_BitOr", "_BitAnd", "_BitXor", "_RShift", "_LShift", "_Mod", "_FloorDiv", "RemoveDecorator")
+MOST_SECONDS = 120  # of tests for one fault
 # Imported once, before the package; every run of the tests is a fork of this process.
 LIBRARIES = (
     "scipy.linalg",
@@ -144,15 +159,15 @@ def faulty(mutation: Any) -> Iterator[None]:
         os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
 
 
-def passes(home: Path, test: str, limit: float = np.inf) -> bool:
-    """Whether the tests of one file pass on the copy within some seconds, in a fork of this process.
+def passes(home: Path, tests: list[str], limit: float = np.inf, cover: str = "") -> bool:
+    """Whether some tests pass on the copy within some seconds, in a fork of this process.
 
     What is imported here (:data:`LIBRARIES`) need not be imported again there; the package is. What it prints is in
-    ``log``.
+    ``log``. ``cover`` is the folder of the package whose lines are noted, with the tests that come by them.
     """
     child = os.fork()
     if not child:
-        _test(home, test, keep=limit == np.inf)
+        _test(home, tests, limit == np.inf, cover)
     end = time.monotonic() + limit
     while time.monotonic() < end:
         done, status = os.waitpid(child, os.WNOHANG)
@@ -164,8 +179,18 @@ def passes(home: Path, test: str, limit: float = np.inf) -> bool:
     return False
 
 
-def _test(home: Path, test: str, keep: bool) -> None:
-    """Run a test file in a forked process, which ends here; ``keep`` its byte code for the next."""
+class _Clock:
+    """Notes how long each test takes."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    def pytest_runtest_logreport(self, report: Any) -> None:
+        self.seconds[report.nodeid] = self.seconds.get(report.nodeid, 0.0) + report.duration
+
+
+def _test(home: Path, tests: list[str], keep: bool, cover: str) -> None:
+    """Run tests in a forked process, which ends here; ``keep`` its byte code for the next."""
     code = 1
     try:
         os.setsid()
@@ -184,36 +209,63 @@ def _test(home: Path, test: str, keep: bool) -> None:
         numba.config.reload_config()
         # The package knows compiled code by what it does; a fault elsewhere in its file is no reason to compile again.
         numba.core.caching._SourceFileBackedLocatorMixin.get_source_stamp = lambda self: None
-        code = int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", test]))
+        clock = _Clock()
+        noting = [f"--cov={cover}", "--cov-context=test", "--cov-report="] if cover else []
+        code = int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", *noting, *tests], plugins=[clock]))
+        if cover:
+            (home / "seconds.json").write_text(json.dumps(clock.seconds))
     finally:
         sys.stdout.flush()
         os._exit(code)
 
 
+class Witnesses:
+    """Which tests come by which line, and how long they take."""
+
+    def __init__(self, home: Path, modules: list[str], tests: list[str]) -> None:
+        from coverage import CoverageData
+
+        if not passes(home, tests, cover=str(Path(modules[0]).parent if modules[0].endswith(".py") else modules[0])):
+            tail = (home / "log").read_text(errors="replace")[-3000:]
+            raise RuntimeError(f"The tests fail without a fault in the code:\n{tail}")
+        self.seconds: dict[str, float] = json.loads((home / "seconds.json").read_text())
+        self.data = CoverageData(str(home / ".coverage"))
+        self.data.read()
+
+    def of(self, path: Path, line: int) -> list[str]:
+        """Tests that come by a line, the fastest first; by its module if none does but its import."""
+        lines = self.data.contexts_by_lineno(str(path))
+        names = {c.rpartition("|")[0] for c in lines.get(line, [])} - {""}
+        names = names or {c.rpartition("|")[0] for held in lines.values() for c in held} - {""}
+        chosen, total = [], 0.0
+        for name in sorted(names & self.seconds.keys(), key=self.seconds.__getitem__):
+            total += self.seconds[name]
+            if total > MOST_SECONDS:
+                break
+            chosen.append(name)
+        return chosen
+
+
 def run(part: str, count: int, seed: int, chosen: list[str] | None = None) -> dict:
     """Mutate one part; killed, survived and the survivors' lines."""
     modules, tests = PARTS[part]
-    tests = chosen or tests
     for name in LIBRARIES:
         importlib.import_module(name)
     killed, survivors = 0, []
     with tempfile.TemporaryDirectory(prefix="mutants") as folder:
-        home = copied(Path(folder))
-        limits = {}
-        for test in tests:
-            began = time.monotonic()
-            if not passes(home, test):
-                tail = (home / "log").read_text(errors="replace")[-3000:]
-                raise RuntimeError(f"{test} fails without a fault in the code:\n{tail}")
-            limits[test] = 10 * (time.monotonic() - began) + 30
+        home = copied(Path(folder).resolve())
+        witnesses = Witnesses(home, modules, chosen or tests)
         every = mutants(home, modules, count, seed)
         for mutation in every:
             line = mutation.module_path.read_text(encoding="utf-8").splitlines()[mutation.start_pos[0] - 1].strip()
+            called = witnesses.of(mutation.module_path, mutation.start_pos[0])
+            limit = 10 * sum(witnesses.seconds[name] for name in called) + 30
             with faulty(mutation):
-                alive = all(passes(home, test, limit) for test, limit in limits.items())
+                alive = not called or passes(home, called, limit)
             if alive:
                 where = f"{mutation.module_path.relative_to(home)}:{mutation.start_pos[0]}"
                 survivors.append(f"{where} {mutation.operator_name.removeprefix('core/')}: {line}")
+                print(f"survived: {survivors[-1]}", file=sys.stderr, flush=True)
             killed += not alive
     return {"part": part, "mutants": len(every), "killed": killed, "survivors": survivors}
 
@@ -228,8 +280,9 @@ def main(arguments: list[str] | None = None) -> int:
     o = parser.parse_args(arguments)
     try:
         import cosmic_ray  # noqa: F401
+        import pytest_cov  # noqa: F401
     except ImportError:
-        print("Mutation testing needs cosmic-ray: pip install cosmic-ray", file=sys.stderr)
+        print("Mutation testing needs cosmic-ray and pytest-cov: pip install cosmic-ray pytest-cov", file=sys.stderr)
         return 1
     rows = []
     print("| part | mutants | killed | survived | killed % |\n|---|---|---|---|---|", flush=True)

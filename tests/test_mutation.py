@@ -59,8 +59,32 @@ def test_a_run_passes_fails_or_is_ended(tmp_path):
     for name, line in body.items():
         text = f"from code_of_the_user import half\n\n\ndef test_it():\n    {line}\n"
         (tmp_path / f"test_{name}.py").write_text(text)
-    assert mutation.passes(tmp_path, "test_good.py", 60)
-    assert not mutation.passes(tmp_path, "test_bad.py", 60)
+    assert mutation.passes(tmp_path, ["test_good.py"], 60)
+    assert not mutation.passes(tmp_path, ["test_bad.py"], 60)
     assert "half(4) == 3" in (tmp_path / "log").read_text()
-    assert not mutation.passes(tmp_path, "test_endless.py", 5)
+    assert not mutation.passes(tmp_path, ["test_endless.py"], 5)
     assert "code_of_the_user" not in sys.modules
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs a system that forks")
+def test_a_line_is_answered_for_by_the_tests_that_come_by_it(tmp_path):
+    pytest.importorskip("pytest_cov")
+    (tmp_path / "own").mkdir()
+    path = tmp_path / "own" / "sides.py"
+    path.write_text("TWO = 2\n\n\ndef half(x):\n    return x / TWO\n\n\ndef double(x):\n    return x * TWO\n")
+    lines = [
+        "import time",
+        "from own.sides import double, half",
+        "def test_both():",
+        "    time.sleep(0.2)",
+        "    assert double(half(3)) == 3",
+        "def test_half():",
+        "    assert half(4) == 2",
+    ]
+    (tmp_path / "test_sides.py").write_text("\n".join(lines))
+    witnesses = mutation.Witnesses(tmp_path, ["own"], ["test_sides.py"])
+    half, both = "test_sides.py::test_half", "test_sides.py::test_both"
+    assert witnesses.of(path, 5) == [half, both]  # the fastest first
+    assert witnesses.of(path, 9) == [both]
+    assert witnesses.of(path, 1) == [half, both]  # a constant: whoever comes by its module
+    assert witnesses.seconds[both] >= 0.2

@@ -335,6 +335,20 @@ def test_spectral_operators_are_exact_on_a_periodic_record():
     np.testing.assert_allclose(integrate(np.cos(w * t) * w, 1 / FS, "spectral"), x, atol=1e-9)
 
 
+@pytest.mark.parametrize("method", ["spline", "spectral", "cumulative"])
+def test_every_integral_starts_at_zero(method):
+    """Of a cos(w t + p), once: (sin(w t + p) - sin p) / w; twice, about rest or about a mean of zero."""
+    t = np.arange(500) / FS
+    w, phase = 2 * np.pi * 3 * FS / 500, 0.7
+    once = integrate(np.cos(w * t + phase), 1 / FS, method)
+    twice = integrate(np.cos(w * t + phase), 1 / FS, method, order=2)
+    start = 0.0 if method == "spectral" else np.sin(phase) / w
+    rough = 1e-8 if method != "cumulative" else 1e-3
+    np.testing.assert_allclose(once, (np.sin(w * t + phase) - np.sin(phase)) / w, atol=rough / w)
+    np.testing.assert_allclose(twice, (np.cos(phase) - np.cos(w * t + phase)) / w**2 - start * t, atol=5 * rough / w**2)
+    assert once[0] == twice[0] == 0.0
+
+
 def test_central_differences_and_trapezoid_lose_what_theory_says():
     t = np.arange(4000) / FS
     w = 2 * np.pi * FS / 10
@@ -475,3 +489,22 @@ def test_slow_motion_sampled_very_fast_is_fused_all_the_same():
     inner = slice(400, -400)
     for name, exact in (("a1", a), ("v1", v), ("s1", x)):
         assert np.abs(X[name].to_numpy() - exact)[inner].max() < 2e-4 * np.abs(exact).max()
+
+
+@pytest.mark.parametrize("exact", ["v", "a"])
+@pytest.mark.parametrize("duration", [8.0, 40.0])
+def test_an_exact_derivative_beside_a_noisy_displacement_leaves_the_position_where_it_is(exact, duration):
+    """The mean of the displacement is known to sigma / sqrt(n) from x alone, and no better from v or a."""
+    fs, rng = 500.0, np.random.default_rng(3)
+    t = np.arange(int(duration * fs)) / fs
+    w = 2 * np.pi * np.array([[1.7], [5.3]])
+    x = (np.array([[2e-3], [1e-3]]) * np.sin(w * t)).sum(axis=0) + 4e-3
+    v = (np.array([[2e-3], [1e-3]]) * w * np.cos(w * t)).sum(axis=0)
+    a = -(np.array([[2e-3], [1e-3]]) * w**2 * np.sin(w * t)).sum(axis=0)
+    sigma = 0.05 * x.std()
+    table = pd.DataFrame({"x1": x + sigma * rng.standard_normal(len(t)), **({"v1": v} if exact == "v" else {"a1": a})})
+    out = KinematicSmoother(fs=fs).fit_transform(table)
+    left = out["x1"] - x
+    assert abs(left.mean()) < 5 * sigma / np.sqrt(len(t))
+    assert left.std() < 0.1 * sigma
+    assert np.abs(out[f"{exact}1"] - {"v": v, "a": a}[exact]).max() < 1e-3 * np.abs({"v": v, "a": a}[exact]).max()

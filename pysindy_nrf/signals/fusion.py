@@ -17,6 +17,9 @@ from .spline_motion import SplineBasis
 LADDER = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0)
 # Noise below this share of a channel's rms is not told apart from rounding.
 FLOOR = 1e-9
+# A derivative says nothing of where the motion is at rest. Its noise counts as no less than this share of that of what
+# it is a derivative of, in units of samples, or the position is lost in rounding (squared, it meets the last digit).
+REACH = 2e-7
 # Channels are computed, not measured, if their white noise is below the first share of their rms
 # and they contradict each other by less than the second (a force held linear between samples does).
 CLEAN_NOISE, CLEAN_CONTRADICTION = 1e-6, 2e-3
@@ -176,6 +179,10 @@ def weights_of(levels: np.ndarray, corner: float) -> np.ndarray:
     A motion without a displacement sensor drifts: it is held to rest by as much as the other
     channels say at the corner frequency (cycles per sample).
     """
+    levels = np.array(levels, dtype=float)
+    for o in (1, 2):
+        if not np.isnan(levels[o]) and not np.isnan(levels[:o]).all():
+            levels[o] = max(levels[o], REACH * np.nanmax(levels[:o]))
     weights = np.where(np.isnan(levels), 0.0, 1.0 / np.square(levels))
     if np.isnan(levels[0]):
         wc = 2 * np.pi * corner

@@ -14,7 +14,7 @@ METHODS = ("spline", "spectral", "cumulative")
 
 
 def integrate(a: Any, dt: float, method: str = "spline", order: int = 1, detrend: bool = False) -> np.ndarray:
-    """Integral over time of every column of one contiguous record, zero at the first sample.
+    """Integral over time of every column of one contiguous record, zero at the first sample (but with ``detrend``).
 
     Parameters
     ----------
@@ -24,8 +24,10 @@ def integrate(a: Any, dt: float, method: str = "spline", order: int = 1, detrend
         Sampling step, s.
     method : {"spline", "spectral", "cumulative"}
         ``"spline"``: antiderivative of the interpolating spline of degree 7. ``"spectral"``:
-        Fourier transform, for periodic records; mean removed before and after. ``"cumulative"``:
-        trapezoid rule (the paper's), low by ``(2 pi f dt)^2 / 12`` for each integration.
+        Fourier transform, for periodic records: a motion that comes back. The mean is taken off before each
+        integration, so that a velocity passed on the way to the displacement swings about zero, where with the
+        others it starts at rest. ``"cumulative"``: trapezoid rule (the paper's), low by ``(2 pi f dt)^2 / 12`` for
+        each integration.
     order : {1, 2}
         Once (velocity from acceleration) or twice.
     detrend : bool
@@ -62,6 +64,7 @@ def integrate(a: Any, dt: float, method: str = "spline", order: int = 1, detrend
         spectrum = np.fft.rfft(values, axis=0) / (w**order).reshape(-1, *[1] * (values.ndim - 1))
         spectrum[0] = 0.0
         out = np.fft.irfft(spectrum, n, axis=0)
+        out = out - out[0]
     elif method == "cumulative":
         from scipy.integrate import cumulative_trapezoid
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -11,7 +12,7 @@ import pandas as pd
 
 from .channels import as_matrix, finite_span, rows_text
 from .clock import EvenClock
-from .exceptions import ChannelError, LawError
+from .exceptions import ChannelError, DataQualityWarning, LawError
 from .extent import Extent
 from .kinematics import base_acceleration
 from .pieces import by_record, contiguous, gaps
@@ -19,7 +20,7 @@ from .record import Record, seconds_of
 from .segments import Segment, SegmentSet, feature_names
 
 _STRETCH = 2**16  # samples looked at at a time
-_PIECE = 30  # samples between two gaps at least; fewer are rows drawn at random, or too few to run a model along
+_PIECE = 30  # samples between two gaps at least; fewer are too few to run a model along
 
 
 def from_arrays(
@@ -35,8 +36,13 @@ def from_arrays(
     n_dof: int | None = None,
     has_memory: bool = False,
     smooth: Any = True,
+    every_row: bool = False,
 ) -> SegmentSet:
     """Check what the user passed and cut it into contiguous records.
+
+    A record is cut where its clock jumps, and pieces of fewer than 30 samples are left out. Where the clock jumps every
+    few samples throughout, rows were drawn from a record (by a shuffled cross-validation, say): they stay together, as
+    samples that no filter or spectrum can use.
 
     Parameters
     ----------
@@ -56,10 +62,17 @@ def from_arrays(
         Whether a law needs samples in order.
     smooth : bool or KinematicSmoother
         How records become motions; see :func:`pysindy_nrf.kinematics.to_features`.
+    every_row : bool
+        Keep the short pieces between gaps too, each by itself: for forces at every sample, or sums over samples.
 
     Returns
     -------
     SegmentSet
+
+    Warns
+    -----
+    DataQualityWarning
+        If short pieces are left out; with the record and their rows.
 
     Raises
     ------
@@ -131,10 +144,9 @@ def from_arrays(
         _require_no_gap(pieces, seconds)
     starts = [rows.start for _, rows in pieces]
     if seconds is not None and not has_memory:
-        # rows are missing, as a cross-validation takes them out; what a filter masked lies at the edges of the pieces
-        parts = contiguous(size, record, seconds)
-        if min(rows.stop - rows.start for _, rows in parts) >= _PIECE or not Extent.of([x, force]).finite.all():
-            pieces = parts
+        # what a filter masked lies at the edges of the pieces
+        masked = not Extent.of([x, force]).finite.all()
+        pieces = contiguous(size, record, seconds) if masked else _cut_at_gaps(pieces, seconds, every_row)
     segments = []
     for name, rows in pieces:
         start = starts[bisect_right(starts, rows.start) - 1]
@@ -260,6 +272,35 @@ def _pieces(record: Any, size: int, has_memory: bool) -> list[tuple[str, slice]]
             "Sort the rows by record and time; never shuffle them.",
         )
     return pieces
+
+
+def _cut_at_gaps(pieces: Sequence[tuple[str, slice]], seconds: np.ndarray, every_row: bool) -> list[tuple[str, slice]]:
+    """Pieces whose clock ticks evenly; rows drawn at random stay one piece."""
+    out: list[tuple[str, slice]] = []
+    for name, rows in pieces:
+        size = rows.stop - rows.start
+        parts = [slice(rows.start + p.start, rows.start + p.stop) for _, p in contiguous(size, None, seconds[rows])]
+        if len(parts) == 1 or size < _PIECE * len(parts):
+            parts = [rows]
+        elif not every_row:
+            parts = _long_enough(name, parts)
+        out += [(name, part) for part in parts]
+    return out
+
+
+def _long_enough(name: str, parts: Sequence[slice]) -> list[slice]:
+    """Pieces between gaps without the short ones, with a warning that names these."""
+    short = [p for p in parts if p.stop - p.start < _PIECE]
+    if short:
+        which = [f"row {p.start}" if p.stop - p.start == 1 else f"rows {p.start} to {p.stop - 1}" for p in short]
+        more = " and more" if len(which) > 6 else ""
+        warnings.warn(
+            f"{name[:1].upper()}{name[1:]}: {', '.join(which[:6])}{more} stand alone between gaps of the clock. "
+            f"Pieces of fewer than {_PIECE} samples are left out; fill the gaps to keep them.",
+            DataQualityWarning,
+            stacklevel=6,
+        )
+    return [p for p in parts if p not in short]
 
 
 def _require_no_gap(pieces: Sequence[tuple[str, slice]], seconds: np.ndarray) -> None:

@@ -6,6 +6,7 @@ import warnings
 
 import chains
 import numpy as np
+import pandas as pd
 import pytest
 
 from pysindy_nrf import KinematicSmoother, NRFRegressor, Record
@@ -55,3 +56,21 @@ def test_an_unknown_band_is_refused():
     case = chains.duffing(1, [1], seed=1, n_samples=1000)
     with pytest.raises(ChannelError, match="band='automatic' is unknown"):
         KinematicSmoother(band="automatic").fit(record_of(case, 0.0, 0))
+
+
+@pytest.mark.parametrize("first, last", [(6.0, 2.0), (2.0, 6.0)])
+def test_several_records_get_the_one_band_that_each_of_them_supports(first, last):
+    """The intersection of half-open bands starts at the highest edge, whichever record comes last."""
+    t, rng = np.arange(6000) / 500, np.random.default_rng(0)
+    records = [np.sin(2 * np.pi * f * t) + 0.02 * rng.standard_normal(t.size) for f in (first, last)]
+    stacked = pd.DataFrame({"a1": np.concatenate(records)})
+    edges = [lowest_frequency(a[:, None], 500.0) for a in records]
+    smoother = KinematicSmoother(fs=500.0, band="auto")
+    with pytest.warns(DataQualityWarning, match="tells the displacement above") as warned:
+        smoother.fit(stacked, record=np.repeat([0, 1], t.size))
+    assert edges[0] != edges[1]
+    assert smoother.band_ == (max(edges), None) and len(warned) == 1
+    assert smoother.high_pass_[1] == pytest.approx(max(edges) / 8)
+    limited = smoother.transform(stacked, record=np.repeat([0, 1], t.size))
+    known = limited["x1"].notna().to_numpy().reshape(2, -1)
+    assert (known[0] == known[1]).all() and known[0].sum() == t.size - 2 * smoother.edge_

@@ -1,5 +1,7 @@
 """Do data that come another way - in pieces, with gaps, from several files, turned sensors - give the same answer?"""
 
+import warnings
+
 import dask.array as da
 import numpy as np
 import pandas as pd
@@ -7,7 +9,7 @@ import pytest
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, excitation, io, laws, simulate
 from pysindy_nrf.cli import work
-from pysindy_nrf.exceptions import ChannelError, FileFormatError, LawError
+from pysindy_nrf.exceptions import ChannelError, DataQualityWarning, FileFormatError, LawError
 from pysindy_nrf.input_arrays import from_arrays
 from pysindy_nrf.signals import KinematicSmoother
 
@@ -67,10 +69,40 @@ def test_rows_drawn_at_random_are_not_cut_into_hundreds_of_pieces(tables):
     assert len(from_arrays(X.iloc[kept], F.iloc[kept]).segments) == 1
 
 
-def test_a_few_samples_between_two_gaps_are_no_piece(tables):
+@pytest.mark.parametrize("short, rows", [(slice(320, 321), "row 300"), (slice(320, 340), "rows 300 to 319")])
+def test_a_few_samples_between_two_gaps_are_left_out_and_never_joined_to_their_neighbours(tables, short, rows):
+    """Two runs of a logger and a hiccup between them: the fit is that of the two runs."""
     X, F = tables
-    kept = np.r_[0:300, 320:321, 400:1000]
-    assert len(from_arrays(X.iloc[kept], F.iloc[kept]).segments) == 1
+    kept = np.r_[0:300, short, 400:1000]
+    with pytest.warns(DataQualityWarning, match=f"Record: {rows} stand alone between gaps of the clock"):
+        data = from_arrays(X.iloc[kept], F.iloc[kept])
+    assert [segment.n_samples for segment in data.segments] == [300, 600]
+    assert all(segment.dt == pytest.approx(1 / FS) for segment in data.segments)
+    with pytest.warns(DataQualityWarning, match="fewer than 30 samples are left out"):
+        hiccup = linear(band=(1, 60)).fit(X.iloc[kept], F.iloc[kept])
+    runs = np.r_[0:300, 400:1000]
+    two = linear(band=(1, 60), dt=1 / FS).fit(X.to_numpy()[runs], F.to_numpy()[runs], record=runs > 320)
+    np.testing.assert_allclose(hiccup.masses_, two.masses_, rtol=1e-12)
+
+
+def test_forces_are_predicted_at_the_few_samples_between_two_gaps_too(tables):
+    X, F = tables
+    fitted, kept = linear().fit(X, F), np.r_[0:300, 320:321, 330:340, 400:1000]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        np.testing.assert_array_equal(fitted.predict(X.iloc[kept]), fitted.predict(X)[kept])
+        np.testing.assert_array_equal(fitted.restoring_force(X.iloc[kept]), fitted.restoring_force(X)[kept])
+        streamed = linear().partial_fit(X.iloc[kept], F.iloc[kept])
+    assert streamed.n_samples_ == len(kept)
+
+
+def test_a_short_record_does_not_join_the_pieces_of_another(tables):
+    """Ten samples are a record of their own, not a piece between gaps; the record beside them is cut."""
+    X, F = (table.to_numpy() for table in tables)
+    ids = np.repeat(["a", "b"], [10, 990])
+    time = np.arange(1000) / FS + 2.0 * (np.arange(1000) >= 500)
+    data = from_arrays(X, F, record=ids, time=time)
+    assert [segment.n_samples for segment in data.segments] == [10, 490, 500]
 
 
 def test_several_files_keep_the_unit_of_their_time(tmp_path):

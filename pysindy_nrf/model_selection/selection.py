@@ -323,8 +323,8 @@ def fold_moments_of(
     if searching and not searched:
         raise ChainError("Every site has a law or an order already", "Leave a storey out of laws= and orders=.")
     ids = np.empty(data.n_samples, dtype=object)
-    for number, seg in enumerate(data.segments):
-        ids[seg.rows] = f"{number}: {seg.name}"
+    for number, seg in enumerate(data.segments):  # rows that were left out go with the piece before them
+        ids[seg.rows.start if number else 0 :] = f"{number}: {seg.name}"
     splitter = n_splits_of(cv)
     folds = list(splitter.split(np.empty((data.n_samples, 1)), None, ids) if hasattr(splitter, "split") else splitter)
     held = FoldMoments(

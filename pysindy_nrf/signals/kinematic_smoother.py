@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -25,6 +25,18 @@ from .lowest import lowest_frequency
 _FEWEST = 8
 _ORDERS = {"x": 0, "v": 1, "a": 2}
 _MOTION = re.compile(r"([avx])_?(\d+)")
+
+
+class _Taken(NamedTuple):
+    """One contiguous record as columns: all of them, and those that were measured, inside the NaN edges."""
+
+    record: Record | None
+    table: pd.DataFrame
+    fs: float
+    names: list[str]
+    columns: dict[str, np.ndarray]
+    live: dict[str, np.ndarray]
+    span: slice
 
 
 class KinematicSmoother(TransformerMixin, BaseEstimator):
@@ -56,7 +68,8 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         same zero-phase :class:`~pysindy_nrf.fair_filter.FairFilter`, and the rows the filter
         spoils at the ends become NaN (they are masked later). None: forces are left as they are.
         ``"auto"``: None if every DOF has a displacement sensor; else from the lowest frequency at which the
-        accelerations still tell the displacement, with a warning that names it.
+        accelerations still tell the displacement, with a warning that names it. Several records fitted together
+        get one band, the part that all of theirs share: from the highest of their lower edges up.
     joint : bool
         False leaves the second step out: the noise left in the motions is then independent of the
         motion and nothing of it is lost, which instrumental variables need
@@ -70,10 +83,12 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
     noise_ : Series
         Noise level of each measured motion channel, SI rms.
     spacing_ : Series
-        Distance of the spline's knots by DOF, samples: the time resolution the data support.
+        Distance of the spline's knots by DOF, samples: the time resolution the data support; of several
+        records, the coarsest.
     high_pass_ : Series
         Frequency, Hz, by DOF, at which half of the motion is lost because displacement was not
-        measured (``1 / (1 + (f_c/f)^4)``, zero phase); 0 where displacement was measured.
+        measured (``1 / (1 + (f_c/f)^4)``, zero phase); 0 where displacement was measured. Of several
+        records, the highest.
     band_ : tuple or None
         The band applied, Hz.
     edge_ : int
@@ -142,7 +157,7 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
             ``channels``.
         y : ignored
         record : array-like of shape (n_samples,), optional
-            Record ids; each record is fused by itself, the noise levels are the median over the records.
+            Record ids; each record is fused by itself, all in one band, with the median of their noise levels.
         time : array-like of shape (n_samples,), optional
             s. Where it jumps, a new piece begins.
 
@@ -241,13 +256,21 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
             out = self._run(table, learn)
             return out if time is None else out.set_axis(X.index)
         if learn:
-            found = []
-            for _, rows in pieces:
-                self._run(table.iloc[rows], True)
-                found.append(self.noise_)
-            self.noise_ = pd.concat(found, axis=1).median(axis=1).rename("noise")
+            self._learn_together([self._taken(table.iloc[rows], True) for _, rows in pieces])
             return None
         return pd.concat([self._run(table.iloc[rows], False) for _, rows in pieces]).set_axis(X.index)
+
+    def _learn_together(self, pieces: list[_Taken]) -> None:
+        """One band for all pieces, and what they know of noise, resolution and high-pass between them."""
+        self.band_ = self._chosen_band(pieces)
+        found = []
+        for piece in pieces:
+            self._fused(piece, True)
+            found.append((self.noise_, self.spacing_, self.high_pass_))
+        noise, spacing, high_pass = (pd.concat(lines, axis=1) for lines in zip(*found, strict=True))
+        self.noise_ = noise.median(axis=1).rename("noise")
+        self.spacing_ = spacing.max(axis=1).rename("spacing")
+        self.high_pass_ = high_pass.max(axis=1).rename("high_pass")
 
     def _named(self, X: Any, learn: bool) -> pd.DataFrame:
         if self.channels is None:
@@ -266,6 +289,13 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         return pd.DataFrame(matrix, columns=names)
 
     def _run(self, X: Any, learn: bool) -> Any:
+        piece = self._taken(X, learn)
+        if learn:
+            self.band_ = self._chosen_band([piece])
+        return self._fused(piece, learn)
+
+    def _taken(self, X: Any, learn: bool) -> _Taken:
+        """One contiguous record as columns."""
         record = X if isinstance(X, Record) else None
         table = record.to_frame() if record is not None else X
         if len(table) == 0:
@@ -282,18 +312,18 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
             for i, n in enumerate(names)
             if n not in ("t", "time")
         }
-        unmeasured = [n for n, y in columns.items() if np.isnan(y).all()]
-        live = {n: y for n, y in columns.items() if n not in unmeasured}
+        live = {n: y for n, y in columns.items() if not np.isnan(y).all()}
         span = finite_span(list(live.values()), list(live), f"record {record.name!r}" if record is not None else "")
-        live = {n: y[span] for n, y in live.items()}
-        if learn:
-            self.band_ = self._chosen_band(live, fs, record)
+        return _Taken(record, table, fs, names, columns, {n: y[span] for n, y in live.items()}, span)
+
+    def _fused(self, piece: _Taken, learn: bool) -> Any:
+        record, table, fs, names, columns, live, span = piece
         fused, rest = self._fuse(live, fs, record, learn)
         result = fused | rest
         if self.band_ is not None:
             result = self._limit(result, fs, learn)
         out = {n: _pad(y, span, len(table)) for n, y in result.items()}
-        out |= {n: columns[n] for n in unmeasured if n not in out}
+        out |= {n: y for n, y in columns.items() if n not in live and n not in out}
         if learn:
             self.n_features_in_, self.feature_names_in_ = len(names), np.array(names, dtype=object)
             self._names_in = names
@@ -350,27 +380,29 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
                 f"{2 * max(high_pass[j] for j in lost):.3g} Hz is lost while the force keeps it. "
                 "Give band=(lo, hi) above that, so that force and response are treated alike.",
                 DataQualityWarning,
-                stacklevel=4,
+                stacklevel=6,
             )
         return a | v | x, {n: y for n, y in live.items() if n not in motion.values()}
 
-    def _chosen_band(self, live: dict[str, np.ndarray], fs: float, record: Record | None) -> Band:
+    def _chosen_band(self, pieces: list[_Taken]) -> Band:
+        """The band that was given, or the one that all pieces support."""
         if not isinstance(self.band, str):
             return self.band
         if self.band != "auto":
             raise ChannelError(f"band={self.band!r} is unknown", "Give (lo, hi) in Hz, None or 'auto'.")
-        motion = {(m[1], int(m[2])) for n in live if (m := _MOTION.fullmatch(n))}
-        blind = sorted({j for _, j in motion} - {j for kind, j in motion if kind in "xv"})
-        if not blind:
+        blind: set[int] = set()
+        edges: list[float] = []
+        for piece in pieces:
+            dofs = _without_displacement(piece.live)
+            if dofs and (lo := _lower_edge(piece, dofs)) is not None:
+                blind, edges = blind | set(dofs), [*edges, lo]
+        if not edges:
             return None
-        absolute = record is not None and record.coordinates == "absolute"
-        base = 0.0 if absolute else base_acceleration(live, fs)
-        lo = lowest_frequency(np.column_stack([live[f"a{j}"] - base for j in blind]), fs)
-        if lo is None:
-            return None
+        lo = max(edges)
         warnings.warn(
-            f"DOF {', '.join(map(str, blind))}: only the acceleration is measured, which tells the displacement above "
-            f"about {lo:.3g} Hz. Force and response are taken from there up; give band=(lo, hi) to choose yourself.",
+            f"DOF {', '.join(map(str, sorted(blind)))}: only the acceleration is measured, which tells the "
+            f"displacement above about {lo:.3g} Hz. Force and response are taken from there up; give band=(lo, hi) to "
+            "choose yourself.",
             DataQualityWarning,
             stacklevel=5,
         )
@@ -439,6 +471,19 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         limited[: operator.edge] = np.nan
         limited[n - operator.edge :] = np.nan
         return dict(zip(columns, limited.T))
+
+
+def _without_displacement(live: Mapping[str, np.ndarray]) -> list[int]:
+    """DOFs of which only the acceleration is measured."""
+    motion = {(m[1], int(m[2])) for n in live if (m := _MOTION.fullmatch(n))}
+    return sorted({j for _, j in motion} - {j for kind, j in motion if kind in "xv"})
+
+
+def _lower_edge(piece: _Taken, dofs: list[int]) -> float | None:
+    """Frequency, Hz, down to which the accelerations of one piece tell the displacements of some DOFs."""
+    absolute = piece.record is not None and piece.record.coordinates == "absolute"
+    base = 0.0 if absolute else base_acceleration(piece.live, piece.fs)
+    return lowest_frequency(np.column_stack([piece.live[f"a{j}"] - base for j in dofs]), piece.fs)
 
 
 def _require_moving(dof: int, channels: Mapping[str, np.ndarray]) -> None:

@@ -191,6 +191,7 @@ class Accumulator:
             dt=self.estimator.dt,
             n_dof=None if model is None else model.chain.n_dof,
             has_memory=any(law.has_memory for held in self.estimator._given_laws().values() for law in held),
+            every_row=True,  # a piece may go on in the next chunk
         )  # fmt: skip
         if model is None:
             self.model = Model(self.estimator, data.n_dof)

@@ -11,6 +11,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+import numpy as np
+
 from pysindy_nrf import Record, simulate
 from pysindy_nrf._atomic import atomic_write
 from pysindy_nrf.datasets import demo_truth
@@ -27,7 +29,7 @@ def measure() -> Record:
     run = simulate(demo_truth(), force, 1.0 / rate, hold="cubic")
     F, a, x = (channel[::OVERSAMPLING] for channel in (run.force, run.acceleration, run.displacement))
     record = Record(force=F, acceleration=a, displacement=x, fs=FS, name="demo")
-    return add_noise(record, NOISE, random_state=SEED)
+    return add_noise(record, NOISE, random_state=np.random.default_rng(SEED))  # the stream the record was made with
 
 
 def main(path: str | Path = Path(__file__).parents[1] / "pysindy_nrf" / "datasets" / "demo_record.csv") -> None:

@@ -27,8 +27,8 @@ def add_noise(record: Record, level: float, random_state: Any = None, channels: 
         paper's "5 % noise" is 5 % of the mean instead, which is almost nothing for a signal that
         swings about zero.
     random_state : int, Generator or None
-        Source of the noise; see ``numpy.random.default_rng``. Take another seed than for the excitation: one seed
-        draws the same numbers twice, and the noise of a force would then be a copy of it.
+        Source of the noise. A whole number gives noise a stream of its own: it may be the one that the excitation
+        was drawn from. A Generator is used as it is; do not give one that starts where the excitation's did.
     channels : iterable of str, optional
         ``"a"`` (all accelerations), ``"a2"``, ``"F"``, ``"ag"``, the name of a covariate; by default every
         measured force and motion. Channels of zeros (known to be unforced) stay zero.
@@ -62,7 +62,7 @@ def add_noise(record: Record, level: float, random_state: Any = None, channels: 
         raise ChannelError(f"level={level!r} is not a share of the RMS", "Give e.g. 0.05 for 5 %.")
     measured = record.channels()
     names = _chosen(measured, record, channels)
-    rng = generator(random_state)
+    rng = generator(random_state, "noise")
     noisy = {}
     for name in names:
         column = np.asarray(measured[name], dtype=float)

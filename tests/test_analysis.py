@@ -174,7 +174,7 @@ def test_no_false_alarm_with_noise(noise, dofs, kind):
     known = {"storey 1": [laws.PowerSeries(1), laws.CoulombFriction()]} if kind == "friction" else None
     truth = chain(*law)
     result = run(truth, dofs, seed=int(100 * noise) + 1)
-    X, F = noisy(result, noise) if noise else features(result)
+    X, F = noisy(result, noise, np.random.default_rng(0)) if noise else features(result)
     model = NRFRegressor(degree=3, laws=known).fit(X, F)
     if kind == "linear" or not noise:
         assert not model.missing_terms_["biased"].any(), model.missing_terms_
@@ -247,10 +247,10 @@ def test_change_of_damping_and_stiffness_are_told_apart():
 
 def test_standard_errors_hold_what_they_promise():
     """Of repeated tests of an unchanged structure, few stiffnesses leave two standard errors."""
-    reference = noisy(run(chain(), [3], duration=30.0), 0.05, 1)
+    reference = noisy(run(chain(), [3], duration=30.0), 0.05, np.random.default_rng(1))
     z = []
     for seed in range(2, 8):
-        again = noisy(run(chain(), [3], duration=30.0, seed=seed), 0.05, seed)
+        again = noisy(run(chain(), [3], duration=30.0, seed=seed), 0.05, np.random.default_rng(seed))
         table = compare_tests(NRFRegressor(degree=1), reference, again).table
         z += list(table["change"] / table["error"])
         assert (table["p"] > 0.001).all()

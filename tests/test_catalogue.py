@@ -45,7 +45,7 @@ def _record(n, forced, noise, seed=3, sensors=None, seconds=8.0):
         n, seconds, FS, dofs=forced, rms=100.0, band=(1, 50), random_state=np.random.default_rng(seed)
     )
     record = simulate(model, F, 1 / FS)
-    return add_noise(record, noise, random_state=seed + 1) if noise else record
+    return add_noise(record, noise, random_state=np.random.default_rng(seed + 1)) if noise else record
 
 
 # -- what is tried, and where ---------------------------------------------------------------------

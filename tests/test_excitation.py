@@ -96,3 +96,27 @@ def test_noise_is_a_share_of_the_rms_of_each_channel():
     assert np.array_equal(only.displacement[:, 0], clean.displacement[:, 0])
     with pytest.raises(ChannelError, match="v1"):
         add_noise(clean, 0.05, channels=["v1"])
+
+
+@pytest.mark.parametrize("seed", [0, 3, np.int64(20)])
+@pytest.mark.parametrize("excite", [
+    lambda n, **how: band_limited_random(1, n / FS, FS, dofs=1, rms=1.0, band=(0, FS / 2), **how),
+    lambda n, **how: earthquake(n / FS, FS, rms=1.0, ground_frequency=200.0, rise=0.01, fall=0.98, **how)[:, None],
+])  # fmt: skip
+def test_noise_of_the_same_seed_is_no_copy_of_the_excitation(excite, seed):
+    """Independent series of n numbers correlate by 1 / sqrt(n)."""
+    n = 4000
+    F = excite(n, random_state=seed)
+    noise = (add_noise(Record(force=F, displacement=0 * F, fs=FS), 0.05, random_state=seed).force - F)[:, 0]
+    for drawn in (F[:, 0], np.random.default_rng(seed).standard_normal(n)):
+        assert abs(np.corrcoef(noise, drawn)[0, 1]) < 4 / np.sqrt(n)
+    again = add_noise(Record(force=F, displacement=0 * F, fs=FS), 0.05, random_state=seed).force[:, 0] - F[:, 0]
+    assert np.array_equal(noise, again)
+
+
+def test_a_chosen_stream_of_noise_is_taken_as_it_is():
+    rec = Record(force=np.zeros((50, 1)), displacement=np.ones((50, 1)), fs=FS)
+    for stream in ([3, 1], np.random.SeedSequence(3), np.random.default_rng(3)):
+        drawn = np.random.default_rng([3, 1] if stream == [3, 1] else 3).standard_normal((2, 50))
+        expected = 1 + 0.1 * drawn[1]  # the force of zeros, which stays so, comes before it
+        np.testing.assert_allclose(add_noise(rec, 0.1, random_state=stream).displacement[:, 0], expected, rtol=1e-14)

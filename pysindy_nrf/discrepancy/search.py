@@ -6,6 +6,7 @@ at once, then refined by a bounded simplex. Everything here sees search blocks o
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import product
@@ -17,7 +18,7 @@ from scipy.optimize import minimize
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw, Shape
 from ..sites import Site
-from .catalogue import Candidate
+from .catalogue import SPECIAL_CASES, Candidate
 from .stage import Stage
 from .workspace import Workspace
 
@@ -28,8 +29,6 @@ _EVALUATIONS = {1: 24, 2: 60, 3: 110}
 # A law with more shape parameters than this is only tried where a simpler one comes near the best.
 _SIMPLE = 2
 _NEAR = 1.3
-# The shape parameter that spectral lines give.
-FREQUENCY = "frequency"
 # Families whose laws stand beside each other: a constant force does not take the place of a harmonic one.
 _COMPANIONS = ("forcing",)
 
@@ -87,7 +86,7 @@ class Axes:
         self.law = law
         self.shapes: list[Shape] = [p for p in law.shapes if law.shape[p.name] is None]
         bounds = np.array([p.bounds(*work.scales(site)) for p in self.shapes]).reshape(-1, 2)
-        bounds[[p.name == FREQUENCY for p in self.shapes], 1] = work.fastest
+        bounds[[p.is_frequency for p in self.shapes], 1] = work.fastest
         self.log = np.array([p.log for p in self.shapes], dtype=bool)
         self.low, self.high = (np.where(self.log, np.log(np.where(self.log, b, 1.0)), b) for b in bounds.T)
 
@@ -114,7 +113,7 @@ class Axes:
         """Points of the scan; spectral lines of the residual for a frequency."""
         if not self.shapes:
             return [np.zeros(0)]
-        if len(self.shapes) == 1 and self.shapes[0].name == FREQUENCY:
+        if len(self.shapes) == 1 and self.shapes[0].is_frequency:
             return [np.array([np.log(f)]) for f in lines if self.low[0] <= np.log(f) <= self.high[0]]
         count = _GRID.get(len(self.shapes), 4)
         shares = [(np.arange(count) + 0.5) / count if i < 2 else [0.0] for i in range(len(self.shapes))]
@@ -135,20 +134,71 @@ def replaced(stage: Stage, candidate: Candidate, accepted: Sequence[tuple[Site, 
     stage : Stage
     candidate : Candidate
     accepted : sequence of (Site, str)
-        Sites and names of the laws the loop has added.
+        Sites and names of the laws the loop has added; at each site they stand behind the declared ones.
 
     Returns
     -------
     tuple of (Site, int)
     """
-    labels = {t.label for t in candidate.law.terms()}
     rivals = candidate.law.family not in _COMPANIONS
-    return tuple(
-        (candidate.site, i)
-        for i, law in enumerate(stage.laws.get(candidate.site, ()))
-        if (candidate.site, law.name) in accepted
-        and (labels & {t.label for t in law.terms()} or (rivals and law.family == candidate.law.family))
-    )
+    left = Counter(name for site, name in accepted if site == candidate.site)
+    out = []
+    for i, law in reversed(list(enumerate(stage.laws.get(candidate.site, ())))):
+        if not left[law.name]:
+            continue
+        left[law.name] -= 1
+        if _share_a_label(law, candidate.law) or (rivals and law.family == candidate.law.family):
+            out.append((candidate.site, i))
+    return tuple(reversed(out))
+
+
+def beside(stage: Stage, candidate: Candidate, drop: Sequence[tuple[Site, int]]) -> tuple[tuple[Site, int], ...]:
+    """Those of the laws whose place a candidate could take that cannot stand beside it.
+
+    They share a column with it, or one holds the other as a special case. Two laws of one name have columns of their
+    own as soon as their shape parameters differ.
+
+    Parameters
+    ----------
+    stage : Stage
+    candidate : Candidate
+    drop : sequence of (Site, int)
+        From :func:`replaced`.
+
+    Returns
+    -------
+    tuple of (Site, int)
+    """
+    return tuple((site, i) for site, i in drop if excludes(stage.laws[site][i], candidate.law))
+
+
+def excludes(one: ForceLaw, other: ForceLaw) -> bool:
+    """Whether two laws cannot stand beside each other at one site.
+
+    Parameters
+    ----------
+    one, other : ForceLaw
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> from pysindy_nrf.discrepancy.search import excludes
+    >>> excludes(laws.CoulombFriction(), laws.StribeckFriction())  # which holds it as a special case
+    True
+    >>> excludes(laws.TwoSidedGap(), laws.TwoSidedGap()), excludes(laws.QuadraticStiffness(), laws.CubicStiffness())
+    (False, False)
+    """
+    if other.name in SPECIAL_CASES.get(one.name, ()) or one.name in SPECIAL_CASES.get(other.name, ()):
+        return True
+    return _share_a_label(one, other) and not (one.name == other.name and one.shapes)
+
+
+def _share_a_label(one: ForceLaw, other: ForceLaw) -> bool:
+    return not {t.label for t in one.terms()}.isdisjoint(t.label for t in other.terms())
 
 
 def screen(
@@ -157,6 +207,7 @@ def screen(
     accepted: Sequence[tuple[Site, str]] = (),
     lines: dict[Site, list[float]] | None = None,
     progress: Callable[[], Any] | None = None,
+    both: bool = False,
 ) -> list[Finding]:
     """Scan every candidate over the grid of its shape parameters.
 
@@ -169,6 +220,8 @@ def screen(
         Spectral lines of the residual of each DOF, Hz.
     progress : callable, optional
         Called once for each candidate.
+    both : bool
+        Try a candidate in the place of accepted laws that explain the same, and beside them too.
 
     Returns
     -------
@@ -177,12 +230,12 @@ def screen(
     """
     candidates = list(candidates)
     simple = [c for c in candidates if len(c.law.free_shape) <= _SIMPLE]
-    found = _scan(stage, simple, accepted, lines, progress)
+    found = _scan(stage, simple, accepted, lines, progress, both)
     now = stage.trial().search_error()
     best = min((f.screen for f in found), default=now)
     near = {f.site for f in found if f.screen <= _NEAR * best} if best < now * 0.95 else {c.site for c in candidates}
     rich = [c for c in candidates if len(c.law.free_shape) > _SIMPLE]
-    found += _scan(stage, [c for c in rich if c.site in near], accepted, lines, progress)
+    found += _scan(stage, [c for c in rich if c.site in near], accepted, lines, progress, both)
     return sorted(found, key=lambda f: f.screen)
 
 
@@ -210,6 +263,7 @@ def _scan(
     accepted: Sequence[tuple[Site, str]],
     lines: dict[Site, list[float]] | None,
     progress: Callable[[], Any] | None,
+    both: bool,
 ) -> list[Finding]:
     found = []
     for candidate in candidates:
@@ -219,13 +273,14 @@ def _scan(
         points = grid_of(stage, candidate, (lines or {}).get(candidate.site, ()))
         if not points:
             continue
-        try:
-            errors = stage.slot(candidate.site, candidate.law, drop).errors(points, keep=True)
-        except NRFError:
-            continue
-        best = int(np.argmin(errors))
-        if np.isfinite(errors[best]):
-            found.append(Finding(candidate, points[best], float(errors[best]), drop))
+        for out in dict.fromkeys([drop, beside(stage, candidate, drop)] if both else [drop]):
+            try:
+                errors = stage.slot(candidate.site, candidate.law, out).errors(points, keep=True)
+            except NRFError:
+                continue
+            best = int(np.argmin(errors))
+            if np.isfinite(errors[best]):
+                found.append(Finding(candidate, points[best], float(errors[best]), out))
     return found
 
 
@@ -249,7 +304,7 @@ def refine(stage: Stage, finding: Finding, evaluations: int | None = None, reach
     if not axes.shapes:
         return finding
     start = axes.point(finding.law)
-    step = reach * axes.step(axes.shapes[0].name == FREQUENCY)
+    step = reach * axes.step(axes.shapes[0].is_frequency)
     slot = stage.slot(finding.site, finding.candidate.law, finding.drop)
 
     def cost(u: np.ndarray) -> float:

@@ -92,6 +92,22 @@ class Shape(NamedTuple):
         unit = sizes[above] / sizes[below or "1"]
         return self.low * unit, self.high * unit
 
+    @property
+    def is_frequency(self) -> bool:
+        """Whether it is a frequency of time, Hz, by its name.
+
+        A record of T seconds tells frequencies 1/T apart, thousands over its band: what the balances lack shows which
+        are worth a trial (:mod:`pysindy_nrf.spectral_lines`). They go up to half the sampling rate, for what excites a
+        structure may be faster than it moves.
+
+        Examples
+        --------
+        >>> from pysindy_nrf import laws
+        >>> laws.HarmonicForce.shapes[0].is_frequency, laws.Dahl.shapes[0].is_frequency
+        (True, False)
+        """
+        return self.name == "frequency"
+
 
 @dataclass
 class Motion:

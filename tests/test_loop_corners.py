@@ -1,13 +1,19 @@
-"""What the loop does with fast forces, free chains, few steps, other baselines and faulty channels."""
+"""What the loop does with fast forces, free chains, few steps, other baselines, faulty channels, two laws of a family."""
 
 from __future__ import annotations
 
 import warnings
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from pysindy_nrf import Chain, ChainModel, NRFRegressor, Site, close_loop, excitation, laws, simulate
+from pysindy_nrf.discrepancy.catalogue import Candidate
+from pysindy_nrf.discrepancy.gate import Verdict
+from pysindy_nrf.discrepancy.report import Step
+from pysindy_nrf.discrepancy.sensors import SensorFinding
+from pysindy_nrf.discrepancy.steps import corrected_again
 from pysindy_nrf.exceptions import BiasWarning, ChannelError
 from pysindy_nrf.noise import add_noise
 
@@ -126,3 +132,136 @@ def test_a_held_out_record_without_the_covariate_is_named_before_the_search(rubb
     tried = [laws.CovariateFriction(covariate="u"), laws.CoulombFriction()]
     report = close_loop(rec, catalogue=tried, heldout=rubbing[1].replace(name="later"), n_surrogates=0)
     assert [s.law for s in report.steps] == ["coulomb_friction"]
+
+
+SOFT = [laws.LinearElastic(2e4), laws.LinearViscous(20.0)]
+
+
+def shaken(effects, n=1, noise=0.0, rms=30.0, sensors=None):
+    """A soft chain with effects in its top storey or on its top floor, 20 s at 200 Hz, all floors forced."""
+    at = {f"storey {n}": [], f"dof {n}": []}
+    for law in effects:
+        at[f"dof {n}" if law.acts_at == ("dof",) else f"storey {n}"].append(law)
+    storeys = {f"storey {i}": [*SOFT, *at.pop(f"storey {i}", [])] for i in range(1, n + 1)}
+    truth = ChainModel([12.0] * n, {**storeys, **at, **(sensors or {})})
+    every = list(range(1, n + 1))
+    F = excitation.band_limited_random(n, 20.0, 200.0, dofs=every, rms=rms, band=(0.5, 15.0), random_state=0)
+    return add_noise(simulate(truth, F, 1 / 200), noise, random_state=3)
+
+
+def found_at(report):
+    return sorted((s.law, s.site) for s in report.steps)
+
+
+@pytest.mark.parametrize(
+    ("k2", "k3", "catalogue", "n", "noise"),
+    [
+        (6e5, 1e8, [laws.QuadraticStiffness(), laws.CubicStiffness()], 1, 0.0),
+        # a dead zone comes nearer to s^2 and s^3 than either of them alone
+        (8e5, 3e8, [laws.QuadraticStiffness(), laws.CubicStiffness(), laws.DeadZone()], 2, 0.01),
+    ],
+    ids=["one after the other", "before a stand-in"],
+)
+def test_a_spring_that_is_quadratic_and_cubic_ends_with_both_terms(k2, k3, catalogue, n, noise):
+    rec = shaken([laws.QuadraticStiffness(k2), laws.CubicStiffness(k3)], n, noise, rms=20.0)
+    report = close_loop(rec, catalogue=catalogue, n_surrogates=1)
+    assert found_at(report) == [("cubic_stiffness", f"storey {n}"), ("quadratic_stiffness", f"storey {n}")]
+    found = {k: v for s in report.steps for k, v in s.parameters.items()}
+    assert found["k2"] == pytest.approx(k2, rel=0.02) and found["k3"] == pytest.approx(k3, rel=0.02)
+    assert all(s.intervals for s in report.steps)
+
+
+def test_two_gaps_of_different_width_are_two_laws():
+    """Each step tells of its own: the stiff one is heard first."""
+    wide, narrow = laws.TwoSidedGap(0.008, 3e4), laws.TwoSidedGap(0.002, 1e4)
+    report = close_loop(shaken([wide, narrow], rms=60.0), catalogue=[laws.TwoSidedGap()], n_surrogates=1)
+    assert found_at(report) == [("two_sided_gap", "storey 1")] * 2
+    for step, true in zip(report.steps, (wide, narrow)):
+        assert step.parameters == pytest.approx(true.parameters, rel=0.01)
+        low, high = step.intervals["gap"]
+        assert low == pytest.approx(true.shape["gap"], rel=0.02) == high
+    held = [law.shape["gap"] for law in report.model.laws[Site("storey 1")] if law.name == "two_sided_gap"]
+    assert held == [s.parameters["gap"] for s in report.steps]
+
+
+def test_two_harmonic_forces_on_one_floor_are_both_found():
+    true = {23.7: 14.0, 31.0: 9.0}  # Hz, N
+    rec = shaken([laws.HarmonicForce(f, A, 0.0) for f, A in true.items()], 2)
+    report = close_loop(rec, catalogue=[laws.HarmonicForce()], n_surrogates=1)
+    assert found_at(report) == [("harmonic_force", "dof 2")] * 2
+    found = {s.parameters["frequency"]: np.hypot(s.parameters["A"], s.parameters["B"]) for s in report.steps}
+    for (f, size), (true_f, true_size) in zip(sorted(found.items()), sorted(true.items())):
+        assert f == pytest.approx(true_f, abs=2e-3) and size == pytest.approx(true_size, rel=0.02)
+
+
+@pytest.mark.parametrize("law", [laws.CubicStiffness(3e8), laws.TwoSidedGap(0.003, 2e4)])
+def test_one_law_gets_no_company_of_its_family(law):
+    """Noise of 1 %, and four further springs, as many gaps, that could stand beside it."""
+    rec = shaken([law], 2, 0.01)
+    catalogue = [laws.QuadraticStiffness(), laws.AbsoluteQuadraticStiffness(), laws.CubicStiffness(),
+                 laws.QuinticStiffness(), laws.TwoSidedGap(), laws.OneSidedGap(), laws.DeadZone()]  # fmt: skip
+    report = close_loop(rec, catalogue=catalogue, n_surrogates=1)
+    assert found_at(report) == [(law.name, "storey 2")]
+    assert report.steps[0].parameters == pytest.approx(law.parameters, rel=0.05)
+
+
+def test_a_gain_found_in_two_steps_is_one_fault():
+    """F2 is late and reads 30 % too much; the gain is told exactly only once the delay is out of the way."""
+    faults = {"sensor F2": [laws.ChannelDelay(0.004), laws.GainError(0.3)]}
+    rec = shaken([], 2, 0.005, sensors=faults, rms=60.0)
+    report = close_loop(rec, catalogue=[laws.ChannelDelay(), laws.GainError()], n_surrogates=1)
+    assert [(s.law, s.site) for s in report.steps] == [("gain_error", "sensor F2"), ("channel_delay", "sensor F2")]
+    gain, delay = report.steps
+    assert gain.parameters["e"] == pytest.approx(0.3, rel=0.02)
+    assert delay.parameters["tau"] == pytest.approx(0.004, rel=0.02)
+    assert gain.evidence.count("corrected again") == delay.evidence.count("corrected again") == 1
+    ends = report.table["held-out"].to_numpy()
+    assert [gain.error_before, gain.error_after, delay.error_after] == ends.tolist() and ends[-1] < 2.0
+    assert len(report.models) == len(report.evidence) == 3
+
+
+def again(steps, law, site="sensor a2", after=1.0):
+    found = SensorFinding(Candidate(law, Site(site)), law, 1.0, (), np.full(5, after))
+    verdict = Verdict(True, 0.5, 1.0, 0.0, "it falls")
+    before = [SimpleNamespace(folds=np.full(5, 10.0)), SimpleNamespace(folds=np.full(5, 2.0))]
+    return corrected_again(steps, found, verdict, before, found.folds)
+
+
+def fault(law, site="sensor a2", after=2.0):
+    return Step(law.name, law.family, site, parameters=law.parameters, validation_before=10.0, validation_after=after)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "whole"),
+    [
+        (laws.GainError(0.05), laws.GainError(0.01), {"e": 1.05 * 1.01 - 1.0}),
+        (laws.ChannelDelay(2e-3), laws.ChannelDelay(-5e-4), {"tau": 1.5e-3}),
+        (laws.SensorOffset(0.2), laws.SensorOffset(0.1), {"b": 0.3}),
+    ],
+)
+def test_two_corrections_of_one_fault_are_one_step_with_both(first, second, whole):
+    steps = [fault(laws.GainError(0.3), "sensor a1"), fault(first)]
+    assert again(steps, second)
+    assert steps[1].parameters == pytest.approx(whole) and steps[0].parameters == {"e": 0.3}
+    assert (steps[1].validation_before, steps[1].validation_after) == (10.0, 1.0)
+    assert steps[1].gain == pytest.approx(0.9) and "corrected again" in steps[1].evidence
+    assert not again(steps, laws.ChannelDelay(1e-3), "sensor a1") and len(steps) == 2  # another fault, another step
+
+
+@pytest.mark.parametrize("kinds", ["gbg", "bgb", "gdbg", "bgbg"])
+def test_corrections_joined_take_the_readings_to_the_same_channel(kinds):
+    law_of = {"g": laws.GainError, "b": laws.SensorOffset, "d": laws.ChannelDelay}
+    size = {"g": 0.2, "b": 0.5, "d": 2e-3}
+    made = [law_of[k](size[k] / (i + 1)) for i, k in enumerate(kinds)]
+    x = 3.0 + np.sin(np.arange(400) / 20.0)
+    one_by_one, steps = x, []
+    for law in made:
+        one_by_one = law.corrected(one_by_one, 0.01)
+        if not again(steps, law):
+            steps.append(fault(law))
+    joined = x
+    for step in steps:
+        law = laws.registry()[step.law]()
+        joined = law.with_values(list(step.parameters.values())).corrected(joined, 0.01)
+    assert len(steps) == len(set(kinds))
+    np.testing.assert_allclose(joined, one_by_one, rtol=1e-9)

@@ -22,7 +22,7 @@ from .catalogue import SPECIAL_CASES, Candidate, as_laws, balances_of, candidate
 from .contradictions import contradictions
 from .floor_source import FloorSource
 from .free_run import free_run_error
-from .gate import FLOOR, MIN_GAIN, Verdict, choose, judge
+from .gate import FLOOR, MEMBER_GAIN, MIN_GAIN, MIN_WINS, Verdict, choose, gain_of, judge
 from .intervals import intervals
 from .likeliest import likeliest
 from .prepare import Prepared, prepare
@@ -34,9 +34,9 @@ from .sensors import SensorFinding, sensor_findings
 from .spectral_lines import lines_of
 from .splits import BlockRows, split
 from .stage import Stage, Trial
-from .steps import doubt_names, improper, remainder, step_of, surely_left, worst
+from .steps import corrected_again, doubt_names, improper, remainder, step_of, surely_left, worst
 from .surrogate import Null
-from .together import look_ahead
+from .together import look_ahead, pair_instead
 from .workspace import Workspace
 
 _SHORTLIST = 14
@@ -81,7 +81,8 @@ def close_loop(
     hold the same noise and no effect, and if the model's free run does not get worse. Where none passes
     alone, the best of several sites are put to the gate together. After each, the shape parameters of
     all are estimated again and what a later effect made needless is taken out. Then the next is looked
-    for.
+    for. A law of the family of an earlier one at its site takes its place, or stands beside it where both are missed;
+    a fault of a sensor that is corrected again remains one step.
 
     Parameters
     ----------
@@ -225,6 +226,7 @@ class _Loop:
         self.rng, self.n_surrogates, self.progress = rng, n_surrogates, progress
         self.sensors, self.floors = sensors, floors
         self.accepted: list[Finding] = []
+        self.told: list[tuple[Finding, Step]] = []
 
     def run(self, stage: Stage, max_steps: int, band: Any, baseline: NRFRegressor) -> LoopReport:
         """Walk through the four rooms until there is a reason to stop."""
@@ -260,12 +262,15 @@ class _Loop:
             for chosen, tied in members:
                 stage, gone = self._with(stage, chosen, chosen is members[-1][0])
                 for law in gone:
-                    k = next(k for k, s in enumerate(steps) if (s.law, s.site) == (law.law.name, str(law.site)))
+                    k = next(k for k, s in enumerate(steps) if s is self._told(law))
                     del steps[k], scenes[k + 1]
                 before = scenes[-1].folds
                 trial = stage.trial()
                 after = trial.fold_errors()
                 null = Null(self.ready, stage, self.rng, self.n_surrogates)
+                if isinstance(chosen, SensorFinding) and corrected_again(steps, chosen, verdict, scenes[-2:], after):
+                    scenes[-1] = Scene(scenes[-1].name, trial, after, null, self.floors.of(trial))
+                    continue
                 floor = self.floors.percent(trial, null)
                 step = step_of(chosen, tied, verdict, before, after, floor, ranking, self._drift(chosen))
                 beside = [f"{f.law.name} at {f.site}" for f, _ in members if f is not chosen]
@@ -273,6 +278,7 @@ class _Loop:
                 step.evidence += "".join(f"; it makes {f.law.name} at {f.site} needless" for f in gone)
                 step.null_gain = np.nan if untested else step.null_gain
                 steps.append(step)
+                self.told.append((chosen, step))
                 scenes.append(Scene(f"{step.law} at {step.site}", trial, after, null, self.floors.of(trial)))
         floor, left = self.floors.percent(trial, null), float(np.median(scenes[-1].folds))
         noise = [] if self.floors.measured else [s.trial().fold_errors() for s in null.stages]
@@ -282,7 +288,7 @@ class _Loop:
             open_still = least > _OPEN and not least <= 2.0 * floor
             surely = remainder(step.validation_before, least, floor)
             step.sure = surely <= _SURE and step.remainder <= _USUALLY and not open_still
-        self._estimated(stage, trial, steps, null)
+        self._estimated(stage, trial, null)
         for k in reversed(range(len(steps))):  # what later had to be added at its site was not said by its name
             later = [s for s in steps[k + 1 :] if balances_of(Site(s.site)) == balances_of(Site(steps[k].site))]
             doubtful = improper(steps[k].law, steps[k].intervals) or not all(s.sure for s in later)
@@ -298,7 +304,7 @@ class _Loop:
     def _findings(self, stage: Stage, trial: Trial, steps: Sequence[Step]) -> list[Finding]:
         """Validated candidates, best first."""
         now = trial.search_error()
-        accepted = [(Site(s.site), s.law) for s in steps]
+        accepted = [(f.site, f.law.name) for f in self.accepted]
         lines = lines_of(trial)
         bar, tick = None, None
         if self.progress:
@@ -308,7 +314,7 @@ class _Loop:
                 total=len(self.every), desc=f"search {len(steps) + 1}", unit="candidate", leave=False, disable=None
             )
             tick = bar.update
-        found = screen(stage, self.every, accepted, lines, tick)
+        found = screen(stage, self.every, accepted, lines, tick, both=True)
         if bar is not None:
             bar.close()
         hopeful = [f for f in found if f.screen < now * (1 - _HOPELESS)][:_SHORTLIST]
@@ -318,8 +324,9 @@ class _Loop:
         special = {(balances_of(f.site), name) for f in refined[:3] for name in SPECIAL_CASES.get(f.law.name, ())}
         simple = [f for f in found if (balances_of(f.site), f.law.name) in special and not _holds(refined, f)]
         refined += [refine(stage, f) for f in simple]
-        judged = [validate(stage, f) for f in refined]
-        judged += sensor_findings(self.ready, self.work, stage, self.sensors)
+        judged = _missed([validate(stage, f) for f in refined])
+        corrected = {(s.law, s.site) for s in steps if s.family == "sensor"}
+        judged += sensor_findings(self.ready, self.work, stage, self.sensors, corrected)
         return sorted((f for f in judged if np.isfinite(f.error)), key=lambda f: f.error)
 
     def _decide(
@@ -347,12 +354,13 @@ class _Loop:
                     named, verdict = (other, own) if own.accepted else (named, verdict)
                 verdict = confirmed(verdict, stage, named[0].on(stage), null)
                 if verdict.accepted:
-                    return [named], verdict
+                    pair = pair_instead(stage, named[0], self.every, before, null) if most > 1 else None
+                    return pair or ([named], verdict)
                 noisy = balances_of(named[0].site)  # what noise does there, other laws imitate too
                 left = [f for f in left if balances_of(f.site) != noisy]
             first = first or ([named], verdict)
             if passed:  # but its free run is worse: the next best, however many parameters it has
-                left = [f for f in left if (f.site, f.law.name) != (chosen.site, chosen.law.name)]
+                left = [f for f in left if (f.site, f.law.name, f.drop) != (chosen.site, chosen.law.name, chosen.drop)]
             else:
                 left = [f for f in left if f.n_parameters < chosen.n_parameters]
             if not left:
@@ -402,34 +410,39 @@ class _Loop:
 
         Of effects that are accepted together, only the last shows which earlier ones are.
         """
+        replaced = [f for f in self.accepted if place_of(stage, f, self.accepted) in chosen.drop]
         stage = chosen.on(stage)
+        self.accepted = [f for f in self.accepted if not any(f is r for r in replaced)]
         if isinstance(chosen, SensorFinding):
             assert chosen.ready is not None
             self.ready, self.work = chosen.ready, stage.work
         else:
             self.accepted.append(chosen)
-        self.accepted = [f for f in self.accepted if place_of(stage, f) is not None]
         stage = reestimated(stage, self.accepted)
         gone: list[Finding] = []
         while last and (weakest := needless(stage, self.accepted)) is not None:
-            place = place_of(stage, weakest)
+            place = place_of(stage, weakest, self.accepted)
             assert place is not None
             self.accepted = [f for f in self.accepted if f is not weakest]
             stage = reestimated(Stage(stage.work, stage.chain, stage.without([place])), self.accepted)
             gone.append(weakest)
         return stage, gone
 
-    def _estimated(self, stage: Stage, trial: Trial, steps: Sequence[Step], null: Null) -> None:
-        """Intervals of the parameters of every effect in the final model."""
+    def _estimated(self, stage: Stage, trial: Trial, null: Null) -> None:
+        """Parameters of every effect in the final model, and their intervals."""
         for finding in self.accepted:
-            place = place_of(stage, finding)
-            step = next((s for s in steps if (s.law, s.site) == (finding.law.name, str(finding.site))), None)
+            place, step = place_of(stage, finding, self.accepted), self._told(finding)
             if place is None or step is None:
                 continue
             at = stage.at[place] - trial.layout.slices[place[0]].start
             theta = trial.solve(range(len(self.work.search))).coefficients[place[0]]
-            width = len(finding.law.terms())
-            step.intervals = intervals(stage, place, finding.candidate.law, theta[at : at + width], null.stages)
+            theta = theta[at : at + len(finding.law.terms())]
+            step.parameters = stage.laws[place[0]][place[1]].with_values(theta).parameters
+            step.intervals = intervals(stage, place, finding.candidate.law, theta, null.stages)
+
+    def _told(self, finding: Finding) -> Step | None:
+        """The step that tells of an accepted effect."""
+        return next((step for f, step in self.told if f is finding), None)
 
     def _drift(self, chosen: Finding) -> float:
         """Rms drift of a site, m; zero for a sensor."""
@@ -437,7 +450,20 @@ class _Loop:
 
 
 def _holds(findings: Sequence[Finding], one: Finding) -> bool:
-    return any(f.site == one.site and f.candidate.law == one.candidate.law for f in findings)
+    return any((f.site, f.drop) == (one.site, one.drop) and f.candidate.law == one.candidate.law for f in findings)
+
+
+def _missed(judged: Sequence[Finding]) -> list[Finding]:
+    """Without those beside an earlier law that is hardly missed where they take its place."""
+    out = []
+    for f in judged:
+        instead = [
+            g for g in judged
+            if g.candidate == f.candidate and len(g.drop) > len(f.drop) and np.isfinite(g.error) and g is not f
+        ]  # fmt: skip
+        if all(gain_of(g.folds, f.folds) >= MEMBER_GAIN and np.mean(f.folds < g.folds) >= MIN_WINS for g in instead):
+            out.append(f)
+    return out
 
 
 __all__ = ["close_loop"]

@@ -20,21 +20,26 @@ _REACH = 0.2
 _ENOUGH = 1e-3
 
 
-def place_of(stage: Stage, finding: Finding) -> tuple[Site, int] | None:
+def place_of(stage: Stage, finding: Finding, accepted: Sequence[Finding] = ()) -> tuple[Site, int] | None:
     """Where an accepted law stands in a stage, or None if another took its place.
 
     Parameters
     ----------
     stage : Stage
     finding : Finding
+    accepted : sequence of Finding
+        All that were accepted, in the order in which they stand: two may have one name at one site.
 
     Returns
     -------
     (Site, int) or None
         Site, and number of the law there.
     """
-    held = stage.laws.get(finding.site, ())
-    return next((((finding.site, i)) for i in reversed(range(len(held))) if held[i].name == finding.law.name), None)
+    name, site = finding.law.name, finding.site
+    same = [f is finding for f in accepted if (f.law.name, f.site) == (name, site)]
+    later = len(same) - 1 - same.index(True) if True in same else 0
+    held = [i for i, law in enumerate(stage.laws.get(site, ())) if law.name == name]
+    return (site, held[-1 - later]) if later < len(held) else None
 
 
 def reestimated(stage: Stage, accepted: Sequence[Finding], rounds: int = _ROUNDS) -> Stage:
@@ -52,12 +57,12 @@ def reestimated(stage: Stage, accepted: Sequence[Finding], rounds: int = _ROUNDS
     Stage
         Never worse on the search data.
     """
-    shaped = [f for f in accepted if f.candidate.law.free_shape and place_of(stage, f) is not None]
+    shaped = [f for f in accepted if f.candidate.law.free_shape and place_of(stage, f, accepted) is not None]
     now = stage.slot().search_error()
     for _ in range(rounds if shaped else 0):
         begin = now
         for f in shaped:
-            where = place_of(stage, f)
+            where = place_of(stage, f, accepted)
             if where is None:
                 continue
             law = stage.laws[where[0]][where[1]]
@@ -65,7 +70,7 @@ def reestimated(stage: Stage, accepted: Sequence[Finding], rounds: int = _ROUNDS
                 base = Stage(stage.work, stage.chain, stage.without([where]))
                 better = refine(base, Finding(f.candidate, law, now), _EVALUATIONS, _REACH)
                 if better.screen < now:
-                    stage, now = better.on(base), better.screen
+                    stage, now = stage.with_values(where, better.law), better.screen
             except NRFError:  # it cannot be told from the others for a moment
                 continue
         if now > begin * (1 - _ENOUGH):
@@ -92,7 +97,7 @@ def needless(stage: Stage, accepted: Sequence[Finding]) -> Finding | None:
     after = stage.slot().folds()
     weakest: tuple[float, Finding] | None = None
     for f in accepted[:-1]:
-        where = place_of(stage, f)
+        where = place_of(stage, f, accepted)
         others = [g for g in accepted if g is not f]
         if where is None or any(_imitates(stage, g, f) for g in others):
             continue

@@ -56,7 +56,8 @@ class Step:
     shape : dict
         Shape parameters by name, SI units, as the search found them.
     parameters : dict
-        Coefficients by symbol and shape parameters by name, SI units, in the final model.
+        Coefficients by symbol and shape parameters by name, SI units, in the final model; of a faulty sensor, of all
+        corrections together.
     intervals : dict of str to (float, float)
         95 % intervals of the same, from block to block and from the noise in the motion; empty for an
         effect that another took the place of.
@@ -277,14 +278,9 @@ class LoopReport:
                 float(table.loc[before, "free run"]),
                 float(table.loc[after, "free run"]),
             )
-            for law in model.laws.get(Site(step.site), ()):
-                if law.name == step.law:
-                    step.parameters = law.parameters
-            if not step.parameters:
-                step.parameters = next(
-                    (law.parameters for m in models for law in m.laws.get(Site(step.site), ()) if law.name == step.law),
-                    {},
-                )
+            if not step.parameters:  # another took its place: as it stood last
+                ever = [law for m in reversed(models) for law in m.laws.get(Site(step.site), ())]
+                step.parameters = next((law.parameters for law in ever if law.name == step.law), {})
         listed = pd.DataFrame(
             [[f.law.name, f.law.family, str(f.site), f.error] for f in ranking],
             columns=["law", "family", "site", "validation error (%)"],

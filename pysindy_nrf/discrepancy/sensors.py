@@ -12,7 +12,7 @@ chain), the gain of the only DOF, the zero of x1 (a constant force on DOF 1).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -83,7 +83,13 @@ class SensorFinding(Finding):
         return self.stage
 
 
-def sensor_findings(ready: Prepared, work: Workspace, stage: Stage, laws: Sequence[ForceLaw]) -> list[SensorFinding]:
+def sensor_findings(
+    ready: Prepared,
+    work: Workspace,
+    stage: Stage,
+    laws: Sequence[ForceLaw],
+    corrected: Collection[tuple[str, str]] = (),
+) -> list[SensorFinding]:
     """Faulty sensors that lower the error, validated, best first.
 
     Parameters
@@ -94,6 +100,8 @@ def sensor_findings(ready: Prepared, work: Workspace, stage: Stage, laws: Sequen
         The current laws.
     laws : sequence of ForceLaw
         The catalogue; its sensor faults are tried.
+    corrected : collection of (str, str)
+        Names and sites of faults that were found before: of sensors that could be accused equally it is again the same.
 
     Returns
     -------
@@ -119,7 +127,8 @@ def sensor_findings(ready: Prepared, work: Workspace, stage: Stage, laws: Sequen
     near = [f for f in kept if f.error <= (1 + TIE) * kept[0].error]
     for one in near:
         one.equals = [str(o.site) for o in near if o.law.name == one.law.name and o.site != one.site]
-    return kept
+    again = {f.law.name: str(f.site) for f in reversed(near) if (f.law.name, str(f.site)) in corrected}
+    return [f for f in kept if all(f is not o for o in near) or again.get(f.law.name, str(f.site)) == str(f.site)]
 
 
 def null_gain(stage: Stage, finding: SensorFinding) -> float:

@@ -191,7 +191,8 @@ def split(
     total = sum(sums[i][-1] for i in chosen)
 
     def cut(most: int, shift: int) -> tuple[list[BlockRows], list[BlockRows]]:
-        search, held = [], list(apart)
+        search: list[BlockRows] = []
+        held = list(apart)
         for i in chosen:
             mine = max(1, round(n_blocks * sums[i][-1] / total), -(-n_blocks // len(chosen)))
             shares, out = pieces(mine, HELDOUT_SHARE if heldout is None else 0.0, most, shift)
@@ -205,7 +206,7 @@ def split(
     search, held = cut(4, 0)
     if heldout is None and seen(search, held, segments).min() < SEEN:
         ways = [cut(most, shift) for most in (4, 2, 1) for shift in range(n_blocks)]
-        search, held = max(ways, key=lambda way: _balanced(seen(*way, segments)))
+        search, held = max(ways, key=lambda way: _balanced(seen(way[0], way[1], segments)))
     if len(search) < 3 or not held or sum(b.rows.stop - b.rows.start for b in search) < LEAST_ROWS:
         raise ChannelError(
             "The records are too short to be split into search, validation and held-out parts", "Give longer records."

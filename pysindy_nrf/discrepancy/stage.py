@@ -185,6 +185,23 @@ class Stage:
         kept[site] = (*kept.get(site, ()), law)
         return Stage(self.work, self.chain, kept)
 
+    def with_values(self, place: tuple[Site, int], law: ForceLaw) -> Stage:
+        """A stage in which one law has other shape parameters.
+
+        Parameters
+        ----------
+        place : (Site, int)
+            Site, and number of the law there.
+        law : ForceLaw
+
+        Returns
+        -------
+        Stage
+        """
+        site, number = place
+        changed = tuple(law if i == number else one for i, one in enumerate(self.laws[site]))
+        return Stage(self.work, self.chain, {**self.laws, site: changed})
+
     def without(self, drop: Sequence[tuple[Site, int]]) -> dict[Site, tuple[ForceLaw, ...]]:
         """The laws without some."""
         return {

@@ -7,11 +7,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..errors import balance_errors
+from ..laws.base import ForceLaw
+from ..laws.sensor import GainError, SensorFault, SensorOffset
 from ..sites import Site
 from ..solved import model_of
 from .catalogue import balances_of
-from .gate import MOST_FAMILIES, Verdict
-from .report import Step
+from .gate import MOST_FAMILIES, Verdict, gain_of
+from .report import Scene, Step
 from .search import Finding
 from .sensors import SensorFinding
 from .stage import Trial
@@ -167,3 +169,64 @@ def step_of(
         evidence=verdict.sentence + (f" ({faulty.remark})" if faulty and faulty.remark else ""),
         runners_up=[(f.law.name, str(f.site), f.error) for f in ranking if f is not chosen][:5],
     )
+
+
+def corrected_again(
+    steps: Sequence[Step], found: SensorFinding, verdict: Verdict, scenes: Sequence[Scene], after: np.ndarray
+) -> bool:
+    """Put a further correction of a fault into the step that told of it first, if there is one.
+
+    A gain and a delay of one channel are two faults. The same fault again, found more closely, is not a third: its step
+    tells the value of both corrections together, and what the second is worth goes with the last step.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        Changed in place.
+    found : SensorFinding
+    verdict : Verdict
+        On the second correction.
+    scenes : sequence of Scene
+        Before the last step, and after it without the second correction.
+    after : ndarray of shape (n_blocks,)
+        Errors with it, percent.
+
+    Returns
+    -------
+    bool
+        False if the fault is a new one.
+    """
+    one = (found.law.name, str(found.site))
+    k = next((k for k, step in enumerate(steps) if (step.law, step.site) == one), None)
+    if k is None:
+        return False
+    first, last = steps[k], steps[-1]
+    symbol = found.law.terms()[0].symbol
+    before = scenes[0].folds
+    first.parameters = _joined(found.law, first, steps[k + 1 :]).parameters
+    first.sensors = list(dict.fromkeys([*first.sensors, *found.equals]))
+    more = f"corrected again by {symbol} = {found.law.values[0]:.4g}"
+    if first is last:
+        first.evidence += f"; {more}: {verdict.sentence}"
+    else:
+        first.evidence += f"; {more} beside {last.law} at {last.site}"
+        last.evidence += f"; {first.law} at {first.site} {more}: {verdict.sentence}"
+    last.validation_after, last.gain, last.wins = (
+        float(np.median(after)),
+        gain_of(before, after),
+        float(np.mean(after < before)),
+    )
+    return True
+
+
+def _joined(law: ForceLaw, first: Step, between: Sequence[Step]) -> SensorFault:
+    """Both corrections as one at the place of the first; a gain and an offset do not commute."""
+    assert isinstance(law, SensorFault)
+    for step in between:
+        if step.site != first.site:
+            continue
+        if isinstance(law, GainError) and step.law == SensorOffset.name:
+            step.parameters["b"] = (step.parameters["b"] or 0.0) / (1.0 + law.values[0])
+        if isinstance(law, SensorOffset) and step.law == GainError.name:
+            law = law.with_values([law.values[0] * (1.0 + (step.parameters["e"] or 0.0))])
+    return law.with_values(list(first.parameters.values())).followed_by(law)

@@ -8,13 +8,14 @@ of the other, and the gate judges them as one.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 
 from ..exceptions import NRFError
-from .catalogue import balances_of
-from .gate import FLOOR, MEMBER_GAIN, MIN_WINS, Verdict, choose, gain_of, judge
-from .search import Finding, refine, screen, validate
+from .catalogue import Candidate, balances_of
+from .gate import FLOOR, MEMBER_GAIN, MIN_WINS, TIE, Verdict, choose, gain_of, judge
+from .search import Finding, excludes, refine, screen, validate
 from .second_opinion import confirmed
 from .spectral_lines import lines_for
 from .stage import Stage
@@ -51,24 +52,79 @@ def look_ahead(
     if len(found) < 2:
         return None
     members = [f for f, _, _ in found]
-    whole = found[-1][2]
+    n_parameters = sum(f.n_parameters for f in members) - 2 * (len(members) - 1)
+    verdict = _passed(stage, members, found[-1][2], before, null, n_parameters)
+    return None if verdict is None else ([(f, tied) for f, tied, _ in found], verdict)
+
+
+def pair_instead(
+    stage: Stage, chosen: Finding, candidates: Sequence[Candidate], before: np.ndarray, null: Null
+) -> tuple[list[tuple[Finding, list[Finding]]], Verdict] | None:
+    """Two laws without shape parameters that explain clearly more than one that has some.
+
+    Where a spring is quadratic and cubic, a gap comes nearer than either of them alone, and both of them together leave
+    nothing.
+
+    Parameters
+    ----------
+    stage : Stage
+    chosen : Finding
+        A law that passed the gate.
+    candidates : sequence of Candidate
+        All that are tried; the two are of one family, at its site, and have no more parameters together.
+    before : ndarray of shape (n_blocks,)
+        Errors of the current model.
+    null : Null
+
+    Returns
+    -------
+    members, verdict
+        As of :func:`look_ahead`. None if there is no such pair, or it does not pass.
+    """
+    if not chosen.candidate.law.free_shape or type(chosen) is not Finding:
+        return None
+    plain = [c for c in candidates if c.site == chosen.site and not c.law.shapes]
+    found: list[tuple[Finding, Finding, Stage]] = []
+    for one, two in combinations(plain, 2):
+        if one.law.family != two.law.family or excludes(one.law, two.law):
+            continue
+        try:
+            first = validate(stage, Finding(one, one.law, np.inf, chosen.drop))
+            beside = first.on(stage)
+            second = validate(beside, Finding(two, two.law, np.inf))
+            if first.n_parameters + second.n_parameters <= chosen.n_parameters:
+                found.append((first, second, second.on(beside)))
+        except NRFError:
+            continue
+    if not found:
+        return None
+    first, second, whole = min(found, key=lambda pair: pair[1].error)
+    if second.error > (1 - TIE) * chosen.error or np.mean(second.folds < chosen.folds) < MIN_WINS:
+        return None
+    verdict = _passed(stage, [first, second], whole, before, null, first.n_parameters + second.n_parameters)
+    return None if verdict is None else ([(first, []), (second, [])], verdict)
+
+
+def _passed(
+    stage: Stage, members: Sequence[Finding], whole: Stage, before: np.ndarray, null: Null, n_parameters: int
+) -> Verdict | None:
+    """The verdict on several effects as one; None if one of them is not missed, or they do not pass."""
     after = whole.slot().folds()
-    for f in members:  # each must be missed when it is left out
-        where = [(f.site, len(whole.laws[f.site]) - 1)]
+    for f in members:
+        where = [max((f.site, i) for i, law in enumerate(whole.laws[f.site]) if law == f.law)]
         try:
             without = Stage(whole.work, whole.chain, whole.without(where)).slot().folds()
         except NRFError:
             continue
         if gain_of(without, after) < MEMBER_GAIN or np.mean(after < without) < MIN_WINS:
             return None
-    n_parameters = sum(f.n_parameters for f in members) - 2 * (len(members) - 1)
     if not judge(before, after, n_parameters).accepted:
         return None
     null_gain = max((_null_gain(s, members) for s in null.stages), default=0.0)
     verdict = judge(before, after, n_parameters, null_gain, at_floor=null.reached)
     if verdict.accepted:
         verdict = confirmed(verdict, stage, whole, null)
-    return ([(f, tied) for f, tied, _ in found], verdict) if verdict.accepted else None
+    return verdict if verdict.accepted else None
 
 
 def _chain(

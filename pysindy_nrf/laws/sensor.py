@@ -8,7 +8,7 @@ the truth.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -62,6 +62,26 @@ class SensorFault(ForceLaw):
             NaN in rows that a shift leaves empty.
         """
         raise NotImplementedError
+
+    def followed_by(self, other: SensorFault) -> Self:
+        """One fault whose correction is that of this one and then of another of its kind.
+
+        Parameters
+        ----------
+        other : SensorFault
+            Of the same class.
+
+        Returns
+        -------
+        SensorFault
+
+        Examples
+        --------
+        >>> from pysindy_nrf import laws
+        >>> laws.GainError(e=0.25).followed_by(laws.GainError(e=0.2))  # 1.25 times 1.2 is 1.5
+        GainError(e=0.5)
+        """
+        return self.with_values([float(self.values[0] + other.values[0])])
 
 
 class ChannelDelay(SensorFault):
@@ -146,6 +166,10 @@ class GainError(SensorFault):
     def corrected(self, reading: Any, dt: float) -> np.ndarray:
         """The reading over 1 + e."""
         return np.asarray(reading, dtype=float) / (1.0 + float(self.values[0]))
+
+    def followed_by(self, other: SensorFault) -> Self:
+        """Gains multiply."""
+        return self.with_values([float((1.0 + self.values[0]) * (1.0 + other.values[0]) - 1.0)])
 
 
 class SensorOffset(SensorFault):

@@ -110,6 +110,26 @@ class FairFilter:
             out[:, use] = sosfiltfilt(self.sos.copy(), matrix[:, use], axis=0, padtype="even", padlen=padding)
         return out[:, 0] if array.ndim == 1 else out
 
+    def noise_gain(self) -> float:
+        """The part of the power of white noise that the filter, run forward and backward, lets through.
+
+        Returns
+        -------
+        float
+            1 without a band.
+
+        Examples
+        --------
+        >>> from pysindy_nrf.fair_filter import FairFilter
+        >>> round(FairFilter((None, 25.0), fs=200.0).noise_gain(), 2)  # a quarter of the band up to 100 Hz, softly cut
+        0.24
+        """
+        if self.sos is None:
+            return 1.0
+        from scipy.signal import sosfreqz
+
+        return float(np.mean(np.abs(sosfreqz(self.sos, 8192)[1]) ** 4))
+
     def __repr__(self) -> str:
         return f"FairFilter(band={self.band}, fs={self.fs:g}, order={self.order}, edge={self.edge})"
 

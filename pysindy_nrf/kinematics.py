@@ -81,7 +81,7 @@ def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.Da
     a, v, x = fused.acceleration, fused.velocity, fused.displacement
     assert a is not None and v is not None and x is not None  # measured, or filled in by the smoother
     if record.coordinates == "absolute" and record.base_moves:
-        vg, xg = _base_motion(record, fused, smooth)
+        vg, xg = base_motion(record, fused, smooth)
         v, x = v - vg[:, None], x - xg[:, None]
     index = pd.Index(record.time, name="t")
     columns = [f"{kind}{j}" for kind in "avs" for j in range(1, record.n_dof + 1)]
@@ -127,6 +127,69 @@ def base_acceleration(record: Record) -> np.ndarray:
     return acceleration[:, 0]
 
 
+def base_motion(record: Record, fused: Record, smooth: Any = True) -> tuple[np.ndarray, np.ndarray]:
+    """Velocity and displacement of the base, for records in absolute coordinates.
+
+    Parameters
+    ----------
+    record : Record
+        As measured; says which channels of the base there are.
+    fused : Record
+        The same record, its channels fused or band-limited; ``record`` itself where they are not.
+    smooth : bool or KinematicSmoother
+        As for :func:`to_features`. False: both must be measured, and are taken as they are.
+
+    Returns
+    -------
+    velocity, displacement : ndarray of shape (n_samples,)
+        m/s and m.
+
+    Raises
+    ------
+    ChannelError
+        If the displacement of the base was not measured; with ``smooth=False``, if its velocity was not either.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import Record
+    >>> from pysindy_nrf.kinematics import base_motion
+    >>> t = np.arange(2000) / 1000
+    >>> xg = np.sin(9 * t)
+    >>> record = Record(displacement=2 * xg, base_displacement=xg, fs=1000.0, coordinates="absolute")
+    >>> velocity, _ = base_motion(record, record)
+    >>> bool(np.allclose(velocity, 9 * np.cos(9 * t), atol=1e-4))
+    True
+    """
+    have = set(record.measured)
+    if {"vg", "xg"} <= have and smooth is False:
+        assert fused.base_velocity is not None and fused.base_displacement is not None
+        return fused.base_velocity, fused.base_displacement
+    if smooth is False or not have & {"vg", "xg"}:
+        raise ChannelError(
+            f"Record {record.name!r} has absolute displacements and a moving base, but lacks "
+            + ("xg" if "xg" not in have else "vg"),
+            "Give base_displacement"
+            + (" and base_velocity." if smooth is False else " (integrating ag alone loses its slow part).")
+            + " Or give motion relative to the base.",
+        )
+    base = {"a": fused.base_acceleration, "v": fused.base_velocity, "x": fused.base_displacement}
+    ground = Record(
+        acceleration=base["a"],
+        velocity=base["v"],
+        displacement=base["x"],
+        fs=record.fs,
+        name=f"base of {record.name}",
+        coordinates="absolute",
+    )
+    from .signals.kinematic_smoother import KinematicSmoother
+
+    # the record is already band-limited if the smoother was told to
+    whole = KinematicSmoother().transform_record(ground)
+    assert whole.velocity is not None and whole.displacement is not None
+    return whole.velocity[:, 0], whole.displacement[:, 0]
+
+
 def _warn_of_doubts(record: Record) -> None:
     from .io.plausibility import doubts
 
@@ -163,34 +226,3 @@ def _all_measured(record: Record, have: set[str]) -> None:
             f"Record {record.name!r} lacks {', '.join(missing[:6])}{' and more' if len(missing) > 6 else ''}",
             "Use smooth=True, which derives them from the other channels, or measure them.",
         )
-
-
-def _base_motion(record: Record, fused: Record, smooth: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Velocity and displacement of the base for absolute coordinates."""
-    have = set(record.measured)
-    if {"vg", "xg"} <= have and smooth is False:
-        assert fused.base_velocity is not None and fused.base_displacement is not None
-        return fused.base_velocity, fused.base_displacement
-    if smooth is False or not have & {"vg", "xg"}:
-        raise ChannelError(
-            f"Record {record.name!r} has absolute displacements and a moving base, but lacks "
-            + ("xg" if "xg" not in have else "vg"),
-            "Give base_displacement"
-            + (" and base_velocity." if smooth is False else " (integrating ag alone loses its slow part).")
-            + " Or give motion relative to the base.",
-        )
-    base = {"a": fused.base_acceleration, "v": fused.base_velocity, "x": fused.base_displacement}
-    ground = Record(
-        acceleration=base["a"],
-        velocity=base["v"],
-        displacement=base["x"],
-        fs=record.fs,
-        name=f"base of {record.name}",
-        coordinates="absolute",
-    )
-    from .signals.kinematic_smoother import KinematicSmoother
-
-    # the record is already band-limited if the smoother was told to
-    whole = KinematicSmoother().transform_record(ground)
-    assert whole.velocity is not None and whole.displacement is not None
-    return whole.velocity[:, 0], whole.displacement[:, 0]

@@ -15,6 +15,7 @@ from .chain import Chain
 from .exceptions import ChainError, ChannelError, FileFormatError, FileVersionError, LawError
 from .input_arrays import from_arrays
 from .laws.base import ForceLaw, from_dict
+from .laws.inertia import total_masses
 from .restoring_force import RestoringForces, grid
 from .segments import SegmentSet
 from .sites import Site
@@ -104,6 +105,11 @@ class ChainModel:
         return len(self.masses)
 
     @property
+    def total_masses(self) -> np.ndarray:
+        """Masses with what laws at the DOFs add to them (``AddedMass``), kg."""
+        return total_masses(self.masses, self.laws)
+
+    @property
     def has_memory(self) -> bool:
         """Whether a law remembers the path."""
         return any(law.has_memory for group in self.laws.values() for law in group)
@@ -185,7 +191,7 @@ class ChainModel:
         ndarray of shape (n_samples, n_dof)
             N; NaN at masked edges.
         """
-        data = self.segments(X, **options)
+        data = self.segments(X, **options, every_row=True)
         return data.scatter(self.balance_forces(data))
 
     def restoring_force(self, X: Any, **options: Any) -> np.ndarray:
@@ -201,7 +207,7 @@ class ChainModel:
         ndarray of shape (n_samples, n_dof)
             Force of storey j in column j-1, N; zero where a free chain has no storey 1.
         """
-        data = self.segments(X, **options)
+        data = self.segments(X, **options, every_row=True)
         order = list(self.laws)
         pick = [order.index(Site(j)) if Site(j) in order else None for j in range(1, self.n_dof + 1)]
         parts = [
@@ -247,6 +253,14 @@ class ChainModel:
         n = self.n_dof
         if (self.masses <= 0).any():
             raise ChainError(f"m{int(np.argmin(self.masses)) + 1} is not positive", "Modes need positive masses.")
+        total = self.total_masses
+        if (total <= 0).any():
+            j = int(np.argmin(total))
+            raise ChainError(
+                f"DOF {j + 1} has {self.masses[j]:.4g} kg and {total[j] - self.masses[j]:.4g} kg added to it, "
+                f"{total[j]:.4g} kg in all",
+                "Modes need positive masses; weigh that floor.",
+            )
         A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
         values, vectors = np.linalg.eig(A)
         shapes = vectors[:n] / np.linalg.norm(vectors[:n], axis=0)

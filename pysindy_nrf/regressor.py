@@ -26,7 +26,7 @@ from .record import Record
 from .requirements import require_clock, require_moving, require_samples
 from .segments import SegmentSet, feature_names
 from .sites import Site
-from .solved import model_of, scales_of, third_law_gap, unknown_forces, visited_regions
+from .solved import lost_masses, model_of, scales_of, third_law_gap, unknown_forces, visited_regions
 from .streaming import fit_streamed, is_streamed, partial_fit
 
 if TYPE_CHECKING:
@@ -281,7 +281,11 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
             from .shape_search import estimate_shapes
 
             layout = estimate_shapes(
-                layout, scales_of(data, layout), lambda trial: self._solve(trial, walk, data, filters, known)[1:]
+                layout,
+                scales_of(data, layout),
+                lambda trial: self._solve(trial, walk, data, filters, known)[1:],
+                data,
+                filters,
             )
         model, solution, moments = self._solve(layout, walk, data, filters, known)
         self._resolver, self._evidence, facts = (
@@ -399,7 +403,7 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         self.restoring_forces_ = model.restoring_forces
         self.unknown_forces_ = unknown_forces(model, data)
         self.missing_terms_ = missing_terms_of(model, walk, judged, self.band)
-        warn_of_bias(self.missing_terms_, doubtful_masses(solution), stacklevel=5)
+        warn_of_bias(self.missing_terms_, doubtful_masses(solution) + lost_masses(model), stacklevel=5)
 
     # -- what was asked for -------------------------------------------------------------------
 
@@ -491,7 +495,7 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         ndarray of shape (n_samples, n_dof)
             N; NaN at masked edges. Of shape (n_samples,) if ``fit`` got its forces so.
         """
-        data = self._judged(X, None, record, time, base_acceleration, covariates)
+        data = self._judged(X, None, record, time, base_acceleration, covariates, every_row=True)
         out = data.scatter(self.model_.balance_forces(data))
         return out[:, 0] if getattr(self, "_one_force", False) else out
 
@@ -516,7 +520,8 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         ndarray of shape (n_samples, n_dof)
             Force of storey j in column j-1, N.
         """
-        return self.model_.restoring_force(self._judged(X, None, record, time, base_acceleration, covariates))
+        data = self._judged(X, None, record, time, base_acceleration, covariates, every_row=True)
+        return self.model_.restoring_force(data)
 
     def score(
         self,
@@ -713,7 +718,14 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         return self.model_.to_sindy(1.0 if self.dt is None else self.dt)
 
     def _judged(
-        self, X: Any, y: Any, record: Any, time: Any, base_acceleration: Any, covariates: Mapping[str, Any] | None
+        self,
+        X: Any,
+        y: Any,
+        record: Any,
+        time: Any,
+        base_acceleration: Any,
+        covariates: Mapping[str, Any] | None,
+        every_row: bool = False,
     ) -> SegmentSet:
         check_is_fitted(self)
         if not (hasattr(X, "columns") or isinstance(X, Record) or _holds_records(X)):
@@ -734,6 +746,7 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
             covariates=covariates,
             has_memory=self.model_.has_memory,
             n_dof=self.model_.n_dof,
+            every_row=every_row,
         )
 
     def __sklearn_is_fitted__(self) -> bool:

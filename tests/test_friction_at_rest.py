@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
 
 from pysindy_nrf import Chain, ChainModel, laws
 from pysindy_nrf.simulation import free_run
@@ -23,6 +25,32 @@ def test_a_slip_that_ends_within_one_step(method):
     run = free_run(ChainModel([1.0], {1: rubbing(10.0)}), F, dt, method=method)
     np.testing.assert_allclose(run.record.displacement[1:, 0], dt**2 / 27, rtol=1e-6)
     assert np.array_equal(run.record.velocity, np.zeros((6, 1))) and run.energy_gap < 1e-9
+
+
+@METHODS
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_slip_between_two_samples(method, sign):
+    """A spline through 0, 9.8, 9.8, 0 N peaks near 11.8 N: 10 N of friction hold it at the samples, not between."""
+    dt, F = 0.01, np.zeros((12, 1))
+    F[5:7] = 9.8 * sign
+    course = CubicSpline(dt * np.arange(12), sign * F[:, 0])
+    begins, ends = course.solve(10.0)[-2:]
+    assert dt * 5 < begins < ends < dt * 6
+
+    def rests(t, y):
+        return y[1]
+
+    rests.terminal, rests.direction = True, -1
+    slip = solve_ivp(
+        lambda t, y: [y[1], (course(t) - 10.0 - 1e3 * y[0]) / 10.0], (begins, 0.11), [0.0, 0.0], "DOP853",
+        events=rests, rtol=1e-12, atol=1e-16,
+    )  # fmt: skip
+    model = ChainModel([10.0], {1: [laws.LinearElastic(1e3), *rubbing(10.0)]})
+    run = free_run(model, F, dt, method=method, hold="cubic")
+    np.testing.assert_allclose(run.record.displacement[7:, 0], sign * slip.y[0, -1], rtol=1e-3)
+    assert slip.y[0, -1] > 1e-6 and not run.record.displacement[:6].any()
+    assert run.energy_gap < 1e-9 or method == "rk4"
+    assert not free_run(model, F, dt, method=method).record.displacement.any()  # straight lines never reach 10 N
 
 
 @METHODS

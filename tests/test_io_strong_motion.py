@@ -197,3 +197,23 @@ def test_headers_that_do_not_fit_the_points(tmp_path):
         read_table(tmp_path / "cut.v2")
     (tmp_path / "peak.v2").write_text("".join(text).replace("171.589", "999.589", 1), encoding="latin-1")
     assert any("states a peak acceleration of 999.589" in note for note in read_table(tmp_path / "peak.v2").notes)
+
+
+@pytest.mark.parametrize("mark", ["\x85", "\x1c", "\x0b"])  # 0x85 is an ellipsis in Windows text
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_only_ends_of_lines_end_a_line(tmp_path, mark, end):
+    """Words after such a character are still words of their line: no second channel, no second series."""
+    lines = [
+        "CORRECTED ACCELEROGRAM   01336",
+        f"CHAN  2: 90 DEG     (STA CHN:  2)     LOCATION: ROOF{mark}CHAN  9: LOG",
+        f"SEE THE LOG{mark} 9 POINTS OF VELOC DATA EQUALLY SPACED AT  .005 SEC.  (UNITS: CM/SEC)",
+        " 10 POINTS OF ACCEL DATA EQUALLY SPACED AT  .005 SEC.  (UNITS: CM/SEC/SEC)",
+        "".join(f"{v:10.3f}" for v in range(8)),
+        "".join(f"{v:10.3f}" for v in range(8, 10)),
+        "/&  ----------  END OF DATA FOR CHANNEL  2  ----------",
+    ]
+    path = tmp_path / "marked.v2"
+    path.write_text(end.join(lines) + end, encoding="latin-1", newline="")
+    table = read_table(path)
+    assert list(table.variables) == ["acceleration"] and any(note.startswith("channel 2:") for note in table.notes)
+    np.testing.assert_array_equal(table.variables["acceleration"], np.arange(10.0))

@@ -168,6 +168,17 @@ def test_a_law_on_one_dof_is_found_there():
     assert R.tolist() == pytest.approx([3.0, -20.0], rel=1e-7)
 
 
+def test_an_added_mass_that_leaves_nothing_is_named():
+    """The known mass of DOF 2 is right; its force was read with 1.5 times its inertia taken off."""
+    case = chains.duffing(2, [1, 2], seed=4)
+    F = case.F.copy()
+    F[:, 1] -= 1.5 * case.m[1] * case.a[:, 1]
+    model = NRFRegressor(known_masses={2: case.m[1]}, laws={"dof 2": laws.AddedMass()})
+    with pytest.warns(BiasWarning, match=f"DOF 2 has {case.m[1]:.4g} kg and {-1.5 * case.m[1]:.4g} kg added to it"):
+        model.fit(case.X, F)
+    assert model.model_.total_masses == pytest.approx([case.m[0], -0.5 * case.m[1]], rel=1e-6)
+
+
 def test_an_added_mass_moves_with_the_base():
     """Its inertia is that of the absolute acceleration, in the fit as in the free run."""
     from pysindy_nrf import ChainModel

@@ -16,7 +16,6 @@ from pysindy_nrf.estimation.statistics import parameters_of
 from pysindy_nrf.exceptions import ChainError
 from pysindy_nrf.fair_filter import FairFilter
 from pysindy_nrf.force_delay import force_delay
-from pysindy_nrf.guidance import _noise_gain
 from pysindy_nrf.layout import LawLayout, distinct_labels
 from pysindy_nrf.model_selection import BlockEnsemble, select_groups, select_sparsity
 from pysindy_nrf.noise import add_noise
@@ -101,7 +100,7 @@ def test_the_noise_that_a_filter_passes_is_the_energy_of_its_impulse_response(ba
     filter = FairFilter(band, 500.0)
     impulse = np.zeros(20001)
     impulse[10000] = 1.0
-    assert _noise_gain(filter) == pytest.approx((filter.apply(impulse) ** 2).sum(), rel=1e-3)
+    assert filter.noise_gain() == pytest.approx((filter.apply(impulse) ** 2).sum(), rel=1e-3)
 
 
 @pytest.mark.parametrize("band", [None, (1.0, 30.0)])

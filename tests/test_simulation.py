@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
+from user_laws import Parametric
 
 from pysindy_nrf import Chain, ChainModel, Site, laws
-from pysindy_nrf.exceptions import ChannelError, LawError, SimulationError
-from pysindy_nrf.laws.base import ForceLaw, Motion, Term
+from pysindy_nrf.exceptions import ChainError, ChannelError, LawError, SimulationError
+from pysindy_nrf.laws.base import Motion
 from pysindy_nrf.simulation import free_run, simulate
 
 DT = 1e-3
@@ -176,6 +177,23 @@ def test_added_mass_and_inerter_are_masses(method):
     np.testing.assert_allclose(simulate(inert, F, DT, method=method).displacement, truth, atol=atol)
 
 
+@pytest.mark.parametrize("method", ["default", "rk4", "newmark"])
+def test_a_dof_that_laws_leave_no_mass_is_named(method):
+    """12 kg less 13 kg: a spring would push such a floor away; with 11 kg less it is a floor of 1 kg."""
+
+    def load(dm):
+        return ChainModel([10.0, 12.0], {1: LINEAR, 2: LINEAR, "dof 2": laws.AddedMass(dm=dm)})
+
+    with pytest.raises(SimulationError, match="DOF 2 has 12 kg and -13 kg added to it, -1 kg in all"):
+        load(-13.0).simulate(np.ones((20, 2)), DT, method=method)
+    with pytest.raises(ChainError, match="DOF 2 has 12 kg and -13 kg added to it, -1 kg in all"):
+        load(-13.0).modes()
+    light = ChainModel([10.0, 1.0], {1: LINEAR, 2: LINEAR})
+    np.testing.assert_allclose(load(-11.0).modes(), light.modes(), rtol=1e-9)
+    runs = [m.simulate(np.ones((20, 2)), DT, method=method).displacement for m in (load(-11.0), light)]
+    np.testing.assert_allclose(*runs, rtol=1e-9, atol=1e-14)
+
+
 def test_coulomb_friction_decays_by_four_friction_drifts_a_cycle_and_then_sticks():
     m, k, Fc, x0 = 10.0, 1e4, 20.0, 0.0152
     case = model(Chain(1), [m], storey_1=(laws.LinearElastic(k=k), laws.CoulombFriction(Fc=Fc)))
@@ -202,31 +220,18 @@ def test_dry_friction_holds_below_its_level_and_slips_above():
 
 
 def test_user_law_with_time_and_covariate_agrees_with_scipy():
-    class Parametric(ForceLaw):
-        name = "test_parametric"
-        covariates = ("stiffening",)
-        uses_time = True
-
-        def terms(self):
-            return (Term("k", "u s", "N/m"), Term("b", "t v", "N/m"))
-
-        @staticmethod
-        def kernel(s, v, a, t, u, z, theta, out):
-            out[0] = u[0] * s
-            out[1] = t * v
-
     law = Parametric(coefficients=[2e4, 300.0])
     F, u = top_force(50.0, 200, n_dof=1), 1 + 0.3 * np.sin(40 * np.arange(200) * DT)
     case = model(Chain(1), [5.0], storey_1=law)
-    rec = simulate(case, F, DT, covariates={"stiffening": u})
+    rec = simulate(case, F, DT, covariates={"u": u})
 
     def rate(y, inputs):
         return np.array([y[1], (inputs[0] - 2e4 * inputs[1] * y[0] - 300.0 * y[2] * y[1]) / 5.0, 1.0])
 
     truth = by_scipy(rate, np.column_stack([F, u]), DT, np.zeros(3))
     np.testing.assert_allclose(rec.displacement[:, 0], truth[:, 0], atol=1e-9 * np.abs(truth[:, 0]).max())
-    assert np.array_equal(rec.covariates["stiffening"], u)
-    with pytest.raises(ChannelError, match="stiffening"):
+    assert np.array_equal(rec.covariates["u"], u)
+    with pytest.raises(ChannelError, match="read the covariate 'u', which is not given"):
         simulate(case, F, DT)
 
 

@@ -17,6 +17,7 @@ from numba.core.dispatcher import Dispatcher
 from scipy.integrate import solve_ivp
 from test_gram import MASSES, columns_of, whole_numbers
 from test_projection import CASES
+from user_laws import Parametric
 
 from pysindy_nrf import Chain, Site, extent, gram, laws, simulate, visited
 from pysindy_nrf.discrepancy import projection
@@ -179,22 +180,6 @@ def test_free_runs_on_a_moving_base_with_links_and_ground_sites(method, hold):
     both(lambda: run_of(case, F, method=method, hold=hold, **options))
 
 
-class Parametric(ForceLaw):
-    """A spring that a channel sets, and a damper that grows with time."""
-
-    name = "test_parametric_in_plain_python"
-    covariates = ("u",)
-    uses_time = True
-
-    def terms(self):
-        return (Term("k", "u s", "N/m"), Term("b", "t v", "N/m"))
-
-    @staticmethod
-    def kernel(s, v, a, t, u, z, theta, out):
-        out[0] = u[0] * s
-        out[1] = t * v
-
-
 def test_a_free_run_in_plain_python_is_that_of_scipy():
     F, u, dt = pushed(25, 300.0)[:, 0], np.linspace(1.0, 2.0, 25), 1e-3
     case = model(Chain(1), [5.0], {1: Parametric(coefficients=[2e4, 300.0])})
@@ -261,6 +246,12 @@ def test_free_runs_of_forces_with_jumps_and_corners(name, method):
     case, F = JUMPS[name]
     start = np.full(len(case.masses), 0.0 if F.any() else 0.005)
     both(lambda: run_of(case, F, method=method, x0=start), rtol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["sticks and slips", "two storeys"])
+def test_free_runs_of_friction_under_forces_that_bend(name):
+    case, F = JUMPS[name]
+    both(lambda: run_of(case, F, hold="cubic"), rtol=1e-8)
 
 
 def test_a_site_that_slides_from_the_start():

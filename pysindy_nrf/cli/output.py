@@ -53,7 +53,7 @@ def write_all(
         columns={"error": "error_percent", "residual": "residual_N_rms", "reference": "reference_N_rms"}
     )
     frames = {"masses": masses, "coefficients": coefficients(model), "balance_errors": errors}
-    if (model.masses > 0).all():
+    if (model.masses > 0).all() and (model.total_masses > 0).all():
         frames["modes"] = model.modes().reset_index().rename(columns={"frequency": "frequency_Hz"})
     if outcome.free_run is not None:
         frames["free_run_errors"] = outcome.free_run.add_suffix("_percent").reset_index(names="record")

@@ -167,7 +167,7 @@ def response_errors(outcome: Outcome, band: Any) -> list[float]:
 
 
 def _modes(model: Any) -> pd.DataFrame | None:
-    if (model.masses <= 0).any():
+    if (model.masses <= 0).any() or (model.total_masses <= 0).any():
         return None
     modes = model.modes()
     return modes if (modes["damping"].abs() < 1).all() else None  # else a part does not swing

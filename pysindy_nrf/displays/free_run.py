@@ -114,7 +114,7 @@ def _relative(record: Any) -> tuple[np.ndarray, np.ndarray | None]:
     """Displacement and, if measured, velocity of the DOFs relative to the base."""
     if record.coordinates == "relative" or not record.base_moves:
         return record.displacement, record.velocity
-    from ..kinematics import _base_motion
+    from ..kinematics import base_motion
 
-    vg, xg = _base_motion(record, record, not {"vg", "xg"} <= set(record.measured))
+    vg, xg = base_motion(record, record, not {"vg", "xg"} <= set(record.measured))
     return record.displacement - xg[:, None], None if record.velocity is None else record.velocity - vg[:, None]

@@ -61,7 +61,7 @@ class _Series:
 
 def is_strong_motion(text: str) -> bool:
     """Whether the head of a file is a processed strong-motion record."""
-    first = text.lstrip()[:200].splitlines()[0] if text.strip() else ""
+    first = _lines(text.lstrip()[:200] or "\n")[0]
     if re.match(r"(un)?correct(ed|\.)\s+accel", first, re.IGNORECASE) or "COSMOS" in text[:200].upper():
         return True
     # "Velocity data", "Raw acceleration counts", ... of COSMOS
@@ -88,7 +88,7 @@ def read_strong_motion(path: Path, max_bytes: int = MAX_BYTES) -> Table:
         If counts or sampling intervals of the headers do not fit the series.
     """
     check_file(path, max_bytes)
-    lines = path.read_text(encoding="latin-1").splitlines()
+    lines = _lines(path.read_text(encoding="latin-1"))
     series, notes = _read(path, lines)
     if not series:
         raise unreadable(
@@ -107,6 +107,12 @@ def read_strong_motion(path: Path, max_bytes: int = MAX_BYTES) -> Table:
             raise FileFormatError(f"{path} holds the {one.kind} of channel {one.channel} twice", "Split it.")
         variables[name], units[name] = one.values, one.unit
     return Table(path, "strong motion", variables, units, notes, fs=_rate(steps[0]))
+
+
+def _lines(text: str) -> list[str]:
+    """Lines as files have them; ``splitlines`` also ends them at characters that words may hold (0x85, 0x1c, ...)."""
+    lines = re.split(r"\r\n|\n|\r", text)
+    return lines if lines[-1] else lines[:-1]
 
 
 def _rate(step: float) -> float:
@@ -155,7 +161,7 @@ def _read(path: Path, lines: Sequence[str]) -> tuple[list[_Series], list[str]]:
             channel = match[1]
             if "LOCATION" in line.upper():
                 notes.append(f"channel {channel}: {match[2]}, {line.upper().partition('LOCATION:')[2].strip().lower()}")
-        elif line.upper().startswith("CORRECTED ACC"):
+        elif line.strip().upper().startswith("CORRECTED ACC"):
             peaks = {}
     return out, list(dict.fromkeys(notes))
 

@@ -2,7 +2,44 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..sites import Site
 from .base import ForceLaw, Term
+
+
+def total_masses(masses: Any, laws: Mapping[Site, Sequence[ForceLaw]]) -> np.ndarray:
+    """Mass of every DOF with what laws at it add or take away.
+
+    Parameters
+    ----------
+    masses : array-like of shape (n_dof,)
+        kg.
+    laws : mapping of Site to sequence of ForceLaw
+        With coefficients.
+
+    Returns
+    -------
+    ndarray of shape (n_dof,)
+        kg.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import Site, laws
+    >>> from pysindy_nrf.laws.inertia import total_masses
+    >>> total_masses([10.0, 12.0], {Site("dof 2"): [laws.AddedMass(dm=-3.0)]})
+    array([10.,  9.])
+    """
+    total = np.array(masses, dtype=float)
+    for site, group in laws.items():
+        if site.kind == "dof":
+            for law in group:
+                added = zip(law.terms(), law.values, strict=True)
+                total[site.p - 1] += sum(c for term, c in added if term.label == "a")
+    return total
 
 
 class AddedMass(ForceLaw):
@@ -11,7 +48,8 @@ class AddedMass(ForceLaw):
     Parameters
     ----------
     dm : float, optional
-        Missing mass, kg.
+        Missing mass, kg; negative where the model has too much. Where it takes away all that the DOF has, a fit warns
+        and a free run is refused.
 
     Examples
     --------

@@ -119,7 +119,9 @@ def simulate(
     Laws with memory are moved by their own ``advance`` along the path. Reversals at their sites, and at
     sites whose force jumps where the rate changes sign (Coulomb friction), are located and the step is split
     there. A site with such a jump sticks while its friction can hold it (Filippov's solution): its
-    rate is then exactly zero, and its force is what equilibrium asks for, not a function of the motion.
+    rate is then exactly zero, and its force is what equilibrium asks for, not a function of the motion. Whether it can
+    still hold is judged at the ends of the steps, and with ``hold="cubic"`` at seven instants within each too: a spline
+    may pass between two samples what neither of them reaches.
 
     Examples
     --------

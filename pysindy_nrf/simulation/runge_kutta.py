@@ -186,6 +186,27 @@ def _overload(regime, jump, w):
     return worst, most
 
 
+@part
+def _overload_inside(system, regime, jump, polynomials, interval, dt, done, h, x0, v0, x1, v1, z, a, force, k, w):
+    """Most that a sticking site holds too much at the eighths of a step, along which forces bend."""
+    most, sticks = 0.0, False
+    for i in range(jump.size):
+        sticks |= jump[i] and regime[i] == 0
+    if not sticks:
+        return most
+    for eighth in range(1, 8):
+        q = eighth / 8.0
+        for j in range(x0.size):  # the cubic between both ends
+            gap = x1[j] - x0[j]
+            k.x_half[j] = x0[j] + q * q * (3.0 - 2.0 * q) * gap + h * q * (1.0 - q) * ((1.0 - q) * v0[j] - q * v1[j])
+            k.v_half[j] = 6.0 * q * (1.0 - q) * gap / h
+            k.v_half[j] += (1.0 - q) * (1.0 - 3.0 * q) * v0[j] + q * (3.0 * q - 2.0) * v1[j]
+        inputs_at(polynomials, interval, (done + q * h) / dt, k.middle)
+        accelerate(system, regime, interval * dt + done + q * h, k.middle, k.x_half, k.v_half, z, a, force, w)
+        most = max(most, _overload(regime, jump, w)[1])
+    return most
+
+
 def runge_kutta(system, w, k, polynomials, samples, dt, x, v, z, jump, tables, adaptive, smallest, out):
     """March a system over its samples.
 
@@ -223,6 +244,7 @@ def runge_kutta(system, w, k, polynomials, samples, dt, x, v, z, jump, tables, a
     x, v, z, samples, polynomials = borrow(x), borrow(v), borrow(z), borrow(samples), borrow(polynomials)
     system, w, k = borrow_system(system), borrow_work(w), borrow_stages(k)
     steps, rejected, forced = 0, 0, 0
+    bent = polynomials.shape[0] > 2  # a force that bends may pass between two samples what friction can hold
     proposal = dt
     last = samples.shape[0] - 1
     # motion too small to matter: below it errors are absolute, or round-off would rule the first steps
@@ -303,16 +325,21 @@ def runge_kutta(system, w, k, polynomials, samples, dt, x, v, z, jump, tables, a
             if arrived >= 0:
                 _settle(system, regime, jump, v_tol, t, k.row, x1, v1, z1, a1, force1, w)
             else:
+                inside = 0.0
+                if bent and h > shortest:
+                    inside = _overload_inside(
+                        system, regime, jump, polynomials, interval, dt, done, h, x, v, x1, v1, z1, a1, force1, k, w
+                    )
                 accelerate(system, regime, t, k.row, x1, v1, z1, a1, force1, w)
                 site, most = _overload(regime, jump, w)
+                if max(most, inside) > 1e-6 and h > shortest and events < 100:
+                    # it starts to slip inside this step: come closer to that instant
+                    events += 1
+                    rejected += 1
+                    steps -= 1
+                    proposal = max(0.5 * h, shortest)
+                    continue
                 if site >= 0:
-                    if most > 1e-6 and h > shortest and events < 100:
-                        # it starts to slip inside this step: come closer to that instant
-                        events += 1
-                        rejected += 1
-                        steps -= 1
-                        proposal = max(0.5 * h, shortest)
-                        continue
                     _settle(system, regime, jump, v_tol, t, k.row, x1, v1, z1, a1, force1, w)
             for m in range(n_sites + 1):
                 gain = 0.0

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..exceptions import LawError, SimulationError
 from ..laws.compiled import pointers
+from ..laws.inertia import total_masses
 
 # columns of System.laws
 KERNEL, ADVANCE, TERM, N_TERMS, STATE, N_STATES, THETA, N_THETA, INPUT, N_INPUTS, INERTIA = range(11)
@@ -86,7 +87,7 @@ def flatten(model: Any, t0: float = 0.0) -> tuple[System, Layout]:
     LawError
         If a law has no coefficients, or cannot be compiled.
     SimulationError
-        If a mass is not positive.
+        If a mass is not positive, by itself or with what laws add to it.
     """
     masses = np.array(model.masses, dtype=float)
     bad = np.flatnonzero(~(np.isfinite(masses) & (masses > 0)))
@@ -96,6 +97,18 @@ def flatten(model: Any, t0: float = 0.0) -> tuple[System, Layout]:
             "Weigh that floor and give its mass in known_masses=, or excite the chain better.",
         )
     groups = {site: group for site, group in model.laws.items() if site.kind != "sensor" and group}
+    missing = [(law, site) for site, group in groups.items() for law in group if law.coefficients is None]
+    if missing:
+        law, site = missing[0]
+        raise LawError(f"{type(law).__name__} at {site} has no coefficients", "Fit the model, or give them.")
+    total = total_masses(masses, groups)
+    if (total <= 0).any():
+        j = int(np.argmin(total))
+        raise SimulationError(
+            f"DOF {j + 1} has {masses[j]:.4g} kg and {total[j] - masses[j]:.4g} kg added to it, {total[j]:.4g} kg in "
+            "all; a free run needs positive masses",
+            f"Weigh that floor and give its mass in known_masses=, or leave the added mass at dof {j + 1} out.",
+        )
     names = tuple(dict.fromkeys(name for group in groups.values() for law in group for name in law.covariates))
     n = len(masses)
     sites: list[Any] = []
@@ -108,8 +121,6 @@ def flatten(model: Any, t0: float = 0.0) -> tuple[System, Layout]:
     for site, group in groups.items():
         first = len(rows)
         for number, law in enumerate(group):
-            if law.coefficients is None:
-                raise LawError(f"{type(law).__name__} at {site} has no coefficients", "Fit the model, or give them.")
             kernel, advance = pointers(law)
             keep += [kernel, advance]
             values = law.theta

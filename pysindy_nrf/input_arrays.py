@@ -23,6 +23,31 @@ _STRETCH = 2**16  # samples looked at at a time
 _PIECE = 30  # samples between two gaps at least; fewer are too few to run a model along
 
 
+def holds_records(X: Any) -> bool:
+    """Whether a Record or a list of them was given."""
+    return isinstance(X, Record) or (isinstance(X, (list, tuple)) and len(X) > 0 and isinstance(X[0], Record))
+
+
+def one_by_one(X: Any) -> dict[str, Any]:
+    """Options by which the DOFs of Records are fused one by one; none where motions were given.
+
+    Where DOFs improve each other, what is left of noise depends on the motion and is alike in the whole record.
+
+    Parameters
+    ----------
+    X : Record, list of Record or array-like
+
+    Returns
+    -------
+    dict
+    """
+    if not holds_records(X):
+        return {}
+    from .signals import KinematicSmoother
+
+    return {"smooth": KinematicSmoother(band="auto", joint=False)}
+
+
 def from_arrays(
     X: Any,
     F: Any = None,

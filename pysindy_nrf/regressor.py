@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from .chain_solve import Solution, doubtful_masses
 from .exceptions import ChainError, ChannelError, DataQualityWarning, ExcitationError
 from .fair_filter import filters_of
 from .identifiability import Walk, plan_walk
-from .input_arrays import from_arrays
+from .input_arrays import from_arrays, holds_records, one_by_one
 from .laws import ForceLaw, PowerSeries
 from .layout import LawLayout
 from .model import ChainModel
@@ -133,6 +133,9 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
     model_: ChainModel
     _resolver: Resolver | None
     _evidence: tuple[SegmentSet, LawLayout, Walk, Sequence[Any], Mapping[int, float]] | None
+    _apart: Callable[[], SegmentSet] | None = None  # the same motions fused one by one, where records were given
+    _spread: Resolver | None = None
+    _narrow: bool = False  # whether X was fused so that its DOFs improve each other
 
     def __init__(
         self,
@@ -225,6 +228,10 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         data = self._data(X, y, **options)
         separate = data if self.estimation == "ls" else self._separate(X, y, data, options)
         self._fit(data, laws_given, separate)
+        if self.estimation == "ls":
+            if holds_records(X):
+                self._apart = lambda: self._separate(X, y, data, options)
+            self._narrow = bool(getattr(X, "attrs", {}).get("joint_fusion"))
         self._one_force = y is not None and np.ndim(np.asarray(y)) == 1
         same_columns(self, len(X.columns) if hasattr(X, "columns") else 3 * data.n_dof, column_names(X), reset=True)
         return self
@@ -293,6 +300,7 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
             (data, layout, walk, filters, known),
             {"asked": "ls", "found": "ls"},
         )
+        self._apart, self._spread, self._narrow = None, None, False
         judged = data
         if self.estimation != "ls":
             from .estimation.refine import refine
@@ -310,12 +318,10 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
 
     def _separate(self, X: Any, y: Any, data: SegmentSet, options: dict[str, Any]) -> SegmentSet:
         """Motions whose noise is independent of the motion, where records were given."""
-        if _holds_records(X):
-            from .signals import KinematicSmoother
-
+        if holds_records(X):
             with warnings.catch_warnings():  # what is wrong with the channels has been said
                 warnings.simplefilter("ignore", DataQualityWarning)
-                return self._data(X, y, **options, smooth=KinematicSmoother(band="auto", joint=False))
+                return self._data(X, y, **options, **one_by_one(X))
         if getattr(X, "attrs", {}).get("joint_fusion"):
             warnings.warn(
                 f"estimation={self.estimation!r} was given motions in which the DOFs improve each other; their noise "
@@ -345,17 +351,38 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
             self._resolver = least_squares_resolver(*self._evidence, self._inner())
         return self._resolver
 
+    def _spreading(self) -> Resolver:
+        """What intervals are taken from: motions whose errors of one piece are not those of all others."""
+        if self._narrow:
+            warnings.warn(
+                "The motions in X were fused so that the DOFs improve each other; what that leaves of noise is alike in "
+                "the whole record, so the intervals come out up to three times too narrow. Give the records themselves, "
+                "or make X with record.to_features(smooth=KinematicSmoother(joint=False)).",
+                DataQualityWarning,
+                stacklevel=3,
+            )
+        if self._apart is None:
+            return self._resolving()
+        if self._spread is None:
+            from .estimation.refine import separate_resolver
+
+            assert self._evidence is not None
+            _, layout, walk, _, known = self._evidence
+            self._spread = separate_resolver(self._apart(), layout, walk, known, self.band, self._resolving())
+        return self._spread
+
     def _adopt(self, model: ChainModel, resolver: Any, facts: dict[str, Any]) -> NRFRegressor:
         """Take a model that was estimated elsewhere from the same data."""
         model.visited, model.info = self.model_.visited, {**self.model_.info, "estimation": facts}
         self.set_params(estimation=facts["asked"])
         self.model_, self.masses_, self.restoring_forces_ = model, model.masses, model.restoring_forces
-        self._resolver = resolver
+        self._resolver, self._apart, self._narrow = resolver, None, False
         return self
 
     def __getstate__(self) -> dict[str, Any]:
         state = super().__getstate__()
-        return {**state, "_evidence": None} if "_evidence" in state else state  # the data are not part of the model
+        data = {"_evidence": None, "_apart": None, "_spread": None}  # they are not part of the model
+        return state | {key: none for key, none in data.items() if key in state}
 
     def _solve(
         self, layout: LawLayout, walk: Walk, data: SegmentSet, filters: Sequence[Any], known: Mapping[int, float]
@@ -619,8 +646,10 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
 
         The whole chain is solved again without each of some 64 consecutive pieces of the data, so an
         error in one storey reaches every mass below it. Shape parameters and the choice of terms are
-        taken as they are: what a wrong law does is not in the interval (see ``missing_terms_``). Until it is
-        pickled the estimator refers to the data it was fitted to; ask before saving.
+        taken as they are: what a wrong law does is not in the interval (see ``missing_terms_``). Of a least-squares
+        fit to Records the pieces are those of motions fused DOF by DOF: what is left of noise where DOFs improve each
+        other is alike in the whole record, and no piece of it shows it. Until it is pickled the estimator refers to
+        the data it was fitted to; ask before saving.
 
         Parameters
         ----------
@@ -646,7 +675,7 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
 
         check_is_fitted(self)
         data = None if self._evidence is None else self._evidence[0]
-        return parameter_intervals(self._resolving(), self.model_, level, of, method, random_state, n_jobs, data)
+        return parameter_intervals(self._spreading(), self.model_, level, of, method, random_state, n_jobs, data)
 
     def force_intervals(self, site: Any, v: Any, s: Any, level: float = 0.95) -> pd.DataFrame:
         """Restoring force of a site at points (v, s) with its interval.
@@ -668,7 +697,7 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         from .estimation.intervals import force_intervals
 
         check_is_fitted(self)
-        return force_intervals(self._resolving(), self.model_, site, v, s, level)
+        return force_intervals(self._spreading(), self.model_, site, v, s, level)
 
     def diagnose(self) -> Diagnosis:
         """Say in words what limits the estimate: noise, excitation, conditioning, a missing law.
@@ -728,7 +757,7 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         every_row: bool = False,
     ) -> SegmentSet:
         check_is_fitted(self)
-        if not (hasattr(X, "columns") or isinstance(X, Record) or _holds_records(X)):
+        if not (hasattr(X, "columns") or isinstance(X, Record) or holds_records(X)):
             require_two_dimensions(X)
             width = np.shape(np.asarray(X))[-1] if not hasattr(X, "nnz") else 3 * self.model_.n_dof
             if np.ndim(np.asarray(X)) == 2 and width != 3 * self.model_.n_dof:
@@ -758,10 +787,6 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         tags.target_tags.multi_output = True
         tags.regressor_tags.poor_score = True  # without an intercept: a balance of forces has none
         return tags
-
-
-def _holds_records(X: Any) -> bool:
-    return isinstance(X, Record) or (isinstance(X, (list, tuple)) and len(X) > 0 and isinstance(X[0], Record))
 
 
 def _mapping(name: str, value: Any, example: str) -> Mapping[Any, Any]:

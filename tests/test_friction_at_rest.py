@@ -7,7 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from pysindy_nrf import Chain, ChainModel, laws
+from pysindy_nrf import Chain, ChainModel, excitation, laws, simulate
+from pysindy_nrf.exceptions import SimulationError
 from pysindy_nrf.simulation import free_run
 
 METHODS = pytest.mark.parametrize("method", ["default", "rk4"])
@@ -82,3 +83,17 @@ def test_the_order_of_sites_that_form_a_loop_does_not_matter():
         assert run.energy_gap < 1e-9
         runs.append(run.record.displacement)
     np.testing.assert_allclose(runs[0], runs[1], atol=1e-7 * np.abs(runs[0]).max())
+
+
+def test_a_run_that_chatters_without_end_is_given_up_aloud():
+    """A bristle that sticks beside a friction that sticks, at one site: no step is short enough."""
+    storey = [
+        laws.PowerSeries(1, [1.4e5, 2.1e8]),
+        laws.CoulombFriction(1800.0),
+        laws.LuGre(Fc=550.0, sigma=9.6e6, vs=0.006, ratio=2.5, sigma1=2.1e6),
+    ]
+    model = ChainModel([45e3], {1: storey})
+    F = excitation.band_limited_random(1, 8.0, 500.0, dofs=[1], rms=2e4, band=(0.5, 40.0), random_state=0)
+    with pytest.raises(SimulationError, match="more than 250 steps a sample"):
+        simulate(model, F, 1 / 500)
+    assert simulate(model, F, 1 / 500, method="newmark").n_samples == len(F)  # as the error says

@@ -11,8 +11,9 @@ from scipy.signal import lfilter
 
 from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
 from pysindy_nrf.analysis import dissipated_energy
-from pysindy_nrf.estimation import newey_west
+from pysindy_nrf.estimation import newey_west, parameter_intervals
 from pysindy_nrf.exceptions import ChainError, ChannelError, ExtrapolationWarning
+from pysindy_nrf.noise import add_noise
 
 TRUE = np.array([10.0, 30.0, 2000.0])
 
@@ -142,3 +143,26 @@ def test_intervals_that_were_asked_for_survive_saving(fitted):
     fresh = pickle.loads(pickle.dumps(NRFRegressor(degree=1).fit(X, F)))
     with pytest.raises(ChannelError, match="without the data"):
         fresh.confidence_intervals()
+
+
+def test_least_squares_on_noisy_records_says_how_far_it_may_be_off():
+    """Motions fused together err alike in a whole record: pieces of them agree better with each other than with the truth.
+
+    Root mean square of error over standard error, 1 if it says what it is: biased a little by noise, not by a factor.
+    """
+    storey = laws.PowerSeries(1, [60.0, 5e4])
+    truth = ChainModel([10.0, 10.0, 10.0], {f"storey {i}": storey for i in (1, 2, 3)})
+    z: dict[str, list] = {"apart": [], "together": []}
+    for seed in range(8):
+        F = excitation.band_limited_random(3, 16.0, 500.0, dofs=[3], rms=100.0, band=(0.5, 40.0), random_state=seed)
+        record = add_noise(simulate(truth, F, 1 / 500.0, hold="cubic"), 0.02, random_state=seed)
+        fitted = NRFRegressor(degree=1).fit(record)
+        for how, ci in (
+            ("apart", fitted.confidence_intervals()),
+            ("together", parameter_intervals(fitted._resolving(), fitted.model_, 0.95)),
+        ):
+            true = np.where(ci["parameter"].str.startswith("m"), 10.0, np.where(ci["parameter"].str.endswith("v"), 60.0, 5e4))
+            z[how].append((ci["estimate"] - true) / ((ci["upper"] - ci["lower"]) / 3.92))
+    each = {how: np.sqrt(np.mean(np.square(values), axis=0)) for how, values in z.items()}
+    assert each["apart"].max() < 2.2
+    assert each["together"].max() > 2.0 and np.median(each["together"] / each["apart"]) > 1.2

@@ -293,6 +293,7 @@ def _bounds(
 ) -> tuple[np.ndarray, np.ndarray]:
     if method == "bootstrap":
         draws = resolver.drawn(statistic, random_state, n_jobs=n_jobs)
+        draws += estimate - statistic(resolver.at(np.ones(len(resolver.pieces)))).to_numpy(float)
         tail = 100 * (1 - level) / 2
         low, high = np.percentile(draws, [tail, 100 - tail], axis=0)
         return 2 * estimate - high, 2 * estimate - low

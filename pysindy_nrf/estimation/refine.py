@@ -10,6 +10,7 @@ import numpy as np
 
 from ..chain_solve import Solution, groups_of
 from ..exceptions import IdentifiabilityError
+from ..fair_filter import filters_of
 from ..identifiability import Walk
 from ..layout import LawLayout
 from ..model import ChainModel
@@ -98,6 +99,39 @@ def least_squares_resolver(
     Resolver
     """
     return Resolver(pieces_of(data, layout, groups_of(layout, walk), filters, known), walk, dict(known), inner)
+
+
+def separate_resolver(
+    separate: SegmentSet,
+    layout: LawLayout,
+    walk: Walk,
+    known: Mapping[int, float],
+    band: Any,
+    resolver: Resolver,
+) -> Resolver:
+    """What the uncertainty of a least-squares estimate needs where the motions were fused together.
+
+    Where the DOFs of a record improve each other, the errors that are left are smaller, but alike in the whole record:
+    pieces of it agree better with each other than with the truth. The pieces are therefore those of motions that were
+    fused one by one. Their own estimate is the noisier one, so the intervals err on the wide side.
+
+    Parameters
+    ----------
+    separate : SegmentSet
+        The motions fused one by one.
+    layout, walk, known
+        As in the solve.
+    band : (float, float) or None
+        Hz.
+    resolver : Resolver
+        Of the other motions: its optimizer and constraints are taken over.
+
+    Returns
+    -------
+    Resolver
+    """
+    found = least_squares_resolver(separate, layout, walk, filters_of(band, separate), known, resolver.inner)
+    return replace(found, constrain=resolver.constrain)
 
 
 def _halves(resolver: Resolver) -> list[ChainModel] | None:

@@ -229,6 +229,7 @@ def _run(
     x, v = initial(x0, "x", n, "displacement"), initial(v0, "v", n, "velocity")
 
     from . import system as flat
+    from .runge_kutta import CRAWLS, PATIENCE, runge_kutta
 
     system, layout = flat.flatten(model, t0)
     samples = input_matrix(force, base_acceleration, covariates, layout.covariates)
@@ -242,7 +243,6 @@ def _run(
 
         ended = newmark(system, w, samples, dt, x, v, z, out)
     else:
-        from .runge_kutta import runge_kutta
         from .tables import table
 
         rule = table(method)
@@ -254,6 +254,12 @@ def _run(
             method == "default", dt / 1024, out,
         )  # fmt: skip
     why, interval, dof, steps, rejected, forced = ended
+    if why == CRAWLS:
+        raise SimulationError(
+            f"Up to {interval * dt:.6g} s the free run took more than {PATIENCE} steps a sample: a law is far stiffer "
+            "than the sampling, or two at one site make it chatter",
+            "Use method='newmark', a shorter dt, or one law instead of two at a site that sticks.",
+        )
     if why:
         raise SimulationError(
             f"The free run diverges at {interval * dt:.6g} s, at DOF {dof + 1}",

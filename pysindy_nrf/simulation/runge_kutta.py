@@ -10,7 +10,9 @@ from .system import LOWER, MEMORY, UPPER
 from .views import borrow_stages, borrow_system, borrow_work
 
 # why a run ended
-DONE, DIVERGED = 0, 1
+DONE, DIVERGED, CRAWLS = 0, 1, 2
+# Steps a sample, on average over the samples so far and these many more, beyond which a run is given up.
+PATIENCE, FIRST = 250, 100
 
 
 @part
@@ -308,6 +310,8 @@ def runge_kutta(system, w, k, polynomials, samples, dt, x, v, z, jump, tables, a
                 h = max(h * min(max(shrink, 0.1), 0.9), shortest)
                 arrived = -1
             steps += 1
+            if steps + rejected > PATIENCE * (interval + FIRST):
+                return CRAWLS, interval, 0, steps, rejected, forced
             for j in range(n):
                 if not (abs(x1[j]) < 1e100 and abs(v1[j]) < 1e100):
                     return DIVERGED, interval, j, steps, rejected, forced

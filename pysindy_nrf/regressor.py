@@ -355,9 +355,9 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         """What intervals are taken from: motions whose errors of one piece are not those of all others."""
         if self._narrow:
             warnings.warn(
-                "The motions in X were fused so that the DOFs improve each other; what that leaves of noise is alike in "
-                "the whole record, so the intervals come out up to three times too narrow. Give the records themselves, "
-                "or make X with record.to_features(smooth=KinematicSmoother(joint=False)).",
+                "The motions in X were fused so that the DOFs improve each other; what that leaves of noise is alike "
+                "in the whole record, so the intervals come out up to three times too narrow. Give the records "
+                "themselves, or make X with record.to_features(smooth=KinematicSmoother(joint=False)).",
                 DataQualityWarning,
                 stacklevel=3,
             )

@@ -64,6 +64,10 @@ PARTS = {
     "discrepancy": (
         ["pysindy_nrf/discrepancy"],
         [
+            "tests/test_discrepancy_exact.py",
+            "tests/test_discrepancy_exact_kinds.py",
+            "tests/test_discrepancy_exact_search.py",
+            "tests/test_discrepancy_exact_loop.py",
             "tests/test_residual.py",
             "tests/test_detection.py",
             "tests/test_localisation.py",

@@ -18,6 +18,8 @@ NEARLY = 0.04
 # Below this share nothing that was tried explains the force.
 LEAST = 0.15
 _LINE_LEVEL = 0.01
+# How many neighbouring lines of a Hann window count as one: 1 + 2 ((2/3)^2 + (1/6)^2).
+_HANN_OVERLAP = 35 / 18
 # Every k-th sample is enough for the regressions, as long as so many are left in all and in a period.
 _ENOUGH = 8000
 _PER_PERIOD = 8
@@ -353,11 +355,14 @@ def spectral_line(parts: Sequence[np.ndarray], motions: Sequence[Motion]) -> flo
     power = np.abs(np.fft.rfft(e * window)) ** 2
     from scipy.ndimage import median_filter
 
-    around = median_filter(power, size=min(101, len(power) // 2 * 2 - 1), mode="nearest") / np.log(2)
+    size = min(101, len(power) // 2 * 2 - 1)
+    around = median_filter(power, size=size, mode="mirror") / np.log(2)
     ratio = power / np.maximum(around, 1e-12 * power.max())
-    ratio[:3] = 0.0
+    ratio[:3] = ratio[-3:] = 0.0
     peak = int(ratio.argmax())
-    if len(power) * np.exp(-ratio[peak]) > _LINE_LEVEL:
+    # an exponential over a scale that is itself estimated: F with 2 and 2 k degrees of freedom
+    k = size * np.log(2) ** 2 / _HANN_OVERLAP
+    if len(power) * (1.0 + ratio[peak] / k) ** -k > _LINE_LEVEL:
         return float("nan")
     fine = np.fft.rfftfreq(n, dt)[peak] + np.linspace(-1, 1, 81) / (n * dt)
     waves = np.exp(-2j * np.pi * np.outer(fine, np.arange(n) * dt))

@@ -47,7 +47,7 @@ def knots_of(x: np.ndarray, count: int) -> np.ndarray:
         return np.array([x[0] - 1.0, x[0] + 1.0])
     knots = knots[np.abs(knots) > least]
     knots = knots[np.concatenate([[True], np.diff(knots) > least])]
-    return np.sort(np.append(knots, 0.0)) if x.min() < 0 < x.max() else knots
+    return np.sort(np.append(knots, 0.0)) if x.min() <= 0 <= x.max() else knots
 
 
 @dataclass

@@ -122,7 +122,7 @@ class FairFilter:
         --------
         >>> from pysindy_nrf.fair_filter import FairFilter
         >>> round(FairFilter((None, 25.0), fs=200.0).noise_gain(), 2)  # a quarter of the band up to 100 Hz, softly cut
-        0.24
+        0.23
         """
         if self.sos is None:
             return 1.0

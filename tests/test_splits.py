@@ -54,18 +54,18 @@ def test_steady_forces_leave_the_pieces_where_they_are():
 
 
 def test_a_floor_hit_only_where_data_are_usually_held_out_is_identified():
-    """Hammer blows in turn on three floors, those on the second where the usual pieces lie; friction in its storey."""
-    n, dt, samples = 3, 0.005, 12_000
+    """Hammer blows in turn on two floors, those on the second where the usual pieces lie; friction in its storey."""
+    n, dt, samples = 2, 0.005, 9_000
     usual = [b.rows for b in split([steady(np.ones((samples, n)))])[1]]
     rng = np.random.default_rng(4)
     force = np.zeros((samples, n))
-    for k, at in enumerate(range(300, samples - 600, 600)):
-        force[at : at + 4, (0, 2)[k % 2]] = 4e3 * (1 + rng.random()) * np.array([0.4, 1, 1, 0.4])
+    for at in range(300, samples - 600, 450):
+        force[at : at + 4, 0] = 4e3 * (1 + rng.random()) * np.array([0.4, 1, 1, 0.4])
     for rows in usual[1:4]:
         at = (rows.start + rows.stop) // 2
         force[at : at + 4, 1] = 6e3 * np.array([0.4, 1, 1, 0.4])
-    m = np.array([900.0, 1100.0, 800.0])
-    held = {i: [laws.LinearViscous(60.0), laws.LinearElastic(4e5)] for i in (1, 2, 3)}
+    m = np.array([900.0, 1100.0])
+    held = {i: [laws.LinearViscous(60.0), laws.LinearElastic(4e5)] for i in (1, 2)}
     truth = ChainModel(m, held | {2: [*held[2], laws.CoulombFriction(40.0)]})
     run = simulate(truth, force, dt)
     noisy = {
@@ -73,7 +73,7 @@ def test_a_floor_hit_only_where_data_are_usually_held_out_is_identified():
         for k, v in (("acceleration", run.acceleration), ("displacement", run.displacement))
     }
     record = Record(force=force, fs=1 / dt, **noisy)
-    report = close_loop(record, NRFRegressor(degree=1))
+    report = close_loop(record, NRFRegressor(degree=1), catalogue=[laws.CoulombFriction(), laws.CubicStiffness()])
     assert (report.steps[0].law, report.steps[0].site) == ("coulomb_friction", "storey 2")
     assert np.abs(report.model.masses / m - 1).max() < 0.03
     segment = SegmentSet([steady(force)], samples).segments[0]

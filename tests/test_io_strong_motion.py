@@ -217,3 +217,12 @@ def test_only_ends_of_lines_end_a_line(tmp_path, mark, end):
     table = read_table(path)
     assert list(table.variables) == ["acceleration"] and any(note.startswith("channel 2:") for note in table.notes)
     np.testing.assert_array_equal(table.variables["acceleration"], np.arange(10.0))
+
+
+def test_a_number_with_two_points_is_damage(tmp_path):
+    path = tmp_path / "cut.v2"
+    head = ["CORRECTED ACCELEROGRAM    CHAN  1: 90 DEG   STATION", *["A LINE OF TEXT"] * 25]
+    series = " 10 POINTS OF ACCEL DATA EQUALLY SPACED AT  .02.020 SEC.  (UNITS: CM/SEC/SEC)"
+    path.write_text("\n".join([*head, series, "".join(f"{k:10.3f}" for k in range(8)), "     8.000     9.000", "/&"]))
+    with pytest.raises(FileFormatError, match=r"'\.02\.020' in a header is not a number"):
+        read_table(path)

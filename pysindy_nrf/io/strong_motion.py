@@ -144,7 +144,8 @@ def _read(path: Path, lines: Sequence[str]) -> tuple[list[_Series], list[str]]:
             if step is None:
                 raise unreadable(path, "COSMOS", "no real header with the sampling interval stands above the series")
             values, row = _fixed(path, lines, row, n, int(match[6]), f"{_KINDS[kind]} of channel {channel}")
-            if float(match[3]) and abs(n * step - float(match[3])) > max(1.0, 0.02 * float(match[3])):
+            seconds = _number(path, match[3])
+            if seconds and abs(n * step - seconds) > max(1.0, 0.02 * seconds):
                 raise FileFormatError(
                     f"{path}: {n} points every {step:g} s are {n * step:g} s, the header says {match[3]} s",
                     "The file is damaged; export it again.",
@@ -154,7 +155,7 @@ def _read(path: Path, lines: Sequence[str]) -> tuple[list[_Series], list[str]]:
             reals, row = _fixed(path, lines, row, int(match[1]), int(match[3]), "real header")
             step = _positive(path, _interval(reals))
         elif match := _PEAK.match(line):
-            peaks[match[1].upper()] = (float(match[2]), float(match[3]))
+            peaks[match[1].upper()] = (_number(path, match[2]), _number(path, match[3]))
         elif match := _CHANNEL.search(line[:80]):
             if match[1] != channel:
                 peaks = {}
@@ -198,8 +199,17 @@ def _interval(reals: np.ndarray) -> float:
     return float(reals[_RAW_INTERVAL]) if len(reals) > _RAW_INTERVAL else -1.0
 
 
+def _number(path: Path, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise FileFormatError(
+            f"{path}: {text!r} in a header is not a number", "The file is damaged; export it again."
+        ) from None
+
+
 def _positive(path: Path, value: float | str) -> float:
-    step = float(value)
+    step = _number(path, value) if isinstance(value, str) else float(value)
     if not np.isfinite(step) or step <= 0:
         raise FileFormatError(f"{path}: its header has no sampling interval", "Export it again.")
     return step

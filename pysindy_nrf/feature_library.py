@@ -170,7 +170,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
         return whole, tuple(range(1, whole + 1))
 
     def _of_the_forced(self, width: int, n: int | None) -> tuple[int, tuple[int, ...]]:
-        forced = (self.forced,) if isinstance(self.forced, int) else tuple(self.forced or ())
+        forced = tuple(int(j) for j in np.atleast_1d(np.asarray(self.forced, dtype=int)))
         if self.inputs != "state":
             raise ChannelError("forced= is for inputs='state'", "A balance has no column of u: pass F to fit.")
         n = (width - len(forced)) // 2 if n is None else n

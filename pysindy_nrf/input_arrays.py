@@ -28,6 +28,11 @@ def holds_records(X: Any) -> bool:
     return isinstance(X, Record) or (isinstance(X, (list, tuple)) and len(X) > 0 and isinstance(X[0], Record))
 
 
+def fused_together(X: Any) -> bool:
+    """Whether a table of motions was made so that its DOFs improve each other."""
+    return bool(getattr(X, "attrs", {}).get("joint_fusion"))
+
+
 def one_by_one(X: Any) -> dict[str, Any]:
     """Options by which the DOFs of Records are fused one by one; none where motions were given.
 

@@ -17,7 +17,7 @@ from .chain_solve import Solution, doubtful_masses
 from .exceptions import ChainError, ChannelError, DataQualityWarning, ExcitationError
 from .fair_filter import filters_of
 from .identifiability import Walk, plan_walk
-from .input_arrays import from_arrays, holds_records, one_by_one
+from .input_arrays import from_arrays, fused_together, holds_records, one_by_one
 from .laws import ForceLaw, PowerSeries
 from .layout import LawLayout
 from .model import ChainModel
@@ -231,7 +231,7 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
         if self.estimation == "ls":
             if holds_records(X):
                 self._apart = lambda: self._separate(X, y, data, options)
-            self._narrow = bool(getattr(X, "attrs", {}).get("joint_fusion"))
+            self._narrow = fused_together(X)
         self._one_force = y is not None and np.ndim(np.asarray(y)) == 1
         same_columns(self, len(X.columns) if hasattr(X, "columns") else 3 * data.n_dof, column_names(X), reset=True)
         return self
@@ -322,7 +322,7 @@ class NRFRegressor(RegressorMixin, BaseEstimator):
             with warnings.catch_warnings():  # what is wrong with the channels has been said
                 warnings.simplefilter("ignore", DataQualityWarning)
                 return self._data(X, y, **options, **one_by_one(X))
-        if getattr(X, "attrs", {}).get("joint_fusion"):
+        if fused_together(X):
             warnings.warn(
                 f"estimation={self.estimation!r} was given motions in which the DOFs improve each other; their noise "
                 "depends on the motion, and masses come out about 1 % high. Give the records themselves, or make X "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -259,6 +259,12 @@ class SegmentSet:
         for seg, part in zip(self.segments, parts):
             out[seg.rows][seg.valid] = part
         return out
+
+
+def half_the_rate(segments: Iterable[Segment]) -> float:
+    """Highest frequency that all of some records can tell, Hz; infinite without a clock."""
+    step = max((seg.dt or 0.0 for seg in segments), default=0.0)
+    return 0.5 / step if step else np.inf
 
 
 def feature_names(n_dof: int, coordinates: str = "relative") -> list[str]:

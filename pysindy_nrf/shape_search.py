@@ -12,7 +12,7 @@ from .chain_solve import Solution
 from .exceptions import IdentifiabilityError, LawError, RankWarning
 from .laws.base import Shape
 from .layout import LawLayout
-from .segments import Segment, SegmentSet
+from .segments import Segment, SegmentSet, half_the_rate
 from .sites import Site
 from .spectral_lines import balance_lines, driven_at
 
@@ -57,7 +57,8 @@ def estimate_shapes(
     LawLayout
         With all values.
     """
-    search = _Search(layout, scales, solve, None if data is None else _fastest(data))
+    fastest = np.inf if data is None else half_the_rate(data.segments)
+    search = _Search(layout, scales, solve, fastest if np.isfinite(fastest) else None)
     unheard = [place for place in search.free if search.heard(place)]
     for k in sorted(range(len(search.free)), key=lambda k: search.heard(search.free[k])):
         place = search.free[k]
@@ -175,12 +176,6 @@ def _with_shapes(layout: LawLayout, free: Free, values: np.ndarray) -> LawLayout
 
 
 # -- frequencies ----------------------------------------------------------------------------------
-
-
-def _fastest(data: SegmentSet) -> float | None:
-    """Half the lowest sampling rate, Hz; None without a clock."""
-    step = max((seg.dt or 0.0 for seg in data.segments), default=0.0)
-    return 0.5 / step if step else None
 
 
 def _lines(

@@ -31,9 +31,8 @@ from pysindy_nrf.discrepancy.second_opinion import unbiased_errors
 from pysindy_nrf.discrepancy.splits import split
 from pysindy_nrf.discrepancy.stage import Stage
 from pysindy_nrf.discrepancy.workspace import Workspace
-from pysindy_nrf.estimation import IVResult
+from pysindy_nrf.estimation import iv
 from pysindy_nrf.estimation.frequency import fit_frequency_response
-from pysindy_nrf.estimation.iv import _most_alike
 from pysindy_nrf.exceptions import BiasWarning, ChainError, ChannelError, IdentifiabilityError, NRFError
 from pysindy_nrf.io import frequency_response
 from pysindy_nrf.model_selection import AlongPath, BlockedTimeSplit, select_groups, select_sparsity
@@ -282,18 +281,27 @@ def test_weights_and_columns_of_another_fit_are_refused():
         library.transform(frame.rename(columns={"a1": "b1"}))
 
 
-def result(round_, likeness):
-    return IVResult(TRUTH, None, None, round_, likeness)
-
-
-def test_rounds_that_go_astray_give_way_to_the_one_that_runs_like_the_structure():
+@pytest.mark.parametrize(
+    ("alike", "kept"),
+    [
+        ([0.95, 0.99, 0.97, -0.07], 1),  # the second run is that of what round 1 found
+        ([0.95, 0.96, 0.99, 0.3], 2),
+        ([0.95, 0.90, 0.80, 0.4], None),  # least squares, which the first round begins with, runs better than any
+        ([0.95, 0.2], None),
+        ([0.3, 0.2], None),  # the linear chain is tried too
+    ],
+)
+def test_rounds_that_go_astray_give_way_to_the_one_that_runs_like_the_structure(monkeypatch, alike, kept):
     """What a round found is seen in the run that the next one begins with: the last is the first to be doubted."""
-    rounds = [result(k, likeness) for k, likeness in enumerate([0.95, 0.99, 0.97], 1)]
-    assert _most_alike(rounds, [0.95, 0.99, 0.97, -0.07]).rounds == 1  # the fourth run is that of round 3
-    assert _most_alike(rounds[:2], [0.95, 0.99, 0.97]).rounds == 1  # a solve failed, its run did not
-    assert _most_alike(rounds, [0.95, 0.90, 0.80, -0.07]) is None  # least squares runs better than any
-    assert _most_alike(rounds[:1], [0.95]) is None
-    assert _most_alike([], [0.3]) is None
+    runs = iter(alike)
+    whole = iv._runs
+    monkeypatch.setattr(iv, "_runs", lambda *a: (whole(*a)[0], next(runs)))
+    monkeypatch.setattr(iv, "weighting_of", lambda *a: None)
+    monkeypatch.setattr(iv, "SETTLED", 0.0)
+    with pytest.warns(BiasWarning, match="fell back" if kept is None else f"The estimate of round {kept} is kept"):
+        model = NRFRegressor(degree=1, estimation="iv").fit(add_noise(record(3), 0.04, random_state=9)).model_
+    assert model.info["estimation"]["found"] == ("ls" if kept is None else "iv")
+    assert kept is None or model.info["estimation"]["rounds"] == kept
 
 
 def test_instruments_that_went_astray_have_no_say_against_an_effect(monkeypatch):

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from pysindy_nrf import NRFRegressor, Record, close_loop, laws, simulate
 from pysindy_nrf.discrepancy.splits import HELDOUT_SHARE, pieces, seen, split
+from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.model import ChainModel
 from pysindy_nrf.segments import Segment, SegmentSet
 
@@ -78,3 +79,9 @@ def test_a_floor_hit_only_where_data_are_usually_held_out_is_identified():
     assert np.abs(report.model.masses / m - 1).max() < 0.03
     segment = SegmentSet([steady(force)], samples).segments[0]
     assert share_of(force, split([segment])[0]).min() >= 0.5
+
+
+@pytest.mark.parametrize("n", [2, 30, 199])
+def test_records_too_short_to_be_split_are_named(n):
+    with pytest.raises(ChannelError, match="too short to be split"):
+        split([steady(np.ones((n, 2)))])

@@ -11,7 +11,7 @@ import pandas as pd
 from scipy import special
 
 from ..exceptions import ChainError, DataQualityWarning
-from ..input_arrays import one_by_one
+from ..input_arrays import fused_together, one_by_one
 from ..model import ChainModel
 from ..restoring_force import grid
 from ..segments import SegmentSet
@@ -199,7 +199,7 @@ def _fit(estimator: Any, test: Any, options: dict[str, Any]) -> tuple[Any, Segme
     from sklearn.base import clone
 
     X, F = test if isinstance(test, tuple) else (test, None)
-    if getattr(X, "attrs", {}).get("joint_fusion"):
+    if fused_together(X):
         warnings.warn(
             "The motions of a test were fused so that the DOFs improve each other; what that leaves of noise is alike "
             "in the whole record, and the standard errors come out up to four times too small. Give the Records.",

@@ -228,7 +228,7 @@ def force_energy(blocks: Sequence[BlockRows], segments: Sequence[Segment]) -> np
         N^2; zero where the force is unknown.
     """
     force = [np.nan_to_num(segments[b.segment].F[segments[b.segment].valid][b.rows].astype(float)) for b in blocks]
-    return np.array([(F**2).sum(axis=0) for F in force]).reshape(len(blocks), -1)
+    return np.array([(F**2).sum(axis=0) for F in force]).reshape(len(blocks), segments[0].n_dof)
 
 
 def seen(search: Sequence[BlockRows], held: Sequence[BlockRows], segments: Sequence[Segment]) -> np.ndarray:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw, Motion
-from ..segments import Segment, SegmentSet
+from ..segments import Segment, SegmentSet, half_the_rate
 from ..sites import Site
 from .splits import BlockRows, joined
 
@@ -93,8 +93,7 @@ class Workspace:
     @property
     def fastest(self) -> float:
         """Half the lowest sampling rate of the search, Hz."""
-        step = max((self.data.segments[i].dt or 0.0 for i in self.searched), default=0.0)
-        return 0.5 / step if step else np.inf
+        return half_the_rate(self.data.segments[i] for i in self.searched)
 
     def runs(self, record: int) -> list[slice]:
         """Runs of search rows of a record with no held-out piece in them, counted from its first valid row."""

@@ -165,8 +165,7 @@ def instrumental_variables(
     groups = groups_of(layout, walk)
     notes: list[str] = []
     model, best = start, None
-    rounds: list[IVResult] = []
-    alike: list[float] = []  # of the model that each round began with
+    first, kept = -1.0, None  # correlation of the first run; of the models found, the one that runs most alike
     usable = [i for i, seg in enumerate(data.segments) if not np.isnan(seg.F[seg.valid.start]).any()]
     if not usable:
         _fall_back("in every record the force on some DOF is unknown, and a free run needs them all")
@@ -190,7 +189,10 @@ def instrumental_variables(
         except SimulationError as error:
             why = error.what
             break
-        alike.append(likeness)
+        if best is None:
+            first = likeness
+        elif kept is None or likeness > kept[0]:
+            kept = likeness, best
         if likeness < ALIKE:
             why = f"the free run is unlike the measured motion (correlation {likeness:.2f})"
             break
@@ -209,45 +211,23 @@ def instrumental_variables(
             break
         change = np.abs(found.masses / model.masses - 1).max()
         best = IVResult(found, solution, pieces, round_, likeness, notes, runs)
-        rounds.append(best)
         model = found
         if change < SETTLED and (round_ > PLAIN + 1 or (round_ > PLAIN and weighting is None)):
             break
-    if why:
-        best = _most_alike(rounds, alike)
-    if best is None:
+    if not why:
+        return best
+    if kept is None or kept[0] < max(first, ALIKE):  # least squares, which the first round begins with, runs as well
         _fall_back(why)
         return None
-    if why:
-        best.settled = False
-        warnings.warn(
-            f"estimation='iv' stopped after {len(rounds)} rounds: {why}. The estimate of round {best.rounds} is kept, "
-            f"whose free run is most like the measured motion (correlation {alike[best.rounds]:.2f}).",
-            BiasWarning,
-            stacklevel=5,
-        )
+    likeness, best = kept
+    best.settled = False
+    warnings.warn(
+        f"estimation='iv' stopped after round {round_}: {why}. The estimate of round {best.rounds} is kept, whose free "
+        f"run is most like the measured motion (correlation {likeness:.2f}).",
+        BiasWarning,
+        stacklevel=5,
+    )
     return best
-
-
-def _most_alike(rounds: Sequence[IVResult], alike: Sequence[float]) -> IVResult | None:
-    """The round whose own model runs most like the measured motion, if none before it did better.
-
-    Parameters
-    ----------
-    rounds : sequence of IVResult
-    alike : sequence of float
-        Correlation of the run that each round began with; one more than rounds where the last model could run.
-
-    Returns
-    -------
-    IVResult or None
-        None where least squares, which the first round begins with, runs as well as any.
-    """
-    known = [(alike[k + 1], rounds[k]) for k in range(min(len(rounds), len(alike) - 1))]
-    if not known:
-        return None
-    likeness, best = max(known, key=lambda pair: pair[0])
-    return best if likeness >= max(alike[0], ALIKE) else None
 
 
 def _fall_back(why: str) -> None:

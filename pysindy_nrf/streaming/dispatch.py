@@ -173,6 +173,7 @@ def partial_fit(
     """
     from threadpoolctl import threadpool_limits
 
+    from ..input_arrays import holds_records
     from .accumulator import Accumulator
     from .chunks import Chunk, chunk_of
     from .result import publish, solution_of
@@ -185,8 +186,8 @@ def partial_fit(
             "The settings of the estimator changed between two calls of partial_fit",
             "Set them back, or begin anew with fit or with a clone.",
         )
-    if isinstance(X, Record) or (isinstance(X, (list, tuple)) and X and isinstance(X[0], Record)):
-        chunks: Iterable[Chunk] = (chunk_of(r) for r in (X if isinstance(X, (list, tuple)) else [X]))
+    if holds_records(X):
+        chunks: Iterable[Chunk] = (chunk_of(r) for r in ([X] if isinstance(X, Record) else X))
     else:
         extra = {} if covariates is None else {k: np.asarray(c) for k, c in dict(covariates).items()}
         chunks = [Chunk(X, F, f"call {number}", True, record, time, base_acceleration, extra)]

@@ -14,6 +14,8 @@ import numpy as np
 
 from .exceptions import ChannelError, ChannelTypeError, DataQualityWarning
 
+EDGES_LEAVE = 0.5  # of the rows of a record: filters that leave less than half of it are not edges
+
 
 def rows_text(rows: np.ndarray, most: int = 3) -> str:
     """Row numbers for a message, e.g. ``"rows 17, 18, 19 and 4 more"``."""
@@ -127,9 +129,16 @@ def finite_span(columns: Sequence[np.ndarray], names: Sequence[str], record: str
     ------
     ChannelError
         If a channel holds an infinity, or a NaN that is not at an edge.
+
+    Warns
+    -----
+    DataQualityWarning
+        If less than ``EDGES_LEAVE`` of the rows are left: that is no edge of a filter, but a sensor that started
+        late or fell out, and it is named.
     """
     where = f" of {record}" if record else ""
-    first, last = 0, len(columns[0]) if columns else 0
+    n = len(columns[0]) if columns else 0
+    first, last, shortest, worst = 0, n, n, ""
     for column, name in zip(columns, names):
         good = np.isfinite(column)
         if good.all():
@@ -150,4 +159,14 @@ def finite_span(columns: Sequence[np.ndarray], names: Sequence[str], record: str
                 "Split the record there, or fill the gap; only leading and trailing NaN rows are masked.",
             )
         first, last = max(first, start), min(last, stop)
+        if stop - start < shortest:
+            shortest, worst = stop - start, name
+    if last - first < EDGES_LEAVE * n:
+        lost = (
+            f"NaN at the edges leave {max(0, last - first)} of {n} rows{where}; channel {worst} is measured in "
+            f"{shortest} of them"
+        )
+        warnings.warn(
+            DataQualityWarning(lost, f"Cut the record to the rows that count, or leave {worst} out."), stacklevel=2
+        )
     return slice(first, max(first, last))

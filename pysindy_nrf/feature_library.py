@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from pysindy import AxesArray
 from pysindy.feature_library.base import BaseFeatureLibrary
+from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted
 
 from ._input import checked, same_columns
@@ -201,6 +202,11 @@ class ForceLawLibrary(BaseFeatureLibrary):
         if _is_list_of_records(x):
             return [self._columns(item) for item in x]
         return self._columns(x)
+
+    def __sklearn_tags__(self) -> Tags:
+        tags = super().__sklearn_tags__()
+        tags.input_tags.allow_nan = True  # terms of a row: those of a NaN row, masked or unmeasured, are NaN
+        return tags
 
     def _checked(self, x: Any, reset: bool) -> np.ndarray:
         if getattr(x, "ndim", 2) > 2:  # PySINDy's leading axes

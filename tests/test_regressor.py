@@ -122,6 +122,14 @@ def test_nan_edges_are_masked_and_counted(chain4, fitted):
     assert np.isnan(predicted[:30]).all() and np.isnan(predicted[-40:]).all() and np.isfinite(predicted[30:-40]).all()
 
 
+def test_a_sensor_that_fell_out_is_no_edge_of_a_filter(chain4):
+    X = chain4.X.copy()
+    X[700:, 5] = np.nan
+    with pytest.warns(DataQualityWarning, match=rf"leave 700 of {len(X)} rows; channel v2 is measured in 700"):
+        model = NRFRegressor(degree=3).fit(X, chain4.F)
+    assert np.array_equal(model.masses_, NRFRegressor(degree=3).fit(chain4.X[:700], chain4.F[:700]).masses_)
+
+
 def test_nan_edges_inside_stacked_records(chain4, fitted):
     X, F = np.vstack([chain4.X, chain4.X]), np.vstack([chain4.F, chain4.F])
     n = len(chain4.X)

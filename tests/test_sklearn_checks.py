@@ -37,12 +37,13 @@ def test_at_most_three_checks_are_expected_to_fail_and_each_with_a_reason():
         assert all(len(reason) > 40 for reason in reasons.values())
 
 
-@pytest.mark.parametrize("estimator", padded.direct(), ids=lambda e: type(e).__name__)
+@pytest.mark.parametrize("estimator", padded.direct(), ids=str)
 def test_without_padding_only_the_number_of_columns_is_refused(estimator):
     results = check_estimator(estimator, on_fail=None, on_skip=None)
     other = {r["check_name"] for r in results if r["status"] == "failed" and not padded.own_column_error(r)}
-    # ten samples of three columns: one DOF, and its own error that cubic terms need more of them, or masked NaN edges
-    assert other <= {"check_estimators_nan_inf"}
+    # three columns are one DOF where no chain is given: ten rows with NaN in the first are a masked edge, as in EDGES
+    one_dof = isinstance(estimator, NRFRegressor) and estimator.chain is None
+    assert other <= ({"check_estimators_nan_inf"} if one_dof else set())
     assert sum(r["status"] == "passed" for r in results) >= 20
 
 

@@ -14,7 +14,7 @@ from .channels import as_matrix, finite_span, rows_text
 from .clock import EvenClock
 from .exceptions import ChannelError, DataQualityWarning, LawError
 from .extent import Extent
-from .kinematics import base_acceleration
+from .kinematics import base_acceleration_if_any
 from .pieces import by_record, contiguous, gaps
 from .record import Record, seconds_of
 from .segments import Segment, SegmentSet, feature_names
@@ -206,7 +206,7 @@ def _from_records(records: Sequence[Record], beside: Sequence[str], n_dof: int |
             )
         x, force = rec.to_features(smooth=smooth)
         n, values = rec.n_dof, x.to_numpy()
-        ag = base_acceleration(rec) if rec.base_moves else rec.base_acceleration
+        ag = base_acceleration_if_any(rec)
         segment = Segment(
             rec.name, slice(at, at + len(x)), values[:, :n], values[:, n : 2 * n], values[:, 2 * n :], force.to_numpy(),
             rec.time - rec.time[0], ag, dict(rec.covariates), resolved=x.attrs.get("resolved"),

@@ -127,6 +127,21 @@ def base_acceleration(record: Record) -> np.ndarray:
     return acceleration[:, 0]
 
 
+def base_acceleration_if_any(record: Record) -> np.ndarray | None:
+    """The same; None for a record in which no motion of the base was given.
+
+    Parameters
+    ----------
+    record : Record
+
+    Returns
+    -------
+    ndarray of shape (n_samples,) or None
+        m/s^2.
+    """
+    return base_acceleration(record) if record.base_moves else record.base_acceleration
+
+
 def base_motion(record: Record, fused: Record, smooth: Any = True) -> tuple[np.ndarray, np.ndarray]:
     """Velocity and displacement of the base, for records in absolute coordinates.
 

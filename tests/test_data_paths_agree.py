@@ -9,6 +9,7 @@ import pytest
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, excitation, io, laws, simulate
 from pysindy_nrf.cli import work
+from pysindy_nrf.discrepancy.prepare import prepare
 from pysindy_nrf.exceptions import ChannelError, DataQualityWarning, FileFormatError, LawError
 from pysindy_nrf.input_arrays import from_arrays
 from pysindy_nrf.signals import KinematicSmoother
@@ -152,6 +153,20 @@ def test_a_base_of_which_only_the_displacement_is_known_has_an_acceleration():
     )  # fmt: skip
     ag = from_arrays(shaken, smooth=False).segments[0].ag
     np.testing.assert_allclose(ag[200:-200], -1e-2 * 19**2 * np.sin(19 * t)[200:-200], atol=0.03 * 1e-2 * 19**2)
+
+
+def test_the_loop_and_the_regressor_derive_one_motion_of_the_base():
+    """Differences of a noisy displacement twice over would be 100 times the true acceleration."""
+    t, rng = np.arange(2000) / FS, np.random.default_rng(0)
+    wave, noise = np.sin(19 * t), 1e-5 * rng.standard_normal((3, 2000))
+    shaken = Record(
+        acceleration=wave[:, None], velocity=noise[0][:, None], displacement=(wave + noise[1])[:, None],
+        base_displacement=1e-2 * wave + noise[2], fs=FS,
+    )  # fmt: skip
+    piece = prepare([shaken]).data.segments[0]
+    np.testing.assert_allclose(piece.ag, from_arrays(shaken).segments[0].ag)
+    np.testing.assert_allclose(piece.ag[200:-200], -3.61 * wave[200:-200], atol=0.3)
+    np.testing.assert_allclose(piece.covariates["vg"][200:-200], 0.19 * np.cos(19 * t)[200:-200], atol=0.02)
 
 
 def test_the_command_smooths_each_dof_for_itself_where_the_estimation_needs_it(record, monkeypatch):

@@ -345,7 +345,7 @@ class _Loop:
                 verdict = judge(before, chosen.folds, chosen.n_parameters, null.gain(chosen), least, at_floor)
             passed = verdict.accepted
             if passed:
-                verdict = self._alone(stage, chosen, verdict)
+                verdict = self._alone(stage, chosen.on(stage), verdict)
             named = chosen, tied
             if verdict.accepted:
                 if not isinstance(chosen, SensorFinding) and not self.ready.clean:
@@ -355,7 +355,7 @@ class _Loop:
                 verdict = confirmed(verdict, stage, named[0].on(stage), null)
                 if verdict.accepted:
                     pair = pair_instead(stage, named[0], self.every, before, null) if most > 1 else None
-                    return pair or ([named], verdict)
+                    return self._run_together(stage, pair) or ([named], verdict)
                 noisy = balances_of(named[0].site)  # what noise does there, other laws imitate too
                 left = [f for f in left if balances_of(f.site) != noisy]
             first = first or ([named], verdict)
@@ -366,20 +366,33 @@ class _Loop:
             if not left:
                 break
         assert first is not None
-        return look_ahead(stage, ranking, before, null, most) or first
+        return self._run_together(stage, look_ahead(stage, ranking, before, null, most)) or first
+
+    def _run_together(
+        self, stage: Stage, found: tuple[list[tuple[Finding, list[Finding]]], Verdict] | None
+    ) -> tuple[list[tuple[Finding, list[Finding]]], Verdict] | None:
+        """Several effects that passed the gate as one, unless the free run of all of them is worse."""
+        if found is None:
+            return None
+        members, verdict = found
+        whole = stage
+        for finding, _ in members:
+            whole = finding.on(whole)
+        verdict = self._alone(stage, whole, verdict)
+        return (members, verdict) if verdict.accepted else None
 
     def _judged(self, stage: Stage, finding: Finding, before: np.ndarray, null: Null) -> Verdict:
         """The verdict on a law by the gate, on surrogates and in its free run."""
         verdict = judge(before, finding.folds, finding.n_parameters, null.gain(finding), at_floor=null.reached)
-        return self._alone(stage, finding, verdict) if verdict.accepted else verdict
+        return self._alone(stage, finding.on(stage), verdict) if verdict.accepted else verdict
 
     def _null(self, stage: Stage) -> Null:
         """A single surrogate of a model."""
         return Null(self.ready, stage, self.rng, min(1, self.n_surrogates))
 
-    def _alone(self, stage: Stage, chosen: Finding, verdict: Verdict) -> Verdict:
+    def _alone(self, stage: Stage, with_it: Stage, verdict: Verdict) -> Verdict:
         """The verdict after a look at the free run on the search data, where one is possible."""
-        before, after = self._free_run(stage), self._free_run(chosen.on(stage))
+        before, after = self._free_run(stage), self._free_run(with_it)
         if not before < 100.0 or after <= _WORSE_ALONE * before:
             return verdict
         much = f"rises from {before:.3g} to {after:.3g} %" if np.isfinite(after) else f"({before:.3g} %) diverges"

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..exceptions import ChannelError
 from ..input_arrays import from_arrays
-from ..kinematics import to_features
+from ..kinematics import base_acceleration_if_any, base_motion, to_features
 from ..record import Record
 from ..segments import SegmentSet
 from ..signals.kinematic_smoother import KinematicSmoother
@@ -90,7 +90,8 @@ def prepare(records: Any, heldout: Any = None, noise: Sequence[dict[str, float]]
         else:
             clean = False
         found.append(levels)
-        piece = from_arrays(X, F, base_acceleration=_base_acceleration(rec), covariates=_covariates(rec)).segments[0]
+        ag = base_acceleration_if_any(rec)
+        piece = from_arrays(X, F, base_acceleration=ag, covariates=_covariates(rec)).segments[0]
         piece.name, piece.rows = rec.name, slice(at, at + len(X))
         at += len(X)
         segments.append(piece)
@@ -123,31 +124,18 @@ def _is_clean(record: Record, noise: dict[str, float]) -> bool:
     return all(noise.get(name, np.inf) <= CLEAN * np.nanstd(channels[name]) for name in wanted)
 
 
-def _base_acceleration(record: Record) -> np.ndarray | None:
-    if record.base_acceleration is not None:
-        return record.base_acceleration
-    line = record.base_velocity if record.base_velocity is not None else record.base_displacement
-    if line is None:
-        return None
-    from ..signals import differentiate
-
-    return differentiate(line, record.dt, order=1 if record.base_velocity is not None else 2)
-
-
 def _covariates(record: Record) -> dict[str, np.ndarray]:
     """Measured covariates, and the motion of the base by the names ``ag`` and ``vg``."""
     out = dict(record.covariates)
     if not record.base_moves:
         return out
-    ag = _base_acceleration(record)
+    ag = base_acceleration_if_any(record)
     assert ag is not None
     out.setdefault("ag", ag)
     if record.base_velocity is not None:
         out.setdefault("vg", record.base_velocity)
     elif record.base_displacement is not None:
-        from ..signals import differentiate
-
-        out.setdefault("vg", differentiate(record.base_displacement, record.dt))
+        out.setdefault("vg", base_motion(record, record)[0])
     else:
         from ..signals import integrate
 

@@ -65,12 +65,12 @@ class FreeRunDisplay:
                 f"Record {record.name!r} has no displacement to compare with",
                 "Fuse its channels with KinematicSmoother first.",
             )
-        from ..kinematics import base_acceleration
+        from ..kinematics import base_acceleration_if_any
 
         measured, rate = _relative(record)
         given = {
             "x0": measured[0],
-            "base_acceleration": base_acceleration(record) if record.base_moves else None,
+            "base_acceleration": base_acceleration_if_any(record),
             "covariates": record.covariates,
         }
         if rate is not None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import ChannelError
-from ..kinematics import base_acceleration
+from ..kinematics import base_acceleration_if_any
 from ..pieces import by_record
 from ..record import Record, seconds_of
 from ..segments import feature_names
@@ -107,7 +107,7 @@ def chunk_of(item: Any, covariates: Sequence[str] = (), coordinates: str = "rela
         return item
     if isinstance(item, Record):
         x, force = item.to_features()
-        ag = base_acceleration(item) if item.base_moves else item.base_acceleration
+        ag = base_acceleration_if_any(item)
         return Chunk(
             x.to_numpy(), force.to_numpy(), item.name, True, None, np.asarray(item.time), ag, dict(item.covariates),
             "relative",

@@ -368,7 +368,7 @@ class _Place:
             least = min(least, p)
             if p < level:
                 strong = max(strong, abs(phi[peak]) if kind == "|x||e|" else phi[peak] ** 2)
-        return min(1.0, least * len(tests)), float(strong)
+        return min(1.0, least * max(1, len(tests))), float(strong)
 
     def _crosses(self, kind: str, name: str) -> list[Cross]:
         """One test in the measured view and in those of noise alone."""

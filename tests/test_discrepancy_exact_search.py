@@ -577,9 +577,10 @@ def opinion(
         return one
 
     monkeypatch.setattr(
-        second_opinion, "unbiased_errors", lambda s: None if clean is None else np.full(5, clean[s.number])
+        second_opinion, "unbiased_errors", lambda s, ready: None if clean is None else np.full(5, clean[s.number])
     )
     monkeypatch.setattr(second_opinion, "_rough", lambda s: rough)
+    monkeypatch.setattr(second_opinion, "wrong_by", lambda s, null, corrected: null.bias)
     null = SimpleNamespace(ready=SimpleNamespace(clean=False), stages=list(stages), bias=bias, floor=floor)
     return second_opinion.confirmed(Verdict(True, gain, 1.0, null_gain, "by least squares"), stage(0), stage(1), null)
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from pysindy_nrf import Chain, ChainModel, NRFRegressor, Site, close_loop, excitation, laws, simulate
+from pysindy_nrf import Chain, ChainModel, KinematicSmoother, NRFRegressor, Site, close_loop, excitation, laws, simulate
+from pysindy_nrf.discrepancy import second_opinion as opinion
 from pysindy_nrf.discrepancy.gate import Verdict
 from pysindy_nrf.discrepancy.prepare import prepare
 from pysindy_nrf.discrepancy.second_opinion import confirmed, unbiased_errors
@@ -39,8 +42,8 @@ def case(request):
 
 
 def test_an_effect_lowers_the_unbiased_error_and_noise_does_not(case):
-    drift, _, stage, after = case
-    before, left = (float(np.median(unbiased_errors(s))) for s in (stage, after))
+    drift, ready, stage, after = case
+    before, left = (float(np.median(unbiased_errors(s, ready))) for s in (stage, after))
     assert (left < 0.8 * before) if drift else (left > 0.95 * before)
 
 
@@ -51,6 +54,30 @@ def test_the_second_opinion_keeps_an_effect_and_refuses_what_noise_pretends(case
     verdict = confirmed(Verdict(True, 0.3, 1.0, 0.0, "the error falls by 30 %"), stage, after, null)
     assert verdict.accepted == bool(drift)
     assert drift or "instrumental variables" in verdict.sentence
+
+
+def test_instruments_are_asked_of_motions_fused_dof_by_dof(monkeypatch, case):
+    """Where DOFs improve each other, what is left of noise depends on the motion, and so do instruments made of it."""
+    _, ready, stage, _ = case
+    seen = []
+    monkeypatch.setattr(opinion, "instrumental_variables", lambda model, data, *rest: seen.append(data))
+    assert unbiased_errors(stage, ready) is None
+    X, _ = ready.records[0].to_features(smooth=KinematicSmoother(joint=False))
+    piece, joint = seen[0].segments[0], stage.work.data.segments[0]
+    np.testing.assert_allclose(np.hstack([piece.a, piece.v, piece.s]), X.to_numpy(), rtol=1e-9)
+    assert np.abs(piece.s - joint.s).max() > 1e-3 * joint.s.std() and np.array_equal(piece.F, joint.F)
+    held = np.ones(N, dtype=bool)
+    for b in stage.work.search:
+        held[b.rows] = False
+    for part in seen[0].segments:  # and not of rows that are held out
+        assert not held[part.valid].any()
+
+
+@pytest.mark.parametrize("without, with_it, wrong", [(0.01, 0.14, 0.14), (0.04, 0.02, 0.04), (0.2, 0.9, 0.2)])
+def test_what_lives_on_noise_is_judged_by_the_model_that_has_it(monkeypatch, without, with_it, wrong):
+    monkeypatch.setattr(opinion, "Null", lambda ready, after, rng, count: SimpleNamespace(bias=with_it))
+    null = SimpleNamespace(ready=None, rng=None, count=2, bias=without)
+    assert opinion.wrong_by(None, null) == wrong
 
 
 def test_surrogates_begin_with_what_noise_has_taken_away():
@@ -101,12 +128,10 @@ def test_a_velocity_that_reads_too_much_is_found_in_a_hammer_test():
 )
 def test_without_instruments_a_gain_must_be_larger_than_what_biased_models_pretend(monkeypatch, gain, bias, taken):
     """Noise makes the model wrong by 2 or 10 % and no free run can tell: half of the error must then go."""
-    import sys
-    from types import SimpleNamespace
-
     ready, stage = stage_of(0.0)
     after = stage.with_law(Site("storey 1"), laws.StiffnessDrift())
-    monkeypatch.setattr(sys.modules[confirmed.__module__], "unbiased_errors", lambda stage: None)
+    monkeypatch.setattr(opinion, "unbiased_errors", lambda stage, ready: None)
+    monkeypatch.setattr(opinion, "wrong_by", lambda stage, null, corrected: null.bias)
     null = SimpleNamespace(ready=ready, stages=[stage], bias=bias, floor=float(np.median(stage.slot().folds())))
     verdict = confirmed(Verdict(True, gain, 1.0, 0.0, "the error falls"), stage, after, null)
     assert verdict.accepted is taken

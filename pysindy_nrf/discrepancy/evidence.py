@@ -256,7 +256,7 @@ def gather(scenes: Sequence[Any], models: Sequence[ChainModel], steps: Sequence[
     return found
 
 
-def searched(work: Workspace, most: int = _ENOUGH) -> tuple[SegmentSet, list[Any]]:
+def searched(work: Workspace, most: int = _ENOUGH, data: SegmentSet | None = None) -> tuple[SegmentSet, list[Any]]:
     """The part of the data that the search may see, cut to so many samples, and the filter of each record.
 
     Parameters
@@ -265,6 +265,8 @@ def searched(work: Workspace, most: int = _ENOUGH) -> tuple[SegmentSet, list[Any
     most : int
         If there are more samples, each contiguous part gives its first ones, in proportion to its length. Parts
         that are short beside the longest of their record say little of slow motions and are left out.
+    data : SegmentSet, optional
+        The same records, processed in another way.
 
     Returns
     -------
@@ -274,7 +276,7 @@ def searched(work: Workspace, most: int = _ENOUGH) -> tuple[SegmentSet, list[Any
     total = sum(b.rows.stop - b.rows.start for b in work.search)
     share = min(1.0, most / max(total, 1))
     longest: dict[int, int] = {}
-    parts = [(i, piece, piece.valid.stop - piece.valid.start) for i, piece in work.pieces()]
+    parts = [(i, piece, piece.valid.stop - piece.valid.start) for i, piece in work.pieces(data)]
     for i, _, length in parts:
         longest[i] = max(length, longest.get(i, 0))
     pieces, filters = [], []

@@ -352,7 +352,8 @@ class _Loop:
                     other = likeliest(stage, chosen, tied, ranking, before, self._null)
                     own = verdict if other[0] is chosen else self._judged(stage, other[0], before, null)
                     named, verdict = (other, own) if own.accepted else (named, verdict)
-                verdict = confirmed(verdict, stage, named[0].on(stage), null)
+                corrected = named[0].ready if isinstance(named[0], SensorFinding) else None
+                verdict = confirmed(verdict, stage, named[0].on(stage), null, corrected)
                 if verdict.accepted:
                     pair = pair_instead(stage, named[0], self.every, before, null) if most > 1 else None
                     return self._run_together(stage, pair) or ([named], verdict)

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from ..exceptions import ChannelError
 from ..input_arrays import from_arrays
 from ..kinematics import base_acceleration_if_any, base_motion, to_features
 from ..record import Record
-from ..segments import SegmentSet
+from ..segments import Segment, SegmentSet
 from ..signals.kinematic_smoother import KinematicSmoother
 
 # Noise of every channel, as a share of its rms, below which the channels are taken as they are.
@@ -31,6 +33,8 @@ class Prepared:
         Fused; the base motion stands among the covariates as ``ag`` and ``vg``.
     noise : list of dict
         Estimated noise of each channel of each record, SI rms.
+    given : list of dict
+        Noise of channels that was known; of the others, and where the list is empty of all, it is estimated.
     heldout : list of int or None
         Numbers of the records held out whole.
     clean : bool
@@ -48,6 +52,22 @@ class Prepared:
     clean: bool = False
     contradictions: list[Any] | None = None
     refused: dict[tuple[str, str], float] = field(default_factory=dict)
+    given: list[dict[str, float]] = field(default_factory=list)
+
+    @cached_property
+    def apart(self) -> SegmentSet:
+        """The same motions with the DOFs fused one by one.
+
+        Where DOFs improve each other, what is left of noise depends on the motion: instruments made of the motion are
+        then no instruments.
+        """
+        if self.clean:
+            return self.data
+        pieces = []
+        for rec, whole, known in zip(self.records, self.data.segments, self.given or [{}] * len(self.records)):
+            one = _segment(rec, *to_features(rec, KinematicSmoother(noise=known or "estimate", joint=False)))
+            pieces.append(replace(whole, a=one.a, v=one.v, s=one.s))
+        return SegmentSet(pieces, self.data.n_samples)
 
 
 def prepare(records: Any, heldout: Any = None, noise: Sequence[dict[str, float]] | None = None) -> Prepared:
@@ -76,12 +96,12 @@ def prepare(records: Any, heldout: Any = None, noise: Sequence[dict[str, float]]
     every = [*mine, *kept]
     n = every[0].n_dof
     segments, found, at, clean = [], [], 0, True
-    for number, rec in enumerate(every):
+    given = [{k: v for k, v in levels.items() if v > 0} for levels in noise or [{}] * len(every)]
+    for rec, known in zip(every, given, strict=True):
         if rec.n_dof != n:
             raise ChannelError(
                 f"Record {rec.name!r} has {rec.n_dof} DOFs, {n} are needed", "Give records of one chain."
             )
-        known = {k: v for k, v in noise[number].items() if v > 0} if noise else {}
         smoother = KinematicSmoother(noise=known or "estimate")
         X, F = to_features(rec, smoother)
         levels = {str(k): float(v) for k, v in smoother.noise_.items()}
@@ -90,13 +110,18 @@ def prepare(records: Any, heldout: Any = None, noise: Sequence[dict[str, float]]
         else:
             clean = False
         found.append(levels)
-        ag = base_acceleration_if_any(rec)
-        piece = from_arrays(X, F, base_acceleration=ag, covariates=_covariates(rec)).segments[0]
+        piece = _segment(rec, X, F)
         piece.name, piece.rows = rec.name, slice(at, at + len(X))
         at += len(X)
         segments.append(piece)
     held = list(range(len(mine), len(every))) if kept else None
-    return Prepared(every, SegmentSet(segments, at), found, held, clean)
+    return Prepared(every, SegmentSet(segments, at), found, held, clean, given=given)
+
+
+def _segment(record: Record, X: pd.DataFrame, F: pd.DataFrame) -> Segment:
+    """The fused motion of a record beside what was measured of its base and covariates."""
+    ag = base_acceleration_if_any(record)
+    return from_arrays(X, F, base_acceleration=ag, covariates=_covariates(record)).segments[0]
 
 
 def as_records(records: Any, name: str) -> list[Record]:

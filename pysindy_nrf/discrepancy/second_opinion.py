@@ -21,6 +21,7 @@ from ..exceptions import NRFError, NRFWarning
 from ..simulation.system import flatten, jumps
 from .evidence import searched
 from .gate import Verdict, gain_of
+from .prepare import Prepared
 from .stage import Stage
 from .surrogate import UNBIASED, Null
 
@@ -35,12 +36,14 @@ _WEAK = 1.3
 _STRONG, _GAIN, _OPEN = 0.05, 0.5, 50.0
 
 
-def unbiased_errors(stage: Stage) -> np.ndarray | None:
+def unbiased_errors(stage: Stage, ready: Prepared) -> np.ndarray | None:
     """Balance errors on the search blocks with masses and coefficients by instrumental variables.
 
     Parameters
     ----------
     stage : Stage
+    ready : Prepared
+        The records behind it. Instruments want motions whose DOFs were fused one by one.
 
     Returns
     -------
@@ -48,10 +51,10 @@ def unbiased_errors(stage: Stage) -> np.ndarray | None:
         Percent NRMSE; None where no free run can serve as an instrument.
     """
     trial, work = stage.trial(), stage.work
-    data, filters = searched(work)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", NRFWarning)
+            warnings.simplefilter("ignore", NRFWarning)  # what is wrong with the channels has been said
+            data, filters = searched(work, data=ready.apart)
             found = instrumental_variables(
                 trial.model(), data, trial.layout, trial.walk, filters, work.known_masses
             )
@@ -74,7 +77,31 @@ def _rough(stage: Stage) -> bool:
     return bool(jumps(model, layout, np.ones(len(layout.covariates))).any())
 
 
-def confirmed(verdict: Verdict, stage: Stage, after: Stage, null: Null) -> Verdict:
+def wrong_by(after: Stage, null: Null, corrected: Prepared | None = None) -> float:
+    """By how much noise makes the models wrong, without an effect and with it: what lives on noise, noise makes worse.
+
+    Parameters
+    ----------
+    after : Stage
+        With the effect.
+    null : Null
+        Of the model without it.
+    corrected : Prepared, optional
+        The records behind ``after``, where a sensor's fault was corrected in them.
+
+    Returns
+    -------
+    float
+        See :attr:`Null.bias`.
+    """
+    if null.bias >= _STRONG:
+        return null.bias
+    return max(null.bias, Null(corrected or null.ready, after, null.rng, null.count).bias)
+
+
+def confirmed(
+    verdict: Verdict, stage: Stage, after: Stage, null: Null, corrected: Prepared | None = None
+) -> Verdict:
     """The verdict on an accepted effect once the noise's own share in it is known.
 
     Parameters
@@ -85,6 +112,8 @@ def confirmed(verdict: Verdict, stage: Stage, after: Stage, null: Null) -> Verdi
         Without and with the effect.
     null : Null
         Of the model without it.
+    corrected : Prepared, optional
+        The records behind ``after``, where a sensor's fault was corrected in them.
 
     Returns
     -------
@@ -95,7 +124,7 @@ def confirmed(verdict: Verdict, stage: Stage, after: Stage, null: Null) -> Verdi
     plain = [float(np.median(s.slot().folds())) for s in (stage, after)]
     if plain[0] > _BEYOND * null.floor or _rough(after):  # the first is not so of a floor that is not known
         return verdict
-    before, left = unbiased_errors(stage), unbiased_errors(after)
+    before, left = unbiased_errors(stage, null.ready), unbiased_errors(after, corrected or null.ready)
     if before is not None and left is not None:
         clean = [float(np.median(before)), float(np.median(left))]
         if clean[0] <= _WEAK * plain[0] or clean[1] <= _WEAK * plain[1]:
@@ -105,10 +134,13 @@ def confirmed(verdict: Verdict, stage: Stage, after: Stage, null: Null) -> Verdi
             said = f"{verdict.sentence}; but not with instrumental variables, which noise does not bias ({fall})"
             return replace(verdict, accepted=False, sentence=said)
     needed = max(_GAIN, 2.0 * verdict.null_gain + 0.05) if null.stages else 0.0
-    if (null.stages and null.bias < _STRONG) or (verdict.gain >= needed and plain[1] <= _OPEN):
+    if verdict.gain >= needed and plain[1] <= _OPEN:
         return verdict
-    wrong = f"noise alone makes the model wrong by {100 * null.bias:.0f} %" if null.stages else "noise is strong"
+    bias = wrong_by(after, null, corrected) if null.stages else np.inf
+    if bias < _STRONG:
+        return verdict
+    wrong = f"noise alone makes the model wrong by {100 * bias:.0f} %" if null.stages else "noise is strong"
     return replace(verdict, accepted=False, sentence=f"{verdict.sentence}; {wrong}, and no instruments can tell")
 
 
-__all__ = ["confirmed", "unbiased_errors"]
+__all__ = ["confirmed", "unbiased_errors", "wrong_by"]

@@ -99,11 +99,21 @@ class Workspace:
         """Runs of search rows of a record with no held-out piece in them, counted from its first valid row."""
         return joined(b.rows for b in self.search if b.segment == record)
 
-    def pieces(self) -> list[tuple[int, Segment]]:
-        """The data that the search may see, as contiguous segments with the numbers of their records."""
+    def pieces(self, data: SegmentSet | None = None) -> list[tuple[int, Segment]]:
+        """The data that the search may see, as contiguous segments with the numbers of their records.
+
+        Parameters
+        ----------
+        data : SegmentSet, optional
+            The same records, processed in another way.
+
+        Returns
+        -------
+        list of (int, Segment)
+        """
         return [
             (i, replace(seg, valid=slice(seg.valid.start + rows.start, seg.valid.start + rows.stop)))
-            for i, seg in enumerate(self.data.segments)
+            for i, seg in enumerate((data or self.data).segments)
             for rows in self.runs(i)
         ]
 

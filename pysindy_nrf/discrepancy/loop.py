@@ -54,6 +54,8 @@ _OPEN = 50.0
 # error falls by so much that another missing effect must be to blame.
 _WORSE_ALONE = 1.3
 _BEYOND_DOUBT = 0.5
+# Share of a mass or a force that noise takes from the last model, from which on the report says so.
+_BIASED = 0.02
 
 
 def close_loop(
@@ -297,6 +299,10 @@ class _Loop:
         if np.isfinite(floor) and left > max(2.0 * floor, FLOOR):
             alone = f"(noise alone leaves about {floor:.2g} %)"
             stopped += f". {left:.3g} % stay unexplained by any law {alone}, most in the {worst(trial)}"
+        if null.stages and null.bias >= _BIASED:
+            much = f"is wrong by up to {100 * null.bias:.0f} % in a mass or a site's force"
+            stopped += f". By noise alone least squares {much}: fit NRFRegressor(laws=report.model.laws, "
+            stopped += "estimation='iv', ...) to the records, which noise does not bias"
         if said := contradictions(self.ready, self.work) if self.sensors else []:
             stopped += f". Channels contradict each other, and the fusion made the best of it: {'; '.join(said)}"
         return LoopReport.assemble(self.work, scenes, steps, stopped, ranking, band, measured, baseline)

@@ -198,7 +198,7 @@ def look(
         A room that cannot be entered says why in ``not_possible``; nothing is raised.
     """
     out = Evidence(name, chosen=chosen)
-    residual = _tried(out, "residual", lambda: _residual(work, model))
+    residual = _tried(out, "residual", lambda: searched_residual(work, model))
     if residual is None:
         out.not_possible |= {
             room: out.not_possible["residual"] for room in ("detection", "localisation", "characterisation")
@@ -288,8 +288,18 @@ def searched(work: Workspace, most: int = _ENOUGH, data: SegmentSet | None = Non
     return SegmentSet(pieces, work.data.n_samples), filters
 
 
-def _residual(work: Workspace, model: ChainModel) -> Residual:
-    """Residual on the search data; laws that remember the path follow it from the start of the record."""
+def searched_residual(work: Workspace, model: ChainModel) -> Residual:
+    """Residual on the search data; laws that remember the path follow it from the start of the record.
+
+    Parameters
+    ----------
+    work : Workspace
+    model : ChainModel
+
+    Returns
+    -------
+    Residual
+    """
     data, filters = searched(work)
     residual = residual_of(model, data, filters)
     if not model.has_memory:
@@ -310,7 +320,7 @@ def _residual(work: Workspace, model: ChainModel) -> Residual:
 def _floor(noise: Sequence[Stage]) -> NoiseFloor:
     draws = []
     for stage in noise:
-        residual = _residual(stage.work, stage.trial().model())
+        residual = searched_residual(stage.work, stage.trial().model())
         draws.append((residual, residual.data))
     return NoiseFloor.from_draws(draws, "free runs of the model with the noise of the channels")
 

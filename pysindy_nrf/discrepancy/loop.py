@@ -24,6 +24,7 @@ from .floor_source import FloorSource
 from .free_run import free_run_error
 from .gate import FLOOR, MEMBER_GAIN, MIN_GAIN, MIN_WINS, Verdict, choose, gain_of, judge
 from .intervals import intervals
+from .leftover import leftover
 from .likeliest import likeliest
 from .prepare import Prepared, prepare
 from .reestimate import needless, place_of, reestimated
@@ -291,6 +292,7 @@ class _Loop:
             surely = remainder(step.validation_before, least, floor)
             step.sure = surely <= _SURE and step.remainder <= _USUALLY and not open_still
         self._estimated(stage, trial, null)
+        self._drawn(stage, null)
         for k in reversed(range(len(steps))):  # what later had to be added at its site was not said by its name
             later = [s for s in steps[k + 1 :] if balances_of(Site(s.site)) == balances_of(Site(steps[k].site))]
             doubtful = improper(steps[k].law, steps[k].intervals) or not all(s.sure for s in later)
@@ -459,6 +461,18 @@ class _Loop:
             theta = theta[at : at + len(finding.law.terms())]
             step.parameters = stage.laws[place[0]][place[1]].with_values(theta).parameters
             step.intervals = intervals(stage, place, finding.candidate.law, theta, null.stages)
+
+    def _drawn(self, stage: Stage, null: Null) -> None:
+        """No name is sure of an effect that leaves at its site what is a function of the motion there."""
+        places = [place_of(stage, f, self.accepted) for f in self.accepted]
+        for site in {place[0] for place in places if place is not None}:
+            if not null.stages and not self.ready.clean:
+                continue  # what noise alone draws there is not known
+            left = leftover(stage, null.stages, site, [place[1] for place in places if place and place[0] == site])
+            for finding in self.accepted:
+                if finding.site == site and (step := self._told(finding)) is not None:
+                    step.remainder = max(step.remainder, left)
+                    step.sure = step.sure and left <= _SURE
 
     def _told(self, finding: Finding) -> Step | None:
         """The step that tells of an accepted effect."""

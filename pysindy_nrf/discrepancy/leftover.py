@@ -1,0 +1,96 @@
+"""What an effect leaves at its site that is a function of the motion there: the law's shape is then not the effect's.
+
+The error of all balances together hardly tells a force that grows with the third root of the rate from friction. What
+is left of it at its site, drawn over the rate, does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..exceptions import NRFError
+from ..sites import Site
+from .dependence import Basis, Judge, filtered
+from .evidence import searched_residual
+from .residual import rms
+from .stage import Stage
+
+# Standard errors by which a function must explain something on data left out.
+_CLEARLY = 4.0
+_PLAIN = ("constant", "linear")
+_FUNCTIONS = ("v", "s", "s and v")
+
+
+def leftover(stage: Stage, noise: Sequence[Stage], site: Site, numbers: Sequence[int]) -> float:
+    """What is left at a site as a function of drift and rate, as a share of the effects there.
+
+    Parameters
+    ----------
+    stage : Stage
+        With the effects.
+    noise : sequence of Stage
+        The same laws on surrogates that hold nothing else but noise.
+    site : Site
+    numbers : sequence of int
+        Which laws of the site are the effects.
+
+    Returns
+    -------
+    float
+        Root of the squares beyond those on surrogates over the rms of the effects, both without what is linear in drift
+        and rate. Zero where nothing is to be seen: the site is a link between floors, or a force above it is unknown.
+    """
+    where = _where(site)
+    if where is None or not numbers:
+        return 0.0
+    try:
+        found = _share(stage, where, site, numbers)
+        by_noise = max((_share(one, where, site, numbers) for one in noise), default=0.0)
+    except (NRFError, np.linalg.LinAlgError):
+        return 0.0
+    return float(np.sqrt(max(found**2 - by_noise**2, 0.0)))
+
+
+def _where(site: Site) -> str | None:
+    """Which residual shows what a site lacks: that of its storey, or of the balance of its one floor."""
+    if site.kind == "link" and site.q == site.p - 1:
+        return str(site)
+    return f"dof {site.p}" if site.kind == "dof" or site.q == 0 else None
+
+
+def _share(stage: Stage, where: str, site: Site, numbers: Sequence[int]) -> float:
+    """The same without a look at noise."""
+    trial = stage.trial()
+    residual = searched_residual(stage.work, trial.model())
+    force = residual.at(where)
+    filters = residual.filters
+    motions = [seg.motion(site, seg.valid) for seg in residual.data.segments]
+    theta = trial.solve(range(len(stage.work.search))).coefficients[site]
+    start = trial.layout.slices[site].start
+    effect = [np.zeros(m.n_samples) for m in motions]
+    for number in numbers:
+        law = stage.laws[site][number]
+        at = stage.at[site, number] - start
+        for out, motion, filter in zip(effect, motions, filters):
+            columns = law.features(motion).reshape(motion.n_samples, -1)
+            out += filtered(columns, filter) @ theta[at : at + columns.shape[1]]
+    basis = Basis(motions)
+    makers = {
+        "constant": lambda m: np.ones((m.n_samples, 1)), "linear": basis.linear, "v": basis.rate, "s": basis.drift,
+        "s and v": basis.surface,
+    }  # fmt: skip
+    groups = {k: [filtered(make(m), f) for m, f in zip(motions, filters)] for k, make in makers.items()}
+    whole = Judge(effect, {"linear": groups["linear"]}).held_out(["linear"]).sum()
+    size = float(rms([e[:, None] for e in effect])[0]) * np.sqrt(whole)
+    if not np.isfinite(np.concatenate(force)).all() or not size > 0:
+        return 0.0
+    judge = Judge(force, groups)
+    plain = judge.held_out(_PLAIN).sum()
+    shares = [share for share, error in (judge.share([k], _PLAIN) for k in _FUNCTIONS) if share > _CLEARLY * error]
+    left = float(rms([f[:, None] for f in force])[0]) * np.sqrt(plain * max(shares, default=0.0))
+    return float(left / size)
+
+
+__all__ = ["leftover"]

@@ -310,8 +310,8 @@ def test_instruments_that_went_astray_have_no_say_against_an_effect(monkeypatch)
     ready = prepare([rec])
     work = Workspace(ready.data, [None], *split(ready.data.segments), {}, "auto")
     stage = Stage(work, Chain(2), {s: tuple(held) for s, held in ((Site(k), v) for k, v in LINEAR.items())})
-    found = unbiased_errors(stage)
+    found = unbiased_errors(stage, ready)
     assert found is not None and np.isfinite(found).all()
     whole = second_opinion.instrumental_variables
     monkeypatch.setattr(second_opinion, "instrumental_variables", lambda *a: replace(whole(*a), settled=False))
-    assert unbiased_errors(stage) is None
+    assert unbiased_errors(stage, ready) is None

@@ -46,7 +46,8 @@ def test_a_full_disk_leaves_the_earlier_results(finished):
     full = "import resource, signal\nsignal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
     full += "import pysindy_nrf.regressor, pysindy_nrf.io, pysindy_nrf.simulation, numba\n"
     full += "resource.setrlimit(resource.RLIMIT_FSIZE, (200, 200))"
-    env = {**os.environ, "NUMBA_CACHE_DIR": str(finished / "cache")}  # compiled code is not cached on a full disk
+    # compiled code is not cached on a full disk, and no coverage is kept there
+    env = {k: v for k, v in os.environ.items() if not k.startswith("COVERAGE")} | {"NUMBA_CACHE_DIR": str(finished / "cache")}
     text = command("identify", "test.csv", "-o", "out", "--degree", "2", "--no-figures", before=full)
     done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, cwd=finished, env=env, timeout=200)
     assert done.returncode == 1, done.stderr[-2000:]

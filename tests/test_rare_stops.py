@@ -190,7 +190,7 @@ def test_a_record_whose_balances_cannot_be_judged_closes_every_room(monkeypatch)
     def unjudged(work, model):
         raise NRFError("The columns of the law overflow", "Leave it out of the catalogue.")
 
-    monkeypatch.setattr(rooms, "_residual", unjudged)
+    monkeypatch.setattr(rooms, "searched_residual", unjudged)
     stage = stage_of(report_cases.record(None, seed=3, n_samples=2500))
     found = rooms.look(stage.work, stage.trial().model())
     assert set(found.not_possible) >= {"residual", "detection", "localisation", "characterisation"}

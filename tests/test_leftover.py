@@ -51,7 +51,7 @@ def test_what_is_left_has_the_size_of_what_was_not_said(site, beside):
     plain = Stage(work, Chain(3), linear)
     right, wrong = (plain.with_law(s, law()) for law in (laws.CubicStiffness, laws.QuinticStiffness))
     number = len(right.laws[s]) - 1
-    assert room._where(s) == beside and leftover(right, [], s, [number]) < 1e-3
+    assert room._where(s) == beside and leftover(right, [], [(s, number)]) < 1e-3
     seen = [piece.motion(s, piece.valid) for piece in searched(work)[0].segments]
     drift, rate = (np.concatenate([getattr(m, name) for m in seen]) for name in "sv")
     model = wrong.trial().model()
@@ -62,15 +62,14 @@ def test_what_is_left_has_the_size_of_what_was_not_said(site, beside):
         return np.sqrt(np.mean((y - lines @ np.linalg.lstsq(lines, y, rcond=None)[0]) ** 2))
 
     expected = beyond_lines(1e9 * drift**3 - said) / beyond_lines(said)
-    assert leftover(wrong, [], s, [number]) == pytest.approx(expected, rel=0.3) and expected > 0.1
-    assert leftover(wrong, [wrong], s, [number]) == 0.0  # no more than where noise is all that is left
+    assert leftover(wrong, [], [(s, number)]) == pytest.approx(expected, rel=0.3) and expected > 0.1
+    assert leftover(wrong, [wrong], [(s, number)]) == 0.0  # no more than where noise is all that is left
 
 
 def test_what_noise_draws_is_taken_off_and_a_brace_is_not_judged(monkeypatch):
     shares = {"measured": 0.5, "quiet": 0.1, "loud": 0.3}
     monkeypatch.setattr(room, "_share", lambda stage, *where: shares[stage])
-    s = Site("storey 1")
-    assert leftover("measured", ["quiet", "loud"], s, [0]) == pytest.approx(0.4)
-    assert leftover("quiet", ["loud"], s, [0]) == 0.0
-    assert leftover("measured", [], s, [0]) == 0.5
-    assert leftover("measured", [], s, []) == 0.0 and leftover("measured", [], Site("link 3-1"), [0]) == 0.0
+    place = [(Site("storey 1"), 0)]
+    assert leftover("measured", ["quiet", "loud"], place) == pytest.approx(0.4)
+    assert leftover("quiet", ["loud"], place) == 0.0 and leftover("measured", [], place) == 0.5
+    assert leftover("measured", [], []) == 0.0 and leftover("measured", [], [(Site("link 3-1"), 0)]) == 0.0

@@ -23,8 +23,8 @@ _PLAIN = ("constant", "linear")
 _FUNCTIONS = ("v", "s", "s and v")
 
 
-def leftover(stage: Stage, noise: Sequence[Stage], site: Site, numbers: Sequence[int]) -> float:
-    """What is left at a site as a function of drift and rate, as a share of the effects there.
+def leftover(stage: Stage, noise: Sequence[Stage], places: Sequence[tuple[Site, int]]) -> float:
+    """What is left as a function of drift and rate where some effects act, as a share of all of them.
 
     Parameters
     ----------
@@ -32,9 +32,8 @@ def leftover(stage: Stage, noise: Sequence[Stage], site: Site, numbers: Sequence
         With the effects.
     noise : sequence of Stage
         The same laws on surrogates that hold nothing else but noise.
-    site : Site
-    numbers : sequence of int
-        Which laws of the site are the effects.
+    places : sequence of (Site, int)
+        Site, and number of the law there, of the effects, which all act in the same balances.
 
     Returns
     -------
@@ -42,12 +41,12 @@ def leftover(stage: Stage, noise: Sequence[Stage], site: Site, numbers: Sequence
         Root of the squares beyond those on surrogates over the rms of the effects, both without what is linear in drift
         and rate. Zero where nothing is to be seen: the site is a link between floors, or a force above it is unknown.
     """
-    where = _where(site)
-    if where is None or not numbers:
+    where = _where(places[0][0]) if places else None
+    if where is None:
         return 0.0
     try:
-        found = _share(stage, where, site, numbers)
-        by_noise = max((_share(one, where, site, numbers) for one in noise), default=0.0)
+        found = _share(stage, where, places)
+        by_noise = max((_share(one, where, places) for one in noise), default=0.0)
     except (NRFError, np.linalg.LinAlgError):
         return 0.0
     return float(np.sqrt(max(found**2 - by_noise**2, 0.0)))
@@ -60,22 +59,22 @@ def _where(site: Site) -> str | None:
     return f"dof {site.p}" if site.kind == "dof" or site.q == 0 else None
 
 
-def _share(stage: Stage, where: str, site: Site, numbers: Sequence[int]) -> float:
+def _share(stage: Stage, where: str, places: Sequence[tuple[Site, int]]) -> float:
     """The same without a look at noise."""
     trial = stage.trial()
     residual = searched_residual(stage.work, trial.model())
     force = residual.at(where)
     filters = residual.filters
-    motions = [seg.motion(site, seg.valid) for seg in residual.data.segments]
-    theta = trial.solve(range(len(stage.work.search))).coefficients[site]
-    start = trial.layout.slices[site].start
+    segments = residual.data.segments
+    motions = [seg.motion(places[0][0], seg.valid) for seg in segments]
+    coefficients = trial.solve(range(len(stage.work.search))).coefficients
     effect = [np.zeros(m.n_samples) for m in motions]
-    for number in numbers:
-        law = stage.laws[site][number]
-        at = stage.at[site, number] - start
-        for out, motion, filter in zip(effect, motions, filters):
+    for site, number in places:
+        law, at = stage.laws[site][number], stage.at[site, number] - trial.layout.slices[site].start
+        for out, seg, filter in zip(effect, segments, filters):
+            motion = seg.motion(site, seg.valid)
             columns = law.features(motion).reshape(motion.n_samples, -1)
-            out += filtered(columns, filter) @ theta[at : at + columns.shape[1]]
+            out += filtered(columns, filter) @ coefficients[site][at : at + columns.shape[1]]
     basis = Basis(motions)
     makers = {
         "constant": lambda m: np.ones((m.n_samples, 1)), "linear": basis.linear, "v": basis.rate, "s": basis.drift,

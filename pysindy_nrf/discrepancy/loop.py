@@ -301,8 +301,8 @@ class _Loop:
         if np.isfinite(floor) and left > max(2.0 * floor, FLOOR):
             alone = f"(noise alone leaves about {floor:.2g} %)"
             stopped += f". {left:.3g} % stay unexplained by any law {alone}, most in the {worst(trial)}"
-        if null.stages and null.bias >= _BIASED:
-            much = f"is wrong by up to {100 * null.bias:.0f} % in a mass or a site's force"
+        if null.stages and null.error >= _BIASED:
+            much = f"is wrong by up to {100 * null.error:.0f} % in a mass or a site's force"
             stopped += f". By noise alone least squares {much}: fit NRFRegressor(laws=report.model.laws, "
             stopped += "estimation='iv', ...) to the records, which noise does not bias"
         if said := contradictions(self.ready, self.work) if self.sensors else []:
@@ -463,14 +463,17 @@ class _Loop:
             step.intervals = intervals(stage, place, finding.candidate.law, theta, null.stages)
 
     def _drawn(self, stage: Stage, null: Null) -> None:
-        """No name is sure of an effect that leaves at its site what is a function of the motion there."""
-        places = [place_of(stage, f, self.accepted) for f in self.accepted]
-        for site in {place[0] for place in places if place is not None}:
-            if not null.stages and not self.ready.clean:
-                continue  # what noise alone draws there is not known
-            left = leftover(stage, null.stages, site, [place[1] for place in places if place and place[0] == site])
-            for finding in self.accepted:
-                if finding.site == site and (step := self._told(finding)) is not None:
+        """No name is sure of an effect that leaves in its balances what is a function of the motion there."""
+        if not null.stages and not self.ready.clean:
+            return  # what noise alone draws there is not known
+        together: dict[Any, list[tuple[Finding, tuple[Site, int]]]] = {}
+        for finding in sorted(self.accepted, key=lambda f: f.site.kind == "dof"):  # the motion of a storey says more
+            if (place := place_of(stage, finding, self.accepted)) is not None:
+                together.setdefault(balances_of(finding.site), []).append((finding, place))
+        for group in together.values():
+            left = leftover(stage, null.stages, [place for _, place in group])
+            for finding, _ in group:
+                if (step := self._told(finding)) is not None:
                     step.remainder = max(step.remainder, left)
                     step.sure = step.sure and left <= _SURE
 

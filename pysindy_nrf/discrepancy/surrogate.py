@@ -32,11 +32,19 @@ from .workspace import Workspace
 UNBIASED = 0.005
 # Gain that noise can lend to the fault of a sensor which no other channel contradicts.
 _OF_A_SENSOR = 0.5
+# Surrogates that leave so many times what the measured records leave are not like them: another course of the forces
+# between their samples is then tried.
+_TOO_LOUD = 1.2
 _MOTIONS = ("acceleration", "velocity", "displacement")
 
 
 def surrogate(
-    record: Record, segment: Segment, model: ChainModel, noise: dict[str, float], rng: np.random.Generator
+    record: Record,
+    segment: Segment,
+    model: ChainModel,
+    noise: dict[str, float],
+    rng: np.random.Generator,
+    hold: str = "linear",
 ) -> Record:
     """The record the model would have produced, with fresh noise on the channels that were measured.
 
@@ -50,6 +58,9 @@ def surrogate(
     noise : dict of str to float
         Rms of the noise of each channel (``"a1"``, ``"x2"``, ...), SI units.
     rng : numpy Generator
+    hold : {"linear", "cubic"}
+        How the forces go between their samples. Straight lines take a part of what is quick in a force: 1 % at a
+        tenth of the sampling rate, 13 % at a fifth.
 
     Returns
     -------
@@ -69,6 +80,7 @@ def surrogate(
         v0=np.cumsum(segment.v[row]),
         base_acceleration=segment.ag if quiet.base_acceleration is None else quiet.base_acceleration,
         covariates=segment.covariates or None,
+        hold=hold,
     )
     changes: dict[str, Any] = {}
     for key, prefix in zip(_MOTIONS, "avx"):
@@ -152,6 +164,7 @@ class Null:
 
     def __init__(self, ready: Prepared, stage: Stage, rng: np.random.Generator, count: int) -> None:
         self.ready, self.stage, self.rng, self.count = ready, stage, rng, count
+        self._hold = "linear"
 
     @property
     def stages(self) -> list[Stage]:
@@ -160,21 +173,45 @@ class Null:
 
     @property
     def bias(self) -> float:
-        """By how much noise makes the model wrong: the largest share of a mass or of a site's force; 0 if unknown."""
+        """By how much noise makes the model wrong: the largest share of a mass or of a site's terms; 0 if unknown.
+
+        Terms that make up for each other count as if they did not.
+        """
         return self._made[1]
 
+    @property
+    def error(self) -> float:
+        """The same of masses and of the forces themselves, in the mean of the surrogates."""
+        return self._made[2]
+
     @cached_property
-    def _made(self) -> tuple[list[Stage], float]:
+    def _made(self) -> tuple[list[Stage], float, float]:
+        made = self._surrogates()
+        own = self._left([self.stage])
+        if made[0] and self._left(made[0]) > _TOO_LOUD * max(own, FLOOR):
+            self._hold = "cubic"
+            other = self._surrogates()
+            if other[0] and self._left(other[0]) < self._left(made[0]):
+                return other
+            self._hold = "linear"
+        return made
+
+    @staticmethod
+    def _left(stages: list[Stage]) -> float:
+        """Median validation error of some stages, percent."""
+        return float(np.median([np.median(stage.trial().fold_errors()) for stage in stages]))
+
+    def _surrogates(self) -> tuple[list[Stage], float, float]:
         try:
             trial = self.stage.trial()
             found = trial.solve(range(len(self.stage.work.search)))
             model = model_of(trial.layout, found)
             first = _finite(self._one(model) for _ in range(self.count)) if (model.masses > 0).all() else []
         except (NRFError, np.linalg.LinAlgError):
-            return [], 0.0
-        return self._like_the_truth(trial, found, first) if first else ([], 0.0)
+            return [], 0.0, 0.0
+        return self._like_the_truth(trial, found, first) if first else ([], 0.0, 0.0)
 
-    def _like_the_truth(self, trial: Trial, found: Solution, first: list[Stage]) -> tuple[list[Stage], float]:
+    def _like_the_truth(self, trial: Trial, found: Solution, first: list[Stage]) -> tuple[list[Stage], float, float]:
         """Surrogates of what the model would be if noise had not made it wrong, and how wrong it made it.
 
         Least squares on noisy motions returns masses and stiffnesses that are low. A surrogate of such a model is less
@@ -185,31 +222,33 @@ class Null:
         try:
             every = [s.trial().solve(range(len(s.work.search))) for s in first]
         except (NRFError, np.linalg.LinAlgError):
-            return first, 0.0
+            return first, 0.0, 0.0
         shifts = [self._shift(trial, found, e) for e in every]
         bias = max(shifts)
+        error = float(np.mean([self._shift(trial, found, e, whole=True) for e in every]))
         masses, coefficients = dict(found.masses), dict(found.coefficients)
         for j, m in found.masses.items():
             masses[j] = 2 * m - float(np.mean([e.masses[j] for e in every]))
         for site, c in found.coefficients.items():
             coefficients[site] = 2 * c - np.mean([e.coefficients[site] for e in every], axis=0)
         if bias < UNBIASED or min(masses.values()) <= 0:
-            return first, bias
+            return first, bias, error
         try:
             model = model_of(trial.layout, replace(found, masses=masses, coefficients=coefficients))
-            return _finite(self._one(model) for _ in first) or first, bias
+            return _finite(self._one(model) for _ in first) or first, bias, error
         except (NRFError, np.linalg.LinAlgError):  # that one has no free run
-            return first, bias
+            return first, bias, error
 
-    def _shift(self, trial: Trial, found: Solution, other: Solution) -> float:
-        """Largest difference of two solutions, as a share of a mass or of a site's force."""
-        size = np.sqrt(np.diag(self.stage.grams.sum(axis=0)))
+    def _shift(self, trial: Trial, found: Solution, other: Solution, whole: bool = False) -> float:
+        """Largest difference of two solutions, as a share of a mass or of a site's terms, or of its whole force."""
+        gram = self.stage.grams.sum(axis=0)
         shares = [abs(other.masses[j] - m) / m for j, m in found.masses.items()]
         for site, c in found.coefficients.items():
-            weight = size[trial.layout.slices[site]]
-            whole = float(np.linalg.norm(c * weight))
-            gap = float(np.linalg.norm((other.coefficients[site] - c) * weight))
-            shares.append(gap / whole if whole > 0 else 0.0)
+            rows = trial.layout.slices[site]
+            weight = gram[rows, rows] if whole else np.diag(np.diag(gram)[rows])
+            gap = other.coefficients[site] - c
+            size = float(c @ weight @ c)
+            shares.append(float(np.sqrt(max(gap @ weight @ gap, 0.0) / size)) if size > 0 else 0.0)
         return max(shares)
 
     def _one(self, model: ChainModel) -> Stage:
@@ -219,7 +258,7 @@ class Null:
             noise = levels_of(ready.records[i], ready.noise[i], work.seen_rows(i))
             for name, level in self._force_noise(model, i).items():  # the force alone may tell less, or nothing
                 noise[name] = min(noise.get(name, 0.0) or np.inf, level)
-            fakes.append(surrogate(ready.records[i], work.data.segments[i], model, noise, self.rng))
+            fakes.append(surrogate(ready.records[i], work.data.segments[i], model, noise, self.rng, self._hold))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what is to be said of the channels was said of the measured ones
             data = prepare(fakes, noise=[ready.noise[i] for i in work.searched]).data
@@ -248,8 +287,7 @@ class Null:
     @property
     def floor(self) -> float:
         """Median validation error that noise alone leaves, percent; NaN if unknown."""
-        values = [float(np.median(stage.trial().fold_errors())) for stage in self.stages]
-        return float(np.median(values)) if values else float("nan")
+        return self._left(self.stages) if self.stages else float("nan")
 
     @property
     def reached(self) -> bool:

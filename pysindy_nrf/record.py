@@ -446,7 +446,8 @@ def _clock(fs: Any, time: Any, n: int, name: str) -> tuple[float, float]:
     seconds = seconds_of(time, name)
     if len(seconds) != n:
         raise ChannelError(f"Record {name!r}: {len(seconds)} times for {n} samples", "Give one time for each sample.")
-    steps = np.diff(seconds)
+    with np.errstate(over="ignore"):
+        steps = np.diff(seconds)
     bad = np.flatnonzero(steps <= 0)
     if bad.size:
         kind = "stands still" if (steps[bad] == 0).all() else "runs backwards"
@@ -454,15 +455,24 @@ def _clock(fs: Any, time: Any, n: int, name: str) -> tuple[float, float]:
             f"Record {name!r}: the time {kind} after row {int(bad[0])}",
             "Sort the rows and drop repeated ones; if the time is only rounded, leave it out (t = 'none') and give fs.",
         )
-    step = (seconds[-1] - seconds[0]) / (n - 1)
+    with np.errstate(over="ignore"):
+        step = (seconds[-1] - seconds[0]) / (n - 1)
+        rate = 1.0 / step
+    if not np.isfinite(rate) or rate == 0:
+        raise ChannelError(
+            f"Record {name!r}: the time runs from {seconds[0]:g} to {seconds[-1]:g} s in {n} samples, "
+            "which is no clock",
+            "Check its unit, and that the column is the time; or leave it out (t = 'none') and give fs.",
+        )
     grid = np.abs(seconds - seconds[0] - step * np.arange(n)).max()
     if grid > 0.05 * step and np.abs(steps - step).max() > 0.05 * step:
         usual = float(np.median(steps))
         worst = int(np.abs(steps - usual).argmax())
         gaps = np.flatnonzero(steps > 1.5 * usual)
         if gaps.size and steps.min() > 0.75 * usual:  # jitter shortens as many steps as it lengthens
-            lost = round(float((steps[gaps] / usual - 1).sum()))
-            kind = f"{gaps.size} gap{'s' if gaps.size > 1 else ''}, about {lost} samples are missing"
+            with np.errstate(over="ignore"):
+                lost = float((steps[gaps] / usual - 1).sum())
+            kind = f"{gaps.size} gap{'s' if gaps.size > 1 else ''}, about {lost:.0f} samples are missing"
             cure = "Split the record at gaps (alignment.split_at_gaps), or resample it to an even clock."
         else:
             kind = f"jitter, steps of {steps.min():g} to {steps.max():g} s"
@@ -475,7 +485,6 @@ def _clock(fs: Any, time: Any, n: int, name: str) -> tuple[float, float]:
             f"{kind}",
             cure,
         )
-    rate = 1.0 / step
     if fs is not None and abs(given - rate) > 0.01 * rate:
         raise ChannelError(f"Record {name!r}: fs={fs} Hz contradicts the time, which has {rate:g} Hz", "Leave one out.")
     nearest = round(rate)

@@ -1,5 +1,7 @@
 """Data that are short, empty, half measured or named oddly: the right numbers still, or the reason in words."""
 
+import warnings
+
 import chains
 import numpy as np
 import pandas as pd
@@ -234,3 +236,19 @@ def test_the_free_run_fitted_to_clean_records_is_exact():
     np.testing.assert_allclose(model.masses_, [8.0, 6.0], rtol=1e-4)
     facts = model.model_.info["estimation"]
     assert facts["free_run_error_after"] <= facts["free_run_error_before"] < 0.1
+
+
+@pytest.mark.parametrize(
+    "time, words",
+    [
+        ([-1e308, 0.0, 1e308, 1.2e308], "which is no clock"),
+        ([0.0, 1e-320, 2e-320, 3e-320], "which is no clock"),
+        ([0.0, 1e-320, 2e-320, 1e308], "the clock is uneven"),
+        ([0.0, 0.0, 0.0, 0.0], "stands still"),
+    ],
+)
+def test_times_that_are_no_seconds_are_refused(time, words):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        with pytest.raises(ChannelError, match=words):
+            Record(displacement=np.sin(np.arange(4.0))[:, None], time=np.array(time))

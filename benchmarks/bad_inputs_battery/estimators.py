@@ -10,7 +10,7 @@ import pandas as pd
 import pysindy as ps
 
 from pysindy_nrf import Chain, NRFRegressor, Record, laws
-from pysindy_nrf.exceptions import BiasWarning, IdentifiabilityError, NRFError, RankWarning
+from pysindy_nrf.exceptions import BiasWarning, DataQualityWarning, IdentifiabilityError, NRFError, RankWarning
 
 from .kind import Kind
 from .material import NAMES, TIME, N, changed, features, table
@@ -226,4 +226,7 @@ def kinds() -> list[Kind]:
     act, given = fit(*harmonic(), params={"degree": 3, "known_masses": {1: 10.0}})
     words = ("linearly dependent", "excite more frequencies")
     out.append(Kind("estimator", "steady harmonic excitation, cubic, mass known", act, given, RankWarning, words))
+    act, given = fit(changed(features()[0], slice(500, None), 4, np.nan))
+    words = ("leave 500 of .* rows; channel v2 is measured in 500", "Cut the record|leave v2 out")
+    out.append(Kind("estimator", "a sensor that fell out", act, given, DataQualityWarning, words))
     return out

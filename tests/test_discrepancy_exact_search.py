@@ -795,6 +795,25 @@ def test_a_shift_is_the_largest_share_of_a_mass_or_of_a_sites_force():
     assert one._shift(trial, found, solution(10.5, [3.0, 2.0])) == pytest.approx(0.05)
     assert one._shift(trial, found, solution(10.5, [3.6, 2.4])) == pytest.approx(np.hypot(1.2, 1.6) / 10)
     assert one._shift(trial, solution(10.0, [0.0, 0.0]), solution(10.0, [1.0, 1.0])) == 0.0
+    # two columns that are one: what the second takes from the first moves terms, and no force
+    stage.grams = np.array([np.ones((2, 2))])
+    assert one._shift(trial, found, solution(10.0, [4.0, 1.0])) == pytest.approx(np.sqrt(2 / 13))
+    assert one._shift(trial, found, solution(10.0, [4.0, 1.0]), whole=True) == 0.0
+    assert one._shift(trial, found, solution(10.0, [4.0, 2.0]), whole=True) == pytest.approx(1 / 5)
+
+
+@pytest.mark.parametrize(
+    "own, straight, smooth, course",
+    [(1.0, 1.19, 0.5, "linear"), (1.0, 1.21, 0.5, "cubic"), (1.0, 1.21, 1.3, "linear"), (1e-5, 0.023, 0.01, "linear")],
+)
+def test_surrogates_that_are_louder_than_the_records_are_tried_with_smooth_forces(own, straight, smooth, course):
+    def stage(x):
+        return SimpleNamespace(trial=lambda: SimpleNamespace(fold_errors=lambda: np.array([x])))
+
+    one = surrogate.Null(None, stage(own), None, 2)
+    one._surrogates = lambda: ([stage(straight if one._hold == "linear" else smooth)], 0.1, 0.2)
+    assert one.floor == (smooth if course == "cubic" else straight) and one._hold == course
+    assert (one.bias, one.error) == (0.1, 0.2)
 
 
 # -- where ------------------------------------------------------------------------------------------

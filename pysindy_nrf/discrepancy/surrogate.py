@@ -187,8 +187,7 @@ class Null:
     @cached_property
     def _made(self) -> tuple[list[Stage], float, float]:
         made = self._surrogates()
-        own = self._left([self.stage])
-        if made[0] and self._left(made[0]) > _TOO_LOUD * max(own, FLOOR):
+        if made[0] and self._left(made[0]) > _TOO_LOUD * max(self._left([self.stage]), FLOOR):
             self._hold = "cubic"
             other = self._surrogates()
             if other[0] and self._left(other[0]) < self._left(made[0]):

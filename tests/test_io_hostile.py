@@ -100,6 +100,19 @@ def test_hdf5_reads_no_other_file(tmp_path):
     assert list(read_table(tmp_path / "link.h5").variables) == ["a1"]
 
 
+def test_hdf5_groups_that_hold_themselves_are_read_once(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["run/a1"] = np.arange(4.0)
+        file["run/deep/x1"] = np.arange(4.0)
+        file["run/deep/root"] = file["/"]
+        file["run/deep/again"] = file["run"]
+        file["run/twin"] = file["run/a1"]
+        file["t"] = np.arange(4.0)
+        file["run/named"] = h5py.SoftLink("/t")
+    assert list(read_table(tmp_path / "a.h5").variables) == ["run.a1", "run.deep.x1", "t"]
+
+
 def test_uff_that_announces_more_than_it_holds(tmp_path):
     pytest.importorskip("pyuff")
     path = write_record(Record(displacement=np.ones((9, 1)), fs=1.0), tmp_path / "a.uff")

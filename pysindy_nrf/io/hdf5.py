@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -41,9 +42,7 @@ def read_hdf5(path: Path, max_bytes: int = MAX_BYTES, matlab: bool = False) -> T
     total = 0
     try:
         with h5py.File(path, "r") as file:
-            sets: list[tuple[str, Any]] = []
-            file.visititems(lambda name, item: sets.append((name, item)) if isinstance(item, h5py.Dataset) else None)
-            for name, item in sets:
+            for name, item in _data_sets(h5py, file):
                 if name.startswith("#") or item.dtype.kind not in "biufc" or "MATLAB_empty" in item.attrs:
                     continue
                 if matlab and item.attrs.get("MATLAB_class") in (b"char", "char"):
@@ -64,3 +63,26 @@ def read_hdf5(path: Path, max_bytes: int = MAX_BYTES, matlab: bool = False) -> T
     except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
         raise unreadable(path, "MATLAB v7.3" if matlab else "HDF5", error) from error
     return Table(path, "MATLAB v7.3" if matlab else "HDF5", flattened(variables))
+
+
+def _data_sets(h5py: Any, file: Any) -> Iterator[tuple[str, Any]]:
+    """Every data set that the file itself holds, by name and once; links into other files are not followed.
+
+    Group by group: the library's own walk through all groups never ends in some damaged files.
+    """
+    seen = {h5py.h5o.get_info(file.id).addr}
+    stack = [("", file)]
+    while stack:
+        name, item = stack.pop()
+        if isinstance(item, h5py.Dataset):
+            yield name, item
+        if not isinstance(item, h5py.Group):
+            continue
+        inside = []
+        for key in item:
+            if isinstance(item.get(key, getlink=True), h5py.HardLink):
+                address = h5py.h5o.get_info(item[key].id).addr
+                if address not in seen:
+                    seen.add(address)
+                    inside.append((f"{name}/{key}" if name else key, item[key]))
+        stack += reversed(inside)

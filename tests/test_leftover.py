@@ -67,7 +67,7 @@ def test_what_is_left_has_the_size_of_what_was_not_said(site, beside):
 
 
 def test_what_noise_draws_is_taken_off_and_a_brace_is_not_judged(monkeypatch):
-    shares = {"measured": 0.5, "quiet": 0.1, "loud": 0.3}
+    shares = {"measured": 0.5, "quiet": 0.1, "loud": 0.2}
     monkeypatch.setattr(room, "_share", lambda stage, *where: shares[stage])
     place = [(Site("storey 1"), 0)]
     assert leftover("measured", ["quiet", "loud"], place) == pytest.approx(0.4)

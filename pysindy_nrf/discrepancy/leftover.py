@@ -17,8 +17,11 @@ from .evidence import searched_residual
 from .residual import rms
 from .stage import Stage
 
-# Standard errors by which a function must explain something on data left out.
-_CLEARLY = 4.0
+# Standard errors by which a function must explain something on data left out. One is enough: in a sweep a single block
+# shows it, and the surrogates say what noise draws.
+_CLEARLY = 1.0
+# How far what noise draws may be from what it drew on the surrogates.
+_SCATTER = 1.5
 _PLAIN = ("constant", "linear")
 _FUNCTIONS = ("v", "s", "s and v")
 
@@ -49,7 +52,7 @@ def leftover(stage: Stage, noise: Sequence[Stage], places: Sequence[tuple[Site, 
         by_noise = max((_share(one, where, places) for one in noise), default=0.0)
     except (NRFError, np.linalg.LinAlgError):
         return 0.0
-    return float(np.sqrt(max(found**2 - by_noise**2, 0.0)))
+    return float(np.sqrt(max(found**2 - (_SCATTER * by_noise) ** 2, 0.0)))
 
 
 def _where(site: Site) -> str | None:

@@ -795,6 +795,9 @@ def test_a_shift_is_the_largest_share_of_a_mass_or_of_a_sites_force():
     assert one._shift(trial, found, solution(10.5, [3.0, 2.0])) == pytest.approx(0.05)
     assert one._shift(trial, found, solution(10.5, [3.6, 2.4])) == pytest.approx(np.hypot(1.2, 1.6) / 10)
     assert one._shift(trial, solution(10.0, [0.0, 0.0]), solution(10.0, [1.0, 1.0])) == 0.0
+    one.of = ()  # a site that is not asked about
+    assert one._shift(trial, found, solution(10.5, [3.6, 2.4])) == pytest.approx(0.05)
+    one.of = None
     # two columns that are one: what the second takes from the first moves terms, and no force
     stage.grams = np.array([np.ones((2, 2))])
     assert one._shift(trial, found, solution(10.0, [4.0, 1.0])) == pytest.approx(np.sqrt(2 / 13))

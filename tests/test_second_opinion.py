@@ -76,9 +76,11 @@ def test_instruments_are_asked_of_motions_fused_dof_by_dof(monkeypatch, case):
 
 @pytest.mark.parametrize("without, with_it, wrong", [(0.01, 0.14, 0.14), (0.04, 0.02, 0.04), (0.2, 0.9, 0.2)])
 def test_what_lives_on_noise_is_judged_by_the_model_that_has_it(monkeypatch, without, with_it, wrong):
-    monkeypatch.setattr(opinion, "Null", lambda ready, after, rng, count: SimpleNamespace(bias=with_it))
+    asked = []
+    monkeypatch.setattr(opinion, "Null", lambda *given: asked.append(given[-1]) or SimpleNamespace(bias=with_it))
     null = SimpleNamespace(ready=None, rng=None, count=2, bias=without)
-    assert opinion.wrong_by(None, null) == wrong
+    null.stage = SimpleNamespace(layout=SimpleNamespace(acting=("storey 1",)))
+    assert opinion.wrong_by(None, null) == wrong and asked in ([], [("storey 1",)])
 
 
 def test_surrogates_begin_with_what_noise_has_taken_away():

@@ -96,7 +96,8 @@ def wrong_by(after: Stage, null: Null, corrected: Prepared | None = None) -> flo
     """
     if null.bias >= _STRONG:
         return null.bias
-    return max(null.bias, Null(corrected or null.ready, after, null.rng, null.count).bias)
+    sites = null.stage.layout.acting  # a small effect at a site of its own may be known to a tenth of itself
+    return max(null.bias, Null(corrected or null.ready, after, null.rng, null.count, sites).bias)
 
 
 def confirmed(

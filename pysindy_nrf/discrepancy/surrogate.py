@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -16,6 +16,7 @@ from ..exceptions import NRFError
 from ..model import ChainModel
 from ..record import Record
 from ..segments import Segment, SegmentSet
+from ..sites import Site
 from ..solved import model_of
 from .gate import FLOOR, gain_of
 from .noise_floor import AT_FLOOR
@@ -160,10 +161,14 @@ class Null:
     rng : numpy Generator
     count : int
         Surrogates.
+    of : collection of Site, optional
+        Sites whose forces count where it is asked how wrong noise makes the model; all if None.
     """
 
-    def __init__(self, ready: Prepared, stage: Stage, rng: np.random.Generator, count: int) -> None:
-        self.ready, self.stage, self.rng, self.count = ready, stage, rng, count
+    def __init__(
+        self, ready: Prepared, stage: Stage, rng: np.random.Generator, count: int, of: Collection[Site] | None = None
+    ) -> None:
+        self.ready, self.stage, self.rng, self.count, self.of = ready, stage, rng, count, of
         self._hold = "linear"
 
     @property
@@ -243,6 +248,8 @@ class Null:
         gram = self.stage.grams.sum(axis=0)
         shares = [abs(other.masses[j] - m) / m for j, m in found.masses.items()]
         for site, c in found.coefficients.items():
+            if self.of is not None and site not in self.of:
+                continue
             rows = trial.layout.slices[site]
             weight = gram[rows, rows] if whole else np.diag(np.diag(gram)[rows])
             gap = other.coefficients[site] - c

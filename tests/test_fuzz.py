@@ -5,8 +5,10 @@ The benchmark setting is ``benchmarks/fuzz.py`` (20 minutes); here are some seco
 
 from __future__ import annotations
 
+import json
 import os
 import struct
+import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -37,6 +39,23 @@ def test_ten_seconds_of_damaged_files():
     assert not found["failures"], "\n".join(map(str, found["failures"]))
     assert found["refused"] > 5 * len(TARGETS) and found["read"] > len(TARGETS)
     assert found["peak"] < 1500  # MB
+
+
+def test_a_worker_that_hangs_is_counted_and_the_next_file_is_read(monkeypatch):
+    """In a library that no alarm wakes; the worker's last line names the file."""
+    asked = []
+
+    def run(command, **options):
+        asked.append(command[command.index("--first") + 1])
+        if len(asked) == 1:
+            raise subprocess.TimeoutExpired(command, options["timeout"], stderr=b"0\n1\n17\n")
+        counts = {"counts": {"read": 2, "refused": 3, "failed": 0}, "next": 23, "peak": 1e5}
+        return subprocess.CompletedProcess(command, 0, json.dumps(counts), "")
+
+    monkeypatch.setattr(subprocess, "run", run)
+    found = fuzz("HDF5", seed=8, seconds=100.0)
+    assert asked == ["0", "18"] and [(kind, case) for kind, case, _ in found["failures"]] == [("HDF5: hang", 17)]
+    assert (found["read"], found["refused"]) == (2, 3 + 17)
 
 
 def written(suffix: str, content: bytes) -> Path:

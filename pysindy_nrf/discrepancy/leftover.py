@@ -41,8 +41,9 @@ def leftover(stage: Stage, noise: Sequence[Stage], places: Sequence[tuple[Site, 
     Returns
     -------
     float
-        Root of the squares beyond those on surrogates over the rms of the effects, both without what is linear in drift
-        and rate. Zero where nothing is to be seen: the site is a link between floors, or a force above it is unknown.
+        Root of the squares beyond 1.5 times those on surrogates over the rms of the effects, both without what is
+        linear in drift, rate and acceleration. Zero where nothing is to be seen: the site is a link between floors, or
+        a force above it is unknown.
     """
     where = _where(places[0][0]) if places else None
     if where is None:

@@ -59,12 +59,15 @@ class Prepared:
         """The same motions with the DOFs fused one by one.
 
         Where DOFs improve each other, what is left of noise depends on the motion: instruments made of the motion are
-        then no instruments.
+        then no instruments. Records held out are as in ``data``: no search asks for them.
         """
         if self.clean:
             return self.data
-        pieces = []
-        for rec, whole, known in zip(self.records, self.data.segments, self.given or [{}] * len(self.records)):
+        pieces, given = [], self.given or [{}] * len(self.records)
+        for number, (rec, whole, known) in enumerate(zip(self.records, self.data.segments, given)):
+            if number in (self.heldout or ()):
+                pieces.append(whole)
+                continue
             one = _segment(rec, *to_features(rec, KinematicSmoother(noise=known or "estimate", joint=False)))
             pieces.append(replace(whole, a=one.a, v=one.v, s=one.s))
         return SegmentSet(pieces, self.data.n_samples)

@@ -278,7 +278,7 @@ def _labels(names: Mapping[Site, list[str]] | None, site: Site, count: int) -> l
 def _least_squares(
     triangle: np.ndarray, step: Step, n_samples: int, inner: Any, labels: list[str], cut: float
 ) -> tuple[np.ndarray, StepFit]:
-    """Solve one sub-problem given as the triangular factor of [columns | right-hand side]."""
+    """Solve one sub-problem given as the triangular factor (square, upper) of [columns | right-hand side]."""
     p = triangle.shape[1] - 1
     columns, target = triangle[:, :p], triangle[:, p]
     size = np.linalg.norm(columns, axis=0)
@@ -310,23 +310,21 @@ def _least_squares(
         _report_rank(unit, rank, step, labels)
         scaled = linalg.lstsq(unit, target / size_y, cond=cut, check_finite=False)[0]
     elif inner is None:
-        q, upper = linalg.qr(unit, mode="economic", check_finite=False)
-        scaled = linalg.solve_triangular(upper, q.T @ (target / size_y), check_finite=False)
+        scaled = linalg.solve_triangular(unit[:p], target[:p] / size_y, check_finite=False)
     else:
         scaled = _sparse(unit, target / size_y, len(step.masses), n_samples, inner)
     residual = float(np.linalg.norm(target / size_y - unit @ scaled)) * size_y if p else size_y
-    noise = _mass_noise(unit, scaled, residual / size_y, len(step.masses)) if rank == p else ()
+    noise = _mass_noise(unit[:p], scaled, residual / size_y, len(step.masses)) if rank == p else ()
     fit = StepFit(step, condition, rank, p, residual / max(n_samples, 1) ** 0.5, residual / size_y, noise)
     return scaled * size_y / size if p else scaled, fit
 
 
-def _mass_noise(unit: np.ndarray, scaled: np.ndarray, share: float, n_masses: int) -> tuple[float, ...]:
-    """Residual over each mass's own part of the right-hand side; the masses are the first columns."""
+def _mass_noise(upper: np.ndarray, scaled: np.ndarray, share: float, n_masses: int) -> tuple[float, ...]:
+    """Residual over each mass's own part of the right-hand side; the masses are the first columns of the factor."""
     if not n_masses:
         return ()
-    upper = np.linalg.qr(unit, mode="r")
-    inverse = np.linalg.inv(upper)[:n_masses]
-    own = np.abs(scaled[:n_masses]) / np.linalg.norm(inverse, axis=1)
+    rows = linalg.solve_triangular(upper, np.eye(len(upper), n_masses), trans="T", check_finite=False)  # of the inverse
+    own = np.abs(scaled[:n_masses]) / np.linalg.norm(rows, axis=0)
     return tuple(float(share / part) if part else np.inf for part in own)
 
 
@@ -338,16 +336,14 @@ def _sparse(unit: np.ndarray, target: np.ndarray, n_masses: int, n_samples: int,
     from .inner import fit_inner
 
     length = n_samples**0.5
-    q, upper = linalg.qr(unit, mode="full", check_finite=False)
-    rotated = q.T @ target
     own, free = slice(0, n_masses), slice(n_masses, None)
     coefficients = np.zeros(unit.shape[1])
-    sub_columns, sub_target = upper[free, free], rotated[free]
+    sub_columns, sub_target = unit[free, free], target[free]
     if sub_columns.shape[1]:
         coefficients[free] = fit_inner(inner, sub_columns * length, sub_target * length)
     if n_masses:
-        rest = rotated[own] - upper[own, free] @ coefficients[free]
-        coefficients[own] = linalg.solve_triangular(upper[own, own], rest, check_finite=False)
+        rest = target[own] - unit[own, free] @ coefficients[free]
+        coefficients[own] = linalg.solve_triangular(unit[own, own], rest, check_finite=False)
     return coefficients
 
 

@@ -101,16 +101,16 @@ class Recipe:
         ``n_terms`` on are helpers.
     motions : tuple of Site
         Sites whose rates are the first rows of the source, and whose drifts are the next ones.
-    others : tuple of (Site, int, slice)
-        Laws (by site and number) whose columns are not such products; they follow in the source, in this order,
-        and are the given columns.
+    others : tuple of (Site, int, int)
+        Laws (by site and number) whose columns are not such products, and how many factors of them follow in the
+        source, in this order.
     n_source : int
         Rows of the source.
     """
 
     steps: np.ndarray
     motions: tuple[Site, ...]
-    others: tuple[tuple[Site, int, slice], ...]
+    others: tuple[tuple[Site, int, int], ...]
     n_source: int
 
     def finish(self, source: np.ndarray, n_terms: int) -> np.ndarray:
@@ -137,7 +137,8 @@ class Recipe:
 def _recipe(layout: LawLayout) -> Recipe:
     steps: list[tuple[int, int, int]] = []
     motions: list[Site] = []
-    others: list[tuple[Site, int, slice]] = []
+    others: list[tuple[Site, int, int]] = []
+    given: list[int] = []  # first column of each of them
     helper = layout.n_terms
     for site in layout.acting:
         at = layout.slices[site].start
@@ -147,7 +148,9 @@ def _recipe(layout: LawLayout) -> Recipe:
             width = len(law.terms())
             powers = _products(law)
             if powers is None:
-                others.append((site, number, slice(at, at + width)))
+                _, p, q = law.factored().T
+                others.append((site, number, 1 + int(np.where(q < 0, p, q).max(initial=-1))))
+                given.append(at)
             else:
                 rows |= {power: at + k for k, power in enumerate(powers)}
             at += width
@@ -177,9 +180,12 @@ def _recipe(layout: LawLayout) -> Recipe:
     size = 2 * len(motions)
     order = np.arange(size).reshape(2, -1).T.ravel()  # rates first, then drifts
     steps = [(row, order[p], q) if q < 0 else (row, p, order[q]) for row, p, q in steps]
-    for _, _, where in others:
-        steps += [(k, size + k - where.start, -1) for k in range(where.start, where.stop)]
-        size += where.stop - where.start
+    for (site, number, width), at in zip(others, given):
+        steps += [
+            (at + row, at + p if q >= 0 else size + p, size + q if q >= 0 else -1)
+            for row, p, q in layout.laws[site][number].factored().tolist()
+        ]
+        size += width
     return Recipe(np.array(steps, dtype=np.int64).reshape(-1, 3), tuple(motions), tuple(others), size)
 
 

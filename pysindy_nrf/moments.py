@@ -69,14 +69,14 @@ class Block:
         n_terms: int = 0,
     ) -> None:
         self._terms, self.acceleration, self.force = terms, acceleration, force
-        self.source, self.recipe, self._n_terms = source, recipe, n_terms
+        self.source, self.recipe, self.n_terms = source, recipe, n_terms
 
     @property
     def terms(self) -> np.ndarray:
         """Columns of all sites, shape (n_terms, n)."""
         if self._terms is None:
             assert self.recipe is not None and self.source is not None  # a block has its columns or these
-            self._terms = self.recipe.finish(self.source, self._n_terms)
+            self._terms = self.recipe.finish(self.source, self.n_terms)
         return self._terms
 
 
@@ -243,8 +243,8 @@ def _scaled_cholesky(gram: np.ndarray) -> np.ndarray:
     safe = np.where(scale > 0, scale, 1.0)
     unit = gram / safe[:, None] / safe
     p = len(unit)
-    try:
-        return linalg.cholesky(unit, check_finite=False) * scale
+    try:  # an empty column takes no part
+        return linalg.cholesky(unit + np.diag(scale == 0), check_finite=False) * scale
     except linalg.LinAlgError:
         pass
     upper = np.zeros_like(unit)

@@ -180,17 +180,16 @@ class Segment:
                 out[m + i] = self.s[rows, low:high].sum(axis=1, dtype=np.float64)
         last: Site | None = None
         motion: Motion | None = None
-        for site, number, where in recipe.others:
+        for site, number, width in recipe.others:
             law = layout.laws[site][number]
             if motion is None or site != last:
                 last, motion = site, self.motion(site, rows)
-            width = where.stop - where.start
             if law.has_memory and states is not None:
                 state = states.setdefault((site, number), np.zeros(law.n_states))
                 wide = self.motion(site, slice(rows.start - lead, rows.stop))
                 out[at : at + width] = law.features(wide, state)[lead:].T
             else:
-                out[at : at + width] = law.features(motion).T
+                out[at : at + width] = law.factors(motion)
             at += width
         return out
 

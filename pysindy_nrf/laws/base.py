@@ -443,6 +443,30 @@ class ForceLaw:
         )
         return out.T
 
+    def factors(self, motion: Motion) -> np.ndarray:
+        """Rows from which :meth:`factored` makes the columns: here the columns themselves.
+
+        Parameters
+        ----------
+        motion : Motion
+
+        Returns
+        -------
+        ndarray of shape (n_factors, n_samples)
+        """
+        return self.features(motion).T
+
+    def factored(self) -> np.ndarray:
+        """How the columns follow from the factors, in the order in which they are made.
+
+        Returns
+        -------
+        ndarray of shape (n_terms, 3) of int
+            ``(column, p, -1)`` for factor p, ``(column, p, q)`` for column p times factor q.
+        """
+        own = np.arange(len(self.terms()))
+        return np.column_stack([own, own, np.full(len(own), -1)])
+
     def covariates_of(self, motion: Motion) -> np.ndarray:
         """Covariates in the order in which the kernel reads them.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -69,6 +70,11 @@ def monomial_unit(h: int, j: int) -> str:
     return f"N {above}/{below}".replace(" /", "/") if h + j else "N"
 
 
+@lru_cache
+def _terms(exponents: tuple[tuple[int, int], ...]) -> tuple[Term, ...]:
+    return tuple(Term(f"c_{h}_{j}", monomial(h, j), monomial_unit(h, j)) for h, j in exponents)
+
+
 class PowerSeries(ForceLaw):
     r"""Power series in drift and rate (paper eq. 2).
 
@@ -110,7 +116,7 @@ class PowerSeries(ForceLaw):
 
     def terms(self) -> tuple[Term, ...]:
         """One term for each (h, j)."""
-        return tuple(Term(f"c_{h}_{j}", monomial(h, j), monomial_unit(h, j)) for h, j in self.exponents)
+        return _terms(self.exponents)
 
     @property
     def theta(self) -> np.ndarray:

@@ -3,9 +3,11 @@
 The columns of the largest order hold those of every smaller one, and the moments of a fold are sums
 of the moments of pieces: so any order on any fold is a matter of matrices of a dozen rows.
 
-Powers up to the seventh are nearly dependent, and a Gram matrix of them has lost its digits. Each site's
-columns are therefore made nearly orthogonal first, by the triangular factor of a sample of the rows; the
-Gram matrix of those is sound, and its root times that factor is the root that a QR of the monomials gives.
+Powers up to the seventh are nearly dependent, and a Gram matrix of them has lost its digits. What is
+accumulated are therefore products of polynomials that are orthogonal on a sample of the rows, made
+orthogonal altogether, by the triangular factor of the sample, where rate and drift depend on each other;
+the Gram matrix of those is sound, and its root times the change of basis is the root that a QR of the
+monomials gives.
 """
 
 from __future__ import annotations
@@ -25,14 +27,16 @@ from ..chain import Chain
 from ..chain_solve import Solution, groups_of, solve
 from ..exceptions import ChannelError, NRFError, RankWarning
 from ..identifiability import Walk, plan_walk
-from ..laws import ForceLaw, PowerSeries
+from ..laws import ForceLaw, Motion, PowerSeries
 from ..layout import Group, LawLayout
 from ..moments import Block, Moments
 from ..segments import SegmentSet
 from ..sites import Site
 from .monomials import Monomials
+from .orthogonal import OrthogonalPowers
 
-_ROWS = 4096  # sampled for the factors of the sites
+_ROWS = 2048  # sampled for the bases of the sites
+_SOUND = 1e3  # condition number of unit columns whose Gram matrix keeps the digits that are asked for
 PIECES = 20  # at least, over all records: blocks for the effective number of samples
 
 
@@ -97,7 +101,10 @@ class FoldMoments:
         self.union = {site: Monomials.holding(given) for site, given in orders.items()}
         self.layout = LawLayout(chain, {**{s: (law,) for s, law in self.union.items()}, **self.laws})
         self.groups = self._groups()
-        self.factors = self._factors()
+        self.basis: dict[Site, OrthogonalPowers] = {}
+        self.factors: dict[Site, np.ndarray] = {}
+        self._choose_bases()
+        self.accumulated = LawLayout(chain, {**{s: (law,) for s, law in self.basis.items()}, **self.laws})
         self.class_of, self.membership = _classes(data.n_samples, folds)
         self.n_folds = len(folds)
         self._accumulate("gram")
@@ -114,45 +121,48 @@ class FoldMoments:
         held = {g.dofs: g for g in groups_of(self.layout, walk)}
         return [*held.values(), *(self.layout.group(dofs) for dofs in sums if dofs not in held)]
 
-    def _factors(self) -> dict[Site, np.ndarray]:
-        """Triangular factor of some rows of each site's columns."""
+    def _choose_bases(self) -> None:
+        """Polynomials for each searched site from some rows, and the triangular factor of what they leave dependent."""
         whole = sum(seg.valid.stop - seg.valid.start for seg in self.data.segments)
-        stride, out = max(1, whole // _ROWS), {}
-        rows: dict[Site, list[np.ndarray]] = {s: [] for s in self.union if self.layout.counts[s]}
-        for seg in self.data.segments:
-            for site, law in self.union.items():
-                if site in rows:
-                    rows[site].append(law.features(seg.motion(site, slice(seg.valid.start, seg.valid.stop, stride))))
-        for site, parts in rows.items():
-            columns = np.concatenate(parts)
-            upper = np.zeros((columns.shape[1],) * 2)
-            found = linalg.qr(columns, mode="r", check_finite=False)[0][: len(upper)]
-            upper[: len(found)] = found
-            pivots = np.abs(np.diag(upper))
-            least = 1e-9 * np.linalg.norm(upper, axis=0)
-            least[least == 0] = 1.0  # nothing moves
-            np.fill_diagonal(upper, np.where(pivots > least, np.diag(upper), least))
-            out[site] = upper
-        return out
+        stride = max(1, whole // _ROWS)
+        for site, law in self.union.items():
+            if not self.layout.counts[site]:
+                continue
+            parts = [
+                seg.motion(site, slice(seg.valid.start, seg.valid.stop, stride)) for seg in self.data.segments
+            ]
+            sample = Motion(np.concatenate([part.s for part in parts]), np.concatenate([part.v for part in parts]))
+            self.basis[site] = OrthogonalPowers(law.exponents, sample.v, sample.s)
+            factor = _factor(self.basis[site].features(sample))
+            if factor is not None:
+                self.factors[site] = factor
 
     def _whiten(self, block: Block) -> Block:
+        if not self.factors:
+            return block
         terms = np.array(block.terms, order="C")
         for site, upper in self.factors.items():
-            where = self.layout.slices[site]
+            where = self.accumulated.slices[site]
             terms[where] = blas.dtrsm(1.0, upper, terms[where].T, side=1, lower=0).T
         return Block(terms, block.acceleration, block.force)
 
     def _back(self, dofs: tuple[int, ...]) -> np.ndarray:
         """Accumulated columns of a group times this are its monomials."""
         group = next(g for g in self.groups if g.dofs == dofs)
-        blocks = [
-            self.factors[s] if self.kind == "gram" and s in self.factors else np.eye(self.layout.counts[s])
-            for s in group.sites
-        ]
+        blocks = []
+        for site in group.sites:
+            if site not in self.basis:
+                blocks.append(np.eye(self.layout.counts[site]))
+            elif site in self.factors and self.kind == "gram":
+                blocks.append(self.factors[site] @ self.basis[site].change)
+            else:
+                blocks.append(self.basis[site].change)
         return linalg.block_diag(*blocks, np.eye(2 if len(dofs) == 1 else 1))
 
     def _accumulate(self, kind: str) -> None:
         self.kind = kind
+        groups = [self.accumulated.group(g.dofs) for g in self.groups]
+        self._nothing = Moments(self.accumulated, groups, kind, self.known_masses)
         self.pieces: list[Moments] = []
         self.piece_class: list[int] = []
         self.sums: list[np.ndarray] = []  # of the accelerations, for the variance behind R^2
@@ -165,7 +175,7 @@ class FoldMoments:
             shuffled: dict[int, int] = {}  # piece of each class
             at, piece = 0, -1
             known = ~np.isnan(seg.F[seg.valid.start])
-            for block in seg.blocks(self.layout, filter=filter):
+            for block in seg.blocks(self.accumulated, filter=filter):
                 block = self._whiten(block) if kind == "gram" else block
                 n = block.acceleration.shape[1]
                 if cuts is None:
@@ -182,7 +192,7 @@ class FoldMoments:
                 at += n
 
     def _open(self, code: int) -> int:
-        self.pieces.append(Moments(self.layout, self.groups, self.kind, self.known_masses))
+        self.pieces.append(self._nothing.empty())
         self.piece_class.append(code)
         self.sums.append(np.zeros(self.chain.n_dof))
         self.counts.append(np.zeros(self.chain.n_dof))
@@ -220,7 +230,7 @@ class FoldMoments:
 
     def sum_of(self, pieces: Iterable[int]) -> Moments:
         """Moments of some pieces, in the monomials themselves; a piece may be there several times."""
-        held = Moments(self.layout, self.groups, self.kind, self.known_masses)
+        held = self._nothing.empty()
         for i in pieces:
             held.merge(self.pieces[i])
         moments = Moments(self.layout, self.groups, "root", self.known_masses)
@@ -298,15 +308,30 @@ class FoldMoments:
 
     def piece_norms(self, order: Order, dofs: tuple[int, ...], weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Squared length of a combination of a candidate's columns in each piece, and the samples behind it."""
-        where, mass_at, target_at = self.pieces[0].positions(dofs)
+        where, mass_at, target_at = self.total(None)[0].positions(dofs)
         group = next(g for g in self.groups if g.dofs == dofs)
         index = [where[s].start + order.columns[s] for s in group.sites if s in order.columns]
         index += [np.array([i]) for i in (mass_at, target_at) if i is not None]
-        whole = np.zeros(self.pieces[0].parts[dofs].matrix.shape[1])
+        back = self._back(dofs)
+        whole = np.zeros(back.shape[1])
         whole[np.concatenate(index)] = weights
-        whole = self._back(dofs) @ whole
+        whole = back @ whole
         parts = [piece.parts[dofs] for piece in self.pieces]
         return np.array([p.norm(whole) ** 2 for p in parts]), np.array([p.n_samples for p in parts], dtype=float)
+
+
+def _factor(columns: np.ndarray) -> np.ndarray | None:
+    """Triangular factor of some columns that can be divided by; None where they are sound as they are."""
+    upper = np.zeros((columns.shape[1],) * 2)
+    found = linalg.qr(columns, mode="r", check_finite=False)[0][: len(upper)]
+    upper[: len(found)] = found
+    size = np.linalg.norm(upper, axis=0)
+    if size.all() and np.linalg.cond(upper / size) < _SOUND:
+        return None
+    least = 1e-9 * size
+    least[least == 0] = 1.0  # nothing moves
+    np.fill_diagonal(upper, np.where(np.abs(np.diag(upper)) > least, np.diag(upper), least))
+    return upper
 
 
 def _classes(size: int, folds: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
@@ -336,4 +361,9 @@ def _cuts(classes: np.ndarray, longest: int) -> np.ndarray | None:
 
 
 def _rows(block: Block, rows: Any) -> Block:
-    return Block(block.terms[:, rows], block.acceleration[:, rows], block.force[:, rows])
+    if isinstance(rows, slice) and rows == slice(0, block.acceleration.shape[1]):
+        return block
+    a, force = block.acceleration[:, rows], block.force[:, rows]
+    if block.recipe is None or block.source is None:
+        return Block(block.terms[:, rows], a, force)
+    return Block(None, a, force, block.source[:, rows], block.recipe, block.n_terms)

@@ -36,12 +36,15 @@ class Monomials(PowerSeries):
 
     def features(self, motion: Motion, state: Any = None) -> np.ndarray:
         """Columns, by one multiplication each."""
-        powers_v, powers_s = (
+        return self._products(*(
             _powers(x, max((p[i] for p in self.exponents), default=0)) for i, x in enumerate((motion.v, motion.s))
-        )
-        out = np.empty((len(self.exponents), motion.n_samples))
+        ))  # fmt: skip
+
+    def _products(self, of_v: np.ndarray, of_s: np.ndarray) -> np.ndarray:
+        """Column (h, j) is row h of the first times row j of the second."""
+        out = np.empty((len(self.exponents), of_v.shape[1]))
         for row, (h, j) in zip(out, self.exponents):
-            np.multiply(powers_v[h], powers_s[j], out=row)
+            np.multiply(of_v[h], of_s[j], out=row)
         return out.T
 
 

@@ -302,12 +302,19 @@ def test_an_interval_reaches_as_far_beyond_as_noise_pulls_back_and_is_never_of_n
     site, law = Site("storey 1"), laws.LinkSpringDashpot()
     stage = SimpleNamespace(work=SimpleNamespace(scales=lambda s: (1.0, 1.0, 1.0), fastest=1.0), laws={site: (law,)})
     drift, half = np.array([-0.5, 0.3]), np.array([0.1, 0.0])
-    monkeypatch.setattr(intervals, "_widths", lambda *a: (drift, half))
-    found = intervals.intervals(stage, (site, 0), law, np.array([10.0, -4.0]))
+    begun = []
+    monkeypatch.setattr(intervals, "_widths", lambda *a: begun.append(a[5]) or (drift, half))
+    found, shares = intervals.intervals(stage, (site, 0), law, np.array([10.0, -4.0]))
+    assert begun[-1].tolist() == [10.0, -4.0] and shares == {}  # without surrogates nothing is known of noise
     least = 4.0 * intervals._LEAST
     assert list(found.values()) == [pytest.approx((9.9, 10.6)), pytest.approx((-4.3 - least, -4.0 + least), abs=1e-9)]
+    # surrogates that were simulated with other coefficients miss those
+    origin = np.array([20.0, -3.0])
+    same, shares = intervals.intervals(stage, (site, 0), law, np.array([10.0, -4.0]), ["surrogate"], origin)
+    assert same == found and begun[-1].tolist() == [20.0, -3.0]
+    assert shares == {"k": pytest.approx(-0.5 / 20.0), "c": pytest.approx(0.3 / -3.0)}
     drift[0] = np.nan
-    assert len(intervals.intervals(stage, (site, 0), law, np.array([10.0, -4.0]))) == 1
+    assert len(intervals.intervals(stage, (site, 0), law, np.array([10.0, -4.0]))[0]) == 1
 
 
 # -- sensors, in order ------------------------------------------------------------------------------
@@ -553,7 +560,7 @@ def test_surrogates_that_cannot_be_solved_stay_as_they_are_and_tell_no_bias():
 
     one = SimpleNamespace(trial=lambda: SimpleNamespace(solve=refuse), work=SimpleNamespace(search=[0]))
     null = surrogate.Null(None, None, None, 1)
-    assert null._like_the_truth(None, None, [one]) == ([one], 0.0, 0.0)
+    assert null._like_the_truth(None, None, [one]) == ([one], 0.0, 0.0, None)
 
 
 def test_surrogates_of_a_biased_model_begin_with_what_noise_took_away(monkeypatch):
@@ -573,13 +580,15 @@ def test_surrogates_of_a_biased_model_begin_with_what_noise_took_away(monkeypatc
     null._shift = lambda trial, found, e, whole=False: abs(e.masses[1] - found.masses[1]) / found.masses[1]
     null._one = lambda model: made.append(model) or "again"
     trial = SimpleNamespace(layout=None)
-    stages, bias, error = null._like_the_truth(trial, solution(10.0, 100.0), [stage(9.0, 80.0), stage(9.4, 90.0)])
+    stages, bias, error, truth = null._like_the_truth(trial, solution(10.0, 100.0), [stage(9.0, 80.0), stage(9.4, 90.0)])
     # the estimates miss by -0.8 and -15 on average: what to begin with is as much higher
     assert stages == ["again"] * 2 and bias == pytest.approx(0.1) and error == pytest.approx(0.08)
     assert made[0].masses[1] == pytest.approx(10.8) and made[0].coefficients[site] == pytest.approx([115.0])
+    assert truth is made[0]  # and beside that their estimates are to be held
     near = 10.0 * (1 - 0.99 * surrogate.UNBIASED)
     first = [stage(near, 100.0)]
-    assert null._like_the_truth(trial, solution(10.0, 100.0), first)[0] is first
+    stages, _, _, truth = null._like_the_truth(trial, solution(10.0, 100.0), first)
+    assert stages is first and truth.masses[1] == 10.0
     first = [stage(10.0 * (1 - 1.01 * surrogate.UNBIASED), 100.0)]
     assert null._like_the_truth(trial, solution(10.0, 100.0), first)[0] == ["again"]
     first = [stage(20.5, 100.0)]  # twice the mass less that is negative

@@ -79,7 +79,7 @@ def judge(
     before, after : ndarray of shape (n_blocks,)
         Pooled balance error on each search block after fitting to the others, percent.
     n_parameters : int
-        Coefficients and shape parameters of the effect.
+        Coefficients and shape parameters that the effect adds.
     null_gain : float
         Largest gain on surrogates without any effect.
     least : float
@@ -132,7 +132,7 @@ def choose(findings: Sequence[Finding], before: float) -> tuple[Finding, list[Fi
     Returns
     -------
     chosen : Finding
-        The best after a small price on each parameter: within one family at one site a law with one
+        The best after a small price on each parameter it adds: within one family at one site a law with one
         more parameter must be 10 % better, between families 2 %. A law that is a special case of it
         and does most of its work goes first; what it leaves is the next step's.
     tied : list of Finding
@@ -143,7 +143,7 @@ def choose(findings: Sequence[Finding], before: float) -> tuple[Finding, list[Fi
         groups.setdefault((f.law.family, str(f.site)), []).append(f)
 
     def price(f: Finding, share: float) -> float:
-        return (f.error + FLOOR) * (1 + share) ** f.n_parameters
+        return (f.error + FLOOR) * (1 + share) ** f.n_added
 
     heads = [min(group, key=lambda f: price(f, PER_PARAMETER)) for group in groups.values()]
     best = min(f.error for f in heads)

@@ -5,7 +5,8 @@ search left out: a law with parameters near the best is linear in them,
 ``phi(theta + d) c = phi(theta) c + sum_i d_i D_i`` with ``D_i = c dphi/dtheta_i``, so the derivatives
 stand beside the columns and the chain is solved as ever (delete-one-block jackknife; Efron 1982). The
 spread over the blocks holds what the balances leave, whatever its colour. Noise in the motion also
-biases; how much is seen on surrogates, whose truth is known, and the interval reaches as far the other way.
+biases; how much is seen on surrogates, beside what they were simulated with, and the interval reaches as far
+the other way.
 """
 
 from __future__ import annotations
@@ -39,9 +40,10 @@ def intervals(
     law: ForceLaw,
     theta: np.ndarray,
     nulls: Sequence[Stage] = (),
+    origin: np.ndarray | None = None,
     level: float = LEVEL,
-) -> dict[str, tuple[float, float]]:
-    """Intervals of the parameters of one law of the model.
+) -> tuple[dict[str, tuple[float, float]], dict[str, float]]:
+    """Intervals of the parameters of one law of the model, and what noise does to its coefficients.
 
     Parameters
     ----------
@@ -54,31 +56,36 @@ def intervals(
     theta : ndarray of shape (n_terms,)
         Its coefficients.
     nulls : sequence of Stage
-        The same laws on surrogates of the model.
+        The same laws on surrogates.
+    origin : ndarray of shape (n_terms,), optional
+        Coefficients that the surrogates were simulated with; ``theta`` if None.
     level : float
         Probability.
 
     Returns
     -------
-    dict of str to (float, float)
+    intervals : dict of str to (float, float)
         Lower and upper end by name of the coefficient or shape parameter, SI units; empty where they cannot be
         told.
+    drifts : dict of str to float
+        By which share noise alone makes a coefficient wrong; empty without surrogates.
     """
     site, i = place
     held = stage.laws[site][i]
     axes = Axes(law, stage.work, site)
     centre = axes.point(held)
-    width, true = len(theta), np.concatenate([theta, np.zeros(len(centre))])
+    start = theta if origin is None else origin
+    width, true, begun = len(theta), *(np.concatenate([c, np.zeros(len(centre))]) for c in (theta, start))
     out: dict[str, tuple[float, float]] = {}
     try:
-        drift, half = _widths(stage, place, axes, centre, theta, true, nulls, level)
+        drift, half = _widths(stage, place, axes, centre, theta, begun, nulls, level)
     except NRFError:  # a change in time between two blocks has no slope: from the profile of the error instead
         out = _profile(stage, place, law, axes, centre, level)
-        axes, centre, true = Axes(held, stage.work, site), np.zeros(0), theta
+        axes, centre, true, begun = Axes(held, stage.work, site), np.zeros(0), theta, start
         try:
-            drift, half = _widths(stage, place, axes, centre, theta, true, nulls, level)
+            drift, half = _widths(stage, place, axes, centre, theta, begun, nulls, level)
         except NRFError:
-            return out
+            return out, {}
     half = np.maximum(half, _LEAST * np.append(np.abs(theta), np.ones(len(centre))))
     low, high = (true + np.minimum(0.0, -drift) - half, true + np.maximum(0.0, -drift) + half)
     out |= {t.symbol: (float(lo), float(hi)) for t, lo, hi in zip(held.terms(), low, high)}
@@ -87,7 +94,8 @@ def intervals(
     for name, (lo, hi) in _profile(stage, place, law, axes, centre, level).items():
         if name in out:  # where a single block decides, the others do not show how well
             out[name] = min(lo, out[name][0]), max(hi, out[name][1])
-    return {k: v for k, v in out.items() if np.isfinite(v).all()}
+    shares = {t.symbol: float(d / c) for t, d, c in zip(held.terms(), drift, start) if nulls and c}
+    return {k: v for k, v in out.items() if np.isfinite(v).all()}, shares
 
 
 def _widths(
@@ -96,21 +104,24 @@ def _widths(
     axes: Axes,
     centre: np.ndarray,
     theta: np.ndarray,
-    true: np.ndarray,
+    begun: np.ndarray,
     nulls: Sequence[Stage],
     level: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What noise adds on average, and half the interval: coefficients, shape parameters as the search sees them."""
+    """What noise adds on average to what surrogates began with, and half the interval.
+
+    Coefficients, then shape parameters as the search sees them.
+    """
     _, folds = _linearised(stage, place, axes, centre, theta)
     n = len(folds)
     spread = np.sqrt((n - 1) / n * ((folds - folds.mean(axis=0)) ** 2).sum(axis=0))
     drifts = []
     for null in nulls:
         try:
-            drifts.append(_linearised(null, place, axes, centre, theta)[0] - true)
+            drifts.append(_linearised(null, place, axes, centre, theta)[0] - begun)
         except NRFError:
             continue
-    drift = np.mean(drifts, axis=0) if drifts else np.zeros_like(true)
+    drift = np.mean(drifts, axis=0) if drifts else np.zeros_like(begun)
     return drift, student.ppf(0.5 + level / 2, n - 1) * spread
 
 

@@ -64,7 +64,7 @@ def likeliest(
         if chosen.law.name in SPECIAL_CASES.get(f.law.name, ()):  # the simpler one goes first
             continue
         close = f.error <= best * (1 + _RIVAL) and f.n_parameters <= chosen.n_parameters
-        if close and len(rivals) < _MOST and judge(before, f.folds, f.n_parameters).accepted:
+        if close and len(rivals) < _MOST and judge(before, f.folds, f.n_added).accepted:
             rivals.append(f)
     if len(rivals) < 2:
         return chosen, tied

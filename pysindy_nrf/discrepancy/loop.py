@@ -35,7 +35,7 @@ from .sensors import SensorFinding, sensor_findings
 from .spectral_lines import lines_of
 from .splits import BlockRows, split
 from .stage import Stage, Trial
-from .steps import corrected_again, doubt_names, improper, remainder, step_of, surely_left, worst
+from .steps import corrected_again, doubt_names, improper, remainder, step_of, surely_left, worst, wrong_by_noise
 from .surrogate import Null
 from .together import look_ahead, pair_instead
 from .workspace import Workspace
@@ -301,10 +301,12 @@ class _Loop:
         if np.isfinite(floor) and left > max(2.0 * floor, FLOOR):
             alone = f"(noise alone leaves about {floor:.2g} %)"
             stopped += f". {left:.3g} % stay unexplained by any law {alone}, most in the {worst(trial)}"
-        if null.stages and null.error >= _BIASED:
-            much = f"is wrong by up to {100 * null.error:.0f} % in a mass or a site's force"
-            stopped += f". By noise alone least squares {much}: fit NRFRegressor(laws=report.model.laws, "
-            stopped += "estimation='iv', ...) to the records, which noise does not bias"
+        much = [f"{100 * null.error:.0f} % in a mass or a site's force"] if null.error >= _BIASED else []
+        much += [f"{100 * abs(b):.0f} % in {x} of {s.law} at {s.site}" for s, x, b in wrong_by_noise(steps)]
+        if null.stages and much:
+            stopped += f". By noise alone least squares is wrong by up to {', '.join(much)}: fit "
+            stopped += "NRFRegressor(laws=report.model.laws, estimation='iv', ...) to the records, which noise does "
+            stopped += "not bias"
         if said := contradictions(self.ready, self.work) if self.sensors else []:
             stopped += f". Channels contradict each other, and the fusion made the best of it: {'; '.join(said)}"
         return LoopReport.assemble(self.work, scenes, steps, stopped, ranking, band, measured, baseline)
@@ -347,10 +349,10 @@ class _Loop:
             chosen, tied = choose(left, float(np.median(before)))
             chosen = self._polished(stage, chosen)
             least = chosen.least if isinstance(chosen, SensorFinding) else MIN_GAIN
-            verdict = judge(before, chosen.folds, chosen.n_parameters, least=least)
+            verdict = judge(before, chosen.folds, chosen.n_added, least=least)
             if verdict.accepted:  # what the floor asks of a sensor's fault, its gain on surrogates has in it
                 at_floor = null.reached and not isinstance(chosen, SensorFinding)
-                verdict = judge(before, chosen.folds, chosen.n_parameters, null.gain(chosen), least, at_floor)
+                verdict = judge(before, chosen.folds, chosen.n_added, null.gain(chosen), least, at_floor)
             passed = verdict.accepted
             if passed:
                 verdict = self._alone(stage, chosen.on(stage), verdict)
@@ -392,7 +394,7 @@ class _Loop:
 
     def _judged(self, stage: Stage, finding: Finding, before: np.ndarray, null: Null) -> Verdict:
         """The verdict on a law by the gate, on surrogates and in its free run."""
-        verdict = judge(before, finding.folds, finding.n_parameters, null.gain(finding), at_floor=null.reached)
+        verdict = judge(before, finding.folds, finding.n_added, null.gain(finding), at_floor=null.reached)
         return self._alone(stage, finding.on(stage), verdict) if verdict.accepted else verdict
 
     def _null(self, stage: Stage) -> Null:
@@ -457,10 +459,12 @@ class _Loop:
             if place is None or step is None:
                 continue
             at = stage.at[place] - trial.layout.slices[place[0]].start
-            theta = trial.solve(range(len(self.work.search))).coefficients[place[0]]
-            theta = theta[at : at + len(finding.law.terms())]
+            own = slice(at, at + len(finding.law.terms()))
+            theta = trial.solve(range(len(self.work.search))).coefficients[place[0]][own]
+            begun = None if null.truth is None else null.truth.coefficients[place[0]][own]
             step.parameters = stage.laws[place[0]][place[1]].with_values(theta).parameters
-            step.intervals = intervals(stage, place, finding.candidate.law, theta, null.stages)
+            law = finding.candidate.law
+            step.intervals, step.bias = intervals(stage, place, law, theta, null.stages, begun)
 
     def _drawn(self, stage: Stage, null: Null) -> None:
         """No name is sure of an effect that leaves in its balances what is a function of the motion there."""

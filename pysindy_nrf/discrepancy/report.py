@@ -61,6 +61,8 @@ class Step:
     intervals : dict of str to (float, float)
         95 % intervals of the same, from block to block and from the noise in the motion; empty for an
         effect that another took the place of.
+    bias : dict of str to float
+        By which share noise alone makes a coefficient of least squares wrong, as seen on surrogates of the final model.
     alternatives : list of str
         Other families the data cannot tell from this one (at most two, three with its own).
     error_before, error_after : float
@@ -104,6 +106,7 @@ class Step:
     shape: dict[str, float | None] = field(default_factory=dict)
     parameters: dict[str, float | None] = field(default_factory=dict)
     intervals: dict[str, tuple[float, float]] = field(default_factory=dict)
+    bias: dict[str, float] = field(default_factory=dict)
     alternatives: list[str] = field(default_factory=list)
     error_before: float = float("nan")
     error_after: float = float("nan")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Any
 
@@ -48,6 +48,8 @@ class Finding:
         Laws of the current model that it replaces.
     folds : ndarray of shape (n_blocks,)
         Pooled balance error on each search block after fitting to the others, percent.
+    n_freed : int
+        Coefficients and shape parameters of the laws that it replaces.
     """
 
     candidate: Candidate
@@ -55,6 +57,7 @@ class Finding:
     screen: float
     drop: tuple[tuple[Site, int], ...] = ()
     folds: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    n_freed: int = 0
 
     @property
     def site(self) -> Site:
@@ -64,7 +67,12 @@ class Finding:
     @property
     def n_parameters(self) -> int:
         """Coefficients and shape parameters."""
-        return len(self.law.terms()) + len(self.law.shapes)
+        return parameters_of(self.law)
+
+    @property
+    def n_added(self) -> int:
+        """How many more of them the model has with it."""
+        return self.n_parameters - self.n_freed
 
     @property
     def error(self) -> float:
@@ -74,6 +82,11 @@ class Finding:
     def on(self, stage: Stage) -> Stage:
         """The current laws with this one."""
         return stage.with_law(self.site, self.law, self.drop)
+
+
+def parameters_of(law: ForceLaw) -> int:
+    """Number of coefficients and shape parameters of a law."""
+    return len(law.terms()) + len(law.shapes)
 
 
 class Axes:
@@ -280,7 +293,8 @@ def _scan(
                 continue
             best = int(np.argmin(errors))
             if np.isfinite(errors[best]):
-                found.append(Finding(candidate, points[best], float(errors[best]), out))
+                freed = sum(parameters_of(stage.laws[site][i]) for site, i in out)
+                found.append(Finding(candidate, points[best], float(errors[best]), out, n_freed=freed))
     return found
 
 
@@ -325,7 +339,7 @@ def refine(stage: Stage, finding: Finding, evaluations: int | None = None, reach
         point = np.array([np.mean(plateau(lambda u: cost(np.array([u])), float(point[0]), *axes.ends))])
     elif point is start:
         return finding
-    return Finding(finding.candidate, axes.at(point), error, finding.drop)
+    return replace(finding, law=axes.at(point), screen=error, folds=np.zeros(0))
 
 
 def plateau(
@@ -384,4 +398,4 @@ def validate(stage: Stage, finding: Finding) -> Finding:
         folds = stage.slot(finding.site, finding.candidate.law, finding.drop).folds(finding.law)
     except NRFError:
         folds = np.full(len(stage.work.search), np.inf)
-    return Finding(finding.candidate, finding.law, finding.screen, finding.drop, folds)
+    return replace(finding, folds=folds)

@@ -299,7 +299,9 @@ def _rebuilt(ready: Prepared, work: Workspace, stage: Stage, suspect: Suspect) -
     except (NRFError, np.linalg.LinAlgError):  # the corrected channels cannot be fused
         return None
     candidate = Candidate(suspect.law, suspect.site)
-    return SensorFinding(candidate, suspect.law, screen, (), folds, fresh, after, [], suspect.remark)
+    return SensorFinding(
+        candidate, suspect.law, screen, folds=folds, ready=fresh, stage=after, remark=suspect.remark
+    )
 
 
 def _sharpened(ready: Prepared, work: Workspace, stage: Stage, finding: SensorFinding) -> SensorFinding:

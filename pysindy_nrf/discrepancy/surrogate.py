@@ -149,6 +149,10 @@ def _finite(stages: Iterable[Stage]) -> list[Stage]:
     return [stage for stage in stages if np.isfinite(stage.slot().folds()).all()]
 
 
+# Surrogate stages, by how much noise makes the model wrong in two ways, what the surrogates were simulated with.
+_Made = tuple[list[Stage], float, float, Solution | None]
+
+
 class Null:
     """What the search would see if a model were the whole truth: its own free run with fresh noise.
 
@@ -189,8 +193,13 @@ class Null:
         """The same of masses and of the forces themselves, in the mean of the surrogates."""
         return self._made[2]
 
+    @property
+    def truth(self) -> Solution | None:
+        """Masses and coefficients that the surrogates were simulated with; None where there are none."""
+        return self._made[3]
+
     @cached_property
-    def _made(self) -> tuple[list[Stage], float, float]:
+    def _made(self) -> _Made:
         made = self._surrogates()
         if made[0] and self._left(made[0]) > _TOO_LOUD * max(self._left([self.stage]), FLOOR):
             self._hold = "cubic"
@@ -205,17 +214,17 @@ class Null:
         """Median validation error of some stages, percent."""
         return float(np.median([np.median(stage.trial().fold_errors()) for stage in stages]))
 
-    def _surrogates(self) -> tuple[list[Stage], float, float]:
+    def _surrogates(self) -> _Made:
         try:
             trial = self.stage.trial()
             found = trial.solve(range(len(self.stage.work.search)))
             model = model_of(trial.layout, found)
             first = _finite(self._one(model) for _ in range(self.count)) if (model.masses > 0).all() else []
         except (NRFError, np.linalg.LinAlgError):
-            return [], 0.0, 0.0
-        return self._like_the_truth(trial, found, first) if first else ([], 0.0, 0.0)
+            return [], 0.0, 0.0, None
+        return self._like_the_truth(trial, found, first) if first else ([], 0.0, 0.0, None)
 
-    def _like_the_truth(self, trial: Trial, found: Solution, first: list[Stage]) -> tuple[list[Stage], float, float]:
+    def _like_the_truth(self, trial: Trial, found: Solution, first: list[Stage]) -> _Made:
         """Surrogates of what the model would be if noise had not made it wrong, and how wrong it made it.
 
         Least squares on noisy motions returns masses and stiffnesses that are low. A surrogate of such a model is less
@@ -226,7 +235,7 @@ class Null:
         try:
             every = [s.trial().solve(range(len(s.work.search))) for s in first]
         except (NRFError, np.linalg.LinAlgError):
-            return first, 0.0, 0.0
+            return first, 0.0, 0.0, found
         shifts = [self._shift(trial, found, e) for e in every]
         bias = max(shifts)
         error = float(np.mean([self._shift(trial, found, e, whole=True) for e in every]))
@@ -236,12 +245,14 @@ class Null:
         for site, c in found.coefficients.items():
             coefficients[site] = 2 * c - np.mean([e.coefficients[site] for e in every], axis=0)
         if bias < UNBIASED or min(masses.values()) <= 0:
-            return first, bias, error
+            return first, bias, error, found
+        truth = replace(found, masses=masses, coefficients=coefficients)
         try:
-            model = model_of(trial.layout, replace(found, masses=masses, coefficients=coefficients))
-            return _finite(self._one(model) for _ in first) or first, bias, error
+            model = model_of(trial.layout, truth)
+            second = _finite(self._one(model) for _ in first)
         except (NRFError, np.linalg.LinAlgError):  # that one has no free run
-            return first, bias, error
+            second = []
+        return (second, bias, error, truth) if second else (first, bias, error, found)
 
     def _shift(self, trial: Trial, found: Solution, other: Solution, whole: bool = False) -> float:
         """Largest difference of two solutions, as a share of a mass or of a site's terms, or of its whole force."""

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from pysindy_nrf import ChainModel, NRFRegressor, Site, close_loop, excitation, laws, simulate
 from pysindy_nrf.discrepancy.report import Step
 from pysindy_nrf.discrepancy.steps import doubt_names, surely_left
+from pysindy_nrf.noise import add_noise
 
 
 def step(law, family, site="storey 2", before=10.0, after=2.0, **more):
@@ -58,3 +60,26 @@ def test_what_is_left_counts_when_it_stands_out_block_by_block():
     least = surely_left(left, noise)
     assert np.median(left) / 1.1 < least < np.median(left)
     assert surely_left(left, []) == np.median(left)
+
+
+def test_a_hysteresis_with_a_knee_of_its_own_takes_the_place_of_the_simpler_one():
+    """Bouc-Wen under an earthquake: Dahl does most of the work and goes first, and is not mended by a second element."""
+    fs = 200.0
+    held = {
+        1: [laws.LinearElastic(8.5e4), laws.LinearViscous(400.0)],
+        2: [laws.LinearElastic(7e4), laws.LinearViscous(200.0)],
+    }
+    held[1].append(laws.BoucWen(beta=300.0, rho=0.0, n=1.5, alpha=4e4))
+    truth = ChainModel([12.0, 9.0], held)
+    t = np.arange(int(30 * fs)) / fs
+    shaking = excitation.band_limited_random(1, 30.0, fs, dofs=[1], rms=1.5, band=(0.3, 12.0), random_state=3)[:, 0]
+    ag = shaking * (t / 8 * np.exp(1 - t / 8)) ** 2
+    record = add_noise(simulate(truth, np.zeros((len(t), 2)), 1 / fs, base_acceleration=ag), 0.01, random_state=0)
+    baseline = NRFRegressor(degree=1, known_masses={1: 12.0, 2: 9.0})
+    report = close_loop(record, baseline=baseline, catalogue=[laws.Dahl(), laws.Jenkins(), laws.Iwan(), laws.BoucWen()])
+    last = report.steps[-1]
+    assert (last.law, last.site) == ("bouc_wen", "storey 1")
+    assert [law.name for law in report.model.laws[Site("storey 1")]].count("jenkins") == 0
+    for name, true in {"beta": 300.0, "n": 1.5, "alpha": 4e4}.items():
+        low, high = last.intervals[name]
+        assert last.parameters[name] == pytest.approx(true, rel=0.1) and low - 0.02 * true < true < high + 0.02 * true

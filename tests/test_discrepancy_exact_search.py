@@ -371,6 +371,15 @@ def finding(law, error, site="storey 1", drop=()):
     return Finding(Candidate(law, Site(site)), law, error, drop, np.array([error, error, 9 * error]))
 
 
+def test_a_law_pays_for_the_parameters_that_it_adds_not_for_those_of_the_law_whose_place_it_takes():
+    beside = finding(laws.Jenkins(0.1), 1.0)
+    instead = finding(laws.BoucWen(1.0, 0.0, 1.5), 0.85, drop=((Site("storey 1"), 1),))
+    assert instead.n_parameters == instead.n_added == 4
+    assert choose([beside, instead], 1.1)[0] is beside  # 0.87 * 1.1^4 beside 1.02 * 1.1^2, with the floor of 0.02
+    instead.n_freed = 2
+    assert instead.n_added == 2 and choose([beside, instead], 1.1)[0] is instead
+
+
 def test_parameters_have_a_price_within_a_family_and_a_smaller_one_between_families():
     plain, shaped = laws.QuadraticDamping(), laws.PowerLawDamping(1.3)
     assert finding(shaped, 1.0).n_parameters == 2 and finding(shaped, 1.25).error == 1.25

@@ -173,3 +173,20 @@ def test_without_instruments_a_gain_must_be_larger_than_what_biased_models_prete
     verdict = confirmed(Verdict(True, gain, 1.0, 0.0, "the error falls"), stage, after, null)
     assert verdict.accepted is taken
     assert taken or verdict.sentence.endswith("wrong by 10 %, and no instruments can tell")
+
+
+def test_the_friction_that_noise_halves_is_said_and_its_interval_reaches_towards_the_truth():
+    """Signs of a noisy rate are wrong near rest: least squares takes a third of the friction for viscous damping."""
+    held = [laws.LinearElastic(1.92e5), laws.LinearViscous(436.0), laws.CoulombFriction(30.0)]
+    truth = ChainModel([17.8, 28.8], {1: [laws.LinearElastic(7.16e4), laws.LinearViscous(139.0)], 2: held})
+    F = excitation.band_limited_random(2, 16.0, 500.0, dofs=2, rms=200.0, band=(1, 60), random_state=3)
+    record = add_noise(simulate(truth, F, 1 / 500.0), 0.02, random_state=53)
+    report = close_loop(record, baseline=NRFRegressor(degree=1), catalogue=[laws.CoulombFriction()])
+    (step,) = report.steps
+    assert step.law == "coulomb_friction" and step.site == "storey 2"
+    low, high = step.intervals["Fc"]
+    assert step.parameters["Fc"] < 0.8 * 30.0 and step.bias["Fc"] < -0.15
+    assert low < step.parameters["Fc"] and high > 0.9 * 30.0
+    said = re.search(r"(\d+) % in Fc of coulomb_friction at storey 2 \(instrumental variables: ([\d.]+)\)", str(report))
+    assert said and float(said[1]) == pytest.approx(-100 * step.bias["Fc"], abs=0.51)
+    assert float(said[2]) == pytest.approx(30.0, rel=0.1)

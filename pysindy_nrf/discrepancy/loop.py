@@ -23,8 +23,6 @@ from .contradictions import contradictions
 from .floor_source import FloorSource
 from .free_run import free_run_error
 from .gate import FLOOR, MEMBER_GAIN, MIN_GAIN, MIN_WINS, Verdict, choose, gain_of, judge
-from .intervals import intervals
-from .leftover import leftover
 from .likeliest import likeliest
 from .prepare import Prepared, prepare
 from .reestimate import needless, place_of, reestimated
@@ -35,7 +33,8 @@ from .sensors import SensorFinding, sensor_findings
 from .spectral_lines import lines_of
 from .splits import BlockRows, split
 from .stage import Stage, Trial
-from .steps import corrected_again, doubt_names, improper, remainder, step_of, surely_left, worst, wrong_by_noise
+from .standing import SURE, Standing, doubt_what_is_drawn, estimate, wrong_by_noise
+from .steps import corrected_again, doubt_names, improper, remainder, step_of, surely_left, worst
 from .surrogate import Null
 from .together import look_ahead, pair_instead
 from .workspace import Workspace
@@ -46,17 +45,15 @@ _VALIDATED = 10
 _DECISIONS = 3
 # A candidate that does not even do this on the data it is fitted to cannot pass the gate.
 _HOPELESS = 0.05
-# Share of the effect (noise taken off) that may stay unexplained before a name is no longer sure: what stays at
-# least, whatever chance did, and what stays in the median block.
-_SURE, _USUALLY = 0.10, 0.25
+# Share of the effect (noise taken off) that may stay unexplained in the median block before a name is no longer sure;
+# what stays at least, whatever chance did, may be SURE.
+_USUALLY = 0.25
 # Balance error, percent, far above noise, beyond which nothing is explained, however bad it was before.
 _OPEN = 50.0
 # An effect that makes the free run on the search data worse than this many times is none, unless the balance
 # error falls by so much that another missing effect must be to blame.
 _WORSE_ALONE = 1.3
 _BEYOND_DOUBT = 0.5
-# Share of a mass or a force that noise takes from the last model, from which on the report says so.
-_BIASED = 0.02
 
 
 def close_loop(
@@ -290,9 +287,10 @@ class _Loop:
             step.remainder = remainder(step.validation_before, left, floor)
             open_still = least > _OPEN and not least <= 2.0 * floor
             surely = remainder(step.validation_before, least, floor)
-            step.sure = surely <= _SURE and step.remainder <= _USUALLY and not open_still
-        self._estimated(stage, trial, null)
-        self._drawn(stage, null)
+            step.sure = surely <= SURE and step.remainder <= _USUALLY and not open_still
+        standing = self._standing(stage)
+        estimate(standing, stage, trial, null)
+        doubt_what_is_drawn(standing, stage, null, self.ready.clean)
         for k in reversed(range(len(steps))):  # what later had to be added at its site was not said by its name
             later = [s for s in steps[k + 1 :] if balances_of(Site(s.site)) == balances_of(Site(steps[k].site))]
             doubtful = improper(steps[k].law, steps[k].intervals) or not all(s.sure for s in later)
@@ -301,9 +299,7 @@ class _Loop:
         if np.isfinite(floor) and left > max(2.0 * floor, FLOOR):
             alone = f"(noise alone leaves about {floor:.2g} %)"
             stopped += f". {left:.3g} % stay unexplained by any law {alone}, most in the {worst(trial)}"
-        much = [f"{100 * null.error:.0f} % in a mass or a site's force"] if null.error >= _BIASED else []
-        much += [f"{100 * abs(b):.0f} % in {x} of {s.law} at {s.site}" for s, x, b in wrong_by_noise(steps)]
-        if null.stages and much:
+        if null.stages and (much := wrong_by_noise(standing, stage, null, self.ready)):
             stopped += f". By noise alone least squares is wrong by up to {', '.join(much)}: fit "
             stopped += "NRFRegressor(laws=report.model.laws, estimation='iv', ...) to the records, which noise does "
             stopped += "not bias"
@@ -452,34 +448,10 @@ class _Loop:
             gone.append(weakest)
         return stage, gone
 
-    def _estimated(self, stage: Stage, trial: Trial, null: Null) -> None:
-        """Parameters of every effect in the final model, and their intervals."""
-        for finding in self.accepted:
-            place, step = place_of(stage, finding, self.accepted), self._told(finding)
-            if place is None or step is None:
-                continue
-            at = stage.at[place] - trial.layout.slices[place[0]].start
-            own = slice(at, at + len(finding.law.terms()))
-            theta = trial.solve(range(len(self.work.search))).coefficients[place[0]][own]
-            begun = None if null.truth is None else null.truth.coefficients[place[0]][own]
-            step.parameters = stage.laws[place[0]][place[1]].with_values(theta).parameters
-            law = finding.candidate.law
-            step.intervals, step.bias = intervals(stage, place, law, theta, null.stages, begun)
-
-    def _drawn(self, stage: Stage, null: Null) -> None:
-        """No name is sure of an effect that leaves in its balances what is a function of the motion there."""
-        if not null.stages and not self.ready.clean:
-            return  # what noise alone draws there is not known
-        together: dict[Any, list[tuple[Finding, tuple[Site, int]]]] = {}
-        for finding in sorted(self.accepted, key=lambda f: f.site.kind == "dof"):  # the motion of a storey says more
-            if (place := place_of(stage, finding, self.accepted)) is not None:
-                together.setdefault(balances_of(finding.site), []).append((finding, place))
-        for group in together.values():
-            left = leftover(stage, null.stages, [place for _, place in group])
-            for finding, _ in group:
-                if (step := self._told(finding)) is not None:
-                    step.remainder = max(step.remainder, left)
-                    step.sure = step.sure and left <= _SURE
+    def _standing(self, stage: Stage) -> list[Standing]:
+        """Accepted effects that the final model holds and a step tells of."""
+        every = [(f, self._told(f), place_of(stage, f, self.accepted)) for f in self.accepted]
+        return [Standing(f, step, place) for f, step, place in every if step is not None and place is not None]
 
     def _told(self, finding: Finding) -> Step | None:
         """The step that tells of an accepted effect."""

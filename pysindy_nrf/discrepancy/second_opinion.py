@@ -16,6 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..chain_solve import Solution
 from ..estimation.iv import instrumental_variables
 from ..exceptions import NRFError, NRFWarning
 from ..simulation.system import flatten, jumps
@@ -50,6 +51,27 @@ def unbiased_errors(stage: Stage, ready: Prepared) -> np.ndarray | None:
     ndarray of shape (n_blocks,) or None
         Percent NRMSE; None where no free run can serve as an instrument.
     """
+    found = unbiased(stage, ready)
+    if found is None:
+        return None
+    trial = stage.trial()
+    return np.array([trial.error(found, [b]) for b in range(len(stage.work.search))])
+
+
+def unbiased(stage: Stage, ready: Prepared) -> Solution | None:
+    """Masses and coefficients by instrumental variables on the search data.
+
+    Parameters
+    ----------
+    stage : Stage
+    ready : Prepared
+        The records behind it. Instruments want motions whose DOFs were fused one by one.
+
+    Returns
+    -------
+    Solution or None
+        None where no free run can serve as an instrument.
+    """
     trial, work = stage.trial(), stage.work
     try:
         with warnings.catch_warnings():
@@ -58,11 +80,9 @@ def unbiased_errors(stage: Stage, ready: Prepared) -> np.ndarray | None:
             found = instrumental_variables(
                 trial.model(), data, trial.layout, trial.walk, filters, work.known_masses
             )
-            if found is None or not found.settled:
-                return None
-            return np.array([trial.error(found.solution, [b]) for b in range(len(work.search))])
     except (NRFError, np.linalg.LinAlgError):
         return None
+    return found.solution if found is not None and found.settled else None
 
 
 def _rough(stage: Stage) -> bool:
@@ -144,4 +164,4 @@ def confirmed(
     return replace(verdict, accepted=False, sentence=f"{verdict.sentence}; {wrong}, and no instruments can tell")
 
 
-__all__ = ["confirmed", "unbiased_errors", "wrong_by"]
+__all__ = ["confirmed", "unbiased", "unbiased_errors", "wrong_by"]

@@ -22,8 +22,6 @@ from .stage import Trial
 _ONE_CLASS = 0.3
 # So is a power of the rate below this; the fluid dampers of the literature begin with 0.3.
 _NEARLY_FRICTION = 0.25
-# Share of a coefficient that noise may take before it is said.
-_WRONG = 0.1
 # Families that are functions of one variable: of the rate, of the drift.
 _ONE_VARIABLE = (("friction", "damping"), ("stiffness", "contact"))
 
@@ -99,15 +97,6 @@ def improper(law: str, found: Mapping[str, tuple[float, float]]) -> bool:
     A Stribeck force that falls towards rest is a way to write a force that grows with the rate.
     """
     return law == "stribeck_friction" and found.get("dF", (0.0, 0.0))[1] < 0.0
-
-
-def wrong_by_noise(steps: Sequence[Step]) -> list[tuple[Step, str, float]]:
-    """The coefficient of each effect that noise alone makes most wrong, where that is more than an engineer allows."""
-    out = []
-    for step in steps:
-        if step.bias and abs(step.bias[name := max(step.bias, key=lambda k: abs(step.bias[k]))]) >= _WRONG:
-            out.append((step, name, step.bias[name]))
-    return out
 
 
 def worst(trial: Trial) -> str:

@@ -1,0 +1,119 @@
+"""The effects that stand in the final model: their parameters, what noise does to these, whether the name is sure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..chain_solve import Solution
+from ..sites import Site
+from .catalogue import balances_of
+from .intervals import intervals
+from .leftover import leftover
+from .prepare import Prepared
+from .report import Step
+from .search import Finding
+from .second_opinion import unbiased
+from .stage import Stage, Trial
+from .surrogate import Null
+
+# Share of the effect (noise taken off) that may stay unexplained for certain before a name is no longer sure.
+SURE = 0.1
+# Shares of a mass or a site's force, and of a coefficient, that noise may take before it is said.
+_BIASED, _WRONG = 0.02, 0.1
+
+
+@dataclass
+class Standing:
+    """An accepted effect, the step that tells of it, and the place of its law in the final model."""
+
+    finding: Finding
+    step: Step
+    place: tuple[Site, int]
+
+    def coefficients(self, stage: Stage, solution: Solution) -> np.ndarray:
+        """Those of its law in a solution of the chain."""
+        site, i = self.place
+        at = stage.at[self.place] - stage.layout.slices[site].start
+        return solution.coefficients[site][at : at + len(stage.laws[site][i].terms())]
+
+    def parameters(self, stage: Stage, solution: Solution) -> dict[str, float | None]:
+        """Coefficients in a solution, and shape parameters."""
+        site, i = self.place
+        return stage.laws[site][i].with_values(self.coefficients(stage, solution)).parameters
+
+
+def estimate(effects: Sequence[Standing], stage: Stage, trial: Trial, null: Null) -> None:
+    """Parameters of every effect in the final model, their intervals, and what noise alone does to them.
+
+    Parameters
+    ----------
+    effects : sequence of Standing
+        Their steps are changed in place.
+    stage, trial : Stage and Trial
+        The final model.
+    null : Null
+        Surrogates of it.
+    """
+    found = trial.solve(range(len(stage.work.search)))
+    for one in effects:
+        theta = one.coefficients(stage, found)
+        begun = None if null.truth is None else one.coefficients(stage, null.truth)
+        one.step.parameters = one.parameters(stage, found)
+        law = one.finding.candidate.law
+        one.step.intervals, one.step.bias = intervals(stage, one.place, law, theta, null.stages, begun)
+
+
+def wrong_by_noise(effects: Sequence[Standing], stage: Stage, null: Null, ready: Prepared) -> list[str]:
+    """What noise alone makes wrong in the final model, in words; of an effect with what instruments say instead.
+
+    Parameters
+    ----------
+    effects : sequence of Standing
+        As :func:`estimate` left them.
+    stage : Stage
+    null : Null
+    ready : Prepared
+        The records behind them.
+
+    Returns
+    -------
+    list of str
+        Empty where least squares is right to what an engineer allows.
+    """
+    said = [f"{100 * null.error:.0f} % in a mass or a site's force"] if null.error >= _BIASED else []
+    worst = [(one, max(one.step.bias, key=lambda k: abs(one.step.bias[k]), default="")) for one in effects]
+    wrong = [(one, name) for one, name in worst if name and abs(one.step.bias[name]) >= _WRONG]
+    other = unbiased(stage, ready) if wrong else None
+    for one, name in wrong:
+        said.append(f"{100 * abs(one.step.bias[name]):.0f} % in {name} of {one.step.law} at {one.step.site}")
+        if other is not None:
+            said[-1] += f" (instrumental variables: {one.parameters(stage, other)[name]:.4g})"
+    return said
+
+
+def doubt_what_is_drawn(effects: Sequence[Standing], stage: Stage, null: Null, clean: bool) -> None:
+    """No name is sure of an effect that leaves in its balances what is a function of the motion there.
+
+    Parameters
+    ----------
+    effects : sequence of Standing
+        Their steps are changed in place.
+    stage : Stage
+    null : Null
+    clean : bool
+        Whether the channels are without noise.
+    """
+    if not null.stages and not clean:
+        return  # what noise alone draws there is not known
+    together: dict[Any, list[Standing]] = {}
+    for one in sorted(effects, key=lambda e: e.finding.site.kind == "dof"):  # the motion of a storey says more
+        together.setdefault(balances_of(one.finding.site), []).append(one)
+    for group in together.values():
+        left = leftover(stage, null.stages, [one.place for one in group])
+        for one in group:
+            one.step.remainder = max(one.step.remainder, left)
+            one.step.sure = one.step.sure and left <= SURE

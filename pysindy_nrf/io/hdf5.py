@@ -68,9 +68,14 @@ def read_hdf5(path: Path, max_bytes: int = MAX_BYTES, matlab: bool = False) -> T
 def _data_sets(h5py: Any, file: Any) -> Iterator[tuple[str, Any]]:
     """Every data set that the file itself holds, by name and once; links into other files are not followed.
 
-    Group by group: the library's own walk through all groups never ends in some damaged files.
+    Group by group, and an object is told by its number alone: the library's own walk through all groups, and its
+    count of what an object takes, never end in some damaged files.
     """
-    seen = {h5py.h5o.get_info(file.id).addr}
+
+    def number(item: Any) -> Any:
+        return h5py.h5g.get_objinfo(item.id).objno
+
+    seen = {number(file["/"])}
     stack = [("", file)]
     while stack:
         name, item = stack.pop()
@@ -81,8 +86,8 @@ def _data_sets(h5py: Any, file: Any) -> Iterator[tuple[str, Any]]:
         inside = []
         for key in item:
             if isinstance(item.get(key, getlink=True), h5py.HardLink):
-                address = h5py.h5o.get_info(item[key].id).addr
-                if address not in seen:
-                    seen.add(address)
+                own = number(item[key])
+                if own not in seen:
+                    seen.add(own)
                     inside.append((f"{name}/{key}" if name else key, item[key]))
         stack += reversed(inside)

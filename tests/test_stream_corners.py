@@ -73,6 +73,28 @@ def test_data_sets_that_are_not_needed_stay_where_they_are(case, tmp_path):
         NRFRegressor().fit(tmp_path / "b.h5")
 
 
+def test_a_fit_by_path_reads_no_other_file(case, tmp_path):
+    """Neither through a link, nor from values that are kept elsewhere, nor through a virtual data set."""
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["F"] = case.F
+    case.F.tofile(tmp_path / "secret.bin")
+    virtual = h5py.VirtualLayout(case.F.shape, "f8")
+    virtual[:] = h5py.VirtualSource(str(tmp_path / "other.h5"), "F", shape=case.F.shape)
+    for name in ("link", "external", "virtual"):
+        with h5py.File(tmp_path / f"{name}.h5", "w") as file:
+            file["X"] = case.X
+            if name == "link":
+                file["F"] = h5py.ExternalLink(str(tmp_path / "other.h5"), "F")
+            elif name == "external":
+                file.create_dataset("F", case.F.shape, "f8", external=[(str(tmp_path / "secret.bin"), 0, case.F.nbytes)])
+            else:
+                file.create_virtual_dataset("F", virtual)
+        says = "No force is measured" if name == "link" else "'F' lies in another file"
+        with pytest.raises(NRFError, match=says):
+            NRFRegressor().fit(tmp_path / f"{name}.h5")
+
+
 @pytest.mark.parametrize("suffix", [".h5", ".parquet"])
 def test_a_damaged_file_is_named(tmp_path, suffix):
     path = tmp_path / f"a{suffix}"

@@ -42,18 +42,14 @@ def read_hdf5(path: Path, max_bytes: int = MAX_BYTES, matlab: bool = False) -> T
     total = 0
     try:
         with h5py.File(path, "r") as file:
-            for name, item in _data_sets(h5py, file):
+            for name, item in data_sets(h5py, file):
                 if name.startswith("#") or item.dtype.kind not in "biufc" or "MATLAB_empty" in item.attrs:
                     continue
                 if matlab and item.attrs.get("MATLAB_class") in (b"char", "char"):
                     continue
                 if item.shape is None:
                     continue
-                if item.external or item.is_virtual:
-                    raise FileFormatError(
-                        f"{path}: the data set {name!r} lies in another file, which is not opened",
-                        "Export the measured values themselves into one file.",
-                    )
+                require_own(path, name, item)
                 total += item.size * item.dtype.itemsize
                 check_size(path, total, max_bytes)
                 values = np.asarray(item[()])
@@ -65,7 +61,16 @@ def read_hdf5(path: Path, max_bytes: int = MAX_BYTES, matlab: bool = False) -> T
     return Table(path, "MATLAB v7.3" if matlab else "HDF5", flattened(variables))
 
 
-def _data_sets(h5py: Any, file: Any) -> Iterator[tuple[str, Any]]:
+def require_own(path: Any, name: str, item: Any) -> None:
+    """Refuse a data set whose values lie in other files."""
+    if item.external or item.is_virtual:
+        raise FileFormatError(
+            f"{path}: the data set {name!r} lies in another file, which is not opened",
+            "Export the measured values themselves into one file.",
+        )
+
+
+def data_sets(h5py: Any, file: Any) -> Iterator[tuple[str, Any]]:
     """Every data set that the file itself holds, by name and once; links into other files are not followed.
 
     Group by group, and an object is told by its number alone: the library's own walk through all groups, and its

@@ -11,6 +11,7 @@ import numpy as np
 
 from .._extras import require
 from ..exceptions import ChannelError, FileFormatError
+from ..io.hdf5 import data_sets, require_own
 from ..io.table import check_file, unreadable
 from ..record import Record
 from ..segments import feature_names
@@ -251,7 +252,9 @@ class HDF5Source(TableSource):
         self._h5py = require("h5py", "files", "Reading HDF5 files")
         try:
             with self._h5py.File(self.path, "r") as file:
-                sets = {k: v for k, v in file.items() if isinstance(v, self._h5py.Dataset)}
+                sets = {k: v for k, v in data_sets(self._h5py, file) if "/" not in k}
+                for name, held in sets.items():
+                    require_own(self.path, name, held)
                 lengths = {len(v) for v in sets.values() if v.ndim and len(v) > 1}
                 if len(lengths) != 1:
                     raise ChannelError(

@@ -75,6 +75,7 @@ def diagnose(model: Any) -> Diagnosis:
     rows: list[Finding] = []
     rows += (
         _missing(model)
+        + _jumping(model)
         + _excitation(model)
         + _conditioning(model)
         + _uncertainty(model)
@@ -99,6 +100,16 @@ def _missing(model: Any) -> list[Finding]:
             )
             out.append((3.0 + row["missing"] / 100, "missing law", name, float(row["missing"]), text))
     return out
+
+
+def _jumping(model: Any) -> list[Finding]:
+    from .analysis.jumps import sentences_of
+
+    wrong = model.jump_bias_[model.jump_bias_["wrong"].astype(bool)]
+    return [
+        (2.7, "jump", str(name), float(wrong.loc[name, "lost"]), f"{text[0].upper()}{text[1:]}")
+        for name, text in zip(wrong.index, sentences_of(wrong))
+    ]
 
 
 def _excitation(model: Any) -> list[Finding]:

@@ -95,6 +95,9 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
     missing_terms_ : DataFrame
         What the laws leave to be explained, step by step; a BiasWarning is raised where a law is
         missing. See :func:`pysindy_nrf.analysis.missing_terms`.
+    jump_bias_ : DataFrame
+        Of least squares: coefficients of forces that jump (friction), and what they are without the samples next to
+        the jumps; a BiasWarning is raised where they differ. See :func:`pysindy_nrf.analysis.jump_bias_of`.
     model_ : ChainModel
     chain_ : Chain
     walk_ : Walk
@@ -361,6 +364,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         judged: SegmentSet,
     ) -> None:
         from .analysis.bias import missing_terms_of, warn_of_bias
+        from .analysis.jumps import jump_bias_of, sentences_of
         from .errors import balance_errors
 
         self.chain_, self.walk_ = layout.chain, walk
@@ -382,7 +386,12 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         self.restoring_forces_ = model.restoring_forces
         self.unknown_forces_ = unknown_forces(model, data)
         self.missing_terms_ = missing_terms_of(model, walk, judged, self.band)
-        warn_of_bias(self.missing_terms_, doubtful_masses(solution) + lost_masses(model), stacklevel=5)
+        self.jump_bias_ = jump_bias_of(
+            model, walk, judged if self.estimation == "ls" else None, self.band, self._known_masses(layout.chain),
+            self._inner(),
+        )  # fmt: skip
+        said = doubtful_masses(solution) + lost_masses(model) + sentences_of(self.jump_bias_)
+        warn_of_bias(self.missing_terms_, said, stacklevel=5)
 
     # -- what was asked for -------------------------------------------------------------------
 

@@ -5,6 +5,7 @@ from .bias import missing_terms, warn_of_bias
 from .change import ChangeReport, compare_tests
 from .damper_force import damper_force
 from .energy import dissipated_energy, energy_shares, path_energy, power_energy
+from .jumps import jump_bias_of
 from .linear_twin import linear_part, linear_twin
 from .load_cell import horizontal_component
 from .moving_window import Onset, find_onset, track
@@ -30,6 +31,7 @@ __all__ = [
     "track",
     "find_onset",
     "Onset",
+    "jump_bias_of",
     "missing_terms",
     "warn_of_bias",
 ]

@@ -9,6 +9,7 @@ import numpy as np
 from ..exceptions import LawError, SimulationError
 from ..laws.compiled import pointers
 from ..laws.inertia import total_masses
+from ..laws.jumps import across_rest
 
 # columns of System.laws
 KERNEL, ADVANCE, TERM, N_TERMS, STATE, N_STATES, THETA, N_THETA, INPUT, N_INPUTS, INERTIA = range(11)
@@ -208,18 +209,12 @@ def jumps(model: Any, layout: Layout, largest: np.ndarray) -> np.ndarray:
     -------
     ndarray of bool, shape (n_sites,)
     """
-    rates = np.array([1e-14, -1e-14, 1e-9, -1e-9])
-    zero = np.zeros(4)
     found = []
     for site in layout.sites:
         near = wide = 0.0
         for law in model.laws[site]:
-            u = np.array([np.full(4, largest[layout.covariates.index(name)]) for name in law.covariates]).reshape(-1, 4)
-            out = np.zeros((len(law.coefficients), 4))
-            law.kernel(zero, rates, zero, zero, u, np.zeros((law.n_states, 4)), law.theta, out)
-            force = law.coefficients @ out
-            near += abs(force[0] - force[1])
-            wide += abs(force[2] - force[3])
+            change = law.coefficients @ across_rest(law, [largest[layout.covariates.index(n)] for n in law.covariates])
+            near, wide = near + abs(change[0]), wide + abs(change[1])
         found.append(near > 0.5 * wide > 0)
     return np.array(found, dtype=bool)
 

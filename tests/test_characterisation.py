@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from pysindy_nrf.discrepancy.characterisation import characterise, conditional_mean
+from pysindy_nrf.discrepancy.characterisation import characterise, conditional_mean, spectral_line
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.fair_filter import FairFilter
 from pysindy_nrf.laws import Motion
@@ -134,3 +134,9 @@ def test_display_draws_shares_and_the_force_against_the_rate():
     display = DependenceDisplay(found).plot()
     assert [axis.get_xlabel() for axis in display.ax_[1:]] == ["drift s (m)", "rate v (m/s)"]
     assert len(display.ax_[0].patches) == len(found.shares)
+
+
+def test_a_force_of_zero_has_no_spectral_line():
+    t = np.arange(1000) / 100.0
+    with np.errstate(all="raise"):
+        assert np.isnan(spectral_line([np.zeros(1000)], [Motion(np.sin(t), np.cos(t), t=t)]))

@@ -353,6 +353,8 @@ def spectral_line(parts: Sequence[np.ndarray], motions: Sequence[Motion]) -> flo
     dt = (t[-1] - t[0]) / (n - 1)
     window = np.hanning(n)
     power = np.abs(np.fft.rfft(e * window)) ** 2
+    if not power.any():
+        return float("nan")
     from scipy.ndimage import median_filter
 
     size = min(101, len(power) // 2 * 2 - 1)

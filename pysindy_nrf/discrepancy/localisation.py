@@ -454,7 +454,7 @@ def _grams(residual: Residual, layout: LawLayout, n_blocks: int) -> tuple[np.nda
 
 
 def _key(b: np.ndarray | None) -> bytes:
-    return b"" if b is None else (b if b[np.flatnonzero(b)[0]] > 0 else -b).tobytes()
+    return b"" if b is None else (b if b[np.flatnonzero(b)[0]] > 0 else 0.0 - b).tobytes()
 
 
 def _settle(table: pd.DataFrame, patterns: dict[Site, np.ndarray | None]) -> None:

@@ -49,7 +49,7 @@ def schema(name: str = "chain_model") -> dict[str, Any]:
 
 
 def plain_json(text: str) -> Any:
-    """JSON without its loopholes: no NaN, no infinity, no key twice.
+    """JSON without its loopholes: no NaN, no infinity (not as 1e999 either), no key twice.
 
     Parameters
     ----------
@@ -67,13 +67,18 @@ def plain_json(text: str) -> Any:
     def constant(word: str) -> Any:
         raise ValueError(f"{word} is no number in JSON")
 
+    def number(word: str) -> float:
+        if not math.isfinite(float(word)):
+            raise ValueError(f"{word} is beyond the range of a double")
+        return float(word)
+
     def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         out = dict(pairs)
         if len(out) < len(pairs):
             raise ValueError("a key stands twice in one object")
         return out
 
-    return json.loads(text, parse_constant=constant, object_pairs_hook=once)
+    return json.loads(text, parse_constant=constant, parse_float=number, object_pairs_hook=once)
 
 
 def check(data: Any, rules: dict[str, Any], where: str) -> None:

@@ -269,6 +269,8 @@ def test_versions_and_loopholes_of_json():
         ChainModel.from_json(twice)
     with pytest.raises(FileFormatError, match="NaN"):
         ChainModel.from_json(json.dumps(BASE | {"masses": [float("nan"), 1.0]}))
+    with pytest.raises(FileFormatError, match="1e9990 is beyond the range of a double"):  # anywhere: it could not be written
+        ChainModel.from_json(json.dumps(BASE | {"info": {"band": [1.0]}}).replace("[1.0]}", "[1e9990]}"))
 
 
 def test_what_a_reading_says_of_own_files(tmp_path):

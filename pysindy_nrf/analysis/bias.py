@@ -81,7 +81,7 @@ def missing_terms_of(model: Any, walk: Any, data: SegmentSet, band: Any = None) 
     folds = [first, *(first.empty() for _ in range(1, _FOLDS))]
     counts = dict.fromkeys((g.dofs for g in groups), 0)
     n_rows = 0
-    for i, (terms, extra, a, force) in enumerate(_windows(layout, data, band)):
+    for i, (terms, extra, a, force) in enumerate(windows(layout, data, band)):
         n_rows += a.shape[1]
         columns = [x for s in layout.acting for x in (terms[layout.slices[s]], extra[s])]
         folds[i % _FOLDS].add(Block(np.vstack(columns) if columns else terms, a, force))
@@ -141,7 +141,7 @@ def warn_of_bias(table: pd.DataFrame, masses: Sequence[str] = (), stacklevel: in
 # -- columns ----------------------------------------------------------------------------------
 
 
-def _windows(layout: LawLayout, data: SegmentSet, band: Any) -> Iterator[tuple]:
+def windows(layout: LawLayout, data: SegmentSet, band: Any) -> Iterator[tuple]:
     """Some thousand rows in contiguous windows: own terms, extra terms by site, a and F."""
     from ..fair_filter import filters_of
 

@@ -7,19 +7,21 @@ turns tell how much: without them the coefficient must be the same.
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from ..chain_solve import groups_of, solve
-from ..exceptions import NRFError
+from ..exceptions import NRFError, RankWarning
 from ..laws.jumps import across_rest
 from ..layout import LawLayout
 from ..moments import Block, Moments
 from ..segments import SegmentSet
 from ..sites import Site
-from .bias import _windows
+from .bias import windows
 
 # Samples on each side of a turn that are left out.
 _BESIDE = 2
@@ -72,20 +74,29 @@ def jump_bias_of(
     sites = {site for site, _, _ in places}
     known = dict(known_masses or {})
     whole, kept = ([Moments(layout, groups_of(layout, walk), known_masses=known) for _ in range(_GROUPS)] for _ in "ab")
-    for i, (terms, offered, a, force) in enumerate(_windows(layout, data, None)):
+    for i, (terms, offered, a, force) in enumerate(windows(layout, data, None)):
         away = np.ones(a.shape[1], dtype=bool)
         for site in sites:  # the first column offered is the sign of the rate
-            for turn in np.flatnonzero(np.diff(offered[site][0])):
-                away[max(turn + 1 - _BESIDE, 0) : turn + 1 + _BESIDE] = False
+            turns = np.flatnonzero(np.diff(offered[site][0]))
+            near = (turns[:, None] + np.arange(1 - _BESIDE, 1 + _BESIDE)).ravel()
+            away[np.clip(near, 0, len(away) - 1)] = False
         whole[i % _GROUPS].add(Block(terms, a, force))
         if away.any():
             kept[i % _GROUPS].add(Block(terms[:, away], a[:, away], force[:, away]))
+    def solved(parts: list[Moments], chosen: Iterable[int]) -> np.ndarray:
+        total = parts[0].empty()
+        for g in chosen:
+            total.merge(parts[g])
+        coefficients = solve(total, walk, known, inner).coefficients
+        return np.array([coefficients[site][at] for site, at, _ in places])
+
     try:
-        difference, out = [], [_solved(side, range(_GROUPS), places, walk, known, inner) for side in (whole, kept)]
-        for left in range(_GROUPS):
-            some = [g for g in range(_GROUPS) if g != left]
-            difference.append(np.subtract(*(_solved(side, some, places, walk, known, inner) for side in (kept, whole))))
-    except NRFError:  # too few samples are left
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RankWarning)  # the fit has said so
+            out = [solved(side, range(_GROUPS)) for side in (whole, kept)]
+            rest = [[g for g in range(_GROUPS) if g != left] for left in range(_GROUPS)]
+            difference = [solved(kept, some) - solved(whole, some) for some in rest]
+    except (NRFError, np.linalg.LinAlgError):  # too few samples are left
         return pd.DataFrame(columns=columns)
     chance = np.sqrt((_GROUPS - 1) / _GROUPS * ((difference - np.mean(difference, axis=0)) ** 2).sum(axis=0))
     gap, away_from = out[1] - out[0], out[1]
@@ -121,11 +132,3 @@ def jumping_terms(layout: LawLayout) -> list[tuple[Site, int, str]]:
                 out += [(site, at + k, term.unit) for k, term in enumerate(terms) if near[k] > 0.5 * wide[k] > 0]
             at += len(terms)
     return out
-
-
-def _solved(parts: list[Moments], chosen: Any, places: list, walk: Any, known: dict, inner: Any) -> np.ndarray:
-    total = parts[0].empty()
-    for g in chosen:
-        total.merge(parts[g])
-    coefficients = solve(total, walk, known, inner).coefficients
-    return np.array([coefficients[site][at] for site, at, _ in places])

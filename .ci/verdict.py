@@ -6,7 +6,6 @@
 
 import json
 import sys
-import tempfile
 from pathlib import Path
 
 LEAST = 0.95
@@ -19,7 +18,7 @@ def report(folder: Path) -> Path:
     whole = Coverage(data_file=str(folder / "counted"), config_file="pyproject.toml")
     whole.combine([str(folder)])
     whole.save()
-    out = Path(tempfile.mkdtemp()) / "coverage.json"
+    out = folder / "coverage.json"
     whole.json_report(outfile=str(out))
     return out
 

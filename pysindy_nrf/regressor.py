@@ -303,11 +303,13 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
                 self.estimation, model, solution, separate or data, layout, walk, filters, known, self._inner(),
                 self.band,
             )  # fmt: skip
+            if facts["found"] == "ls":  # it stayed with what these motions gave
+                judged = data
         if self.constraints is not None:
             from .constraints import constrained
 
             model = constrained(model, self.constraints, self._resolving())
-        self._publish(model, solution, moments, walk, layout, data, judged)
+        self._publish(model, solution, moments, walk, layout, data, judged, facts["found"] == "ls")
         model.info["estimation"] = facts
 
     def _separate(self, X: Any, y: Any, data: SegmentSet, options: dict[str, Any]) -> SegmentSet:
@@ -362,6 +364,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         layout: LawLayout,
         data: SegmentSet,
         judged: SegmentSet,
+        least_squares: bool = True,
     ) -> None:
         from .analysis.bias import missing_terms_of, warn_of_bias
         from .analysis.jumps import jump_bias_of, sentences_of
@@ -386,10 +389,8 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         self.restoring_forces_ = model.restoring_forces
         self.unknown_forces_ = unknown_forces(model, data)
         self.missing_terms_ = missing_terms_of(model, walk, judged, self.band)
-        self.jump_bias_ = jump_bias_of(
-            model, walk, judged if self.estimation == "ls" else None, self.band, self._known_masses(layout.chain),
-            self._inner(),
-        )  # fmt: skip
+        known = self._known_masses(layout.chain)
+        self.jump_bias_ = jump_bias_of(model, walk, judged if least_squares else None, self.band, known, self._inner())
         said = doubtful_masses(solution) + lost_masses(model) + sentences_of(self.jump_bias_)
         warn_of_bias(self.missing_terms_, said, stacklevel=5)
 

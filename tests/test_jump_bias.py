@@ -56,6 +56,13 @@ def test_samples_close_enough_and_laws_without_jumps_and_instruments_say_nothing
     assert model.model_.laws["storey 2"][2].values[0] == pytest.approx(FORCE, rel=0.05)
 
 
+def test_an_estimate_that_had_to_stay_with_least_squares_is_warned_of_too(monkeypatch):
+    monkeypatch.setattr("pysindy_nrf.estimation.refine.instrumental_variables", lambda *a: None)
+    model, said = fitted(estimation="iv")
+    assert model.model_.info["estimation"]["found"] == "ls" and model.jump_bias_["wrong"].all()
+    assert any("without the samples next to the turns" in text for text in said)
+
+
 def test_each_direction_of_an_asymmetric_friction_is_judged_by_itself():
     friction = laws.AsymmetricFriction(*(10.0, 6.0))
     model, _ = fitted(friction=friction)

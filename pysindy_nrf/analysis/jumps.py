@@ -83,6 +83,7 @@ def jump_bias_of(
         whole[i % _GROUPS].add(Block(terms, a, force))
         if away.any():
             kept[i % _GROUPS].add(Block(terms[:, away], a[:, away], force[:, away]))
+
     def solved(parts: list[Moments], chosen: Iterable[int]) -> np.ndarray:
         total = parts[0].empty()
         for g in chosen:

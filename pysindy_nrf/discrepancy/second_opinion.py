@@ -42,9 +42,8 @@ def unbiased_errors(stage: Stage, ready: Prepared) -> np.ndarray | None:
 
     Parameters
     ----------
-    stage : Stage
-    ready : Prepared
-        The records behind it. Instruments want motions whose DOFs were fused one by one.
+    stage, ready
+        See :func:`unbiased`.
 
     Returns
     -------

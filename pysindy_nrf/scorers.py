@@ -133,9 +133,9 @@ def _acceleration(regressor: Any, X: Any, F: Any = None, **metadata: Any) -> flo
 
 
 def _free_run(regressor: Any, X: Any, F: Any = None, **metadata: Any) -> float:
-    from .discrepancy.free_run import free_run_error
-    from .discrepancy.splits import BlockRows
     from .fair_filter import filters_of
+    from .free_run import free_run_error
+    from .segments import BlockRows
 
     names = dict.fromkeys(METADATA) | metadata
     data = regressor._judged(X, F, *(names[k] for k in METADATA))

@@ -260,6 +260,22 @@ class SegmentSet:
         return out
 
 
+@dataclass(frozen=True)
+class BlockRows:
+    """Consecutive valid rows of one record.
+
+    Attributes
+    ----------
+    segment : int
+        Number of the record.
+    rows : slice
+        Counted from the first valid row of the record.
+    """
+
+    segment: int
+    rows: slice
+
+
 def half_the_rate(segments: Iterable[Segment]) -> float:
     """Highest frequency that all of some records can tell, Hz; infinite without a clock."""
     step = max((seg.dt or 0.0 for seg in segments), default=0.0)

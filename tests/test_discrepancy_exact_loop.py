@@ -9,13 +9,12 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from pysindy_nrf import ChainModel, Record, Site, close_loop, excitation, laws, simulate
+from pysindy_nrf import ChainModel, Record, Site, close_loop, excitation, free_run, laws, simulate
 from pysindy_nrf.chain_solve import Solution
 from pysindy_nrf.discrepancy import (
     characterisation,
     evidence,
     floor_source,
-    free_run,
     intervals,
     localisation,
     loop,
@@ -560,7 +559,7 @@ def test_surrogates_that_cannot_be_solved_stay_as_they_are_and_tell_no_bias():
 
     one = SimpleNamespace(trial=lambda: SimpleNamespace(solve=refuse), work=SimpleNamespace(search=[0]))
     null = surrogate.Null(None, None, None, 1)
-    assert null._like_the_truth(None, None, [one]) == ([one], 0.0, 0.0, None)
+    assert null._like_the_truth(None, None, [one], "linear") == ([one], 0.0, 0.0, None)
 
 
 def test_surrogates_of_a_biased_model_begin_with_what_noise_took_away(monkeypatch):
@@ -578,21 +577,21 @@ def test_surrogates_of_a_biased_model_begin_with_what_noise_took_away(monkeypatc
     monkeypatch.setattr(surrogate, "_finite", list)
     null = surrogate.Null(None, None, None, 2)
     null._shift = lambda trial, found, e, whole=False: abs(e.masses[1] - found.masses[1]) / found.masses[1]
-    null._one = lambda model: made.append(model) or "again"
+    null._one = lambda model, hold: made.append(model) or "again"
     trial = SimpleNamespace(layout=None)
-    stages, bias, error, truth = null._like_the_truth(trial, solution(10.0, 100.0), [stage(9.0, 80.0), stage(9.4, 90.0)])
+    stages, bias, error, truth = null._like_the_truth(trial, solution(10.0, 100.0), [stage(9.0, 80.0), stage(9.4, 90.0)], "cubic")
     # the estimates miss by -0.8 and -15 on average: what to begin with is as much higher
     assert stages == ["again"] * 2 and bias == pytest.approx(0.1) and error == pytest.approx(0.08)
     assert made[0].masses[1] == pytest.approx(10.8) and made[0].coefficients[site] == pytest.approx([115.0])
     assert truth is made[0]  # and beside that their estimates are to be held
     near = 10.0 * (1 - 0.99 * surrogate.UNBIASED)
     first = [stage(near, 100.0)]
-    stages, _, _, truth = null._like_the_truth(trial, solution(10.0, 100.0), first)
+    stages, _, _, truth = null._like_the_truth(trial, solution(10.0, 100.0), first, "cubic")
     assert stages is first and truth.masses[1] == 10.0
     first = [stage(10.0 * (1 - 1.01 * surrogate.UNBIASED), 100.0)]
-    assert null._like_the_truth(trial, solution(10.0, 100.0), first)[0] == ["again"]
+    assert null._like_the_truth(trial, solution(10.0, 100.0), first, "cubic")[0] == ["again"]
     first = [stage(20.5, 100.0)]  # twice the mass less that is negative
-    assert null._like_the_truth(trial, solution(10.0, 100.0), first)[0] is first
+    assert null._like_the_truth(trial, solution(10.0, 100.0), first, "cubic")[0] is first
 
 
 def test_a_sensor_is_followed_by_the_derivative_of_its_own_channel():

@@ -781,7 +781,7 @@ def null_of(floors, own):
         return SimpleNamespace(trial=lambda: SimpleNamespace(fold_errors=lambda: np.array([x, x, 9 * x])))
 
     one = surrogate.Null(None, stage(own), None, 2)
-    one.__dict__["_made"] = ([stage(x) for x in floors], 0.01)
+    one.__dict__["_made"] = surrogate._Made([stage(x) for x in floors], 0.01)
     return one
 
 
@@ -823,8 +823,9 @@ def test_surrogates_that_are_louder_than_the_records_are_tried_with_smooth_force
         return SimpleNamespace(trial=lambda: SimpleNamespace(fold_errors=lambda: np.array([x])))
 
     one = surrogate.Null(None, stage(own), None, 2)
-    one._surrogates = lambda: ([stage(straight if one._hold == "linear" else smooth)], 0.1, 0.2)
-    assert one.floor == (smooth if course == "cubic" else straight) and one._hold == course
+    tried = {"linear": straight, "cubic": smooth}
+    one._surrogates = lambda hold: surrogate._Made([stage(tried[hold])], 0.1, 0.2, hold)
+    assert one.floor == tried[course] and one.truth == course
     assert (one.bias, one.error) == (0.1, 0.2)
 
 

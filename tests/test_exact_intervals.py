@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from hand_made_rooms import fresh, motion, noise, residual, workspace
 
-from pysindy_nrf import Chain, ChainModel, Site, laws
+from pysindy_nrf import Chain, ChainModel, Site, free_run, laws
 from pysindy_nrf.discrepancy import (
     floor_source,
-    free_run,
     intervals,
     leftover,
 )

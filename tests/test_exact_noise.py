@@ -9,7 +9,7 @@ import pytest
 from hand_made_walk import fault, finding, four, noise, record, refuse
 from scipy import signal
 
-from pysindy_nrf import ChainModel, Record, Site, laws
+from pysindy_nrf import ChainModel, Record, Site, laws, simulate
 from pysindy_nrf.chain_solve import Solution
 from pysindy_nrf.discrepancy import (
     noise_floor,
@@ -25,6 +25,7 @@ from pysindy_nrf.discrepancy import (
 from pysindy_nrf.discrepancy.catalogue import Candidate
 from pysindy_nrf.discrepancy.gate import FLOOR, Verdict
 from pysindy_nrf.discrepancy.splits import BlockRows
+from pysindy_nrf.discrepancy.stage import Stage
 from pysindy_nrf.exceptions import ChannelError, NRFError, SimulationError
 from pysindy_nrf.input_arrays import from_arrays
 from pysindy_nrf.laws.sensor import GainError
@@ -56,7 +57,7 @@ def judged_stage(*folds):
 
 def null_of(own, stages, **more):
     one = surrogate.Null(None, judged_stage(own), None, 2)
-    one.__dict__["_made"] = (stages, 0.3, 0.2, "truth")
+    one.__dict__["_made"] = surrogate._Made(stages, 0.3, 0.2, "truth")
     return one
 
 
@@ -120,7 +121,7 @@ def test_only_surrogates_that_can_be_judged_count():
     ],
 )
 def test_a_model_without_a_free_run_has_no_surrogates(monkeypatch, masses, error, count):
-    def one(model):
+    def one(model, hold):
         if error is not None:
             raise error
         return "stage"
@@ -129,8 +130,8 @@ def test_a_model_without_a_free_run_has_no_surrogates(monkeypatch, masses, error
     monkeypatch.setattr(surrogate, "_finite", list)
     trial = SimpleNamespace(layout=None, solve=lambda blocks: list(blocks))
     null = surrogate.Null(None, SimpleNamespace(trial=lambda: trial, work=SimpleNamespace(search="ab")), None, 3)
-    null._one, null._like_the_truth = one, lambda trial, found, first: (first, found)
-    assert null._surrogates() == ((["stage"] * count, [0, 1]) if count else ([], 0.0, 0.0, None))
+    null._one, null._like_the_truth = one, lambda trial, found, first, hold: (first, found)
+    assert null._surrogates("linear") == ((["stage"] * count, [0, 1]) if count else ([], 0.0, 0.0, None))
 
 
 def test_surrogates_of_the_truth_that_have_no_free_run_leave_those_of_the_model(monkeypatch):
@@ -142,17 +143,17 @@ def test_surrogates_of_the_truth_that_have_no_free_run_leave_those_of_the_model(
     monkeypatch.setattr(surrogate, "model_of", lambda layout, found: found)
     for error in (NRFError("x", "y"), np.linalg.LinAlgError("x")):
 
-        def fail(model, error=error):
+        def fail(model, hold, error=error):
             raise error
 
         null._one = fail
-        assert null._like_the_truth(SimpleNamespace(layout=0), found, first) == (first, 0.1, 0.2, found)
-    null._one = lambda model: model
+        assert null._like_the_truth(SimpleNamespace(layout=0), found, first, "linear") == (first, 0.1, 0.2, found)
+    null._one = lambda model, hold: model
     monkeypatch.setattr(surrogate, "_finite", lambda stages: [s for s in stages if s.masses[1] == 11.0])
-    stages, _, _, truth = null._like_the_truth(SimpleNamespace(layout=0), found, first)
+    stages, _, _, truth = null._like_the_truth(SimpleNamespace(layout=0), found, first, "linear")
     assert stages == [truth] and truth.coefficients[site].tolist() == [120.0]
     first[0].trial = lambda: SimpleNamespace(solve=refuse)
-    assert null._like_the_truth(SimpleNamespace(layout=0), found, first) == (first, 0.0, 0.0, found)
+    assert null._like_the_truth(SimpleNamespace(layout=0), found, first, "linear") == (first, 0.0, 0.0, found)
 
 
 def test_a_surrogate_has_the_quietest_noise_that_is_told_and_blocks_within_its_rows(monkeypatch):
@@ -163,7 +164,7 @@ def test_a_surrogate_has_the_quietest_noise_that_is_told_and_blocks_within_its_r
     work = SimpleNamespace(
         searched=[1],
         search=search,
-        data=SimpleNamespace(segments=["s0", "s1"]),
+        data=SimpleNamespace(segments=["s0", SimpleNamespace(valid=slice(3, 123))]),
         filters=["f0", "f1"],
         known_masses={1: 2.0},
         strategy="auto",
@@ -182,8 +183,8 @@ def test_a_surrogate_has_the_quietest_noise_that_is_told_and_blocks_within_its_r
         data=SimpleNamespace(segments=[seg])))  # fmt: skip
     monkeypatch.setattr(surrogate, "Workspace", lambda *a: spaces.append(a) or "fresh")
     monkeypatch.setattr(surrogate, "Stage", lambda *a: a)
-    assert null._one("model") == ("fresh", "chain", "laws")
-    assert made == [("r1", "s1", "model", {"a1": 1.0, "F1": 0.2, "F2": 0.5, "F3": 0.5}, "rng", "linear")]
+    assert null._one("model", "linear") == ("fresh", "chain", "laws")
+    assert made == [("r1", work.data.segments[1], "model", {"a1": 1.0, "F1": 0.2, "F2": 0.5, "F3": 0.5}, "rng", "linear")]
     assert prepared == [(["fake"], [{"a1": 1.0}])]
     assert spaces[0][1:] == (
         ["f1"],
@@ -193,7 +194,7 @@ def test_a_surrogate_has_the_quietest_noise_that_is_told_and_blocks_within_its_r
         "auto",
     )
     seg.valid = slice(3, 80)
-    null._one("model")
+    null._one("model", "linear")
     assert spaces[1][2][1:] == [BlockRows(0, slice(40, 77)), BlockRows(0, slice(77, 77))]
 
 
@@ -225,33 +226,57 @@ def test_noise_of_forces_is_read_in_the_longest_block_within_the_band(monkeypatc
     assert null._force_noise(model, 0) == {}
 
 
-def test_a_surrogate_starts_where_the_record_does_and_leaves_unmeasured_channels_out():
-    n = 50
-    zeros = np.zeros((n, 2))
-    x = zeros.copy()
-    x[:, 1] = np.nan
-    record = Record(fs=100.0, force=zeros, displacement=x, velocity=zeros, acceleration=zeros)
-    seg = from_arrays(np.tile([0, 0, 1.0, 2.0, 0.1, 0.3], (n, 1)), zeros, dt=0.01).segments[0]
-    seg.valid = slice(4, n)
-    asked = {}
+def late_record(first=400, n=1200, fs=200.0):
+    """One mass, hit before its sensor is switched on and after; without noise, and what happened in between."""
+    F = np.zeros((n, 1))
+    F[[100, 500, 900]] = 1000.0
+    truth = ChainModel([10.0], {1: [laws.LinearElastic(4e4), laws.LinearViscous(20.0)]})
+    record = simulate(truth, F, 1 / fs)
+    gone = {key: np.array(getattr(record, key)) for key in ("acceleration", "velocity", "displacement")}
+    for y in gone.values():
+        y[:first] = np.nan
+    return truth, record, record.replace(**gone)
 
-    def simulate(force, dt, **more):
-        asked.update(more, force=force, dt=dt)
-        return SimpleNamespace(acceleration=zeros, velocity=zeros + 1, displacement=zeros + 2)
 
+def test_a_surrogate_of_the_truth_without_noise_is_the_record_from_its_first_valid_row_on():
+    """The blow before it is in the first state; simulated from row 0 it would come a second time."""
+    truth, whole, late = late_record()
+    (segment,) = truth.segments(late).segments
+    fake = surrogate.surrogate(late, segment, truth, {}, np.random.default_rng(0))
+    assert segment.valid == slice(400, 1200) and fake.force == pytest.approx(whole.force)
+    for key in ("acceleration", "velocity", "displacement"):
+        made, real = getattr(fake, key), getattr(whole, key)
+        assert np.isnan(made[:400]).all() and made[400:] == pytest.approx(real[400:], abs=1e-6 * np.ptp(real))
+
+
+def test_a_surrogate_has_noise_on_its_channels_alone():
+    truth, _, late = late_record()
+    (segment,) = truth.segments(late).segments
+    late = late.replace(displacement=np.full_like(late.displacement, np.nan))
     fake = surrogate.surrogate(
-        record, seg, SimpleNamespace(simulate=simulate), {"F2": 1.0, "v1": 2.0}, np.random.default_rng(0), "cubic"
+        late, segment, truth, {"v1": 2.0, "F1": 3.0, "x1": 1.0}, np.random.default_rng(0), "cubic"
     )
-    assert (
-        asked["x0"] == pytest.approx([0.1, 0.4])
-        and asked["v0"] == pytest.approx([1.0, 3.0])
-        and asked["hold"] == "cubic"
+    assert np.isnan(fake.displacement).all()
+    assert (fake.velocity - late.velocity)[400:].std() == pytest.approx(2.0, rel=0.1)
+    assert (fake.force - late.force).std() == pytest.approx(3.0, rel=0.15)  # blows are freed of noise before
+
+
+def test_blocks_of_surrogates_are_those_rows_of_the_record(monkeypatch):
+    truth, _, late = late_record()
+    ready = prepare.prepare(late)
+    search, held = splits.split(ready.data.segments, ready.heldout)
+    work = workspace.Workspace(ready.data, [None], search, held, {}, "auto")
+    stage = Stage(work, truth.chain, truth.laws)
+    (fake, *_) = surrogate.Null(ready, stage, np.random.default_rng(0), 1).stages
+    assert fake.work.data.segments[0].valid == work.data.segments[0].valid and fake.work.search == search
+    late_again = prepare.prepare(
+        late.replace(acceleration=np.where(np.arange(1200)[:, None] < 450, np.nan, late.acceleration))
     )
-    assert asked["dt"] == 0.01 and asked["base_acceleration"] is None and asked["covariates"] is None
-    draws = [np.random.default_rng(0).standard_normal(n)]
-    assert np.isnan(fake.displacement[:, 1]).all() and fake.displacement[:, 0].tolist() == [2.0] * n
-    assert (fake.velocity[:, 1] == 1.0).all() and (fake.velocity[:, 0] - 1).std() == pytest.approx(2.0, rel=0.3)
-    assert not fake.force[:, 0].any() and fake.force[:, 1].std() == pytest.approx(1.0, rel=0.3) and len(draws) == 1
+    monkeypatch.setattr(surrogate, "prepare", lambda *a, **b: late_again)  # as if fusion had lost its first rows
+    (other, *_) = surrogate.Null(ready, stage, np.random.default_rng(0), 1).stages
+    lost = late_again.data.segments[0].valid.start - 400
+    for one, given in zip(other.work.search, search):
+        assert one.rows == slice(max(given.rows.start - lost, 0), max(given.rows.stop - lost, 0))
 
 
 # -- the second opinion -----------------------------------------------------------------------------

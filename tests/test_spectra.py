@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import welch
 
 from pysindy_nrf import ChainModel, KinematicSmoother, excitation, laws, simulate
-from pysindy_nrf.estimation.iv import free_run_of
+from pysindy_nrf.estimation.runs import run_of
 from pysindy_nrf.estimation.spectra import Smooth, corrected, linearised, noise_model, transfer
 from pysindy_nrf.estimation.whitening import Whitener
 from pysindy_nrf.input_arrays import from_arrays
@@ -25,7 +25,7 @@ def noisy():
     F = excitation.band_limited_random(3, 16.0, FS, dofs=[3], rms=100.0, band=(0.5, 60.0), random_state=0)
     rec = add_noise(simulate(TRUTH, F, 1 / FS, hold="cubic"), LEVEL, random_state=np.random.default_rng(1))
     segment = from_arrays(rec, smooth=KinematicSmoother(joint=False)).segments[0]
-    run = free_run_of(TRUTH, segment)
+    run = run_of(TRUTH, segment)
     return F, segment, run, noise_model(TRUTH, LawLayout(TRUTH.chain, TRUTH.laws), [segment], [run])
 
 

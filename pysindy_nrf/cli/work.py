@@ -157,8 +157,8 @@ def term_shares(model: Any, data: SegmentSet) -> dict[str, pd.Series]:
 
 def _free_runs(outcome: Outcome, records: Sequence[Record], data: SegmentSet, progress: Progress) -> None:
     """Run the model alone, from the first measured state, under the measured force."""
-    from ..discrepancy.free_run import free_run_of, squares_of
     from ..fair_filter import FairFilter
+    from ..free_run import free_run_of, squares_of
 
     model, band = outcome.estimator.model_, outcome.estimator.band
     if (model.masses <= 0).any():

@@ -13,15 +13,15 @@ from threadpoolctl import threadpool_limits
 from .._random import generator
 from ..exceptions import BiasWarning, ChannelError, ExcitationError, NRFError
 from ..fair_filter import filters_of
+from ..free_run import free_run_error
 from ..laws.base import ForceLaw
 from ..laws.power_series import whole
 from ..regressor import NRFRegressor
-from ..segments import SegmentSet
+from ..segments import BlockRows, SegmentSet
 from ..sites import Site
 from .catalogue import SPECIAL_CASES, Candidate, as_laws, balances_of, candidates
 from .contradictions import contradictions
 from .floor_source import FloorSource
-from .free_run import free_run_error
 from .gate import FLOOR, MEMBER_GAIN, MIN_GAIN, MIN_WINS, Verdict, choose, gain_of, judge
 from .likeliest import likeliest
 from .prepare import Prepared, prepare
@@ -31,7 +31,7 @@ from .search import Finding, refine, screen, validate
 from .second_opinion import confirmed
 from .sensors import SensorFinding, sensor_findings
 from .spectral_lines import lines_of
-from .splits import BlockRows, split
+from .splits import split
 from .stage import Stage, Trial
 from .standing import SURE, Standing, doubt_what_is_drawn, estimate, wrong_by_noise
 from .steps import corrected_again, doubt_names, improper, remainder, step_of, surely_left, worst

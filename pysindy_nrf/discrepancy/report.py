@@ -11,6 +11,7 @@ import pandas as pd
 
 from ..errors import balance_errors
 from ..exceptions import NRFError
+from ..free_run import free_run_error
 from ..laws.base import ForceLaw
 from ..model import ChainModel
 from ..report.loops import SiteLoop, loops_of
@@ -19,7 +20,6 @@ from ..sites import Site
 from ..solved import model_of
 from ..visited import VisitedRegion
 from .evidence import Evidence, gather, searched
-from .free_run import free_run_error
 from .noise_floor import NoiseFloor
 from .prepare import Prepared
 from .search import Finding

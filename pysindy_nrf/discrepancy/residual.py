@@ -20,6 +20,7 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import ChannelError, SimulationError
+from ..free_run import free_run_of
 from ..model import ChainModel
 from ..record import Record
 from ..segments import Segment, SegmentSet
@@ -314,17 +315,7 @@ def free_run(model: ChainModel, seg: Segment, options: dict[str, Any]) -> tuple[
     if (model.masses <= 0).any():
         return None, f"{name}: m{int(np.argmin(model.masses)) + 1} is not positive"
     try:
-        run = model.simulate(
-            seg.F[rows],
-            seg.dt,
-            x0=np.cumsum(seg.s[rows.start].astype(float)),
-            v0=np.cumsum(seg.v[rows.start].astype(float)),
-            t0=seg.time_at(rows.start),
-            base_acceleration=None if seg.ag is None else seg.ag[rows],
-            covariates={k: c[rows] for k, c in seg.covariates.items()} or None,
-            name=seg.name,
-            **options,
-        )
+        run = free_run_of(model, seg, name=seg.name, **options)
     except SimulationError as error:
         return None, f"{name}: {error.what}"
     return run, ""

@@ -21,7 +21,7 @@ from scipy.optimize import minimize_scalar
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw
 from ..laws.sensor import ChannelDelay, GainError, SensorFault, SensorOffset
-from ..segments import Segment, SegmentSet
+from ..segments import BlockRows, Segment, SegmentSet
 from ..simulation.readings import as_true
 from ..sites import Site
 from .catalogue import Candidate
@@ -29,7 +29,6 @@ from .contradictions import CONTRADICTION, MOST, Suspect, contradictory, longest
 from .gate import MIN_GAIN, TIE
 from .prepare import Prepared, prepare
 from .search import Finding
-from .splits import BlockRows
 from .stage import Stage
 from .workspace import Workspace
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from ..exceptions import ChannelError
-from ..segments import Segment
+from ..segments import BlockRows, Segment
 
 HELDOUT_SHARE = 0.25
 N_BLOCKS = 10
@@ -22,22 +21,6 @@ RESTING, FEWEST_BLOCKS = 0.1, 4
 SEEN = 0.5
 # Fewer samples than this let any law of a hundred fit.
 LEAST_ROWS = 200
-
-
-@dataclass(frozen=True)
-class BlockRows:
-    """Consecutive valid rows of one record.
-
-    Attributes
-    ----------
-    segment : int
-        Number of the record.
-    rows : slice
-        Counted from the first valid row of the record.
-    """
-
-    segment: int
-    rows: slice
 
 
 def energy(segment: Segment, scale: np.ndarray) -> np.ndarray:

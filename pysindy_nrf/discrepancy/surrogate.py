@@ -6,16 +6,17 @@ import warnings
 from collections.abc import Collection, Iterable
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.signal import welch
 
 from ..chain_solve import Solution
 from ..exceptions import NRFError
+from ..free_run import free_run_of
 from ..model import ChainModel
 from ..record import Record
-from ..segments import Segment, SegmentSet
+from ..segments import BlockRows, Segment, SegmentSet
 from ..sites import Site
 from ..solved import model_of
 from .gate import FLOOR, gain_of
@@ -25,7 +26,6 @@ from .prepare import Prepared, prepare
 from .search import Finding, refine, screen, validate
 from .sensors import SensorFinding, null_gain
 from .spectral_lines import lines_for
-from .splits import BlockRows
 from .stage import Stage, Trial
 from .workspace import Workspace
 
@@ -54,7 +54,7 @@ def surrogate(
     record : Record
         Its forces and base motion are used.
     segment : Segment
-        The fused record; its first state is where the free run starts.
+        The fused record; its first valid row is where the free run starts.
     model : ChainModel
     noise : dict of str to float
         Rms of the noise of each channel (``"a1"``, ``"x2"``, ...), SI units.
@@ -66,35 +66,30 @@ def surrogate(
     Returns
     -------
     Record
+        Motions are NaN outside the valid rows, as in the fused record.
 
     Raises
     ------
     NRFError
         If the free run diverges.
     """
-    row = segment.valid.start
+    rows = segment.valid
     quiet = quiet_drive(record, noise)
-    run = model.simulate(
-        np.nan_to_num(quiet.force),
-        record.dt,
-        x0=np.cumsum(segment.s[row]),
-        v0=np.cumsum(segment.v[row]),
-        base_acceleration=segment.ag if quiet.base_acceleration is None else quiet.base_acceleration,
-        covariates=segment.covariates or None,
-        hold=hold,
-    )
+    base = segment.ag if quiet.base_acceleration is None else quiet.base_acceleration
+    run = free_run_of(model, replace(segment, F=np.nan_to_num(quiet.force), ag=base), rows, record.dt, hold=hold)
     changes: dict[str, Any] = {}
     for key, prefix in zip(_MOTIONS, "avx"):
         measured = getattr(record, key)
         if measured is None:
             continue
-        values = np.array(getattr(run, key), dtype=float)
+        own = np.array(getattr(run, key), dtype=float)
         for j in range(record.n_dof):
             level = noise.get(f"{prefix}{j + 1}", 0.0)
-            values[:, j] += level * rng.standard_normal(len(values))
+            own[:, j] += level * rng.standard_normal(len(own))
             if np.isnan(measured[:, j]).all():
-                values[:, j] = np.nan
-        changes[key] = values
+                own[:, j] = np.nan
+        changes[key] = np.full(measured.shape, np.nan)
+        changes[key][rows] = own
     changes |= noisy_base(quiet, noise, rng)
     changes["force"] = quiet.force + rng.standard_normal(record.force.shape) * [
         noise.get(f"F{j + 1}", 0.0) for j in range(record.n_dof)
@@ -149,8 +144,13 @@ def _finite(stages: Iterable[Stage]) -> list[Stage]:
     return [stage for stage in stages if np.isfinite(stage.slot().folds()).all()]
 
 
-# Surrogate stages, by how much noise makes the model wrong in two ways, what the surrogates were simulated with.
-_Made = tuple[list[Stage], float, float, Solution | None]
+class _Made(NamedTuple):
+    """Surrogates, by how much noise makes the model wrong in two ways, what the surrogates were simulated with."""
+
+    stages: list[Stage]
+    bias: float = 0.0
+    error: float = 0.0
+    truth: Solution | None = None
 
 
 class Null:
@@ -173,12 +173,11 @@ class Null:
         self, ready: Prepared, stage: Stage, rng: np.random.Generator, count: int, of: Collection[Site] | None = None
     ) -> None:
         self.ready, self.stage, self.rng, self.count, self.of = ready, stage, rng, count, of
-        self._hold = "linear"
 
     @property
     def stages(self) -> list[Stage]:
         """The same laws on surrogate records; empty where no free run is possible."""
-        return self._made[0]
+        return self._made.stages
 
     @property
     def bias(self) -> float:
@@ -186,27 +185,25 @@ class Null:
 
         Terms that make up for each other count as if they did not.
         """
-        return self._made[1]
+        return self._made.bias
 
     @property
     def error(self) -> float:
         """The same of masses and of the forces themselves, in the mean of the surrogates."""
-        return self._made[2]
+        return self._made.error
 
     @property
     def truth(self) -> Solution | None:
         """Masses and coefficients that the surrogates were simulated with; None where there are none."""
-        return self._made[3]
+        return self._made.truth
 
     @cached_property
     def _made(self) -> _Made:
-        made = self._surrogates()
-        if made[0] and self._left(made[0]) > _TOO_LOUD * max(self._left([self.stage]), FLOOR):
-            self._hold = "cubic"
-            other = self._surrogates()
-            if other[0] and self._left(other[0]) < self._left(made[0]):
+        made = self._surrogates("linear")
+        if made.stages and self._left(made.stages) > _TOO_LOUD * max(self._left([self.stage]), FLOOR):
+            other = self._surrogates("cubic")
+            if other.stages and self._left(other.stages) < self._left(made.stages):
                 return other
-            self._hold = "linear"
         return made
 
     @staticmethod
@@ -214,17 +211,17 @@ class Null:
         """Median validation error of some stages, percent."""
         return float(np.median([np.median(stage.trial().fold_errors()) for stage in stages]))
 
-    def _surrogates(self) -> _Made:
+    def _surrogates(self, hold: str) -> _Made:
         try:
             trial = self.stage.trial()
             found = trial.solve(range(len(self.stage.work.search)))
             model = model_of(trial.layout, found)
-            first = _finite(self._one(model) for _ in range(self.count)) if (model.masses > 0).all() else []
+            first = _finite(self._one(model, hold) for _ in range(self.count)) if (model.masses > 0).all() else []
         except (NRFError, np.linalg.LinAlgError):
-            return [], 0.0, 0.0, None
-        return self._like_the_truth(trial, found, first) if first else ([], 0.0, 0.0, None)
+            return _Made([])
+        return self._like_the_truth(trial, found, first, hold) if first else _Made([])
 
-    def _like_the_truth(self, trial: Trial, found: Solution, first: list[Stage]) -> _Made:
+    def _like_the_truth(self, trial: Trial, found: Solution, first: list[Stage], hold: str) -> _Made:
         """Surrogates of what the model would be if noise had not made it wrong, and how wrong it made it.
 
         Least squares on noisy motions returns masses and stiffnesses that are low. A surrogate of such a model is less
@@ -235,7 +232,7 @@ class Null:
         try:
             every = [s.trial().solve(range(len(s.work.search))) for s in first]
         except (NRFError, np.linalg.LinAlgError):
-            return first, 0.0, 0.0, found
+            return _Made(first, truth=found)
         shifts = [self._shift(trial, found, e) for e in every]
         bias = max(shifts)
         error = float(np.mean([self._shift(trial, found, e, whole=True) for e in every]))
@@ -245,14 +242,14 @@ class Null:
         for site, c in found.coefficients.items():
             coefficients[site] = 2 * c - np.mean([e.coefficients[site] for e in every], axis=0)
         if bias < UNBIASED or min(masses.values()) <= 0:
-            return first, bias, error, found
+            return _Made(first, bias, error, found)
         truth = replace(found, masses=masses, coefficients=coefficients)
         try:
             model = model_of(trial.layout, truth)
-            second = _finite(self._one(model) for _ in first)
+            second = _finite(self._one(model, hold) for _ in first)
         except (NRFError, np.linalg.LinAlgError):  # that one has no free run
             second = []
-        return (second, bias, error, truth) if second else (first, bias, error, found)
+        return _Made(second, bias, error, truth) if second else _Made(first, bias, error, found)
 
     def _shift(self, trial: Trial, found: Solution, other: Solution, whole: bool = False) -> float:
         """Largest difference of two solutions, as a share of a mass or of a site's terms, or of its whole force."""
@@ -268,23 +265,24 @@ class Null:
             shares.append(float(np.sqrt(max(gap @ weight @ gap, 0.0) / size)) if size > 0 else 0.0)
         return max(shares)
 
-    def _one(self, model: ChainModel) -> Stage:
+    def _one(self, model: ChainModel, hold: str) -> Stage:
         ready, work = self.ready, self.stage.work
         fakes = []
         for i in work.searched:
             noise = levels_of(ready.records[i], ready.noise[i], work.seen_rows(i))
             for name, level in self._force_noise(model, i).items():  # the force alone may tell less, or nothing
                 noise[name] = min(noise.get(name, 0.0) or np.inf, level)
-            fakes.append(surrogate(ready.records[i], work.data.segments[i], model, noise, self.rng, self._hold))
+            fakes.append(surrogate(ready.records[i], work.data.segments[i], model, noise, self.rng, hold))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what is to be said of the channels was said of the measured ones
             data = prepare(fakes, noise=[ready.noise[i] for i in work.searched]).data
         blocks = []
         for number, i in enumerate(work.searched):
-            seg = data.segments[number]
+            valid = data.segments[number].valid
+            later = work.data.segments[i].valid.start - valid.start  # blocks count from the first valid row
             for b in (b for b in work.search if b.segment == i):
-                stop = min(b.rows.stop, seg.valid.stop - seg.valid.start)
-                blocks.append(BlockRows(number, slice(min(b.rows.start, stop), stop)))
+                ends = (min(max(row + later, 0), valid.stop - valid.start) for row in (b.rows.start, b.rows.stop))
+                blocks.append(BlockRows(number, slice(*ends)))
         filters = [work.filters[i] for i in work.searched]
         fake = Workspace(data, filters, blocks, [], work.known_masses, work.strategy)
         return Stage(fake, self.stage.chain, self.stage.laws)

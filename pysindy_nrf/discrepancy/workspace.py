@@ -12,9 +12,9 @@ import numpy as np
 
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw, Motion
-from ..segments import Segment, SegmentSet, half_the_rate
+from ..segments import BlockRows, Segment, SegmentSet, half_the_rate
 from ..sites import Site
-from .splits import BlockRows, joined
+from .splits import joined
 
 # Bytes of columns of candidates that are kept from one step of the loop to the next.
 CACHE = 200_000_000

@@ -30,7 +30,6 @@ import numpy as np
 
 from ..chain_solve import Solution, groups_of, solve, solve_blocks
 from ..exceptions import BiasWarning, IdentifiabilityError, RankWarning, SimulationError
-from ..fair_filter import FairFilter
 from ..identifiability import Walk
 from ..laws import PowerSeries
 from ..layout import LawLayout
@@ -38,6 +37,7 @@ from ..model import ChainModel
 from ..segments import Segment, SegmentSet
 from ..solved import model_of
 from .pieces import Pieces, pieces_of
+from .runs import likeness_of, run_of
 from .weighting import Weighting, weighting_of
 
 ROUNDS = 8
@@ -246,86 +246,16 @@ def delay_of(band: Any, dt: float) -> int:
     return 1 if high is None or not np.isfinite(high) else max(1, round(1.0 / (4 * high * dt)))
 
 
-def free_run_of(
-    model: ChainModel,
-    segment: Segment,
-    delay: int = 0,
-    limited: bool = False,
-    start: tuple | None = None,
-    hold: str = "cubic",
-) -> Segment:
-    """The motion a model makes under a record's forces, as a record with the same rows.
-
-    Parameters
-    ----------
-    model : ChainModel
-    segment : Segment
-        Its first valid row gives the initial condition.
-    delay : int
-        Samples by which the motion is delayed.
-    limited : bool
-        Whether the motion is low-passed to the frequencies that the measured one resolves.
-    start : (ndarray, ndarray) of shape (n_dof,), optional
-        Displacement and velocity relative to the base at the first valid row; as measured if None.
-    hold : {"cubic", "linear", "zero"}
-        Course of the force between its samples; a straight one loses ``(pi f dt)^2 / 3`` of it at frequency f.
-
-    Returns
-    -------
-    Segment
-        NaN outside the valid rows.
-    """
-    rows, dt = segment.valid, segment.step
-    x0, v0 = start or (np.cumsum(y[rows.start].astype(float)) for y in (segment.s, segment.v))
-    record = model.simulate(
-        segment.F[rows],
-        dt,
-        x0=x0,
-        v0=v0,
-        t0=segment.time_at(rows.start),
-        base_acceleration=None if segment.ag is None else segment.ag[rows],
-        covariates={k: c[rows] for k, c in segment.covariates.items()} or None,
-        method="default" if model.has_memory else "rk4",
-        rtol=1e-5,
-        hold=hold,
-    )
-    shift = np.maximum(np.arange(rows.stop - rows.start) - delay, 0)
-    smooth = None
-    if limited and segment.resolved is not None and segment.resolved < 0.45 / dt:
-        smooth = FairFilter((None, segment.resolved), 1.0 / dt)
-
-    def place(values: np.ndarray) -> np.ndarray:
-        out = np.full((segment.n_samples, segment.n_dof), np.nan)
-        out[rows] = (values if smooth is None else smooth.apply(values))[shift]
-        return out
-
-    drifts = [np.diff(y, axis=1, prepend=0.0) for y in (record.velocity, record.displacement)]
-    return replace(segment, a=place(record.acceleration), v=place(drifts[0]), s=place(drifts[1]))
-
-
 def _runs(
     model: ChainModel, data: SegmentSet, usable: Sequence[int], band: Any
 ) -> tuple[list[Segment | None], float]:
     """Delayed free runs of the usable records, and their correlation with the measured accelerations."""
     measured = [data.segments[i] for i in usable]
-    made = [free_run_of(model, seg, delay_of(band, seg.step), limited=True) for seg in measured]
+    made = [run_of(model, seg, delay_of(band, seg.step), limited=True) for seg in measured]
     runs: list[Segment | None] = [None] * len(data.segments)
     for i, run in zip(usable, made):
         runs[i] = run
     return runs, likeness_of(measured, made)
-
-
-def likeness_of(segments: Sequence[Segment], runs: Sequence[Segment]) -> float:
-    """Correlation of simulated and measured accelerations, every DOF with equal weight."""
-    both = own = other = 0.0
-    for segment, run in zip(segments, runs):
-        a, b = segment.a[segment.valid].astype(float), run.a[run.valid]
-        scale = np.mean(a**2, axis=0)
-        scale[scale == 0] = 1.0
-        both, own, other = both + (a * b / scale).sum(), own + (a * a / scale).sum(), other + (b * b / scale).sum()
-    with np.errstate(invalid="ignore", over="ignore"):
-        likeness = both / np.sqrt(own * other)
-    return float(likeness) if np.isfinite(likeness) else 0.0
 
 
 def _first_runs(

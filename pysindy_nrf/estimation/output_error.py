@@ -27,7 +27,7 @@ from ..layout import LawLayout
 from ..model import ChainModel
 from ..segments import Segment, SegmentSet
 from ..sites import Site
-from .iv import free_run_of
+from .runs import run_of
 from .spectra import NoiseModel, corrected, noise_model, spectrum, velocities
 
 SHOT = 32768  # samples of a shot at most
@@ -107,7 +107,7 @@ class Shot:
 
     def run(self, model: ChainModel, segment: Segment | None = None) -> Segment:
         """Free run under the shot's forces, or under those of a corrected copy."""
-        return free_run_of(model, segment or self.segment, start=tuple(self.start), hold=self.hold)
+        return run_of(model, segment or self.segment, start=tuple(self.start), hold=self.hold)
 
 
 def output_error(
@@ -385,7 +385,7 @@ class _Problem:
         for shot, state, part in zip(self.shots, self.states, rows):
             if part.stop - part.start < FEWEST_ROWS:
                 continue
-            run = free_run_of(model, shot.segment, start=tuple(state), hold=shot.hold)
+            run = run_of(model, shot.segment, start=tuple(state), hold=shot.hold)
             v = velocities(shot.segment)
             gap, C = (v - velocities(run))[part], self.decays(shot)[part]
             flat = C.reshape(-1, C.shape[2])

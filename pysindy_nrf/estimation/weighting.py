@@ -12,6 +12,7 @@ from ..layout import Group, LawLayout
 from ..model import ChainModel
 from ..segments import Segment, SegmentSet
 from .pieces import rows_of, whole_block
+from .runs import likeness_of, run_of
 from .spectra import NoiseModel, Smooth, corrected, lines_of, noise_model, smoothed, spectrum
 from .whitening import Whitener
 
@@ -62,16 +63,14 @@ def weighting_of(
         None where the run misses nothing but round-off, or moves at frequencies that the fused motions do not
         resolve: what they lack there would be weighted, not their noise.
     """
-    from .iv import free_run_of, likeness_of
-
     segments = [data.segments[i] for i in usable]
-    plain = [free_run_of(model, seg) for seg in segments]
+    plain = [run_of(model, seg) for seg in segments]
     noise = noise_model(model, layout, segments, plain)
     resolved = [seg.resolved for seg in segments if seg.resolved is not None]
     if noise is None or min(resolved, default=np.inf) < noise.lively[1]:
         return None
     better = [corrected(seg, run, noise) for seg, run in zip(segments, plain)]
-    found = [free_run_of(model, seg) for seg in better]
+    found = [run_of(model, seg) for seg in better]
     likeness = likeness_of(segments, found)
     # the forces of the balances stay as measured: only the motion under the corrected ones is taken
     runs: list[Segment | None] = [None] * len(data.segments)

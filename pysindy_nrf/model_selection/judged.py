@@ -11,7 +11,9 @@ import numpy as np
 from ..chain_solve import Solution, groups_of
 from ..errors import Pooled, balance_sizes, pooled_error
 from ..exceptions import NRFError
+from ..free_run import free_run_error
 from ..moments import Moments
+from ..segments import BlockRows
 from ..solved import model_of
 from .fold_moments import FoldMoments, Order
 
@@ -122,16 +124,12 @@ def _require_digits(held: Heldout) -> None:
 
 
 def _free_run(fold_moments: FoldMoments, order: Order, held: Heldout) -> float:
-    from ..discrepancy.free_run import free_run_error
-
     error = free_run_error(model_of(order.layout, held.solution), fold_moments, _runs(fold_moments, held.fold))
     return -error if np.isfinite(error) else float("nan")
 
 
-def _runs(fold_moments: FoldMoments, fold: int) -> list[Any]:
+def _runs(fold_moments: FoldMoments, fold: int) -> list[BlockRows]:
     """Contiguous held-out rows, record by record."""
-    from ..discrepancy.splits import BlockRows
-
     out = []
     for i, seg in enumerate(fold_moments.data.segments):
         held = fold_moments.membership[fold_moments.class_of[seg.rows][seg.valid], fold] == 2

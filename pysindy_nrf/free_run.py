@@ -7,43 +7,71 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..exceptions import NRFError
-from ..model import ChainModel
-from ..record import Record
-from ..segments import Segment, SegmentSet
-from .splits import BlockRows
+from .exceptions import NRFError
+from .model import ChainModel
+from .record import Record
+from .segments import BlockRows, Segment, SegmentSet
 
 
-def free_run_of(model: ChainModel, segment: Segment, rows: slice, dt: float) -> Record:
+def free_run_of(
+    model: ChainModel,
+    segment: Segment,
+    rows: slice | None = None,
+    dt: float | None = None,
+    start: tuple[np.ndarray, np.ndarray] | None = None,
+    **options: Any,
+) -> Record:
     """The model alone under the forces and base motion of some rows, from their first state.
 
     Parameters
     ----------
     model : ChainModel
     segment : Segment
-    rows : slice
-        Finite rows; internal states start at zero.
-    dt : float
-        s.
+    rows : slice, optional
+        Finite rows, those inside the NaN edges if None; internal states start at zero.
+    dt : float, optional
+        s; that of the record if None.
+    start : (ndarray, ndarray) of shape (n_dof,), optional
+        Displacement (m) and velocity (m/s) relative to the base at the first row; as measured if None.
+    **options
+        Of :func:`pysindy_nrf.simulate` (``method``, ``hold``, ``rtol``, ``name``).
 
     Returns
     -------
     Record
-        Displacement relative to the base.
+        Of the rows alone; displacement relative to the base.
 
     Raises
     ------
     SimulationError
         If it diverges.
+    ChannelError
+        If neither ``dt`` nor the record tells the sampling step.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import ChainModel, laws, simulate
+    >>> from pysindy_nrf.free_run import free_run_of
+    >>> model = ChainModel([10.0], {1: [laws.LinearElastic(1e5), laws.LinearViscous(100.0)]})
+    >>> F = 100 * np.random.default_rng(0).standard_normal((500, 1))
+    >>> record = simulate(model, F, 1e-3)
+    >>> (segment,) = model.segments(record).segments
+    >>> later = free_run_of(model, segment, slice(200, 500))  # from the state in row 200
+    >>> bool(np.allclose(later.displacement, record.displacement[200:], atol=1e-9))
+    True
     """
+    rows = segment.valid if rows is None else rows
+    x0, v0 = start or (np.cumsum(y[rows.start].astype(float)) for y in (segment.s, segment.v))
     return model.simulate(
         segment.F[rows],
-        dt,
-        x0=np.cumsum(segment.s[rows.start]),
-        v0=np.cumsum(segment.v[rows.start]),
+        segment.step if dt is None else dt,
+        x0=x0,
+        v0=v0,
         t0=segment.time_at(rows.start),
         base_acceleration=None if segment.ag is None else segment.ag[rows],
         covariates={k: c[rows] for k, c in segment.covariates.items()} or None,
+        **options,
     )
 
 

@@ -30,9 +30,9 @@ class Diagnosis:
     Attributes
     ----------
     table : DataFrame
-        One row for each finding, the gravest first: ``limit`` (``"noise"``, ``"excitation"``,
+        One row for each finding, the gravest first: ``limit`` (``"doubt"``, ``"noise"``, ``"excitation"``,
         ``"conditioning"``, ``"missing law"``, ``"uncertainty"``, ``"estimation"``,
-        ``"delay"``), ``where``, ``size``, ``message``.
+        ``"delay"``, ``"jump"``), ``where``, ``size``, ``message``.
 
     Examples
     --------
@@ -74,7 +74,8 @@ def diagnose(model: Any) -> Diagnosis:
     """
     rows: list[Finding] = []
     rows += (
-        _missing(model)
+        _doubts(model)
+        + _missing(model)
         + _jumping(model)
         + _excitation(model)
         + _conditioning(model)
@@ -85,6 +86,12 @@ def diagnose(model: Any) -> Diagnosis:
     )
     rows.sort(key=lambda row: -row[0])
     return Diagnosis(pd.DataFrame([row[1:] for row in rows], columns=["limit", "where", "size", "message"]))
+
+
+def _doubts(model: Any) -> list[Finding]:
+    """What ``fit`` warned of: balances that contradict each other, masses that cannot be."""
+    gravity = {"forces": 6.0, "masses": 3.9}  # noise in the motion, if it is found, says why a mass is doubtful
+    return [(gravity[key], "doubt", key, np.nan, text) for key, held in model.doubts_.items() for text in held]
 
 
 def _missing(model: Any) -> list[Finding]:

@@ -98,6 +98,9 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
     jump_bias_ : DataFrame
         Of least squares: coefficients of forces that jump (friction), and what they are without the samples next to
         the jumps; a BiasWarning is raised where they differ. See :func:`pysindy_nrf.analysis.jump_bias_of`.
+    doubts_ : dict of str to list of str
+        What else the BiasWarning of the fit says: ``"forces"``, balances that contradict each other (a force in other
+        units, a wrong known mass), and ``"masses"`` that are not positive or that noise decides.
     model_ : ChainModel
     chain_ : Chain
     walk_ : Walk
@@ -367,6 +370,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         least_squares: bool = True,
     ) -> None:
         from .analysis.bias import missing_terms_of, warn_of_bias
+        from .analysis.contradictions import contradictions_of
         from .analysis.jumps import jump_bias_of, sentences_of
         from .errors import balance_errors
 
@@ -391,7 +395,11 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         self.missing_terms_ = missing_terms_of(model, walk, judged, self.band)
         known = self._known_masses(layout.chain)
         self.jump_bias_ = jump_bias_of(model, walk, judged if least_squares else None, self.band, known, self._inner())
-        said = doubtful_masses(solution) + lost_masses(model) + sentences_of(self.jump_bias_)
+        self.doubts_ = {
+            "forces": contradictions_of(self.errors_, self.third_law_gap_, solution.fits),
+            "masses": doubtful_masses(solution) + lost_masses(model),
+        }
+        said = [*self.doubts_["forces"], *self.doubts_["masses"], *sentences_of(self.jump_bias_)]
         warn_of_bias(self.missing_terms_, said, stacklevel=5)
 
     # -- what was asked for -------------------------------------------------------------------

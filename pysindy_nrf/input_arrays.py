@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -172,17 +171,15 @@ def from_arrays(
     seconds = _seconds(time, dt, size, pieces)
     if seconds is not None and has_memory:
         _require_no_gap(pieces, seconds)
-    starts = [rows.start for _, rows in pieces]
     if seconds is not None and not has_memory:
         # what a filter masked lies at the edges of the pieces
         masked = not Extent.of([x, force]).finite.all()
         pieces = contiguous(size, record, seconds) if masked else _cut_at_gaps(pieces, seconds, every_row)
     segments = []
     for name, rows in pieces:
-        start = starts[bisect_right(starts, rows.start) - 1]
         segment = Segment(
             name, rows, a[rows], v[rows], s[rows], force[rows],
-            _clock(seconds, rows, start, dt),
+            _clock(seconds, rows, dt),
             None if ag is None else ag[rows],
             {k: c[rows] for k, c in extra.items()},
             resolved=getattr(X, "attrs", {}).get("resolved"),
@@ -209,7 +206,7 @@ def _from_records(records: Sequence[Record], beside: Sequence[str], n_dof: int |
         ag = base_acceleration_if_any(rec)
         segment = Segment(
             rec.name, slice(at, at + len(x)), values[:, :n], values[:, n : 2 * n], values[:, 2 * n :], force.to_numpy(),
-            rec.time - rec.time[0], ag, dict(rec.covariates), resolved=x.attrs.get("resolved"),
+            rec.time, ag, dict(rec.covariates), resolved=x.attrs.get("resolved"),
         )
         segments.append(_trimmed(segment, feature_names(n)))
         at += len(x)
@@ -365,10 +362,13 @@ def _seconds(time: Any, dt: float | None, size: int, pieces: Sequence[tuple[str,
     return seconds
 
 
-def _clock(seconds: np.ndarray | None, rows: slice, start: int, dt: float | None) -> Any:
-    """Time since the first row of a record, s, or None."""
+def _clock(seconds: np.ndarray | None, rows: slice, dt: float | None) -> Any:
+    """Time of some rows as given, s (from zero with a step alone), or None.
+
+    A part of a record has the times that it has in the whole: a law of time says the same of both.
+    """
     if seconds is not None:
-        return seconds[rows] - seconds[start]
+        return seconds[rows]
     return None if dt is None else EvenClock(rows.stop - rows.start, float(dt))
 
 

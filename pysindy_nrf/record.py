@@ -51,7 +51,7 @@ class Record:
     fs, dt : float
         Sampling rate, Hz, and step, s.
     time : ndarray of shape (n_samples,)
-        Seconds from the start of the record.
+        Seconds, as they were given; from 0 if only a rate was. A window of a record keeps its times.
 
     Raises
     ------

@@ -28,7 +28,7 @@ class Segment:
     a, v, s, F : ndarray of shape (n_samples, n_dof)
         Absolute acceleration (m/s^2), inter-storey velocity (m/s) and drift (m), force (N).
     t : ndarray of shape (n_samples,) or None
-        s, from the start of the record.
+        s, as the record counts them.
     ag : ndarray of shape (n_samples,) or None
         Base acceleration, m/s^2.
     covariates : dict of str to ndarray

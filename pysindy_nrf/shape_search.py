@@ -10,7 +10,7 @@ import numpy as np
 
 from .chain_solve import Solution
 from .exceptions import IdentifiabilityError, LawError, RankWarning
-from .laws.base import Shape
+from .laws.base import Scales, Shape
 from .layout import LawLayout
 from .segments import Segment, SegmentSet, half_the_rate
 from .sites import Site
@@ -27,7 +27,7 @@ Solve = Callable[[LawLayout], tuple[Any, Any]]
 
 def estimate_shapes(
     layout: LawLayout,
-    scales: Mapping[Site, tuple[float, float, float]],
+    scales: Mapping[Site, Scales],
     solve: Solve,
     data: SegmentSet | None = None,
     filters: Sequence[Any] = (),
@@ -84,7 +84,7 @@ class _Search:
     def __init__(
         self,
         layout: LawLayout,
-        scales: Mapping[Site, tuple[float, float, float]],
+        scales: Mapping[Site, Scales],
         solve: Solve,
         fastest: float | None,
     ) -> None:

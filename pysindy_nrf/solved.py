@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pandas as pd
 
 from .chain_solve import Solution
+from .laws.base import Motion, Scales
 from .layout import LawLayout
 from .model import ChainModel
 from .moments import Moments
@@ -89,13 +92,19 @@ def visited_regions(data: SegmentSet, layout: LawLayout) -> dict[Site, VisitedRe
     return out
 
 
-def scales_of(data: SegmentSet, layout: LawLayout) -> dict[Site, tuple[float, float, float]]:
-    """Rms drift, rms rate and longest record at each site."""
+def clock_of(motions: Sequence[Motion]) -> tuple[float, tuple[float, float]]:
+    """Length of the longest record, and first and last time of all, s; 1 s from 0 without a clock."""
+    ends = [(float(m.t[0]), float(m.t[-1])) for m in motions if m.t is not None] or [(0.0, 1.0)]
+    longest = max(last - first for first, last in ends)
+    return longest, (min(first for first, _ in ends), max(last for _, last in ends))
+
+
+def scales_of(data: SegmentSet, layout: LawLayout) -> dict[Site, Scales]:
+    """Sizes of the motion at each site, from which shape parameters are searched."""
     total = {}
     for site in layout.sites:
         motions = [seg.motion(site, seg.valid) for seg in data.segments]
         size = sum(m.n_samples for m in motions)
         rms = [float(np.sqrt(sum((getattr(m, key) ** 2).sum() for m in motions) / size)) for key in "sv"]
-        lengths = [m.t[-1] - m.t[0] for m in motions if m.t is not None]
-        total[site] = (rms[0], rms[1], float(max(lengths, default=1.0)))
+        total[site] = (rms[0], rms[1], *clock_of(motions))
     return total

@@ -49,7 +49,9 @@ def test_of_a_storey_at_the_end_either_floor_is_asked(record):
     model, said = fitted(with_gain(record, 1, 3.0))
     assert "storey 2 is found twice" in said and "one of DOF 1, 2" in said
     # the sentence's number is that of the table, and the mass of that floor is the one that is wrong
-    assert f"{model.errors_.loc['dof 1', 'error']:.0f} % off" in said and model.masses_[0] == pytest.approx(15, rel=0.01)
+    assert f"{model.errors_.loc['dof 1', 'error']:.0f} % off" in said and model.masses_[0] == pytest.approx(
+        15, rel=0.01
+    )
 
 
 def test_a_wrong_known_mass_is_one_too(record):
@@ -59,7 +61,9 @@ def test_a_wrong_known_mass_is_one_too(record):
 
 def test_a_brace_that_two_balances_find_differently():
     chain = Chain(3, links=["link 3-1"])
-    truth = ChainModel([5.0, 4.0, 3.0], {**dict.fromkeys((1, 2, 3), LINEAR), "link 3-1": laws.LinearElastic(2e4)}, chain)
+    truth = ChainModel(
+        [5.0, 4.0, 3.0], {**dict.fromkeys((1, 2, 3), LINEAR), "link 3-1": laws.LinearElastic(2e4)}, chain
+    )
     F = excitation.band_limited_random(3, 8.0, FS, dofs=[1, 2, 3], rms=40.0, band=(1, 40), random_state=1)
     rec = simulate(truth, F, 1 / FS, hold="cubic")
     given = {"chain": chain, "laws": {"link 3-1": [laws.LinearElastic()]}}

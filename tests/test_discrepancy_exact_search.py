@@ -208,12 +208,12 @@ def test_a_workspace_knows_its_runs_rows_scales_and_sizes():
     assert np.flatnonzero(~work.seen_rows(0)).tolist() == list(range(150, 200))
     assert work.seen_rows(1).sum() == 75 and work.seen_rows(1)[5] and not work.seen_rows(1)[80]
     assert [(i, p.valid) for i, p in work.pieces()] == [(0, slice(0, 150)), (0, slice(200, 300)), (1, slice(5, 80))]
-    s, v, length = work.scales(Site("ground 2"))
+    s, v, length, clock = work.scales(Site("ground 2"))
     rows = np.r_[0:150, 200:300]
     for got, a, b in ((s, one.s, two.s), (v, one.v, two.v)):
         whole = np.concatenate([a[rows].sum(axis=1), b[5:80].sum(axis=1)])
         assert got == pytest.approx(np.sqrt(np.mean(whole**2)))
-    assert length == pytest.approx(2.99) and work.fastest == pytest.approx(50.0)
+    assert length == pytest.approx(2.99) and clock == pytest.approx((0.0, 2.99)) and work.fastest == pytest.approx(50.0)
     assert [(s.start, s.stop) for s in work.spans] == [(0, 100), (100, 150), (150, 250), (250, 325)]
     work.known[1, 0] = False
     uses, members = work.uses([(1,), (2,), (1, 2)])

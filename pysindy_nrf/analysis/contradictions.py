@@ -67,9 +67,10 @@ def contradictions_of(errors: pd.DataFrame, gap: pd.Series, fits: Sequence[StepF
         whose = f"DOF {shared.pop()}, where all of them meet,"
     else:
         whose = "one of DOF " + ", ".join(map(str, sorted({j for s, _, _ in hit for j in (s.p, s.q)})))
+    is_are = "are" if len(hit) > 1 else "is"
     names = " and ".join(str(s) for s, _, _ in hit)
     return [
-        f"Balances contradict each other: {names} {'are' if len(hit) > 1 else 'is'} found twice, and unlike each other. "
+        f"Balances contradict each other: {names} {is_are} found twice, and unlike each other. "
         f"The balance of DOF {site.q} is {error:.0f} % off with the law of {site} that the balance of DOF {site.p} "
         f"finds, {alone:.2g} % with its own. Is the force (its unit, gain, sign, channel) or the known mass of "
         f"{whose} wrong? Otherwise noise or a missing law biases one of them."

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import NRFError
-from ..laws.base import ForceLaw, Motion
+from ..laws.base import ForceLaw, Motion, Scales
 from ..segments import BlockRows, Segment, SegmentSet, half_the_rate
 from ..sites import Site
+from ..solved import clock_of
 from .splits import joined
 
 # Bytes of columns of candidates that are kept from one step of the loop to the next.
@@ -50,7 +51,7 @@ class Workspace:
         seen = SegmentSet([data.segments[i] for i in self.searched], data.n_samples)
         self.forced, self.unknown = seen.forced, seen.unknown
         self._motions: dict[tuple[Site, int], Motion] = {}
-        self._scales: dict[Site, tuple[float, float, float]] = {}
+        self._scales: dict[Site, Scales] = {}
         self._cache: OrderedDict[Any, np.ndarray] = OrderedDict()
         self._cached = 0
         self._fixed = []
@@ -79,15 +80,13 @@ class Workspace:
             self._motions[site, segment] = seg.motion(site, seg.valid)
         return self._motions[site, segment]
 
-    def scales(self, site: Site) -> tuple[float, float, float]:
-        """Rms drift (m), rms rate (m/s) and longest record (s) of the search at a site."""
+    def scales(self, site: Site) -> Scales:
+        """Sizes of the motion at a site, from which shape parameters are searched; of the search rows and records."""
         if site not in self._scales:
             parts = [(self.motion(site, b.segment), b.rows) for b in self.search]
             s = np.sqrt(np.mean(np.concatenate([m.s[rows] for m, rows in parts]) ** 2))
             v = np.sqrt(np.mean(np.concatenate([m.v[rows] for m, rows in parts]) ** 2))
-            chosen = [self.motion(site, i) for i in self.searched]
-            length = max((float(m.t[-1] - m.t[0]) for m in chosen if m.t is not None), default=1.0)
-            self._scales[site] = float(s), float(v), length
+            self._scales[site] = float(s), float(v), *clock_of([self.motion(site, i) for i in self.searched])
         return self._scales[site]
 
     @property

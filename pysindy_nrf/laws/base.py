@@ -43,6 +43,11 @@ class Term(NamedTuple):
     unit: str
 
 
+# What the bounds of a shape parameter are multiples of at a site: rms drift (m), rms rate (m/s), longest record (s),
+# first and last time of all records (s).
+Scales = tuple[float, float, float, tuple[float, float]]
+
+
 class Shape(NamedTuple):
     """A shape parameter: something the law is not linear in.
 
@@ -58,6 +63,9 @@ class Shape(NamedTuple):
         ``"s/v"`` of the rms drift s and the rms rate v of the site and the record length t.
     log : bool
         Whether it is positive and searched on a logarithmic scale.
+    instant : bool
+        Whether it is a time on the clock of the records; its bounds are then shares of the way from the first time to
+        the last.
 
     Examples
     --------
@@ -72,8 +80,11 @@ class Shape(NamedTuple):
     high: float
     scale: str = "1"
     log: bool = True
+    instant: bool = False
 
-    def bounds(self, drift: float, rate: float, duration: float) -> tuple[float, float]:
+    def bounds(
+        self, drift: float, rate: float, duration: float, clock: tuple[float, float] | None = None
+    ) -> tuple[float, float]:
         """Bounds of the search in SI units.
 
         Parameters
@@ -81,12 +92,17 @@ class Shape(NamedTuple):
         drift, rate : float
             Rms drift (m) and rate (m/s) of the site.
         duration : float
-            Length of the record, s.
+            Length of the longest record, s.
+        clock : (float, float), optional
+            First and last time of all records, s; 0 and ``duration`` if None.
 
         Returns
         -------
         low, high : float
         """
+        if self.instant:
+            first, last = clock or (0.0, duration)
+            return first + self.low * (last - first), first + self.high * (last - first)
         sizes = {"1": 1.0, "s": drift, "v": rate, "t": duration}
         above, _, below = self.scale.partition("/")
         unit = sizes[above] / sizes[below or "1"]
@@ -120,7 +136,7 @@ class Motion:
     a : ndarray of shape (n_samples,), optional
         Relative acceleration of the two ends (m/s^2); of the DOF for a DOF site.
     t : ndarray of shape (n_samples,), optional
-        Time since the start of the record (s).
+        Time on the clock of the record (s).
     covariates : mapping of str to ndarray of shape (n_samples,)
         Further measured channels, e.g. a damper's voltage.
 
@@ -253,7 +269,7 @@ class ForceLaw:
         Parameters
         ----------
         s, v, a, t : float or ndarray of shape (n_samples,)
-            Drift (m), its rate (m/s), relative acceleration (m/s^2), time since the start of the record (s).
+            Drift (m), its rate (m/s), relative acceleration (m/s^2), time on the clock of the record (s).
         u : ndarray of shape (n_covariates, ...)
             Covariates, in the order of ``covariates``.
         z : ndarray of shape (n_states, ...)

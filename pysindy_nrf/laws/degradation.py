@@ -1,4 +1,4 @@
-"""Elements that change during a record; t counts from the start of the record."""
+"""Elements that change during a record; t is the time on its clock."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class StiffnessStep(ForceLaw):
     Parameters
     ----------
     t0 : float, optional
-        Time of the change after the start of the record, s; estimated if None.
+        Time of the change on the clock of the record, s; estimated if None.
     dk : float, optional
         Stiffness after minus stiffness before, N/m.
 
@@ -26,7 +26,7 @@ class StiffnessStep(ForceLaw):
 
     name = "stiffness_step"
     family = "degradation"
-    shapes = (Shape("t0", "s", 0.05, 0.95, "t", log=False),)
+    shapes = (Shape("t0", "s", 0.05, 0.95, "t", log=False, instant=True),)
     uses_time = True
 
     def __init__(self, t0: float | None = None, dk: float | None = None) -> None:

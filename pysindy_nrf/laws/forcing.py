@@ -18,7 +18,7 @@ class HarmonicForce(ForceLaw):
 
     .. math:: R = A \cos(2 \pi f t) + B \sin(2 \pi f t)
 
-    t counts from the start of the record; records pooled in one fit share one phase.
+    t is the time on the clock of the record; records pooled in one fit share one phase.
 
     Parameters
     ----------

@@ -132,7 +132,7 @@ class Accumulator:
         self.origin: Any = None  # of time
         self.settings: dict[str, str] = {}  # of the estimator, between calls of partial_fit
         self._open: BlockEntry | None = None
-        self._carry: dict[str, Any] | None = None  # end of the last run: states, last row, origin of time
+        self._carry: dict[str, Any] | None = None  # end of the last run: states, last row, its time
 
     # -- adding -------------------------------------------------------------------------------
 
@@ -163,7 +163,7 @@ class Accumulator:
             starts, stops = chunk.first or i > 0, ends or i < len(segments) - 1
             goes_on = self._append(Run(chunk.record, here, here, starts, stops, *trimmed, False, unknown, size))
             self._widen(segment.extent)
-            self._accumulate(segment, here, goes_on, after_gap=i > 0)
+            self._accumulate(segment, here, goes_on)
             self._offer_windows(here, segment)
         return key[1] + len(segments)
 
@@ -197,27 +197,17 @@ class Accumulator:
             self.model = Model(self.estimator, data.n_dof)
         for segment in data.segments:
             segment.name, segment.resolved = chunk.record, None
-            if segment.t is not None and time is not None:
-                # seconds since the first sample of all, whichever chunk or record the samples came in
-                segment.t = segment.t + float(time[0])
         return data.segments
 
-    def _accumulate(self, segment: Segment, key: Key, goes_on: bool, after_gap: bool) -> None:
+    def _accumulate(self, segment: Segment, key: Key, goes_on: bool) -> None:
         layout = self.require_model().layout
         if segment.t is None:
             self.has_time = False
         carry = self._carry if goes_on else None
-        zero = end = 0.0
+        end = 0.0
         if segment.t is not None:
-            zero = float(segment.t[0])
             if carry is not None and self.origin is None:  # dt counts from the start of each chunk
                 segment.t = segment.t + (carry["end"] + self.estimator.dt)
-                zero = carry["zero"]
-            elif carry is not None:
-                zero = carry["zero"]
-            elif after_gap and self._carry is not None:
-                zero = self._carry["zero"]
-            segment.t = segment.t - zero  # since the start of the record
             end = float(segment.t[-1])
             if carry is not None and segment.t[0] <= carry["end"]:
                 raise ChannelError(
@@ -242,7 +232,7 @@ class Accumulator:
             if self._open.moments.n_samples >= self.block_rows:
                 self._shut()
         last = _row(segment, segment.valid.stop - 1) if layout.has_memory else None
-        self._carry = {"states": states, "last": last, "zero": zero, "end": end}
+        self._carry = {"states": states, "last": last, "end": end}
 
     def _moments(self) -> Moments:
         model, kind = self.require_model(), "gram" if self.kind == "gram" else "root"

@@ -82,7 +82,7 @@ def save(path: Path, accumulator: Accumulator, following: int, mark: str) -> Non
         "runs": [runs.to_json(r) for r in acc.runs],
         "windows": [[list(k), w.name] for k, w in acc.windows], "window_every": acc.window_every,
         "offered": acc._offered, "extent": None if extent is None else extent.finite.tolist(),
-        "carry": None if carry is None else [carry["zero"], carry["end"]], "origin": _origin_text(acc.origin),
+        "carry": None if carry is None else carry["end"], "origin": _origin_text(acc.origin),
     }  # fmt: skip
     if extent is not None:
         arrays |= {"low": extent.low, "high": extent.high}
@@ -139,7 +139,7 @@ def load(path: Path, estimator: Any, mark: str) -> tuple[Accumulator, int] | Non
         if meta["extent"] is not None:
             acc.extent = Extent(data["low"], data["high"], np.array(meta["extent"], dtype=bool))
         if meta["carry"] is not None:
-            acc._carry = {"zero": meta["carry"][0], "end": meta["carry"][1], "states": {}, "last": None}
+            acc._carry = {"end": float(meta["carry"]), "states": {}, "last": None}
             for name in data:
                 if name.startswith("state "):
                     site, _, law = name[6:].rpartition(" ")

@@ -67,7 +67,8 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         from ``"iv"`` and kept where it predicts better. See :mod:`pysindy_nrf.estimation`.
     laws : mapping of str to ForceLaw or sequence of ForceLaw, optional
         Laws at some sites, in place of the power series there; further links and ``"dof j"`` sites
-        join the chain. Shape parameters without a value are estimated.
+        join the chain. Shape parameters without a value are estimated; those with one are kept. Coefficients are
+        always estimated, whatever the law was given (a known one: :class:`~pysindy_nrf.constraints.KnownStiffness`).
     known_masses : mapping of int to float, optional
         kg, by DOF. With no force anywhere one known mass scales the chain.
     band : (float, float), optional

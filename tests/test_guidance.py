@@ -41,6 +41,24 @@ def test_noise_is_named_with_its_channel_and_the_bias_it_brings():
     assert diagnosis(record(truth)).table.empty
 
 
+@pytest.mark.parametrize("top", [0.5, 0.6])
+def test_motion_near_half_the_rate_is_not_taken_for_noise(top):
+    """Exact sines up to 0.3 of the sampling rate on an exact chain: nothing is biased, and nothing is announced."""
+    rng, fs, n = np.random.default_rng(0), 200.0, 4000
+    t = np.arange(n) / fs
+    w = 2 * np.pi * np.linspace(0.5, top * fs / 2, 80)
+    M, C, K = ChainModel(
+        [10.0, 8.0], {1: laws.PowerSeries(1, [40.0, 4e4]), 2: laws.PowerSeries(1, [40.0, 3e4])}
+    ).matrices()
+    H = np.linalg.inv(K + 1j * w[:, None, None] * C - w[:, None, None] ** 2 * M)
+    phase = np.exp(1j * (np.outer(t, w) + rng.uniform(0, 2 * np.pi, len(w))))
+    x, v, a = ((phase * (1j * w) ** k @ H[:, :, 1]).real for k in range(3))
+    X = np.hstack([a, *(np.diff(y, axis=1, prepend=0.0) for y in (v, x))])
+    model = NRFRegressor(degree=1, dt=1 / fs).fit(X, np.column_stack([np.zeros(n), phase.sum(axis=1).real]))
+    assert model.masses_ == pytest.approx([10.0, 8.0], rel=1e-8)
+    assert "noise" not in model.diagnose().table["limit"].tolist()
+
+
 def test_a_missing_law_and_a_sleeping_storey_are_named():
     hysteresis = ChainModel([12.4] * 2, {"storey 1": [STOREY, laws.Dahl(sigma=5e4, Fd=60.0)], "storey 2": STOREY})
     table = diagnosis(record(hysteresis, dofs=(1, 2))).table

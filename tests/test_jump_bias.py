@@ -56,6 +56,14 @@ def test_samples_close_enough_and_laws_without_jumps_and_instruments_say_nothing
     assert model.model_.laws["storey 2"][2].values[0] == pytest.approx(FORCE, rel=0.05)
 
 
+def test_a_friction_of_micronewtons_is_nothing_to_warn_of():
+    """A friction that is not there, on motions without noise: rounding in its coefficient differs by what it likes."""
+    model, said = fitted(fs=2000.0, noise=0.0, friction=laws.CoulombFriction(1e-6))
+    assert not said and not model.jump_bias_["wrong"].any()
+    model, _ = fitted(noise=0.02, friction=laws.CoulombFriction(0.02))
+    assert not model.jump_bias_["wrong"].any()  # 0.01 % of 200 N
+
+
 def test_an_estimate_that_had_to_stay_with_least_squares_is_warned_of_too(monkeypatch):
     monkeypatch.setattr("pysindy_nrf.estimation.refine.instrumental_variables", lambda *a: None)
     model, said = fitted(estimation="iv")

@@ -27,8 +27,8 @@ from .bias import windows
 _BESIDE = 2
 # Groups of windows whose scatter says what is chance, and how many standard errors are none.
 _GROUPS, _BEYOND = 8, 3.0
-# Share of a coefficient that an engineer allows.
-_WRONG = 0.1
+# Share of a coefficient that an engineer allows, and of the force of its balance that is nothing to him.
+_WRONG, _NOTHING = 0.1, 1e-3
 
 
 def jump_bias_of(
@@ -103,11 +103,28 @@ def jump_bias_of(
     gap, away_from = out[1] - out[0], out[1]
     lost = np.where(away_from, gap / np.where(away_from, away_from, 1.0), 0.0)
     wrong = (np.abs(lost) > _WRONG) & (np.abs(gap) > _BEYOND * chance)
+    wrong &= np.abs(gap) * _weights(whole, places, model.masses) > _NOTHING
     values = {s: np.concatenate([law.values for law in layout.laws[s]]) for s in sites}
     found = [values[site][at] for site, at, _ in places]
     labels = [f"{site}: {layout.labels(site)[at]}" for site, at, _ in places]
     table = {"found": found, "away": away_from, "lost": lost, "wrong": wrong, "unit": [unit for _, _, unit in places]}
     return pd.DataFrame(table, index=labels)
+
+
+def _weights(parts: list[Moments], places: list[tuple[Site, int, str]], masses: np.ndarray) -> np.ndarray:
+    """Force of each term with a coefficient of one, as a share of the applied or inertia force of its balance."""
+    total = parts[0].empty()
+    for some in parts:
+        total.merge(some)
+    out = []
+    for site, at, _ in places:
+        where, mass_at, target_at = total.positions((site.p,))
+        part = total.parts[site.p,]
+        columns = np.eye(part.matrix.shape[1])
+        inertia = 0.0 if mass_at is None else masses[site.p - 1] * part.norm(columns[mass_at])
+        balance = max(part.norm(columns[target_at]), inertia)
+        out.append(part.norm(columns[where[site].start + at]) / balance if balance else np.inf)
+    return np.array(out)
 
 
 def sentences_of(table: pd.DataFrame) -> list[str]:

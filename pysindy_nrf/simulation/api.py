@@ -91,7 +91,9 @@ def simulate(
         Channels that the laws read.
     hold : {"linear", "zero", "cubic"}
         Course of forces, base acceleration and covariates between the samples: straight lines,
-        steps, or a cubic spline (for band-limited signals).
+        steps, or a cubic spline (for band-limited signals). Straight lines and steps are no band-limited forces: their
+        accelerations are aliased where the force exceeds a tenth of the sampling rate, contradict the displacements
+        there by some percent, and a fit of the fused record returns masses as much too high.
     rtol : float
         Error of a step of the default method as a share of the largest motion so far.
     t0 : float

@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ..audit import settings_of, versions
+from ..discrepancy.site_loops import SiteLoop, loops_of
 from ..exceptions import NRFError, NRFWarning
+from ..measured import Measured, as_measured
 from ..model import ChainModel
 from ..record import Record
 from ..segments import SegmentSet
-from .audit import settings_of, versions
 from .equations import as_text, balance_equations, law_equation, pretty_label, pretty_unit, shape_values
 from .figures import Figure
 from .figures_evidence import before_after, residual_bars
 from .figures_model import loop_figure, mode_shapes, surface
-from .loops import SiteLoop, loops_of
-from .measured import Measured, as_measured
 from .tables import Table, rows_table, table
 
 

@@ -19,6 +19,7 @@ from scipy import linalg
 
 from .exceptions import ChannelError
 from .layout import LawLayout
+from .model import as_segments
 from .segments import Segment, SegmentSet
 
 MOST = 20  # samples
@@ -71,8 +72,6 @@ def force_delay(estimator: Any, X: Any = None, F: Any = None, **options: Any) ->
             raise ChannelError("The model was loaded without the data it was fitted to", "Pass X and F.")
         data: SegmentSet = estimator._evidence[0]
     else:
-        from .analysis._inputs import as_segments
-
         data = as_segments(estimator, X, F, **options)
     layout = LawLayout(estimator.model_.chain, estimator.model_.laws)
     rows = {}

@@ -541,6 +541,22 @@ class ChainModel:
             ) from error
 
 
+def as_model(thing: Any) -> ChainModel:
+    """The model of a fitted regressor, or the model itself."""
+    model = getattr(thing, "model_", thing)
+    if not isinstance(model, ChainModel):
+        raise ChainError(f"{type(thing).__name__} is not a chain model", "Give a fitted NRFRegressor or a ChainModel.")
+    return model
+
+
+def as_segments(thing: Any, X: Any, F: Any = None, **options: Any) -> SegmentSet:
+    """Data cut into records, in the coordinates of the regressor."""
+    model = as_model(thing)
+    if hasattr(thing, "model_"):
+        options = {"coordinates": thing.coordinates, "dt": thing.dt} | options
+    return model.segments(X, F, **options)
+
+
 def _text_of(path: Any) -> str:
     """The text of a model's file, or an error that names it."""
     from .io.table import check_file, unreadable

@@ -212,7 +212,7 @@ def _noise(model: Any) -> list[Finding]:
     from .signals.fusion import _white_level
 
     data, layout = fit.data, fit.layout
-    sizes = [seg.valid.stop - seg.valid.start for seg in data.segments]
+    sizes = [seg.n_valid for seg in data.segments]
     passed = float(np.average([1.0 if f is None else f.noise_gain() for f in fit.filters], weights=sizes))
     shares: dict[str, list[tuple[float, float]]] = {}
     for seg in data.segments:

@@ -153,7 +153,7 @@ class ChainModel:
         out = []
         for seg in data.segments:
             columns = [
-                force.along(seg.motion(site, seg.valid)) if force.laws else np.zeros(seg.valid.stop - seg.valid.start)
+                force.along(seg.motion(site, seg.valid)) if force.laws else np.zeros(seg.n_valid)
                 for site, force in forces.items()
             ]
             out.append(np.column_stack(columns))

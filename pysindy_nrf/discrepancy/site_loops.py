@@ -64,7 +64,7 @@ def loops_of(model: ChainModel, data: SegmentSet, filters: Sequence[Any] | None 
     try:
         storeys = residual_of(model, data, filters).storey
     except NRFError:
-        storeys = [np.full((seg.valid.stop - seg.valid.start, model.n_dof), np.nan) for seg in data.segments]
+        storeys = [np.full((seg.n_valid, model.n_dof), np.nan) for seg in data.segments]
     out = []
     for site, force in model.restoring_forces.items():
         if not force.laws:

@@ -86,6 +86,11 @@ def require_two_dimensions(X: Any) -> None:
         )
 
 
+def is_dask(X: Any) -> bool:
+    """Whether X is a Dask array, table or delayed value; Dask is not imported."""
+    return hasattr(X, "__dask_graph__")
+
+
 def sample_weights(weights: Any, size: int) -> np.ndarray:
     """Weights of samples, ones if None."""
     if weights is None:

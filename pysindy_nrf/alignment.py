@@ -9,7 +9,7 @@ between them says why: its phase is a delay (straight in frequency) or an invers
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -17,8 +17,10 @@ import pandas as pd
 from .channel_transfer import DELAY, GAIN, NAMES, ORDER, against
 from .channels import as_matrix
 from .exceptions import ChannelError
-from .force_delay import force_delay
 from .record import Record, seconds_of
+
+if TYPE_CHECKING:
+    from .force_delay import force_delay
 
 __all__ = [
     "align",
@@ -29,6 +31,18 @@ __all__ = [
     "shifted",
     "split_at_gaps",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "force_delay":  # offered here beside the other delays; it asks a model, and records know none
+        from .force_delay import force_delay
+
+        return force_delay
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
 
 
 def channel_alignment(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -27,6 +27,37 @@ if TYPE_CHECKING:
     from .guidance import Diagnosis
 
 
+class FitData(NamedTuple):
+    """What an estimator was fitted to; kept until it is pickled, so that it can be solved again on parts of it.
+
+    Attributes
+    ----------
+    data : SegmentSet
+        The records.
+    layout : LawLayout
+        The columns of masses and terms.
+    walk : Walk
+        The order in which the balances were solved.
+    filters : sequence of FairFilter or None
+        One for each record.
+    known_masses : mapping of int to float
+        By DOF, kg.
+    """
+
+    data: SegmentSet
+    layout: LawLayout
+    walk: Walk
+    filters: Sequence[Any]
+    known_masses: Mapping[int, float]
+
+
+def require_fit_data(estimator: FittedChain, cure: str) -> FitData:
+    """What the estimator was fitted to, or an error that says what to do instead."""
+    if estimator._fit_data is None:
+        raise ChannelError("The model was loaded without the data it was fitted to", cure)
+    return estimator._fit_data
+
+
 class FittedChain:
     """The questions that :class:`~pysindy_nrf.NRFRegressor` answers once it is fitted."""
 
@@ -39,7 +70,7 @@ class FittedChain:
     dt: float | None
     optimizer: Any
     _resolver: Resolver | None
-    _evidence: tuple[SegmentSet, LawLayout, Walk, Sequence[Any], Mapping[int, float]] | None
+    _fit_data: FitData | None = None  # gone after a fit in pieces or a load
     _apart: Callable[[], SegmentSet] | None = None  # the same motions fused one by one, where records were given
     _spread: Resolver | None = None
     _narrow: bool = False  # whether X was fused so that its DOFs improve each other
@@ -226,7 +257,7 @@ class FittedChain:
         from .estimation.intervals import parameter_intervals
 
         check_is_fitted(self)
-        data = None if self._evidence is None else self._evidence[0]
+        data = None if self._fit_data is None else self._fit_data.data
         return parameter_intervals(self._spreading(), self.model_, level, of, method, random_state, n_jobs, data)
 
     def force_intervals(self, site: Any, v: Any, s: Any, level: float = 0.95) -> pd.DataFrame:
@@ -333,14 +364,12 @@ class FittedChain:
     def _resolving(self) -> Resolver:
         """What re-solving the chain on parts of the data needs; made when first asked for."""
         if self._resolver is None:
-            if self._evidence is None:
-                raise ChannelError(
-                    "The model was loaded without the data it was fitted to",
-                    "Fit again, or ask for intervals before saving.",
-                )
+            fit = require_fit_data(self, "Fit again, or ask for intervals before saving.")
             from .estimation.refine import least_squares_resolver
 
-            self._resolver = least_squares_resolver(*self._evidence, self._inner())
+            self._resolver = least_squares_resolver(
+                fit.data, fit.layout, fit.walk, fit.filters, fit.known_masses, self._inner()
+            )
         return self._resolver
 
     def _spreading(self) -> Resolver:
@@ -358,7 +387,8 @@ class FittedChain:
         if self._spread is None:
             from .estimation.refine import separate_resolver
 
-            assert self._evidence is not None
-            _, layout, walk, _, known = self._evidence
-            self._spread = separate_resolver(self._apart(), layout, walk, known, self.band, self._resolving())
+            fit = require_fit_data(self, "Fit again, or ask for intervals before saving.")
+            self._spread = separate_resolver(
+                self._apart(), fit.layout, fit.walk, fit.known_masses, self.band, self._resolving()
+            )
         return self._spread

@@ -18,7 +18,9 @@ import pandas as pd
 from scipy import linalg
 
 from .exceptions import ChannelError
+from .fitted import require_fit_data
 from .layout import LawLayout
+from .model import as_segments
 from .segments import Segment, SegmentSet
 
 MOST = 20  # samples
@@ -67,12 +69,8 @@ def force_delay(estimator: Any, X: Any = None, F: Any = None, **options: Any) ->
     3.0
     """
     if X is None:
-        if estimator._evidence is None:
-            raise ChannelError("The model was loaded without the data it was fitted to", "Pass X and F.")
-        data: SegmentSet = estimator._evidence[0]
+        data = require_fit_data(estimator, "Pass X and F.").data
     else:
-        from .analysis._inputs import as_segments
-
         data = as_segments(estimator, X, F, **options)
     layout = LawLayout(estimator.model_.chain, estimator.model_.laws)
     rows = {}

@@ -206,13 +206,14 @@ def _noise(model: Any) -> list[Finding]:
     ``theta = (G - N)^-1 G theta_LS`` with the Gram matrix G of the columns and N that of their noise, both as the
     filters of the fit pass them on.
     """
-    if model._evidence is None or model.model_.info.get("estimation", {}).get("found") != "ls":
+    fit = model._fit_data
+    if fit is None or model.model_.info.get("estimation", {}).get("found") != "ls":
         return []
     from .signals.fusion import _white_level
 
-    data, layout, walk, filters, *_ = model._evidence
-    sizes = [seg.valid.stop - seg.valid.start for seg in data.segments]
-    passed = float(np.average([1.0 if f is None else f.noise_gain() for f in filters], weights=sizes))
+    data, layout = fit.data, fit.layout
+    sizes = [seg.n_valid for seg in data.segments]
+    passed = float(np.average([1.0 if f is None else f.noise_gain() for f in fit.filters], weights=sizes))
     shares: dict[str, list[tuple[float, float]]] = {}
     for seg in data.segments:
         for kind in "avs":
@@ -224,7 +225,7 @@ def _noise(model: Any) -> list[Finding]:
     pieces = model._resolving().pieces
     laws = model.model_.laws
     out = []
-    for step in walk.steps:
+    for step in fit.walk.steps:
         if len(step.dofs) > 1 or not step.masses or pieces.instrumented:
             continue
         group = layout.group(step.dofs)

@@ -398,7 +398,7 @@ def _trimmed(segment: Segment, names: Sequence[str], packed: np.ndarray | None =
         labels.append(f"covariate {key}")
     where = "" if segment.name == "record" else f"record {segment.name!r}"
     segment.valid = finite_span(motion, labels, where)
-    if segment.valid.stop - segment.valid.start < 1:
+    if segment.n_valid < 1:
         raise ChannelError(
             f"{where or 'X'}: no row is finite in every channel", f"Check the edges of {rate}, {drift} and the forces."
         )

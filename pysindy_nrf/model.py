@@ -153,7 +153,7 @@ class ChainModel:
         out = []
         for seg in data.segments:
             columns = [
-                force.along(seg.motion(site, seg.valid)) if force.laws else np.zeros(seg.valid.stop - seg.valid.start)
+                force.along(seg.motion(site, seg.valid)) if force.laws else np.zeros(seg.n_valid)
                 for site, force in forces.items()
             ]
             out.append(np.column_stack(columns))
@@ -539,6 +539,22 @@ class ChainModel:
             raise FileFormatError(
                 f"{where} is not a readable chain model: {error}", "Write it with ChainModel.to_json."
             ) from error
+
+
+def as_model(thing: Any) -> ChainModel:
+    """The model of a fitted regressor, or the model itself."""
+    model = getattr(thing, "model_", thing)
+    if not isinstance(model, ChainModel):
+        raise ChainError(f"{type(thing).__name__} is not a chain model", "Give a fitted NRFRegressor or a ChainModel.")
+    return model
+
+
+def as_segments(thing: Any, X: Any, F: Any = None, **options: Any) -> SegmentSet:
+    """Data cut into records, in the coordinates of the regressor."""
+    model = as_model(thing)
+    if hasattr(thing, "model_"):
+        options = {"coordinates": thing.coordinates, "dt": thing.dt} | options
+    return model.segments(X, F, **options)
 
 
 def _text_of(path: Any) -> str:

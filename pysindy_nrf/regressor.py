@@ -15,7 +15,7 @@ from .chain import Chain
 from .chain_solve import Solution, doubtful_masses
 from .exceptions import ChainError, ChannelError, DataQualityWarning, ExcitationError
 from .fair_filter import filters_of
-from .fitted import FittedChain
+from .fitted import FitData, FittedChain
 from .identifiability import Walk, plan_walk
 from .input_arrays import fused_together, holds_records, one_by_one
 from .laws import ForceLaw, PowerSeries
@@ -293,11 +293,8 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
                 filters,
             )
         model, solution, moments = self._solve(layout, walk, data, filters, known)
-        self._resolver, self._evidence, facts = (
-            None,
-            (data, layout, walk, filters, known),
-            {"asked": "ls", "found": "ls"},
-        )
+        self._resolver, self._fit_data = None, FitData(data, layout, walk, filters, known)
+        facts: dict[str, Any] = {"asked": "ls", "found": "ls"}
         self._apart, self._spread, self._narrow = None, None, False
         judged = data
         if self.estimation != "ls":
@@ -342,7 +339,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
 
     def __getstate__(self) -> dict[str, Any]:
         state = super().__getstate__()
-        data = {"_evidence": None, "_apart": None, "_spread": None}  # they are not part of the model
+        data = {"_fit_data": None, "_apart": None, "_spread": None}  # they are not part of the model
         return state | {key: none for key, none in data.items() if key in state}
 
     def _solve(

@@ -32,9 +32,7 @@ def require_samples(data: SegmentSet, walk: Walk, layout: LawLayout) -> None:
     for step in walk.steps:
         unknowns = len(step.masses) + sum(layout.counts[s] for s in step.sites)
         rows = sum(
-            seg.valid.stop - seg.valid.start
-            for seg in data.segments
-            if not any(np.isnan(seg.F[seg.valid.start, j - 1]) for j in step.dofs)
+            seg.n_valid for seg in data.segments if not any(np.isnan(seg.F[seg.valid.start, j - 1]) for j in step.dofs)
         )
         if rows < unknowns + 1:
             raise ChannelError(

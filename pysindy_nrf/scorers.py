@@ -141,7 +141,7 @@ def _free_run(regressor: Any, X: Any, F: Any = None, **metadata: Any) -> float:
     data = regressor._judged(X, F, *(names[k] for k in METADATA))
     if any(seg.dt is None for seg in data.segments):
         raise ChannelError("The free run needs the time of the samples", "Pass dt= (s), time=, or X with a time index.")
-    blocks = [BlockRows(i, slice(0, seg.valid.stop - seg.valid.start)) for i, seg in enumerate(data.segments)]
+    blocks = [BlockRows(i, slice(0, seg.n_valid)) for i, seg in enumerate(data.segments)]
     error = free_run_error(regressor.model_, _Judged(data, filters_of(regressor.band, data)), blocks)
     return -error if np.isfinite(error) else float("nan")
 

@@ -57,6 +57,11 @@ class Segment:
         return len(self.s)
 
     @property
+    def n_valid(self) -> int:
+        """Rows inside the NaN edges."""
+        return self.valid.stop - self.valid.start
+
+    @property
     def n_dof(self) -> int:
         """Degrees of freedom."""
         return self.s.shape[1]

@@ -66,7 +66,7 @@ def third_law_gap(solution: Solution, moments: Moments) -> pd.Series:
 def unknown_forces(model: ChainModel, data: SegmentSet) -> pd.DataFrame:
     """Forces (N) on the DOFs whose force was not known, from the balances; NaN where it was given."""
     hidden = [j for j in range(data.n_dof) if any(np.isnan(seg.F[seg.valid.start, j]) for seg in data.segments)]
-    parts = [np.zeros((seg.valid.stop - seg.valid.start, 0)) for seg in data.segments]
+    parts = [np.zeros((seg.n_valid, 0)) for seg in data.segments]
     if hidden:
         forces = model.balance_forces(data)
         parts = [

@@ -221,8 +221,8 @@ def test_a_model_with_a_floor_that_nothing_holds():
 
 def test_block_moments_of_a_chain_are_refused_below_their_size(chain4):
     model = NRFRegressor(dt=1e-3).fit(chain4.X, chain4.F)
-    from pysindy_nrf.analysis._inputs import as_segments
     from pysindy_nrf.analysis.block_moments import block_moments
+    from pysindy_nrf.model import as_segments
 
     data = as_segments(model, chain4.X, chain4.F)
     whole = block_moments(model, data, None, n_blocks=4)

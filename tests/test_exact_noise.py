@@ -345,7 +345,7 @@ def test_what_no_instruments_can_tell_is_said(monkeypatch, bias, words):
 
 def test_lines_are_looked_for_in_the_longest_record_with_zeros_where_it_is_held_out(monkeypatch):
     def seg(start, stop, dt=0.01):
-        return SimpleNamespace(valid=slice(start, stop), dt=dt)
+        return SimpleNamespace(valid=slice(start, stop), n_valid=stop - start, dt=dt)
 
     asked = []
     monkeypatch.setattr(spectral_lines, "balance_lines", lambda *a: asked.append(a) or [float(a[3])])

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
-from pysindy_nrf.alignment import force_delay, shifted
+from pysindy_nrf import ChainModel, NRFRegressor, alignment, excitation, laws, simulate
+from pysindy_nrf.alignment import shifted
 from pysindy_nrf.exceptions import ChannelError
+from pysindy_nrf.force_delay import force_delay
 from pysindy_nrf.noise import add_noise
 
 pytestmark = pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
@@ -53,3 +54,9 @@ def test_without_a_force_there_is_nothing_to_tell():
     model = NRFRegressor(degree=1, known_masses={1: 10.0, 2: 12.0}).fit(rec)
     with pytest.raises(ChannelError, match="No force"):
         force_delay(model)
+
+
+def test_alignment_offers_it_and_nothing_that_is_not_there():
+    assert alignment.force_delay is force_delay and "force_delay" in dir(alignment)
+    with pytest.raises(AttributeError, match="no attribute 'force_delays'"):
+        alignment.force_delays  # noqa: B018

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from pysindy_nrf import ChainModel, ForceLawLibrary, NRFRegressor, Record, Site, datasets, excitation, laws, simulate
+from pysindy_nrf.audit import settings_of
 from pysindy_nrf.comparison.rows import _peak
 from pysindy_nrf.exceptions import ChainError, ChannelError, LawError
 from pysindy_nrf.fair_filter import FairFilter
@@ -15,7 +16,6 @@ from pysindy_nrf.input_arrays import feature_names
 from pysindy_nrf.io import read_record, read_table
 from pysindy_nrf.kinematics import to_features
 from pysindy_nrf.paper.cases import two_dof
-from pysindy_nrf.report.audit import settings_of
 from pysindy_nrf.report.content import of_model
 from pysindy_nrf.report.figures import unit_of
 from pysindy_nrf.report.figures_model import _ticks

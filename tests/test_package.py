@@ -1,10 +1,12 @@
 """What `import pysindy_nrf` promises."""
 
+import ast
 import importlib
 import json
 import subprocess
 import sys
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 
 import pytest
 
@@ -75,3 +77,18 @@ def test_the_version_is_the_distributions():
 def test_modules_import_by_themselves():
     for name in ("io", "datasets", "cli", "laws", "exceptions"):
         assert importlib.import_module(f"pysindy_nrf.{name}").__doc__
+
+
+def test_the_loop_reaches_for_its_page_only_where_one_asks_for_it():
+    """The page is drawn from the loop's report, so the loop knows it in the two methods that show it and nowhere else."""
+    folder = Path(pysindy_nrf.__file__).parent / "discrepancy"
+    reached = {}
+    for path in sorted(folder.glob("*.py")):
+        tree = ast.parse(path.read_text("utf-8"))
+        inside = {id(node): f.name for f in ast.walk(tree) if isinstance(f, ast.FunctionDef) for node in ast.walk(f)}
+        for node in ast.walk(tree):
+            names = [node.module or ""] if isinstance(node, ast.ImportFrom) and node.level == 2 else []
+            names += [a.name for a in node.names] if names == [""] else []
+            if any(name.split(".")[0] == "report" for name in names):
+                reached.setdefault(path.name, []).append(inside.get(id(node), "top level"))
+    assert reached == {"report.py": ["to_html", "_repr_html_"]}

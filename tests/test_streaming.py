@@ -381,9 +381,9 @@ def test_many_chunks_leave_few_blocks_and_the_same_sum(data, in_memory, monkeypa
     assert len(acc.blocks) <= 11 and len(acc.windows) <= 9 and len(acc.runs) == 1
     assert sum(b.moments.n_samples for b in acc.blocks) == 6000
     direct = NRFRegressor().fit(X, F)
-    whole, reference = acc.total(), direct._evidence
-    _, layout, walk, *_ = reference
-    once = accumulate(Moments(layout, groups_of(layout, walk)), reference[0].segments[0].blocks(layout))
+    whole, reference = acc.total(), direct._fit_data
+    layout, walk = reference.layout, reference.walk
+    once = accumulate(Moments(layout, groups_of(layout, walk)), reference.data.segments[0].blocks(layout))
     for dofs, part in once.parts.items():
         size = np.sqrt(np.diag(part.matrix))
         assert np.allclose((whole.parts[dofs].matrix - part.matrix) / np.outer(size, size), 0, atol=1e-13)

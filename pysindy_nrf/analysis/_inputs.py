@@ -2,30 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pandas as pd
 
-from ..exceptions import ChainError
-from ..model import ChainModel
+from ..model import ChainModel, as_model, as_segments
 from ..segments import SegmentSet
 
-
-def as_model(thing: Any) -> ChainModel:
-    """The model of a fitted regressor, or the model itself."""
-    model = getattr(thing, "model_", thing)
-    if not isinstance(model, ChainModel):
-        raise ChainError(f"{type(thing).__name__} is not a chain model", "Give a fitted NRFRegressor or a ChainModel.")
-    return model
-
-
-def as_segments(thing: Any, X: Any, F: Any = None, **options: Any) -> SegmentSet:
-    """Data cut into records, in the coordinates of the regressor."""
-    model = as_model(thing)
-    if hasattr(thing, "model_"):
-        options = {"coordinates": thing.coordinates, "dt": thing.dt} | options
-    return model.segments(X, F, **options)
+__all__ = ["as_model", "as_segments", "frame", "storey_names"]
 
 
 def storey_names(model: ChainModel) -> list[str]:

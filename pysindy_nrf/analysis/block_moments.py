@@ -119,9 +119,9 @@ def block_moments(
     ).require_complete()
     groups = groups_of(layout, walk)
     pieces, edges, record = [], [], []
-    whole = sum(seg.valid.stop - seg.valid.start for seg in data.segments)
+    whole = sum(seg.n_valid for seg in data.segments)
     for number, (seg, filter) in enumerate(zip(data.segments, filters_of(estimator.band, data))):
-        n = seg.valid.stop - seg.valid.start
+        n = seg.n_valid
         if length is None:
             size = int(np.ceil(whole / (n_blocks or 1)))
         elif seg.dt is None:

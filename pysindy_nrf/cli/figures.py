@@ -94,8 +94,8 @@ def _figure(rows: int, columns: int, size: tuple[float, float]) -> tuple[Any, An
 
 def _forces(outcome: Outcome, band: Any) -> Any:
     """Each site's force around the largest motion, against its drift: identified over what the balances ask for."""
+    from ..discrepancy.site_loops import loops_of
     from ..fair_filter import filters_of
-    from ..report.loops import loops_of
 
     data = outcome.data
     assert data is not None

@@ -210,7 +210,7 @@ class _View:
         if key not in self._bases:
             segments = [self.data.segments[i] for i in use]
             inputs = [x for _, x in _inputs(segments)]
-            shortest = min(seg.valid.stop - seg.valid.start for seg in segments)
+            shortest = min(seg.n_valid for seg in segments)
             taps = int(np.clip((worth / 8 / max(1, len(inputs)) - 1) / 2, 0, _TAPS))
             taps = min(taps, max(0, (shortest - 64) // (8 * spacing)))
             rows = []

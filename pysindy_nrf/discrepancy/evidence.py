@@ -276,7 +276,7 @@ def searched(work: Workspace, most: int = _ENOUGH, data: SegmentSet | None = Non
     total = sum(b.rows.stop - b.rows.start for b in work.search)
     share = min(1.0, most / max(total, 1))
     longest: dict[int, int] = {}
-    parts = [(i, piece, piece.valid.stop - piece.valid.start) for i, piece in work.pieces(data)]
+    parts = [(i, piece, piece.n_valid) for i, piece in work.pieces(data)]
     for i, _, length in parts:
         longest[i] = max(length, longest.get(i, 0))
     pieces, filters = [], []
@@ -313,7 +313,7 @@ def searched_residual(work: Workspace, model: ChainModel) -> Residual:
         if k not in whole:
             whole[k] = residual_of(model, SegmentSet([record], work.data.n_samples), [filter]).balance[0]
         start = seg.valid.start - record.valid.start
-        balance.append(whole[k][start : start + seg.valid.stop - seg.valid.start])
+        balance.append(whole[k][start : start + seg.n_valid])
     return residual.with_balance(balance)
 
 

@@ -426,7 +426,7 @@ class _Own:
         """Columns along one record."""
         seg = self.segments[record]
         if self.site.kind == "dof":
-            return np.zeros((seg.valid.stop - seg.valid.start, 0))
+            return np.zeros((seg.n_valid, 0))
         if self.site.kind == "link":
             m = self.motions[record]
             return np.column_stack([m.s, m.v, self.basis.path(m)])

@@ -13,6 +13,7 @@ import pandas as pd
 from ..exceptions import ChannelError
 from ..input_arrays import from_arrays
 from ..kinematics import base_acceleration_if_any, base_motion, to_features
+from ..measured import Measured, measured
 from ..record import Record
 from ..segments import Segment, SegmentSet
 from ..signals.kinematic_smoother import KinematicSmoother
@@ -119,6 +120,24 @@ def prepare(records: Any, heldout: Any = None, noise: Sequence[dict[str, float]]
         segments.append(piece)
     held = list(range(len(mine), len(every))) if kept else None
     return Prepared(every, SegmentSet(segments, at), found, held, clean, given=given)
+
+
+def measured_of(ready: Prepared) -> list[Measured]:
+    """What the records of a closed loop hold.
+
+    Parameters
+    ----------
+    ready : Prepared
+
+    Returns
+    -------
+    list of Measured
+    """
+    held = ready.heldout
+    roles = ["searched, but for a quarter that is held out" if held is None else "searched" for _ in ready.records]
+    for i in held or ():
+        roles[i] = "held out"
+    return [measured(rec, noise, role) for rec, noise, role in zip(ready.records, ready.noise, roles)]
 
 
 def _segment(record: Record, X: pd.DataFrame, F: pd.DataFrame) -> Segment:

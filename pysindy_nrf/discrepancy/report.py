@@ -9,20 +9,21 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ..audit import constants_of, settings_of
 from ..errors import balance_errors
 from ..exceptions import NRFError
 from ..free_run import free_run_error
 from ..laws.base import ForceLaw
+from ..measured import Measured
 from ..model import ChainModel
-from ..report.loops import SiteLoop, loops_of
-from ..report.measured import Measured, measured_of
 from ..sites import Site
 from ..solved import model_of
 from ..visited import VisitedRegion
 from .evidence import Evidence, gather, searched
 from .noise_floor import NoiseFloor
-from .prepare import Prepared
+from .prepare import Prepared, measured_of
 from .search import Finding
+from .site_loops import SiteLoop, loops_of
 from .stage import Stage, Trial
 from .workspace import Workspace
 
@@ -352,7 +353,6 @@ def audit(
     -------
     dict of str to dict
     """
-    from ..report.audit import constants_of, settings_of
     from . import gate, splits
 
     held = ready.heldout

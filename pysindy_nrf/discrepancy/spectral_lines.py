@@ -29,7 +29,7 @@ def lines_of(trial: Trial) -> dict[Site, list[float]]:
         return {}
     runs = work.runs(longest)
     # a line is as sharp as the record is long: what is held out is zero, not cut away
-    inside = np.zeros(seg.valid.stop - seg.valid.start)
+    inside = np.zeros(seg.n_valid)
     for run in runs:
         inside[run] = 1.0
     whole = slice(runs[0].start, runs[-1].stop)

@@ -77,7 +77,7 @@ class DamperForceDisplay:
         DamperForceDisplay
         """
         from ..analysis import damper_force
-        from ..analysis._inputs import as_model, as_segments
+        from ..model import as_model, as_segments
 
         if over not in _ABSCISSA:
             raise ChannelError(f"over={over!r} is unknown", f"Choose one of {', '.join(_ABSCISSA)}.")

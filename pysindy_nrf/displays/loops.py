@@ -65,7 +65,7 @@ class HysteresisLoopDisplay:
         ChannelError
             If the site is no storey, or the chain has further links, whose share of the balance is not known.
         """
-        from ..analysis._inputs import as_model, as_segments
+        from ..model import as_model, as_segments
 
         model = as_model(estimator)
         place = model.chain.site(site)

@@ -103,7 +103,7 @@ class Shot:
     @property
     def n_samples(self) -> int:
         """Valid rows."""
-        return self.segment.valid.stop - self.segment.valid.start
+        return self.segment.n_valid
 
     def run(self, model: ChainModel, segment: Segment | None = None) -> Segment:
         """Free run under the shot's forces, or under those of a corrected copy."""
@@ -183,7 +183,7 @@ def shots_of(data: SegmentSet, has_memory: bool) -> list[Shot]:
     for number, seg in enumerate(data.segments):
         if np.isnan(seg.F[seg.valid.start]).any():
             continue
-        n = seg.valid.stop - seg.valid.start
+        n = seg.n_valid
         edges = np.linspace(0, n, 1 if has_memory else -(-n // SHOT), endpoint=False).astype(int).tolist() + [n]
         for lo, hi in zip(edges[:-1], edges[1:]):
             rows = slice(seg.valid.start + lo, seg.valid.start + hi)

@@ -136,7 +136,7 @@ def pieces_of(
     16
     """
     chosen = [i for i in range(len(data.segments)) if runs is None or runs[i] is not None]
-    total = sum(data.segments[i].valid.stop - data.segments[i].valid.start for i in chosen)
+    total = sum(data.segments[i].n_valid for i in chosen)
     length = max(1, -(-total // n_pieces))
     known = {int(j): float(m) for j, m in known_masses.items()}
     grams: dict[tuple[int, ...], list[np.ndarray]] = {g.dofs: [] for g in groups}

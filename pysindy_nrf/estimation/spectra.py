@@ -142,7 +142,7 @@ def transfer(matrices: Sequence[np.ndarray], f: np.ndarray) -> np.ndarray:
 
 def lines_of(segment: Segment) -> np.ndarray:
     """Frequencies of a record's Fourier lines but the first, Hz."""
-    return np.fft.rfftfreq(segment.valid.stop - segment.valid.start, segment.step)[1:]
+    return np.fft.rfftfreq(segment.n_valid, segment.step)[1:]
 
 
 def spectrum(values: np.ndarray, dt: float, taper: bool = False) -> np.ndarray:

@@ -123,7 +123,7 @@ class FoldMoments:
 
     def _choose_bases(self) -> None:
         """Polynomials for each searched site from some rows, and the triangular factor of what they leave dependent."""
-        whole = sum(seg.valid.stop - seg.valid.start for seg in self.data.segments)
+        whole = sum(seg.n_valid for seg in self.data.segments)
         stride = max(1, whole // _ROWS)
         for site, law in self.union.items():
             if not self.layout.counts[site]:
@@ -168,7 +168,7 @@ class FoldMoments:
         self.sums: list[np.ndarray] = []  # of the accelerations, for the variance behind R^2
         self.counts: list[np.ndarray] = []
         self._totals: dict[Any, tuple[Moments, np.ndarray, np.ndarray]] = {}
-        whole = sum(seg.valid.stop - seg.valid.start for seg in self.data.segments)
+        whole = sum(seg.n_valid for seg in self.data.segments)
         for seg, filter in zip(self.data.segments, self.filters):
             classes = self.class_of[seg.rows][seg.valid]
             cuts = _cuts(classes, max(whole // PIECES, 256) if kind == "gram" else whole)

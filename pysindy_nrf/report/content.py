@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ..audit import settings_of, versions
+from ..discrepancy.site_loops import SiteLoop, loops_of
 from ..exceptions import NRFError, NRFWarning
+from ..measured import Measured, as_measured
 from ..model import ChainModel
 from ..record import Record
 from ..segments import SegmentSet
-from .audit import settings_of, versions
 from .equations import as_text, balance_equations, law_equation, pretty_label, pretty_unit, shape_values
 from .figures import Figure
 from .figures_evidence import before_after, residual_bars
 from .figures_model import loop_figure, mode_shapes, surface
-from .loops import SiteLoop, loops_of
-from .measured import Measured, as_measured
 from .tables import Table, rows_table, table
 
 
@@ -306,14 +306,14 @@ def _data(subject: Any, records: Any, band: Any) -> tuple[Any, Any]:
     from ..discrepancy.prepare import prepare
     from ..fair_filter import filters_of
 
-    kept = getattr(subject, "_evidence", None)
+    kept = getattr(subject, "_fit_data", None)
     if records is None and kept is None:
         return None, None
     given = [records] if isinstance(records, Record) else list(records or ())
-    if kept is not None and (records is None or _fitted_to(kept[0], given)):  # they need not be fused again
+    if kept is not None and (records is None or _fitted_to(kept.data, given)):  # they need not be fused again
         own = subject.model_.info.get("band")
         same = (None if own is None else tuple(own)) == (None if band is None else tuple(band))
-        return kept[0], kept[3] if same else filters_of(band, kept[0])
+        return kept.data, kept.filters if same else filters_of(band, kept.data)
     data = prepare(given).data
     return data, filters_of(band, data)
 

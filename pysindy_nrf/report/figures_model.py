@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
+from ..discrepancy.site_loops import SiteLoop
 from ..exceptions import NRFError
 from ..model import ChainModel
 from ..sites import Site
 from .equations import as_text
 from .figures import BLUE, INK, MUTED, ORANGE, Figure, axis, layout, plain, rounded, unit_of
-from .loops import SiteLoop
 from .tables import Table, rows_table
 
 _SIZE = 33

@@ -22,7 +22,7 @@ def record_html(record: Any) -> str:
     -------
     str
     """
-    from .measured import measured
+    from ..measured import measured
 
     m = measured(record)
     shown = m.channels.drop(columns="noise").assign(unit=[pretty_unit(str(u)) for u in m.channels["unit"]])

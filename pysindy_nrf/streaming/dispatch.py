@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from .._input import is_dask
 from ..exceptions import ChannelError, DataQualityWarning, NRFError
 from ..record import Record
 
@@ -35,11 +36,6 @@ def is_streamed(X: Any) -> bool:
     if isinstance(X, (list, tuple)):
         return len(X) > 0 and not isinstance(X[0], (list, tuple, Record)) and is_streamed(X[0])
     return isinstance(X, (str, os.PathLike)) or isinstance(X, Iterator) or is_dask(X)
-
-
-def is_dask(X: Any) -> bool:
-    """Whether X is a Dask array, table or delayed value; Dask is not imported."""
-    return hasattr(X, "__dask_graph__")
 
 
 def fit_streamed(
@@ -106,7 +102,7 @@ def fit_streamed(
 
     beside = dict(record=record, time=time, base_acceleration=base_acceleration, covariates=covariates)
     if is_dask(X) or (isinstance(X, (list, tuple)) and is_dask(X[0])):
-        from ..distributed import fit_distributed
+        from .partitions import fit_distributed
 
         return fit_distributed(estimator, X, F, **beside)
     from .result import publish, solution_of

@@ -57,7 +57,7 @@ def publish(accumulator: Accumulator, solution: Solution, moments: Moments, walk
     layout = given.layout
     model = model_of(layout, solution)
     data = _shown(accumulator)
-    estimator._evidence, estimator._apart, estimator._narrow = None, None, False
+    estimator._fit_data, estimator._apart, estimator._narrow = None, None, False
     estimator._resolver = Resolver(_pieces(accumulator), walk, given.known_masses, estimator._inner())
     if estimator.constraints is not None:
         from ..constraints import constrained

@@ -5,11 +5,10 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import pandas as pd
 
-from ..record import Record
+from .record import Record
 
 
 @dataclass
@@ -67,7 +66,7 @@ def measured(record: Record, noise: Mapping[str, float] | None = None, role: str
     -------
     Measured
     """
-    from ..io.summary import kind_of, summary
+    from .io.summary import kind_of, summary
 
     said = summary(record)
     levels = dict(noise or {})
@@ -89,24 +88,6 @@ def measured(record: Record, noise: Mapping[str, float] | None = None, role: str
     )
 
 
-def measured_of(ready: Any) -> list[Measured]:
-    """What the records of a closed loop hold.
-
-    Parameters
-    ----------
-    ready : pysindy_nrf.discrepancy.prepare.Prepared
-
-    Returns
-    -------
-    list of Measured
-    """
-    held = ready.heldout
-    roles = ["searched, but for a quarter that is held out" if held is None else "searched" for _ in ready.records]
-    for i in held or ():
-        roles[i] = "held out"
-    return [measured(rec, noise, role) for rec, noise, role in zip(ready.records, ready.noise, roles)]
-
-
 def as_measured(records: Record | Sequence[Record] | None) -> list[Measured]:
     """What records hold, with the noise that their channels' contradictions show.
 
@@ -118,9 +99,9 @@ def as_measured(records: Record | Sequence[Record] | None) -> list[Measured]:
     -------
     list of Measured
     """
-    from ..exceptions import NRFError, NRFWarning
-    from ..kinematics import to_features
-    from ..signals import KinematicSmoother
+    from .exceptions import NRFError, NRFWarning
+    from .kinematics import to_features
+    from .signals import KinematicSmoother
 
     out = []
     for record in [] if records is None else [records] if isinstance(records, Record) else records:

@@ -19,7 +19,7 @@ def versions() -> dict[str, str]:
     dict of str to str
         Packages that are not installed are left out.
     """
-    from .. import __version__
+    from . import __version__
 
     out = {"pysindy_nrf": __version__, "Python": platform.python_version()}
     for name in _PACKAGES:
@@ -43,7 +43,7 @@ def settings_of(**groups: Mapping[str, Any]) -> dict[str, dict[str, str]]:
 
     Examples
     --------
-    >>> from pysindy_nrf.report.audit import settings_of
+    >>> from pysindy_nrf.audit import settings_of
     >>> settings_of(loop={"random_state": 0, "band": (1.0, 40.0), "heldout": None})
     {'loop': {'random_state': '0', 'band': '(1.0, 40.0)', 'heldout': 'None'}}
     """

@@ -12,6 +12,8 @@ from ..exceptions import NRFError
 from ..model import ChainModel
 from ..segments import SegmentSet
 from ..sites import Site
+from .dependence import period_of
+from .residual import residual_of
 
 # Points of a drawn loop: a file that opens at once, and no cycle loses its shape.
 _POINTS = 1000
@@ -58,13 +60,11 @@ def loops_of(model: ChainModel, data: SegmentSet, filters: Sequence[Any] | None 
     -------
     list of SiteLoop
     """
-    from ..discrepancy.residual import residual_of
-
     filters = [None] * len(data.segments) if filters is None else list(filters)
     try:
         storeys = residual_of(model, data, filters).storey
     except NRFError:
-        storeys = [np.full((seg.valid.stop - seg.valid.start, model.n_dof), np.nan) for seg in data.segments]
+        storeys = [np.full((seg.n_valid, model.n_dof), np.nan) for seg in data.segments]
     out = []
     for site, force in model.restoring_forces.items():
         if not force.laws:
@@ -103,8 +103,6 @@ def _loop(site: Site, force: Any, data: SegmentSet, filters: list[Any], storeys:
 
 def _window(s: np.ndarray, first: int) -> tuple[int, slice]:
     """Every how many samples to draw, and a stretch around the largest motion."""
-    from ..discrepancy.dependence import period_of
-
     step = int(max(1, min(period_of([s]) // _PER_CYCLE, len(s) // _POINTS)))
     width = min(len(s) - first, _POINTS * step)
     start = int(np.clip(int(np.abs(s).argmax()) - width // 2, first, len(s) - width))

@@ -246,7 +246,8 @@ def _noise(model: Any) -> list[Finding]:
         ]
         found = np.concatenate([*signed, [model.masses_[step.dofs[0] - 1]]])[free] * scale
         # what is quick in a channel may be motion: noise leaves at least theta^T N theta of the balance
-        implied, left = float(found @ lost @ found), n * float(model.errors_.loc[f"dof {step.dofs[0]}", "residual"]) ** 2
+        implied = float(found @ lost @ found)
+        left = n * float(model.errors_.loc[f"dof {step.dofs[0]}", "residual"]) ** 2
         lost = lost * min(1.0, left / implied) if implied else lost
         values, vectors = np.linalg.eigh(gram - lost)
         # directions that noise makes up altogether cannot be restored; the bias is then larger still

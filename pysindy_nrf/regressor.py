@@ -367,9 +367,10 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         judged: SegmentSet,
         least_squares: bool = True,
     ) -> None:
-        from .analysis.bias import missing_terms_of, warn_of_bias
+        from .analysis.bias import MissingTerms, warn_of_bias
         from .analysis.contradictions import contradictions_of
-        from .analysis.jumps import jump_bias_of, sentences_of
+        from .analysis.jumps import JumpBias, sentences_of
+        from .analysis.windows import show
         from .errors import balance_errors
 
         self.chain_, self.walk_ = layout.chain, walk
@@ -390,9 +391,11 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         self.model_ = model
         self.restoring_forces_ = model.restoring_forces
         self.unknown_forces_ = unknown_forces(model, data)
-        self.missing_terms_ = missing_terms_of(model, walk, judged, self.band)
-        known = self._known_masses(layout.chain)
-        self.jump_bias_ = jump_bias_of(model, walk, judged if least_squares else None, self.band, known, self._inner())
+        silent = self.band is not None or not least_squares
+        terms = MissingTerms(model, walk)
+        jumps = JumpBias(model, walk, self._known_masses(layout.chain), self._inner(), silent)
+        show(terms.layout, judged, self.band, [terms, *jumps.asked])
+        self.missing_terms_, self.jump_bias_ = terms.table(), jumps.table()
         self.doubts_ = {
             "forces": contradictions_of(self.errors_, self.third_law_gap_, solution.fits),
             "masses": doubtful_masses(solution) + lost_masses(model),

@@ -21,7 +21,7 @@ from ..layout import LawLayout
 from ..moments import Block, Moments
 from ..segments import SegmentSet
 from ..sites import Site
-from .bias import windows
+from .windows import Window, show
 
 # Samples on each side of a turn that are left out.
 _BESIDE = 2
@@ -32,7 +32,7 @@ _WRONG, _NOTHING = 0.1, 1e-3
 
 
 def jump_bias_of(
-    model: Any, walk: Any, data: SegmentSet | None, band: Any = None, known_masses: Any = None, inner: Any = None
+    model: Any, walk: Any, data: SegmentSet, band: Any = None, known_masses: Any = None, inner: Any = None
 ) -> pd.DataFrame:
     """Coefficients of forces that jump, with and without the samples next to the turns of the motion.
 
@@ -41,8 +41,7 @@ def jump_bias_of(
     model : ChainModel
         By least squares.
     walk : Walk
-    data : SegmentSet or None
-        Nothing is said without.
+    data : SegmentSet
     band : (float, float) or None
         Hz; a filter spreads every jump, and nothing is said then.
     known_masses : mapping of int to float, optional
@@ -53,7 +52,8 @@ def jump_bias_of(
     -------
     DataFrame
         Index = term, e.g. ``"storey 2: sgn(v)"``; ``found``, ``away`` (from some thousand samples, without those next
-        to a turn), ``lost`` (share of ``away``), ``wrong`` (bool: by more than a tenth and more than chance), ``unit``.
+        to a turn), ``lost`` (share of ``away``), ``wrong`` (bool: by more than a tenth, more than chance and more than
+        a thousandth of the force of its balance), ``unit``.
 
     Examples
     --------
@@ -63,52 +63,82 @@ def jump_bias_of(
     >>> F = excitation.band_limited_random(1, 10.0, 2000.0, dofs=1, rms=200.0, band=(1, 30), random_state=0)
     >>> record = simulate(ChainModel([10.0], {"storey 1": storey}), F, 1 / 2000)
     >>> model = NRFRegressor(laws={"storey 1": storey}).fit(record)  # samples close enough, and no noise
-    >>> model.jump_bias_["away"].round(1).to_dict(), model.jump_bias_["wrong"].tolist()
+    >>> found = jump_bias_of(model.model_, model.walk_, model.model_.segments(record))
+    >>> found["away"].round(1).to_dict(), found["wrong"].tolist()
     ({'storey 1: sgn(v)': 20.0}, [False])
     """
-    layout = LawLayout(model.chain, model.laws)
-    places = [] if band is not None or data is None else jumping_terms(layout)
-    columns = ["found", "away", "lost", "wrong", "unit"]
-    if not places or data is None:
-        return pd.DataFrame(columns=columns)
-    sites = {site for site, _, _ in places}
-    known = dict(known_masses or {})
-    whole, kept = ([Moments(layout, groups_of(layout, walk), known_masses=known) for _ in range(_GROUPS)] for _ in "ab")
-    for i, (terms, offered, a, force) in enumerate(windows(layout, data, None)):
-        away = np.ones(a.shape[1], dtype=bool)
-        for site in sites:  # the first column offered is the sign of the rate
-            turns = np.flatnonzero(np.diff(offered[site][0]))
+    judge = JumpBias(model, walk, known_masses, inner, silent=band is not None)
+    show(judge.layout, data, band, judge.asked)
+    return judge.table()
+
+
+class JumpBias:
+    """Collects what :func:`jump_bias_of` needs to know of some windows.
+
+    Parameters
+    ----------
+    model, walk, known_masses, inner
+        As for :func:`jump_bias_of`.
+    silent : bool
+        Say nothing, whatever the laws: of filtered columns and of estimates that are not least squares.
+    """
+
+    def __init__(
+        self, model: Any, walk: Any, known_masses: Any = None, inner: Any = None, silent: bool = False
+    ) -> None:
+        self.model, self.walk, self.known, self.inner = model, walk, dict(known_masses or {}), inner
+        self.layout = LawLayout(model.chain, model.laws)
+        self.places = [] if silent else jumping_terms(self.layout)
+        groups = groups_of(self.layout, walk) if self.places else []
+        self.whole, self.kept = (
+            [Moments(self.layout, groups, known_masses=self.known) for _ in range(_GROUPS)] for _ in "ab"
+        )
+
+    @property
+    def asked(self) -> list[JumpBias]:
+        """This judge, if any law jumps; nobody otherwise."""
+        return [self] if self.places else []
+
+    def see(self, number: int, window: Window) -> None:
+        """Take a window in."""
+        away = np.ones(window.a.shape[1], dtype=bool)
+        for site in {site for site, _, _ in self.places}:
+            turns = np.flatnonzero(np.diff(window.forward(site)))
             near = (turns[:, None] + np.arange(1 - _BESIDE, 1 + _BESIDE)).ravel()
             away[np.clip(near, 0, len(away) - 1)] = False
-        whole[i % _GROUPS].add(Block(terms, a, force))
+        self.whole[number % _GROUPS].add(Block(window.terms, window.a, window.force))
         if away.any():
-            kept[i % _GROUPS].add(Block(terms[:, away], a[:, away], force[:, away]))
+            self.kept[number % _GROUPS].add(Block(window.terms[:, away], window.a[:, away], window.force[:, away]))
 
-    def solved(parts: list[Moments], chosen: Iterable[int]) -> np.ndarray:
+    def _solved(self, parts: list[Moments], chosen: Iterable[int]) -> np.ndarray:
         total = parts[0].empty()
         for g in chosen:
             total.merge(parts[g])
-        coefficients = solve(total, walk, known, inner).coefficients
-        return np.array([coefficients[site][at] for site, at, _ in places])
+        coefficients = solve(total, self.walk, self.known, self.inner).coefficients
+        return np.array([coefficients[site][at] for site, at, _ in self.places])
 
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RankWarning)  # the fit has said so
-            out = [solved(side, range(_GROUPS)) for side in (whole, kept)]
-            rest = [[g for g in range(_GROUPS) if g != left] for left in range(_GROUPS)]
-            difference = [solved(kept, some) - solved(whole, some) for some in rest]
-    except (NRFError, np.linalg.LinAlgError):  # too few samples are left
-        return pd.DataFrame(columns=columns)
-    chance = np.sqrt((_GROUPS - 1) / _GROUPS * ((difference - np.mean(difference, axis=0)) ** 2).sum(axis=0))
-    gap, away_from = out[1] - out[0], out[1]
-    lost = np.where(away_from, gap / np.where(away_from, away_from, 1.0), 0.0)
-    wrong = (np.abs(lost) > _WRONG) & (np.abs(gap) > _BEYOND * chance)
-    wrong &= np.abs(gap) * _weights(whole, places, model.masses) > _NOTHING
-    values = {s: np.concatenate([law.values for law in layout.laws[s]]) for s in sites}
-    found = [values[site][at] for site, at, _ in places]
-    labels = [f"{site}: {layout.labels(site)[at]}" for site, at, _ in places]
-    table = {"found": found, "away": away_from, "lost": lost, "wrong": wrong, "unit": [unit for _, _, unit in places]}
-    return pd.DataFrame(table, index=labels)
+    def table(self) -> pd.DataFrame:
+        """As :func:`jump_bias_of` returns it; empty where nothing jumps or too few samples are left."""
+        empty = pd.DataFrame(columns=["found", "away", "lost", "wrong", "unit"])
+        if not self.places:
+            return empty
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", RankWarning)  # the fit has said so
+                out = [self._solved(side, range(_GROUPS)) for side in (self.whole, self.kept)]
+                rest = [[g for g in range(_GROUPS) if g != left] for left in range(_GROUPS)]
+                difference = [self._solved(self.kept, some) - self._solved(self.whole, some) for some in rest]
+        except (NRFError, np.linalg.LinAlgError):
+            return empty
+        chance = np.sqrt((_GROUPS - 1) / _GROUPS * ((difference - np.mean(difference, axis=0)) ** 2).sum(axis=0))
+        gap, away = out[1] - out[0], out[1]
+        lost = np.where(away, gap / np.where(away, away, 1.0), 0.0)
+        wrong = (np.abs(lost) > _WRONG) & (np.abs(gap) > _BEYOND * chance)
+        wrong &= np.abs(gap) * _weights(self.whole, self.places, self.model.masses) > _NOTHING
+        values = {s: np.concatenate([law.values for law in self.layout.laws[s]]) for s, _, _ in self.places}
+        rows = [(values[s][k], away[i], lost[i], wrong[i], unit) for i, (s, k, unit) in enumerate(self.places)]
+        labels = [f"{site}: {self.layout.labels(site)[at]}" for site, at, _ in self.places]
+        return pd.DataFrame(rows, index=labels, columns=empty.columns)
 
 
 def _weights(parts: list[Moments], places: list[tuple[Site, int, str]], masses: np.ndarray) -> np.ndarray:

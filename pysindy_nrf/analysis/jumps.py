@@ -18,6 +18,7 @@ from ..chain_solve import groups_of, solve
 from ..exceptions import NRFError, RankWarning
 from ..laws.jumps import across_rest
 from ..layout import LawLayout
+from ..leaving_out import variance
 from ..moments import Block, Moments
 from ..segments import SegmentSet
 from ..sites import Site
@@ -99,7 +100,7 @@ def jump_bias_of(
             difference = [solved(kept, some) - solved(whole, some) for some in rest]
     except (NRFError, np.linalg.LinAlgError):  # too few samples are left
         return pd.DataFrame(columns=columns)
-    chance = np.sqrt((_GROUPS - 1) / _GROUPS * ((difference - np.mean(difference, axis=0)) ** 2).sum(axis=0))
+    chance = np.sqrt(variance(difference))
     gap, away_from = out[1] - out[0], out[1]
     lost = np.where(away_from, gap / np.where(away_from, away_from, 1.0), 0.0)
     wrong = (np.abs(lost) > _WRONG) & (np.abs(gap) > _BEYOND * chance)

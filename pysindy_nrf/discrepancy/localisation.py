@@ -24,6 +24,7 @@ import pandas as pd
 from ..chain import Chain
 from ..exceptions import ChannelError
 from ..layout import LawLayout
+from ..leaving_out import variance
 from ..sites import Site
 from .dependence import Basis, Judge, filtered
 from .noise_floor import AT_FLOOR, NoiseFloor
@@ -324,10 +325,10 @@ class _Work:
             return 1.0 - self._left(b, g, m) / whole if whole > 0 else np.nan
 
         value = one(gram, size)
-        k, error = len(self.sizes), float("nan")
-        if k > 2:
+        error = float("nan")
+        if len(self.sizes) > 2:
             rest = np.array([one(gram - g, size - m) for g, m in zip(self.grams, self.sizes)])
-            error = float(np.sqrt((k - 1) / k * ((rest - rest.mean()) ** 2).sum()))
+            error = float(np.sqrt(variance(rest)))
         return value, value - 2 * error, value + 2 * error
 
     # -- the force itself, and whose motion it follows --------------------------------------------

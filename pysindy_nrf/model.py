@@ -115,6 +115,15 @@ class ChainModel:
         return any(law.has_memory for group in self.laws.values() for law in group)
 
     @property
+    def coefficients(self) -> dict[Site, np.ndarray]:
+        """Coefficients of the laws of every site, one after the other, SI units; empty where nothing acts.
+
+        A LawError if a law has lost its own. With the name of each and its unit they stand in
+        ``restoring_forces[site].coefficients``.
+        """
+        return {site: np.concatenate([np.zeros(0), *(law.values for law in held)]) for site, held in self.laws.items()}
+
+    @property
     def restoring_forces(self) -> RestoringForces:
         """Restoring forces by site."""
         return RestoringForces(self.chain, self.laws)

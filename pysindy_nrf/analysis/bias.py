@@ -72,7 +72,7 @@ def missing_terms(estimator: Any, X: Any, F: Any = None, **options: Any) -> pd.D
 def missing_terms_of(model: Any, walk: Any, data: SegmentSet, band: Any = None) -> pd.DataFrame:
     """:func:`missing_terms` for a model and the walk that found it."""
     layout = LawLayout(model.chain, model.laws)
-    coefficients = {s: np.concatenate([law.coefficients for law in layout.laws[s]]) for s in layout.acting}
+    coefficients = model.coefficients
     # the columns of each site: its own, then those offered
     wide = Layout(layout.chain, {s: layout.counts[s] + _OFFERED for s in layout.acting})
     groups = [wide.group(dofs) for dofs in dict.fromkeys(step.dofs for step in walk.steps)]

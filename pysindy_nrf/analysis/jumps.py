@@ -104,7 +104,7 @@ def jump_bias_of(
     gap, away_from = out[1] - out[0], out[1]
     lost = np.where(away_from, gap / np.where(away_from, away_from, 1.0), 0.0)
     wrong = (np.abs(lost) > _WRONG) & (np.abs(gap) > _BEYOND * chance)
-    values = {s: np.concatenate([law.values for law in layout.laws[s]]) for s in sites}
+    values = model.coefficients
     found = [values[site][at] for site, at, _ in places]
     labels = [f"{site}: {layout.labels(site)[at]}" for site, at, _ in places]
     table = {"found": found, "away": away_from, "lost": lost, "wrong": wrong, "unit": [unit for _, _, unit in places]}

@@ -217,8 +217,8 @@ class _Work:
         forced = np.array([j + 1 in residual.data.forced for j in known])
         # without any force, masses that were given scale the chain
         held = np.array([j in set(known_masses) or not forced.any() for j in range(1, n + 1)])
-        coefficients = [law.coefficients for site in layout.sites for law in layout.laws.get(site, ())]
-        values = np.concatenate([*coefficients, model.masses])
+        coefficients = model.coefficients
+        values = np.concatenate([*(coefficients[site] for site in layout.acting), model.masses])
         return cls(
             residual,
             known,

@@ -316,6 +316,11 @@ def plan(
     Plan
         ``print`` it.
 
+    Raises
+    ------
+    ChainError
+        If a floor that is named is not in the chain.
+
     Examples
     --------
     >>> from pysindy_nrf import Chain

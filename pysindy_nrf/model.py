@@ -257,6 +257,11 @@ class ChainModel:
             (share of critical), ``dof 1``.. (real shape, largest entry 1). From the state-space
             eigenvalues, so damping need not be proportional; two real ones of the same shape are
             one overdamped mode.
+
+        Raises
+        ------
+        ChainError
+            If a mass, alone or with what laws add to it, is not positive.
         """
         M, C, K = self.matrices()
         n = self.n_dof

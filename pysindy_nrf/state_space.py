@@ -45,6 +45,11 @@ class IdentifiedChain(StateSpaceChainOptimizer):
         Returns
         -------
         self
+
+        Raises
+        ------
+        ChainError
+            Without a model.
         """
         model = self.model
         if model is None:

@@ -144,6 +144,11 @@ def detect(
     -------
     Detection
 
+    Raises
+    ------
+    NRFError
+        If ``residual`` is none.
+
     Examples
     --------
     >>> import numpy as np

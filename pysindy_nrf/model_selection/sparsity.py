@@ -132,6 +132,11 @@ class SparsitySelection:
         -------
         NRFRegressor
             The terms of an ensemble or of a pruned setting stand in ``laws``: they were chosen from all the data given.
+
+        Raises
+        ------
+        NRFError
+            If no optimizer of this name was tried.
         """
         name = self.best if name is None else name
         index = self.table.index[(self.table.index.get_level_values(0) == name) & self.table["chosen"]]

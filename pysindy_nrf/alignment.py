@@ -203,6 +203,11 @@ def resampled(
         Resampled with :func:`scipy.signal.resample_poly` (its anti-aliasing filter has no delay), cut to
         the shortest channel.
 
+    Raises
+    ------
+    ChannelError
+        If the rate of a channel is not given, or a rate and the one wanted have no simple ratio.
+
     Examples
     --------
     >>> import numpy as np
@@ -253,6 +258,12 @@ def split_at_gaps(table: pd.DataFrame, fs: float | None = None, shortest: int = 
     Returns
     -------
     list of Record
+
+    Raises
+    ------
+    ChannelError
+        If no piece without a gap has ``shortest`` samples, the clock is not finite, or
+        :meth:`Record.from_frame` cannot take the channels.
 
     Examples
     --------

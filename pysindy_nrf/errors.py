@@ -56,10 +56,7 @@ def balance_errors(model: ChainModel, moments: Moments) -> pd.DataFrame:
     >>> balance_errors(fitted.model_, moments)["error"].round(1).to_dict()
     {'dof 1': 2.2, 'dof 2': 4.2, 'dof 3': 1.2, 'pooled': 1.9}
     """
-    coefficients = {
-        site: np.concatenate([law.coefficients for law in held if law.coefficients is not None] or [np.zeros(0)])
-        for site, held in model.laws.items()
-    }
+    coefficients = model.coefficients
     masses = dict(enumerate(model.masses, 1))
     rows, pooled = {}, Pooled()
     for j in masses:

@@ -124,6 +124,13 @@ class ForceLawLibrary(BaseFeatureLibrary):
         Returns
         -------
         self
+
+        Raises
+        ------
+        ChannelError
+            If ``inputs`` is unknown, or the columns are not those of a chain.
+        LawError
+            With ``inputs="state"``, if a law remembers the path or reads the acceleration.
         """
         if self.inputs not in _INPUTS:
             raise ChannelError(f"inputs={self.inputs!r} is unknown", "Choose 'balance' or 'state'.")

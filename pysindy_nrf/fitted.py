@@ -312,6 +312,11 @@ class FittedChain:
         Returns
         -------
         Record
+
+        Raises
+        ------
+        ChannelError
+            If neither ``dt`` nor the estimator tells the sampling step.
         """
         check_is_fitted(self)
         step = dt if dt is not None else self.dt

@@ -20,6 +20,7 @@ from scipy import linalg
 from .exceptions import ChannelError
 from .fitted import require_fit_data
 from .layout import LawLayout
+from .leaving_out import variance
 from .model import as_segments
 from .segments import Segment, SegmentSet
 
@@ -147,7 +148,7 @@ def _delay_at(segments: Sequence[Segment], layout: LawLayout, j: int) -> tuple[f
     values = np.array([v for v in left_out if v is not None])
     if len(values) < n:
         return None
-    return best, float(np.sqrt((n - 1) / n * ((values - values.mean()) ** 2).sum()))
+    return best, float(np.sqrt(variance(values)))
 
 
 def _lowest(gram: np.ndarray) -> float | None:

@@ -223,7 +223,7 @@ def _noise(model: Any) -> list[Finding]:
     noise = {name: float(np.sqrt(np.mean([level**2 for level, _ in held]))) for name, held in shares.items()}
     size = {name: float(np.sqrt(np.mean([rms**2 for _, rms in held]))) for name, held in shares.items()}
     pieces = model._resolving().pieces
-    laws = model.model_.laws
+    coefficients = model.model_.coefficients
     out = []
     for step in fit.walk.steps:
         if len(step.dofs) > 1 or not step.masses or pieces.instrumented:
@@ -241,9 +241,7 @@ def _noise(model: Any) -> list[Finding]:
         lost = np.diag([n * passed * noise[names[i]] ** 2 for i in free])
         scale = np.sqrt(np.diag(gram))
         gram, lost = gram / scale[:, None] / scale, lost / scale[:, None] / scale
-        signed = [
-            sign * np.concatenate([law.coefficients for law in laws[s]]) for s, sign in zip(group.sites, group.signs)
-        ]
+        signed = [sign * coefficients[site] for site, sign in zip(group.sites, group.signs)]
         found = np.concatenate([*signed, [model.masses_[step.dofs[0] - 1]]])[free] * scale
         # what is quick in a channel may be motion: noise leaves at least theta^T N theta of the balance
         implied = float(found @ lost @ found)
@@ -329,6 +327,11 @@ def plan(
     -------
     Plan
         ``print`` it.
+
+    Raises
+    ------
+    ChainError
+        If a floor that is named is not in the chain.
 
     Examples
     --------

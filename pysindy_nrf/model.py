@@ -115,6 +115,15 @@ class ChainModel:
         return any(law.has_memory for group in self.laws.values() for law in group)
 
     @property
+    def coefficients(self) -> dict[Site, np.ndarray]:
+        """Coefficients of the laws of every site, one after the other, SI units; empty where nothing acts.
+
+        A LawError if a law has lost its own. With the name of each and its unit they stand in
+        ``restoring_forces[site].coefficients``.
+        """
+        return {site: np.concatenate([np.zeros(0), *(law.values for law in held)]) for site, held in self.laws.items()}
+
+    @property
     def restoring_forces(self) -> RestoringForces:
         """Restoring forces by site."""
         return RestoringForces(self.chain, self.laws)
@@ -248,6 +257,11 @@ class ChainModel:
             (share of critical), ``dof 1``.. (real shape, largest entry 1). From the state-space
             eigenvalues, so damping need not be proportional; two real ones of the same shape are
             one overdamped mode.
+
+        Raises
+        ------
+        ChainError
+            If a mass, alone or with what laws add to it, is not positive.
         """
         M, C, K = self.matrices()
         n = self.n_dof

@@ -252,6 +252,11 @@ class ChainOptimizer(_ChainOptimizerBase):
         Returns
         -------
         self
+
+        Raises
+        ------
+        ChannelError
+            If there are fewer features than balances, or a value is not finite.
         """
         x = checked(self, x_, reset=True, prefix="feature ")
         F = self._targets(y, "F", "forces F")
@@ -312,6 +317,11 @@ class StateSpaceChainOptimizer(_ChainOptimizerBase):
         Returns
         -------
         self
+
+        Raises
+        ------
+        ChannelError
+            If there are too few features for the DOFs of the targets, or a value is not finite.
         """
         x = checked(self, x_, reset=True, prefix="feature ")
         target = self._targets(y, "target ", "targets")

@@ -338,6 +338,11 @@ class Record:
         Returns
         -------
         Record
+
+        Raises
+        ------
+        ChannelError
+            If fewer than two samples lie between them.
         """
         inside = (self.time >= start - 0.5 * self.dt) & (self.time < stop - 0.5 * self.dt)
         rows = np.flatnonzero(inside)
@@ -358,6 +363,11 @@ class Record:
         Returns
         -------
         Record
+
+        Raises
+        ------
+        ChannelError
+            If they are not two or more consecutive samples of the record.
         """
         def cut(array: Any) -> Any:
             return None if array is None else array[rows]

@@ -201,6 +201,31 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         Returns
         -------
         self
+
+        Raises
+        ------
+        ChannelError
+            If a channel or its clock cannot be used: missing, not finite inside, of another length; it is named.
+        ExcitationError
+            If nothing scales the chain: no force and no known mass.
+        IdentifiabilityError
+            If the excitation reaches no balance that can be solved, or the data cannot tell the terms apart.
+        ChainError
+            If a setting is unknown, or a site or DOF not in the chain.
+        LawError
+            If two laws at a site hold the same term, or a law cannot be used with these data.
+        FileFormatError
+            If a file cannot be read.
+
+        Examples
+        --------
+        >>> from pysindy_nrf import NRFRegressor, datasets
+        >>> record = datasets.load_demo()  # forces, accelerations and displacements of three floors
+        >>> model = NRFRegressor(degree=3).fit(record)
+        >>> model.masses_.round(1)
+        array([12., 10.,  8.])
+        >>> model.fit([record.window(0, 10), record.window(10, 20)]).masses_.round(1)  # two tests of one structure
+        array([12., 10.,  8.])
         """
         self._stream = None
         if self.coordinates not in ("relative", "absolute"):

@@ -11,6 +11,7 @@ import numpy as np
 from .chain_solve import Solution
 from .exceptions import IdentifiabilityError, LawError, RankWarning
 from .laws.base import Scales, Shape
+from .laws.shape_scale import ShapeScale
 from .layout import LawLayout
 from .segments import Segment, SegmentSet, half_the_rate
 from .sites import Site
@@ -58,7 +59,7 @@ def estimate_shapes(
         With all values.
     """
     fastest = np.inf if data is None else half_the_rate(data.segments)
-    search = _Search(layout, scales, solve, fastest if np.isfinite(fastest) else None)
+    search = _Search(layout, scales, solve, fastest)
     unheard = [place for place in search.free if search.heard(place)]
     for k in sorted(range(len(search.free)), key=lambda k: search.heard(search.free[k])):
         place = search.free[k]
@@ -72,11 +73,13 @@ def estimate_shapes(
 
 
 class _Search:
-    """The shape parameters without a value, in logarithms where they are searched on that scale.
+    """The shape parameters without a value, and where their search stands.
 
     Attributes
     ----------
     free : list of (Site, int, Shape)
+    scale : ShapeScale
+        Their coordinates in the search.
     low, high, u, step : ndarray of shape (n_free,)
         Bounds, where the search stands, and the first step of the refinement.
     """
@@ -86,7 +89,7 @@ class _Search:
         layout: LawLayout,
         scales: Mapping[Site, Scales],
         solve: Solve,
-        fastest: float | None,
+        fastest: float,
     ) -> None:
         self.layout, self.solve, self._fastest = layout, solve, fastest
         self.free: Free = [
@@ -96,22 +99,18 @@ class _Search:
             for p in law.shapes
             if law.shape[p.name] is None
         ]
-        bounds = np.array([p.bounds(*scales[site]) for site, _, p in self.free])
-        if fastest is not None:
-            bounds[[self.heard(place) for place in self.free], 1] = fastest
-        self.log = np.array([p.log for *_, p in self.free])
-        self.low, self.high = (np.where(self.log, np.log(np.where(self.log, b, 1.0)), b) for b in bounds.T)
+        self.scale = ShapeScale([p for *_, p in self.free], [scales[site] for site, *_ in self.free], fastest)
+        self.low, self.high = self.scale.low, self.scale.high
         self.u = 0.5 * (self.low + self.high)
         self.step = (self.high - self.low) / (_SCAN - 1)
 
     def heard(self, place: tuple[Site, int, Shape]) -> bool:
         """Whether a parameter is a frequency that is looked for in the records."""
-        return self._fastest is not None and place[2].is_frequency
+        return bool(np.isfinite(self._fastest)) and place[2].is_frequency
 
     def trial(self, u: np.ndarray) -> LawLayout:
         """The laws with shape parameters at a point of the search."""
-        u = np.clip(u, self.low, self.high)
-        return _with_shapes(self.layout, self.free, np.where(self.log, np.exp(np.where(self.log, u, 0.0)), u))
+        return _with_shapes(self.layout, self.free, self.scale.values(np.clip(u, self.low, self.high)))
 
     def cost(self, u: np.ndarray) -> float:
         """Sum of the squared shares that the steps leave unexplained."""
@@ -137,12 +136,12 @@ class _Search:
         """Go to the best of some frequencies, Hz, and to the bottom of its valley; False if none is within bounds."""
         from scipy.optimize import minimize_scalar
 
-        points = np.log(lines) if self.log[k] else np.array(lines)
+        points = self.scale.point(np.array(lines, dtype=float), k)
         points = points[(points >= self.low[k]) & (points <= self.high[k])]
         if not len(points):
             return False
         self.scan(k, points)
-        apart = 1.0 / duration / (np.exp(self.u[k]) if self.log[k] else 1.0)
+        apart = 1.0 / duration / (self.scale.values(self.u)[k] if self.scale.log[k] else 1.0)
         ends = self.u[k] + _WITHIN * apart * np.array([-1.0, 1.0])
         best = minimize_scalar(
             lambda value: min(self.cost(self.at(k, value)), 1e6),

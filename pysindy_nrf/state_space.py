@@ -45,15 +45,20 @@ class IdentifiedChain(StateSpaceChainOptimizer):
         Returns
         -------
         self
+
+        Raises
+        ------
+        ChainError
+            Without a model.
         """
         model = self.model
         if model is None:
             raise ChainError("There is no model to hold", "Pass model=.")
-        layout, n = LawLayout(model.chain, model.laws), model.n_dof
+        layout, n, coefficients = LawLayout(model.chain, model.laws), model.n_dof, model.coefficients
         rows = np.zeros((n, layout.n_terms))
         for site in layout.acting:
-            held = np.concatenate([law.coefficients for law in model.laws[site]])
-            rows[:, layout.slices[site]] = np.outer([site.incidence(j) for j in range(1, n + 1)], held)
+            incidence = [site.incidence(j) for j in range(1, n + 1)]
+            rows[:, layout.slices[site]] = np.outer(incidence, coefficients[site])
         coef = np.zeros((2 * n, 2 * n + layout.n_terms))
         coef[:n, :n] = np.eye(n)
         coef[n:, n : n + layout.n_terms] = -rows / model.masses[:, None]

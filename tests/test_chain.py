@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from pysindy_nrf import Chain, Site
 from pysindy_nrf.exceptions import ChainError
+from pysindy_nrf.segments import Segment
 
 
 @pytest.mark.parametrize(
@@ -47,12 +48,18 @@ def chains_with_links(draw):
     return Chain(n, [f"link {p}-{q}" for p, q in links], ground)
 
 
+def motion_at(site, x):
+    """What a law at a site sees of DOFs that are at x and move at x a second."""
+    drifts = np.diff(x, prepend=0.0)[None]
+    return Segment("one", slice(0, 1), x[None], drifts, drifts, 0 * x[None], valid=slice(0, 1)).motion(site, slice(0, 1))
+
+
 @given(chains_with_links(), st.integers(0, 2**32 - 1))
 def test_internal_forces_do_no_net_work_on_a_rigid_shift_and_power_balances(chain, seed):
     """Newton's third law: the power of site forces on the DOFs is the power on their drifts."""
     rng = np.random.default_rng(seed)
     forces, velocities = rng.normal(size=len(chain.sites)), rng.normal(size=chain.n_dof)
-    drift_rates = chain.drift_matrix() @ np.diff(velocities, prepend=0.0)
+    drift_rates = np.array([motion_at(site, velocities).v[0] for site in chain.sites])
     assert velocities @ (chain.incidence() @ forces) == pytest.approx(drift_rates @ forces, abs=1e-12)
     grounded = np.array([site.q == 0 for site in chain.sites])
     assert np.allclose(chain.incidence().sum(axis=0), grounded)
@@ -64,6 +71,15 @@ def test_incidence_is_the_papers_equation_of_motion():
         [1, -1, 0, 0, 0], [0, 1, -1, 0, 1], [0, 0, 0, 1, 0], [0, 0, 1, 0, 0],
     ]  # fmt: skip
     assert chain.drift_matrix(["link 4-2", "ground 3", "dof 2"]).tolist() == [[0, 0, 1, 1], [1, 1, 1, 0], [1, 1, 0, 0]]
+    x = np.array([1.0, -2.0, 5.0, 11.0])
+    assert [float(motion_at(s, x).s[0]) for s in map(Site, ("link 4-2", "ground 3", "dof 2"))] == [13.0, 5.0, -2.0]
+
+
+@given(chains_with_links(), st.integers(0, 2**32 - 1))
+def test_the_map_of_drifts_is_the_motion_that_laws_see(chain, seed):
+    x = np.random.default_rng(seed).normal(size=chain.n_dof)
+    seen = [motion_at(site, x).s[0] for site in chain.sites]
+    assert chain.drift_matrix() @ np.diff(x, prepend=0.0) == pytest.approx(seen, abs=1e-12)
 
 
 def test_storey_above_the_top_of_a_chain_held_at_both_ends():

@@ -224,6 +224,8 @@ def test_forces_in_two_files_of_one_test(here, capsys):
     [
         (options.Pair("KEY=VALUE"), "x1=Laser"),
         (options.Mass(), "2=12.4"),
+        (options.LawNames(), "storey 1=dahl+cubic_stiffness"),
+        (options.SiteDegree(), "storey 2=1,3"),
         (options.Band(), "0.5,none"),
         (options.Numbers(), "0.001,0"),
         (options.Range(), "1-4"),
@@ -324,7 +326,7 @@ def test_without_the_extra_of_the_page_there_is_none_and_it_says_so(here, capsys
 def test_every_law_by_name_stands_alone():
     """--law SITE=NAME makes a law without arguments; each name of the registry must allow it."""
     for name in laws.registry():
-        made = options.laws_of([("storey 1", name)], 2)
+        made = options.laws_of([options.LawNames().convert(f"storey 1={name}", None, None)], 2)
         assert made["storey 1"][0].name == name
     with pytest.raises(click.UsageError, match="there is no law 'rubber'"):
-        options.laws_of([("storey 1", "rubber")], 2)
+        options.LawNames().convert("storey 1=rubber", None, None)

@@ -86,24 +86,35 @@ def taken(function) -> set[str]:
     return {n for i, n in enumerate(names) if not n.startswith("_") and not (i == 0 and n in ("self", "cls"))}
 
 
-def gives(function) -> str | None:
-    """The section that a function owes: Returns, Yields or none; a method that returns itself owes it too."""
+def own_body(function) -> list[ast.AST]:
+    """The syntax of a function without that of functions inside it."""
     source = inspect.getsource(function)
     tree = ast.parse("if True:\n" + textwrap.indent(source, " "))
     tree = next(n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef))
     inner = [n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef | ast.Lambda) and n is not tree]
     hidden = {id(n) for f in inner for n in ast.walk(f)}
-    own = [n for n in ast.walk(tree) if id(n) not in hidden]
+    return [n for n in ast.walk(tree) if id(n) not in hidden]
+
+
+def gives(function) -> str | None:
+    """The section that a function owes: Returns, Yields or none; a method that returns itself owes it too."""
+    own = own_body(function)
     if any(isinstance(n, ast.Yield | ast.YieldFrom) for n in own):
         return "Yields"
     values = [n.value for n in own if isinstance(n, ast.Return) and n.value is not None]
     return "Returns" if any(not (isinstance(v, ast.Constant) and v.value is None) for v in values) else None
 
 
+def refuses(function) -> bool:
+    """Whether a function raises an error of its own; that a method is for others to write is none."""
+    thrown = [n.exc for n in own_body(function) if isinstance(n, ast.Raise) and n.exc is not None]
+    return any(not ast.unparse(error).startswith("NotImplementedError") for error in thrown)
+
+
 def lacks(function, doc: str) -> list[str]:
     missing = [f"parameter {n}" for n in sorted(taken(function) - described(doc))]
-    owed = gives(function)
-    return missing + ([owed] if owed and section(doc, owed) is None else [])
+    owed = [s for s in (gives(function), "Raises" if refuses(function) else None) if s]
+    return missing + [s for s in owed if section(doc, s) is None]
 
 
 def test_the_walk_sees_what_the_documentation_lists():

@@ -178,7 +178,7 @@ def test_the_reference_spectrum_is_welchs_of_pieces_of_512():
     whole = noise(2048)
     density = detection._reference(SimpleNamespace(whole=[np.zeros(512)]), [SimpleNamespace(whole=[whole])])
     assert density[0] == pytest.approx(welch(whole, nperseg=512)[1]) and len(density[0]) == 257
-    assert detection._response(SimpleNamespace(sos=None), 0.01, 7).tolist() == [1.0] * 4
+    assert detection._response(SimpleNamespace(sos=None), 7).tolist() == [1.0] * 4
     assert detection._as_normal(1e300, 9.0) == 37.0
 
 

@@ -147,7 +147,7 @@ def assembled(monkeypatch, errors, steps, band=None, names=None, coupling=""):
         trial.error = lambda solution, blocks, k=k: 10.0 * k + len(solution) + len(blocks)
         scenes.append(report.Scene((names or ["baseline", "one", "two"])[k], trial, np.array([1.0, 5.0, 9.0]) + k))
     one = [finding(laws.Dahl(1.0), 3.0, "storey 2")]
-    return report.LoopReport.assemble(work, scenes, steps, "done", one, band, "ready", None)
+    return report.LoopReport.assemble(work, scenes, steps, "done", one, band, "ready")
 
 
 def test_the_table_and_the_steps_tell_each_models_errors(monkeypatch):

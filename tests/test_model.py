@@ -14,6 +14,7 @@ from scipy import linalg
 
 from pysindy_nrf import Chain, ChainModel, NRFRegressor, laws
 from pysindy_nrf.exceptions import ChainError, ChannelError, FileFormatError, LawError
+from pysindy_nrf.layout import LawLayout
 
 pytestmark = pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.BiasWarning")
 
@@ -90,6 +91,26 @@ def test_forces_along_data_are_the_balances(chain4):
     model = ChainModel(chain4.m, law)
     assert np.allclose(model.restoring_force(chain4.X), chain4.storey_forces, rtol=1e-12)
     assert np.allclose(model.predict(chain4.X), chain4.F, atol=1e-8)
+
+
+def test_the_forces_of_all_sites_follow_from_their_columns_and_coefficients(chain4):
+    held = {1: laws.LinearElastic(2e4), 2: [laws.Duffing(3e4, 1e9), laws.LinearViscous(25.0)], 4: laws.PowerSeries(1, [9.0, 1e4])}
+    model = ChainModel(chain4.m, held)
+    coefficients = model.coefficients
+    assert [(str(site), values.tolist()) for site, values in coefficients.items()] == [
+        ("storey 1", [2e4]), ("storey 2", [3e4, 1e9, 25.0]), ("storey 3", []), ("storey 4", [9.0, 1e4]),
+    ]  # fmt: skip
+    layout = LawLayout(model.chain, model.laws)
+    segment = model.segments(chain4.X).segments[0]
+    forces = [layout.columns(site, segment.motion(site, segment.valid)) @ c for site, c in coefficients.items() if len(c)]
+    assert np.transpose(forces) == pytest.approx(model.restoring_force(chain4.X)[:, [0, 1, 3]], rel=1e-12)
+
+
+def test_a_law_that_lost_its_coefficients_is_named():
+    model = ChainModel([10.0, 10.0], {1: laws.PowerSeries(1, [9.0, 1e4]), 2: laws.Dahl(sigma=1e3, Fd=2.0)})
+    model.laws[model.chain.site(2)][0].coefficients = None
+    with pytest.raises(LawError, match="Dahl has no coefficients yet"):
+        len(model.coefficients)
 
 
 @given(st.lists(st.floats(-1e3, 1e3), min_size=9, max_size=9), st.floats(-2, 2), st.floats(-2, 2))

@@ -64,6 +64,11 @@ def model_agreement(first: Any, second: Any, X: Any, **options: Any) -> pd.DataF
         first), ``k`` and ``c`` (differences of the linear terms, percent), ``force`` (rms difference of
         the forces along X, percent of their rms). ``k`` and ``c`` are NaN for a storey that the chain lacks.
 
+    Raises
+    ------
+    ChainError
+        If one of them is not a model, or they have not as many DOFs.
+
     Examples
     --------
     >>> from pysindy_nrf import ChainModel, datasets, laws

@@ -81,9 +81,7 @@ class MissingTerms:
 
     def __init__(self, model: Any, walk: Any) -> None:
         self.walk, self.layout = walk, LawLayout(model.chain, model.laws)
-        self.coefficients = {
-            s: np.concatenate([law.coefficients for law in self.layout.laws[s]]) for s in self.layout.acting
-        }
+        self.coefficients = model.coefficients
         # the columns of each site: its own, then those offered
         wide = Layout(self.layout.chain, {s: self.layout.counts[s] + OFFERED for s in self.layout.acting})
         groups = [wide.group(dofs) for dofs in dict.fromkeys(step.dofs for step in walk.steps)]

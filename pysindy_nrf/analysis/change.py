@@ -12,6 +12,7 @@ from scipy import special
 
 from ..exceptions import ChainError, DataQualityWarning
 from ..input_arrays import fused_together, one_by_one
+from ..leaving_out import variance
 from ..model import ChainModel
 from ..restoring_force import grid
 from ..segments import SegmentSet
@@ -94,8 +95,8 @@ class ChangeReport:
         high = [min(r.high[k] for r in regions) for k in (0, 1)]
         v, s = (x.ravel() for x in grid(low, high, size))
         change = self.after.restoring_forces[site](v, s) - self.before.restoring_forces[site](v, s)
-        variance = sum(_jackknife([m.restoring_forces[site](v, s) for m in models]) for models in self.replicates)
-        error = np.sqrt(variance)
+        parts = [variance([m.restoring_forces[site](v, s) for m in models]) for models in self.replicates]
+        error = np.sqrt(sum(parts))
         n_coefficients = sum(len(law.values) for held in self.before.laws.values() for law in held)
         # all points of all maps together: a map has as many directions as coefficients (Bonferroni)
         critical = _critical(self.level / n_coefficients, self.replicates)
@@ -219,20 +220,13 @@ def _linear(model: ChainModel) -> np.ndarray:
     ])  # fmt: skip
 
 
-def _jackknife(values: list[np.ndarray]) -> np.ndarray:
-    """Variance of an estimate from its leave-one-out replicates."""
-    array = np.array(values)
-    n = len(array)
-    return (n - 1) / n * ((array - array.mean(axis=0)) ** 2).sum(axis=0)
-
-
 def _critical(level: float, replicates: tuple[list[ChainModel], list[ChainModel]]) -> float:
     return float(-special.stdtrit(min(map(len, replicates)) - 1, level / 2))
 
 
 def _table(models: list[ChainModel], replicates: list[list[ChainModel]]) -> pd.DataFrame:
     before, after = (_linear(m) for m in models)
-    errors = [np.sqrt(_jackknife([_linear(m) for m in left_out])) for left_out in replicates]
+    errors = [np.sqrt(variance([_linear(m) for m in left_out])) for left_out in replicates]
     change = 100.0 * (after / before - 1.0)
     error = 100.0 * np.abs(after / before) * np.sqrt((errors[0] / before) ** 2 + (errors[1] / after) ** 2)
     p = 2.0 * special.stdtr(min(map(len, replicates)) - 1, -np.abs(change) / error)

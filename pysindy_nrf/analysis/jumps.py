@@ -18,6 +18,7 @@ from ..chain_solve import groups_of, solve
 from ..exceptions import NRFError, RankWarning
 from ..laws.jumps import across_rest
 from ..layout import LawLayout
+from ..leaving_out import variance
 from ..moments import Block, Moments
 from ..segments import SegmentSet
 from ..sites import Site
@@ -130,12 +131,12 @@ class JumpBias:
                 difference = [self._solved(self.kept, some) - self._solved(self.whole, some) for some in rest]
         except (NRFError, np.linalg.LinAlgError):
             return empty
-        chance = np.sqrt((_GROUPS - 1) / _GROUPS * ((difference - np.mean(difference, axis=0)) ** 2).sum(axis=0))
+        chance = np.sqrt(variance(difference))
         gap, away = out[1] - out[0], out[1]
         lost = np.where(away, gap / np.where(away, away, 1.0), 0.0)
         wrong = (np.abs(lost) > _WRONG) & (np.abs(gap) > _BEYOND * chance)
         wrong &= np.abs(gap) * _weights(self.whole, self.places, self.model.masses) > _NOTHING
-        values = {s: np.concatenate([law.values for law in self.layout.laws[s]]) for s, _, _ in self.places}
+        values = self.model.coefficients
         rows = [(values[s][k], away[i], lost[i], wrong[i], unit) for i, (s, k, unit) in enumerate(self.places)]
         labels = [f"{site}: {self.layout.labels(site)[at]}" for site, at, _ in self.places]
         return pd.DataFrame(rows, index=labels, columns=empty.columns)

@@ -10,10 +10,11 @@ import pandas as pd
 from scipy import special
 
 from ..exceptions import ChainError
+from ..leaving_out import variance
 from ..moments import Moments
 from ._inputs import as_segments, storey_names
 from .block_moments import BlockMoments, block_moments
-from .change import _jackknife, _linear
+from .change import _linear
 
 _PARTS = 10
 
@@ -224,12 +225,12 @@ def find_onset(
 
 def _scatter(blocks: BlockMoments, index: int) -> np.ndarray:
     """Standard error of the stiffnesses after less before, by leaving out a tenth of each part in turn."""
-    variance = np.zeros(())
+    total = np.zeros(())
     for rows in (np.arange(index), np.arange(index, len(blocks.pieces))):
         groups = np.array_split(rows, min(_PARTS, len(rows)))
         values = [_linear(blocks.solve(blocks.total(np.setdiff1d(rows, g)))[0])[:, 0] for g in groups]
-        variance = variance + _jackknife(values)
-    return np.sqrt(variance)
+        total = total + variance(values)
+    return np.sqrt(total)
 
 
 def _masses(estimator: Any, masses: Any) -> Any:

@@ -131,6 +131,11 @@ def locate_nonlinearity(
     -------
     Location
 
+    Raises
+    ------
+    ChainError
+        If the estimator is not a fitted NRFRegressor: further laws are tried with its settings.
+
     Examples
     --------
     >>> from pysindy_nrf import NRFRegressor, excitation, simulate

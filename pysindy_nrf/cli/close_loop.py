@@ -8,13 +8,13 @@ from typing import Any
 import click
 
 from .options import (
-    Band,
     Degree,
-    Mass,
-    as_mapping,
+    band_option,
     files_argument,
     json_option,
+    law_option,
     laws_of,
+    mass_option,
     output_option,
     readings_of,
     record_options,
@@ -30,11 +30,9 @@ from .session import Session
     "--heldout", multiple=True, type=click.Path(path_type=Path), help="A file that only the last line may see."
 )
 @click.option("--degree", type=Degree(), default=1, help="Total degree of the declared storeys, or box k,q.")
-@click.option(
-    "--law", "laws", multiple=True, help='Declared laws at a site: "storey 1=linear_elastic+linear_viscous+dahl".'
-)
-@click.option("--known-mass", "masses", multiple=True, type=Mass(), help="A mass that is known: 2=12.4.")
-@click.option("--band", type=Band(), help="Frequency band in Hz in which everything is fitted and judged: 0.5,30.")
+@law_option
+@mass_option
+@band_option
 @click.option("--steps", type=click.IntRange(0), default=4, help="Effects at most.")
 @click.option("--seed", type=int, default=0, help="Seed of the surrogates.")
 @output_option
@@ -54,15 +52,13 @@ def close_loop(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
     from ..discrepancy import close_loop as run
     from ..io import describe
     from ..regressor import NRFRegressor
-    from .options import Pair
     from .text import heading, table
 
     session = Session(as_json)
-    pairs = [Pair("SITE=NAME+NAME").convert(text, None, None) for text in options["laws"]]
     baseline = NRFRegressor(
         degree=options["degree"],
-        laws=laws_of(pairs, options["degree"]),
-        known_masses=as_mapping(options["masses"], "--known-mass") or None,
+        laws=laws_of(options["laws"], options["degree"]),
+        known_masses=options["masses"] or None,
     )
     readings = readings_of(files, options, session)
     kept = readings_of(options["heldout"], options, session) if options["heldout"] else []

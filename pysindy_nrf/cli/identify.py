@@ -8,14 +8,16 @@ from typing import Any
 import click
 
 from .options import (
-    Band,
     Degree,
-    Mass,
-    Pair,
-    as_mapping,
+    SiteDegree,
+    band_option,
     files_argument,
     json_option,
+    law_option,
     laws_of,
+    link_option,
+    mass_option,
+    once,
     output_option,
     readings_of,
     record_options,
@@ -28,30 +30,23 @@ from .session import Session
 @record_options
 @click.option("--degree", type=Degree(), default=3, help="Total degree of the power series, or box k,q.")
 @click.option(
-    "--order", "orders", multiple=True, type=Pair("SITE=DEGREE"), help='Another degree at a site: "storey 2=5".'
-)
-@click.option(
-    "--law",
-    "laws",
+    "--order",
+    "orders",
     multiple=True,
-    type=Pair("SITE=NAME+NAME"),
-    help='Laws at a site in place of the power series: "storey 1=linear_elastic+linear_viscous+dahl".',
+    type=SiteDegree(),
+    callback=once,
+    help='Another degree at a site: "storey 2=5".',
 )
-@click.option("--link", "links", multiple=True, help='A further link between floors: "link 3-1", "ground 2".')
+@law_option
+@link_option
 @click.option(
     "--strategy",
     type=click.Choice(["auto", "complete", "sequential", "joint"]),
     default="auto",
     help="Each balance alone, along the chain from a forced floor, or all at once.",
 )
-@click.option(
-    "--known-mass",
-    "masses",
-    multiple=True,
-    type=Mass(),
-    help="A mass that is known: 2=12.4. Needed where no force is measured.",
-)
-@click.option("--band", type=Band(), help="Frequency band in Hz in which everything is fitted and judged: 0.5,30.")
+@mass_option
+@band_option
 @click.option(
     "--estimation",
     type=click.Choice(["ls", "iv", "simulation"]),
@@ -110,11 +105,10 @@ def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) 
     from ..regressor import NRFRegressor
 
     session = Session(as_json)
-    degree, band, masses = options["degree"], options["band"], as_mapping(options["masses"], "--known-mass")
-    orders = {k: Degree().convert(v, None, None) for k, v in as_mapping(options["orders"], "--order").items()}
+    degree, band, masses = options["degree"], options["band"], options["masses"]
     settings: dict[str, Any] = {
         "degree": degree,
-        "orders": orders or None,
+        "orders": options["orders"] or None,
         "strategy": options["strategy"],
         "estimation": options["estimation"],
         "laws": laws_of(options["laws"], degree),

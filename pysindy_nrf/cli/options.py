@@ -28,32 +28,7 @@ mapping_option = click.option(
 
 def record_options(command: Any) -> Any:
     """Options of every command that reads records: channels, units, clock, coordinates."""
-    for option in reversed(
-        (
-            click.option(
-                "--map",
-                "mapping",
-                multiple=True,
-                type=Pair("CHANNEL=COLUMN"),
-                help='Which column is which channel: "name", "-name[:, 2] * 9.81", "name @ mm", "none", or "unknown" '
-                "for a force that acts and was not measured.",
-            ),
-            click.option(
-                "--unit",
-                "units",
-                multiple=True,
-                type=Pair("CHANNEL=UNIT"),
-                help="Unit of a channel (x3=in) or kind (a=g, F=kN).",
-            ),
-            click.option("--fs", type=float, help="Sampling rate in Hz, where the file has no time."),
-            click.option(
-                "--coordinates",
-                type=click.Choice(["relative", "absolute"]),
-                help="Whether velocities and displacements are relative to the base (what you get if nothing is said).",
-            ),
-            mapping_option,
-        )
-    ):
+    for option in reversed((map_option, unit_option, rate_option, coordinates_option, mapping_option)):
         command = option(command)
     return command
 
@@ -107,11 +82,32 @@ def said_of(options: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
 
     said = MappingFile(Path()) if options["mapping_file"] is None else read_mapping(options["mapping_file"])
     how: dict[str, Any] = {
-        "mapping": said.channels | as_mapping(options["mapping"], "--map"),
-        "units": said.units | as_mapping(options["units"], "--unit"),
+        "mapping": said.channels | options["mapping"],
+        "units": said.units | options["units"],
         "fs": said.fs if options["fs"] is None else options["fs"],
     }
     return said, how
+
+
+def once(ctx: Any, param: Any, pairs: Any) -> dict:
+    """Pairs as a mapping; a key given twice is a usage error.
+
+    Parameters
+    ----------
+    ctx, param
+        Of click.
+    pairs : sequence of (key, value)
+
+    Returns
+    -------
+    dict
+    """
+    out: dict = {}
+    for key, value in pairs:
+        if key in out:
+            raise click.BadParameter(f"{key}= is given twice.", ctx, param)
+        out[key] = value
+    return out
 
 
 class Pair(click.ParamType):
@@ -136,6 +132,42 @@ class Pair(click.ParamType):
         if not sign or not key.strip() or not text.strip():
             self.fail(f"{value!r} is not of the form {self.name}", param, ctx)
         return key.strip(), text.strip()
+
+
+class LawNames(click.ParamType):
+    """``SITE=NAME+NAME``."""
+
+    name = "SITE=NAME+NAME"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[str, list[str]]:
+        """Split into a site and the names of laws."""
+        if isinstance(value, tuple):
+            return value
+        from .. import laws
+
+        known = laws.registry()
+        site, text = Pair(self.name).convert(value, param, ctx)
+        names = [name.strip() for name in text.split("+")]
+        for name in names:
+            if name not in known:
+                self.fail(f"there is no law {name!r}. Known are {', '.join(sorted(known))}.", param, ctx)
+        return site, names
+
+
+class Link(click.ParamType):
+    """A link between floors, in the one grammar of sites."""
+
+    name = "SITE"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> str:
+        """The text, if it is a site."""
+        from ..exceptions import ChainError
+        from ..sites import Site
+
+        try:
+            return str(Site(value))
+        except ChainError as error:
+            self.fail(str(error), param, ctx)
 
 
 class Mass(click.ParamType):
@@ -189,6 +221,19 @@ class Degree(click.ParamType):
         return numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1])
 
 
+class SiteDegree(click.ParamType):
+    """``SITE=DEGREE``."""
+
+    name = "SITE=DEGREE"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[str, int | tuple[int, int]]:
+        """Split into a site and its degree or box."""
+        if isinstance(value, tuple):
+            return value
+        site, text = Pair(self.name).convert(value, param, ctx)
+        return site, Degree().convert(text, param, ctx)
+
+
 class Numbers(click.ParamType):
     """Numbers with commas between them."""
 
@@ -235,27 +280,74 @@ class Floors(Range):
         return super().convert(value, param, ctx)
 
 
-def as_mapping(pairs: Any, option: str) -> dict:
-    """Pairs as a mapping; a key given twice is a usage error."""
-    out: dict = {}
-    for key, value in pairs:
-        if key in out:
-            raise click.UsageError(f"{option} {key}= is given twice.")
-        out[key] = value
-    return out
-
-
 def laws_of(pairs: Any, degree: Any) -> dict[str, list] | None:
-    """``SITE=NAME+NAME`` as laws by site."""
+    """Sites and names of laws, as :data:`law_option` gives them, as laws by site.
+
+    Parameters
+    ----------
+    pairs : sequence of (str, list of str)
+    degree : int or (int, int)
+        Of a power series among them.
+
+    Returns
+    -------
+    dict of str to list of ForceLaw, or None
+    """
     if not pairs:
         return None
     from .. import laws
 
     known = laws.registry()
     out: dict[str, list] = {}
-    for site, text in pairs:
-        for name in (n.strip() for n in text.split("+")):
-            if name not in known:
-                raise click.UsageError(f"--law: there is no law {name!r}. Known are {', '.join(sorted(known))}.")
-            out.setdefault(site, []).append(laws.PowerSeries(degree) if name == "power_series" else known[name]())
+    for site, names in pairs:
+        made = [laws.PowerSeries(degree) if name == "power_series" else known[name]() for name in names]
+        out.setdefault(site, []).extend(made)
     return out
+
+
+# -- options that several commands have ---------------------------------------------------------------
+
+map_option = click.option(
+    "--map",
+    "mapping",
+    multiple=True,
+    type=Pair("CHANNEL=COLUMN"),
+    callback=once,
+    help='Which column is which channel: "name", "-name[:, 2] * 9.81", "name @ mm", "none", or "unknown" '
+    "for a force that acts and was not measured.",
+)
+unit_option = click.option(
+    "--unit",
+    "units",
+    multiple=True,
+    type=Pair("CHANNEL=UNIT"),
+    callback=once,
+    help="Unit of a channel (x3=in) or kind (a=g, F=kN).",
+)
+rate_option = click.option("--fs", type=float, help="Sampling rate in Hz, where the file has no time.")
+coordinates_option = click.option(
+    "--coordinates",
+    type=click.Choice(["relative", "absolute"]),
+    help="Whether velocities and displacements are relative to the base (what you get if nothing is said).",
+)
+law_option = click.option(
+    "--law",
+    "laws",
+    multiple=True,
+    type=LawNames(),
+    help='Laws at a site in place of the power series: "storey 1=linear_elastic+linear_viscous+dahl".',
+)
+link_option = click.option(
+    "--link", "links", multiple=True, type=Link(), help='A further link between floors: "link 3-1", "ground 2".'
+)
+mass_option = click.option(
+    "--known-mass",
+    "masses",
+    multiple=True,
+    type=Mass(),
+    callback=once,
+    help="A mass that is known: 2=12.4. Needed where no force is measured.",
+)
+band_option = click.option(
+    "--band", type=Band(), help="Frequency band in Hz in which everything is fitted and judged: 0.5,30."
+)

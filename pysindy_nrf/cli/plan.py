@@ -7,17 +7,17 @@ from typing import Any
 
 import click
 
-from .options import Floors, Mass, as_mapping, json_option
+from .options import Floors, json_option, link_option, mass_option
 from .session import Session
 
 
 @click.command(short_help="Say which floor to hit, which sensor to add.")
 @click.argument("floors", type=click.IntRange(1))
-@click.option("--link", "links", multiple=True, help='A further link between floors: "link 3-1", "ground 2".')
+@link_option
 @click.option("--can-hit", type=Floors(), help="Floors that a hammer or shaker reaches: 1,3. All if left out.")
 @click.option("--sensors", type=Floors(), help="Floors whose motion is measured: 1,2,4. All if left out.")
 @click.option("--unknown", type=Floors(), help="Floors on which a force acts that is not measured.")
-@click.option("--known-mass", "masses", multiple=True, type=Mass(), help="A mass that is known: 2=12.4.")
+@mass_option
 @click.option("--most", type=click.IntRange(1), default=2, help="Floors hit at most.")
 @click.option(
     "--model", type=click.Path(path_type=Path), help="A first guess (model.json): ranks floors by how modes respond."
@@ -44,7 +44,7 @@ def plan(floors: int, as_json: bool, **options: Any) -> None:
         can_hit=options["can_hit"],
         sensors=options["sensors"],
         unknown=options["unknown"] or (),
-        known_masses=as_mapping(options["masses"], "--known-mass"),
+        known_masses=options["masses"],
         model=model,
         most=min(options["most"], floors),
     )

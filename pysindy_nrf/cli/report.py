@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from ..exceptions import FileFormatError
-from .options import Band, Degree, Mass, as_mapping, files_argument, json_option, readings_of, record_options
+from .options import Degree, band_option, files_argument, json_option, mass_option, readings_of, record_options
 from .session import Session
 
 
@@ -16,8 +16,8 @@ from .session import Session
 @files_argument
 @record_options
 @click.option("--degree", type=Degree(), default=3, help="Without a result: total degree of the power series, or k,q.")
-@click.option("--known-mass", "masses", multiple=True, type=Mass(), help="Without a result: a mass that is known.")
-@click.option("--band", type=Band(), help="Frequency band in Hz; that of the result if left out.")
+@mass_option
+@band_option
 @click.option("--title", help="Title of the page.")
 @click.option(
     "--output",
@@ -31,7 +31,8 @@ def report(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
     """Write one page (HTML, works offline) of a result, of records, or of both.
 
     FILE is a result - the model.json of identify or close-loop, or what they print with --json -, and files of
-    records to draw beside it. Records alone are identified first, as by identify.
+    records to draw beside it. Records alone are identified first, as by identify, with --degree and --known-mass.
+    The band is that of the result if --band is left out.
 
     \b
     Examples
@@ -87,7 +88,7 @@ def _identified(records: list[Any], options: dict[str, Any], session: Session) -
 
     estimator = NRFRegressor(
         degree=options["degree"],
-        known_masses=as_mapping(options["masses"], "--known-mass") or None,
+        known_masses=options["masses"] or None,
         band=options["band"],
     )
     with session.listening():

@@ -8,12 +8,11 @@ from typing import Any
 import click
 
 from .options import (
-    Band,
-    Mass,
     Range,
-    as_mapping,
+    band_option,
     files_argument,
     json_option,
+    mass_option,
     output_option,
     readings_of,
     record_options,
@@ -39,8 +38,8 @@ from .session import Session
     default="balance",
     help="What is judged on held-out blocks.",
 )
-@click.option("--known-mass", "masses", multiple=True, type=Mass(), help="A mass that is known: 2=12.4.")
-@click.option("--band", type=Band(), help="Frequency band in Hz in which everything is fitted and judged: 0.5,30.")
+@mass_option
+@band_option
 @output_option
 @click.option("--figures/--no-figures", default=True, help="Draw the error over the order (needs matplotlib).")
 @json_option
@@ -77,7 +76,7 @@ def select_order(files: tuple[Path, ...], as_json: bool, **options: Any) -> None
                 cv=options["folds"],
                 rule=options["rule"],
                 scoring=options["scoring"],
-                known_masses=as_mapping(options["masses"], "--known-mass") or None,
+                known_masses=options["masses"] or None,
                 band=options["band"],
             )
             listed = found.table

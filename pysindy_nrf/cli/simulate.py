@@ -8,16 +8,16 @@ from typing import Any
 import click
 import numpy as np
 
-from .options import Numbers, Pair, json_option, mapping_option, said_of
+from .options import Numbers, json_option, map_option, mapping_option, rate_option, said_of, unit_option
 from .session import Session
 
 
 @click.command(short_help="Run a model alone under the forces of a file.")
 @click.argument("model", type=click.Path(path_type=Path))
 @click.argument("forces", required=False, type=click.Path(path_type=Path))
-@click.option("--map", "mapping", multiple=True, type=Pair("CHANNEL=COLUMN"), help="As for identify: F2='Shaker @ kN'.")
-@click.option("--unit", "units", multiple=True, type=Pair("CHANNEL=UNIT"), help="As for identify: F=kN, ag=g.")
-@click.option("--fs", type=float, help="Sampling rate in Hz, where the file has no time.")
+@map_option
+@unit_option
+@rate_option
 @mapping_option
 @click.option(
     "--method",

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..laws import Jenkins
 from ..laws.base import Motion
+from ..leaving_out import variance
 
 # Yield drifts of the sliders, in multiples of the rms drift: small ones are friction, large ones springs.
 _YIELD = (0.02, 0.06, 0.15, 0.3, 0.6, 1.0, 1.6, 2.5)
@@ -243,7 +244,7 @@ def jackknife(before: np.ndarray, after: np.ndarray) -> float:
         return float("nan")
     top, bottom = after.sum() - after, before.sum() - before
     ratio = np.divide(top, bottom, out=np.ones(n), where=bottom > 0)
-    return float(np.sqrt((n - 1) / n * ((ratio - ratio.mean()) ** 2).sum()))
+    return float(np.sqrt(variance(ratio)))
 
 
 def filtered(columns: np.ndarray, filter: Any) -> np.ndarray:

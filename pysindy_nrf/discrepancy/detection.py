@@ -144,6 +144,11 @@ def detect(
     -------
     Detection
 
+    Raises
+    ------
+    NRFError
+        If ``residual`` is none.
+
     Examples
     --------
     >>> import numpy as np
@@ -392,7 +397,6 @@ class _Side:
     def __init__(self, view: _View, where: str, spacing: int, every: int) -> None:
         use, self.whole = view.target(where)
         self.filters = [view.residual.filters[i] for i in use]
-        self.steps = [view.data.segments[i].dt for i in use]
         self.every = every
         self.e = [part[::every] for part in self.whole]
         states, inputs = view.signals(where, use)
@@ -505,7 +509,7 @@ def _reference(side: _Side, noise: list[_Side]) -> list[np.ndarray]:
         density = np.mean([welch(e, nperseg=size)[1] for e in parts], axis=0)
         grid = np.linspace(0, 1, len(density))
         return [np.interp(np.linspace(0, 1, len(e) // 2 + 1), grid, density) for e in side.whole]
-    return [_response(f, dt, len(e)) for f, dt, e in zip(side.filters, side.steps, side.whole)]
+    return [_response(f, len(e)) for f, e in zip(side.filters, side.whole)]
 
 
 def _fit(density: list[np.ndarray], parts: Parts) -> list[np.ndarray]:
@@ -513,7 +517,7 @@ def _fit(density: list[np.ndarray], parts: Parts) -> list[np.ndarray]:
     return [np.interp(np.linspace(0, 1, len(e) // 2 + 1), np.linspace(0, 1, len(d)), d) for d, e in zip(density, parts)]
 
 
-def _response(filter: Any, dt: float | None, n: int) -> np.ndarray:
+def _response(filter: Any, n: int) -> np.ndarray:
     if filter is None or filter.sos is None:
         return np.ones(n // 2 + 1)
     from scipy.signal import sosfreqz

@@ -20,6 +20,7 @@ from ..chain_solve import groups_of
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw
 from ..layout import Layout
+from ..leaving_out import variance
 from ..sites import Site
 from .projection import Projection
 from .search import Axes, plateau
@@ -113,8 +114,6 @@ def _widths(
     Coefficients, then shape parameters as the search sees them.
     """
     _, folds = _linearised(stage, place, axes, centre, theta)
-    n = len(folds)
-    spread = np.sqrt((n - 1) / n * ((folds - folds.mean(axis=0)) ** 2).sum(axis=0))
     drifts = []
     for null in nulls:
         try:
@@ -122,7 +121,7 @@ def _widths(
         except NRFError:
             continue
     drift = np.mean(drifts, axis=0) if drifts else np.zeros_like(begun)
-    return drift, student.ppf(0.5 + level / 2, n - 1) * spread
+    return drift, student.ppf(0.5 + level / 2, len(folds) - 1) * np.sqrt(variance(folds))
 
 
 def _profile(

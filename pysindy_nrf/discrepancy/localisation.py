@@ -24,6 +24,7 @@ import pandas as pd
 from ..chain import Chain
 from ..exceptions import ChannelError
 from ..layout import LawLayout
+from ..leaving_out import variance
 from ..sites import Site
 from .dependence import Basis, Judge, filtered
 from .noise_floor import AT_FLOOR, NoiseFloor
@@ -216,8 +217,8 @@ class _Work:
         forced = np.array([j + 1 in residual.data.forced for j in known])
         # without any force, masses that were given scale the chain
         held = np.array([j in set(known_masses) or not forced.any() for j in range(1, n + 1)])
-        coefficients = [law.coefficients for site in layout.sites for law in layout.laws.get(site, ())]
-        values = np.concatenate([*coefficients, model.masses])
+        coefficients = model.coefficients
+        values = np.concatenate([*(coefficients[site] for site in layout.acting), model.masses])
         return cls(
             residual,
             known,
@@ -324,10 +325,10 @@ class _Work:
             return 1.0 - self._left(b, g, m) / whole if whole > 0 else np.nan
 
         value = one(gram, size)
-        k, error = len(self.sizes), float("nan")
-        if k > 2:
+        error = float("nan")
+        if len(self.sizes) > 2:
             rest = np.array([one(gram - g, size - m) for g, m in zip(self.grams, self.sizes)])
-            error = float(np.sqrt((k - 1) / k * ((rest - rest.mean()) ** 2).sum()))
+            error = float(np.sqrt(variance(rest)))
         return value, value - 2 * error, value + 2 * error
 
     # -- the force itself, and whose motion it follows --------------------------------------------

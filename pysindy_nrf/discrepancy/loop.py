@@ -165,7 +165,7 @@ def close_loop(
     sensors = [law for law in tried if law.family == "sensor"]
     loop = _Loop(ready, work, every, sensors, floors, rng, n_surrogates, progress)
     with threadpool_limits(1):  # the matrices are small: threads only get in each other's way
-        report = loop.run(Stage(work, chain, first), max_steps, band, baseline)
+        report = loop.run(Stage(work, chain, first), max_steps, band)
     words = floors.words if n_surrogates or floors.measured else "not known: no surrogates were run"
     report.settings = audit(baseline, tried, band, random_state, max_steps, n_surrogates, ready, words)
     return report
@@ -228,7 +228,7 @@ class _Loop:
         self.accepted: list[Finding] = []
         self.told: list[tuple[Finding, Step]] = []
 
-    def run(self, stage: Stage, max_steps: int, band: Any, baseline: NRFRegressor) -> LoopReport:
+    def run(self, stage: Stage, max_steps: int, band: Any) -> LoopReport:
         """Walk through the four rooms until there is a reason to stop."""
         trial = stage.trial()
         steps: list[Step] = []
@@ -305,7 +305,7 @@ class _Loop:
             stopped += "not bias"
         if said := contradictions(self.ready, self.work) if self.sensors else []:
             stopped += f". Channels contradict each other, and the fusion made the best of it: {'; '.join(said)}"
-        return LoopReport.assemble(self.work, scenes, steps, stopped, ranking, band, measured, baseline)
+        return LoopReport.assemble(self.work, scenes, steps, stopped, ranking, band, measured)
 
     def _findings(self, stage: Stage, trial: Trial, steps: Sequence[Step]) -> list[Finding]:
         """Validated candidates, best first."""

@@ -214,7 +214,6 @@ class LoopReport:
         ranking: Sequence[Finding],
         band: Any,
         ready: Any,
-        baseline: Any,
     ) -> LoopReport:
         """Fit every scene to the search data and read the held-out data, once, at the end.
 
@@ -232,7 +231,6 @@ class LoopReport:
             Hz.
         ready : Prepared
             What was measured, after fusion.
-        baseline : NRFRegressor or None
 
         Returns
         -------

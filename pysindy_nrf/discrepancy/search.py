@@ -17,6 +17,7 @@ from scipy.optimize import minimize
 
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw, Shape
+from ..laws.shape_scale import ShapeScale
 from ..sites import Site
 from .catalogue import SPECIAL_CASES, Candidate
 from .stage import Stage
@@ -90,18 +91,13 @@ def parameters_of(law: ForceLaw) -> int:
 
 
 class Axes:
-    """Shape parameters of a law in the coordinates of the search: logarithms where the scale is one.
-
-    A frequency goes up to half the sampling rate: what excites a structure may be faster than it moves.
-    """
+    """Shape parameters of a law that have no value, in the coordinates of the search."""
 
     def __init__(self, law: ForceLaw, work: Workspace, site: Site) -> None:
         self.law = law
         self.shapes: list[Shape] = [p for p in law.shapes if law.shape[p.name] is None]
-        bounds = np.array([p.bounds(*work.scales(site)) for p in self.shapes]).reshape(-1, 2)
-        bounds[[p.is_frequency for p in self.shapes], 1] = work.fastest
-        self.log = np.array([p.log for p in self.shapes], dtype=bool)
-        self.low, self.high = (np.where(self.log, np.log(np.where(self.log, b, 1.0)), b) for b in bounds.T)
+        self.scale = ShapeScale(self.shapes, [work.scales(site)] * len(self.shapes), work.fastest)
+        self.log, self.low, self.high = self.scale.log, self.scale.low, self.scale.high
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -110,12 +106,11 @@ class Axes:
 
     def values(self, u: np.ndarray) -> np.ndarray:
         """Shape parameters at a point of the search, SI units."""
-        return np.where(self.log, np.exp(np.where(self.log, u, 0.0)), u)
+        return self.scale.values(u)
 
     def point(self, law: ForceLaw) -> np.ndarray:
         """The point of the search at which a law stands."""
-        values = np.array([law.shape[p.name] for p in self.shapes], dtype=float)
-        return np.where(self.log, np.log(np.where(self.log, values, 1.0)), values)
+        return self.scale.point(np.array([law.shape[p.name] for p in self.shapes], dtype=float))
 
     def at(self, u: np.ndarray) -> ForceLaw:
         """The law with shape parameters at a point of the search."""
@@ -127,7 +122,8 @@ class Axes:
         if not self.shapes:
             return [np.zeros(0)]
         if len(self.shapes) == 1 and self.shapes[0].is_frequency:
-            return [np.array([np.log(f)]) for f in lines if self.low[0] <= np.log(f) <= self.high[0]]
+            points = self.scale.point(np.array(lines, dtype=float), 0)
+            return [np.array([u]) for u in points if self.low[0] <= u <= self.high[0]]
         count = _GRID.get(len(self.shapes), 4)
         shares = [(np.arange(count) + 0.5) / count if i < 2 else [0.0] for i in range(len(self.shapes))]
         return [self.low + np.array(p) * (self.high - self.low) for p in product(*shares)]

@@ -75,6 +75,11 @@ class DamperForceDisplay:
         Returns
         -------
         DamperForceDisplay
+
+        Raises
+        ------
+        ChannelError
+            If ``over`` is none of these.
         """
         from ..analysis import damper_force
         from ..model import as_model, as_segments

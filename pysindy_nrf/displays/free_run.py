@@ -58,6 +58,11 @@ class FreeRunDisplay:
         Returns
         -------
         FreeRunDisplay
+
+        Raises
+        ------
+        ChannelError
+            If the record has no displacement to compare with.
         """
         model = getattr(estimator, "model_", estimator)
         if record.displacement is None:

@@ -181,6 +181,15 @@ def parameter_intervals(
     DataFrame
         Columns ``parameter``, ``estimate``, ``lower``, ``upper``.
 
+    Raises
+    ------
+    ChainError
+        If ``level`` is not between 0 and 1, ``method`` or ``of`` is unknown, or a site or its points are none.
+    ChannelError
+        If the data fall into too few pieces, or energies are asked for without ``data``.
+    IdentifiabilityError
+        If the chain cannot be solved without one stretch of the data: nothing tells how sure the estimate is.
+
     Examples
     --------
     >>> from pysindy_nrf import NRFRegressor, datasets

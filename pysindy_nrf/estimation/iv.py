@@ -92,7 +92,7 @@ class IVResult:
     runs: list[Segment | None] = field(default_factory=list)
     settled: bool = True
 
-    def judged(self, data: SegmentSet, layout: LawLayout) -> SegmentSet:
+    def judged(self, data: SegmentSet) -> SegmentSet:
         """What the balances miss along the measured motion, laid beside the free run, which is free of its noise.
 
         A law that is missing can be predicted from the run; noise of the motion that a law turns into an error
@@ -101,7 +101,6 @@ class IVResult:
         Parameters
         ----------
         data : SegmentSet
-        layout : LawLayout
 
         Returns
         -------

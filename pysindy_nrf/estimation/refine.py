@@ -76,7 +76,7 @@ def refine(
             )
         else:
             facts["notes"] = [*facts["notes"], f"instrumental variables kept: {result.why}"]
-    return model, solution, resolver, facts, iv.judged(data, layout)
+    return model, solution, resolver, facts, iv.judged(data)
 
 
 def least_squares_resolver(

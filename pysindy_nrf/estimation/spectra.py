@@ -114,16 +114,16 @@ def linearised(
     """
     n = model.n_dof
     C, K = np.zeros((n, n)), np.zeros((n, n))
+    theta = model.coefficients
     for site in layout.acting:
         if site.kind == "dof":
             continue
         gram, right = np.zeros((2, 2)), np.zeros(2)
-        theta = np.concatenate([law.coefficients for law in model.laws[site]])
         for run in runs:
             motion = run.motion(site, run.valid)
             both = np.stack([motion.v, motion.s])
             gram += both @ both.T
-            right += both @ (layout.columns(site, motion) @ theta)
+            right += both @ (layout.columns(site, motion) @ theta[site])
         size = np.sqrt(np.diag(gram))
         size[size == 0] = 1.0
         c, k = np.linalg.lstsq(gram / size[:, None] / size, right / size, rcond=1e-12)[0] / size

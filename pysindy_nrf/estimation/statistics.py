@@ -75,11 +75,10 @@ def energies_of(layout: LawLayout, data: SegmentSet) -> Statistic:
             stored[site] += 0.5 * float(motion.s[-1] ** 2 - motion.s[0] ** 2)
 
     def energies(model: ChainModel) -> pd.Series:
-        out = {}
+        out, coefficients = {}, model.coefficients
         for s in sites:
-            coefficients = np.concatenate([law.coefficients for law in model.laws[s]])
             stiffness = model.restoring_forces[s].linear_part()["k"]
-            out[f"energy of {s}"] = float(coefficients @ work[s] - stiffness * stored[s])
+            out[f"energy of {s}"] = float(coefficients[s] @ work[s] - stiffness * stored[s])
         return pd.Series(out, dtype=float)
 
     return energies

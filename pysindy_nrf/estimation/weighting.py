@@ -95,7 +95,7 @@ def _whiteners(
 ) -> dict[tuple[int, ...], Whitener]:
     """Weights: the share of the instruments that is signal, over the density of what the balance misses."""
     missed: dict[tuple[int, ...], list] = {g.dofs: [] for g in groups}
-    theta = {s: np.concatenate([law.coefficients for law in model.laws[s]]) for s in layout.acting}
+    theta = model.coefficients
     for seg, filter in zip(segments, filters):
         block = whole_block(seg, layout, filter)
         for group in groups:

@@ -152,6 +152,12 @@ def frequency_response(
     -------
     FrequencyResponse
 
+    Raises
+    ------
+    ChannelError
+        If frequencies and responses are not of one length, not finite or not rising, ``kind`` is unknown, or
+        ``driven`` is not one of the DOFs.
+
     Examples
     --------
     >>> import numpy as np

@@ -134,6 +134,13 @@ def write_forces(model: Any, data: Any, path: Any, **options: Any) -> Path:
     -------
     Path
 
+    Raises
+    ------
+    FileFormatError
+        If the ending of ``path`` is none of these, or there is more than one record.
+    MissingExtraError
+        Without pyarrow, for Parquet.
+
     Examples
     --------
     >>> import pathlib, tempfile

@@ -397,6 +397,11 @@ class ForceLaw:
         Returns
         -------
         ForceLaw
+
+        Raises
+        ------
+        LawError
+            If the law has no such parameter, or cannot have such a value.
         """
         new = object.__new__(type(self))
         new.__dict__.update(self.__dict__)

@@ -68,6 +68,11 @@ class AlongPath(BaseEstimator):
         Returns
         -------
         self
+
+        Raises
+        ------
+        NRFError
+            If there is more than one target.
         """
         x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float).reshape(len(x), -1)
         if y.shape[1] != 1:

@@ -132,6 +132,11 @@ class SparsitySelection:
         -------
         NRFRegressor
             The terms of an ensemble or of a pruned setting stand in ``laws``: they were chosen from all the data given.
+
+        Raises
+        ------
+        NRFError
+            If no optimizer of this name was tried.
         """
         name = self.best if name is None else name
         index = self.table.index[(self.table.index.get_level_values(0) == name) & self.table["chosen"]]
@@ -284,7 +289,7 @@ def _judged(held: FoldMoments, order: Order, candidates: Mapping[Any, Any], seed
                 solution, kept, shares = fit(None)
             except NRFError:
                 solution, kept, shares, errors = None, order, None, np.full(held.n_folds, np.inf)
-            out[name] = errors, solution and _whole(held, order, kept, solution), shares
+            out[name] = errors, solution and _whole(order, kept, solution), shares
     return out
 
 
@@ -302,7 +307,7 @@ def _pruned(held: FoldMoments, order: Order, candidates: dict, found: dict) -> N
             kept = restricted(held, order, support)
             key = name, setting_of(candidate)
             candidates[key] = candidate
-            found[key] = 100.0 * own, _whole(held, order, kept, held.fit(kept, None)[0]), found[chosen][2]
+            found[key] = 100.0 * own, _whole(order, kept, held.fit(kept, None)[0]), found[chosen][2]
 
 
 def _terms(whole: Mapping[Any, np.ndarray]) -> int:
@@ -334,7 +339,7 @@ def _heldout_error(held: FoldMoments, fit: Callable, fold: int) -> float:
         return np.inf
 
 
-def _whole(held: FoldMoments, order: Order, kept: Order, solution: Solution) -> dict[Any, np.ndarray]:
+def _whole(order: Order, kept: Order, solution: Solution) -> dict[Any, np.ndarray]:
     """Coefficients of all terms of the order, zero where a term was left out."""
     out = {}
     for site in order.layout.acting:

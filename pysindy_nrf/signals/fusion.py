@@ -53,7 +53,7 @@ class FusedMotion:
 class BasisLadder:
     """Spline bases of one record length, built when needed and shared by all degrees of freedom."""
 
-    def __init__(self, n: int, finest: float = 1.0) -> None:
+    def __init__(self, n: int) -> None:
         self.n = n
         self.built: dict[float, SplineBasis] = {}
         self.spacings = [h for h in LADDER if h == 1.0 or (n - 1) / h >= 12]

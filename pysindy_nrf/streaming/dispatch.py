@@ -152,6 +152,11 @@ def partial_fit(
     -------
     NRFRegressor
 
+    Raises
+    ------
+    NRFError
+        If a setting of the estimator changed since the call before, and as ``NRFRegressor.fit``.
+
     Examples
     --------
     >>> import numpy as np

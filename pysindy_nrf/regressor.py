@@ -422,7 +422,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         show(terms.layout, judged, self.band, [terms, *jumps.asked])
         self.missing_terms_, self.jump_bias_ = terms.table(), jumps.table()
         self.doubts_ = {
-            "forces": contradictions_of(self.errors_, self.third_law_gap_, solution.fits),
+            "forces": contradictions_of(solution, moments),
             "masses": doubtful_masses(solution) + lost_masses(model),
         }
         said = [*self.doubts_["forces"], *self.doubts_["masses"], *sentences_of(self.jump_bias_)]

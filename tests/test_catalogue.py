@@ -68,10 +68,12 @@ def _places(name, n=3, known=(), forced=(1,), n_records=1):
 
 def test_each_law_is_tried_where_it_can_be_told():
     assert _places("constant_force") == {"dof 1", "dof 2", "dof 3", "storey 2", "storey 3"}
-    assert _places("coulomb_friction") == {"storey 1", "storey 2", "storey 3", "ground 2", "ground 3"}
+    everywhere = {"storey 1", "storey 2", "storey 3", "ground 2", "ground 3", "link 3-1"}
+    assert _places("coulomb_friction") == _places("cubic_stiffness") == _places("dahl") == everywhere
+    assert _places("maxwell_branch") == {"storey 1", "storey 2", "storey 3"}
     assert _places("link_spring_dashpot") == {"link 3-1", "ground 2", "ground 3"}
     assert _places("added_mass") == set()
-    assert _places("added_mass", known=(1, 2)) == {"dof 1"}
+    assert _places("added_mass", known=(1, 2)) == {"dof 1"}  # DOF 1 is forced: above it the balances are homogeneous
     assert _places("channel_delay") == set()
 
 

@@ -78,6 +78,15 @@ def test_right_forces_are_not_doubted(record, noise, seed):
     assert "contradict" not in said and model.doubts_["forces"] == []
 
 
+@pytest.mark.parametrize("estimation", ["iv", "simulation"])
+def test_instruments_are_not_doubted_either(record, estimation):
+    """What they leave is noise of the motion, in each balance alike; the equations of instruments leave nothing."""
+    noisy = add_noise(record, 0.05, random_state=2)
+    model, said = fitted(noisy, estimation=estimation)
+    assert "contradict" not in said and model.masses_ == pytest.approx([5, 4, 3], rel=0.01)
+    assert "contradict" in fitted(with_gain(noisy, 2, 2.0), estimation=estimation)[1]
+
+
 def test_one_force_says_nothing_twice(record):
     assert "contradict" not in fitted(with_gain(record, 2, 2.0), strategy="joint")[1]
     one = ChainModel([5.0], {1: LINEAR})

@@ -132,12 +132,16 @@ DOFS = [f"dof {j}" for j in range(1, 5)]
 LINKS = ["storey 1", "storey 2", "storey 3", "storey 4", "link 4-2"]
 
 
+NEW = ["ground 2", "ground 3", "ground 4", "link 3-1", "link 4-1"]
+
+
 PLACES = {
-    "friction": LINKS + ["ground 2", "ground 3", "ground 4"],
-    "link": ["ground 2", "ground 3", "ground 4", "link 3-1", "link 4-1"],
+    **dict.fromkeys(("covariate_friction", "lagged_covariate_friction"), LINKS + NEW[:3]),
+    **dict.fromkeys(("maxwell_branch", "inerter", "degradation", "covariate_dahl"), LINKS),
+    "link": NEW,
     "harmonic_force": DOFS, "base_motion": DOFS, "ground_friction": DOFS,
     "constant_force": DOFS + ["storey 2", "storey 3", "storey 4", "link 4-2"],
-    "added_mass": ["dof 2", "dof 4"],
+    "added_mass": ["dof 1", "dof 2", "dof 4"],
 }  # fmt: skip
 
 
@@ -148,7 +152,7 @@ def test_every_law_is_tried_at_every_site_where_it_makes_sense():
     for c in candidates(every, Chain(4, links=["link 4-2"]), (4, 2, 1), ("T", "ag", "vg"), (4, 2)):
         found.setdefault(id(c.law), []).append(str(c.site))
     for law in every:
-        wanted = [] if law.family == "sensor" else PLACES.get(law.name, PLACES.get(law.family, LINKS))
+        wanted = [] if law.family == "sensor" else PLACES.get(law.name, PLACES.get(law.family, LINKS + NEW))
         assert found.get(id(law), []) == wanted, law.name
     assert Candidate(every[0], Site("ground 2")).name == "coulomb_friction at ground 2"
 
@@ -164,10 +168,11 @@ def test_a_chain_without_forces_is_not_asked_for_inertia_and_a_free_one_has_no_f
     def places(law):
         return [str(c.site) for c in candidates([law], free, (), (), (1,))]
 
-    assert places(laws.CoulombFriction()) == ["storey 2", "storey 3", "storey 1", "ground 2", "ground 3"]
+    assert places(laws.CoulombFriction()) == ["storey 2", "storey 3", "storey 1", "ground 2", "ground 3", "link 3-1"]
     assert places(laws.LinkSpringDashpot()) == ["storey 1", "ground 2", "ground 3", "link 3-1"]
     assert places(laws.ConstantForce()) == ["dof 1", "dof 2", "dof 3", "storey 2", "storey 3"]
-    assert places(laws.CubicStiffness()) == ["storey 2", "storey 3"]
+    assert places(laws.CubicStiffness()) == places(laws.CoulombFriction())
+    assert places(laws.StiffnessDrift()) == ["storey 2", "storey 3"]
     assert list(candidates([laws.LinkSpringDashpot()], Chain(1), (), (), (1,))) == []
 
 
@@ -238,13 +243,13 @@ def test_a_special_case_of_a_law_that_does_nothing_does_none_of_its_work():
 def test_of_several_special_cases_the_one_with_fewest_parameters_then_the_best_goes_first():
     general = finding(laws.DeadZone(0.1, 0.2), 1.0)
     gaps = [finding(laws.OneSidedGap(0.1), 1.6), finding(laws.TwoSidedGap(0.1), 1.5)]
-    assert gate._special_case(general, [general, *gaps], 90.0) is gaps[1]
+    assert gate.special_case(general, [general, *gaps], 90.0) is gaps[1]
     constant = finding(laws.ConstantForce(), 1.7)
-    assert gate._special_case(general, [general, *gaps, constant], 90.0) is constant
+    assert gate.special_case(general, [general, *gaps, constant], 90.0) is constant
     # no law with more parameters is the simpler one
     few, many = finding(laws.LuGre(0.1, 0.2, 0.3), 1.0), finding(laws.Dahl(10.0), 1.1)
-    assert gate._special_case(few, [few, many], 90.0) is many
-    assert gate._special_case(many, [few, many], 90.0) is many
+    assert gate.special_case(few, [few, many], 90.0) is many
+    assert gate.special_case(many, [few, many], 90.0) is many
 
 
 # -- the likeliest ----------------------------------------------------------------------------------

@@ -159,7 +159,7 @@ def test_surrogates_of_the_truth_that_have_no_free_run_leave_those_of_the_model(
 def test_a_surrogate_has_the_quietest_noise_that_is_told_and_blocks_within_its_rows(monkeypatch):
     """Of the force itself and of its balance, each may tell the noise alone."""
     made, spaces = [], []
-    records = SimpleNamespace(records=["r0", "r1"], noise=[{"a1": 9.0}, {"a1": 1.0}])
+    records = SimpleNamespace(records=["r0", "r1"], noise=[{"a1": 9.0}, {"a1": 1.0}], bands=[None, (2.0, None)])
     search = [BlockRows(1, slice(0, 40)), BlockRows(1, slice(40, 90)), BlockRows(1, slice(90, 120))]
     work = SimpleNamespace(
         searched=[1],
@@ -179,13 +179,13 @@ def test_a_surrogate_has_the_quietest_noise_that_is_told_and_blocks_within_its_r
     monkeypatch.setattr(surrogate, "surrogate", lambda *a: made.append(a) or "fake")
     seg = SimpleNamespace(valid=slice(3, 98))
     prepared = []
-    monkeypatch.setattr(surrogate, "prepare", lambda fakes, noise: prepared.append((fakes, noise)) or SimpleNamespace(
+    monkeypatch.setattr(surrogate, "prepare", lambda fakes, noise, bands: prepared.append((fakes, noise, bands)) or SimpleNamespace(
         data=SimpleNamespace(segments=[seg])))  # fmt: skip
     monkeypatch.setattr(surrogate, "Workspace", lambda *a: spaces.append(a) or "fresh")
     monkeypatch.setattr(surrogate, "Stage", lambda *a: a)
     assert null._one("model", "linear") == ("fresh", "chain", "laws")
     assert made == [("r1", work.data.segments[1], "model", {"a1": 1.0, "F1": 0.2, "F2": 0.5, "F3": 0.5}, "rng", "linear")]
-    assert prepared == [(["fake"], [{"a1": 1.0}])]
+    assert prepared == [(["fake"], [{"a1": 1.0}], [(2.0, None)])]
     assert spaces[0][1:] == (
         ["f1"],
         [BlockRows(0, slice(0, 40)), BlockRows(0, slice(40, 90)), BlockRows(0, slice(90, 95))],
@@ -623,7 +623,8 @@ def test_only_known_noise_of_motions_is_told_to_the_fusion(monkeypatch, given):
     told = []
 
     class Fake:
-        def __init__(self, noise):
+        def __init__(self, noise, band):
+            assert band == "auto"
             told.append(noise)
             self.noise_ = {"a1": 9.0, "x1": 9.0}
 

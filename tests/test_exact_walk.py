@@ -212,7 +212,7 @@ def test_no_name_is_sure_of_a_balance_that_stays_open_beyond_noise(monkeypatch, 
     ],
 )
 def test_what_stays_unexplained_is_told_beyond_twice_the_noise(monkeypatch, left, floor, told):
-    words = f". {left:.3g} % stay unexplained by any law (noise alone leaves about {floor:.2g} %), most in the "
+    words = f". {left:.3g} % stay unexplained by any law of the catalogue (noise alone leaves about {floor:.2g} %), most in the "
     words += "balance of DOF 7"
     _, stopped = ended(monkeypatch, left, floor=floor)
     assert stopped.endswith(words) == told and ("unexplained" in stopped) == told

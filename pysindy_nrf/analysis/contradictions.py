@@ -7,28 +7,25 @@ masses and laws that are all k-fold.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import numpy as np
 
-import pandas as pd
-
-from ..chain_solve import StepFit
-from ..sites import Site
+from ..chain_solve import Solution
+from ..errors import balance_sizes
+from ..moments import Moments
 
 # Percent of a balance that the law found by the other end leaves, and how many times what its own law leaves.
 _MUCH, _TIMES = 10.0, 3.0
 
 
-def contradictions_of(errors: pd.DataFrame, gap: pd.Series, fits: Sequence[StepFit]) -> list[str]:
+def contradictions_of(solution: Solution, moments: Moments) -> list[str]:
     """Sentences on storeys and links that two balances find unlike each other.
 
     Parameters
     ----------
-    errors : DataFrame
-        Of :func:`pysindy_nrf.errors.balance_errors`.
-    gap : Series
-        Difference of the two estimates of each site, percent, by its name.
-    fits : sequence of StepFit
-        Of the solve; what each balance leaves with its own estimates.
+    solution : Solution
+        With the ``twins`` of complete excitation.
+    moments : Moments
+        Of the data, in the columns of the solution.
 
     Returns
     -------
@@ -49,16 +46,15 @@ def contradictions_of(errors: pd.DataFrame, gap: pd.Series, fits: Sequence[StepF
     >>> model.doubts_["forces"][0].split(":")[1].split(",")[0]
     ' storey 2 and storey 3 are found twice'
     """
-    own = {fit.step.dofs[0]: fit.residual for fit in fits if len(fit.step.dofs) == 1}
     hit = []
-    for name in gap.index:
-        site = Site(name)
-        row = f"dof {site.q}"
-        if row not in errors.index or site.q not in own:
-            continue
-        error, residual = errors.loc[row, "error"], errors.loc[row, "residual"]
-        if error > _MUCH and residual > _TIMES * own[site.q]:
-            hit.append((site, float(error), float(error * own[site.q] / residual)))
+    for site in sorted(solution.twins, key=str):
+        own = {s: twin if s.q == site.q else solution.coefficients[s] for s, twin in solution.twins.items()}
+        error, alone = (
+            _percent(site.q, solution, coefficients, moments)
+            for coefficients in (solution.coefficients, solution.coefficients | own)
+        )
+        if error > max(_MUCH, _TIMES * alone):
+            hit.append((site, error, alone))
     if not hit:
         return []
     site, error, alone = max(hit, key=lambda found: found[1])
@@ -75,3 +71,9 @@ def contradictions_of(errors: pd.DataFrame, gap: pd.Series, fits: Sequence[StepF
         f"finds, {alone:.2g} % with its own. Is the force (its unit, gain, sign, channel) or the known mass of "
         f"{whose} wrong? Otherwise noise or a missing law biases one of them."
     ]
+
+
+def _percent(j: int, solution: Solution, coefficients: dict, moments: Moments) -> float:
+    """Balance error of a DOF, percent NRMSE; NaN where its force is unknown."""
+    sizes = balance_sizes(j, solution.masses, coefficients, moments)
+    return 100.0 * sizes.residual / sizes.reference if sizes is not None and sizes.reference else np.nan

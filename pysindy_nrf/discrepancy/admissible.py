@@ -1,4 +1,4 @@
-"""Effects that cannot be: friction that drives, a brace that pushes, a gap that pulls."""
+"""Effects that cannot be: friction that drives, a brace that pushes, a gap that pulls, an inertance below zero."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ _POSITIVE_LAWS = (
     "dead_zone",
     "quadratic_damping",
     "power_law_damping",
+    "inerter",
 )
 # Laws whose second coefficient may have either sign.
 _FREE_LAWS = ("stribeck_friction",)

@@ -179,7 +179,7 @@ def candidates(
     catalogue : iterable of ForceLaw
     chain : Chain
     known_masses, forced : iterable of int
-        An added mass can only be told from a mass that is known, where a force acts. Without a force
+        An added mass can only be told from a mass that is known, where a force acts or further up. Without a force
         every balance is homogeneous, and a column that resembles the acceleration takes it to zero:
         inertia, leaking base motion and Maxwell branches are not tried there.
     covariates : sequence of str
@@ -204,10 +204,9 @@ def candidates(
         if law.family == "link":
             places = [s for s in grounds + skips if s not in chain.sites]
         elif law.family == "inertia":
-            added = "dof" in law.acts_at
-            places = (
-                [Site(f"dof {j}") for j in sorted(known & driven)] if added else list(chain.sites) if driven else []
-            )
+            places = [] if not driven else list(chain.sites)
+            if "dof" in law.acts_at:  # above the highest force every balance is homogeneous
+                places = [Site(f"dof {j}") for j in sorted(known) if driven and j <= max(driven)]
         elif law.name in _LIKE_INERTIA and not driven:
             places = []
         elif "link" in law.acts_at and "dof" in law.acts_at:
@@ -215,8 +214,10 @@ def candidates(
             places = [Site(f"dof {j}") for j in range(1, n + 1)] + [s for s in chain.sites if s.q > 0]
         elif "link" in law.acts_at:
             places = list(chain.sites)
-            if law.family == "friction":
+            if law.family == "friction" and law.covariates:
                 places += [s for s in grounds if s not in chain.sites]
+            elif law.family != "degradation" and not law.covariates and law.name not in _LIKE_INERTIA:
+                places += [s for s in grounds + skips if s not in chain.sites]
         else:
             places = [Site(f"dof {j}") for j in range(1, n + 1)]
         for site in places:

@@ -147,7 +147,7 @@ def choose(findings: Sequence[Finding], before: float) -> tuple[Finding, list[Fi
 
     heads = [min(group, key=lambda f: price(f, PER_PARAMETER)) for group in groups.values()]
     best = min(f.error for f in heads)
-    chosen = _special_case(min(heads, key=lambda f: price(f, SIMPLER)), findings, before)
+    chosen = special_case(min(heads, key=lambda f: price(f, SIMPLER)), findings, before)
     tied: dict[str, Finding] = {}
     for f in sorted(findings, key=lambda f: f.error):
         if (
@@ -159,7 +159,21 @@ def choose(findings: Sequence[Finding], before: float) -> tuple[Finding, list[Fi
     return chosen, list(tied.values())[: MOST_FAMILIES - 1]
 
 
-def _special_case(chosen: Finding, findings: Sequence[Finding], before: float) -> Finding:
+def special_case(chosen: Finding, findings: Sequence[Finding], before: float) -> Finding:
+    """The simplest law that the chosen one holds as a special case and that does most of its work; itself if none.
+
+    Parameters
+    ----------
+    chosen : Finding
+    findings : sequence of Finding
+    before : float
+        Median error without any of them, percent.
+
+    Returns
+    -------
+    Finding
+    """
+
     def enough(f: Finding) -> float:
         share = HALF_OF_THE_WORK if f.law.name == "constant_force" else MOST_OF_THE_WORK
         return chosen.error + (1.0 - share) * max(before - chosen.error, 0.0)

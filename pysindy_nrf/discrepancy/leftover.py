@@ -20,6 +20,8 @@ from .stage import Stage
 # Standard errors by which a function must explain something on data left out. One is enough: in a sweep a single block
 # shows it, and the surrogates say what noise draws.
 _CLEARLY = 1.0
+# Share of an effect beyond the terms of the storey, below which it is one of them.
+_LINEAR = 1e-6
 # How far what noise draws may be from what it drew on the surrogates.
 _SCATTER = 1.5
 _PLAIN = ("constant", "linear")
@@ -86,6 +88,8 @@ def _share(stage: Stage, where: str, places: Sequence[tuple[Site, int]]) -> floa
     }  # fmt: skip
     groups = {k: [filtered(make(m), f) for m, f in zip(motions, filters)] for k, make in makers.items()}
     whole = Judge(effect, {"linear": groups["linear"]}).held_out(["linear"]).sum()
+    if whole < _LINEAR:  # a law that the model's own terms hold: it is as large as it is
+        whole = 1.0
     size = float(rms([e[:, None] for e in effect])[0]) * np.sqrt(whole)
     if not np.isfinite(np.concatenate(force)).all() or not size > 0:
         return 0.0

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..exceptions import NRFError
 from .catalogue import SPECIAL_CASES, balances_of
-from .gate import MOST_FAMILIES, judge
+from .gate import MOST_FAMILIES, judge, special_case
 from .search import Finding, refine
 from .stage import Stage
 from .surrogate import Null
@@ -76,7 +76,7 @@ def likeliest(
     first = min(near, key=lambda i: (rivals[i].n_parameters, i > 0, distances[i]))
     if first == 0:
         return chosen, tied
-    winner = rivals[first]
+    winner = special_case(rivals[first], ranking, float(np.median(before)))
     families = {f.law.family: f for f in (chosen, *tied) if f.law.family != winner.law.family}
     return winner, list(families.values())[: MOST_FAMILIES - 1]
 

@@ -94,7 +94,8 @@ def close_loop(
     heldout : Record or sequence of Record, optional
         Records that only the last line sees.
     band : (float, float), optional
-        Frequency band, Hz, in which everything is fitted and judged; the baseline's if None. It does
+        Frequency band, Hz, in which everything is fitted and judged; the baseline's if None. Where displacements were
+        not measured, motions and forces begin where the accelerations tell the motion; the report says where. It does
         not change during the search.
     random_state : int, Generator or None
         For the surrogates.
@@ -165,7 +166,7 @@ def close_loop(
     sensors = [law for law in tried if law.family == "sensor"]
     loop = _Loop(ready, work, every, sensors, floors, rng, n_surrogates, progress)
     with threadpool_limits(1):  # the matrices are small: threads only get in each other's way
-        report = loop.run(Stage(work, chain, first), max_steps, band)
+        report = loop.run(Stage(work, chain, first), max_steps, band if band is not None else ready.band)
     words = floors.words if n_surrogates or floors.measured else "not known: no surrogates were run"
     report.settings = audit(baseline, tried, band, random_state, max_steps, n_surrogates, ready, words)
     return report
@@ -298,7 +299,7 @@ class _Loop:
         doubt_names(steps)
         if np.isfinite(floor) and left > max(2.0 * floor, FLOOR):
             alone = f"(noise alone leaves about {floor:.2g} %)"
-            stopped += f". {left:.3g} % stay unexplained by any law {alone}, most in the {worst(trial)}"
+            stopped += f". {left:.3g} % stay unexplained by any law of the catalogue {alone}, most in the {worst(trial)}"
         if null.stages and (much := wrong_by_noise(standing, stage, null, self.ready)):
             stopped += f". By noise alone least squares is wrong by up to {', '.join(much)}: fit "
             stopped += "NRFRegressor(laws=report.model.laws, estimation='iv', ...) to the records, which noise does "

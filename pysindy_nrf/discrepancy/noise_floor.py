@@ -266,7 +266,7 @@ class _Measured:
         from ..signals.kinematic_smoother import KinematicSmoother
 
         known = {k: v for k, v in given.items() if not k.startswith("F") and k not in BASE and v > 0}
-        smoother = KinematicSmoother(noise=known or "estimate")
+        smoother = KinematicSmoother(noise=known or "estimate", band="auto")
         X, F = to_features(record, smoother)
         levels = levels_of(record, smoother.noise_) | given
         return cls(record, {k: v for k, v in levels.items() if k in record.channels()}, _segments(record, X, F))

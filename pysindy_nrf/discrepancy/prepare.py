@@ -34,6 +34,9 @@ class Prepared:
         Fused; the base motion stands among the covariates as ``ag`` and ``vg``.
     noise : list of dict
         Estimated noise of each channel of each record, SI rms.
+    bands : list of (float, float) or None
+        Of each record: the band, Hz, in which accelerations alone tell its motion; None where displacements are
+        measured.
     given : list of dict
         Noise of channels that was known; of the others, and where the list is empty of all, it is estimated.
     heldout : list of int or None
@@ -54,6 +57,16 @@ class Prepared:
     contradictions: list[Any] | None = None
     refused: dict[tuple[str, str], float] = field(default_factory=dict)
     given: list[dict[str, float]] = field(default_factory=list)
+    bands: list[Any] = field(default_factory=list)
+
+    @property
+    def band(self) -> tuple[float | None, float | None] | None:
+        """The part that all of these bands share, Hz; None where displacements are measured in all records."""
+        known = [band for band in self.bands if band is not None]
+        if not known:
+            return None
+        lows, highs = ([band[k] for band in known if band[k] is not None] for k in (0, 1))
+        return max(lows, default=None), min(highs, default=None)
 
     @cached_property
     def apart(self) -> SegmentSet:
@@ -65,17 +78,27 @@ class Prepared:
         if self.clean:
             return self.data
         pieces, given = [], self.given or [{}] * len(self.records)
-        for number, (rec, whole, known) in enumerate(zip(self.records, self.data.segments, given)):
+        bands = self.bands or [None] * len(self.records)
+        for number, (rec, whole, known, band) in enumerate(zip(self.records, self.data.segments, given, bands)):
             if number in (self.heldout or ()):
                 pieces.append(whole)
                 continue
-            one = _segment(rec, *to_features(rec, KinematicSmoother(noise=known or "estimate", joint=False)))
+            smoother = KinematicSmoother(noise=known or "estimate", band=band, joint=False)
+            one = _segment(rec, *to_features(rec, smoother))
             pieces.append(replace(whole, a=one.a, v=one.v, s=one.s))
         return SegmentSet(pieces, self.data.n_samples)
 
 
-def prepare(records: Any, heldout: Any = None, noise: Sequence[dict[str, float]] | None = None) -> Prepared:
+def prepare(
+    records: Any,
+    heldout: Any = None,
+    noise: Sequence[dict[str, float]] | None = None,
+    bands: Sequence[Any] | None = None,
+) -> Prepared:
     """Fuse the channels of every record.
+
+    Where displacements were not measured the motion is known from some frequency up, and below that forces and motions
+    are left out alike, as in :meth:`pysindy_nrf.NRFRegressor.fit`.
 
     Parameters
     ----------
@@ -84,6 +107,8 @@ def prepare(records: Any, heldout: Any = None, noise: Sequence[dict[str, float]]
         Further records that nothing but the last line may see.
     noise : sequence of dict, optional
         Noise of each channel of each record, SI rms, where it is known.
+    bands : sequence of (float, float) or None, optional
+        Band of each record, Hz, where it is known.
 
     Returns
     -------
@@ -99,15 +124,16 @@ def prepare(records: Any, heldout: Any = None, noise: Sequence[dict[str, float]]
         raise ChannelError("There is no record to search", "Pass a Record or a list of them.")
     every = [*mine, *kept]
     n = every[0].n_dof
-    segments, found, at, clean = [], [], 0, True
+    segments, found, told, at, clean = [], [], [], 0, True
     given = [{k: v for k, v in levels.items() if v > 0} for levels in noise or [{}] * len(every)]
-    for rec, known in zip(every, given, strict=True):
+    for rec, known, band in zip(every, given, bands or ["auto"] * len(every), strict=True):
         if rec.n_dof != n:
             raise ChannelError(
                 f"Record {rec.name!r} has {rec.n_dof} DOFs, {n} are needed", "Give records of one chain."
             )
-        smoother = KinematicSmoother(noise=known or "estimate")
+        smoother = KinematicSmoother(noise=known or "estimate", band=band)
         X, F = to_features(rec, smoother)
+        told.append(smoother.band_)
         levels = {str(k): float(v) for k, v in smoother.noise_.items()}
         if _is_clean(rec, levels):
             X, F = to_features(rec, False)
@@ -119,7 +145,7 @@ def prepare(records: Any, heldout: Any = None, noise: Sequence[dict[str, float]]
         at += len(X)
         segments.append(piece)
     held = list(range(len(mine), len(every))) if kept else None
-    return Prepared(every, SegmentSet(segments, at), found, held, clean, given=given)
+    return Prepared(every, SegmentSet(segments, at), found, held, clean, given=given, bands=told)
 
 
 def measured_of(ready: Prepared) -> list[Measured]:

@@ -85,14 +85,23 @@ def wrong_by_noise(effects: Sequence[Standing], stage: Stage, null: Null, ready:
         Empty where least squares is right to what an engineer allows.
     """
     said = [f"{100 * null.error:.0f} % in a mass or a site's force"] if null.error >= _BIASED else []
-    worst = [(one, max(one.step.bias, key=lambda k: abs(one.step.bias[k]), default="")) for one in effects]
-    wrong = [(one, name) for one, name in worst if name and abs(one.step.bias[name]) >= _WRONG]
+    wrong = []
+    for one in effects:
+        told = {k: abs(b) for k, b in one.step.bias.items() if not _holds_zero(one.step.intervals.get(k))}
+        name = max(told, key=told.__getitem__, default="")
+        if name and told[name] >= _WRONG:
+            wrong.append((one, name))
     other = unbiased(stage, ready) if wrong else None
     for one, name in wrong:
         said.append(f"{100 * abs(one.step.bias[name]):.0f} % in {name} of {one.step.law} at {one.step.site}")
         if other is not None:
             said[-1] += f" (instrumental variables: {one.parameters(stage, other)[name]:.4g})"
     return said
+
+
+def _holds_zero(interval: tuple[float, float] | None) -> bool:
+    """Whether a parameter may as well be nothing: a share of it then says nothing."""
+    return interval is not None and interval[0] <= 0.0 <= interval[1]
 
 
 def doubt_what_is_drawn(effects: Sequence[Standing], stage: Stage, null: Null, clean: bool) -> None:

@@ -54,7 +54,8 @@ def surrogate(
     record : Record
         Its forces and base motion are used.
     segment : Segment
-        The fused record; its first valid row is where the free run starts.
+        The fused record. The free run starts from its first state; from rest where fusion left out the ends of the
+        record, which it does again with the surrogate's.
     model : ChainModel
     noise : dict of str to float
         Rms of the noise of each channel (``"a1"``, ``"x2"``, ...), SI units.
@@ -66,17 +67,19 @@ def surrogate(
     Returns
     -------
     Record
-        Motions are NaN outside the valid rows, as in the fused record.
+        Motions are NaN where those of the record are.
 
     Raises
     ------
     NRFError
         If the free run diverges.
     """
-    rows = segment.valid
+    rows = _measured_rows(record)
+    rest = np.zeros(record.n_dof)
+    start = None if rows == segment.valid else (rest, rest)  # fusion left out the ends
     quiet = quiet_drive(record, noise)
     base = segment.ag if quiet.base_acceleration is None else quiet.base_acceleration
-    run = free_run_of(model, replace(segment, F=np.nan_to_num(quiet.force), ag=base), rows, record.dt, hold=hold)
+    run = free_run_of(model, replace(segment, F=np.nan_to_num(quiet.force), ag=base), rows, record.dt, start, hold=hold)
     changes: dict[str, Any] = {}
     for key, prefix in zip(_MOTIONS, "avx"):
         measured = getattr(record, key)
@@ -95,6 +98,18 @@ def surrogate(
         noise.get(f"F{j + 1}", 0.0) for j in range(record.n_dof)
     ]
     return quiet.replace(coordinates="relative", **changes)
+
+
+def _measured_rows(record: Record) -> slice:
+    """From the first to the last row in which all channels of the motion have a value."""
+    known = np.ones(record.n_samples, dtype=bool)
+    for key in _MOTIONS:
+        measured = getattr(record, key)
+        if measured is not None:
+            used = ~np.isnan(measured).all(axis=0)
+            known &= np.isfinite(measured[:, used]).all(axis=1)
+    inside = np.flatnonzero(known)
+    return slice(int(inside[0]), int(inside[-1]) + 1)
 
 
 def force_noise(residual: np.ndarray, force: np.ndarray, fs: float, band: tuple | None = None) -> np.ndarray:
@@ -275,7 +290,8 @@ class Null:
             fakes.append(surrogate(ready.records[i], work.data.segments[i], model, noise, self.rng, hold))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what is to be said of the channels was said of the measured ones
-            data = prepare(fakes, noise=[ready.noise[i] for i in work.searched]).data
+            levels, bands = ([known[i] for i in work.searched] for known in (ready.noise, ready.bands))
+            data = prepare(fakes, noise=levels, bands=bands).data
         blocks = []
         for number, i in enumerate(work.searched):
             valid = data.segments[number].valid
@@ -301,8 +317,12 @@ class Null:
 
     @property
     def floor(self) -> float:
-        """Median validation error that noise alone leaves, percent; NaN if unknown."""
-        return self._left(self.stages) if self.stages else float("nan")
+        """Median validation error that noise alone leaves, percent; NaN if unknown.
+
+        Surrogates of which the model explains nothing say nothing of the records either.
+        """
+        left = self._left(self.stages) if self.stages else np.inf
+        return left if left < 100.0 else float("nan")
 
     @property
     def reached(self) -> bool:

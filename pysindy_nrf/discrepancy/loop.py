@@ -299,7 +299,8 @@ class _Loop:
         doubt_names(steps)
         if np.isfinite(floor) and left > max(2.0 * floor, FLOOR):
             alone = f"(noise alone leaves about {floor:.2g} %)"
-            stopped += f". {left:.3g} % stay unexplained by any law of the catalogue {alone}, most in the {worst(trial)}"
+            stopped += f". {left:.3g} % stay unexplained by any law of the catalogue {alone}, "
+            stopped += f"most in the {worst(trial)}"
         if null.stages and (much := wrong_by_noise(standing, stage, null, self.ready)):
             stopped += f". By noise alone least squares is wrong by up to {', '.join(much)}: fit "
             stopped += "NRFRegressor(laws=report.model.laws, estimation='iv', ...) to the records, which noise does "

@@ -336,11 +336,12 @@ def test_faults_are_told_from_the_best_with_those_that_explain_as_much(monkeypat
     monkeypatch.setattr(sensors, "_rebuilt", lambda ready, work, stage, s: found[s.site.channel])
     monkeypatch.setattr(sensors, "_REBUILT", 4)
     stage = SimpleNamespace(trial=lambda: SimpleNamespace(search_error=lambda: 5.0))
-    told = sensors.sensor_findings(None, None, stage, [GainError()])
+    work = SimpleNamespace(forced=(1, 2), known_masses={})
+    told = sensors.sensor_findings(None, work, stage, [GainError()])
     assert [f.site.channel for f in told] == ["a1", "a2", "a3"]
     assert [f.equals for f in told] == [["sensor a2"], ["sensor a1"], []]
     order = iter(["a1", "a2", "a3"])  # of those that could be accused equally the one corrected before
-    again = sensors.sensor_findings(None, None, stage, [GainError()], [("gain_error", "sensor a2")])
+    again = sensors.sensor_findings(None, work, stage, [GainError()], [("gain_error", "sensor a2")])
     assert [f.site.channel for f in again] == ["a2", "a3"]
     assert sensors.sensor_findings(None, None, stage, [laws.CoulombFriction()]) == []
 

@@ -168,10 +168,14 @@ def test_a_chain_without_forces_is_not_asked_for_inertia_and_a_free_one_has_no_f
     def places(law):
         return [str(c.site) for c in candidates([law], free, (), (), (1,))]
 
-    assert places(laws.CoulombFriction()) == ["storey 2", "storey 3", "storey 1", "ground 2", "ground 3", "link 3-1"]
+    assert places(laws.CoulombFriction()) == ["storey 2", "storey 3", "storey 1", "ground 2", "ground 3"]
     assert places(laws.LinkSpringDashpot()) == ["storey 1", "ground 2", "ground 3", "link 3-1"]
     assert places(laws.ConstantForce()) == ["dof 1", "dof 2", "dof 3", "storey 2", "storey 3"]
-    assert places(laws.CubicStiffness()) == places(laws.CoulombFriction())
+    assert places(laws.CubicStiffness()) == ["storey 2", "storey 3"]  # at new links beside a plain tie alone
+    both = [laws.CubicStiffness(), laws.LinkSpringDashpot()]
+    for forced, new in (((1,), ["storey 1", "ground 2", "ground 3", "link 3-1"]), ((), [])):
+        every = [str(c.site) for c in candidates(both, free, (), (), forced) if c.law is both[0]]
+        assert every == ["storey 2", "storey 3", *new]
     assert places(laws.StiffnessDrift()) == ["storey 2", "storey 3"]
     assert list(candidates([laws.LinkSpringDashpot()], Chain(1), (), (), (1,))) == []
 

@@ -70,7 +70,7 @@ class Walk:
         monkeypatch.setattr(loop, "doubt_what_is_drawn", lambda *a: None)
         monkeypatch.setattr(loop, "wrong_by_noise", lambda *a: self.noisy.append(a) or list(wrong))
         self.loop = one
-        self.report = one.run(model(0), max_steps, "band", None)
+        self.report = one.run(model(0), max_steps, "band")
 
     @property
     def names(self):

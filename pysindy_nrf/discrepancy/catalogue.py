@@ -196,6 +196,9 @@ def candidates(
     grounds = [Site(f"ground {j}") for j in range(1, n + 1)]  # of DOF 1 it is storey 1, which a free chain has not
     skips = [Site(f"link {p}-{q}") for p in range(3, n + 1) for q in range(1, p - 1)]
     known, driven = set(known_masses), set(forced)
+    catalogue = list(catalogue)
+    # beside the plain tie that a slack or yielding one must excel; without a force a tie stands in for a storey
+    new_links = bool(driven) and any(law.family == "link" for law in catalogue)
     for law in catalogue:
         if any(name not in covariates for name in law.covariates) or law.family == "sensor":
             continue
@@ -214,10 +217,10 @@ def candidates(
             places = [Site(f"dof {j}") for j in range(1, n + 1)] + [s for s in chain.sites if s.q > 0]
         elif "link" in law.acts_at:
             places = list(chain.sites)
-            if law.family == "friction" and law.covariates:
+            if law.family == "friction":
                 places += [s for s in grounds if s not in chain.sites]
-            elif law.family != "degradation" and not law.covariates and law.name not in _LIKE_INERTIA:
-                places += [s for s in grounds + skips if s not in chain.sites]
+            if new_links and law.family != "degradation" and not law.covariates and law.name not in _LIKE_INERTIA:
+                places += [s for s in grounds + skips if s not in chain.sites and s not in places]
         else:
             places = [Site(f"dof {j}") for j in range(1, n + 1)]
         for site in places:

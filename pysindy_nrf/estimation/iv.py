@@ -38,6 +38,7 @@ from ..segments import Segment, SegmentSet
 from ..solved import model_of
 from .pieces import Pieces, pieces_of
 from .runs import likeness_of, run_of
+from .spectra import common_band
 from .weighting import Weighting, weighting_of
 
 ROUNDS = 8
@@ -250,7 +251,8 @@ def _runs(
 ) -> tuple[list[Segment | None], float]:
     """Delayed free runs of the usable records, and their correlation with the measured accelerations."""
     measured = [data.segments[i] for i in usable]
-    made = [run_of(model, seg, delay_of(band, seg.step), limited=True) for seg in measured]
+    top = common_band(measured, band)
+    made = [run_of(model, seg, delay_of(top, seg.step), limited=True) for seg in measured]
     runs: list[Segment | None] = [None] * len(data.segments)
     for i, run in zip(usable, made):
         runs[i] = run

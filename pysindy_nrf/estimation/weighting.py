@@ -13,7 +13,7 @@ from ..model import ChainModel
 from ..segments import Segment, SegmentSet
 from .pieces import rows_of, whole_block
 from .runs import likeness_of, run_of
-from .spectra import NoiseModel, Smooth, corrected, lines_of, noise_model, smoothed, spectrum
+from .spectra import NoiseModel, Smooth, common_band, corrected, lines_of, noise_model, smoothed, spectrum
 from .whitening import Whitener
 
 
@@ -76,8 +76,8 @@ def weighting_of(
     runs: list[Segment | None] = [None] * len(data.segments)
     for i, run in zip(usable, found):
         runs[i] = run
-    low, high = band or (None, None)
-    low, high = max(low or 0.0, noise.lively[0]), min(np.inf if high is None else high, noise.lively[1])
+    low, high = common_band(segments, band)
+    low, high = max(low, noise.lively[0]), min(high, noise.lively[1])
     whiteners = _whiteners(model, segments, layout, groups, [filters[i] for i in usable], known_masses, noise)
     for whitener in whiteners.values():
         whitener.band = (low, high)

@@ -183,6 +183,7 @@ def from_arrays(
             None if ag is None else ag[rows],
             {k: c[rows] for k, c in extra.items()},
             resolved=getattr(X, "attrs", {}).get("resolved"),
+            band=getattr(X, "attrs", {}).get("band"),
         )
         segments.append(_trimmed(segment, names, x[rows] if coordinates == "relative" else None))
     if has_memory:
@@ -203,10 +204,11 @@ def _from_records(records: Sequence[Record], beside: Sequence[str], n_dof: int |
             )
         x, force = rec.to_features(smooth=smooth)
         n, values = rec.n_dof, x.to_numpy()
-        ag = base_acceleration_if_any(rec)
+        ag = base_acceleration_if_any(rec, x.attrs.get("band"))
         segment = Segment(
             rec.name, slice(at, at + len(x)), values[:, :n], values[:, n : 2 * n], values[:, 2 * n :], force.to_numpy(),
             rec.time, ag, dict(rec.covariates), resolved=x.attrs.get("resolved"),
+            band=x.attrs.get("band"),
         )
         segments.append(_trimmed(segment, feature_names(n)))
         at += len(x)

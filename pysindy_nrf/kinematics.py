@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from .exceptions import ChannelError, DataQualityWarning
+from .fair_filter import Band, FairFilter, check_band
 from .record import Record
 
 # Share of the knots' Nyquist frequency up to which a fused motion is the motion itself.
@@ -37,7 +38,8 @@ def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.Da
     Notes
     -----
     ``X.attrs`` says what fused motions can serve for: ``"resolved"``, the frequency in Hz up to which they hold
-    the motion where accelerations are not measured, and ``"joint_fusion"``, whether the DOFs improved each other.
+    the motion where accelerations are not measured, ``"joint_fusion"``, whether the DOFs improved each other, and
+    ``"band"``, the (lower, upper) edges in Hz that motion and forces were put through (either may be None).
 
     Warns
     -----
@@ -93,6 +95,8 @@ def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.Da
         if blind:
             X.attrs["resolved"] = RESOLVED * record.fs / (2 * float(max(blind)))
         X.attrs["joint_fusion"] = smoother.joint and not _as_measured(record, a)
+    if smoother is not None and smoother.band_ is not None:
+        X.attrs["band"] = check_band(smoother.band_, record.fs)
     F = pd.DataFrame(fused.force, index=index, columns=[f"F{j}" for j in range(1, record.n_dof + 1)])
     return X, F
 
@@ -127,19 +131,22 @@ def base_acceleration(record: Record) -> np.ndarray:
     return acceleration[:, 0]
 
 
-def base_acceleration_if_any(record: Record) -> np.ndarray | None:
+def base_acceleration_if_any(record: Record, band: Band = None) -> np.ndarray | None:
     """The same; None for a record in which no motion of the base was given.
 
     Parameters
     ----------
     record : Record
+    band : (float, float), optional
+        Hz; what the motion of the floors was put through, the base that drives them goes through as well.
 
     Returns
     -------
     ndarray of shape (n_samples,) or None
         m/s^2.
     """
-    return base_acceleration(record) if record.base_moves else record.base_acceleration
+    ag = base_acceleration(record) if record.base_moves else record.base_acceleration
+    return ag if ag is None or band is None else FairFilter(band, record.fs).apply(ag)
 
 
 def base_motion(record: Record, fused: Record, smooth: Any = True) -> tuple[np.ndarray, np.ndarray]:

@@ -36,6 +36,8 @@ class Segment:
         Rows inside the NaN edges.
     resolved : float or None
         Frequency, Hz, up to which fused motions hold the motion; None if they are as measured.
+    band : (float or None, float or None) or None
+        Edges, Hz, of the band that motion and forces were put through before they came here.
     """
 
     name: str
@@ -49,6 +51,7 @@ class Segment:
     covariates: dict[str, np.ndarray] = field(default_factory=dict)
     valid: slice = field(default_factory=lambda: slice(0, 0))
     resolved: float | None = None
+    band: tuple[float | None, float | None] | None = None
     _extent: tuple[slice, Extent] | None = field(default=None, repr=False, compare=False)
 
     @property

@@ -288,7 +288,7 @@ def test_weights_and_columns_of_another_fit_are_refused():
         ([0.95, 0.96, 0.99, 0.3], 2),
         ([0.95, 0.90, 0.80, 0.4], None),  # least squares, which the first round begins with, runs better than any
         ([0.95, 0.2], None),
-        ([0.3, 0.2], None),  # the linear chain is tried too
+        ([0.3, 0.2, 0.1], None),  # the linear chain is tried too, and least squares where the motion is lively
     ],
 )
 def test_rounds_that_go_astray_give_way_to_the_one_that_runs_like_the_structure(monkeypatch, alike, kept):

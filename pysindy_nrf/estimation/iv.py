@@ -30,6 +30,7 @@ import numpy as np
 
 from ..chain_solve import Solution, groups_of, solve, solve_blocks
 from ..exceptions import BiasWarning, IdentifiabilityError, RankWarning, SimulationError
+from ..fair_filter import FairFilter, filters_of
 from ..identifiability import Walk
 from ..laws import PowerSeries
 from ..layout import LawLayout
@@ -37,13 +38,19 @@ from ..model import ChainModel
 from ..segments import Segment, SegmentSet
 from ..solved import model_of
 from .pieces import Pieces, pieces_of
-from .runs import likeness_of, run_of
+from .runs import likeness_of, run_of, steady
+from .spectra import common_band, lines_of, smoothed, spectrum, velocities
 from .weighting import Weighting, weighting_of
 
 ROUNDS = 8
 PLAIN = 2  # rounds before the balances are weighted
 SETTLED = 1e-4  # relative change of every mass below which the rounds stop
+RESTLESS = 1e-2  # that of any mass in the last round above which the rounds went astray
+ASTRAY = 0.05  # by which the free runs' correlation with the motion may fall below that of the best round
 ALIKE = 0.5  # correlation of simulated and measured accelerations below which a free run is no instrument
+QUIET, LOUD = 1e-3, 0.1  # of the largest density, between which the density lies where a motion counts as lively
+LAW = "Lower the degree, add the law that is missing, or give records with longer or cleaner channels."
+FORCES = "Give a record in which every force was measured."
 
 
 @dataclass
@@ -167,13 +174,13 @@ def instrumental_variables(
     first, kept = -1.0, None  # correlation of the first run; of the models found, the one that runs most alike
     usable = [i for i, seg in enumerate(data.segments) if not np.isnan(seg.F[seg.valid.start]).any()]
     if not usable:
-        _fall_back("in every record the force on some DOF is unknown, and a free run needs them all")
+        _fall_back("in every record the force on some DOF is unknown, and a free run needs them all", FORCES)
         return None
     if len(usable) < len(data.segments):
         notes.append(
             f"{len(data.segments) - len(usable)} records with an unknown force were left out of the instruments."
         )
-    why = ""
+    why, cure = "", LAW
     weighting: Weighting | None = None
     for round_ in range(1, ROUNDS + 1):
         try:
@@ -186,14 +193,16 @@ def instrumental_variables(
             elif best is not None:
                 runs, likeness = _runs(model, data, usable, band)
         except SimulationError as error:
-            why = error.what
+            why, cure = error.what, error.cure
             break
         if best is None:
             first = likeness
-        elif kept is None or likeness > kept[0]:
-            kept = likeness, best
+        elif kept is None or likeness > kept[0] or (weighting is not None and kept[1].rounds < PLAIN <= best.rounds):
+            kept = likeness, best  # runs under measured and under corrected forces are not alike to the same degree
         if likeness < ALIKE:
             why = f"the free run is unlike the measured motion (correlation {likeness:.2f})"
+            if best is None:
+                why += ", that of least squares between the frequencies at which the motion is lively as well"
             break
         pieces = pieces_of(
             data, layout, groups, filters, known_masses, runs,
@@ -202,7 +211,7 @@ def instrumental_variables(
         try:
             solution = solve(pieces.moments(), walk, known_masses, inner, {s: layout.labels(s) for s in layout.acting})
         except IdentifiabilityError as error:
-            why = error.what
+            why, cure = error.what, error.cure
             break
         found = model_of(layout, solution)
         if (found.masses <= 0).any() and not (start.masses <= 0).any():
@@ -213,10 +222,15 @@ def instrumental_variables(
         model = found
         if change < SETTLED and (round_ > PLAIN + 1 or (round_ > PLAIN and weighting is None)):
             break
+    if not why and kept is not None:
+        if change > RESTLESS:
+            why = f"the masses did not come to rest, the last round moved one by {100 * change:.2g} %"
+        elif likeness < kept[0] - ASTRAY:
+            why = f"the free runs became less like the measured motion (correlation {likeness:.2f})"
     if not why:
         return best
     if kept is None or kept[0] < max(first, ALIKE):  # least squares, which the first round begins with, runs as well
-        _fall_back(why)
+        _fall_back(why, cure)
         return None
     likeness, best = kept
     best.settled = False
@@ -229,11 +243,10 @@ def instrumental_variables(
     return best
 
 
-def _fall_back(why: str) -> None:
+def _fall_back(why: str, cure: str) -> None:
     warnings.warn(
         f"estimation='iv' fell back on least squares: {why}. Noise in the motion then biases masses and "
-        "stiffnesses low. "
-        "Lower the degree, add the law that is missing, or give records with longer or cleaner channels.",
+        f"stiffnesses low. {cure}",
         BiasWarning,
         stacklevel=6,
     )
@@ -250,7 +263,9 @@ def _runs(
 ) -> tuple[list[Segment | None], float]:
     """Delayed free runs of the usable records, and their correlation with the measured accelerations."""
     measured = [data.segments[i] for i in usable]
-    made = [run_of(model, seg, delay_of(band, seg.step), limited=True) for seg in measured]
+    top = common_band(measured, band)
+    model = steady(model)
+    made = [run_of(model, seg, delay_of(top, seg.step), limited=True) for seg in measured]
     runs: list[Segment | None] = [None] * len(data.segments)
     for i, run in zip(usable, made):
         runs[i] = run
@@ -267,14 +282,25 @@ def _first_runs(
     known: Mapping[int, float],
     band: Any,
 ) -> tuple[list[Segment | None], float]:
-    """Free runs of the first model that can run: least squares, or the linear chain."""
+    """Free runs of the first model that runs like the structure, or of the likeliest.
+
+    Least squares; the linear chain; and the linear chain from where the motion is lively alone: there offsets and
+    drifts are out, and the noise is less.
+    """
     found: list[tuple[list[Segment | None], float]] = []
     worst: SimulationError | IdentifiabilityError | None = None
-    plain = LawLayout(layout.chain, {s: (PowerSeries(1),) for s in layout.acting if s.kind == "link"})
-    linear = plain if all(s.kind == "link" for s in layout.acting) else None
+    linear = LawLayout(layout.chain, {s: (PowerSeries(1),) for s in layout.acting if s.kind == "link"})
+    if any(s.kind != "link" for s in layout.acting):
+        linear = layout  # what is tied to the ground is no chain
+
+    def between() -> ChainModel | None:
+        narrow = _lively_filters(data, usable, band)
+        return None if narrow is None else _least_squares(data, linear, walk, narrow, known)
+
     makes: tuple[Callable[[], ChainModel | None], ...] = (
         lambda: start,
-        lambda: None if linear is None else _least_squares(data, linear, walk, filters, known),
+        lambda: None if linear is layout else _least_squares(data, linear, walk, filters, known),
+        between,
     )
     for make in makes:
         try:
@@ -289,8 +315,21 @@ def _first_runs(
             return found[-1]
     if not found:
         what, cure = (worst.what, worst.cure) if worst else ("No model of the chain can run", "")
-        raise SimulationError(what, cure or "Use estimation='ls', or excite the chain better.")
+        raise SimulationError(what, cure or "Excite the chain better.")
     return max(found, key=lambda pair: pair[1])
+
+
+def _lively_filters(data: SegmentSet, usable: Sequence[int], band: Any) -> list[FairFilter | None] | None:
+    """One band for all records, in which the velocities stand out of their noise; None where there is none."""
+    segments = [data.segments[i] for i in usable]
+    lines = [lines_of(seg) for seg in segments]
+    density = smoothed(lines, [np.abs(spectrum(velocities(seg), seg.step, taper=True)) ** 2 for seg in segments])
+    share = (density.values / np.maximum(density.values.max(axis=0), 1e-300)).max(axis=1)
+    lively = density.f[share >= np.clip(np.sqrt(share.min()), QUIET, LOUD)]
+    low, high = common_band(segments, band)
+    low, high = max(low, lively[0] / 1.2), min([high, 1.2 * lively[-1], *(s.resolved for s in segments if s.resolved)])
+    top = 0.45 / max(seg.step for seg in data.segments)
+    return filters_of((low, high if high < top else None), data) if low < min(high, top) else None
 
 
 def _least_squares(

@@ -28,7 +28,7 @@ from ..model import ChainModel
 from ..segments import Segment, SegmentSet
 from ..sites import Site
 from .runs import run_of
-from .spectra import NoiseModel, corrected, noise_model, spectrum, velocities
+from .spectra import NoiseModel, common_band, corrected, noise_model, spectrum, velocities
 
 SHOT = 32768  # samples of a shot at most
 ROUNDS, FEW = 6, 2  # of Gauss and Newton, at last and for the halves
@@ -255,10 +255,9 @@ class _Problem:
         self.start, self.shots, self.layout, self.noise = start, shots, layout, noise
         self.theta, self.rebuild, self.columns = free_parameters(start, known_masses)
         self._decays: dict[tuple[int, float], np.ndarray] = {}
-        low, high = band or (None, None)
+        low, high = common_band([s.segment for s in shots], band)
         resolved = [s.segment.resolved for s in shots if s.segment.resolved is not None]
-        self.low = max(low or 0.0, noise.lively[0])
-        self.high = min([noise.lively[1], *resolved, *([] if high is None else [high])])
+        self.low, self.high = max(low, noise.lively[0]), min([noise.lively[1], high, *resolved])
         self.states = [shot.start.copy() for shot in shots]
         self._choose_hold()
         runs = [shot.run(start) for shot in shots]

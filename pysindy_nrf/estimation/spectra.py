@@ -21,6 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..fair_filter import Band
 from ..layout import LawLayout
 from ..model import ChainModel
 from ..segments import Segment
@@ -71,7 +72,7 @@ class NoiseModel:
     share : Smooth
         Share of the simulated motion's density, by DOF, that the force's noise did not make.
     lively : (float, float)
-        Hz; the run moves in between, and only there the model is asked.
+        Hz; the run moves in between, and what the motions were put through lets it pass: only there the model is asked.
     """
 
     matrices: tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -93,6 +94,27 @@ class NoiseModel:
             diagonal = np.arange(S.shape[1])
             S[:, diagonal, diagonal] += self.motion(f[rows])
             yield rows, G, S
+
+
+def common_band(data: Sequence[Segment], band: Band = None) -> tuple[float, float]:
+    """Frequencies that all records still hold, Hz.
+
+    Parameters
+    ----------
+    data : sequence of Segment
+        Each may have been put through a band of its own before it came here.
+    band : (float, float), optional
+        That of the estimator.
+
+    Returns
+    -------
+    low, high : float
+        0 and infinity where nothing was cut away.
+    """
+    bands = [b for b in (band, *(seg.band for seg in data)) if b is not None]
+    low = max((lo for lo, _ in bands if lo is not None), default=0.0)
+    high = min((hi for _, hi in bands if hi is not None), default=np.inf)
+    return float(low), float(high)
 
 
 def linearised(
@@ -217,7 +239,9 @@ def noise_model(
     if not np.all(missed > 1e-6 * whole):
         return None
     force = np.array([_force_density(data, j) for j in range(n + 1)])
+    low, high = common_band(data)
     lively = _lively(every, V, [_ringing(matrices, lines, force) for lines in every])
+    lively = max(lively[0], low), min(lively[1], high)
     inside = [(f >= lively[0]) & (f <= lively[1]) for f in every]
     f, R, V = ([y[use] for y, use in zip(part, inside)] for part in (every, R, V))
     if sum(map(len, f)) < 2 * FEWEST:

@@ -12,8 +12,8 @@ from ..layout import Group, LawLayout
 from ..model import ChainModel
 from ..segments import Segment, SegmentSet
 from .pieces import rows_of, whole_block
-from .runs import likeness_of, run_of
-from .spectra import NoiseModel, Smooth, corrected, lines_of, noise_model, smoothed, spectrum
+from .runs import likeness_of, run_of, steady
+from .spectra import NoiseModel, Smooth, common_band, corrected, lines_of, noise_model, smoothed, spectrum
 from .whitening import Whitener
 
 
@@ -64,20 +64,21 @@ def weighting_of(
         resolve: what they lack there would be weighted, not their noise.
     """
     segments = [data.segments[i] for i in usable]
-    plain = [run_of(model, seg) for seg in segments]
-    noise = noise_model(model, layout, segments, plain)
+    runner = steady(model)
+    plain = [run_of(runner, seg) for seg in segments]
+    noise = noise_model(runner, layout, segments, plain)
     resolved = [seg.resolved for seg in segments if seg.resolved is not None]
     if noise is None or min(resolved, default=np.inf) < noise.lively[1]:
         return None
     better = [corrected(seg, run, noise) for seg, run in zip(segments, plain)]
-    found = [run_of(model, seg) for seg in better]
+    found = [run_of(runner, seg) for seg in better]
     likeness = likeness_of(segments, found)
     # the forces of the balances stay as measured: only the motion under the corrected ones is taken
     runs: list[Segment | None] = [None] * len(data.segments)
     for i, run in zip(usable, found):
         runs[i] = run
-    low, high = band or (None, None)
-    low, high = max(low or 0.0, noise.lively[0]), min(np.inf if high is None else high, noise.lively[1])
+    low, high = common_band(segments, band)
+    low, high = max(low, noise.lively[0]), min(high, noise.lively[1])
     whiteners = _whiteners(model, segments, layout, groups, [filters[i] for i in usable], known_masses, noise)
     for whitener in whiteners.values():
         whitener.band = (low, high)

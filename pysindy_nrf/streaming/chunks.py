@@ -107,7 +107,7 @@ def chunk_of(item: Any, covariates: Sequence[str] = (), coordinates: str = "rela
         return item
     if isinstance(item, Record):
         x, force = item.to_features()
-        ag = base_acceleration_if_any(item)
+        ag = base_acceleration_if_any(item, x.attrs.get("band"))
         return Chunk(
             x.to_numpy(), force.to_numpy(), item.name, True, None, np.asarray(item.time), ag, dict(item.covariates),
             "relative",

@@ -11,6 +11,8 @@ from ..record import Record
 _LARGE = {"a": (500.0, "m/s^2"), "v": (50.0, "m/s"), "x": (10.0, "m"), "F": (1e9, "N")}
 # Ratios of two channels of one motion that betray a unit.
 _RATIOS = {9.80665: "g", 1e3: "mm", 1e2: "cm", 1e6: "µm", 39.3701: "inches", 3.28084: "feet", 100 / 9.80665: "gal"}
+# Times its scatter that a gain must be away from 1 (and the least that is said), and by which it is said without that.
+_SURE, _LEAST, _FAR = 2.0, 0.02, 0.2
 _NEAR = 0.12  # relative distance within which a ratio is recognised
 
 
@@ -70,8 +72,12 @@ def _contradictions(record: Record) -> list[str]:
         unit = _betrayed(gain, str(row["reference"]), str(name)) if np.isfinite(gain) else ""
         if unit:
             out.append(f"{name} is {gain:.2g} times as large as {row['reference']} says: {unit}")
-        elif not np.isfinite(gain) or abs(gain - 1) > 0.2 or row["sign"] < 0 or abs(row["samples"]) > 0.5:
+        elif not np.isfinite(gain) or abs(gain - 1) > _FAR or row["sign"] < 0 or abs(row["samples"]) > 0.5:
             out.append(str(row["message"]))
+        elif abs(np.log(gain)) > max(_LEAST, _SURE * row["scatter"]):
+            out.append(
+                f"{name} is {gain:.3g} times as large as {row['reference']} says: is the calibration of one of them wrong?"
+            )
     return out
 
 

@@ -32,8 +32,8 @@ class Diagnosis:
     ----------
     table : DataFrame
         One row for each finding, the gravest first: ``limit`` (``"doubt"``, ``"noise"``, ``"excitation"``,
-        ``"conditioning"``, ``"missing law"``, ``"uncertainty"``, ``"estimation"``,
-        ``"delay"``, ``"jump"``), ``where``, ``size``, ``message``.
+        ``"conditioning"``, ``"missing law"``, ``"wrong zero"``, ``"uncertainty"``,
+        ``"estimation"``, ``"delay"``, ``"jump"``), ``where``, ``size``, ``message``.
 
     Examples
     --------
@@ -96,6 +96,11 @@ def _doubts(model: Any) -> list[Finding]:
 
 
 def _missing(model: Any) -> list[Finding]:
+    from .analysis.bias import wrong_zeros
+
+    if zeros := wrong_zeros(model.missing_terms_):  # before they are right no law is missed
+        size = float(model.missing_terms_["lasting"].max())
+        return [(6.0, "wrong zero", "sensors", size, text) for text in zeros]
     out = []
     for name, row in model.missing_terms_.iterrows():
         if row["biased"]:

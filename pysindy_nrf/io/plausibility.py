@@ -75,9 +75,8 @@ def _contradictions(record: Record) -> list[str]:
         elif not np.isfinite(gain) or abs(gain - 1) > _FAR or row["sign"] < 0 or abs(row["samples"]) > 0.5:
             out.append(str(row["message"]))
         elif abs(np.log(gain)) > max(_LEAST, _SURE * row["scatter"]):
-            out.append(
-                f"{name} is {gain:.3g} times as large as {row['reference']} says: is the calibration of one of them wrong?"
-            )
+            says = f"{name} is {gain:.3g} times as large as {row['reference']} says"
+            out.append(f"{says}: is the calibration of one of them wrong?")
     return out
 
 

@@ -152,7 +152,7 @@ def wrong_zeros(table: pd.DataFrame) -> list[str]:
         f"{worst[0].upper()}{worst[1:]}{others}: {row['residual']:.2g} % of it is unexplained, and a constant or a "
         f"straight line in time explains {row['lasting']:.0f} % of that on held-out data. Does a displacement there "
         f"(of {where} or a neighbour) or its force read a wrong zero, or drift? Masses and stiffnesses "
-        "come out wrong then: take out the mean of every displacement and force, or give band=(lo, hi) above the drift. "
+        "come out wrong then: take out the mean of every displacement and force, or give band=(lo, hi) above a drift. "
         "Or has a storey yielded, or does a constant force act there? Add its law (laws=)."
     ]
 

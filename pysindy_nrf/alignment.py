@@ -66,8 +66,9 @@ def channel_alignment(
     Returns
     -------
     DataFrame
-        By channel: ``reference``, ``delay`` (s, positive = late), ``samples``, ``gain``, ``sign`` (+1 or -1),
-        ``coherence``, ``aligned`` (bool) and ``message``.
+        By channel: ``reference``, ``delay`` (s, positive = late), ``samples``, ``gain``, ``scatter`` (of the
+        gain: how far it differs with frequency, and what noise may have made of it, as a share; infinite where too
+        few lines tell), ``sign`` (+1 or -1), ``coherence``, ``aligned`` (bool) and ``message``.
 
     Raises
     ------
@@ -104,7 +105,7 @@ def channel_alignment(
             f"No DOF of record {record.name!r} has two kinds of motion channels",
             "Delays between DOFs show in the balances only.",
         )
-    columns = ["reference", "delay", "samples", "gain", "sign", "coherence", "aligned", "message"]
+    columns = ["reference", "delay", "samples", "gain", "scatter", "sign", "coherence", "aligned", "message"]
     return pd.DataFrame.from_dict(rows, orient="index", columns=columns).rename_axis("channel")
 
 

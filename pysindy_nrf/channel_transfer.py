@@ -22,6 +22,7 @@ CYCLES = 8  # of a line, at least, within the lasting part of a record
 CYCLES_OF_A_RUN, DENSE = 3, 4  # the same for runs that are differentiated first; lines of a run for each of its own
 NEIGHBOURS = 9  # lines that are averaged
 MISFIT = 0.5  # share of a channel that gain, sign and delay leave, from which on it is of another place
+BLOCKS = 8  # of lines, over which the scatter of the gain is taken
 DELAY, GAIN = 0.05, 0.02  # samples, and share of one, from which on a channel is called misaligned
 
 
@@ -38,7 +39,7 @@ def against(
     order = ORDER[other[0]] - ORDER[one[0]]
     names = f"{one[0]}{j}", f"{other[0]}{j}"
     if said := _wrong_frame(record, one, other, names):
-        return [names[0], *[np.nan] * 5, False, said]
+        return [names[0], *[np.nan] * 6, False, said]
     first, second = (y - base if k == "a" and base is not None else y for k, y in (one, other))
     return _compare(first, second, order, record.fs, band, *names, runs)
 
@@ -187,11 +188,11 @@ def _compare(
     if band is not None:
         use &= (f >= band[0]) & (f <= band[1])
     if use.sum() < NEIGHBOURS:  # all that moves is slower than the record can tell
-        return [one, *[np.nan] * 5, True, ""]
+        return [one, *[np.nan] * 6, True, ""]
     coherence = np.zeros(len(f))
     coherence[use] = np.abs(cross[use]) ** 2 / own[use] / theirs[use]
     if (coherence[use] > 0.5).sum() <= 0.2 * use.sum():
-        lost = [np.nan] * 4
+        lost = [np.nan] * 5
         said = f"{other} and {one} are not coherent: columns swapped, another floor, or dead?"
         return [one, *lost, float(coherence.max()), False, said]
     use &= coherence > min(0.9, 0.9 * coherence.max())
@@ -213,6 +214,7 @@ def _compare(
         phase = np.angle(sign * H * np.exp(1j * w * delay))
         delay -= float((weight * w * phase).sum() / (weight * w**2).sum())
     gain = float(np.exp(np.average(np.log(np.abs(H)), weights=weight)))
+    scatter = _scatter(np.log(np.abs(H)), w, weight, coherence[use])
     fitted = sign * gain * np.exp(-1j * w * delay)
     power = theirs[use] * coherence[use]
     misfit = float(np.sqrt((np.abs(H / fitted - 1) ** 2 * power).sum() / power.sum()))
@@ -230,4 +232,27 @@ def _compare(
             f"{other} does not follow {one} as {NAMES[other[0]]} follows {NAMES[one[0]]}: columns swapped, or a "
             "channel of another floor?"
         )
-    return [one, delay, delay * fs, gain, sign, float(np.average(coherence[use])), not message, message]
+    return [one, delay, delay * fs, gain, scatter, sign, float(np.average(coherence[use])), not message, message]
+
+
+def _scatter(logs: np.ndarray, w: np.ndarray, weight: np.ndarray, coherence: np.ndarray) -> float:
+    """How far from that of all lines the gain is on a part of them, on slow ones, and what noise may have added.
+
+    A calibration is the same at all frequencies; what filters and integration rules do grows with the square of the
+    frequency at first. Noise in one of two channels alone moves the gain by half of what it takes from the coherence.
+    Neighbouring lines are one average, so the parts hold some averages each.
+    """
+    parts = np.array_split(np.arange(len(logs)), min(BLOCKS, len(logs) // NEIGHBOURS))
+    if len(parts) < 3:
+        return float("inf")
+    means = np.array([np.average(logs[p], weights=weight[p]) for p in parts])
+    shares = np.array([weight[p].sum() for p in parts])
+    mean = float(np.average(means, weights=shares))
+    apart = np.sqrt(np.average((means - mean) ** 2, weights=shares))
+    columns = np.column_stack([np.ones(len(w)), (w / w.max()) ** 2]) * np.sqrt(weight)[:, None]
+    line = np.linalg.lstsq(columns, logs * np.sqrt(weight), rcond=None)[0]
+    left = columns @ line - logs * np.sqrt(weight)
+    error = np.sqrt(NEIGHBOURS * np.linalg.pinv(columns.T @ columns)[0, 0] * (left @ left) / len(left))
+    bent = max(abs(line[0] - mean) - 2 * error, 0.0)
+    noise = np.average(-0.5 * np.log(np.minimum(coherence, 1.0)), weights=weight)
+    return float(apart + bent + noise)

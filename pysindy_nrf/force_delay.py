@@ -18,6 +18,7 @@ import pandas as pd
 from scipy import linalg
 
 from .exceptions import ChannelError
+from .fair_filter import filters_of
 from .fitted import require_fit_data
 from .layout import LawLayout
 from .leaving_out import variance
@@ -28,6 +29,7 @@ MOST = 20  # samples
 PIECES = 24
 LATE = 0.1  # samples from which on a delay is said
 SAME_RATE = 1e-3  # relative difference of sampling steps that are taken as one
+UNEXPLAINED = 0.5  # share of the square of the force that the best shift leaves, beyond which no delay is told
 SURE = 3.0  # standard errors that a delay must be away from zero
 
 
@@ -37,7 +39,7 @@ def force_delay(estimator: Any, X: Any = None, F: Any = None, **options: Any) ->
     Parameters
     ----------
     estimator : fitted NRFRegressor
-        Its laws are used, its numbers are not.
+        Its laws and its band are used, its numbers are not.
     X, F, **options
         As for its ``fit``; the data of the fit if None (they are gone after loading).
 
@@ -45,8 +47,9 @@ def force_delay(estimator: Any, X: Any = None, F: Any = None, **options: Any) ->
     -------
     DataFrame
         By force (``F1``..): ``delay`` (s, positive = the force is late; NaN without a clock), ``samples``
-        (of the first record), ``error`` (standard error, samples), ``aligned`` (bool) and ``message``. Forces that
-        act in no balance with a single unknown force are left out.
+        (of the first record; NaN where the laws explain less than half of the balance at any delay), ``error``
+        (standard error, samples), ``aligned`` (bool) and ``message``. Forces that act in no balance with a single
+        unknown force are left out.
 
     Raises
     ------
@@ -70,17 +73,19 @@ def force_delay(estimator: Any, X: Any = None, F: Any = None, **options: Any) ->
     3.0
     """
     if X is None:
-        data = require_fit_data(estimator, "Pass X and F.").data
+        fit = require_fit_data(estimator, "Pass X and F.")
+        data, filters = fit.data, fit.filters
     else:
         data = as_segments(estimator, X, F, **options)
+        filters = filters_of(estimator.band, data)
     layout = LawLayout(estimator.model_.chain, estimator.model_.laws)
     rows = {}
     for j in data.forced:
-        found = _delay(data, layout, j)
+        found = _delay(data, filters, layout, j)
         if found is None:
             continue
         samples, error = found
-        aligned = abs(samples) < LATE or abs(samples) < SURE * error
+        aligned = not (abs(samples) >= LATE and abs(samples) >= SURE * error)
         seconds = samples * data.dt if data.dt else np.nan
         when = "late" if samples > 0 else "early"
         span = f"{abs(seconds) * 1e3:.3g} ms ({abs(samples):.2f} samples)" if data.dt else f"{abs(samples):.2f} samples"
@@ -95,25 +100,26 @@ def force_delay(estimator: Any, X: Any = None, F: Any = None, **options: Any) ->
     return pd.DataFrame.from_dict(rows, orient="index", columns=columns).rename_axis("channel")
 
 
-def _delay(data: SegmentSet, layout: LawLayout, j: int) -> tuple[float, float] | None:
+def _delay(data: SegmentSet, filters: Sequence[Any], layout: LawLayout, j: int) -> tuple[float, float] | None:
     """Delay in samples of the first record and its standard error, or None where nothing can be told.
 
     Each sampling rate by itself, for a shift by whole samples is another time at another rate.
     """
-    rates: list[list[Segment]] = []
-    for seg in data.segments:
-        alike = (r for r in rates if seg.dt is None or (r[0].dt and abs(seg.dt / r[0].dt - 1) < SAME_RATE))
+    rates: list[list[tuple[Segment, Any]]] = []
+    for seg, filter in zip(data.segments, filters):
+        alike = (r for r in rates if seg.dt is None or (r[0][0].dt and abs(seg.dt / r[0][0].dt - 1) < SAME_RATE))
         if held := next(alike, None):
-            held.append(seg)
+            held.append((seg, filter))
         else:
-            rates.append([seg])
+            rates.append([(seg, filter)])
     found = [
-        np.array(one) * (held[0].dt / data.dt if held[0].dt and data.dt else 1.0)
+        np.array(one) * (held[0][0].dt / data.dt if held[0][0].dt and data.dt else 1.0)
         for held in rates
         if (one := _delay_at(held, layout, j)) is not None
     ]
     if not found:
         return None
+    found = [one for one in found if np.isfinite(one).all()] or found[:1]
     values, errors = np.transpose(found)
     if len(found) == 1:
         return float(values[0]), float(errors[0])
@@ -121,21 +127,21 @@ def _delay(data: SegmentSet, layout: LawLayout, j: int) -> tuple[float, float] |
     return float(np.average(values, weights=weights)), float(weights.sum() ** -0.5)
 
 
-def _delay_at(segments: Sequence[Segment], layout: LawLayout, j: int) -> tuple[float, float] | None:
+def _delay_at(segments: Sequence[tuple[Segment, Any]], layout: LawLayout, j: int) -> tuple[float, float] | None:
     """Delay in samples and its standard error from records of one sampling rate, or None."""
     from .estimation.pieces import rows_of, whole_block
 
     group = layout.group((j,))
     known = dict.fromkeys(range(1, layout.n_dof + 1), 0.0)
     grams = []
-    for seg in segments:
-        force = seg.F[seg.valid, j - 1].astype(float)
-        if np.isnan(force[0]) or not force.any() or len(force) < 8 * MOST:
+    for seg, filter in segments:
+        measured = seg.F[seg.valid, j - 1]
+        if np.isnan(measured[0]) or not measured.any() or len(measured) < 8 * MOST:
             continue
-        rows = rows_of(layout, group, whole_block(seg, layout, None), known)[:-1]
+        *rows, force = rows_of(layout, group, whole_block(seg, layout, filter), known)
         inner = slice(MOST, len(force) - MOST)
         shifted = [force[MOST + k : len(force) - MOST + k] for k in range(-MOST, MOST + 1)]
-        both = np.vstack([rows[:, inner], *shifted])
+        both = np.vstack([*(row[inner] for row in rows), *shifted])
         for part in np.array_split(both, PIECES, axis=1):
             grams.append(part @ part.T)
     if not grams:
@@ -152,7 +158,7 @@ def _delay_at(segments: Sequence[Segment], layout: LawLayout, j: int) -> tuple[f
 
 
 def _lowest(gram: np.ndarray) -> float | None:
-    """Shift, samples, at which the force leaves least; None at the ends of the range."""
+    """Shift, samples, at which the force leaves least, NaN if that is most of it; None at the ends of the range."""
     p = len(gram) - 2 * MOST - 1
     size = np.sqrt(np.diag(gram))
     if not (size > 0).all():
@@ -161,6 +167,8 @@ def _lowest(gram: np.ndarray) -> float | None:
     c = linalg.lstsq(unit[:p, :p], unit[:p, p:], cond=1e-12, check_finite=False)[0]
     left = 1.0 - np.einsum("ij,ij->j", unit[:p, p:], c)
     k = int(np.argmin(left))
+    if left[k] > UNEXPLAINED:
+        return np.nan
     if not 0 < k < 2 * MOST:
         return None
     bend = left[k - 1] - 2 * left[k] + left[k + 1]

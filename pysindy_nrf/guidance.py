@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 WEAK = 0.05  # rms drift of a storey over that of the liveliest one, below which its excitation is poor
 ILL = 1e4  # scaled condition number from which on terms are hard to tell apart
 WIDE = 0.05  # half-width of a 95 % interval, as a share, from which on a parameter is uncertain
+QUICK = 10  # order of the differences that tell noise from motion; see signals.fusion
 BIASED = 0.01  # expected relative bias of a mass from which on it is named
 
 Finding = tuple[float, str, str, float, str]  # gravity; limit, where, size and message as in the table
@@ -31,8 +32,8 @@ class Diagnosis:
     ----------
     table : DataFrame
         One row for each finding, the gravest first: ``limit`` (``"doubt"``, ``"noise"``, ``"excitation"``,
-        ``"conditioning"``, ``"missing law"``, ``"uncertainty"``, ``"estimation"``,
-        ``"delay"``, ``"jump"``), ``where``, ``size``, ``message``.
+        ``"conditioning"``, ``"missing law"``, ``"wrong zero"``, ``"uncertainty"``,
+        ``"estimation"``, ``"delay"``, ``"jump"``), ``where``, ``size``, ``message``.
 
     Examples
     --------
@@ -95,6 +96,11 @@ def _doubts(model: Any) -> list[Finding]:
 
 
 def _missing(model: Any) -> list[Finding]:
+    from .analysis.bias import wrong_zeros
+
+    if zeros := wrong_zeros(model.missing_terms_):  # before they are right no law is missed
+        size = float(model.missing_terms_["lasting"].max())
+        return [(6.0, "wrong zero", "sensors", size, text) for text in zeros]
     out = []
     for name, row in model.missing_terms_.iterrows():
         if row["biased"]:
@@ -209,7 +215,7 @@ def _noise(model: Any) -> list[Finding]:
     fit = model._fit_data
     if fit is None or model.model_.info.get("estimation", {}).get("found") != "ls":
         return []
-    from .signals.fusion import _white_level
+    from .signals.fusion import white_level
 
     data, layout = fit.data, fit.layout
     sizes = [seg.n_valid for seg in data.segments]
@@ -219,7 +225,7 @@ def _noise(model: Any) -> list[Finding]:
         for kind in "avs":
             for j in range(seg.n_dof):
                 y = getattr(seg, kind)[seg.valid, j].astype(float)
-                shares.setdefault(f"{kind}{j + 1}", []).append((_white_level(y), float(np.sqrt(np.mean(y**2)))))
+                shares.setdefault(f"{kind}{j + 1}", []).append((white_level(y, QUICK), float(np.sqrt(np.mean(y**2)))))
     noise = {name: float(np.sqrt(np.mean([level**2 for level, _ in held]))) for name, held in shares.items()}
     size = {name: float(np.sqrt(np.mean([rms**2 for _, rms in held]))) for name, held in shares.items()}
     pieces = model._resolving().pieces

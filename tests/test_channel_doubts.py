@@ -102,6 +102,40 @@ def test_good_channels_are_not_doubted(noise, base):
         assert doubts(absolute) == []
 
 
+@pytest.mark.parametrize("noise", [0.0, 0.01, 0.03])
+@pytest.mark.parametrize("gain", [0.95, 1.05, 1.15])
+def test_a_calibration_that_is_some_percent_off_is_named_at_its_dof_alone(gain, noise):
+    said = doubts(changed(record(noise), "acceleration", 2, lambda y: gain * y))
+    assert len(said) == 1 and said[0].startswith("x2 is") and "calibration" in said[0], said
+    assert float(said[0].split()[2]) == pytest.approx(1 / gain, rel=0.01)
+
+
+def accelerations_alone(k, rms):
+    truth = ChainModel([2.0], {"storey 1": laws.PowerSeries(1, [0.02 * np.sqrt(2.0 * k), k])})
+    top = np.sqrt(k / 2.0) / np.pi
+    F = excitation.band_limited_random(1, 8.0, 2000.0, dofs=[1], rms=rms, band=(0.05 * top, top), random_state=0)
+    return simulate(truth, F, 1 / 2000.0).replace(velocity=None, displacement=None)
+
+
+@pytest.mark.parametrize("hertz", [20.0, 130.0])
+def test_a_light_frame_may_shake_hard_and_millimetres_for_metres_are_still_asked_for(hertz):
+    rec = accelerations_alone(2.0 * (2 * np.pi * hertz) ** 2, 5.0)
+    hard = rec.replace(acceleration=rec.acceleration * (15 * hertz / np.abs(rec.acceleration).max()))  # 300, 1950 m/s^2
+    assert doubts(hard) == []
+    assert "unit" in doubts(hard.replace(acceleration=1e3 * hard.acceleration))[0]
+
+
+def test_an_integration_rule_is_no_wrong_calibration():
+    """Displacements summed by the trapezoidal rule lose (w dt)^2 / 6, so that no frequency has the same gain."""
+    rec = record(0.0)
+    f = np.fft.rfftfreq(rec.n_samples, rec.dt)
+    rule = np.ones_like(f)
+    turn = np.pi * f[1:] * rec.dt * 5  # as if integrated at a fifth of the rate, and only slow motion kept
+    rule[1:] = np.where(turn < 1.5, turn / np.tan(np.minimum(turn, 1.5)), 0.0) ** 2
+    summed = np.fft.irfft(rule[:, None] * np.fft.rfft(rec.displacement, axis=0), rec.n_samples, axis=0)
+    assert not [text for text in doubts(rec.replace(displacement=summed)) if "calibration" in text]
+
+
 @pytest.mark.parametrize("friction", [0.0, 70.0])
 @pytest.mark.parametrize("noise", [0.0, 0.1])
 def test_the_papers_hammer_tests_are_not_doubted(friction, noise):

@@ -59,6 +59,15 @@ def test_motion_near_half_the_rate_is_not_taken_for_noise(top):
     assert "noise" not in model.diagnose().table["limit"].tolist()
 
 
+def test_noise_of_the_force_is_not_called_noise_of_a_quick_motion():
+    """A mass at 130 Hz, sampled at 1 kHz: its motion is exact, and noise in the force alone biases nothing."""
+    truth = ChainModel([2.0], {"storey 1": laws.PowerSeries(1, [20.0, 2.0 * (2 * np.pi * 130) ** 2])})
+    F = excitation.band_limited_random(1, 8.0, 1000.0, dofs=[1], rms=50.0, band=(5, 180), random_state=0)
+    rec = simulate(truth, F, 1e-3, hold="cubic")
+    rec = rec.replace(force=rec.force + 5.0 * np.random.default_rng(1).standard_normal(rec.force.shape))
+    assert "noise" not in diagnosis(rec).table["limit"].tolist()
+
+
 def test_a_missing_law_and_a_sleeping_storey_are_named():
     hysteresis = ChainModel([12.4] * 2, {"storey 1": [STOREY, laws.Dahl(sigma=5e4, Fd=60.0)], "storey 2": STOREY})
     table = diagnosis(record(hysteresis, dofs=(1, 2))).table

@@ -4,7 +4,8 @@ What a balance leaves unexplained is noise only if nothing can predict it. Each 
 identification is therefore offered columns that its laws do not have (friction, quadratic,
 kinked and fifth-power terms of the same storeys), on one half of the data, and the other half says whether they
 help. Where they do, a law is missing (or noise in the motion stands in for one), and masses and
-coefficients that least squares found without it are biased.
+coefficients that least squares found without it are biased. A constant and a straight line in time are offered too, by
+themselves: they are no law, but what a sensor leaves that reads a wrong zero or drifts.
 """
 
 from __future__ import annotations
@@ -22,10 +23,11 @@ from ..layout import LawLayout, Layout
 from ..moments import Block, Moments
 from ..segments import SegmentSet
 from ._inputs import as_segments
-from .windows import FOLDS, OFFERED, Window, show
+from .windows import FOLDS, LASTING, OFFERED, Window, show
 
 GAIN = 5.0  # percent of the held-out residual that the extra columns must remove
 MISSING = 2.0  # percent of the balance's right-hand side that they must explain
+STILL = 90.0  # percent of the held-out residual that a constant and a ramp must remove for zeros to be doubted
 _ROUND_OFF = 1e-6  # share of the balance below which a residual says nothing
 _ROWS_PER_COLUMN = 20  # fewer samples than this say nothing about further columns
 
@@ -45,7 +47,8 @@ def missing_terms(estimator: Any, X: Any, F: Any = None, **options: Any) -> pd.D
         One row for each step of the solve: ``residual`` (percent of its right-hand side), ``gain`` (percent of
         the held-out residual that columns the laws do not have remove), ``missing`` (what they explain, percent
         of the right-hand side), ``shift`` (percent by which the mass moves with them; NaN where the step has no
-        unknown mass), ``biased`` (bool: gain above 5 % and missing above 2 %).
+        unknown mass), ``lasting`` (percent of the held-out residual that a constant and a ramp in time remove: a
+        sensor with a wrong zero or a drift), ``biased`` (bool: gain above 5 % and missing above 2 %).
 
     Examples
     --------
@@ -109,13 +112,53 @@ class MissingTerms:
                 grams = [combine.T @ fold.parts[step.dofs].matrix @ combine for fold in self.folds]
                 n_own = len(step.masses) + sum(self.layout.counts[s] for s in step.sites)
                 rows[step.name] = _judge(grams, n_own, bool(step.masses), self.n_rows, self.counts[step.dofs])
-        table = pd.DataFrame.from_dict(rows, orient="index", columns=["residual", "gain", "shift"])
+        table = pd.DataFrame.from_dict(rows, orient="index", columns=["residual", "gain", "shift", "lasting"])
         table.insert(2, "missing", table["residual"] * np.sqrt(table["gain"] / 100))
         return table.assign(biased=(table["gain"] > GAIN) & (table["missing"] > MISSING))
 
 
+def wrong_zeros(table: pd.DataFrame) -> list[str]:
+    """A question on the zeros of sensors, where a constant or a ramp explains nearly all that a balance leaves.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Of :func:`missing_terms`.
+
+    Returns
+    -------
+    list of str
+        One sentence, or none.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from pysindy_nrf.analysis.bias import wrong_zeros
+    >>> columns = {"residual": 40.0, "gain": 30.0, "missing": 22.0, "shift": 9.0, "lasting": 99.0, "biased": True}
+    >>> wrong_zeros(pd.DataFrame(columns, index=["balance of DOF 2"]))[0].split(". ")[1].split("?")[0]
+    'Does a displacement there (of DOF 2 or a neighbour) or its force read a wrong zero, or drift'
+    """
+    if "lasting" not in table:
+        return []
+    size = table["residual"] * np.sqrt(table["lasting"] / 100)
+    hit = size[(table["lasting"] > STILL) & (size > MISSING)]
+    if not len(hit):
+        return []
+    worst = str(hit.idxmax())
+    row = table.loc[worst]
+    others = f" (and {len(hit) - 1} more)" if len(hit) > 1 else ""
+    where = worst.removeprefix("balance of ").removesuffix(" together")
+    return [
+        f"{worst[0].upper()}{worst[1:]}{others}: {row['residual']:.2g} % of it is unexplained, and a constant or a "
+        f"straight line in time explains {row['lasting']:.0f} % of that on held-out data. Does a displacement there "
+        f"(of {where} or a neighbour) or its force read a wrong zero, or drift? Masses and stiffnesses "
+        "come out wrong then: take out the mean of every displacement and force, or give band=(lo, hi) above a drift. "
+        "Or has a storey yielded, or does a constant force act there? Add its law (laws=)."
+    ]
+
+
 def warn_of_bias(table: pd.DataFrame, masses: Sequence[str] = (), stacklevel: int = 2) -> None:
-    """Raise one BiasWarning if masses are doubtful, or a step of :func:`missing_terms` is biased.
+    """Raise one BiasWarning if masses or zeros are doubtful, or a step of :func:`missing_terms` is biased.
 
     Parameters
     ----------
@@ -137,9 +180,10 @@ def warn_of_bias(table: pd.DataFrame, masses: Sequence[str] = (), stacklevel: in
     >>> caught[0].category.__name__, str(caught[0].message).split(":")[0]
     ('BiasWarning', 'Balance of DOF 1')
     """
-    said = list(masses)
+    zeros = wrong_zeros(table)
+    said = [*zeros, *masses]
     hit = table[table["biased"]]
-    if len(hit):
+    if len(hit) and not zeros:  # further terms follow a constant too, once the fit is ruined by it
         worst = hit["missing"].idxmax()
         row = hit.loc[worst]
         others = f" (and {len(hit) - 1} more)" if len(hit) > 1 else ""
@@ -162,7 +206,9 @@ def _combination(step: Any, layout: LawLayout, coefficients: dict, masses: dict,
     signs = dict(zip(moments.groups[step.dofs].sites, moments.groups[step.dofs].signs))
     own = [mass_at] if step.masses else []
     own += [where[s].start + k for s in step.sites for k in range(layout.counts[s])]
-    offered = [where[s].stop - OFFERED + k for s in (*step.sites, *step.known_sites) for k in range(OFFERED)]
+    sites = (*step.sites, *step.known_sites)
+    offered = [where[s].stop - OFFERED + k for s in sites for k in range(OFFERED - LASTING)]
+    offered += [where[s].stop - LASTING + k for s in sites[:1] for k in range(LASTING)]  # the same at all sites
     out = np.zeros((target_at + 1, len(own) + len(offered) + 1))
     out[[*own, *offered], np.arange(len(own) + len(offered))] = 1.0
     out[target_at, -1] = 1.0
@@ -178,7 +224,7 @@ def _combination(step: Any, layout: LawLayout, coefficients: dict, masses: dict,
 
 def _judge(
     folds: list[np.ndarray], n_own: int, has_mass: bool, n_rows: int, n_windows: int
-) -> tuple[float, float, float]:
+) -> tuple[float, float, float, float]:
     total = np.sum(folds, axis=0)
     scale = np.sqrt(np.diag(total))
     scale[scale == 0] = 1.0
@@ -186,20 +232,23 @@ def _judge(
     total = total / scale[:, None] / scale
     p = len(total) - 1
     own = np.arange(n_own)
-    both = np.arange(p)
+    lasting_from = max(p - LASTING, n_own)  # no site, no further columns
+    both = np.arange(lasting_from)
+    still = np.r_[own, lasting_from:p]
     c = _solve(total, own)
     residual = _left(total, own, c)
     share = np.sqrt(residual / total[p, p]) if total[p, p] else 0.0
     if share < _ROUND_OFF or n_windows < 2 * FOLDS or n_rows < _ROWS_PER_COLUMN * p:
-        return 100 * share, 0.0, 0.0 if has_mass else np.nan
-    with_own = with_both = 0.0
+        return 100 * share, 0.0, 0.0 if has_mass else np.nan, 0.0
+    with_own = with_both = with_still = 0.0
     for fold in range(FOLDS):
         test = grams[fold]
         train = total - test
         with_own += _left(test, own, _solve(train, own))
         with_both += _left(test, both, _solve(train, both))
-    gain = 100 * max(0.0, 1 - with_both / with_own)
-    return 100 * share, gain, _move(total, own, both) if has_mass else np.nan
+        with_still += _left(test, still, _solve(train, still))
+    gain, lasting = (100 * max(0.0, 1 - left / with_own) for left in (with_both, with_still))
+    return 100 * share, gain, _move(total, own, both) if has_mass else np.nan, lasting
 
 
 def _move(gram: np.ndarray, own: np.ndarray, both: np.ndarray) -> float:

@@ -14,7 +14,8 @@ from ..moments import Block
 from ..segments import Segment, SegmentSet
 from ..sites import Site
 
-OFFERED = 7  # further columns of each site
+LASTING = 2  # columns that are no law: a constant, a ramp in time
+OFFERED = 7 + LASTING  # further columns of each site, those two last
 FOLDS = 4  # the windows are dealt out to that many, and there are twice as many of them at least
 _WINDOW = 1024
 _WINDOWS = 32
@@ -29,7 +30,8 @@ class Window(NamedTuple):
     terms : ndarray of shape (n_terms, n_samples)
         Columns of the laws.
     offered : dict of Site to ndarray of shape (OFFERED, n_samples)
-        Columns that stand for what a law may lack; the first is the sign of the rate.
+        Columns that stand for what a law may lack; the first is the sign of the rate, the last two are
+        a constant and the time, from -1 to 1 over the record.
     a, force : ndarray of shape (n_dof, n_samples)
         m/s^2, N.
     """
@@ -84,7 +86,8 @@ def windows(layout: LawLayout, data: SegmentSet, band: Any) -> Iterator[Window]:
     for seg, filter in zip(data.segments, filters_of(band, data)):
         if whole:
             block = next(iter(seg.blocks(layout, filter=filter)))
-            extra = _offered({s: seg.motion(s, seg.valid) for s in layout.acting}, scales)
+            motions_here = {s: seg.motion(s, seg.valid) for s in layout.acting}
+            extra = _offered(motions_here, scales, np.linspace(-1, 1, seg.n_valid))
             if filter is not None:
                 extra = {s: filter.apply(e.T).T for s, e in extra.items()}
         n = seg.n_valid
@@ -101,7 +104,7 @@ def windows(layout: LawLayout, data: SegmentSet, band: Any) -> Iterator[Window]:
             else:
                 piece = _part(seg, rows)
                 window = window or next(iter(piece.blocks(layout, size=rows.stop - rows.start)))
-                offered = _offered(_motions(piece, window, layout), scales)
+                offered = _offered(_motions(piece, window, layout), scales, np.linspace(-1, 1, n)[rows])
                 yield Window(window.terms, offered, window.acceleration, window.force)
 
 
@@ -118,8 +121,10 @@ def _part(seg: Segment, rows: slice) -> Segment:
     return replace(seg, valid=slice(first + rows.start, first + rows.stop))
 
 
-def _offered(motions: dict[Any, Any], scales: dict[Any, tuple[float, float]]) -> dict[Any, np.ndarray]:
-    """Columns that stand for what a law may lack, one row each: friction, hysteresis, kinks."""
+def _offered(
+    motions: dict[Any, Any], scales: dict[Any, tuple[float, float]], clock: np.ndarray
+) -> dict[Any, np.ndarray]:
+    """Columns that stand for what a law may lack, one row each (friction, hysteresis, kinks), and what no law is."""
     if not motions:
         return {}
     v = np.array([m.v / scales[site][0] for site, m in motions.items()])
@@ -131,4 +136,6 @@ def _offered(motions: dict[Any, Any], scales: dict[Any, tuple[float, float]]) ->
     loops = [forward * (1.0 - 2.0 * np.exp(-sharp * way)) for sharp in (1.0, 5.0, 25.0)]
     size = np.abs(s)
     rows = np.array([forward, v * np.abs(v), s * size, np.maximum(size - 1.0, 0.0) * np.sign(s), *loops])
+    lasting = np.broadcast_to(np.array([np.ones_like(clock), clock])[:, None], (LASTING, *v.shape))
+    rows = np.concatenate([rows, lasting])
     return {site: rows[:, i] for i, site in enumerate(motions)}

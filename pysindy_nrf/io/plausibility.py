@@ -8,9 +8,13 @@ from ..exceptions import NRFError
 from ..record import Record
 
 # Size of a motion or force above which a unit is likelier wrong than the structure violent.
-_LARGE = {"a": (500.0, "m/s^2"), "v": (50.0, "m/s"), "x": (10.0, "m"), "F": (1e9, "N")}
+_LARGE = {"a": (1e5, "m/s^2"), "v": (50.0, "m/s"), "x": (10.0, "m"), "F": (1e9, "N")}
 # Ratios of two channels of one motion that betray a unit.
 _RATIOS = {9.80665: "g", 1e3: "mm", 1e2: "cm", 1e6: "µm", 39.3701: "inches", 3.28084: "feet", 100 / 9.80665: "gal"}
+# The same of an acceleration with the displacement (m) that it makes of its strongest line: light frames shake hard.
+_BRISK, _WIDE = 500.0, 0.3
+# Times its scatter that a gain must be away from 1 (and the least that is said), and by which it is said without that.
+_SURE, _LEAST, _FAR = 2.0, 0.02, 0.2
 _NEAR = 0.12  # relative distance within which a ratio is recognised
 
 
@@ -50,9 +54,15 @@ def _large(record: Record) -> list[str]:
         if kind in _LARGE:
             most, unit = _LARGE[kind]
             peak = float(np.nanmax(np.abs(line)))
-            if peak > most:
+            if peak > most or (kind == "a" and peak > _BRISK and peak > _WIDE * _pace(line, record.fs) ** 2):
                 out.append(f"{name} reaches {peak:.3g} {unit}: is its unit declared?")
     return out
+
+
+def _pace(line: np.ndarray, fs: float) -> float:
+    """Circular frequency of the strongest line, 1/s."""
+    y = line[np.isfinite(line)]
+    return 2 * np.pi * fs / len(y) * (1 + int(np.argmax(np.abs(np.fft.rfft(y - y.mean()))[1:])))
 
 
 def _contradictions(record: Record) -> list[str]:
@@ -70,8 +80,11 @@ def _contradictions(record: Record) -> list[str]:
         unit = _betrayed(gain, str(row["reference"]), str(name)) if np.isfinite(gain) else ""
         if unit:
             out.append(f"{name} is {gain:.2g} times as large as {row['reference']} says: {unit}")
-        elif not np.isfinite(gain) or abs(gain - 1) > 0.2 or row["sign"] < 0 or abs(row["samples"]) > 0.5:
+        elif not np.isfinite(gain) or abs(gain - 1) > _FAR or row["sign"] < 0 or abs(row["samples"]) > 0.5:
             out.append(str(row["message"]))
+        elif abs(np.log(gain)) > max(_LEAST, _SURE * row["scatter"]):
+            says = f"{name} is {gain:.3g} times as large as {row['reference']} says"
+            out.append(f"{says}: is the calibration of one of them wrong?")
     return out
 
 

@@ -263,6 +263,7 @@ def _missing(found: pd.DataFrame) -> Table:
         "gain": "held-out part of it that further terms remove (%)",
         "missing": "size of these terms (% of its force)",
         "shift": "mass moves with them by (%)",
+        "lasting": "part of it that a constant or a straight line in time removes (%)",
         "biased": "a law is missing",
     }
     shown = found.assign(biased=["yes" if b else "no" for b in found["biased"]])

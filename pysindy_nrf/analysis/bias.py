@@ -149,11 +149,11 @@ def wrong_zeros(table: pd.DataFrame) -> list[str]:
     others = f" (and {len(hit) - 1} more)" if len(hit) > 1 else ""
     where = worst.removeprefix("balance of ").removesuffix(" together")
     return [
-        f"{worst[0].upper()}{worst[1:]}{others}: {row['residual']:.2g} % of it is unexplained, and a constant or a "
+        f"{worst[0].upper()}{worst[1:]}{others}: {row['residual']:.3g} % of it is unexplained, and a constant or a "
         f"straight line in time explains {row['lasting']:.0f} % of that on held-out data. Does a displacement there "
-        f"(of {where} or a neighbour) or its force read a wrong zero, or drift? Masses and stiffnesses "
-        "come out wrong then: take out the mean of every displacement and force, or give band=(lo, hi) above a drift. "
-        "Or has a storey yielded, or does a constant force act there? Add its law (laws=)."
+        f"(of {where} or a neighbour) or its force read a wrong zero, or drift? By least squares masses and "
+        "stiffnesses come out wrong then: take out the mean of every displacement and force, or give band=(lo, hi) "
+        "above a drift. Or has a storey yielded, or does a constant force act there? Add its law (laws=)."
     ]
 
 

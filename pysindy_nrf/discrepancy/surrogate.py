@@ -14,6 +14,7 @@ from scipy.signal import welch
 from ..chain_solve import Solution
 from ..exceptions import NRFError
 from ..free_run import free_run_of
+from ..kinematics import base_acceleration_if_any
 from ..model import ChainModel
 from ..record import Record
 from ..segments import BlockRows, Segment, SegmentSet
@@ -78,8 +79,8 @@ def surrogate(
     rest = np.zeros(record.n_dof)
     start = None if rows == segment.valid else (rest, rest)  # fusion left out the ends
     quiet = quiet_drive(record, noise)
-    base = segment.ag if quiet.base_acceleration is None else quiet.base_acceleration
-    run = free_run_of(model, replace(segment, F=np.nan_to_num(quiet.force), ag=base), rows, record.dt, start, hold=hold)
+    driven = replace(segment, F=np.nan_to_num(quiet.force), ag=base_acceleration_if_any(quiet))
+    run = free_run_of(model, driven, rows, record.dt, start, hold=hold)
     changes: dict[str, Any] = {}
     for key, prefix in zip(_MOTIONS, "avx"):
         measured = getattr(record, key)

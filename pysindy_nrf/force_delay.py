@@ -86,18 +86,25 @@ def force_delay(estimator: Any, X: Any = None, F: Any = None, **options: Any) ->
             continue
         samples, error = found
         aligned = not (abs(samples) >= LATE and abs(samples) >= SURE * error)
-        seconds = samples * data.dt if data.dt else np.nan
-        when = "late" if samples > 0 else "early"
-        span = f"{abs(seconds) * 1e3:.3g} ms ({abs(samples):.2f} samples)" if data.dt else f"{abs(samples):.2f} samples"
-        message = "" if aligned else (
-            f"F{j} is {span} {when} against the motion of DOF {j}: masses and damping are wrong by as much as its "
-            "phase turns. Shift it (alignment.shifted)."
-        )  # fmt: skip
-        rows[f"F{j}"] = [seconds, samples, error, aligned, message]
+        rows[f"F{j}"] = [samples * (data.dt or np.nan), samples, error, aligned, _words(j, samples, data.dt, aligned)]
     if not rows:
         raise ChannelError("No force is measured, so no delay can be told", "Measure a force.")
     columns = ["delay", "samples", "error", "aligned", "message"]
     return pd.DataFrame.from_dict(rows, orient="index", columns=columns).rename_axis("channel")
+
+
+def _words(j: int, samples: float, dt: float | None, aligned: bool) -> str:
+    """What is to be said of the delay of a force; nothing where there is none."""
+    if np.isnan(samples):
+        return f"The laws explain less than half of the balance of DOF {j}: no delay of F{j} can be told."
+    if aligned:
+        return ""
+    when = "late" if samples > 0 else "early"
+    span = f"{abs(samples * dt) * 1e3:.3g} ms ({abs(samples):.2f} samples)" if dt else f"{abs(samples):.2f} samples"
+    return (
+        f"F{j} is {span} {when} against the motion of DOF {j}: masses and damping are wrong by as much as its phase "
+        "turns. Shift it (alignment.shifted)."
+    )
 
 
 def _delay(data: SegmentSet, filters: Sequence[Any], layout: LawLayout, j: int) -> tuple[float, float] | None:

@@ -254,7 +254,8 @@ def test_a_fault_whose_channels_cannot_be_fused_is_none(monkeypatch):
 def test_everything_is_built_again_from_the_corrected_records(monkeypatch):
     prepared, moved = [], []
 
-    def built(*a):
+    def built(*a, bands):
+        assert bands is None  # of records that were not fused here
         prepared.append(a)
         return SimpleNamespace(data=SimpleNamespace(segments="fused"))
 
@@ -309,7 +310,8 @@ def findings_of(monkeypatch, seen=(), scanned=(), error=5.0, screens=None, names
     monkeypatch.setattr(sensors, "_rebuilt", rebuilt)
     monkeypatch.setattr(sensors, "_sharpened", lambda ready, work, stage, f: calls.append(("sharp", str(f.site))) or f)
     stage_ = SimpleNamespace(trial=lambda: SimpleNamespace(search_error=lambda: error))
-    told = sensors.sensor_findings(SimpleNamespace(refused={}), None, stage_, list(names), corrected)
+    work = SimpleNamespace(forced=(1, 2), known_masses={})
+    told = sensors.sensor_findings(SimpleNamespace(refused={}), work, stage_, list(names), corrected)
     return [str(f.site) for f in told], calls
 
 

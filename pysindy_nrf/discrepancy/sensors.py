@@ -127,7 +127,7 @@ def sensor_findings(
     near = [f for f in kept if f.error <= (1 + TIE) * kept[0].error]
     for one in near:
         one.equals = [str(o.site) for o in near if o.law.name == one.law.name and o.site != one.site]
-        if one.law.name == "gain_error" and str(one.site) in {f"sensor F{j}" for j in work.forced[:1]} and alone:
+        if alone and one.law.name == "gain_error" and one.site.channel[0] == "F":
             one.equals.append("the known masses (all alike)")
     again = {f.law.name: str(f.site) for f in reversed(near) if (f.law.name, str(f.site)) in corrected}
     return [f for f in kept if all(f is not o for o in near) or again.get(f.law.name, str(f.site)) == str(f.site)]
@@ -291,12 +291,9 @@ def _rebuilt(ready: Prepared, work: Workspace, stage: Stage, suspect: Suspect) -
             segments = [_shifted(s, kind, j, suspect.law) for s in work.data.segments]
             fresh = replace(ready, records=records, data=SegmentSet(segments, work.data.n_samples))
         else:
-            order = [i for i in range(len(records)) if i not in held] + list(held)
-            fresh = prepare(
-                [records[i] for i in order[: len(order) - len(held)]],
-                [records[i] for i in held] if held else None,
-                bands=[ready.bands[i] for i in order] if ready.bands else None,
-            )
+            mine = [i for i in range(len(records)) if i not in held]
+            bands = [ready.bands[i] for i in [*mine, *held]] if ready.bands else None
+            fresh = prepare([records[i] for i in mine], [records[i] for i in held] if held else None, bands=bands)
         moved = _with_segments(work, fresh.data.segments)
         after = Stage(moved, stage.chain, stage.laws)
         trial = after.trial()

@@ -25,7 +25,7 @@ from ..fair_filter import Band
 from ..layout import LawLayout
 from ..model import ChainModel
 from ..segments import Segment
-from ..signals.fusion import _white_level
+from ..signals.fusion import white_level
 
 BINS = 28
 HELD = 5e-4  # share of the drifts' power below the lowest line used, and of the accelerations' above the highest
@@ -282,7 +282,7 @@ def _force_density(data: Sequence[Segment], j: int) -> float:
     for seg in data:
         line = seg.ag if j == seg.n_dof else seg.F[:, j]
         if line is not None and np.any(line[seg.valid]):
-            found.append(_white_level(line[seg.valid].astype(float)) ** 2 * seg.step)
+            found.append(white_level(line[seg.valid].astype(float)) ** 2 * seg.step)
     return float(np.mean(found)) if found else 0.0
 
 

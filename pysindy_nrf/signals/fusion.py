@@ -269,9 +269,6 @@ def white_level(y: np.ndarray, order: int = 4) -> float:
     return float(np.median(steps) / 0.6745 / np.sqrt(comb(2 * order, order))) if steps.size else 0.0
 
 
-_white_level = white_level  # the name it had
-
-
 def _alive(y: np.ndarray) -> slice | np.ndarray:
     """Samples at which a channel changes, where it is quiet to the last bit for more than half of the record.
 

@@ -196,6 +196,8 @@ def _compare(
         said = f"{other} and {one} are not coherent: columns swapped, another floor, or dead?"
         return [one, *lost, float(coherence.max()), False, said]
     use &= coherence > min(0.9, 0.9 * coherence.max())
+    if use.sum() < NEIGHBOURS // 2:  # a line or two of noise that happen to look alike
+        return [one, *[np.nan] * 5, float(coherence.max()), True, ""]
     w = 2 * np.pi * f[use]
     # between the gains that noise in the one and in the other channel makes too small and too large
     H = cross[use] / np.abs(cross[use]) * np.sqrt(theirs[use] / own[use])
@@ -242,9 +244,10 @@ def _scatter(logs: np.ndarray, w: np.ndarray, weight: np.ndarray, coherence: np.
     frequency at first. Noise in one of two channels alone moves the gain by half of what it takes from the coherence.
     Neighbouring lines are one average, so the parts hold some averages each.
     """
-    parts = np.array_split(np.arange(len(logs)), min(BLOCKS, len(logs) // NEIGHBOURS))
-    if len(parts) < 3:
+    count = min(BLOCKS, len(logs) // NEIGHBOURS)
+    if count < 3:
         return float("inf")
+    parts = np.array_split(np.arange(len(logs)), count)
     means = np.array([np.average(logs[p], weights=weight[p]) for p in parts])
     shares = np.array([weight[p].sum() for p in parts])
     mean = float(np.average(means, weights=shares))

@@ -63,10 +63,27 @@ def test_of_two_readings_of_a_narrow_motion_the_shorter_shift_is_taken():
     slow = 1 + 0.2 * np.sin(2 * np.pi * 0.3 * t)
     a = slow * np.sin(2 * np.pi * 10.0 * t) + 0.001 * np.random.default_rng(0).standard_normal(20000)
     v = np.cumsum(a) * 1e-3
-    late = channel_alignment(Record(acceleration=a[:, None], velocity=shifted(v, 15.0)[:, None], force=a[:, None], fs=1e3))
+    late = channel_alignment(
+        Record(acceleration=a[:, None], velocity=shifted(v, 15.0)[:, None], force=a[:, None], fs=1e3)
+    )
     assert late.loc["v1", "sign"] == 1 and late.loc["v1", "samples"] == pytest.approx(15, abs=1)
     turned = channel_alignment(Record(acceleration=a[:, None], velocity=-v[:, None], force=a[:, None], fs=1e3))
     assert turned.loc["v1", "sign"] == -1 and abs(turned.loc["v1", "samples"]) < 1
+
+
+def test_a_narrow_motion_in_noise_is_told_from_the_few_lines_that_rise_above_it():
+    """A steady sine of 16 s holds a handful of coherent lines: enough for a gain and a delay, or nothing is said."""
+    t, told = np.arange(0, 16, 0.02), 0
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        w = 2 * np.pi * rng.uniform(0.5, 10.0)
+        motion = {"displacement": np.sin(w * t), "velocity": w * np.cos(w * t), "acceleration": -(w**2) * np.sin(w * t)}
+        noisy = {kind: (y + 0.2 * y.std() * rng.standard_normal(len(t)))[:, None] for kind, y in motion.items()}
+        found = channel_alignment(Record(time=t, force=np.zeros((len(t), 1)), **noisy))[["gain", "delay"]].dropna()
+        np.testing.assert_allclose(found["gain"], 1.0, atol=0.1)
+        np.testing.assert_allclose(found["delay"], 0.0, atol=0.01)
+        told += len(found)
+    assert told > 60
 
 
 def test_gain_and_sign_come_back(record):

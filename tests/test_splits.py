@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from pysindy_nrf import NRFRegressor, Record, close_loop, laws, simulate
 from pysindy_nrf.discrepancy.splits import HELDOUT_SHARE, pieces, seen, split
-from pysindy_nrf.exceptions import ChannelError
+from pysindy_nrf.exceptions import ChannelError, DataQualityWarning
 from pysindy_nrf.model import ChainModel
 from pysindy_nrf.segments import Segment, SegmentSet
 
@@ -85,3 +85,9 @@ def test_a_floor_hit_only_where_data_are_usually_held_out_is_identified():
 def test_records_too_short_to_be_split_are_named(n):
     with pytest.raises(ChannelError, match="too short to be split"):
         split([steady(np.ones((n, 2)))])
+
+
+def test_records_in_which_nothing_moves_are_refused():
+    still = Record(force=np.random.default_rng(0).standard_normal((1000, 1)), velocity=np.zeros((1000, 1)), fs=100.0)
+    with pytest.warns(DataQualityWarning, match="v1 never changes"), pytest.raises(ChannelError, match="Nothing moves"):
+        close_loop(still)

@@ -159,7 +159,7 @@ def split(
     Raises
     ------
     ChannelError
-        If the records are too short to be split.
+        If the records are too short to be split, or nothing moves in them.
     """
     chosen = [i for i in range(len(segments)) if heldout is None or i not in heldout]
     parts = [
@@ -172,6 +172,11 @@ def split(
     sums = [line - (line[k - 1] if k else 0.0) for line, k in zip(sums, first)]
     apart = [BlockRows(i, slice(first[i], len(sums[i]))) for i in heldout or ()]
     total = sum(sums[i][-1] for i in chosen)
+    if not total > 0:
+        raise ChannelError(
+            "Nothing moves in the records that are searched: accelerations and velocities are zero",
+            "Dead sensors or wrong columns; check them.",
+        )
 
     def cut(most: int, shift: int) -> tuple[list[BlockRows], list[BlockRows]]:
         search: list[BlockRows] = []

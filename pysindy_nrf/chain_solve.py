@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from scipy import linalg
+from scipy.linalg import lapack
 
 from .exceptions import IdentifiabilityError, NRFError, RankWarning
 from .identifiability import Step, Walk
@@ -310,7 +311,7 @@ def _least_squares(
         _report_rank(unit, rank, step, labels)
         scaled = linalg.lstsq(unit, target / size_y, cond=cut, check_finite=False)[0]
     elif inner is None:
-        scaled = linalg.solve_triangular(unit[:p], target[:p] / size_y, check_finite=False)
+        scaled = _back(unit[:p], target[:p] / size_y)
     else:
         scaled = _sparse(unit, target / size_y, len(step.masses), n_samples, inner)
     residual = float(np.linalg.norm(target / size_y - unit @ scaled)) * size_y if p else size_y
@@ -319,11 +320,18 @@ def _least_squares(
     return scaled * size_y / size if p else scaled, fit
 
 
+def _back(upper: np.ndarray, target: np.ndarray, transposed: bool = False) -> np.ndarray:
+    """Solution of an upper triangular system of full rank, or of its transpose."""
+    if not len(upper):
+        return target
+    return lapack.dtrtrs(upper.T, target, lower=1, trans=int(not transposed))[0]
+
+
 def _mass_noise(upper: np.ndarray, scaled: np.ndarray, share: float, n_masses: int) -> tuple[float, ...]:
     """Residual over each mass's own part of the right-hand side; the masses are the first columns of the factor."""
     if not n_masses:
         return ()
-    rows = linalg.solve_triangular(upper, np.eye(len(upper), n_masses), trans="T", check_finite=False)  # of the inverse
+    rows = _back(upper, np.eye(len(upper), n_masses), transposed=True)  # of the inverse
     own = np.abs(scaled[:n_masses]) / np.linalg.norm(rows, axis=0)
     return tuple(float(share / part) if part else np.inf for part in own)
 
@@ -343,7 +351,7 @@ def _sparse(unit: np.ndarray, target: np.ndarray, n_masses: int, n_samples: int,
         coefficients[free] = fit_inner(inner, sub_columns * length, sub_target * length)
     if n_masses:
         rest = target[own] - unit[own, free] @ coefficients[free]
-        coefficients[own] = linalg.solve_triangular(unit[own, own], rest, check_finite=False)
+        coefficients[own] = _back(unit[own, own], rest)
     return coefficients
 
 

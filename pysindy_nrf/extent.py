@@ -56,9 +56,7 @@ class Extent:
 
     def merge(self, other: Extent) -> Extent:
         """Extent of both."""
-        return Extent(
-            np.minimum(self.low, other.low), np.maximum(self.high, other.high), self.finite & other.finite
-        )
+        return Extent(np.minimum(self.low, other.low), np.maximum(self.high, other.high), self.finite & other.finite)
 
     def moves(self, channel: int) -> bool:
         """Whether a channel holds anything but zeros and NaN."""
@@ -87,7 +85,17 @@ def _scan(kind: str, layout: Literal["C", "A"]) -> Callable[[np.ndarray, np.ndar
     from .laws.compiled import jit
 
     def extent_scan(x, out):
-        for t in range(x.shape[0]):
+        whole = x.shape[0] - x.shape[0] % 4
+        for t in range(0, whole, 4):
+            for j in range(x.shape[1]):
+                low, high, zero = out[0, j], out[1, j], out[2, j]
+                for i in range(4):
+                    y = x[t + i, j]
+                    low = y if y < low else low
+                    high = y if y > high else high
+                    zero += y * 0.0
+                out[0, j], out[1, j], out[2, j] = low, high, zero
+        for t in range(whole, x.shape[0]):
             for j in range(x.shape[1]):
                 y = x[t, j]
                 out[0, j] = y if y < out[0, j] else out[0, j]

@@ -73,11 +73,8 @@ class Plan:
         self.pairs = np.array(pairs, dtype=np.int64).reshape(-1, 5)
         self.size = size
         self.n_rows = first + layout.n_terms
-        self._finished = np.column_stack(
-            [np.arange(layout.n_terms) + first, np.arange(layout.n_terms), np.full(layout.n_terms, _COPY)]
-        ).astype(np.int64)
-
-        self._moved: tuple[Recipe | None, np.ndarray, np.ndarray] | None = None
+        self._channels = np.r_[2 * np.arange(n), 2 * np.arange(n) + 1]
+        self._placed: tuple[Recipe | None, np.ndarray, np.ndarray, np.ndarray] | None = None
 
     def multiply(self, block: Block, store: np.ndarray) -> None:
         """Add the products of the columns of a block to ``store``, shape (size,); see ``take`` for its order.
@@ -88,22 +85,39 @@ class Plan:
         store : ndarray of shape (size,)
         """
         recipe = block.recipe
-        if self._moved is None or self._moved[0] is not recipe:
-            self._moved = recipe, *self._rows(recipe)
-        _, steps, scratch = self._moved
+        if self._placed is None or self._placed[0] is not recipe:
+            self._placed = recipe, *self._rows(recipe)
+        _, places, steps, scratch = self._placed
         source = block.terms if recipe is None else block.source
-        rows = (np.ascontiguousarray(x, dtype=np.float64) for x in (block.acceleration, block.force, source))
-        kernels()[0](*rows, steps, self.sums, self.masses, self.pairs, scratch, store)
+        given = (np.asarray(x, dtype=np.float64) for x in (block.acceleration, block.force, source))
+        kernels()[0](*given, places, steps, self.sums, self.masses, self.pairs, scratch, store)
 
-    def _rows(self, recipe: Recipe | None) -> tuple[np.ndarray, np.ndarray]:
-        """How the rows of the terms are built, and a scratch with room for them."""
+    def _rows(self, recipe: Recipe | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rows of the channels of a block, how those of the terms are built from them, and a scratch with room."""
         if recipe is None:
-            return self._finished, _scratch(self.n_rows)
-        moved = recipe.steps.copy()
-        moved[:, 0] += self.terms_at
+            places = _places(self._channels, np.arange(self.terms_at, self.n_rows))
+            return places, np.zeros((0, 3), dtype=np.int64), _scratch(self.n_rows)
+        size = max(self.n_rows, self.terms_at + int(recipe.steps[:, 0].max(initial=-1)) + 1)
+        at = np.full(recipe.n_source, -1)
+        steps = []
+        for row, p, q in recipe.steps.tolist():
+            if q != _COPY:
+                steps.append((self.terms_at + row, self.terms_at + p, q))
+            elif at[p] < 0:  # a channel that is a term is put where the term stands
+                at[p] = self.terms_at + row
+            else:
+                steps.append((self.terms_at + row, at[p], _COPY))
+        beside = np.flatnonzero(at < 0)
+        at[beside] = size + np.arange(len(beside))
+        moved = np.array(steps, dtype=np.int64).reshape(-1, 3)
         product = moved[:, 2] != _COPY
-        moved[product, 1] += self.terms_at
-        return moved, _scratch(max(self.n_rows, int(moved[:, 0].max(initial=-1)) + 1))
+        moved[product, 2] = at[moved[product, 2]]
+        return _places(self._channels, at), moved, _scratch(size + len(beside))
+
+
+def _places(*rows: np.ndarray) -> np.ndarray:
+    """Numbers of rows; without a sign, so that the machine need not ask whether they count from the end."""
+    return np.concatenate(rows).astype(np.uint64)
 
 
 def _nested(sums: Sequence[tuple[int, ...]]) -> np.ndarray:
@@ -141,11 +155,13 @@ def orthogonal_gram(rows: np.ndarray, guess: np.ndarray, store: np.ndarray) -> N
 def kernels() -> tuple[Callable[..., None], Callable[..., None]]:
     """The compiled passes.
 
-    ``gram_pass(a, force, source, steps, sums, masses, pairs, scratch, store)`` adds the products of the rows of
-    one block. ``steps[k] = (row, p, q)`` makes a row of the scratch from row p of ``source`` (q = -1), or from row
-    p of the scratch times row q of ``source``. ``root_pass(rows, guess, scratch, store)`` is
-    :func:`orthogonal_gram`.
+    ``gram_pass(a, force, source, places, steps, sums, masses, pairs, scratch, store)`` adds the products of the rows
+    of one block. ``places`` are the rows of the scratch for the channels in ``a``, ``force`` and ``source``;
+    ``steps[k] = (row, p, q)`` makes a row from row p (q = -1), or from row p times row q.
+    ``root_pass(rows, guess, scratch, store)`` is :func:`orthogonal_gram`.
     """
+    from numba import types
+
     from .laws.compiled import inline, jit
 
     fast = {"reassoc", "contract", "nsz"}
@@ -263,14 +279,25 @@ def kernels() -> tuple[Callable[..., None], Callable[..., None]]:
 
     copied, multiplied = inline(copy), inline(multiply)
 
-    def gram_pass(a, force, source, recipe, sums, masses, pairs, x, store):
+    def load(x, places, channels, start, b):
+        if abs(channels.strides[0]) < abs(channels.strides[1]):  # the channels of a sample lie side by side
+            for t in range(b):
+                for j in range(channels.shape[0]):
+                    x[places[j], t] = channels[j, start + t]
+        else:
+            for j in range(channels.shape[0]):
+                for t in range(b):
+                    x[places[j], t] = channels[j, start + t]
+
+    loaded = inline(load)
+
+    def gram_pass(a, force, source, places, steps, sums, masses, pairs, x, store):
         n = a.shape[0]
         for start in range(0, a.shape[1], TILE):
             b = min(TILE, a.shape[1] - start)
-            stop = start + b
-            for j in range(n):
-                copied(x[2 * j, :b], a[j, start:stop])
-                copied(x[2 * j + 1, :b], force[j, start:stop])
+            loaded(x, places[:n], a, start, b)
+            loaded(x, places[n : 2 * n], force, start, b)
+            loaded(x, places[2 * n :], source, start, b)
             for i in range(sums.shape[0]):
                 row = 2 * n + i
                 if sums[i, 0] >= 0:
@@ -284,12 +311,12 @@ def kernels() -> tuple[Callable[..., None], Callable[..., None]]:
                     if j >= 0:
                         for t in range(b):
                             x[row, t] += x[2 * j + 1, t] - masses[j] * x[2 * j, t]
-            for k in range(recipe.shape[0]):
-                row, p, q = recipe[k, 0], recipe[k, 1], recipe[k, 2]
+            for k in range(steps.shape[0]):
+                row, p, q = steps[k, 0], steps[k, 1], steps[k, 2]
                 if q < 0:
-                    copied(x[row, :b], source[p, start:stop])
+                    copied(x[row, :b], x[p, :b])
                 else:
-                    multiplied(x[row, :b], x[p, :b], source[q, start:stop])
+                    multiplied(x[row, :b], x[p, :b], x[q, :b])
             for k in range(pairs.shape[0]):
                 products(x, pairs[k, 0], pairs[k, 1], pairs[k, 2], pairs[k, 3], b, store, pairs[k, 4])
 
@@ -320,4 +347,10 @@ def kernels() -> tuple[Callable[..., None], Callable[..., None]]:
                     x[i, t] *= g
             products(x, 0, p, 0, p, b, store, 0)
 
-    return jit(gram_pass), jit(root_pass)
+    multiply_all = jit(gram_pass)  # one machine code, however the user's arrays lie in memory
+    given, whole = types.Array(types.float64, 2, "A", readonly=True), types.Array(types.float64, 2, "C")
+    numbers, table = types.Array(types.uint64, 1, "C"), types.Array(types.int64, 2, "C")
+    line = types.Array(types.float64, 1, "C")
+    multiply_all.compile((given, given, given, numbers, table, table, line, table, whole, line))
+    multiply_all.disable_compile()
+    return multiply_all, jit(root_pass)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -199,9 +199,11 @@ def _products(law: ForceLaw) -> list[tuple[int, int]] | None:
     if needs_more or not powers or len(powers) < len(law.terms()) or (0, 0) in powers:
         return None
     products = np.column_stack([_PROBE.v**h * _PROBE.s**j for h, j in powers])
-    return powers if np.allclose(law.features(_PROBE), products, rtol=1e-12, atol=0.0) else None
+    found = law.features(_PROBE)
+    return powers if (np.abs(found - products) <= 1e-12 * np.abs(products)).all() else None
 
 
+@cache
 def powers_of(label: str) -> tuple[int, int] | None:
     """Exponents (h, j) of a label such as ``"v^2 s"`` or ``"1"``; None if it is no monomial.
 

@@ -45,14 +45,15 @@ def _width(layout: Layout, group: Group) -> int:
 
 
 class Block:
-    """Some consecutive samples of one record, one row for each column (C-contiguous).
+    """Some consecutive samples of one record, one row for each column.
 
     Parameters
     ----------
     terms : ndarray of shape (n_terms, n), optional
         Finished columns; or the two below.
     acceleration, force : ndarray of shape (n_dof, n)
-        Absolute accelerations, m/s^2; forces, N, NaN for a DOF whose force is unknown.
+        Absolute accelerations, m/s^2; forces, N, NaN for a DOF whose force is unknown. They may be views of the user's
+        own arrays, as ``source`` may.
     source : ndarray of shape (n_source, n), optional
         Rates, drifts and given columns from which the columns follow.
     recipe : Recipe, optional
@@ -76,8 +77,28 @@ class Block:
         """Columns of all sites, shape (n_terms, n)."""
         if self._terms is None:
             assert self.recipe is not None and self.source is not None  # a block has its columns or these
+            self.source = np.ascontiguousarray(self.source)
             self._terms = self.recipe.finish(self.source, self.n_terms)
         return self._terms
+
+    def take(self, rows: Any) -> Block:
+        """Some of the samples.
+
+        Parameters
+        ----------
+        rows : slice or ndarray
+            As NumPy takes them.
+
+        Returns
+        -------
+        Block
+        """
+        if isinstance(rows, slice) and rows == slice(0, self.acceleration.shape[1]):
+            return self
+        a, force = self.acceleration[:, rows], self.force[:, rows]
+        if self.recipe is None or self.source is None:
+            return Block(self.terms[:, rows], a, force)
+        return Block(None, a, force, self.source[:, rows], self.recipe, self.n_terms)
 
 
 class GroupMoments:

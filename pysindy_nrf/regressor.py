@@ -417,8 +417,9 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         self.restoring_forces_ = model.restoring_forces
         self.unknown_forces_ = unknown_forces(model, data)
         silent = self.band is not None or not least_squares
-        terms = MissingTerms(model, walk)
-        jumps = JumpBias(model, walk, self._known_masses(layout.chain), self._inner(), silent)
+        held = layout if least_squares else None  # the shapes of its laws are those of the model
+        terms = MissingTerms(model, walk, held)
+        jumps = JumpBias(model, walk, self._known_masses(layout.chain), self._inner(), silent, held)
         show(terms.layout, judged, self.band, [terms, *jumps.asked])
         self.missing_terms_, self.jump_bias_ = terms.table(), jumps.table()
         self.doubts_ = {

@@ -154,12 +154,12 @@ class Segment:
         for begin in range(start, stop, size):
             rows = slice(begin, min(begin + size, stop))
             if beside is not None:
-                channels = np.ascontiguousarray(beside[rows].T, dtype=np.float64)
+                channels = _as_rows(beside, rows)
                 a, source = channels[: self.n_dof], channels[self.n_dof :]
             else:
                 source = self._source(layout, recipe, rows, states, lead=int(begin > start or bool(states)))
-                a = np.ascontiguousarray(self.a[rows].T, dtype=np.float64)
-            force = np.ascontiguousarray(self.F[rows].T, dtype=np.float64)
+                a = _as_rows(self.a, rows)
+            force = _as_rows(self.F, rows)
             if filter is None:
                 yield Block(None, a, force, source, recipe, layout.n_terms)
             else:
@@ -171,7 +171,6 @@ class Segment:
                     force = force.copy()  # it may be the user's own array
                     force[known] = filter.apply(force[known].T).T
                 yield Block(terms, a, force)
-
 
     def _source(self, layout: LawLayout, recipe: Recipe, rows: slice, states: dict | None, lead: int) -> np.ndarray:
         """Rates, drifts and the columns of laws that are not products of them, one row each."""
@@ -208,6 +207,13 @@ class Segment:
             rows = self.valid
             self._extent = rows, Extent.of([self.a[rows], self.v[rows], self.s[rows], self.F[rows]])
         return self._extent[1]
+
+
+def _as_rows(channels: np.ndarray, rows: slice) -> np.ndarray:
+    """Some samples, one row for each channel; a view that cannot be written to, where they are doubles."""
+    view = channels[rows].T
+    view.flags.writeable = False
+    return np.asarray(view, dtype=np.float64)
 
 
 def _side_by_side(a: np.ndarray, v: np.ndarray, s: np.ndarray) -> np.ndarray | None:

@@ -56,11 +56,12 @@ def third_law_gap(solution: Solution, moments: Moments) -> pd.Series:
     for site, twin in solution.twins.items():
         where, *_ = moments.positions((site.p,))
         part = moments.parts[(site.p,)]
-        both = np.zeros((2, part.matrix.shape[0]))
-        both[0, where[site]], both[1, where[site]] = solution.coefficients[site] - twin, solution.coefficients[site]
-        whole = part.norm(both[1])
-        gaps[str(site)] = 100.0 * part.norm(both[0]) / whole if whole else np.inf
-    return pd.Series(gaps, name="third-law gap (%)", dtype=float).sort_index()
+        both = np.zeros((part.matrix.shape[1], 2))
+        both[where[site]] = np.column_stack([solution.coefficients[site] - twin, solution.coefficients[site]])
+        gap, whole = part.norms(both)
+        gaps[str(site)] = 100.0 * gap / whole if whole else np.inf
+    names = sorted(gaps)
+    return pd.Series([gaps[name] for name in names], index=names, name="third-law gap (%)", dtype=float)
 
 
 def unknown_forces(model: ChainModel, data: SegmentSet) -> pd.DataFrame:

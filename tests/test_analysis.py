@@ -321,3 +321,19 @@ def test_onset_is_looked_for_in_one_record():
         find_onset(model, both, pd.concat([F, F]), record=ids)
     with pytest.raises(ChainError, match="too short"):
         find_onset(model, X, F, margin=5.0)
+
+
+def test_a_missing_force_is_said_in_a_long_record_too():
+    """Of 60,000 samples some thousand are judged. Of a friction in random motion a damper takes the share 2/pi."""
+    rng = np.random.default_rng(0)
+    v, s, a = (size * rng.standard_normal((60_000, 2)) for size in (0.1, 1e-3, 10.0))
+    for friction in (0.0, 15.0):
+        R = 80 * v + 1e5 * s + np.sign(v) * [friction, 0.0]  # at storey 1
+        F = [10.0, 8.0] * a + R - np.column_stack([R[:, 1], np.zeros(len(R))])
+        F += 0.005 * F.std(axis=0) * rng.standard_normal(F.shape)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            found = NRFRegressor(degree=1).fit(np.hstack([a, v, s]), F).missing_terms_
+        assert found["biased"].to_dict() == {"balance of DOF 2": False, "balance of DOF 1": friction > 0}
+        left = friction * np.sqrt(1 - 2 / np.pi) / F[:, 0].std()
+        assert found.loc["balance of DOF 1", "missing"] == pytest.approx(100 * left, rel=0.05, abs=0.05)

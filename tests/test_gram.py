@@ -340,3 +340,19 @@ def test_a_column_of_zeros_among_many_takes_no_pivot_of_the_others():
     assert not R[2].any() and not R[:, 2].any()
     error = R[np.ix_(keep, keep)] - np.sign(np.diag(truth))[:, None] * truth
     assert np.allclose(error / np.linalg.norm(A, axis=0), 0, atol=1e-13)
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.float32], ids=["double", "single"])
+def test_products_are_the_same_however_the_arrays_lie_in_memory(kind):
+    """Samples side by side, channels side by side, each array by itself or every second row; nothing is written."""
+    layout = LawLayout(Chain(3), {j: [laws.PowerSeries(3)] for j in (1, 2, 3)})
+    groups = [layout.group((j,)) for j in (1, 2, 3)]
+    X, F = (np.random.default_rng(k).integers(-2, 3, (700, k)).astype(kind) for k in (9, 3))
+    a, v, s = X[:, :3], X[:, 3:6], X[:, 6:]
+    columns = [v[:, [j]] ** h * s[:, [j]] ** (d - h) for j in range(3) for d in (1, 2, 3) for h in range(d, -1, -1)]
+    truth = (np.hstack(columns).astype(float), a, F)
+    wide = np.repeat(X, 2, axis=0)
+    for x, force in ((X, F), (np.asfortranarray(X), np.asfortranarray(F)), (wide[::2], np.hstack([F, F])[:, :3])):
+        x.flags.writeable = force.flags.writeable = False
+        (segment,) = from_arrays(x, force, dt=1e-3).segments
+        assert_gram(accumulate(Moments(layout, groups), segment.blocks(layout)), truth)

@@ -20,6 +20,7 @@ from test_projection import CASES
 from user_laws import Parametric
 
 from pysindy_nrf import Chain, Site, extent, gram, laws, simulate, visited
+from pysindy_nrf.analysis import further_columns
 from pysindy_nrf.discrepancy import projection
 from pysindy_nrf.discrepancy.prepare import prepare
 from pysindy_nrf.discrepancy.splits import split
@@ -40,6 +41,7 @@ BUILT_ON_CALL = (
     (projection, "_compiled"),
     (extent, "_scan"),
     (visited, "_marker"),
+    (further_columns, "_compiled"),
 )
 
 
@@ -629,3 +631,35 @@ def test_fingerprint_sees_an_array_that_a_law_holds():
 
     one, two, same = (compiled.fingerprint(law(np.array([x]))) for x in (1.0, 2.0, 1.0))
     assert one == same != two
+
+
+# -- columns that a law may lack ------------------------------------------------------------------
+
+
+def test_columns_that_a_law_may_lack_are_what_their_names_say():
+    """Friction, drag, a stiffening spring, a gap of one rms; loops that depend on the drift since the last reversal."""
+    t = np.linspace(0, 3, 400)
+    s = np.array([np.sin(2 * np.pi * t), 0.01 * np.cos(3 * t)])
+    v = np.array([2 * np.pi * np.cos(2 * np.pi * t), -0.03 * np.sin(3 * t)])
+    scales = np.column_stack([v.std(axis=1), s.std(axis=1)])
+    found = both(lambda: {"columns": further_columns.further_columns(v, s, scales, t / 1.5 - 1)}, rtol=1e-13)["columns"]
+    x, y = v / scales[:, :1], s / scales[:, 1:]
+    for i in range(2):
+        turns = np.flatnonzero(np.diff(np.sign(v[i]))) + 1
+        last = np.array([max([0, *turns[turns <= k]]) for k in range(len(t))])
+        way = np.abs(y[i] - y[i][last])
+        loops = [np.sign(v[i]) * (1 - 2 * np.exp(-sharp * way)) for sharp in (1, 5, 25)]
+        gap = np.where(np.abs(y[i]) > 1, y[i] - np.sign(y[i]), 0.0)
+        expected = [np.sign(v[i]), x[i] * np.abs(x[i]), y[i] * np.abs(y[i]), gap, *loops, np.ones(400), t / 1.5 - 1]
+        np.testing.assert_allclose(found[i], expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("size", [1, 3, 4, 9])
+def test_extents_of_the_largest_numbers(size):
+    """Least and largest whatever the number of samples; the sum of finite numbers may not be."""
+    x = 1e308 * np.random.default_rng(size).uniform(-1, 1, (size, 3))
+    x[:, 1] = 1.7e308
+    x[-1, 2] = np.nan
+    found = both(lambda: vars(extent.Extent.of([x])))
+    assert found["low"][:2].tolist() == x[:, :2].min(axis=0).tolist() and found["high"][1] == 1.7e308
+    assert found["finite"].tolist() == [True, True, False]

@@ -19,15 +19,17 @@ import pandas as pd
 from scipy import linalg
 
 from ..exceptions import BiasWarning
-from ..layout import LawLayout, Layout
+from ..layout import LawLayout, Layout, Recipe
 from ..moments import Block, Moments
 from ..segments import SegmentSet
 from ._inputs import as_segments
-from .windows import FOLDS, LASTING, OFFERED, Window, show
+from .further_columns import LASTING, OFFERED
+from .windows import FOLDS, Window, show
 
 GAIN = 5.0  # percent of the held-out residual that the extra columns must remove
 MISSING = 2.0  # percent of the balance's right-hand side that they must explain
 STILL = 90.0  # percent of the held-out residual that a constant and a ramp must remove for zeros to be doubted
+_PIVOT = 1e-10  # of a Gram matrix of columns of unit length; below it columns may depend on each other
 _ROUND_OFF = 1e-6  # share of the balance below which a residual says nothing
 _ROWS_PER_COLUMN = 20  # fewer samples than this say nothing about further columns
 
@@ -80,41 +82,57 @@ class MissingTerms:
     ----------
     model : ChainModel
     walk : Walk
+    layout : LawLayout, optional
+        Of the laws of the model, if it is at hand.
     """
 
-    def __init__(self, model: Any, walk: Any) -> None:
-        self.walk, self.layout = walk, LawLayout(model.chain, model.laws)
+    def __init__(self, model: Any, walk: Any, layout: LawLayout | None = None) -> None:
+        self.walk, self.layout = walk, layout or LawLayout(model.chain, model.laws)
         self.coefficients = model.coefficients
         # the columns of each site: its own, then those offered
-        wide = Layout(self.layout.chain, {s: self.layout.counts[s] + OFFERED for s in self.layout.acting})
-        groups = [wide.group(dofs) for dofs in dict.fromkeys(step.dofs for step in walk.steps)]
+        self.wide = Layout(self.layout.chain, {s: self.layout.counts[s] + OFFERED for s in self.layout.acting})
+        groups = [self.wide.group(dofs) for dofs in dict.fromkeys(step.dofs for step in walk.steps)]
         self.masses = dict(enumerate(model.masses.tolist(), 1))
-        first = Moments(wide, groups, known_masses=self.masses)
+        first = Moments(self.wide, groups, known_masses=self.masses)
         self.folds = [first, *(first.empty() for _ in range(1, FOLDS))]
         self.counts = dict.fromkeys((g.dofs for g in groups), 0)
         self.n_rows = 0
+        self._recipe: tuple[Recipe | None, Recipe] | None = None
 
     def see(self, number: int, window: Window) -> None:
         """Take a window in."""
-        self.n_rows += window.a.shape[1]
-        slices = self.layout.slices
-        columns = [x for s in self.layout.acting for x in (window.terms[slices[s]], window.offered[s])]
-        self.folds[number % FOLDS].add(Block(np.vstack(columns) if columns else window.terms, window.a, window.force))
+        window = window.enough()
+        block = window.block
+        self.n_rows += window.n_samples
+        if self._recipe is None or self._recipe[0] is not block.recipe:
+            self._recipe = block.recipe, _widened(block.recipe, self.layout, self.wide)
+        source = np.vstack([block.terms if block.source is None else block.source, *window.offered.values()])
+        wide = Block(None, block.acceleration, block.force, source, self._recipe[1], self.wide.n_terms)
+        self.folds[number % FOLDS].add(wide)
+        known = (~np.isnan(block.force[:, 0])).tolist()
         for dofs in self.counts:
-            self.counts[dofs] += not np.isnan(window.force[[j - 1 for j in dofs], 0]).any()
+            self.counts[dofs] += all(known[j - 1] for j in dofs)
 
     def table(self) -> pd.DataFrame:
         """As :func:`missing_terms` returns it."""
-        rows = {}
-        for step in self.walk.steps:
-            if self.counts[step.dofs]:
-                combine = _combination(step, self.layout, self.coefficients, self.masses, self.folds[0])
-                grams = [combine.T @ fold.parts[step.dofs].matrix @ combine for fold in self.folds]
-                n_own = len(step.masses) + sum(self.layout.counts[s] for s in step.sites)
-                rows[step.name] = _judge(grams, n_own, bool(step.masses), self.n_rows, self.counts[step.dofs])
-        table = pd.DataFrame.from_dict(rows, orient="index", columns=["residual", "gain", "shift", "lasting"])
-        table.insert(2, "missing", table["residual"] * np.sqrt(table["gain"] / 100))
-        return table.assign(biased=(table["gain"] > GAIN) & (table["missing"] > MISSING))
+        alike: dict[tuple[int, int], list[tuple[str, bool, bool, list[np.ndarray]]]] = {}
+        steps = [step for step in self.walk.steps if self.counts[step.dofs]]
+        for step in steps:
+            combine = _combination(step, self.layout, self.coefficients, self.masses, self.folds[0])
+            n_own = len(step.masses) + sum(self.layout.counts[s] for s in step.sites)
+            p = combine.shape[1] - 1
+            enough = self.counts[step.dofs] >= 2 * FOLDS and self.n_rows >= _ROWS_PER_COLUMN * p
+            grams = [combine.T @ fold.parts[step.dofs].matrix @ combine for fold in self.folds]
+            alike.setdefault((p, n_own), []).append((step.name, bool(step.masses), enough, grams))
+        rows: dict[str, np.ndarray] = {}
+        for (_, n_own), held in alike.items():
+            names, masses, enoughs, grams = zip(*held)
+            rows |= dict(zip(names, _judged(np.array(grams), n_own, np.array(masses), np.array(enoughs))))
+        residual, gain, shift, lasting = np.array([rows[step.name] for step in steps]).reshape(-1, 4).T
+        missing = residual * np.sqrt(gain / 100)
+        columns = {"residual": residual, "gain": gain, "missing": missing, "shift": shift, "lasting": lasting}
+        biased = (gain > GAIN) & (missing > MISSING)
+        return pd.DataFrame({**columns, "biased": biased}, index=[step.name for step in steps])
 
 
 def wrong_zeros(table: pd.DataFrame) -> list[str]:
@@ -140,11 +158,12 @@ def wrong_zeros(table: pd.DataFrame) -> list[str]:
     """
     if "lasting" not in table:
         return []
-    size = table["residual"] * np.sqrt(table["lasting"] / 100)
-    hit = size[(table["lasting"] > STILL) & (size > MISSING)]
+    lasting = table["lasting"].to_numpy()
+    size = table["residual"].to_numpy() * np.sqrt(lasting / 100)
+    hit = np.flatnonzero((lasting > STILL) & (size > MISSING))
     if not len(hit):
         return []
-    worst = str(hit.idxmax())
+    worst = str(table.index[hit[size[hit].argmax()]])
     row = table.loc[worst]
     others = f" (and {len(hit) - 1} more)" if len(hit) > 1 else ""
     where = worst.removeprefix("balance of ").removesuffix(" together")
@@ -182,8 +201,9 @@ def warn_of_bias(table: pd.DataFrame, masses: Sequence[str] = (), stacklevel: in
     """
     zeros = wrong_zeros(table)
     said = [*zeros, *masses]
-    hit = table[table["biased"]]
-    if len(hit) and not zeros:  # further terms follow a constant too, once the fit is ruined by it
+    biased = table["biased"].to_numpy(dtype=bool)
+    if biased.any() and not zeros:  # further terms follow a constant too, once the fit is ruined by it
+        hit = table[biased]
         worst = hit["missing"].idxmax()
         row = hit.loc[worst]
         others = f" (and {len(hit) - 1} more)" if len(hit) > 1 else ""
@@ -198,6 +218,23 @@ def warn_of_bias(table: pd.DataFrame, masses: Sequence[str] = (), stacklevel: in
 
 
 # -- columns ----------------------------------------------------------------------------------
+
+
+def _widened(recipe: Recipe | None, layout: LawLayout, wide: Layout) -> Recipe:
+    """How own and offered columns follow from [source of the own | offered columns of each site]."""
+    if recipe is None:  # the columns of the laws are given
+        given = np.arange(layout.n_terms)
+        recipe = Recipe(np.column_stack([given, given, np.full_like(given, -1)]), (), (), layout.n_terms)
+    sites = layout.acting
+    own = [row for s in sites for row in range(wide.slices[s].start, wide.slices[s].stop - OFFERED)]
+    offered = [row for s in sites for row in range(wide.slices[s].stop - OFFERED, wide.slices[s].stop)]
+    helpers = np.arange(max(0, int(recipe.steps[:, 0].max(initial=-1)) + 1 - layout.n_terms))
+    at = np.array([*own, *(wide.n_terms + helpers)], dtype=np.int64)
+    row, p, q = recipe.steps.T
+    steps = np.column_stack([at[row], np.where(q < 0, p, at[np.where(q < 0, 0, p)]) if len(at) else p, q])
+    added = np.column_stack([offered, recipe.n_source + np.arange(len(offered)), np.full(len(offered), -1)])
+    whole = np.vstack([steps, added]).astype(np.int64)
+    return Recipe(whole, recipe.motions, recipe.others, recipe.n_source + len(offered))
 
 
 def _combination(step: Any, layout: LawLayout, coefficients: dict, masses: dict, moments: Moments) -> np.ndarray:
@@ -222,46 +259,61 @@ def _combination(step: Any, layout: LawLayout, coefficients: dict, masses: dict,
 # -- judgement --------------------------------------------------------------------------------
 
 
-def _judge(
-    folds: list[np.ndarray], n_own: int, has_mass: bool, n_rows: int, n_windows: int
-) -> tuple[float, float, float, float]:
-    total = np.sum(folds, axis=0)
-    scale = np.sqrt(np.diag(total))
+def _judged(grams: np.ndarray, n_own: int, has_mass: np.ndarray, enough: np.ndarray) -> np.ndarray:
+    """Residual, gain, shift and lasting of some steps that have as many columns, shape (n_steps, 4).
+
+    ``grams`` has the shape (n_steps, FOLDS, p + 1, p + 1); steps without ``enough`` data are told their residual only.
+    """
+    total = grams.sum(axis=1)
+    scale = np.sqrt(np.einsum("kii->ki", total))
     scale[scale == 0] = 1.0
-    grams = [g / scale[:, None] / scale for g in folds]
-    total = total / scale[:, None] / scale
-    p = len(total) - 1
+    total = total / scale[:, :, None] / scale[:, None]
+    grams = grams / scale[:, None, :, None] / scale[:, None, None]
+    p = total.shape[-1] - 1
     own = np.arange(n_own)
     lasting_from = max(p - LASTING, n_own)  # no site, no further columns
     both = np.arange(lasting_from)
     still = np.r_[own, lasting_from:p]
-    c = _solve(total, own)
-    residual = _left(total, own, c)
-    share = np.sqrt(residual / total[p, p]) if total[p, p] else 0.0
-    if share < _ROUND_OFF or n_windows < 2 * FOLDS or n_rows < _ROWS_PER_COLUMN * p:
-        return 100 * share, 0.0, 0.0 if has_mass else np.nan, 0.0
-    with_own = with_both = with_still = 0.0
-    for fold in range(FOLDS):
-        test = grams[fold]
-        train = total - test
-        with_own += _left(test, own, _solve(train, own))
-        with_both += _left(test, both, _solve(train, both))
-        with_still += _left(test, still, _solve(train, still))
-    gain, lasting = (100 * max(0.0, 1 - left / with_own) for left in (with_both, with_still))
-    return 100 * share, gain, _move(total, own, both) if has_mass else np.nan, lasting
+    alone = _solve(total, own)
+    force = total[:, p, p]
+    share = np.sqrt(_left(total, own, alone) / np.where(force > 0, force, 1.0))
+    out = np.zeros((len(grams), 4))
+    out[:, 0] = 100 * share
+    out[~has_mass, 2] = np.nan
+    some = np.flatnonzero((share >= _ROUND_OFF) & enough)
+    if some.size:
+        tests = grams[some]
+        train = total[some, None] - tests
+        with_own, *with_more = (_left(tests, c, _solve(train, c)).sum(axis=1) for c in (own, both, still))
+        for at, left in zip((1, 3), with_more):
+            out[some, at] = 100 * np.maximum(0.0, 1 - left / with_own)
+        moved = some[has_mass[some]]
+        if moved.size:
+            mass = alone[moved, 0]
+            new = _solve(total[moved], both)[:, 0]
+            out[moved, 2] = np.where(mass, 100 * (new / np.where(mass, mass, 1.0) - 1), 0.0)
+    return out
 
 
-def _move(gram: np.ndarray, own: np.ndarray, both: np.ndarray) -> float:
-    """Percent by which the mass, the first column, moves with the offered columns."""
-    mass = _solve(gram, own)[0]
-    return 100 * (_solve(gram, both)[0] / mass - 1) if mass else 0.0
+def _solve(grams: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Coefficients of some columns from the Gram matrices of [columns | right-hand side], the last axes."""
+    matrix, target = grams[..., columns[:, None], columns], grams[..., columns, -1]
+    if not columns.size:
+        return target
+    try:
+        pivots = np.linalg.cholesky(matrix).diagonal(axis1=-2, axis2=-1)
+    except np.linalg.LinAlgError:
+        pivots = np.zeros(1)
+    if pivots.min() ** 2 > _PIVOT:
+        return np.linalg.solve(matrix, target[..., None])[..., 0]
+    out = np.empty_like(target)
+    for at in np.ndindex(target.shape[:-1]):
+        out[at] = linalg.lstsq(matrix[at], target[at], cond=1e-13, check_finite=False)[0]
+    return out
 
 
-def _solve(gram: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    return linalg.lstsq(gram[np.ix_(columns, columns)], gram[columns, -1], cond=1e-13, check_finite=False)[0]
-
-
-def _left(gram: np.ndarray, columns: np.ndarray, c: np.ndarray) -> float:
-    """Residual sum of squares of given coefficients."""
-    inner = gram[np.ix_(columns, columns)]
-    return float(max(gram[-1, -1] - 2 * c @ gram[columns, -1] + c @ inner @ c, 0.0))
+def _left(grams: np.ndarray, columns: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Residual sums of squares of given coefficients."""
+    matrix, target = grams[..., columns[:, None], columns], grams[..., columns, -1]
+    image = (matrix @ c[..., None])[..., 0] - 2 * target
+    return np.maximum(grams[..., -1, -1] + (c * image).sum(axis=-1), 0.0)

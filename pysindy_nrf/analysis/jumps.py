@@ -19,7 +19,7 @@ from ..exceptions import NRFError, RankWarning
 from ..laws.jumps import across_rest
 from ..layout import LawLayout
 from ..leaving_out import variance
-from ..moments import Block, Moments
+from ..moments import Moments
 from ..segments import SegmentSet
 from ..sites import Site
 from .windows import Window, show
@@ -82,18 +82,25 @@ class JumpBias:
         As for :func:`jump_bias_of`.
     silent : bool
         Say nothing, whatever the laws: of filtered columns and of estimates that are not least squares.
+    layout : LawLayout, optional
+        Of the laws of the model, if it is at hand.
     """
 
     def __init__(
-        self, model: Any, walk: Any, known_masses: Any = None, inner: Any = None, silent: bool = False
+        self,
+        model: Any,
+        walk: Any,
+        known_masses: Any = None,
+        inner: Any = None,
+        silent: bool = False,
+        layout: LawLayout | None = None,
     ) -> None:
         self.model, self.walk, self.known, self.inner = model, walk, dict(known_masses or {}), inner
-        self.layout = LawLayout(model.chain, model.laws)
+        self.layout = layout or LawLayout(model.chain, model.laws)
         self.places = [] if silent else jumping_terms(self.layout)
-        groups = groups_of(self.layout, walk) if self.places else []
-        self.whole, self.kept = (
-            [Moments(self.layout, groups, known_masses=self.known) for _ in range(_GROUPS)] for _ in "ab"
-        )
+        if self.places:
+            first = Moments(self.layout, groups_of(self.layout, walk), known_masses=self.known)
+            self.whole, self.kept = ([first.empty() for _ in range(_GROUPS)] for _ in "ab")
 
     @property
     def asked(self) -> list[JumpBias]:
@@ -102,14 +109,14 @@ class JumpBias:
 
     def see(self, number: int, window: Window) -> None:
         """Take a window in."""
-        away = np.ones(window.a.shape[1], dtype=bool)
+        away = np.ones(window.n_samples, dtype=bool)
         for site in {site for site, _, _ in self.places}:
             turns = np.flatnonzero(np.diff(window.forward(site)))
             near = (turns[:, None] + np.arange(1 - _BESIDE, 1 + _BESIDE)).ravel()
             away[np.clip(near, 0, len(away) - 1)] = False
-        self.whole[number % _GROUPS].add(Block(window.terms, window.a, window.force))
+        self.whole[number % _GROUPS].add(window.block)
         if away.any():
-            self.kept[number % _GROUPS].add(Block(window.terms[:, away], window.a[:, away], window.force[:, away]))
+            self.kept[number % _GROUPS].add(window.block.take(away))
 
     def _solved(self, parts: list[Moments], chosen: Iterable[int]) -> np.ndarray:
         total = parts[0].empty()

@@ -128,9 +128,7 @@ class FoldMoments:
         for site, law in self.union.items():
             if not self.layout.counts[site]:
                 continue
-            parts = [
-                seg.motion(site, slice(seg.valid.start, seg.valid.stop, stride)) for seg in self.data.segments
-            ]
+            parts = [seg.motion(site, slice(seg.valid.start, seg.valid.stop, stride)) for seg in self.data.segments]
             sample = Motion(np.concatenate([part.s for part in parts]), np.concatenate([part.v for part in parts]))
             self.basis[site] = OrthogonalPowers(law.exponents, sample.v, sample.s)
             factor = _factor(self.basis[site].features(sample))
@@ -182,13 +180,13 @@ class FoldMoments:
                     for code in np.unique(classes[at : at + n]):
                         if code not in shuffled:
                             shuffled[code] = self._open(int(code))
-                        self._add(shuffled[code], _rows(block, classes[at : at + n] == code), known)
+                        self._add(shuffled[code], block.take(classes[at : at + n] == code), known)
                 else:
                     inside = cuts[(cuts > at) & (cuts < at + n)]
                     for lo, hi in zip([at, *inside], [*inside, at + n]):
                         if piece < 0 or lo in cuts:
                             piece = self._open(int(classes[lo]))
-                        self._add(piece, _rows(block, slice(lo - at, hi - at)), known)
+                        self._add(piece, block.take(slice(lo - at, hi - at)), known)
                 at += n
 
     def _open(self, code: int) -> int:
@@ -354,16 +352,9 @@ def _cuts(classes: np.ndarray, longest: int) -> np.ndarray | None:
     if len(starts) > 8 and len(classes) / len(starts) < 64:
         return None
     stops = [*starts[1:], len(classes)]
-    return np.concatenate([
-        np.linspace(lo, hi, max(1, round((hi - lo) / longest)), endpoint=False).astype(int)
-        for lo, hi in zip(starts, stops)
-    ])
-
-
-def _rows(block: Block, rows: Any) -> Block:
-    if isinstance(rows, slice) and rows == slice(0, block.acceleration.shape[1]):
-        return block
-    a, force = block.acceleration[:, rows], block.force[:, rows]
-    if block.recipe is None or block.source is None:
-        return Block(block.terms[:, rows], a, force)
-    return Block(None, a, force, block.source[:, rows], block.recipe, block.n_terms)
+    return np.concatenate(
+        [
+            np.linspace(lo, hi, max(1, round((hi - lo) / longest)), endpoint=False).astype(int)
+            for lo, hi in zip(starts, stops)
+        ]
+    )

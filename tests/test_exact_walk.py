@@ -67,6 +67,7 @@ class Walk:
         one._with = with_it
         one._standing = lambda stage: ["standing", stage.number]
         monkeypatch.setattr(loop, "estimate", lambda *a: None if estimated is None else estimated(one))
+        monkeypatch.setattr(loop, "share_to_leave", lambda stage: None)
         monkeypatch.setattr(loop, "doubt_what_is_drawn", lambda *a: None)
         monkeypatch.setattr(loop, "wrong_by_noise", lambda *a: self.noisy.append(a) or list(wrong))
         self.loop = one
@@ -664,7 +665,7 @@ def test_parameters_are_those_of_the_last_fit_at_the_place_of_each_effect(monkey
     held = (laws.LinearElastic(), laws.StribeckFriction(0.25))
     base = SimpleNamespace(
         laws={site: held}, at={(site, 0): 4, (site, 1): 5}, layout=SimpleNamespace(slices={site: slice(4, 7)}),
-        work=SimpleNamespace(search=[1, 2, 3]),
+        work=SimpleNamespace(search=[1, 2, 3]), trial=lambda: trial,
     )  # fmt: skip
     theta = {site: np.array([9.0, 3.0, 2.0])}
     solved = []
@@ -674,13 +675,15 @@ def test_parameters_are_those_of_the_last_fit_at_the_place_of_each_effect(monkey
     effect = standing.Standing(one, step, (site, 1))
     seen = []
     monkeypatch.setattr(standing, "intervals", lambda *a: seen.append(a) or ({"Fc": (1.0, 2.0)}, {"Fc": 0.1}))
-    standing.estimate([effect], base, trial, SimpleNamespace(stages=["s"], truth=None))
+    null = {"stages": ["s"], "away": None, "fitted": lambda stage: stage}
+    found = standing.estimate([effect], base, SimpleNamespace(truth=None, **null))
+    assert found.coefficients is theta
     assert solved == [[0, 1, 2]] and step.intervals == {"Fc": (1.0, 2.0)} and step.bias == {"Fc": 0.1}
     values = list(laws.StribeckFriction(0.25).with_values([3.0, 2.0]).parameters.items())
     assert list(step.parameters.items()) == values and seen[0][1] == (site, 1) and seen[0][2] is one.candidate.law
     assert seen[0][3].tolist() == [3.0, 2.0] and seen[0][4:] == (["s"], None)
     truth = SimpleNamespace(coefficients={site: np.array([8.0, 30.0, 20.0])})
-    standing.estimate([effect], base, trial, SimpleNamespace(stages=["s"], truth=truth))
+    standing.estimate([effect], base, SimpleNamespace(truth=truth, **null))
     assert seen[1][5].tolist() == [30.0, 20.0]
 
 

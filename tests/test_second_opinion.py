@@ -175,7 +175,7 @@ def test_without_instruments_a_gain_must_be_larger_than_what_biased_models_prete
     assert taken or verdict.sentence.endswith("wrong by 10 %, and no instruments can tell")
 
 
-def test_the_friction_that_noise_halves_is_said_and_its_interval_reaches_towards_the_truth():
+def test_the_friction_that_noise_halves_is_told_from_the_samples_away_from_rest():
     """Signs of a noisy rate are wrong near rest: least squares takes a third of the friction for viscous damping."""
     held = [laws.LinearElastic(1.92e5), laws.LinearViscous(436.0), laws.CoulombFriction(30.0)]
     truth = ChainModel([17.8, 28.8], {1: [laws.LinearElastic(7.16e4), laws.LinearViscous(139.0)], 2: held})
@@ -185,8 +185,6 @@ def test_the_friction_that_noise_halves_is_said_and_its_interval_reaches_towards
     (step,) = report.steps
     assert step.law == "coulomb_friction" and step.site == "storey 2"
     low, high = step.intervals["Fc"]
-    assert step.parameters["Fc"] < 0.8 * 30.0 and step.bias["Fc"] < -0.15
-    assert low < step.parameters["Fc"] and high > 0.9 * 30.0
-    said = re.search(r"(\d+) % in Fc of coulomb_friction at storey 2 \(instrumental variables: ([\d.]+)\)", str(report))
-    assert said and float(said[1]) == pytest.approx(-100 * step.bias["Fc"], abs=0.51)
-    assert float(said[2]) == pytest.approx(30.0, rel=0.1)
+    assert step.parameters["Fc"] == pytest.approx(30.0, rel=0.1) and low < 1.03 * 30.0 and high > 0.97 * 30.0
+    plain = re.search(r"without the samples next to rest, .* \(with them Fc = ([\d.]+)\)", step.evidence)
+    assert plain and float(plain[1]) < 0.8 * 30.0

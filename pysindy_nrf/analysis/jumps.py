@@ -2,13 +2,14 @@
 
 The sign of a rate is wrong next to the instants at which the motion turns: by noise, and where the samples are too far
 apart for the jump. Least squares gives what such a column loses to the terms beside it. The samples next to the
-turns tell how much: without them the coefficient must be the same.
+turns tell how much: without them the coefficient must be the same. How slow a sample must be to count as next to a
+turn, the noise decides: as many are left out as change the coefficient by more than chance.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -18,18 +19,16 @@ from ..chain_solve import groups_of, solve
 from ..exceptions import NRFError, RankWarning
 from ..laws.jumps import across_rest
 from ..layout import LawLayout
-from ..leaving_out import variance
 from ..moments import Moments
 from ..segments import SegmentSet
 from ..sites import Site
+from .rest import SHARES, first_settled, made_wrong, moving
 from .windows import Window, show
 
-# Samples on each side of a turn that are left out.
-_BESIDE = 2
-# Groups of windows whose scatter says what is chance, and how many standard errors are none.
-_GROUPS, _BEYOND = 8, 3.0
-# Share of a coefficient that an engineer allows, and of the force of its balance that is nothing to him.
-_WRONG, _NOTHING = 0.1, 1e-3
+# Groups of windows whose scatter says what is chance.
+_GROUPS = 8
+# Share of the force of its balance that is nothing to an engineer.
+_NOTHING = 1e-3
 
 
 def jump_bias_of(
@@ -53,8 +52,8 @@ def jump_bias_of(
     -------
     DataFrame
         Index = term, e.g. ``"storey 2: sgn(v)"``; ``found``, ``away`` (from some thousand samples, without those next
-        to a turn), ``lost`` (share of ``away``), ``wrong`` (bool: by more than a tenth, more than chance and more than
-        a thousandth of the force of its balance), ``unit``.
+        to a turn: see :mod:`pysindy_nrf.analysis.rest`), ``lost`` (share of ``away``), ``wrong`` (bool: by more than a
+        tenth, more than chance and more than a thousandth of the force of its balance), ``unit``.
 
     Examples
     --------
@@ -100,7 +99,7 @@ class JumpBias:
         self.places = [] if silent else jumping_terms(self.layout)
         if self.places:
             first = Moments(self.layout, groups_of(self.layout, walk), known_masses=self.known)
-            self.whole, self.kept = ([first.empty() for _ in range(_GROUPS)] for _ in "ab")
+            self.whole, *self.kept = ([first.empty() for _ in range(_GROUPS)] for _ in (None, *SHARES))
 
     @property
     def asked(self) -> list[JumpBias]:
@@ -109,14 +108,13 @@ class JumpBias:
 
     def see(self, number: int, window: Window) -> None:
         """Take a window in."""
-        away = np.ones(window.n_samples, dtype=bool)
-        for site in {site for site, _, _ in self.places}:
-            turns = np.flatnonzero(np.diff(window.forward(site)))
-            near = (turns[:, None] + np.arange(1 - _BESIDE, 1 + _BESIDE)).ravel()
-            away[np.clip(near, 0, len(away) - 1)] = False
         self.whole[number % _GROUPS].add(window.block)
-        if away.any():
-            self.kept[number % _GROUPS].add(window.block.take(away))
+        for share, kept in zip(SHARES, self.kept):
+            away = np.ones(window.n_samples, dtype=bool)
+            for site in {site for site, _, _ in self.places}:
+                away &= moving(window.rate(site), share)
+            if away.any():
+                kept[number % _GROUPS].add(window.block.take(away))
 
     def _solved(self, parts: list[Moments], chosen: Iterable[int]) -> np.ndarray:
         total = parts[0].empty()
@@ -124,6 +122,19 @@ class JumpBias:
             total.merge(parts[g])
         coefficients = solve(total, self.walk, self.known, self.inner).coefficients
         return np.array([coefficients[site][at] for site, at, _ in self.places])
+
+    def _with_chance(self, parts: list[Moments]) -> tuple[np.ndarray, np.ndarray]:
+        """Coefficients from all groups of windows, and with each group left out."""
+        rest = [[g for g in range(_GROUPS) if g != left] for left in range(_GROUPS)]
+        return self._solved(parts, range(_GROUPS)), np.array([self._solved(parts, some) for some in rest])
+
+    def _settling(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """The same from fewer and fewer samples, as long as they tell all terms apart."""
+        for parts in self.kept:
+            try:
+                yield self._with_chance(parts)
+            except (NRFError, np.linalg.LinAlgError):
+                return
 
     def table(self) -> pd.DataFrame:
         """As :func:`jump_bias_of` returns it; empty where nothing jumps or too few samples are left."""
@@ -133,16 +144,16 @@ class JumpBias:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", RankWarning)  # the fit has said so
-                out = [self._solved(side, range(_GROUPS)) for side in (self.whole, self.kept)]
-                rest = [[g for g in range(_GROUPS) if g != left] for left in range(_GROUPS)]
-                difference = [self._solved(self.kept, some) - self._solved(self.whole, some) for some in rest]
+                found, without = self._with_chance(self.whole)
+                kept = list(self._settling())
         except (NRFError, np.linalg.LinAlgError):
             return empty
-        chance = np.sqrt(variance(difference))
-        gap, away = out[1] - out[0], out[1]
-        lost = np.where(away, gap / np.where(away, away, 1.0), 0.0)
-        wrong = (np.abs(lost) > _WRONG) & (np.abs(gap) > _BEYOND * chance)
-        wrong &= np.abs(gap) * _weights(self.whole, self.places, self.model.masses) > _NOTHING
+        if not kept:
+            return empty
+        away, rest = kept[first_settled(*zip(*kept))]
+        lost = np.where(away, (away - found) / np.where(away, away, 1.0), 0.0)
+        size = np.abs(away - found) * _weights(self.whole, self.places, self.model.masses)
+        wrong = made_wrong(found, away, rest - without) & (size > _NOTHING)
         values = self.model.coefficients
         rows = [(values[s][k], away[i], lost[i], wrong[i], unit) for i, (s, k, unit) in enumerate(self.places)]
         labels = [f"{site}: {self.layout.labels(site)[at]}" for site, at, _ in self.places]

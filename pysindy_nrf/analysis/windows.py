@@ -49,6 +49,10 @@ class Window:
         """Sign of the rate of a site."""
         return self.offered[site][0]
 
+    def rate(self, site: Site) -> np.ndarray:
+        """Rate of a site, divided by its rms; the second further column is the square of it with its sign."""
+        return self.forward(site) * np.sqrt(np.abs(self.offered[site][1]))
+
     def enough(self) -> Window:
         """Samples that are enough where their order does not matter."""
         if self.every == 1:

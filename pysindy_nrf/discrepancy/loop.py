@@ -19,6 +19,7 @@ from ..laws.power_series import whole
 from ..regressor import NRFRegressor
 from ..segments import BlockRows, SegmentSet
 from ..sites import Site
+from .away_from_rest import share_to_leave
 from .catalogue import SPECIAL_CASES, Candidate, as_laws, balances_of, candidates
 from .contradictions import contradictions
 from .floor_source import FloorSource
@@ -281,6 +282,8 @@ class _Loop:
                 steps.append(step)
                 self.told.append((chosen, step))
                 scenes.append(Scene(f"{step.law} at {step.site}", trial, after, null, self.floors.of(trial)))
+        if steps and (away := share_to_leave(stage)) is not None:
+            null = scenes[-1].null = Null(self.ready, stage, self.rng, self.n_surrogates, away=away)
         floor, left = self.floors.percent(trial, null), float(np.median(scenes[-1].folds))
         noise = [] if self.floors.measured else [s.trial().fold_errors() for s in null.stages]
         least = surely_left(scenes[-1].folds, noise)
@@ -290,7 +293,7 @@ class _Loop:
             surely = remainder(step.validation_before, least, floor)
             step.sure = surely <= SURE and step.remainder <= _USUALLY and not open_still
         standing = self._standing(stage)
-        estimate(standing, stage, trial, null)
+        scenes[-1].found = estimate(standing, stage, null)
         doubt_what_is_drawn(standing, stage, null, self.ready.clean)
         for k in reversed(range(len(steps))):  # what later had to be added at its site was not said by its name
             later = [s for s in steps[k + 1 :] if balances_of(Site(s.site)) == balances_of(Site(steps[k].site))]

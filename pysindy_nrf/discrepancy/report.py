@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from ..audit import constants_of, settings_of
+from ..chain_solve import Solution
 from ..errors import balance_errors
 from ..exceptions import NRFError
 from ..free_run import free_run_error
@@ -30,13 +31,14 @@ from .workspace import Workspace
 
 @dataclass
 class Scene:
-    """A model on the way: its laws and its validation errors."""
+    """A model on the way: its laws and its validation errors; masses and coefficients, if not those of the trial."""
 
     name: str
     trial: Trial
     folds: np.ndarray
     null: Any = None
     floor: NoiseFloor | None = None
+    found: Solution | None = None
 
     @property
     def noise(self) -> list[Stage]:
@@ -242,7 +244,7 @@ class LoopReport:
         models = []
         for scene in scenes:
             trial = scene.trial
-            solution = trial.solve(search)
+            solution = scene.found or trial.solve(search)
             model = model_of(trial.layout, solution)
             models.append(model)
             errors = balance_errors(model, trial.moments(held))["error"]

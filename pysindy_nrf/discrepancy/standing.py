@@ -10,6 +10,7 @@ import numpy as np
 
 from ..chain_solve import Solution
 from ..sites import Site
+from .away_from_rest import jumping
 from .catalogue import balances_of
 from .intervals import intervals
 from .leftover import leftover
@@ -17,7 +18,7 @@ from .prepare import Prepared
 from .report import Step
 from .search import Finding
 from .second_opinion import unbiased
-from .stage import Stage, Trial
+from .stage import Stage
 from .surrogate import Null
 
 # Share of the effect (noise taken off) that may stay unexplained for certain before a name is no longer sure.
@@ -40,31 +41,51 @@ class Standing:
         at = stage.at[self.place] - stage.layout.slices[site].start
         return solution.coefficients[site][at : at + len(stage.laws[site][i].terms())]
 
+    def jumping(self, stage: Stage) -> list[str]:
+        """Symbols of those that belong to a force that jumps where the rate changes its sign."""
+        site, i = self.place
+        first = stage.at[self.place] - stage.layout.slices[site].start
+        own = {first + k: term.symbol for k, term in enumerate(stage.laws[site][i].terms())}
+        return [own[at] for where, at in jumping(stage) if where == site and at in own]
+
     def parameters(self, stage: Stage, solution: Solution) -> dict[str, float | None]:
         """Coefficients in a solution, and shape parameters."""
         site, i = self.place
         return stage.laws[site][i].with_values(self.coefficients(stage, solution)).parameters
 
 
-def estimate(effects: Sequence[Standing], stage: Stage, trial: Trial, null: Null) -> None:
+def estimate(effects: Sequence[Standing], stage: Stage, null: Null) -> Solution:
     """Parameters of every effect in the final model, their intervals, and what noise alone does to them.
 
     Parameters
     ----------
     effects : sequence of Standing
         Their steps are changed in place.
-    stage, trial : Stage and Trial
+    stage : Stage
         The final model.
     null : Null
-        Surrogates of it.
+        Surrogates of it, and the samples to which both are fitted.
+
+    Returns
+    -------
+    Solution
+        Masses and coefficients of the final model.
     """
-    found = trial.solve(range(len(stage.work.search)))
+    blocks, fitted = range(len(stage.work.search)), null.fitted(stage)
+    draws = [null.fitted(draw) for draw in null.stages]
+    found = fitted.trial().solve(blocks)
     for one in effects:
         theta = one.coefficients(stage, found)
         begun = None if null.truth is None else one.coefficients(stage, null.truth)
         one.step.parameters = one.parameters(stage, found)
         law = one.finding.candidate.law
-        one.step.intervals, one.step.bias = intervals(stage, one.place, law, theta, null.stages, begun)
+        one.step.intervals, one.step.bias = intervals(fitted, one.place, law, theta, draws, begun)
+        if null.away is not None and (names := one.jumping(stage)):
+            plain = one.parameters(stage, stage.trial().solve(blocks))
+            others = ", ".join(f"{name} = {plain[name]:.4g}" for name in names)
+            one.step.evidence += "; estimated without the samples next to rest, where noise turns signs "
+            one.step.evidence += f"(with them {others})"
+    return found
 
 
 def wrong_by_noise(effects: Sequence[Standing], stage: Stage, null: Null, ready: Prepared) -> list[str]:

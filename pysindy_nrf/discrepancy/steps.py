@@ -11,6 +11,7 @@ from ..laws.base import ForceLaw
 from ..laws.sensor import GainError, SensorFault, SensorOffset
 from ..sites import Site
 from ..solved import model_of
+from .away_from_rest import turn_of
 from .catalogue import balances_of
 from .gate import MOST_FAMILIES, Verdict, gain_of
 from .report import Scene, Step
@@ -112,10 +113,8 @@ def _alternatives(chosen: Finding, tied: Sequence[Finding], drift: float) -> lis
     A hysteresis that turns over within a small part of the drift, a power of the rate near zero.
     """
     families = [f.law.family for f in tied]
-    shape = chosen.law.shape
-    turn = shape.get("uy") if "uy" in shape else 1.0 / (shape.get("sigma") or np.inf) if "sigma" in shape else np.inf
-    steep = chosen.law.family == "hysteresis" and turn is not None and turn < _ONE_CLASS * drift
-    if steep or (chosen.law.name == "power_law_damping" and (shape.get("n") or 1.0) < _NEARLY_FRICTION):
+    steep = turn_of(chosen.law) < _ONE_CLASS * drift
+    if steep or (chosen.law.name == "power_law_damping" and (chosen.law.shape.get("n") or 1.0) < _NEARLY_FRICTION):
         families.insert(0, "friction")
     return list(dict.fromkeys(families))[: MOST_FAMILIES - 1]
 

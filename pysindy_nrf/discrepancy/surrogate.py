@@ -20,6 +20,7 @@ from ..record import Record
 from ..segments import BlockRows, Segment, SegmentSet
 from ..sites import Site
 from ..solved import model_of
+from .away_from_rest import leaving_rest
 from .gate import FLOOR, gain_of
 from .noise_floor import AT_FLOOR
 from .noise_level import levels_of, lower_tail, noisy_base, quiet_drive
@@ -183,12 +184,28 @@ class Null:
         Surrogates.
     of : collection of Site, optional
         Sites whose forces count where it is asked how wrong noise makes the model; all if None.
+    away : float, optional
+        Share of the rms rate below which samples take no part in the fit of the model and of its surrogates, see
+        :func:`pysindy_nrf.discrepancy.away_from_rest.leaving_rest`.
     """
 
     def __init__(
-        self, ready: Prepared, stage: Stage, rng: np.random.Generator, count: int, of: Collection[Site] | None = None
+        self,
+        ready: Prepared,
+        stage: Stage,
+        rng: np.random.Generator,
+        count: int,
+        of: Collection[Site] | None = None,
+        away: float | None = None,
     ) -> None:
-        self.ready, self.stage, self.rng, self.count, self.of = ready, stage, rng, count, of
+        self.ready, self.stage, self.rng, self.count, self.of, self.away = ready, stage, rng, count, of, away
+
+    def fitted(self, stage: Stage) -> Stage:
+        """The model, or a surrogate of it, on the samples to which it is fitted."""
+        return stage if self.away is None else leaving_rest(stage, self.away)
+
+    def _solved(self, stage: Stage) -> Solution:
+        return self.fitted(stage).trial().solve(range(len(stage.work.search)))
 
     @property
     def stages(self) -> list[Stage]:
@@ -230,7 +247,7 @@ class Null:
     def _surrogates(self, hold: str) -> _Made:
         try:
             trial = self.stage.trial()
-            found = trial.solve(range(len(self.stage.work.search)))
+            found = self._solved(self.stage)
             model = model_of(trial.layout, found)
             first = _finite(self._one(model, hold) for _ in range(self.count)) if (model.masses > 0).all() else []
         except (NRFError, np.linalg.LinAlgError):
@@ -246,7 +263,7 @@ class Null:
         Econometrics 8, 1993, S85).
         """
         try:
-            every = [s.trial().solve(range(len(s.work.search))) for s in first]
+            every = [self._solved(s) for s in first]
         except (NRFError, np.linalg.LinAlgError):
             return _Made(first, truth=found)
         shifts = [self._shift(trial, found, e) for e in every]

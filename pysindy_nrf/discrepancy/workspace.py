@@ -32,6 +32,8 @@ class Workspace:
     search, held : sequence of BlockRows
     known_masses : mapping of int to float
     strategy : str
+    kept : ndarray of bool, shape (n_search_samples,), optional
+        Samples of the search blocks, one behind the other, that take part in a fit; all if None.
     """
 
     def __init__(
@@ -42,8 +44,9 @@ class Workspace:
         held: Sequence[BlockRows],
         known_masses: Mapping[int, float],
         strategy: str,
+        kept: np.ndarray | None = None,
     ) -> None:
-        self.data, self.filters = data, list(filters)
+        self.data, self.filters, self.kept = data, list(filters), kept
         self.search, self.held = list(search), list(held)
         self.known_masses, self.strategy = dict(known_masses), strategy
         self.n_dof = data.n_dof
@@ -63,10 +66,30 @@ class Workspace:
             force[~known] = 0.0
             self._fixed.append(np.vstack([a, force]))
         self.known = np.array([~np.isnan(seg.F[seg.valid.start]) for seg in data.segments])
-        sizes = [b.rows.stop - b.rows.start for b in self.search]
-        self.sizes = np.array(sizes, dtype=float)
-        ends = np.cumsum([0, *sizes])
+        ends = np.cumsum([0, *(b.rows.stop - b.rows.start for b in self.search)])
         self.spans = [slice(int(lo), int(hi)) for lo, hi in zip(ends[:-1], ends[1:])]
+        counts = [rows.stop - rows.start if kept is None else np.count_nonzero(kept[rows]) for rows in self.spans]
+        self.sizes = np.array(counts, dtype=float)
+
+    def only(self, kept: np.ndarray) -> Workspace:
+        """The same records, of which only some samples of the search blocks take part in a fit.
+
+        Parameters
+        ----------
+        kept : ndarray of bool, shape (n_search_samples,)
+
+        Returns
+        -------
+        Workspace
+        """
+        return Workspace(
+            self.data, self.filters, self.search, self.held, self.known_masses, self.strategy, kept
+        )
+
+    def _of_search(self, parts: Mapping[int, np.ndarray]) -> np.ndarray:
+        """Rows along all search blocks, one behind the other; zero where a sample takes no part."""
+        out = np.concatenate([parts[b.segment][:, b.rows] for b in self.search], axis=1)
+        return out if self.kept is None else out * self.kept
 
     def filtered(self, segment: int, rows: np.ndarray) -> np.ndarray:
         """Rows of one record through its fair filter."""
@@ -174,8 +197,7 @@ class Workspace:
         if keep and key in self._cache:
             self._cache.move_to_end(key)
             return self._cache[key]
-        parts = {i: self.columns(site, laws, i) for i in self.searched}
-        out = np.concatenate([parts[b.segment][:, b.rows] for b in self.search], axis=1)
+        out = self._of_search({i: self.columns(site, laws, i) for i in self.searched})
         if not np.isfinite(out).all():
             raise NRFError("The columns of the law overflow", "Leave it out of the catalogue.")
         if keep and out.nbytes < CACHE // 4:
@@ -192,7 +214,7 @@ class Workspace:
     @cached_property
     def search_fixed(self) -> np.ndarray:
         """The same along all search blocks."""
-        return np.concatenate([self._fixed[b.segment][:, b.rows] for b in self.search], axis=1)
+        return self._of_search(dict(enumerate(self._fixed)))
 
     @property
     def blocks(self) -> list[BlockRows]:

@@ -1,0 +1,130 @@
+"""The final model from the samples away from rest, where noise in the motion turns no force that jumps.
+
+A hysteresis that turns over within a small part of the drift is a force that jumps, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..analysis.jumps import jumping_terms
+from ..analysis.rest import SHARES, first_settled, made_wrong, moving
+from ..exceptions import NRFError
+from ..laws.base import ForceLaw
+from ..sites import Site
+from .stage import Stage
+
+# Part of the rms drift of its site within which a hysteresis turns over that is friction but for its name.
+_STEEP = 0.1
+
+
+def turn_of(law: ForceLaw) -> float:
+    """Drift within which a hysteresis turns over, m.
+
+    Parameters
+    ----------
+    law : ForceLaw
+
+    Returns
+    -------
+    float
+        The yield drift ``uy``, or one over the initial slope ``sigma`` (1/m); infinite for all other laws.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> from pysindy_nrf.discrepancy.away_from_rest import turn_of
+    >>> turn_of(laws.Dahl(1e4)), turn_of(laws.Jenkins(2e-4)), turn_of(laws.CoulombFriction())
+    (0.0001, 0.0002, inf)
+    """
+    shape = law.shape if law.family == "hysteresis" else {}
+    if "uy" in shape:
+        return float(np.inf if shape["uy"] is None else shape["uy"])
+    return 1.0 / (shape.get("sigma") or np.inf) if "sigma" in shape else np.inf
+
+
+def jumping(stage: Stage) -> list[tuple[Site, int]]:
+    """Terms of a model whose force jumps, or all but jumps, where the rate changes its sign.
+
+    Parameters
+    ----------
+    stage : Stage
+
+    Returns
+    -------
+    list of (Site, int)
+        Site, and number of the term there.
+    """
+    out = {(site, k) for site, k, _ in jumping_terms(stage.layout)}
+    for (site, i), at in stage.at.items():
+        law = stage.laws[site][i]
+        if turn_of(law) < _STEEP * stage.work.scales(site)[0]:
+            first = at - stage.layout.slices[site].start
+            out |= {(site, first + k) for k in range(len(law.terms()))}
+    return sorted(out, key=lambda one: (stage.layout.sites.index(one[0]), one[1]))
+
+
+def share_to_leave(stage: Stage) -> float | None:
+    """Which samples are next to rest, where least squares on all of them loses a part of a force that jumps.
+
+    Parameters
+    ----------
+    stage : Stage
+
+    Returns
+    -------
+    float or None
+        Share of the rms rate of each site with such a force, see :func:`pysindy_nrf.analysis.rest.moving`; None where
+        nothing jumps, where a filter spreads every jump, and where it makes no difference beyond chance and a tenth.
+    """
+    at = [stage.layout.slices[site].start + k for site, k in jumping(stage)]
+    if not at or any(filter is not None for filter in stage.work.filters):
+        return None
+    found, without = _with_chance(stage, at)
+    tried: list[tuple[np.ndarray, np.ndarray]] = []
+    for share in SHARES:
+        try:
+            tried.append(_with_chance(leaving_rest(stage, share), at))
+        except (NRFError, np.linalg.LinAlgError):  # too few samples are left
+            break
+    if not tried:
+        return None
+    best = first_settled(*zip(*tried))
+    away, rest = tried[best]
+    return SHARES[best] if made_wrong(found, away, rest - without).any() else None
+
+
+def leaving_rest(stage: Stage, share: float) -> Stage:
+    """The same model, fitted without the samples of the search at which a site with a force that jumps is next to rest.
+
+    Parameters
+    ----------
+    stage : Stage
+    share : float
+        Of the rms rate of each such site.
+
+    Returns
+    -------
+    Stage
+    """
+    work = stage.work
+    kept = np.ones(sum(rows.stop - rows.start for rows in work.spans), dtype=bool)
+    for site in {site for site, _ in jumping(stage)}:
+        rate = np.concatenate([work.motion(site, b.segment).v[b.rows] for b in work.search])
+        kept &= moving(rate / (work.scales(site)[1] or 1.0), share)
+    return Stage(work.only(kept), stage.chain, stage.laws)
+
+
+def _with_chance(stage: Stage, at: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Some coefficients from all blocks, and with each block left out."""
+    solution = stage.trial().solve(range(len(stage.work.search)))
+    every = np.concatenate([solution.coefficients[site] for site in stage.layout.sites if stage.laws.get(site)])
+    parts = stage.slot().jackknife()[:, at]
+    if not np.isfinite(parts).all():
+        raise NRFError("A block holds too few samples away from rest", "Give longer records.")
+    return every[list(at)], parts
+
+
+__all__ = ["jumping", "leaving_rest", "share_to_leave", "turn_of"]

@@ -31,9 +31,9 @@ class Diagnosis:
     Attributes
     ----------
     table : DataFrame
-        One row for each finding, the gravest first: ``limit`` (``"channel"``, ``"doubt"``, ``"noise"``, ``"excitation"``,
-        ``"conditioning"``, ``"missing law"``, ``"wrong zero"``, ``"uncertainty"``,
-        ``"estimation"``, ``"delay"``, ``"jump"``), ``where``, ``size``, ``message``.
+        One row for each finding, the gravest first: ``limit`` (``"channel"``, ``"doubt"``, ``"noise"``,
+        ``"excitation"``, ``"conditioning"``, ``"missing law"``, ``"wrong zero"``, ``"uncertainty"``, ``"estimation"``,
+        ``"delay"``, ``"jump"``), ``where``, ``size``, ``message``.
 
     Examples
     --------

@@ -25,7 +25,9 @@ def shaken():
     ag = base(t)
     noise = rng.standard_normal((len(t), 4))
     return Record(
-        acceleration=a + 0.01 * a.std(axis=0) * noise[:, :3], base_acceleration=ag + 0.01 * ag.std() * noise[:, 3], fs=FS
+        acceleration=a + 0.01 * a.std(axis=0) * noise[:, :3],
+        base_acceleration=ag + 0.01 * ag.std() * noise[:, 3],
+        fs=FS,
     )
 
 

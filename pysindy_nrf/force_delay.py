@@ -5,7 +5,9 @@ The balance of a forced DOF is solved with its force shifted by whole samples,
 .. math:: \min_\theta \sum_t \bigl(F_j(t + \tau) - \Phi_j(t) \theta\bigr)^2 ,
 
 for every shift at once (they share one Gram matrix); the parabola through the lowest three residuals gives the
-delay to a fraction of a sample, and leaving out pieces of the record its standard error.
+delay to a fraction of a sample, and leaving out pieces of the record its standard error. A single blow has no pieces
+to leave out: the curve of the residuals tells the error there, and the course of the force between two samples, which
+nobody measured, adds its own.
 """
 
 from __future__ import annotations
@@ -31,6 +33,9 @@ LATE = 0.1  # samples from which on a delay is said
 SAME_RATE = 1e-3  # relative difference of sampling steps that are taken as one
 UNEXPLAINED = 0.5  # share of the square of the force that the best shift leaves, beyond which no delay is told
 SURE = 3.0  # standard errors that a delay must be away from zero
+BLOW = 0.9  # share of the square of a force that two neighbouring pieces hold if it is a single blow
+REMNANT = 0.01  # of the largest term of its balance, below which a blow lies outside the rows that a filter left
+BETWEEN = 12**-0.5  # standard error of a blow whose place within one sample is anybody's guess, samples
 
 
 def force_delay(estimator: Any, X: Any = None, F: Any = None, **options: Any) -> pd.DataFrame:
@@ -47,9 +52,9 @@ def force_delay(estimator: Any, X: Any = None, F: Any = None, **options: Any) ->
     -------
     DataFrame
         By force (``F1``..): ``delay`` (s, positive = the force is late; NaN without a clock), ``samples``
-        (of the first record; NaN where the laws explain less than half of the balance at any delay), ``error``
-        (standard error, samples), ``aligned`` (bool) and ``message``. Forces that act in no balance with a single
-        unknown force are left out.
+        (of the first record; NaN where the laws explain less than half of the balance at any delay, or a filter masked
+        the only blow), ``error`` (standard error, samples), ``aligned`` (bool) and ``message``. Forces
+        that act in no balance with a single unknown force are left out.
 
     Raises
     ------
@@ -87,8 +92,13 @@ def force_delay(estimator: Any, X: Any = None, F: Any = None, **options: Any) ->
         samples, error = found
         aligned = not (abs(samples) >= LATE and abs(samples) >= SURE * error)
         rows[f"F{j}"] = [samples * (data.dt or np.nan), samples, error, aligned, _words(j, samples, data.dt, aligned)]
-    if not rows:
+    if not data.forced:
         raise ChannelError("No force is measured, so no delay can be told", "Measure a force.")
+    if not rows:
+        raise ChannelError(
+            "No balance tells the delay of its force",
+            f"Records of more than {8 * MOST} samples and laws that explain the balance are needed.",
+        )
     columns = ["delay", "samples", "error", "aligned", "message"]
     return pd.DataFrame.from_dict(rows, orient="index", columns=columns).rename_axis("channel")
 
@@ -96,7 +106,10 @@ def force_delay(estimator: Any, X: Any = None, F: Any = None, **options: Any) ->
 def _words(j: int, samples: float, dt: float | None, aligned: bool) -> str:
     """What is to be said of the delay of a force; nothing where there is none."""
     if np.isnan(samples):
-        return f"The laws explain less than half of the balance of DOF {j}: no delay of F{j} can be told."
+        return (
+            f"No delay of F{j} can be told: the laws explain less than half of the balance of DOF {j}, or its blow "
+            "lies in rows that a filter masked."
+        )
     if aligned:
         return ""
     when = "late" if samples > 0 else "early"
@@ -140,7 +153,7 @@ def _delay_at(segments: Sequence[tuple[Segment, Any]], layout: LawLayout, j: int
 
     group = layout.group((j,))
     known = dict.fromkeys(range(1, layout.n_dof + 1), 0.0)
-    grams = []
+    grams, fourth = [], 0.0
     for seg, filter in segments:
         measured = seg.F[seg.valid, j - 1]
         if np.isnan(measured[0]) or not measured.any() or len(measured) < 8 * MOST:
@@ -149,23 +162,34 @@ def _delay_at(segments: Sequence[tuple[Segment, Any]], layout: LawLayout, j: int
         inner = slice(MOST, len(force) - MOST)
         shifted = [force[MOST + k : len(force) - MOST + k] for k in range(-MOST, MOST + 1)]
         both = np.vstack([*(row[inner] for row in rows), *shifted])
+        fourth += float((both[-MOST - 1] ** 4).sum())
         for part in np.array_split(both, PIECES, axis=1):
             grams.append(part @ part.T)
     if not grams:
         return None
     total, n = np.sum(grams, axis=0), len(grams)
-    best = _lowest(total)
-    if best is None:
+    lowest = _lowest(total)
+    if lowest is None:
         return None
+    best, sharpness, share = lowest
+    energy = np.array([part[-MOST - 1, -MOST - 1] for part in grams])
+    if (energy + np.append(energy[1:], 0.0)).max() > BLOW * energy.sum():
+        if share < REMNANT:
+            return np.nan, np.nan
+        samples = energy.sum() ** 2 / fourth  # of the blow, which all that is left may belong to
+        return best, float(np.hypot(BETWEEN, sharpness * samples**-0.5))
     left_out = [_lowest(total - g) for g in grams]
-    values = np.array([v for v in left_out if v is not None])
+    values = np.array([v[0] for v in left_out if v is not None])
     if len(values) < n:
         return None
     return best, float(np.sqrt(variance(values)))
 
 
-def _lowest(gram: np.ndarray) -> float | None:
-    """Shift, samples, at which the force leaves least, NaN if that is most of it; None at the ends of the range."""
+def _lowest(gram: np.ndarray) -> tuple[float, float, float] | None:
+    """Shift, samples, at which the force leaves least, NaN if that is most of it; None at the ends of the range.
+
+    Beside it its standard error for a single sample of white residual, and the share of the force in the largest term.
+    """
     p = len(gram) - 2 * MOST - 1
     size = np.sqrt(np.diag(gram))
     if not (size > 0).all():
@@ -175,8 +199,12 @@ def _lowest(gram: np.ndarray) -> float | None:
     left = 1.0 - np.einsum("ij,ij->j", unit[:p, p:], c)
     k = int(np.argmin(left))
     if left[k] > UNEXPLAINED:
-        return np.nan
+        return np.nan, np.nan, np.nan
     if not 0 < k < 2 * MOST:
         return None
     bend = left[k - 1] - 2 * left[k] + left[k + 1]
-    return float(k - MOST + (0.5 * (left[k - 1] - left[k + 1]) / bend if bend > 0 else 0.0))
+    share = 1.0 / max(float(np.abs(c[:, k]).max()), 1e-300)
+    if bend <= 0:
+        return float(k - MOST), np.inf, share
+    place = 0.5 * (left[k - 1] - left[k + 1]) / bend
+    return float(k - MOST + place), float(np.sqrt(max(2.0 * (left[k] - 0.5 * bend * place**2), 0.0) / bend)), share

@@ -31,9 +31,9 @@ class Diagnosis:
     Attributes
     ----------
     table : DataFrame
-        One row for each finding, the gravest first: ``limit`` (``"doubt"``, ``"noise"``, ``"excitation"``,
-        ``"conditioning"``, ``"missing law"``, ``"wrong zero"``, ``"uncertainty"``,
-        ``"estimation"``, ``"delay"``, ``"jump"``), ``where``, ``size``, ``message``.
+        One row for each finding, the gravest first: ``limit`` (``"channel"``, ``"doubt"``, ``"noise"``,
+        ``"excitation"``, ``"conditioning"``, ``"missing law"``, ``"wrong zero"``, ``"uncertainty"``, ``"estimation"``,
+        ``"delay"``, ``"jump"``), ``where``, ``size``, ``message``.
 
     Examples
     --------
@@ -90,9 +90,14 @@ def diagnose(model: Any) -> Diagnosis:
 
 
 def _doubts(model: Any) -> list[Finding]:
-    """What ``fit`` warned of: balances that contradict each other, masses that cannot be."""
-    gravity = {"forces": 6.0, "masses": 3.9}  # noise in the motion, if it is found, says why a mass is doubtful
-    return [(gravity[key], "doubt", key, np.nan, text) for key, held in model.doubts_.items() for text in held]
+    """What ``fit`` warned of: channels that look wrong, balances that contradict each other, masses that cannot be."""
+    # a wrong channel is behind much of the rest; noise in the motion, if it is found, says why a mass is doubtful
+    gravity = {"channels": 7.0, "forces": 6.0, "masses": 3.9}
+    return [
+        (gravity[key], "channel" if key == "channels" else "doubt", key, np.nan, text)
+        for key, held in model.doubts_.items()
+        for text in held
+    ]
 
 
 def _missing(model: Any) -> list[Finding]:

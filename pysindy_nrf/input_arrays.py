@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,12 +14,14 @@ from .channels import as_matrix, finite_span, rows_text
 from .clock import EvenClock
 from .exceptions import ChannelError, DataQualityWarning, LawError
 from .extent import Extent
+from .fair_filter import FairFilter
 from .kinematics import base_acceleration_if_any
 from .pieces import by_record, contiguous, gaps
 from .record import Record, seconds_of
 from .segments import Segment, SegmentSet, feature_names
 
 _STRETCH = 2**16  # samples looked at at a time
+BASE_MOTION = ("ag", "vg", "xg")  # covariates that are motions of the base
 _PIECE = 30  # samples between two gaps at least; fewer are too few to run a model along
 
 
@@ -81,7 +84,9 @@ def from_arrays(
     record, time : array-like of shape (n_samples,), optional
         Record ids; time of the samples, s.
     base_acceleration : array-like of shape (n_samples,), optional
+        As measured; where ``X.attrs`` carries the band of fused motions, it is put through that here.
     covariates : mapping of str to array-like of shape (n_samples,), optional
+        Those named ``ag``, ``vg`` and ``xg`` are motions of the base, to which the same happens.
     coordinates : {"relative", "absolute"}
     dt : float, optional
         Sampling step, s, if there is no time.
@@ -184,8 +189,9 @@ def from_arrays(
             {k: c[rows] for k, c in extra.items()},
             resolved=getattr(X, "attrs", {}).get("resolved"),
             band=getattr(X, "attrs", {}).get("band"),
+            doubts=tuple(getattr(X, "attrs", {}).get("doubts", ())),
         )
-        segments.append(_trimmed(segment, names, x[rows] if coordinates == "relative" else None))
+        segments.append(_trimmed(_base_in_band(segment), names, x[rows] if coordinates == "relative" else None))
     if has_memory:
         for segment in segments:
             _require_order(segment)
@@ -204,13 +210,13 @@ def _from_records(records: Sequence[Record], beside: Sequence[str], n_dof: int |
             )
         x, force = rec.to_features(smooth=smooth)
         n, values = rec.n_dof, x.to_numpy()
-        ag = base_acceleration_if_any(rec, x.attrs.get("band"))
+        ag = base_acceleration_if_any(rec)
         segment = Segment(
             rec.name, slice(at, at + len(x)), values[:, :n], values[:, n : 2 * n], values[:, 2 * n :], force.to_numpy(),
             rec.time, ag, dict(rec.covariates), resolved=x.attrs.get("resolved"),
-            band=x.attrs.get("band"),
+            band=x.attrs.get("band"), doubts=tuple(x.attrs.get("doubts", ())),
         )
-        segments.append(_trimmed(segment, feature_names(n)))
+        segments.append(_trimmed(_base_in_band(segment), feature_names(n)))
         at += len(x)
     return SegmentSet(segments, at)
 
@@ -372,6 +378,27 @@ def _clock(seconds: np.ndarray | None, rows: slice, dt: float | None) -> Any:
     if seconds is not None:
         return seconds[rows]
     return None if dt is None else EvenClock(rows.stop - rows.start, float(dt))
+
+
+def _base_in_band(segment: Segment) -> Segment:
+    """The record with the motion of its base put through the band of its floors.
+
+    Of covariates the base's own motion (``ag``, ``vg``, ``xg``) goes with it; a voltage or a temperature does not.
+    """
+    if segment.band is None or segment.dt is None:
+        return segment
+    filter = FairFilter(segment.band, 1.0 / segment.dt)
+
+    def banded(line: np.ndarray) -> np.ndarray:
+        inside = np.flatnonzero(np.isfinite(line))
+        out = line.astype(float)
+        if len(inside) and np.isfinite(line[inside[0] : inside[-1] + 1]).all():  # a gap is named further on
+            rows = slice(inside[0], inside[-1] + 1)
+            out[rows] = filter.apply(out[rows])
+        return out
+
+    moves = {k: banded(line) if k in BASE_MOTION else line for k, line in segment.covariates.items()}
+    return replace(segment, ag=None if segment.ag is None else banded(segment.ag), covariates=moves)
 
 
 def _trimmed(segment: Segment, names: Sequence[str], packed: np.ndarray | None = None) -> Segment:

@@ -39,7 +39,8 @@ def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.Da
     -----
     ``X.attrs`` says what fused motions can serve for: ``"resolved"``, the frequency in Hz up to which they hold
     the motion where accelerations are not measured, ``"joint_fusion"``, whether the DOFs improved each other, and
-    ``"band"``, the (lower, upper) edges in Hz that motion and forces were put through (either may be None).
+    ``"band"``, the (lower, upper) edges in Hz that motion and forces were put through (either may be None); and
+    ``"doubts"``, what the warning says of channels that look wrong.
 
     Warns
     -----
@@ -74,7 +75,7 @@ def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.Da
                 "leave the floor out and read what its storeys then mean: pysindy_nrf.condensation.condense(record).",
             )
     smoother = None if smooth is False else _smoother(smooth)
-    _warn_of_doubts(record)
+    doubts = _doubts(record)
     if smoother is None:
         _all_measured(record, have)
         fused = record
@@ -97,6 +98,8 @@ def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.Da
         X.attrs["joint_fusion"] = smoother.joint and not _as_measured(record, a)
     if smoother is not None and smoother.band_ is not None:
         X.attrs["band"] = check_band(smoother.band_, record.fs)
+    if doubts:
+        X.attrs["doubts"] = doubts
     F = pd.DataFrame(fused.force, index=index, columns=[f"F{j}" for j in range(1, record.n_dof + 1)])
     return X, F
 
@@ -212,7 +215,8 @@ def base_motion(record: Record, fused: Record, smooth: Any = True) -> tuple[np.n
     return whole.velocity[:, 0], whole.displacement[:, 0]
 
 
-def _warn_of_doubts(record: Record) -> None:
+def _doubts(record: Record) -> list[str]:
+    """What looks wrong with the channels; a warning says it."""
     from .io.plausibility import doubts
 
     if found := doubts(record):
@@ -222,6 +226,7 @@ def _warn_of_doubts(record: Record) -> None:
             DataQualityWarning,
             stacklevel=4,
         )
+    return found
 
 
 def _as_measured(record: Record, fused: np.ndarray) -> bool:

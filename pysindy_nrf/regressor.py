@@ -100,8 +100,9 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         Of least squares: coefficients of forces that jump (friction), and what they are without the samples next to
         the jumps; a BiasWarning is raised where they differ. See :func:`pysindy_nrf.analysis.jump_bias_of`.
     doubts_ : dict of str to list of str
-        What else the BiasWarning of the fit says: ``"forces"``, balances that contradict each other (a force in other
-        units, a wrong known mass), and ``"masses"`` that are not positive or that noise decides.
+        ``"channels"``, what a DataQualityWarning says of channels that look wrong (units, sign, gain, delay, clipped,
+        dead); and what else the BiasWarning of the fit says: ``"forces"``, balances that contradict each other (a force
+        in other units, a wrong known mass), and ``"masses"`` that are not positive or that noise decides.
     model_ : ChainModel
     chain_ : Chain
     walk_ : Walk
@@ -193,7 +194,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         time : array-like of shape (n_samples,), optional
             s.
         base_acceleration : array-like of shape (n_samples,), optional
-            m/s^2.
+            m/s^2, as measured: it is put through the band that fused motions carry (``X.attrs["band"]``).
         covariates : mapping of str to array-like of shape (n_samples,), optional
         state : path-like, optional
             Of a fit from files: where it leaves its state if it is interrupted, to go on from there.
@@ -423,6 +424,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         show(terms.layout, judged, self.band, [terms, *jumps.asked])
         self.missing_terms_, self.jump_bias_ = terms.table(), jumps.table()
         self.doubts_ = {
+            "channels": data.doubts,
             "forces": contradictions_of(solution, moments),
             "masses": doubtful_masses(solution) + lost_masses(model),
         }

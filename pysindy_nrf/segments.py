@@ -38,6 +38,8 @@ class Segment:
         Frequency, Hz, up to which fused motions hold the motion; None if they are as measured.
     band : (float or None, float or None) or None
         Edges, Hz, of the band that motion and forces were put through before they came here.
+    doubts : tuple of str
+        What looked wrong with its channels, in sentences.
     """
 
     name: str
@@ -52,6 +54,7 @@ class Segment:
     valid: slice = field(default_factory=lambda: slice(0, 0))
     resolved: float | None = None
     band: tuple[float | None, float | None] | None = None
+    doubts: tuple[str, ...] = ()
     _extent: tuple[slice, Extent] | None = field(default=None, repr=False, compare=False)
 
     @property
@@ -259,6 +262,13 @@ class SegmentSet:
     def base_moves(self) -> bool:
         """Whether the base moves in some record (its acceleration was given)."""
         return any(seg.ag is not None and seg.ag.any() for seg in self.segments)
+
+    @property
+    def doubts(self) -> list[str]:
+        """What looked wrong with the channels, in sentences; where there are several records with the name of each."""
+        several = len(self.segments) > 1
+        said = (f"Record {s.name!r}: {text}" if several else text for s in self.segments for text in s.doubts)
+        return list(dict.fromkeys(said))
 
     @property
     def dt(self) -> float | None:

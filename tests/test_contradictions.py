@@ -91,4 +91,4 @@ def test_one_force_says_nothing_twice(record):
     assert "contradict" not in fitted(with_gain(record, 2, 2.0), strategy="joint")[1]
     one = ChainModel([5.0], {1: LINEAR})
     F = excitation.band_limited_random(1, 4.0, FS, dofs=1, rms=40.0, band=(1, 40), random_state=0)
-    assert fitted(simulate(one, F, 1 / FS, hold="cubic"))[0].doubts_ == {"forces": [], "masses": []}
+    assert fitted(simulate(one, F, 1 / FS, hold="cubic"))[0].doubts_ == {"channels": [], "forces": [], "masses": []}

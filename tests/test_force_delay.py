@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import functools
+
+import integrated
 import numpy as np
 import pytest
 
-from pysindy_nrf import ChainModel, NRFRegressor, alignment, excitation, laws, simulate
+from pysindy_nrf import ChainModel, NRFRegressor, Record, alignment, excitation, laws, simulate
 from pysindy_nrf.alignment import shifted
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.force_delay import force_delay
@@ -79,3 +82,47 @@ def test_alignment_offers_it_and_nothing_that_is_not_there():
     assert alignment.force_delay is force_delay and "force_delay" in dir(alignment)
     with pytest.raises(AttributeError, match="no attribute 'force_delays'"):
         alignment.force_delays  # noqa: B018
+
+
+@functools.cache
+def one_blow(width, shape, begin=0.5):
+    """A single blow on the upper of two floors, integrated by DOP853: its force, and what the sensors see."""
+    fs, end = 1000.0, begin + width * 1e-3
+
+    def force(t):
+        inside = begin < t < end
+        return 500.0 * (np.sin(np.pi * (t - begin) / (end - begin)) if shape == "hammer" else 1.0) * inside
+
+    a, v, x, t = integrated.run(
+        [10.0, 12.0], [60.0, 60.0], [1e5, 1e5], fs, 2.0, lambda t: np.array([0.0, force(t)]), break_at=(begin, end)
+    )
+    return np.array([force(s) for s in t]), a, x, fs
+
+
+@pytest.mark.parametrize("width, shape", [(3.0, "hammer"), (8.0, "hammer"), (2.5, "impulse")])
+@pytest.mark.parametrize("channels", ["a", "ax", "x"])
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_a_single_blow_tells_whole_samples_and_no_half_one(width, shape, channels, noise):
+    clean, a, x, fs = one_blow(width, shape)
+    rng = np.random.default_rng(0)
+    a, x = (y + noise * y.std(axis=0) * rng.standard_normal(y.shape) for y in (a, x))
+    given = {k: y for k, y in (("acceleration", a), ("displacement", x)) if k[0] in channels.replace("x", "d")}
+    for late in (0, 3, -2):
+        force = np.column_stack([0.0 * clean, np.roll(clean, late)])
+        model = NRFRegressor(degree=1).fit(Record(**given, force=force, fs=fs))
+        row = force_delay(model).loc["F2"]
+        if not np.isfinite(row["samples"]):  # the balance does not hold: nothing is said
+            assert row["aligned"] and (channels == "x" or shape == "impulse")
+            continue
+        assert row["aligned"] == (late == 0) or (channels != "ax" and noise and row["aligned"])
+        assert abs(row["samples"] - late) < 1.0 and abs(row["samples"] - late) < 3 * row["error"]
+        assert ("delay" in set(model.diagnose().table["limit"])) == (not row["aligned"])
+
+
+def test_a_blow_in_the_rows_that_a_filter_masked_tells_no_delay():
+    """What is left of it is a smooth tail of the filter, which any shift explains."""
+    clean, a, _, fs = one_blow(3.0, "hammer", 0.05)
+    X, F = Record(acceleration=a, force=np.column_stack([0.0 * clean, clean]), fs=fs).to_features()
+    assert np.nanmax(np.abs(F["F2"][X.notna().all(axis=1)])) < 0.01 * clean.max()
+    row = force_delay(NRFRegressor(degree=1).fit(X, F)).loc["F2"]
+    assert row["aligned"] and np.isnan(row["samples"])

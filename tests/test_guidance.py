@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import warnings
 
+import integrated
 import numpy as np
 import pytest
 
-from pysindy_nrf import Chain, ChainModel, NRFRegressor, excitation, laws, simulate
+from pysindy_nrf import Chain, ChainModel, NRFRegressor, Record, excitation, laws, simulate
 from pysindy_nrf.exceptions import ChainError
 from pysindy_nrf.noise import add_noise
 
@@ -114,3 +116,38 @@ def test_a_missing_sensor_is_said_and_a_wrong_floor_refused():
     assert "Floor 3 has no sensor" in text and "accelerometer on floor 3" in text and "with that sensor" in text
     with pytest.raises(ChainError, match="DOF 9"):
         Chain(4).plan(can_hit=[9])
+
+
+@functools.cache
+def two_floors():
+    push = integrated.multisine(np.random.default_rng(0), 250.0, 10.0, (0.5, 25.0), 100.0)
+    return push, integrated.run([10.0, 8.0], [60.0, 60.0], [2e4, 1e4], 250.0, 10.0, lambda t: np.array([0.0, push(t)]))
+
+
+def faulty(fault):
+    """Two floors with displacement sensors and accelerometers, one of them at fault."""
+    push, (a, _, x, t) = two_floors()
+    a, x = a.copy(), x.copy()
+    if fault == "late":
+        x[3:, 0] = x[:-3, 0].copy()
+    if fault == "gain":
+        x[:, 0] *= 1.3
+    if fault == "clipped":
+        a[:, 0] = np.clip(a[:, 0], *(0.7 * np.array([a[:, 0].min(), a[:, 0].max()])))
+    return Record(acceleration=a, displacement=x, force=np.column_stack([0 * t, push(t)]), fs=250.0)
+
+
+@pytest.mark.parametrize("fault, words", [("late", "samples) late"), ("gain", "1.3"), ("clipped", "is cut off"), ("", "")])
+@pytest.mark.parametrize("records", [1, 2])
+def test_what_fit_said_of_channels_is_in_the_diagnosis(fault, words, records):
+    rec = faulty(fault)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        model = NRFRegressor(degree=1).fit([rec] * records if records > 1 else rec)
+    table = model.diagnose().table
+    told = table.loc[table["limit"] == "channel", "message"]
+    assert bool(fault) == any(words in text for text in told) == bool(len(told))
+    if fault:
+        assert table["limit"][0] == "channel" and any(("a1 is" if fault == "clipped" else "x1 is") in s for s in told)
+        said = " ".join(str(w.message) for w in caught)
+        assert told.iloc[0].removeprefix("Record 'record': ").rstrip(".") in said

@@ -16,6 +16,7 @@ from ..fair_filter import filters_of
 from ..free_run import free_run_error
 from ..laws.base import ForceLaw
 from ..laws.power_series import whole
+from ..laws.sensor import ChannelDelay, GainError, SensorFault
 from ..regressor import NRFRegressor
 from ..segments import BlockRows, SegmentSet
 from ..sites import Site
@@ -30,7 +31,7 @@ from .reestimate import needless, place_of, reestimated
 from .report import LoopReport, Scene, Step, audit
 from .search import Finding, refine, screen, validate
 from .second_opinion import confirmed
-from .sensors import SensorFinding, sensor_findings
+from .sensors import SensorFinding, sensor_findings, sharpened_again
 from .spectral_lines import lines_of
 from .splits import split
 from .stage import Stage, Trial
@@ -55,6 +56,7 @@ _OPEN = 50.0
 # error falls by so much that another missing effect must be to blame.
 _WORSE_ALONE = 1.3
 _BEYOND_DOUBT = 0.5
+_FAULTS: dict[str, SensorFault] = {law.name: law for law in (GainError(), ChannelDelay())}
 
 
 def close_loop(
@@ -282,6 +284,13 @@ class _Loop:
                 steps.append(step)
                 self.told.append((chosen, step))
                 scenes.append(Scene(f"{step.law} at {step.site}", trial, after, null, self.floors.of(trial)))
+        for step in self._found_too_early(steps):
+            stage = self._sharper(stage, step)
+        if stage is not trial.stage:
+            trial = stage.trial()
+            null = Null(self.ready, stage, self.rng, self.n_surrogates)
+            scenes[-1] = Scene(scenes[-1].name, trial, trial.fold_errors(), null, self.floors.of(trial))
+            steps[-1].validation_after = float(np.median(scenes[-1].folds))
         if steps and (away := share_to_leave(stage)) is not None:
             null = scenes[-1].null = Null(self.ready, stage, self.rng, self.n_surrogates, away=away)
         floor, left = self.floors.percent(trial, null), float(np.median(scenes[-1].folds))
@@ -311,6 +320,30 @@ class _Loop:
         if said := contradictions(self.ready, self.work) if self.sensors else []:
             stopped += f". Channels contradict each other, and the fusion made the best of it: {'; '.join(said)}"
         return LoopReport.assemble(self.work, scenes, steps, stopped, ranking, band, measured)
+
+    def _found_too_early(self, steps: Sequence[Step]) -> list[Step]:
+        """Gains and delays that were estimated before all effects were known; a wrong zero has its own place."""
+        last = max((k for k, step in enumerate(steps) if step.family != "sensor"), default=-1)
+        return [step for step in steps[: last + 1] if step.law in _FAULTS]
+
+    def _sharper(self, stage: Stage, step: Step) -> Stage:
+        """The stage on records whose fault was estimated again beside all laws."""
+        fault = _FAULTS[step.law].with_values([float(v or 0.0) for v in step.parameters.values()])
+        found = sharpened_again(self.ready, self.work, stage, fault, Site(step.site))
+        if found is None:
+            return stage
+        more, half = found
+        assert isinstance(more.law, SensorFault) and more.ready is not None
+        if more.screen < stage.trial().search_error():
+            whole = fault.followed_by(more.law)
+            step.parameters = whole.parameters
+            step.evidence += f"; beside all laws of the model {whole.terms()[0].symbol} = {whole.values[0]:.4g}"
+            stage = more.on(stage)
+            self.ready, self.work = more.ready, stage.work
+            stage = reestimated(stage, self.accepted)
+        symbol, value = next((k, float(v or 0.0)) for k, v in step.parameters.items())
+        step.intervals = {symbol: (value - half, value + half)}
+        return stage
 
     def _findings(self, stage: Stage, trial: Trial, steps: Sequence[Step]) -> list[Finding]:
         """Validated candidates, best first."""

@@ -11,7 +11,6 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import ChannelError
-from ..fair_filter import Band, FairFilter
 from ..input_arrays import from_arrays
 from ..kinematics import base_acceleration_if_any, base_motion, to_features
 from ..measured import Measured, measured
@@ -169,9 +168,8 @@ def measured_of(ready: Prepared) -> list[Measured]:
 
 def _segment(record: Record, X: pd.DataFrame, F: pd.DataFrame) -> Segment:
     """The fused motion of a record beside what was measured of its base and covariates."""
-    band = X.attrs.get("band")
-    ag = base_acceleration_if_any(record, band)
-    return from_arrays(X, F, base_acceleration=ag, covariates=_covariates(record, band)).segments[0]
+    ag = base_acceleration_if_any(record)
+    return from_arrays(X, F, base_acceleration=ag, covariates=_covariates(record)).segments[0]
 
 
 def as_records(records: Any, name: str) -> list[Record]:
@@ -199,8 +197,8 @@ def _is_clean(record: Record, noise: dict[str, float]) -> bool:
     return all(noise.get(name, np.inf) <= CLEAN * np.nanstd(channels[name]) for name in wanted)
 
 
-def _covariates(record: Record, band: Band = None) -> dict[str, np.ndarray]:
-    """Measured covariates, and the motion of the base, within the band of the floors', as ``ag`` and ``vg``."""
+def _covariates(record: Record) -> dict[str, np.ndarray]:
+    """Measured covariates, and the motion of the base as ``ag`` and ``vg``."""
     out = dict(record.covariates)
     if not record.base_moves:
         return out
@@ -214,7 +212,6 @@ def _covariates(record: Record, band: Band = None) -> dict[str, np.ndarray]:
         from ..signals import integrate
 
         vg = integrate(ag, record.dt)
-    filter = None if band is None else FairFilter(band, record.fs)
     for name, line in (("ag", ag), ("vg", vg)):
-        out.setdefault(name, line if filter is None else filter.apply(line))
+        out.setdefault(name, line)
     return out

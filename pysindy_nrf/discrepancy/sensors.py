@@ -17,10 +17,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.optimize import minimize_scalar
+from scipy.stats import t as student
 
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw
 from ..laws.sensor import ChannelDelay, GainError, SensorFault, SensorOffset
+from ..leaving_out import variance
 from ..segments import BlockRows, Segment, SegmentSet
 from ..simulation.readings import as_true
 from ..sites import Site
@@ -39,6 +41,8 @@ _AGAIN = 0.5
 # How far, as a share, the value of such a fault may be off, and trials to mend it.
 _ROUGH = 0.2
 _TRIALS = 7
+# The same of a fault that was corrected before other effects were known; blocks that tell its interval.
+_LATER, _FEWEST = 0.5, 3
 # Fall of the error that a parabola through three trials must promise; faults that are rebuilt from the records.
 _PROMISE = 0.05
 # Fall of the error that the fused motion must show before everything is built again: the gate asks for more still.
@@ -131,6 +135,59 @@ def sensor_findings(
             one.equals.append("the known masses (all alike)")
     again = {f.law.name: str(f.site) for f in reversed(near) if (f.law.name, str(f.site)) in corrected}
     return [f for f in kept if all(f is not o for o in near) or again.get(f.law.name, str(f.site)) == str(f.site)]
+
+
+def sharpened_again(
+    ready: Prepared, work: Workspace, stage: Stage, law: SensorFault, site: Site
+) -> tuple[SensorFinding, float] | None:
+    """What is left of a fault that was corrected before other effects were known.
+
+    Parameters
+    ----------
+    ready : Prepared
+        Corrected records.
+    work : Workspace
+    stage : Stage
+        All laws of the final model.
+    law : SensorFault
+        With the value that was corrected.
+    site : Site
+
+    Returns
+    -------
+    finding : SensorFinding
+        The further correction.
+    half : float
+        Half the 95 % interval of the whole, by leaving out blocks.
+    None
+        If the channels cannot be corrected any further.
+    """
+    scale = abs(float(law.values[0]))
+    tried: dict[float, SensorFinding] = {}
+
+    def cost(value: float) -> float:
+        one = _rebuilt(ready, work, stage, Suspect(law.with_values([value]), site))
+        if one is None:
+            return 1e6
+        tried[value] = one
+        return one.screen
+
+    reach = _LATER * scale
+    options = {"xatol": 0.005 * scale, "maxiter": 2 * _TRIALS}
+    minimize_scalar(cost, bounds=(-reach, reach), method="bounded", options=options)
+    if not tried:
+        return None
+    best = min(tried, key=lambda value: tried[value].screen)
+    ends = (best - 0.1 * scale, best + 0.1 * scale)
+    if max(cost(end) for end in ends) >= 1e6:
+        return None
+    low, mid, high = (tried[value].folds ** 2 for value in (ends[0], best, ends[1]))
+    # squared errors are a parabola near the best value; where its top lies without each block in turn
+    slope, curve = (np.sum(y) - y for y in ((high - low) / 2, high - 2 * mid + low))
+    if (curve <= 0).any() or len(mid) < _FEWEST:
+        return None
+    tops = -slope / curve * 0.1 * scale
+    return tried[best], float(student.ppf(0.975, len(tops) - 1) * np.sqrt(variance(tops[:, None])[0]))
 
 
 def null_gain(stage: Stage, finding: SensorFinding) -> float:
@@ -330,4 +387,4 @@ def _sharpened(ready: Prepared, work: Workspace, stage: Stage, finding: SensorFi
     return best
 
 
-__all__ = ["SensorFinding", "null_gain", "sensor_findings"]
+__all__ = ["SensorFinding", "null_gain", "sensor_findings", "sharpened_again"]

@@ -73,6 +73,8 @@ class IVResult:
         The motion that gave the last instruments.
     settled : bool
         False where the rounds went astray and an earlier one was kept.
+    moved : ndarray of shape (n_dof,) or None
+        Relative change of each mass in the last round, where the rounds were not at rest when they ended.
 
     Examples
     --------
@@ -98,6 +100,7 @@ class IVResult:
     notes: list[str] = field(default_factory=list)
     runs: list[Segment | None] = field(default_factory=list)
     settled: bool = True
+    moved: np.ndarray | None = None
 
     def judged(self, data: SegmentSet) -> SegmentSet:
         """What the balances miss along the measured motion, laid beside the free run, which is free of its noise.
@@ -217,7 +220,8 @@ def instrumental_variables(
         if (found.masses <= 0).any() and not (start.masses <= 0).any():
             why = f"m{int(np.argmin(found.masses)) + 1} became {found.masses.min():.3g} kg"
             break
-        change = np.abs(found.masses / model.masses - 1).max()
+        moved = np.abs(found.masses / model.masses - 1)
+        change = moved.max()
         best = IVResult(found, solution, pieces, round_, likeness, notes, runs)
         model = found
         if change < SETTLED and (round_ > PLAIN + 1 or (round_ > PLAIN and weighting is None)):
@@ -228,6 +232,8 @@ def instrumental_variables(
         elif likeness < kept[0] - ASTRAY:
             why = f"the free runs became less like the measured motion (correlation {likeness:.2f})"
     if not why:
+        if best is not None and change >= SETTLED:
+            best.moved = moved
         return best
     if kept is None or kept[0] < max(first, ALIKE):  # least squares, which the first round begins with, runs as well
         _fall_back(why, cure)

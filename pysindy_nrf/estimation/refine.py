@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from ..chain_solve import Solution, groups_of
-from ..exceptions import IdentifiabilityError
+from ..exceptions import BiasWarning, IdentifiabilityError, NRFError
 from ..fair_filter import filters_of
 from ..identifiability import Walk
 from ..layout import LawLayout
 from ..model import ChainModel
 from ..segments import SegmentSet
 from .intervals import InfluenceResolver, Resolver
-from .iv import instrumental_variables
+from .iv import IVResult, instrumental_variables
 from .output_error import free_parameters, output_error
 from .pieces import pieces_of
 
 METHODS = ("ls", "iv", "simulation")
+# Standard errors by which a mass may still move in the last round.
+_BESIDE = 0.2
 
 
 def refine(
@@ -59,6 +63,9 @@ def refine(
         return model, solution, None, facts, data
     facts |= {"found": "iv", "rounds": iv.rounds, "likeness": iv.likeness, "notes": list(iv.notes)}
     resolver = Resolver(iv.pieces, walk, dict(known), inner)
+    if said := _restless(iv, resolver):
+        facts["notes"] = [*facts["notes"], said]
+        warnings.warn(said, BiasWarning, stacklevel=4)
     model, solution = iv.model, iv.solution
     if method == "simulation":
         result = output_error(model, data, layout, known, band, _halves(resolver))
@@ -132,6 +139,26 @@ def separate_resolver(
     """
     found = least_squares_resolver(separate, layout, walk, filters_of(band, separate), known, resolver.inner)
     return replace(found, constrain=resolver.constrain)
+
+
+def _restless(iv: IVResult, resolver: Resolver) -> str:
+    """What is to be said of rounds that were not at rest when they ended; nothing where noise does far more."""
+    if iv.moved is None:
+        return ""
+    spread, beside = np.zeros(len(iv.moved)), ""
+    try:
+        variance = np.diag(resolver.covariance(lambda model: pd.Series(model.masses)))
+        spread = np.sqrt(variance) / np.abs(iv.model.masses)
+    except NRFError:  # too few pieces to tell
+        pass
+    j = int(np.argmax(iv.moved - _BESIDE * spread))
+    if iv.moved[j] <= _BESIDE * spread[j]:
+        return ""
+    beside = f" (standard error {100 * spread[j]:.2g} %)" if spread[j] else ""
+    return (
+        f"estimation='iv' was not at rest after {iv.rounds} rounds: the last one still moved m{j + 1} by "
+        f"{100 * iv.moved[j]:.2g} %{beside}. Give longer or cleaner records, or a simpler law."
+    )
 
 
 def _halves(resolver: Resolver) -> list[ChainModel] | None:

@@ -115,7 +115,7 @@ def read_delimited(path: Path, max_bytes: int = MAX_BYTES) -> Table:
         f"columns separated by {separator}, {mark}"
         + ("" if dialect.named else "; no names in the file, columns are c1, c2, ...")
     ]
-    return Table(path, "delimited text", variables, units, notes)
+    return Table(path, "delimited text", variables, units, notes, decimal=dialect.decimal)
 
 
 def _own(path: Path, first: bytes) -> Table:
@@ -263,8 +263,10 @@ def _header(
             if len(cells) == width and width > 1:
                 above = [cells]
     units = [""] * width
-    if len(above) > 1 and all(not c or is_unit(c) or c.strip("[]()-") == "" for c in above[-1]):
-        units = [c.strip("[]()- ") for c in above.pop()]
+    for row in (-1, -2):  # below the names, as a rule; some programs write them above
+        if len(above) > 1 and any(above[row]) and all(not c or is_unit(c) or not c.strip("[]()-") for c in above[row]):
+            units = [c.strip("[]()- ") for c in above.pop(row)]
+            break
     if not above:
         return tuple(f"c{i + 1}" for i in range(width)), tuple(units), False
     cells = [cell.strip('"') for cell in above[-1]]

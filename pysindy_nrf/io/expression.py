@@ -24,6 +24,8 @@ _PATTERN = re.compile(
     re.VERBOSE,
 )
 
+_GROUPED = re.compile(r"[+-]?\d{1,3}([.,' \u00a0\u2009\u202f]\d{3})+([.,]\d*)?|[+-]?\d+\.\d*")
+
 
 @dataclass(frozen=True)
 class Expression:
@@ -132,7 +134,7 @@ def line_of(expression: Expression, table: Table, channel: str) -> np.ndarray:
         )
     if channel == "t" and (values.dtype.kind in "mM" or expression.factor is None and values.dtype == object):
         return values
-    line = _numbers(values, wanted)
+    line = _numbers(values, wanted, table.decimal)
     scale = expression.sign * _factor(expression, table, channel)
     return line if scale == 1 else line * scale
 
@@ -158,7 +160,7 @@ def _factor(expression: Expression, table: Table, channel: str) -> float:
     return value
 
 
-def _numbers(values: np.ndarray, wanted: str) -> np.ndarray:
+def _numbers(values: np.ndarray, wanted: str, decimal: str) -> np.ndarray:
     if values.dtype.kind == "c":
         raise FileFormatError(
             f"{wanted[0].upper()}{wanted[1:]} is complex", "A frequency response is read with read_frf (--frf)."
@@ -168,10 +170,16 @@ def _numbers(values: np.ndarray, wanted: str) -> np.ndarray:
     import pandas as pd
 
     numbers = pd.to_numeric(pd.Series(values, dtype=object), errors="coerce").to_numpy(dtype=float)
-    text = np.flatnonzero(np.isnan(numbers) & ~pd.isna(values))
-    if text.size:
+    text = np.isnan(numbers) & ~pd.isna(values)
+    if decimal == ",":  # then the point of '1.500' marks thousands, or the columns are written in two ways
+        text |= pd.Series(values).astype(str).str.contains(".", regex=False).to_numpy(dtype=bool)
+    if text.any():
+        row = int(np.argmax(text))
         raise FileFormatError(
-            f"{wanted[0].upper()}{wanted[1:]} holds the text {values[text[0]]!r} in data row {int(text[0]) + 1}",
-            "Remove it, or leave the cell empty where nothing was measured.",
+            f"{wanted[0].upper()}{wanted[1:]} holds the text {values[row]!r} in data row {row + 1}"
+            + (", in a file with a decimal comma" if decimal == "," else ""),
+            "Export numbers without marks of thousands, all with the same decimal mark."
+            if _GROUPED.fullmatch(str(values[row]).strip())
+            else "Remove it, or leave the cell empty where nothing was measured.",
         )
     return numbers

@@ -33,6 +33,8 @@ class Table:
         Of the record, where the file was written by this package.
     fs : float, optional
         Sampling rate, Hz, where the file states one and has no time.
+    decimal : {".", ","}
+        Decimal mark of columns that are still text.
 
     Examples
     --------
@@ -53,6 +55,7 @@ class Table:
     notes: list[str] = field(default_factory=list)
     attributes: Attributes | None = None
     fs: float | None = None
+    decimal: str = "."
 
     @property
     def names(self) -> str:

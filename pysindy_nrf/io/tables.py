@@ -146,4 +146,6 @@ def _together(tables: list[Table]) -> Table:
             units["t"] = tables[0].units["t"]
     kinds = ", ".join(dict.fromkeys(table.kind for table in tables))
     first = tables[0].path
-    return Table(first, f"{kinds} ({len(tables)} files)", variables, units, notes, fs=rates.pop() if rates else None)
+    decimal = "," if any(table.decimal == "," for table in tables) else "."
+    fs = rates.pop() if rates else None
+    return Table(first, f"{kinds} ({len(tables)} files)", variables, units, notes, fs=fs, decimal=decimal)

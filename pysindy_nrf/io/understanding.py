@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -18,6 +19,7 @@ from .table import Table
 from .units import dimension_of, factor, si_unit
 
 _MATRICES = ("a", "v", "x", "F")
+_TIME_OF_DAY = re.compile(r"\d{1,2}:\d\d:\d\d(\.\d+)?")
 
 
 @dataclass
@@ -234,7 +236,20 @@ def _unit(channel: str, expression: Expression, table: Table, declared: Mapping[
         return declared[channel]
     if dimension_of(channel) is not None and channel[0] in declared:
         return declared[channel[0]]
-    return table.units.get(expression.name) if expression.factor is None else None
+    written = table.units.get(expression.name)
+    if written is None or expression.factor is None:
+        return written
+    try:
+        size = factor(written, channel)
+    except ChannelError:
+        return None  # another quantity: the factor makes the channel's unit of it
+    if size != 1:
+        raise ChannelError(
+            f"{channel} = {_text(expression)!r} has a factor, and the header says that {expression.name!r} is in "
+            f"{written}: it is not clear in which unit the product is",
+            f"Write '{_text(expression)} @ {written}' or '{_text(expression)} @ {si_unit(channel)}'.",
+        )
+    return written
 
 
 def _text(expression: Expression) -> str:
@@ -255,8 +270,17 @@ def _same_length(table: Table, lines: Mapping[str, np.ndarray]) -> None:
         )
 
 
-def _timestamps(table: Table, values: np.ndarray) -> pd.DatetimeIndex:
+def _timestamps(table: Table, values: np.ndarray) -> pd.DatetimeIndex | pd.TimedeltaIndex:
+    numbers = pd.to_numeric(pd.Series(values), errors="coerce").notna().to_numpy()
+    if len(values) > numbers.sum() > len(values) / 2:  # a footer, or names that come again
+        row = int(np.argmin(numbers))
+        raise FileFormatError(
+            f"{table.path}: the time holds the text {values[row]!r} in data row {row + 1}",
+            "Remove this row; every row is one sample.",
+        )
     try:
+        if _TIME_OF_DAY.fullmatch(str(values[0]).strip()):
+            return pd.TimedeltaIndex(pd.to_timedelta(pd.Series(values)))
         return pd.DatetimeIndex(pd.to_datetime(pd.Series(values)))
     except (ValueError, TypeError) as error:
         raise FileFormatError(

@@ -83,7 +83,7 @@ def estimate(effects: Sequence[Standing], stage: Stage, null: Null) -> Solution:
         if null.away is not None and (names := one.jumping(stage)):
             plain = one.parameters(stage, stage.trial().solve(blocks))
             others = ", ".join(f"{name} = {plain[name]:.4g}" for name in names)
-            one.step.evidence += "; estimated without the samples next to rest, where noise turns signs "
+            one.step.evidence += "; estimated without the samples next to rest, where its sign is least certain "
             one.step.evidence += f"(with them {others})"
     return found
 

@@ -191,7 +191,7 @@ class GroupMoments:
             Upper triangular R with ``R.T @ R`` = Gram matrix of the combinations.
         """
         if self.kind == "root":
-            upper = linalg.qr(self.matrix @ combine, mode="r", check_finite=False)[0]
+            upper = np.asarray(np.linalg.qr(self.matrix @ combine, mode="r"))
             out = np.zeros((combine.shape[1],) * 2)
             rows = min(out.shape[0], upper.shape[0])
             out[:rows] = upper[:rows]

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -52,6 +52,22 @@ class Order:
 
     layout: LawLayout
     columns: dict[Site, np.ndarray]
+    _groups: dict[Walk, list[Group]] = field(default_factory=dict, init=False, repr=False)
+    _index: dict[Group, np.ndarray] = field(default_factory=dict, init=False, repr=False)
+
+    def groups(self, walk: Walk) -> list[Group]:
+        """Groups of columns a walk needs."""
+        if walk not in self._groups:
+            self._groups[walk] = groups_of(self.layout, walk)
+        return self._groups[walk]
+
+    def index(self, group: Group, whole: Moments) -> np.ndarray:
+        """Where the columns of a group stand in the moments of all candidates."""
+        if group not in self._index:
+            where, *others = whole.positions(group.dofs)
+            own = [where[s].start + self.columns[s] for s in group.sites if s in self.columns]
+            self._index[group] = np.concatenate([*own, np.array([i for i in others if i is not None])])
+        return self._index[group]
 
     @cached_property
     def names(self) -> dict[Site, list[str]]:
@@ -107,6 +123,7 @@ class FoldMoments:
         self.accumulated = LawLayout(chain, {**{s: (law,) for s, law in self.basis.items()}, **self.laws})
         self.class_of, self.membership = _classes(data.n_samples, folds)
         self.n_folds = len(folds)
+        self._walks: dict[Any, Walk] = {}
         self._accumulate("gram")
 
     # -- one pass -----------------------------------------------------------------------------
@@ -146,7 +163,11 @@ class FoldMoments:
 
     def _back(self, dofs: tuple[int, ...]) -> np.ndarray:
         """Accumulated columns of a group times this are its monomials."""
-        group = next(g for g in self.groups if g.dofs == dofs)
+        if dofs not in self._backs:
+            self._backs[dofs] = self._change(next(g for g in self.groups if g.dofs == dofs))
+        return self._backs[dofs]
+
+    def _change(self, group: Group) -> np.ndarray:
         blocks = []
         for site in group.sites:
             if site not in self.basis:
@@ -155,10 +176,12 @@ class FoldMoments:
                 blocks.append(self.factors[site] @ self.basis[site].change)
             else:
                 blocks.append(self.basis[site].change)
-        return linalg.block_diag(*blocks, np.eye(2 if len(dofs) == 1 else 1))
+        return linalg.block_diag(*blocks, np.eye(2 if len(group.dofs) == 1 else 1))
 
     def _accumulate(self, kind: str) -> None:
         self.kind = kind
+        self._backs: dict[tuple[int, ...], np.ndarray] = {}
+        self._of_class: dict[int, Moments] = {}
         groups = [self.accumulated.group(g.dofs) for g in self.groups]
         self._nothing = Moments(self.accumulated, groups, kind, self.known_masses)
         self.pieces: list[Moments] = []
@@ -218,9 +241,9 @@ class FoldMoments:
             ]
             if not chosen:
                 raise ChannelError(f"Fold {fold} has no {side} samples", "Check the splitter.")
-            moments = self.sum_of(chosen)
+            codes = dict.fromkeys(self.piece_class[i] for i in chosen)
             self._totals[key] = (
-                moments,
+                self._powers(self._merged(self._class_moments(code) for code in codes)),
                 np.sum([self.sums[i] for i in chosen], axis=0),
                 np.sum([self.counts[i] for i in chosen], axis=0),
             )
@@ -228,9 +251,22 @@ class FoldMoments:
 
     def sum_of(self, pieces: Iterable[int]) -> Moments:
         """Moments of some pieces, in the monomials themselves; a piece may be there several times."""
+        return self._powers(self._merged(self.pieces[i] for i in pieces))
+
+    def _class_moments(self, code: int) -> Moments:
+        if code not in self._of_class:
+            own = (piece for piece, its in zip(self.pieces, self.piece_class) if its == code)
+            self._of_class[code] = self._merged(own)
+        return self._of_class[code]
+
+    def _merged(self, parts: Iterable[Moments]) -> Moments:
         held = self._nothing.empty()
-        for i in pieces:
-            held.merge(self.pieces[i])
+        for part in parts:
+            held.merge(part)
+        return held
+
+    def _powers(self, held: Moments) -> Moments:
+        """Moments of the monomials behind the accumulated columns."""
         moments = Moments(self.layout, self.groups, "root", self.known_masses)
         moments.n_samples = held.n_samples
         for dofs, part in held.parts.items():
@@ -253,13 +289,9 @@ class FoldMoments:
         out = Moments(order.layout, [], "root", self.known_masses)
         out.n_samples = moments.n_samples
         for group in groups:
-            where, mass_at, target_at = moments.positions(group.dofs)
-            columns = [where[s].start + order.columns[s] for s in group.sites]
-            columns += [np.array([i]) for i in (mass_at, target_at) if i is not None]
-            index = np.concatenate(columns)
             part = moments.parts[group.dofs]
             small = type(part)(0, "root")
-            small.matrix = part.matrix[:, index]
+            small.matrix = part.matrix[:, order.index(group, moments)]
             small.n_samples = part.n_samples
             out.groups[group.dofs], out.parts[group.dofs] = group, small
         return out
@@ -271,11 +303,14 @@ class FoldMoments:
             part = moments.parts[(j,)]
             if not part.n_samples:
                 unknown.append(j)
-            elif part.matrix[:, -1].any() and part.norm(np.eye(part.matrix.shape[1])[-1]) > 0:
+            elif np.linalg.norm(part.matrix[:, -1]) > 0:
                 forced.append(j)
-        return plan_walk(
-            self.chain, forced, unknown, self.known_masses, self.strategy, order.layout.acting
-        ).require_complete()
+        key = tuple(forced), tuple(unknown), order.layout.acting
+        if key not in self._walks:
+            self._walks[key] = plan_walk(
+                self.chain, forced, unknown, self.known_masses, self.strategy, order.layout.acting
+            )
+        return self._walks[key].require_complete()
 
     def fit(
         self, order: Order, fold: int | None, inner: Any = None, moments: Moments | None = None
@@ -299,20 +334,17 @@ class FoldMoments:
         """
         total = self.total(fold)[0] if moments is None else moments
         walk = self.walk(total, order)
-        moments = self.cut(total, order, groups_of(order.layout, walk))
+        moments = self.cut(total, order, order.groups(walk))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RankWarning)
             return solve(moments, walk, self.known_masses, inner or self.inner, order.names), walk, moments
 
     def piece_norms(self, order: Order, dofs: tuple[int, ...], weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Squared length of a combination of a candidate's columns in each piece, and the samples behind it."""
-        where, mass_at, target_at = self.total(None)[0].positions(dofs)
         group = next(g for g in self.groups if g.dofs == dofs)
-        index = [where[s].start + order.columns[s] for s in group.sites if s in order.columns]
-        index += [np.array([i]) for i in (mass_at, target_at) if i is not None]
         back = self._back(dofs)
         whole = np.zeros(back.shape[1])
-        whole[np.concatenate(index)] = weights
+        whole[order.index(group, self.total(None)[0])] = weights
         whole = back @ whole
         parts = [piece.parts[dofs] for piece in self.pieces]
         return np.array([p.norm(whole) ** 2 for p in parts]), np.array([p.n_samples for p in parts], dtype=float)

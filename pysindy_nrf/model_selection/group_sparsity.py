@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 from sklearn.base import clone
 
-from ..chain_solve import groups_of
 from ..errors import pooled_error
 from ..exceptions import NRFError
 from ..layout import numbered
@@ -210,7 +209,7 @@ def heldout_errors(held: FoldMoments, order: Order) -> np.ndarray:
     for fold in range(held.n_folds):
         try:
             solution, walk, _ = held.fit(order, fold)
-            test = held.cut(held.total(fold, "test")[0], order, groups_of(order.layout, walk))
+            test = held.cut(held.total(fold, "test")[0], order, order.groups(walk))
             out[fold] = pooled_error(solution.masses, solution.coefficients, test) / 100.0
         except NRFError:
             break

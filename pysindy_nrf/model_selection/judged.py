@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..chain_solve import Solution, groups_of
+from ..chain_solve import Solution
 from ..errors import Pooled, balance_sizes, pooled_error
 from ..exceptions import NRFError
 from ..free_run import free_run_error
@@ -61,7 +61,7 @@ def on_folds(fold_moments: FoldMoments, order: Order, scorings: Iterable[str]) -
         except NRFError:
             continue
         test, sums, counts = fold_moments.total(fold, "test")
-        held = Heldout(fold_moments.cut(test, order, groups_of(order.layout, walk)), sums, counts, solution, fold)
+        held = Heldout(fold_moments.cut(test, order, order.groups(walk)), sums, counts, solution, fold)
         if fold_moments.kind == "gram":
             _require_digits(held)
         for name, values in scores.items():
@@ -77,7 +77,7 @@ def balances_on_folds(fold_moments: FoldMoments, order: Order, dofs: Iterable[in
             solution, walk, _ = fold_moments.fit(order, fold)
         except NRFError:
             continue
-        test = fold_moments.cut(fold_moments.total(fold, "test")[0], order, groups_of(order.layout, walk))
+        test = fold_moments.cut(fold_moments.total(fold, "test")[0], order, order.groups(walk))
         pooled = Pooled()
         for j in dofs:
             sizes = balance_sizes(j, solution.masses, solution.coefficients, test)

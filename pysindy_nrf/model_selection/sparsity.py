@@ -12,7 +12,7 @@ import pandas as pd
 from sklearn.base import clone
 
 from .._random import generator
-from ..chain_solve import Solution, groups_of
+from ..chain_solve import Solution
 from ..errors import pooled_error
 from ..exceptions import NRFError, NRFWarning
 from .along_path import AlongPath
@@ -334,7 +334,7 @@ def _heldout_error(held: FoldMoments, fit: Callable, fold: int) -> float:
         solution, kept, _ = fit(fold)
         test, *_ = held.total(fold, "test")
         walk = held.walk(held.total(fold)[0], kept)
-        return pooled_error(solution.masses, solution.coefficients, held.cut(test, kept, groups_of(kept.layout, walk)))
+        return pooled_error(solution.masses, solution.coefficients, held.cut(test, kept, kept.groups(walk)))
     except NRFError:
         return np.inf
 

@@ -68,6 +68,7 @@ class Walk:
         one._standing = lambda stage: ["standing", stage.number]
         monkeypatch.setattr(loop, "estimate", lambda *a: None if estimated is None else estimated(one))
         monkeypatch.setattr(loop, "share_to_leave", lambda stage: None)
+        monkeypatch.setattr(loop, "sharpened_again", lambda *a: None)
         monkeypatch.setattr(loop, "doubt_what_is_drawn", lambda *a: None)
         monkeypatch.setattr(loop, "wrong_by_noise", lambda *a: self.noisy.append(a) or list(wrong))
         self.loop = one

@@ -284,15 +284,14 @@ class _Loop:
                 steps.append(step)
                 self.told.append((chosen, step))
                 scenes.append(Scene(f"{step.law} at {step.site}", trial, after, null, self.floors.of(trial)))
+        plain = stage
         for step in self._found_too_early(steps):
             stage = self._sharper(stage, step)
-        if stage is not trial.stage:
+        if stage is not plain:
             trial = stage.trial()
             null = Null(self.ready, stage, self.rng, self.n_surrogates)
             scenes[-1] = Scene(scenes[-1].name, trial, trial.fold_errors(), null, self.floors.of(trial))
             steps[-1].validation_after = float(np.median(scenes[-1].folds))
-        if steps and (away := share_to_leave(stage)) is not None:
-            null = scenes[-1].null = Null(self.ready, stage, self.rng, self.n_surrogates, away=away)
         floor, left = self.floors.percent(trial, null), float(np.median(scenes[-1].folds))
         noise = [] if self.floors.measured else [s.trial().fold_errors() for s in null.stages]
         least = surely_left(scenes[-1].folds, noise)
@@ -302,7 +301,9 @@ class _Loop:
             surely = remainder(step.validation_before, least, floor)
             step.sure = surely <= SURE and step.remainder <= _USUALLY and not open_still
         standing = self._standing(stage)
-        scenes[-1].found = estimate(standing, stage, null)
+        away = share_to_leave(stage) if standing else None
+        fitted = null if away is None else Null(self.ready, stage, self.rng, self.n_surrogates, away=away)
+        scenes[-1].found = estimate(standing, stage, fitted)
         doubt_what_is_drawn(standing, stage, null, self.ready.clean)
         for k in reversed(range(len(steps))):  # what later had to be added at its site was not said by its name
             later = [s for s in steps[k + 1 :] if balances_of(Site(s.site)) == balances_of(Site(steps[k].site))]
@@ -313,7 +314,7 @@ class _Loop:
             alone = f"(noise alone leaves about {floor:.2g} %)"
             stopped += f". {left:.3g} % stay unexplained by any law of the catalogue {alone}, "
             stopped += f"most in the {worst(trial)}"
-        if null.stages and (much := wrong_by_noise(standing, stage, null, self.ready)):
+        if null.stages and (much := wrong_by_noise(standing, stage, fitted, self.ready)):
             stopped += f". By noise alone least squares is wrong by up to {', '.join(much)}: fit "
             stopped += "NRFRegressor(laws=report.model.laws, estimation='iv', ...) to the records, which noise does "
             stopped += "not bias"

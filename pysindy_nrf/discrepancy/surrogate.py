@@ -38,6 +38,8 @@ _OF_A_SENSOR = 0.5
 # Surrogates that leave so many times what the measured records leave are not like them: another course of the forces
 # between their samples is then tried.
 _TOO_LOUD = 1.2
+# And so many times: then they do not tell what noise leaves.
+_UNLIKE = 1.5
 _MOTIONS = ("acceleration", "velocity", "displacement")
 
 
@@ -337,10 +339,11 @@ class Null:
     def floor(self) -> float:
         """Median validation error that noise alone leaves, percent; NaN if unknown.
 
-        Surrogates of which the model explains nothing say nothing of the records either.
+        Surrogates of which the model explains nothing, or much less than of the records, say nothing of these.
         """
         left = self._left(self.stages) if self.stages else np.inf
-        return left if left < 100.0 else float("nan")
+        alike = left <= _UNLIKE * max(self._left([self.stage]), FLOOR)
+        return left if left < 100.0 and alike else float("nan")
 
     @property
     def reached(self) -> bool:

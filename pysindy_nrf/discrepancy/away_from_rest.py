@@ -60,7 +60,8 @@ def jumping(stage: Stage) -> list[tuple[Site, int]]:
     out = {(site, k) for site, k, _ in jumping_terms(stage.layout)}
     for (site, i), at in stage.at.items():
         law = stage.laws[site][i]
-        if turn_of(law) < _STEEP * stage.work.scales(site)[0]:
+        turn = turn_of(law)
+        if np.isfinite(turn) and turn < _STEEP * stage.work.scales(site)[0]:
             first = at - stage.layout.slices[site].start
             out |= {(site, first + k) for k in range(len(law.terms()))}
     return sorted(out, key=lambda one: (stage.layout.sites.index(one[0]), one[1]))

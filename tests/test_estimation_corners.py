@@ -225,9 +225,9 @@ def test_delays_beyond_reach_or_without_data_are_not_told(tmp_path):
     rec = record(duration=8.0)
     far = rec.replace(force=np.roll(rec.force, 60, axis=0))
     table = force_delay(NRFRegressor(degree=1).fit(far))
-    assert table["samples"].isna().all() and table["message"].str.contains("no delay of F. can be told").all()
+    assert table["samples"].isna().all() and table["message"].str.contains("No delay of F. can be told").all()
     short = rec.replace(**{k: getattr(rec, k)[:150] for k in ("force", "acceleration", "velocity", "displacement")})
-    with pytest.raises(ChannelError, match="no delay can be told"):
+    with pytest.raises(ChannelError, match="No balance tells the delay of its force"):
         force_delay(NRFRegressor(degree=1).fit(*short.to_features(smooth=False)))
     model = NRFRegressor(degree=1).fit(rec)
     late = rec.replace(force=np.roll(rec.force, 3, axis=0))

@@ -59,3 +59,10 @@ def test_a_model_without_jumps_and_filtered_columns_keep_all_samples(clean):
     assert all("next to rest" not in step.evidence for step in report.steps)
     report = close_loop(noisy, NRFRegressor(degree=1), catalogue=[laws.CoulombFriction()], band=(0.2, 60.0))
     assert report.steps and all("next to rest" not in step.evidence for step in report.steps)
+
+
+def test_where_no_sign_turns_no_sample_is_left_out(clean):
+    report = close_loop(clean, NRFRegressor(degree=1))
+    (step,) = report.steps
+    assert step.site == "storey 2" and step.family == "friction" and "next to rest" not in step.evidence
+    assert step.parameters["Fc"] == pytest.approx(FRICTION, rel=0.1)  # it creeps in the rounded corner; less than a tenth

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ..exceptions import NRFError
+from ..laws.base import ForceLaw
 from ..sites import Site
 from .catalogue import SPECIAL_CASES, balances_of
 from .gate import MEMBER_GAIN, MIN_WINS, gain_of
@@ -76,6 +78,47 @@ def reestimated(stage: Stage, accepted: Sequence[Finding], rounds: int = _ROUNDS
         if now > begin * (1 - _ENOUGH):
             break
     return stage
+
+
+def among(stage: Stage, finding: Finding, accepted: Sequence[Finding]) -> Finding:
+    """A candidate with the shape parameters of the accepted effects estimated again beside it.
+
+    While an effect was missing, others stood in for a part of it, with shapes that keep it out.
+
+    Parameters
+    ----------
+    stage : Stage
+        The current laws.
+    finding : Finding
+    accepted : sequence of Finding
+        Effects of the stage.
+
+    Returns
+    -------
+    Finding
+        The same where no accepted effect that stays has a shape parameter.
+    """
+    placed = [(f, place) for f in accepted if (place := place_of(stage, f, accepted)) is not None]
+    stay = [(f, place) for f, place in placed if place not in finding.drop]
+    if type(finding) is not Finding or not any(f.candidate.law.free_shape for f, _ in stay):
+        return finding
+    together = [*(f for f, _ in stay), finding]
+    try:
+        again = reestimated(finding.on(stage), together, 1)
+    except NRFError:
+        return finding
+    around = {site: list(held) for site, held in stage.laws.items()}
+    for f, (site, number) in stay:
+        around[site][number] = _held(again, f, together)
+    law, error = _held(again, finding, together), again.slot().search_error()
+    return replace(finding, law=law, screen=error, around={site: tuple(held) for site, held in around.items()})
+
+
+def _held(stage: Stage, finding: Finding, accepted: Sequence[Finding]) -> ForceLaw:
+    """An accepted law as a stage holds it."""
+    place = place_of(stage, finding, accepted)
+    assert place is not None
+    return stage.laws[place[0]][place[1]]
 
 
 def needless(stage: Stage, accepted: Sequence[Finding]) -> Finding | None:

@@ -7,7 +7,7 @@ at once, then refined by a bounded simplex. Everything here sees search blocks o
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Any
@@ -51,6 +51,8 @@ class Finding:
         Pooled balance error on each search block after fitting to the others, percent.
     n_freed : int
         Coefficients and shape parameters of the laws that it replaces.
+    around : mapping of Site to tuple of ForceLaw, optional
+        The current laws with their shape parameters estimated again beside this one.
     """
 
     candidate: Candidate
@@ -59,6 +61,7 @@ class Finding:
     drop: tuple[tuple[Site, int], ...] = ()
     folds: np.ndarray = field(default_factory=lambda: np.zeros(0))
     n_freed: int = 0
+    around: Mapping[Site, tuple[ForceLaw, ...]] | None = None
 
     @property
     def site(self) -> Site:
@@ -80,9 +83,13 @@ class Finding:
         """Median over the search blocks, percent."""
         return float(np.median(self.folds))
 
+    def under(self, stage: Stage) -> Stage:
+        """The current laws as they stand beside this one."""
+        return stage if self.around is None else Stage(stage.work, stage.chain, self.around)
+
     def on(self, stage: Stage) -> Stage:
         """The current laws with this one."""
-        return stage.with_law(self.site, self.law, self.drop)
+        return self.under(stage).with_law(self.site, self.law, self.drop)
 
 
 def parameters_of(law: ForceLaw) -> int:
@@ -315,7 +322,7 @@ def refine(stage: Stage, finding: Finding, evaluations: int | None = None, reach
         return finding
     start = axes.point(finding.law)
     step = reach * axes.step(axes.shapes[0].is_frequency)
-    slot = stage.slot(finding.site, finding.candidate.law, finding.drop)
+    slot = finding.under(stage).slot(finding.site, finding.candidate.law, finding.drop)
 
     def cost(u: np.ndarray) -> float:
         return min(float(slot.errors([axes.at(u)])[0]), 1e6)
@@ -391,7 +398,7 @@ def validate(stage: Stage, finding: Finding) -> Finding:
         With ``folds``; infinite where a block cannot be judged.
     """
     try:
-        folds = stage.slot(finding.site, finding.candidate.law, finding.drop).folds(finding.law)
+        folds = finding.under(stage).slot(finding.site, finding.candidate.law, finding.drop).folds(finding.law)
     except NRFError:
         folds = np.full(len(stage.work.search), np.inf)
     return replace(finding, folds=folds)

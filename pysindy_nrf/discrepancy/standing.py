@@ -19,10 +19,9 @@ from .report import Step
 from .search import Finding
 from .second_opinion import unbiased
 from .stage import Stage
+from .steps import SURE
 from .surrogate import Null
 
-# Share of the effect (noise taken off) that may stay unexplained for certain before a name is no longer sure.
-SURE = 0.1
 # Shares of a mass or a site's force, and of a coefficient, that noise may take before it is said.
 _BIASED, _WRONG = 0.02, 0.1
 

@@ -23,6 +23,11 @@ from .stage import Trial
 _ONE_CLASS = 0.3
 # So is a power of the rate below this; the fluid dampers of the literature begin with 0.3.
 _NEARLY_FRICTION = 0.25
+# Share of the effect (noise taken off) that may stay unexplained for certain before a name is no longer sure; in the
+# median block, whatever chance did.
+SURE, _USUALLY = 0.1, 0.25
+# Balance error, percent, far above noise, beyond which nothing is explained, however bad it was before.
+_OPEN = 50.0
 # Families that are functions of one variable: of the rate, of the drift.
 _ONE_VARIABLE = (("friction", "damping"), ("stiffness", "contact"))
 
@@ -57,6 +62,28 @@ def surely_left(folds: np.ndarray, noise: Sequence[np.ndarray]) -> float:
     beyond = np.log(folds) - np.mean([np.log(n) for n in others], axis=0)
     chance = t.ppf(0.95, len(folds) - 1) * beyond.std(ddof=1) / np.sqrt(len(folds))
     return median * float(np.exp(-chance))
+
+
+def weigh(steps: Sequence[Step], folds: np.ndarray, floor: float, noise: Sequence[np.ndarray]) -> None:
+    """Say of each effect how much of it stays unexplained in the end, and whether its name is sure so far.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        Changed in place.
+    folds : ndarray of shape (n_blocks,)
+        Error of the final model on each search block after fitting to the others, percent.
+    floor : float
+        What noise alone leaves of it, percent; NaN if unknown.
+    noise : sequence of ndarray of shape (n_blocks,)
+        See :func:`surely_left`.
+    """
+    left, least = float(np.median(folds)), surely_left(folds, noise)
+    for step in steps:
+        step.remainder = remainder(step.validation_before, left, floor)
+        open_still = least > _OPEN and not least <= 2.0 * floor
+        surely = remainder(step.validation_before, least, floor)
+        step.sure = surely <= SURE and step.remainder <= _USUALLY and not open_still
 
 
 def doubt_names(steps: Sequence[Step]) -> None:

@@ -1,0 +1,412 @@
+"""Round after round: look for a further effect, decide, add it, until there is a reason to stop."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..exceptions import NRFError
+from ..free_run import free_run_error
+from ..laws.base import ForceLaw
+from ..segments import BlockRows
+from .catalogue import SPECIAL_CASES, Candidate, balances_of
+from .floor_source import FloorSource
+from .gate import FLOOR, MEMBER_GAIN, MIN_GAIN, MIN_WINS, Verdict, choose, gain_of, judge
+from .likeliest import likeliest
+from .prepare import Prepared
+from .reestimate import among, needless, place_of, reestimated
+from .report import Scene, Step
+from .search import Finding, parameters_of, refine, screen, validate
+from .second_opinion import confirmed
+from .sensors import SensorFinding, sensor_findings
+from .spectral_lines import lines_of
+from .stage import Stage, Trial
+from .standing import Standing
+from .steps import corrected_again, step_of, weigh
+from .surrogate import Null
+from .together import look_ahead, pair_instead
+from .workspace import Workspace
+
+_SHORTLIST = 14
+_VALIDATED = 10
+# Candidates put to the gate, each with fewer parameters than the one before.
+_DECISIONS = 3
+# A candidate that does not even do this on the data it is fitted to cannot pass the gate.
+_HOPELESS = 0.05
+# An effect that makes the free run on the search data worse than this many times is none, unless the balance
+# error falls by so much that another missing effect must be to blame.
+_WORSE_ALONE = 1.3
+_BEYOND_DOUBT = 0.5
+
+
+class Rounds:
+    """One way from the baseline to a reason to stop.
+
+    Parameters
+    ----------
+    ready : Prepared
+    work : Workspace
+    every : sequence of Candidate
+    sensors : sequence of ForceLaw
+        Faults of sensors that are tried.
+    floors : FloorSource
+    rng : Generator
+    n_surrogates : int
+    progress : bool
+    not_first : collection of str
+        Places, see :func:`place_words`, at which the first effect is not looked for.
+
+    Attributes
+    ----------
+    stage, trial, null : Stage, Trial, Null
+        The current model.
+    scenes, steps : list of Scene, list of Step
+        The baseline and the model after each step; the effects that were added.
+    ranking : list of Finding
+        Candidates of the last round, best first.
+    stopped : str
+        Why it ended.
+    begun : str or None
+        Where the first effect was added.
+    measured : Prepared
+        The records, before any fault of a sensor was corrected.
+    opening : list of Finding or None
+        Candidates of the first round, wherever they stand.
+    fitted : Null
+        Of the final model on the samples to which it is fitted.
+    """
+
+    def __init__(
+        self,
+        ready: Prepared,
+        work: Workspace,
+        every: Sequence[Candidate],
+        sensors: Sequence[ForceLaw],
+        floors: FloorSource,
+        rng: np.random.Generator,
+        n_surrogates: int,
+        progress: bool,
+        not_first: Collection[str] = (),
+    ) -> None:
+        self.ready, self.work, self.every = ready, work, every
+        self.rng, self.n_surrogates, self.progress = rng, n_surrogates, progress
+        self.sensors, self.floors, self.not_first = sensors, floors, frozenset(not_first)
+        self.measured, self.stopped = ready, ""
+        self.begun: str | None = None
+        self.accepted: list[Finding] = []
+        self.told: list[tuple[Finding, Step]] = []
+        self.scenes: list[Scene] = []
+        self.steps: list[Step] = []
+        self.ranking: list[Finding] = []
+        self.opening: list[Finding] | None = None
+
+    def go(self, stage: Stage, max_steps: int) -> None:
+        """Walk through the four rooms until there is a reason to stop.
+
+        Parameters
+        ----------
+        stage : Stage
+            The baseline.
+        max_steps : int
+        """
+        steps, scenes = self.steps, self.scenes
+        if not scenes:
+            self._stand_on(stage)
+            scenes.append(self._scene("baseline"))
+        self.stopped = f"{max_steps} effects were added, which is the limit set by max_steps"
+        for _ in range(2 * max_steps):
+            before = scenes[-1].folds
+            if len(steps) >= max_steps:
+                break
+            if np.median(before) < FLOOR:
+                least = f"{np.median(before):.2g} %"
+                self.stopped = f"The balance closes within {least} on the search data, nothing is left"
+                break
+            if self.floors.closes(self.trial, float(np.median(before)), self.null):
+                rest = f"{np.median(before):.3g} % are left on the search data"
+                self.stopped = f"{rest}, no more than noise ({self.floors.words})"
+                break
+            self.ranking = self._findings(self.stage, self.trial, steps) if self.begun else self._beginnings()
+            if not self.ranking:
+                self.stopped = "No law of the catalogue lowers the error at any site"
+                break
+            members, verdict = self._decide(self.stage, self.ranking, before, self.null, max_steps - len(steps))
+            if not verdict.accepted:
+                chosen = members[0][0]
+                best = f"{chosen.law.name} at {chosen.site}"
+                self.stopped = f"No further effect is supported: the best candidate is {best}, but {verdict.sentence}"
+                break
+            untested = not self.null.stages
+            self.begun = self.begun or place_words(members[0][0])
+            for chosen, tied in members:
+                stage, gone = self._with(self.stage, chosen, chosen is members[-1][0])
+                for law in gone:
+                    k = next(k for k, s in enumerate(steps) if s is self._told(law))
+                    del steps[k], scenes[k + 1]
+                before = scenes[-1].folds
+                self._stand_on(stage)
+                after = self.trial.fold_errors()
+                if isinstance(chosen, SensorFinding) and corrected_again(steps, chosen, verdict, scenes[-2:], after):
+                    scenes[-1] = self._scene(scenes[-1].name)
+                    continue
+                floor = self.floors.percent(self.trial, self.null)
+                step = step_of(chosen, tied, verdict, before, after, floor, self.ranking, self._drift(chosen))
+                beside = [f"{f.law.name} at {f.site}" for f, _ in members if f is not chosen]
+                step.evidence += f" (together with {' and '.join(beside)})" if beside else ""
+                step.evidence += "".join(f"; it makes {f.law.name} at {f.site} needless" for f in gone)
+                step.null_gain = np.nan if untested else step.null_gain
+                steps.append(step)
+                self.told.append((chosen, step))
+                scenes.append(self._scene(f"{step.law} at {step.site}"))
+        self.weigh()
+
+    def _stand_on(self, stage: Stage) -> None:
+        """Make a stage the current model."""
+        self.stage, self.trial = stage, stage.trial()
+        self.null = self.fitted = Null(self.ready, stage, self.rng, self.n_surrogates)
+
+    def _scene(self, name: str) -> Scene:
+        """The current model as a scene of the report."""
+        return Scene(name, self.trial, self.trial.fold_errors(), self.null, self.floors.of(self.trial))
+
+    def sharpened(self, stage: Stage) -> None:
+        """Put the same laws on records that were corrected again in the place of the current model."""
+        self._stand_on(stage)
+        self.scenes[-1] = self._scene(self.scenes[-1].name)
+        self.steps[-1].validation_after = self.left
+        self.weigh()
+
+    def weigh(self) -> None:
+        """Say of every step how much of it stays unexplained, and whether its name is sure."""
+        noise = [] if self.floors.measured else [s.trial().fold_errors() for s in self.null.stages]
+        weigh(self.steps, self.scenes[-1].folds, self.floor, noise)
+
+    @property
+    def left(self) -> float:
+        """Median validation error of the current model, percent."""
+        return float(np.median(self.scenes[-1].folds))
+
+    @property
+    def floor(self) -> float:
+        """What noise alone leaves of it, percent; NaN if unknown."""
+        return self.floors.percent(self.trial, self.null)
+
+    @property
+    def unexplained(self) -> bool:
+        """Whether clearly more is left than noise."""
+        return bool(np.isfinite(self.floor)) and self.left > max(2.0 * self.floor, FLOOR)
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether effects were added and do not explain what there is."""
+        return bool(self.steps) and (self.unexplained or not all(step.sure for step in self.steps))
+
+    def elsewhere(self) -> Rounds:
+        """Rounds over the same records that begin neither where these began nor where they were not to."""
+        first = self.scenes[0]
+        other = Rounds(
+            self.measured, first.trial.work, self.every, self.sensors, self.floors, self.rng, self.n_surrogates,
+            self.progress, self.not_first | ({self.begun} if self.begun else set()),
+        )  # fmt: skip
+        other.stage, other.trial = first.trial.stage, first.trial
+        other.null = other.fitted = first.null
+        other.scenes, other.opening = [first], self.opening
+        return other
+
+    def instead_of(self, other: Rounds) -> Verdict:
+        """Whether these explain clearly more of the search data than others and, if not all of it, run as well.
+
+        A wrong gain that was taken for real scales the force of the free run, too.
+        """
+        more = sum(parameters_of(law) for held in self.stage.laws.values() for law in held)
+        more -= sum(parameters_of(law) for held in other.stage.laws.values() for law in held)
+        verdict = judge(other.scenes[-1].folds, self.scenes[-1].folds, max(more, 1))
+        return self.alone(other.stage, self.stage, verdict) if verdict.accepted and self.doubtful else verdict
+
+    def _beginnings(self) -> list[Finding]:
+        """Candidates with which these rounds may begin, best first."""
+        if self.opening is None:
+            self.opening = self._findings(self.stage, self.trial, ())
+        return [f for f in self.opening if place_words(f) not in self.not_first]
+
+    def _findings(self, stage: Stage, trial: Trial, steps: Sequence[Step]) -> list[Finding]:
+        """Validated candidates, best first."""
+        now = trial.search_error()
+        accepted = [(f.site, f.law.name) for f in self.accepted]
+        lines = lines_of(trial)
+        bar, tick = None, None
+        if self.progress:
+            from tqdm.auto import tqdm
+
+            bar = tqdm(
+                total=len(self.every), desc=f"search {len(steps) + 1}", unit="candidate", leave=False, disable=None
+            )
+            tick = bar.update
+        found = screen(stage, self.every, accepted, lines, tick, both=True)
+        if bar is not None:
+            bar.close()
+        hopeful = [f for f in found if f.screen < now * (1 - _HOPELESS)][:_SHORTLIST]
+        # a law that takes the place of a simpler one starts from where that stands
+        hopeful += [f for f in found if f.drop and len(f.candidate.law.free_shape) > 1 and not _holds(hopeful, f)]
+        refined = sorted((refine(stage, f) for f in hopeful), key=lambda f: f.screen)[:_VALIDATED]
+        special = {(balances_of(f.site), name) for f in refined[:3] for name in SPECIAL_CASES.get(f.law.name, ())}
+        simple = [f for f in found if (balances_of(f.site), f.law.name) in special and not _holds(refined, f)]
+        refined += [refine(stage, f) for f in simple]
+        judged = _missed([validate(stage, among(stage, f, self.accepted)) for f in refined])
+        corrected = {(s.law, s.site) for s in steps if s.family == "sensor"}
+        judged += sensor_findings(self.ready, self.work, stage, self.sensors, corrected)
+        return sorted((f for f in judged if np.isfinite(f.error)), key=lambda f: f.error)
+
+    def _decide(
+        self, stage: Stage, ranking: list[Finding], before: np.ndarray, null: Null, most: int
+    ) -> tuple[list[tuple[Finding, list[Finding]]], Verdict]:
+        """The best candidate that passes the gate, or several together; the best of all where none does."""
+        first = None
+        left = list(ranking)
+        for _ in range(_DECISIONS):
+            chosen, tied = choose(left, float(np.median(before)))
+            chosen = self._polished(stage, chosen)
+            least = chosen.least if isinstance(chosen, SensorFinding) else MIN_GAIN
+            verdict = judge(before, chosen.folds, chosen.n_added, least=least)
+            if verdict.accepted:  # what the floor asks of a sensor's fault, its gain on surrogates has in it
+                at_floor = null.reached and not isinstance(chosen, SensorFinding)
+                verdict = judge(before, chosen.folds, chosen.n_added, null.gain(chosen), least, at_floor)
+            passed = verdict.accepted
+            if passed:
+                verdict = self.alone(stage, chosen.on(stage), verdict)
+            named = chosen, tied
+            if verdict.accepted:
+                if not isinstance(chosen, SensorFinding) and not self.ready.clean:
+                    other = likeliest(chosen.under(stage), chosen, tied, ranking, before, self._null)
+                    own = verdict if other[0] is chosen else self._judged(stage, other[0], before, null)
+                    named, verdict = (other, own) if own.accepted else (named, verdict)
+                corrected = named[0].ready if isinstance(named[0], SensorFinding) else None
+                verdict = confirmed(verdict, stage, named[0].on(stage), null, corrected)
+                if verdict.accepted:
+                    best = named[0]
+                    pair = pair_instead(best.under(stage), best, self.every, before, null) if most > 1 else None
+                    return self._run_together(stage, pair) or ([named], verdict)
+                noisy = balances_of(named[0].site)  # what noise does there, other laws imitate too
+                left = [f for f in left if balances_of(f.site) != noisy]
+            first = first or ([named], verdict)
+            if passed:  # but its free run is worse: the next best, however many parameters it has
+                left = [f for f in left if (f.site, f.law.name, f.drop) != (chosen.site, chosen.law.name, chosen.drop)]
+            else:
+                left = [f for f in left if f.n_parameters < chosen.n_parameters]
+            if not left:
+                break
+        assert first is not None
+        return self._run_together(stage, look_ahead(stage, ranking, before, null, most)) or first
+
+    def _run_together(
+        self, stage: Stage, found: tuple[list[tuple[Finding, list[Finding]]], Verdict] | None
+    ) -> tuple[list[tuple[Finding, list[Finding]]], Verdict] | None:
+        """Several effects that passed the gate as one, unless the free run of all of them is worse."""
+        if found is None:
+            return None
+        members, verdict = found
+        whole = stage
+        for finding, _ in members:
+            whole = finding.on(whole)
+        verdict = self.alone(stage, whole, verdict)
+        return (members, verdict) if verdict.accepted else None
+
+    def _judged(self, stage: Stage, finding: Finding, before: np.ndarray, null: Null) -> Verdict:
+        """The verdict on a law by the gate, on surrogates and in its free run."""
+        verdict = judge(before, finding.folds, finding.n_added, null.gain(finding), at_floor=null.reached)
+        return self.alone(stage, finding.on(stage), verdict) if verdict.accepted else verdict
+
+    def _null(self, stage: Stage) -> Null:
+        """A single surrogate of a model."""
+        return Null(self.ready, stage, self.rng, min(1, self.n_surrogates))
+
+    def alone(self, stage: Stage, with_it: Stage, verdict: Verdict) -> Verdict:
+        """The verdict after a look at the free run on the search data, where one is possible."""
+        before, after = self._free_run(stage), self._free_run(with_it)
+        if not before < 100.0 or after <= _WORSE_ALONE * before:
+            return verdict
+        much = f"rises from {before:.3g} to {after:.3g} %" if np.isfinite(after) else f"({before:.3g} %) diverges"
+        if verdict.gain >= _BEYOND_DOUBT:
+            return replace(verdict, sentence=f"{verdict.sentence}; the free run {much}, so more is missing")
+        return replace(verdict, accepted=False, sentence=f"{verdict.sentence}, but its free run {much}")
+
+    def _free_run(self, stage: Stage) -> float:
+        """Free-run error on the search blocks that each record begins with, percent; NaN where none is possible."""
+        work, blocks = stage.work, []
+        for i in work.searched:
+            run = work.runs(i)[0]
+            blocks.append(BlockRows(i, run))
+        try:
+            return free_run_error(stage.trial().model(), work, blocks)
+        except NRFError:
+            return float("nan")
+
+    def _polished(self, stage: Stage, chosen: Finding) -> Finding:
+        """The chosen candidate with its shape parameters refined to the end."""
+        if not chosen.candidate.law.free_shape:
+            return chosen
+        finer = validate(stage, refine(stage, chosen, 120 * len(chosen.candidate.law.free_shape)))
+        return finer if finer.error <= chosen.error * 1.02 else chosen
+
+    def _with(self, stage: Stage, chosen: Finding, last: bool) -> tuple[Stage, list[Finding]]:
+        """The stage with an accepted candidate, all shapes estimated again, and the laws it made needless.
+
+        Of effects that are accepted together, only the last shows which earlier ones are.
+        """
+        replaced = [f for f in self.accepted if place_of(stage, f, self.accepted) in chosen.drop]
+        stage = chosen.on(stage)
+        self.accepted = [f for f in self.accepted if not any(f is r for r in replaced)]
+        if isinstance(chosen, SensorFinding):
+            assert chosen.ready is not None
+            self.ready, self.work = chosen.ready, stage.work
+        else:
+            self.accepted.append(chosen)
+        stage = reestimated(stage, self.accepted)
+        gone: list[Finding] = []
+        while last and (weakest := needless(stage, self.accepted)) is not None:
+            place = place_of(stage, weakest, self.accepted)
+            assert place is not None
+            self.accepted = [f for f in self.accepted if f is not weakest]
+            stage = reestimated(Stage(stage.work, stage.chain, stage.without([place])), self.accepted)
+            gone.append(weakest)
+        return stage, gone
+
+    def standing(self) -> list[Standing]:
+        """Accepted effects that the current model holds and a step tells of."""
+        every = [(f, self._told(f), place_of(self.stage, f, self.accepted)) for f in self.accepted]
+        return [Standing(f, step, place) for f, step, place in every if step is not None and place is not None]
+
+    def _told(self, finding: Finding) -> Step | None:
+        """The step that tells of an accepted effect."""
+        return next((step for f, step in self.told if f is finding), None)
+
+    def _drift(self, chosen: Finding) -> float:
+        """Rms drift of a site, m; zero for a sensor."""
+        return 0.0 if isinstance(chosen, SensorFinding) else self.work.scales(chosen.site)[0]
+
+
+def place_words(finding: Finding) -> str:
+    """Where a candidate stands, as one that rounds may not begin with: a site, or any sensor."""
+    return "sensor" if isinstance(finding, SensorFinding) else str(balances_of(finding.site))
+
+
+def _holds(findings: Sequence[Finding], one: Finding) -> bool:
+    return any((f.site, f.drop) == (one.site, one.drop) and f.candidate.law == one.candidate.law for f in findings)
+
+
+def _missed(judged: Sequence[Finding]) -> list[Finding]:
+    """Without those beside an earlier law that is hardly missed where they take its place."""
+    out = []
+    for f in judged:
+        instead = [
+            g for g in judged
+            if g.candidate == f.candidate and len(g.drop) > len(f.drop) and np.isfinite(g.error) and g is not f
+        ]  # fmt: skip
+        if all(gain_of(g.folds, f.folds) >= MEMBER_GAIN and np.mean(f.folds < g.folds) >= MIN_WINS for g in instead):
+            out.append(f)
+    return out
+
+
+__all__ = ["Rounds", "place_words"]

@@ -17,9 +17,9 @@ from pysindy_nrf.discrepancy import (
     floor_source,
     intervals,
     localisation,
-    loop,
     markdown,
     reestimate,
+    rounds,
     search,
     sensors,
     steps,
@@ -241,15 +241,15 @@ def test_two_plain_laws_go_before_a_shaped_one_if_they_are_clearly_better(monkey
 @pytest.mark.parametrize("after, gain, kept", [(1.0, 0.3, True), (1.01, 0.3, False), (1.01, 0.95, True), (np.nan, 0.3, False)])
 def test_effects_that_pass_together_run_freely_together(monkeypatch, after, gain, kept):
     """As one effect does: the free run of the two beside that of neither."""
-    runs = {0: 10.0, 1: 0.1, 2: 10.0 * loop._WORSE_ALONE * after}
+    runs = {0: 10.0, 1: 0.1, 2: 10.0 * rounds._WORSE_ALONE * after}
     monkeypatch.setattr(Finding, "on", lambda self, stage: stage + 1)
-    steps = object.__new__(loop._Loop)
+    steps = object.__new__(rounds.Rounds)
     steps._free_run = runs.__getitem__
     pair = [(finding(laws.QuadraticStiffness(), 1.0), []), (finding(laws.CubicStiffness(), 1.0), [])]
     found = steps._run_together(0, (pair, Verdict(True, gain, 1.0, 0.0, "told")))
     assert (found is not None) == kept
     if kept:
-        assert found[0] is pair and ("rises from 10 to" in found[1].sentence) == (gain > loop._BEYOND_DOUBT and after > 1)
+        assert found[0] is pair and ("rises from 10 to" in found[1].sentence) == (gain > rounds._BEYOND_DOUBT and after > 1)
     assert steps._run_together(0, None) is None
 
 

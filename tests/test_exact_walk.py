@@ -11,9 +11,13 @@ from hand_made_walk import CUBIC, FRICTION, fault, finding, record, refuse, shak
 
 from pysindy_nrf import Site, laws
 from pysindy_nrf.discrepancy import (
+    conclusion,
     loop,
+    rounds,
     sensors,
+    sharpening,
     standing,
+    steps,
 )
 from pysindy_nrf.discrepancy.catalogue import Candidate
 from pysindy_nrf.discrepancy.gate import FLOOR, MEMBER_GAIN, MIN_WINS, Verdict
@@ -48,31 +52,33 @@ class Walk:
             k = stage.number + 1
             return model(k), [f for f in gone.get(k, ())]
 
-        monkeypatch.setattr(loop, "Null", null)
-        monkeypatch.setattr(loop.LoopReport, "assemble", lambda *a: SimpleNamespace(
+        monkeypatch.setattr(rounds, "Null", null)
+        monkeypatch.setattr(conclusion.LoopReport, "assemble", lambda *a: SimpleNamespace(
             scenes=a[1], steps=a[2], stopped=a[3], ranking=a[4], band=a[5], measured=a[6]
         ))  # fmt: skip
-        monkeypatch.setattr(loop, "worst", lambda trial: "balance of DOF 7")
-        monkeypatch.setattr(loop, "contradictions", lambda ready, work: ["a1 is late", "x2 too"])
+        monkeypatch.setattr(conclusion, "worst", lambda trial: "balance of DOF 7")
+        monkeypatch.setattr(conclusion, "contradictions", lambda ready, work: ["a1 is late", "x2 too"])
         if least is not None:
-            monkeypatch.setattr(loop, "surely_left", lambda folds, noise: least)
+            monkeypatch.setattr(steps, "surely_left", lambda folds, noise: least)
         floors = SimpleNamespace(
             of=lambda trial: ("floor", trial.number), closes=lambda *a: closes, words="as given", measured=measured,
             percent=lambda trial, null: floor,
         )  # fmt: skip
         work = SimpleNamespace(scales=lambda site: (0.1, 0.2, 0.3))
-        one = loop._Loop(SimpleNamespace(clean=True), work, [], list(sensors), floors, None, 2, False)
+        one = rounds.Rounds(SimpleNamespace(clean=True), work, [], list(sensors), floors, None, 2, False)
         one._findings = lambda stage, trial, steps: [CUBIC] if ranking is None else list(ranking)
         one._decide = lambda stage, ranking, before, null, most: self.asked.append(most) or next(decisions)
         one._with = with_it
-        one._standing = lambda stage: ["standing", stage.number]
-        monkeypatch.setattr(loop, "estimate", lambda *a: None if estimated is None else estimated(one))
-        monkeypatch.setattr(loop, "share_to_leave", lambda stage: None)
-        monkeypatch.setattr(loop, "sharpened_again", lambda *a: None)
-        monkeypatch.setattr(loop, "doubt_what_is_drawn", lambda *a: None)
-        monkeypatch.setattr(loop, "wrong_by_noise", lambda *a: self.noisy.append(a) or list(wrong))
+        one.standing = lambda: ["standing", one.stage.number]
+        monkeypatch.setattr(conclusion, "estimate", lambda *a: None if estimated is None else estimated(one))
+        monkeypatch.setattr(conclusion, "share_to_leave", lambda stage: None)
+        monkeypatch.setattr(sharpening, "sharpened_again", lambda *a: None)
+        monkeypatch.setattr(conclusion, "doubt_what_is_drawn", lambda *a: None)
+        monkeypatch.setattr(conclusion, "wrong_by_noise", lambda *a: self.noisy.append(a) or list(wrong))
         self.loop = one
-        self.report = one.run(model(0), max_steps, "band")
+        one.go(model(0), max_steps)
+        conclusion.settle(one)
+        self.report = conclusion.concluded(one, "band")
 
     @property
     def names(self):
@@ -189,8 +195,8 @@ def ended(monkeypatch, left, before=100.0, **options):
 def test_a_name_is_sure_while_little_of_its_effect_is_left(monkeypatch, share, sure):
     step, _ = ended(monkeypatch, 100 * share * standing.SURE)
     assert step.sure == sure and step.remainder == pytest.approx(share * standing.SURE)
-    step, _ = ended(monkeypatch, 100 * share * loop._USUALLY, least=1.0)  # chance did the rest
-    assert step.sure == sure and step.remainder == pytest.approx(share * loop._USUALLY)
+    step, _ = ended(monkeypatch, 100 * share * steps._USUALLY, least=1.0)  # chance did the rest
+    assert step.sure == sure and step.remainder == pytest.approx(share * steps._USUALLY)
     step, _ = ended(monkeypatch, 1.0, least=100 * share * standing.SURE)
     assert step.sure == sure and step.remainder == pytest.approx(0.01)
 
@@ -199,7 +205,7 @@ def test_a_name_is_sure_while_little_of_its_effect_is_left(monkeypatch, share, s
     "left, floor, sure", [(0.99, np.nan, True), (1.01, np.nan, False), (1.01, 0.51, True), (1.01, 0.5, False)]
 )
 def test_no_name_is_sure_of_a_balance_that_stays_open_beyond_noise(monkeypatch, left, floor, sure):
-    step, _ = ended(monkeypatch, left * loop._OPEN, 1e5, floor=floor * loop._OPEN)
+    step, _ = ended(monkeypatch, left * steps._OPEN, 1e5, floor=floor * steps._OPEN)
     assert step.sure == sure
 
 
@@ -265,7 +271,7 @@ def test_channels_that_contradict_each_other_are_named_if_sensors_were_tried(mon
 def test_noise_of_surrogates_is_not_asked_of_a_floor_that_is_measured(monkeypatch):
     seen = []
     quiet = [SimpleNamespace(trial=lambda: SimpleNamespace(fold_errors=lambda: np.full(5, 0.5)))]
-    monkeypatch.setattr(loop, "surely_left", lambda folds, noise: seen.append([n.tolist() for n in noise]) or 1.0)
+    monkeypatch.setattr(steps, "surely_left", lambda folds, noise: seen.append([n.tolist() for n in noise]) or 1.0)
     ended(monkeypatch, 1.0, stages=quiet)
     ended(monkeypatch, 1.0, stages=quiet, measured=True)
     assert seen == [[[0.5] * 5], []]
@@ -294,7 +300,7 @@ def test_a_stribeck_force_that_falls_at_rest_is_not_sure(monkeypatch):
 
 def bare(**parts):
     """A loop without its records."""
-    one = object.__new__(loop._Loop)
+    one = object.__new__(rounds.Rounds)
     one.accepted, one.told, one.every, one.sensors, one.progress = [], [], ["every"], ["gain"], False
     one.ready, one.work, one.rng, one.n_surrogates = SimpleNamespace(clean=True), "work", "rng", 2
     one.__dict__.update(parts)
@@ -304,11 +310,12 @@ def bare(**parts):
 def looked_for(monkeypatch, found, after=lambda f: f, now=10.0, faulty=(), steps=()):
     """What the search finds is refined and judged by a given function; the order of the calls is kept."""
     calls = []
-    monkeypatch.setattr(loop, "lines_of", lambda trial: "lines")
-    monkeypatch.setattr(loop, "screen", lambda *a, **k: calls.append((a, k)) or list(found))
-    monkeypatch.setattr(loop, "refine", lambda stage, f: calls.append(f) or after(f))
-    monkeypatch.setattr(loop, "validate", lambda stage, f: f)
-    monkeypatch.setattr(loop, "sensor_findings", lambda *a: calls.append(a) or list(faulty))
+    monkeypatch.setattr(rounds, "lines_of", lambda trial: "lines")
+    monkeypatch.setattr(rounds, "screen", lambda *a, **k: calls.append((a, k)) or list(found))
+    monkeypatch.setattr(rounds, "refine", lambda stage, f: calls.append(f) or after(f))
+    monkeypatch.setattr(rounds, "among", lambda stage, f, accepted: f if accepted == [CUBIC] else None)
+    monkeypatch.setattr(rounds, "validate", lambda stage, f: f)
+    monkeypatch.setattr(rounds, "sensor_findings", lambda *a: calls.append(a) or list(faulty))
     one = bare(accepted=[CUBIC])
     out = one._findings("stage", SimpleNamespace(search_error=lambda: now), list(steps))
     assert calls[0] == (("stage", ["every"], [(Site("storey 2"), "cubic_stiffness")], "lines", None), {"both": True})
@@ -316,7 +323,7 @@ def looked_for(monkeypatch, found, after=lambda f: f, now=10.0, faulty=(), steps
 
 
 def test_what_does_not_even_lower_the_error_it_is_fitted_to_is_hopeless(monkeypatch):
-    edge = 10.0 * (1 - loop._HOPELESS)
+    edge = 10.0 * (1 - rounds._HOPELESS)
     found = [finding(laws.Dahl(1.0), 0.999 * edge), finding(laws.Iwan(0.1), edge)]
     out, refined, asked = looked_for(monkeypatch, found)
     assert out == found[:1] == refined and asked == (bare().ready, "work", "stage", ["gain"], set())
@@ -325,11 +332,11 @@ def test_what_does_not_even_lower_the_error_it_is_fitted_to_is_hopeless(monkeypa
 def test_the_best_of_a_shortlist_are_refined_and_the_best_of_these_judged(monkeypatch):
     found = [finding(laws.Dahl(1.0), 1.0 + 0.01 * k, f"storey {k + 1}") for k in range(20)]
     out, refined, _ = looked_for(monkeypatch, found)
-    assert len(refined) == loop._SHORTLIST and out == found[: loop._VALIDATED]
+    assert len(refined) == rounds._SHORTLIST and out == found[: rounds._VALIDATED]
     # the last of the shortlist may become the first
     turned = {id(f): finding(f.law, 9.0 - f.screen, str(f.site)) for f in found}
     out, _, _ = looked_for(monkeypatch, found, lambda f: turned[id(f)])
-    assert [f.site.p for f in out] == list(range(loop._SHORTLIST, loop._SHORTLIST - loop._VALIDATED, -1))
+    assert [f.site.p for f in out] == list(range(rounds._SHORTLIST, rounds._SHORTLIST - rounds._VALIDATED, -1))
 
 
 def test_a_rich_law_that_takes_a_simpler_ones_place_is_refined_however_it_begins(monkeypatch):
@@ -381,24 +388,24 @@ def test_a_law_beside_an_earlier_one_must_beat_itself_in_its_place(share, wins, 
     place = ((Site("storey 1"), 2),)
     instead = finding(law, drop=place, folds=np.full(10, 1.0))
     beside = finding(law, folds=np.where(np.arange(10) < wins, 1 - share, 1.5))
-    assert loop._missed([instead, beside]) == ([instead, beside] if kept else [instead])
+    assert rounds._missed([instead, beside]) == ([instead, beside] if kept else [instead])
     other = Finding(Candidate(laws.TwoSidedGap(), Site("storey 2")), law, 1.0, place, np.full(10, 1.0))
     endless = finding(law, drop=place, folds=np.full(10, np.inf))
-    assert loop._missed([beside, other]) == [beside, other] and loop._missed([endless, beside]) == [endless, beside]
+    assert rounds._missed([beside, other]) == [beside, other] and rounds._missed([endless, beside]) == [endless, beside]
     same = finding(law, folds=np.full(10, 1.0))
-    assert loop._missed([same, beside]) == [same, beside]
+    assert rounds._missed([same, beside]) == [same, beside]
 
 
 def test_a_candidate_is_held_if_law_site_and_place_are_the_same():
     one = finding(laws.Dahl(), 1.0)
     held = [finding(laws.Dahl(), 2.0)]
-    assert loop._holds(held, one) and not loop._holds([], one)
+    assert rounds._holds(held, one) and not rounds._holds([], one)
     for other in (
         finding(laws.Dahl(), site="storey 2"),
         finding(laws.Iwan()),
         finding(laws.Dahl(), drop=((Site(1), 0),)),
     ):
-        assert not loop._holds([other], one)
+        assert not rounds._holds([other], one)
 
 
 # -- what is decided --------------------------------------------------------------------------------
@@ -413,7 +420,7 @@ class Court:
         self.one = one = bare(ready=SimpleNamespace(clean=clean))
         self.null = SimpleNamespace(reached=reached, gain=lambda f: calls.append(("gain", f)) or gain)
         one._polished = lambda stage, f: f
-        one._alone = lambda stage, whole, verdict: alone(verdict) if alone else verdict
+        one.alone = lambda stage, whole, verdict: alone(verdict) if alone else verdict
         one._run_together = lambda stage, found: calls.append(("together", found)) or (together or (lambda f: f))(found)
         if judged:
             one._judged = judged
@@ -423,10 +430,10 @@ class Court:
         def asked(name, answer):
             return lambda *a: calls.append((name, *a)) or (answer(*a) if answer else None)
 
-        monkeypatch.setattr(loop, "likeliest", asked("likeliest", likeliest))
-        monkeypatch.setattr(loop, "confirmed", asked("confirmed", confirmed or (lambda verdict, *a: verdict)))
-        monkeypatch.setattr(loop, "pair_instead", asked("pair", pair))
-        monkeypatch.setattr(loop, "look_ahead", asked("ahead", ahead))
+        monkeypatch.setattr(rounds, "likeliest", asked("likeliest", likeliest))
+        monkeypatch.setattr(rounds, "confirmed", asked("confirmed", confirmed or (lambda verdict, *a: verdict)))
+        monkeypatch.setattr(rounds, "pair_instead", asked("pair", pair))
+        monkeypatch.setattr(rounds, "look_ahead", asked("ahead", ahead))
 
     def decide(self, ranking, before=10.0, most=4):
         return self.one._decide("stage", ranking, np.full(5, before), self.null, most)
@@ -472,7 +479,7 @@ def test_what_fails_the_gate_leaves_only_simpler_ones(monkeypatch):
     passing = finding(laws.CoulombFriction(), 5.0, "storey 3")
     tried = []
     court = Court(monkeypatch)
-    monkeypatch.setattr(loop, "choose", lambda left, now: tried.append((list(left), now)) or (left[0], []))
+    monkeypatch.setattr(rounds, "choose", lambda left, now: tried.append((list(left), now)) or (left[0], []))
     members, verdict = court.decide([*ranking[:2], passing])
     assert [len(left) for left, _ in tried] == [3, 2, 1] and tried[0][1] == 10.0 and members[0][0] is passing
     tried.clear()
@@ -485,11 +492,11 @@ def test_what_fails_the_gate_leaves_only_simpler_ones(monkeypatch):
 def test_what_runs_worse_leaves_the_next_best_and_what_noise_makes_up_leaves_other_places(monkeypatch):
     ranking = [finding(laws.Dahl(1.0), 5.0, f"storey {k}") for k in (1, 2, 3, 4, 5)]
     tried = []
-    monkeypatch.setattr(loop, "choose", lambda left, now: tried.append([f.site.p for f in left]) or (left[0], []))
+    monkeypatch.setattr(rounds, "choose", lambda left, now: tried.append([f.site.p for f in left]) or (left[0], []))
     court = Court(monkeypatch, alone=turned_down)
     members, verdict = court.decide(ranking)
     assert tried == [[1, 2, 3, 4, 5], [2, 3, 4, 5], [3, 4, 5]] and members[0][0] is ranking[0]
-    assert verdict.sentence == "turned down" and len(tried) == loop._DECISIONS and "confirmed" not in court.names()
+    assert verdict.sentence == "turned down" and len(tried) == rounds._DECISIONS and "confirmed" not in court.names()
     twins = [*ranking[:2], finding(laws.Iwan(0.1), 5.1), finding(laws.Dahl(2.0), 5.2, drop=((Site("storey 1"), 1),))]
     tried.clear()
     court.decide(twins)
@@ -548,7 +555,7 @@ def test_with_noise_the_likeliest_of_the_rivals_is_named_if_it_passes_too(monkey
 def test_a_rival_is_judged_by_gate_surrogates_and_free_run(monkeypatch):
     one, before = bare(), np.full(5, 10.0)
     monkeypatch.setattr(Finding, "on", lambda self, stage: "with it")
-    one._alone = lambda stage, whole, verdict: (stage, whole, verdict)
+    one.alone = lambda stage, whole, verdict: (stage, whole, verdict)
     null = SimpleNamespace(gain=lambda f: 0.1, reached=False)
     stage_, whole, verdict = one._judged("stage", finding(laws.CoulombFriction(), 5.0), before, null)
     assert (stage_, whole) == ("stage", "with it") and verdict.accepted and verdict.null_gain == 0.1
@@ -559,7 +566,7 @@ def test_a_rival_is_judged_by_gate_surrogates_and_free_run(monkeypatch):
 
 @pytest.mark.parametrize("asked, run", [(0, 0), (1, 1), (4, 1)])
 def test_a_rival_has_one_surrogate_at_most(monkeypatch, asked, run):
-    monkeypatch.setattr(loop, "Null", lambda *a: a)
+    monkeypatch.setattr(rounds, "Null", lambda *a: a)
     one = bare(n_surrogates=asked)
     assert one._null("stage") == (one.ready, "stage", "rng", run)
 
@@ -570,10 +577,10 @@ def test_a_rival_has_one_surrogate_at_most(monkeypatch, asked, run):
 @pytest.mark.parametrize(
     "before, after, gain, accepted, words",
     [
-        (10.0, 10.0 * loop._WORSE_ALONE, 0.3, True, "told"),
-        (10.0, 10.001 * loop._WORSE_ALONE, 0.3, False, "told, but its free run rises from 10 to 13 %"),
-        (10.0, 20.0, loop._BEYOND_DOUBT, True, "told; the free run rises from 10 to 20 %, so more is missing"),
-        (10.0, 20.0, 0.999 * loop._BEYOND_DOUBT, False, "told, but its free run rises from 10 to 20 %"),
+        (10.0, 10.0 * rounds._WORSE_ALONE, 0.3, True, "told"),
+        (10.0, 10.001 * rounds._WORSE_ALONE, 0.3, False, "told, but its free run rises from 10 to 13 %"),
+        (10.0, 20.0, rounds._BEYOND_DOUBT, True, "told; the free run rises from 10 to 20 %, so more is missing"),
+        (10.0, 20.0, 0.999 * rounds._BEYOND_DOUBT, False, "told, but its free run rises from 10 to 20 %"),
         (99.9, np.nan, 0.3, False, "told, but its free run (99.9 %) diverges"),
         (100.0, np.nan, 0.3, True, "told"), (np.nan, np.nan, 0.3, True, "told"),
         (99.9, np.inf, 0.9, True, "told; the free run (99.9 %) diverges, so more is missing"),
@@ -581,13 +588,13 @@ def test_a_rival_has_one_surrogate_at_most(monkeypatch, asked, run):
 )  # fmt: skip
 def test_an_effect_must_not_make_the_free_run_worse(before, after, gain, accepted, words):
     one = bare(_free_run={"without": before, "with": after}.__getitem__)
-    verdict = one._alone("without", "with", Verdict(True, gain, 1.0, 0.0, "told"))
+    verdict = one.alone("without", "with", Verdict(True, gain, 1.0, 0.0, "told"))
     assert (verdict.accepted, verdict.sentence) == (accepted, words)
 
 
 def test_the_free_run_goes_over_the_blocks_that_each_record_begins_with(monkeypatch):
     seen = []
-    monkeypatch.setattr(loop, "free_run_error", lambda model, work, blocks: seen.append((model, work, blocks)) or 3.0)
+    monkeypatch.setattr(rounds, "free_run_error", lambda model, work, blocks: seen.append((model, work, blocks)) or 3.0)
     runs = {0: [slice(0, 100), slice(150, 300)], 2: [slice(4, 80)]}
     work = SimpleNamespace(searched=[0, 2], runs=runs.__getitem__)
     one = SimpleNamespace(work=work, trial=lambda: SimpleNamespace(model=lambda: "model"))
@@ -601,8 +608,8 @@ def test_the_free_run_goes_over_the_blocks_that_each_record_begins_with(monkeypa
 def test_a_finer_shape_is_taken_unless_the_folds_are_clearly_worse(monkeypatch, factor, kept):
     asked = []
     finer = finding(laws.Iwan(0.1, 0.5), factor * 2.0)
-    monkeypatch.setattr(loop, "refine", lambda stage, f, n: asked.append(n) or finer)
-    monkeypatch.setattr(loop, "validate", lambda stage, f: f)
+    monkeypatch.setattr(rounds, "refine", lambda stage, f, n: asked.append(n) or finer)
+    monkeypatch.setattr(rounds, "validate", lambda stage, f: f)
     rough = Finding(Candidate(laws.Iwan(), Site("storey 1")), laws.Iwan(0.1, 0.6), 2.0, (), np.full(5, 2.0))
     assert bare()._polished(None, rough) is (finer if kept else rough) and asked == [240]
     plain = finding(laws.CoulombFriction())
@@ -611,10 +618,10 @@ def test_a_finer_shape_is_taken_unless_the_folds_are_clearly_worse(monkeypatch, 
 
 def test_an_accepted_law_takes_the_place_of_those_it_drops_and_drives_out_the_needless(monkeypatch):
     places = {id(f): (f.site, k) for k, f in enumerate((FRICTION, CUBIC))}
-    monkeypatch.setattr(loop, "place_of", lambda stage, f, accepted: places.get(id(f)))
+    monkeypatch.setattr(rounds, "place_of", lambda stage, f, accepted: places.get(id(f)))
     seen = []
-    monkeypatch.setattr(loop, "reestimated", lambda stage, accepted: seen.append(list(accepted)) or ("again", stage))
-    monkeypatch.setattr(loop, "needless", lambda stage, accepted: None)
+    monkeypatch.setattr(rounds, "reestimated", lambda stage, accepted: seen.append(list(accepted)) or ("again", stage))
+    monkeypatch.setattr(rounds, "needless", lambda stage, accepted: None)
     new = finding(laws.BoucWen(0.1, 0.5), drop=((FRICTION.site, 0),))
     monkeypatch.setattr(Finding, "on", lambda self, stage: ("with", stage))
     one = bare(accepted=[FRICTION, CUBIC])
@@ -625,9 +632,9 @@ def test_an_accepted_law_takes_the_place_of_those_it_drops_and_drives_out_the_ne
         return SimpleNamespace(name=name, work="work", chain="chain", without=lambda drop: ("without", drop))
 
     weak = iter([FRICTION, CUBIC, None])
-    monkeypatch.setattr(loop, "needless", lambda stage, accepted: next(weak))
-    monkeypatch.setattr(loop, "reestimated", lambda stage, accepted: stage)
-    monkeypatch.setattr(loop, "Stage", lambda work, chain, laws: seen.append((work, chain, laws)) or model("less"))
+    monkeypatch.setattr(rounds, "needless", lambda stage, accepted: next(weak))
+    monkeypatch.setattr(rounds, "reestimated", lambda stage, accepted: stage)
+    monkeypatch.setattr(rounds, "Stage", lambda work, chain, laws: seen.append((work, chain, laws)) or model("less"))
     monkeypatch.setattr(Finding, "on", lambda self, stage: stage)
     one, third = bare(accepted=[FRICTION, CUBIC]), finding(laws.Dahl(1.0), site="storey 3")
     found, gone = one._with(model("all"), third, True)
@@ -639,8 +646,8 @@ def test_an_accepted_law_takes_the_place_of_those_it_drops_and_drives_out_the_ne
 
 
 def test_a_corrected_channel_changes_the_records_and_is_no_law(monkeypatch):
-    monkeypatch.setattr(loop, "reestimated", lambda stage, accepted: stage)
-    monkeypatch.setattr(loop, "needless", lambda stage, accepted: None)
+    monkeypatch.setattr(rounds, "reestimated", lambda stage, accepted: stage)
+    monkeypatch.setattr(rounds, "needless", lambda stage, accepted: None)
     one, found = bare(accepted=[]), fault(GainError(0.1))
     found.ready, found.stage = "corrected", SimpleNamespace(work="fresh")
     assert one._with(SimpleNamespace(), found, True) == (found.stage, []) and one.accepted == []
@@ -656,8 +663,9 @@ def test_what_stands_in_the_end_is_what_has_a_place_and_a_step(monkeypatch):
     one, lost, untold = finding(laws.StribeckFriction(0.25)), finding(laws.Dahl(1.0)), finding(laws.Jenkins(0.1))
     step = Step("stribeck_friction", "friction", "storey 1")
     walk = bare(accepted=[lost, untold, one], told=[(one, step), (lost, step)])
-    monkeypatch.setattr(loop, "place_of", lambda stage, f, accepted: None if f is lost else (site, 1))
-    (found,) = walk._standing("stage")
+    monkeypatch.setattr(rounds, "place_of", lambda stage, f, accepted: None if f is lost else (site, 1))
+    walk.stage = "stage"
+    (found,) = walk.standing()
     assert (found.finding, found.step, found.place) == (one, step, (site, 1))
 
 
@@ -794,9 +802,9 @@ def test_progress_counts_the_candidates(monkeypatch):
             seen.append("closed")
 
     monkeypatch.setattr(tqdm.auto, "tqdm", Bar)
-    monkeypatch.setattr(loop, "lines_of", lambda trial: "lines")
-    monkeypatch.setattr(loop, "screen", lambda *a, **k: seen.append(a[4]) or [])
-    monkeypatch.setattr(loop, "sensor_findings", lambda *a: [])
+    monkeypatch.setattr(rounds, "lines_of", lambda trial: "lines")
+    monkeypatch.setattr(rounds, "screen", lambda *a, **k: seen.append(a[4]) or [])
+    monkeypatch.setattr(rounds, "sensor_findings", lambda *a: [])
     one = bare(progress=True, every=[1, 2, 3])
     assert one._findings("stage", SimpleNamespace(search_error=lambda: 1.0), [Step("a", "b", "storey 1")]) == []
     assert seen[0] == {"total": 3, "desc": "search 2", "unit": "candidate", "leave": False, "disable": None}

@@ -5,6 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from pysindy_nrf import NRFRegressor, Record, close_loop, laws
+from pysindy_nrf.exceptions import BiasWarning
 from pysindy_nrf.noise import add_noise
 
 MASSES, FRICTION, FS = np.array([18.0, 29.0]), 25.0, 500.0
@@ -66,3 +67,21 @@ def test_where_no_sign_turns_no_sample_is_left_out(clean):
     (step,) = report.steps
     assert step.site == "storey 2" and step.family == "friction" and "next to rest" not in step.evidence
     assert step.parameters["Fc"] == pytest.approx(FRICTION, rel=0.1)  # it creeps in the rounded corner; less than a tenth
+
+
+@pytest.mark.parametrize("width", [0.005, 0.02])
+@pytest.mark.parametrize("noise", [0.05, 0.1])
+def test_a_force_that_lives_next_to_rest_alone_is_not_estimated_without_rest(clean, noise, width):
+    """A Stribeck force over a hundredth of the rms rate: without the slow samples nothing is left of its column."""
+    narrow = laws.StribeckFriction(width * (clean.velocity[:, 1] - clean.velocity[:, 0]).std())
+    noisy = add_noise(clean, noise, random_state=1)
+    told = {"storey 1": [laws.LinearElastic(), laws.LinearViscous()]}
+    told["storey 2"] = [*told["storey 1"], narrow]
+    with pytest.warns(BiasWarning, match="next to the turns"):
+        table = NRFRegressor(laws=told).fit(noisy).jump_bias_
+    assert table.index.tolist() == ["storey 2: sgn(v)"]  # the other is not told
+    row = table.loc["storey 2: sgn(v)"]
+    assert row["found"] < row["away"] < FRICTION and row["away"] > 0.8 * FRICTION
+    report = close_loop(noisy, NRFRegressor(degree=1), catalogue=[narrow])
+    assert report.table["held-out"].iloc[-1] <= report.table["held-out"].iloc[0]
+    assert all(abs(v) < 4 * FRICTION for step in report.steps for k, v in step.parameters.items() if k != "vs")

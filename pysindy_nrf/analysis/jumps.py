@@ -22,7 +22,7 @@ from ..layout import LawLayout
 from ..moments import Moments
 from ..segments import SegmentSet
 from ..sites import Site
-from .rest import SHARES, first_settled, made_wrong, moving
+from .rest import SHARES, first_settled, lives_there, made_wrong, moving
 from .windows import Window, show
 
 # Groups of windows whose scatter says what is chance.
@@ -51,9 +51,10 @@ def jump_bias_of(
     Returns
     -------
     DataFrame
-        Index = term, e.g. ``"storey 2: sgn(v)"``; ``found``, ``away`` (from some thousand samples, without those next
-        to a turn: see :mod:`pysindy_nrf.analysis.rest`), ``lost`` (share of ``away``), ``wrong`` (bool: by more than a
-        tenth, more than chance and more than a thousandth of the force of its balance), ``unit``.
+        Index = term, e.g. ``"storey 2: sgn(v)"``, but for those that live next to rest alone; ``found``, ``away`` (from
+        some thousand samples, without those next to a turn: see :mod:`pysindy_nrf.analysis.rest`), ``lost`` (share of
+        ``away``), ``wrong`` (bool: by more than a tenth, more than chance and more than a thousandth of the force of
+        its balance), ``unit``.
 
     Examples
     --------
@@ -148,16 +149,32 @@ class JumpBias:
                 kept = list(self._settling())
         except (NRFError, np.linalg.LinAlgError):
             return empty
-        if not kept:
+        whole = _rms(self.whole, self.places)
+        told = np.all([lives_there(_rms(parts, self.places), whole) for parts, _ in zip(self.kept, kept)], axis=0)
+        if not kept or not told.any():
             return empty
-        away, rest = kept[first_settled(*zip(*kept))]
+        away, rest = kept[first_settled([a[told] for a, _ in kept], [r[:, told] for _, r in kept])]
         lost = np.where(away, (away - found) / np.where(away, away, 1.0), 0.0)
         size = np.abs(away - found) * _weights(self.whole, self.places, self.model.masses)
         wrong = made_wrong(found, away, rest - without) & (size > _NOTHING)
         values = self.model.coefficients
         rows = [(values[s][k], away[i], lost[i], wrong[i], unit) for i, (s, k, unit) in enumerate(self.places)]
         labels = [f"{site}: {self.layout.labels(site)[at]}" for site, at, _ in self.places]
-        return pd.DataFrame(rows, index=labels, columns=empty.columns)
+        return pd.DataFrame(rows, index=labels, columns=empty.columns)[told]
+
+
+def _rms(parts: list[Moments], places: list[tuple[Site, int, str]]) -> np.ndarray:
+    """Of the columns of some terms, in the balances that they act on first."""
+    total = parts[0].empty()
+    for some in parts:
+        total.merge(some)
+    out = []
+    for site, at, _ in places:
+        part = total.parts[site.p,]
+        column = np.zeros(part.matrix.shape[1])
+        column[total.positions((site.p,))[0][site].start + at] = 1.0
+        out.append(part.norm(column) / np.sqrt(max(part.n_samples, 1)))
+    return np.array(out)
 
 
 def _weights(parts: list[Moments], places: list[tuple[Site, int, str]], masses: np.ndarray) -> np.ndarray:

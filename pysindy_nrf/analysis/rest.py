@@ -12,6 +12,8 @@ from ..leaving_out import variance
 SHARES = (0.0, 0.03, 0.1, 0.2, 0.4)
 # Samples on each side of a turn that are left out with them.
 _BESIDE = 2
+# Part of its rms that the column of a force must keep where samples are left out.
+_LIVES = 0.1
 # Standard errors of a difference that are no longer chance, and the share of a coefficient that an engineer allows.
 _BEYOND, _WRONG = 3.0, 0.1
 
@@ -42,6 +44,32 @@ def moving(rate: np.ndarray, share: float) -> np.ndarray:
     near = (turns[:, None] + np.arange(1 - _BESIDE, 1 + _BESIDE)).ravel()
     out[np.clip(near, 0, len(out) - 1)] = False
     return out
+
+
+def lives_there(kept: np.ndarray, whole: np.ndarray) -> np.ndarray:
+    """Which forces still act in the samples that are left; what rises only next to rest is not told by the others.
+
+    Parameters
+    ----------
+    kept, whole : ndarray of shape (n_terms,)
+        Rms of each column in the samples that are left, and in all.
+
+    Returns
+    -------
+    ndarray of bool, shape (n_terms,)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.analysis.rest import lives_there, moving
+    >>> rate = 0.5 * np.sin(np.linspace(0, 20, 2000))  # m/s
+    >>> friction, stribeck = np.sign(rate), np.sign(rate) * np.exp(-((rate / 0.02) ** 2))
+    >>> away = moving(rate / rate.std(), 0.1)
+    >>> both = np.column_stack([friction, stribeck])
+    >>> lives_there(both[away].std(axis=0), both.std(axis=0)).tolist()
+    [True, False]
+    """
+    return kept >= _LIVES * whole
 
 
 def first_settled(found: Sequence[np.ndarray], without: Sequence[np.ndarray]) -> int:

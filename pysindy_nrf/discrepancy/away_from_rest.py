@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..analysis.jumps import jumping_terms
-from ..analysis.rest import SHARES, first_settled, made_wrong, moving
+from ..analysis.rest import SHARES, first_settled, lives_there, made_wrong, moving
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw
 from ..sites import Site
@@ -87,7 +87,10 @@ def share_to_leave(stage: Stage) -> float | None:
     tried: list[tuple[np.ndarray, np.ndarray]] = []
     for share in SHARES:
         try:
-            tried.append(_with_chance(leaving_rest(stage, share), at))
+            less = leaving_rest(stage, share)
+            if not lives_there(_rms(less, at), _rms(stage, at)).all():
+                break
+            tried.append(_with_chance(less, at))
         except (NRFError, np.linalg.LinAlgError):  # too few samples are left
             break
     if not tried:
@@ -116,6 +119,13 @@ def leaving_rest(stage: Stage, share: float) -> Stage:
         rate = np.concatenate([work.motion(site, b.segment).v[b.rows] for b in work.search])
         kept &= moving(rate / (work.scales(site)[1] or 1.0), share)
     return Stage(work.only(kept), stage.chain, stage.laws)
+
+
+def _rms(stage: Stage, at: Sequence[int]) -> np.ndarray:
+    """Of some columns over the samples of the search that take part."""
+    kept = stage.work.kept
+    samples = max(sum(rows.stop - rows.start for rows in stage.work.spans) if kept is None else int(kept.sum()), 1)
+    return np.sqrt(np.diag(stage.grams.sum(axis=0))[list(at)] / samples)
 
 
 def _with_chance(stage: Stage, at: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:

@@ -39,12 +39,16 @@ def explored(rounds: Rounds, stage: Stage, max_steps: int) -> Rounds:
             break
         last = last.elsewhere()
         last.go(stage, max_steps)
-        if last.steps and last.instead_of(best).accepted:
-            settle(last)
+        if not (last.steps and last.instead_of(best).accepted):
+            continue
+        other = last.in_earnest()
+        other.go(stage, max_steps)
+        if other.steps and other.instead_of(best).accepted:
+            settle(other)
             first = f"{best.steps[0].law} at {best.steps[0].site}"
-            said = f"all effects that begin with {first} leave {best.left:.3g} %, these {last.left:.3g} %"
-            last.steps[0].evidence += f"; {said}"
-            best = last
+            said = f"all effects that begin with {first} leave {best.left:.3g} %, these {other.left:.3g} %"
+            other.steps[0].evidence += f"; {said}"
+            best = other
     return best
 
 

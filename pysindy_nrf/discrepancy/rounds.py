@@ -15,6 +15,7 @@ from .catalogue import SPECIAL_CASES, Candidate, balances_of
 from .floor_source import FloorSource
 from .gate import FLOOR, MEMBER_GAIN, MIN_GAIN, MIN_WINS, Verdict, choose, gain_of, judge
 from .likeliest import likeliest
+from .noise_floor import AT_FLOOR
 from .prepare import Prepared
 from .reestimate import among, needless, place_of, reestimated
 from .report import Scene, Step
@@ -26,7 +27,7 @@ from .stage import Stage, Trial
 from .standing import Standing
 from .steps import corrected_again, step_of, weigh
 from .surrogate import Null
-from .together import look_ahead, pair_instead
+from .together import both_missed, look_ahead, pair_instead
 from .workspace import Workspace
 
 _SHORTLIST = 14
@@ -39,6 +40,8 @@ _HOPELESS = 0.05
 # error falls by so much that another missing effect must be to blame.
 _WORSE_ALONE = 1.3
 _BEYOND_DOUBT = 0.5
+# Candidates beside which a second effect is looked for where none passes.
+_FIRSTS = 2
 
 
 class Rounds:
@@ -57,6 +60,8 @@ class Rounds:
     progress : bool
     not_first : collection of str
         Places, see :func:`place_words`, at which the first effect is not looked for.
+    enough : float, optional
+        Look hastily, without surrogates and second opinions, for what leaves more than this, percent.
 
     Attributes
     ----------
@@ -89,10 +94,11 @@ class Rounds:
         n_surrogates: int,
         progress: bool,
         not_first: Collection[str] = (),
+        enough: float | None = None,
     ) -> None:
         self.ready, self.work, self.every = ready, work, every
         self.rng, self.n_surrogates, self.progress = rng, n_surrogates, progress
-        self.sensors, self.floors, self.not_first = sensors, floors, frozenset(not_first)
+        self.sensors, self.floors, self.not_first, self.enough = sensors, floors, frozenset(not_first), enough
         self.measured, self.stopped = ready, ""
         self.begun: str | None = None
         self.accepted: list[Finding] = []
@@ -165,7 +171,8 @@ class Rounds:
     def _stand_on(self, stage: Stage) -> None:
         """Make a stage the current model."""
         self.stage, self.trial = stage, stage.trial()
-        self.null = self.fitted = Null(self.ready, stage, self.rng, self.n_surrogates)
+        hasty = self.enough is not None
+        self.null = self.fitted = Null(self.ready, stage, self.rng, self.n_surrogates, hasty=hasty)
 
     def _scene(self, name: str) -> Scene:
         """The current model as a scene of the report."""
@@ -204,14 +211,23 @@ class Rounds:
         return bool(self.steps) and (self.unexplained or not all(step.sure for step in self.steps))
 
     def elsewhere(self) -> Rounds:
-        """Rounds over the same records that begin neither where these began nor where they were not to."""
+        """Hasty rounds over the same records that begin neither where these began nor where they were not to."""
+        enough = self.floor if self.enough is None else self.enough
+        return self._again(self.not_first | ({self.begun} if self.begun else set()), enough)
+
+    def in_earnest(self) -> Rounds:
+        """The same rounds with surrogates and second opinions."""
+        return self._again(self.not_first, None)
+
+    def _again(self, not_first: Collection[str], enough: float | None) -> Rounds:
         first = self.scenes[0]
         other = Rounds(
             self.measured, first.trial.work, self.every, self.sensors, self.floors, self.rng, self.n_surrogates,
-            self.progress, self.not_first | ({self.begun} if self.begun else set()),
+            self.progress, not_first, enough,
         )  # fmt: skip
         other.stage, other.trial = first.trial.stage, first.trial
-        other.null = other.fitted = first.null
+        hasty = Null(self.measured, other.stage, self.rng, 0, hasty=True)
+        other.null = other.fitted = first.null if enough is None else hasty
         other.scenes, other.opening = [first], self.opening
         return other
 
@@ -223,7 +239,8 @@ class Rounds:
         more = sum(parameters_of(law) for held in self.stage.laws.values() for law in held)
         more -= sum(parameters_of(law) for held in other.stage.laws.values() for law in held)
         verdict = judge(other.scenes[-1].folds, self.scenes[-1].folds, max(more, 1))
-        return self.alone(other.stage, self.stage, verdict) if verdict.accepted and self.doubtful else verdict
+        judged = verdict.accepted and self.doubtful and self.enough is None
+        return self.alone(other.stage, self.stage, verdict) if judged else verdict
 
     def _beginnings(self) -> list[Finding]:
         """Candidates with which these rounds may begin, best first."""
@@ -231,10 +248,13 @@ class Rounds:
             self.opening = self._findings(self.stage, self.trial, ())
         return [f for f in self.opening if place_words(f) not in self.not_first]
 
-    def _findings(self, stage: Stage, trial: Trial, steps: Sequence[Step]) -> list[Finding]:
-        """Validated candidates, best first."""
+    def _findings(
+        self, stage: Stage, trial: Trial, steps: Sequence[Step], held: Sequence[Finding] | None = None
+    ) -> list[Finding]:
+        """Validated candidates beside the effects that a stage holds, those that were accepted if None, best first."""
+        held = self.accepted if held is None else held
         now = trial.search_error()
-        accepted = [(f.site, f.law.name) for f in self.accepted]
+        accepted = [(f.site, f.law.name) for f in held]
         lines = lines_of(trial)
         bar, tick = None, None
         if self.progress:
@@ -254,7 +274,7 @@ class Rounds:
         special = {(balances_of(f.site), name) for f in refined[:3] for name in SPECIAL_CASES.get(f.law.name, ())}
         simple = [f for f in found if (balances_of(f.site), f.law.name) in special and not _holds(refined, f)]
         refined += [refine(stage, f) for f in simple]
-        judged = _missed([validate(stage, among(stage, f, self.accepted)) for f in refined])
+        judged = _missed([validate(stage, among(stage, f, held)) for f in refined])
         corrected = {(s.law, s.site) for s in steps if s.family == "sensor"}
         judged += sensor_findings(self.ready, self.work, stage, self.sensors, corrected)
         return sorted((f for f in judged if np.isfinite(f.error)), key=lambda f: f.error)
@@ -278,7 +298,7 @@ class Rounds:
                 verdict = self.alone(stage, chosen.on(stage), verdict)
             named = chosen, tied
             if verdict.accepted:
-                if not isinstance(chosen, SensorFinding) and not self.ready.clean:
+                if not (isinstance(chosen, SensorFinding) or self.ready.clean or null.hasty):
                     other = likeliest(chosen.under(stage), chosen, tied, ranking, before, self._null)
                     own = verdict if other[0] is chosen else self._judged(stage, other[0], before, null)
                     named, verdict = (other, own) if own.accepted else (named, verdict)
@@ -298,7 +318,30 @@ class Rounds:
             if not left:
                 break
         assert first is not None
-        return self._run_together(stage, look_ahead(stage, ranking, before, null, most)) or first
+        together = self._run_together(stage, look_ahead(stage, ranking, before, null, most))
+        return together or self._run_together(stage, self._hidden(stage, ranking, before, null, most)) or first
+
+    def _hidden(
+        self, stage: Stage, ranking: Sequence[Finding], before: np.ndarray, null: Null, most: int
+    ) -> tuple[list[tuple[Finding, list[Finding]]], Verdict] | None:
+        """Two effects that pass the gate together, where the second shows beside the first alone.
+
+        Looked for where more than noise is left.
+        """
+        if most < 2 or null.reached or (self.enough is not None and np.median(before) <= AT_FLOOR * self.enough):
+            return None
+        firsts: dict[str, Finding] = {}
+        for f in ranking:
+            missed = gain_of(before, f.folds) >= MEMBER_GAIN and np.mean(f.folds < before) >= MIN_WINS
+            if type(f) is Finding and not f.drop and missed:
+                firsts.setdefault(place_words(f), f)
+        for first in list(firsts.values())[:_FIRSTS]:
+            under = first.on(stage)
+            found = self._findings(under, under.trial(), self.steps, [*self.accepted, first])
+            found = [f for f in found if type(f) is Finding and not f.drop and place_words(f) != place_words(first)]
+            if found and (pair := both_missed(stage, first, *choose(found, first.error), before, null)):
+                return pair
+        return None
 
     def _run_together(
         self, stage: Stage, found: tuple[list[tuple[Finding, list[Finding]]], Verdict] | None

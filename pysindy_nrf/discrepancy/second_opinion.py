@@ -139,7 +139,7 @@ def confirmed(
     -------
     Verdict
     """
-    if null.ready.clean or (null.stages and null.bias < UNBIASED):
+    if null.hasty or null.ready.clean or (null.stages and null.bias < UNBIASED):
         return verdict
     plain = [float(np.median(s.slot().folds())) for s in (stage, after)]
     if plain[0] > _BEYOND * null.floor or _rough(after):  # the first is not so of a floor that is not known

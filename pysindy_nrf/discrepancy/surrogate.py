@@ -189,6 +189,8 @@ class Null:
     away : float, optional
         Share of the rms rate below which samples take no part in the fit of the model and of its surrogates, see
         :func:`pysindy_nrf.discrepancy.away_from_rest.leaving_rest`.
+    hasty : bool
+        Run no surrogates, and ask for no second opinion in their place.
     """
 
     def __init__(
@@ -199,8 +201,10 @@ class Null:
         count: int,
         of: Collection[Site] | None = None,
         away: float | None = None,
+        hasty: bool = False,
     ) -> None:
-        self.ready, self.stage, self.rng, self.count, self.of, self.away = ready, stage, rng, count, of, away
+        self.ready, self.stage, self.rng, self.of, self.away = ready, stage, rng, of, away
+        self.count, self.hasty = 0 if hasty else count, hasty
 
     def fitted(self, stage: Stage) -> Stage:
         """The model, or a surrogate of it, on the samples to which it is fitted."""

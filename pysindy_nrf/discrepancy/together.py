@@ -8,6 +8,7 @@ of the other, and the gate judges them as one.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -103,6 +104,35 @@ def pair_instead(
         return None
     verdict = _passed(stage, [first, second], whole, before, null, first.n_parameters + second.n_parameters)
     return None if verdict is None else ([(first, []), (second, [])], verdict)
+
+
+def both_missed(
+    stage: Stage, first: Finding, second: Finding, tied: list[Finding], before: np.ndarray, null: Null
+) -> tuple[list[tuple[Finding, list[Finding]]], Verdict] | None:
+    """Two effects that pass the gate together.
+
+    Parameters
+    ----------
+    stage : Stage
+    first : Finding
+    second : Finding
+        Found beside the first.
+    tied : list of Finding
+        What the second is tied with.
+    before : ndarray of shape (n_blocks,)
+        Errors of the current model.
+    null : Null
+
+    Returns
+    -------
+    members, verdict
+        As of :func:`look_ahead`. None if they do not pass.
+    """
+    under = second.under(first.on(stage))
+    first = replace(first, law=under.laws[first.site][-1])
+    n_parameters = first.n_parameters + second.n_parameters - 2
+    verdict = _passed(stage, [first, second], second.on(first.on(stage)), before, null, n_parameters)
+    return None if verdict is None else ([(first, []), (second, tied)], verdict)
 
 
 def _passed(

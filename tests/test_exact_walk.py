@@ -43,7 +43,7 @@ class Walk:
             one.trial = lambda: SimpleNamespace(number=k, fold_errors=lambda: np.full(5, float(folds[k])))
             return one
 
-        def null(ready, stage, rng, count):
+        def null(ready, stage, rng, count, **more):
             self.nulls.append((stage.number, count))
             return SimpleNamespace(stages=list(stages), error=error)
 
@@ -303,6 +303,7 @@ def bare(**parts):
     one = object.__new__(rounds.Rounds)
     one.accepted, one.told, one.every, one.sensors, one.progress = [], [], ["every"], ["gain"], False
     one.ready, one.work, one.rng, one.n_surrogates = SimpleNamespace(clean=True), "work", "rng", 2
+    one.enough, one.steps, one.not_first = None, [], frozenset()
     one.__dict__.update(parts)
     return one
 
@@ -418,7 +419,8 @@ class Court:
                  reached=False, gain=0.0, together=None, judged=None):  # fmt: skip
         self.calls = calls = []
         self.one = one = bare(ready=SimpleNamespace(clean=clean))
-        self.null = SimpleNamespace(reached=reached, gain=lambda f: calls.append(("gain", f)) or gain)
+        one._hidden = lambda *a: calls.append(("hidden", *a))
+        self.null = SimpleNamespace(reached=reached, hasty=False, gain=lambda f: calls.append(("gain", f)) or gain)
         one._polished = lambda stage, f: f
         one.alone = lambda stage, whole, verdict: alone(verdict) if alone else verdict
         one._run_together = lambda stage, found: calls.append(("together", found)) or (together or (lambda f: f))(found)
@@ -474,7 +476,8 @@ def test_what_fails_the_gate_leaves_only_simpler_ones(monkeypatch):
     assert [f.n_parameters for f in ranking][1:] == [2, 1]
     court = Court(monkeypatch)
     members, verdict = court.decide(ranking)
-    assert members[0][0] in ranking and not verdict.accepted and court.names() == ["ahead", "together"]
+    assert members[0][0] in ranking and not verdict.accepted
+    assert court.names() == ["ahead", "together", "hidden", "together"]
     assert court.calls[0][1:3] == ("stage", ranking) and court.calls[0][5] == 4
     passing = finding(laws.CoulombFriction(), 5.0, "storey 3")
     tried = []

@@ -169,8 +169,8 @@ def kernels() -> tuple[Callable[..., None], Callable[..., None]]:
 
     ``gram_pass(a, force, source, places, recurrence, numbers, steps, sums, masses, pairs, scratch, store)`` adds the
     products of the rows of one block. ``places`` are the rows of the scratch for the channels in ``a``, ``force`` and
-    ``source``; ``recurrence`` and ``numbers`` are those of a Recipe, with rows of the scratch; ``steps[k] = (row, p, q)``
-    makes a row from row p (q = -1), or from row p times row q.
+    ``source``; ``recurrence`` and ``numbers`` are those of a Recipe, with rows of the scratch;
+    ``steps[k] = (row, p, q)`` makes a row from row p (q = -1), or from row p times row q.
     ``root_pass(rows, guess, scratch, store)`` is :func:`orthogonal_gram`.
     """
     from numba import types

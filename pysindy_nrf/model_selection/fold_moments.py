@@ -24,12 +24,12 @@ from scipy import linalg
 from scipy.linalg import blas
 
 from ..chain import Chain
-from ..chain_solve import Solution, groups_of, solve
+from ..chain_solve import NotTogether, Solution, groups_of, solve
 from ..exceptions import ChannelError, NRFError, RankWarning
 from ..identifiability import Walk, plan_walk
 from ..laws import ForceLaw, Motion, PowerSeries
 from ..layout import Group, LawLayout
-from ..moments import Block, Moments
+from ..moments import Block, Moments, stacked
 from ..segments import SegmentSet
 from ..sites import Site
 from .monomials import Monomials
@@ -37,6 +37,7 @@ from .orthogonal import OrthogonalPowers
 
 _ROWS = 2048  # sampled for the bases of the sites
 _SOUND = 1e3  # condition number of unit columns whose Gram matrix keeps the digits that are asked for
+EVERY = "every"  # stands for all folds, stacked
 PIECES = 20  # at least, over all records: blocks for the effective number of samples
 
 
@@ -231,9 +232,12 @@ class FoldMoments:
 
     # -- moments of a fold --------------------------------------------------------------------
 
-    def total(self, fold: int | None, side: str = "train") -> tuple[Moments, np.ndarray, np.ndarray]:
-        """Moments of one side of a fold (of everything if ``fold`` is None), sums of accelerations and counts."""
+    def total(self, fold: Any, side: str = "train") -> tuple[Moments, np.ndarray, np.ndarray]:
+        """Moments of one side of a fold, sums of accelerations and counts; of all samples for None, all folds for EVERY."""
         key = (fold, side)
+        if key not in self._totals and fold == EVERY:
+            moments, sums, counts = zip(*(self.total(i, side) for i in range(self.n_folds)))
+            self._totals[key] = stacked(moments), np.array(sums), np.array(counts)
         if key not in self._totals:
             wanted = {"train": 1, "test": 2}[side]
             chosen = [
@@ -270,7 +274,7 @@ class FoldMoments:
         moments = Moments(self.layout, self.groups, "root", self.known_masses)
         moments.n_samples = held.n_samples
         for dofs, part in held.parts.items():
-            moments.parts[dofs].matrix = part.triangle(np.eye(len(part.matrix))) @ self._back(dofs)
+            moments.parts[dofs].matrix = part.root() @ self._back(dofs)
             moments.parts[dofs].n_samples = part.n_samples
         return moments
 
@@ -291,7 +295,7 @@ class FoldMoments:
         for group in groups:
             part = moments.parts[group.dofs]
             small = type(part)(0, "root")
-            small.matrix = part.matrix[:, order.index(group, moments)]
+            small.matrix = part.matrix[..., order.index(group, moments)]
             small.n_samples = part.n_samples
             out.groups[group.dofs], out.parts[group.dofs] = group, small
         return out
@@ -301,9 +305,13 @@ class FoldMoments:
         forced, unknown = [], []
         for j in range(1, self.chain.n_dof + 1):
             part = moments.parts[(j,)]
-            if not part.n_samples:
+            pushed = np.linalg.norm(part.matrix[..., -1], axis=-1) > 0
+            for held in (part.n_samples > 0, pushed):
+                if np.any(held) != np.all(held):
+                    raise NotTogether
+            if not np.all(part.n_samples):
                 unknown.append(j)
-            elif np.linalg.norm(part.matrix[:, -1]) > 0:
+            elif np.all(pushed):
                 forced.append(j)
         key = tuple(forced), tuple(unknown), order.layout.acting
         if key not in self._walks:
@@ -313,15 +321,15 @@ class FoldMoments:
         return self._walks[key].require_complete()
 
     def fit(
-        self, order: Order, fold: int | None, inner: Any = None, moments: Moments | None = None
+        self, order: Order, fold: Any, inner: Any = None, moments: Moments | None = None
     ) -> tuple[Solution, Walk, Moments]:
         """Solve one candidate on the training side of a fold.
 
         Parameters
         ----------
         order : Order
-        fold : int or None
-            None: all data.
+        fold : int, None or EVERY
+            None: all data. EVERY: all folds, stacked.
         inner : PySINDy optimizer, optional
             In place of the one given at first.
         moments : Moments, optional
@@ -331,6 +339,8 @@ class FoldMoments:
         ------
         NRFError
             If it cannot be solved there.
+        NotTogether
+            If the folds have to be solved one by one.
         """
         total = self.total(fold)[0] if moments is None else moments
         walk = self.walk(total, order)

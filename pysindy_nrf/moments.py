@@ -205,7 +205,7 @@ class GroupMoments:
         """Triangular factor of the columns themselves, shape (n_columns, n_columns); see :meth:`triangle`."""
         if self.kind == "root":
             return self.triangle(np.eye(len(self.matrix)))
-        return _scaled_cholesky(0.5 * (self.matrix + self.matrix.T))
+        return _scaled_cholesky(self.matrix)
 
     def norm(self, weights: np.ndarray) -> float:
         """Root of the sum of squares of one combination of the columns.

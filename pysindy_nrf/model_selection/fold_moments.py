@@ -222,8 +222,9 @@ class FoldMoments:
 
     def _add(self, piece: int, block: Block, known: np.ndarray) -> None:
         self.pieces[piece].add(block)
-        self.sums[piece] += np.where(known, block.acceleration.sum(axis=1), 0.0)
-        self.counts[piece] += known * block.acceleration.shape[1]
+        n = block.acceleration.shape[1]
+        self.sums[piece] += np.where(known, block.acceleration @ np.ones(n), 0.0)
+        self.counts[piece] += known * n
 
     def sharpen(self) -> None:
         """Accumulate once more by streamed QR, where the residual is too small for a Gram matrix."""
@@ -362,30 +363,45 @@ class FoldMoments:
 
 def _factor(columns: np.ndarray) -> np.ndarray | None:
     """Triangular factor of some columns that can be divided by; None where they are sound as they are."""
+    if _sound(columns):
+        return None
     upper = np.zeros((columns.shape[1],) * 2)
     found = linalg.qr(columns, mode="r", check_finite=False)[0][: len(upper)]
     upper[: len(found)] = found
-    size = np.linalg.norm(upper, axis=0)
-    if size.all() and np.linalg.cond(upper / size) < _SOUND:
-        return None
-    least = 1e-9 * size
+    least = 1e-9 * np.linalg.norm(upper, axis=0)
     least[least == 0] = 1.0  # nothing moves
     np.fill_diagonal(upper, np.where(np.abs(np.diag(upper)) > least, np.diag(upper), least))
     return upper
 
 
+def _sound(columns: np.ndarray) -> bool:
+    """Whether columns of unit length are far from dependent."""
+    gram = columns.T @ columns
+    size = np.sqrt(np.diag(gram))
+    if not size.all():
+        return False
+    squares = np.linalg.eigvalsh(gram / size / size[:, None])  # of the singular values
+    return bool(squares[-1] < _SOUND**2 * squares[0])
+
+
 def _classes(size: int, folds: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
     """Class of each row, and on which side of each fold (0 out, 1 train, 2 test) a class is."""
-    code, membership = np.zeros(size, dtype=np.int64), np.zeros((1, 0), dtype=np.int8)
+    sides, changes = [], np.zeros(size, dtype=bool)
+    changes[:1] = True
     for train, test in folds:
         side = np.zeros(size, dtype=np.int8)
         side[train] = 1
         if side[test].any():
             raise NRFError("A fold tests on samples it was trained with", "Check the splitter.")
         side[test] = 2
-        code, unique = pd.factorize(code * 3 + side)
+        sides.append(side)
+        changes[1:] |= side[1:] != side[:-1]
+    starts = np.flatnonzero(changes)
+    code, membership = np.zeros(len(starts), dtype=np.int64), np.zeros((1, 0), dtype=np.int8)
+    for side in sides:
+        code, unique = pd.factorize(code * 3 + side[starts])
         membership = np.column_stack([membership[unique // 3], (unique % 3).astype(np.int8)])
-    return code, membership
+    return np.repeat(code, np.diff(starts, append=size)), membership
 
 
 def _cuts(classes: np.ndarray, longest: int) -> np.ndarray | None:

@@ -280,8 +280,7 @@ def solve(
         solution.fits.append(fit)
         at = 0
         if step.masses:
-            mass, at = values[..., 0], 1
-            solution.masses[step.masses[0]] = mass if moments.stacked else float(mass)
+            solution.masses[step.masses[0]], at = _number(values[..., 0]), 1
         for site in step.sites:
             width = moments.layout.counts[site]
             found = signs[site] * values[..., at : at + width]
@@ -289,6 +288,11 @@ def solve(
             second = walk.strategy == "complete" and site.p not in step.dofs
             (solution.twins if second else solution.coefficients)[site] = found
     return solution
+
+
+def _number(value: np.ndarray) -> Any:
+    """A plain number, or as many as moments are stacked."""
+    return value if value.ndim else float(value)
 
 
 def _locate(moments: Moments, dofs: tuple[int, ...]) -> tuple[Any, ...]:
@@ -352,15 +356,12 @@ def _least_squares_together(
     if inner is not None or not p or not (np.isfinite(size) & (size >= _SMALLEST)).all():
         raise NotTogether
     unit = triangle / size[..., None, :]
-    upper, target = unit[..., :p, :p], unit[..., :p, p:]
-    try:  # of a triangular matrix it is the back substitution
-        solved = np.linalg.solve(upper, np.concatenate([target, np.broadcast_to(np.eye(p), upper.shape)], axis=-1))
-    except np.linalg.LinAlgError:
-        raise NotTogether from None
-    condition = p**0.5 * np.linalg.norm(solved[..., 1:], axis=(-2, -1))
-    if not (condition * cut * _SURE < 1).all():
+    inverse, lost = zip(*(lapack.dtrtri(one.T, lower=1) for one in unit[..., :p, :p]))
+    condition = p**0.5 * np.array([np.linalg.norm(one) for one in inverse])
+    if any(lost) or not (condition * cut * _SURE < 1).all():
         raise NotTogether
-    scaled, share = solved[..., 0], np.abs(unit[..., p, p])
+    scaled = np.array([_back(one[:p, :p], one[:p, p]) for one in unit])
+    share = np.abs(unit[..., p, p])
     residual = share * size[..., p]
     return scaled * size[..., p:] / size[..., :p], StepFit(step, condition, p, p, residual / n_samples**0.5, share)
 

@@ -196,7 +196,7 @@ def balance_sizes(
     if moments.stacked:
         reference = np.where(force, force, inertia)
         storey = np.where(storey, storey, np.where(reference, reference, 1.0))
-        return Sizes(residual, reference, storey, of, part.n_samples)
+        return Sizes(residual, reference, storey, of, part.n_samples)  # type: ignore[arg-type]  # arrays of a stack
     reference = force or inertia
     return Sizes(float(residual), float(reference), float(storey or reference or 1.0), of, part.n_samples)
 

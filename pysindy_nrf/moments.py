@@ -202,9 +202,9 @@ class GroupMoments:
         return _scaled_cholesky(0.5 * (gram + gram.T))
 
     def root(self) -> np.ndarray:
-        """Triangular factor of the columns themselves, shape (n_columns, n_columns); see :meth:`triangle`."""
+        """Triangular factor of the columns themselves, shape (..., n_columns, n_columns); see :meth:`triangle`."""
         if self.kind == "root":
-            return self.triangle(np.eye(len(self.matrix)))
+            return self.triangle(np.eye(self.matrix.shape[-1]))
         return _scaled_cholesky(self.matrix)
 
     def norm(self, weights: np.ndarray) -> float:
@@ -270,14 +270,17 @@ def _scaled_cholesky(gram: np.ndarray) -> np.ndarray:
     Columns are scaled to unit length first. Where the factor fails, a pivot lost to round-off becomes zero: the
     column is a combination of those before it.
     """
-    scale = np.sqrt(np.clip(np.diag(gram), 0.0, None))
+    scale = np.sqrt(np.clip(np.diagonal(gram, axis1=-2, axis2=-1), 0.0, None))
     safe = np.where(scale > 0, scale, 1.0)
-    unit = gram / safe[:, None] / safe
-    p = len(unit)
+    unit = gram / safe[..., :, None] / safe[..., None, :]
+    p = unit.shape[-1]
     try:  # an empty column takes no part
-        return linalg.cholesky(unit + np.diag(scale == 0), check_finite=False) * scale
-    except linalg.LinAlgError:
+        lower = np.linalg.cholesky(unit + (scale == 0)[..., None] * np.eye(p))
+        return lower.swapaxes(-1, -2) * scale[..., None, :]
+    except np.linalg.LinAlgError:
         pass
+    if gram.ndim > 2:
+        return np.array([_scaled_cholesky(one) for one in gram])
     upper = np.zeros_like(unit)
     for i in range(p):
         row = unit[i, i:] - upper[:i, i] @ upper[:i, i:]
@@ -337,6 +340,23 @@ class Moments:
     def stacked(self) -> tuple[int, ...]:
         """Leading axes of the matrices, empty unless :func:`stacked` made them."""
         return next(iter(self.parts.values())).matrix.shape[:-2]
+
+    def of(self, number: int) -> Moments:
+        """One of stacked moments.
+
+        Parameters
+        ----------
+        number : int
+
+        Returns
+        -------
+        Moments
+        """
+        out = Moments(self.layout, list(self.groups.values()), self.kind, self.known_masses)
+        out.n_samples = int(self.n_samples[number])
+        for dofs, part in self.parts.items():
+            out.parts[dofs].matrix, out.parts[dofs].n_samples = part.matrix[number], int(part.n_samples[number])
+        return out
 
     def empty(self) -> Moments:
         """Moments of nothing, of the same columns.

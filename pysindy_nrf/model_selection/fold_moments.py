@@ -29,7 +29,7 @@ from ..exceptions import ChannelError, NRFError, RankWarning
 from ..identifiability import Walk, plan_walk
 from ..laws import ForceLaw, Motion, PowerSeries
 from ..layout import Group, LawLayout
-from ..moments import Block, Moments, stacked
+from ..moments import Block, GroupMoments, Moments, stacked
 from ..segments import SegmentSet
 from ..sites import Site
 from .monomials import Monomials
@@ -182,7 +182,7 @@ class FoldMoments:
     def _accumulate(self, kind: str) -> None:
         self.kind = kind
         self._backs: dict[tuple[int, ...], np.ndarray] = {}
-        self._of_class: dict[int, Moments] = {}
+        self._grams: dict[tuple[int, ...], tuple[np.ndarray, np.ndarray]] = {}  # of all pieces, and their samples
         groups = [self.accumulated.group(g.dofs) for g in self.groups]
         self._nothing = Moments(self.accumulated, groups, kind, self.known_masses)
         self.pieces: list[Moments] = []
@@ -234,50 +234,53 @@ class FoldMoments:
     # -- moments of a fold --------------------------------------------------------------------
 
     def total(self, fold: Any, side: str = "train") -> tuple[Moments, np.ndarray, np.ndarray]:
-        """Moments of one side of a fold, sums of accelerations and counts; of all samples for None, all folds for EVERY."""
+        """Moments of one side of a fold, sums of accelerations and counts; None: of all samples, EVERY: stacked."""
         key = (fold, side)
-        if key not in self._totals and fold == EVERY:
-            moments, sums, counts = zip(*(self.total(i, side) for i in range(self.n_folds)))
-            self._totals[key] = stacked(moments), np.array(sums), np.array(counts)
         if key not in self._totals:
-            wanted = {"train": 1, "test": 2}[side]
-            chosen = [
-                i for i, code in enumerate(self.piece_class) if fold is None or self.membership[code, fold] == wanted
-            ]
-            if not chosen:
-                raise ChannelError(f"Fold {fold} has no {side} samples", "Check the splitter.")
-            codes = dict.fromkeys(self.piece_class[i] for i in chosen)
-            self._totals[key] = (
-                self._powers(self._merged(self._class_moments(code) for code in codes)),
-                np.sum([self.sums[i] for i in chosen], axis=0),
-                np.sum([self.counts[i] for i in chosen], axis=0),
-            )
+            if fold is None:
+                wanted = np.ones((1, len(self.pieces)))
+            else:
+                chosen = self.membership[self.piece_class] == {"train": 1, "test": 2}[side]
+                wanted = 1.0 * chosen.T[slice(None) if fold == EVERY else [fold]]
+            empty = np.flatnonzero(~wanted.any(axis=1))
+            if empty.size:
+                number = empty[0] if fold == EVERY else fold
+                raise ChannelError(f"Fold {number} has no {side} samples", "Check the splitter.")
+            found = self._sums(wanted), wanted @ np.array(self.sums), wanted @ np.array(self.counts)
+            self._totals[key] = found if fold == EVERY else (found[0].of(0), found[1][0], found[2][0])
         return self._totals[key]
 
     def sum_of(self, pieces: Iterable[int]) -> Moments:
         """Moments of some pieces, in the monomials themselves; a piece may be there several times."""
-        return self._powers(self._merged(self.pieces[i] for i in pieces))
+        return self._sums(np.bincount(list(pieces), minlength=len(self.pieces))[None].astype(float)).of(0)
 
-    def _class_moments(self, code: int) -> Moments:
-        if code not in self._of_class:
-            own = (piece for piece, its in zip(self.pieces, self.piece_class) if its == code)
-            self._of_class[code] = self._merged(own)
-        return self._of_class[code]
+    def _sums(self, wanted: np.ndarray) -> Moments:
+        """Stacked moments of the monomials, each the sum of so many times each piece."""
+        if self.kind == "root":
+            times = wanted.astype(int)
+            return stacked([self._merged(np.repeat(np.arange(len(row)), row)) for row in times])
+        out = Moments(self.layout, self.groups, "root", self.known_masses)
+        out.n_samples = (wanted @ [piece.n_samples for piece in self.pieces]).astype(int)
+        for dofs, part in out.parts.items():
+            if dofs not in self._grams:
+                held = [piece.parts[dofs] for piece in self.pieces]
+                self._grams[dofs] = np.array([p.matrix for p in held]), np.array([p.n_samples for p in held])
+            grams, sizes = self._grams[dofs]
+            whole = GroupMoments(0)
+            whole.matrix = np.tensordot(wanted, grams, 1)
+            part.matrix = whole.root() @ self._back(dofs)
+            part.n_samples = (wanted @ sizes).astype(int)
+        return out
 
-    def _merged(self, parts: Iterable[Moments]) -> Moments:
+    def _merged(self, pieces: Iterable[int]) -> Moments:
         held = self._nothing.empty()
-        for part in parts:
-            held.merge(part)
-        return held
-
-    def _powers(self, held: Moments) -> Moments:
-        """Moments of the monomials behind the accumulated columns."""
-        moments = Moments(self.layout, self.groups, "root", self.known_masses)
-        moments.n_samples = held.n_samples
+        for i in pieces:
+            held.merge(self.pieces[i])
+        out = Moments(self.layout, self.groups, "root", self.known_masses)
+        out.n_samples = held.n_samples
         for dofs, part in held.parts.items():
-            moments.parts[dofs].matrix = part.root() @ self._back(dofs)
-            moments.parts[dofs].n_samples = part.n_samples
-        return moments
+            out.parts[dofs].matrix, out.parts[dofs].n_samples = part.root() @ self._back(dofs), part.n_samples
+        return out
 
     def order(self, orders: Mapping[Site, Any]) -> Order:
         """A candidate with an order at every searched site."""

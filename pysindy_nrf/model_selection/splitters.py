@@ -57,11 +57,11 @@ class _RecordSplitter(BaseCrossValidator):
         ids = np.asarray(groups).ravel()
         if len(ids) != size:
             raise ChannelError(f"{len(ids)} record ids for {size} samples", "Give one id for each sample.")
+        lost = np.flatnonzero(pd.isna(ids))
+        if lost.size:
+            raise ChannelError(f"The record ids are missing in {rows_text(lost)}", "Give one id for each sample.")
         starts = np.concatenate([[0], np.flatnonzero(ids[1:] != ids[:-1]) + 1])[:size]
         names = ids[starts]
-        if pd.isna(names).any():
-            lost = np.flatnonzero(pd.isna(ids))
-            raise ChannelError(f"The record ids are missing in {rows_text(lost)}", "Give one id for each sample.")
         again = pd.Series(names).duplicated()
         if again.any():
             raise ChannelError(

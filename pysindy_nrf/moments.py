@@ -275,8 +275,10 @@ def _scaled_cholesky(gram: np.ndarray) -> np.ndarray:
     unit = gram / safe[..., :, None] / safe[..., None, :]
     p = unit.shape[-1]
     try:  # an empty column takes no part
-        lower = np.linalg.cholesky(unit + (scale == 0)[..., None] * np.eye(p))
-        return lower.swapaxes(-1, -2) * scale[..., None, :]
+        whole = unit + (scale == 0)[..., None] * np.eye(p)
+        if gram.ndim == 2:
+            return linalg.cholesky(whole, check_finite=False) * scale
+        return np.linalg.cholesky(whole).swapaxes(-1, -2) * scale[..., None, :]  # SciPy takes one at a time
     except np.linalg.LinAlgError:
         pass
     if gram.ndim > 2:

@@ -150,6 +150,7 @@ def balance_sizes(
         kg, by DOF.
     coefficients : mapping of Site to ndarray
     moments : Moments
+        If they are stacked, so are masses, coefficients and what comes back.
 
     Returns
     -------
@@ -175,24 +176,28 @@ def balance_sizes(
     above = tuple(range(dof, moments.layout.n_dof + 1))
     dofs = above if above in moments.parts else (dof,)
     part = moments.parts[dofs]
-    if not part.n_samples:
+    if not np.any(part.n_samples):
         return None
     where, mass_at, target_at = moments.positions(dofs)
     group = moments.groups[dofs]
     # columns: residual, force alone, inertia alone, storey force alone
-    weights = np.zeros((part.matrix.shape[1], 4))
+    weights = np.zeros((*moments.stacked, part.matrix.shape[-1], 4))
     own = None
     for site, sign in zip(group.sites, group.signs):
-        weights[where[site], 0] = sign * coefficients[site]
+        weights[..., where[site], 0] = sign * coefficients[site]
         if own is None and site.p == dof:
             own = site
-            weights[where[site], 3] = coefficients[site]
-    weights[target_at, 0], weights[target_at, 1] = -1.0, 1.0
+            weights[..., where[site], 3] = coefficients[site]
+    weights[..., target_at, 0], weights[..., target_at, 1] = -1.0, 1.0
     if mass_at is not None:
-        weights[mass_at, 0] = weights[mass_at, 2] = masses[dof]
-    residual, force, inertia, storey = part.norms(weights) / part.n_samples**0.5
+        weights[..., mass_at, 0] = weights[..., mass_at, 2] = masses[dof]
+    residual, force, inertia, storey = np.moveaxis(part.norms(weights), -1, 0) / part.n_samples**0.5
+    of = "F" if np.all(force) and mass_at is not None else "m a"
+    if moments.stacked:
+        reference = np.where(force, force, inertia)
+        storey = np.where(storey, storey, np.where(reference, reference, 1.0))
+        return Sizes(residual, reference, storey, of, part.n_samples)  # type: ignore[arg-type]  # arrays of a stack
     reference = force or inertia
-    of = "F" if force and mass_at is not None else "m a"
     return Sizes(float(residual), float(reference), float(storey or reference or 1.0), of, part.n_samples)
 
 
@@ -228,7 +233,9 @@ class Pooled:
         return _percent(self.top**0.5, self.bottom**0.5)
 
 
-def _percent(part: float, whole: float) -> float:
+def _percent(part: Any, whole: Any) -> Any:
+    if np.ndim(whole):  # of stacked moments
+        return np.array([_percent(*pair) for pair in zip(part.tolist(), whole.tolist())])
     return 100.0 * part / whole if whole else (0.0 if part == 0 else np.inf)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -74,7 +74,7 @@ class Plan:
         self.size = size
         self.n_rows = first + layout.n_terms
         self._channels = np.r_[2 * np.arange(n), 2 * np.arange(n) + 1]
-        self._placed: tuple[Recipe | None, np.ndarray, np.ndarray, np.ndarray] | None = None
+        self._placed: tuple[Recipe | None, np.ndarray, _Steps, np.ndarray] | None = None
 
     def multiply(self, block: Block, store: np.ndarray) -> None:
         """Add the products of the columns of a block to ``store``, shape (size,); see ``take`` for its order.
@@ -90,13 +90,14 @@ class Plan:
         _, places, steps, scratch = self._placed
         source = block.terms if recipe is None else block.source
         given = (np.asarray(x, dtype=np.float64) for x in (block.acceleration, block.force, source))
-        kernels()[0](*given, places, steps, self.sums, self.masses, self.pairs, scratch, store)
+        kernels()[0](*given, places, *steps, self.sums, self.masses, self.pairs, scratch, store)
 
-    def _rows(self, recipe: Recipe | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _rows(self, recipe: Recipe | None) -> tuple[np.ndarray, _Steps, np.ndarray]:
         """Rows of the channels of a block, how those of the terms are built from them, and a scratch with room."""
         if recipe is None:
             places = _places(self._channels, np.arange(self.terms_at, self.n_rows))
-            return places, np.zeros((0, 3), dtype=np.int64), _scratch(self.n_rows)
+            nothing = _Steps(np.zeros((0, 4), dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64))
+            return places, nothing, _scratch(self.n_rows)
         size = max(self.n_rows, self.terms_at + int(recipe.steps[:, 0].max(initial=-1)) + 1)
         at = np.full(recipe.n_source, -1)
         steps = []
@@ -112,7 +113,18 @@ class Plan:
         moved = np.array(steps, dtype=np.int64).reshape(-1, 3)
         product = moved[:, 2] != _COPY
         moved[product, 2] = at[moved[product, 2]]
-        return _places(self._channels, at), moved, _scratch(size + len(beside))
+        recurrence = recipe.recurrence + np.where(recipe.recurrence < 0, 0, self.terms_at)
+        recurrence[:, 1] = at[recipe.recurrence[:, 1]]
+        made = _Steps(recurrence, np.ascontiguousarray(recipe.numbers), moved)
+        return _places(self._channels, at), made, _scratch(size + len(beside))
+
+
+class _Steps(NamedTuple):
+    """How rows of the scratch are made from others: see the Recipe; each number is a row of the scratch."""
+
+    recurrence: np.ndarray
+    numbers: np.ndarray
+    products: np.ndarray
 
 
 def _places(*rows: np.ndarray) -> np.ndarray:
@@ -155,8 +167,9 @@ def orthogonal_gram(rows: np.ndarray, guess: np.ndarray, store: np.ndarray) -> N
 def kernels() -> tuple[Callable[..., None], Callable[..., None]]:
     """The compiled passes.
 
-    ``gram_pass(a, force, source, places, steps, sums, masses, pairs, scratch, store)`` adds the products of the rows
-    of one block. ``places`` are the rows of the scratch for the channels in ``a``, ``force`` and ``source``;
+    ``gram_pass(a, force, source, places, recurrence, numbers, steps, sums, masses, pairs, scratch, store)`` adds the
+    products of the rows of one block. ``places`` are the rows of the scratch for the channels in ``a``, ``force`` and
+    ``source``; ``recurrence`` and ``numbers`` are those of a Recipe, with rows of the scratch;
     ``steps[k] = (row, p, q)`` makes a row from row p (q = -1), or from row p times row q.
     ``root_pass(rows, guess, scratch, store)`` is :func:`orthogonal_gram`.
     """
@@ -277,7 +290,15 @@ def kernels() -> tuple[Callable[..., None], Callable[..., None]]:
         for t in range(out.size):
             out[t] = left[t] * right[t]
 
-    copied, multiplied = inline(copy), inline(multiply)
+    def ascend(out, x, below, second, g, h, k):
+        for t in range(out.size):
+            out[t] = (g * x[t] + h) * below[t] + k * second[t]
+
+    def scale(out, x, g, h):
+        for t in range(out.size):
+            out[t] = g * x[t] + h
+
+    copied, multiplied, ascended, scaled = (inline(f) for f in (copy, multiply, ascend, scale))
 
     def load(x, places, channels, start, b):
         if abs(channels.strides[0]) < abs(channels.strides[1]):  # the channels of a sample lie side by side
@@ -291,7 +312,7 @@ def kernels() -> tuple[Callable[..., None], Callable[..., None]]:
 
     loaded = inline(load)
 
-    def gram_pass(a, force, source, places, steps, sums, masses, pairs, x, store):
+    def gram_pass(a, force, source, places, recurrence, numbers, steps, sums, masses, pairs, x, store):
         n = a.shape[0]
         for start in range(0, a.shape[1], TILE):
             b = min(TILE, a.shape[1] - start)
@@ -311,6 +332,15 @@ def kernels() -> tuple[Callable[..., None], Callable[..., None]]:
                     if j >= 0:
                         for t in range(b):
                             x[row, t] += x[2 * j + 1, t] - masses[j] * x[2 * j, t]
+            for k in range(recurrence.shape[0]):
+                row, v, p, q = recurrence[k, 0], recurrence[k, 1], recurrence[k, 2], recurrence[k, 3]
+                g, h, c = numbers[k, 0], numbers[k, 1], numbers[k, 2]
+                if p < 0:
+                    scaled(x[row, :b], x[v, :b], g, h)
+                elif q < 0:
+                    ascended(x[row, :b], x[v, :b], x[p, :b], x[p, :b], g, h, 0.0)
+                else:
+                    ascended(x[row, :b], x[v, :b], x[p, :b], x[q, :b], g, h, c)
             for k in range(steps.shape[0]):
                 row, p, q = steps[k, 0], steps[k, 1], steps[k, 2]
                 if q < 0:
@@ -349,8 +379,8 @@ def kernels() -> tuple[Callable[..., None], Callable[..., None]]:
 
     multiply_all = jit(gram_pass)  # one machine code, however the user's arrays lie in memory
     given, whole = types.Array(types.float64, 2, "A", readonly=True), types.Array(types.float64, 2, "C")
-    numbers, table = types.Array(types.uint64, 1, "C"), types.Array(types.int64, 2, "C")
+    places, table = types.Array(types.uint64, 1, "C"), types.Array(types.int64, 2, "C")
     line = types.Array(types.float64, 1, "C")
-    multiply_all.compile((given, given, given, numbers, table, table, line, table, whole, line))
+    multiply_all.compile((given, given, given, places, table, whole, table, table, line, table, whole, line))
     multiply_all.disable_compile()
     return multiply_all, jit(root_pass)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from .chain import Chain
 from .exceptions import ChainError, LawError
-from .laws.base import ForceLaw, Motion, Term
+from .laws.base import ForceLaw, Motion, Recurrence, Term
 from .sites import Site
 
 _MONOMIAL = re.compile(r"(1|v(\^\d+)?( s(\^\d+)?)?|s(\^\d+)?)\Z")
@@ -92,7 +92,7 @@ class Layout:
 
 @dataclass(frozen=True)
 class Recipe:
-    """Columns v^h s^j as products of earlier columns with v or s: one multiplication each.
+    """Columns v^h s^j as products of earlier columns with v or s, and columns that follow by a recurrence.
 
     Attributes
     ----------
@@ -102,16 +102,23 @@ class Recipe:
     motions : tuple of Site
         Sites whose rates are the first rows of the source, and whose drifts are the next ones.
     others : tuple of (Site, int, int)
-        Laws (by site and number) whose columns are not such products, and how many factors of them follow in the
-        source, in this order.
+        Laws (by site and number) whose columns are neither such products nor follow by a recurrence, and how many of
+        them follow in the source, in this order.
     n_source : int
         Rows of the source.
+    recurrence : ndarray of shape (n, 4)
+        ``(row, x, p, q)``: the row is (g x + h) times row p plus k times row q, where x is a row of the source; a p of
+        -1 stands for ones, a q of -1 for nothing. They are made before the steps.
+    numbers : ndarray of shape (n, 3)
+        g, h and k.
     """
 
     steps: np.ndarray
     motions: tuple[Site, ...]
     others: tuple[tuple[Site, int, int], ...]
     n_source: int
+    recurrence: np.ndarray = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))
+    numbers: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
 
     def finish(self, source: np.ndarray, n_terms: int) -> np.ndarray:
         """All columns of a block.
@@ -126,6 +133,13 @@ class Recipe:
         ndarray of shape (n_terms, n)
         """
         out = np.empty((max(n_terms, int(self.steps[:, 0].max(initial=-1)) + 1), source.shape[1]))
+        for (row, x, p, q), (g, h, k) in zip(self.recurrence.tolist(), self.numbers.tolist()):
+            np.multiply(source[x], g, out=out[row])
+            out[row] += h
+            if p >= 0:
+                out[row] *= out[p]
+            if q >= 0:
+                out[row] += k * out[q]
         for row, p, q in self.steps.tolist():
             if q < 0:
                 out[row] = source[p]
@@ -139,6 +153,7 @@ def _recipe(layout: LawLayout) -> Recipe:
     motions: list[Site] = []
     others: list[tuple[Site, int, int]] = []
     given: list[int] = []  # first column of each of them
+    recurrences: list[tuple[int, int, Recurrence]] = []  # first column and rate of each
     helper = layout.n_terms
     for site in layout.acting:
         at = layout.slices[site].start
@@ -146,18 +161,19 @@ def _recipe(layout: LawLayout) -> Recipe:
         rows: dict[tuple[int, int], int] = {}
         for number, law in enumerate(layout.laws[site]):
             width = len(law.terms())
-            powers = _products(law)
-            if powers is None:
-                _, p, q = law.factored().T
-                others.append((site, number, 1 + int(np.where(q < 0, p, q).max(initial=-1))))
-                given.append(at)
-            else:
+            recurrence = law.recurrence()
+            powers = _products(law) if recurrence is None else None
+            if recurrence is not None:
+                recurrences.append((at, 2 * len(motions), recurrence))
+            elif powers is not None:
                 rows |= {power: at + k for k, power in enumerate(powers)}
+            else:
+                others.append((site, number, width))
+                given.append(at)
             at += width
-        if not rows:
-            continue
         v = 2 * len(motions)
-        motions.append(site)
+        if rows or any(first == v for _, first, _ in recurrences):
+            motions.append(site)
         for power in sorted(rows, key=sum):
             chain = [power]  # down to what is there already: s is taken off first, as the power series multiplies
             while sum(chain[-1]) > 1:
@@ -180,13 +196,18 @@ def _recipe(layout: LawLayout) -> Recipe:
     size = 2 * len(motions)
     order = np.arange(size).reshape(2, -1).T.ravel()  # rates first, then drifts
     steps = [(row, order[p], q) if q < 0 else (row, p, order[q]) for row, p, q in steps]
-    for (site, number, width), at in zip(others, given):
-        steps += [
-            (at + row, at + p if q >= 0 else size + p, size + q if q >= 0 else -1)
-            for row, p, q in layout.laws[site][number].factored().tolist()
-        ]
+    for (_, _, width), at in zip(others, given):
+        steps += [(at + k, size + k, -1) for k in range(width)]
         size += width
-    return Recipe(np.array(steps, dtype=np.int64).reshape(-1, 3), tuple(motions), tuple(others), size)
+    table, numbers = [np.zeros((0, 4), dtype=np.int64)], [np.zeros((0, 3))]
+    for at, v, (i_xpq, ghk) in recurrences:
+        i, x, p, q = i_xpq.T
+        table.append(np.column_stack([at + i, order[v + x], np.where(p < 0, -1, at + p), np.where(q < 0, -1, at + q)]))
+        numbers.append(ghk)
+    return Recipe(
+        np.array(steps, dtype=np.int64).reshape(-1, 3), tuple(motions), tuple(others), size,
+        np.concatenate(table), np.concatenate(numbers),
+    )  # fmt: skip
 
 
 _PROBE = Motion(np.array([0.7, -1.3, 0.4]), np.array([-0.6, 0.8, 1.7]))

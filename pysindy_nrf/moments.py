@@ -113,7 +113,7 @@ class GroupMoments:
 
     def __init__(self, n_columns: int, kind: str = "gram") -> None:
         self.kind = kind
-        self.n_samples = 0
+        self.n_samples: Any = 0  # an array of a stack
         self._matrix = np.zeros((n_columns, n_columns))
         self._guess: np.ndarray | None = None
         self._near = np.zeros((0, 0))
@@ -184,20 +184,28 @@ class GroupMoments:
         Parameters
         ----------
         combine : ndarray of shape (n_columns, p)
+            Of stacked roots (..., n_columns, p).
 
         Returns
         -------
         ndarray of shape (p, p)
-            Upper triangular R with ``R.T @ R`` = Gram matrix of the combinations.
+            Upper triangular R with ``R.T @ R`` = Gram matrix of the combinations; of stacked roots (..., p, p).
         """
         if self.kind == "root":
             upper = np.asarray(np.linalg.qr(self.matrix @ combine, mode="r"))
-            out = np.zeros((combine.shape[1],) * 2)
-            rows = min(out.shape[0], upper.shape[0])
-            out[:rows] = upper[:rows]
+            if upper.shape[-2] == upper.shape[-1]:
+                return upper
+            out = np.zeros((*upper.shape[:-2], combine.shape[-1], combine.shape[-1]))
+            out[..., : upper.shape[-2], :] = upper
             return out
         gram = combine.T @ self.matrix @ combine
         return _scaled_cholesky(0.5 * (gram + gram.T))
+
+    def root(self) -> np.ndarray:
+        """Triangular factor of the columns themselves, shape (..., n_columns, n_columns); see :meth:`triangle`."""
+        if self.kind == "root":
+            return self.triangle(np.eye(self.matrix.shape[-1]))
+        return _scaled_cholesky(self.matrix)
 
     def norm(self, weights: np.ndarray) -> float:
         """Root of the sum of squares of one combination of the columns.
@@ -218,14 +226,16 @@ class GroupMoments:
         Parameters
         ----------
         weights : ndarray of shape (n_columns, p)
+            Of stacked roots (..., n_columns, p).
 
         Returns
         -------
         ndarray of shape (p,)
+            Of stacked roots (..., p).
         """
         image = self.matrix @ weights
         if self.kind == "root":
-            return np.linalg.norm(image, axis=0)
+            return np.linalg.norm(image, axis=-2)
         return np.sqrt(np.clip(np.einsum("ij,ij->j", weights, image), 0.0, None))
 
 
@@ -245,7 +255,7 @@ def guess_of(part: GroupMoments) -> np.ndarray:
     -------
     ndarray of shape (n_columns, n_columns)
     """
-    upper = part.triangle(np.eye(len(part.matrix)))
+    upper = part.root()
     scale = np.linalg.norm(upper, axis=0)
     scale[scale == 0] = 1.0
     low = np.flatnonzero(np.abs(np.diag(upper)) < _LOST * scale)
@@ -260,14 +270,19 @@ def _scaled_cholesky(gram: np.ndarray) -> np.ndarray:
     Columns are scaled to unit length first. Where the factor fails, a pivot lost to round-off becomes zero: the
     column is a combination of those before it.
     """
-    scale = np.sqrt(np.clip(np.diag(gram), 0.0, None))
+    scale = np.sqrt(np.clip(np.diagonal(gram, axis1=-2, axis2=-1), 0.0, None))
     safe = np.where(scale > 0, scale, 1.0)
-    unit = gram / safe[:, None] / safe
-    p = len(unit)
+    unit = gram / safe[..., :, None] / safe[..., None, :]
+    p = unit.shape[-1]
     try:  # an empty column takes no part
-        return linalg.cholesky(unit + np.diag(scale == 0), check_finite=False) * scale
-    except linalg.LinAlgError:
+        whole = unit + (scale == 0)[..., None] * np.eye(p)
+        if gram.ndim == 2:
+            return linalg.cholesky(whole, check_finite=False) * scale
+        return np.linalg.cholesky(whole).swapaxes(-1, -2) * scale[..., None, :]  # SciPy takes one at a time
+    except np.linalg.LinAlgError:
         pass
+    if gram.ndim > 2:
+        return np.array([_scaled_cholesky(one) for one in gram])
     upper = np.zeros_like(unit)
     for i in range(p):
         row = unit[i, i:] - upper[:i, i] @ upper[:i, i:]
@@ -310,7 +325,7 @@ class Moments:
         self.layout, self.kind = layout, kind
         self.known_masses = dict(known_masses or {})
         self.groups = {g.dofs: g for g in groups}
-        self.n_samples = 0
+        self.n_samples: Any = 0
         self.guess = dict(guess or {})
         self._plan: Plan | None = None
         self._known: tuple[bool, ...] = ()
@@ -322,6 +337,28 @@ class Moments:
         """Moments of each group, by its DOFs."""
         self._settle()
         return self._parts
+
+    @property
+    def stacked(self) -> tuple[int, ...]:
+        """Leading axes of the matrices, empty unless :func:`stacked` made them."""
+        return next(iter(self.parts.values())).matrix.shape[:-2]
+
+    def of(self, number: int) -> Moments:
+        """One of stacked moments.
+
+        Parameters
+        ----------
+        number : int
+
+        Returns
+        -------
+        Moments
+        """
+        out = Moments(self.layout, list(self.groups.values()), self.kind, self.known_masses)
+        out.n_samples = int(self.n_samples[number])
+        for dofs, part in self.parts.items():
+            out.parts[dofs].matrix, out.parts[dofs].n_samples = part.matrix[number], int(part.n_samples[number])
+        return out
 
     def empty(self) -> Moments:
         """Moments of nothing, of the same columns.
@@ -466,6 +503,28 @@ class Moments:
             where[site] = slice(at, at + self.layout.counts[site])
             at += self.layout.counts[site]
         return where, (at if len(dofs) == 1 else None), (at + 1 if len(dofs) == 1 else at)
+
+
+def stacked(parts: Sequence[Moments]) -> Moments:
+    """Roots of the same groups, to be solved and judged all at once.
+
+    Parameters
+    ----------
+    parts : sequence of Moments
+        Of kind ``"root"``, with one layout.
+
+    Returns
+    -------
+    Moments
+        Its matrices have a leading axis of the length of ``parts``, its numbers of samples are arrays.
+    """
+    first = parts[0]
+    out = Moments(first.layout, list(first.groups.values()), "root", first.known_masses)
+    out.n_samples = np.array([m.n_samples for m in parts])
+    for dofs, part in out.parts.items():
+        part.matrix = np.stack([m.parts[dofs].matrix for m in parts])
+        part.n_samples = np.array([m.parts[dofs].n_samples for m in parts])
+    return out
 
 
 def accumulate(moments: Moments, blocks: Iterable[Block]) -> Moments:

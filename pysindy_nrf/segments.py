@@ -199,7 +199,7 @@ class Segment:
                 wide = self.motion(site, slice(rows.start - lead, rows.stop))
                 out[at : at + width] = law.features(wide, state)[lead:].T
             else:
-                out[at : at + width] = law.factors(motion)
+                out[at : at + width] = law.features(motion).T
             at += width
         return out
 

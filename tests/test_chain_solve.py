@@ -13,6 +13,7 @@ from sklearn.base import BaseEstimator
 
 from pysindy_nrf import Chain, NRFRegressor
 from pysindy_nrf.chain_solve import (
+    NotTogether,
     Solution,
     StepFit,
     doubtful_masses,
@@ -21,10 +22,11 @@ from pysindy_nrf.chain_solve import (
     solve_blocks,
     solved_safely,
 )
+from pysindy_nrf.errors import balance_sizes
 from pysindy_nrf.exceptions import IdentifiabilityError, NRFError, RankWarning
 from pysindy_nrf.identifiability import Step, Walk, plan_walk
 from pysindy_nrf.layout import Layout
-from pysindy_nrf.moments import Moments, accumulate, blocks_of
+from pysindy_nrf.moments import Moments, accumulate, blocks_of, stacked
 
 # A chain of three storeys with a brace from the base's floor 1 to floor 3, and the columns of its laws.
 LAYOUT = Layout(Chain(3, ["link 3-1"]), {"storey 1": 2, "storey 2": 1, "storey 3": 2, "link 3-1": 1})
@@ -89,6 +91,41 @@ def assert_true(solution, masses=MASSES, rel=1e-9):
     assert {str(s): c.tolist() for s, c in solution.coefficients.items()} == {
         site: pytest.approx(values, rel=rel) for site, values in LAWS.items()
     }
+
+
+# -- stacked moments --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("known", [{}, {2: 7.0}], ids=str)
+def test_stacked_moments_are_solved_as_each_by_itself(known):
+    """Three records of other noise: masses and laws of each balance are NumPy's least squares on that record alone."""
+    cases, walk = [Test(noise=5.0, seed=seed) for seed in range(3)], plan([1, 2, 3], known, "complete")
+    together = stacked([case.moments(walk, "root", known) for case in cases])
+    found = solve(together, walk, known)
+    for i, case in enumerate(cases):
+        own, motion = found.of(i), [case.terms[s] for s, _ in BALANCES[1]]
+        x, left = least_squares(case.a[:, 0], *motion, y=case.F[:, 0])
+        assert own.masses[1] == pytest.approx(x[0], rel=1e-9)
+        assert own.coefficients["storey 1"].tolist() == pytest.approx(x[1:3].tolist(), rel=1e-9)
+        assert own.masses.get(2) == known.get(2, own.masses[2])
+        step = next(fit for fit in found.fits if fit.step.dofs == (1,))
+        assert step.residual[i] == pytest.approx(np.sqrt((left**2).mean()), rel=1e-9)
+        size = balance_sizes(1, found.masses, found.coefficients, together)
+        alone = balance_sizes(1, own.masses, own.coefficients, together.of(i))
+        assert [size.residual[i], size.reference[i], size.storey[i]] == pytest.approx(list(alone[:3]), rel=1e-12)
+
+
+@pytest.mark.parametrize("what", ["joint", "optimizer", "dependent", "still"])
+def test_stacked_moments_that_need_a_closer_look_are_refused(what):
+    cases = [Test(noise=5.0, seed=seed) for seed in range(2)]
+    if what == "dependent":  # in one of them a spring looks like a mass
+        cases[1].terms["storey 1"][:, 1] = 1e-3 * cases[1].a[:, 0]
+    if what == "still":
+        cases[1].terms["storey 3"][:] = 0.0
+    walk = plan([1, 2, 3], strategy="joint" if what == "joint" else "complete")
+    together = stacked([case.moments(walk, "root") for case in cases])
+    with pytest.raises(NotTogether):
+        solve(together, walk, inner=ps.STLSQ(threshold=0.01) if what == "optimizer" else None)
 
 
 # -- what the walk finds --------------------------------------------------------------------------

@@ -5,9 +5,11 @@ import pytest
 from sklearn.model_selection import GridSearchCV, KFold
 
 from pysindy_nrf import ChainModel, NRFRegressor, laws
+from pysindy_nrf.analysis.bias import _widened
+from pysindy_nrf.analysis.further_columns import OFFERED
 from pysindy_nrf.chain import Chain
 from pysindy_nrf.laws.power_series import exponents_of
-from pysindy_nrf.layout import LawLayout
+from pysindy_nrf.layout import LawLayout, Layout
 from pysindy_nrf.model_selection import select_order
 from pysindy_nrf.model_selection.fold_moments import FoldMoments
 from pysindy_nrf.model_selection.monomials import Monomials
@@ -60,6 +62,23 @@ def test_columns_made_from_factors_are_the_features():
         motion = segment.motion(site, slice(0, 300))
         columns = np.hstack([law.features(motion) for law in layout.laws[site]])
         assert np.allclose(block.terms[layout.slices[site]].T, columns, rtol=1e-13)
+
+
+def test_columns_that_follow_by_a_recurrence_may_have_others_beside_them():
+    """What a warning of bias multiplies: the columns of each site, and after them some that it offers itself."""
+    rng = np.random.default_rng(3)
+    v, s, a = 0.1 * rng.standard_normal((200, 2)), 1e-3 * rng.standard_normal((200, 2)), rng.standard_normal((200, 2))
+    layout = LawLayout(Chain(2), {
+        "storey 1": (OrthogonalPowers(exponents_of(3), v[:, 0], s[:, 0]),), "storey 2": (laws.PowerSeries((0, 3)),)
+    })  # fmt: skip
+    bare = ChainModel([1.0] * 2, {f"storey {i}": laws.LinearElastic(1.0) for i in (1, 2)})
+    block = next(iter(bare.segments(np.hstack([a, v, s]), a).segments[0].blocks(layout)))
+    wide = Layout(layout.chain, {site: layout.counts[site] + OFFERED for site in layout.acting})
+    offered = {site: rng.standard_normal((OFFERED, 200)) for site in layout.acting}
+    recipe = _widened(block.recipe, layout, wide)
+    columns = recipe.finish(np.vstack([block.source, *offered.values()]), wide.n_terms)
+    for site in layout.acting:
+        assert (columns[wide.slices[site]] == np.vstack([block.terms[layout.slices[site]], offered[site]])).all()
 
 
 def test_a_steady_vibration_is_made_orthogonal_altogether_and_keeps_its_scores():

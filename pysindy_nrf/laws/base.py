@@ -161,6 +161,22 @@ class Motion:
         return len(self.s)
 
 
+class Recurrence(NamedTuple):
+    """Columns that follow from earlier ones: column i is (g x + h) column[p] + k column[q], x being rate or drift.
+
+    Attributes
+    ----------
+    rows : ndarray of shape (n_terms, 4) of int
+        ``(i, x, p, q)`` in the order in which they are made: x is 0 for the rate and 1 for the drift; a p of -1 stands
+        for a column of ones, a q of -1 for none.
+    numbers : ndarray of shape (n_terms, 3)
+        g, h and k.
+    """
+
+    rows: np.ndarray
+    numbers: np.ndarray
+
+
 class ForceLaw:
     """Base of all force laws: a small contract that a newcomer fills in one file.
 
@@ -464,29 +480,14 @@ class ForceLaw:
         )
         return out.T
 
-    def factors(self, motion: Motion) -> np.ndarray:
-        """Rows from which :meth:`factored` makes the columns: here the columns themselves.
-
-        Parameters
-        ----------
-        motion : Motion
+    def recurrence(self) -> Recurrence | None:
+        """How the columns follow from rate and drift alone, for laws that know; None: as :meth:`features` makes them.
 
         Returns
         -------
-        ndarray of shape (n_factors, n_samples)
+        Recurrence or None
         """
-        return self.features(motion).T
-
-    def factored(self) -> np.ndarray:
-        """How the columns follow from the factors, in the order in which they are made.
-
-        Returns
-        -------
-        ndarray of shape (n_terms, 3) of int
-            ``(column, p, -1)`` for factor p, ``(column, p, q)`` for column p times factor q.
-        """
-        own = np.arange(len(self.terms()))
-        return np.column_stack([own, own, np.full(len(own), -1)])
+        return None
 
     def covariates_of(self, motion: Motion) -> np.ndarray:
         """Covariates in the order in which the kernel reads them.

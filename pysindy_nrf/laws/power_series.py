@@ -44,12 +44,16 @@ def exponents_of(order: Any) -> tuple[tuple[int, int], ...]:
             raise LawError(f"order={order!r} is not a box (k, q)", "Give two whole numbers, e.g. (2, 3).")
         k, q = whole("k", order[0]), whole("q", order[1])
         _require_low("order", max(k, q))
-        pairs = [(h, j) for h in range(k + 1) for j in range(q + 1)]
-    else:
-        degree = whole("degree", order)
-        _require_low("degree", degree)
-        pairs = [(h, d - h) for d in range(degree + 1) for h in range(d + 1)]
-    return tuple(sorted((p for p in pairs if p != (0, 0)), key=lambda p: (p[0] + p[1], -p[0])))
+        return _pairs(k, q, k + q)
+    degree = whole("degree", order)
+    _require_low("degree", degree)
+    return _pairs(degree, degree, degree)
+
+
+@lru_cache(maxsize=256)
+def _pairs(k: int, q: int, most: int) -> tuple[tuple[int, int], ...]:
+    pairs = [(h, j) for h in range(k + 1) for j in range(q + 1) if 0 < h + j <= most]
+    return tuple(sorted(pairs, key=lambda p: (p[0] + p[1], -p[0])))
 
 
 def _require_low(name: str, power: int) -> None:

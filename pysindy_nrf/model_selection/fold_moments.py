@@ -24,12 +24,12 @@ from scipy import linalg
 from scipy.linalg import blas
 
 from ..chain import Chain
-from ..chain_solve import Solution, groups_of, solve
+from ..chain_solve import NotTogether, Solution, groups_of, solve
 from ..exceptions import ChannelError, NRFError, RankWarning
 from ..identifiability import Walk, plan_walk
 from ..laws import ForceLaw, Motion, PowerSeries
 from ..layout import Group, LawLayout
-from ..moments import Block, Moments
+from ..moments import Block, GroupMoments, Moments, stacked
 from ..segments import SegmentSet
 from ..sites import Site
 from .monomials import Monomials
@@ -37,6 +37,7 @@ from .orthogonal import OrthogonalPowers
 
 _ROWS = 2048  # sampled for the bases of the sites
 _SOUND = 1e3  # condition number of unit columns whose Gram matrix keeps the digits that are asked for
+EVERY = "every"  # stands for all folds, stacked
 PIECES = 20  # at least, over all records: blocks for the effective number of samples
 
 
@@ -181,7 +182,7 @@ class FoldMoments:
     def _accumulate(self, kind: str) -> None:
         self.kind = kind
         self._backs: dict[tuple[int, ...], np.ndarray] = {}
-        self._of_class: dict[int, Moments] = {}
+        self._grams: dict[tuple[int, ...], tuple[np.ndarray, np.ndarray]] = {}  # of all pieces, and their samples
         groups = [self.accumulated.group(g.dofs) for g in self.groups]
         self._nothing = Moments(self.accumulated, groups, kind, self.known_masses)
         self.pieces: list[Moments] = []
@@ -221,8 +222,9 @@ class FoldMoments:
 
     def _add(self, piece: int, block: Block, known: np.ndarray) -> None:
         self.pieces[piece].add(block)
-        self.sums[piece] += np.where(known, block.acceleration.sum(axis=1), 0.0)
-        self.counts[piece] += known * block.acceleration.shape[1]
+        n = block.acceleration.shape[1]
+        self.sums[piece] += np.where(known, block.acceleration @ np.ones(n), 0.0)
+        self.counts[piece] += known * n
 
     def sharpen(self) -> None:
         """Accumulate once more by streamed QR, where the residual is too small for a Gram matrix."""
@@ -231,48 +233,54 @@ class FoldMoments:
 
     # -- moments of a fold --------------------------------------------------------------------
 
-    def total(self, fold: int | None, side: str = "train") -> tuple[Moments, np.ndarray, np.ndarray]:
-        """Moments of one side of a fold (of everything if ``fold`` is None), sums of accelerations and counts."""
+    def total(self, fold: Any, side: str = "train") -> tuple[Moments, np.ndarray, np.ndarray]:
+        """Moments of one side of a fold, sums of accelerations and counts; None: of all samples, EVERY: stacked."""
         key = (fold, side)
         if key not in self._totals:
-            wanted = {"train": 1, "test": 2}[side]
-            chosen = [
-                i for i, code in enumerate(self.piece_class) if fold is None or self.membership[code, fold] == wanted
-            ]
-            if not chosen:
-                raise ChannelError(f"Fold {fold} has no {side} samples", "Check the splitter.")
-            codes = dict.fromkeys(self.piece_class[i] for i in chosen)
-            self._totals[key] = (
-                self._powers(self._merged(self._class_moments(code) for code in codes)),
-                np.sum([self.sums[i] for i in chosen], axis=0),
-                np.sum([self.counts[i] for i in chosen], axis=0),
-            )
+            if fold is None:
+                wanted = np.ones((1, len(self.pieces)))
+            else:
+                chosen = self.membership[self.piece_class] == {"train": 1, "test": 2}[side]
+                wanted = 1.0 * chosen.T[slice(None) if fold == EVERY else [fold]]
+            empty = np.flatnonzero(~wanted.any(axis=1))
+            if empty.size:
+                number = empty[0] if fold == EVERY else fold
+                raise ChannelError(f"Fold {number} has no {side} samples", "Check the splitter.")
+            found = self._sums(wanted), wanted @ np.array(self.sums), wanted @ np.array(self.counts)
+            self._totals[key] = found if fold == EVERY else (found[0].of(0), found[1][0], found[2][0])
         return self._totals[key]
 
     def sum_of(self, pieces: Iterable[int]) -> Moments:
         """Moments of some pieces, in the monomials themselves; a piece may be there several times."""
-        return self._powers(self._merged(self.pieces[i] for i in pieces))
+        return self._sums(np.bincount(list(pieces), minlength=len(self.pieces))[None].astype(float)).of(0)
 
-    def _class_moments(self, code: int) -> Moments:
-        if code not in self._of_class:
-            own = (piece for piece, its in zip(self.pieces, self.piece_class) if its == code)
-            self._of_class[code] = self._merged(own)
-        return self._of_class[code]
+    def _sums(self, wanted: np.ndarray) -> Moments:
+        """Stacked moments of the monomials, each the sum of so many times each piece."""
+        if self.kind == "root":
+            times = wanted.astype(int)
+            return stacked([self._merged(np.repeat(np.arange(len(row)), row)) for row in times])
+        out = Moments(self.layout, self.groups, "root", self.known_masses)
+        out.n_samples = (wanted @ [piece.n_samples for piece in self.pieces]).astype(int)
+        for dofs, part in out.parts.items():
+            if dofs not in self._grams:
+                held = [piece.parts[dofs] for piece in self.pieces]
+                self._grams[dofs] = np.array([p.matrix for p in held]), np.array([p.n_samples for p in held])
+            grams, sizes = self._grams[dofs]
+            whole = GroupMoments(0)
+            whole.matrix = np.tensordot(wanted, grams, 1)
+            part.matrix = whole.root() @ self._back(dofs)
+            part.n_samples = (wanted @ sizes).astype(int)
+        return out
 
-    def _merged(self, parts: Iterable[Moments]) -> Moments:
+    def _merged(self, pieces: Iterable[int]) -> Moments:
         held = self._nothing.empty()
-        for part in parts:
-            held.merge(part)
-        return held
-
-    def _powers(self, held: Moments) -> Moments:
-        """Moments of the monomials behind the accumulated columns."""
-        moments = Moments(self.layout, self.groups, "root", self.known_masses)
-        moments.n_samples = held.n_samples
+        for i in pieces:
+            held.merge(self.pieces[i])
+        out = Moments(self.layout, self.groups, "root", self.known_masses)
+        out.n_samples = held.n_samples
         for dofs, part in held.parts.items():
-            moments.parts[dofs].matrix = part.triangle(np.eye(len(part.matrix))) @ self._back(dofs)
-            moments.parts[dofs].n_samples = part.n_samples
-        return moments
+            out.parts[dofs].matrix, out.parts[dofs].n_samples = part.root() @ self._back(dofs), part.n_samples
+        return out
 
     def order(self, orders: Mapping[Site, Any]) -> Order:
         """A candidate with an order at every searched site."""
@@ -291,7 +299,7 @@ class FoldMoments:
         for group in groups:
             part = moments.parts[group.dofs]
             small = type(part)(0, "root")
-            small.matrix = part.matrix[:, order.index(group, moments)]
+            small.matrix = part.matrix[..., order.index(group, moments)]
             small.n_samples = part.n_samples
             out.groups[group.dofs], out.parts[group.dofs] = group, small
         return out
@@ -301,9 +309,13 @@ class FoldMoments:
         forced, unknown = [], []
         for j in range(1, self.chain.n_dof + 1):
             part = moments.parts[(j,)]
-            if not part.n_samples:
+            pushed = np.linalg.norm(part.matrix[..., -1], axis=-1) > 0
+            for held in (part.n_samples > 0, pushed):
+                if np.any(held) != np.all(held):
+                    raise NotTogether
+            if not np.all(part.n_samples):
                 unknown.append(j)
-            elif np.linalg.norm(part.matrix[:, -1]) > 0:
+            elif np.all(pushed):
                 forced.append(j)
         key = tuple(forced), tuple(unknown), order.layout.acting
         if key not in self._walks:
@@ -313,15 +325,15 @@ class FoldMoments:
         return self._walks[key].require_complete()
 
     def fit(
-        self, order: Order, fold: int | None, inner: Any = None, moments: Moments | None = None
+        self, order: Order, fold: Any, inner: Any = None, moments: Moments | None = None
     ) -> tuple[Solution, Walk, Moments]:
         """Solve one candidate on the training side of a fold.
 
         Parameters
         ----------
         order : Order
-        fold : int or None
-            None: all data.
+        fold : int, None or EVERY
+            None: all data. EVERY: all folds, stacked.
         inner : PySINDy optimizer, optional
             In place of the one given at first.
         moments : Moments, optional
@@ -331,6 +343,8 @@ class FoldMoments:
         ------
         NRFError
             If it cannot be solved there.
+        NotTogether
+            If the folds have to be solved one by one.
         """
         total = self.total(fold)[0] if moments is None else moments
         walk = self.walk(total, order)
@@ -352,30 +366,45 @@ class FoldMoments:
 
 def _factor(columns: np.ndarray) -> np.ndarray | None:
     """Triangular factor of some columns that can be divided by; None where they are sound as they are."""
+    if _sound(columns):
+        return None
     upper = np.zeros((columns.shape[1],) * 2)
     found = linalg.qr(columns, mode="r", check_finite=False)[0][: len(upper)]
     upper[: len(found)] = found
-    size = np.linalg.norm(upper, axis=0)
-    if size.all() and np.linalg.cond(upper / size) < _SOUND:
-        return None
-    least = 1e-9 * size
+    least = 1e-9 * np.linalg.norm(upper, axis=0)
     least[least == 0] = 1.0  # nothing moves
     np.fill_diagonal(upper, np.where(np.abs(np.diag(upper)) > least, np.diag(upper), least))
     return upper
 
 
+def _sound(columns: np.ndarray) -> bool:
+    """Whether columns of unit length are far from dependent."""
+    gram = columns.T @ columns
+    size = np.sqrt(np.diag(gram))
+    if not size.all():
+        return False
+    squares = np.linalg.eigvalsh(gram / size / size[:, None])  # of the singular values
+    return bool(squares[-1] < _SOUND**2 * squares[0])
+
+
 def _classes(size: int, folds: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
     """Class of each row, and on which side of each fold (0 out, 1 train, 2 test) a class is."""
-    code, membership = np.zeros(size, dtype=np.int64), np.zeros((1, 0), dtype=np.int8)
+    sides, changes = [], np.zeros(size, dtype=bool)
+    changes[:1] = True
     for train, test in folds:
         side = np.zeros(size, dtype=np.int8)
         side[train] = 1
         if side[test].any():
             raise NRFError("A fold tests on samples it was trained with", "Check the splitter.")
         side[test] = 2
-        code, unique = pd.factorize(code * 3 + side)
+        sides.append(side)
+        changes[1:] |= side[1:] != side[:-1]
+    starts = np.flatnonzero(changes)
+    code, membership = np.zeros(len(starts), dtype=np.int64), np.zeros((1, 0), dtype=np.int8)
+    for side in sides:
+        code, unique = pd.factorize(code * 3 + side[starts])
         membership = np.column_stack([membership[unique // 3], (unique % 3).astype(np.int8)])
-    return code, membership
+    return np.repeat(code, np.diff(starts, append=size)), membership
 
 
 def _cuts(classes: np.ndarray, longest: int) -> np.ndarray | None:

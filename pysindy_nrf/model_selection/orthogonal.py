@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..laws.base import Motion, Term
+from ..laws.base import Motion, Recurrence, Term
 from .monomials import Monomials
 
 
@@ -52,6 +52,10 @@ class Polynomials:
                 out[k + 1] -= self.b[k] * out[k - 1]
         return out
 
+    def step(self, k: int) -> tuple[float, float, float]:
+        """g, h, c of the recurrence p_k = (g x + h) p_{k-1} + c p_{k-2}, with the last where k > 2."""
+        return 1.0 / self.scale, -self.a[k - 1], -self.b[k - 1]
+
     @cached_property
     def powers(self) -> np.ndarray:
         """Coefficients of the powers of x in the polynomials: x^h is the sum over k of powers[k, h] p_k."""
@@ -91,18 +95,16 @@ class OrthogonalPowers(Monomials):
         """Columns, by one multiplication each."""
         return self._products(self._v(motion.v), self._s(motion.s))
 
-    def factors(self, motion: Motion) -> np.ndarray:
-        """The polynomials of v, then those of s."""
-        return np.concatenate([self._v(motion.v)[1:], self._s(motion.s)[1:]])
-
-    def factored(self) -> np.ndarray:
-        """Columns of v alone or s alone are factors; the others follow by one multiplication."""
+    def recurrence(self) -> Recurrence:
+        """Along s from one column to the next, and along v where there is no s."""
         place = {pair: i for i, pair in enumerate(self.exponents)}
-        of_s = self._v.highest - 1
-        return np.array([
-            (i, place[h, 0], of_s + j) if h and j else (i, of_s + j if j else h - 1, -1)
-            for (h, j), i in place.items()
-        ]).reshape(-1, 3)  # fmt: skip
+        rows, numbers = [], []
+        for (h, j), i in place.items():
+            along, k = (self._s, j) if j else (self._v, h)
+            below, second = ((h, j - n) if j else (h - n, 0) for n in (1, 2))
+            rows.append((i, int(j > 0), place.get(below, -1), place[second] if k > 2 else -1))
+            numbers.append(along.step(k))
+        return Recurrence(np.array(rows, dtype=np.int64).reshape(-1, 4), np.array(numbers).reshape(-1, 3))
 
     @property
     def change(self) -> np.ndarray:

@@ -56,11 +56,16 @@ class OrderSelection:
     def __init__(self, labels: list[Any], scores: np.ndarray, scoring: str, rule: Any, source: Any) -> None:
         self.scoring, self.rule = scoring, rule if isinstance(rule, str) else getattr(rule, "__name__", repr(rule))
         self._labels, self._source = labels, source
-        index = pd.Index([str(label) for label in labels], name="order")
-        self.fold_scores = pd.DataFrame(scores, index=index, columns=[f"fold {i + 1}" for i in range(scores.shape[1])])
+        self._scores = scores
         self.cv_results_ = cv_results(labels, scores)
         self._chosen = _rule(rule)(self.cv_results_)
         self.best_order = labels[self._chosen]
+
+    @cached_property
+    def fold_scores(self) -> pd.DataFrame:
+        index = pd.Index([str(label) for label in self._labels], name="order")
+        names = [f"fold {i + 1}" for i in range(self._scores.shape[1])]
+        return pd.DataFrame(self._scores, index=index, columns=names)
 
     @cached_property
     def table(self) -> pd.DataFrame:
@@ -121,7 +126,7 @@ class OrderSelection:
         return OrderSelectionDisplay.from_selection(self).plot(ax)
 
     def __repr__(self) -> str:
-        orders, folds = self.fold_scores.shape
+        orders, folds = self._scores.shape
         return f"OrderSelection(best_order={self.best_order!r}, {orders} orders, {folds} folds)"
 
     def __str__(self) -> str:
@@ -322,9 +327,8 @@ def fold_moments_of(
     searched = {s: labels for s in chain.sites if s not in fixed}
     if searching and not searched:
         raise ChainError("Every site has a law or an order already", "Leave a storey out of laws= and orders=.")
-    ids = np.empty(data.n_samples, dtype=object)
-    for number, seg in enumerate(data.segments):  # rows that were left out go with the piece before them
-        ids[seg.rows.start if number else 0 :] = f"{number}: {seg.name}"
+    starts = [0, *(seg.rows.start for seg in data.segments[1:]), data.n_samples]  # rows left out go with those before
+    ids = np.repeat([f"{number}: {seg.name}" for number, seg in enumerate(data.segments)], np.diff(starts))
     splitter = n_splits_of(cv)
     folds = list(splitter.split(np.empty((data.n_samples, 1)), None, ids) if hasattr(splitter, "split") else splitter)
     held = FoldMoments(

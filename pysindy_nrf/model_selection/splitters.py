@@ -57,19 +57,18 @@ class _RecordSplitter(BaseCrossValidator):
         ids = np.asarray(groups).ravel()
         if len(ids) != size:
             raise ChannelError(f"{len(ids)} record ids for {size} samples", "Give one id for each sample.")
-        codes, names = pd.factorize(ids)
-        if (codes < 0).any():
+        lost = np.flatnonzero(pd.isna(ids))
+        if lost.size:
+            raise ChannelError(f"The record ids are missing in {rows_text(lost)}", "Give one id for each sample.")
+        starts = np.concatenate([[0], np.flatnonzero(ids[1:] != ids[:-1]) + 1])[:size]
+        names = ids[starts]
+        again = pd.Series(names).duplicated()
+        if again.any():
             raise ChannelError(
-                f"The record ids are missing in {rows_text(np.flatnonzero(codes < 0))}", "Give one id for each sample."
+                f"The samples of record {names[again][0]} do not follow each other",
+                "Sort the rows by record and time; never shuffle them.",
             )
-        records = [np.flatnonzero(codes == i) for i in range(len(names))]
-        for name, rows in zip(names, records):
-            if rows[-1] - rows[0] != len(rows) - 1:
-                raise ChannelError(
-                    f"The samples of record {name} do not follow each other",
-                    "Sort the rows by record and time; never shuffle them.",
-                )
-        return records
+        return np.split(np.arange(size), starts[1:])
 
     def _tests(self, records: list[np.ndarray]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         raise NotImplementedError

@@ -11,8 +11,8 @@ from hand_made_walk import finding, refuse
 
 from pysindy_nrf import NRFRegressor, Site, laws
 from pysindy_nrf.discrepancy import (
+    begin_elsewhere,
     localisation,
-    loop,
     markdown,
     noise_floor,
     noise_level,
@@ -20,6 +20,7 @@ from pysindy_nrf.discrepancy import (
     reestimate,
     report,
     residual,
+    rounds,
     search,
     second_opinion,
     sensors,
@@ -219,24 +220,24 @@ def test_a_scene_has_the_noise_of_its_surrogates():
     "module, numbers",
     [
         (localisation, {"_PIECE": 1024, "_FOLLOWED": 8, "_NEAR": 0.05}),
-        (
-            loop,
-            {
-                "_SHORTLIST": 14,
-                "_VALIDATED": 10,
-                "_DECISIONS": 3,
-                "_HOPELESS": 0.05,
-                "_USUALLY": 0.25,
-                "_OPEN": 50.0,
-                "_WORSE_ALONE": 1.3,
-                "_BEYOND_DOUBT": 0.5,
-            },
-        ),
+        (begin_elsewhere, {"_MORE": 2}),
         (noise_floor, {"AT_FLOOR": 1.3, "LOUD": 2.0, "BELOW_FLOOR": 0.8}),
         (noise_level, {"QUIET": 0.2, "_FEWEST": 256, "_LEAST": 0.1, "_WINDOW": 64, "_NOISE": 0.99}),
         (prepare, {"CLEAN": 0.004}),
         (reestimate, {"_ROUNDS": 2, "_EVALUATIONS": 40, "_REACH": 0.2, "_ENOUGH": 1e-3}),
         (residual, {"ROUND_OFF": 1e-9}),
+        (
+            rounds,
+            {
+                "_SHORTLIST": 14,
+                "_VALIDATED": 10,
+                "_DECISIONS": 3,
+                "_HOPELESS": 0.05,
+                "_WORSE_ALONE": 1.3,
+                "_BEYOND_DOUBT": 0.5,
+                "_FIRSTS": 2,
+            },
+        ),
         (search, {"_GRID": {1: 9, 2: 5, 3: 4}, "_EVALUATIONS": {1: 24, 2: 60, 3: 110}, "_SIMPLE": 2, "_NEAR": 1.3}),
         (second_opinion, {"_LEFT": 0.25, "_BEYOND": 2.5, "_WEAK": 1.3, "_STRONG": 0.05, "_GAIN": 0.5, "_OPEN": 50.0}),
         (
@@ -267,8 +268,8 @@ def test_a_scene_has_the_noise_of_its_surrogates():
             },
         ),
         (stage, {"_AT_ONCE": 32}),
-        (steps, {"_ONE_CLASS": 0.3, "_NEARLY_FRICTION": 0.25}),
-        (standing, {"SURE": 0.1, "_BIASED": 0.02, "_WRONG": 0.1}),
+        (steps, {"_ONE_CLASS": 0.3, "_NEARLY_FRICTION": 0.25, "SURE": 0.1, "_USUALLY": 0.25, "_OPEN": 50.0}),
+        (standing, {"_BIASED": 0.02, "_WRONG": 0.1}),
         (surrogate, {"UNBIASED": 0.005, "_OF_A_SENSOR": 0.5, "_TOO_LOUD": 1.2}),
         (together, {"_MOST": 4}),
         (workspace, {"CACHE": 200_000_000}),

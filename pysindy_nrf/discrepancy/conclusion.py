@@ -10,7 +10,6 @@ from .catalogue import balances_of
 from .contradictions import contradictions
 from .report import LoopReport
 from .rounds import Rounds
-from .sharpening import sharpen
 from .standing import doubt_what_is_drawn, estimate, wrong_by_noise
 from .steps import doubt_names, improper, worst
 from .surrogate import Null
@@ -24,7 +23,6 @@ def settle(rounds: Rounds) -> None:
     rounds : Rounds
         Changed in place.
     """
-    sharpen(rounds)
     stage, null = rounds.stage, rounds.null
     standing = rounds.standing()
     away = share_to_leave(stage) if standing else None

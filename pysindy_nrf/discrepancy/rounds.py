@@ -22,6 +22,7 @@ from .report import Scene, Step
 from .search import Finding, parameters_of, refine, screen, validate
 from .second_opinion import confirmed
 from .sensors import SensorFinding, sensor_findings
+from .sharpening import sharpen
 from .spectral_lines import lines_of
 from .stage import Stage, Trial
 from .standing import Standing
@@ -166,6 +167,8 @@ class Rounds:
                 steps.append(step)
                 self.told.append((chosen, step))
                 scenes.append(self._scene(f"{step.law} at {step.site}"))
+            if self.enough is None:
+                sharpen(self)
         self.weigh()
 
     def _stand_on(self, stage: Stage) -> None:

@@ -1,16 +1,18 @@
-"""Gains and delays of sensors that were found before all effects were known, estimated once more beside them."""
+"""Gains and delays of sensors, estimated once more beside all effects that are known."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from ..laws.sensor import ChannelDelay, GainError, SensorFault
 from ..sites import Site
 from .reestimate import reestimated
 from .report import Step
-from .rounds import Rounds
 from .sensors import sharpened_again
 from .stage import Stage
+
+if TYPE_CHECKING:
+    from .rounds import Rounds
 
 # A wrong zero has its own place.
 _FAULTS: dict[str, SensorFault] = {law.name: law for law in (GainError(), ChannelDelay())}
@@ -19,21 +21,22 @@ _FAULTS: dict[str, SensorFault] = {law.name: law for law in (GainError(), Channe
 def sharpen(rounds: Rounds) -> None:
     """Correct the records once more where that lowers the error, and put the interval of each fault into its step.
 
+    A fault that is found while other effects are missing makes up for a part of them, and one that is found beside
+    them was scanned with the shapes that they had without it.
+
     Parameters
     ----------
     rounds : Rounds
         Changed in place.
     """
+    faults = [step for step in rounds.steps if step.law in _FAULTS]
+    if all(step.family == "sensor" for step in rounds.steps):
+        return
     stage = rounds.stage
-    for step in _found_too_early(rounds.steps):
+    for step in faults:
         stage = _sharper(rounds, stage, step)
     if stage is not rounds.stage:
         rounds.sharpened(stage)
-
-
-def _found_too_early(steps: Sequence[Step]) -> list[Step]:
-    last = max((k for k, step in enumerate(steps) if step.family != "sensor"), default=-1)
-    return [step for step in steps[: last + 1] if step.law in _FAULTS]
 
 
 def _sharper(rounds: Rounds, stage: Stage, step: Step) -> Stage:

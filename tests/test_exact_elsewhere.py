@@ -88,11 +88,11 @@ def bare(**parts):
 def test_rounds_may_not_begin_where_others_did():
     law, other, sensor = finding(laws.Dahl(1.0), 2.0, "dof 2"), finding(laws.Jenkins(0.1), 3.0), fault(GainError(0.1), 1.0)
     asked = []
-    one = bare(opening=None, stage="stage", trial="trial")
+    one = bare(opening=None, stage="stage")
     one._findings = lambda *a: asked.append(a) or [sensor, law, other]
     assert one._beginnings() == [sensor, law, other] == one.opening
     one.not_first = frozenset({"sensor"})
-    assert one._beginnings() == [law, other] and asked == [("stage", "trial", ())]  # searched once
+    assert one._beginnings() == [law, other] and asked == [("stage", ())]  # searched once
     one.not_first = frozenset({"sensor", "ground 2"})
     assert one._beginnings() == [other]
 
@@ -151,12 +151,12 @@ def test_every_parameter_more_must_gain_more():
 
 def hidden(monkeypatch, ranking, beside, reached=False, most=4, enough=None, before=10.0, passes=("dahl",)):
     asked = []
-    monkeypatch.setattr(Finding, "on", lambda self, stage: SimpleNamespace(under=self, trial=lambda: "trial"))
+    monkeypatch.setattr(Finding, "on", lambda self, stage: SimpleNamespace(under=self))
     monkeypatch.setattr(
         rounds, "both_missed", lambda stage, first, second, tied, *a: first if first.law.name in passes else None
     )
     one = bare(enough=enough)
-    one._findings = lambda stage, trial, steps, held: asked.append((stage.under, list(held))) or beside
+    one._findings = lambda stage, steps, held: asked.append((stage.under, list(held))) or beside
     null = SimpleNamespace(reached=reached)
     return one._hidden("stage", ranking, np.full(5, before), null, most), asked
 

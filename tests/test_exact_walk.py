@@ -13,6 +13,7 @@ from pysindy_nrf import Site, laws
 from pysindy_nrf.discrepancy import (
     conclusion,
     loop,
+    ranking,
     rounds,
     sensors,
     sharpening,
@@ -66,7 +67,7 @@ class Walk:
         )  # fmt: skip
         work = SimpleNamespace(scales=lambda site: (0.1, 0.2, 0.3))
         one = rounds.Rounds(SimpleNamespace(clean=True), work, [], list(sensors), floors, None, 2, False)
-        one._findings = lambda stage, trial, steps: [CUBIC] if ranking is None else list(ranking)
+        one._findings = lambda stage, steps: [CUBIC] if ranking is None else list(ranking)
         one._decide = lambda stage, ranking, before, null, most: self.asked.append(most) or next(decisions)
         one._with = with_it
         one.standing = lambda: ["standing", one.stage.number]
@@ -308,36 +309,40 @@ def bare(**parts):
     return one
 
 
+STAGE = SimpleNamespace(trial=None)
+
+
 def looked_for(monkeypatch, found, after=lambda f: f, now=10.0, faulty=(), steps=()):
     """What the search finds is refined and judged by a given function; the order of the calls is kept."""
     calls = []
-    monkeypatch.setattr(rounds, "lines_of", lambda trial: "lines")
-    monkeypatch.setattr(rounds, "screen", lambda *a, **k: calls.append((a, k)) or list(found))
-    monkeypatch.setattr(rounds, "refine", lambda stage, f: calls.append(f) or after(f))
-    monkeypatch.setattr(rounds, "among", lambda stage, f, accepted: f if accepted == [CUBIC] else None)
-    monkeypatch.setattr(rounds, "validate", lambda stage, f: f)
+    monkeypatch.setattr(ranking, "lines_of", lambda trial: "lines")
+    monkeypatch.setattr(ranking, "screen", lambda *a, **k: calls.append((a, k)) or list(found))
+    monkeypatch.setattr(ranking, "refine", lambda stage, f: calls.append(f) or after(f))
+    monkeypatch.setattr(ranking, "among", lambda stage, f, accepted: f if accepted == [CUBIC] else None)
+    monkeypatch.setattr(ranking, "validate", lambda stage, f: f)
     monkeypatch.setattr(rounds, "sensor_findings", lambda *a: calls.append(a) or list(faulty))
+    monkeypatch.setattr(STAGE, "trial", lambda: SimpleNamespace(search_error=lambda: now))
     one = bare(accepted=[CUBIC])
-    out = one._findings("stage", SimpleNamespace(search_error=lambda: now), list(steps))
-    assert calls[0] == (("stage", ["every"], [(Site("storey 2"), "cubic_stiffness")], "lines", None), {"both": True})
+    out = one._findings(STAGE, list(steps))
+    assert calls[0] == ((STAGE, ["every"], [(Site("storey 2"), "cubic_stiffness")], "lines", None), {"both": True})
     return out, [c for c in calls[1:-1]], calls[-1]
 
 
 def test_what_does_not_even_lower_the_error_it_is_fitted_to_is_hopeless(monkeypatch):
-    edge = 10.0 * (1 - rounds._HOPELESS)
+    edge = 10.0 * (1 - ranking._HOPELESS)
     found = [finding(laws.Dahl(1.0), 0.999 * edge), finding(laws.Iwan(0.1), edge)]
     out, refined, asked = looked_for(monkeypatch, found)
-    assert out == found[:1] == refined and asked == (bare().ready, "work", "stage", ["gain"], set())
+    assert out == found[:1] == refined and asked == (bare().ready, "work", STAGE, ["gain"], set())
 
 
 def test_the_best_of_a_shortlist_are_refined_and_the_best_of_these_judged(monkeypatch):
     found = [finding(laws.Dahl(1.0), 1.0 + 0.01 * k, f"storey {k + 1}") for k in range(20)]
     out, refined, _ = looked_for(monkeypatch, found)
-    assert len(refined) == rounds._SHORTLIST and out == found[: rounds._VALIDATED]
+    assert len(refined) == ranking._SHORTLIST and out == found[: ranking._VALIDATED]
     # the last of the shortlist may become the first
     turned = {id(f): finding(f.law, 9.0 - f.screen, str(f.site)) for f in found}
     out, _, _ = looked_for(monkeypatch, found, lambda f: turned[id(f)])
-    assert [f.site.p for f in out] == list(range(rounds._SHORTLIST, rounds._SHORTLIST - rounds._VALIDATED, -1))
+    assert [f.site.p for f in out] == list(range(ranking._SHORTLIST, ranking._SHORTLIST - ranking._VALIDATED, -1))
 
 
 def test_a_rich_law_that_takes_a_simpler_ones_place_is_refined_however_it_begins(monkeypatch):
@@ -389,24 +394,24 @@ def test_a_law_beside_an_earlier_one_must_beat_itself_in_its_place(share, wins, 
     place = ((Site("storey 1"), 2),)
     instead = finding(law, drop=place, folds=np.full(10, 1.0))
     beside = finding(law, folds=np.where(np.arange(10) < wins, 1 - share, 1.5))
-    assert rounds._missed([instead, beside]) == ([instead, beside] if kept else [instead])
+    assert ranking._missed([instead, beside]) == ([instead, beside] if kept else [instead])
     other = Finding(Candidate(laws.TwoSidedGap(), Site("storey 2")), law, 1.0, place, np.full(10, 1.0))
     endless = finding(law, drop=place, folds=np.full(10, np.inf))
-    assert rounds._missed([beside, other]) == [beside, other] and rounds._missed([endless, beside]) == [endless, beside]
+    assert ranking._missed([beside, other]) == [beside, other] and ranking._missed([endless, beside]) == [endless, beside]
     same = finding(law, folds=np.full(10, 1.0))
-    assert rounds._missed([same, beside]) == [same, beside]
+    assert ranking._missed([same, beside]) == [same, beside]
 
 
 def test_a_candidate_is_held_if_law_site_and_place_are_the_same():
     one = finding(laws.Dahl(), 1.0)
     held = [finding(laws.Dahl(), 2.0)]
-    assert rounds._holds(held, one) and not rounds._holds([], one)
+    assert ranking._holds(held, one) and not ranking._holds([], one)
     for other in (
         finding(laws.Dahl(), site="storey 2"),
         finding(laws.Iwan()),
         finding(laws.Dahl(), drop=((Site(1), 0),)),
     ):
-        assert not rounds._holds([other], one)
+        assert not ranking._holds([other], one)
 
 
 # -- what is decided --------------------------------------------------------------------------------
@@ -805,10 +810,11 @@ def test_progress_counts_the_candidates(monkeypatch):
             seen.append("closed")
 
     monkeypatch.setattr(tqdm.auto, "tqdm", Bar)
-    monkeypatch.setattr(rounds, "lines_of", lambda trial: "lines")
-    monkeypatch.setattr(rounds, "screen", lambda *a, **k: seen.append(a[4]) or [])
+    monkeypatch.setattr(ranking, "lines_of", lambda trial: "lines")
+    monkeypatch.setattr(ranking, "screen", lambda *a, **k: seen.append(a[4]) or [])
     monkeypatch.setattr(rounds, "sensor_findings", lambda *a: [])
+    shown = SimpleNamespace(trial=lambda: SimpleNamespace(search_error=lambda: 1.0))
     one = bare(progress=True, every=[1, 2, 3])
-    assert one._findings("stage", SimpleNamespace(search_error=lambda: 1.0), [Step("a", "b", "storey 1")]) == []
+    assert one._findings(shown, [Step("a", "b", "storey 1")]) == []
     assert seen[0] == {"total": 3, "desc": "search 2", "unit": "candidate", "leave": False, "disable": None}
     assert seen[1:] == ["tick", "closed"]

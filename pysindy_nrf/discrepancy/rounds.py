@@ -11,32 +11,28 @@ from ..exceptions import NRFError
 from ..free_run import free_run_error
 from ..laws.base import ForceLaw
 from ..segments import BlockRows
-from .catalogue import SPECIAL_CASES, Candidate, balances_of
+from .catalogue import Candidate, balances_of
 from .floor_source import FloorSource
 from .gate import FLOOR, MEMBER_GAIN, MIN_GAIN, MIN_WINS, Verdict, choose, gain_of, judge
 from .likeliest import likeliest
 from .noise_floor import AT_FLOOR
 from .prepare import Prepared
-from .reestimate import among, needless, place_of, reestimated
+from .ranking import ranked
+from .reestimate import needless, place_of, reestimated
 from .report import Scene, Step
-from .search import Finding, parameters_of, refine, screen, validate
+from .search import Finding, parameters_of, refine, validate
 from .second_opinion import confirmed
 from .sensors import SensorFinding, sensor_findings
 from .sharpening import sharpen
-from .spectral_lines import lines_of
-from .stage import Stage, Trial
+from .stage import Stage
 from .standing import Standing
 from .steps import corrected_again, step_of, weigh
 from .surrogate import Null
 from .together import both_missed, look_ahead, pair_instead
 from .workspace import Workspace
 
-_SHORTLIST = 14
-_VALIDATED = 10
 # Candidates put to the gate, each with fewer parameters than the one before.
 _DECISIONS = 3
-# A candidate that does not even do this on the data it is fitted to cannot pass the gate.
-_HOPELESS = 0.05
 # An effect that makes the free run on the search data worse than this many times is none, unless the balance
 # error falls by so much that another missing effect must be to blame.
 _WORSE_ALONE = 1.3
@@ -135,7 +131,7 @@ class Rounds:
                 rest = f"{np.median(before):.3g} % are left on the search data"
                 self.stopped = f"{rest}, no more than noise ({self.floors.words})"
                 break
-            self.ranking = self._findings(self.stage, self.trial, steps) if self.begun else self._beginnings()
+            self.ranking = self._findings(self.stage, steps) if self.begun else self._beginnings()
             if not self.ranking:
                 self.stopped = "No law of the catalogue lowers the error at any site"
                 break
@@ -248,39 +244,17 @@ class Rounds:
     def _beginnings(self) -> list[Finding]:
         """Candidates with which these rounds may begin, best first."""
         if self.opening is None:
-            self.opening = self._findings(self.stage, self.trial, ())
+            self.opening = self._findings(self.stage, ())
         return [f for f in self.opening if place_words(f) not in self.not_first]
 
     def _findings(
-        self, stage: Stage, trial: Trial, steps: Sequence[Step], held: Sequence[Finding] | None = None
+        self, stage: Stage, steps: Sequence[Step], held: Sequence[Finding] | None = None
     ) -> list[Finding]:
         """Validated candidates beside the effects that a stage holds, those that were accepted if None, best first."""
-        held = self.accepted if held is None else held
-        now = trial.search_error()
-        accepted = [(f.site, f.law.name) for f in held]
-        lines = lines_of(trial)
-        bar, tick = None, None
-        if self.progress:
-            from tqdm.auto import tqdm
-
-            bar = tqdm(
-                total=len(self.every), desc=f"search {len(steps) + 1}", unit="candidate", leave=False, disable=None
-            )
-            tick = bar.update
-        found = screen(stage, self.every, accepted, lines, tick, both=True)
-        if bar is not None:
-            bar.close()
-        hopeful = [f for f in found if f.screen < now * (1 - _HOPELESS)][:_SHORTLIST]
-        # a law that takes the place of a simpler one starts from where that stands
-        hopeful += [f for f in found if f.drop and len(f.candidate.law.free_shape) > 1 and not _holds(hopeful, f)]
-        refined = sorted((refine(stage, f) for f in hopeful), key=lambda f: f.screen)[:_VALIDATED]
-        special = {(balances_of(f.site), name) for f in refined[:3] for name in SPECIAL_CASES.get(f.law.name, ())}
-        simple = [f for f in found if (balances_of(f.site), f.law.name) in special and not _holds(refined, f)]
-        refined += [refine(stage, f) for f in simple]
-        judged = _missed([validate(stage, among(stage, f, held)) for f in refined])
+        found = ranked(stage, self.every, self.accepted if held is None else held, len(steps) + 1, self.progress)
         corrected = {(s.law, s.site) for s in steps if s.family == "sensor"}
-        judged += sensor_findings(self.ready, self.work, stage, self.sensors, corrected)
-        return sorted((f for f in judged if np.isfinite(f.error)), key=lambda f: f.error)
+        found += sensor_findings(self.ready, self.work, stage, self.sensors, corrected)
+        return sorted((f for f in found if np.isfinite(f.error)), key=lambda f: f.error)
 
     def _decide(
         self, stage: Stage, ranking: list[Finding], before: np.ndarray, null: Null, most: int
@@ -340,7 +314,7 @@ class Rounds:
                 firsts.setdefault(place_words(f), f)
         for first in list(firsts.values())[:_FIRSTS]:
             under = first.on(stage)
-            found = self._findings(under, under.trial(), self.steps, [*self.accepted, first])
+            found = self._findings(under, self.steps, [*self.accepted, first])
             found = [f for f in found if type(f) is Finding and not f.drop and place_words(f) != place_words(first)]
             if found and (pair := both_missed(stage, first, *choose(found, first.error), before, null)):
                 return pair
@@ -436,23 +410,6 @@ class Rounds:
 def place_words(finding: Finding) -> str:
     """Where a candidate stands, as one that rounds may not begin with: a site, or any sensor."""
     return "sensor" if isinstance(finding, SensorFinding) else str(balances_of(finding.site))
-
-
-def _holds(findings: Sequence[Finding], one: Finding) -> bool:
-    return any((f.site, f.drop) == (one.site, one.drop) and f.candidate.law == one.candidate.law for f in findings)
-
-
-def _missed(judged: Sequence[Finding]) -> list[Finding]:
-    """Without those beside an earlier law that is hardly missed where they take its place."""
-    out = []
-    for f in judged:
-        instead = [
-            g for g in judged
-            if g.candidate == f.candidate and len(g.drop) > len(f.drop) and np.isfinite(g.error) and g is not f
-        ]  # fmt: skip
-        if all(gain_of(g.folds, f.folds) >= MEMBER_GAIN and np.mean(f.folds < g.folds) >= MIN_WINS for g in instead):
-            out.append(f)
-    return out
 
 
 __all__ = ["Rounds", "place_words"]

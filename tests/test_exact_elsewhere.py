@@ -9,7 +9,7 @@ import pytest
 from hand_made_walk import CUBIC, FRICTION, fault, finding, refuse
 
 from pysindy_nrf import Site, laws
-from pysindy_nrf.discrepancy import begin_elsewhere, reestimate, rounds, together
+from pysindy_nrf.discrepancy import begin_elsewhere, reestimate, rounds, steps, together
 from pysindy_nrf.discrepancy.gate import MEMBER_GAIN, Verdict
 from pysindy_nrf.discrepancy.report import Step
 from pysindy_nrf.discrepancy.search import Finding
@@ -202,6 +202,14 @@ def test_the_first_of_two_stands_with_the_shape_it_has_beside_the_second(monkeyp
     assert verdict.sentence == "both" and judged[0][-1] == 2 + 2 - 2
     monkeypatch.setattr(together, "_passed", lambda *a: None)
     assert together.both_missed("stage", first, second, [], "before", "null") is None
+
+
+@pytest.mark.parametrize("site, other, sure", [("F2", True, True), ("F2", False, False), ("a2", False, True)])
+def test_a_gain_of_a_force_beside_a_doubtful_name_is_doubtful(site, other, sure):
+    """A force has one channel: what an effect without a name leaves, its gain may make up for."""
+    gain = Step("gain_error", "sensor", f"sensor {site}")
+    steps.doubt_names([Step("dahl", "hysteresis", "storey 1", sure=other), gain])
+    assert gain.sure == sure
 
 
 # -- shapes found again -----------------------------------------------------------------------------

@@ -93,7 +93,8 @@ def doubt_names(steps: Sequence[Step]) -> None:
     catalogue writes a single one that it does not hold: neither name is sure then. A constant beside
     another effect in the same balance may as well be that effect's lack of symmetry; with friction it is asymmetric
     friction to the letter, with any other law of one variable the names are not sure. A power of the rate whose
-    interval reaches down to friction may be that.
+    interval reaches down to friction may be that. The fault of a force's sensor, which no second channel bears
+    witness of, may make up for what names that are not sure leave.
 
     Parameters
     ----------
@@ -111,6 +112,9 @@ def doubt_names(steps: Sequence[Step]) -> None:
                 step.sure, step.company = False, [s.law for s in company]
                 alone = remainder(step.validation_before, step.validation_after, step.noise_floor)
                 step.remainder = max(step.remainder, alone)
+        unsure = any(not s.sure for s in steps if s.family != "sensor")
+        if step.family == "sensor" and Site(step.site).channel.startswith("F") and unsure:
+            step.sure = False
         if step.law == "power_law_damping" and step.intervals.get("n", (1.0, 1.0))[0] < _NEARLY_FRICTION:
             step.alternatives = list(dict.fromkeys(["friction", *step.alternatives]))[: MOST_FAMILIES - 1]
         if step.law == "constant_force" and beside:

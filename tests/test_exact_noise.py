@@ -333,7 +333,7 @@ def test_what_no_instruments_can_tell_is_said(monkeypatch, bias, words):
     monkeypatch.setattr(second_opinion, "unbiased_errors", lambda s, ready: None)
     monkeypatch.setattr(second_opinion, "_rough", lambda s: False)
     monkeypatch.setattr(second_opinion, "wrong_by", lambda *a: bias)
-    null = SimpleNamespace(ready=SimpleNamespace(clean=False), stages=[1] if bias else [], bias=1.0, floor=np.nan)
+    null = SimpleNamespace(hasty=False, ready=SimpleNamespace(clean=False), stages=[1] if bias else [], bias=1.0, floor=np.nan)
     verdict = second_opinion.confirmed(Verdict(True, 0.9, 1.0, 0.0, "told"), level, level, null)
     assert not verdict.accepted and verdict.sentence == f"told{words} no instruments can tell"
     null.ready.clean = True

@@ -251,7 +251,7 @@ def solve(
     solution = Solution(masses=dict(known))
     if walk.strategy == "joint":
         if moments.stacked:
-            raise NotTogether
+            raise NotTogether()
         _solve_joint(moments, walk, solution, inner, names)
         return solution
     for step in walk.steps:
@@ -354,12 +354,12 @@ def _least_squares_together(
     p = triangle.shape[-1] - 1
     size = np.linalg.norm(triangle, axis=-2)
     if inner is not None or not p or not (np.isfinite(size) & (size >= _SMALLEST)).all():
-        raise NotTogether
+        raise NotTogether()
     unit = triangle / size[..., None, :]
     inverse, lost = zip(*(lapack.dtrtri(one.T, lower=1) for one in unit[..., :p, :p]))
     condition = p**0.5 * np.array([np.linalg.norm(one) for one in inverse])
     if any(lost) or not (condition * cut * _SURE < 1).all():
-        raise NotTogether
+        raise NotTogether()
     scaled = np.array([_back(one[:p, :p], one[:p, p]) for one in unit])
     share = np.abs(unit[..., p, p])
     residual = share * size[..., p]

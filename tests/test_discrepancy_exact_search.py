@@ -590,7 +590,7 @@ def opinion(
     )
     monkeypatch.setattr(second_opinion, "_rough", lambda s: rough)
     monkeypatch.setattr(second_opinion, "wrong_by", lambda s, null, corrected: null.bias)
-    null = SimpleNamespace(ready=SimpleNamespace(clean=False), stages=list(stages), bias=bias, floor=floor)
+    null = SimpleNamespace(hasty=False, ready=SimpleNamespace(clean=False), stages=list(stages), bias=bias, floor=floor)
     return second_opinion.confirmed(Verdict(True, gain, 1.0, null_gain, "by least squares"), stage(0), stage(1), null)
 
 

@@ -169,7 +169,7 @@ def test_without_instruments_a_gain_must_be_larger_than_what_biased_models_prete
     after = stage.with_law(Site("storey 1"), laws.StiffnessDrift())
     monkeypatch.setattr(opinion, "unbiased_errors", lambda stage, ready: None)
     monkeypatch.setattr(opinion, "wrong_by", lambda stage, null, corrected: null.bias)
-    null = SimpleNamespace(ready=ready, stages=[stage], bias=bias, floor=float(np.median(stage.slot().folds())))
+    null = SimpleNamespace(hasty=False, ready=ready, stages=[stage], bias=bias, floor=float(np.median(stage.slot().folds())))
     verdict = confirmed(Verdict(True, gain, 1.0, 0.0, "the error falls"), stage, after, null)
     assert verdict.accepted is taken
     assert taken or verdict.sentence.endswith("wrong by 10 %, and no instruments can tell")

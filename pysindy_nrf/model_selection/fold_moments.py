@@ -312,7 +312,7 @@ class FoldMoments:
             pushed = np.linalg.norm(part.matrix[..., -1], axis=-1) > 0
             for held in (part.n_samples > 0, pushed):
                 if np.any(held) != np.all(held):
-                    raise NotTogether
+                    raise NotTogether()
             if not np.all(part.n_samples):
                 unknown.append(j)
             elif np.all(pushed):

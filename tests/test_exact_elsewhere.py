@@ -155,8 +155,8 @@ def hidden(monkeypatch, ranking, beside, reached=False, most=4, enough=None, bef
     monkeypatch.setattr(
         rounds, "both_missed", lambda stage, first, second, tied, *a: first if first.law.name in passes else None
     )
-    one = bare(enough=enough)
-    one._findings = lambda stage, steps, held: asked.append((stage.under, list(held))) or beside
+    one = bare(enough=enough, every=["every"], progress=False)
+    monkeypatch.setattr(rounds, "ranked", lambda stage, every, held, *a: asked.append((stage.under, list(held))) or beside)
     null = SimpleNamespace(reached=reached)
     return one._hidden("stage", ranking, np.full(5, before), null, most), asked
 
@@ -172,7 +172,8 @@ def test_a_second_effect_is_looked_for_beside_the_best_of_two_places(monkeypatch
     faint = finding(laws.Dahl(1.0), 10.0 * (1 - 0.9 * MEMBER_GAIN))
     dropping = finding(laws.Dahl(1.0), 5.0, drop=((Site("storey 1"), 1),))
     assert hidden(monkeypatch, [faint, dropping, fault(GainError(0.1), 5.0)], [gap])[1] == []
-    for useless in ([], [finding(laws.OneSidedGap(0.1), 1.0)], [fault(GainError(0.1), 1.0)]):
+    endless = finding(laws.OneSidedGap(0.1), site="storey 3", folds=[np.inf] * 5)
+    for useless in ([], [finding(laws.OneSidedGap(0.1), 1.0)], [endless]):
         assert hidden(monkeypatch, [same], useless)[0] is None
 
 

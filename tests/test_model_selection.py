@@ -28,7 +28,7 @@ from pysindy_nrf import (
     select_order,
 )
 from pysindy_nrf.displays import OrderSelectionDisplay
-from pysindy_nrf.exceptions import ChainError, ChannelError, NRFError
+from pysindy_nrf.exceptions import ChainError, ChannelError, NRFError, RankWarning
 from pysindy_nrf.model_selection import rule
 
 pytestmark = pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
@@ -233,6 +233,24 @@ def test_records_that_force_other_floors_are_held_out_whole():
     assert_same(searched(X, F, [1, 3, 4], folds), X, F, [1, 3, 4], folds)
     found = select_order(X, F, degrees=[1, 3, 4], cv=RecordSplit(), record=ids)
     assert np.allclose(found.fold_scores, select_order(X, F, degrees=[1, 3, 4], cv=folds).fold_scores, atol=1e-10)
+
+
+def test_a_fold_whose_terms_depend_on_each_other_does_not_spoil_the_others():
+    """Half of the record holds the drifts at two values, where s^3 = c^2 s and v s^2 = c^2 v; half of it is rich. What
+    the poor half says of the rich one with cubic terms is not determined: that score is not compared."""
+    rng = np.random.default_rng(4)
+    v, a = 0.1 * rng.standard_normal((4000, 2)), rng.standard_normal((4000, 2))
+    s = 1e-3 * np.vstack([np.sign(rng.standard_normal((2000, 2))), rng.standard_normal((2000, 2))])
+    R = 50 * v + 1e4 * s + 1e9 * s**3
+    F = np.array([10.0, 12.0]) * a + R - np.column_stack([R[:, 1], np.zeros(4000)]) + 0.5 * rng.standard_normal((4000, 2))
+    X = np.hstack([a, v, s])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RankWarning)
+        found = select_order(X, F, degrees=[1, 2, 3], cv=2, scoring="balance").fold_scores.to_numpy()
+        theirs = rule.fold_scores(searched(X, F, [1, 2, 3], 2).cv_results_, "balance")
+    apart = np.abs(found - theirs)
+    apart[2, 1] = 0.0
+    assert apart.max() < 1e-9 and np.isfinite(found).all() and found[2, 1] < 5 * found[2, 0] < 0
 
 
 def test_one_storey_is_linear_and_one_is_cubic():

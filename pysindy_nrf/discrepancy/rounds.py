@@ -247,14 +247,12 @@ class Rounds:
             self.opening = self._findings(self.stage, ())
         return [f for f in self.opening if place_words(f) not in self.not_first]
 
-    def _findings(
-        self, stage: Stage, steps: Sequence[Step], held: Sequence[Finding] | None = None
-    ) -> list[Finding]:
-        """Validated candidates beside the effects that a stage holds, those that were accepted if None, best first."""
-        found = ranked(stage, self.every, self.accepted if held is None else held, len(steps) + 1, self.progress)
+    def _findings(self, stage: Stage, steps: Sequence[Step]) -> list[Finding]:
+        """Validated candidates, best first."""
+        found = ranked(stage, self.every, self.accepted, len(steps) + 1, self.progress)
         corrected = {(s.law, s.site) for s in steps if s.family == "sensor"}
-        found += sensor_findings(self.ready, self.work, stage, self.sensors, corrected)
-        return sorted((f for f in found if np.isfinite(f.error)), key=lambda f: f.error)
+        faulty = sensor_findings(self.ready, self.work, stage, self.sensors, corrected)
+        return sorted((f for f in [*found, *faulty] if np.isfinite(f.error)), key=lambda f: f.error)
 
     def _decide(
         self, stage: Stage, ranking: list[Finding], before: np.ndarray, null: Null, most: int
@@ -314,9 +312,10 @@ class Rounds:
                 firsts.setdefault(place_words(f), f)
         for first in list(firsts.values())[:_FIRSTS]:
             under = first.on(stage)
-            found = self._findings(under, self.steps, [*self.accepted, first])
-            found = [f for f in found if type(f) is Finding and not f.drop and place_words(f) != place_words(first)]
-            if found and (pair := both_missed(stage, first, *choose(found, first.error), before, null)):
+            found = ranked(under, self.every, [*self.accepted, first], len(self.steps) + 2, self.progress)
+            other = [f for f in found if np.isfinite(f.error) and not f.drop and place_words(f) != place_words(first)]
+            other.sort(key=lambda f: f.error)
+            if other and (pair := both_missed(stage, first, *choose(other, first.error), before, null)):
                 return pair
         return None
 

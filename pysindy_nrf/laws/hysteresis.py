@@ -51,11 +51,8 @@ class Dahl(ForceLaw):
 
     @staticmethod
     def advance(z, s0, v0, s1, v1, dt, u, theta):
-        ds = s1 - s0
-        if ds > 0.0:
-            z[0] = 1.0 + (z[0] - 1.0) * math.exp(-theta[0] * ds)
-        elif ds < 0.0:
-            z[0] = -1.0 + (z[0] + 1.0) * math.exp(theta[0] * ds)
+        ds = s1 - s0  # one exponential and no branch: nothing moves where ds = 0
+        z[0] += (math.copysign(1.0, ds) - z[0]) * (1.0 - math.exp(-theta[0] * abs(ds)))
 
 
 class ModifiedDahl(ForceLaw):

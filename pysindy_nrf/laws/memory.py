@@ -13,6 +13,7 @@ from .base import ForceLaw, Motion
 from .compiled import borrow, cannot_compile, inline, jit, on_stack, part, read_only
 
 _STRETCH = 2048  # intervals whose turning points are found before the candidates walk along them
+_LOOK = 64  # intervals that are looked at together: in most of them nothing turns
 
 
 @inline
@@ -116,16 +117,22 @@ def _turns(s0, s1, v0, v1, h, a0, a1, has_a):
 
 @inline
 def _doubt_sign(v0, v1, out):
-    """Whether the rate changes sign."""
+    """Whether the rate changes sign; whether it does anywhere."""
+    some = np.uint8(0)
     for i in range(v0.size):
         out[i] = v0[i] * v1[i] < 0.0
+        some |= out[i]
+    return some
 
 
 @inline
 def _doubt_both(v0, v1, a0, a1, out):
-    """Whether the rate changes sign, or falls and recovers."""
+    """Whether the rate changes sign, or falls and recovers; whether it does anywhere."""
+    some = np.uint8(0)
     for i in range(v0.size):
         out[i] = (v0[i] * v1[i] < 0.0) | ((v0[i] * a0[i] < 0.0) & (v0[i] * a1[i] > 0.0))
+        some |= out[i]
+    return some
 
 
 def _find_turns(s, v, a, t, low, high, doubtful, at, shares, drifts):
@@ -133,21 +140,26 @@ def _find_turns(s, v, a, t, low, high, doubtful, at, shares, drifts):
     if t.size == 0:
         return 0
     has_a = a.size > 0
-    if has_a:
-        _doubt_both(v[low : high - 1], v[low + 1 : high], a[low : high - 1], a[low + 1 : high], doubtful)
-    else:
-        _doubt_sign(v[low : high - 1], v[low + 1 : high], doubtful)
     count, a0, a1 = 0, 0.0, 0.0
-    for i in range(low + 1, high):
-        if doubtful[i - low - 1]:
-            if has_a:
-                a0, a1 = a[i - 1], a[i]
-            turns, x0, rise0, x1, rise1 = _turns(s[i - 1], s[i], v[i - 1], v[i], t[i] - t[i - 1], a0, a1, has_a)
-            for k in range(turns):
-                at[count] = i
-                shares[count] = x1 - x0 if k else x0
-                drifts[count] = s[i - 1] + (rise1 if k else rise0)
-                count += 1
+    for begin in range(low, high - 1, doubtful.size):
+        end = min(begin + doubtful.size, high - 1)
+        v0, v1 = v[begin:end], v[begin + 1 : end + 1]
+        if has_a:
+            some = _doubt_both(v0, v1, a[begin:end], a[begin + 1 : end + 1], doubtful)
+        else:
+            some = _doubt_sign(v0, v1, doubtful)
+        if not some:
+            continue
+        for i in range(begin + 1, end + 1):
+            if doubtful[i - begin - 1]:
+                if has_a:
+                    a0, a1 = a[i - 1], a[i]
+                turns, x0, rise0, x1, rise1 = _turns(s[i - 1], s[i], v[i - 1], v[i], t[i] - t[i - 1], a0, a1, has_a)
+                for k in range(turns):
+                    at[count] = i
+                    shares[count] = x1 - x0 if k else x0
+                    drifts[count] = s[i - 1] + (rise1 if k else rise0)
+                    count += 1
     return count
 
 
@@ -157,53 +169,65 @@ def _paths(advance: Callable, n_states: int) -> Callable[..., None]:
     step = inline(advance)
     find = part(_find_turns)
 
-    def one_path(s, v, t, u, state, theta, z, low, high, at, shares, drifts, count):
-        """From sample ``low`` to ``high`` for one set of parameters."""
+    def straight(s, v, t, u, middle, state, theta, z, begin, end):
+        """Samples begin..end, between which the motion does not turn; the state stays in registers."""
         has_t = t.size > 0
-        buffer = np.zeros(u.shape[0])
-        middle, u, theta, z = borrow(buffer), borrow(u), borrow(theta), borrow(z)
-        now = on_stack(n_states)
+        now, h = on_stack(n_states), np.nan
         for k in range(n_states):
             now[k] = state[k]
-        h, w, begin = np.nan, 0, low + 1
-        while begin < high:
-            end = at[w] if w < count else high
-            for i in range(begin, end):  # up to the next interval in which the motion turns
-                for k in range(middle.size):
-                    middle[k] = 0.5 * (u[k, i - 1] + u[k, i])
-                if has_t:
-                    h = t[i] - t[i - 1]
-                step(now, s[i - 1], v[i - 1], s[i], v[i], h, middle, theta)
-                for k in range(n_states):
-                    z[k, i] = now[k]
-            if end < high:
-                for k in range(middle.size):
-                    middle[k] = 0.5 * (u[k, end - 1] + u[k, end])
-                h = t[end] - t[end - 1]
-                s0, v0, rest = s[end - 1], v[end - 1], h
-                while w < count and at[w] == end:
-                    step(now, s0, v0, drifts[w], 0.0, shares[w] * h, middle, theta)
-                    s0, v0, rest = drifts[w], 0.0, rest - shares[w] * h
-                    w += 1
-                step(now, s0, v0, s[end], v[end], rest, middle, theta)
-                for k in range(n_states):
-                    z[k, end] = now[k]
-            begin = end + 1
+        for i in range(begin, end):
+            for k in range(middle.size):
+                middle[k] = 0.5 * (u[k, i - 1] + u[k, i])
+            if has_t:
+                h = t[i] - t[i - 1]
+            step(now, s[i - 1], v[i - 1], s[i], v[i], h, middle, theta)
+            for k in range(n_states):
+                z[k, i] = now[k]
         for k in range(n_states):
             state[k] = now[k]
+
+    def turning(s, v, t, u, middle, state, theta, z, i, shares, drifts):
+        """Sample i, before which the motion turns, once for each of ``drifts``."""
+        for k in range(middle.size):
+            middle[k] = 0.5 * (u[k, i - 1] + u[k, i])
+        h = t[i] - t[i - 1]
+        s0, v0, rest = s[i - 1], v[i - 1], h
+        for w in range(drifts.size):
+            step(state, s0, v0, drifts[w], 0.0, shares[w] * h, middle, theta)
+            s0, v0, rest = drifts[w], 0.0, rest - shares[w] * h
+        step(state, s0, v0, s[i], v[i], rest, middle, theta)
+        for k in range(n_states):
+            z[k, i] = state[k]
+
+    ahead, around = part(straight), part(turning)
+
+    def one_path(s, v, t, u, middle, state, theta, z, low, high, at, shares, drifts, count):
+        """From sample ``low`` to ``high`` for one set of parameters."""
+        s, v, t, u, middle = borrow(s), borrow(v), borrow(t), borrow(u), borrow(middle)
+        state, theta, z = borrow(state), borrow(theta), borrow(z)
+        w, begin = 0, low + 1
+        while w < count:
+            first, i = w, at[w]
+            while w < count and at[w] == i:
+                w += 1
+            ahead(s, v, t, u, middle, state, theta, z, begin, i)
+            around(s, v, t, u, middle, state, theta, z, i, borrow(shares)[first:w], borrow(drifts)[first:w])
+            begin = i + 1
+        ahead(s, v, t, u, middle, state, theta, z, begin, high)
 
     path = part(one_path)
 
     def memory_paths(s, v, a, t, u, thetas, states, z):
-        doubtful, at = np.empty(_STRETCH, dtype=np.uint8), np.empty(2 * _STRETCH, dtype=np.int64)
+        doubtful, at = np.empty(_LOOK, dtype=np.uint8), np.empty(2 * _STRETCH, dtype=np.int64)
         shares, drifts = np.empty(2 * _STRETCH), np.empty(2 * _STRETCH)
+        middle = np.empty(u.shape[0])
         for c in range(states.shape[0]):
             z[c, :, 0] = states[c]
         for low in range(0, s.size - 1, _STRETCH):
             high = min(low + _STRETCH + 1, s.size)
             count = find(s, v, a, t, low, high, doubtful, at, shares, drifts)  # the same for all
             for c in range(states.shape[0]):
-                path(s, v, t, u, states[c], thetas[c], z[c], low, high, at, shares, drifts, count)
+                path(s, v, t, u, middle, states[c], thetas[c], z[c], low, high, at, shares, drifts, count)
 
     return jit(memory_paths)
 

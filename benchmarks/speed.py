@@ -6,10 +6,10 @@
     python benchmarks/speed.py --out table.csv
 
 Every contender runs on one thread, alternating with the others. Times are processor time of that thread, the least of
-all rounds, so that other people's load on the machine falls on none of them (process starts, files and Dask: wall
-time). Data: chains of Duffing storeys in random motion, 1 % noise in the forces (and rows without noise). ``lstsq``,
-scikit-learn and SINDy are given the raw channels, as this package is; their time holds the columns they need. Memory:
-peak of what Python and NumPy allocate on top of the data (tracemalloc, in a run of its own).
+all rounds, so that other people's load on the machine falls on none of them (several cores, process starts, files and
+Dask: wall time). Data: chains of Duffing storeys in random motion, 1 % noise in the forces (and rows without noise).
+``lstsq``, scikit-learn and SINDy are given the raw channels, as this package is; their time holds the columns they
+need. Memory: peak of what Python and NumPy allocate on top of the data (tracemalloc, in a run of its own).
 """
 
 from __future__ import annotations
@@ -256,13 +256,18 @@ def least(
     return best
 
 
-def alternate(functions: dict[str, Callable[[], object]], rounds: int, patience: float) -> dict[str, float]:
+def alternate(
+    functions: dict[str, Callable[[], object]],
+    rounds: int,
+    patience: float,
+    clock: Callable[[], float] = time.process_time,
+) -> dict[str, float]:
     """Least time of each, in turns; one that takes longer than ``patience`` seconds has its last turn."""
     best = dict.fromkeys(functions, np.inf)
     open_ = dict(functions)
     for _ in range(rounds):
         for name in list(open_):
-            took = least(open_[name], 1)
+            took = least(open_[name], 1, clock=clock)
             best[name] = min(best[name], took)
             if took > patience:
                 del open_[name]
@@ -419,6 +424,25 @@ def sequential_pass(verdicts: Verdicts, size: int, rounds: int, patience: float)
                 wide = " (its columns: 10 a balance, not 19)" if excitation == "sequential" and "DOF" in name else ""
                 claim = f"n = 10, {size:.0e} samples, {data.name}: at least {wanted} times faster than {name}{wide}"
                 verdicts.add(claim, f"{ratio:.1f} times", ratio >= wanted)
+
+
+def on_all_cores(size: int, rounds: int) -> pd.DataFrame:
+    """Wall time of a fit on one thread and more, beside ``lstsq`` with as many threads of BLAS."""
+    from unittest.mock import patch
+
+    from threadpoolctl import threadpool_limits
+
+    rows = []
+    for excitation in ("complete", "sequential"):
+        data = chain_data(10, size, excitation=excitation)
+        for threads in sorted({1, 2, os.cpu_count() or 1}):
+            asked = dict.fromkeys(("OMP_NUM_THREADS", "NUMBA_NUM_THREADS"), str(threads))
+            with patch.dict(os.environ, asked), threadpool_limits(threads, "blas"):
+                run = {k: (lambda f=CONTENDERS[k], d=data: f(d)) for k in ("pysindy_nrf", "lstsq per DOF")}
+                best = alternate(run, rounds, 60.0, clock=time.perf_counter)
+            row = {"excitation": excitation, "threads": threads} | {k: f"{s:.3f}" for k, s in best.items()}
+            rows.append(row | {"times": f"{best['lstsq per DOF'] / best['pysindy_nrf']:.1f}"})
+    return pd.DataFrame(rows)
 
 
 def profile_of_pass(size: int) -> pd.DataFrame:
@@ -643,7 +667,7 @@ def dask_scaling(verdicts: Verdicts, pieces: int, rows: int) -> pd.DataFrame:
     for workers in (1, 2):
         how = dict(threads_per_worker=1, dashboard_address=None, silence_logs=50)
         with dask.config.set({"distributed.comm.timeouts.connect": "60s"}):
-            with distributed.LocalCluster(workers, **how) as cluster, distributed.Client(cluster):
+            with distributed.LocalCluster(n_workers=workers, **how) as cluster, distributed.Client(cluster):
                 model = NRFRegressor(degree=1).fit(parts)  # imports and compiled code
                 seconds = least(lambda: NRFRegressor(degree=1).fit(parts), 2, clock=time.perf_counter)
         gap = float(np.abs(model.masses_ / reference.masses_ - 1).max())
@@ -694,6 +718,8 @@ def main(arguments: list[str] | None = None) -> int:
             sequential_pass(verdicts, min(int(o.most), 10**6), rounds, 20.0)
         if o.out:
             visible.to_csv(o.out, index=False)
+    if "scaling" in o.only and not o.quick:
+        show("A fit on several cores, n = 10, 1e6 samples, wall time in s", on_all_cores(10**6, rounds))
     if "laws" in o.only:
         show("Laws with memory, one core", memory_laws(verdicts, 10**5 if o.quick else 10**6, 3 * rounds))
     if "starts" in o.only and not o.quick:

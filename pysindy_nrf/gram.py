@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
+from threading import local
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -74,7 +75,8 @@ class Plan:
         self.size = size
         self.n_rows = first + layout.n_terms
         self._channels = np.r_[2 * np.arange(n), 2 * np.arange(n) + 1]
-        self._placed: tuple[Recipe | None, np.ndarray, _Steps, np.ndarray] | None = None
+        self._placed: tuple[Recipe | None, np.ndarray, _Steps, int] | None = None
+        self._own = local()  # each thread's scratch
 
     def multiply(self, block: Block, store: np.ndarray) -> None:
         """Add the products of the columns of a block to ``store``, shape (size,); see ``take`` for its order.
@@ -84,20 +86,23 @@ class Plan:
         block : Block
         store : ndarray of shape (size,)
         """
-        recipe = block.recipe
-        if self._placed is None or self._placed[0] is not recipe:
-            self._placed = recipe, *self._rows(recipe)
-        _, places, steps, scratch = self._placed
+        recipe, placed = block.recipe, self._placed
+        if placed is None or placed[0] is not recipe:
+            self._placed = placed = recipe, *self._rows(recipe)
+        _, places, steps, n_rows = placed
+        scratch = getattr(self._own, "scratch", None)
+        if scratch is None or len(scratch) < n_rows:
+            self._own.scratch = scratch = _scratch(n_rows)
         source = block.terms if recipe is None else block.source
         given = (np.asarray(x, dtype=np.float64) for x in (block.acceleration, block.force, source))
         kernels()[0](*given, places, *steps, self.sums, self.masses, self.pairs, scratch, store)
 
-    def _rows(self, recipe: Recipe | None) -> tuple[np.ndarray, _Steps, np.ndarray]:
-        """Rows of the channels of a block, how those of the terms are built from them, and a scratch with room."""
+    def _rows(self, recipe: Recipe | None) -> tuple[np.ndarray, _Steps, int]:
+        """Rows of the channels of a block, how those of the terms are built from them, and how many there are."""
         if recipe is None:
             places = _places(self._channels, np.arange(self.terms_at, self.n_rows))
             nothing = _Steps(np.zeros((0, 4), dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64))
-            return places, nothing, _scratch(self.n_rows)
+            return places, nothing, self.n_rows
         size = max(self.n_rows, self.terms_at + int(recipe.steps[:, 0].max(initial=-1)) + 1)
         at = np.full(recipe.n_source, -1)
         steps = []
@@ -116,7 +121,7 @@ class Plan:
         recurrence = recipe.recurrence + np.where(recipe.recurrence < 0, 0, self.terms_at)
         recurrence[:, 1] = at[recipe.recurrence[:, 1]]
         made = _Steps(recurrence, np.ascontiguousarray(recipe.numbers), moved)
-        return _places(self._channels, at), made, _scratch(size + len(beside))
+        return _places(self._channels, at), made, size + len(beside)
 
 
 class _Steps(NamedTuple):

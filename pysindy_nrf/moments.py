@@ -16,11 +16,13 @@ from scipy import linalg
 from .exceptions import NRFError
 from .gram import Plan, orthogonal_gram
 from .layout import Group, Layout, Recipe
+from .threads import in_threads
 
 # Samples in a block of finished columns; blocks of motions hold fewer where there are many channels, so that a
 # block stays in the cache.
 BLOCK = 2048
 _CACHE = 2**17  # numbers
+SHARE = 4  # blocks that a thread takes at once
 # Pivots of a scaled Gram matrix below this are round-off.
 _LOST = 3e-8
 
@@ -80,6 +82,11 @@ class Block:
             self.source = np.ascontiguousarray(self.source)
             self._terms = self.recipe.finish(self.source, self.n_terms)
         return self._terms
+
+    @property
+    def known(self) -> tuple[bool, ...]:
+        """Whether the force of each DOF is."""
+        return tuple(np.isfinite(self.force[:, 0]).tolist())
 
     def take(self, rows: Any) -> Block:
         """Some of the samples.
@@ -366,7 +373,6 @@ class Moments:
         Returns
         -------
         Moments
-            For use in the same thread: both share their working memory.
         """
         out = Moments(self.layout, list(self.groups.values()), self.kind, self.known_masses, self.guess)
         out._plan = self._planned() if self.kind == "gram" else None
@@ -384,18 +390,52 @@ class Moments:
         ----------
         block : Block
         """
-        n = block.acceleration.shape[1]
-        self.n_samples += n
+        self.n_samples += block.acceleration.shape[1]
         if self.kind == "root":
             self._add_root(block)
-            return
-        plan = self._planned()
-        known = tuple(np.isfinite(block.force[:, 0]).tolist())
+        else:
+            self._planned().multiply(block, self._room(block.known))
+            self._pending += block.acceleration.shape[1]
+
+    def _room(self, known: tuple[bool, ...]) -> np.ndarray:
+        """Where the compiled pass sums up samples in which these forces are known."""
         if known != self._known or not len(self._store):
             self._settle()
-            self._known, self._store = known, np.zeros(plan.size)
-        plan.multiply(block, self._store)
-        self._pending += n
+            self._known, self._store = known, np.zeros(self._planned().size)
+        return self._store
+
+    def products(self, blocks: Sequence[Block]) -> np.ndarray:
+        """Sums of products of the columns of some blocks with the same known forces, for :meth:`add_products`.
+
+        Nothing is changed: blocks may be multiplied in several threads at once.
+
+        Parameters
+        ----------
+        blocks : sequence of Block
+
+        Returns
+        -------
+        ndarray of shape (n_products,)
+        """
+        plan = self._planned()
+        store = np.zeros(plan.size)
+        for block in blocks:
+            plan.multiply(block, store)
+        return store
+
+    def add_products(self, blocks: Sequence[Block], products: np.ndarray) -> None:
+        """Add blocks whose products are there already.
+
+        Parameters
+        ----------
+        blocks : sequence of Block
+        products : ndarray of shape (n_products,)
+        """
+        store = self._room(blocks[0].known)
+        store += products
+        size = sum(block.acceleration.shape[1] for block in blocks)
+        self._pending += size
+        self.n_samples += size
 
     def _settle(self) -> None:
         """Move what the compiled pass has summed up into the groups whose forces it knew."""
@@ -528,7 +568,7 @@ def stacked(parts: Sequence[Moments]) -> Moments:
 
 
 def accumulate(moments: Moments, blocks: Iterable[Block]) -> Moments:
-    """Stream blocks of samples into moments.
+    """Stream blocks of samples into moments, on all cores; see :func:`pysindy_nrf.threads.n_threads`.
 
     Parameters
     ----------
@@ -538,10 +578,44 @@ def accumulate(moments: Moments, blocks: Iterable[Block]) -> Moments:
     Returns
     -------
     Moments
+        The same to the last bit for any number of threads.
     """
-    for block in blocks:
-        moments.add(block)
+    accumulate_each((moments, block) for block in blocks)
     return moments
+
+
+def accumulate_each(blocks: Iterable[tuple[Moments, Block]]) -> None:
+    """Stream blocks into one of several moments each, on all cores.
+
+    Parameters
+    ----------
+    blocks : iterable of (Moments, Block)
+    """
+
+    def multiplied(share: tuple[Moments, list[Block]]) -> tuple[Moments, list[Block], np.ndarray]:
+        moments, held = share
+        return moments, held, moments.products(held)
+
+    for moments, held, products in in_threads(multiplied, _shares(blocks)):
+        moments.add_products(held, products)
+
+
+def _shares(blocks: Iterable[tuple[Moments, Block]]) -> Iterator[tuple[Moments, list[Block]]]:
+    """Neighbouring blocks of the same moments, a few at a time; those that no thread can take are added at once."""
+    moments: Moments | None = None
+    held: list[Block] = []
+    for into, block in blocks:
+        if into.kind == "root":
+            into.add(block)
+            continue
+        if held and (into is not moments or len(held) == SHARE or block.known != held[0].known):
+            assert moments is not None
+            yield moments, held
+            held = []
+        moments = into
+        held.append(block)
+    if moments is not None and held:
+        yield moments, held
 
 
 def blocks_of(terms: np.ndarray, acceleration: np.ndarray, force: np.ndarray, size: int = BLOCK) -> Iterator[Block]:

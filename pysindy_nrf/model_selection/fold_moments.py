@@ -13,7 +13,7 @@ monomials gives.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -29,7 +29,7 @@ from ..exceptions import ChannelError, NRFError, RankWarning
 from ..identifiability import Walk, plan_walk
 from ..laws import ForceLaw, Motion, PowerSeries
 from ..layout import Group, LawLayout
-from ..moments import Block, GroupMoments, Moments, stacked
+from ..moments import Block, GroupMoments, Moments, accumulate_each, stacked
 from ..segments import SegmentSet
 from ..sites import Site
 from .monomials import Monomials
@@ -190,27 +190,30 @@ class FoldMoments:
         self.sums: list[np.ndarray] = []  # of the accelerations, for the variance behind R^2
         self.counts: list[np.ndarray] = []
         self._totals: dict[Any, tuple[Moments, np.ndarray, np.ndarray]] = {}
+        accumulate_each(self._blocks())
+
+    def _blocks(self) -> Iterator[tuple[Moments, Block]]:
+        """All samples, and the piece they belong to."""
         whole = sum(seg.n_valid for seg in self.data.segments)
         for seg, filter in zip(self.data.segments, self.filters):
             classes = self.class_of[seg.rows][seg.valid]
-            cuts = _cuts(classes, max(whole // PIECES, 256) if kind == "gram" else whole)
+            cuts = _cuts(classes, max(whole // PIECES, 256) if self.kind == "gram" else whole)
             shuffled: dict[int, int] = {}  # piece of each class
             at, piece = 0, -1
-            known = ~np.isnan(seg.F[seg.valid.start])
             for block in seg.blocks(self.accumulated, filter=filter):
-                block = self._whiten(block) if kind == "gram" else block
+                block = self._whiten(block) if self.kind == "gram" else block
                 n = block.acceleration.shape[1]
                 if cuts is None:
                     for code in np.unique(classes[at : at + n]):
                         if code not in shuffled:
                             shuffled[code] = self._open(int(code))
-                        self._add(shuffled[code], block.take(classes[at : at + n] == code), known)
+                        yield self._counted(shuffled[code], block.take(classes[at : at + n] == code))
                 else:
                     inside = cuts[(cuts > at) & (cuts < at + n)]
                     for lo, hi in zip([at, *inside], [*inside, at + n]):
                         if piece < 0 or lo in cuts:
                             piece = self._open(int(classes[lo]))
-                        self._add(piece, block.take(slice(lo - at, hi - at)), known)
+                        yield self._counted(piece, block.take(slice(lo - at, hi - at)))
                 at += n
 
     def _open(self, code: int) -> int:
@@ -220,11 +223,12 @@ class FoldMoments:
         self.counts.append(np.zeros(self.chain.n_dof))
         return len(self.pieces) - 1
 
-    def _add(self, piece: int, block: Block, known: np.ndarray) -> None:
-        self.pieces[piece].add(block)
-        n = block.acceleration.shape[1]
+    def _counted(self, piece: int, block: Block) -> tuple[Moments, Block]:
+        """A block of a piece, with its accelerations summed up and its samples counted."""
+        n, known = block.acceleration.shape[1], np.array(block.known)
         self.sums[piece] += np.where(known, block.acceleration @ np.ones(n), 0.0)
         self.counts[piece] += known * n
+        return self.pieces[piece], block
 
     def sharpen(self) -> None:
         """Accumulate once more by streamed QR, where the residual is too small for a Gram matrix."""

@@ -132,6 +132,7 @@ class Accumulator:
         self.origin: Any = None  # of time
         self.settings: dict[str, str] = {}  # of the estimator, between calls of partial_fit
         self._open: BlockEntry | None = None
+        self._nothing: tuple[Any, Moments] | None = None  # moments of nothing, and the guess they stand on
         self._carry: dict[str, Any] | None = None  # end of the last run: states, last row, its time
 
     # -- adding -------------------------------------------------------------------------------
@@ -236,7 +237,9 @@ class Accumulator:
 
     def _moments(self) -> Moments:
         model, kind = self.require_model(), "gram" if self.kind == "gram" else "root"
-        return Moments(model.layout, model.groups, kind, model.known_masses, self.guess)
+        if self._nothing is None or self._nothing[0] is not self.guess:
+            self._nothing = self.guess, Moments(model.layout, model.groups, kind, model.known_masses, self.guess)
+        return self._nothing[1].empty()  # all blocks share one plan of the products
 
     def _own_guess(self, blocks: list[Block]) -> None:
         """Guess the root of some blocks from their own Gram matrices."""

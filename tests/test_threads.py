@@ -1,0 +1,152 @@
+"""One pass on several cores: the same bits as on one, in the order of time, with no thread and no share left behind."""
+
+from __future__ import annotations
+
+import threading
+
+import chains
+import numpy as np
+import pytest
+
+from pysindy_nrf import NRFRegressor, select_order, threads
+from pysindy_nrf.chain import Chain
+from pysindy_nrf.layout import Layout
+from pysindy_nrf.moments import Block, Moments, accumulate, accumulate_each
+
+COLUMNS = 7
+
+
+@pytest.fixture
+def cores(monkeypatch):
+    """Pretend that there are so many cores, and that nobody asked for fewer."""
+
+    def set_cores(count: int) -> None:
+        for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS"):
+            monkeypatch.delenv(name, raising=False)
+        monkeypatch.setattr(threads, "_cores", lambda: count)
+
+    return set_cores
+
+
+@pytest.mark.parametrize(
+    ("omp", "numba", "wanted"),
+    [("", "", 8), ("3", "", 3), ("", "2", 2), ("5", "2", 2), ("16", "", 8), ("4,2", "", 4), ("0", "many", 8), ("-1", "", 8)],
+)
+def test_the_variables_that_workers_set_are_heard(cores, monkeypatch, omp, numba, wanted):
+    cores(8)
+    monkeypatch.setenv("OMP_NUM_THREADS", omp)
+    monkeypatch.setenv("NUMBA_NUM_THREADS", numba)
+    assert threads.n_threads() == wanted
+
+
+def test_results_come_in_order_and_shares_are_read_as_they_are_needed(cores):
+    cores(3)
+    read, slow = [], threading.Event()
+
+    def shares():
+        for i in range(200):
+            read.append(i)
+            yield i
+
+    def work(i):
+        if i == 0:
+            slow.wait(5.0)  # the first is done last
+        return i * i
+
+    found = threads.in_threads(work, shares())
+    threading.Timer(0.2, slow.set).start()
+    assert next(found) == 0
+    assert len(read) < 20  # not all two hundred wait in memory
+    assert list(found) == [i * i for i in range(1, 200)]
+
+
+@pytest.mark.parametrize("where", ["shares", "work"])
+def test_an_error_ends_the_pass_and_its_threads(cores, where):
+    cores(4)
+    before = threading.active_count()
+
+    def shares():
+        yield from range(50)
+        if where == "shares":
+            raise KeyboardInterrupt
+
+    def work(i):
+        if where == "work" and i == 30:
+            raise KeyboardInterrupt
+        return i
+
+    with pytest.raises(KeyboardInterrupt):
+        list(threads.in_threads(work, shares()))
+    assert threading.active_count() == before
+
+
+def test_a_pass_that_nobody_reads_to_the_end_leaves_no_thread(cores):
+    cores(4)
+    before = threading.active_count()
+    found = threads.in_threads(abs, iter(range(100)))
+    next(found)
+    found.close()
+    assert threading.active_count() == before
+
+
+def whole_numbers(n_samples: int):
+    """Blocks of uneven lengths whose products are exact in a double; the second force is unknown now and then."""
+    rng = np.random.default_rng(2)
+    terms, a, F = (rng.integers(-9, 10, (k, n_samples)).astype(float) for k in (COLUMNS, 2, 2))
+    edges = np.unique(np.r_[0, rng.integers(1, n_samples, 60), n_samples])
+    for number, (lo, hi) in enumerate(zip(edges[:-1], edges[1:])):
+        force = F[:, lo:hi].copy()
+        if number % 7 in (3, 4):
+            force[1] = np.nan
+        yield Block(terms[:, lo:hi], a[:, lo:hi], force)
+
+
+def test_every_product_is_exact_whoever_multiplies_it(cores):
+    """Samples with an unknown force count for the other balance alone."""
+    layout = Layout(Chain(2), {"storey 1": 3, "storey 2": COLUMNS - 3})
+    groups = [layout.group((j,)) for j in (1, 2)]
+    blocks = list(whole_numbers(9000))
+    for count in (1, 2, 5):
+        cores(count)
+        moments = accumulate(Moments(layout, groups), iter(blocks))
+        for group in groups:
+            j = group.dofs[0]
+            held = [b for b in blocks if np.isfinite(b.force[j - 1, 0])]
+            A = np.hstack([
+                np.vstack([*(b.terms[layout.slices[s]] for s in group.sites), b.acceleration[j - 1], b.force[j - 1]])
+                for b in held
+            ])  # fmt: skip
+            assert np.array_equal(moments.parts[(j,)].matrix, A @ A.T), (count, j)
+            assert moments.parts[(j,)].n_samples == A.shape[1]
+        assert moments.n_samples == 9000
+
+
+def test_several_moments_take_what_is_theirs(cores):
+    cores(3)
+    layout = Layout(Chain(2), {"storey 1": 3, "storey 2": COLUMNS - 3})
+    empty = Moments(layout, [layout.group((j,)) for j in (1, 2)])
+    blocks = list(whole_numbers(6000))
+    each = [empty.empty() for _ in range(3)]
+    accumulate_each((each[i % 3], block) for i, block in enumerate(blocks))
+    alone = [accumulate(empty.empty(), blocks[i::3]) for i in range(3)]
+    for one, other in zip(each, alone):
+        assert one.n_samples == other.n_samples
+        for dofs in one.parts:
+            assert np.array_equal(one.parts[dofs].matrix, other.parts[dofs].matrix)
+
+
+@pytest.mark.parametrize("forced", [[3], [1, 2, 3]], ids=["sequential", "complete"])
+def test_a_fit_has_the_same_bits_on_any_number_of_cores(cores, forced):
+    case = chains.duffing(3, forced, seed=4, n_samples=40_000)
+    F = case.F + 0.02 * case.F.std(axis=0) * np.random.default_rng(0).standard_normal(case.F.shape)
+    found = []
+    for count in (1, 2, 3):
+        cores(count)
+        model = NRFRegressor(degree=3).fit(case.X, F)
+        chosen = select_order(case.X, F, degrees=range(1, 5))
+        found.append((model.masses_, model.model_.to_dict(), chosen.fold_scores.to_numpy()))
+    for masses, model, scores in found[1:]:
+        np.testing.assert_array_equal(masses, found[0][0])
+        np.testing.assert_array_equal(scores, found[0][2])
+        assert model == found[0][1]
+    np.testing.assert_allclose(found[0][0], case.m, rtol=0.02)

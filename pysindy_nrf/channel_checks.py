@@ -1,4 +1,4 @@
-"""Channels that are clipped, dead, spiky, coarsely quantised or copied: found and said."""
+"""Channels that are clipped, dead, spiky, coarsely quantised, copied or filled with -9999: found and said."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import warnings
 import numpy as np
 import pandas as pd
 
+from .channels import FILLED, fillers
 from .exceptions import DataQualityWarning
 from .record import Record
 
@@ -33,7 +34,7 @@ def check_channels(record: Record, warn: bool = False) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        One row for each finding: ``channel``, ``problem`` (``"dead"``, ``"clipped"``, ``"spiky"``,
+        One row for each finding: ``channel``, ``problem`` (``"dead"``, ``"filled"``, ``"clipped"``, ``"spiky"``,
         ``"quantised"``, ``"copied"``), ``share`` of the samples, ``message`` with the cure. Empty if all is well.
 
     Examples
@@ -75,6 +76,10 @@ def check_channels(record: Record, warn: bool = False) -> pd.DataFrame:
                     )
                 )
         seen[name] = y
+        filled, what = fillers(np.asarray(values, dtype=float))
+        if what:
+            rows.append((name, "filled", len(filled) / len(values), f"{name} holds {what}. {FILLED}"))
+            continue
         rows += _stuck(name, y) + _clipped(name, y) + _quantised(name, y) + _spiky(name, y)
     table = pd.DataFrame(rows, columns=["channel", "problem", "share", "message"])
     if warn and len(table):

@@ -170,3 +170,47 @@ def finite_span(columns: Sequence[np.ndarray], names: Sequence[str], record: str
             DataQualityWarning(lost, f"Cut the record to the rows that count, or leave {worst} out."), stacklevel=2
         )
     return slice(first, max(first, last))
+
+
+# What programs write where nothing was measured, of either sign: loggers, weather and earthquake data.
+_FILLERS = np.array([999.0, 999.25, 9999.0, 99999.0, 999999.0, 9999999.0, 1e30, 1e35, 1e37, 9.9e37, 1e38])
+FILLED = (
+    "Leave those cells empty (NaN); inside a record, split it there (pysindy_nrf.alignment.split_at_gaps) or fill the "
+    "gap."
+)
+_APART = 5.0  # times the largest other value: a channel that reaches such a number by itself comes near it, too
+
+
+def fillers(line: np.ndarray) -> tuple[np.ndarray, str]:
+    """Rows that hold a number standing for "not measured", -9999 and the like, far beyond all others.
+
+    Parameters
+    ----------
+    line : ndarray of shape (n_samples,)
+        As measured, before units are converted.
+
+    Returns
+    -------
+    rows : ndarray of int
+    what : str
+        The number and its rows for a message; empty if there are none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.channels import fillers
+    >>> fillers(np.array([0.1, -9999.0, 0.3, 0.2]))
+    (array([1]), "-9999 in row 1, far beyond all others: a number that stands for 'not measured'")
+    """
+    none = np.zeros(0, dtype=int), ""
+    size = np.abs(line)
+    most = np.fmax.reduce(size, initial=0.0)
+    if not np.isclose(_FILLERS, most, rtol=1e-6, atol=0.0).any():
+        return none
+    rows = np.flatnonzero(size == most)
+    others = np.where(size < most, size, 0.0).max()
+    by_chance = len(rows) == 1 and line[rows[0]] > 0  # a blow may reach 999 N, once
+    if by_chance or others * _APART > most or 2 * len(rows) > len(line):
+        return none
+    said = f"{line[rows[0]]:g} in {rows_text(rows)}, far beyond all others: a number that stands for 'not measured'"
+    return rows, said

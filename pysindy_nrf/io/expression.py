@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..channels import FILLED, fillers
 from ..exceptions import ChannelError, FileFormatError
 from .table import Table
 
@@ -105,7 +106,7 @@ def line_of(expression: Expression, table: Table, channel: str) -> np.ndarray:
     Raises
     ------
     FileFormatError
-        If the file has no such variable or column, or it is not numbers.
+        If the file has no such variable or column, it is not numbers, or some stand for "not measured".
     """
     if expression.name not in table.variables:
         raise FileFormatError(
@@ -135,6 +136,10 @@ def line_of(expression: Expression, table: Table, channel: str) -> np.ndarray:
     if channel == "t" and (values.dtype.kind in "mM" or expression.factor is None and values.dtype == object):
         return values
     line = _numbers(values, wanted, table.decimal)
+    if channel != "t":
+        filled = fillers(line)[1]
+        if filled:
+            raise FileFormatError(f"{wanted[0].upper()}{wanted[1:]} holds {filled}", FILLED)
     scale = expression.sign * _factor(expression, table, channel)
     return line if scale == 1 else line * scale
 

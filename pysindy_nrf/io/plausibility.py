@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 
 from ..exceptions import NRFError
 from ..record import Record
@@ -16,6 +17,9 @@ _BRISK, _WIDE = 500.0, 0.3
 # Times its scatter that a gain must be away from 1 (and the least that is said), and by which it is said without that.
 _SURE, _LEAST, _FAR = 2.0, 0.02, 0.2
 _NEAR = 0.12  # relative distance within which a ratio is recognised
+_SLOW = 8.0  # Hz, at which nobody measures accelerations of a structure
+_CLOCKS = {1e-3: "ms", 1e-6: "µs"}  # ratios of the true time and the one that was read
+_TIME = "units={'t': 'ms'}, --unit t=ms"
 
 
 def doubts(record: Record) -> list[str]:
@@ -44,6 +48,8 @@ def doubts(record: Record) -> list[str]:
     from ..channel_checks import check_channels
 
     out = _large(record) + _contradictions(record)
+    if not out and record.fs < _SLOW and any(name[0] == "a" and name[1:].isdigit() for name in record.channels()):
+        out = [f"accelerations at {record.fs:.3g} Hz: is the unit of the time declared? ({_TIME})"]
     return out + list(check_channels(record)["message"])
 
 
@@ -73,12 +79,16 @@ def _contradictions(record: Record) -> list[str]:
     except NRFError:  # no DOF has two kinds of channels
         return []
     out = []
+    clock, sure = _wrong_clock(table)
+    if sure:
+        return [f"the motions contradict each other as if the time were in {clock}: is its unit declared? ({_TIME})"]
     for name, row in table.iterrows():
         if row["aligned"]:
             continue
         gain = float(row["gain"])
         unit = _betrayed(gain, str(row["reference"]), str(name)) if np.isfinite(gain) else ""
         if unit:
+            unit += f"; or is the time in {clock}? ({_TIME})" if clock else ""
             out.append(f"{name} is {gain:.2g} times as large as {row['reference']} says: {unit}")
         elif not np.isfinite(gain) or abs(gain - 1) > _FAR or row["sign"] < 0 or abs(row["samples"]) > 0.5:
             out.append(str(row["message"]))
@@ -86,6 +96,18 @@ def _contradictions(record: Record) -> list[str]:
             says = f"{name} is {gain:.3g} times as large as {row['reference']} says"
             out.append(f"{says}: is the calibration of one of them wrong?")
     return out
+
+
+def _wrong_clock(table: pd.DataFrame) -> tuple[str, bool]:
+    """The unit of the time that would explain all gains, and whether no unit of a channel would."""
+    orders = pd.Series(range(3), list("xva"))
+    steps = orders[table["reference"].str[0]].to_numpy() - orders[table.index.str[0]].to_numpy()
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = table["gain"].to_numpy(dtype=float) ** (1.0 / steps)  # of the times
+    for wrong, unit in _CLOCKS.items():
+        if np.isfinite(ratio).all() and (np.abs(ratio / wrong - 1) < _NEAR).all():
+            return unit, len(set(steps)) > 1
+    return "", False
 
 
 def _betrayed(gain: float, reference: str, name: str) -> str:

@@ -133,3 +133,33 @@ def test_a_right_clock_and_slow_displacements_are_not_doubted(table):
     assert io.doubts(Record.from_frame(slow)) == []
     one = table.assign(v1=table["v1"] * 1e-3, v2=table["v2"] * 1e-3)  # one kind in another unit is no clock
     assert not any("the time" in text for text in io.doubts(Record.from_frame(one)))
+
+
+@pytest.mark.parametrize("form", ["%.9f", "%.6e", "%+.5f"])
+@pytest.mark.parametrize("separator", [",", ";", "\t", " "])
+def test_a_file_that_ends_inside_a_number_loses_its_last_row_and_no_more(table, tmp_path, form, separator):
+    """0.000123 is not 0.0: whatever is cut off, every number that is read is one that was written."""
+    path = tmp_path / "copied.csv"
+    some = table.iloc[:300]
+    some.to_csv(path, index=False, sep=separator, float_format=form)
+    whole = path.read_text()
+    truth = pd.read_csv(path, sep=separator)
+    widths = len(whole.splitlines()[-1].split(separator)[-1])
+    for lost in range(2, widths + 1):  # the line feed and some digits
+        path.write_text(whole[:-lost])
+        read = io.read_table(path)
+        assert "ends inside a number" in " ".join(read.notes) and "last row is left out" in " ".join(read.notes), lost
+        for name in truth:
+            np.testing.assert_allclose(read.variables[name], truth[name][:299], rtol=1e-12)
+    path.write_text(whole[:-1])  # a last line without its feed is whole
+    read = io.read_table(path)
+    assert len(read.variables["t"]) == 300 and "inside" not in " ".join(read.notes)
+
+
+def test_a_file_of_this_package_that_is_cut_is_refused(table, tmp_path):
+    path = io.write_record(Record.from_frame(table), tmp_path / "own.csv")
+    whole = path.read_bytes()
+    assert io.read_record(path).n_samples == len(table)
+    path.write_bytes(whole[:-3])
+    with pytest.raises(FileFormatError, match=r"own.csv cannot be read as delimited text: its last line is cut off"):
+        io.read_record(path)

@@ -15,7 +15,8 @@ from .names import split_unit
 from .table import MAX_BYTES, Table, check_file, unreadable
 from .units import is_unit
 
-_HEAD_BYTES = 65536
+_HEAD_BYTES = _TAIL_BYTES = 65536
+_ABOVE = 50  # rows above the last one that show how numbers are written
 _OWN = b'# {"schema": "' + SCHEMA.encode() + b'"'
 _SEPARATORS = {";": ";", "tab": "\t", ",": ",", "|": "|", "blank": r"\s+"}
 _COMMENTS = ("#", "%", "//")
@@ -81,21 +82,24 @@ def read_delimited(path: Path, max_bytes: int = MAX_BYTES) -> Table:
     if first.startswith(_OWN):
         return _own(path, first)
     dialect = sniff(path)
+    options: dict[str, Any] = dict(
+        sep=_SEPARATORS[dialect.separator],
+        decimal=dialect.decimal,
+        header=None,
+        names=list(range(len(dialect.header))),
+        index_col=False,
+        skiprows=dialect.first_row,
+        encoding=dialect.encoding,
+        skipinitialspace=True,
+        comment="#",
+        na_values=sorted(_MISSING - {"", "inf", "-inf"}),
+        low_memory=False,
+    )
+    cut = _ends_inside_a_number(path, dialect)
     try:
-        frame = pd.read_csv(
-            path,
-            sep=_SEPARATORS[dialect.separator],
-            decimal=dialect.decimal,
-            header=None,
-            names=list(range(len(dialect.header))),
-            index_col=False,
-            skiprows=dialect.first_row,
-            encoding=dialect.encoding,
-            skipinitialspace=True,
-            comment="#",
-            na_values=sorted(_MISSING - {"", "inf", "-inf"}),
-            low_memory=False,
-        )
+        frame = pd.read_csv(path, **options)
+        if cut:  # once more without it: it may have made text of a column
+            frame = pd.read_csv(path, nrows=len(frame) - 1, **options)
     except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeError, ValueError) as error:
         raise unreadable(path, "delimited text", error) from error
     variables, units = {}, {}
@@ -115,11 +119,33 @@ def read_delimited(path: Path, max_bytes: int = MAX_BYTES) -> Table:
         f"columns separated by {separator}, {mark}"
         + ("" if dialect.named else "; no names in the file, columns are c1, c2, ...")
     ]
+    if cut:
+        notes.append(f"the file ends inside a number, {cut!r}: its last row is left out; was it copied whole?")
     return Table(path, "delimited text", variables, units, notes, decimal=dialect.decimal)
+
+
+def _ends_inside_a_number(path: Path, dialect: Dialect) -> str:
+    """The last number, if no line feed ends the file and all those above it have more behind the decimal mark."""
+    start = max(0, path.stat().st_size - _TAIL_BYTES)
+    with open(path, "rb") as file:
+        file.seek(start - start % 4)  # not inside a character of UTF-16
+        lines = file.read().decode(dialect.encoding, errors="replace").splitlines(keepends=True)
+    if len(lines) <= _ABOVE + 1 or lines[-1].endswith(("\n", "\r")):
+        return ""
+    *above, last = (_cells(line.strip(), dialect.separator) for line in lines[-_ABOVE - 1 :])
+
+    def behind(row: list[str]) -> int:
+        return len(row[len(last) - 1].partition(dialect.decimal)[2]) if len(row) >= len(last) else 0
+
+    return last[-1] if behind(last) < min(behind(row) for row in above) else ""
 
 
 def _own(path: Path, first: bytes) -> Table:
     """A record that this package wrote, its attributes in the first line."""
+    with open(path, "rb") as file:
+        file.seek(-1, 2)
+        if file.read() not in b"\r\n":
+            raise unreadable(path, "delimited text", "its last line is cut off")
     attributes = Attributes.from_json(first[1:].strip(), path)
     names = ["t", *attributes.columns]
     try:  # every digit counts here: exact, if slower than pandas

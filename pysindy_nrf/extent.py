@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Literal
 
 import numpy as np
+
+from .threads import in_threads
+
+_SHARE = 2**20  # numbers that a thread scans at once
 
 
 @dataclass(frozen=True)
@@ -44,14 +48,11 @@ class Extent:
         >>> Extent.of([np.array([[1.0, np.nan], [3.0, 2.0]])])
         Extent(low=array([1., 2.]), high=array([3., 2.]), finite=array([ True, False]))
         """
-        parts = []
-        for matrix in matrices:
-            part = np.zeros((3, matrix.shape[1]))
-            part[0], part[1] = np.inf, -np.inf
-            if matrix.size:
-                _scan(matrix.dtype.name, "C" if matrix.flags.c_contiguous else "A")(np.asarray(matrix), part)
-            parts.append(part)
-        low, high, bad = np.hstack(parts)
+        low, high, bad = np.zeros((3, sum(matrix.shape[1] for matrix in matrices)))
+        low[:], high[:] = np.inf, -np.inf
+        for where, (least, most, zero) in in_threads(_scanned, _shares(matrices)):
+            low[where], high[where] = np.minimum(low[where], least), np.maximum(high[where], most)
+            bad[where] += zero
         return cls(low, high, bad == 0.0)
 
     def merge(self, other: Extent) -> Extent:
@@ -75,6 +76,26 @@ class Extent:
         """Whether the first channels are finite, and each further one too or nothing but NaN."""
         empty = (self.low == np.inf) & (self.high == -np.inf)
         return bool(self.finite[:n_needed].all() and (self.finite | empty)[n_needed:].all())
+
+
+def _shares(matrices: Sequence[np.ndarray]) -> Iterator[tuple[slice, np.ndarray]]:
+    """Rows of the matrices, and where their columns stand among all."""
+    at = 0
+    for matrix in matrices:
+        where = slice(at, at + matrix.shape[1])
+        at = where.stop
+        if matrix.size:
+            rows = max(_SHARE // matrix.shape[1], 1)
+            yield from ((where, matrix[start : start + rows]) for start in range(0, len(matrix), rows))
+
+
+def _scanned(share: tuple[slice, np.ndarray]) -> tuple[slice, np.ndarray]:
+    """Least and largest values and a sum of zeros, or of NaN where something is not finite."""
+    where, matrix = share
+    out = np.zeros((3, matrix.shape[1]))
+    out[0], out[1] = np.inf, -np.inf
+    _scan(matrix.dtype.name, "C" if matrix.flags.c_contiguous else "A")(np.asarray(matrix), out)
+    return where, out
 
 
 @cache

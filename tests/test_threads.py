@@ -150,3 +150,21 @@ def test_a_fit_has_the_same_bits_on_any_number_of_cores(cores, forced):
         np.testing.assert_array_equal(scores, found[0][2])
         assert model == found[0][1]
     np.testing.assert_allclose(found[0][0], case.m, rtol=0.02)
+
+
+def test_ranges_of_channels_do_not_depend_on_who_looked(cores, monkeypatch):
+    """Not a number and infinities are found in whichever share they lie; a channel of NaN has no range."""
+    from pysindy_nrf import extent
+
+    rng = np.random.default_rng(8)
+    wide, narrow = rng.standard_normal((5000, 7)), rng.standard_normal((5000, 2)).astype(np.float32)
+    wide[4321, 2], wide[17, 5], wide[:, 6] = np.nan, -np.inf, np.nan
+    monkeypatch.setattr(extent, "_SHARE", 999)
+    for count in (1, 3):
+        cores(count)
+        found = extent.Extent.of([wide, narrow, wide[:0]])
+        assert found.finite.tolist() == [True, True, False, True, True, False, False, True, True] + [True] * 7
+        np.testing.assert_array_equal(found.low[:6], np.nanmin(wide[:, :6], axis=0))
+        np.testing.assert_array_equal(found.high[7:9], narrow.max(axis=0))
+        assert found.low[6] == np.inf and found.high[6] == -np.inf
+        assert (found.low[9:] == np.inf).all()

@@ -132,7 +132,7 @@ class Accumulator:
         self.origin: Any = None  # of time
         self.settings: dict[str, str] = {}  # of the estimator, between calls of partial_fit
         self._open: BlockEntry | None = None
-        self._nothing: tuple[Any, Moments] | None = None  # moments of nothing, and the guess they stand on
+        self._nothing: Moments | None = None
         self._carry: dict[str, Any] | None = None  # end of the last run: states, last row, its time
 
     # -- adding -------------------------------------------------------------------------------
@@ -228,23 +228,25 @@ class Accumulator:
             self._own_guess(blocks)
         for i, block in enumerate(blocks):
             if self._open is None:
-                self._open = BlockEntry((*key, i), segment.name, self._moments())
+                self._open = BlockEntry((*key, i), segment.name, self._moments(self.kind))
             self._open.moments.add(block)
             if self._open.moments.n_samples >= self.block_rows:
                 self._shut()
         last = _row(segment, segment.valid.stop - 1) if layout.has_memory else None
         self._carry = {"states": states, "last": last, "end": end}
 
-    def _moments(self) -> Moments:
-        model, kind = self.require_model(), "gram" if self.kind == "gram" else "root"
-        if self._nothing is None or self._nothing[0] is not self.guess:
-            self._nothing = self.guess, Moments(model.layout, model.groups, kind, model.known_masses, self.guess)
-        return self._nothing[1].empty()  # all blocks share one plan of the products
+    def _moments(self, kind: str) -> Moments:
+        """Moments of nothing; all Gram matrices share one plan of their products."""
+        model = self.require_model()
+        if kind != "gram":
+            return Moments(model.layout, model.groups, "root", model.known_masses, self.guess)
+        if self._nothing is None:
+            self._nothing = Moments(model.layout, model.groups, "gram", model.known_masses)
+        return self._nothing.empty()
 
     def _own_guess(self, blocks: list[Block]) -> None:
         """Guess the root of some blocks from their own Gram matrices."""
-        model = self.require_model()
-        own = accumulate(Moments(model.layout, model.groups, "gram", model.known_masses), blocks)
+        own = accumulate(self._moments("gram"), blocks)
         self.guess = {dofs: guess_of(part) for dofs, part in own.parts.items()}
         if self._open is not None:
             self._open.moments.guess = self.guess

@@ -60,6 +60,32 @@ def test_results_come_in_order_and_shares_are_read_as_they_are_needed(cores):
     assert list(found) == [i * i for i in range(1, 200)]
 
 
+def test_two_shares_are_worked_on_at_the_same_time(cores):
+    """Each waits for the other: one after the other would never end."""
+    cores(2)
+    together = threading.Barrier(2, timeout=20.0)
+    assert sorted(threads.in_threads(lambda _: together.wait(), range(6))) == [0, 0, 0, 1, 1, 1]
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_the_pass_of_a_fit_and_of_the_orders_leaves_the_callers_thread(cores, monkeypatch, count):
+    cores(count)
+    case = chains.duffing(2, [1, 2], seed=4, n_samples=4000)
+    X, F = (np.tile(y, (8, 1)) for y in (case.X, case.F))
+    whole, seen = Moments.products, set()
+
+    def products(self, blocks):
+        seen.add(threading.current_thread())
+        return whole(self, blocks)
+
+    monkeypatch.setattr(Moments, "products", products)
+    for run in (lambda: NRFRegressor(degree=3).fit(X, F), lambda: select_order(X, F, degrees=(1, 3))):
+        seen.clear()
+        run()
+        assert (threading.main_thread() in seen) == (count == 1)
+        assert 1 <= len(seen) <= count
+
+
 @pytest.mark.parametrize("where", ["shares", "work"])
 def test_an_error_ends_the_pass_and_its_threads(cores, where):
     cores(4)

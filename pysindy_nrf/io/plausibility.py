@@ -19,7 +19,6 @@ _SURE, _LEAST, _FAR = 2.0, 0.02, 0.2
 _NEAR = 0.12  # relative distance within which a ratio is recognised
 _SLOW = 8.0  # Hz, at which nobody measures accelerations of a structure
 _CLOCKS = {1e-3: "ms", 1e-6: "µs"}  # ratios of the true time and the one that was read
-_TIME = "units={'t': 'ms'}, --unit t=ms"
 
 
 def doubts(record: Record) -> list[str]:
@@ -49,7 +48,7 @@ def doubts(record: Record) -> list[str]:
 
     out = _large(record) + _contradictions(record)
     if not out and record.fs < _SLOW and any(name[0] == "a" and name[1:].isdigit() for name in record.channels()):
-        out = [f"accelerations at {record.fs:.3g} Hz: is the unit of the time declared? ({_TIME})"]
+        out = [f"accelerations at {record.fs:.3g} Hz: {_declared('ms')}"]
     return out + list(check_channels(record)["message"])
 
 
@@ -79,16 +78,17 @@ def _contradictions(record: Record) -> list[str]:
     except NRFError:  # no DOF has two kinds of channels
         return []
     out = []
-    clock, sure = _wrong_clock(table)
-    if sure:
-        return [f"the motions contradict each other as if the time were in {clock}: is its unit declared? ({_TIME})"]
+    clock, several = _wrong_clock(table)
+    gains = table["gain"].astype(float)
+    betrayed = {n: _betrayed(gains[n], str(table.at[n, "reference"]), str(n)) for n in gains.index[np.isfinite(gains)]}
+    if clock and (several or not all(betrayed.values())):  # no unit of a channel explains as much
+        return [f"the motions contradict each other as if the time were in {clock}: {_declared(clock)}"]
     for name, row in table.iterrows():
         if row["aligned"]:
             continue
-        gain = float(row["gain"])
-        unit = _betrayed(gain, str(row["reference"]), str(name)) if np.isfinite(gain) else ""
+        gain, unit = float(row["gain"]), betrayed.get(name, "")
         if unit:
-            unit += f"; or is the time in {clock}? ({_TIME})" if clock else ""
+            unit += f"; or is the time in {clock}? {_declared(clock)}" if clock else ""
             out.append(f"{name} is {gain:.2g} times as large as {row['reference']} says: {unit}")
         elif not np.isfinite(gain) or abs(gain - 1) > _FAR or row["sign"] < 0 or abs(row["samples"]) > 0.5:
             out.append(str(row["message"]))
@@ -99,7 +99,7 @@ def _contradictions(record: Record) -> list[str]:
 
 
 def _wrong_clock(table: pd.DataFrame) -> tuple[str, bool]:
-    """The unit of the time that would explain all gains, and whether no unit of a channel would."""
+    """The unit of the time that would explain all gains, and whether rates and displacements agree on it."""
     orders = pd.Series(range(3), list("xva"))
     steps = orders[table["reference"].str[0]].to_numpy() - orders[table.index.str[0]].to_numpy()
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -108,6 +108,10 @@ def _wrong_clock(table: pd.DataFrame) -> tuple[str, bool]:
         if np.isfinite(ratio).all() and (np.abs(ratio / wrong - 1) < _NEAR).all():
             return unit, len(set(steps)) > 1
     return "", False
+
+
+def _declared(unit: str) -> str:
+    return f"is the unit of the time declared? (units={{'t': '{unit}'}}, --unit t={unit})"
 
 
 def _betrayed(gain: float, reference: str, name: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -19,6 +19,7 @@ def free_run_of(
     rows: slice | None = None,
     dt: float | None = None,
     start: tuple[np.ndarray, np.ndarray] | None = None,
+    integrator: Callable[..., Record] = ChainModel.simulate,
     **options: Any,
 ) -> Record:
     """The model alone under the forces and base motion of some rows, from their first state.
@@ -33,6 +34,8 @@ def free_run_of(
         s; that of the record if None.
     start : (ndarray, ndarray) of shape (n_dof,), optional
         Displacement (m) and velocity (m/s) relative to the base at the first row; as measured if None.
+    integrator : callable
+        Takes what :meth:`ChainModel.simulate` takes.
     **options
         Of :func:`pysindy_nrf.simulate` (``method``, ``hold``, ``rtol``, ``name``).
 
@@ -64,7 +67,8 @@ def free_run_of(
     """
     rows = segment.valid if rows is None else rows
     x0, v0 = start or (np.cumsum(y[rows.start].astype(float)) for y in (segment.s, segment.v))
-    return model.simulate(
+    return integrator(
+        model,
         segment.F[rows],
         segment.step if dt is None else dt,
         x0=x0,

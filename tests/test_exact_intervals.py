@@ -140,20 +140,20 @@ def test_no_free_run_is_told_where_there_is_none(monkeypatch):
 def test_a_free_run_starts_from_the_state_in_its_first_row():
     asked = {}
 
-    def simulate(force, dt, **more):
+    def simulate(model, force, dt, **more):
         asked.update(more, force=force, dt=dt)
         return "run"
 
-    model = SimpleNamespace(simulate=simulate)
+    model = SimpleNamespace()
     (seg,) = residual(40, covariates={"T": noise(40, 5)}, base_acceleration=noise(40, 6)).data.segments
-    assert free_run.free_run_of(model, seg, slice(7, 30), 0.5) == "run"
+    assert free_run.free_run_of(model, seg, slice(7, 30), 0.5, integrator=simulate) == "run"
     assert asked["x0"] == pytest.approx(np.cumsum(seg.s[7])) and asked["v0"] == pytest.approx(np.cumsum(seg.v[7]))
     assert asked["t0"] == pytest.approx(0.07) and asked["dt"] == 0.5
     assert asked["force"] == pytest.approx(seg.F[7:30])
     assert asked["base_acceleration"] == pytest.approx(noise(40, 6)[7:30])
     assert asked["covariates"]["T"] == pytest.approx(noise(40, 5)[7:30])
     (plain,) = residual(40).data.segments
-    free_run.free_run_of(model, plain, slice(7, 30), 0.5)
+    free_run.free_run_of(model, plain, slice(7, 30), 0.5, integrator=simulate)
     assert asked["base_acceleration"] is None and asked["covariates"] is None
 
 

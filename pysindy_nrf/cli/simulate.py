@@ -21,9 +21,9 @@ from .session import Session
 @mapping_option
 @click.option(
     "--method",
-    type=click.Choice(["default", "rk4", "newmark"]),
+    type=click.Choice(["default", "newmark"]),
     default="default",
-    help="Order 8 with error control, one classical step a sample, or average-acceleration Newmark.",
+    help="Order 8 with error control, or average-acceleration Newmark, one step a sample.",
 )
 @click.option("--x0", type=Numbers(), help="Displacements at the start, m: 0.001,0,0. At rest if left out.")
 @click.option("--v0", type=Numbers(), help="Velocities at the start, m/s.")

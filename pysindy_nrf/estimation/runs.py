@@ -11,25 +11,14 @@ from ..fair_filter import FairFilter
 from ..free_run import free_run_of
 from ..model import ChainModel
 from ..segments import Segment
+from ..simulation.api import classical_run
 
 STEADY = 1e-3  # damping ratio that every mode of an instrument has at least
 COARSE = 0.25  # radians of the fastest mode in a sample above which one step of order 4 is not enough
 
 
 def steady(model: ChainModel) -> ChainModel:
-    """The model, its storeys damped in proportion to their stiffness where a mode of it would grow or ring for ever.
-
-    An instrument need not be right, only like the motion: of a light damping an estimate may as well be growth.
-
-    Parameters
-    ----------
-    model : ChainModel
-
-    Returns
-    -------
-    ChainModel
-        The same where every mode of the linear part dies out.
-    """
+    """The model, damped in proportion to its stiffness where an estimated mode would grow or not decay."""
     M, C, K = model.matrices()
     values = _eigenvalues(M, C, K)
     if values is None or (-values.real >= STEADY * np.abs(values)).all():
@@ -53,7 +42,7 @@ def steady(model: ChainModel) -> ChainModel:
 
 
 def _eigenvalues(M: np.ndarray, C: np.ndarray, K: np.ndarray) -> np.ndarray | None:
-    """Of the free linear structure, 1/s; None where it has none."""
+    """Eigenvalues of the free linear structure, 1/s; None where it has none."""
     n = len(M)
     try:
         right = np.linalg.solve(M, np.hstack([K, C]))
@@ -62,35 +51,13 @@ def _eigenvalues(M: np.ndarray, C: np.ndarray, K: np.ndarray) -> np.ndarray | No
         return None
 
 
-def method_of(model: ChainModel, dt: float) -> str:
-    """The cheapest way to run a model that does not shift its modes.
-
-    One classical step of order 4 a sample lowers a frequency w by (w dt)^4 / 120 of itself: 3e-5 where the fastest mode
-    turns by a quarter of a radian in a sample, a thousandth at 0.6, which a light resonance takes for other masses.
-
-    Parameters
-    ----------
-    model : ChainModel
-    dt : float
-        Sampling step, s.
-
-    Returns
-    -------
-    {"rk4", "default"}
-        Of :func:`pysindy_nrf.simulate`.
-
-    Examples
-    --------
-    >>> from pysindy_nrf.estimation.runs import method_of
-    >>> from pysindy_nrf.paper.cases import two_dof_model
-    >>> model = two_dof_model(damper=False)
-    >>> method_of(model, 1e-3), method_of(model, 1e-2)
-    ('rk4', 'default')
-    """
+def fits_one_step(model: ChainModel, dt: float) -> bool:
+    """Whether one classical Runge-Kutta step a sample of dt (s) integrates the model without shifting its modes."""
     if model.has_memory:
-        return "default"
+        return False
+    # a step lowers a frequency w by (w dt)^4 / 120 of itself: 3e-5 at COARSE, but a thousandth at 0.6
     values = _eigenvalues(*model.matrices())
-    return "rk4" if values is not None and np.abs(values).max() * dt <= COARSE else "default"
+    return values is not None and bool(np.abs(values).max() * dt <= COARSE)
 
 
 def run_of(
@@ -101,35 +68,17 @@ def run_of(
     start: tuple | None = None,
     hold: str = "cubic",
 ) -> Segment:
-    """The motion a model makes under a record's forces, as a record with the same rows.
-
-    Parameters
-    ----------
-    model : ChainModel
-    segment : Segment
-        Its first valid row gives the initial condition.
-    delay : int
-        Samples by which the motion is delayed.
-    limited : bool
-        Whether the motion is low-passed to the frequencies that the measured one resolves.
-    start : (ndarray, ndarray) of shape (n_dof,), optional
-        Displacement and velocity relative to the base at the first valid row; as measured if None.
-    hold : {"cubic", "linear", "zero"}
-        Course of the force between its samples; a straight one loses ``(pi f dt)^2 / 3`` of it at frequency f.
-
-    Returns
-    -------
-    Segment
-        NaN outside the valid rows.
-    """
+    """Motion of a model under a record's forces, ``delay`` samples late, low-passed as the measured one if limited."""
     rows, dt = segment.valid, segment.step
-    record = free_run_of(model, segment, start=start, method=method_of(model, dt), rtol=1e-5, hold=hold)
+    integrator = classical_run if fits_one_step(model, dt) else ChainModel.simulate
+    record = free_run_of(model, segment, start=start, integrator=integrator, rtol=1e-5, hold=hold)
     shift = np.maximum(np.arange(rows.stop - rows.start) - delay, 0)
     smooth = None
     if limited and segment.resolved is not None and segment.resolved < 0.45 / dt:
         smooth = FairFilter((None, segment.resolved), 1.0 / dt)
 
     def place(values: np.ndarray) -> np.ndarray:
+        """Into the rows of the record, NaN outside."""
         out = np.full((segment.n_samples, segment.n_dof), np.nan)
         out[rows] = (values if smooth is None else smooth.apply(values))[shift]
         return out

@@ -15,7 +15,8 @@ from ..sites import Site
 from .inputs import finite, initial, input_matrix, polynomials
 from .readings import as_read
 
-METHODS = ("default", "rk4", "newmark")
+METHODS = ("default", "newmark")
+CLASSICAL = "classical"  # the rule of classical_run
 
 
 @dataclass
@@ -78,11 +79,10 @@ def simulate(
         Applied forces, N; None if only the base moves.
     dt : float
         Sampling step, s.
-    method : {"default", "rk4", "newmark"}
+    method : {"default", "newmark"}
         ``"default"``: Dormand-Prince of order 8 with error control and sub-steps inside each
-        sample interval. ``"rk4"``: one classical fourth-order step for each sample. ``"newmark"``: the paper's
-        average-acceleration Newmark-beta scheme (beta = 1/4, gamma = 1/2) with Newton iterations,
-        one step for each sample; second order.
+        sample interval. ``"newmark"``: the paper's average-acceleration Newmark-beta scheme (beta = 1/4,
+        gamma = 1/2) with Newton iterations, one step for each sample; second order.
     x0, v0 : array-like of shape (n_dof,), optional
         Initial displacement (m) and velocity (m/s) relative to the base; zero if None.
     base_acceleration : array-like of shape (n_samples,), optional
@@ -114,7 +114,7 @@ def simulate(
     ChannelError
         If a channel has the wrong shape or is not finite.
     SimulationError
-        If the run diverges; the message says when and where.
+        If the method is unknown, or the run diverges; the message says when and where.
 
     Notes
     -----
@@ -137,8 +137,14 @@ def simulate(
     >>> bool(np.allclose(rec.displacement[:, 0], 1e-3 * np.cos(10 * rec.time), atol=1e-11))
     True
     """
-    run = _run(model, F, dt, method, x0, v0, base_acceleration, covariates, hold, rtol, t0)
+    run = _run(model, F, dt, _known(method), x0, v0, base_acceleration, covariates, hold, rtol, t0)
     return as_read(run.record(name), model.laws)
+
+
+def classical_run(model: Any, F: Any, dt: float, **options: Any) -> Record:
+    """Free run by one classical Runge-Kutta step of order 4 a sample, for fits that repeat it; options of simulate."""
+    defaults = dict(x0=None, v0=None, base_acceleration=None, covariates=None, hold="linear", rtol=1.0, t0=0.0)
+    return as_read(_run(model, F, dt, CLASSICAL, **(defaults | options)).record("simulation"), model.laws)
 
 
 def free_run(model: Any, F: Any, dt: float, **options: Any) -> FreeRun:
@@ -164,7 +170,8 @@ def free_run(model: Any, F: Any, dt: float, **options: Any) -> FreeRun:
         method="default", x0=None, v0=None, base_acceleration=None, covariates=None, hold="linear", rtol=1e-10, t0=0.0
     )
     name = options.pop("name", "simulation")
-    run = _run(model, F, dt, **(defaults | options))
+    options = defaults | options
+    run = _run(model, F, dt, _known(options.pop("method")), **options)
     out = run.out
     kinetic = 0.5 * (out.v**2) @ run.masses
     energy = pd.DataFrame(
@@ -178,6 +185,8 @@ def free_run(model: Any, F: Any, dt: float, **options: Any) -> FreeRun:
 
 @dataclass
 class _Run:
+    """A finished run as arrays."""
+
     samples: np.ndarray
     dt: float
     masses: np.ndarray
@@ -189,6 +198,7 @@ class _Run:
     t0: float
 
     def record(self, name: str) -> Record:
+        """The motion as a Record."""
         n = len(self.masses)
         record = Record(
             force=self.samples[:, :n].copy(),
@@ -217,8 +227,7 @@ def _run(
     rtol: Any,
     t0: Any,
 ) -> _Run:
-    if method not in METHODS:
-        raise SimulationError(f"method={method!r} is unknown", f"Choose {', '.join(map(repr, METHODS))}.")
+    """Check the arguments, flatten the model and march."""
     dt = _positive("dt", dt, "Give the sampling step in s.")
     rtol = _positive("rtol", rtol, "Give a small positive number, e.g. 1e-10.")
     t0 = _number("t0", t0, "Give the time of the first sample in s.")
@@ -245,9 +254,9 @@ def _run(
 
         ended = newmark(system, w, samples, dt, x, v, z, out)
     else:
-        from .tables import table
+        from .tables import rule_of
 
-        rule = table(method)
+        rule = rule_of(method)
         k = flat.stages(len(rule[1]), n, n_sites, samples.shape[1], n_states)
         largest = np.abs(samples[:, n + 1 :]).max(axis=0, initial=0.0)
         jump = flat.jumps(model, layout, largest)
@@ -272,7 +281,15 @@ def _run(
     return _Run(samples, dt, system.masses, layout, out, base_acceleration is not None, covariates, quality, t0)
 
 
+def _known(method: str) -> str:
+    """The method, or an error that names those that exist."""
+    if method not in METHODS:
+        raise SimulationError(f"method={method!r} is unknown", f"Choose {' or '.join(map(repr, METHODS))}.")
+    return method
+
+
 def _positive(name: str, value: Any, cure: str) -> float:
+    """A positive number, or an error."""
     number = _number(name, value, cure, "positive number")
     if number <= 0:
         raise SimulationError(f"{name}={value!r} is not a positive number", cure)
@@ -280,6 +297,7 @@ def _positive(name: str, value: Any, cure: str) -> float:
 
 
 def _number(name: str, value: Any, cure: str, what: str = "number") -> float:
+    """A finite number, or an error."""
     try:
         number = float(value)
     except (TypeError, ValueError):

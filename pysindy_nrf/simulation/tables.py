@@ -8,23 +8,9 @@ import numpy as np
 
 
 @cache
-def table(method: str) -> tuple[np.ndarray, ...]:
-    """Nodes and weights of a rule.
-
-    Parameters
-    ----------
-    method : {"default", "rk4"}
-        Order 8 of Dormand and Prince (Hairer, Norsett, Wanner, Solving Ordinary Differential
-        Equations I, 1993; the tables are SciPy's) or the classical rule of order 4.
-
-    Returns
-    -------
-    a : ndarray of shape (n_stages, n_stages)
-    b, c : ndarray of shape (n_stages,)
-    e3, e5 : ndarray of shape (n_stages,)
-        Weights of the two embedded error estimates.
-    """
-    if method == "rk4":
+def rule_of(method: str) -> tuple[np.ndarray, ...]:
+    """Coefficients a, b, c and weights e3, e5 of the embedded errors: SciPy's DOP853, or the classical rule."""
+    if method == "classical":
         a = np.zeros((4, 4))
         a[1, 0] = a[2, 1] = 0.5
         a[3, 2] = 1.0

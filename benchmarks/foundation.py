@@ -27,9 +27,10 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 ROOT = Path(__file__).resolve().parents[1]
 os.environ.setdefault("PYSINDY_NRF_DATA", str(ROOT.parent / "shared" / "data"))
-sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "benchmarks")]
+sys.path[:0] = [str(ROOT / folder) for folder in ("tests", "benchmarks", "examples")]
 
 import chains  # noqa: E402
+import measured_sets  # noqa: E402
 import numpy as np  # noqa: E402
 import pandas as pd  # noqa: E402
 import pysindy as ps  # noqa: E402
@@ -49,7 +50,6 @@ from pysindy_nrf import (  # noqa: E402
     Record,
     StateSpaceChainOptimizer,
     compare_with_sindy,
-    datasets,
     laws,
 )
 from pysindy_nrf.chain_solve import solve_blocks  # noqa: E402
@@ -335,7 +335,7 @@ def three_storey_frf(root: Path) -> list[Row]:
 
 def real_input(quick: bool) -> list[Row]:
     rows = []
-    for load, table in ((datasets.load_emps, emps), (datasets.load_three_storey_frf, three_storey_frf)):
+    for load, table in ((measured_sets.load_emps, emps), (measured_sets.load_three_storey_frf, three_storey_frf)):
         try:
             load()
         except NRFError as error:

@@ -16,8 +16,10 @@ from __future__ import annotations
 
 import argparse
 import os
+import sys
 import time
 import warnings
+from pathlib import Path
 
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
@@ -269,7 +271,9 @@ def output_error(seeds: int, jobs: int) -> None:
 
 def measured_frame() -> None:
     """Three equal floors from measured frequency responses."""
-    from pysindy_nrf.datasets import load_three_storey_frf
+    sys.path.append(str(Path(__file__).resolve().parents[1] / "examples"))
+    from measured_sets import load_three_storey_frf
+
     from pysindy_nrf.estimation.frequency import fit_frequency_response
 
     try:

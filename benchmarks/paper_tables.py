@@ -29,8 +29,11 @@ from pysindy_nrf.analysis import (
 )
 from pysindy_nrf.errors import nrmse
 from pysindy_nrf.exceptions import BiasWarning, DataQualityWarning
-from pysindy_nrf.paper import cases, published
 from pysindy_nrf.signals import paper_processing
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "examples"))
+import paper_cases as cases  # noqa: E402
+import paper_published as published  # noqa: E402
 
 HYSTERETIC = {"storey 4": [laws.PowerSeries(1), laws.Dahl()]}  # sigma is estimated
 TERMS = ["v", "s", "v^2", "v s", "s^2", "v^3", "v^2 s", "v s^2", "s^3"]

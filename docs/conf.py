@@ -47,7 +47,8 @@ sphinx_gallery_conf = {
     "examples_dirs": "../examples",
     "gallery_dirs": "gallery",
     "filename_pattern": r"/plot_",
-    "ignore_pattern": r"__init__\.py" if measured else r"__init__\.py|_measured",
+    # Files that are no plot_*.py hold what the examples share.
+    "ignore_pattern": r"/(?!plot_)\w+\.py$" if measured else r"/(?!plot_)\w+\.py$|_measured",
     "within_subsection_order": FileNameSortKey,
     "remove_config_comments": True,
     "download_all_examples": False,

@@ -14,8 +14,9 @@ import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
+import measured_sets
 
-from pysindy_nrf import NRFRegressor, close_loop, datasets
+from pysindy_nrf import NRFRegressor, close_loop
 from pysindy_nrf.displays import BeforeAfterDisplay, HysteresisLoopDisplay
 from pysindy_nrf.fair_filter import FairFilter
 
@@ -24,7 +25,7 @@ if "PYSINDY_NRF_DATA" not in os.environ:
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)
 
-record, band = datasets.load_bouc_wen_benchmark(), (None, 150.0)
+record, band = measured_sets.load_bouc_wen_benchmark(), (None, 150.0)
 report = close_loop(record, NRFRegressor(degree=1), band=band)
 print(report.model)
 print(f"{report}\n{report.table.round(2).to_string()}")

@@ -13,9 +13,10 @@ import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
+import measured_sets
 import numpy as np
 
-from pysindy_nrf import KinematicSmoother, NRFRegressor, Record, close_loop, datasets
+from pysindy_nrf import KinematicSmoother, NRFRegressor, Record, close_loop
 from pysindy_nrf.displays import BeforeAfterDisplay
 
 if "PYSINDY_NRF_DATA" not in os.environ:
@@ -23,7 +24,7 @@ if "PYSINDY_NRF_DATA" not in os.environ:
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)
 
-whole, band = datasets.load_dry_friction_storey(), (None, 20.0)
+whole, band = measured_sets.load_dry_friction_storey(), (None, 20.0)
 # the lasers give 500 Hz, logged at 2000 Hz by repetition; their stand-off is taken off
 x, xg = whole.displacement[::4], whole.base_displacement[::4]
 record = Record(

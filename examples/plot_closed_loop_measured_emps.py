@@ -14,8 +14,9 @@ import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
+import measured_sets
 
-from pysindy_nrf import KinematicSmoother, NRFRegressor, close_loop, datasets
+from pysindy_nrf import KinematicSmoother, NRFRegressor, close_loop
 from pysindy_nrf.displays import BeforeAfterDisplay
 
 if "PYSINDY_NRF_DATA" not in os.environ:
@@ -23,7 +24,7 @@ if "PYSINDY_NRF_DATA" not in os.environ:
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)
 
-record, band = datasets.load_emps(), (None, 20.0)
+record, band = measured_sets.load_emps(), (None, 20.0)
 report = close_loop(record, NRFRegressor(degree=1), band=band)
 print(f"{report}\n{report.table.round(2).to_string()}")
 

@@ -14,8 +14,9 @@ import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
+import measured_sets
 
-from pysindy_nrf import NRFRegressor, close_loop, datasets
+from pysindy_nrf import NRFRegressor, close_loop
 from pysindy_nrf.displays import BeforeAfterDisplay, HysteresisLoopDisplay
 
 if "PYSINDY_NRF_DATA" not in os.environ:
@@ -23,7 +24,7 @@ if "PYSINDY_NRF_DATA" not in os.environ:
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)
 
-records = [datasets.load_six_storey_hotel(event) for event in (1, 4, 7, 10, 13, 16)]
+records = [measured_sets.load_six_storey_hotel(event) for event in (1, 4, 7, 10, 13, 16)]
 report = close_loop(records, NRFRegressor(degree=1, known_masses={1: 1.0, 2: 1.0}))
 print(f"{report}\n{report.table.round(2).to_string()}\n{report.candidates.head(6).to_string()}")
 

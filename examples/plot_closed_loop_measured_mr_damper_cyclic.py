@@ -14,9 +14,10 @@ import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
+import measured_sets
 import numpy as np
 
-from pysindy_nrf import KinematicSmoother, NRFRegressor, close_loop, datasets, laws
+from pysindy_nrf import KinematicSmoother, NRFRegressor, close_loop, laws
 from pysindy_nrf.displays import HysteresisLoopDisplay
 
 if "PYSINDY_NRF_DATA" not in os.environ:
@@ -31,10 +32,10 @@ def declared(degree):
     return NRFRegressor(laws={1: [laws.PowerSeries(degree), laws.ConstantForce()]}, known_masses={1: 0.0})
 
 
-runs = datasets.mr_damper_cyclic_runs()[::12]
+runs = measured_sets.mr_damper_cyclic_runs()[::12]
 rows, reports = [], []
 for run in runs:
-    record = datasets.load_mr_damper_cyclic(run)
+    record = measured_sets.load_mr_damper_cyclic(run)
     report = close_loop(record, declared(1), band=band, max_steps=2)
     cubic = close_loop(record, declared(3), band=band, max_steps=0)
     rows.append([report.table["held-out"].iloc[0], cubic.table["held-out"].iloc[0], report.table["held-out"].iloc[-1]])

@@ -13,9 +13,10 @@ import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
+import measured_sets
 import numpy as np
 
-from pysindy_nrf import NRFRegressor, close_loop, datasets
+from pysindy_nrf import NRFRegressor, close_loop
 from pysindy_nrf.displays import BeforeAfterDisplay, HysteresisLoopDisplay
 from pysindy_nrf.fair_filter import FairFilter
 
@@ -28,7 +29,7 @@ band = (0.2, 10.0)
 equal = {1: 1.0, 2: 1.0, 3: 1.0}
 reports = {}
 for name in ("fbgm162s1", "fbgm162s5"):
-    record = datasets.load_nees_three_storey(name)
+    record = measured_sets.load_nees_three_storey(name)
     reports[name] = close_loop(record, NRFRegressor(degree=1, known_masses=equal), band=band)
     print(f"{name}\n{reports[name]}\n{reports[name].table.round(2).to_string()}\n")
 

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+import paper_cases as cases
 
 from pysindy_nrf.exceptions import BiasWarning
-from pysindy_nrf.paper import cases
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)

@@ -17,6 +17,8 @@ import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
+import paper_cases as cases
+import paper_published as published
 
 from pysindy_nrf import NRFRegressor, laws
 from pysindy_nrf.analysis import horizontal_component, linear_twin, locate_nonlinearity, path_energy, total_mass
@@ -28,7 +30,6 @@ from pysindy_nrf.displays import (
     RecordDisplay,
     RestoringForceSurfaceDisplay,
 )
-from pysindy_nrf.paper import cases, published
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)

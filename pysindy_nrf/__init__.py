@@ -50,7 +50,6 @@ _LAZY_MODULES = (
     "io",
     "model_selection",
     "noise",
-    "paper",
     "report",
     "scorers",
     "signals",

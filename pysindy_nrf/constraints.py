@@ -35,12 +35,12 @@ class Constraint:
 
     Examples
     --------
-    >>> from pysindy_nrf import NRFRegressor, excitation, simulate
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
     >>> from pysindy_nrf.constraints import Constraint
     >>> from pysindy_nrf.noise import add_noise
-    >>> from pysindy_nrf.paper.cases import two_dof_model
+    >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
     >>> F = excitation.band_limited_random(2, 4.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
-    >>> rec = add_noise(simulate(two_dof_model(damper=False), F, 0.002), 0.01, random_state=0)
+    >>> rec = add_noise(simulate(frame, F, 0.002), 0.01, random_state=0)
     >>> class Ratio(Constraint):
     ...     def equations(self, names, chain, known):
     ...         return [({"m1": 1.0, "m2": -1.0}, 0.0)]  # m1 - m2 = 0
@@ -97,12 +97,12 @@ class EqualMasses(Constraint):
 
     Examples
     --------
-    >>> from pysindy_nrf import NRFRegressor, excitation, simulate
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
     >>> from pysindy_nrf.constraints import EqualMasses
     >>> from pysindy_nrf.noise import add_noise
-    >>> from pysindy_nrf.paper.cases import two_dof_model
+    >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
     >>> F = excitation.band_limited_random(2, 4.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
-    >>> rec = add_noise(simulate(two_dof_model(damper=False), F, 0.002), 0.01, random_state=0)
+    >>> rec = add_noise(simulate(frame, F, 0.002), 0.01, random_state=0)
     >>> masses = NRFRegressor(degree=1, constraints=EqualMasses()).fit(rec).masses_
     >>> bool(abs(masses[0] - masses[1]) < 1e-6)
     True
@@ -189,12 +189,12 @@ class EqualStoreys(Constraint):
 
     Examples
     --------
-    >>> from pysindy_nrf import NRFRegressor, excitation, simulate
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
     >>> from pysindy_nrf.constraints import EqualStoreys
     >>> from pysindy_nrf.noise import add_noise
-    >>> from pysindy_nrf.paper.cases import two_dof_model
+    >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
     >>> F = excitation.band_limited_random(2, 4.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
-    >>> rec = add_noise(simulate(two_dof_model(damper=False), F, 0.002), 0.01, random_state=0)
+    >>> rec = add_noise(simulate(frame, F, 0.002), 0.01, random_state=0)
     >>> model = NRFRegressor(degree=1, constraints=EqualStoreys(terms=["s"])).fit(rec)
     >>> k = [float(model.restoring_forces_[i].coefficients["s"]) for i in (1, 2)]  # N/m
     >>> abs(k[0] / k[1] - 1) < 1e-9
@@ -230,12 +230,12 @@ class NonNegative(Constraint):
 
     Examples
     --------
-    >>> from pysindy_nrf import NRFRegressor, excitation, simulate
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
     >>> from pysindy_nrf.constraints import NonNegative
     >>> from pysindy_nrf.noise import add_noise
-    >>> from pysindy_nrf.paper.cases import two_dof_model
+    >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
     >>> F = excitation.band_limited_random(2, 4.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
-    >>> rec = add_noise(simulate(two_dof_model(damper=False), F, 0.002), 0.01, random_state=0)
+    >>> rec = add_noise(simulate(frame, F, 0.002), 0.01, random_state=0)
     >>> model = NRFRegressor(degree=1, constraints=NonNegative("v")).fit(rec)
     >>> [bool(model.restoring_forces_[i].coefficients["v"] >= 0) for i in (1, 2)]
     [True, True]
@@ -275,12 +275,12 @@ def constrained(model: ChainModel, constraints: Any, resolver: Any) -> ChainMode
 
     Examples
     --------
-    >>> from pysindy_nrf import NRFRegressor, excitation, simulate
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
     >>> from pysindy_nrf.constraints import TotalMass, constrained
     >>> from pysindy_nrf.noise import add_noise
-    >>> from pysindy_nrf.paper.cases import two_dof_model
+    >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
     >>> F = excitation.band_limited_random(2, 4.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
-    >>> rec = add_noise(simulate(two_dof_model(damper=False), F, 0.002), 0.01, random_state=0)
+    >>> rec = add_noise(simulate(frame, F, 0.002), 0.01, random_state=0)
     >>> fitted = NRFRegressor(degree=1).fit(rec)
     >>> model = constrained(fitted.model_, TotalMass(fitted.masses_.sum() + 0.01), fitted._resolving())
     >>> round(float(model.masses.sum() - fitted.masses_.sum()), 6)  # kg

@@ -244,8 +244,8 @@ class MissingExtraError(ImportError):
     Examples
     --------
     >>> from pysindy_nrf.exceptions import MissingExtraError
-    >>> print(MissingExtraError("pooch", "datasets", "Downloading data"))
-    Downloading data needs the package 'pooch'. Install it with: pip install 'pysindy_nrf[datasets]'
+    >>> print(MissingExtraError("h5py", "files", "Reading HDF5"))
+    Reading HDF5 needs the package 'h5py'. Install it with: pip install 'pysindy_nrf[files]'
     """
 
     def __init__(self, package: str, extra: str, purpose: str) -> None:

@@ -56,7 +56,6 @@ RANDOM = dict(dofs=1, rms=1.0, band=(1.0, 50.0))
         (lambda: laws.PreloadedContact(side=0), "side=0 is unknown. .*1 or -1"),
         (lambda: laws.Duffing().values, "Duffing has no coefficients yet"),
         (lambda: channel_alignment(datasets.load_demo(), reference="t"), "reference='t' is unknown"),
-        (lambda: datasets.load_nees_three_storey("fb"), "There is no test 'fb'. Choose one of"),
         (lambda: simulate(datasets.demo_truth(), None, 1e-3), "Nothing drives the free run"),
         (lambda: NRFRegressor(orders={"link 2-0": 2}).fit(np.ones((50, 6)), np.ones((50, 2))), "'ground 2', which is not in the chain"),
     ],

@@ -5,14 +5,15 @@ from __future__ import annotations
 import warnings
 
 import measured
+import measured_sets
 import numpy as np
+import paper_cases as cases
 import pytest
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, close_loop, excitation, laws, simulate
 from pysindy_nrf.exceptions import DataQualityWarning
 from pysindy_nrf.io import doubts
 from pysindy_nrf.noise import add_noise
-from pysindy_nrf.paper import cases
 
 STOREY = laws.PowerSeries(1, [60.0, 1e5])
 TRUTH = ChainModel([10.0, 12.0, 11.0], {f"storey {i}": STOREY for i in (1, 2, 3)})
@@ -143,18 +144,16 @@ def test_the_papers_hammer_tests_are_not_doubted(friction, noise):
 
 
 def test_no_measured_set_is_doubted():
-    from pysindy_nrf import datasets
-
     root = measured.folder("nees_three_storey")
     recs = [
-        datasets.load_nees_three_storey(test, root) for test in ("fbgm162s1", "fbgm162s3", "fbgm162s5", "fpgm111s1")
+        measured_sets.load_nees_three_storey(test, root) for test in ("fbgm162s1", "fbgm162s3", "fbgm162s5", "fpgm111s1")
     ]
-    recs += [datasets.load_six_storey_hotel(event, measured.folder("six_storey_hotel")) for event in (1, 7, 14, 21)]
+    recs += [measured_sets.load_six_storey_hotel(event, measured.folder("six_storey_hotel")) for event in (1, 7, 14, 21)]
     recs += [
-        datasets.load_emps(measured.folder("emps")),
-        datasets.load_bouc_wen_benchmark("multisine", measured.folder("bouc_wen_benchmark")),
-        datasets.load_dry_friction_storey(measured.folder("dry_friction_storey")),
-        datasets.load_mr_damper_white_noise(measured.folder("mr_damper_white_noise")),
-        datasets.load_mr_damper_cyclic(folder=measured.folder("mr_damper_cyclic")),
+        measured_sets.load_emps(measured.folder("emps")),
+        measured_sets.load_bouc_wen_benchmark("multisine", measured.folder("bouc_wen_benchmark")),
+        measured_sets.load_dry_friction_storey(measured.folder("dry_friction_storey")),
+        measured_sets.load_mr_damper_white_noise(measured.folder("mr_damper_white_noise")),
+        measured_sets.load_mr_damper_cyclic(folder=measured.folder("mr_damper_cyclic")),
     ]
     assert {rec.name: said for rec in recs if (said := doubts(rec))} == {}

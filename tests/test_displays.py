@@ -6,12 +6,13 @@ import subprocess
 import sys
 
 import numpy as np
+import paper_cases as cases
+import paper_published as published
 import pytest
 
 from pysindy_nrf import ChainModel, NRFRegressor, laws
 from pysindy_nrf.analysis import compare_tests, planarity
 from pysindy_nrf.exceptions import ChannelError, LawError
-from pysindy_nrf.paper import cases, published
 
 matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("Agg")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import chains
 import numpy as np
+import paper_cases as cases
 import pytest
 from chains import worst
 
@@ -15,7 +16,6 @@ from pysindy_nrf import ChainModel, KinematicSmoother, NRFRegressor, excitation,
 from pysindy_nrf.errors import nrmse
 from pysindy_nrf.exceptions import BiasWarning, ChainError, ChannelError, DataQualityWarning
 from pysindy_nrf.noise import add_noise
-from pysindy_nrf.paper import cases
 
 M, K, C, FS = 12.4, 1.4e5, 25.0, 1000.0
 
@@ -200,7 +200,8 @@ def test_three_equal_floors_of_a_measured_frame():
     folder = Path(os.environ.get("PYSINDY_NRF_DATA", Path(__file__).resolve().parents[1].parent / "shared" / "data"))
     if not (folder / "three_storey_frf").is_dir():
         pytest.skip(f"measured data not found in {folder}")
-    from pysindy_nrf.datasets import load_three_storey_frf
+    from measured_sets import load_three_storey_frf
+
     from pysindy_nrf.estimation.frequency import fit_frequency_response
 
     frf = load_three_storey_frf(folder)

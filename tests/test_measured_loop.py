@@ -6,11 +6,12 @@ import sys
 import warnings
 from pathlib import Path
 
+import measured_sets
 import numpy as np
 import pytest
 from measured import folder
 
-from pysindy_nrf import NRFRegressor, close_loop, datasets, laws
+from pysindy_nrf import NRFRegressor, close_loop, laws
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 from battery.measured import dry_friction  # noqa: E402
@@ -31,7 +32,7 @@ def test_emps_friction_first_then_the_offset(monkeypatch):
     """Janot, Gautier, Brunot (2019): M = 95.11 kg, 203.5 N s/m, Coulomb 20.39 N, offset -3.16 N."""
     monkeypatch.setenv("PYSINDY_NRF_DATA", str(folder("emps")))
     rails = NRFRegressor(laws={1: laws.LinearViscous()})
-    report = _loop(datasets.load_emps(), rails, (None, 20.0), max_steps=2)
+    report = _loop(measured_sets.load_emps(), rails, (None, 20.0), max_steps=2)
     errors = _held_out(report)
     assert 15 < errors[0] < 19 and errors[1] <= 9 and errors[-1] <= 5.5
     assert "friction" in {report.steps[0].family, *report.steps[0].alternatives}
@@ -50,7 +51,7 @@ def test_emps_friction_first_then_the_offset(monkeypatch):
 
 def test_emps_with_a_spring_declared_finds_the_same_friction(monkeypatch):
     monkeypatch.setenv("PYSINDY_NRF_DATA", str(folder("emps")))
-    report = _loop(datasets.load_emps(), band=(None, 20.0), max_steps=2)
+    report = _loop(measured_sets.load_emps(), band=(None, 20.0), max_steps=2)
     assert [s.law for s in report.steps] == ["coulomb_friction", "constant_force"]
     assert report.steps[0].parameters["Fc"] == pytest.approx(20.39, rel=0.06)
     assert _held_out(report)[-1] <= 5.5
@@ -70,7 +71,7 @@ def test_dry_friction_acts_against_the_ground(monkeypatch):
 def test_bouc_wen_benchmark_gives_the_published_parameters(monkeypatch):
     """Noel and Schoukens (2016), cut out of a running test."""
     monkeypatch.setenv("PYSINDY_NRF_DATA", str(folder("bouc_wen_benchmark")))
-    report = _loop(datasets.load_bouc_wen_benchmark(), band=(None, 150.0), max_steps=1)
+    report = _loop(measured_sets.load_bouc_wen_benchmark(), band=(None, 150.0), max_steps=1)
     step, linear = report.steps[0], report.model.restoring_forces["storey 1"].linear_part()
     assert step.law == "bouc_wen"
     assert _held_out(report)[-1] <= 1.5
@@ -88,14 +89,14 @@ EQUAL = {1: 1.0, 2: 1.0, 3: 1.0}
 
 def test_a_weakly_shaken_frame_is_left_as_it_is(monkeypatch):
     monkeypatch.setenv("PYSINDY_NRF_DATA", str(folder("nees_three_storey")))
-    record = datasets.load_nees_three_storey("fbgm162s1")
+    record = measured_sets.load_nees_three_storey("fbgm162s1")
     report = _loop(record, NRFRegressor(degree=1, known_masses=EQUAL), (0.2, 10.0))
     assert report.steps == []
 
 
 def test_a_strongly_shaken_frame_yields_in_every_storey(monkeypatch):
     monkeypatch.setenv("PYSINDY_NRF_DATA", str(folder("nees_three_storey")))
-    record, band = datasets.load_nees_three_storey("fbgm162s5"), (0.2, 10.0)
+    record, band = measured_sets.load_nees_three_storey("fbgm162s5"), (0.2, 10.0)
     hysteretic = [laws.Jenkins(), laws.Dahl(), laws.CoulombFriction(), laws.CubicStiffness(), laws.QuadraticDamping()]
     report = _loop(record, NRFRegressor(degree=1, known_masses=EQUAL), band, catalogue=hysteretic, n_surrogates=1)
     assert {s.site for s in report.steps if "hysteresis" in {s.family, *s.alternatives}} == {

@@ -6,8 +6,9 @@ import chains
 import numpy as np
 import pandas as pd
 import pytest
+from paper_cases import two_dof
 
-from pysindy_nrf import ChainModel, ForceLawLibrary, NRFRegressor, Record, Site, datasets, excitation, laws, simulate
+from pysindy_nrf import ChainModel, ForceLawLibrary, NRFRegressor, Record, Site, excitation, laws, simulate
 from pysindy_nrf.audit import settings_of
 from pysindy_nrf.comparison.rows import _peak
 from pysindy_nrf.exceptions import ChainError, ChannelError, LawError
@@ -15,7 +16,6 @@ from pysindy_nrf.fair_filter import FairFilter
 from pysindy_nrf.input_arrays import feature_names
 from pysindy_nrf.io import read_record, read_table
 from pysindy_nrf.kinematics import to_features
-from pysindy_nrf.paper.cases import two_dof
 from pysindy_nrf.report.content import of_model
 from pysindy_nrf.report.figures import unit_of
 from pysindy_nrf.report.figures_model import _ticks
@@ -210,10 +210,7 @@ def test_a_model_to_hold_must_be_given_and_a_shape_must_have_a_value():
         from_sindy(sindy)
 
 
-def test_data_sets_and_cases_by_name(tmp_path):
-    emps = datasets.about("emps")
-    (tmp_path / emps.folder).mkdir(parents=True, exist_ok=True)
-    assert emps.licence_text(tmp_path) == emps.licence  # the data are there, their licence file is not
+def test_an_unknown_excitation_of_the_papers_frame():
     with pytest.raises(ChainError, match="excitation='full' is unknown. Choose 'complete' or 'incomplete'"):
         two_dof(excitation="full")
 

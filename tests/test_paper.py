@@ -8,12 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import paper_cases as cases
+import paper_published as published
 import pytest
 
 from pysindy_nrf import NRFRegressor
 from pysindy_nrf.exceptions import BiasWarning, ChainError
 from pysindy_nrf.laws import Motion
-from pysindy_nrf.paper import cases, published
 
 ROOT = Path(__file__).parents[1]
 PAPER_M1 = 9.85  # kg, incomplete and noise-free, section 3.3.1

@@ -1,11 +1,17 @@
-"""The measured sets as the loop gets them: the package's loaders, and what two of them need on top."""
+"""The measured sets as the loop gets them: the loaders of the examples, and the preparation that two of them need."""
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
 import numpy as np
 
-from pysindy_nrf import Record, datasets
-from pysindy_nrf.datasets import (  # noqa: F401
+from pysindy_nrf import Record
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "examples"))
+import measured_sets  # noqa: E402
+from measured_sets import (  # noqa: E402, F401
     load_bouc_wen_benchmark,
     load_emps,
     load_mr_damper_white_noise,
@@ -15,7 +21,7 @@ from pysindy_nrf.datasets import (  # noqa: F401
 
 def dry_friction() -> Record:
     """The lasers' 500 Hz instead of the logger's 2000 Hz, and their stand-off (the mean) taken off."""
-    whole = datasets.load_dry_friction_storey()
+    whole = measured_sets.load_dry_friction_storey()
     x, xg = whole.displacement[::4], whole.base_displacement[::4]
     return Record(
         displacement=x - x.mean(axis=0),
@@ -35,7 +41,7 @@ def nees_isolated() -> Record:
     from pysindy_nrf.fair_filter import FairFilter
     from pysindy_nrf.signals import integrate
 
-    whole = datasets.load_nees_three_storey("fpgm111s1")
+    whole = measured_sets.load_nees_three_storey("fpgm111s1")
     above = FairFilter((0.1, None), whole.fs)
     ag = above.apply(whole.base_acceleration)
     table = integrate(ag, whole.dt, method="spectral", order=2)
@@ -52,9 +58,9 @@ def nees_isolated() -> Record:
 
 def mr_cyclic() -> list[Record]:
     """All 82 cyclic tests of the MR damper."""
-    return [datasets.load_mr_damper_cyclic(run) for run in datasets.mr_damper_cyclic_runs()]
+    return [measured_sets.load_mr_damper_cyclic(run) for run in measured_sets.mr_damper_cyclic_runs()]
 
 
 def hotel() -> list[Record]:
     """All 21 earthquakes of the six-storey hotel."""
-    return [datasets.load_six_storey_hotel(i) for i in range(1, 22)]
+    return [measured_sets.load_six_storey_hotel(i) for i in range(1, 22)]

@@ -33,11 +33,11 @@ def total_mass(models: Mapping[str, Any], weighed: float | None = None) -> pd.Da
 
     Examples
     --------
+    >>> from pysindy_nrf import datasets
     >>> from pysindy_nrf.analysis import total_mass
-    >>> from pysindy_nrf.paper import published
-    >>> table = total_mass({"(18)": published.FRAME_COMPLETE.model()}, weighed=published.TOTAL_MASS)
-    >>> table.round(2).loc["(18)", ["total", "gap"]].tolist()
-    [49.57, -3.58]
+    >>> table = total_mass({"frame": datasets.demo_truth()}, weighed=31.0)
+    >>> table.round(2).loc["frame", ["total", "gap"]].tolist()  # kg, %
+    [30.0, -3.23]
     """
     rows = {name: as_model(model).masses for name, model in models.items()}
     table = pd.DataFrame.from_dict(rows, orient="index")

@@ -138,11 +138,11 @@ def locate_nonlinearity(
 
     Examples
     --------
-    >>> from pysindy_nrf import NRFRegressor, excitation, simulate
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
     >>> from pysindy_nrf.analysis import locate_nonlinearity
-    >>> from pysindy_nrf.paper.cases import two_dof_model
+    >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
     >>> F = excitation.band_limited_random(2, 4.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
-    >>> X, F = simulate(two_dof_model(damper=False), F, 0.002).to_features(smooth=False)
+    >>> X, F = simulate(frame, F, 0.002).to_features(smooth=False)
     >>> found = locate_nonlinearity(NRFRegressor(degree=3).fit(X, F), X, F, draws=3, random_state=0)
     >>> found.storeys, found.first["planar"].tolist()  # a linear frame
     ([], [True, True])

@@ -29,10 +29,10 @@ class ModesDisplay:
 
     Examples
     --------
+    >>> from pysindy_nrf import datasets
     >>> from pysindy_nrf.displays import ModesDisplay
-    >>> from pysindy_nrf.paper import published
-    >>> len(ModesDisplay.from_estimator(published.LINEAR_COMPLETE.model()).modes)
-    4
+    >>> len(ModesDisplay.from_estimator(datasets.demo_truth()).modes)
+    3
     """
 
     def __init__(self, modes: pd.DataFrame, frequency: Any = None, spectrum: Any = None) -> None:

@@ -78,12 +78,12 @@ class IVResult:
 
     Examples
     --------
-    >>> from pysindy_nrf import NRFRegressor, excitation, simulate
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
     >>> from pysindy_nrf.estimation import instrumental_variables
     >>> from pysindy_nrf.layout import LawLayout
-    >>> from pysindy_nrf.paper.cases import two_dof_model
+    >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
     >>> F = excitation.band_limited_random(2, 8.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
-    >>> X, F = simulate(two_dof_model(damper=False), F, 0.002).to_features(smooth=False)
+    >>> X, F = simulate(frame, F, 0.002).to_features(smooth=False)
     >>> start = NRFRegressor(degree=1, dt=0.002).fit(X, F)
     >>> layout = LawLayout(start.chain_, start.model_.laws)
     >>> data = start.model_.segments(X, F, dt=0.002)
@@ -162,11 +162,11 @@ def instrumental_variables(
 
     Examples
     --------
-    >>> from pysindy_nrf import NRFRegressor, excitation, simulate
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
     >>> from pysindy_nrf.noise import add_noise
-    >>> from pysindy_nrf.paper.cases import two_dof_model
+    >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
     >>> F = excitation.band_limited_random(2, 8.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
-    >>> rec = add_noise(simulate(two_dof_model(damper=False), F, 0.002), 0.05, random_state=0)
+    >>> rec = add_noise(simulate(frame, F, 0.002), 0.05, random_state=0)
     >>> model = NRFRegressor(degree=1, estimation="iv").fit(rec)  # calls it after least squares
     >>> model.masses_.round(1), model.model_.info["estimation"]["found"]
     (array([10.1, 10.1]), 'iv')

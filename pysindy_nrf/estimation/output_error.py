@@ -60,12 +60,12 @@ class OutputErrorResult:
 
     Examples
     --------
-    >>> from pysindy_nrf import NRFRegressor, excitation, simulate
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
     >>> from pysindy_nrf.estimation import output_error
     >>> from pysindy_nrf.layout import LawLayout
-    >>> from pysindy_nrf.paper.cases import two_dof_model
+    >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
     >>> F = excitation.band_limited_random(2, 8.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
-    >>> X, F = simulate(two_dof_model(damper=False), F, 0.002).to_features(smooth=False)
+    >>> X, F = simulate(frame, F, 0.002).to_features(smooth=False)
     >>> start = NRFRegressor(degree=1, dt=0.002).fit(X, F)
     >>> layout = LawLayout(start.chain_, start.model_.laws)
     >>> found = output_error(start.model_, start.model_.segments(X, F, dt=0.002), layout, {})
@@ -140,11 +140,11 @@ def output_error(
 
     Examples
     --------
-    >>> from pysindy_nrf import NRFRegressor, excitation, simulate
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
     >>> from pysindy_nrf.noise import add_noise
-    >>> from pysindy_nrf.paper.cases import two_dof_model
+    >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
     >>> F = excitation.band_limited_random(2, 8.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
-    >>> rec = add_noise(simulate(two_dof_model(damper=False), F, 0.002), 0.05, random_state=0)
+    >>> rec = add_noise(simulate(frame, F, 0.002), 0.05, random_state=0)
     >>> model = NRFRegressor(degree=1, estimation="simulation").fit(rec)  # calls it after instrumental variables
     >>> bool((abs(model.masses_ / 10.0 - 1) < 0.02).all())
     True

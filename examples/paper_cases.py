@@ -6,17 +6,20 @@ the random forces, the hammer, the dampers' law in the laboratory.
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from paper_published import LINEAR_COMPLETE
+from scipy.optimize import brentq
 
-from ..exceptions import ChainError
-from ..laws import ModifiedDahl, PowerSeries
-from ..model import ChainModel
-from ..record import Record
-from ..sites import Site
-from .published import LINEAR_COMPLETE
+from pysindy_nrf import ChainModel, NRFRegressor, Record, Site
+from pysindy_nrf.exceptions import BiasWarning, ChainError
+from pysindy_nrf.excitation import band_limited_random, impact_hammer
+from pysindy_nrf.laws import ModifiedDahl, PowerSeries
+from pysindy_nrf.noise import add_noise
+from pysindy_nrf.simulation import free_run
 
 # 2-DOF frame (section 3.1): kg, N/m, N s/m; eqs. (6)-(7).
 MASS, STIFFNESS, DAMPING = 10.0, 1e5, 100.0
@@ -35,53 +38,20 @@ COMPLETE_FRAME, INCOMPLETE_FRAME, INCOMPLETE_LINEAR = (1, 2, 3, 4), (3,), (2,)
 
 @dataclass(frozen=True)
 class Case:
-    """A simulated test with its truth.
-
-    Attributes
-    ----------
-    name : str
-    truth, bare : ChainModel
-        The structure with and without its damper.
-    exact : Record
-        Noise-free, every channel.
-    measured : Record
-        What an engineer would get: noisy, with the channels that are measured.
-    force : ndarray of shape (n_samples, n_dof)
-        True storey forces, N.
-    damper : ndarray of shape (n_samples, n_dof)
-        True force of the damper in each storey, N.
-    noise : float
-        Share of the rms of each channel in ``measured``.
-    """
+    """A simulated test with its truth."""
 
     name: str
-    truth: ChainModel
-    bare: ChainModel
-    exact: Record
-    measured: Record
-    force: np.ndarray
-    damper: np.ndarray
-    noise: float = 0.0
+    truth: ChainModel  # the structure with its damper
+    bare: ChainModel  # without it
+    exact: Record  # noise-free, every channel
+    measured: Record  # noisy, with the channels that are measured
+    force: np.ndarray  # true storey forces (samples x DOFs), N
+    damper: np.ndarray  # true force of the damper in each storey, N
+    noise: float = 0.0  # share of the rms of each channel in ``measured``
 
 
 def two_dof_model(damper: bool = True) -> ChainModel:
-    """The 2-DOF frame of section 3.1.
-
-    Parameters
-    ----------
-    damper : bool
-        With the MR damper (modified Dahl model, eqs. 6-7) on storey 1.
-
-    Returns
-    -------
-    ChainModel
-
-    Examples
-    --------
-    >>> from pysindy_nrf.paper.cases import two_dof_model
-    >>> two_dof_model(damper=False).modes()["frequency"].round(2).tolist()  # Hz
-    [9.84, 25.75]
-    """
+    """The 2-DOF frame of section 3.1, with or without the MR damper (modified Dahl model, eqs. 6-7) on storey 1."""
     storey = PowerSeries(1, [DAMPING, STIFFNESS])
     first = [storey, ModifiedDahl(**MR_DAMPER)] if damper else [storey]
     return ChainModel([MASS, MASS], {"storey 1": first, "storey 2": storey})
@@ -96,55 +66,27 @@ def two_dof(
     method: str = "default",
     random_state: int = 0,
 ) -> Case:
-    """One of the paper's 2-DOF cases.
+    """One of the paper's 2-DOF cases at 1000 Hz; accelerations, velocities and displacements are measured.
 
-    Parameters
-    ----------
-    excitation : {"complete", "incomplete"}
-        Random forces on both DOFs, or on DOF 2 only.
-    noise : float
-        Share of the rms of each channel (forces included), 0.05 = 5 %.
-    level : float
-        Rms of each force, N.
-    duration : float
-        s, at 1000 Hz.
-    method : str
-        Of :func:`pysindy_nrf.simulate`; ``"newmark"`` is the paper's.
-    random_state : int
-
-    Returns
-    -------
-    Case
-        Accelerations, velocities and displacements are measured.
+    ``excitation``: random forces on both DOFs (``"complete"``) or on DOF 2 only (``"incomplete"``), of rms ``level``
+    (N). ``noise``: share of the rms of each channel, forces included. ``method``: of ``simulate``; the paper's is
+    ``"newmark"``.
     """
-    from ..excitation import band_limited_random
-
-    dofs = _choice(excitation, {"complete": (1, 2), "incomplete": (2,)})
+    known = {"complete": (1, 2), "incomplete": (2,)}
+    if excitation not in known:
+        raise ChainError(f"excitation={excitation!r} is unknown", f"Choose {' or '.join(map(repr, known))}.")
+    dofs = known[excitation]
     F = band_limited_random(2, duration, FS_TWO_DOF, dofs=dofs, rms=level, band=BAND, random_state=random_state)
     name = f"2 DOF, {excitation}, {noise:.0%} noise"
     return _case(name, two_dof_model(), two_dof_model(False), F, FS_TWO_DOF, noise, random_state, method=method)
 
 
 def calibrate_level(target: float = 9.85, *, tolerance: float = 1e-3, random_state: int = 0) -> float:
-    """Force level at which the noise-free incomplete 2-DOF case gives a wanted m_1.
+    """Rms force (N) at which the noise-free incomplete 2-DOF case gives m_1 = ``target`` (kg).
 
-    The cubic series cannot hold the damper; how much too low m_1 comes out depends on how
-    large the damper's friction is beside the force, and on little else.
-
-    Parameters
-    ----------
-    target : float
-        m_1, kg.
-    tolerance : float
-        kg.
-    random_state : int
-
-    Returns
-    -------
-    float
-        Rms force, N.
+    The cubic series cannot represent the damper: how much too low m_1 comes out depends on the size of the damper's
+    friction relative to the force, and on little else.
     """
-    from scipy.optimize import brentq
 
     def gap(log_level: float) -> float:
         found = first_mass(float(np.exp(log_level)), "incomplete", random_state) - target
@@ -154,12 +96,7 @@ def calibrate_level(target: float = 9.85, *, tolerance: float = 1e-3, random_sta
 
 
 def first_mass(level: float, excitation: str = "incomplete", random_state: int = 0) -> float:
-    """m_1 of the noise-free 2-DOF frame as the cubic series finds it at a force level, kg."""
-    import warnings
-
-    from ..exceptions import BiasWarning
-    from ..regressor import NRFRegressor
-
+    """m_1 (kg) of the noise-free 2-DOF frame identified by the cubic series at a force level (N)."""
     case = two_dof(excitation, level=level, random_state=random_state)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", BiasWarning)
@@ -167,18 +104,9 @@ def first_mass(level: float, excitation: str = "incomplete", random_state: int =
 
 
 def frame_model(friction: float = 0.0, sigma: float = FRAME_SIGMA) -> ChainModel:
-    """The four-storey frame: the paper's linear model (20) and masses, a Dahl damper on storey 4.
+    """The four-storey frame: the paper's linear model (20) and masses, a Dahl damper of ``friction`` (N) on storey 4.
 
-    Parameters
-    ----------
-    friction : float
-        Friction force of the two dampers together, N; 0 for the bare frame.
-    sigma : float
-        Shape of their loop, 1/m.
-
-    Returns
-    -------
-    ChainModel
+    ``friction`` is that of the two dampers together, 0 for the bare frame; ``sigma`` (1/m) the shape of their loop.
     """
     bare = LINEAR_COMPLETE.model()
     if not friction:
@@ -198,32 +126,11 @@ def four_storey(
     model: ChainModel | None = None,
     random_state: int = 0,
 ) -> Case:
-    """One of the hammer tests on the four-storey frame.
+    """One of the hammer tests on the four-storey frame at 1024 Hz; accelerations and displacements are measured.
 
-    Parameters
-    ----------
-    floors : tuple of int
-        Floors that are hit in turn.
-    friction : float
-        Of the dampers on storey 4, N; 0 for the linear frame.
-    noise : float
-        Share of the rms of each channel.
-    level : float
-        Largest peak of the half-sine blows of 10 ms, N.
-    duration : float
-        s, at 1024 Hz.
-    blows : int
-    model : ChainModel, optional
-        Another structure in place of the frame (a damaged one).
-    random_state : int
-
-    Returns
-    -------
-    Case
-        Accelerations and displacements are measured, velocities are not.
+    ``floors`` are hit in turn by half-sine blows of 10 ms, the largest of ``level`` (N). ``model``: another structure,
+    such as a damaged one.
     """
-    from ..excitation import impact_hammer
-
     F = impact_hammer(4, duration, FS_FRAME, dofs=floors, level=level, n_hits=blows, random_state=random_state)
     truth = frame_model(friction) if model is None else model
     where = "all floors hit" if len(floors) == 4 else f"floor {', '.join(map(str, floors))} hit"
@@ -242,9 +149,6 @@ def _case(
     velocity: bool = True,
     **options: Any,
 ) -> Case:
-    from ..noise import add_noise
-    from ..simulation import free_run
-
     run = free_run(truth, F, 1.0 / fs, name=name, **options)
     exact = run.record
     measured = exact if velocity else exact.replace(velocity=None)
@@ -255,15 +159,9 @@ def _case(
 
 
 def _true_forces(truth: ChainModel, bare: ChainModel, run: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Storey forces from the balances of the simulated motion, and what the bare structure lacks of them."""
+    """Storey forces from the balances of the simulated motion, and their difference from the bare structure's."""
     record = run.record
     inertia = record.force - truth.masses * record.acceleration
     force = np.cumsum(inertia[:, ::-1], axis=1)[:, ::-1]  # R_i = sum over j >= i of F_j - m_j a_j
     X, _ = record.to_features(smooth=False)
     return force, force - bare.restoring_force(X)
-
-
-def _choice(value: str, known: dict[str, Any]) -> Any:
-    if value not in known:
-        raise ChainError(f"excitation={value!r} is unknown", f"Choose {' or '.join(map(repr, known))}.")
-    return known[value]

@@ -1,24 +1,20 @@
 """What the paper prints: polynomials (11)-(23) and masses, as data with units.
 
-Every polynomial is stored in the order in which the paper prints its terms, :data:`PRINTED_ORDER`;
-:func:`law` turns it into a :class:`~pysindy_nrf.laws.PowerSeries`, whose own order is that of
-eq. (9). Coefficients of v^h s^j are in N s^h / m^(h+j), masses in kg.
+Every polynomial is stored in the order in which the paper prints its terms, ``PRINTED_ORDER``; ``law`` turns it into a
+``PowerSeries``, whose own order is that of eq. (9). Coefficients of v^h s^j are in N s^h / m^(h+j), masses in kg.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from ..exceptions import ChainError
-from ..laws import PowerSeries
-from ..sites import Site
-
-if TYPE_CHECKING:
-    from ..model import ChainModel
+from pysindy_nrf import ChainModel
+from pysindy_nrf.exceptions import ChainError
+from pysindy_nrf.laws import PowerSeries
 
 PRINTED_ORDER = ("s", "v", "s^2", "v s", "v^2", "s^3", "v s^2", "v^2 s", "v^3")
 TOTAL_MASS = 51.41  # kg, of the four-storey frame as weighed
@@ -28,52 +24,21 @@ _EXPONENTS = ((0, 1), (1, 0), (0, 2), (1, 1), (2, 0), (0, 3), (1, 2), (2, 1), (3
 
 @dataclass(frozen=True)
 class Result:
-    """One identification of the paper.
-
-    Attributes
-    ----------
-    equations : str
-        Numbers of its equations.
-    title : str
-    storeys : dict of int to tuple of float
-        Coefficients by storey, in the order of :data:`PRINTED_ORDER` (the first two for a linear
-        result).
-    masses : dict of int to float
-        kg, by DOF; empty where the paper prints none.
-    twins : dict of int to tuple of float
-        Second estimates of a storey, from the balance below it (eq. 10b).
-    figures : dict of str to str
-        Its figures: number and what they show.
-    """
+    """One identification of the paper."""
 
     equations: str
     title: str
-    storeys: dict[int, tuple[float, ...]]
-    masses: dict[int, float] = field(default_factory=dict)
-    twins: dict[int, tuple[float, ...]] = field(default_factory=dict)
-    figures: dict[str, str] = field(default_factory=dict)
+    storeys: dict[int, tuple[float, ...]]  # by storey, in the order of PRINTED_ORDER (the first two if linear)
+    masses: dict[int, float] = field(default_factory=dict)  # kg, by DOF; empty where the paper prints none
+    twins: dict[int, tuple[float, ...]] = field(default_factory=dict)  # from the balance below a storey (eq. 10b)
+    figures: dict[str, str] = field(default_factory=dict)  # number and content
 
     def law(self, storey: int) -> PowerSeries:
-        """Power series of a storey.
-
-        Parameters
-        ----------
-        storey : int
-
-        Returns
-        -------
-        PowerSeries
-        """
+        """Power series of a storey."""
         return law(self.storeys[storey])
 
     def table(self) -> pd.DataFrame:
-        """Coefficients by term and storey.
-
-        Returns
-        -------
-        DataFrame
-            Index: the terms as printed; one column for each storey and one with the units.
-        """
+        """Coefficients: one row for each term as printed, one column for each storey and one with the units."""
         size = len(next(iter(self.storeys.values())))
         units = {t.label: t.unit for t in PowerSeries(3).terms()}
         table = pd.DataFrame(
@@ -83,21 +48,8 @@ class Result:
         return table.assign(unit=[units[label] for label in table.index])
 
     def model(self) -> ChainModel:
-        """The result as a model.
-
-        Returns
-        -------
-        ChainModel
-
-        Raises
-        ------
-        ChainError
-            If the paper does not print its masses.
-        """
-        from ..model import ChainModel
-
-        missing = [j for j in self.storeys if j not in self.masses]
-        if missing:
+        """The result as a model; ChainError if the paper does not print its masses."""
+        if any(j not in self.masses for j in self.storeys):
             raise ChainError(
                 f"The paper prints no masses with eqs. {self.equations}", "Use .law(storey) for its restoring forces."
             )
@@ -107,50 +59,15 @@ class Result:
 
 
 def law(printed: Any) -> PowerSeries:
-    """Power series from coefficients in the order of :data:`PRINTED_ORDER`.
-
-    Parameters
-    ----------
-    printed : sequence of 2 or 9 float
-
-    Returns
-    -------
-    PowerSeries
-
-    Examples
-    --------
-    >>> from pysindy_nrf.paper import published
-    >>> print(published.LINEAR_COMPLETE.law(4).equation(4, 4))  # eq. (20a)
-    19.25 v4 + 1.37e+05 s4
-    """
+    """Power series from 2 or 9 coefficients in the order of :data:`PRINTED_ORDER`."""
     by_symbol = {f"c_{h}_{j}": float(c) for (h, j), c in zip(_EXPONENTS, printed)}
     return PowerSeries(1 if len(printed) == 2 else 3, by_symbol)
 
 
 def force(printed: Any, v: Any, s: Any) -> np.ndarray:
-    """Force of a published polynomial.
-
-    Parameters
-    ----------
-    printed : sequence of 2 or 9 float
-        In the order of :data:`PRINTED_ORDER`.
-    v, s : array-like
-        Rate (m/s) and drift (m).
-
-    Returns
-    -------
-    ndarray
-        N.
-
-    Examples
-    --------
-    >>> from pysindy_nrf.paper import published
-    >>> float(published.force(published.LINEAR_COMPLETE.storeys[4], v=1.0, s=1e-3))
-    156.25
-    """
-    from ..restoring_force import RestoringForce
-
-    return RestoringForce(Site(1), [law(printed)])(v, s)
+    """Force (N) of a published polynomial at rates ``v`` (m/s) and drifts ``s`` (m)."""
+    v, s = np.broadcast_arrays(np.asarray(v, dtype=float), np.asarray(s, dtype=float))
+    return sum(c * v**h * s**j for (h, j), c in zip(_EXPONENTS, printed))
 
 
 TWO_DOF_COMPLETE = Result(

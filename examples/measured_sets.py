@@ -1,0 +1,243 @@
+"""Public measured sets as records in SI units, for the examples, the benchmarks and the tests.
+
+The files are read from a folder with one sub-folder for each set: ``folder=``, or the environment variable
+``PYSINDY_NRF_DATA``. Nothing is downloaded. ``print(measured_sets.SETS["emps"])`` gives citation, terms and source;
+EMPS, Silverbox and Bouc-Wen also come with ``pip install nonlinear-benchmarks``.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pysindy_nrf import Record
+from pysindy_nrf.exceptions import FileFormatError, NRFError
+from pysindy_nrf.io import FrequencyResponse, read_frf, read_record, read_table
+
+VARIABLE = "PYSINDY_NRF_DATA"
+_NONE = "the set states no licence; ask its authors before you pass it on"
+
+
+@dataclass(frozen=True)
+class MeasuredSet:
+    """What was tested, the file in the set's sub-folder, how to cite it, its terms and where to get it."""
+
+    title: str
+    file: str
+    citation: str
+    terms: str
+    source: str
+
+    def __str__(self) -> str:
+        return f"{self.title}\n  Cite: {self.citation}\n  Terms: {self.terms}\n  From: {self.source}"
+
+
+SETS = {
+    "emps": MeasuredSet(
+        "Electro-mechanical positioning stage: one DOF, position and drive",
+        "DATA_EMPS.mat",
+        "A. Janot, M. Gautier, M. Brunot, Data Set and Reference Models of EMPS, Workshop on Nonlinear System "
+        "Identification Benchmarks, Eindhoven, 2019",
+        _NONE,
+        "nonlinearbenchmark.org",
+    ),
+    "silverbox": MeasuredSet(
+        "Electronic Duffing oscillator",
+        "SNLS80mV.mat",
+        "T. Wigren, J. Schoukens, Three free data sets for development and benchmarking in nonlinear system "
+        "identification, European Control Conference, 2013, 2933-2938",
+        "published as a free data set; no licence is stated",
+        "nonlinearbenchmark.org",
+    ),
+    "bouc_wen_benchmark": MeasuredSet(
+        "One DOF with a Bouc-Wen hysteresis, simulated and noise-free",
+        "{}val_{}.mat",
+        "J. P. Noel, M. Schoukens, Hysteretic benchmark with a dynamic nonlinearity, Workshop on Nonlinear System "
+        "Identification Benchmarks, Brussels, 2016",
+        _NONE,
+        "nonlinearbenchmark.org",
+    ),
+    "nees_three_storey": MeasuredSet(
+        "Three-storey steel frame on a shaking table",
+        "nees_three_storey.npz",
+        "A. Masroor, G. Mosqueda, report MCEER-13-0003, University at Buffalo, 2013",
+        _NONE,
+        "NEES project, University at Buffalo",
+    ),
+    "dry_friction_storey": MeasuredSet(
+        "One-storey frame whose mass rubs on a frame fixed to the laboratory",
+        "dry_friction_storey.npz",
+        "C. Lathourakis, A. Cicirello, Nonlinear Dynamics, 2024, doi 10.1007/s11071-024-09652-2",
+        _NONE,
+        "doi 10.1007/s11071-024-09652-2",
+    ),
+    "mr_damper_white_noise": MeasuredSet(
+        "MR damper under white-noise displacement and changing voltage",
+        "mr_damper_white_noise.npz",
+        "S. Dyke, NEES-2012-1158, doi 10.4231/D3V11VM6X",
+        _NONE,
+        "doi 10.4231/D3V11VM6X",
+    ),
+    "mr_damper_cyclic": MeasuredSet(
+        "MR damper under cyclic displacement, 82 runs",
+        "labcontrol_mr_all_float32.npz",
+        "A. N. Vargas, doi 10.5281/zenodo.4445334",
+        "MIT licence, Copyright (c) 2021 Labcontrol",
+        "doi 10.5281/zenodo.4445334",
+    ),
+    "six_storey_hotel": MeasuredSet(
+        "Six-storey hotel in San Bernardino in 21 earthquakes",
+        "san_bernardino_float32.npz",
+        "R. Zhang, Y. Liu, H. Sun, Physics-guided convolutional neural network (PhyCNN) for data-driven seismic "
+        "response modeling, Engineering Structures, 2020",
+        "MIT licence",
+        "github.com/zhry10/PhyCNN",
+    ),
+    "three_storey_frf": MeasuredSet(
+        "Three-storey aluminium frame, shaker on floor 1: frequency responses",
+        "cristallo_Experimental.csv",
+        "University of Southampton, digital twin of a three-storey frame, 2020",
+        "BSD 3-clause licence",
+        "University of Southampton",
+    ),
+}
+
+
+def data_file(name: str, *parts: str, folder: Any = None) -> Path:
+    """The file of a set, whose name ``parts`` complete; NRFError if it is not there."""
+    named = folder if folder is not None else os.environ.get(VARIABLE)
+    if not named:
+        raise NRFError(
+            "No folder of measured data is known",
+            f"Pass folder=, or set the environment variable {VARIABLE} to what holds emps/, nees_three_storey/, ...",
+        )
+    root, known = Path(named), SETS[name]
+    if not root.is_dir():
+        raise NRFError(f"The folder of measured data {str(root)!r} does not exist", f"Correct folder= or {VARIABLE}.")
+    path = root / name / known.file.format(*parts)
+    if not path.is_file():
+        raise FileFormatError(f"{root} does not hold {name}/{path.name}", f"Get it from {known.source}.")
+    return path
+
+
+def load_emps(folder: Any = None) -> Record:
+    """EMPS: ``F1`` (N, drive voltage times 35.1507 N/V) and ``x1`` (m); 1000 Hz, 24.8 s, measured in closed loop.
+
+    The authors' least-squares model, band-limited to about 20 Hz: mass 95.1089 kg, viscous 203.5034 N s/m, Coulomb
+    friction 20.3935 N, offset -3.1648 N. A model without friction leaves about 17 % of the force unexplained.
+    """
+    return read_record(
+        data_file("emps", folder=folder), mapping={"t": "t", "x1": "qm", "F1": "vir*gtau"}, name="EMPS"
+    )
+
+
+def load_silverbox(folder: Any = None) -> Record:
+    """Silverbox: ``F1`` (input) and ``x1`` (output), VOLTS standing for N and m; 610.35 Hz, 131 072 samples.
+
+    A noise burst of growing level, then ten multisines. Mass and stiffness come out in the circuit's own units.
+    """
+    held = read_table(data_file("silverbox", folder=folder)).variables
+    return Record(force=held["V1"].ravel(), displacement=held["V2"].ravel(), fs=610.35, name="Silverbox")
+
+
+def load_bouc_wen_benchmark(excitation: str = "multisine", folder: Any = None) -> Record:
+    """``F1`` (N) and ``x1`` (m) of a steady-state ``"multisine"`` (8192 samples) or a ``"sinesweep"``; 750 Hz.
+
+    The truth: m = 2 kg, c = 10 N s/m, k = 5e4 N/m, alpha = 5e4, beta = 1e3, gamma = 0.8, delta = -1.1, nu = 1.
+    """
+    force, displacement = (
+        read_table(data_file("bouc_wen_benchmark", k, excitation, folder=folder)).variables[f"{k}val_{excitation}"]
+        for k in "uy"
+    )
+    return Record(force=force, displacement=displacement, fs=750.0, name=f"Bouc-Wen benchmark, {excitation}")
+
+
+def load_nees_three_storey(test: str = "fbgm162s5", folder: Any = None) -> Record:
+    """``x1``..``x3``, ``xg`` (absolute, m) and ``ag`` (m/s^2) of a frame under base excitation; 256 Hz, 42 to 45 s.
+
+    fbgm162s1, fbgm162s3, fbgm162s5: fixed base, one ground motion of rising intensity (the frame is close to linear
+    in s1 and yields in s5). fpgm111s1: on friction-pendulum bearings. The publishers low-passed the channels at 25 Hz.
+    The floors' masses are about equal (not stated); one known mass scales the chain.
+    """
+    mapping = {"t": f"{test}[:, 0]", "ag": f"{test}[:, 1] @ g", "xg": f"{test}[:, 2] @ in"}
+    mapping |= {f"x{j}": f"{test}[:, {j + 2}] @ in" for j in (1, 2, 3)}
+    path = data_file("nees_three_storey", folder=folder)
+    return read_record(path, mapping=mapping, name=test, coordinates="absolute")
+
+
+def load_dry_friction_storey(folder: Any = None) -> Record:
+    """``x1``, ``xg`` (absolute displacement of mass and base, m) with the lasers' stand-off as offset; 2000 Hz, 61 s.
+
+    The sampling rate is that of the sample count (the logged time is rounded to single precision). The friction acts
+    on the ABSOLUTE velocity of the mass, not on the storey's. No force acts; a known mass scales the chain.
+    """
+    return read_record(
+        data_file("dry_friction_storey", folder=folder),
+        mapping={"xg": "run_60_52[:, 1] @ mm", "x1": "run_60_52[:, 2] @ mm"},
+        fs=2000.0,
+        name="dry friction run_60_52",
+        coordinates="absolute",
+    )
+
+
+def load_mr_damper_white_noise(folder: Any = None) -> Record:
+    """``x1`` (m), ``F1`` (N) and the covariate ``voltage`` (V) of a damper by itself; 3004.8 Hz, 24.6 s.
+
+    The measured force IS the restoring force: a chain of one DOF without inertia, ``known_masses={1: 0.0}``. The file's
+    velocity was derived from its displacement (it loses 6 % at 80 Hz) and is left out; so is the actuator's
+    acceleration, whose unit is not stated.
+    """
+    path = data_file("mr_damper_white_noise", folder=folder)
+    mapping = {"x1": "displacement_cm @ cm", "F1": "force_N", "voltage": "voltage"}
+    return read_record(
+        path, mapping=mapping, fs=float(read_table(path).variables["fs"]), name="MR damper, white noise"
+    )
+
+
+def mr_damper_cyclic_runs(folder: Any = None) -> tuple[str, ...]:
+    """Names of the runs of :func:`load_mr_damper_cyclic`."""
+    return tuple(read_table(data_file("mr_damper_cyclic", folder=folder)).variables)
+
+
+def load_mr_damper_cyclic(run: str = "ensaio.A.1", folder: Any = None) -> Record:
+    """``x1`` (m) and ``F1`` (N, raw load cell with its offset) of a damper by itself; 100 Hz, 7.5 to 30 s.
+
+    Without inertia as :func:`load_mr_damper_white_noise`; the load cell's offset calls for a constant in the law.
+    """
+    mapping = {"t": f"{run}[:, 0]", "x1": f"{run}[:, 1] @ mm", "F1": f"{run}[:, 2]"}
+    return read_record(data_file("mr_damper_cyclic", folder=folder), mapping=mapping, name=f"MR damper {run}")
+
+
+def load_six_storey_hotel(event: int = 1, folder: Any = None) -> Record:
+    """``a``, ``v``, ``x`` of the two instrumented floors and ``xg`` of the ground, absolute, SI; 50 Hz; events 1 to 21.
+
+    The zero-padded tail is cut off. The instrumented floors are not neighbours: "storey 2" spans several. No force
+    acts; a known mass scales the chain.
+    """
+    held = read_table(data_file("six_storey_hotel", folder=folder)).variables
+    moving = [np.flatnonzero(np.any(held[k][event - 1] != 0, axis=-1))[-1] for k in ("disp", "acc")]
+    acceleration, velocity, displacement, ground = (
+        0.01 * held[k][event - 1, : max(moving) + 1].astype(float) for k in ("acc", "vel", "disp", "ground_disp")
+    )  # from cm
+    return Record(
+        acceleration=acceleration,
+        velocity=velocity,
+        displacement=displacement,
+        base_displacement=ground,
+        fs=float(held["fs"]),
+        coordinates="absolute",
+        name=f"hotel, event {event}",
+    )
+
+
+def load_three_storey_frf(folder: Any = None) -> FrequencyResponse:
+    """Accelerance of floors 1 to 3, force on floor 1; 0.03125 Hz steps to 128 Hz, useful from 4 to 32 Hz.
+
+    Linear, three floors of equal mass, 5.201 kg by its metadata; the scale of the responses is not stated, so the
+    masses are judged against each other.
+    """
+    return read_frf(data_file("three_storey_frf", folder=folder), driven=1)

@@ -35,7 +35,7 @@ from pysindy_nrf.estimation import iv
 from pysindy_nrf.estimation.frequency import fit_frequency_response
 from pysindy_nrf.exceptions import BiasWarning, ChainError, ChannelError, IdentifiabilityError, NRFError
 from pysindy_nrf.io import frequency_response
-from pysindy_nrf.model_selection import AlongPath, BlockedTimeSplit, select_groups, select_sparsity
+from pysindy_nrf.model_selection import AlongPath, BlockedTimeSplit, select_sparsity
 from pysindy_nrf.noise import add_noise
 from pysindy_nrf.visited import VisitedRegion
 
@@ -61,15 +61,6 @@ def unknown_on(rec, dof):
 # -- orders and terms -------------------------------------------------------------------------
 
 
-def test_the_groups_of_clean_data_are_told_from_round_off(chain2):
-    """Balances that close to 1e-12: the cubic of both storeys stays in, and its words say so."""
-    found = select_groups(chain2.X, chain2.F, degree=3)
-    assert sorted(str(site) for site, _ in found.kept) == ["storey 1", "storey 2"]
-    assert repr(found).startswith("GroupSelection(kept: ") and "storey 1" in repr(found)
-    with pytest.raises(NRFError, match="no group to choose from. .*degree above 1"):
-        select_groups(chain2.X, chain2.F, degree=1)
-
-
 def hit_once():
     """Two records, the second of them free: a fold that must do without the first has no force to scale it."""
     free = Record(force=np.zeros((1500, 2)), acceleration=np.ones((1500, 2)), velocity=np.ones((1500, 2)),
@@ -83,8 +74,6 @@ def hit_once():
 
 def test_a_fold_without_a_force_says_so():
     records = hit_once()
-    with pytest.raises(NRFError, match="cannot be fitted on every fold.* fewer folds or a lower degree"):
-        select_groups(records, cv=RecordSplit())
     with pytest.raises(NRFError, match="No candidate could be fitted and scored on every fold"):
         select_order(records, degrees=[1, 2], cv=RecordSplit())
 

@@ -17,7 +17,7 @@ from pysindy_nrf.exceptions import ChainError
 from pysindy_nrf.fair_filter import FairFilter
 from pysindy_nrf.force_delay import force_delay
 from pysindy_nrf.layout import LawLayout, distinct_labels
-from pysindy_nrf.model_selection import BlockEnsemble, select_groups, select_sparsity
+from pysindy_nrf.model_selection import BlockEnsemble, select_sparsity
 from pysindy_nrf.noise import add_noise
 from pysindy_nrf.report.content import _data
 
@@ -50,12 +50,6 @@ def test_two_laws_of_one_family_keep_their_own_coefficients():
     assert named.tolist() == [10.0, 30.0, 4e4, 4.0, 12.0]
     assert _with_parameters(model, named) == model
     assert coefficients(model)["unit"].tolist() == ["N s/m", "N/m", "N", "N"]
-
-
-def test_two_laws_of_one_family_are_two_groups():
-    record = add_noise(forced(ChainModel([10.0], {1: TWINS})), 0.003, random_state=0)
-    found = select_groups(record, laws={1: [laws.PowerSeries(1), laws.Dahl(sigma=3e4), laws.Dahl(sigma=2e3)]})
-    assert [name for _, name in found.kept] == ["power_series", "dahl 1", "dahl 2"]
 
 
 def test_names_change_only_where_two_would_be_equal():
@@ -157,16 +151,7 @@ def test_records_without_any_force_are_told_apart_by_the_motion_of_the_base():
     assert _data(model, [other], None)[0] is not model._fit_data.data
 
 
-def test_a_link_that_was_dropped_stays_out(three):
-    chain = Chain(3, links=["link 3-1"])
-    found = select_groups(*three, degree=1, chain=chain, laws={"link 3-1": [laws.LinearViscous()]})
-    assert found.dropped == [("link 3-1", "linear_viscous")]
-    assert not found.regressor().fit(*three).restoring_forces_["link 3-1"].laws
-
-
 def test_orders_that_were_thinned_out_stand_in_the_laws(three):
-    regressor = select_groups(*three, degree=1, orders={2: 3}).regressor()
-    assert regressor.fit(*three).masses_ == pytest.approx([10.0, 12.0, 8.0], rel=0.02)
     ps = pytest.importorskip("pysindy")
     paths = {"ensemble": [BlockEnsemble(ps.STLSQ(threshold=0.02), n_models=3)]}
     regressor = select_sparsity(*three, degree=1, orders={2: 3}, paths=paths, prune=False).regressor()

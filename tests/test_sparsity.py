@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from pysindy_nrf import NRFRegressor, Record, laws
 from pysindy_nrf.exceptions import NRFError
-from pysindy_nrf.model_selection import AlongPath, BlockEnsemble, select_groups, select_sparsity
+from pysindy_nrf.model_selection import AlongPath, BlockEnsemble, select_sparsity
 from pysindy_nrf.noise import add_noise
 
 TRUE = ["v", "s", "s^3"]
@@ -112,30 +112,6 @@ def test_a_path_needs_a_history():
 
     with pytest.raises(NRFError, match="Ridge keeps no history_"):
         AlongPath(Ridge()).fit(np.eye(3), np.ones((3, 1)))
-
-
-def test_groups_a_storey_is_linear_or_not():
-    """Cubic terms in storey 2 alone; 2 % noise; only floor 3 hit."""
-    rng = np.random.default_rng(5)
-    m, c, k, k3 = chains.parameters(3, rng)
-    case = chains.duffing(3, [3], seed=5, n_samples=8000, given=(m, c, k, k3 * [0, 1, 0]))
-    found = select_groups(record_of(case, 0.02))
-    assert sorted(found.linear) == ["storey 1", "storey 3"]
-    assert found.kept == [("storey 2", "nonlinear terms")]
-    model = found.regressor().fit(record_of(case, 0.02))
-    assert list(model.restoring_forces_[1].coefficients.index) == ["v", "s"]
-    assert np.abs(model.masses_ / m - 1).max() < 0.02
-
-
-def test_groups_a_law_is_in_or_out():
-    """The cubic acts in storey 1, quadratic damping nowhere: what is needed stays."""
-    m, c, k, k3 = chains.parameters(2, np.random.default_rng(3))
-    case = chains.duffing(2, [1, 2], seed=3, n_samples=8000, given=(m, c, k, k3 * [1, 0]))
-    offered = [laws.LinearViscous(), laws.Duffing(), laws.QuadraticDamping()]
-    others = [laws.PowerSeries(1), laws.CoulombFriction(), laws.QuadraticDamping()]
-    found = select_groups(record_of(case, 0.01), laws={"storey 1": offered, "storey 2": others})
-    assert set(found.kept) == {("storey 1", "linear_viscous"), ("storey 1", "duffing"), ("storey 2", "power_series")}
-    assert found.regressor().fit(record_of(case, 0.01)).restoring_forces_[1].coefficients["s^3"] == pytest.approx(k3[0], rel=0.05)
 
 
 @pytest.mark.parametrize("name", ["ConstrainedSR3", "MIOSR"])

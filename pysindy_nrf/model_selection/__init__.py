@@ -5,7 +5,6 @@
 """
 
 from .along_path import AlongPath
-from .group_sparsity import GroupSelection, select_groups
 from .rule import one_standard_error
 from .selection import OrderSelection, select_order
 from .sparsity import BlockEnsemble, SparsitySelection, select_sparsity
@@ -14,9 +13,7 @@ from .splitters import BlockedTimeSplit, RecordSplit
 __all__ = [
     "AlongPath",
     "BlockEnsemble",
-    "GroupSelection",
     "SparsitySelection",
-    "select_groups",
     "select_sparsity",
     "BlockedTimeSplit",
     "OrderSelection",

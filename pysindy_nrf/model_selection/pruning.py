@@ -12,7 +12,6 @@ from ..errors import pooled_error
 from ..exceptions import NRFError
 from ..sites import Site
 from .fold_moments import FoldMoments, Order
-from .group_sparsity import heldout_errors
 from .rule import choose
 from .supports import MARGIN, restricted
 
@@ -42,25 +41,7 @@ class Pruned:
 def pruned(
     held: FoldMoments, order: Order, support: Mapping[Site, np.ndarray], least: np.ndarray
 ) -> list[tuple[tuple[tuple[str, str], ...], dict[Site, np.ndarray], np.ndarray]]:
-    """Go on from the chosen setting, term by term, for as long as the held-out rule allows.
-
-    One threshold for the whole chain keeps a false term of one storey for the sake of a weak true one of another. Each
-    step leaves out the power of (v, s) whose absence raises the error of the fit least.
-
-    Parameters
-    ----------
-    held : FoldMoments
-    order : Order
-    support : mapping of Site to ndarray of bool
-        Terms that the chosen setting keeps on all data.
-    least : ndarray of shape (n_folds,)
-        Held-out errors, as shares, of the best setting on the path.
-
-    Returns
-    -------
-    list of (terms left out, support, held-out errors as shares)
-        One for each step that the rule accepts.
-    """
+    """Terms left out one by one from the chosen setting while the held-out rule allows: names, support, errors."""
     gone: tuple[tuple[str, str], ...] = ()
     out: list[tuple[tuple[tuple[str, str], ...], dict[Site, np.ndarray], np.ndarray]] = []
     while (weakest := _weakest(held, order, support)) is not None:
@@ -87,6 +68,19 @@ def _weakest(held: FoldMoments, order: Order, support: Mapping[Site, np.ndarray]
                 continue
             rises[site, int(at)] = pooled_error(solution.masses, solution.coefficients, moments)
     return min(rises, key=rises.__getitem__) if rises else None
+
+
+def heldout_errors(held: FoldMoments, order: Order) -> np.ndarray:
+    """Held-out balance errors on the folds, as shares; infinity where a fold cannot be fitted."""
+    out = np.full(held.n_folds, np.inf)
+    for fold in range(held.n_folds):
+        try:
+            solution, walk, _ = held.fit(order, fold)
+            test = held.cut(held.total(fold, "test")[0], order, order.groups(walk))
+            out[fold] = pooled_error(solution.masses, solution.coefficients, test) / 100.0
+        except NRFError:
+            break
+    return out
 
 
 __all__ = ["Pruned", "pruned"]

@@ -300,7 +300,7 @@ def _rule(rule: Any) -> Callable[[Mapping[str, Any]], int]:
 
 
 def fold_moments_of(
-    estimator: Any, labels: list[Any], X: Any, F: Any, cv: Any, options: Mapping[str, Any], searching: bool = True
+    estimator: Any, labels: list[Any], X: Any, F: Any, cv: Any, options: Mapping[str, Any]
 ) -> FoldMoments:
     """Moments for all folds of what an estimator would be fitted to, with several orders where none is given."""
     from ..fair_filter import filters_of
@@ -325,7 +325,7 @@ def fold_moments_of(
 
     fixed |= {s: (PowerSeries(order),) for s, order in own.items()}
     searched = {s: labels for s in chain.sites if s not in fixed}
-    if searching and not searched:
+    if not searched:
         raise ChainError("Every site has a law or an order already", "Leave a storey out of laws= and orders=.")
     starts = [0, *(seg.rows.start for seg in data.segments[1:]), data.n_samples]  # rows left out go with those before
     ids = np.repeat(np.arange(len(data.segments)), np.diff(starts))  # numbers: two records may have one name

@@ -2,6 +2,7 @@
 
 import json
 
+import jsonschema
 import numpy as np
 import pandas as pd
 import pytest
@@ -195,7 +196,6 @@ def test_a_model_predicts_the_same_bits_after_json(masses, values, sigma):
 
 
 def test_a_fitted_model_obeys_the_schema_and_runs_the_same_bits(tmp_path):
-    jsonschema = pytest.importorskip("jsonschema")
     from pysindy_nrf.schema import schema
 
     record = datasets.load_demo()
@@ -242,7 +242,6 @@ def _places(data, path=()):
 @pytest.mark.parametrize("path", [p for p in _places(BASE) if p], ids=lambda p: ".".join(map(str, p)))
 def test_a_spoilt_model_is_refused_in_words_and_as_the_schema_says(path):
     """Every place of the file, every odd value: refused by name or a model; never accepted against the schema."""
-    jsonschema = pytest.importorskip("jsonschema")
     from pysindy_nrf.schema import schema
 
     validator = jsonschema.Draft202012Validator(schema())
@@ -262,7 +261,7 @@ def test_a_spoilt_model_is_refused_in_words_and_as_the_schema_says(path):
 def test_versions_and_loopholes_of_json():
     with pytest.raises(FileVersionError, match="version 2, this package reads up to 1"):
         ChainModel.from_json(json.dumps(BASE | {"version": 2}))
-    with pytest.raises(FileFormatError, match="unknown key 'mases'"):
+    with pytest.raises(FileFormatError, match="'mases' was unexpected"):
         ChainModel.from_json(json.dumps(BASE | {"mases": [1.0]}))
     twice = json.dumps(BASE).replace('"masses"', '"masses": [1.0, 1.0], "masses"', 1)
     with pytest.raises(FileFormatError, match="twice"):

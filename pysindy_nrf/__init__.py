@@ -27,7 +27,6 @@ _LAZY = {
     "OrderSelection": "model_selection",
     "RecordSplit": "model_selection",
     "one_standard_error": "model_selection",
-    "select_groups": "model_selection",
     "select_order": "model_selection",
     "select_sparsity": "model_selection",
     "simulate": "simulation",

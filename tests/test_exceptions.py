@@ -32,7 +32,7 @@ ALLOWED = {
     ("model_selection/fold_moments.py", "NotTogether"): "the same",
 }
 # Readers' helpers: the reader turns their ValueError into a FileFormatError (test_fuzz.py holds it to that).
-HELPERS = {"io/attributes.py", "io/matlab_elements.py", "io/numpy_files.py", "io/uff.py", "schema.py"}
+HELPERS = {"io/attributes.py", "io/matlab.py", "io/numpy_files.py", "io/uff.py", "schema.py"}
 # The sentences of a walk say themselves what would help.
 CURE_INSIDE = {"identifiability.py": "its reasons say what would help"}
 # Functions that build the error they are named for.

@@ -118,42 +118,30 @@ def nested(depth):
 
 
 @pytest.mark.parametrize(
-    ("body", "words"),
+    "body",
     [
-        (element(9, bytes(16)), "a variable of the type 9, which does not exist"),
-        (nested(70), "nested too deeply"),
-        (element(14, struct.pack("<HH", 6, 5) + bytes(12)), "a small element of 5 bytes"),
-        (element(14, struct.pack("<II", 6, 800)), "an element of 800 bytes where 0 are left"),
-        (element(14, shape(1, 1) + NAME + ONE), "a variable without flags"),
-        (element(14, flags(6) + NAME), "a variable without dimensions and name"),
-        (element(14, flags(6) + shape(5) + NAME + ONE), r"a variable of the shape \(5,\)"),
-        (element(14, flags(6) + shape(-1, 1) + NAME + ONE), r"a variable of the shape \(-1, 1\)"),
-        (element(14, flags(16) + shape(1, 1) + NAME + ONE), "a variable of the class 16 with 1 elements"),
-        (element(14, flags(40) + shape(1, 1) + NAME + NUMBER), "a variable of the class 40 with 1 elements"),
-        (element(14, flags(17) + NAME + NAME + ONE + NUMBER), "an object without name, class and content"),
-        (element(14, flags(17) + NAME), "an object without name, class and content"),
+        element(9, bytes(16)),
+        nested(5000),
+        element(14, struct.pack("<HH", 6, 5) + bytes(12)),
+        element(14, struct.pack("<II", 6, 800)),
+        element(14, shape(1, 1) + NAME + ONE),
+        element(14, flags(6) + NAME),
+        element(14, flags(6) + shape(-1, 1) + NAME + ONE),
+        element(14, flags(6) + shape(1, 1) + NAME + element(250, bytes(8))),
+        element(14, flags(6) + shape(1, 1) + NAME + element(14, bytes(8))),
+        element(14, flags(17) + NAME),
     ],
+    ids=range(10),
 )
-def test_a_damaged_matlab_file_is_refused_before_it_is_read(tmp_path, body, words):
+def test_a_damaged_matlab_file_is_refused_and_the_process_lives(tmp_path, body):
     """Format: MAT-File Format, The MathWorks, level 5: tag, flags, dimensions, name, content."""
     path = tmp_path / "damaged.mat"
     path.write_bytes(HEAD + body)
-    with pytest.raises(FileFormatError, match=words) as caught:
+    with pytest.raises(FileFormatError, match="damaged.mat"):
         read_table(path)
-    assert "damaged.mat" in str(caught.value)
 
 
-def test_sound_variables_of_rare_classes_are_let_through(tmp_path):
-    """A function handle or a string object beside the channels does not keep the channels from being read."""
-    from pysindy_nrf.io.matlab_elements import check_elements
-
-    for body in (
-        element(14, flags(16) + shape(1, 1) + NAME + NUMBER),
-        element(14, flags(17) + NAME + NAME + NAME + NUMBER),
-        nested(3),
-    ):
-        (tmp_path / "a.mat").write_bytes(HEAD + body)
-        check_elements(tmp_path / "a.mat")
+def test_structures_beside_channels_do_not_keep_them_from_being_read(tmp_path):
     savemat(tmp_path / "s.mat", {"run": {"x1": T, "about": np.array([("a", 1)], dtype=[("who", "O"), ("n", "O")])}})
     np.testing.assert_array_equal(read_table(tmp_path / "s.mat").variables["run.x1"], T)
 

@@ -9,11 +9,10 @@ import pytest
 from chains import worst
 from sklearn import config_context
 from sklearn.model_selection import GridSearchCV, KFold, cross_validate
-from sklearn.pipeline import FeatureUnion, Pipeline, make_pipeline
+from sklearn.pipeline import make_pipeline
 
 from pysindy_nrf import BlockedTimeSplit, KinematicSmoother, NRFRegressor, Record, RecordSplit, laws, scorers
 from pysindy_nrf.exceptions import ChannelError, LawError
-from pysindy_nrf.signals import Integrator
 
 pytestmark = pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
 DT, N = 1e-3, 1200
@@ -84,21 +83,6 @@ def test_masked_edges_of_every_record_are_left_out_and_scored_correctly(tests):
     by_hand = 1 - (gap**2).sum() / ((a - a.mean(axis=0)) ** 2).sum()
     assert pipe.score(table, F, record=ids, time=time) == pytest.approx(by_hand, abs=1e-12)
     assert scorers.acceleration(pipe, table, F, record=ids, time=time) == pytest.approx(by_hand, abs=1e-12)
-
-
-def test_integrators_side_by_side(tests):
-    """Accelerations alone: integrated once and twice next to themselves, everything in one band."""
-    cases, table, F, ids, time = tests
-    clean = np.vstack([c.a for c in cases])
-    routed = dict(record=True, time=True)
-
-    def step(order):
-        return Integrator(fs=1 / DT, order=order, detrend=True).set_transform_request(**routed).set_fit_request(**routed)
-
-    union = FeatureUnion([("a", "passthrough"), ("v", step(1)), ("x", step(2))])
-    pipe = Pipeline([("motion", union), ("chain", regressor(degree=1, coordinates="absolute", band=(4.0, 80.0)))])
-    pipe.fit(clean, F, record=ids, time=time)
-    assert worst(pipe[-1].masses_, cases[0].m) < 0.02
 
 
 def test_cross_validation_of_the_whole_pipeline(tests):

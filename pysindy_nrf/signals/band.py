@@ -5,15 +5,23 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pandas as pd
+from sklearn.base import BaseEstimator, TransformerMixin
+from sklearn.utils.validation import check_is_fitted
 
+from .._input import checked, column_names
+from ..channels import finite_span
 from ..exceptions import ChannelError
 from ..fair_filter import Band, FairFilter
 from ..pieces import contiguous
-from .columns import ColumnTransformer, check_rate, clock_of
+from .columns import check_rate, clock_of
 
 
-class BandLimiter(ColumnTransformer):
+class BandLimiter(TransformerMixin, BaseEstimator):
     """The same zero-phase filter on every column, force and response alike.
+
+    Record ids and times are metadata: ``set_fit_request(record=True).set_transform_request(record=True)`` with
+    scikit-learn's metadata routing. Each record, and each piece between gaps of the clock, is filtered by itself.
 
     Parameters
     ----------
@@ -55,11 +63,29 @@ class BandLimiter(ColumnTransformer):
         self.order = order
         self.edges = edges
 
-    def _prepare(self) -> None:
+    def fit(self, X: Any, y: Any = None, *, record: Any = None, time: Any = None) -> BandLimiter:
+        """Check the parameters and remember the columns.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_columns)
+        y, record, time : ignored
+
+        Returns
+        -------
+        BandLimiter
+
+        Raises
+        ------
+        ChannelError
+            If the band, the sampling rate or ``edges`` is impossible.
+        """
+        checked(self, X, reset=True)
         if self.edges not in ("nan", "drop", "keep"):
             raise ChannelError(f"edges={self.edges!r} is unknown", "Choose nan, drop or keep.")
         self._filter = FairFilter(self.band, check_rate(self.fs), self.order)
         self.edge_ = self._filter.edge
+        return self
 
     def transform(self, X: Any, *, record: Any = None, time: Any = None) -> Any:
         """Filter every column of each contiguous record.
@@ -77,17 +103,57 @@ class BandLimiter(ColumnTransformer):
         -------
         DataFrame or ndarray
         """
-        out = self._columns(X, self._work, record, time)
-        if self.edges != "drop":
-            return out
-        empty = np.isnan(np.asarray(out))
-        rows = np.zeros(len(empty), dtype=bool)
-        for _, piece in contiguous(len(empty), record, clock_of(X, time, len(empty), record)):
-            known = ~empty[piece].all(axis=0)  # a force may be unknown in one record and known in the next
-            rows[piece] = ~empty[piece][:, known].any(axis=1) & known.any()
-        return out[rows]
+        check_is_fitted(self, "n_features_in_")
+        matrix = checked(self, X, reset=False).astype(float)
+        labels = column_names(X) or [f"column {i + 1}" for i in range(self.n_features_in_)]
+        out, keep = np.full(matrix.shape, np.nan), np.zeros(len(matrix), dtype=bool)
+        for name, rows in contiguous(len(matrix), record, clock_of(X, time, len(matrix), record)):
+            part = matrix[rows]
+            use = ~np.isnan(part).all(axis=0)  # a force may be unknown in one record and known in the next
+            if use.any():
+                live = [labels[i] for i in np.flatnonzero(use)]
+                span = finite_span(list(part[:, use].T), live, "" if record is None else f"record {name!r}")
+                piece = np.full(part.shape, np.nan)
+                piece[span, use] = self._filtered(part[span, use])
+                out[rows] = piece
+                keep[rows] = ~np.isnan(piece[:, use]).any(axis=1)
+        table = pd.DataFrame(out, index=X.index, columns=X.columns) if isinstance(X, pd.DataFrame) else out
+        return table[keep] if self.edges == "drop" else table
 
-    def _work(self, values: np.ndarray) -> np.ndarray:
+    def fit_transform(self, X: Any, y: Any = None, *, record: Any = None, time: Any = None) -> Any:
+        """:meth:`fit`, then :meth:`transform`.
+
+        Parameters
+        ----------
+        X, y, record, time
+            As for these.
+
+        Returns
+        -------
+        DataFrame or ndarray
+        """
+        return self.fit(X, y).transform(X, record=record, time=time)
+
+    def get_feature_names_out(self, input_features: Any = None) -> np.ndarray:
+        """Names of the columns: those given.
+
+        Parameters
+        ----------
+        input_features : array-like of str, optional
+
+        Returns
+        -------
+        ndarray of str
+        """
+        check_is_fitted(self, "n_features_in_")
+        if hasattr(self, "feature_names_in_"):
+            return self.feature_names_in_
+        if input_features is not None:
+            return np.asarray(input_features, dtype=object)
+        return np.array([f"x{i}" for i in range(self.n_features_in_)], dtype=object)
+
+    def _filtered(self, values: np.ndarray) -> np.ndarray:
+        """Columns of one contiguous record through the filter, the rows it spoils NaN."""
         out = self._filter.apply(values)
         if self.edges == "keep" or self.edge_ == 0:
             return out

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import ChannelError
-from .columns import ColumnTransformer, check_rate
+from .columns import check_rate
 
 METHODS = ("spline", "spectral", "central")
 
@@ -75,6 +75,7 @@ def spline_of(values: np.ndarray, dt: float) -> Any:
 
 
 def _check(x: Any, dt: float, method: str, methods: tuple[str, ...], least: int) -> tuple[np.ndarray, float]:
+    """Motion as an array of numbers and the sampling step, or an error."""
     if method not in methods:
         raise ChannelError(f"method={method!r} is unknown", f"Choose {', '.join(methods)}.")
     values = np.asarray(x, dtype=float)
@@ -88,34 +89,3 @@ def _check(x: Any, dt: float, method: str, methods: tuple[str, ...], least: int)
         rows = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
         raise ChannelError(f"The motion is not finite in row {rows[0]}", "Cut the masked edges and repair gaps first.")
     return values, 1.0 / check_rate(1.0 / dt if dt else None)
-
-
-class Differentiator(ColumnTransformer):
-    """Differentiate every column; see :func:`differentiate`.
-
-    Parameters
-    ----------
-    fs : float
-        Sampling rate, Hz.
-    method : {"spline", "spectral", "central"}
-    order : {1, 2}
-
-    Examples
-    --------
-    >>> import numpy as np, pandas as pd
-    >>> from pysindy_nrf.signals import Differentiator
-    >>> t = np.arange(100) / 100
-    >>> Differentiator(fs=100.0).fit_transform(pd.DataFrame({"x1": t**2}))["x1"].iloc[50].round(9)
-    np.float64(1.0)
-    """
-
-    def __init__(self, fs: float = 1.0, method: str = "spline", order: int = 1) -> None:
-        self.fs = fs
-        self.method = method
-        self.order = order
-
-    def _prepare(self) -> None:
-        check_rate(self.fs)
-
-    def _work(self, values: np.ndarray) -> np.ndarray:
-        return differentiate(values, 1.0 / check_rate(self.fs), self.method, self.order)

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import ChannelError
-from .columns import ColumnTransformer, check_rate
 from .differentiate import _check, spline_of
 
 METHODS = ("spline", "spectral", "cumulative")
@@ -78,36 +77,3 @@ def integrate(a: Any, dt: float, method: str = "spline", order: int = 1, detrend
         basis = np.polynomial.legendre.legvander(line, order)
         out = out - basis @ np.linalg.lstsq(basis, out, rcond=None)[0]
     return out
-
-
-class Integrator(ColumnTransformer):
-    """Integrate every column over time; see :func:`integrate`.
-
-    Parameters
-    ----------
-    fs : float
-        Sampling rate, Hz.
-    method : {"spline", "spectral", "cumulative"}
-    order : {1, 2}
-    detrend : bool
-
-    Examples
-    --------
-    >>> import numpy as np, pandas as pd
-    >>> from pysindy_nrf.signals import Integrator
-    >>> t = np.arange(101) / 100
-    >>> Integrator(fs=100.0).fit_transform(pd.DataFrame({"a1": 2 * t}))["a1"].iloc[-1].round(9)
-    np.float64(1.0)
-    """
-
-    def __init__(self, fs: float = 1.0, method: str = "spline", order: int = 1, detrend: bool = False) -> None:
-        self.fs = fs
-        self.method = method
-        self.order = order
-        self.detrend = detrend
-
-    def _prepare(self) -> None:
-        check_rate(self.fs)
-
-    def _work(self, values: np.ndarray) -> np.ndarray:
-        return integrate(values, 1.0 / check_rate(self.fs), self.method, self.order, self.detrend)

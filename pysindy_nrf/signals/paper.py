@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
 import numpy as np
-from sklearn.base import BaseEstimator, TransformerMixin
 
 from ..channels import finite_span
 from ..exceptions import ChannelError
 from ..fair_filter import FairFilter
 from ..record import Record
 from .integrate import integrate
-
-if TYPE_CHECKING:
-    from sklearn.utils import Tags
 
 
 def paper_processing(record: Record, high_pass: float = 1.0, filter_force: bool = False) -> Record:
@@ -86,71 +80,3 @@ def paper_processing(record: Record, high_pass: float = 1.0, filter_force: bool 
     if filter_force:
         force[span] = operator.apply(force[span])
     return record.replace(acceleration=acceleration, velocity=velocity, force=force)
-
-
-class PaperIntegration(TransformerMixin, BaseEstimator):
-    """:func:`paper_processing` as a transformer on Records.
-
-    Parameters
-    ----------
-    high_pass : float
-        Hz.
-    filter_force : bool
-        Put the forces through the same high-pass.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf import Record
-    >>> from pysindy_nrf.signals import PaperIntegration
-    >>> t = np.arange(10000) / 1000
-    >>> rec = Record(acceleration=np.sin(60 * t), displacement=-np.sin(60 * t) / 3600, fs=1000.0)
-    >>> PaperIntegration().fit_transform(rec).measured
-    ('F1', 'a1', 'v1', 'x1')
-    """
-
-    def __init__(self, high_pass: float = 1.0, filter_force: bool = False) -> None:
-        self.high_pass = high_pass
-        self.filter_force = filter_force
-
-    def __sklearn_tags__(self) -> Tags:
-        tags = super().__sklearn_tags__()
-        tags.input_tags.two_d_array = False  # a Record: the channels need their names and one clock
-        return tags
-
-    def fit(self, X: Record, y: Any = None) -> PaperIntegration:
-        """Nothing to learn.
-
-        Parameters
-        ----------
-        X : Record
-        y : ignored
-
-        Returns
-        -------
-        PaperIntegration
-        """
-        _require_record(X)
-        self.edge_ = FairFilter((self.high_pass, None), X.fs).edge
-        return self
-
-    def transform(self, X: Record) -> Record:
-        """Process one record.
-
-        Parameters
-        ----------
-        X : Record
-
-        Returns
-        -------
-        Record
-        """
-        _require_record(X)
-        return paper_processing(X, self.high_pass, self.filter_force)
-
-
-def _require_record(X: Any) -> None:
-    if not isinstance(X, Record):
-        raise ChannelError(
-            f"PaperIntegration processes a Record, not {type(X).__name__}", "Use Record.from_frame(table, fs=...)."
-        )

@@ -9,14 +9,12 @@ from report_cases import CATALOGUE, cubic, friction, loop_report, record
 
 from pysindy_nrf import ChainModel, close_loop, excitation, laws, simulate
 from pysindy_nrf.discrepancy import contradictions
-from pysindy_nrf.discrepancy import evidence as room
 from pysindy_nrf.discrepancy.characterisation import characterise
 from pysindy_nrf.discrepancy.evidence import Evidence, look, searched
 from pysindy_nrf.discrepancy.noise_level import levels_of
 from pysindy_nrf.discrepancy.prepare import prepare
 from pysindy_nrf.discrepancy.splits import split
 from pysindy_nrf.discrepancy.workspace import Workspace
-from pysindy_nrf.exceptions import ChannelError
 
 
 def workspace(rec, heldout=None):
@@ -101,22 +99,6 @@ def test_a_law_with_memory_follows_its_path_through_what_is_held_out():
     F = excitation.band_limited_random(2, 6.0, 500.0, dofs=2, rms=60.0, band=(0.5, 25), random_state=0)
     found = look(workspace(simulate(truth, F, 2e-3)), truth)
     assert found.sizes["percent"].max() < 1.0  # a fresh start of every stretch would leave about 20 %
-
-
-def test_a_room_that_cannot_be_entered_says_why_and_the_loop_goes_on(monkeypatch):
-    def no_site(*args, **kwargs):
-        raise ChannelError("No balance is known in every record", "Judge them one by one.")
-
-    def no_numbers(*args, **kwargs):
-        raise np.linalg.LinAlgError("singular")
-
-    monkeypatch.setattr(room, "localise", no_site)
-    monkeypatch.setattr(room, "detect", no_numbers)
-    report = close_loop(record(cubic, seed=1), catalogue=[laws.CubicStiffness()], max_steps=1)
-    assert report.steps[0].law == "cubic_stiffness"
-    assert "not possible because No balance is known in every record" in report.steps[0].localisation
-    assert "singular" in report.steps[0].detection
-    assert "No balance is known in every record" in report.to_markdown()
 
 
 def test_agreement_and_disagreement_with_the_chosen_site_are_said():

@@ -66,10 +66,3 @@ def test_what_is_left_has_the_size_of_what_was_not_said(site, beside):
     assert leftover(wrong, [wrong], [(s, number)]) == 0.0  # no more than where noise is all that is left
 
 
-def test_what_noise_draws_is_taken_off_and_a_brace_is_not_judged(monkeypatch):
-    shares = {"measured": 0.5, "quiet": 0.1, "loud": 0.2}
-    monkeypatch.setattr(room, "_share", lambda stage, *where: shares[stage])
-    place = [(Site("storey 1"), 0)]
-    assert leftover("measured", ["quiet", "loud"], place) == pytest.approx(0.4)
-    assert leftover("quiet", ["loud"], place) == 0.0 and leftover("measured", [], place) == 0.5
-    assert leftover("measured", [], []) == 0.0 and leftover("measured", [], [(Site("link 3-1"), 0)]) == 0.0

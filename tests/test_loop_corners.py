@@ -3,17 +3,11 @@
 from __future__ import annotations
 
 import warnings
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from pysindy_nrf import Chain, ChainModel, NRFRegressor, Site, close_loop, excitation, laws, simulate
-from pysindy_nrf.discrepancy.catalogue import Candidate
-from pysindy_nrf.discrepancy.gate import Verdict
-from pysindy_nrf.discrepancy.report import Step
-from pysindy_nrf.discrepancy.sensors import SensorFinding
-from pysindy_nrf.discrepancy.steps import corrected_again
 from pysindy_nrf.exceptions import BiasWarning, ChannelError
 from pysindy_nrf.noise import add_noise
 
@@ -220,48 +214,3 @@ def test_a_gain_found_in_two_steps_is_one_fault():
     assert len(report.models) == len(report.evidence) == 3
 
 
-def again(steps, law, site="sensor a2", after=1.0):
-    found = SensorFinding(Candidate(law, Site(site)), law, 1.0, (), np.full(5, after))
-    verdict = Verdict(True, 0.5, 1.0, 0.0, "it falls")
-    before = [SimpleNamespace(folds=np.full(5, 10.0)), SimpleNamespace(folds=np.full(5, 2.0))]
-    return corrected_again(steps, found, verdict, before, found.folds)
-
-
-def fault(law, site="sensor a2", after=2.0):
-    return Step(law.name, law.family, site, parameters=law.parameters, validation_before=10.0, validation_after=after)
-
-
-@pytest.mark.parametrize(
-    ("first", "second", "whole"),
-    [
-        (laws.GainError(0.05), laws.GainError(0.01), {"e": 1.05 * 1.01 - 1.0}),
-        (laws.ChannelDelay(2e-3), laws.ChannelDelay(-5e-4), {"tau": 1.5e-3}),
-        (laws.SensorOffset(0.2), laws.SensorOffset(0.1), {"b": 0.3}),
-    ],
-)
-def test_two_corrections_of_one_fault_are_one_step_with_both(first, second, whole):
-    steps = [fault(laws.GainError(0.3), "sensor a1"), fault(first)]
-    assert again(steps, second)
-    assert steps[1].parameters == pytest.approx(whole) and steps[0].parameters == {"e": 0.3}
-    assert (steps[1].validation_before, steps[1].validation_after) == (10.0, 1.0)
-    assert steps[1].gain == pytest.approx(0.9) and "corrected again" in steps[1].evidence
-    assert not again(steps, laws.ChannelDelay(1e-3), "sensor a1") and len(steps) == 2  # another fault, another step
-
-
-@pytest.mark.parametrize("kinds", ["gbg", "bgb", "gdbg", "bgbg"])
-def test_corrections_joined_take_the_readings_to_the_same_channel(kinds):
-    law_of = {"g": laws.GainError, "b": laws.SensorOffset, "d": laws.ChannelDelay}
-    size = {"g": 0.2, "b": 0.5, "d": 2e-3}
-    made = [law_of[k](size[k] / (i + 1)) for i, k in enumerate(kinds)]
-    x = 3.0 + np.sin(np.arange(400) / 20.0)
-    one_by_one, steps = x, []
-    for law in made:
-        one_by_one = law.corrected(one_by_one, 0.01)
-        if not again(steps, law):
-            steps.append(fault(law))
-    joined = x
-    for step in steps:
-        law = laws.registry()[step.law]()
-        joined = law.with_values(list(step.parameters.values())).corrected(joined, 0.01)
-    assert len(steps) == len(set(kinds))
-    np.testing.assert_allclose(joined, one_by_one, rtol=1e-9)

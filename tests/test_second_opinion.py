@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import re
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from pysindy_nrf import Chain, ChainModel, KinematicSmoother, NRFRegressor, Site, close_loop, excitation, laws, simulate
-from pysindy_nrf.discrepancy import second_opinion as opinion
+from pysindy_nrf import Chain, ChainModel, NRFRegressor, Site, close_loop, excitation, laws, simulate
 from pysindy_nrf.discrepancy.gate import Verdict
 from pysindy_nrf.discrepancy.prepare import prepare
 from pysindy_nrf.discrepancy.second_opinion import confirmed, unbiased_errors
@@ -55,32 +53,6 @@ def test_the_second_opinion_keeps_an_effect_and_refuses_what_noise_pretends(case
     verdict = confirmed(Verdict(True, 0.3, 1.0, 0.0, "the error falls by 30 %"), stage, after, null)
     assert verdict.accepted == bool(drift)
     assert drift or "instrumental variables" in verdict.sentence
-
-
-def test_instruments_are_asked_of_motions_fused_dof_by_dof(monkeypatch, case):
-    """Where DOFs improve each other, what is left of noise depends on the motion, and so do instruments made of it."""
-    _, ready, stage, _ = case
-    seen = []
-    monkeypatch.setattr(opinion, "instrumental_variables", lambda model, data, *rest: seen.append(data))
-    assert unbiased_errors(stage, ready) is None
-    X, _ = ready.records[0].to_features(smooth=KinematicSmoother(joint=False))
-    piece, joint = seen[0].segments[0], stage.work.data.segments[0]
-    np.testing.assert_allclose(np.hstack([piece.a, piece.v, piece.s]), X.to_numpy(), rtol=1e-9)
-    assert np.abs(piece.s - joint.s).max() > 1e-3 * joint.s.std() and np.array_equal(piece.F, joint.F)
-    held = np.ones(N, dtype=bool)
-    for b in stage.work.search:
-        held[b.rows] = False
-    for part in seen[0].segments:  # and not of rows that are held out
-        assert not held[part.valid].any()
-
-
-@pytest.mark.parametrize("without, with_it, wrong", [(0.01, 0.14, 0.14), (0.04, 0.02, 0.04), (0.2, 0.9, 0.2)])
-def test_what_lives_on_noise_is_judged_by_the_model_that_has_it(monkeypatch, without, with_it, wrong):
-    asked = []
-    monkeypatch.setattr(opinion, "Null", lambda *given: asked.append(given[-1]) or SimpleNamespace(bias=with_it))
-    null = SimpleNamespace(ready=None, rng=None, count=2, bias=without)
-    null.stage = SimpleNamespace(layout=SimpleNamespace(acting=("storey 1",)))
-    assert opinion.wrong_by(None, null) == wrong and asked in ([], [("storey 1",)])
 
 
 def test_surrogates_begin_with_what_noise_has_taken_away():
@@ -158,21 +130,6 @@ def test_a_velocity_that_reads_too_much_is_found_in_a_hammer_test():
     report = close_loop(rec.replace(velocity=1.25 * rec.velocity), NRFRegressor(degree=1))
     assert [(s.law, s.site) for s in report.steps] == [("gain_error", "sensor v1")]
     assert report.steps[0].parameters["e"] == pytest.approx(0.25, abs=0.02)
-
-
-@pytest.mark.parametrize(
-    ("gain", "bias", "taken"), [(0.3, 0.02, True), (0.3, 0.1, False), (0.6, 0.1, True)], ids=["little", "much", "large"]
-)
-def test_without_instruments_a_gain_must_be_larger_than_what_biased_models_pretend(monkeypatch, gain, bias, taken):
-    """Noise makes the model wrong by 2 or 10 % and no free run can tell: half of the error must then go."""
-    ready, stage = stage_of(0.0)
-    after = stage.with_law(Site("storey 1"), laws.StiffnessDrift())
-    monkeypatch.setattr(opinion, "unbiased_errors", lambda stage, ready: None)
-    monkeypatch.setattr(opinion, "wrong_by", lambda stage, null, corrected: null.bias)
-    null = SimpleNamespace(hasty=False, ready=ready, stages=[stage], bias=bias, floor=float(np.median(stage.slot().folds())))
-    verdict = confirmed(Verdict(True, gain, 1.0, 0.0, "the error falls"), stage, after, null)
-    assert verdict.accepted is taken
-    assert taken or verdict.sentence.endswith("wrong by 10 %, and no instruments can tell")
 
 
 def test_the_friction_that_noise_halves_is_told_from_the_samples_away_from_rest():

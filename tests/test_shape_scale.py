@@ -1,15 +1,13 @@
 """Shape parameters are searched in the same coordinates everywhere: bounds that go with the motion, logarithms where
 a parameter is a scale, frequencies up to half the sampling rate."""
 
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pysindy_nrf import Site, laws
-from pysindy_nrf.discrepancy.search import Axes
+from pysindy_nrf import laws
 from pysindy_nrf.laws.shape_scale import ShapeScale
 
 SHAPES = [p for law in laws.registry().values() for p in law.shapes]
@@ -61,7 +59,3 @@ def test_a_frequency_alone_goes_up_to_half_the_sampling_rate(fastest, sizes):
     assert capped.low == pytest.approx(free.low)
 
 
-def test_records_without_a_clock_leave_a_frequency_where_its_law_ends():
-    work = SimpleNamespace(scales=lambda site: (0.01, 0.2, 20.0), fastest=np.inf)
-    axes = Axes(laws.HarmonicForce(), work, Site("dof 1"))
-    assert axes.values(axes.high) == pytest.approx([laws.HarmonicForce.shapes[0].bounds(0.01, 0.2, 20.0)[1]])

@@ -430,7 +430,7 @@ def make_case(
         how = excitation or str(rng.choice(EXCITATIONS if not base else ("random", "earthquake", "earthquake")))
         forced = () if base else (tuple(range(1, n + 1)) if rng.random() < 0.5 else (int(rng.integers(1, n + 1)),))
         drift = 10 ** rng.uniform(-4.5, -2)
-        loads = _loads(rng, structure, f, fs, how, forced, n_samples, drift)
+        loads = scaled_loads(rng, structure, f, fs, how, forced, n_samples, drift)
         if degree == 3:
             plain = simulate(structure, [], *loads, fs)
             s = np.diff(plain.x, axis=1, prepend=0.0)
@@ -443,7 +443,7 @@ def make_case(
         if done is None:
             continue
         effects, run = done
-        further = [_loads(rng, structure, f, fs, how, forced, n_samples, None, like=loads) for _ in range(1)]
+        further = [scaled_loads(rng, structure, f, fs, how, forced, n_samples, None, like=loads) for _ in range(1)]
         others = [simulate(structure, effects, *more, fs) for more in further]
         if not all(np.isfinite(r.x).all() for r in others):
             continue
@@ -453,7 +453,7 @@ def make_case(
     raise RuntimeError(f"no chain was found for {name} (seed {seed}, {kinds})")
 
 
-def _loads(rng, structure, f, fs, how, forced, n, drift, like=None):
+def scaled_loads(rng, structure, f, fs, how, forced, n, drift, like=None):
     """Forces, base acceleration, velocity, displacement; scaled to an rms drift (m), or like other loads."""
     F, ag, vg, xg = np.zeros((n, structure.n)), np.zeros(n), np.zeros(n), np.zeros(n)
     if forced:

@@ -1,0 +1,113 @@
+"""Thirty simulated tests through ``close_loop``: what is hidden is found where it acts, and nothing where nothing is.
+
+The loop gets the channels; the assertions alone read the truth.
+"""
+
+from __future__ import annotations
+
+import pytest
+from simulated_cases import Plan, simulated
+
+from pysindy_nrf import NRFRegressor, Record, Site, close_loop, laws
+
+CATALOGUE = [
+    laws.CoulombFriction(), laws.QuadraticDamping(), laws.QuadraticStiffness(), laws.CubicStiffness(),
+    laws.QuinticStiffness(), laws.OneSidedGap(), laws.OneSidedGap(side=-1), laws.TwoSidedGap(), laws.Jenkins(), laws.Dahl(),
+    laws.MaxwellBranch(), laws.StiffnessStep(), laws.HarmonicForce(), laws.ConstantForce(), laws.LinkSpringDashpot(),
+    laws.ChannelDelay(), laws.GainError(), laws.SensorOffset(),
+]  # fmt: skip
+
+FAMILY = {
+    "coulomb": "friction", "ground_friction": "friction", "quadratic_damping": "damping",
+    "cubic": "stiffness", "quintic": "stiffness", "quadratic": "stiffness", "one_sided_gap": "contact",
+    "two_sided_gap": "contact", "dahl": "hysteresis", "bouc_wen": "hysteresis", "maxwell": "hysteresis",
+    "stiffness_step": "degradation", "harmonic": "forcing", "constant": "forcing", "brace": "link", "ground_link": "link",
+}  # fmt: skip
+
+# kind, p, q (0: the ground), rms of the effect over that of its storey's force
+HIDDEN = {
+    "friction of one mass": Plan(1, (1,), effects=(("coulomb", 1, 0, 0.2),), seed=1),
+    "hysteresis of one mass": Plan(1, (1,), "sweep", 0.005, (("bouc_wen", 1, 0, 0.25),), seed=2),
+    "quintic spring of one mass": Plan(1, (1,), noise=0.01, effects=(("quintic", 1, 0, 0.2),), seed=3),
+    "cubic spring": Plan(2, (1, 2), effects=(("cubic", 2, 1, 0.2),), seed=4),
+    "quadratic damping under blows": Plan(2, (2,), "hammer", 0.0, (("quadratic_damping", 1, 0, 0.2),), seed=5),
+    "gap under a sweep": Plan(2, (1, 2), "sweep", 0.005, (("two_sided_gap", 2, 1, 0.2),), seed=6),
+    "stop on one side": Plan(2, (2,), noise=0.005, effects=(("one_sided_gap", 1, 0, 0.2),), seed=7),
+    "sudden loss of stiffness": Plan(2, (1, 2), noise=0.01, effects=(("stiffness_step", 1, 0, 0.2),), seed=8),
+    "dead load": Plan(2, (1, 2), noise=0.005, effects=(("constant", 2, 0, 0.2),), seed=9),
+    "friction, one force": Plan(3, (3,), noise=0.01, effects=(("coulomb", 2, 1, 0.2),), seed=10),
+    "brace": Plan(3, (1, 2, 3), noise=0.01, effects=(("brace", 3, 1, 0.25),), seed=11),
+    "tie to the ground": Plan(3, (3,), noise=0.0, effects=(("ground_link", 2, 0, 0.25),), seed=12),
+    "friction against the ground": Plan(2, (1, 2), noise=0.005, effects=(("ground_friction", 2, 0, 0.2),), seed=13),
+    "unmeasured harmonic force": Plan(3, (3,), noise=0.005, effects=(("harmonic", 2, 0, 0.2),), seed=14),
+    "viscoelastic branch": Plan(3, (1, 2, 3), noise=0.0, effects=(("maxwell", 2, 1, 0.25),), seed=15),
+    "shaken base": Plan(2, (), "earthquake", 0.005, (("cubic", 2, 1, 0.25),), seed=16),
+    "friction at 5 %": Plan(2, (1, 2), noise=0.05, effects=(("coulomb", 2, 1, 0.25),), seed=17),
+    "cubic spring at 5 %": Plan(4, (1, 2, 3, 4), noise=0.05, effects=(("cubic", 3, 2, 0.25),), seed=18),
+    "hysteresis, one force": Plan(4, (4,), noise=0.0, effects=(("dahl", 1, 0, 0.25),), seed=19),
+    "quadratic spring under blows": Plan(4, (1, 2, 3, 4), "hammer", 0.005, (("quadratic", 4, 3, 0.2),), seed=20),
+    "two effects": Plan(2, (1, 2), noise=0.005, effects=(("quadratic", 1, 0, 0.2), ("cubic", 2, 1, 0.25)), seed=21),
+}  # fmt: skip
+FAULTY = {
+    "gain of an acceleration": (Plan(2, (1, 2), noise=0.005, gains=(("a2", 0.8),), seed=31), {"a2"}),
+    # of two forces without a known mass the data tell the ratio of their gains alone
+    "gain of a force": (Plan(3, (1, 3), gains=(("F1", 1.25),), seed=32), {"F1", "F3"}),
+    "late force": (Plan(2, (1, 2), noise=0.005, delays=(("F2", 1.5),), seed=33), {"F2"}),
+}
+NOTHING = {
+    "one mass": (Plan(1, (1,), seed=41), 1),
+    "two masses, one force, sweep": (Plan(2, (1,), "sweep", 0.01, seed=42), 1),
+    "three masses, blows": (Plan(3, (1, 2, 3), "hammer", 0.005, seed=43), 1),
+    "four masses, one force, 5 %": (Plan(4, (2,), noise=0.05, seed=44), 1),
+    "shaken base": (Plan(3, (), "earthquake", 0.01, seed=45), 1),
+    "cubic springs that are declared": (Plan(2, (1, 2), noise=0.01, effects=(("cubic", 1, 0, 0.2), ("cubic", 2, 1, 0.2)), seed=46), 3),
+}  # fmt: skip
+
+COSTLY = {
+    "friction of one mass", "hysteresis of one mass", "friction, one force", "brace", "friction against the ground",
+    "viscoelastic branch", "friction at 5 %", "cubic spring at 5 %", "hysteresis, one force", "two effects",
+    "quadratic spring under blows", "gain of an acceleration", "three masses, blows", "four masses, one force, 5 %",
+}  # fmt: skip
+
+
+def each(plans):
+    """Names of plans; the costlier half of the battery is marked."""
+    return [pytest.param(name, marks=pytest.mark.slow if name in COSTLY else ()) for name in plans]
+
+
+def loop(case, degree=1):
+    """The loop on a case; without forces, all masses are declared."""
+    known = None if "force" in case.channels else {j: m for j, m in enumerate(case.masses, 1)}
+    return close_loop(Record(**case.channels), NRFRegressor(degree=degree, known_masses=known), CATALOGUE)
+
+
+def balance(site):
+    """A site; one between a DOF and the ground and the DOF itself are felt alike."""
+    site = Site(str(site))
+    return Site(f"ground {site.p}") if site.kind == "dof" else site
+
+
+@pytest.mark.parametrize("name", each(HIDDEN))
+def test_what_is_hidden_is_found_where_it_acts(name):
+    case = simulated(HIDDEN[name])
+    report = loop(case)
+    for effect in case.effects:
+        here = [step for step in report.steps if balance(step.site) == balance(effect.site)]
+        assert any(FAMILY[effect.kind] in (step.family, *step.alternatives) for step in here), str(report)
+    assert {balance(s.site) for s in report.steps} == {balance(e.site) for e in case.effects}, str(report)
+    assert report.table["held-out"].iloc[-1] < 0.9 * report.table["held-out"].iloc[0]
+
+
+@pytest.mark.parametrize("name", each(FAULTY))
+def test_a_faulty_sensor_is_named_and_no_effect(name):
+    plan, channels = FAULTY[name]
+    report = loop(simulated(plan))
+    assert report.steps and {step.family for step in report.steps} == {"sensor"}, str(report)
+    accused = {Site(s).channel for step in report.steps for s in (step.site, *step.sensors)}
+    assert channels & accused, str(report)
+
+
+@pytest.mark.parametrize("name", each(NOTHING))
+def test_nothing_is_added_where_nothing_is_missing(name):
+    plan, degree = NOTHING[name]
+    assert loop(simulated(plan), degree).steps == []

@@ -5,75 +5,39 @@ from __future__ import annotations
 import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from functools import cache
+from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import chain, islice
 from typing import TypeVar
 
 Share = TypeVar("Share")
 Result = TypeVar("Result")
 
-_AHEAD = 2  # shares for each thread that wait or are done: memory stays flat in their number
-
-
-@cache
-def _cores() -> int:
-    from joblib import cpu_count
-
-    return int(cpu_count())  # of this process: affinity and the limits of a container count
+_AHEAD = 2  # shares for each thread that wait or are done: memory does not grow with their number
 
 
 def n_threads() -> int:
-    """Threads of a pass: the cores of this process, or what OMP_NUM_THREADS or NUMBA_NUM_THREADS allow.
+    """Threads of a pass: the cores of this process, or what OMP_NUM_THREADS or NUMBA_NUM_THREADS allow."""
+    from joblib import cpu_count  # affinity and the limits of a container count
 
-    These are the variables that joblib and Dask set in their workers, so that fits side by side do not fight for cores.
-
-    Returns
-    -------
-    int
-        At least 1.
-
-    Examples
-    --------
-    >>> from pysindy_nrf.threads import n_threads
-    >>> n_threads() >= 1
-    True
-    """
     asked = [os.environ.get(name, "").split(",")[0].strip() for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")]
-    return min([_cores(), *(int(x) for x in asked if x.isdecimal() and int(x) > 0)])
+    return min([cpu_count(), *(int(x) for x in asked if x.isdecimal() and int(x) > 0)])
 
 
 def in_threads(function: Callable[[Share], Result], shares: Iterable[Share]) -> Iterator[Result]:
-    """Results of a function for each share, in the order of the shares, which are read as they are needed.
+    """Results of a function for each share in their order; the caller's thread reads the shares as they are needed.
 
-    A single share is done in the caller's thread, and so are all where there is one thread only.
-
-    Parameters
-    ----------
-    function : callable
-        Of one share; spends its time without the interpreter's lock.
-    shares : iterable
-
-    Yields
-    ------
-    object
-
-    Examples
-    --------
-    >>> from pysindy_nrf.threads import in_threads
-    >>> list(in_threads(abs, [-1, 2, -3]))
-    [1, 2, 3]
+    joblib's generator reads ahead without a limit, and its batches cost small fits twice the time.
     """
     rest = iter(shares)
-    begun, threads = list(islice(rest, 2)), n_threads()
-    if threads == 1 or len(begun) < 2:
-        yield from map(function, chain(begun, rest))
+    begun = list(islice(rest, 2))
+    threads, rest = n_threads() if len(begun) == 2 else 1, chain(begun, rest)
+    if threads == 1:
+        yield from map(function, rest)
         return
-    from concurrent.futures import Future, ThreadPoolExecutor
-
     waiting: deque[Future[Result]] = deque()
     pool = ThreadPoolExecutor(threads)
     try:
-        for share in chain(begun, rest):
+        for share in rest:
             waiting.append(pool.submit(function, share))
             if len(waiting) > _AHEAD * threads:
                 yield waiting.popleft().result()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 
 import chains
+import joblib
 import numpy as np
 import pytest
 
@@ -23,7 +24,7 @@ def cores(monkeypatch):
     def set_cores(count: int) -> None:
         for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS"):
             monkeypatch.delenv(name, raising=False)
-        monkeypatch.setattr(threads, "_cores", lambda: count)
+        monkeypatch.setattr(joblib, "cpu_count", lambda: count)
 
     return set_cores
 

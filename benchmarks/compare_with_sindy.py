@@ -25,7 +25,7 @@ import pandas as pd  # noqa: E402
 from sparse_selection import draw  # noqa: E402
 
 from pysindy_nrf import compare_with_sindy  # noqa: E402
-from pysindy_nrf.model_selection.sparsity import default_paths  # noqa: E402
+from pysindy_nrf.selection.sparsity import default_paths  # noqa: E402
 
 
 def rows(seed: int, noise: float, n_samples: int, free_run: int, n_dof: int = 4, every: int = 1) -> pd.DataFrame:

@@ -52,11 +52,11 @@ from pysindy_nrf import (  # noqa: E402
     compare_with_sindy,
     laws,
 )
-from pysindy_nrf.chain_solve import solve_blocks  # noqa: E402
 from pysindy_nrf.exceptions import NRFError  # noqa: E402
-from pysindy_nrf.identifiability import plan_walk  # noqa: E402
-from pysindy_nrf.layout import Layout  # noqa: E402
-from pysindy_nrf.moments import blocks_of  # noqa: E402
+from pysindy_nrf.mechanics.identifiability import plan_walk  # noqa: E402
+from pysindy_nrf.regression.chain_solve import solve_blocks  # noqa: E402
+from pysindy_nrf.regression.layout import Layout  # noqa: E402
+from pysindy_nrf.regression.moments import blocks_of  # noqa: E402
 from pysindy_nrf.simulation import free_run  # noqa: E402
 
 Row = tuple[str, str, str]  # claim, measured, verdict
@@ -304,7 +304,7 @@ def scaled_otherwise(quick: bool) -> list[Row]:
 
 def identify(*arguments: str) -> dict:
     """The command line's own answer."""
-    from pysindy_nrf.cli.group import run
+    from pysindy_nrf.output.cli.group import run
 
     out, errors = io.StringIO(), io.StringIO()
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):

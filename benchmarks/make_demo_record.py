@@ -2,7 +2,8 @@
 
     python benchmarks/make_demo_record.py            # writes pysindy_nrf/datasets/demo_record.csv
 
-The truth is ``pysindy_nrf.datasets.demo_truth``; the record holds what sensors would: the shaker's force on floor 2 and
+The truth is ``pysindy_nrf.datasets.demo_truth``; the record holds what
+sensors would: the shaker's force on floor 2 and
 accelerations and displacements of three floors with 2 % noise (share of each channel's rms).
 """
 
@@ -14,10 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from pysindy_nrf import Record, simulate
-from pysindy_nrf._atomic import atomic_write
+from pysindy_nrf.common.atomic import atomic_write
 from pysindy_nrf.datasets import demo_truth
-from pysindy_nrf.excitation import band_limited_random
-from pysindy_nrf.noise import add_noise
+from pysindy_nrf.simulation.excitation import band_limited_random
+from pysindy_nrf.simulation.noise import add_noise
 
 FS, DURATION, OVERSAMPLING, NOISE, SEED = 200.0, 20.0, 10, 0.02, 20240501
 

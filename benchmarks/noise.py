@@ -29,10 +29,10 @@ import pandas as pd  # noqa: E402
 from joblib import Parallel, delayed  # noqa: E402
 
 from pysindy_nrf import ChainModel, KinematicSmoother, NRFRegressor, Record, excitation, laws, simulate  # noqa: E402
-from pysindy_nrf.errors import nrmse  # noqa: E402
 from pysindy_nrf.estimation.spectra import spectrum, transfer  # noqa: E402
 from pysindy_nrf.exceptions import NRFError  # noqa: E402
-from pysindy_nrf.noise import add_noise  # noqa: E402
+from pysindy_nrf.regression.errors import nrmse  # noqa: E402
+from pysindy_nrf.simulation.noise import add_noise  # noqa: E402
 
 FS, DURATION, N = 1000.0, 16.0, 4
 MASS, STIFFNESS, DAMPING = 12.4, 1.4e5, 25.0

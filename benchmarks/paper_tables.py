@@ -17,18 +17,17 @@ import numpy as np
 import pandas as pd
 
 from pysindy_nrf import NRFRegressor, laws
-from pysindy_nrf.analysis import (
-    compare_tests,
+from pysindy_nrf.estimation import (
     dissipated_energy,
-    find_onset,
     found_twice,
     locate_nonlinearity,
     model_agreement,
     power_energy,
     total_mass,
 )
-from pysindy_nrf.errors import nrmse
 from pysindy_nrf.exceptions import BiasWarning, DataQualityWarning
+from pysindy_nrf.monitoring import compare_tests, find_onset
+from pysindy_nrf.regression.errors import nrmse
 from pysindy_nrf.signals import paper_processing
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "examples"))

@@ -47,7 +47,7 @@ from pysindy_nrf.discrepancy.detection import NOISE, detect  # noqa: E402
 from pysindy_nrf.discrepancy.noise_floor import NoiseFloor  # noqa: E402
 from pysindy_nrf.discrepancy.residual import residual_of  # noqa: E402
 from pysindy_nrf.exceptions import NRFError  # noqa: E402
-from pysindy_nrf.input_arrays import from_arrays  # noqa: E402
+from pysindy_nrf.regression.input_arrays import from_arrays  # noqa: E402
 
 SHORT = {"n_samples": 4096, "most": 4}
 EFFECTS = ("coulomb", "cubic", "dahl", "quadratic_damping", "two_sided_gap", "bouc_wen")

@@ -26,8 +26,8 @@ import numpy as np  # noqa: E402
 import pandas as pd  # noqa: E402
 
 from pysindy_nrf import ChainModel, Record, compare_with_sindy, laws  # noqa: E402
-from pysindy_nrf.model_selection import select_sparsity  # noqa: E402
-from pysindy_nrf.noise import add_noise  # noqa: E402
+from pysindy_nrf.selection import select_sparsity  # noqa: E402
+from pysindy_nrf.simulation.noise import add_noise  # noqa: E402
 
 N, TRUE, NOISE = 4, {"v", "s", "s^3"}, 0.02
 

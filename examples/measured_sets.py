@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from pysindy_nrf import Record
+from pysindy_nrf.data.io import FrequencyResponse, read_frf, read_record, read_table
 from pysindy_nrf.exceptions import FileFormatError, NRFError
-from pysindy_nrf.io import FrequencyResponse, read_frf, read_record, read_table
 
 VARIABLE = "PYSINDY_NRF_DATA"
 _NONE = "the set states no licence; ask its authors before you pass it on"

@@ -16,10 +16,10 @@ from scipy.optimize import brentq
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, Site
 from pysindy_nrf.exceptions import BiasWarning, ChainError
-from pysindy_nrf.excitation import band_limited_random, impact_hammer
 from pysindy_nrf.laws import ModifiedDahl, PowerSeries
-from pysindy_nrf.noise import add_noise
 from pysindy_nrf.simulation import free_run
+from pysindy_nrf.simulation.excitation import band_limited_random, impact_hammer
+from pysindy_nrf.simulation.noise import add_noise
 
 # 2-DOF frame (section 3.1): kg, N/m, N s/m; eqs. (6)-(7).
 MASS, STIFFNESS, DAMPING = 10.0, 1e5, 100.0

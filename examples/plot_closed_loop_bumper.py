@@ -15,8 +15,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from pysindy_nrf import ChainModel, close_loop, excitation, laws, simulate
-from pysindy_nrf.displays import BeforeAfterDisplay
-from pysindy_nrf.noise import add_noise
+from pysindy_nrf.output.displays import BeforeAfterDisplay
+from pysindy_nrf.simulation.noise import add_noise
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)

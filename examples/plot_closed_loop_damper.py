@@ -16,7 +16,7 @@ import matplotlib.pyplot as plt
 import paper_cases as cases
 
 from pysindy_nrf import NRFRegressor, close_loop
-from pysindy_nrf.displays import BeforeAfterDisplay
+from pysindy_nrf.output.displays import BeforeAfterDisplay
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)

@@ -16,8 +16,8 @@ import matplotlib.pyplot as plt
 import measured_sets
 
 from pysindy_nrf import NRFRegressor, close_loop
-from pysindy_nrf.displays import BeforeAfterDisplay
-from pysindy_nrf.fair_filter import FairFilter
+from pysindy_nrf.output.displays import BeforeAfterDisplay
+from pysindy_nrf.signals.zero_phase_filter import FairFilter
 
 if "PYSINDY_NRF_DATA" not in os.environ:
     sys.exit("Set PYSINDY_NRF_DATA to the folder of the measured records.")

@@ -18,7 +18,7 @@ import measured_sets
 import numpy as np
 
 from pysindy_nrf import KinematicSmoother, NRFRegressor, close_loop, laws
-from pysindy_nrf.displays import HysteresisLoopDisplay
+from pysindy_nrf.output.displays import HysteresisLoopDisplay
 
 if "PYSINDY_NRF_DATA" not in os.environ:
     sys.exit("Set PYSINDY_NRF_DATA to the folder of the measured records.")

@@ -18,9 +18,9 @@ from pysindy.utils import duffing
 from scipy.integrate import solve_ivp
 
 from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
-from pysindy_nrf.comparison import compare
-from pysindy_nrf.displays import CoefficientsDisplay
-from pysindy_nrf.noise import add_noise
+from pysindy_nrf.output.displays import CoefficientsDisplay
+from pysindy_nrf.selection.comparison import compare
+from pysindy_nrf.simulation.noise import add_noise
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)

@@ -21,9 +21,10 @@ import paper_cases as cases
 import paper_published as published
 
 from pysindy_nrf import NRFRegressor
-from pysindy_nrf.analysis import damper_force, path_energy
-from pysindy_nrf.displays import DamperForceDisplay, EnergyDisplay
-from pysindy_nrf.errors import nrmse
+from pysindy_nrf.estimation import damper as damper_force
+from pysindy_nrf.estimation import path_energy
+from pysindy_nrf.output.displays import DamperForceDisplay, EnergyDisplay
+from pysindy_nrf.regression.errors import nrmse
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)

@@ -17,8 +17,8 @@ import paper_cases as cases
 import paper_published as published
 
 from pysindy_nrf import NRFRegressor
-from pysindy_nrf.analysis import locate_nonlinearity
-from pysindy_nrf.displays import PlanarityDisplay, RecordDisplay, RestoringForceSurfaceDisplay
+from pysindy_nrf.estimation import locate_nonlinearity
+from pysindy_nrf.output.displays import PlanarityDisplay, RecordDisplay, RestoringForceSurfaceDisplay
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)

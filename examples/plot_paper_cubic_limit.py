@@ -19,8 +19,8 @@ import numpy as np
 import paper_cases as cases
 
 from pysindy_nrf import NRFRegressor, laws
-from pysindy_nrf.displays import HysteresisLoopDisplay
 from pysindy_nrf.exceptions import BiasWarning
+from pysindy_nrf.output.displays import HysteresisLoopDisplay
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)

@@ -17,8 +17,9 @@ import numpy as np
 import paper_cases as cases
 
 from pysindy_nrf import NRFRegressor, laws
-from pysindy_nrf.analysis import compare_tests, energy_shares, find_onset, track
-from pysindy_nrf.displays import ChangeMapDisplay, FreeRunDisplay, TrackDisplay
+from pysindy_nrf.estimation import energy_shares
+from pysindy_nrf.monitoring import compare_tests, find_onset, track
+from pysindy_nrf.output.displays import ChangeMapDisplay, FreeRunDisplay, TrackDisplay
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)

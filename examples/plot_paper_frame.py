@@ -21,8 +21,16 @@ import paper_cases as cases
 import paper_published as published
 
 from pysindy_nrf import NRFRegressor, laws
-from pysindy_nrf.analysis import horizontal_component, linear_twin, locate_nonlinearity, path_energy, total_mass
-from pysindy_nrf.displays import (
+from pysindy_nrf.estimation import (
+    horizontal_component,
+    locate_nonlinearity,
+    path_energy,
+    total_mass,
+)
+from pysindy_nrf.estimation import (
+    linear_model as linear_twin,
+)
+from pysindy_nrf.output.displays import (
     DamperForceDisplay,
     EnergyDisplay,
     ModesDisplay,

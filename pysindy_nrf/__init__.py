@@ -1,74 +1,55 @@
 """Masses and nonlinear restoring forces of chain-like structures from measured forces and motions."""
 
-from importlib import import_module as _import_module
-from typing import Any as _Any
-
 from . import exceptions, laws
-from .chain import Chain
-from .record import Record
-from .sites import Site
+from .common.lazy import public_names
+from .data.record import Record
+from .mechanics.chain import Chain
+from .mechanics.sites import Site
 
 __version__ = "0.1.0"
 
 # Public name -> the module that defines it. Resolved on first use (PEP 562), so that
 # `import pysindy_nrf` loads neither PySINDy nor numba nor scipy.signal.
 _LAZY = {
-    "ChainModel": "model",
-    "ChainOptimizer": "optimizers",
-    "FairFilter": "fair_filter",
-    "ForceLawLibrary": "feature_library",
-    "InterstoryPolynomialLibrary": "feature_library",
+    "ChainModel": "regression.chain_model",
+    "ChainOptimizer": "regression.optimizers",
+    "FairFilter": "signals.zero_phase_filter",
+    "ForceLawLibrary": "regression.feature_library",
+    "InterstoryPolynomialLibrary": "regression.feature_library",
     "KinematicSmoother": "signals",
-    "NRFRegressor": "regressor",
-    "StateSpaceChainOptimizer": "optimizers",
+    "NRFRegressor": "estimation.regressor",
+    "StateSpaceChainOptimizer": "regression.optimizers",
     "close_loop": "discrepancy",
-    "compare_with_sindy": "comparison",
-    "BlockedTimeSplit": "model_selection",
-    "OrderSelection": "model_selection",
-    "RecordSplit": "model_selection",
-    "one_standard_error": "model_selection",
-    "select_order": "model_selection",
-    "select_sparsity": "model_selection",
+    "compare_with_sindy": "selection.comparison",
+    "BlockedTimeSplit": "selection",
+    "OrderSelection": "selection",
+    "RecordSplit": "selection",
+    "one_standard_error": "selection",
+    "select_order": "selection",
+    "select_sparsity": "selection",
     "simulate": "simulation",
 }
-_LAZY_MODULES = (
-    "alignment",
-    "analysis",
-    "channel_checks",
-    "comparison",
-    "condensation",
-    "constraints",
-    "datasets",
-    "discrepancy",
-    "displays",
-    "distributed",
-    "errors",
-    "estimation",
-    "excitation",
-    "guidance",
-    "io",
-    "model_selection",
-    "noise",
-    "report",
-    "scorers",
-    "signals",
-    "state_space",
-    "streaming",
-)
+# Layers and the modules that users name, by the name under which `from pysindy_nrf import ...` gives them.
+_LAZY_MODULES = {
+    "data": "data",
+    "datasets": "datasets",
+    "diagnostics": "diagnostics",
+    "discrepancy": "discrepancy",
+    "displays": "output.displays",
+    "estimation": "estimation",
+    "excitation": "simulation.excitation",
+    "io": "data.io",
+    "mechanics": "mechanics",
+    "monitoring": "monitoring",
+    "output": "output",
+    "regression": "regression",
+    "scorers": "selection.scorers",
+    "selection": "selection",
+    "signals": "signals",
+    "simulation": "simulation",
+    "streaming": "estimation.streaming",
+}
 
 __all__ = ["Chain", "Record", "Site", "exceptions", "laws", *_LAZY, *_LAZY_MODULES]
 
-
-def __getattr__(name: str) -> _Any:
-    if name in _LAZY:
-        value = getattr(_import_module(f".{_LAZY[name]}", __name__), name)
-    elif name in _LAZY_MODULES:
-        value = _import_module(f".{name}", __name__)
-    else:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = public_names(__name__, _LAZY, _LAZY_MODULES)

@@ -6,7 +6,7 @@ import numpy as np
 from chains import band_limited, integrate
 
 from pysindy_nrf import NRFRegressor, Record, close_loop, laws
-from pysindy_nrf.noise import add_noise
+from pysindy_nrf.simulation.noise import add_noise
 
 NASTY = "</script><img src=x onerror=alert(1)>"
 CATALOGUE = (laws.CoulombFriction(), laws.CubicStiffness(), laws.QuadraticDamping(), laws.Dahl())

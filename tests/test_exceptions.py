@@ -19,22 +19,21 @@ WARNINGS = [c for c in CLASSES if issubclass(c, NRFWarning)]
 
 # What is raised besides, with the reason. (file, class)
 ALLOWED = {
-    ("__init__.py", "AttributeError"): "the protocol of module attributes",
-    ("alignment.py", "AttributeError"): "the protocol of module attributes",
-    ("clock.py", "AttributeError"): "the protocol of attributes",
+    ("common/lazy.py", "AttributeError"): "the protocol of module attributes",
+    ("data/clock.py", "AttributeError"): "the protocol of attributes",
     ("laws/contract.py", "AssertionError"): "a check that a law failed, as documented",
-    ("channels.py", "TypeError"): "caught some lines below",
-    ("channels.py", "kind"): "one of two typed errors, chosen above",
-    ("comparison/plain.py", "OverflowError"): "caught by the time limit's own loop",
-    ("comparison/plain.py", "TimeoutError"): "caught by the time limit's own loop",
-    ("model_selection/judged.py", "DigitsLost"): "private, caught by the selection",
-    ("chain_solve.py", "NotTogether"): "an NRFError, caught by the selection, which solves one by one",
-    ("model_selection/fold_moments.py", "NotTogether"): "the same",
+    ("data/channels.py", "TypeError"): "caught some lines below",
+    ("data/channels.py", "kind"): "one of two typed errors, chosen above",
+    ("selection/comparison/plain.py", "OverflowError"): "caught by the time limit's own loop",
+    ("selection/comparison/plain.py", "TimeoutError"): "caught by the time limit's own loop",
+    ("selection/fold_scores.py", "DigitsLost"): "private, caught by the selection",
+    ("regression/chain_solve.py", "NotTogether"): "an NRFError, caught by the selection, which solves one by one",
+    ("selection/fold_moments.py", "NotTogether"): "the same",
 }
 # Readers' helpers: the reader turns their ValueError into a FileFormatError (test_fuzz.py holds it to that).
-HELPERS = {"io/attributes.py", "io/matlab.py", "io/numpy_files.py", "io/uff.py", "schema.py"}
+HELPERS = {"data/io/attributes.py", "data/io/matlab.py", "data/io/numpy_files.py", "data/io/uff.py", "common/schema.py"}
 # The sentences of a walk say themselves what would help.
-CURE_INSIDE = {"identifiability.py": "its reasons say what would help"}
+CURE_INSIDE = {"mechanics/identifiability.py": "its reasons say what would help"}
 # Functions that build the error they are named for.
 BUILDERS = {"unreadable", "cannot_compile"}
 
@@ -83,7 +82,7 @@ def test_only_typed_errors_are_raised():
     wrong = []
     for where, node in raises():
         name = called(node.exc)
-        usage = where.startswith("cli/") and name in ("UsageError", "BadParameter")
+        usage = where.startswith("output/cli/") and name in ("UsageError", "BadParameter")
         again = not isinstance(node.exc, ast.Call) and name.islower()  # an error that was caught and is passed on
         abstract = name == "NotImplementedError"  # what a subclass has to write
         helper = name == "ValueError" and where in HELPERS

@@ -10,7 +10,7 @@ import pytest
 from scipy import signal
 
 from pysindy_nrf import ChainModel
-from pysindy_nrf.cli.group import run
+from pysindy_nrf.output.cli.group import run
 
 README = (Path(__file__).parents[1] / "README.md").read_text("utf-8")
 MASSES, STIFFNESSES, DAMPINGS = (5200.0, 5000.0, 4300.0), (4.1e6, 3.6e6, 3.0e6), (9e3, 8e3, 7e3)

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from pysindy_nrf import ChainModel, Record, excitation, laws, simulate
-from pysindy_nrf.noise import add_noise
+from pysindy_nrf.simulation.noise import add_noise
 
 N, STEP = 1500, 1e-3
 TIME = np.arange(N) * STEP

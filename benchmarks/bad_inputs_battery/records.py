@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 
 from pysindy_nrf import KinematicSmoother, Record
-from pysindy_nrf.channel_checks import check_channels
 from pysindy_nrf.exceptions import DataQualityWarning, NRFError
-from pysindy_nrf.noise import add_noise
+from pysindy_nrf.signals.channel_checks import check_channels
+from pysindy_nrf.simulation.noise import add_noise
 
 from .kind import Kind
 from .material import NAMES, TIME, N, changed, channels, good, table

@@ -70,7 +70,7 @@ def _texts() -> list[bytes]:
 def _written(suffix: str) -> bytes:
     import tempfile
 
-    from pysindy_nrf.io import write_record
+    from pysindy_nrf.data.io import write_record
 
     with tempfile.TemporaryDirectory() as folder:
         return Path(write_record(_record(), Path(folder, "test" + suffix))).read_bytes()
@@ -162,7 +162,7 @@ def _responses() -> list[bytes]:
 
 def _models() -> list[bytes]:
     from pysindy_nrf import ChainModel, laws
-    from pysindy_nrf.visited import VisitedRegion
+    from pysindy_nrf.regression.phase_plane_domain import VisitedRegion
 
     storey = [laws.PowerSeries(3, np.arange(1.0, 10.0)), laws.Dahl(sigma=1e3, Fd=20.0)]
     region = VisitedRegion.of(WAVE[:, 0], WAVE[:, 1])
@@ -183,20 +183,20 @@ def _mappings() -> list[bytes]:
 
 
 def read_table(path: Path) -> Any:
-    from pysindy_nrf.io import read_table as read
+    from pysindy_nrf.data.io import read_table as read
 
     return read(path, max_bytes=100_000_000)
 
 
 def read_record(path: Path) -> Any:
     """The whole way, to features and back in words."""
-    from pysindy_nrf.io import describe, inspect_record
+    from pysindy_nrf.data.io import describe, inspect_record
 
     return describe(inspect_record(path, max_bytes=100_000_000))
 
 
 def read_frf(path: Path) -> Any:
-    from pysindy_nrf.io import read_frf as read
+    from pysindy_nrf.data.io import read_frf as read
 
     return read(path, max_bytes=100_000_000)
 
@@ -210,7 +210,7 @@ def read_model(path: Path) -> Any:
 
 
 def read_mapping(path: Path) -> Any:
-    from pysindy_nrf.io import read_mapping as read
+    from pysindy_nrf.data.io import read_mapping as read
 
     return read(path)
 
@@ -218,10 +218,10 @@ def read_mapping(path: Path) -> Any:
 def read_words(path: Path) -> Any:
     """The small grammars: mappings, units, sites."""
     from pysindy_nrf import Site
+    from pysindy_nrf.data.io.expression import line_of, parse
+    from pysindy_nrf.data.io.table import Table
+    from pysindy_nrf.data.io.units import factor, is_unit
     from pysindy_nrf.exceptions import NRFError
-    from pysindy_nrf.io.expression import line_of, parse
-    from pysindy_nrf.io.table import Table
-    from pysindy_nrf.io.units import factor, is_unit
 
     text = path.read_bytes().decode("utf-8", "replace")
     table = Table(path, "memory", {"a": WAVE, "x1": WAVE[:, 0], "gain": np.array(2.0)})

@@ -5,8 +5,8 @@ from __future__ import annotations
 from importlib.resources import files
 from typing import Any
 
-from ..io import Reading, inspect_record
-from ..record import Record
+from ..data.io import Reading, inspect_record
+from ..data.record import Record
 
 FILE = "demo_record.csv"
 
@@ -58,7 +58,7 @@ def demo_truth() -> Any:
     R3 = 20 v3 + 3e+04 s3
     """
     from ..laws import Duffing, LinearElastic, LinearViscous
-    from ..model import ChainModel
+    from ..regression.chain_model import ChainModel
 
     return ChainModel(
         [12.0, 10.0, 8.0],

@@ -9,11 +9,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..analysis.jumps import jumping_terms
-from ..analysis.rest import SHARES, first_settled, lives_there, made_wrong, moving
+from ..diagnostics.jumps import jumping_terms
+from ..diagnostics.rest import SHARES, first_settled, lives_there, made_wrong, moving
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw
-from ..sites import Site
+from ..mechanics.sites import Site
 from .stage import Stage
 
 # Part of the rms drift of its site within which a hysteresis turns over that is friction but for its name.
@@ -77,7 +77,7 @@ def share_to_leave(stage: Stage) -> float | None:
     Returns
     -------
     float or None
-        Share of the rms rate of each site with such a force, see :func:`pysindy_nrf.analysis.rest.moving`; None where
+        Share of the rms rate of each site with such a force, :func:`pysindy_nrf.diagnostics.rest.moving`; None where
         nothing jumps, where a filter spreads every jump, and where it makes no difference beyond chance and a tenth.
     """
     at = [stage.layout.slices[site].start + k for site, k in jumping(stage)]

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from .. import laws
-from ..chain import Chain
 from ..exceptions import LawError
 from ..laws.base import ForceLaw
-from ..sites import Site
+from ..mechanics.chain import Chain
+from ..mechanics.sites import Site
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..sites import Site
+from ..mechanics.sites import Site
 from .away_from_rest import share_to_leave
 from .catalogue import balances_of
 from .contradictions import contradictions

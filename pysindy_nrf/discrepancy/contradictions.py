@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..alignment import channel_alignment
 from ..exceptions import NRFError
 from ..laws.sensor import ChannelDelay, GainError, SensorFault
-from ..sites import Site
+from ..mechanics.sites import Site
+from ..signals.alignment import channel_alignment
 from .prepare import Prepared
 from .workspace import Workspace
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..laws import Jenkins
 from ..laws.base import Motion
-from ..sites import Site
+from ..mechanics.sites import Site
 from .dependence import Judge, filtered
 from .noise_floor import NoiseFloor
 from .residual import ROUND_OFF, Residual
@@ -86,7 +86,7 @@ def couplings(residual: Residual, floor: NoiseFloor | None = None) -> list[Coupl
     >>> from pysindy_nrf import ChainModel, laws, simulate
     >>> from pysindy_nrf.discrepancy.coupling import couplings
     >>> from pysindy_nrf.discrepancy.residual import residual_of
-    >>> from pysindy_nrf.input_arrays import from_arrays
+    >>> from pysindy_nrf.regression.input_arrays import from_arrays
     >>> spring = [laws.LinearElastic(1e5), laws.LinearViscous(100.0)]
     >>> model = ChainModel([10.0, 10.0], {1: spring, 2: spring})
     >>> F = 100 * np.random.default_rng(0).standard_normal((4000, 2))

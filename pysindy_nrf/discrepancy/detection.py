@@ -15,8 +15,8 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import NRFError
-from ..segments import Segment, SegmentSet
-from ..sites import Site
+from ..mechanics.sites import Site
+from ..regression.segments import Segment, SegmentSet
 from .correlation import (
     Cross,
     Parts,
@@ -155,8 +155,8 @@ def detect(
     >>> from pysindy_nrf import ChainModel, laws, simulate
     >>> from pysindy_nrf.discrepancy.detection import detect
     >>> from pysindy_nrf.discrepancy.residual import residual_of
-    >>> from pysindy_nrf.excitation import band_limited_random
-    >>> from pysindy_nrf.input_arrays import from_arrays
+    >>> from pysindy_nrf.simulation.excitation import band_limited_random
+    >>> from pysindy_nrf.regression.input_arrays import from_arrays
     >>> spring = [laws.LinearElastic(1e5), laws.LinearViscous(100.0)]
     >>> truth = ChainModel([10.0, 10.0], {1: spring, 2: [*spring, laws.CubicStiffness(1e9)]})
     >>> F = band_limited_random(2, 4.0, 1000.0, dofs=[1, 2], rms=100.0, band=(1.0, 60.0), random_state=0)

@@ -15,9 +15,9 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import NRFError
-from ..model import ChainModel
-from ..segments import SegmentSet
-from ..sites import Site
+from ..mechanics.sites import Site
+from ..regression.chain_model import ChainModel
+from ..regression.segments import SegmentSet
 from .characterisation import Characterisation, characterise
 from .coupling import Coupling, couplings
 from .detection import NOISE, TEST_WORDS, Detection, detect

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import Pooled, balance_sizes
 from ..exceptions import ChannelError
-from ..model import ChainModel
-from ..segments import SegmentSet
+from ..regression.chain_model import ChainModel
+from ..regression.errors import Pooled, balance_sizes
+from ..regression.segments import SegmentSet
 from .gate import MIN_GAIN
 from .noise_floor import NoiseFloor
 from .residual import Residual, residual_of

@@ -16,12 +16,12 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import t as student
 
-from ..chain_solve import groups_of
+from ..common.jackknife import variance
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw
-from ..layout import Layout
-from ..leaving_out import variance
-from ..sites import Site
+from ..mechanics.sites import Site
+from ..regression.chain_solve import groups_of
+from ..regression.layout import Layout
 from .projection import Projection
 from .search import Axes, plateau
 from .stage import Stage

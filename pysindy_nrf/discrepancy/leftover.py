@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..exceptions import NRFError
-from ..sites import Site
+from ..mechanics.sites import Site
 from .dependence import Basis, Judge, filtered
 from .evidence import searched_residual
 from .residual import rms

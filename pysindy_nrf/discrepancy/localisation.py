@@ -21,11 +21,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ..chain import Chain
+from ..common.jackknife import variance
 from ..exceptions import ChannelError
-from ..layout import LawLayout
-from ..leaving_out import variance
-from ..sites import Site
+from ..mechanics.chain import Chain
+from ..mechanics.sites import Site
+from ..regression.layout import LawLayout
 from .dependence import Basis, Judge, filtered
 from .noise_floor import AT_FLOOR, NoiseFloor
 from .residual import Residual
@@ -91,8 +91,8 @@ def localise(
     >>> from pysindy_nrf import ChainModel, NRFRegressor, laws, simulate
     >>> from pysindy_nrf.discrepancy.localisation import localise
     >>> from pysindy_nrf.discrepancy.residual import residual_of
-    >>> from pysindy_nrf.excitation import band_limited_random
-    >>> from pysindy_nrf.input_arrays import from_arrays
+    >>> from pysindy_nrf.simulation.excitation import band_limited_random
+    >>> from pysindy_nrf.regression.input_arrays import from_arrays
     >>> spring = [laws.LinearElastic(1e5), laws.LinearViscous(100.0)]
     >>> truth = ChainModel([10.0] * 3, {1: spring, 2: [*spring, laws.CoulombFriction(5.0)], 3: spring})
     >>> F = band_limited_random(3, 4.0, 1000.0, dofs=3, rms=100.0, band=(1.0, 60.0), random_state=0)

@@ -8,14 +8,14 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from .._random import generator
+from ..common.random_state import generator
+from ..estimation.regressor import NRFRegressor
 from ..exceptions import BiasWarning, ChannelError, ExcitationError, NRFError
-from ..fair_filter import filters_of
 from ..laws.base import ForceLaw
 from ..laws.power_series import whole
-from ..regressor import NRFRegressor
-from ..segments import SegmentSet
-from ..sites import Site
+from ..mechanics.sites import Site
+from ..regression.segments import SegmentSet
+from ..signals.zero_phase_filter import filters_of
 from .begin_elsewhere import explored
 from .catalogue import as_laws, candidates
 from .conclusion import concluded

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from .._random import generator
+from ..common.random_state import generator
+from ..data.record import Record
 from ..exceptions import ChannelError
-from ..input_arrays import from_arrays
-from ..kinematics import to_features
-from ..model import ChainModel
-from ..record import Record
-from ..segments import SegmentSet
+from ..regression.chain_model import ChainModel
+from ..regression.input_arrays import from_arrays
+from ..regression.segments import SegmentSet
+from ..signals.kinematics import to_features
 from .noise_level import BASE, levels_of, noisy_base, quiet_drive
 from .residual import Residual, free_run, from_top, residual_of, rms
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..record import Record
+from ..data.record import Record
 
 BASE = {"ag": "base_acceleration", "vg": "base_velocity", "xg": "base_displacement"}
 # A floor louder than this share of the signal's rms is taken for the signal itself.

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ..data.record import Record
 from ..exceptions import ChannelError
-from ..input_arrays import from_arrays
-from ..kinematics import base_acceleration_if_any, base_motion, to_features
-from ..measured import Measured, measured
-from ..record import Record
-from ..segments import Segment, SegmentSet
+from ..regression.input_arrays import from_arrays
+from ..regression.segments import Segment, SegmentSet
 from ..signals.kinematic_smoother import KinematicSmoother
+from ..signals.kinematics import base_acceleration_if_any, base_motion, to_features
+from ..signals.measured import Measured, measured
 
 # Noise of every channel, as a share of its rms, below which the channels are taken as they are.
 CLEAN = 0.004
@@ -209,7 +209,7 @@ def _covariates(record: Record) -> dict[str, np.ndarray]:
     elif record.base_displacement is not None:
         vg = base_motion(record, record)[0]
     else:
-        from ..signals import integrate
+        from ..signals import integration as integrate
 
         vg = integrate(ag, record.dt)
     for name, line in (("ag", ag), ("vg", vg)):

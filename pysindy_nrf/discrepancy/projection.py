@@ -1,6 +1,6 @@
 """The walk of the chain solve on many Gram matrices at once: what ranks the candidates.
 
-The equations are those of :mod:`pysindy_nrf.chain_solve` with plain least squares, compiled, so that
+The equations are those of :mod:`pysindy_nrf.regression.chain_solve` with plain least squares, compiled, so that
 every law, site, shape and fold costs microseconds. Only ranks and fold errors come from here; what
 is reported is solved by ``chain_solve.solve`` itself, with which this agrees to round-off (tested).
 """
@@ -13,13 +13,13 @@ from functools import cache
 
 import numpy as np
 
-from ..chain_solve import groups_of, solve
-from ..errors import pooled_error
 from ..exceptions import NRFError, RankWarning
-from ..identifiability import Walk
-from ..layout import Layout
-from ..moments import Moments
-from ..sites import Site
+from ..mechanics.identifiability import Walk
+from ..mechanics.sites import Site
+from ..regression.chain_solve import groups_of, solve
+from ..regression.errors import pooled_error
+from ..regression.layout import Layout
+from ..regression.moments import Moments
 
 
 def _least_squares(

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw
-from ..sites import Site
+from ..mechanics.sites import Site
 from .catalogue import SPECIAL_CASES, balances_of
 from .gate import MEMBER_GAIN, MIN_WINS, gain_of
 from .search import Finding, refine

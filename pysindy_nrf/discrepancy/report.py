@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ..audit import constants_of, settings_of
-from ..chain_solve import Solution
-from ..errors import balance_errors
+from ..common.audit import constants_of, settings_of
 from ..exceptions import NRFError
-from ..free_run import free_run_error
 from ..laws.base import ForceLaw
-from ..measured import Measured
-from ..model import ChainModel
-from ..sites import Site
-from ..solved import model_of
-from ..visited import VisitedRegion
+from ..mechanics.sites import Site
+from ..regression.chain_model import ChainModel
+from ..regression.chain_solve import Solution
+from ..regression.errors import balance_errors
+from ..regression.free_run import free_run_error
+from ..regression.phase_plane_domain import VisitedRegion
+from ..regression.solution import model_of
+from ..signals.measured import Measured
 from .evidence import Evidence, gather, searched
 from .noise_floor import NoiseFloor
 from .prepare import Prepared, measured_of
@@ -327,12 +327,12 @@ class LoopReport:
         MissingExtraError
             Without jinja2 or plotly, which the extra ``report`` brings.
         """
-        from ..report import write_html
+        from ..output.report import write_html
 
         write_html(path, self)
 
     def _repr_html_(self) -> str:
-        from ..report.notebook import loop_html
+        from ..output.report.notebook import loop_html
 
         return loop_html(self)
 

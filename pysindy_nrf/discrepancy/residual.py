@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ..data.record import Record
 from ..exceptions import ChannelError, SimulationError
-from ..free_run import free_run_of
-from ..model import ChainModel
-from ..record import Record
-from ..segments import Segment, SegmentSet
+from ..regression.chain_model import ChainModel
+from ..regression.free_run import free_run_of
+from ..regression.segments import Segment, SegmentSet
 
 # Residuals below this share of their reference are rounding.
 ROUND_OFF = 1e-9
@@ -134,7 +134,7 @@ def filters_of(data: SegmentSet, filters: Any = None, band: Any = None) -> list[
     list of FairFilter or None
     """
     if filters is None:
-        from ..fair_filter import filters_of
+        from ..signals.zero_phase_filter import filters_of
 
         return filters_of(band, data)
     if band is not None:
@@ -176,7 +176,7 @@ def residual_of(model: ChainModel, data: Any, filters: Any = None, *, band: Any 
     >>> import numpy as np
     >>> from pysindy_nrf import ChainModel, laws, simulate
     >>> from pysindy_nrf.discrepancy.residual import residual_of
-    >>> from pysindy_nrf.input_arrays import from_arrays
+    >>> from pysindy_nrf.regression.input_arrays import from_arrays
     >>> spring = [laws.LinearElastic(1e5), laws.LinearViscous(100.0)]
     >>> truth = ChainModel([10.0, 10.0], {1: spring, 2: [*spring, laws.CoulombFriction(5.0)]})
     >>> F = 100 * np.random.default_rng(0).standard_normal((2000, 2))
@@ -270,7 +270,7 @@ def free_run_residual(
     >>> import numpy as np
     >>> from pysindy_nrf import ChainModel, laws, simulate
     >>> from pysindy_nrf.discrepancy.residual import free_run_residual
-    >>> from pysindy_nrf.input_arrays import from_arrays
+    >>> from pysindy_nrf.regression.input_arrays import from_arrays
     >>> model = ChainModel([10.0], {1: [laws.LinearElastic(1e5), laws.LinearViscous(100.0)]})
     >>> F = 100 * np.random.default_rng(0).standard_normal((500, 1))
     >>> data = from_arrays(*simulate(model, F, 1e-3).to_features(smooth=False))

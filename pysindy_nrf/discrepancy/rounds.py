@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from ..exceptions import NRFError
-from ..free_run import free_run_error
 from ..laws.base import ForceLaw
-from ..segments import BlockRows
+from ..regression.free_run import free_run_error
+from ..regression.segments import BlockRows
 from .catalogue import Candidate, balances_of
 from .floor_source import FloorSource
 from .gate import FLOOR, MEMBER_GAIN, MIN_GAIN, MIN_WINS, Verdict, choose, gain_of, judge

@@ -18,7 +18,7 @@ from scipy.optimize import minimize
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw, Shape
 from ..laws.shape_scale import ShapeScale
-from ..sites import Site
+from ..mechanics.sites import Site
 from .catalogue import SPECIAL_CASES, Candidate
 from .stage import Stage
 from .workspace import Workspace

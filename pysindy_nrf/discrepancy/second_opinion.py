@@ -16,9 +16,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..chain_solve import Solution
 from ..estimation.iv import instrumental_variables
 from ..exceptions import NRFError, NRFWarning
+from ..regression.chain_solve import Solution
 from ..simulation.system import flatten, jumps
 from .evidence import searched
 from .gate import Verdict, gain_of

@@ -3,7 +3,7 @@
 A fault of a sensor is not a force: it changes the channels from which every column is built, and
 the fusion that mixes them. So a candidate corrects the channel and the same model is solved again
 on what follows. Where a DOF has several kinds of channels their contradiction gives the fault
-(:func:`pysindy_nrf.alignment.channel_alignment`) and the balances say which of them is wrong; where
+(:func:`pysindy_nrf.signals.alignment.channel_alignment`) and the balances say which of them is wrong; where
 it has one, and for forces, the fault is found from the balances alone.
 
 What the data cannot show is not tried: the gain of the only force where no mass is known (it scales the
@@ -19,13 +19,13 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.stats import t as student
 
+from ..common.jackknife import variance
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw
 from ..laws.sensor import ChannelDelay, GainError, SensorFault, SensorOffset
-from ..leaving_out import variance
-from ..segments import BlockRows, Segment, SegmentSet
+from ..mechanics.sites import Site
+from ..regression.segments import BlockRows, Segment, SegmentSet
 from ..simulation.readings import as_true
-from ..sites import Site
 from .catalogue import Candidate
 from .contradictions import CONTRADICTION, MOST, Suspect, contradictory, longest, pace
 from .gate import MIN_GAIN, TIE

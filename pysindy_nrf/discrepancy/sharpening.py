@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ..laws.sensor import ChannelDelay, GainError, SensorFault
-from ..sites import Site
+from ..mechanics.sites import Site
 from .reestimate import reestimated
 from .report import Step
 from .sensors import sharpened_again

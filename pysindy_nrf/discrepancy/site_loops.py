@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import NRFError
-from ..model import ChainModel
-from ..segments import SegmentSet
-from ..sites import Site
+from ..mechanics.sites import Site
+from ..regression.chain_model import ChainModel
+from ..regression.segments import SegmentSet
 from .dependence import period_of
 from .residual import residual_of
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from ..exceptions import ChannelError
-from ..segments import BlockRows, Segment
+from ..regression.segments import BlockRows, Segment
 
 HELDOUT_SHARE = 0.25
 N_BLOCKS = 10

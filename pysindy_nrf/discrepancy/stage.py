@@ -13,17 +13,17 @@ from functools import cached_property
 
 import numpy as np
 
-from ..chain import Chain
-from ..chain_solve import Solution, groups_of, solve
-from ..errors import pooled_error
 from ..exceptions import NRFError, RankWarning
-from ..identifiability import Walk, plan_walk
 from ..laws.base import ForceLaw
-from ..layout import LawLayout
-from ..model import ChainModel
-from ..moments import Moments
-from ..sites import Site
-from ..solved import model_of
+from ..mechanics.chain import Chain
+from ..mechanics.identifiability import Walk, plan_walk
+from ..mechanics.sites import Site
+from ..regression.chain_model import ChainModel
+from ..regression.chain_solve import Solution, groups_of, solve
+from ..regression.errors import pooled_error
+from ..regression.layout import LawLayout
+from ..regression.moments import Moments
+from ..regression.solution import model_of
 from .admissible import admissible
 from .projection import Projection
 from .workspace import Workspace, leave_one_out

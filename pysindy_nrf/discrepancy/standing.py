@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ..chain_solve import Solution
-from ..sites import Site
+from ..mechanics.sites import Site
+from ..regression.chain_solve import Solution
 from .away_from_rest import jumping
 from .catalogue import balances_of
 from .intervals import intervals

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..errors import balance_errors
 from ..laws.base import ForceLaw
 from ..laws.sensor import GainError, SensorFault, SensorOffset
-from ..sites import Site
-from ..solved import model_of
+from ..mechanics.sites import Site
+from ..regression.errors import balance_errors
+from ..regression.solution import model_of
 from .away_from_rest import turn_of
 from .catalogue import balances_of
 from .gate import MOST_FAMILIES, Verdict, gain_of

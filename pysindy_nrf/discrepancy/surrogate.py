@@ -11,15 +11,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.signal import welch
 
-from ..chain_solve import Solution
+from ..data.record import Record
 from ..exceptions import NRFError
-from ..free_run import free_run_of
-from ..kinematics import base_acceleration_if_any
-from ..model import ChainModel
-from ..record import Record
-from ..segments import BlockRows, Segment, SegmentSet
-from ..sites import Site
-from ..solved import model_of
+from ..mechanics.sites import Site
+from ..regression.chain_model import ChainModel
+from ..regression.chain_solve import Solution
+from ..regression.free_run import free_run_of
+from ..regression.segments import BlockRows, Segment, SegmentSet
+from ..regression.solution import model_of
+from ..signals.kinematics import base_acceleration_if_any
 from .away_from_rest import leaving_rest
 from .gate import FLOOR, gain_of
 from .noise_floor import AT_FLOOR

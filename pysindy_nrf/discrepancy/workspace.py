@@ -12,9 +12,9 @@ import numpy as np
 
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw, Motion, Scales
-from ..segments import BlockRows, Segment, SegmentSet, half_the_rate
-from ..sites import Site
-from ..solved import clock_of
+from ..mechanics.sites import Site
+from ..regression.segments import BlockRows, Segment, SegmentSet, half_the_rate
+from ..regression.solution import clock_of
 from .splits import joined
 
 # Bytes of columns of candidates that are kept from one step of the loop to the next.

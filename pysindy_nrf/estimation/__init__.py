@@ -1,19 +1,29 @@
 """Estimates that survive measurement noise, and how far they can be trusted."""
 
-from .covariance import newey_west
-from .intervals import force_intervals, parameter_intervals
-from .iv import IVResult, instrumental_variables
-from .output_error import OutputErrorResult, output_error
-from .pieces import Pieces, pieces_of
+from ..common.lazy import public_names
 
-__all__ = [
-    "IVResult",
-    "OutputErrorResult",
-    "Pieces",
-    "force_intervals",
-    "instrumental_variables",
-    "newey_west",
-    "output_error",
-    "parameter_intervals",
-    "pieces_of",
-]
+_NAMES = {
+    "IVResult": "iv",
+    "Location": "nonlinearity_location",
+    "OutputErrorResult": "free_run_fit",
+    "damper_force": "damper",
+    "dissipated_energy": "energy",
+    "energy_shares": "energy",
+    "force_intervals": "intervals",
+    "found_twice": "agreement",
+    "horizontal_component": "load_cell",
+    "instrumental_variables": "iv",
+    "linear_part": "linear_model",
+    "linear_twin": "linear_model",
+    "locate_nonlinearity": "nonlinearity_location",
+    "model_agreement": "agreement",
+    "newey_west": "covariance",
+    "output_error": "free_run_fit",
+    "parameter_intervals": "intervals",
+    "path_energy": "energy",
+    "planarity": "nonlinearity_location",
+    "power_energy": "energy",
+    "total_mass": "agreement",
+}
+__all__ = [*_NAMES]
+__getattr__, __dir__ = public_names(__name__, _NAMES)

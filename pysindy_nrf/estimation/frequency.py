@@ -1,6 +1,6 @@
 r"""Instrumental variables for measured frequency responses.
 
-The rows of the balances are spectral lines here (see :func:`pysindy_nrf.io.frf_to_features`). Noise in
+The rows of the balances are spectral lines here (see :func:`pysindy_nrf.data.io.frf_to_features`). Noise in
 a response sits in the regressors; a lightly damped structure's own simulated response is no good instrument,
 because its peaks must be right to a fraction of a line. The neighbouring lines are: the response is smooth
 over a few lines, the noise of lines further apart than the window's main lobe is independent,
@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 from sklearn.base import clone
 
-from ..chain_solve import groups_of, solve
 from ..exceptions import BiasWarning, ChainError, ChannelError
-from ..input_arrays import from_arrays
-from ..layout import LawLayout
-from ..solved import model_of
+from ..regression.blocks_of_samples import pieces_of
+from ..regression.chain_solve import groups_of, solve
+from ..regression.input_arrays import from_arrays
+from ..regression.layout import LawLayout
+from ..regression.solution import model_of
 from .intervals import Resolver
-from .pieces import pieces_of
 
 APART = 2  # lines; the noise of a Hann-windowed response reaches its next neighbour
 
@@ -40,7 +40,7 @@ def fit_frequency_response(
     band : (float, float), optional
         Hz.
     weight : array-like of shape (n_lines,), optional
-        See :func:`pysindy_nrf.io.frf_to_features`.
+        See :func:`pysindy_nrf.data.io.frf_to_features`.
 
     Returns
     -------
@@ -57,7 +57,7 @@ def fit_frequency_response(
     >>> import numpy as np
     >>> from pysindy_nrf import NRFRegressor
     >>> from pysindy_nrf.estimation.frequency import fit_frequency_response
-    >>> from pysindy_nrf.io import frequency_response
+    >>> from pysindy_nrf.data.io import frequency_response
     >>> rng = np.random.default_rng(0)
     >>> f = np.linspace(1, 12, 600)
     >>> w = 2 * np.pi * f
@@ -67,7 +67,7 @@ def fit_frequency_response(
     >>> bool(abs(model.masses_[0] - 2.5) < 0.03)
     True
     """
-    from ..io import FrequencyResponse, frf_to_features
+    from ..data.io import FrequencyResponse, frf_to_features
 
     if estimator.estimation not in ("ls", "iv"):
         raise ChainError(

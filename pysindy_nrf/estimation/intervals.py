@@ -11,16 +11,16 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from .._random import generator
-from ..chain_solve import solve
+from ..common.random_state import generator
 from ..exceptions import ChainError, ChannelError, ExtrapolationWarning, IdentifiabilityError, RankWarning
-from ..identifiability import Walk
-from ..model import ChainModel
-from ..moments import Moments
-from ..segments import SegmentSet
-from ..solved import model_of
+from ..mechanics.identifiability import Walk
+from ..regression.blocks_of_samples import Pieces
+from ..regression.chain_model import ChainModel
+from ..regression.chain_solve import solve
+from ..regression.moments import Moments
+from ..regression.segments import SegmentSet
+from ..regression.solution import model_of
 from .covariance import newey_west
-from .pieces import Pieces
 from .statistics import statistic_of
 
 METHODS = ("hac", "bootstrap")

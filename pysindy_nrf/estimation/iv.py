@@ -28,16 +28,16 @@ from typing import Any
 
 import numpy as np
 
-from ..chain_solve import Solution, groups_of, solve, solve_blocks
 from ..exceptions import BiasWarning, IdentifiabilityError, RankWarning, SimulationError
-from ..fair_filter import FairFilter, filters_of
-from ..identifiability import Walk
 from ..laws import PowerSeries
-from ..layout import LawLayout
-from ..model import ChainModel
-from ..segments import Segment, SegmentSet
-from ..solved import model_of
-from .pieces import Pieces, pieces_of
+from ..mechanics.identifiability import Walk
+from ..regression.blocks_of_samples import Pieces, pieces_of
+from ..regression.chain_model import ChainModel
+from ..regression.chain_solve import Solution, groups_of, solve, solve_blocks
+from ..regression.layout import LawLayout
+from ..regression.segments import Segment, SegmentSet
+from ..regression.solution import model_of
+from ..signals.zero_phase_filter import FairFilter, filters_of
 from .runs import likeness_of, run_of, steady
 from .spectra import common_band, lines_of, smoothed, spectrum, velocities
 from .weighting import Weighting, weighting_of
@@ -80,7 +80,7 @@ class IVResult:
     --------
     >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
     >>> from pysindy_nrf.estimation import instrumental_variables
-    >>> from pysindy_nrf.layout import LawLayout
+    >>> from pysindy_nrf.regression.layout import LawLayout
     >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
     >>> F = excitation.band_limited_random(2, 8.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
     >>> X, F = simulate(frame, F, 0.002).to_features(smooth=False)
@@ -106,7 +106,7 @@ class IVResult:
         """What the balances miss along the measured motion, laid beside the free run, which is free of its noise.
 
         A law that is missing can be predicted from the run; noise of the motion that a law turns into an error
-        cannot. See :func:`pysindy_nrf.analysis.missing_terms`.
+        cannot. See :func:`pysindy_nrf.diagnostics.missing_terms`.
 
         Parameters
         ----------
@@ -163,7 +163,7 @@ def instrumental_variables(
     Examples
     --------
     >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
-    >>> from pysindy_nrf.noise import add_noise
+    >>> from pysindy_nrf.simulation.noise import add_noise
     >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
     >>> F = excitation.band_limited_random(2, 8.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
     >>> rec = add_noise(simulate(frame, F, 0.002), 0.05, random_state=0)

@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ..chain_solve import Solution, groups_of
 from ..exceptions import BiasWarning, IdentifiabilityError, NRFError
-from ..fair_filter import filters_of
-from ..identifiability import Walk
-from ..layout import LawLayout
-from ..model import ChainModel
-from ..segments import SegmentSet
+from ..mechanics.identifiability import Walk
+from ..regression.blocks_of_samples import pieces_of
+from ..regression.chain_model import ChainModel
+from ..regression.chain_solve import Solution, groups_of
+from ..regression.layout import LawLayout
+from ..regression.segments import SegmentSet
+from ..signals.zero_phase_filter import filters_of
+from .free_run_fit import free_parameters, output_error
 from .intervals import InfluenceResolver, Resolver
 from .iv import IVResult, instrumental_variables
-from .output_error import free_parameters, output_error
-from .pieces import pieces_of
 
 METHODS = ("ls", "iv", "simulation")
 # Standard errors by which a mass may still move in the last round.

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..fair_filter import FairFilter
-from ..free_run import free_run_of
-from ..model import ChainModel
-from ..segments import Segment
+from ..regression.chain_model import ChainModel
+from ..regression.free_run import free_run_of
+from ..regression.segments import Segment
+from ..signals.zero_phase_filter import FairFilter
 from ..simulation.api import classical_run
 
 STEADY = 1e-3  # damping ratio that every mode of an instrument has at least

@@ -21,11 +21,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..fair_filter import Band
-from ..layout import LawLayout
-from ..model import ChainModel
-from ..segments import Segment
+from ..regression.chain_model import ChainModel
+from ..regression.layout import LawLayout
+from ..regression.segments import Segment
 from ..signals.fusion import white_level
+from ..signals.zero_phase_filter import Band
 
 BINS = 28
 HELD = 5e-4  # share of the drifts' power below the lowest line used, and of the accelerations' above the highest

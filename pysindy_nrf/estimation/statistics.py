@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import ChainError, ChannelError
-from ..layout import LawLayout
-from ..model import ChainModel
-from ..segments import SegmentSet
+from ..regression.chain_model import ChainModel
+from ..regression.layout import LawLayout
+from ..regression.segments import SegmentSet
 
 Statistic = Callable[[ChainModel], pd.Series]
 
@@ -48,7 +48,7 @@ def energies_of(layout: LawLayout, data: SegmentSet) -> Statistic:
     """A function of a model: the energy (J) that every site dissipates along the data, ``energy of storey 1``, ...
 
     Work of the site's force less what its linear stiffness stores, as
-    :func:`pysindy_nrf.analysis.dissipated_energy`; noise of the motion is not in its interval.
+    :func:`pysindy_nrf.estimation.dissipated_energy`; noise of the motion is not in its interval.
 
     Parameters
     ----------

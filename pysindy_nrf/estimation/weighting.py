@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from ..layout import Group, LawLayout
-from ..model import ChainModel
-from ..segments import Segment, SegmentSet
-from .pieces import rows_of, whole_block
+from ..regression.blocks_of_samples import rows_of, whole_block
+from ..regression.chain_model import ChainModel
+from ..regression.layout import Group, LawLayout
+from ..regression.segments import Segment, SegmentSet
 from .runs import likeness_of, run_of, steady
 from .spectra import NoiseModel, Smooth, common_band, corrected, lines_of, noise_model, smoothed, spectrum
 from .whitening import Whitener

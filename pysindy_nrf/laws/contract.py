@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from .._random import generator
+from ..common.random_state import generator
 from ..exceptions import LawError
 from .base import ForceLaw, Motion, from_dict
 

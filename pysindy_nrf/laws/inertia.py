@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..sites import Site
+from ..mechanics.sites import Site
 from .base import ForceLaw, Term
 
 

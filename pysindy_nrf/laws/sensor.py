@@ -120,13 +120,13 @@ class ChannelDelay(SensorFault):
 
     def reading(self, channel: Any, dt: float) -> np.ndarray:
         """The channel, late by tau."""
-        from ..alignment import shifted
+        from ..signals.alignment import shifted
 
         return shifted(np.asarray(channel, dtype=float), float(self.values[0]) / dt)
 
     def corrected(self, reading: Any, dt: float) -> np.ndarray:
         """The reading, early by tau."""
-        from ..alignment import shifted
+        from ..signals.alignment import shifted
 
         return shifted(np.asarray(reading, dtype=float), -float(self.values[0]) / dt)
 

@@ -1,15 +1,13 @@
 """Signals: one motion from many channels, and the same treatment for force and response."""
 
-from .band import BandLimiter
-from .differentiate import differentiate
-from .integrate import integrate
-from .kinematic_smoother import KinematicSmoother
-from .paper import paper_processing
+from ..common.lazy import public_names
 
-__all__ = [
-    "BandLimiter",
-    "KinematicSmoother",
-    "differentiate",
-    "integrate",
-    "paper_processing",
-]
+_NAMES = {
+    "BandLimiter": "band",
+    "KinematicSmoother": "kinematic_smoother",
+    "differentiate": "differentiation",
+    "integrate": "integration",
+    "paper_processing": "paper",
+}
+__all__ = [*_NAMES]
+__getattr__, __dir__ = public_names(__name__, _NAMES)

@@ -9,12 +9,12 @@ import pandas as pd
 from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted
 
-from .._input import checked, column_names
-from ..channels import finite_span
+from ..data.channels import finite_span
+from ..data.estimator_input import checked, column_names
+from ..data.pieces import contiguous
 from ..exceptions import ChannelError
-from ..fair_filter import Band, FairFilter
-from ..pieces import contiguous
 from .columns import check_rate, clock_of
+from .zero_phase_filter import Band, FairFilter
 
 
 class BandLimiter(TransformerMixin, BaseEstimator):
@@ -38,7 +38,7 @@ class BandLimiter(TransformerMixin, BaseEstimator):
     ----------
     edge_ : int
         Rows spoiled at each end, computed from the filter's impulse response (see
-        :class:`~pysindy_nrf.fair_filter.FairFilter`): about three seconds for a 1 Hz high-pass.
+        :class:`~pysindy_nrf.signals.zero_phase_filter.FairFilter`): about three seconds for a 1 Hz high-pass.
 
     Raises
     ------

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ..data.pieces import by_record
+from ..data.record import seconds_of
 from ..exceptions import ChannelError
-from ..pieces import by_record
-from ..record import seconds_of
 
 
 def clock_of(X: Any, time: Any, size: int, record: Any = None) -> np.ndarray | None:

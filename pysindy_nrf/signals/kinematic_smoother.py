@@ -12,15 +12,15 @@ import pandas as pd
 from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted
 
-from .._input import checked
-from ..channels import as_matrix, finite_span
+from ..data.channels import as_matrix, finite_span
+from ..data.estimator_input import checked
+from ..data.pieces import contiguous
+from ..data.record import Record
 from ..exceptions import ChannelError, DataQualityWarning
-from ..fair_filter import Band, FairFilter, check_band
-from ..pieces import contiguous
-from ..record import Record
 from .blocks import fuse_all
 from .columns import clock_of
 from .lowest import lowest_frequency
+from .zero_phase_filter import Band, FairFilter, check_band
 
 _FEWEST = 8
 _ORDERS = {"x": 0, "v": 1, "a": 2}
@@ -65,7 +65,7 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         contradict each other by their noise, and beyond the band of the motion there is only noise.
     band : (float, float), optional
         Frequency band, Hz. The fused motion, the forces and every other channel go through the
-        same zero-phase :class:`~pysindy_nrf.fair_filter.FairFilter`, and the rows the filter
+        same zero-phase :class:`~pysindy_nrf.signals.zero_phase_filter.FairFilter`, and the rows the filter
         spoils at the ends become NaN (they are masked later). None: forces are left as they are.
         ``"auto"``: None if every DOF has a displacement sensor; else from the lowest frequency at which the
         accelerations still tell the displacement, with a warning that names it. Several records fitted together

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import signal
 
-from ..fair_filter import FairFilter
+from .zero_phase_filter import FairFilter
 
 # Noise of the displacement that integration may bring along, as a share of the displacement.
 SHARE = 0.02

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..channels import finite_span
+from ..data.channels import finite_span
+from ..data.record import Record
 from ..exceptions import ChannelError
-from ..fair_filter import FairFilter
-from ..record import Record
-from .integrate import integrate
+from .integration import integrate
+from .zero_phase_filter import FairFilter
 
 
 def paper_processing(record: Record, high_pass: float = 1.0, filter_force: bool = False) -> Record:

@@ -1,5 +1,11 @@
 """Free runs of chain models under sampled forces."""
 
-from .api import FreeRun, free_run, simulate
+from ..common.lazy import public_names
 
-__all__ = ["FreeRun", "free_run", "simulate"]
+_NAMES = {
+    "FreeRun": "api",
+    "free_run": "api",
+    "simulate": "api",
+}
+__all__ = [*_NAMES]
+__getattr__, __dir__ = public_names(__name__, _NAMES)

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ..data.record import Record
 from ..exceptions import ChannelError, SimulationError
-from ..record import Record
-from ..sites import Site
+from ..mechanics.sites import Site
 from .inputs import finite, initial, input_matrix, polynomials
 from .readings import as_read
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..channels import as_matrix, rows_text
+from ..data.channels import as_matrix, rows_text
 from ..exceptions import ChannelError
 
 HOLDS = ("linear", "zero", "cubic")

@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from ..data.record import Record
 from ..exceptions import ChannelError
 from ..laws.base import ForceLaw
 from ..laws.sensor import SensorFault
-from ..record import Record
-from ..sites import Site
+from ..mechanics.sites import Site
 
 CHANNELS = {"a": "acceleration", "v": "velocity", "x": "displacement", "F": "force"}
 

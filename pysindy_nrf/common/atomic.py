@@ -1,0 +1,68 @@
+"""Files that are either whole or not there."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO, Any
+
+from ..exceptions import NRFError
+
+
+@contextmanager
+def atomic_write(path: Any, mode: str = "w") -> Iterator[IO[Any]]:
+    """Write a file so that a reader sees the old one or the whole new one, never half.
+
+    Parameters
+    ----------
+    path : path-like
+        Its folder is made if it does not exist.
+    mode : {"w", "wb"}
+        Text (UTF-8, newlines as written) or bytes.
+
+    Yields
+    ------
+    file
+        A temporary file in the same folder. It takes the name when the block ends; if the block
+        raises (Ctrl-C too) it is deleted and an older file of that name is as it was.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> path = pathlib.Path(folder.name) / "results" / "masses.csv"
+    >>> with atomic_write(path) as file:
+    ...     _ = file.write("dof,mass\\n")
+    >>> path.read_text()
+    'dof,mass\\n'
+    >>> folder.cleanup()
+    """
+    if mode not in ("w", "wb"):
+        raise NRFError(f"mode={mode!r} is unknown", "Choose 'w' or 'wb'.")
+    target = Path(path)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part")
+    try:
+        text: dict[str, Any] = {"encoding": "utf-8", "newline": ""} if mode == "w" else {}
+        with os.fdopen(handle, mode, **text) as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(temporary, _permissions(target))
+        os.replace(temporary, target)
+    except BaseException:
+        with suppress(FileNotFoundError):
+            os.unlink(temporary)
+        raise
+
+
+def _permissions(target: Path) -> int:
+    """Those of the file that is replaced, or what the user's umask leaves of 666."""
+    with suppress(FileNotFoundError):
+        return target.stat().st_mode & 0o777
+    mask = os.umask(0)
+    os.umask(mask)
+    return 0o666 & ~mask

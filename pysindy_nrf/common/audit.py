@@ -1,0 +1,78 @@
+"""The audit trail: every setting of a run and the versions behind it."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping
+from importlib import metadata
+from typing import Any
+
+_MOST = 2000
+_PACKAGES = ("pysindy", "numpy", "scipy", "scikit-learn", "pandas", "numba", "plotly", "jinja2")
+
+
+def versions() -> dict[str, str]:
+    """Versions of this package, of Python and of what it stands on.
+
+    Returns
+    -------
+    dict of str to str
+        Packages that are not installed are left out.
+    """
+    out = {"pysindy_nrf": metadata.version("pysindy-nrf"), "Python": platform.python_version()}
+    for name in _PACKAGES:
+        try:
+            out[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return out
+
+
+def settings_of(**groups: Mapping[str, Any]) -> dict[str, dict[str, str]]:
+    """Settings as text, by group; nothing of the values is kept.
+
+    Parameters
+    ----------
+    **groups : mapping of str to object
+
+    Returns
+    -------
+    dict of str to dict
+
+    Examples
+    --------
+    >>> from pysindy_nrf.common.audit import settings_of
+    >>> settings_of(loop={"random_state": 0, "band": (1.0, 40.0), "heldout": None})
+    {'loop': {'random_state': '0', 'band': '(1.0, 40.0)', 'heldout': 'None'}}
+    """
+    return {name.replace("_", " "): {str(k): _text(v) for k, v in values.items()} for name, values in groups.items()}
+
+
+def constants_of(*modules: Any) -> dict[str, float]:
+    """Numbers written in capitals in modules: thresholds that no argument changes.
+
+    Parameters
+    ----------
+    *modules : module
+
+    Returns
+    -------
+    dict of str to float
+    """
+    return {
+        k.lower().replace("_", " "): v
+        for module in modules
+        for k, v in vars(module).items()
+        if k.isupper() and not k.startswith("_") and isinstance(v, (int, float)) and not isinstance(v, bool)
+    }
+
+
+def _text(value: Any) -> str:
+    import numpy as np
+
+    if isinstance(value, np.random.Generator):
+        return f"a {type(value.bit_generator).__name__} generator given by the caller"
+    if callable(value) and hasattr(value, "__name__"):
+        return str(value.__name__)
+    text = " ".join(repr(value).split()) if not isinstance(value, str) else value
+    return text if len(text) <= _MOST else f"{text[: _MOST - 3]}..."

@@ -1,0 +1,35 @@
+"""Optional dependencies, imported where they are used."""
+
+from __future__ import annotations
+
+import importlib
+from types import ModuleType
+
+from ..exceptions import MissingExtraError
+
+
+def require(package: str, extra: str, purpose: str) -> ModuleType:
+    """Import an optional package or say which extra brings it.
+
+    Parameters
+    ----------
+    package : str
+        Import name, e.g. ``"matplotlib.pyplot"``.
+    extra : str
+        Name of the extra in ``pyproject.toml``.
+    purpose : str
+        What the package is needed for, as the start of a sentence.
+
+    Returns
+    -------
+    module
+
+    Raises
+    ------
+    MissingExtraError
+        If the package is not installed.
+    """
+    try:
+        return importlib.import_module(package)
+    except ImportError as error:
+        raise MissingExtraError(package.split(".")[0], extra, purpose) from error

@@ -1,0 +1,1 @@
+"""Measured records: channels on one clock, files and bundled data."""

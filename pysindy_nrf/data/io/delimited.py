@@ -1,0 +1,307 @@
+"""Delimited text: separator, decimal mark, comments, header and units found from the file itself."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...exceptions import FileFormatError
+from .attributes import SCHEMA, Attributes
+from .names import split_unit
+from .table import MAX_BYTES, Table, check_file, unreadable
+from .units import is_unit
+
+_HEAD_BYTES = _TAIL_BYTES = 65536
+_ABOVE = 50  # rows above the last one that show how numbers are written
+_OWN = b'# {"schema": "' + SCHEMA.encode() + b'"'
+_SEPARATORS = {";": ";", "tab": "\t", ",": ",", "|": "|", "blank": r"\s+"}
+_COMMENTS = ("#", "%", "//")
+_MISSING = {"", "nan", "na", "n/a", "null", "none", "-nan", "inf", "-inf"}
+_POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?")
+_COMMA = re.compile(r"[+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?")
+_TIMESTAMP = re.compile(r"\d{4}-\d\d-\d\d([T ]\d\d:\d\d(:\d\d([.,]\d+)?)?Z?)?")
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How a delimited file is written.
+
+    Attributes
+    ----------
+    separator : str
+        A word for it: ``";"``, ``","``, ``"tab"``, ``"|"`` or ``"blank"``.
+    decimal : str
+    header : tuple of str
+        Names of the columns; ``c1``, ``c2``.. where the file names none.
+    units : tuple of str
+        Of the columns, ``""`` where none is written.
+    first_row : int
+        Lines above the first row of numbers.
+    encoding : str
+    named : bool
+        Whether the file names its columns.
+    """
+
+    separator: str
+    decimal: str
+    header: tuple[str, ...]
+    units: tuple[str, ...]
+    first_row: int
+    encoding: str
+    named: bool
+
+
+def read_delimited(path: Path, max_bytes: int = MAX_BYTES) -> Table:
+    """Read a delimited text file.
+
+    Parameters
+    ----------
+    path : Path
+        Columns separated by ``;``, ``,``, tab, ``|`` or blanks; decimal point or comma; comment
+        lines starting with ``#``, ``%`` or ``//`` and any preamble above the columns' names.
+    max_bytes : int
+
+    Returns
+    -------
+    Table
+        A column that holds text stays text.
+
+    Raises
+    ------
+    FileFormatError
+    """
+    import pandas as pd
+
+    check_file(path, max_bytes)
+    with open(path, "rb") as file:
+        first = file.readline(_HEAD_BYTES)
+    if first.startswith(_OWN):
+        return _own(path, first)
+    dialect = sniff(path)
+    options: dict[str, Any] = dict(
+        sep=_SEPARATORS[dialect.separator],
+        decimal=dialect.decimal,
+        header=None,
+        names=list(range(len(dialect.header))),
+        index_col=False,
+        skiprows=dialect.first_row,
+        encoding=dialect.encoding,
+        skipinitialspace=True,
+        comment="#",
+        na_values=sorted(_MISSING - {"", "inf", "-inf"}),
+        low_memory=False,
+    )
+    cut = _ends_inside_a_number(path, dialect)
+    try:
+        frame = pd.read_csv(path, **options)
+        if cut:  # once more without it: it may have made text of a column
+            frame = pd.read_csv(path, nrows=len(frame) - 1, **options)
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeError, ValueError) as error:
+        raise unreadable(path, "delimited text", error) from error
+    variables, units = {}, {}
+    for i, name in enumerate(dialect.header):
+        column = frame[i]
+        if not name and column.isna().all():  # a separator at the end of each line
+            continue
+        label = name or f"c{i + 1}"
+        if label in variables:
+            raise FileFormatError(f"{path} has two columns named {label!r}", "Rename one.")
+        variables[label] = _numbers(column)
+        if dialect.units[i]:
+            units[label] = dialect.units[i]
+    mark = "decimal comma" if dialect.decimal == "," else "decimal point"
+    separator = {"tab": "tabs", "blank": "blanks"}.get(dialect.separator, repr(dialect.separator))
+    notes = [
+        f"columns separated by {separator}, {mark}"
+        + ("" if dialect.named else "; no names in the file, columns are c1, c2, ...")
+    ]
+    if cut:
+        notes.append(f"the file ends inside a number, {cut!r}: its last row is left out; was it copied whole?")
+    return Table(path, "delimited text", variables, units, notes, decimal=dialect.decimal)
+
+
+def _ends_inside_a_number(path: Path, dialect: Dialect) -> str:
+    """The last number, if no line feed ends the file and all those above it have more behind the decimal mark."""
+    start = max(0, path.stat().st_size - _TAIL_BYTES)
+    with open(path, "rb") as file:
+        file.seek(start - start % 4)  # not inside a character of UTF-16
+        lines = file.read().decode(dialect.encoding, errors="replace").splitlines(keepends=True)
+    if len(lines) <= _ABOVE + 1 or lines[-1].endswith(("\n", "\r")):
+        return ""
+    *above, last = (_cells(line.strip(), dialect.separator) for line in lines[-_ABOVE - 1 :])
+
+    def behind(row: list[str]) -> int:
+        return len(row[len(last) - 1].partition(dialect.decimal)[2]) if len(row) >= len(last) else 0
+
+    return last[-1] if behind(last) < min(behind(row) for row in above) else ""
+
+
+def _own(path: Path, first: bytes) -> Table:
+    """A record that this package wrote, its attributes in the first line."""
+    with open(path, "rb") as file:
+        file.seek(-1, 2)
+        if file.read() not in b"\r\n":
+            raise unreadable(path, "delimited text", "its last line is cut off")
+    attributes = Attributes.from_json(first[1:].strip(), path)
+    names = ["t", *attributes.columns]
+    try:  # every digit counts here: exact, if slower than pandas
+        values = np.loadtxt(path, delimiter=",", skiprows=2, comments=None, ndmin=2, encoding="utf-8")
+    except (ValueError, UnicodeError) as error:
+        raise unreadable(path, "delimited text", error) from error
+    if values.shape[1] != len(names):
+        raise unreadable(path, "delimited text", f"{values.shape[1]} columns where {len(names)} are announced")
+    columns = dict(zip(names, values.T))
+    return Table(path, "CSV", columns, attributes=attributes, fs=attributes.fs)
+
+
+def _numbers(column: Any) -> np.ndarray:
+    if column.dtype.kind in "biuf":
+        return column.to_numpy(dtype=float)
+    return column.to_numpy(dtype=object)
+
+
+def sniff(path: Path) -> Dialect:
+    """Find how a delimited file is written.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    Dialect
+
+    Raises
+    ------
+    FileFormatError
+        If no separator gives rows of numbers.
+    """
+    with open(path, "rb") as file:
+        raw = file.read(_HEAD_BYTES)
+        whole = not file.read(1)
+    if b"\x00" in raw and raw[:2] not in (b"\xff\xfe", b"\xfe\xff"):
+        raise unreadable(path, "delimited text", "it holds binary data")
+    encoding, text = _decode(raw, path)
+    lines = re.split(r"\r\n|\n|\r", text)  # splitlines() knows ends of lines that pandas does not
+    if not lines[-1]:
+        lines.pop()
+    elif not whole and len(lines) > 1:
+        lines.pop()  # probably cut
+    trials = [(sep, mark) for sep in _SEPARATORS for mark in (".", ",") if sep != mark]
+    for separator, decimal in trials:
+        found = _try(lines, separator, decimal, encoding, 1.0)
+        if found is not None:
+            return found
+    # some column holds text: the reading under which most cells are numbers
+    best = max(trials, key=lambda trial: _numeric_cells(lines, *trial))
+    found = _try(lines, *best, encoding, 0.5)
+    if found is not None:
+        return found
+    first = next((line for line in lines if not _is_comment(line)), "")
+    if re.search(r"\d[+-]\s*[\d.]+(e[+-]?\d+)?[ij]\b", lines[-1] if lines else "", re.IGNORECASE):
+        raise FileFormatError(
+            f"{path} holds complex numbers, so it is a frequency response and no record",
+            "Read it with read_frf (--frf).",
+        )
+    raise FileFormatError(
+        f"{path} holds no rows of numbers separated by ';', ',', tab, '|' or blanks (it starts with {first[:60]!r})",
+        "Give a table of numbers: one row per sample, one column per channel.",
+    )
+
+
+def _decode(raw: bytes, path: Path) -> tuple[str, str]:
+    if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        candidates: tuple[str, ...] = ("utf-16",)
+    else:
+        candidates = ("utf-8-sig", "latin-1")
+    for encoding in candidates:
+        for cut in range(4):  # the head may end inside a character
+            try:
+                return encoding, raw[: len(raw) - cut].decode(encoding)
+            except UnicodeError:
+                continue
+    raise unreadable(path, "delimited text", "its characters are neither UTF-8 nor UTF-16")
+
+
+def _is_comment(line: str) -> bool:
+    return not line.strip() or line.lstrip().startswith(_COMMENTS)
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    if separator == "blank":
+        return line.split()
+    mark = _SEPARATORS[separator]
+    if '"' not in line:
+        return [cell.strip() for cell in line.split(mark)]
+    import csv
+
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=mark, skipinitialspace=True))]
+
+
+def _share(cells: list[str], decimal: str) -> float:
+    """Share of the filled cells that are numbers."""
+    number = _POINT if decimal == "." else _COMMA
+    filled = [c for c in cells if c.lower() not in _MISSING]
+    good = sum(bool(number.fullmatch(c) or _TIMESTAMP.fullmatch(c)) for c in filled)
+    return good / len(filled) if filled else 0.0
+
+
+def _numeric_cells(lines: list[str], separator: str, decimal: str) -> float:
+    rows = [_cells(line, separator) for line in lines[:400] if not _is_comment(line)]
+    return sum(len(cells) * _share(cells, decimal) for cells in rows if len(cells) > 1)
+
+
+def _try(lines: list[str], separator: str, decimal: str, encoding: str, share: float) -> Dialect | None:
+    """The dialect, if rows of numbers follow each other under this separator and decimal mark."""
+
+    def is_row(cells: list[str]) -> bool:
+        return _share(cells, decimal) >= share if share == 1.0 else _share(cells, decimal) > share
+
+    rows = [(i, _cells(line, separator)) for i, line in enumerate(lines) if not _is_comment(line)]
+    least = 1 if separator == "," and share == 1.0 else 2
+    start = next((k for k, (_, cells) in enumerate(rows) if len(cells) >= least and is_row(cells)), None)
+    if start is None:
+        return None
+    width = len(rows[start][1])
+    body = rows[start : start + 200]
+    even = sum(len(cells) == width and is_row(cells) for _, cells in body)
+    if even < 0.8 * len(body):
+        return None
+    if decimal == "," and not any("," in cell for _, cells in body for cell in cells):
+        return None
+    header, units, named = _header(lines, rows, start, width, separator)
+    return Dialect(separator, decimal, header, units, rows[start][0], encoding, named)
+
+
+def _header(
+    lines: list[str], rows: list[tuple[int, list[str]]], start: int, width: int, separator: str
+) -> tuple[tuple[str, ...], tuple[str, ...], bool]:
+    above = [cells for _, cells in rows[:start] if len(cells) == width]
+    if not above:
+        # names may stand in the last comment line: "# t, a1, a2"
+        comments = [line.lstrip().lstrip("#%/").strip() for line in lines[: rows[start][0]] if line.strip()]
+        if comments:
+            cells = _cells(comments[-1], separator)
+            if len(cells) == width and width > 1:
+                above = [cells]
+    units = [""] * width
+    for row in (-1, -2):  # below the names, as a rule; some programs write them above
+        if len(above) > 1 and any(above[row]) and all(not c or is_unit(c) or not c.strip("[]()-") for c in above[row]):
+            units = [c.strip("[]()- ") for c in above.pop(row)]
+            break
+    if not above:
+        return tuple(f"c{i + 1}" for i in range(width)), tuple(units), False
+    cells = [cell.strip('"') for cell in above[-1]]
+    split = [split_unit(cell) for cell in cells]
+    bare = [name for name, _ in split]
+    names = []
+    for i, (name, unit) in enumerate(split):
+        # "acc (N)" and "acc (S)" are two directions of one name, not a force and a time
+        measured = unit is not None and bare.count(name) == 1 and is_unit(unit)
+        names.append(name if unit is None or measured else cells[i])
+        units[i] = unit if measured and unit else units[i]
+    return tuple(names), tuple(units), True

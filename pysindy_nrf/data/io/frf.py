@@ -1,0 +1,354 @@
+"""Measured frequency responses as rows of the force balances."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ...exceptions import ChannelError, FileFormatError
+from .table import MAX_BYTES, check_file, unreadable
+from .tables import read_table
+
+# Powers of i w that turn a response into acceleration over force.
+KINDS = {"accelerance": 0, "mobility": 1, "receptance": 2}
+
+
+@dataclass(frozen=True)
+class FrequencyResponse:
+    """Responses of all DOFs to a force on one of them.
+
+    Attributes
+    ----------
+    f : ndarray of shape (n_lines,)
+        Hz, rising, positive.
+    H : ndarray of complex, shape (n_lines, n_dof)
+        Accelerance: acceleration over force, m/s^2/N.
+    driven : int
+        The DOF on which the force acts.
+    name : str
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.data.io import frequency_response
+    >>> f = np.arange(0.5, 20.0, 0.5)
+    >>> w = 2 * np.pi * f
+    >>> response = frequency_response(f, (-(w**2) / (4e4 - 10.0 * w**2 + 30j * w))[:, None])
+    >>> response.n_dof, response.driven, float(response.f[np.abs(response.H[:, 0]).argmax()])  # Hz
+    (1, 1, 10.0)
+    """
+
+    f: np.ndarray
+    H: np.ndarray
+    driven: int = 1
+    name: str = "frequency response"
+
+    @property
+    def n_dof(self) -> int:
+        """Number of degrees of freedom."""
+        return self.H.shape[1]
+
+    def describe(self, band: tuple[float | None, float | None] | None = None) -> str:
+        """What was understood, in words.
+
+        Parameters
+        ----------
+        band : (float, float), optional
+            Hz; the lines in it are counted.
+
+        Returns
+        -------
+        str
+        """
+        size = ", ".join(f"H{j + 1} {a:.4g}" for j, a in enumerate(np.abs(self.H).max(axis=0)))
+        used = _in_band(self.f, band)
+        part = (
+            f"; {int(used.sum())} of them in {self.f[used][0]:g} to {self.f[used][-1]:g} Hz are used"
+            if used.any()
+            else ""
+        )
+        return (
+            f"{self.name}: frequency response of {self.n_dof} DOF{'s' if self.n_dof > 1 else ''}, "
+            f"{len(self.f)} lines from {self.f[0]:g} to {self.f[-1]:g} Hz{part}\n"
+            f"  accelerance in m/s^2/N, peak {size}\n"
+            f"  forced: DOF {self.driven}"
+            + (
+                f"; known to be unforced: DOF {', '.join(str(j) for j in range(1, self.n_dof + 1) if j != self.driven)}"
+                if self.n_dof > 1
+                else ""
+            )
+        )
+
+
+def read_frf(path: Any, *, driven: int = 1, kind: str = "accelerance", max_bytes: int = MAX_BYTES) -> FrequencyResponse:
+    """Read measured frequency responses.
+
+    Parameters
+    ----------
+    path : path-like
+        Delimited text (``;``, tab or ``,``) with columns f (Hz), H1, H2, .. of complex numbers
+        (``0.1-0.2j``), header or not; or MATLAB, HDF5 or NumPy with ``f`` and ``H``
+        (lines x DOFs) or ``H1``, ``H2``, ...
+    driven : int
+        The DOF on which the force acts.
+    kind : {"accelerance", "mobility", "receptance"}
+        Acceleration, velocity or displacement over force, SI units.
+    max_bytes : int
+
+    Returns
+    -------
+    FrequencyResponse
+
+    Raises
+    ------
+    FileFormatError
+        If the file holds no frequencies and complex responses.
+    ChannelError
+        If ``driven`` or ``kind`` is wrong, or a number is not finite.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from pysindy_nrf.data.io import read_frf
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> path = pathlib.Path(folder.name, "shaker.csv")
+    >>> _ = path.write_text("f;H1;H2\\n1.0;0.1+0.01j;0.2+0.02j\\n2.0;0.3-0.1j;0.1+0j\\n")
+    >>> frf = read_frf(path, driven=1)
+    >>> frf.f, frf.H.shape
+    (array([1., 2.]), (2, 2))
+    >>> folder.cleanup()
+    """
+    path = Path(path)
+    check_file(path, max_bytes)
+    if kind not in KINDS:
+        raise ChannelError(f"kind={kind!r} is unknown", f"Choose one of {', '.join(KINDS)}.")
+    if path.suffix.lower() in (".csv", ".txt", ".tsv", ".dat", ".asc"):
+        f, H = _from_text(path)
+    else:
+        f, H = _from_variables(path, max_bytes)
+    return frequency_response(f, H, driven, kind, path.stem)
+
+
+def frequency_response(
+    f: Any, H: Any, driven: int = 1, kind: str = "accelerance", name: str = "frequency response"
+) -> FrequencyResponse:
+    """Check frequencies and responses and turn them into accelerance.
+
+    Parameters
+    ----------
+    f : array-like of shape (n_lines,)
+        Hz. A line at zero frequency is left out: it holds no motion of a grounded chain.
+    H : array-like of complex, shape (n_lines, n_dof)
+    driven : int
+    kind : {"accelerance", "mobility", "receptance"}
+    name : str
+
+    Returns
+    -------
+    FrequencyResponse
+
+    Raises
+    ------
+    ChannelError
+        If frequencies and responses are not of one length, not finite or not rising, ``kind`` is unknown, or
+        ``driven`` is not one of the DOFs.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.data.io import frequency_response
+    >>> f = np.arange(0.5, 20.0, 0.5)
+    >>> w = 2 * np.pi * f
+    >>> receptance = 1 / (4e4 - 10.0 * w**2 + 30j * w)  # displacement over force, m/N
+    >>> response = frequency_response(f, receptance[:, None], kind="receptance")
+    >>> bool(np.allclose(response.H[:, 0], -(w**2) * receptance))  # kept as accelerance
+    True
+    """
+    f, H = np.asarray(f), np.asarray(H)
+    if np.iscomplexobj(f):
+        if np.abs(f.imag).max(initial=0) > 0:
+            raise ChannelError(f"{name}: the frequencies are complex", "The first column holds frequencies in Hz.")
+        f = f.real
+    f, H = f.astype(float), np.atleast_2d(H.T).T.astype(complex)
+    if H.ndim != 2 or f.ndim != 1 or len(f) != len(H):
+        raise ChannelError(
+            f"{name}: {f.shape} frequencies for responses of shape {H.shape}",
+            "Give one row of H for each frequency, one column for each DOF.",
+        )
+    if kind not in KINDS:
+        raise ChannelError(f"kind={kind!r} is unknown", f"Choose one of {', '.join(KINDS)}.")
+    if isinstance(driven, bool) or not hasattr(driven, "__index__") or not 1 <= int(driven) <= H.shape[1]:
+        raise ChannelError(
+            f"driven={driven!r} is not one of the {H.shape[1]} DOFs of {name}", "Name the DOF on which the force acts."
+        )
+    for j in range(H.shape[1]):
+        bad = np.flatnonzero(~np.isfinite(H[:, j]))
+        if bad.size:
+            raise ChannelError(f"{name}: H{j + 1} is not finite in row {bad[0]}", "Cut this line.")
+    bad = np.flatnonzero(~np.isfinite(f) | (f < 0))
+    if bad.size:
+        raise ChannelError(f"{name}: the frequency in row {bad[0]} is {f[bad[0]]}", "Give positive frequencies in Hz.")
+    if (np.diff(f) <= 0).any():
+        raise ChannelError(
+            f"{name}: the frequency does not rise after row {int(np.argmax(np.diff(f) <= 0))}", "Sort the lines."
+        )
+    moving = f > 0
+    f, H = f[moving], H[moving]
+    return FrequencyResponse(f, H * (2j * np.pi * f[:, None]) ** KINDS[kind], int(driven), name)
+
+
+def frf_to_features(
+    f: Any,
+    H: Any = None,
+    driven: int = 1,
+    band: tuple[float | None, float | None] | None = None,
+    weight: Any = None,
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    r"""Rows of the force balances from a frequency response.
+
+    Under a force of 1 N at frequency w the steady motion of a linear chain is ``a = H``,
+    ``v = H / (i w)``, ``x = H / (i w)^2``; the balances hold for these complex amplitudes,
+
+    .. math:: m_j a_j + R_j - R_{j+1} = F_j, \quad F_j = 1 \text{ N on the driven DOF, else } 0,
+
+    so their real and their imaginary parts are two rows each. This is exact for laws that are
+    linear in v and s, and for those only: products of amplitudes mean nothing.
+
+    Parameters
+    ----------
+    f : array-like of shape (n_lines,) or FrequencyResponse
+        Hz.
+    H : array-like of complex, shape (n_lines, n_dof)
+        Accelerance, m/s^2/N; left out with a FrequencyResponse.
+    driven : int
+    band : (float, float), optional
+        Hz; lines outside are left out.
+    weight : array-like of shape (n_lines,), optional
+        Every row of a line is multiplied by it (before the band is cut). Without it each line
+        has the same force and so the same weight.
+
+    Returns
+    -------
+    X : DataFrame of shape (2 n_lines_in_band, 3 n_dof)
+        ``a1.., v1.., s1..`` of storey drifts on a base at rest: the real rows, then the imaginary ones.
+    F : DataFrame of shape (2 n_lines_in_band, n_dof)
+
+    Raises
+    ------
+    ChannelError
+        If no line lies in the band.
+
+    Notes
+    -----
+    Noise in H sits in the regressors and biases all masses and stiffnesses low together; their
+    ratios suffer much less.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import NRFRegressor
+    >>> from pysindy_nrf.data.io import frf_to_features
+    >>> f = np.linspace(1, 10, 50)
+    >>> w = 2 * np.pi * f
+    >>> H = -(w**2) / (3000.0 + 4j * w - 2.5 * w**2)
+    >>> X, F = frf_to_features(f, H[:, None], driven=1)
+    >>> model = NRFRegressor(degree=1).fit(X, F)
+    >>> model.masses_.round(9), model.restoring_forces_[1].coefficients.round(6).to_dict()
+    (array([2.5]), {'v': 4.0, 's': 3000.0})
+    """
+    frf = f if isinstance(f, FrequencyResponse) else frequency_response(f, H, driven)
+    used = _in_band(frf.f, band)
+    if not used.any():
+        raise ChannelError(
+            f"{frf.name} has no line in the band {band} Hz", f"Its lines go from {frf.f[0]:g} to {frf.f[-1]:g} Hz."
+        )
+    scale = np.ones(len(frf.f))
+    if weight is not None:
+        scale = np.asarray(weight, dtype=float)
+        if scale.shape != frf.f.shape or not np.isfinite(scale).all() or (scale < 0).any():
+            raise ChannelError(
+                f"weight has the shape {scale.shape} for {len(frf.f)} lines, or is not positive and finite",
+                "Give one positive number for each line.",
+            )
+    iw = 2j * np.pi * frf.f[used, None]
+    a, scale = frf.H[used] * scale[used, None], scale[used]
+    drifts = [np.diff(y, axis=1, prepend=0.0) for y in (a / iw, a / iw**2)]
+    columns = np.hstack([a, *drifts])
+    n = frf.n_dof
+    force = np.zeros((len(scale), n), dtype=complex)
+    force[:, frf.driven - 1] = scale
+    X = pd.DataFrame(
+        np.vstack([columns.real, columns.imag]), columns=[f"{k}{j}" for k in "avs" for j in range(1, n + 1)]
+    )
+    F = pd.DataFrame(np.vstack([force.real, force.imag]), columns=[f"F{j}" for j in range(1, n + 1)])
+    return X, F
+
+
+def _in_band(f: np.ndarray, band: tuple[float | None, float | None] | None) -> np.ndarray:
+    low, high = band if band is not None else (None, None)
+    return (f >= (0.0 if low is None else low)) & (f <= (np.inf if high is None else high))
+
+
+_COMPLEX = re.compile(r"[ij]", re.IGNORECASE)
+
+
+def _from_text(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (UnicodeError, OSError) as error:
+        raise unreadable(path, "a frequency response in text", error) from error
+    lines = [line for line in text.splitlines() if line.strip() and line.lstrip()[:1] not in ("#", "%")]
+    if not lines:
+        raise FileFormatError(f"{path} holds no rows", "Give rows of frequency and complex responses: f;H1;H2.")
+    separator = next((s for s in (";", "\t", ",") if s in lines[-1]), None)
+    if separator is None:
+        raise FileFormatError(f"{path} has one column only", "Give rows of frequency and complex responses: f;H1;H2.")
+    start = 0 if _row(lines[0].split(separator)) is not None else 1
+    width = len(lines[-1].split(separator))
+    rows = []
+    for number, line in enumerate(lines[start:], start + 1):
+        row = _row(line.split(separator))
+        if row is None or len(row) != width:
+            raise FileFormatError(
+                f"{path}, row {number}: {line[:60]!r} is not {width} numbers separated by {separator!r}",
+                "Write complex numbers as 0.1-0.2j.",
+            )
+        rows.append(row)
+    if not rows:
+        raise FileFormatError(
+            f"{path} holds no rows of numbers", "Give rows of frequency and complex responses: f;H1;H2."
+        )
+    values = np.array(rows)
+    if np.abs(values[:, 1:].imag).max() == 0:
+        raise FileFormatError(
+            f"{path} holds no complex responses",
+            "Magnitudes alone do not identify; export real and imaginary parts as 0.1-0.2j.",
+        )
+    return values[:, 0], values[:, 1:]
+
+
+def _row(cells: list[str]) -> list[complex] | None:
+    try:
+        return [complex(_COMPLEX.sub("j", cell.replace(" ", ""))) for cell in cells]
+    except ValueError:
+        return None
+
+
+def _from_variables(path: Path, max_bytes: int) -> tuple[np.ndarray, np.ndarray]:
+    table = read_table(path, max_bytes=max_bytes)
+    plain = {name.lower(): values for name, values in table.variables.items()}
+    f = next((plain[name] for name in ("f", "freq", "frequency", "frequencies") if name in plain), None)
+    H = plain.get("h")
+    if H is None:
+        single: list[np.ndarray] = []
+        while f"h{len(single) + 1}" in plain:
+            single.append(plain[f"h{len(single) + 1}"])
+        H = np.column_stack(single) if single and len({len(h) for h in single}) == 1 else None
+    if f is None or H is None or not np.iscomplexobj(H):
+        raise FileFormatError(f"{path} holds no frequencies 'f' and complex responses 'H'", f"It holds {table.names}.")
+    return f, H

@@ -1,0 +1,216 @@
+"""What was understood of a record, in words, before anything is solved."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..channels import finite_span
+from ..record import Record
+from .table import Table
+from .understanding import Reading
+from .units import si_unit
+
+_KINDS = {"a": "absolute acceleration", "v": "velocity", "x": "displacement", "F": "force"}
+_BASES = {"ag": "base acceleration", "vg": "base velocity", "xg": "base displacement"}
+
+
+def describe(what: Record | Reading) -> str:
+    """Say what a record holds: clock, channels, units, sizes, and which DOFs are forced.
+
+    Parameters
+    ----------
+    what : Record or Reading
+        A Reading (see :func:`inspect_record`) also says where each channel came from.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import Record
+    >>> from pysindy_nrf.data.io import describe
+    >>> t = np.arange(1000) / 200
+    >>> x = np.column_stack([np.sin(9 * t), 2 * np.sin(9 * t)])
+    >>> force = np.column_stack([np.cos(9 * t), 0 * t])
+    >>> print(describe(Record(displacement=x, force=force, fs=200.0, name="shaker on 1")))
+    shaker on 1: 2 DOFs, 1000 samples at 200 Hz, 5 s
+      F1  force                             rms 0.7109 N, peak 1 N
+      F2  force                             zero throughout
+      x1  displacement relative to base     rms 0.7033 m, peak 1 m
+      x2  displacement relative to base     rms 1.407 m, peak 2 m
+      forced: DOF 1; known to be unforced: DOF 2; the base is at rest
+    """
+    reading = what if isinstance(what, Reading) else None
+    record = what.record if isinstance(what, Reading) else what
+    assumed = set() if reading is None else {f"F{j}" for j in range(1, record.n_dof + 1)} - set(reading.sources)
+    rows = [_row(record, name, line, reading) for name, line in record.channels().items() if name not in assumed]
+    width = max(len(name) for name, *_ in rows)
+    lines = [_head(record, reading)]
+    if reading:
+        lines.append(f"  read as {'; '.join([reading.table.kind, *reading.table.notes])}")
+        lines.append(f"  clock: {reading.clock}")
+    for name, kind, size, source in rows:
+        lines.append(f"  {name:{width}s}  {kind:33s} {size}{source}")
+    lines += [f"  {text}" for text in (_forces(record), _masked(record), _unused(reading)) if text]
+    return "\n".join(lines)
+
+
+def contents(table: Table, most: int = 40) -> str:
+    """Say what variables a file holds, for one who must map them.
+
+    Parameters
+    ----------
+    table : Table
+    most : int
+        Variables shown.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pathlib import Path
+    >>> from pysindy_nrf.data.io import Table
+    >>> from pysindy_nrf.data.io.summary import contents
+    >>> held = {"Laser": np.arange(4.0), "gain": np.array(35.1)}
+    >>> print(contents(Table(Path("lab.mat"), "MATLAB", held, {"Laser": "mm"})))
+    lab.mat holds (MATLAB):
+      Laser  4 values, 0 to 3 mm
+      gain   35.1
+    """
+    width = min(max((len(name) for name in table.variables), default=0), 40)
+    lines = [f"{table.path} holds ({'; '.join([table.kind, *table.notes])}):"]
+    for name, values in list(table.variables.items())[:most]:
+        lines.append(f"  {name:{width}s}  {_extent(values)}{' ' + table.units[name] if name in table.units else ''}")
+    rest = len(table.variables) - most
+    return "\n".join([*lines, *([f"  and {rest} more"] if rest > 0 else [])])
+
+
+def _extent(values: np.ndarray) -> str:
+    if values.ndim == 0:
+        return f"{values[()]:.6g}" if values.dtype.kind in "iuf" else str(values[()])
+    shape = f"{len(values)} values" if values.ndim == 1 else " x ".join(map(str, values.shape))
+    if values.dtype.kind not in "iuf" or not np.isfinite(values).any():
+        return f"{shape}, no numbers" if values.dtype.kind in "OUS" else shape
+    return f"{shape}, {np.nanmin(values):.4g} to {np.nanmax(values):.4g}"
+
+
+def summary(record: Record) -> dict[str, Any]:
+    """The same as plain data, for JSON.
+
+    Parameters
+    ----------
+    record : Record
+
+    Returns
+    -------
+    dict
+
+    Examples
+    --------
+    >>> from pysindy_nrf import datasets
+    >>> from pysindy_nrf.data.io import summary
+    >>> found = summary(datasets.load_demo())
+    >>> found["n_dof"], found["fs"]
+    (3, 200.0)
+    """
+    return {
+        "name": record.name,
+        "n_dof": record.n_dof,
+        "n_samples": record.n_samples,
+        "fs": record.fs,
+        "duration": record.n_samples / record.fs,
+        "coordinates": record.coordinates,
+        "forced": list(record.forced),
+        "force_unknown": list(record.unknown),
+        "base_moves": record.base_moves,
+        "channels": {
+            name: {
+                "unit": si_unit(name),
+                "rms": float(np.sqrt(np.nanmean(line.astype(float) ** 2))),
+                "peak": float(np.nanmax(np.abs(line))),
+            }
+            for name, line in record.channels().items()
+        },
+    }
+
+
+def kind_of(record: Record, name: str) -> str:
+    """What a channel is, in words.
+
+    Parameters
+    ----------
+    record : Record
+    name : str
+        A channel, e.g. ``"a1"``.
+
+    Returns
+    -------
+    str
+    """
+    if name in _BASES:
+        return _BASES[name]
+    if name[:1] not in _KINDS or not name[1:].isdigit():
+        return "covariate"
+    if name[0] not in "vx":
+        return _KINDS[name[0]]
+    return _KINDS[name[0]] + (" relative to base" if record.coordinates == "relative" else ", absolute")
+
+
+def _head(record: Record, reading: Reading | None) -> str:
+    where = f" from {reading.table.path}" if reading else ""
+    dofs = f"{record.n_dof} DOF{'s' if record.n_dof > 1 else ''}"
+    lasts = record.n_samples / record.fs
+    return f"{record.name}{where}: {dofs}, {record.n_samples} samples at {record.fs:g} Hz, {lasts:.4g} s"
+
+
+def _row(record: Record, name: str, line: np.ndarray, reading: Reading | None) -> tuple[str, str, str, str]:
+    kind = kind_of(record, name)
+    unit = si_unit(name) if kind != "covariate" else ""
+    values = line.astype(float)
+    rms, peak = np.sqrt(np.nanmean(values**2)), np.nanmax(np.abs(values))
+    size = "zero throughout" if peak == 0 else f"rms {rms:.4g} {unit}".rstrip() + f", peak {peak:.4g} {unit}".rstrip()
+    source = ""
+    if reading and name in reading.sources:
+        held = reading.sources[name]
+        came = [held.text] if held.text != name else []
+        came += [f"in {held.unit}"] if held.unit and held.unit != unit else []
+        source = f"   <- {' '.join(came)}" if came else ""
+    return name, kind, size, source
+
+
+def _dofs(numbers: Any) -> str:
+    numbers = list(numbers)
+    return f"DOF{'s' if len(numbers) > 1 else ''} {', '.join(map(str, numbers))}"
+
+
+def _forces(record: Record) -> str:
+    forced, unknown = record.forced, record.unknown
+    idle = sorted(set(range(1, record.n_dof + 1)) - {*forced, *unknown})
+    parts = [f"forced: {_dofs(forced)}" if forced else "no force is measured"]
+    if idle:
+        parts.append(f"known to be unforced: {_dofs(idle)}")
+    if unknown:
+        parts.append(f"force unknown: {_dofs(unknown)}")
+    parts.append("the base moves" if record.base_moves else "the base is at rest")
+    return "; ".join(parts)
+
+
+def _masked(record: Record) -> str:
+    columns = record.channels()
+    valid = finite_span(list(columns.values()), list(columns), record.name)
+    lost = record.n_samples - (valid.stop - valid.start)
+    return f"{lost} rows at the edges are empty in some channel and not used" if lost else ""
+
+
+def _unused(reading: Reading | None) -> str:
+    if reading is None or not reading.unused:
+        return ""
+    shown = ", ".join(reading.unused[:12])
+    return f"not used: {shown}{' and more' if len(reading.unused) > 12 else ''}"

@@ -1,0 +1,278 @@
+"""Universal files, data set 58 ("function at nodal DOF"): time histories in (by pyuff) and out."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...common.atomic import atomic_write
+from ...common.extras import require
+from ...exceptions import ChannelError, FileFormatError, FileVersionError
+from .attributes import SCHEMA, VERSION, Attributes
+from .table import MAX_BYTES, Table, check_file, check_size, unreadable
+from .units import si_unit
+
+_LINE = 80  # characters of an identification line
+_KINDS = {8: "x", 11: "v", 12: "a", 13: "F", 9: "F"}  # specific data types
+_TYPES = {"x": 8, "v": 11, "a": 12, "F": 13}
+_DIRECTIONS = {0: "", 1: "+X", -1: "-X", 2: "+Y", -2: "-Y", 3: "+Z", -3: "-Z"}
+# data set 164: units code -> length, force
+_SYSTEMS = {1: ("m", "N"), 2: ("ft", "lbf"), 3: ("m", "kgf"), 5: ("mm", "mN"), 7: ("in", "lbf"), 8: ("mm", "kgf")}
+_MARK = "pysindy_nrf.Record"
+
+
+# -- in ---------------------------------------------------------------------------------------
+
+
+def read_uff(path: Path, max_bytes: int = MAX_BYTES) -> Table:
+    """Read the time histories (data sets 58) of a universal file, ASCII or binary.
+
+    Parameters
+    ----------
+    path : Path
+    max_bytes : int
+
+    Returns
+    -------
+    Table
+        Named ``a3``, ``F1``.. by what was measured and the node, if all point along one axis, else ``a3+X``..;
+        the lines of description are among the notes.
+
+    Raises
+    ------
+    FileFormatError
+        Also if the time histories differ in rate or length.
+    """
+    check_file(path, max_bytes)
+    pyuff = require("pyuff", "files", "Reading UFF files")
+    with open(path, "rb") as raw:
+        raw.seek(max(0, path.stat().st_size - 200))
+        if not raw.read().rstrip().endswith(b"-1"):  # pyuff would leave the last data set out without a word
+            raise unreadable(path, "UFF", "its last data set does not end")
+    try:
+        file = pyuff.UFF(str(path))
+        kinds = [int(k) for k in file.get_set_types()]
+        heads = {i: file.read_sets(i, header_only=True) for i, kind in enumerate(kinds) if kind == 58}
+        points = [int(head["num_pts"]) for head in heads.values()]
+        if any(n < 0 or n > path.stat().st_size for n in points):
+            raise ValueError("a data set announces more points than the file holds")
+        check_size(path, 8 * sum(points), max_bytes)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of values pyuff leaves out; they are counted below
+            sets = [file.read_sets(i) for i, head in heads.items() if int(head["func_type"]) in (0, 1)]
+            systems = [file.read_sets(i) for i, kind in enumerate(kinds) if kind == 164]
+    except FileFormatError:
+        raise
+    except Exception as error:  # pyuff raises bare exceptions
+        raise unreadable(path, "UFF", error) from error
+    if any("data" not in one for one in sets):
+        raise unreadable(path, "UFF", "a data set 58 holds no data")
+    sets = [one for one in sets if not np.iscomplexobj(one["data"])]
+    if not sets:
+        raise unreadable(path, "UFF", "it holds no time history (data set 58, function type 1)")
+    for one in sets:
+        if len(one["data"]) != int(one["num_pts"]):
+            raise FileFormatError(
+                f"{path}: {one['id1'].strip()!r} announces {int(one['num_pts'])} points, {len(one['data'])} are there",
+                "The file is cut off or damaged; export it again.",
+            )
+    own = _own(path, sets)
+    return own if own is not None else _foreign(path, sets, systems, len(kinds) - len(sets))
+
+
+def _foreign(path: Path, sets: Sequence[Mapping[str, Any]], systems: Sequence[Mapping], skipped: int) -> Table:
+    names, signs = _names(sets)
+    length, force = _SYSTEMS.get(int(systems[0]["units_code"]), ("", "")) if systems else ("m", "N")
+    lengths = {len(one["data"]) for one in sets}
+    if len(lengths) > 1:
+        raise FileFormatError(
+            f"{path}: its time histories have {', '.join(map(str, sorted(lengths)))} points",
+            "Export those of one test into one file.",
+        )
+    variables, units, notes = {}, {}, []
+    for name, sign, one in zip(names, signs, sets):
+        variables[name] = sign * np.asarray(one["data"], dtype=float)
+        label = str(one.get("ordinate_axis_units_lab", "")).strip()
+        kind = name[0]
+        implied = {"x": length, "v": f"{length}/s", "a": f"{length}/s^2", "F": force}.get(kind, "") if length else ""
+        unit = label if label and label.upper() != "NONE" else implied
+        if unit:
+            units[name] = unit
+        text = str(one["id1"]).strip()
+        if text and text.upper() != "NONE":
+            notes.append(f"{name} is {text!r}")
+        if sign < 0:
+            along = _DIRECTIONS.get(int(one["rsp_dir"]), "a negative axis")
+            notes.append(f"{name} was measured along {along}: its sign is turned")
+    if skipped:
+        notes.append(f"{skipped} other data sets are left out")
+    if systems and not length:
+        notes.append(f"take care: its units code {int(systems[0]['units_code'])} is not known here; give units")
+    spacing = {(int(one["abscissa_spacing"]), float(one.get("abscissa_inc", 0.0))) for one in sets}
+    if all(even for even, _ in spacing):
+        steps = {step for _, step in spacing}
+        if len(steps) > 1 or min(steps) <= 0:
+            raise FileFormatError(
+                f"{path}: its time histories are sampled every {', '.join(f'{s:g}' for s in sorted(steps))} s",
+                "Export those of one clock into one file.",
+            )
+        return Table(path, "UFF 58", variables, units, notes, fs=_rate(steps.pop()))
+    time = np.asarray(sets[0]["x"], dtype=float)
+    if any(not np.array_equal(time, np.asarray(one["x"], dtype=float)) for one in sets):
+        raise FileFormatError(f"{path}: its time histories have clocks of their own", "Export those of one clock.")
+    return Table(path, "UFF 58", {"t": time} | variables, units, notes)
+
+
+def _rate(step: float) -> float:
+    """The header holds six digits of the step."""
+    rate = 1.0 / step
+    return float(round(rate)) if abs(rate - round(rate)) < 1e-5 * rate else rate
+
+
+def _names(sets: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[float]]:
+    """Names, and the sign that turns each channel into the direction that its name stands for."""
+    kinds = [_KINDS.get(int(one["ordinate_spec_data_type"]), "c") for one in sets]
+    nodes = [int(one["rsp_node"]) for one in sets]
+    directions = [int(one["rsp_dir"]) for one in sets]
+    short = [f"{kind}{node}" for kind, node in zip(kinds, nodes)]
+    signs = [-1.0 if d < 0 else 1.0 for d in directions]
+    if len(set(map(abs, directions))) > 1 or len(set(short)) < len(short):
+        short = [f"{name}{_DIRECTIONS.get(d, f'({d})')}" for name, d in zip(short, directions)]
+        signs = [1.0] * len(short)  # the names say it
+    return [name if short.count(name) == 1 else f"{name} set {i + 1}" for i, name in enumerate(short)], signs
+
+
+def _own(path: Path, sets: Sequence[Mapping[str, Any]]) -> Table | None:
+    """A record written by :func:`write_uff`, with every attribute."""
+    marks = [f"{one['id4']} {one['id5']}".split() for one in sets]
+    if not all(len(mark) == 8 and mark[0] == _MARK for mark in marks):
+        return None
+    try:
+        if (version := max(int(mark[1]) for mark in marks)) > VERSION:
+            raise FileVersionError(
+                f"The record in {path} has version {version}, this package reads up to {VERSION}", "Update pysindy_nrf."
+            )
+        names = [_unquoted(one["id1"]) for one in sets]
+        if any(int(mark[7]) != len(sets) for mark in marks):
+            raise ValueError(f"{len(sets)} columns are there, {marks[0][7]} were written")
+        data = {
+            "schema": SCHEMA,
+            "version": version,
+            "name": _unquoted(sets[0]["id2"]),
+            "coordinates": marks[0][2],
+            "fs": float.fromhex(marks[0][3]),
+            "t0": float.fromhex(marks[0][4]),
+            "n_samples": len(sets[0]["data"]),
+            "columns": names,
+            "covariates": [n for n, mark in zip(names, marks) if mark[6] == "covariate"],
+            "float32": [n for n, mark in zip(names, marks) if mark[5] == "float32"],
+        }
+        attributes = Attributes.from_json(json.dumps(data), path)
+    except ValueError as error:
+        if isinstance(error, FileFormatError):
+            raise
+        raise unreadable(path, "UFF", f"the attributes of the record are damaged ({error})") from error
+    columns = {name: np.asarray(one["data"], dtype=float) for name, one in zip(names, sets)}
+    return Table(path, "UFF 58", columns, attributes=attributes, fs=attributes.fs)
+
+
+# -- out --------------------------------------------------------------------------------------
+
+
+def write_uff(path: Path, columns: Mapping[str, np.ndarray], attributes: Attributes) -> None:
+    """Write the columns of a record as binary time histories (58b, double precision).
+
+    Parameters
+    ----------
+    path : Path
+    columns : mapping of str to ndarray
+    attributes : Attributes
+        Kept in the identification lines: column in line 1, record in line 2, clock in lines 4 and 5.
+
+    Raises
+    ------
+    ChannelError
+        If a name is too long for an identification line.
+    """
+    mark = f"{_MARK} {VERSION} {attributes.coordinates} {attributes.fs.hex()}"
+    sets = []
+    for name, line in columns.items():
+        covariate = name in attributes.covariates
+        precision = "float32" if name in attributes.float32 else "float64"
+        more = f"{attributes.t0.hex()} {precision} {'covariate' if covariate else 'channel'} {len(columns)}"
+        texts = [_quoted(name, "column name"), _quoted(attributes.name, "record's name"), "NONE", mark, more]
+        kind = "" if covariate else name[0]
+        node = int(name[1:]) if kind and name[1:].isdigit() else 0
+        unit = "" if covariate else si_unit(name)
+        sets.append(history(line, attributes.fs, attributes.t0, texts, _TYPES.get(kind, 0), node, 0, unit))
+    write_sets(path, sets)
+
+
+def history(line: np.ndarray, fs: float, t0: float, texts: Sequence[str], kind: int, node: int, reference: int,
+            unit: str) -> bytes:  # fmt: skip
+    """A time history as a binary data set 58, IEEE double precision.
+
+    Parameters
+    ----------
+    line : ndarray of shape (n_samples,)
+    fs, t0 : float
+        Hz and s.
+    texts : sequence of five str
+        Identification lines.
+    kind : int
+        Specific data type: 8 displacement, 9 reaction force, 11 velocity, 12 acceleration, 13 excitation force.
+    node, reference : int
+        Numbers of the DOF and of the reference DOF.
+    unit : str
+
+    Returns
+    -------
+    bytes
+
+    Notes
+    -----
+    Written here because pyuff writes NaN (not measured, force unknown) as 0 (at rest, unforced).
+    """
+    data = np.asarray(line, dtype="<f8").tobytes()
+    axis = "{:10d}    0    0    0 {:<20} {:<20}"
+    head = [
+        f"{-1:6d}",
+        f"{58:6d}b{1:6d}{2:6d}{11:12d}{len(data):12d}{0:6d}{0:6d}{0:12d}{0:12d}",
+        *(f"{text:<80}" for text in texts),
+        f"{1:5d}{0:10d}{0:5d}{0:10d} {'NONE':>10}{node:10d}{1 if kind else 0:4d} "
+        f"{'NONE':>10}{reference:10d}{1 if reference else 0:4d}",
+        f"{4:10d}{len(line):10d}{1:10d}{t0:13.5e}{1 / fs:13.5e}{0:13.5e}",
+        axis.format(17, "time", "s"),
+        axis.format(kind, "NONE", unit or "NONE"),
+        axis.format(0, "NONE", "NONE"),
+        axis.format(0, "NONE", "NONE"),
+    ]
+    return ("\n".join(head) + "\n").encode("ascii") + data + f"{-1:6d}\n".encode()
+
+
+def write_sets(path: Path, sets: Sequence[bytes]) -> None:
+    """Write data sets to a universal file, whole or not at all."""
+    with atomic_write(path, "wb") as file:
+        file.writelines(sets)
+
+
+def _quoted(text: str, what: str) -> str:
+    """A text as one line of ASCII; in JSON's quotes where a plain line would change it."""
+    plain = text.isascii() and text.isprintable() and text == text.strip() and text and text[0] != '"'
+    line = text if plain and text.upper() != "NONE" else json.dumps(text)
+    if len(line) > _LINE:
+        raise ChannelError(
+            f"The {what} {text[:60]!r}... does not fit into the {_LINE} characters of a UFF line",
+            "Shorten it, or write Parquet.",
+        )
+    return line
+
+
+def _unquoted(line: str) -> str:
+    line = str(line).strip()
+    return json.loads(line) if line[:1] == '"' else line

@@ -1,0 +1,195 @@
+"""Units of channels, converted to SI by pint."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from functools import lru_cache
+from typing import Any
+
+from ...common.extras import require
+from ...exceptions import ChannelError
+
+_DIMENSIONS = {"x": "length", "v": "velocity", "a": "acceleration", "F": "force", "t": "time"}
+_SI = {"length": "m", "velocity": "m/s", "acceleration": "m/s^2", "force": "N", "time": "s"}
+_ARTICLE = {"length": "a displacement", "velocity": "a velocity", "acceleration": "an acceleration",
+            "force": "a force", "time": "the time"}  # fmt: skip
+_EXAMPLES = {"length": "m, mm, in", "velocity": "m/s, mm/s, in/s", "acceleration": "m/s^2, g, cm/s^2",
+             "force": "N, kN, kip", "time": "s, ms"}  # fmt: skip
+# What engineers write, where pint reads the same letters as something else (g = gram, mil = angle, lb = mass).
+_JARGON = {
+    "length": {"mil": "thou", "mils": "thou"},
+    "acceleration": {"g": "standard_gravity", "mg": "millistandard_gravity", "gal": "galileo", "gals": "galileo"},
+    "force": {"lb": "lbf", "lbs": "lbf", "kp": "kgf", "n": "N", "kn": "kN", "mn": "mN"},
+}
+# exponents (mass, length, time) of what channels measure
+_EXPONENTS = {"length": (0, 1, 0), "velocity": (0, 1, -1), "acceleration": (0, 1, -2), "force": (1, 1, -2),
+              "time": (0, 0, 1), "mass": (1, 0, 0), "a frequency": (0, 0, -1), "energy": (1, 2, -2),
+              "a pressure": (1, -1, -2), "a stiffness": (1, 0, -2), "a number or an angle": (0, 0, 0)}  # fmt: skip
+_TOKEN = re.compile(r"([A-Za-zµμ_]+?)(?:(?:\^|\*\*)?(-?[1-4]))?")
+_MOST = 24  # characters of a unit
+
+
+def dimension_of(channel: str) -> str | None:
+    """What a channel measures.
+
+    Parameters
+    ----------
+    channel : str
+        ``"a1"``, ``"xg"``, ``"F2"``, ``"t"``, or the name of a covariate.
+
+    Returns
+    -------
+    {"length", "velocity", "acceleration", "force", "time"} or None
+        None for a covariate, which keeps its unit.
+    """
+    if channel == "t" or re.fullmatch(r"[avxF]\d+|[avx]g", channel):
+        return _DIMENSIONS[channel[0]]
+    return None
+
+
+def si_unit(channel: str) -> str:
+    """SI unit of a channel, ``""`` for a covariate."""
+    return _SI.get(dimension_of(channel) or "", "")
+
+
+def factor(unit: str, channel: str) -> float:
+    """What values in a unit are multiplied by to be SI.
+
+    Parameters
+    ----------
+    unit : str
+        ``"mm"``, ``"g"``, ``"in/s"``, ``"cm/s^2"``, ``"kip"``, ... A ``g`` is the standard gravity,
+        9.80665 m/s^2; a ``lb`` of a force channel a pound-force.
+    channel : str
+        The channel they belong to, ``"a1"``, ``"xg"``, ``"F2"``, ``"t"``.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    ChannelError
+        If the unit is unknown or does not measure what the channel is.
+    MissingExtraError
+        If the unit is not SI and pint is not installed.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.data.io.units import factor
+    >>> factor("mm", "x1"), factor("g", "a2"), factor("cm/s", "vg"), factor("kip", "F3")
+    (0.001, 9.80665, 0.01, 4448.2216152605)
+    >>> factor("mm", "F1")
+    Traceback (most recent call last):
+    ...
+    pysindy_nrf.exceptions.ChannelError: Channel F1 is a force, but its unit 'mm' measures length. Write e.g. N, ...
+    """
+    kind = dimension_of(channel)
+    if kind is None:
+        raise ChannelError(
+            f"{channel!r} is a covariate and keeps its unit, {unit!r} cannot be converted", "Scale it: name * number."
+        )
+    text = _clean(unit)
+    if text == _SI[kind]:
+        return 1.0
+    measured = []
+    for candidate in _readings(text, kind):
+        found = _parsed(candidate)
+        if found is not None:
+            size, dimension = found
+            if dimension == _EXPONENTS[kind]:
+                return float(f"{size:.15g}")  # pint's own round-off
+            measured.append(dimension)
+    if measured:
+        other = next((k for k, words in _JARGON.items() if text in words), None) or _named(measured[0])
+        raise ChannelError(
+            f"Channel {channel} is {_ARTICLE[kind]}, but its unit {unit!r} measures {other}",
+            f"Write e.g. {_EXAMPLES[kind]}.",
+        )
+    raise ChannelError(
+        f"The unit {unit!r} of channel {channel} is unknown",
+        f"Write e.g. {_EXAMPLES[kind]}, or scale the channel: name * number.",
+    )
+
+
+def is_unit(text: str) -> bool:
+    """Whether a text of a header is a unit of length, velocity, acceleration, force or time."""
+    cleaned = _clean(text)
+    if cleaned in _SI.values():
+        return True
+    if _tokens(cleaned) is None or (len(cleaned) == 1 and cleaned not in "msgNGh"):
+        return False  # "acc (A)" numbers a sensor
+    return any(
+        found is not None and found[1] == _EXPONENTS[kind]
+        for kind in _SI
+        for found in map(_parsed, _readings(cleaned, kind))
+    )
+
+
+def _clean(unit: str) -> str:
+    """One spelling of powers, products and brackets; SI as ``m/s^2``."""
+    text = unit.strip().strip("[]()").strip()
+    for old, new in (("⁻¹", "^-1"), ("⁻²", "^-2"), ("²", "^2"), ("·", "*"), ("**", "^"), ("μ", "µ")):
+        text = text.replace(old, new)
+    text = re.sub(r"\s*([*/^])\s*", r"\1", text)
+    if re.fullmatch(r"m\*?\s*s\^?-2|m/s2|m/s/s|m/s\^2|m/\(s\^2\)", text):
+        return "m/s^2"
+    return "m/s" if re.fullmatch(r"m\*?\s*s\^?-1|m/s", text) else text
+
+
+def _readings(text: str, kind: str) -> Iterator[str]:
+    """What a text may mean under a kind: the trade's own words, as written, and small letters for capitals."""
+    jargon = _JARGON.get(kind, {})
+    yield jargon.get(text, text)
+    if text.isupper() or (len(text) > 2 and text.istitle()):
+        yield jargon.get(text.lower(), text.lower())
+
+
+def _tokens(text: str) -> list[tuple[str, int]] | None:
+    """Unit names and their powers; nothing else is let through to pint."""
+    if not text or len(text) > _MOST:
+        return None
+    out: list[tuple[str, int]] = []
+    for sign, part in zip([1, *(1 if s in "* " else -1 for s in re.findall(r"[*/ ]", text))], re.split(r"[*/ ]", text)):
+        match = _TOKEN.fullmatch(part)
+        if match is None:
+            return None
+        name, power = match[1], sign * int(match[2] or 1)
+        out += [("m", 1), ("s", power)] if name == "ms" and power < -1 and len(part) == len(text) else [(name, power)]
+    return out
+
+
+@lru_cache(maxsize=256)
+def _parsed(text: str) -> tuple[float, tuple[int, int, int]] | None:
+    """Size in SI and exponents of mass, length and time; None if the text is no unit."""
+    tokens = _tokens(text)
+    if tokens is None:
+        return None
+    pint = require("pint", "files", f"Converting the unit {text!r}")
+    registry = _registry()
+
+    try:
+        quantity = registry.Quantity(1.0)
+        for name, power in tokens:
+            quantity = quantity * registry.Quantity(1.0, registry.parse_units(name)) ** power
+        dimensions = dict(quantity.dimensionality)
+        size = float(quantity.to_base_units().magnitude)
+    except (pint.PintError, ValueError, TypeError, AttributeError, OverflowError, ZeroDivisionError):
+        return None
+    mass, length, time = (int(dimensions.pop(key, 0)) for key in ("[mass]", "[length]", "[time]"))
+    return None if dimensions else (size, (mass, length, time))
+
+
+@lru_cache(maxsize=1)
+def _registry() -> Any:
+    import pint
+
+    return pint.UnitRegistry()
+
+
+def _named(exponents: tuple[int, int, int]) -> str:
+    for name, known in _EXPONENTS.items():
+        if known == exponents:
+            return name
+    return "something else"

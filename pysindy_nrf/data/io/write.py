@@ -1,0 +1,187 @@
+"""Files out: records, tables of results, reconstructed forces. Each is whole or not there."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ...common.atomic import atomic_write
+from ...exceptions import FileFormatError
+from ..record import Record
+from .attributes import Attributes, columns_of
+from .parquet import write_parquet
+from .uff import history, write_sets, write_uff
+
+_REACTION = 9  # UFF's specific data type
+
+
+def write_record(record: Record, path: Any) -> Path:
+    """Write a record so that :func:`read_record` gives it back bit for bit.
+
+    Parameters
+    ----------
+    record : Record
+    path : path-like
+        ``.parquet``, ``.uff`` or ``.unv`` (UFF 58, binary), or ``.csv``. All columns are kept (those of NaN too),
+        in SI units, with sampling rate, first time, name, coordinates, covariates and base motion.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    FileFormatError
+        If the type is not one of these.
+    ChannelError
+        If a name cannot be written.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import numpy as np
+    >>> from pysindy_nrf import Record
+    >>> from pysindy_nrf.data.io import read_record, write_record
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> record = Record(acceleration=np.random.default_rng(0).normal(size=(8, 2)), fs=1 / 0.0097, name="test <7>")
+    >>> back = read_record(write_record(record, pathlib.Path(folder.name, "test.csv")))
+    >>> back.name, back.fs == record.fs, bool((back.acceleration == record.acceleration).all())
+    ('test <7>', True, True)
+    >>> folder.cleanup()
+    """
+    path = Path(path)
+    suffix = _suffix(path, (".parquet", ".pq", ".uff", ".unv", ".csv"))
+    attributes, columns = Attributes.of(record), columns_of(record)
+    if suffix in (".uff", ".unv"):
+        write_uff(path, columns, attributes)
+    elif suffix == ".csv":
+        _write_csv(path, {"t": record.time, **columns}, attributes)
+    else:
+        write_parquet(path, {"t": record.time, **columns}, attributes)
+    return path
+
+
+def _write_csv(path: Path, columns: dict[str, np.ndarray], attributes: Attributes) -> None:
+    with atomic_write(path) as file:
+        file.write(f"# {attributes.to_json()}\n")
+        # the second line is for people; names are read from the first
+        csv.writer(file, lineterminator="\n").writerow([" ".join(name.split()) for name in columns])
+        frame = pd.DataFrame({i: line for i, line in enumerate(columns.values())})
+        frame.to_csv(file, index=False, header=False, na_rep="nan", lineterminator="\n")
+
+
+def write_table(table: pd.DataFrame, path: Any) -> Path:
+    """Write a table of results.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Its index is written if it has a name.
+    path : path-like
+        ``.csv`` or ``.parquet``.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    FileFormatError
+        If the type is neither.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import pandas as pd
+    >>> from pysindy_nrf.data.io import write_table
+    >>> table = pd.DataFrame({"mass": [12.03, 10.03]}, index=pd.Index(["m1", "m2"], name="parameter"))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     print(write_table(table, pathlib.Path(folder, "masses.csv")).read_text())
+    parameter,mass
+    m1,12.03
+    m2,10.03
+    """
+    path = Path(path)
+    suffix = _suffix(path, (".csv", ".parquet", ".pq"))
+    flat = table.reset_index() if table.index.name else table
+    if suffix == ".csv":
+        with atomic_write(path) as file:
+            flat.to_csv(file, index=False, lineterminator="\n")
+    else:
+        write_parquet(path, {str(name): flat[name].to_numpy() for name in flat.columns})
+    return path
+
+
+def write_forces(model: Any, data: Any, path: Any, **options: Any) -> Path:
+    """Write the restoring forces that a model reconstructs along a record, one column for each site.
+
+    Parameters
+    ----------
+    model : NRFRegressor or ChainModel
+    data : Record
+        One record; its channels are fused into one motion.
+    path : path-like
+        ``.uff`` or ``.unv`` (UFF 58: node = upper DOF, reference node = lower DOF, reaction force, N),
+        ``.parquet`` or ``.csv`` (column ``t`` in s and one for each site, N).
+    **options
+        As for :meth:`ChainModel.predict`.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    FileFormatError
+        If the ending of ``path`` is none of these, or there is more than one record.
+    MissingExtraError
+        Without pyarrow, for Parquet.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from pysindy_nrf import datasets
+    >>> from pysindy_nrf.data.io import read_table, write_forces
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> path = pathlib.Path(folder.name, "forces.parquet")
+    >>> table = read_table(write_forces(datasets.demo_truth(), datasets.load_demo(), path))
+    >>> list(table.variables)
+    ['t', 'storey 1', 'storey 2', 'storey 3']
+    >>> folder.cleanup()
+    """
+    path = Path(path)
+    suffix = _suffix(path, (".uff", ".unv", ".parquet", ".pq", ".csv"))
+    model = getattr(model, "model_", model)
+    segments = model.segments(data, **options)
+    if len(segments.segments) != 1:
+        raise FileFormatError("Forces are written one record at a time", "Pass one record.")
+    segment = segments.segments[0]
+    dt = segment.dt or 1.0
+    acting = [i for i, laws in enumerate(model.laws.values()) if laws]
+    sites = [list(model.laws)[i] for i in acting]
+    forces = segments.scatter(model.site_forces(segments))[:, acting]
+    if suffix in (".uff", ".unv"):
+        name = segment.name if segment.name.isascii() and segment.name.isprintable() else "record"
+        texts = [[f"restoring force of {site}, N"[:80], name[:80] or "NONE", "NONE", "NONE", "NONE"] for site in sites]
+        write_sets(
+            path,
+            [
+                history(line, 1.0 / dt, 0.0, text, _REACTION, site.p, max(site.q, 0), "N")
+                for line, text, site in zip(forces.T, texts, sites)
+            ],
+        )
+        return path
+    time = np.arange(len(forces)) * dt
+    return write_table(pd.DataFrame({"t": time, **{str(s): line for s, line in zip(sites, forces.T)}}), path)
+
+
+def _suffix(path: Path, known: tuple[str, ...]) -> str:
+    suffix = path.suffix.lower()
+    if suffix not in known:
+        raise FileFormatError(f"{path} has the type {suffix or '(none)'}, which is not written here",
+                              f"Choose one of {', '.join(known)}.")  # fmt: skip
+    return suffix

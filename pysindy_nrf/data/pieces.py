@@ -1,0 +1,89 @@
+"""Where one contiguous record ends and the next begins."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ..exceptions import ChannelError
+from .channels import rows_text
+
+# A step of the clock this many times the usual one is a gap.
+GAP = 1.5
+
+
+def by_record(record: Any, size: int) -> list[tuple[str, slice]]:
+    """Name and rows of each record.
+
+    Parameters
+    ----------
+    record : array-like of shape (n_samples,), optional
+        Record ids; None = one record.
+    size : int
+        Number of rows.
+
+    Returns
+    -------
+    list of (str, slice)
+        Consecutive rows with one id.
+
+    Raises
+    ------
+    ChannelError
+        If an id is missing.
+    """
+    if record is None:
+        return [("record", slice(0, size))]
+    ids = np.asarray(record).ravel()
+    if len(ids) != size:
+        raise ChannelError(f"record has {len(ids)} ids, X has {size} samples", "Give one id for each sample.")
+    lost = np.flatnonzero(pd.isna(ids))
+    if lost.size:
+        raise ChannelError(f"record has no id in {rows_text(lost)}", "Give one id for each sample.")
+    cuts = np.flatnonzero(ids[1:] != ids[:-1]) + 1
+    edges = [0, *cuts.tolist(), size]
+    return [(str(ids[lo]), slice(lo, hi)) for lo, hi in zip(edges[:-1], edges[1:])]
+
+
+def gaps(seconds: np.ndarray) -> np.ndarray:
+    """Rows after which the clock of one record jumps.
+
+    Parameters
+    ----------
+    seconds : ndarray of shape (n_samples,)
+        s, rising.
+
+    Returns
+    -------
+    ndarray of int
+    """
+    steps = np.diff(seconds)
+    return np.flatnonzero(steps > GAP * np.median(steps)) if len(steps) > 2 else np.zeros(0, dtype=int)
+
+
+def contiguous(size: int, record: Any = None, seconds: np.ndarray | None = None) -> list[tuple[str, slice]]:
+    """Pieces without a gap: rows with one record id whose clock ticks evenly.
+
+    Parameters
+    ----------
+    size : int
+        Number of rows.
+    record : array-like of shape (n_samples,), optional
+    seconds : ndarray of shape (n_samples,), optional
+        Time, s. Where a cross-validation has taken rows out of a record, its clock jumps.
+
+    Returns
+    -------
+    list of (str, slice)
+    """
+    pieces = by_record(record, size)
+    if seconds is None:
+        return pieces
+    out = []
+    for name, rows in pieces:
+        cuts = rows.start + gaps(seconds[rows]) + 1
+        edges = [rows.start, *cuts.tolist(), rows.stop]
+        out += [(name, slice(lo, hi)) for lo, hi in zip(edges[:-1], edges[1:])]
+    return out

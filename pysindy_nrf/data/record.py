@@ -1,0 +1,554 @@
+"""Record: the measured channels of one test on one clock."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ..exceptions import ChannelError
+from ..mechanics.chain import MOST_DOFS
+from .channels import as_matrix, finite_span
+
+_LARGEST = 1e100  # SI units
+_MOTIONS = {"acceleration": "a", "velocity": "v", "displacement": "x"}
+
+
+class Record:
+    """The measured channels of one test on one clock.
+
+    Parameters
+    ----------
+    force : array-like of shape (n_samples, n_dof), optional
+        Applied forces F_j, N. A column of zeros = known to be unforced; a column of NaN = unknown.
+        Left out, the forces are zero (base excitation, free decay).
+    acceleration : array-like of shape (n_samples, n_dof), optional
+        Absolute accelerations a_j (what accelerometers measure), m/s^2. A column of NaN = not measured.
+    velocity, displacement : array-like of shape (n_samples, n_dof), optional
+        Motion of the DOFs relative to the base, m/s and m (or absolute, see ``coordinates``).
+    fs : float, optional
+        Sampling rate, Hz; found from ``time`` if None.
+    base_acceleration : array-like of shape (n_samples,), optional
+        Acceleration of the base, m/s^2. None = the base is at rest.
+    base_velocity, base_displacement : array-like of shape (n_samples,), optional
+        Motion of the base, m/s and m.
+    covariates : mapping of str to array-like of shape (n_samples,), optional
+        Further channels, e.g. a damper's voltage.
+    name : str
+        Name of the test, used in messages and reports.
+    coordinates : {"relative", "absolute"}
+        Whether ``velocity`` and ``displacement`` are relative to the base or absolute.
+    time : array-like of shape (n_samples,), optional
+        Time of the samples, s, equally spaced.
+
+    Attributes
+    ----------
+    n_dof, n_samples : int
+    fs, dt : float
+        Sampling rate, Hz, and step, s.
+    time : ndarray of shape (n_samples,)
+        Seconds, as they were given; from 0 if only a rate was. A window of a record keeps its times.
+
+    Raises
+    ------
+    ChannelError
+        If lengths differ, a channel does not hold finite numbers, or the clock is not even.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import Record
+    >>> t = np.arange(1000) / 1000
+    >>> x = np.column_stack([np.sin(9 * t), 2 * np.sin(9 * t)])
+    >>> rec = Record(displacement=x, acceleration=-81 * x, force=0 * x, fs=1000.0)
+    >>> rec.n_dof, rec.n_samples, rec.measured
+    (2, 1000, ('F1', 'F2', 'a1', 'a2', 'x1', 'x2'))
+    """
+
+    def __init__(
+        self,
+        force: Any = None,
+        acceleration: Any = None,
+        velocity: Any = None,
+        displacement: Any = None,
+        fs: float | None = None,
+        base_acceleration: Any = None,
+        base_displacement: Any = None,
+        covariates: Mapping[str, Any] | None = None,
+        name: str = "record",
+        *,
+        base_velocity: Any = None,
+        coordinates: str = "relative",
+        time: Any = None,
+    ) -> None:
+        if coordinates not in ("relative", "absolute"):
+            raise ChannelError(
+                f"coordinates={coordinates!r} is unknown", "Choose 'relative' (to the base) or 'absolute'."
+            )
+        self.name = str(name)
+        self.coordinates = coordinates
+        given = {"acceleration": acceleration, "velocity": velocity, "displacement": displacement}
+        present = {key: value for key, value in given.items() if value is not None}
+        if not present:
+            raise ChannelError(f"Record {self.name!r} has no motion", "Give acceleration, velocity or displacement.")
+        arrays = {key: as_matrix(value, _MOTIONS[key], what=key) for key, value in present.items()}
+        if force is not None:
+            arrays["force"] = as_matrix(force, "F", what="force")
+        n_dof = {a.shape[1] for a in arrays.values()}
+        if len(n_dof) > 1:
+            raise ChannelError(
+                f"Record {self.name!r}: " + ", ".join(f"{k} has {a.shape[1]} columns" for k, a in arrays.items()),
+                "Give one column for each DOF everywhere; NaN for a channel that is not measured.",
+            )
+        self.n_dof = n_dof.pop()
+        if not 1 <= self.n_dof <= MOST_DOFS:
+            raise ChannelError(
+                f"Record {self.name!r} has {self.n_dof} DOFs",
+                "Give one row per sample and one column per DOF; transpose the arrays?",
+            )
+        base = {
+            "base acceleration ag": base_acceleration,
+            "base velocity vg": base_velocity,
+            "base displacement xg": base_displacement,
+        }
+        if not isinstance(covariates, (Mapping, type(None))):
+            raise ChannelError(
+                f"Record {self.name!r}: the covariates are not a mapping",
+                "Give channels by name: covariates={'voltage': u}.",
+            )
+        base |= {f"covariate {k}": v for k, v in dict(covariates or {}).items()}
+        lines = {k: as_matrix(v, [k], 1, k)[:, 0] for k, v in base.items() if v is not None}
+        lengths = {k: len(a) for k, a in (arrays | lines).items()}
+        if len(set(lengths.values())) > 1:
+            raise ChannelError(
+                f"Record {self.name!r}: channels differ in length, "
+                + ", ".join(f"{k} {n}" for k, n in lengths.items()),
+                "Cut or resample them to one clock.",
+            )
+        self.n_samples = next(iter(lengths.values()))
+        if self.n_samples < 2:
+            raise ChannelError(f"Record {self.name!r} has {self.n_samples} samples", "At least two are needed.")
+        if all(np.isnan(arrays[key]).all() for key in present):
+            raise ChannelError(
+                f"Record {self.name!r} has no motion, every channel is NaN", "Give one that was measured."
+            )
+        self.fs, self.t0 = _clock(fs, time, self.n_samples, self.name)
+        self.acceleration: np.ndarray | None = arrays.get("acceleration")
+        self.velocity: np.ndarray | None = arrays.get("velocity")
+        self.displacement: np.ndarray | None = arrays.get("displacement")
+        self.force: np.ndarray = arrays.get("force", np.zeros((self.n_samples, self.n_dof)))
+        self.base_acceleration: np.ndarray | None = lines.get("base acceleration ag")
+        self.base_velocity: np.ndarray | None = lines.get("base velocity vg")
+        self.base_displacement: np.ndarray | None = lines.get("base displacement xg")
+        self.covariates = {k: lines[f"covariate {k}"] for k in dict(covariates or {})}
+        columns = self.channels()
+        finite_span(list(columns.values()), list(columns), f"record {self.name!r}")
+        for channel, line in columns.items():
+            if float(max(-np.nanmin(line), np.nanmax(line))) > _LARGEST:
+                raise ChannelError(
+                    f"Channel {channel} of record {self.name!r} reaches {np.nanmax(np.abs(line)):.3g}, whose square "
+                    "leaves the range of a double",
+                    "Check its unit.",
+                )
+
+    # -- the channels -------------------------------------------------------------------------
+
+    def channels(self) -> dict[str, np.ndarray]:
+        """Measured channels by name.
+
+        Returns
+        -------
+        dict of str to ndarray of shape (n_samples,)
+            ``F1..`` (N), ``a1..`` (m/s^2), ``v1..`` (m/s), ``x1..`` (m), ``ag``, ``vg``, ``xg`` and
+            covariates; a column of NaN is left out.
+        """
+        out = {}
+        for prefix, array in (("F", self.force), *((_MOTIONS[k], getattr(self, k)) for k in _MOTIONS)):
+            if array is not None:
+                for j in range(self.n_dof):
+                    if not np.isnan(array[:, j]).all():
+                        out[f"{prefix}{j + 1}"] = array[:, j]
+        for key, line in (("ag", self.base_acceleration), ("vg", self.base_velocity), ("xg", self.base_displacement)):
+            if line is not None:
+                out[key] = line
+        return out | self.covariates
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """Names of the measured channels."""
+        return tuple(self.channels())
+
+    @property
+    def dt(self) -> float:
+        """Sampling step, s."""
+        return 1.0 / self.fs
+
+    @property
+    def time(self) -> np.ndarray:
+        """Time of the samples, s."""
+        return self.t0 + np.arange(self.n_samples) / self.fs
+
+    @property
+    def forced(self) -> tuple[int, ...]:
+        """DOFs on which a known force acts."""
+        return tuple(j + 1 for j in range(self.n_dof) if np.nan_to_num(self.force[:, j]).any())
+
+    @property
+    def unknown(self) -> tuple[int, ...]:
+        """DOFs whose force is unknown."""
+        return tuple(j + 1 for j in range(self.n_dof) if np.isnan(self.force[:, j]).all())
+
+    @property
+    def base_moves(self) -> bool:
+        """Whether a motion of the base was given."""
+        return any(
+            b is not None and np.nan_to_num(b).any()
+            for b in (self.base_acceleration, self.base_velocity, self.base_displacement)
+        )
+
+    # -- from and to other things -------------------------------------------------------------
+
+    @classmethod
+    def from_frame(cls, df: pd.DataFrame, fs: float | None = None, **options: Any) -> Record:
+        """Record from a table with columns a1.., v1.., x1.., F1.., ag, vg, xg and a time.
+
+        Parameters
+        ----------
+        df : DataFrame
+            The time is column ``t`` or ``time`` (s), or the index if that is a time index or a
+            float index named so. Other columns become covariates.
+        fs : float, optional
+            Sampling rate, Hz, if the table has no time.
+        **options
+            Passed to :class:`Record` (``name``, ``coordinates``).
+
+        Returns
+        -------
+        Record
+
+        Raises
+        ------
+        ChannelError
+            If no column is a motion or a DOF is missing in the numbering.
+        """
+        if not isinstance(df, pd.DataFrame):
+            raise ChannelError(f"{type(df).__name__} is not a table", "Give a DataFrame with columns a1.., x1.., F1..")
+        names = [str(c) for c in df.columns]
+        twice = sorted({c for c in names if names.count(c) > 1})
+        if twice:
+            raise ChannelError(f"Column {twice[0]!r} is in the table more than once", "Rename or drop one.")
+        columns = dict(zip(names, (df.iloc[:, i] for i in range(len(names)))))
+        time = None
+        for name in ("t", "time"):
+            if name in columns:
+                time = columns.pop(name).to_numpy()
+                break
+        if time is None and fs is None:
+            time = _index_time(df.index)
+        numbered: dict[tuple[str, int], Any] = {}
+        for column in list(columns):
+            match = re.fullmatch(r"([aAvVxXfF])_?(\d+)", column)
+            if match and int(match[2]) >= 1:
+                key = ("F" if match[1] in "fF" else match[1].lower(), int(match[2]))
+                if key in numbered:
+                    raise ChannelError(
+                        f"{column!r} and another column both mean {key[0]}{key[1]}", "Rename or drop one."
+                    )
+                numbered[key] = columns.pop(column)
+        motions = [j for p, j in numbered if p != "F"]
+        if not motions:
+            raise ChannelError(
+                f"No column of {', '.join(names[:10])} is a motion",
+                "Name accelerations a1.., velocities v1.., displacements x1.., forces F1.., base acceleration ag.",
+            )
+        n = max(j for _, j in numbered)
+        if n > MOST_DOFS:
+            raise ChannelError(f"A column names DOF {n}, more than the {MOST_DOFS} a chain may have", "Rename it.")
+
+        def matrix(prefix: str, missing: float) -> np.ndarray | None:
+            if not any(p == prefix for p, _ in numbered):
+                return None
+            filler = np.full(len(df), missing)
+            return np.column_stack([
+                as_matrix(numbered[prefix, j], [f"{prefix}{j}"], 1)[:, 0] if (prefix, j) in numbered else filler
+                for j in range(1, n + 1)
+            ])
+
+        base = {key: columns.pop(key).to_numpy() for key in ("ag", "vg", "xg") if key in columns}
+        return cls(
+            force=matrix("F", 0.0),
+            acceleration=matrix("a", np.nan),
+            velocity=matrix("v", np.nan),
+            displacement=matrix("x", np.nan),
+            fs=fs,
+            base_acceleration=base.get("ag"),
+            base_velocity=base.get("vg"),
+            base_displacement=base.get("xg"),
+            covariates={k: c.to_numpy() for k, c in columns.items()},
+            time=time,
+            **options,
+        )
+
+    def to_frame(self) -> pd.DataFrame:
+        """Table of the measured channels, indexed by time ``t`` in s.
+
+        Returns
+        -------
+        DataFrame
+        """
+        return pd.DataFrame(self.channels(), index=pd.Index(self.time, name="t"))
+
+    def to_features(self, smooth: bool = True) -> tuple[pd.DataFrame, pd.DataFrame]:
+        """Regressor input: accelerations, inter-storey velocities and drifts (paper eq. 8).
+
+        Parameters
+        ----------
+        smooth : bool
+            True: channels are fused and completed by :class:`pysindy_nrf.KinematicSmoother`.
+            False: they are taken as they are, and each DOF needs all three.
+
+        Returns
+        -------
+        X : DataFrame of shape (n_samples, 3 n_dof)
+            ``a1.., v1.., s1..``; a absolute, v and s relative to the DOF below; SI units, index t.
+        F : DataFrame of shape (n_samples, n_dof)
+            ``F1..``, N.
+
+        Raises
+        ------
+        ChannelError
+            With ``smooth=False``, if a channel is missing.
+        """
+        from ..signals.kinematics import to_features
+
+        return to_features(self, smooth)
+
+    def window(self, start: float, stop: float) -> Record:
+        """The part of the record between two times.
+
+        Parameters
+        ----------
+        start, stop : float
+            Seconds; ``stop`` is not included.
+
+        Returns
+        -------
+        Record
+
+        Raises
+        ------
+        ChannelError
+            If fewer than two samples lie between them.
+        """
+        inside = (self.time >= start - 0.5 * self.dt) & (self.time < stop - 0.5 * self.dt)
+        rows = np.flatnonzero(inside)
+        if len(rows) < 2:
+            raise ChannelError(
+                f"Record {self.name!r} has no samples from {start} to {stop} s",
+                f"It lasts from {self.time[0]:g} to {self.time[-1]:g} s.",
+            )
+        return self.rows(slice(rows[0], rows[-1] + 1))
+
+    def rows(self, rows: slice) -> Record:
+        """The part of the record in a slice of rows.
+
+        Parameters
+        ----------
+        rows : slice
+
+        Returns
+        -------
+        Record
+
+        Raises
+        ------
+        ChannelError
+            If they are not two or more consecutive samples of the record.
+        """
+        def cut(array: Any) -> Any:
+            return None if array is None else array[rows]
+
+        new = self.replace()
+        start = range(self.n_samples)[rows]
+        if len(start) < 2 or start.step != 1:
+            raise ChannelError(
+                f"Record {self.name!r}: {rows} is not a part of its {self.n_samples} samples",
+                "Take two or more consecutive rows.",
+            )
+        new.n_samples, new.t0 = len(start), self.t0 + start[0] / self.fs
+        for key in ("force", *_MOTIONS, "base_acceleration", "base_velocity", "base_displacement"):
+            setattr(new, key, cut(getattr(self, key)))
+        new.covariates = {k: cut(c) for k, c in self.covariates.items()}
+        return new
+
+    def replace(self, **changes: Any) -> Record:
+        """A copy with some channels replaced.
+
+        Parameters
+        ----------
+        **changes
+            Arguments of :class:`Record`.
+
+        Returns
+        -------
+        Record
+        """
+        if not changes:
+            new = object.__new__(type(self))
+            new.__dict__.update(self.__dict__)
+            return new
+        fields = {
+            key: getattr(self, key)
+            for key in (
+                "force",
+                *_MOTIONS,
+                "fs",
+                "base_acceleration",
+                "base_velocity",
+                "base_displacement",
+                "covariates",
+                "name",
+                "coordinates",
+            )
+        }
+        new = Record(**(fields | changes))
+        if changes.get("time") is None:
+            new.t0 = self.t0
+        return new
+
+    def _repr_html_(self) -> str:
+        from ..output.report.notebook import record_html
+
+        return record_html(self)
+
+    def __repr__(self) -> str:
+        return (
+            f"Record({self.name!r}: {self.n_dof} DOF, {self.n_samples} samples at {self.fs:g} Hz "
+            f"({self.n_samples / self.fs:.4g} s), channels {', '.join(self.measured)})"
+        )
+
+
+def _index_time(index: pd.Index) -> Any:
+    if isinstance(index, (pd.DatetimeIndex, pd.TimedeltaIndex)):
+        return index
+    if index.name in ("t", "time") and index.dtype.kind in "fiu":
+        return index.to_numpy()
+    return None
+
+
+def _clock(fs: Any, time: Any, n: int, name: str) -> tuple[float, float]:
+    """Sampling rate and first time of a record, checked for an even clock."""
+    if fs is not None:
+        try:
+            given = float(fs)
+        except (TypeError, ValueError):
+            given = np.nan
+        if not np.isfinite(given) or given <= 0:
+            raise ChannelError(f"Record {name!r}: fs={fs!r} is not a sampling rate", "Give a positive number in Hz.")
+    if time is None:
+        if fs is None:
+            raise ChannelError(f"Record {name!r} has no clock", "Give fs= in Hz, or the time of the samples.")
+        return given, 0.0
+    seconds = seconds_of(time, name)
+    if len(seconds) != n:
+        raise ChannelError(f"Record {name!r}: {len(seconds)} times for {n} samples", "Give one time for each sample.")
+    with np.errstate(over="ignore"):
+        steps = np.diff(seconds)
+    bad = np.flatnonzero(steps <= 0)
+    if bad.size:
+        kind = "stands still" if (steps[bad] == 0).all() else "runs backwards"
+        raise ChannelError(
+            f"Record {name!r}: the time {kind} after row {int(bad[0])}",
+            "Sort the rows and drop repeated ones; if the time is only rounded, leave it out (t = 'none') and give fs.",
+        )
+    with np.errstate(over="ignore"):
+        step = (seconds[-1] - seconds[0]) / (n - 1)
+        rate = 1.0 / step
+    if not np.isfinite(rate) or rate == 0:
+        raise ChannelError(
+            f"Record {name!r}: the time runs from {seconds[0]:g} to {seconds[-1]:g} s in {n} samples, "
+            "which is no clock",
+            "Check its unit, and that the column is the time; or leave it out (t = 'none') and give fs.",
+        )
+    grid = np.abs(seconds - seconds[0] - step * np.arange(n)).max()
+    if grid > 0.05 * step and np.abs(steps - step).max() > 0.05 * step:
+        usual = float(np.median(steps))
+        worst = int(np.abs(steps - usual).argmax())
+        gaps = np.flatnonzero(steps > 1.5 * usual)
+        if gaps.size and steps.min() > 0.75 * usual:  # jitter shortens as many steps as it lengthens
+            with np.errstate(over="ignore"):
+                lost = float((steps[gaps] / usual - 1).sum())
+            kind = f"{gaps.size} gap{'s' if gaps.size > 1 else ''}, about {lost:.0f} samples are missing"
+            cure = "Split the record at gaps (alignment.split_at_gaps), or resample it to an even clock."
+        else:
+            kind = f"jitter, steps of {steps.min():g} to {steps.max():g} s"
+            cure = (
+                f"If the time is only rounded, leave it out (t = 'none') and give fs={1 / step:g}; else resample it "
+                "to an even clock."
+            )
+        raise ChannelError(
+            f"Record {name!r}: the clock is uneven, {steps[worst]:g} s after row {worst} where {usual:g} s is usual; "
+            f"{kind}",
+            cure,
+        )
+    if fs is not None and abs(given - rate) > 0.01 * rate:
+        raise ChannelError(f"Record {name!r}: fs={fs} Hz contradicts the time, which has {rate:g} Hz", "Leave one out.")
+    nearest = round(rate)
+    if nearest and abs(rate - nearest) < 1e-6 * rate:
+        rate = float(nearest)
+    return rate, float(seconds[0])
+
+
+def seconds_of(time: Any, name: str = "record") -> np.ndarray:
+    """Times as float seconds.
+
+    Parameters
+    ----------
+    time : array-like of numbers (s), datetimes or timedeltas
+    name : str
+        Name of the record, for messages.
+
+    Returns
+    -------
+    ndarray of shape (n_samples,)
+    """
+    if isinstance(time, (pd.DatetimeIndex, pd.TimedeltaIndex)):
+        seconds = ((time - time[0]) / pd.Timedelta(seconds=1)).to_numpy(dtype=float)
+    elif (array := plain_times(time)).dtype.kind in "mM":
+        seconds = (array - array[0]) / np.timedelta64(1, "ns") * 1e-9
+    else:
+        seconds = as_matrix(array, ["time"], 1, "time")[:, 0].astype(float)
+    if not np.isfinite(seconds).all():
+        raise ChannelError(
+            f"Record {name!r}: the time is not finite in row {int(np.flatnonzero(~np.isfinite(seconds))[0])}",
+            "Repair it.",
+        )
+    return seconds
+
+
+def plain_times(time: Any) -> np.ndarray:
+    """Times as an array of numbers, ``datetime64`` or ``timedelta64``; those with a time zone become UTC.
+
+    Parameters
+    ----------
+    time : array-like of numbers (s), datetimes or timedeltas
+
+    Returns
+    -------
+    ndarray
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from pysindy_nrf.data.record import plain_times
+    >>> plain_times(pd.date_range("2024-05-01 12:00", periods=2, freq="s", tz="Europe/Berlin"))[0].item().hour
+    10
+    """
+    array = np.asarray(time)
+    if array.dtype == object and array.size and isinstance(array.flat[0], datetime):
+        return pd.DatetimeIndex(pd.to_datetime(array.ravel(), utc=True)).tz_localize(None).to_numpy()
+    return array

@@ -1,0 +1,12 @@
+"""What may be wrong with forces, laws and balances of a fit, and what to measure next."""
+
+from ..common.lazy import public_names
+
+_NAMES = {
+    "force_delay": "delays",
+    "jump_bias_of": "jumps",
+    "missing_terms": "bias",
+    "warn_of_bias": "bias",
+}
+__all__ = [*_NAMES]
+__getattr__, __dir__ = public_names(__name__, _NAMES)

@@ -1,0 +1,323 @@
+"""Does the model hold what the data show? Judged from the data alone.
+
+What a balance leaves unexplained is noise only if nothing can predict it. Each step of the
+identification is therefore offered columns that its laws do not have (friction, quadratic,
+kinked and fifth-power terms of the same storeys), on one half of the data, and the other half says whether they
+help. Where they do, a law is missing (or noise in the motion stands in for one), and masses and
+coefficients that least squares found without it are biased. A constant and a straight line in time are offered too, by
+themselves: they are no law, but what a sensor leaves that reads a wrong zero or drifts.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy import linalg
+
+from ..exceptions import BiasWarning
+from ..regression.analysis_inputs import as_segments
+from ..regression.layout import LawLayout, Layout, Recipe
+from ..regression.moments import Block, Moments
+from ..regression.segments import SegmentSet
+from .probe_regressors import LASTING, OFFERED
+from .windows import FOLDS, Window, show
+
+GAIN = 5.0  # percent of the held-out residual that the extra columns must remove
+MISSING = 2.0  # percent of the balance's right-hand side that they must explain
+STILL = 90.0  # percent of the held-out residual that a constant and a ramp must remove for zeros to be doubted
+_PIVOT = 1e-10  # of a Gram matrix of columns of unit length; below it columns may depend on each other
+_ROUND_OFF = 1e-6  # share of the balance below which a residual says nothing
+_ROWS_PER_COLUMN = 20  # fewer samples than this say nothing about further columns
+
+
+def missing_terms(estimator: Any, X: Any, F: Any = None, **options: Any) -> pd.DataFrame:
+    """What the laws of a fitted regressor leave to be explained, step by step.
+
+    Parameters
+    ----------
+    estimator : fitted NRFRegressor
+    X, F, **options
+        The data of its ``fit``.
+
+    Returns
+    -------
+    DataFrame
+        One row for each step of the solve: ``residual`` (percent of its right-hand side), ``gain`` (percent of
+        the held-out residual that columns the laws do not have remove), ``missing`` (what they explain, percent
+        of the right-hand side), ``shift`` (percent by which the mass moves with them; NaN where the step has no
+        unknown mass), ``lasting`` (percent of the held-out residual that a constant and a ramp in time remove: a
+        sensor with a wrong zero or a drift), ``biased`` (bool: gain above 5 % and missing above 2 %).
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> from pysindy_nrf.diagnostics import missing_terms
+    >>> X, F = datasets.load_demo().to_features()
+    >>> with warnings.catch_warnings():
+    ...     warnings.simplefilter("ignore")
+    ...     linear = NRFRegressor(degree=1).fit(X, F)  # storey 1 is cubic
+    >>> missing_terms(linear, X, F)["biased"].to_dict()
+    {'balance of DOF 2': False, 'balance of DOF 3': False, 'balance of DOF 1': True}
+    """
+    data = as_segments(estimator, X, F, **options)
+    return missing_terms_of(estimator.model_, estimator.walk_, data, estimator.band)
+
+
+def missing_terms_of(model: Any, walk: Any, data: SegmentSet, band: Any = None) -> pd.DataFrame:
+    """:func:`missing_terms` for a model and the walk that found it."""
+    judge = MissingTerms(model, walk)
+    show(judge.layout, data, band, [judge])
+    return judge.table()
+
+
+class MissingTerms:
+    """Collects what :func:`missing_terms` needs to know of some windows.
+
+    Parameters
+    ----------
+    model : ChainModel
+    walk : Walk
+    layout : LawLayout, optional
+        Of the laws of the model, if it is at hand.
+    """
+
+    def __init__(self, model: Any, walk: Any, layout: LawLayout | None = None) -> None:
+        self.walk, self.layout = walk, layout or LawLayout(model.chain, model.laws)
+        self.coefficients = model.coefficients
+        # the columns of each site: its own, then those offered
+        self.wide = Layout(self.layout.chain, {s: self.layout.counts[s] + OFFERED for s in self.layout.acting})
+        groups = [self.wide.group(dofs) for dofs in dict.fromkeys(step.dofs for step in walk.steps)]
+        self.masses = dict(enumerate(model.masses.tolist(), 1))
+        first = Moments(self.wide, groups, known_masses=self.masses)
+        self.folds = [first, *(first.empty() for _ in range(1, FOLDS))]
+        self.counts = dict.fromkeys((g.dofs for g in groups), 0)
+        self.n_rows = 0
+        self._recipe: tuple[Recipe | None, Recipe] | None = None
+
+    def see(self, number: int, window: Window) -> None:
+        """Take a window in."""
+        window = window.enough()
+        block = window.block
+        self.n_rows += window.n_samples
+        if self._recipe is None or self._recipe[0] is not block.recipe:
+            self._recipe = block.recipe, _widened(block.recipe, self.layout, self.wide)
+        source = np.vstack([block.terms if block.source is None else block.source, *window.offered.values()])
+        wide = Block(None, block.acceleration, block.force, source, self._recipe[1], self.wide.n_terms)
+        self.folds[number % FOLDS].add(wide)
+        known = (~np.isnan(block.force[:, 0])).tolist()
+        for dofs in self.counts:
+            self.counts[dofs] += all(known[j - 1] for j in dofs)
+
+    def table(self) -> pd.DataFrame:
+        """As :func:`missing_terms` returns it."""
+        alike: dict[tuple[int, int], list[tuple[str, bool, bool, list[np.ndarray]]]] = {}
+        steps = [step for step in self.walk.steps if self.counts[step.dofs]]
+        for step in steps:
+            combine = _combination(step, self.layout, self.coefficients, self.masses, self.folds[0])
+            n_own = len(step.masses) + sum(self.layout.counts[s] for s in step.sites)
+            p = combine.shape[1] - 1
+            enough = self.counts[step.dofs] >= 2 * FOLDS and self.n_rows >= _ROWS_PER_COLUMN * p
+            grams = [combine.T @ fold.parts[step.dofs].matrix @ combine for fold in self.folds]
+            alike.setdefault((p, n_own), []).append((step.name, bool(step.masses), enough, grams))
+        rows: dict[str, np.ndarray] = {}
+        for (_, n_own), held in alike.items():
+            names, masses, enoughs, grams = zip(*held)
+            rows |= dict(zip(names, _judged(np.array(grams), n_own, np.array(masses), np.array(enoughs))))
+        residual, gain, shift, lasting = np.array([rows[step.name] for step in steps]).reshape(-1, 4).T
+        missing = residual * np.sqrt(gain / 100)
+        columns = {"residual": residual, "gain": gain, "missing": missing, "shift": shift, "lasting": lasting}
+        biased = (gain > GAIN) & (missing > MISSING)
+        return pd.DataFrame({**columns, "biased": biased}, index=[step.name for step in steps])
+
+
+def wrong_zeros(table: pd.DataFrame) -> list[str]:
+    """A question on the zeros of sensors, where a constant or a ramp explains nearly all that a balance leaves.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Of :func:`missing_terms`.
+
+    Returns
+    -------
+    list of str
+        One sentence, or none.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from pysindy_nrf.diagnostics.bias import wrong_zeros
+    >>> columns = {"residual": 40.0, "gain": 30.0, "missing": 22.0, "shift": 9.0, "lasting": 99.0, "biased": True}
+    >>> wrong_zeros(pd.DataFrame(columns, index=["balance of DOF 2"]))[0].split(". ")[1].split("?")[0]
+    'Does a displacement there (of DOF 2 or a neighbour) or its force read a wrong zero, or drift'
+    """
+    if "lasting" not in table:
+        return []
+    lasting = table["lasting"].to_numpy()
+    size = table["residual"].to_numpy() * np.sqrt(lasting / 100)
+    hit = np.flatnonzero((lasting > STILL) & (size > MISSING))
+    if not len(hit):
+        return []
+    worst = str(table.index[hit[size[hit].argmax()]])
+    row = table.loc[worst]
+    others = f" (and {len(hit) - 1} more)" if len(hit) > 1 else ""
+    where = worst.removeprefix("balance of ").removesuffix(" together")
+    return [
+        f"{worst[0].upper()}{worst[1:]}{others}: {row['residual']:.3g} % of it is unexplained, and a constant or a "
+        f"straight line in time explains {row['lasting']:.0f} % of that on held-out data. Does a displacement there "
+        f"(of {where} or a neighbour) or its force read a wrong zero, or drift? By least squares masses and "
+        "stiffnesses come out wrong then: take out the mean of every displacement and force, or give band=(lo, hi) "
+        "above a drift. Or has a storey yielded, or does a constant force act there? Add its law (laws=)."
+    ]
+
+
+def warn_of_bias(table: pd.DataFrame, masses: Sequence[str] = (), stacklevel: int = 2) -> None:
+    """Raise one BiasWarning if masses or zeros are doubtful, or a step of :func:`missing_terms` is biased.
+
+    Parameters
+    ----------
+    table : DataFrame
+    masses : sequence of str
+        Sentences of :func:`pysindy_nrf.regression.chain_solve.doubtful_masses`.
+    stacklevel : int
+
+    Examples
+    --------
+    >>> import warnings
+    >>> import pandas as pd
+    >>> from pysindy_nrf.diagnostics import warn_of_bias
+    >>> columns = {"residual": 40.0, "gain": 90.0, "missing": 38.0, "shift": 21.0, "biased": True}
+    >>> table = pd.DataFrame(columns, index=["balance of DOF 1"])
+    >>> with warnings.catch_warnings(record=True) as caught:
+    ...     warnings.simplefilter("always")
+    ...     warn_of_bias(table)
+    >>> caught[0].category.__name__, str(caught[0].message).split(":")[0]
+    ('BiasWarning', 'Balance of DOF 1')
+    """
+    zeros = wrong_zeros(table)
+    said = [*zeros, *masses]
+    biased = table["biased"].to_numpy(dtype=bool)
+    if biased.any() and not zeros:  # further terms follow a constant too, once the fit is ruined by it
+        hit = table[biased]
+        worst = hit["missing"].idxmax()
+        row = hit.loc[worst]
+        others = f" (and {len(hit) - 1} more)" if len(hit) > 1 else ""
+        said.append(
+            f"{worst[0].upper()}{worst[1:]}{others}: {row['residual']:.2g} % of it is unexplained, and that is not "
+            f"noise alone: terms the laws do not have explain {row['gain']:.0f} % of it on held-out data. A law is "
+            "missing there (hysteresis, friction, a gap) or the motion is noisy; masses and forces are likely biased. "
+            "Add the law (laws=), search for it (close_loop), or fuse noisy channels with KinematicSmoother."
+        )
+    if said:
+        warnings.warn(" ".join(said), BiasWarning, stacklevel=stacklevel)
+
+
+# -- columns ----------------------------------------------------------------------------------
+
+
+def _widened(recipe: Recipe | None, layout: LawLayout, wide: Layout) -> Recipe:
+    """How own and offered columns follow from [source of the own | offered columns of each site]."""
+    if recipe is None:  # the columns of the laws are given
+        given = np.arange(layout.n_terms)
+        recipe = Recipe(np.column_stack([given, given, np.full_like(given, -1)]), (), (), layout.n_terms)
+    sites = layout.acting
+    own = [row for s in sites for row in range(wide.slices[s].start, wide.slices[s].stop - OFFERED)]
+    offered = [row for s in sites for row in range(wide.slices[s].stop - OFFERED, wide.slices[s].stop)]
+    helpers = np.arange(max(0, int(recipe.steps[:, 0].max(initial=-1)) + 1 - layout.n_terms))
+    at = np.array([*own, *(wide.n_terms + helpers)], dtype=np.int64)
+    row, p, q = recipe.steps.T
+    steps = np.column_stack([at[row], np.where(q < 0, p, at[np.where(q < 0, 0, p)]) if len(at) else p, q])
+    added = np.column_stack([offered, recipe.n_source + np.arange(len(offered)), np.full(len(offered), -1)])
+    whole = np.vstack([steps, added]).astype(np.int64)
+    recurrence = recipe.recurrence.copy()
+    for column in (0, 2, 3):
+        recurrence[:, column] = [at[row] if row >= 0 else -1 for row in recurrence[:, column]]
+    return replace(recipe, steps=whole, n_source=recipe.n_source + len(offered), recurrence=recurrence)
+
+
+def _combination(step: Any, layout: LawLayout, coefficients: dict, masses: dict, moments: Moments) -> np.ndarray:
+    """From the columns of a group to [own columns | offered columns | right-hand side] of one step."""
+    where, mass_at, target_at = moments.positions(step.dofs)
+    signs = dict(zip(moments.groups[step.dofs].sites, moments.groups[step.dofs].signs))
+    own = [mass_at] if step.masses else []
+    own += [where[s].start + k for s in step.sites for k in range(layout.counts[s])]
+    sites = (*step.sites, *step.known_sites)
+    offered = [where[s].stop - OFFERED + k for s in sites for k in range(OFFERED - LASTING)]
+    offered += [where[s].stop - LASTING + k for s in sites[:1] for k in range(LASTING)]  # the same at all sites
+    out = np.zeros((target_at + 1, len(own) + len(offered) + 1))
+    out[[*own, *offered], np.arange(len(own) + len(offered))] = 1.0
+    out[target_at, -1] = 1.0
+    if mass_at is not None and not step.masses:
+        out[mass_at, -1] = -masses[step.dofs[0]]
+    for site in step.known_sites:
+        out[where[site].start : where[site].stop - OFFERED, -1] = -signs[site] * coefficients[site]
+    return out
+
+
+# -- judgement --------------------------------------------------------------------------------
+
+
+def _judged(grams: np.ndarray, n_own: int, has_mass: np.ndarray, enough: np.ndarray) -> np.ndarray:
+    """Residual, gain, shift and lasting of some steps that have as many columns, shape (n_steps, 4).
+
+    ``grams`` has the shape (n_steps, FOLDS, p + 1, p + 1); steps without ``enough`` data are told their residual only.
+    """
+    total = grams.sum(axis=1)
+    scale = np.sqrt(np.einsum("kii->ki", total))
+    scale[scale == 0] = 1.0
+    total = total / scale[:, :, None] / scale[:, None]
+    grams = grams / scale[:, None, :, None] / scale[:, None, None]
+    p = total.shape[-1] - 1
+    own = np.arange(n_own)
+    lasting_from = max(p - LASTING, n_own)  # no site, no further columns
+    both = np.arange(lasting_from)
+    still = np.r_[own, lasting_from:p]
+    alone = _solve(total, own)
+    force = total[:, p, p]
+    share = np.sqrt(_left(total, own, alone) / np.where(force > 0, force, 1.0))
+    out = np.zeros((len(grams), 4))
+    out[:, 0] = 100 * share
+    out[~has_mass, 2] = np.nan
+    some = np.flatnonzero((share >= _ROUND_OFF) & enough)
+    if some.size:
+        tests = grams[some]
+        train = total[some, None] - tests
+        with_own, *with_more = (_left(tests, c, _solve(train, c)).sum(axis=1) for c in (own, both, still))
+        for at, left in zip((1, 3), with_more):
+            out[some, at] = 100 * np.maximum(0.0, 1 - left / with_own)
+        moved = some[has_mass[some]]
+        if moved.size:
+            mass = alone[moved, 0]
+            new = _solve(total[moved], both)[:, 0]
+            out[moved, 2] = np.where(mass, 100 * (new / np.where(mass, mass, 1.0) - 1), 0.0)
+    return out
+
+
+def _solve(grams: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Coefficients of some columns from the Gram matrices of [columns | right-hand side], the last axes."""
+    matrix, target = grams[..., columns[:, None], columns], grams[..., columns, -1]
+    if not columns.size:
+        return target
+    try:
+        pivots = np.linalg.cholesky(matrix).diagonal(axis1=-2, axis2=-1)
+    except np.linalg.LinAlgError:
+        pivots = np.zeros(1)
+    if pivots.min() ** 2 > _PIVOT:
+        return np.linalg.solve(matrix, target[..., None])[..., 0]
+    out = np.empty_like(target)
+    for at in np.ndindex(target.shape[:-1]):
+        out[at] = linalg.lstsq(matrix[at], target[at], cond=1e-13, check_finite=False)[0]
+    return out
+
+
+def _left(grams: np.ndarray, columns: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Residual sums of squares of given coefficients."""
+    matrix, target = grams[..., columns[:, None], columns], grams[..., columns, -1]
+    image = (matrix @ c[..., None])[..., 0] - 2 * target
+    return np.maximum(grams[..., -1, -1] + (c * image).sum(axis=-1), 0.0)

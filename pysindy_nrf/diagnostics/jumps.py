@@ -1,0 +1,218 @@
+"""What least squares takes from a force that jumps where the motion turns.
+
+The sign of a rate is wrong next to the instants at which the motion turns: by noise, and where the samples are too far
+apart for the jump. Least squares gives what such a column loses to the terms beside it. The samples next to the
+turns tell how much: without them the coefficient must be the same. How slow a sample must be to count as next to a
+turn, the noise decides: as many are left out as change the coefficient by more than chance.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ..exceptions import NRFError, RankWarning
+from ..laws.jumps import across_rest
+from ..mechanics.sites import Site
+from ..regression.chain_solve import groups_of, solve
+from ..regression.layout import LawLayout
+from ..regression.moments import Moments
+from ..regression.segments import SegmentSet
+from .rest import SHARES, first_settled, lives_there, made_wrong, moving
+from .windows import Window, show
+
+# Groups of windows whose scatter says what is chance.
+_GROUPS = 8
+# Share of the force of its balance that is nothing to an engineer.
+_NOTHING = 1e-3
+
+
+def jump_bias_of(
+    model: Any, walk: Any, data: SegmentSet, band: Any = None, known_masses: Any = None, inner: Any = None
+) -> pd.DataFrame:
+    """Coefficients of forces that jump, with and without the samples next to the turns of the motion.
+
+    Parameters
+    ----------
+    model : ChainModel
+        By least squares.
+    walk : Walk
+    data : SegmentSet
+    band : (float, float) or None
+        Hz; a filter spreads every jump, and nothing is said then.
+    known_masses : mapping of int to float, optional
+        kg.
+    inner : PySINDy optimizer, optional
+
+    Returns
+    -------
+    DataFrame
+        Index = term, e.g. ``"storey 2: sgn(v)"``, but for those that live next to rest alone; ``found``, ``away`` (from
+        some thousand samples, without those at a turn: see :mod:`~pysindy_nrf.diagnostics.rest`), ``lost`` (share of
+        ``away``), ``wrong`` (bool: by more than a tenth, more than chance and more than a thousandth of the force of
+        its balance), ``unit``.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+    >>> from pysindy_nrf.diagnostics.jumps import jump_bias_of
+    >>> storey = [laws.LinearElastic(1e5), laws.LinearViscous(60.0), laws.CoulombFriction(20.0)]
+    >>> F = excitation.band_limited_random(1, 10.0, 2000.0, dofs=1, rms=200.0, band=(1, 30), random_state=0)
+    >>> record = simulate(ChainModel([10.0], {"storey 1": storey}), F, 1 / 2000)
+    >>> model = NRFRegressor(laws={"storey 1": storey}).fit(record)  # samples close enough, and no noise
+    >>> found = jump_bias_of(model.model_, model.walk_, model.model_.segments(record))
+    >>> found["away"].round(1).to_dict(), found["wrong"].tolist()
+    ({'storey 1: sgn(v)': 20.0}, [False])
+    """
+    judge = JumpBias(model, walk, known_masses, inner, silent=band is not None)
+    show(judge.layout, data, band, judge.asked)
+    return judge.table()
+
+
+class JumpBias:
+    """Collects what :func:`jump_bias_of` needs to know of some windows.
+
+    Parameters
+    ----------
+    model, walk, known_masses, inner
+        As for :func:`jump_bias_of`.
+    silent : bool
+        Say nothing, whatever the laws: of filtered columns and of estimates that are not least squares.
+    layout : LawLayout, optional
+        Of the laws of the model, if it is at hand.
+    """
+
+    def __init__(
+        self,
+        model: Any,
+        walk: Any,
+        known_masses: Any = None,
+        inner: Any = None,
+        silent: bool = False,
+        layout: LawLayout | None = None,
+    ) -> None:
+        self.model, self.walk, self.known, self.inner = model, walk, dict(known_masses or {}), inner
+        self.layout = layout or LawLayout(model.chain, model.laws)
+        self.places = [] if silent else jumping_terms(self.layout)
+        if self.places:
+            first = Moments(self.layout, groups_of(self.layout, walk), known_masses=self.known)
+            self.whole, *self.kept = ([first.empty() for _ in range(_GROUPS)] for _ in (None, *SHARES))
+
+    @property
+    def asked(self) -> list[JumpBias]:
+        """This judge, if any law jumps; nobody otherwise."""
+        return [self] if self.places else []
+
+    def see(self, number: int, window: Window) -> None:
+        """Take a window in."""
+        self.whole[number % _GROUPS].add(window.block)
+        for share, kept in zip(SHARES, self.kept):
+            away = np.ones(window.n_samples, dtype=bool)
+            for site in {site for site, _, _ in self.places}:
+                away &= moving(window.rate(site), share)
+            if away.any():
+                kept[number % _GROUPS].add(window.block.take(away))
+
+    def _solved(self, parts: list[Moments], chosen: Iterable[int]) -> np.ndarray:
+        total = parts[0].empty()
+        for g in chosen:
+            total.merge(parts[g])
+        coefficients = solve(total, self.walk, self.known, self.inner).coefficients
+        return np.array([coefficients[site][at] for site, at, _ in self.places])
+
+    def _with_chance(self, parts: list[Moments]) -> tuple[np.ndarray, np.ndarray]:
+        """Coefficients from all groups of windows, and with each group left out."""
+        rest = [[g for g in range(_GROUPS) if g != left] for left in range(_GROUPS)]
+        return self._solved(parts, range(_GROUPS)), np.array([self._solved(parts, some) for some in rest])
+
+    def _settling(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """The same from fewer and fewer samples, as long as they tell all terms apart."""
+        for parts in self.kept:
+            try:
+                yield self._with_chance(parts)
+            except (NRFError, np.linalg.LinAlgError):
+                return
+
+    def table(self) -> pd.DataFrame:
+        """As :func:`jump_bias_of` returns it; empty where nothing jumps or too few samples are left."""
+        empty = pd.DataFrame(columns=["found", "away", "lost", "wrong", "unit"])
+        if not self.places:
+            return empty
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", RankWarning)  # the fit has said so
+                found, without = self._with_chance(self.whole)
+                kept = list(self._settling())
+        except (NRFError, np.linalg.LinAlgError):
+            return empty
+        whole = _rms(self.whole, self.places)
+        told = np.all([lives_there(_rms(parts, self.places), whole) for parts, _ in zip(self.kept, kept)], axis=0)
+        if not kept or not told.any():
+            return empty
+        away, rest = kept[first_settled([a[told] for a, _ in kept], [r[:, told] for _, r in kept])]
+        lost = np.where(away, (away - found) / np.where(away, away, 1.0), 0.0)
+        size = np.abs(away - found) * _weights(self.whole, self.places, self.model.masses)
+        wrong = made_wrong(found, away, rest - without) & (size > _NOTHING)
+        values = self.model.coefficients
+        rows = [(values[s][k], away[i], lost[i], wrong[i], unit) for i, (s, k, unit) in enumerate(self.places)]
+        labels = [f"{site}: {self.layout.labels(site)[at]}" for site, at, _ in self.places]
+        return pd.DataFrame(rows, index=labels, columns=empty.columns)[told]
+
+
+def _rms(parts: list[Moments], places: list[tuple[Site, int, str]]) -> np.ndarray:
+    """Of the columns of some terms, in the balances that they act on first."""
+    total = parts[0].empty()
+    for some in parts:
+        total.merge(some)
+    out = []
+    for site, at, _ in places:
+        part = total.parts[site.p,]
+        column = np.zeros(part.matrix.shape[1])
+        column[total.positions((site.p,))[0][site].start + at] = 1.0
+        out.append(part.norm(column) / np.sqrt(max(part.n_samples, 1)))
+    return np.array(out)
+
+
+def _weights(parts: list[Moments], places: list[tuple[Site, int, str]], masses: np.ndarray) -> np.ndarray:
+    """Force of each term with a coefficient of one, as a share of the applied or inertia force of its balance."""
+    total = parts[0].empty()
+    for some in parts:
+        total.merge(some)
+    out = []
+    for site, at, _ in places:
+        where, mass_at, target_at = total.positions((site.p,))
+        part = total.parts[site.p,]
+        columns = np.eye(part.matrix.shape[1])
+        inertia = 0.0 if mass_at is None else masses[site.p - 1] * part.norm(columns[mass_at])
+        balance = max(part.norm(columns[target_at]), inertia)
+        out.append(part.norm(columns[where[site].start + at]) / balance if balance else np.inf)
+    return np.array(out)
+
+
+def sentences_of(table: pd.DataFrame) -> list[str]:
+    """What a table of :func:`jump_bias_of` says to an engineer."""
+    return [
+        f"{name} is {row['found']:.4g} {row['unit']}, but {row['away']:.4g} without the samples next to the turns of "
+        "the motion: noise, or a sampling rate too low for the jump, turns its sign there, and least squares gives "
+        "what is lost to other terms. Use estimation='iv'."
+        for name, row in table.iterrows()
+        if row["wrong"]
+    ]
+
+
+def jumping_terms(layout: LawLayout) -> list[tuple[Site, int, str]]:
+    """Terms whose column jumps where the rate changes its sign: site, number there, unit of the coefficient."""
+    out = []
+    for site in layout.acting:
+        at = 0
+        for law in layout.laws[site]:
+            terms = law.terms()
+            if not law.has_memory:
+                near, wide = np.abs(across_rest(law, np.ones(len(law.covariates)))).T
+                out += [(site, at + k, term.unit) for k, term in enumerate(terms) if near[k] > 0.5 * wide[k] > 0]
+            at += len(terms)
+    return out

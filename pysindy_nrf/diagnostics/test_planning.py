@@ -1,0 +1,425 @@
+"""What limits an estimate, and what to measure next, in words."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from ..exceptions import ChainError
+
+if TYPE_CHECKING:
+    from ..mechanics.chain import Chain
+
+WEAK = 0.05  # rms drift of a storey over that of the liveliest one, below which its excitation is poor
+ILL = 1e4  # scaled condition number from which on terms are hard to tell apart
+WIDE = 0.05  # half-width of a 95 % interval, as a share, from which on a parameter is uncertain
+QUICK = 10  # order of the differences that tell noise from motion; see signals.fusion
+BIASED = 0.01  # expected relative bias of a mass from which on it is named
+
+Finding = tuple[float, str, str, float, str]  # gravity; limit, where, size and message as in the table
+
+
+@dataclass
+class Diagnosis:
+    """What limits an estimate.
+
+    Attributes
+    ----------
+    table : DataFrame
+        One row for each finding, the gravest first: ``limit`` (``"channel"``, ``"doubt"``, ``"noise"``,
+        ``"excitation"``, ``"conditioning"``, ``"missing law"``, ``"wrong zero"``, ``"uncertainty"``, ``"estimation"``,
+        ``"delay"``, ``"jump"``), ``where``, ``size``, ``message``.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> from pysindy_nrf.diagnostics.test_planning import diagnose
+    >>> found = diagnose(NRFRegressor(degree=3).fit(datasets.load_demo()))
+    >>> found.table.columns.tolist()
+    ['limit', 'where', 'size', 'message']
+    """
+
+    table: pd.DataFrame
+
+    def __str__(self) -> str:
+        return "\n".join(self.table["message"]) if len(self.table) else "Nothing limits the estimate noticeably."
+
+
+def diagnose(model: Any) -> Diagnosis:
+    """Say in words what limits the estimate of a fitted regressor.
+
+    Parameters
+    ----------
+    model : fitted NRFRegressor
+
+    Returns
+    -------
+    Diagnosis
+        ``print`` it.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> from pysindy_nrf.diagnostics.test_planning import diagnose
+    >>> with warnings.catch_warnings():
+    ...     warnings.simplefilter("ignore")
+    ...     linear = NRFRegressor(degree=1).fit(datasets.load_demo())  # storey 1 is cubic
+    >>> "missing law" in diagnose(linear).table["limit"].tolist()
+    True
+    """
+    rows: list[Finding] = []
+    rows += (
+        _doubts(model)
+        + _missing(model)
+        + _jumping(model)
+        + _excitation(model)
+        + _conditioning(model)
+        + _uncertainty(model)
+        + _estimation(model)
+        + _delays(model)
+        + _noise(model)
+    )
+    rows.sort(key=lambda row: -row[0])
+    return Diagnosis(pd.DataFrame([row[1:] for row in rows], columns=["limit", "where", "size", "message"]))
+
+
+def _doubts(model: Any) -> list[Finding]:
+    """What ``fit`` warned of: channels that look wrong, balances that contradict each other, masses that cannot be."""
+    # a wrong channel is behind much of the rest; noise in the motion, if it is found, says why a mass is doubtful
+    gravity = {"channels": 7.0, "forces": 6.0, "masses": 3.9}
+    return [
+        (gravity[key], "channel" if key == "channels" else "doubt", key, np.nan, text)
+        for key, held in model.doubts_.items()
+        for text in held
+    ]
+
+
+def _missing(model: Any) -> list[Finding]:
+    from .bias import wrong_zeros
+
+    if zeros := wrong_zeros(model.missing_terms_):  # before they are right no law is missed
+        size = float(model.missing_terms_["lasting"].max())
+        return [(6.0, "wrong zero", "sensors", size, text) for text in zeros]
+    out = []
+    for name, row in model.missing_terms_.iterrows():
+        if row["biased"]:
+            text = (
+                f"{name[0].upper()}{name[1:]}: {row['residual']:.2g} % is unexplained, and terms that the laws do "
+                "not have explain "
+                f"{row['gain']:.0f} % of that. A law is missing, or noise in the motion stands in for one: fuse "
+                "the channels, then add the law (laws=) or search "
+                "for it (close_loop)."
+            )
+            out.append((3.0 + row["missing"] / 100, "missing law", name, float(row["missing"]), text))
+    return out
+
+
+def _jumping(model: Any) -> list[Finding]:
+    from .jumps import sentences_of
+
+    wrong = model.jump_bias_[model.jump_bias_["wrong"].astype(bool)]
+    return [
+        (2.7, "jump", str(name), float(wrong.loc[name, "lost"]), f"{text[0].upper()}{text[1:]}")
+        for name, text in zip(wrong.index, sentences_of(wrong))
+    ]
+
+
+def _excitation(model: Any) -> list[Finding]:
+    out = []
+    sizes = {site: _drift(region) for site, region in model.model_.visited.items() if site.is_storey}
+    top = max(sizes.values(), default=0.0)
+    for site, size in sizes.items():
+        if top and size < WEAK * top:
+            text = (
+                f"{site} moves {size:.2g} m at most, {100 * size / top:.1f} % of the liveliest storey: its law is "
+                "known "
+                f"poorly. Hit floor {site.p}, or excite a mode that bends it."
+            )
+            out.append((2.0 + WEAK - size / top, "excitation", str(site), size, text))
+    return out
+
+
+def _drift(region: Any) -> float:
+    return max(abs(region.low[1]), abs(region.high[1]))
+
+
+def _conditioning(model: Any) -> list[Finding]:
+    return [
+        (
+            1.5, "conditioning", name, float(value),
+            f"{name[0].upper()}{name[1:]}: condition number {value:.1e}; some of its terms are nearly the same on "
+            "this excitation. "
+            "Excite more frequencies and amplitudes, lower the degree, or give what is known (known_masses, "
+            "constraints).",
+        )
+        for name, value in model.condition_.items()
+        if value > ILL
+    ]  # fmt: skip
+
+
+def _uncertainty(model: Any) -> list[Finding]:
+    from ..exceptions import NRFError
+
+    try:
+        ci = model.confidence_intervals()
+    except NRFError as error:
+        return [(1.0, "uncertainty", "data", np.nan, f"No interval can be given: {error}")]
+    out = []
+    for row in ci.itertuples():
+        if not row.estimate:
+            continue
+        share = (row.upper - row.lower) / 2 / abs(row.estimate)
+        stiffness_or_mass = row.parameter.startswith("m") or row.parameter.endswith(": s")
+        if share > WIDE and stiffness_or_mass:
+            out.append((
+                1.0 + min(share, 1.0) / 2, "uncertainty", row.parameter, float(share),
+                f"{row.parameter} is known to +-{100 * share:.0f} % only (95 %). Measure longer or hit harder "
+                "nearer to it.",
+            ))  # fmt: skip
+    return out
+
+
+def _estimation(model: Any) -> list[Finding]:
+    facts = model.model_.info.get("estimation", {})
+    if facts.get("asked", "ls") == "iv" and facts.get("found") == "ls":
+        text = (
+            "Instrumental variables could not be used (see the warning of fit): noise in the motion biases masses "
+            "and stiffnesses low."
+        )
+        return [(2.5, "estimation", "all", np.nan, text)]
+    return []
+
+
+def _delays(model: Any) -> list[Finding]:
+    from ..exceptions import NRFError
+    from .delays import force_delay
+
+    try:
+        table = force_delay(model)
+    except NRFError:
+        return []
+    return [
+        (2.6, "delay", name, float(row["samples"]), row["message"])
+        for name, row in table.iterrows()
+        if not row["aligned"]
+    ]
+
+
+def _noise(model: Any) -> list[Finding]:
+    """The bias that white noise still in the motions gives a least-squares mass, balance by balance.
+
+    ``theta = (G - N)^-1 G theta_LS`` with the Gram matrix G of the columns and N that of their noise, both as the
+    filters of the fit pass them on.
+    """
+    fit = model._fit_data
+    if fit is None or model.model_.info.get("estimation", {}).get("found") != "ls":
+        return []
+    from ..signals.fusion import white_level
+
+    data, layout = fit.data, fit.layout
+    sizes = [seg.n_valid for seg in data.segments]
+    passed = float(np.average([1.0 if f is None else f.noise_gain() for f in fit.filters], weights=sizes))
+    shares: dict[str, list[tuple[float, float]]] = {}
+    for seg in data.segments:
+        for kind in "avs":
+            for j in range(seg.n_dof):
+                y = getattr(seg, kind)[seg.valid, j].astype(float)
+                shares.setdefault(f"{kind}{j + 1}", []).append((white_level(y, QUICK), float(np.sqrt(np.mean(y**2)))))
+    noise = {name: float(np.sqrt(np.mean([level**2 for level, _ in held]))) for name, held in shares.items()}
+    size = {name: float(np.sqrt(np.mean([rms**2 for _, rms in held]))) for name, held in shares.items()}
+    pieces = model._resolving().pieces
+    coefficients = model.model_.coefficients
+    out = []
+    for step in fit.walk.steps:
+        if len(step.dofs) > 1 or not step.masses or pieces.instrumented:
+            continue
+        group = layout.group(step.dofs)
+        names: list[str] = []  # empty for what is not a linear term of this storey
+        for site in group.sites:
+            for term in layout.terms_at(site):
+                own = term.label in ("v", "s") and site.is_storey and site in step.sites
+                names.append(f"{term.label}{site.p}" if own else "")
+        free = [i for i, name in enumerate(names) if name] + [len(names)]
+        names.append(f"a{step.dofs[0]}")
+        gram = pieces.grams[step.dofs].sum(axis=0)[np.ix_(free, free)]
+        n = pieces.sizes[step.dofs].sum()
+        lost = np.diag([n * passed * noise[names[i]] ** 2 for i in free])
+        scale = np.sqrt(np.diag(gram))
+        gram, lost = gram / scale[:, None] / scale, lost / scale[:, None] / scale
+        signed = [sign * coefficients[site] for site, sign in zip(group.sites, group.signs)]
+        found = np.concatenate([*signed, [model.masses_[step.dofs[0] - 1]]])[free] * scale
+        # what is quick in a channel may be motion: noise leaves at least theta^T N theta of the balance
+        implied = float(found @ lost @ found)
+        left = n * float(model.errors_.loc[f"dof {step.dofs[0]}", "residual"]) ** 2
+        lost = lost * min(1.0, left / implied) if implied else lost
+        values, vectors = np.linalg.eigh(gram - lost)
+        # directions that noise makes up altogether cannot be restored; the bias is then larger still
+        true = vectors @ (vectors.T @ (gram @ found) / np.maximum(values, 0.1 * np.diag(vectors.T @ gram @ vectors)))
+        share = float(np.clip(1 - found[-1] / true[-1], 0.0, 1.0)) if true[-1] else 0.0
+        if share < BIASED:
+            continue
+        worst = max((names[i] for i in free), key=lambda name: noise[name] / size[name])
+        out.append((
+            4.0 + share, "noise", f"m{step.dofs[0]}", share,
+            f"m{step.dofs[0]} is expected to come out {100 * share:.0f} % low or more, and with it all that is "
+            f"solved from it: white noise in the motion, most in {worst} "
+            f"({100 * noise[worst] / size[worst]:.1f} % of its rms). Give the records so that the channels are "
+            "fused, with estimation='iv'.",
+        ))  # fmt: skip
+    return out
+
+
+# -- planning -----------------------------------------------------------------------------------------
+
+
+@dataclass
+class Plan:
+    """Which floor to hit, or which sensor to add.
+
+    Attributes
+    ----------
+    table : DataFrame
+        One row for each test that identifies everything (or the most), the best first: ``hit`` (tuple of DOFs),
+        ``records``, ``identifies`` (share of masses and laws), ``depth`` (most steps an error travels),
+        ``left`` (what stays out of reach).
+    advice : list of str
+
+    Examples
+    --------
+    >>> from pysindy_nrf import Chain
+    >>> from pysindy_nrf.diagnostics.test_planning import plan
+    >>> found = plan(Chain(3), can_hit=[1, 3])
+    >>> found.table["hit"].iloc[0], float(found.table["identifies"].iloc[0])
+    ((1,), 1.0)
+    """
+
+    table: pd.DataFrame
+    advice: list[str] = field(default_factory=list)
+
+    def __str__(self) -> str:
+        return "\n".join(self.advice)
+
+
+def plan(
+    chain: Chain,
+    *,
+    can_hit: Iterable[int] | None = None,
+    sensors: Iterable[int] | None = None,
+    unknown: Iterable[int] = (),
+    known_masses: Iterable[int] = (),
+    model: Any = None,
+    most: int = 2,
+) -> Plan:
+    """Which floor to hit, or which sensor to add, so that masses and laws can be found.
+
+    Parameters
+    ----------
+    chain : Chain
+    can_hit : iterable of int, optional
+        Floors a hammer or shaker reaches; all if None.
+    sensors : iterable of int, optional
+        Floors whose motion is measured; all if None.
+    unknown : iterable of int
+        DOFs on which an unmeasured force acts.
+    known_masses : iterable of int
+        DOFs whose mass is known.
+    model : ChainModel, optional
+        A first guess; floors are then ranked by how well its modes respond to a blow there.
+    most : int
+        Floors hit at most (in one record, or one after another).
+
+    Returns
+    -------
+    Plan
+        ``print`` it.
+
+    Raises
+    ------
+    ChainError
+        If a floor that is named is not in the chain.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import Chain
+    >>> from pysindy_nrf.diagnostics.test_planning import plan
+    >>> print(plan(Chain(3), can_hit=[1, 3], unknown=[2]).advice[0])
+    Hit floor 1 and 3: out of reach remain m2.
+    """
+    every = tuple(range(1, chain.n_dof + 1))
+    reach = every if can_hit is None else tuple(sorted(set(can_hit)))
+    bad = [j for j in (*reach, *(sensors or ())) if j not in every]
+    if bad:
+        raise ChainError(f"DOF {bad[0]} is not in the chain", f"It has DOFs 1 to {chain.n_dof}.")
+    blind = sorted(set(every) - set(every if sensors is None else sensors))
+    advice = []
+    if blind:
+        without = ", ".join(map(str, blind))
+        advice.append(
+            f"Floor {without} has no sensor: the storeys beside it cannot be told apart (x_{blind[0]} enters "
+            "both). Add an "
+            f"accelerometer on floor {blind[0]}, or model the floors around it as one mass: the storey is then "
+            "the series of both, "
+            "right only below the first resonance of the part left out."
+        )
+    total = chain.n_dof + len(chain.sites)
+    rows = []
+    for count in range(1, most + 1):
+        for floors in itertools.combinations([j for j in reach if j not in unknown], count):
+            walk = chain.identifiability(floors, unknown=unknown, known_masses=known_masses, strategy="sequential")
+            left = [f"m{j}" for j in walk.missing_masses] + [str(s) for s in walk.missing_sites]
+            rows.append((floors, 1 - len(left) / total, _depth(walk), _liveliness(model, floors), ", ".join(left)))
+    table = pd.DataFrame(rows, columns=["hit", "identifies", "depth", "response", "left"])
+    if not len(table):
+        return Plan(
+            table, [*advice, "No floor can be hit with a known force; give a mass (known_masses=) to scale the chain."]
+        )
+    table = table.assign(count=table["hit"].map(len))
+    table = table.sort_values(
+        ["identifies", "count", "response", "depth"], ascending=[False, True, False, True], kind="stable"
+    )
+    table = table.drop(columns="count").reset_index(drop=True)
+    best = table.iloc[0]
+    where = " and ".join(map(str, best["hit"]))
+    if best["identifies"] == 1:
+        once = " (with that sensor)" if blind else ""
+        text = (
+            f"Hit floor {where}{once}: every mass and law can be found; an error travels through "
+            f"{best['depth']} balances at most."
+        )
+    else:
+        text = f"Hit floor {where}: out of reach remain {best['left']}."
+    if model is not None:
+        text += f" The weakest mode still gets {100 * best['response']:.0f} % of what the best floor would give it."
+    advice.append(text)
+    if len(best["hit"]) < chain.n_dof and best["identifies"] == 1:
+        advice.append(
+            "Hitting every floor once, each in a record of its own, lets each balance be solved by itself, and "
+            "the two estimates "
+            "of each storey check each other."
+        )
+    return Plan(table, advice)
+
+
+def _depth(walk: Any) -> int:
+    """Most balances one after another through which an error travels."""
+    after: dict[Any, int] = {}
+    for step in walk.steps:
+        depth = 1 + max((after.get(s, 0) for s in step.known_sites), default=0)
+        after |= {s: depth for s in step.sites}
+        after[step.name] = depth
+    return max(after.values(), default=0)
+
+
+def _liveliness(model: Any, floors: Iterable[int]) -> float:
+    """The weakest mode's response to blows on these floors, over that to a blow on the best floor."""
+    if model is None:
+        return np.nan
+    shapes = np.abs(model.modes().filter(like="dof ").to_numpy())
+    at = shapes[:, [j - 1 for j in floors]].max(axis=1)
+    return float((at / shapes.max(axis=1)).min())

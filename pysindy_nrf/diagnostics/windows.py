@@ -1,0 +1,144 @@
+"""Some thousand samples of a fit in contiguous windows, for those who judge it: what they all need, built once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..mechanics.sites import Site
+from ..regression.layout import LawLayout
+from ..regression.moments import Block
+from ..regression.segments import Segment, SegmentSet
+from .probe_regressors import further_columns
+
+FOLDS = 4  # the windows are dealt out to that many, and there are twice as many of them at least
+_WINDOW = 1024
+_WINDOWS = 32
+_ENOUGH = 8192  # samples of all windows where their order does not matter
+_SCALE_ROWS = 2048  # are enough for the rms of a channel
+
+
+@dataclass(frozen=True)
+class Window:
+    """Consecutive samples.
+
+    Attributes
+    ----------
+    block : Block
+        Columns of the laws, accelerations, forces.
+    offered : dict of Site to ndarray of shape (n_offered, n_samples)
+        Columns that stand for what a law may lack; the first is the sign of the rate, the last two are
+        a constant and the time, from -1 to 1 over the record.
+    every : int
+        Of how many samples one is enough where their order does not matter.
+    """
+
+    block: Block
+    offered: dict[Site, np.ndarray]
+    every: int = 1
+
+    @property
+    def n_samples(self) -> int:
+        """Samples."""
+        return self.block.acceleration.shape[1]
+
+    def forward(self, site: Site) -> np.ndarray:
+        """Sign of the rate of a site."""
+        return self.offered[site][0]
+
+    def rate(self, site: Site) -> np.ndarray:
+        """Rate of a site, divided by its rms; the second further column is the square of it with its sign."""
+        return self.forward(site) * np.sqrt(np.abs(self.offered[site][1]))
+
+    def enough(self) -> Window:
+        """Samples that are enough where their order does not matter."""
+        if self.every == 1:
+            return self
+        some = slice(None, None, self.every)
+        return Window(self.block.take(some), {site: x[:, some] for site, x in self.offered.items()})
+
+
+class Judge(Protocol):
+    """Whoever looks at windows, one after another."""
+
+    def see(self, number: int, window: Window) -> None:
+        """Take a window in."""
+
+
+def show(layout: LawLayout, data: SegmentSet, band: Any, judges: Sequence[Judge]) -> None:
+    """Walk once through the windows of some data, with all who want to see them.
+
+    Parameters
+    ----------
+    layout : LawLayout
+    data : SegmentSet
+    band : (float, float) or None
+        Hz; columns are filtered whole.
+    judges : sequence of Judge
+    """
+    if judges:
+        for number, window in enumerate(windows(layout, data, band)):
+            for judge in judges:
+                judge.see(number, window)
+
+
+def windows(layout: LawLayout, data: SegmentSet, band: Any) -> Iterator[Window]:
+    """Some thousand rows in contiguous windows."""
+    from ..signals.zero_phase_filter import filters_of
+
+    total = sum(seg.n_valid for seg in data.segments)
+    size = min(_WINDOW, max(total // (2 * FOLDS), 1))
+    first = data.segments[0].valid
+    some = slice(first.start, first.stop, max(1, (first.stop - first.start) // _SCALE_ROWS))
+    motions = [data.segments[0].motion(site, some) for site in layout.acting]
+    scales = np.array([(m.v.std() or 1.0, m.s.std() or 1.0) for m in motions]).reshape(-1, 2)
+    whole = band is not None
+    every = max(1, -(-total // (size * _WINDOWS)))
+    thin = max(1, total // every // _ENOUGH)
+    count = 0
+    for seg, filter in zip(data.segments, filters_of(band, data)):
+        if whole:
+            block = next(iter(seg.blocks(layout, filter=filter)))
+            extra = list(further_columns(*_motions(seg, layout), scales, _clock(seg.n_valid, slice(0, seg.n_valid))))
+            if filter is not None:
+                extra = [filter.apply(e.T).T for e in extra]
+        n = seg.n_valid
+        running = seg.blocks(layout, size, states={}) if layout.has_memory and not whole else None
+        for start in range(0, max(n - size // 2, 1), size):
+            count += 1
+            rows = slice(start, min(start + size, n))
+            window = None if running is None else next(running)  # a state needs all that lies before
+            if (count - 1) % every:
+                continue
+            if whole:
+                yield Window(block.take(rows), dict(zip(layout.acting, (e[:, rows] for e in extra))), thin)
+            else:
+                piece = _part(seg, rows)
+                window = window or next(iter(piece.blocks(layout, size=rows.stop - rows.start)))
+                offered = further_columns(*_motions(piece, layout, window), scales, _clock(n, rows))
+                yield Window(window, dict(zip(layout.acting, offered)), thin)
+
+
+def _clock(n: int, rows: slice) -> np.ndarray:
+    """Time of some samples of a record, which lasts from -1 to 1."""
+    return np.arange(rows.start, rows.stop) * (2.0 / max(n - 1, 1)) - 1.0
+
+
+def _motions(piece: Segment, layout: LawLayout, block: Block | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Rates and drifts that the laws at each acting site see; of the block whose columns were built from them."""
+    sites, recipe = layout.acting, None if block is None else block.recipe
+    if recipe is not None and recipe.motions == sites:
+        assert block is not None and block.source is not None  # no filter went over it
+        v, s = np.split(np.ascontiguousarray(block.source[: 2 * len(sites)]), 2)
+        return v, s
+    motions = [piece.motion(site, piece.valid) for site in sites]
+    v, s = (np.array([getattr(m, key) for m in motions]).reshape(len(sites), -1) for key in "vs")
+    return v, s
+
+
+def _part(seg: Segment, rows: slice) -> Segment:
+    first = seg.valid.start
+    return replace(seg, valid=slice(first + rows.start, first + rows.stop))

@@ -1,0 +1,434 @@
+r"""What an engineer knows beforehand: equal masses, a total weight, a stiffness, equal storeys, k >= 0.
+
+A constraint couples balances that the walk solves one after another. The estimate is therefore moved
+to the nearest one that obeys, near in the sense of its own covariance P,
+
+.. math:: \min_\theta (\theta - \hat\theta)^T P^{-1} (\theta - \hat\theta)
+    \quad \text{where } A \theta = b,\; \theta_i \ge 0,
+
+which uses the knowledge everywhere it helps (minimum-distance estimation). No balance is solved jointly with
+another, so incomplete excitation does no harm. Where the knowledge contradicts the data, a warning says so.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from ..exceptions import BiasWarning, ChainError
+from ..mechanics.chain import Chain
+from ..mechanics.sites import Site
+from ..regression.chain_model import ChainModel
+
+_UNLIKELY = 1e-3
+
+
+class Constraint:
+    """Linear equations, or bounds, of masses and coefficients.
+
+    A subclass writes :meth:`equations`, or :meth:`bounded`, on names such as ``"m1"`` and ``"storey 2: s"``.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+    >>> from pysindy_nrf.estimation.constraints import Constraint
+    >>> from pysindy_nrf.simulation.noise import add_noise
+    >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
+    >>> F = excitation.band_limited_random(2, 4.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
+    >>> rec = add_noise(simulate(frame, F, 0.002), 0.01, random_state=0)
+    >>> class Ratio(Constraint):
+    ...     def equations(self, names, chain, known):
+    ...         return [({"m1": 1.0, "m2": -1.0}, 0.0)]  # m1 - m2 = 0
+    >>> masses = NRFRegressor(degree=1, constraints=Ratio()).fit(rec).masses_
+    >>> bool(abs(masses[0] - masses[1]) < 1e-6)
+    True
+    """
+
+    def equations(
+        self, names: Sequence[str], chain: Chain, known: dict[int, float]
+    ) -> list[tuple[dict[str, float], float]]:
+        """Equations as (factor by name, right-hand side).
+
+        Parameters
+        ----------
+        names : sequence of str
+            Parameters that are estimated.
+        chain : Chain
+        known : dict of int to float
+            Known masses, kg.
+
+        Returns
+        -------
+        list of (dict of str to float, float)
+        """
+        return []
+
+    def bounded(self, names: Sequence[str], chain: Chain) -> list[str]:
+        """Names of parameters that must not be negative.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Parameters that are estimated.
+        chain : Chain
+
+        Returns
+        -------
+        list of str
+        """
+        return []
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{k}={v!r}' for k, v in vars(self).items())})"
+
+
+class EqualMasses(Constraint):
+    """Some masses are equal.
+
+    Parameters
+    ----------
+    dofs : iterable of int, optional
+        All if None.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+    >>> from pysindy_nrf.estimation.constraints import EqualMasses
+    >>> from pysindy_nrf.simulation.noise import add_noise
+    >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
+    >>> F = excitation.band_limited_random(2, 4.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
+    >>> rec = add_noise(simulate(frame, F, 0.002), 0.01, random_state=0)
+    >>> masses = NRFRegressor(degree=1, constraints=EqualMasses()).fit(rec).masses_
+    >>> bool(abs(masses[0] - masses[1]) < 1e-6)
+    True
+    """
+
+    def __init__(self, dofs: Iterable[int] | None = None) -> None:
+        self.dofs = None if dofs is None else tuple(dofs)
+
+    def equations(self, names: Any, chain: Any, known: Any) -> Any:
+        dofs = self.dofs or tuple(range(1, chain.n_dof + 1))
+        _check_dofs(dofs, chain)
+        return [
+            _mass_equation({dofs[0]: 1.0, j: -1.0}, 0.0, known)
+            for j in dofs[1:]
+            if not (j in known and dofs[0] in known)
+        ]
+
+
+class TotalMass(Constraint):
+    """The masses add up to what the scales show.
+
+    Parameters
+    ----------
+    mass : float
+        kg.
+    dofs : iterable of int, optional
+        All if None.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> from pysindy_nrf.estimation.constraints import TotalMass
+    >>> masses = NRFRegressor(degree=3, constraints=TotalMass(30.0)).fit(datasets.load_demo()).masses_
+    >>> round(float(masses.sum()), 6)
+    30.0
+    """
+
+    def __init__(self, mass: float, dofs: Iterable[int] | None = None) -> None:
+        self.mass = mass
+        self.dofs = None if dofs is None else tuple(dofs)
+
+    def equations(self, names: Any, chain: Any, known: Any) -> Any:
+        dofs = self.dofs or tuple(range(1, chain.n_dof + 1))
+        _check_dofs(dofs, chain)
+        return [_mass_equation({j: 1.0 for j in dofs}, _positive("mass", self.mass), known)]
+
+
+class KnownStiffness(Constraint):
+    """The stiffness of a site is known.
+
+    Parameters
+    ----------
+    site : str or int
+    stiffness : float
+        N/m.
+    term : str
+        Another term's coefficient, in its own unit, e.g. ``"v"``.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> from pysindy_nrf.estimation.constraints import KnownStiffness
+    >>> model = NRFRegressor(degree=3, constraints=KnownStiffness("storey 3", 30e3)).fit(datasets.load_demo())
+    >>> round(float(model.restoring_forces_["storey 3"].coefficients["s"]), 3)
+    30000.0
+    """
+
+    def __init__(self, site: Any, stiffness: float, term: str = "s") -> None:
+        self.site, self.stiffness, self.term = site, stiffness, term
+
+    def equations(self, names: Any, chain: Any, known: Any) -> Any:
+        return [({_existing(f"{chain.site(self.site)}: {self.term}", names): 1.0}, float(self.stiffness))]
+
+
+class EqualStoreys(Constraint):
+    """Storeys with the same law: the coefficients of equal terms are tied.
+
+    Parameters
+    ----------
+    storeys : iterable of int or str, optional
+        All storeys of the chain if None.
+    terms : iterable of str, optional
+        Only these terms; all if None.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+    >>> from pysindy_nrf.estimation.constraints import EqualStoreys
+    >>> from pysindy_nrf.simulation.noise import add_noise
+    >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
+    >>> F = excitation.band_limited_random(2, 4.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
+    >>> rec = add_noise(simulate(frame, F, 0.002), 0.01, random_state=0)
+    >>> model = NRFRegressor(degree=1, constraints=EqualStoreys(terms=["s"])).fit(rec)
+    >>> k = [float(model.restoring_forces_[i].coefficients["s"]) for i in (1, 2)]  # N/m
+    >>> abs(k[0] / k[1] - 1) < 1e-9
+    True
+    """
+
+    def __init__(self, storeys: Iterable[Any] | None = None, terms: Iterable[str] | None = None) -> None:
+        self.storeys = None if storeys is None else tuple(storeys)
+        self.terms = None if terms is None else tuple(terms)
+
+    def equations(self, names: Any, chain: Any, known: Any) -> Any:
+        sites = (
+            [s for s in chain.sites if s.is_storey] if self.storeys is None else [chain.site(s) for s in self.storeys]
+        )
+        out = []
+        for site in sites[1:]:
+            for name in names:
+                where, _, term = name.partition(": ")
+                if where == sites[0] and (self.terms is None or term in self.terms):
+                    out.append(({name: 1.0, _existing(f"{site}: {term}", names): -1.0}, 0.0))
+        return out
+
+
+class NonNegative(Constraint):
+    """Coefficients that physics does not let become negative.
+
+    Parameters
+    ----------
+    term : str
+        ``"s"`` (stiffness), ``"v"`` (damping), ``"s^3"``, or ``"m"`` for masses.
+    sites : iterable of str or int, optional
+        All sites that have the term if None.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+    >>> from pysindy_nrf.estimation.constraints import NonNegative
+    >>> from pysindy_nrf.simulation.noise import add_noise
+    >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
+    >>> F = excitation.band_limited_random(2, 4.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
+    >>> rec = add_noise(simulate(frame, F, 0.002), 0.01, random_state=0)
+    >>> model = NRFRegressor(degree=1, constraints=NonNegative("v")).fit(rec)
+    >>> [bool(model.restoring_forces_[i].coefficients["v"] >= 0) for i in (1, 2)]
+    [True, True]
+    """
+
+    def __init__(self, term: str = "s", sites: Iterable[Any] | None = None) -> None:
+        self.term = term
+        self.sites = None if sites is None else tuple(sites)
+
+    def bounded(self, names: Any, chain: Any) -> Any:
+        if self.term == "m":
+            return [n for n in names if n[:1] == "m" and n[1:].isdigit()]
+        if self.sites is None:
+            found = [n for n in names if n.partition(": ")[2] == self.term]
+            return found or [_existing(f"storey 1: {self.term}", names)]
+        return [_existing(f"{chain.site(s)}: {self.term}", names) for s in self.sites]
+
+
+def constrained(model: ChainModel, constraints: Any, resolver: Any) -> ChainModel:
+    """The estimate nearest to a model that obeys the constraints.
+
+    Parameters
+    ----------
+    model : ChainModel
+    constraints : Constraint or sequence of Constraint
+    resolver : pysindy_nrf.estimation.intervals.Resolver
+        Gives the covariance; from now on it constrains what it re-solves.
+
+    Returns
+    -------
+    ChainModel
+
+    Raises
+    ------
+    ChainError
+        If a constraint names what does not exist, or they contradict each other.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+    >>> from pysindy_nrf.estimation.constraints import TotalMass, constrained
+    >>> from pysindy_nrf.simulation.noise import add_noise
+    >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
+    >>> F = excitation.band_limited_random(2, 4.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
+    >>> rec = add_noise(simulate(frame, F, 0.002), 0.01, random_state=0)
+    >>> fitted = NRFRegressor(degree=1).fit(rec)
+    >>> model = constrained(fitted.model_, TotalMass(fitted.masses_.sum() + 0.01), fitted._resolving())
+    >>> round(float(model.masses.sum() - fitted.masses_.sum()), 6)  # kg
+    0.01
+    """
+    from .statistics import parameters_of
+
+    given = (constraints,) if isinstance(constraints, Constraint) else tuple(constraints)
+    wrong = [c for c in given if not isinstance(c, Constraint)]
+    if wrong:
+        raise ChainError(
+            f"constraints holds {wrong[0]!r}, which is no constraint", "Use those of estimation.constraints."
+        )
+    known = dict(resolver.known_masses)
+    theta = parameters_of(model, known)
+    names = list(theta.index)
+    rows = [e for c in given for e in c.equations(names, model.chain, known)]
+    A = np.array([[factors.get(n, 0.0) for n in names] for factors, _ in rows]).reshape(len(rows), len(names))
+    b = np.array([value for _, value in rows])
+    empty = ~A.any(axis=1)  # equations of known masses alone
+    if np.abs(b[empty]).max(initial=0.0) > 1e-6 * np.abs(model.masses).sum():
+        raise ChainError(
+            f"The known masses are {np.abs(b[empty]).max():.4g} kg away from what a constraint says of them",
+            "Correct known_masses, or leave the constraint out.",
+        )
+    A, b = A[~empty], b[~empty]
+    bounded = np.array([n in {x for c in given for x in c.bounded(names, model.chain)} for n in names])
+    resolver.constrain = None
+    P = _covariance(resolver.covariance(lambda m: parameters_of(m, known)), theta.to_numpy(), len(resolver.pieces))
+
+    def obey(free: ChainModel) -> ChainModel:
+        return _with_parameters(
+            free, pd.Series(_nearest(parameters_of(free, known).to_numpy(), P, A, b, bounded), index=names)
+        )
+
+    new = obey(model)
+    _warn_of_contradiction(theta, A, b, P, given)
+    resolver.constrain = obey
+    new.visited, new.info = model.visited, model.info
+    return new
+
+
+def _covariance(raw: np.ndarray, theta: np.ndarray, n_pieces: int) -> np.ndarray:
+    """Covariance made regular: shrunk towards its diagonal where the pieces are few, with a floor at round-off."""
+    share = len(theta) / (len(theta) + n_pieces)
+    spread = np.diag(raw) + (1e-9 * np.abs(theta)) ** 2 + 1e-300
+    return (1 - share) * raw + np.diag(spread - (1 - share) * np.diag(raw))
+
+
+def _nearest(theta: np.ndarray, P: np.ndarray, A: np.ndarray, b: np.ndarray, bounded: np.ndarray) -> np.ndarray:
+    """Nearest point in the metric of P with A theta = b and theta >= 0 where bounded (active set)."""
+    scale = np.sqrt(np.diag(P))
+    R = P / scale[:, None] / scale
+    active: list[int] = []
+    own = np.zeros(0)
+    for _ in range(4 * len(theta) + 4):
+        B = np.vstack([A, np.eye(len(theta))[active]])
+        target = np.concatenate([b, np.zeros(len(active))])
+        if not len(B):
+            point, multipliers = theta, np.zeros(0)
+        else:
+            C = B * scale
+            size = np.linalg.norm(C, axis=1)
+            gap = (target - B @ theta) / size
+            C = C / size[:, None]
+            multipliers = np.linalg.lstsq(C @ R @ C.T, gap, rcond=1e-10)[0]
+            point = theta + scale * (R @ C.T @ multipliers)
+            left = np.abs(B @ point - target) / size
+            if left.max(initial=0.0) > 1e-6 * max(np.abs(gap).max(), 1.0):
+                # the newest bound follows from the others: one that stands in its way goes, the least needed first
+                share = np.linalg.lstsq(C[:-1].T, C[-1], rcond=1e-10)[0][len(b) :] if active else np.zeros(0)
+                against = share > 1e-9
+                if not against.any():
+                    raise ChainError("The constraints contradict each other", "Leave one out.")
+                own = np.where(against, own, np.inf) / np.where(against, share, 1.0)
+                active.pop(int(np.argmin(own)))
+                continue
+        own = multipliers[len(b) :]
+        if len(own) and own.min() < 0 and len(own) == len(active):
+            active.pop(int(np.argmin(own)))  # this bound pulls the wrong way
+            continue
+        low = [i for i in np.flatnonzero(bounded & (point < -1e-9 * scale)) if i not in active]
+        if not low:
+            point = point.copy()
+            point[active] = 0.0
+            return point
+        active.append(int(min(low, key=lambda i: point[i] / scale[i])))
+    raise ChainError("The constraints have no common solution", "Leave one out.")
+
+
+def _warn_of_contradiction(theta: pd.Series, A: np.ndarray, b: np.ndarray, P: np.ndarray, given: tuple) -> None:
+    if not len(b):
+        return
+    gap = A @ theta.to_numpy() - b
+    inner = A @ P @ A.T
+    size = np.sqrt(np.diag(inner))
+    distance = float(gap / size @ np.linalg.lstsq(inner / size[:, None] / size, gap / size, rcond=1e-10)[0])
+    rank = np.linalg.matrix_rank(inner / size[:, None] / size, tol=1e-10)
+    if (
+        stats.chi2.sf(distance, rank) < _UNLIKELY
+        and np.abs(gap).max() > 1e-4 * np.abs(theta.to_numpy() * np.abs(A)).max()
+    ):
+        worst = int(np.argmax(np.abs(gap) / size))
+        involved = ", ".join(f"{n} = {theta[n]:.4g}" for n, factor in zip(theta.index, A[worst]) if factor)
+        warnings.warn(
+            f"The data contradict the constraints {', '.join(map(repr, given))}: without them {involved}, "
+            f"{abs(gap[worst]) / size[worst]:.0f} standard errors away. The constrained estimate obeys the "
+            "constraints, not the data.",
+            BiasWarning,
+            stacklevel=6,
+        )
+
+
+def _with_parameters(model: ChainModel, theta: pd.Series) -> ChainModel:
+    masses = [theta.get(f"m{j + 1}", m) for j, m in enumerate(model.masses)]
+    laws = {}
+    for site, force in model.restoring_forces.items():
+        values = (
+            theta[[f"{site}: {term}" for term in force.coefficients.index]].to_numpy() if force.laws else np.zeros(0)
+        )
+        ends = np.cumsum([len(law.terms()) for law in force.laws])[:-1]
+        laws[site] = tuple(law.with_values(coefficients=c) for law, c in zip(force.laws, np.split(values, ends)))
+    return ChainModel(masses, laws, model.chain, model.visited, model.info)
+
+
+def _mass_equation(factors: dict[int, float], value: float, known: dict[int, float]) -> tuple[dict[str, float], float]:
+    value -= sum(c * known[j] for j, c in factors.items() if j in known)
+    return {f"m{j}": c for j, c in factors.items() if j not in known}, value
+
+
+def _check_dofs(dofs: Iterable[int], chain: Chain) -> None:
+    for j in dofs:
+        if not 1 <= int(j) <= chain.n_dof:
+            raise ChainError(f"A constraint names DOF {j}", f"The chain has DOFs 1 to {chain.n_dof}.")
+
+
+def _existing(name: str, names: Sequence[str]) -> str:
+    if name not in names:
+        where = Site(name.partition(": ")[0])
+        held = [n.partition(": ")[2] for n in names if n.startswith(f"{where}: ")]
+        raise ChainError(
+            f"A constraint names {name!r}, which the model does not have", f"{where} has {', '.join(held) or 'no law'}."
+        )
+    return name
+
+
+def _positive(name: str, value: Any) -> float:
+    number = float(value)
+    if not np.isfinite(number) or number <= 0:
+        raise ChainError(f"{name}={value!r} is not a mass", "Give kg.")
+    return number

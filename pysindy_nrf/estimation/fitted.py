@@ -1,0 +1,418 @@
+"""What a fitted estimator answers: forces, errors, intervals, modes, free runs."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from sklearn.utils.validation import check_is_fitted
+
+from ..data.estimator_input import require_two_dimensions, sample_weights
+from ..data.record import Record
+from ..exceptions import ChannelError, DataQualityWarning
+from ..mechanics.chain import Chain
+from ..mechanics.identifiability import Walk
+from ..regression.chain_model import ChainModel
+from ..regression.input_arrays import from_arrays, holds_records
+from ..regression.layout import LawLayout
+from ..regression.moments import Block
+from ..regression.segments import SegmentSet, feature_names
+from ..signals.zero_phase_filter import filters_of
+
+if TYPE_CHECKING:
+    from ..diagnostics.test_planning import Diagnosis
+    from .intervals import Resolver
+
+
+class FitData(NamedTuple):
+    """What an estimator was fitted to; kept until it is pickled, so that it can be solved again on parts of it.
+
+    Attributes
+    ----------
+    data : SegmentSet
+        The records.
+    layout : LawLayout
+        The columns of masses and terms.
+    walk : Walk
+        The order in which the balances were solved.
+    filters : sequence of FairFilter or None
+        One for each record.
+    known_masses : mapping of int to float
+        By DOF, kg.
+    """
+
+    data: SegmentSet
+    layout: LawLayout
+    walk: Walk
+    filters: Sequence[Any]
+    known_masses: Mapping[int, float]
+
+
+def require_fit_data(estimator: FittedChain, cure: str) -> FitData:
+    """What the estimator was fitted to, or an error that says what to do instead."""
+    if estimator._fit_data is None:
+        raise ChannelError("The model was loaded without the data it was fitted to", cure)
+    return estimator._fit_data
+
+
+class FittedChain:
+    """The questions that :class:`~pysindy_nrf.NRFRegressor` answers once it is fitted."""
+
+    model_: ChainModel
+    chain_: Chain
+    walk_: Walk
+    masses_: np.ndarray
+    band: tuple[float | None, float | None] | None
+    coordinates: str
+    dt: float | None
+    optimizer: Any
+    _resolver: Resolver | None
+    _fit_data: FitData | None = None  # gone after a fit in pieces or a load
+    _apart: Callable[[], SegmentSet] | None = None  # the same motions fused one by one, where records were given
+    _spread: Resolver | None = None
+    _narrow: bool = False  # whether X was fused so that its DOFs improve each other
+
+    def fit_data(self, cure: str) -> FitData:
+        """Data of the fit, with the filters they went through.
+
+        Parameters
+        ----------
+        cure : str
+            What to do instead where the data are gone.
+
+        Returns
+        -------
+        FitData
+
+        Raises
+        ------
+        ChannelError
+            If the model was loaded without the data.
+        """
+        return require_fit_data(self, cure)
+
+    def _data(self, X: Any, y: Any, **options: Any) -> SegmentSet:
+        return from_arrays(X, y, coordinates=self.coordinates, dt=self.dt, **options)
+
+    def _inner(self) -> Any:
+        """The PySINDy optimizer that runs on every balance."""
+        from ..regression.optimizers import ChainOptimizer
+
+        return self.optimizer.optimizer if isinstance(self.optimizer, ChainOptimizer) else self.optimizer
+
+    def predict(
+        self,
+        X: Any,
+        *,
+        record: Any = None,
+        time: Any = None,
+        base_acceleration: Any = None,
+        covariates: Mapping[str, Any] | None = None,
+    ) -> np.ndarray:
+        """Forces on the DOFs that the measured motion implies (left-hand sides of the balances).
+
+        Parameters
+        ----------
+        X, record, time, base_acceleration, covariates
+            As for :meth:`fit`.
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_dof)
+            N; NaN at masked edges. Of shape (n_samples,) if ``fit`` got its forces so.
+        """
+        data = self._judged(X, None, record, time, base_acceleration, covariates, every_row=True)
+        out = data.scatter(self.model_.balance_forces(data))
+        return out[:, 0] if getattr(self, "_one_force", False) else out
+
+    def restoring_force(
+        self,
+        X: Any,
+        *,
+        record: Any = None,
+        time: Any = None,
+        base_acceleration: Any = None,
+        covariates: Mapping[str, Any] | None = None,
+    ) -> np.ndarray:
+        """Storey forces along data.
+
+        Parameters
+        ----------
+        X, record, time, base_acceleration, covariates
+            As for :meth:`fit`.
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_dof)
+            Force of storey j in column j-1, N.
+        """
+        data = self._judged(X, None, record, time, base_acceleration, covariates, every_row=True)
+        return self.model_.restoring_force(data)
+
+    def score(
+        self,
+        X: Any,
+        y: Any = None,
+        sample_weight: Any = None,
+        *,
+        record: Any = None,
+        time: Any = None,
+        base_acceleration: Any = None,
+        covariates: Mapping[str, Any] | None = None,
+    ) -> float:
+        """R^2 of the accelerations the model predicts, variance-weighted over the DOFs.
+
+        It means the same under any excitation; ``scoring="r2"`` of scikit-learn judges the forces
+        instead, which are zero on unforced DOFs.
+
+        Parameters
+        ----------
+        X, y, record, time, base_acceleration, covariates
+            As for :meth:`fit`.
+        sample_weight : array-like of shape (n_samples,), optional
+            Weights of the samples; equal if None.
+
+        Returns
+        -------
+        float
+        """
+        data = self._judged(X, y, record, time, base_acceleration, covariates)
+        weights = sample_weights(sample_weight, data.n_samples)
+        left = error = 0.0
+        judged = []
+        for seg, part, filter in zip(data.segments, self.model_.balance_forces(data), filters_of(self.band, data)):
+            a, gap = seg.a[seg.valid].astype(float), (seg.F[seg.valid] - part) / self.masses_
+            a, gap = (a, gap) if filter is None else (filter.apply(a), filter.apply(gap))
+            judged.append((a, gap, weights[seg.rows][seg.valid]))
+        for j in range(data.n_dof):
+            parts = [(a[:, j], gap[:, j], w) for a, gap, w in judged if not np.isnan(gap[0, j])]
+            if parts:
+                a, gap, w = (np.concatenate(column) for column in zip(*parts))
+                error += float(w @ gap**2)
+                left += float(w @ (a - np.average(a, weights=w)) ** 2)
+        return 1.0 - error / left if left else float("nan")
+
+    def balance_errors(
+        self,
+        X: Any,
+        y: Any = None,
+        *,
+        record: Any = None,
+        time: Any = None,
+        base_acceleration: Any = None,
+        covariates: Mapping[str, Any] | None = None,
+    ) -> pd.DataFrame:
+        """Balance errors (one step) on other data, in the same band; percent NRMSE.
+
+        Parameters
+        ----------
+        X, y, record, time, base_acceleration, covariates
+            As for :meth:`fit`.
+
+        Returns
+        -------
+        DataFrame
+            See :func:`pysindy_nrf.regression.errors.balance_errors`.
+        """
+        from ..regression.errors import judge
+
+        data = self._judged(X, y, record, time, base_acceleration, covariates)
+        layout = LawLayout(self.chain_, self.model_.laws)
+        filters = filters_of(self.band, data)
+
+        def blocks() -> Iterator[Block]:
+            for seg, filter in zip(data.segments, filters):
+                yield from seg.blocks(layout, filter=filter)
+
+        return judge(self.model_, layout, self.walk_, blocks)
+
+    def modes(self) -> pd.DataFrame:
+        """Frequencies (Hz), damping ratios and shapes of the linear part.
+
+        Returns
+        -------
+        DataFrame
+            See :meth:`ChainModel.modes`.
+        """
+        check_is_fitted(self)
+        return self.model_.modes()
+
+    def confidence_intervals(
+        self, level: float = 0.95, *, of: Any = "parameters", method: str = "hac", random_state: Any = None,
+        n_jobs: int | None = None,
+    ) -> pd.DataFrame:
+        """Confidence intervals of masses and coefficients, or of anything that follows from the model.
+
+        The whole chain is solved again without each of some 64 consecutive pieces of the data, so an
+        error in one storey reaches every mass below it. Shape parameters and the choice of terms are
+        taken as they are: what a wrong law does is not in the interval (see ``missing_terms_``). Of a least-squares
+        fit to Records the pieces are those of motions fused DOF by DOF: what is left of noise where DOFs improve each
+        other is alike in the whole record, and no piece of it shows it. Until it is pickled the estimator refers to
+        the data it was fitted to; ask before saving.
+
+        Parameters
+        ----------
+        level : float
+        of : {"parameters", "masses", "coefficients", "modes", "energies"}, mapping or callable
+            ``"energies"``: what every storey dissipates along the data of the fit, J. A mapping of site to points,
+            ``{"storey 2": (v, s)}``, asks for forces there. A callable takes a ChainModel and returns a Series (ratios,
+            ...).
+        method : {"hac", "bootstrap"}
+            Delete-one-block jackknife with correlated neighbours (Newey and West), or block bootstrap.
+        random_state : int, Generator or None
+            Of the bootstrap.
+        n_jobs : int, optional
+            Joblib jobs of the bootstrap, -1 for all cores; ``joblib.parallel_config("dask")`` and the like choose
+            another backend.
+
+        Returns
+        -------
+        DataFrame
+            Columns ``parameter``, ``estimate``, ``lower``, ``upper``; SI units. Known masses are left out.
+        """
+        from .intervals import parameter_intervals
+
+        check_is_fitted(self)
+        data = None if self._fit_data is None else self._fit_data.data
+        return parameter_intervals(self._spreading(), self.model_, level, of, method, random_state, n_jobs, data)
+
+    def force_intervals(self, site: Any, v: Any, s: Any, level: float = 0.95) -> pd.DataFrame:
+        """Restoring force of a site at points (v, s) with its interval.
+
+        Outside the region that the data visited an ExtrapolationWarning is raised and the interval widened.
+
+        Parameters
+        ----------
+        site : str or int
+        v, s : array-like
+            m/s and m.
+        level : float
+
+        Returns
+        -------
+        DataFrame
+            ``v``, ``s``, ``force``, ``lower``, ``upper`` (N), ``visited``.
+        """
+        from .intervals import force_intervals
+
+        check_is_fitted(self)
+        return force_intervals(self._spreading(), self.model_, site, v, s, level)
+
+    def diagnose(self) -> Diagnosis:
+        """Say in words what limits the estimate: noise, excitation, conditioning, a missing law.
+
+        Returns
+        -------
+        Diagnosis
+            ``print`` it; ``.table`` holds the findings. See :mod:`pysindy_nrf.diagnostics.test_planning`.
+        """
+        from ..diagnostics.test_planning import diagnose
+
+        check_is_fitted(self)
+        return diagnose(self)
+
+    def simulate(self, F: Any, *, dt: float | None = None, x0: Any = None, v0: Any = None, **options: Any) -> Record:
+        """Free run of the identified model; see :func:`pysindy_nrf.simulate`.
+
+        Parameters
+        ----------
+        F : array-like of shape (n_samples, n_dof)
+            N.
+        dt : float, optional
+            s; the estimator's ``dt`` if None.
+        x0, v0 : array-like of shape (n_dof,), optional
+            Initial displacement (m) and velocity (m/s) relative to the base.
+        **options
+            ``method``, ``base_acceleration``, ...
+
+        Returns
+        -------
+        Record
+
+        Raises
+        ------
+        ChannelError
+            If neither ``dt`` nor the estimator tells the sampling step.
+        """
+        check_is_fitted(self)
+        step = dt if dt is not None else self.dt
+        if step is None:
+            raise ChannelError("The free run needs the sampling step of F", "Pass dt= in s.")
+        return self.model_.simulate(F, step, x0=x0, v0=v0, **options)
+
+    def to_sindy(self) -> Any:
+        """The identified model as a fitted ``ps.SINDy``; see :func:`pysindy_nrf.regression.state_space.to_sindy`.
+
+        Returns
+        -------
+        pysindy.SINDy
+        """
+        check_is_fitted(self)
+        return self.model_.to_sindy(1.0 if self.dt is None else self.dt)
+
+    def _judged(
+        self,
+        X: Any,
+        y: Any,
+        record: Any,
+        time: Any,
+        base_acceleration: Any,
+        covariates: Mapping[str, Any] | None,
+        every_row: bool = False,
+    ) -> SegmentSet:
+        check_is_fitted(self)
+        if not (hasattr(X, "columns") or isinstance(X, Record) or holds_records(X)):
+            require_two_dimensions(X)
+            width = np.shape(np.asarray(X))[-1] if not hasattr(X, "nnz") else 3 * self.model_.n_dof
+            if np.ndim(np.asarray(X)) == 2 and width != 3 * self.model_.n_dof:
+                raise ChannelError(
+                    f"X has {width} features, but {type(self).__name__} is expecting {3 * self.model_.n_dof} features "
+                    f"as input; {3 * self.model_.n_dof} columns are needed",
+                    f"Give {', '.join(feature_names(self.model_.n_dof, self.coordinates)[:9])}.",
+                )
+        return self._data(
+            X,
+            y,
+            record=record,
+            time=time,
+            base_acceleration=base_acceleration,
+            covariates=covariates,
+            has_memory=self.model_.has_memory,
+            n_dof=self.model_.n_dof,
+            every_row=every_row,
+        )
+
+    def _resolving(self) -> Resolver:
+        """What re-solving the chain on parts of the data needs; made when first asked for."""
+        if self._resolver is None:
+            fit = require_fit_data(self, "Fit again, or ask for intervals before saving.")
+            from .refine import least_squares_resolver
+
+            self._resolver = least_squares_resolver(
+                fit.data, fit.layout, fit.walk, fit.filters, fit.known_masses, self._inner()
+            )
+        return self._resolver
+
+    def _spreading(self) -> Resolver:
+        """What intervals are taken from: motions whose errors of one piece are not those of all others."""
+        if self._narrow:
+            warnings.warn(
+                "The motions in X were fused so that the DOFs improve each other; what that leaves of noise is alike "
+                "in the whole record, so the intervals come out up to three times too narrow. Give the records "
+                "themselves, or make X with record.to_features(smooth=KinematicSmoother(joint=False)).",
+                DataQualityWarning,
+                stacklevel=3,
+            )
+        if self._apart is None:
+            return self._resolving()
+        if self._spread is None:
+            from .refine import separate_resolver
+
+            fit = require_fit_data(self, "Fit again, or ask for intervals before saving.")
+            self._spread = separate_resolver(
+                self._apart(), fit.layout, fit.walk, fit.known_masses, self.band, self._resolving()
+            )
+        return self._spread

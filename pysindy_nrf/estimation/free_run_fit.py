@@ -1,0 +1,500 @@
+r"""Output-error refinement: the free run itself is fitted to the measured motion.
+
+The free run under the measured force misses the motion by R(f) = E_x - G E_u (see :mod:`.spectra`). With noise in
+the force as well, maximum likelihood solves
+
+.. math:: \sum_f J^*(f) S^{-1}(f) R(f; \theta) = 0, \qquad J = \partial V / \partial \theta
+
+with sensitivities J along the run under the corrected force (errors-in-variables; Pintelon and Schoukens,
+System identification, 2012). They follow from the laws' own columns: what a coefficient adds to the balances,
+passed through the structure linearised along the run. The solution is therefore right for nonlinear laws too,
+whatever the linearisation; only its sharpness depends on it. Every record is a shot whose initial condition is
+found with the parameters; long records are several. Started from instrumental variables, and kept only where it
+predicts the parts of the records that it did not see, both halves of them, better than they do.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ..exceptions import BiasWarning, SimulationError
+from ..mechanics.sites import Site
+from ..regression.chain_model import ChainModel
+from ..regression.layout import LawLayout
+from ..regression.segments import Segment, SegmentSet
+from .runs import run_of
+from .spectra import NoiseModel, common_band, corrected, noise_model, spectrum, velocities
+
+SHOT = 32768  # samples of a shot at most
+ROUNDS, FEW = 6, 2  # of Gauss and Newton, at last and for the halves
+SETTLED = 0.05  # standard errors by which no parameter moves any more
+HALVINGS = 4
+CLEARLY = 0.85  # of the rival's error on unseen parts that a refinement may have: less of a gain may be luck
+PIECES = 64
+FEWEST_ROWS = 64  # of a part of a shot that counts
+HOLDS = ("cubic", "linear", "zero")  # courses of the force between its samples
+
+
+@dataclass
+class OutputErrorResult:
+    """What the refinement did.
+
+    Attributes
+    ----------
+    model : ChainModel
+    kept : bool
+        Whether the refined model predicts unseen parts better than the one it started from.
+    error_before, error_after : float
+        Free-run error of the velocities on parts that the refinement did not see, percent NRMSE.
+    influences : ndarray of shape (n_pieces, n_parameters) or None
+        By how much every piece (comb of Fourier lines) of the data moves the parameters.
+    record : ndarray of shape (n_pieces,)
+        Number of the record of each piece.
+    why : str
+        Why it was not kept.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+    >>> from pysindy_nrf.estimation import output_error
+    >>> from pysindy_nrf.regression.layout import LawLayout
+    >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
+    >>> F = excitation.band_limited_random(2, 8.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
+    >>> X, F = simulate(frame, F, 0.002).to_features(smooth=False)
+    >>> start = NRFRegressor(degree=1, dt=0.002).fit(X, F)
+    >>> layout = LawLayout(start.chain_, start.model_.laws)
+    >>> found = output_error(start.model_, start.model_.segments(X, F, dt=0.002), layout, {})
+    >>> found.kept, found.model.masses.round(2)
+    (False, array([10., 10.]))
+    """
+
+    model: ChainModel
+    kept: bool
+    error_before: float = np.nan
+    error_after: float = np.nan
+    influences: np.ndarray | None = None
+    record: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
+    why: str = ""
+
+
+@dataclass
+class Shot:
+    """A record, or a stretch of one, with the state its free run starts from.
+
+    Attributes
+    ----------
+    segment : Segment
+    number : int
+        Of the record.
+    start : ndarray of shape (2, n_dof)
+        Displacement and velocity relative to the base.
+    """
+
+    segment: Segment
+    number: int
+    start: np.ndarray
+    hold: str = HOLDS[0]
+
+    @property
+    def n_samples(self) -> int:
+        """Valid rows."""
+        return self.segment.n_valid
+
+    def run(self, model: ChainModel, segment: Segment | None = None) -> Segment:
+        """Free run under the shot's forces, or under those of a corrected copy."""
+        return run_of(model, segment or self.segment, start=tuple(self.start), hold=self.hold)
+
+
+def output_error(
+    start: ChainModel,
+    data: SegmentSet,
+    layout: LawLayout,
+    known_masses: Mapping[int, float],
+    band: Any = None,
+    halves: Sequence[ChainModel] | None = None,
+) -> OutputErrorResult:
+    """Refine masses and coefficients on the free run.
+
+    Parameters
+    ----------
+    start : ChainModel
+        From instrumental variables.
+    data : SegmentSet
+        Motions whose noise is independent of the motion.
+    layout : LawLayout
+    known_masses : mapping of int to float
+        These are held.
+    band : (float, float), optional
+        Hz; only lines inside count.
+    halves : (ChainModel, ChainModel), optional
+        Instrumental variables on the first and on the second half of every record, for a fair comparison.
+
+    Returns
+    -------
+    OutputErrorResult
+
+    Examples
+    --------
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+    >>> from pysindy_nrf.simulation.noise import add_noise
+    >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
+    >>> F = excitation.band_limited_random(2, 8.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
+    >>> rec = add_noise(simulate(frame, F, 0.002), 0.05, random_state=0)
+    >>> model = NRFRegressor(degree=1, estimation="simulation").fit(rec)  # calls it after instrumental variables
+    >>> bool((abs(model.masses_ / 10.0 - 1) < 0.02).all())
+    True
+    """
+    shots = shots_of(data, layout.has_memory)
+    if not shots:
+        return _kept_start(start, "the force on some DOF is unknown in every record")
+    try:
+        noise = noise_model(start, layout, [s.segment for s in shots], [s.run(start) for s in shots])
+        if noise is None:
+            return OutputErrorResult(start, False, 0.0, 0.0, why="the free run misses nothing but round-off")
+        problem = _Problem(start, shots, layout, known_masses, noise, band)
+        parts = [_half(shots, 0), _half(shots, 1)]
+        swapped = list(zip(halves or (start, start), parts, parts[::-1]))
+        before = np.array([problem.judge(rival, unseen) for rival, _, unseen in swapped])
+        after = np.array([problem.judge(problem.solve(seen, FEW).model, unseen) for _, seen, unseen in swapped])
+        error_before, error_after = (float(100 * np.sqrt(e[0] / e[2])) for e in (before.sum(0), after.sum(0)))
+        worse = (after[:, 0] >= before[:, 0]).any() or after[:, 1].sum() >= before[:, 1].sum()
+        if error_after > CLEARLY * error_before or worse:
+            why = "the refinement does not predict unseen parts of the records clearly better"
+            return OutputErrorResult(start, False, error_before, error_after, why=why)
+        best = problem.solve([slice(0, s.n_samples) for s in shots])
+    except SimulationError as error:
+        return _kept_start(start, error.what)
+    return OutputErrorResult(best.model, True, error_before, error_after, best.influences, best.record)
+
+
+def _kept_start(start: ChainModel, why: str) -> OutputErrorResult:
+    warnings.warn(f"estimation='simulation' kept the instrumental-variable estimate: {why}.", BiasWarning, stacklevel=6)
+    return OutputErrorResult(start, False, why=why)
+
+
+def shots_of(data: SegmentSet, has_memory: bool) -> list[Shot]:
+    """Records whose forces are all known, long ones cut; a law that remembers wants its record whole."""
+    out = []
+    for number, seg in enumerate(data.segments):
+        if np.isnan(seg.F[seg.valid.start]).any():
+            continue
+        n = seg.n_valid
+        edges = np.linspace(0, n, 1 if has_memory else -(-n // SHOT), endpoint=False).astype(int).tolist() + [n]
+        for lo, hi in zip(edges[:-1], edges[1:]):
+            rows = slice(seg.valid.start + lo, seg.valid.start + hi)
+            state = np.array([np.cumsum(y[rows.start].astype(float)) for y in (seg.s, seg.v)])
+            out.append(Shot(replace(seg, valid=rows), number, state))
+    return out
+
+
+def _half(shots: Sequence[Shot], which: int) -> list[slice]:
+    """The first or second half of every record, which may be several shots."""
+    total = {s.number: 0 for s in shots}
+    for shot in shots:
+        total[shot.number] += shot.n_samples
+    at, out = dict.fromkeys(total, 0), []
+    for shot in shots:
+        middle = min(max(total[shot.number] // 2 - at[shot.number], 0), shot.n_samples)
+        out.append(slice(0, middle) if which == 0 else slice(middle, shot.n_samples))
+        at[shot.number] += shot.n_samples
+    return out
+
+
+@dataclass
+class _Solution:
+    model: ChainModel
+    influences: np.ndarray
+    record: np.ndarray
+
+
+@dataclass
+class _Part:
+    """Normal equations of one shot with its initial condition taken out of them.
+
+    Attributes
+    ----------
+    matrix, right : ndarray of shape (p, p) and (p,)
+    inverse : ndarray of shape (2 n_dof, 2 n_dof)
+        Of the initial condition's own normal matrix.
+    own : ndarray of shape (2 n_dof,)
+        Its right-hand side.
+    shared : ndarray of shape (p, 2 n_dof)
+        What ties it to the parameters.
+    scores : ndarray of shape (n_pieces, p)
+    """
+
+    matrix: np.ndarray
+    right: np.ndarray
+    inverse: np.ndarray
+    own: np.ndarray
+    shared: np.ndarray
+    scores: np.ndarray
+
+    def state(self, step: np.ndarray) -> np.ndarray:
+        """Change of the initial condition that goes with a step of the parameters, shape (2, n_dof)."""
+        return (self.inverse @ (self.own - self.shared.T @ step)).reshape(2, -1)
+
+
+class _Problem:
+    """The shots, their noise, and Gauss-Newton on them."""
+
+    def __init__(
+        self,
+        start: ChainModel,
+        shots: Sequence[Shot],
+        layout: LawLayout,
+        known_masses: Mapping[int, float],
+        noise: NoiseModel,
+        band: Any,
+    ) -> None:
+        self.start, self.shots, self.layout, self.noise = start, shots, layout, noise
+        self.theta, self.rebuild, self.columns = free_parameters(start, known_masses)
+        self._decays: dict[tuple[int, float], np.ndarray] = {}
+        low, high = common_band([s.segment for s in shots], band)
+        resolved = [s.segment.resolved for s in shots if s.segment.resolved is not None]
+        self.low, self.high = max(low, noise.lively[0]), min([noise.lively[1], high, *resolved])
+        self.states = [shot.start.copy() for shot in shots]
+        self._choose_hold()
+        runs = [shot.run(start) for shot in shots]
+        # the force as the motion knows it: from the start model, and then left alone
+        self.better = [corrected(shot.segment, run, noise) for shot, run in zip(shots, runs)]
+
+    def _choose_hold(self) -> None:
+        """Between the samples the force goes as the motion says."""
+        whole = [slice(0, s.n_samples) for s in self.shots]
+        costs = {}
+        for hold in HOLDS:
+            for shot in self.shots:
+                shot.hold = hold
+            costs[hold] = self.judge(self.start, whole)[1]
+        for shot in self.shots:
+            shot.hold = min(costs, key=costs.__getitem__)
+
+    def solve(self, rows: Sequence[slice], rounds: int = ROUNDS) -> _Solution:
+        """Estimate from some rows of every shot."""
+        theta = self.theta.copy()
+        for shot, state in zip(self.shots, self.states):
+            shot.start = state.copy()
+        cost, parts = self.normal(theta, rows)
+        for _ in range(rounds):
+            matrix, right = _sum([p.matrix for p in parts]), _sum([p.right for p in parts])
+            size = np.sqrt(np.diag(matrix))
+            step = np.linalg.lstsq(matrix / size[:, None] / size, right / size, rcond=1e-12)[0] / size
+            moved = float(np.abs(step * size).max())
+            starts = [shot.start for shot in self.shots]
+            for halving in range(HALVINGS + 1):
+                share = 0.5**halving
+                for shot, own, part in zip(self.shots, starts, parts):
+                    shot.start = own + share * part.state(step)
+                try:
+                    new_cost, new_parts = self.normal(theta + share * step, rows)
+                except SimulationError:
+                    continue
+                if new_cost <= cost * (1 + 1e-9):
+                    break
+            else:
+                for shot, own in zip(self.shots, starts):
+                    shot.start = own
+                break
+            theta, cost, parts = theta + share * step, new_cost, new_parts
+            if moved < SETTLED:
+                break
+        matrix = _sum([p.matrix for p in parts])
+        size = np.sqrt(np.diag(matrix))
+        inverse = np.linalg.pinv(matrix / size[:, None] / size, rcond=1e-12, hermitian=True) / size[:, None] / size
+        scores = [p.scores for p in parts]
+        record = np.concatenate([[shot.number] * len(s) for shot, s in zip(self.shots, scores)]).astype(int)
+        return _Solution(self.rebuild(theta), np.concatenate(scores) @ inverse, record)
+
+    def normal(self, theta: np.ndarray, rows: Sequence[slice]) -> tuple[float, list[_Part]]:
+        """Cost, and the normal equations of each shot."""
+        model = self.rebuild(theta)
+        total = sum(r.stop - r.start for r in rows)
+        cost = 0.0
+        parts: list[_Part] = []
+        for shot, better, part in zip(self.shots, self.better, rows):
+            if part.stop - part.start < FEWEST_ROWS:
+                p, n = len(theta), 2 * len(model.masses)
+                sizes = (p, p), p, (n, n), n, (p, n), (0, p)
+                parts.append(_Part(*(np.zeros(size) for size in sizes)))
+                continue
+            gap = velocities(shot.segment) - velocities(shot.run(model))
+            J = self.sensitivities(model, shot, shot.run(model, better))
+            C = self.decays(shot)
+            dt = shot.segment.step
+            f = np.fft.rfftfreq(part.stop - part.start, dt)[1:]
+            use = (f >= self.low) & (f <= self.high)
+            R, JF, CF = (_lines(y[part], dt)[use] for y in (gap[:, :, None], J, C))
+            W = _weighted(self.noise, f[use], np.concatenate([R, JF, CF], axis=2))
+            p = JF.shape[2]
+            WR, WJ, WC = W[:, :, :1], W[:, :, 1 : 1 + p], W[:, :, 1 + p :]
+            rr = 2 * _inner(R, WR)[0, 0]
+            jj, jc, cc = (2 * _inner(a, b) for a, b in ((JF, WJ), (JF, WC), (CF, WC)))
+            jr, cr = 2 * _inner(JF, WR)[:, 0], 2 * _inner(CF, WR)[:, 0]
+            size = np.sqrt(np.maximum(np.diag(cc), 1e-300))
+            solve = np.linalg.pinv(cc / size[:, None] / size, rcond=1e-9, hermitian=True) / size[:, None] / size
+            own = _scores(R, WJ - WC @ (solve @ jc.T), max(2, round(PIECES * (part.stop - part.start) / total)))
+            cost += rr
+            parts.append(_Part(jj - jc @ solve @ jc.T, jr - jc @ solve @ cr, solve, cr, jc, own))
+        return cost, parts
+
+    def sensitivities(self, model: ChainModel, shot: Shot, run: Segment) -> np.ndarray:
+        """Change of the relative velocities with each parameter, shape (n_rows, n_dof, n_parameters)."""
+        rows, n = shot.segment.valid, model.n_dof
+        length, dt = rows.stop - rows.start, shot.segment.step
+        block = next(iter(replace(run, valid=rows).blocks(self.layout, size=length)))
+        f = np.fft.rfftfreq(length, dt)
+        G = self.noise.transfer(np.maximum(f, 0.25 * f[1]))[:, :, :n]
+        out = np.empty((length, n, len(self.columns)))
+        for k, column in enumerate(self.columns):
+            if isinstance(column, int):
+                added = np.zeros((n, length))
+                added[column] = block.acceleration[column]
+            else:
+                site, at = column
+                signs = np.array([site.incidence(j) for j in range(1, n + 1)], dtype=float)
+                added = np.outer(signs, block.terms[self.layout.slices[site].start + at])
+            moved = -(G @ np.fft.rfft(added, axis=1).T[:, :, None])[:, :, 0]
+            out[:, :, k] = np.fft.irfft(moved, length, axis=0)
+        return out
+
+    def decays(self, shot: Shot) -> np.ndarray:
+        """Velocities after a unit displacement or velocity of each DOF, shape (n_rows, n_dof, 2 n_dof)."""
+        key = (shot.n_samples, shot.segment.step)
+        if key not in self._decays:
+            M, C, K = self.noise.matrices
+            n = len(M)
+            A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
+            values, vectors = np.linalg.eig(A)
+            t = np.arange(shot.n_samples) * shot.segment.step
+            growth = np.exp(np.outer(t, np.minimum(values.real, 0) + 1j * values.imag))
+            shapes = np.einsum("jm,mk->mjk", vectors[n:], np.linalg.pinv(vectors))
+            out = (growth @ shapes.reshape(2 * n, -1)).real
+            self._decays = {key: out.reshape(-1, n, 2 * n)}  # shots are of one or two lengths: keep the last
+        return self._decays[key]
+
+    def judge(self, model: ChainModel, rows: Sequence[slice]) -> np.ndarray:
+        """Squared free-run errors in some rows: as they are, weighted, and the motion itself; states refitted."""
+        out = np.zeros(3)
+        for shot, state, part in zip(self.shots, self.states, rows):
+            if part.stop - part.start < FEWEST_ROWS:
+                continue
+            run = run_of(model, shot.segment, start=tuple(state), hold=shot.hold)
+            v = velocities(shot.segment)
+            gap, C = (v - velocities(run))[part], self.decays(shot)[part]
+            flat = C.reshape(-1, C.shape[2])
+            size = np.linalg.norm(flat, axis=0)
+            gap = gap - (C / size) @ np.linalg.lstsq(flat / size, gap.ravel(), rcond=1e-6)[0]
+            dt = shot.segment.step
+            f = np.fft.rfftfreq(len(gap), dt)[1:]
+            use = (f >= self.low) & (f <= self.high)
+            R, V = (_lines(y[:, :, None], dt)[use] for y in (gap, v[part]))
+            scale = np.mean(v**2, axis=0)
+            scale[scale == 0] = 1.0
+            out += [
+                (np.abs(R[:, :, 0]) ** 2 / scale).sum(),
+                _inner(R, _weighted(self.noise, f[use], R))[0, 0],
+                (np.abs(V[:, :, 0]) ** 2 / scale).sum(),
+            ]
+        return out
+
+
+def _sum(parts: Sequence[np.ndarray]) -> np.ndarray:
+    return sum(parts[1:], parts[0])
+
+
+def _lines(values: np.ndarray, dt: float) -> np.ndarray:
+    n, d, k = values.shape
+    return spectrum(values.reshape(n, d * k), dt).reshape(-1, d, k)
+
+
+def _weighted(noise: NoiseModel, f: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """S^-1 times columns, line by line."""
+    out = np.empty_like(columns)
+    for rows, _, S in noise.blocks(f):
+        scale = np.sqrt(np.einsum("ijj->ij", S).real)[:, :, None]
+        out[rows] = np.linalg.solve(S / scale / scale.transpose(0, 2, 1), columns[rows] / scale) / scale
+    return out
+
+
+def _inner(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.einsum("fdi,fdj->ij", a.conj(), b, optimize=True).real
+
+
+def _scores(R: np.ndarray, WJ: np.ndarray, pieces: int) -> np.ndarray:
+    """What each comb of lines adds to J* S^-1 R, shape (n_pieces, n_parameters).
+
+    Weighted lines are independent but for their neighbours, and every comb hears every resonance; pieces of time
+    would not do, for the weighting remembers as long as the structure rings.
+    """
+    products = 2 * np.einsum("fd,fdp->fp", R[:, :, 0].conj(), WJ).real
+    return np.array([products[k::pieces].sum(axis=0) for k in range(pieces)])
+
+
+@dataclass
+class Rebuild:
+    """From a vector of free parameters to a ChainModel.
+
+    Attributes
+    ----------
+    model : ChainModel
+        What is not free.
+    free : list of int
+        DOFs (from 0) whose mass is free.
+    held : list of (Site, int, int)
+        Site, law and term of every free coefficient.
+    """
+
+    model: ChainModel
+    free: list[int]
+    held: list[tuple[Site, int, int]]
+
+    def __call__(self, x: np.ndarray) -> ChainModel:
+        """Model of a vector."""
+        model = self.model
+        masses = model.masses.copy()
+        masses[self.free] = x[: len(self.free)]
+        values = {s: [law.values.copy() for law in laws] for s, laws in model.laws.items()}
+        for (site, i, k), value in zip(self.held, x[len(self.free) :]):
+            values[site][i][k] = value
+        laws = {
+            s: tuple(law.with_values(coefficients=c) for law, c in zip(model.laws[s], values[s])) for s in model.laws
+        }
+        return ChainModel(masses, laws, model.chain, model.visited, model.info)
+
+
+def free_parameters(
+    model: ChainModel, known: Mapping[int, float]
+) -> tuple[np.ndarray, Rebuild, list[int | tuple[Site, int]]]:
+    """Free parameters as a vector, the way back, and where each enters. Terms that are zero stay zero.
+
+    Parameters
+    ----------
+    model : ChainModel
+    known : mapping of int to float
+        Known masses, kg.
+
+    Returns
+    -------
+    theta : ndarray
+    rebuild : Rebuild
+    columns : list of int or (Site, int)
+        A mass by its DOF (from 0), a coefficient by its site and number there.
+    """
+    free = [j for j in range(model.n_dof) if j + 1 not in known]
+    held = [
+        (site, i, k)
+        for site, laws in model.laws.items()
+        for i, law in enumerate(laws)
+        for k, c in enumerate(law.values)
+        if c
+    ]
+    theta = np.array([*model.masses[free], *(model.laws[s][i].values[k] for s, i, k in held)])
+    before = {s: np.cumsum([0, *(len(law.terms()) for law in laws)]).tolist() for s, laws in model.laws.items()}
+    columns: list[int | tuple[Site, int]] = [*free, *((s, before[s][i] + k) for s, i, k in held)]
+    return theta, Rebuild(model, free, held), columns

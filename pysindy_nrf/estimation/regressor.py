@@ -1,0 +1,515 @@
+"""NRFRegressor: the scikit-learn face of the whole identification."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from sklearn.base import BaseEstimator, RegressorMixin
+
+from ..data.estimator_input import column_names, require_two_dimensions, same_columns
+from ..data.record import Record
+from ..exceptions import ChainError, ChannelError, DataQualityWarning, ExcitationError
+from ..laws import ForceLaw, PowerSeries
+from ..mechanics.chain import Chain
+from ..mechanics.identifiability import Walk, plan_walk
+from ..mechanics.sites import Site
+from ..regression.chain_model import ChainModel
+from ..regression.chain_solve import Solution, doubtful_masses
+from ..regression.input_arrays import fused_together, holds_records, one_by_one
+from ..regression.layout import LawLayout
+from ..regression.moments import Block, Moments
+from ..regression.requirements import require_clock, require_moving, require_samples
+from ..regression.segments import SegmentSet
+from ..regression.solution import lost_masses, model_of, scales_of, third_law_gap, unknown_forces, visited_regions
+from ..signals.zero_phase_filter import filters_of
+from .fitted import FitData, FittedChain
+from .streaming import fit_streamed, is_streamed, partial_fit
+
+if TYPE_CHECKING:
+    from sklearn.utils import Tags
+
+
+_DEFAULT_DEGREE = 3
+_ESTIMATIONS = ("ls", "iv", "simulation")
+
+
+class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
+    r"""Masses and nonlinear restoring forces of a chain from forces and motions.
+
+    Least squares of the force balances (paper eqs. 2-5),
+
+    .. math:: m_j a_j + R_j(v_j, s_j) - R_{j+1}(v_{j+1}, s_{j+1}) = F_j ,
+
+    each balance by itself where every DOF is forced (complete, eq. 3), in sequence along the chain
+    where only some are (eqs. 4-5).
+
+    Parameters
+    ----------
+    degree : int or (int, int)
+        Total degree h + j of the terms v^h s^j in every storey (eq. 9), or the box (k, q) of eq. (2).
+    orders : mapping of str to int or (int, int), optional
+        Other orders at some storeys, e.g. ``{"storey 2": 5, "storey 3": (2, 1)}``.
+    strategy : {"auto", "complete", "sequential", "joint"}
+        ``"auto"``: complete where every DOF is forced (in one record or another), else sequential.
+        ``"joint"``: all balances at once with shared laws; only where every DOF is forced.
+    optimizer : PySINDy optimizer, optional
+        Runs inside :class:`ChainOptimizer` on every balance; plain least squares if None.
+    coordinates : {"relative", "absolute"}
+        Whether X holds inter-storey motion v, s (eq. 8) or motion xdot, x of the DOFs.
+    estimation : {"ls", "iv", "simulation"}
+        ``"ls"``: least squares. ``"iv"``: instrumental variables from the model's own free run, which
+        noise in the motion does not bias; give records, or motions made with
+        ``KinematicSmoother(joint=False)``. ``"simulation"``: the free run fitted to the motion, started
+        from ``"iv"`` and kept where it predicts better. See :mod:`pysindy_nrf.estimation`.
+    laws : mapping of str to ForceLaw or sequence of ForceLaw, optional
+        Laws at some sites, in place of the power series there; further links and ``"dof j"`` sites
+        join the chain. Shape parameters without a value are estimated; those with one are kept. Coefficients are
+        always estimated, whatever the law was given (a known one:
+        :class:`~pysindy_nrf.estimation.constraints.KnownStiffness`).
+    known_masses : mapping of int to float, optional
+        kg, by DOF. With no force anywhere one known mass scales the chain.
+    band : (float, float), optional
+        Frequency band in Hz in which everything is fitted and judged: accelerations, forces and law
+        columns pass one zero-phase filter. Needs the sampling step (``dt``, ``time`` or a time index).
+    dt : float, optional
+        Sampling step, s, if X carries no time.
+    chain : Chain, optional
+        A chain of one storey for each DOF on the base if None.
+    constraints : sequence of constraints, optional
+        What is known of masses and coefficients, e.g. ``[EqualMasses(), NonNegative("s")]``; see
+        :mod:`pysindy_nrf.estimation.constraints`.
+
+    Attributes
+    ----------
+    masses_ : ndarray of shape (n_dof,)
+        kg.
+    restoring_forces_ : RestoringForces
+        By site: ``["storey 2"]``, ``[2]``, ``["link 4-2"]``; each callable (v, s) -> N.
+    third_law_gap_ : Series
+        Complete strategy: rms difference of the two estimates of each storey's force (paper eq.
+        10b), percent of its rms. The one from the upper end (balance i for storey i) is returned.
+    errors_ : DataFrame
+        Balance errors (one step) on the fitted data, percent NRMSE; see :mod:`pysindy_nrf.regression.errors`.
+    missing_terms_ : DataFrame
+        What the laws leave to be explained, step by step; a BiasWarning is raised where a law is
+        missing. See :func:`pysindy_nrf.diagnostics.missing_terms`.
+    jump_bias_ : DataFrame
+        Of least squares: coefficients of forces that jump (friction), and what they are without the samples next to
+        the jumps; a BiasWarning is raised where they differ. See :func:`pysindy_nrf.diagnostics.jump_bias_of`.
+    doubts_ : dict of str to list of str
+        ``"channels"``, what a DataQualityWarning says of channels that look wrong (units, sign, gain, delay, clipped,
+        dead); and what else the BiasWarning of the fit says: ``"forces"``, balances that contradict each other (a force
+        in other units, a wrong known mass), and ``"masses"`` that are not positive or that noise decides.
+    model_ : ChainModel
+    chain_ : Chain
+    walk_ : Walk
+        The order of the solve, in words.
+    unknown_forces_ : DataFrame
+        Forces (N) on the DOFs whose force was NaN, from the balances, over the rows passed; a column ``F2``
+        for each such DOF, NaN where the force was given.
+    condition_ : Series
+        Scaled condition number of each step.
+    n_samples_ : int
+        Samples used, NaN edges left out.
+    n_features_in_ : int
+
+    Raises
+    ------
+    ChannelError, ExcitationError, IdentifiabilityError, LawError, ChainError
+        Naming the channel, DOF or parameter and the cure.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+    >>> storey = laws.PowerSeries((0, 3), [1e5, 0.0, 4e8]), laws.LinearViscous(100.0)
+    >>> truth = ChainModel([10.0, 12.0], {"storey 1": storey, "storey 2": storey})
+    >>> F = excitation.band_limited_random(2, 4.0, 1000.0, dofs=2, rms=100.0, band=(1, 60), random_state=0)
+    >>> X, F = simulate(truth, F, 1e-3).to_features(smooth=False)
+    >>> model = NRFRegressor(degree=3).fit(X, F)
+    >>> model.masses_.round(6)
+    array([10., 12.])
+    >>> float(model.restoring_forces_["storey 1"].coefficients["s^3"].round(-2))
+    400000000.0
+    """
+
+    def __init__(
+        self,
+        degree: Any = _DEFAULT_DEGREE,
+        orders: Mapping[Any, Any] | None = None,
+        strategy: str = "auto",
+        optimizer: Any = None,
+        coordinates: str = "relative",
+        estimation: str = "ls",
+        laws: Mapping[Any, Any] | None = None,
+        known_masses: Mapping[int, float] | None = None,
+        band: tuple[float | None, float | None] | None = None,
+        dt: float | None = None,
+        chain: Chain | None = None,
+        constraints: Any = None,
+    ) -> None:
+        self.degree = degree
+        self.orders = orders
+        self.strategy = strategy
+        self.optimizer = optimizer
+        self.coordinates = coordinates
+        self.estimation = estimation
+        self.laws = laws
+        self.known_masses = known_masses
+        self.band = band
+        self.dt = dt
+        self.chain = chain
+        self.constraints = constraints
+
+    # -- fit ----------------------------------------------------------------------------------
+
+    def fit(
+        self,
+        X: Any,
+        y: Any = None,
+        *,
+        record: Any = None,
+        time: Any = None,
+        base_acceleration: Any = None,
+        covariates: Mapping[str, Any] | None = None,
+        state: Any = None,
+    ) -> NRFRegressor:
+        """Identify masses and restoring forces.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, 3 n_dof), DataFrame, Record or list of Record
+            Columns a_1..a_n (absolute, m/s^2), v_1..v_n (inter-storey, m/s), s_1..s_n (m), paper
+            eq. 8; with ``coordinates="absolute"`` xdot and x of the DOFs. Files by path (``.npy``, Parquet,
+            HDF5), iterators of tables, and Dask arrays, tables and delayed records are read piece by piece; see
+            :func:`pysindy_nrf.estimation.streaming.fit_streamed`.
+        y : array-like of shape (n_samples, n_dof), optional
+            The applied forces F_j, N. A column of zeros = known to be unforced, of NaN = unknown.
+            None = no force anywhere (base excitation, known masses).
+        record : array-like of shape (n_samples,), optional
+            Record ids; rows without ids are one contiguous record.
+        time : array-like of shape (n_samples,), optional
+            s.
+        base_acceleration : array-like of shape (n_samples,), optional
+            m/s^2, as measured: it is put through the band that fused motions carry (``X.attrs["band"]``).
+        covariates : mapping of str to array-like of shape (n_samples,), optional
+        state : path-like, optional
+            Of a fit from files: where it leaves its state if it is interrupted, to go on from there.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ChannelError
+            If a channel or its clock cannot be used: missing, not finite inside, of another length; it is named.
+        ExcitationError
+            If nothing scales the chain: no force and no known mass.
+        IdentifiabilityError
+            If the excitation reaches no balance that can be solved, or the data cannot tell the terms apart.
+        ChainError
+            If a setting is unknown, or a site or DOF not in the chain.
+        LawError
+            If two laws at a site hold the same term, or a law cannot be used with these data.
+        FileFormatError
+            If a file cannot be read.
+
+        Examples
+        --------
+        >>> from pysindy_nrf import NRFRegressor, datasets
+        >>> record = datasets.load_demo()  # forces, accelerations and displacements of three floors
+        >>> model = NRFRegressor(degree=3).fit(record)
+        >>> model.masses_.round(1)
+        array([12., 10.,  8.])
+        >>> model.fit([record.window(0, 10), record.window(10, 20)]).masses_.round(1)  # two tests of one structure
+        array([12., 10.,  8.])
+        """
+        self._stream = None
+        if self.coordinates not in ("relative", "absolute"):
+            raise ChannelError(f"coordinates={self.coordinates!r} is unknown", "Choose 'relative' or 'absolute'.")
+        if self.estimation not in _ESTIMATIONS:
+            raise ChainError(f"estimation={self.estimation!r} is unknown", f"Choose one of {', '.join(_ESTIMATIONS)}.")
+        if is_streamed(X):
+            return fit_streamed(
+                self, X, y, record=record, time=time, base_acceleration=base_acceleration, covariates=covariates,
+                state=state,
+            )  # fmt: skip
+        laws_given, chain = self._given_laws(), self._given_chain()
+        options = dict(
+            record=record,
+            time=time,
+            base_acceleration=base_acceleration,
+            covariates=covariates,
+            has_memory=any(law.has_memory for held in laws_given.values() for law in held),
+            n_dof=None if chain is None else chain.n_dof,
+        )
+        if not isinstance(X, Record):
+            require_two_dimensions(X)
+        data = self._data(X, y, **options)
+        separate = data if self.estimation == "ls" else self._separate(X, y, data, options)
+        self._fit(data, laws_given, separate)
+        if self.estimation == "ls":
+            if holds_records(X):
+                self._apart = lambda: self._separate(X, y, data, options)
+            self._narrow = fused_together(X)
+        self._one_force = y is not None and np.ndim(np.asarray(y)) == 1
+        same_columns(self, len(X.columns) if hasattr(X, "columns") else 3 * data.n_dof, column_names(X), reset=True)
+        return self
+
+    def partial_fit(
+        self,
+        X: Any,
+        y: Any = None,
+        *,
+        record: Any = None,
+        time: Any = None,
+        base_acceleration: Any = None,
+        covariates: Mapping[str, Any] | None = None,
+    ) -> NRFRegressor:
+        """Add samples to what earlier calls gave, and solve again.
+
+        Each call holds one record or more of its own. ``fit`` begins anew.
+
+        Parameters
+        ----------
+        X, y, record, time, base_acceleration, covariates
+            Arrays, tables or Records, as for :meth:`fit`.
+
+        Returns
+        -------
+        self
+        """
+        return partial_fit(
+            self, X, y, record=record, time=time, base_acceleration=base_acceleration, covariates=covariates
+        )
+
+    def _fit(
+        self,
+        data: SegmentSet,
+        laws_given: Mapping[Any, tuple[ForceLaw, ...]],
+        separate: SegmentSet | None = None,
+    ) -> None:
+        chain = self._chain(data.n_dof, laws_given)
+        laws = self._laws(chain, laws_given)
+        known = self._known_masses(chain)
+        layout = LawLayout(chain, laws)
+        forced, unknown = data.forced, data.unknown
+        if not forced and not known:
+            raise ExcitationError(
+                "No force is measured and no mass is known, so nothing scales the chain",
+                "Measure a force on one DOF, or give a mass: known_masses={dof: kg}; ratios to it then come out.",
+            )
+        walk = plan_walk(chain, forced, unknown, known, self.strategy, layout.acting).require_complete()
+        require_samples(data, walk, layout)
+        require_moving(data, layout)
+        require_clock(data, layout)
+        filters = filters_of(self.band, data)
+        if any(law.free_shape for held in laws.values() for law in held):
+            from ..regression.shape_search import estimate_shapes
+
+            layout = estimate_shapes(
+                layout,
+                scales_of(data, layout),
+                lambda trial: self._solve(trial, walk, data, filters, known)[1:],
+                data,
+                filters,
+            )
+        model, solution, moments = self._solve(layout, walk, data, filters, known)
+        self._resolver, self._fit_data = None, FitData(data, layout, walk, filters, known)
+        facts: dict[str, Any] = {"asked": "ls", "found": "ls"}
+        self._apart, self._spread, self._narrow = None, None, False
+        judged = data
+        if self.estimation != "ls":
+            from .refine import refine
+
+            model, solution, self._resolver, facts, judged = refine(
+                self.estimation, model, solution, separate or data, layout, walk, filters, known, self._inner(),
+                self.band,
+            )  # fmt: skip
+            if facts["found"] == "ls":  # it stayed with what these motions gave
+                judged = data
+        if self.constraints is not None:
+            from .constraints import constrained
+
+            model = constrained(model, self.constraints, self._resolving())
+        self._publish(model, solution, moments, walk, layout, data, judged, facts["found"] == "ls")
+        model.info["estimation"] = facts
+
+    def _separate(self, X: Any, y: Any, data: SegmentSet, options: dict[str, Any]) -> SegmentSet:
+        """Motions whose noise is independent of the motion, where records were given."""
+        if holds_records(X):
+            with warnings.catch_warnings():  # what is wrong with the channels has been said
+                warnings.simplefilter("ignore", DataQualityWarning)
+                return self._data(X, y, **options, **one_by_one(X))
+        if fused_together(X):
+            warnings.warn(
+                f"estimation={self.estimation!r} was given motions in which the DOFs improve each other; their noise "
+                "depends on the motion, and masses come out about 1 % high. Give the records themselves, or make X "
+                "with record.to_features(smooth=KinematicSmoother(joint=False)).",
+                DataQualityWarning,
+                stacklevel=3,
+            )
+        return data
+
+    def _adopt(self, model: ChainModel, resolver: Any, facts: dict[str, Any]) -> NRFRegressor:
+        """Take a model that was estimated elsewhere from the same data."""
+        model.visited, model.info = self.model_.visited, {**self.model_.info, "estimation": facts}
+        self.set_params(estimation=facts["asked"])
+        self.model_, self.masses_, self.restoring_forces_ = model, model.masses, model.restoring_forces
+        self._resolver, self._apart, self._narrow = resolver, None, False
+        return self
+
+    def __getstate__(self) -> dict[str, Any]:
+        state = super().__getstate__()
+        data = {"_fit_data": None, "_apart": None, "_spread": None}  # they are not part of the model
+        return state | {key: none for key, none in data.items() if key in state}
+
+    def _solve(
+        self, layout: LawLayout, walk: Walk, data: SegmentSet, filters: Sequence[Any], known: Mapping[int, float]
+    ) -> tuple[ChainModel, Solution, Moments]:
+        from ..regression.optimizers import ChainOptimizer
+
+        def blocks() -> Iterator[Block]:
+            for segment, filter in zip(data.segments, filters):
+                yield from segment.blocks(layout, filter=filter, states={} if filter is None else None)
+
+        names = {site: layout.labels(site) for site in layout.acting}
+        optimizer = ChainOptimizer(self.optimizer, layout.chain, self.strategy, known_masses=known)
+        solution, moments = optimizer.solve(layout, walk, blocks, names)
+        return model_of(layout, solution), solution, moments
+
+    def _publish(
+        self,
+        model: ChainModel,
+        solution: Solution,
+        moments: Moments,
+        walk: Walk,
+        layout: LawLayout,
+        data: SegmentSet,
+        judged: SegmentSet,
+        least_squares: bool = True,
+    ) -> None:
+        from ..diagnostics.bias import MissingTerms, warn_of_bias
+        from ..diagnostics.contradictions import contradictions_of
+        from ..diagnostics.jumps import JumpBias, sentences_of
+        from ..diagnostics.windows import show
+        from ..regression.errors import balance_errors
+
+        self.chain_, self.walk_ = layout.chain, walk
+        self.masses_ = model.masses
+        self.errors_ = balance_errors(model, moments)
+        self.condition_ = pd.Series(
+            {fit.step.name: fit.condition for fit in solution.fits}, name="condition", dtype=float
+        )
+        self.n_samples_ = moments.n_samples
+        self.third_law_gap_ = third_law_gap(solution, moments)
+        model.visited = visited_regions(data, layout)
+        model.info = {
+            "band": None if self.band is None else [None if b is None or np.isinf(b) else float(b) for b in self.band],
+            "strategy": walk.strategy,
+            "n_samples": int(moments.n_samples),
+            "balance_error_percent": {k: float(e) for k, e in self.errors_["error"].items() if np.isfinite(e)},
+        }
+        self.model_ = model
+        self.restoring_forces_ = model.restoring_forces
+        self.unknown_forces_ = unknown_forces(model, data)
+        silent = self.band is not None or not least_squares
+        held = layout if least_squares else None  # the shapes of its laws are those of the model
+        terms = MissingTerms(model, walk, held)
+        jumps = JumpBias(model, walk, self._known_masses(layout.chain), self._inner(), silent, held)
+        show(terms.layout, judged, self.band, [terms, *jumps.asked])
+        self.missing_terms_, self.jump_bias_ = terms.table(), jumps.table()
+        self.doubts_ = {
+            "channels": data.doubts,
+            "forces": contradictions_of(solution, moments),
+            "masses": doubtful_masses(solution) + lost_masses(model),
+        }
+        said = [*self.doubts_["forces"], *self.doubts_["masses"], *sentences_of(self.jump_bias_)]
+        warn_of_bias(self.missing_terms_, said, stacklevel=5)
+
+    # -- what was asked for -------------------------------------------------------------------
+
+    def _given_chain(self) -> Chain | None:
+        if self.chain is not None and not isinstance(self.chain, Chain):
+            raise ChainError(f"chain={self.chain!r} is not a Chain", "Give e.g. Chain(3, links=['link 3-1']).")
+        return self.chain
+
+    def _given_laws(self) -> dict[Any, tuple[ForceLaw, ...]]:
+        given = {}
+        for site, value in _mapping("laws", self.laws, "{'storey 1': [...]}").items():
+            held = tuple(value) if isinstance(value, (list, tuple)) else (value,)
+            wrong = [law for law in held if not isinstance(law, ForceLaw)]
+            if wrong:
+                raise ChainError(
+                    f"laws[{site!r}] holds {wrong[0]!r}, which is not a force law", "Use those of pysindy_nrf.laws."
+                )
+            given[site] = held
+        return given
+
+    def _chain(self, n_dof: int, laws_given: Mapping[Any, Any]) -> Chain:
+        chain = self._given_chain() or Chain(n_dof)
+        return chain.with_links([s for s in map(chain.site, laws_given) if s.kind == "link"])
+
+    def _laws(self, chain: Chain, laws_given: Mapping[Any, tuple[ForceLaw, ...]]) -> dict[Site, tuple[ForceLaw, ...]]:
+        orders = {chain.site(s): order for s, order in _mapping("orders", self.orders, "{'storey 2': 5}").items()}
+        given = {chain.site(s): held for s, held in laws_given.items()}
+        missing = [s for s in orders if s not in chain.sites]
+        if missing:
+            raise ChainError(
+                f"orders names {str(missing[0])!r}, which is not in the chain",
+                f"Its sites are {', '.join(chain.sites)}.",
+            )
+        both = [s for s in orders if s in given]
+        if both:
+            raise ChainError(f"{both[0]} has an order and laws", "Name it in orders or in laws, not in both.")
+        if orders and self.degree != _DEFAULT_DEGREE and all(s in orders or s in given for s in chain.sites):
+            clash = next(s for s in chain.sites if s in orders)
+            if any(order != self.degree for order in orders.values()):
+                raise ChainError(
+                    f"degree={self.degree!r} contradicts orders, which set every storey ({clash}: {orders[clash]!r})",
+                    "Leave degree out, or name in orders only the storeys that differ.",
+                )
+        return {
+            **{
+                s: given.get(s, None) or (() if s in given else (PowerSeries(orders.get(s, self.degree)),))
+                for s in chain.sites
+            },
+            **{s: held for s, held in given.items() if s not in chain.sites},
+        }
+
+    def _known_masses(self, chain: Chain) -> dict[int, float]:
+        known = {}
+        for dof, mass in _mapping("known_masses", self.known_masses, "{2: 12.4}").items():
+            if isinstance(dof, bool) or not hasattr(dof, "__index__") or not 1 <= int(dof) <= chain.n_dof:
+                raise ChainError(f"known_masses names DOF {dof!r}", f"The chain has DOFs 1 to {chain.n_dof}.")
+            try:
+                value = float(mass)
+            except (TypeError, ValueError):
+                value = np.nan
+            if not np.isfinite(value) or value < 0:
+                raise ChainError(f"known_masses[{dof}]={mass!r} is not a mass", "Give kg.")
+            known[int(dof)] = value
+        return known
+
+    def __sklearn_is_fitted__(self) -> bool:
+        return hasattr(self, "model_")
+
+    def __sklearn_tags__(self) -> Tags:
+        tags = super().__sklearn_tags__()
+        tags.target_tags.required = False  # base excitation: no force anywhere
+        tags.target_tags.multi_output = True
+        tags.regressor_tags.poor_score = True  # without an intercept: a balance of forces has none
+        return tags
+
+
+def _mapping(name: str, value: Any, example: str) -> Mapping[Any, Any]:
+    if value is None:
+        return {}
+    if not isinstance(value, Mapping):
+        raise ChainError(f"{name}={value!r} is not a mapping", f"Give e.g. {name}={example}.")
+    return value

@@ -1,0 +1,429 @@
+"""What one pass over chunks leaves behind: block moments, ranges, some windows. Accumulators add."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from copy import copy
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...data.record import plain_times
+from ...exceptions import ChainError, ChannelError, NRFError
+from ...mechanics.identifiability import Walk, plan_walk
+from ...regression.chain_solve import groups_of
+from ...regression.channel_range import Extent
+from ...regression.input_arrays import from_arrays
+from ...regression.layout import Group, LawLayout
+from ...regression.moments import Block, Moments, accumulate, block_size, guess_of
+from ...regression.segments import Segment
+from . import runs
+from .chunks import Chunk, seconds_since
+from .runs import Key, Run
+
+N_BLOCKS = 64  # are kept at least, twice as many at most
+N_WINDOWS = 64  # at most
+_WINDOW_BYTES = 2**24  # of all windows together
+
+
+@dataclass
+class BlockEntry:
+    """Moments of consecutive samples of one record.
+
+    Attributes
+    ----------
+    key : (int, int, int)
+        Chunk, piece in it, block in it: the order in time.
+    record : str
+    moments : Moments
+    """
+
+    key: tuple[int, int, int]
+    record: str
+    moments: Moments
+
+
+class Model:
+    """What of an estimator a pass needs: chain, laws, columns and the balances to accumulate."""
+
+    def __init__(self, estimator: Any, n_dof: int) -> None:
+        given = estimator._given_laws()
+        self.chain = estimator._chain(n_dof, given)
+        self.layout = LawLayout(self.chain, estimator._laws(self.chain, given))
+        self.known_masses = estimator._known_masses(self.chain)
+        self.coordinates, self.dt, self.strategy = estimator.coordinates, estimator.dt, estimator.strategy
+        require_streamable(estimator, self.layout)
+        n = self.chain.n_dof
+        singles = [(j,) for j in range(1, n + 1)]
+        sums = [
+            tuple(range(i, n + 1)) for i in range(1, n) if all(j in self.known_masses for j in range(i, n + 1))
+        ]  # a base that moves, see plan_walk
+        self.groups: list[Group] = [self.layout.group(dofs) for dofs in singles + sums]
+
+    def walk(self, forced: tuple[int, ...], unknown: tuple[int, ...]) -> Walk:
+        """The order of the solve."""
+        return plan_walk(
+            self.chain, forced, unknown, self.known_masses, self.strategy, self.layout.acting
+        ).require_complete()
+
+
+def require_streamable(estimator: Any, layout: LawLayout) -> None:
+    """Refuse what needs whole records in memory."""
+    cure = "Give Records, or arrays that fit in memory."
+    if estimator.estimation != "ls":
+        raise ChainError(f"estimation={estimator.estimation!r} needs whole records", cure)
+    if estimator.band is not None:
+        raise ChainError(
+            "band= filters whole records and cannot be applied to pieces of them", f"Filter them before. {cure}"
+        )
+    for site, held in layout.laws.items():
+        for law in held:
+            if law.free_shape:
+                raise ChainError(
+                    f"{site}: {type(law).__name__} has no value for {law.free_shape[0]}; its search needs many passes",
+                    "Estimate it on one record, then give the value.",
+                )
+
+
+class Accumulator:
+    """One pass over chunks; accumulators of different chunks of the same data add.
+
+    Parameters
+    ----------
+    estimator : NRFRegressor
+    kind : {"gram", "root", "careful"}
+        ``"careful"``: ``"root"`` with a guess from each chunk itself, for data that can be seen only once.
+    guess : mapping of tuple of int to ndarray, optional
+        See :class:`pysindy_nrf.regression.moments.Moments`.
+    n_samples : int, optional
+        Expected in all; sets the length of the blocks.
+
+    Attributes
+    ----------
+    blocks : list of BlockEntry
+        In the order of time after :meth:`close`.
+    runs : list of Run
+    windows : list of (key, Segment)
+        Some raw samples, evenly spread, for diagnosis.
+    extent : Extent or None
+        Of all channels a, v, s, F.
+    n_samples : int
+        Rows seen, NaN edges included.
+    """
+
+    def __init__(
+        self,
+        estimator: Any,
+        kind: str = "gram",
+        guess: Mapping[tuple[int, ...], np.ndarray] | None = None,
+        n_samples: int | None = None,
+    ) -> None:
+        self.estimator, self.kind, self.guess = estimator, kind, dict(guess or {})
+        self.block_rows = 64 if n_samples is None else max(64, -(-n_samples // N_BLOCKS))
+        self.model: Model | None = None
+        self.blocks: list[BlockEntry] = []
+        self.runs: list[Run] = []
+        self.windows: list[tuple[tuple[int, int, int], Segment]] = []
+        self.window_every, self._offered = 1, 0
+        self.extent: Extent | None = None
+        self.n_samples = 0
+        self.has_time = True
+        self.origin: Any = None  # of time
+        self.settings: dict[str, str] = {}  # of the estimator, between calls of partial_fit
+        self._open: BlockEntry | None = None
+        self._nothing: Moments | None = None
+        self._carry: dict[str, Any] | None = None  # end of the last run: states, last row, its time
+
+    # -- adding -------------------------------------------------------------------------------
+
+    def add(self, chunk: Chunk, number: int) -> None:
+        """Add the chunk of this number.
+
+        Parameters
+        ----------
+        chunk : Chunk
+        number : int
+            Its place among all chunks.
+        """
+        pieces, at = chunk.records(), 0
+        for i, piece in enumerate(pieces):
+            at = self._add((number, at), piece, ends=i < len(pieces) - 1)
+        self.n_samples += chunk.n_samples
+
+    def _add(self, key: Key, chunk: Chunk, ends: bool) -> int:
+        """Add samples of one record; the number of the piece that comes next."""
+        if runs.is_empty(chunk.X):
+            self._append(Run(chunk.record, key, key, chunk.first, ends, True, True, True, (), chunk.n_samples))
+            return key[1] + 1
+        segments = self._segments(chunk)
+        for i, segment in enumerate(segments):  # more than one where the clock has gaps
+            here, size, inside = (key[0], key[1] + i), segment.n_samples, segment.valid
+            unknown = tuple(j + 1 for j in range(segment.n_dof) if np.isnan(segment.F[inside.start, j]))
+            trimmed = inside.start > 0, inside.stop < size
+            starts, stops = chunk.first or i > 0, ends or i < len(segments) - 1
+            goes_on = self._append(Run(chunk.record, here, here, starts, stops, *trimmed, False, unknown, size))
+            self._widen(segment.extent)
+            self._accumulate(segment, here, goes_on)
+            self._offer_windows(here, segment)
+        return key[1] + len(segments)
+
+    def _widen(self, extent: Extent) -> None:
+        self.extent = extent if self.extent is None else self.extent.merge(extent)
+
+    def _append(self, run: Run) -> bool:
+        """Put a run behind the others; whether it goes on where the last one stopped."""
+        if self.runs and run.follows(self.runs[-1]):
+            self.runs[-1] = self.runs[-1].join(run)
+            return True
+        self.runs.append(run)
+        return False
+
+    def _segments(self, chunk: Chunk) -> list[Segment]:
+        model, time = self.model, chunk.time
+        if time is not None and len(time):
+            time = plain_times(time)
+            if self.origin is None:
+                self.origin = time[0]
+            time = seconds_since(time, self.origin)
+        data = from_arrays(
+            chunk.X, chunk.F, time=time, base_acceleration=chunk.base_acceleration,
+            covariates=chunk.covariates, coordinates=chunk.coordinates or self.estimator.coordinates,
+            dt=self.estimator.dt,
+            n_dof=None if model is None else model.chain.n_dof,
+            has_memory=any(law.has_memory for held in self.estimator._given_laws().values() for law in held),
+            every_row=True,  # a piece may go on in the next chunk
+        )  # fmt: skip
+        if model is None:
+            self.model = Model(self.estimator, data.n_dof)
+        for segment in data.segments:
+            segment.name, segment.resolved = chunk.record, None
+        return data.segments
+
+    def _accumulate(self, segment: Segment, key: Key, goes_on: bool) -> None:
+        layout = self.require_model().layout
+        if segment.t is None:
+            self.has_time = False
+        carry = self._carry if goes_on else None
+        end = 0.0
+        if segment.t is not None:
+            if carry is not None and self.origin is None:  # dt counts from the start of each chunk
+                segment.t = segment.t + (carry["end"] + self.estimator.dt)
+            end = float(segment.t[-1])
+            if carry is not None and segment.t[0] <= carry["end"]:
+                raise ChannelError(
+                    f"The time of record {segment.name!r} does not increase from one piece to the next",
+                    "Give the pieces in order.",
+                )
+        states: dict = {}
+        if layout.has_memory and carry is not None:
+            states = carry["states"]
+            segment = _behind(carry["last"], segment)
+        if self._open is not None and not goes_on:
+            self._shut()
+        size = min(block_size(layout), self.block_rows)
+        blocks: Iterable[Block] = segment.blocks(layout, size, states=states)
+        if self.kind == "careful":
+            blocks = list(blocks)
+            self._own_guess(blocks)
+        for i, block in enumerate(blocks):
+            if self._open is None:
+                self._open = BlockEntry((*key, i), segment.name, self._moments(self.kind))
+            self._open.moments.add(block)
+            if self._open.moments.n_samples >= self.block_rows:
+                self._shut()
+        last = _row(segment, segment.valid.stop - 1) if layout.has_memory else None
+        self._carry = {"states": states, "last": last, "end": end}
+
+    def _moments(self, kind: str) -> Moments:
+        """Moments of nothing; all Gram matrices share one plan of their products."""
+        model = self.require_model()
+        if kind != "gram":
+            return Moments(model.layout, model.groups, "root", model.known_masses, self.guess)
+        if self._nothing is None:
+            self._nothing = Moments(model.layout, model.groups, "gram", model.known_masses)
+        return self._nothing.empty()
+
+    def _own_guess(self, blocks: list[Block]) -> None:
+        """Guess the root of some blocks from their own Gram matrices."""
+        own = accumulate(self._moments("gram"), blocks)
+        self.guess = {dofs: guess_of(part) for dofs, part in own.parts.items()}
+        if self._open is not None:
+            self._open.moments.guess = self.guess
+
+    def _shut(self) -> None:
+        """Put the open block with the others; if there are many, neighbours become one."""
+        if self._open is not None:
+            self.blocks.append(self._open)
+            self._open = None
+        if len(self.blocks) > 2 * N_BLOCKS:
+            self.block_rows *= 2
+            self.blocks = _halved(self.blocks)
+
+    def _offer_windows(self, key: Key, segment: Segment) -> None:
+        n = segment.n_dof
+        size = int(np.clip(_WINDOW_BYTES // (N_WINDOWS * 32 * n), 64, 1024))
+        inside = segment.valid
+        # one window in each stretch of eight: enough to choose from, and few to copy
+        for start in range(inside.start, max(inside.stop - size // 2, inside.start + 1), 8 * size):
+            if self._offered % self.window_every == 0:
+                stop = min(start + size, inside.stop)
+                self.windows.append(((*key, start - inside.start), _copied(segment, start, stop)))
+                if len(self.windows) > N_WINDOWS:
+                    self.windows = self.windows[::2]
+                    self.window_every *= 2
+            self._offered += 1
+
+    # -- adding up ----------------------------------------------------------------------------
+
+    def copy(self) -> Accumulator:
+        """An accumulator to which records can be added while this one stays as it is.
+
+        Returns
+        -------
+        Accumulator
+        """
+        out = copy(self)
+        out.blocks, out.runs, out.windows = list(self.blocks), list(self.runs), list(self.windows)
+        out._shut()  # what follows is another record
+        return out
+
+    def close(self) -> Accumulator:
+        """End the pass: no chunk follows."""
+        self._shut()
+        self.blocks.sort(key=lambda b: b.key)
+        return self
+
+    def merge(self, other: Accumulator) -> Accumulator:
+        """Add the chunks of another accumulator of the same data; both closed.
+
+        Parameters
+        ----------
+        other : Accumulator
+
+        Returns
+        -------
+        Accumulator
+            self.
+        """
+        if other.model is None:
+            self.runs = runs.joined([*self.runs, *other.runs])
+            self.n_samples += other.n_samples
+            return self
+        if self.model is None:
+            for name, value in vars(other).items():
+                if name not in ("runs", "n_samples"):
+                    setattr(self, name, value)
+        else:
+            if self.model.chain.n_dof != other.model.chain.n_dof:
+                raise ChannelError(
+                    f"One part of the data has {self.model.chain.n_dof} DOFs, another {other.model.chain.n_dof}",
+                    "Give records of one chain.",
+                )
+            self.blocks = sorted([*self.blocks, *other.blocks], key=lambda b: b.key)
+            while len(self.blocks) > 2 * N_BLOCKS:
+                self.blocks = _halved(self.blocks)
+            self.windows = sorted([*self.windows, *other.windows], key=lambda w: w[0])
+            while len(self.windows) > N_WINDOWS:
+                self.windows = self.windows[::2]
+            if other.extent is not None:
+                self._widen(other.extent)
+            self.has_time = self.has_time and other.has_time
+        self.runs = runs.joined([*self.runs, *other.runs])
+        self.n_samples += other.n_samples
+        return self
+
+    def require_model(self) -> Model:
+        """The model, which is there from the first sample on; a ChannelError before."""
+        if self.model is None:
+            raise ChannelError("There are no samples", "The source is empty, or holds nothing but NaN.")
+        return self.model
+
+    def total(self) -> Moments:
+        """Moments of everything."""
+        model = self.require_model()
+        out = None
+        for entry in [*self.blocks, *([self._open] if self._open else [])]:
+            if out is None:
+                out = Moments(model.layout, model.groups, entry.moments.kind, model.known_masses)
+            out.merge(entry.moments)
+        if out is None:
+            raise NRFError("No block of samples was seen", "Check the source.")
+        return out
+
+    @property
+    def forced(self) -> tuple[int, ...]:
+        """DOFs forced somewhere."""
+        n, extent = self.require_model().chain.n_dof, self.extent
+        return tuple(j + 1 for j in range(n) if extent is not None and extent.moves(3 * n + j))
+
+    @property
+    def unknown(self) -> tuple[int, ...]:
+        """DOFs whose force is unknown in every record."""
+        masks = [set(run.unknown) for run in self.runs if not run.empty]
+        return tuple(sorted(set.intersection(*masks))) if masks else ()
+
+    def walk(self) -> Walk:
+        """The order of the solve that these data allow."""
+        model = self.require_model()
+        walk = model.walk(self.forced, self.unknown)
+        held = {g.dofs for g in model.groups}
+        if any(g.dofs not in held for g in groups_of(model.layout, walk)):
+            raise NRFError(
+                "These data need sums of balances that were not accumulated", "Give them as arrays that fit in memory."
+            )
+        return walk
+
+
+def _sum(one: Moments, other: Moments) -> Moments:
+    """Moments of both; neither is changed."""
+    return Moments(one.layout, list(one.groups.values()), one.kind, one.known_masses).merge(one).merge(other)
+
+
+def _halved(blocks: list[BlockEntry]) -> list[BlockEntry]:
+    """Neighbours made one, within records where that makes them fewer."""
+    out = _paired(blocks, across=False)
+    return out if len(out) <= 0.75 * len(blocks) else _paired(out, across=True)
+
+
+def _paired(blocks: list[BlockEntry], across: bool) -> list[BlockEntry]:
+    """Every two neighbours made one, those of different records too if ``across``."""
+    out: list[BlockEntry] = []
+    alone = True
+    for entry in blocks:
+        if out and alone and (across or out[-1].record == entry.record):
+            out[-1] = replace(out[-1], moments=_sum(out[-1].moments, entry.moments))
+            alone = False
+        else:
+            out.append(entry)
+            alone = True
+    return out
+
+
+def _row(segment: Segment, i: int) -> dict[str, Any]:
+    """One sample of a segment."""
+    rows = slice(i, i + 1)
+    out: dict[str, Any] = {k: np.array(getattr(segment, k)[rows], dtype=float) for k in ("a", "v", "s", "F")}
+    out |= {k: None if getattr(segment, k) is None else np.array(getattr(segment, k)[rows]) for k in ("t", "ag")}
+    return {**out, "covariates": {k: np.array(c[rows], dtype=float) for k, c in segment.covariates.items()}}
+
+
+def _behind(last: Mapping[str, Any], segment: Segment) -> Segment:
+    """A segment with the sample before it in front; its own samples stay the valid ones."""
+    joint: dict[str, Any] = {k: np.concatenate([last[k], getattr(segment, k)]) for k in ("a", "v", "s", "F")}
+    for k in ("t", "ag"):
+        value = getattr(segment, k)
+        joint[k] = None if value is None or last[k] is None else np.concatenate([last[k], value])
+    covariates = {k: np.concatenate([last["covariates"][k], c]) for k, c in segment.covariates.items()}
+    valid = slice(segment.valid.start + 1, segment.valid.stop + 1)
+    return replace(segment, **joint, covariates=covariates, valid=valid)
+
+
+def _copied(segment: Segment, start: int, stop: int) -> Segment:
+    """Some samples of a segment, its own."""
+    rows = slice(start, stop)
+    lines: dict[str, Any] = {k: np.array(getattr(segment, k)[rows], dtype=float) for k in ("a", "v", "s", "F")}
+    lines |= {k: None if getattr(segment, k) is None else np.array(getattr(segment, k)[rows]) for k in ("t", "ag")}
+    covariates = {k: np.array(c[rows], dtype=float) for k, c in segment.covariates.items()}
+    size = stop - start
+    return replace(segment, rows=slice(0, size), **lines, covariates=covariates, valid=slice(0, size), _extent=None)

@@ -1,0 +1,426 @@
+"""Where samples come from, chunk by chunk: NumPy files, Parquet, HDF5, lists of them, iterators of tables."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...common.extras import require
+from ...data.io.hdf5 import data_sets, require_own
+from ...data.io.table import check_file, unreadable
+from ...data.record import Record
+from ...exceptions import ChannelError, FileFormatError
+from ...regression.segments import feature_names
+from .chunks import Chunk, chunk_of, chunk_of_columns, n_dof_of, wanted_columns
+
+CHUNK_BYTES = 2**25  # of a chunk as float64
+
+
+class Source:
+    """Chunks of samples in a fixed order.
+
+    Attributes
+    ----------
+    n_samples : int or None
+        In all, if known.
+    again : bool
+        Whether it can be read more than once, and from the middle.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.estimation.streaming import Source, open_source
+    >>> source = open_source((np.zeros((1000, 3)) for _ in range(3)))  # chunks as they come, once
+    >>> isinstance(source, Source), source.again, [chunk.n_samples for chunk in source.chunks()]
+    (True, False, [1000, 1000, 1000])
+    """
+
+    n_samples: int | None = None
+    again: bool = True
+
+    def identity(self) -> list[Any]:
+        """What tells these data from others, as JSON."""
+        raise NotImplementedError
+
+    def chunks(self, start: int = 0) -> Iterator[Chunk]:
+        """Chunks from number ``start`` on.
+
+        Parameters
+        ----------
+        start : int
+            Number of the first chunk wanted.
+
+        Yields
+        ------
+        Chunk
+        """
+        raise NotImplementedError
+
+    def folder(self) -> Path | None:
+        """Where the data lie, or None."""
+        return None
+
+
+def chunk_rows(n_dof: int) -> int:
+    """Samples in a chunk of a chain."""
+    return int(np.clip(CHUNK_BYTES // (32 * n_dof), 4096, 2**18))
+
+
+def _file_identity(path: Path) -> list[Any]:
+    stat = path.stat()
+    return [str(path.resolve()), stat.st_size, stat.st_mtime_ns]
+
+
+def load_rows(value: Any, what: str) -> Any:
+    """An array, or a NumPy file by path: mapped, not read."""
+    if not isinstance(value, (str, os.PathLike)):
+        return value
+    path = Path(value)
+    check_file(path, 2**62)
+    if path.suffix.lower() != ".npy":
+        raise FileFormatError(f"{what}={str(path)!r} is not a .npy file", "Save it with numpy.save.")
+    try:
+        return np.load(path, mmap_mode="r", allow_pickle=False)
+    except (ValueError, OSError, EOFError) as error:
+        raise unreadable(path, "NumPy", error) from error
+
+
+class FileSource(Source):
+    """A source that can be read from the middle: its samples are counted, its chunks of one size.
+
+    Attributes
+    ----------
+    n_samples : int
+    rows : int
+        Samples in a chunk; the last one may be shorter.
+    """
+
+    n_samples: int
+    rows: int
+
+
+class ArraySource(FileSource):
+    """Arrays, most often mapped ``.npy`` files.
+
+    Parameters
+    ----------
+    X : path-like or array of shape (n_samples, 3 n_dof)
+    F : path-like or array of shape (n_samples, n_dof), optional
+    record, time, base_acceleration : path-like or array of shape (n_samples,), optional
+    covariates : mapping of str to path-like or array, optional
+    """
+
+    def __init__(
+        self, X: Any, F: Any = None, record: Any = None, time: Any = None, base_acceleration: Any = None,
+        covariates: Mapping[str, Any] | None = None,
+    ) -> None:  # fmt: skip
+        given = {"X": X, "F": F, "record": record, "time": time, "base_acceleration": base_acceleration}
+        given |= {f"covariate {k}": c for k, c in ({} if covariates is None else dict(covariates)).items()}
+        self.paths = [Path(v) for v in given.values() if isinstance(v, (str, os.PathLike))]
+        self.arrays = {k: load_rows(v, k) for k, v in given.items() if v is not None}
+        x = self.arrays["X"]
+        if getattr(x, "ndim", 0) != 2 or not x.shape[1] or x.shape[1] % 3:
+            raise ChannelError(
+                f"X has the shape {np.shape(x)}, (n_samples, 3 n_dof) is needed",
+                f"Its columns are {', '.join(feature_names(2))} for two DOFs.",
+            )
+        self.n_samples = len(x)
+        for name, values in self.arrays.items():
+            if len(values) != self.n_samples:
+                raise ChannelError(
+                    f"{name} has {len(values)} samples, X has {self.n_samples}", "Cut both to the same clock."
+                )
+        self.rows = chunk_rows(x.shape[1] // 3)
+
+    def identity(self) -> list[Any]:
+        """Paths, sizes and times of change."""
+        return [_file_identity(p) for p in self.paths] + [
+            [k, list(np.shape(v)), str(v.dtype)] for k, v in self.arrays.items() if hasattr(v, "dtype")
+        ]
+
+    def folder(self) -> Path | None:
+        """Folder of the first file."""
+        return self.paths[0].parent if self.paths else None
+
+    def chunks(self, start: int = 0) -> Iterator[Chunk]:
+        """Slices of the arrays."""
+        name = self.paths[0].stem if self.paths else "record"
+        for low in range(start * self.rows, self.n_samples, self.rows):
+            rows = {k: np.asarray(v[low : low + self.rows]) for k, v in self.arrays.items()}
+            extra = {k.removeprefix("covariate "): v for k, v in rows.items() if k.startswith("covariate ")}
+            yield Chunk(
+                rows["X"], rows.get("F"), name, low == 0, rows.get("record"), rows.get("time"),
+                rows.get("base_acceleration"), extra,
+            )  # fmt: skip
+
+
+class TableSource(FileSource):
+    """Columns by name: a1.., v1.., s1.., F1.., and t, ag, record or covariates where there are any.
+
+    Parameters
+    ----------
+    path : path-like
+    covariates : sequence of str
+        Further columns that laws read.
+    """
+
+    def __init__(self, path: Any, covariates: Sequence[str] = (), coordinates: str = "relative") -> None:
+        self.path = Path(path)
+        check_file(self.path, 2**62)
+        self.covariates, self.coordinates = tuple(covariates), coordinates
+        self.columns = self._open()
+        self.n_dof = n_dof_of(self.columns, self.path)
+        self.rows = chunk_rows(self.n_dof)
+
+    def _open(self) -> list[str]:
+        raise NotImplementedError
+
+    def identity(self) -> list[Any]:
+        """Path, size and time of change."""
+        return [_file_identity(self.path)]
+
+    def folder(self) -> Path | None:
+        """Folder of the file."""
+        return self.path.parent
+
+    def wanted(self) -> list[str]:
+        """Columns to read."""
+        return wanted_columns(self.columns, self.n_dof, self.covariates, self.coordinates, self.path)
+
+    def chunk(self, values: Mapping[str, Any], first: bool) -> Chunk:
+        """Named columns as a chunk."""
+        return chunk_of_columns(values, self.n_dof, self.covariates, self.path.stem, first, self.coordinates)
+
+
+class ParquetSource(TableSource):
+    """A Parquet file, row group after row group."""
+
+    def _open(self) -> list[str]:
+        self._pyarrow = require("pyarrow", "files", "Reading Parquet files")
+        self._parquet = require("pyarrow.parquet", "files", "Reading Parquet files")
+        try:
+            with self._parquet.ParquetFile(self.path) as file:
+                self.n_samples = file.metadata.num_rows
+                return list(file.schema_arrow.names)
+        except (self._pyarrow.ArrowException, OSError) as error:
+            raise unreadable(self.path, "Parquet", error) from error
+
+    def chunks(self, start: int = 0) -> Iterator[Chunk]:
+        """Batches of rows; groups before the first one wanted are not read."""
+        wanted = self.wanted()
+        try:
+            with self._parquet.ParquetFile(self.path) as file:
+                sizes = [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
+                ends = np.cumsum([0, *sizes])
+                at = start * self.rows
+                group = int(np.searchsorted(ends, at, side="right")) - 1 if at < ends[-1] else len(sizes)
+                skip = at - int(ends[group])
+                groups = list(range(group, len(sizes)))
+                pending: list[Any] = []
+                held, number = 0, start
+                for batch in file.iter_batches(self.rows, row_groups=groups, columns=wanted, use_threads=False):
+                    if skip >= batch.num_rows:
+                        skip -= batch.num_rows
+                        continue
+                    batch, skip = batch.slice(skip), 0
+                    while batch.num_rows:
+                        piece = batch.slice(0, self.rows - held)
+                        batch = batch.slice(piece.num_rows)
+                        pending.append(piece)
+                        held += piece.num_rows
+                        if held == self.rows:
+                            yield self._chunk(pending, number == 0)
+                            pending, held, number = [], 0, number + 1
+                if held:
+                    yield self._chunk(pending, number == 0)
+        except (self._pyarrow.ArrowException, OSError) as error:
+            raise unreadable(self.path, "Parquet", error) from error
+
+    def _chunk(self, pieces: list[Any], first: bool) -> Chunk:
+        table = self._pyarrow.Table.from_batches(pieces)
+        return self.chunk({name: table.column(name).to_numpy() for name in table.column_names}, first)
+
+
+class HDF5Source(TableSource):
+    """Data sets of an HDF5 file: ``X`` and ``F``; ``a``, ``v``, ``s``, ``F``; or one for each column."""
+
+    def _open(self) -> list[str]:
+        self._h5py = require("h5py", "files", "Reading HDF5 files")
+        try:
+            with self._h5py.File(self.path, "r") as file:
+                sets = {k: v for k, v in data_sets(self._h5py, file) if "/" not in k}
+                for name, held in sets.items():
+                    require_own(self.path, name, held)
+                lengths = {len(v) for v in sets.values() if v.ndim and len(v) > 1}
+                if len(lengths) != 1:
+                    raise ChannelError(
+                        f"The data sets of {self.path} have {sorted(lengths)} samples", "Give all of them one clock."
+                    )
+                self.n_samples = lengths.pop()
+                self._matrix = {k: v.shape[1] for k, v in sets.items() if v.ndim == 2}
+                rate, drift = ("v", "s") if self.coordinates == "relative" else ("xdot", "x")
+                self._spread: dict[str, list[str]] = {}
+                for name, width in self._matrix.items():
+                    if name == "X" and width % 3 == 0:
+                        self._spread[name] = feature_names(width // 3, self.coordinates)
+                    elif name in ("a", rate, drift, "F"):
+                        self._spread[name] = [f"{name}{j}" for j in range(1, width + 1)]
+                single = [k for k, v in sets.items() if v.ndim == 1]
+                return [c for columns in self._spread.values() for c in columns] + single
+        except (OSError, RuntimeError, KeyError) as error:
+            raise unreadable(self.path, "HDF5", error) from error
+
+    def chunks(self, start: int = 0) -> Iterator[Chunk]:
+        """Slices of the data sets."""
+        wanted = set(self.wanted())
+        try:
+            with self._h5py.File(self.path, "r") as file:
+                for low in range(start * self.rows, self.n_samples, self.rows):
+                    rows = slice(low, low + self.rows)
+                    values: dict[str, Any] = {}
+                    for name, columns in self._spread.items():
+                        if wanted & set(columns):
+                            values |= dict(zip(columns, file[name][rows].T))
+                    for name in wanted - set(values):
+                        values[name] = file[name][rows]
+                    yield self.chunk(values, low == 0)
+        except (OSError, RuntimeError, KeyError) as error:
+            raise unreadable(self.path, "HDF5", error) from error
+
+
+class ListSource(Source):
+    """Several sources, one record or more each, one after the other."""
+
+    def __init__(self, parts: Sequence[Source]) -> None:
+        self.parts = [p for p in parts if isinstance(p, FileSource)]
+        if len(self.parts) < len(parts):
+            raise ChannelError(
+                "A list of sources holds something that is no file",
+                "Give a list of paths without lists in it, or one iterator that yields all the pieces.",
+            )
+        self.n_samples = sum(p.n_samples for p in self.parts)
+        self._counts = [-(-p.n_samples // p.rows) for p in self.parts]
+
+    def identity(self) -> list[Any]:
+        """Those of the parts."""
+        return [p.identity() for p in self.parts]
+
+    def folder(self) -> Path | None:
+        """Folder of the first part."""
+        return self.parts[0].folder()
+
+    def chunks(self, start: int = 0) -> Iterator[Chunk]:
+        """Chunks of the parts, each part a record of its own."""
+        for part, count in zip(self.parts, self._counts):
+            if start >= count:
+                start -= count
+                continue
+            yield from part.chunks(start)
+            start = 0
+
+
+class IteratorSource(Source):
+    """An iterator that can be read once: of tables, of pairs (X, F) or of records.
+
+    Tables and pairs follow each other in one record unless a column ``record`` tells records apart; each
+    :class:`Record` is one of its own.
+    """
+
+    again = False
+
+    def __init__(self, items: Iterable[Any], covariates: Sequence[str] = (), coordinates: str = "relative") -> None:
+        self.items, self.covariates, self.coordinates = items, tuple(covariates), coordinates
+
+    def identity(self) -> list[Any]:
+        """An iterator cannot be told from another one."""
+        return []
+
+    def chunks(self, start: int = 0) -> Iterator[Chunk]:
+        """Chunks as they come."""
+        first = True
+        for item in self.items:
+            yield chunk_of(item, self.covariates, self.coordinates, first)
+            first = isinstance(item, Record)
+
+
+_READERS = {".parquet": ParquetSource, ".pq": ParquetSource, ".h5": HDF5Source, ".hdf5": HDF5Source}
+
+
+def open_source(
+    X: Any,
+    F: Any = None,
+    *,
+    record: Any = None,
+    time: Any = None,
+    base_acceleration: Any = None,
+    covariates: Any = None,
+    coordinates: str = "relative",
+    laws_read: Sequence[str] = (),
+) -> Source:
+    """The source behind what a user passes to ``fit``.
+
+    Parameters
+    ----------
+    X : path-like, list of path-like, or iterator
+        ``.npy`` holds the columns of X; Parquet and HDF5 hold named columns, the forces among them.
+    F : path-like or array, optional
+        Forces beside a ``.npy`` file; a list of them beside a list of files.
+    record, time, base_acceleration, covariates
+        Beside ``.npy`` files; paths or arrays.
+    coordinates : {"relative", "absolute"}
+    laws_read : sequence of str
+        Covariates that the laws read; columns of a table.
+
+    Returns
+    -------
+    Source
+
+    Raises
+    ------
+    FileFormatError, ChannelError
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import numpy as np
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> path = pathlib.Path(folder.name, "X.npy")
+    >>> np.save(path, np.zeros((1000, 6)))
+    >>> source = open_source(path)
+    >>> source.n_samples, [chunk.n_samples for chunk in source.chunks()]
+    (1000, [1000])
+    >>> folder.cleanup()
+    """
+    beside = dict(record=record, time=time, base_acceleration=base_acceleration, covariates=covariates)
+    if isinstance(X, (str, os.PathLike)):
+        suffix = Path(X).suffix.lower()
+        if suffix == ".npy":
+            return ArraySource(X, F, **beside)
+        if suffix not in _READERS:
+            raise FileFormatError(
+                f"{X} has the type {suffix or '(none)'}, which is not read in pieces",
+                f"Give .npy, {', '.join(_READERS)}; read a single record with io.read_record, or a long "
+                "text file as pandas.read_csv(path, chunksize=...).",
+            )
+        _refuse(F, beside, "a table, whose columns hold them")
+        return _READERS[suffix](X, tuple(laws_read), coordinates)
+    if isinstance(X, (list, tuple)):
+        forces = F if isinstance(F, (list, tuple)) else [None] * len(X)
+        if F is not None and (not isinstance(F, (list, tuple)) or len(forces) != len(X)):
+            raise ChannelError(f"{len(X)} files of X need as many of F", "Give a list of paths of the same length.")
+        _refuse(None, beside, "a list of files")
+        return ListSource(
+            [open_source(x, f, coordinates=coordinates, laws_read=laws_read) for x, f in zip(X, forces)]
+        )
+    _refuse(F, beside, "an iterator, whose items hold them")
+    return IteratorSource(X, tuple(laws_read), coordinates)
+
+
+def _refuse(F: Any, beside: Mapping[str, Any], what: str) -> None:
+    given = [name for name, value in {"F": F, **beside}.items() if value is not None]
+    if given:
+        raise ChannelError(f"{given[0]} was given beside {what}", f"Leave {given[0]} out.")

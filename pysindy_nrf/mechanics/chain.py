@@ -1,0 +1,275 @@
+"""The chain: masses, the links that join them, and how a link's force enters the balances."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..exceptions import ChainError
+from .sites import Site
+
+if TYPE_CHECKING:
+    from .identifiability import Walk
+
+_GROUNDS = ("base", "both", "free")
+MOST_DOFS = 10_000  # a larger number is a mistake, or a file that wants all memory
+
+
+class Chain:
+    r"""A chain of masses joined by force laws.
+
+    DOFs are j = 1..n, DOF 0 is the base (ground). Storey i joins DOF i and DOF i-1. The balance
+    of DOF j is (paper eq. 3)
+
+    .. math:: m_j a_j + R_j(v_j, s_j) - R_{j+1}(v_{j+1}, s_{j+1}) = F_j .
+
+    Parameters
+    ----------
+    n_dof : int
+        Number of masses, at least 1.
+    links : iterable of str
+        Links beside the storeys: ``"link 4-2"`` (a brace that skips a floor), ``"ground 3"``.
+    ground : {"base", "both", "free"}
+        ``"base"``: storey 1 stands on the ground. ``"both"``: DOF n is tied to the ground too, by
+        storey n+1 (= ``"ground n"``). ``"free"``: no storey 1; the chain floats.
+
+    Raises
+    ------
+    ChainError
+        If a link does not fit the chain or coincides with a storey.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import Chain
+    >>> chain = Chain(3, links=["link 3-1"])
+    >>> chain.sites
+    ('storey 1', 'storey 2', 'storey 3', 'link 3-1')
+    >>> chain.incidence().astype(int)
+    array([[ 1, -1,  0, -1],
+           [ 0,  1, -1,  0],
+           [ 0,  0,  1,  1]])
+    >>> print(chain.identifiability(forced=[3]))
+    Balance of DOF 3 (forced): m3, storey 3, link 3-1.
+    Balance of DOF 2: m2, storey 2.
+    Balance of DOF 1: m1, storey 1.
+    """
+
+    def __init__(self, n_dof: int, links: Iterable[str] = (), ground: str = "base") -> None:
+        if isinstance(n_dof, bool) or not hasattr(n_dof, "__index__") or int(n_dof) < 1:
+            raise ChainError(f"n_dof={n_dof!r} is not a number of masses", "Give a whole number of at least 1.")
+        if int(n_dof) > MOST_DOFS:
+            raise ChainError(f"n_dof={n_dof} is more than the {MOST_DOFS} masses a chain may have", "Condense it.")
+        if ground not in _GROUNDS:
+            raise ChainError(f"ground={ground!r} is unknown", "Choose 'base', 'both' or 'free'.")
+        self.n_dof = int(n_dof)
+        self.ground = ground
+        if isinstance(links, str):
+            links = [links]
+        sites = [Site(i) for i in range(1 if ground != "free" else 2, self.n_dof + 1)]
+        if ground == "both":
+            if self.n_dof == 1:
+                raise ChainError(
+                    "A single mass grounded at both ends has two springs side by side",
+                    "They act as one; use ground='base'.",
+                )
+            sites.append(Site(f"ground {self.n_dof}"))
+        extra = []
+        for text in links:
+            site = Site(text)
+            if site.kind != "link" or site.p > self.n_dof:
+                raise ChainError(
+                    f"{str(site)!r} is not a link of a chain with {self.n_dof} DOFs",
+                    f"Links are 'link p-q' with 0 <= q < p <= {self.n_dof}.",
+                )
+            if site in sites or site in extra:
+                raise ChainError(f"{str(site)!r} is in the chain already", "Give each link once.")
+            extra.append(site)
+        self.links = tuple(extra)
+        self.sites: tuple[Site, ...] = tuple(sites + extra)
+
+    # -- the topology, written once -----------------------------------------------------------
+
+    def site(self, text: Any) -> Site:
+        """The site a text or storey number means on this chain.
+
+        Parameters
+        ----------
+        text : str or int
+            A site in the one grammar; on a chain grounded at both ends, storey n+1 is ``"ground n"``.
+
+        Returns
+        -------
+        Site
+
+        Raises
+        ------
+        ChainError
+            If the site does not exist on this chain.
+        """
+        site = Site(text)
+        if site.is_storey and site.p == self.n_dof + 1 and self.ground == "both":
+            site = Site(f"ground {self.n_dof}")
+        if site.kind == "sensor":
+            return site
+        if site.p > self.n_dof or (site.kind == "link" and site.q < 0):
+            raise ChainError(
+                f"{str(site)!r} does not exist on a chain with {self.n_dof} DOFs",
+                f"Its sites are {', '.join(self.sites)}.",
+            )
+        return site
+
+    def incidence(self, sites: Iterable[str] | None = None) -> np.ndarray:
+        """Signs with which site forces enter the balances (Newton's third law, paper eq. 4).
+
+        Parameters
+        ----------
+        sites : iterable of str, optional
+            Sites in column order; the chain's own by default.
+
+        Returns
+        -------
+        ndarray of shape (n_dof, n_sites)
+            +1, -1 and 0.
+        """
+        chosen = self.sites if sites is None else [self.site(s) for s in sites]
+        return np.array(
+            [[site.incidence(j) for site in chosen] for j in range(1, self.n_dof + 1)], dtype=float
+        ).reshape(self.n_dof, len(chosen))
+
+    def drift_matrix(self, sites: Iterable[str] | None = None) -> np.ndarray:
+        """Map from inter-storey drifts to the drifts of sites.
+
+        Parameters
+        ----------
+        sites : iterable of str, optional
+            Sites in row order; the chain's own by default.
+
+        Returns
+        -------
+        ndarray of shape (n_sites, n_dof)
+            ``drift = matrix @ (s_1, ..., s_n)``; for ``"dof j"`` the motion relative to the base.
+        """
+        chosen = self.sites if sites is None else [self.site(s) for s in sites]
+        column = np.arange(1, self.n_dof + 1)
+        return np.array([(column > s.q) & (column <= s.p) for s in chosen], dtype=float).reshape(
+            len(chosen), self.n_dof
+        )
+
+    def sites_of(self, dof: int) -> tuple[Site, ...]:
+        """Sites of the chain whose force enters the balance of a DOF.
+
+        Parameters
+        ----------
+        dof : int
+
+        Returns
+        -------
+        tuple of Site
+        """
+        return tuple(site for site in self.sites if site.incidence(dof))
+
+    def with_links(self, links: Iterable[str]) -> Chain:
+        """The same chain with further links.
+
+        Parameters
+        ----------
+        links : iterable of str
+            Links that the chain does not have yet; known ones are passed over.
+
+        Returns
+        -------
+        Chain
+        """
+        new = [s for s in dict.fromkeys(Site(text) for text in links) if s not in self.sites]
+        return Chain(self.n_dof, (*self.links, *new), self.ground)
+
+    # -- what an excitation can identify ------------------------------------------------------
+
+    def identifiability(
+        self,
+        forced: Iterable[int] = (),
+        *,
+        unknown: Iterable[int] = (),
+        known_masses: Iterable[int] = (),
+        strategy: str = "auto",
+    ) -> Walk:
+        """Say what an excitation can identify, before any number is produced.
+
+        Parameters
+        ----------
+        forced : iterable of int
+            DOFs on which a force acts and is measured.
+        unknown : iterable of int
+            DOFs whose force is unknown; their balances are not used.
+        known_masses : iterable of int
+            DOFs whose mass is known.
+        strategy : {"auto", "complete", "sequential", "joint"}
+            See :class:`pysindy_nrf.NRFRegressor`.
+
+        Returns
+        -------
+        Walk
+            The order of the solve and what remains out of reach; ``str()`` says it in words.
+
+        Examples
+        --------
+        >>> from pysindy_nrf import Chain
+        >>> print(Chain(3).identifiability(forced=[3], unknown=[2]))
+        Balance of DOF 3 (forced): m3, storey 3.
+        storey 2 cannot be scaled: the force on DOF 2 is unknown and nothing else reaches it; \
+measure the force on floor 2, or hit floor 1.
+        m2 cannot be found: the force on DOF 2 is unknown; measure it or weigh the floor.
+        storey 1 cannot be scaled: no force and no known mass reaches it; hit floor 1.
+        m1 cannot be found: no force and no known mass reaches DOF 1; hit floor 1.
+        """
+        from .identifiability import plan_walk
+
+        return plan_walk(self, forced, unknown, known_masses, strategy)
+
+    def plan(self, **options: Any) -> Any:
+        """Say which floor to hit, or which sensor to add.
+
+        Parameters
+        ----------
+        **options
+            ``can_hit``, ``sensors``, ``unknown``, ``known_masses``, ``model``, ``most``; see
+            :func:`pysindy_nrf.diagnostics.test_planning.plan`.
+
+        Returns
+        -------
+        Plan
+            ``str()`` says it in words.
+
+        Examples
+        --------
+        >>> from pysindy_nrf import Chain
+        >>> print(Chain(3).plan(can_hit=[1, 3], unknown=[2]).advice[0])
+        Hit floor 1 and 3: out of reach remain m2.
+        """
+        from ..diagnostics.test_planning import plan
+
+        return plan(self, **options)
+
+    # -- plain Python -------------------------------------------------------------------------
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+        """
+        return {"n_dof": self.n_dof, "links": [str(s) for s in self.links], "ground": self.ground}
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Chain) and self.to_dict() == other.to_dict()
+
+    def __hash__(self) -> int:
+        return hash((self.n_dof, self.links, self.ground))
+
+    def __repr__(self) -> str:
+        more = f", links={[str(s) for s in self.links]}" if self.links else ""
+        more += f", ground={self.ground!r}" if self.ground != "base" else ""
+        return f"Chain({self.n_dof}{more})"

@@ -1,0 +1,238 @@
+"""The order of the walk along the chain, and what an excitation leaves out of reach.
+
+Pure topology: no sample is looked at. A balance can be solved when something known and not zero
+stands on its right-hand side: a measured force, a known mass, or a law found before (eqs. 4-5).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from ..exceptions import ChainError, IdentifiabilityError
+from .chain import Chain
+from .sites import Site
+
+STRATEGIES = ("auto", "complete", "sequential", "joint")
+
+
+@dataclass(frozen=True)
+class Step:
+    """One sub-problem of the walk.
+
+    Attributes
+    ----------
+    dofs : tuple of int
+        The balances that are summed: one DOF, or all DOFs above a cut.
+    masses : tuple of int
+        DOFs whose mass is unknown here.
+    sites : tuple of Site
+        Sites whose law is unknown here.
+    known_sites : tuple of Site
+        Sites whose law, found before, goes to the right-hand side.
+    forced : bool
+        Whether a measured force scales the step.
+    """
+
+    dofs: tuple[int, ...]
+    masses: tuple[int, ...]
+    sites: tuple[Site, ...]
+    known_sites: tuple[Site, ...] = ()
+    forced: bool = False
+
+    @property
+    def name(self) -> str:
+        """The step's balance in words."""
+        if len(self.dofs) == 1:
+            return f"balance of DOF {self.dofs[0]}"
+        return f"balance of DOFs {self.dofs[0]} to {self.dofs[-1]} together"
+
+    def __str__(self) -> str:
+        found = [f"m{j}" for j in self.masses] + [str(s) for s in self.sites]
+        text = self.name[0].upper() + self.name[1:] + (" (forced)" if self.forced else "")
+        return f"{text}: {', '.join(found)}."
+
+
+@dataclass(frozen=True)
+class Walk:
+    """Which balances are solved in which order, and what stays out of reach.
+
+    Attributes
+    ----------
+    strategy : str
+        ``"complete"``, ``"sequential"`` or ``"joint"``.
+    steps : tuple of Step
+    missing_masses, missing_sites : tuple
+        What the excitation cannot identify.
+    reasons : tuple of str
+        One sentence for each thing that is missing, with what would help.
+    """
+
+    strategy: str
+    steps: tuple[Step, ...]
+    missing_masses: tuple[int, ...] = ()
+    missing_sites: tuple[Site, ...] = ()
+    reasons: tuple[str, ...] = field(default=())
+
+    @property
+    def complete(self) -> bool:
+        """Whether every mass and every law can be identified."""
+        return not (self.missing_masses or self.missing_sites)
+
+    def require_complete(self) -> Walk:
+        """Return the walk, or refuse.
+
+        Raises
+        ------
+        IdentifiabilityError
+            With one sentence for each mass or law out of reach and what would help.
+        """
+        if not self.complete:
+            raise IdentifiabilityError(" ".join(self.reasons))
+        return self
+
+    def __str__(self) -> str:
+        return "\n".join([str(step) for step in self.steps] + list(self.reasons))
+
+
+def _dofs(name: str, values: Iterable[int], chain: Chain) -> frozenset[int]:
+    chosen = frozenset(int(j) for j in values)
+    wrong = sorted(j for j in chosen if not 1 <= j <= chain.n_dof)
+    if wrong:
+        raise ChainError(f"{name} names DOF {wrong[0]}", f"The chain has DOFs 1 to {chain.n_dof}.")
+    return chosen
+
+
+def _at(acting: tuple[Site, ...], dof: int) -> tuple[Site, ...]:
+    return tuple(s for s in acting if s.incidence(dof))
+
+
+def plan_walk(
+    chain: Chain,
+    forced: Iterable[int] = (),
+    unknown: Iterable[int] = (),
+    known_masses: Iterable[int] = (),
+    strategy: str = "auto",
+    sites: Iterable[Site] | None = None,
+) -> Walk:
+    """Plan the solve of a chain (paper eqs. 3-5) from what is known.
+
+    Parameters
+    ----------
+    chain : Chain
+    forced, unknown, known_masses : iterable of int
+        DOFs with a measured force, with an unknown force, with a known mass.
+    strategy : {"auto", "complete", "sequential", "joint"}
+        ``"auto"`` is complete where every DOF is forced, else sequential.
+    sites : iterable of Site, optional
+        Sites where a law acts; the chain's own by default.
+
+    Returns
+    -------
+    Walk
+
+    Raises
+    ------
+    ChainError
+        If a DOF or the strategy does not exist.
+    IdentifiabilityError
+        If ``"complete"`` or ``"joint"`` is asked for and a DOF is not forced.
+    """
+    if strategy not in STRATEGIES:
+        raise ChainError(f"strategy={strategy!r} is unknown", f"Choose one of {', '.join(STRATEGIES)}.")
+    forced_, unknown_ = _dofs("forced", forced, chain), _dofs("unknown", unknown, chain)
+    masses = _dofs("known_masses", known_masses, chain)
+    forced_ -= unknown_
+    acting = chain.sites if sites is None else tuple(sites)
+    every = frozenset(range(1, chain.n_dof + 1))
+    if strategy == "auto":
+        strategy = "complete" if forced_ == every else "sequential"
+    if strategy in ("complete", "joint"):
+        scaled = forced_ | (masses - unknown_)
+        if strategy == "joint":
+            scaled = forced_
+        if scaled != every:
+            idle = ", ".join(str(j) for j in sorted(every - scaled))
+            raise IdentifiabilityError(
+                f"strategy={strategy!r} needs a force on every DOF; none is measured on DOF {idle}",
+                "Use strategy='sequential', or hit those floors too (in the same or in another record).",
+            )
+        steps = [
+            Step((j,), (() if j in masses else (j,)), _at(acting, j), (), j in forced_)
+            for j in range(chain.n_dof, 0, -1)
+        ]
+        return Walk(strategy, tuple(steps))
+    return _sequential(chain, forced_, unknown_, masses, acting)
+
+
+def _sequential(
+    chain: Chain, forced: frozenset[int], unknown: frozenset[int], given: frozenset[int], acting: tuple[Site, ...]
+) -> Walk:
+    masses = set(given)
+    sites: set[Site] = set()
+    open_rows = [j for j in range(chain.n_dof, 0, -1) if j not in unknown]
+    steps: list[Step] = []
+
+    def cut_step() -> Step | None:
+        # Base excitation with known masses: each storey from the inertia above it.
+        for i in range(chain.n_dof, 0, -1):
+            above = tuple(range(i, chain.n_dof + 1))
+            if any(j in forced or j in unknown or j not in given for j in above):
+                return None
+            crossing = [s for s in acting if sum(s.incidence(j) for j in above)]
+            fresh = tuple(s for s in crossing if s not in sites)
+            if fresh:
+                return Step(above, (), fresh, tuple(s for s in crossing if s in sites))
+        return None
+
+    def row_step() -> Step | None:
+        best = None
+        for j in open_rows:
+            here = _at(acting, j)
+            known = tuple(s for s in here if s in sites)
+            fresh = tuple(s for s in here if s not in sites)
+            mass = () if j in masses else (j,)
+            if not (fresh or mass) or not (j in forced or j in masses or known):
+                continue
+            rank = (j not in forced, len(fresh) + len(mass))
+            if best is None or rank < best[0]:
+                best = (rank, Step((j,), mass, fresh, known, j in forced))
+        return best[1] if best else None
+
+    while step := cut_step() or row_step():
+        steps.append(step)
+        masses.update(step.masses)
+        sites.update(step.sites)
+        if len(step.dofs) == 1:
+            open_rows.remove(step.dofs[0])
+    lost_masses = tuple(j for j in range(chain.n_dof, 0, -1) if j not in masses)
+    lost_sites = tuple(s for s in acting if s not in sites)
+    return Walk("sequential", tuple(steps), lost_masses, lost_sites, _reasons(lost_masses, lost_sites, unknown))
+
+
+def _reasons(masses: tuple[int, ...], sites: tuple[Site, ...], unknown: frozenset[int]) -> tuple[str, ...]:
+    said = []
+    for site in sorted(sites, key=lambda s: (-s.p, -s.q)):
+        ends = [j for j in (site.q, site.p) if j > 0]
+        blind = [j for j in ends if j in unknown]
+        hit = " or ".join(str(j) for j in ends if j not in unknown)
+        hit = f"hit floor {hit}" if hit else ""
+        if blind:
+            measure = " and ".join(str(j) for j in blind)
+            said.append(
+                (
+                    (-site.p, 0),
+                    f"{site} cannot be scaled: the force on DOF {measure} is unknown and nothing else "
+                    f"reaches it; measure the force on floor {measure}{', or ' + hit if hit else ''}.",
+                )
+            )
+        else:
+            said.append(((-site.p, 0), f"{site} cannot be scaled: no force and no known mass reaches it; {hit}."))
+    for j in masses:
+        if j in unknown:
+            said.append(
+                ((-j, 1), f"m{j} cannot be found: the force on DOF {j} is unknown; measure it or weigh the floor.")
+            )
+        else:
+            said.append(((-j, 1), f"m{j} cannot be found: no force and no known mass reaches DOF {j}; hit floor {j}."))
+    return tuple(text for _, text in sorted(said, key=lambda item: item[0]))

@@ -1,0 +1,257 @@
+"""Two tests of one structure compared: what changed, where, by how much, and is it significant."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy import special
+
+from ..common.jackknife import variance
+from ..exceptions import ChainError, DataQualityWarning
+from ..regression.analysis_inputs import as_segments, storey_names
+from ..regression.chain_model import ChainModel
+from ..regression.input_arrays import fused_together, one_by_one
+from ..regression.restoring_force import grid
+from ..regression.segments import SegmentSet
+from .block_moments import block_moments
+
+
+@dataclass
+class ChangeReport:
+    """What changed between two tests.
+
+    Attributes
+    ----------
+    table : DataFrame
+        One row for each linear term of a storey (``k``, ``c``): ``storey``, ``term``, ``before``,
+        ``after`` (N/m or N s/m), ``change`` (percent), ``error`` (its standard error, percentage
+        points), ``p`` (probability of such a change, anywhere in the table, if nothing had changed).
+    level : float
+        Significance level; ``p`` is already corrected for the number of terms (Holm).
+    least : float
+        Changes smaller than this, percent, are not reported as changes.
+    before, after : ChainModel
+    replicates : tuple of list of ChainModel
+        Leave-one-block-out models of both tests, for :meth:`map`.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+    >>> from pysindy_nrf.monitoring import compare_tests
+    >>> def test(k2, seed):
+    ...     model = ChainModel([10.0, 10.0], {1: laws.PowerSeries(1, [30.0, 4e4]), 2: laws.PowerSeries(1, [30.0, k2])})
+    ...     F = excitation.band_limited_random(2, 8.0, 500.0, dofs=[1, 2], rms=50.0, band=(1, 60), random_state=seed)
+    ...     return simulate(model, F, 0.002).to_features(smooth=False)
+    >>> report = compare_tests(NRFRegressor(degree=1, dt=0.002), test(4e4, 0), test(3.6e4, 1))
+    >>> row = report.changed.iloc[0]
+    >>> row["storey"], row["term"], round(float(row["change"]), 1)
+    ('storey 2', 'k', -10.0)
+    >>> report.map("storey 2").columns.tolist()
+    ['v', 's', 'change', 'error', 'significant', 'visited']
+    """
+
+    table: pd.DataFrame
+    level: float
+    least: float
+    before: ChainModel
+    after: ChainModel
+    replicates: tuple[list[ChainModel], list[ChainModel]]
+
+    @property
+    def changed(self) -> pd.DataFrame:
+        """Rows of the table that changed significantly, the largest change first."""
+        hit = self.table[(self.table["p"] < self.level) & (self.table["change"].abs() >= self.least)]
+        return hit.reindex(hit["change"].abs().sort_values(ascending=False).index)
+
+    @property
+    def damaged(self) -> list[str]:
+        """Storeys whose stiffness fell significantly, the largest loss first."""
+        rows = self.changed
+        rows = rows[(rows["term"] == "k") & (rows["change"] < 0)]
+        return rows.sort_values("change")["storey"].tolist()
+
+    def map(self, storey: Any, size: int = 41) -> pd.DataFrame:
+        """Change of a storey's force over the (v, s) region that both tests visited.
+
+        Parameters
+        ----------
+        storey : str or int
+        size : int
+            Points along each side.
+
+        Returns
+        -------
+        DataFrame
+            ``v`` (m/s), ``s`` (m), ``change`` (N, after less before), ``error`` (its standard error, N),
+            ``significant`` (bool), ``visited`` (bool, by both tests); v slowest.
+        """
+        site = self.before.chain.site(storey)
+        regions = [m.visited[site] for m in (self.before, self.after)]
+        low = [max(r.low[k] for r in regions) for k in (0, 1)]
+        high = [min(r.high[k] for r in regions) for k in (0, 1)]
+        v, s = (x.ravel() for x in grid(low, high, size))
+        change = self.after.restoring_forces[site](v, s) - self.before.restoring_forces[site](v, s)
+        parts = [variance([m.restoring_forces[site](v, s) for m in models]) for models in self.replicates]
+        error = np.sqrt(sum(parts))
+        n_coefficients = sum(len(law.values) for held in self.before.laws.values() for law in held)
+        # all points of all maps together: a map has as many directions as coefficients (Bonferroni)
+        critical = _critical(self.level / n_coefficients, self.replicates)
+        visited = regions[0].contains(v, s) & regions[1].contains(v, s)
+        return pd.DataFrame(
+            {
+                "v": v,
+                "s": s,
+                "change": change,
+                "error": error,
+                "significant": visited & (np.abs(change) > critical * error),
+                "visited": visited,
+            }
+        )
+
+    def __str__(self) -> str:
+        rows = self.changed
+        if not len(rows):
+            return f"Nothing changed by more than {self.least:g} % at the {100 * self.level:g} % level."
+        return "\n".join(
+            f"{r.term} of {r.storey} changed by {r.change:+.2f} +- {1.96 * r.error:.2f} % (p = {r.p:.1g})."
+            for r in rows.itertuples()
+        )
+
+
+def compare_tests(
+    estimator: Any,
+    before: Any,
+    after: Any,
+    *,
+    level: float = 0.01,
+    least: float = 1.0,
+    n_blocks: int = 20,
+    same_masses: bool = True,
+    options: Any = None,
+) -> ChangeReport:
+    """Compare two tests of one structure, e.g. before and after an earthquake.
+
+    Both are identified with the laws of the same regressor, by least squares. Standard errors come from leaving
+    out one of ``n_blocks`` consecutive pieces at a time (jackknife), so they hold for noise that is correlated in
+    time. Give Records where channels are noisy: their DOFs are then fused one by one, for motions in which they
+    improve each other have errors that are alike in a whole record, which no piece of it shows.
+
+    Parameters
+    ----------
+    estimator : NRFRegressor
+        Not necessarily fitted; it is cloned.
+    before, after : (X, F) or Record or list of Record
+    level : float
+        Significance level, for the whole table together (Holm's correction).
+    least : float
+        Smallest change of interest, percent.
+    n_blocks : int
+        Pieces of each test.
+    same_masses : bool
+        Take the masses of both tests as equal: their mean is known in both (damage takes no mass away).
+    options : mapping, optional
+        Passed to ``fit`` (``dt`` is a parameter of the regressor).
+
+    Returns
+    -------
+    ChangeReport
+
+    Raises
+    ------
+    ChainError
+        If fewer than 5 blocks are asked for.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+    >>> from pysindy_nrf.monitoring import compare_tests
+    >>> def test(k2, seed):
+    ...     model = ChainModel([10.0, 10.0], {1: laws.PowerSeries(1, [30.0, 4e4]), 2: laws.PowerSeries(1, [30.0, k2])})
+    ...     F = excitation.band_limited_random(2, 8.0, 500.0, dofs=[1, 2], rms=50.0, band=(1, 60), random_state=seed)
+    ...     return simulate(model, F, 0.002).to_features(smooth=False)
+    >>> report = compare_tests(NRFRegressor(degree=1, dt=0.002), test(4e4, 0), test(3.6e4, 1))
+    >>> report.damaged, report.changed["change"].round(1).tolist()
+    (['storey 2'], [-10.0])
+    """
+    if n_blocks < 5:
+        raise ChainError(f"{n_blocks} blocks give no standard error", "Use at least 5, 20 is usual.")
+    tests = [_fit(estimator, test, dict(options or {})) for test in (before, after)]
+    known = None
+    if same_masses:
+        mean = np.mean([est.masses_ for est, _ in tests], axis=0)
+        known = {j + 1: float(m) for j, m in enumerate(mean)} | tests[0][0]._known_masses(tests[0][0].chain_)
+    models, replicates = [], []
+    for est, data in tests:
+        blocks = block_moments(est, data, known, n_blocks=n_blocks)
+        whole, _ = blocks.solve(blocks.total())
+        whole.visited = est.model_.visited
+        models.append(whole)
+        every = range(len(blocks.pieces))
+        replicates.append([blocks.solve(blocks.total(k for k in every if k != i))[0] for i in every])
+    table = _table(models, replicates)
+    return ChangeReport(table, level, least, models[0], models[1], (replicates[0], replicates[1]))
+
+
+def _fit(estimator: Any, test: Any, options: dict[str, Any]) -> tuple[Any, SegmentSet]:
+    from sklearn.base import clone
+
+    X, F = test if isinstance(test, tuple) else (test, None)
+    if fused_together(X):
+        warnings.warn(
+            "The motions of a test were fused so that the DOFs improve each other; what that leaves of noise is alike "
+            "in the whole record, and the standard errors come out up to four times too small. Give the Records.",
+            DataQualityWarning,
+            stacklevel=3,
+        )
+    est = clone(estimator).fit(X, F, **options)
+    return est, as_segments(est, X, F, **options, **one_by_one(X))
+
+
+def _linear(model: ChainModel) -> np.ndarray:
+    """Stiffness and damping of every storey; NaN where the chain has none, as below a free one."""
+    forces = model.restoring_forces
+    return np.array([
+        [forces[name].linear_part()[term] if name in forces else np.nan for term in ("k", "c")]
+        for name in storey_names(model)
+    ])  # fmt: skip
+
+
+def _critical(level: float, replicates: tuple[list[ChainModel], list[ChainModel]]) -> float:
+    return float(-special.stdtrit(min(map(len, replicates)) - 1, level / 2))
+
+
+def _table(models: list[ChainModel], replicates: list[list[ChainModel]]) -> pd.DataFrame:
+    before, after = (_linear(m) for m in models)
+    errors = [np.sqrt(variance([_linear(m) for m in left_out])) for left_out in replicates]
+    change = 100.0 * (after / before - 1.0)
+    error = 100.0 * np.abs(after / before) * np.sqrt((errors[0] / before) ** 2 + (errors[1] / after) ** 2)
+    p = 2.0 * special.stdtr(min(map(len, replicates)) - 1, -np.abs(change) / error)
+    rows = [
+        {
+            "storey": name,
+            "term": term,
+            "before": before[i, k],
+            "after": after[i, k],
+            "change": change[i, k],
+            "error": error[i, k],
+            "p": p[i, k],
+        }
+        for k, term in enumerate(("k", "c"))
+        for i, name in enumerate(storey_names(models[0]))
+    ]
+    table = pd.DataFrame(rows)
+    table["p"] = _holm(table["p"].to_numpy())
+    return table
+
+
+def _holm(p: np.ndarray) -> np.ndarray:
+    """Holm's adjusted probabilities; NaN, where nothing was tested, stays so and does not count."""
+    order = np.argsort(p)[: np.isfinite(p).sum()]
+    adjusted = np.maximum.accumulate((len(order) - np.arange(len(order))) * p[order])
+    out = np.full_like(p, np.nan)
+    out[order] = np.minimum(adjusted, 1.0)
+    return out

@@ -1,0 +1,1 @@
+"""Words, figures, the page and the command line."""

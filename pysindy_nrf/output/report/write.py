@@ -1,0 +1,151 @@
+"""Write a report as one self-contained page."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from importlib.resources import files
+from importlib.util import find_spec
+from typing import Any
+
+from ...common.atomic import atomic_write
+from ...common.extras import require
+from ...exceptions import NRFError
+
+_PURPOSE = "The HTML report"
+
+
+def available() -> bool:
+    """Whether the packages of the extra ``report`` are installed.
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    >>> from pysindy_nrf.output.report import available
+    >>> if not available():
+    ...     print("pip install 'pysindy_nrf[report]'")
+    """
+    return all(find_spec(name) is not None for name in ("jinja2", "plotly"))
+
+
+def write_html(
+    path: Any,
+    subject: Any,
+    record: Any = None,
+    *,
+    title: str | None = None,
+    notes: Sequence[str] = (),
+    band: tuple[float | None, float | None] | None = None,
+) -> None:
+    """Write one self-contained page: equations, surfaces that turn, loops, tables that sort, every setting.
+
+    It works offline and asks nothing of any network; names from files are escaped.
+
+    Parameters
+    ----------
+    path : path-like
+        An older file is replaced whole.
+    subject : LoopReport, fitted NRFRegressor or ChainModel
+    record : Record or sequence of Record, optional
+        Measured data to draw beside a regressor or model; a regressor has those it was fitted to by itself, but
+        for names and channels. A LoopReport holds its own.
+    title : str, optional
+    notes : sequence of str
+        Warnings to show with a regressor or model.
+    band : (float, float), optional
+        Hz, for a regressor or model; the one it was fitted in if None.
+
+    Raises
+    ------
+    MissingExtraError
+        Without jinja2 or plotly, which the extra ``report`` brings.
+    NRFError
+        If ``subject`` is none of these.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from pysindy_nrf import ChainModel, laws
+    >>> from pysindy_nrf.output.report import available, write_html
+    >>> model = ChainModel([10.0], {1: laws.PowerSeries(1, [100.0, 1e5])})
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     page = pathlib.Path(folder) / "model.html"
+    ...     if available():
+    ...         write_html(page, model)
+    """
+    html = page(subject, record, title=title, notes=notes, band=band)
+    with atomic_write(path) as file:
+        file.write(html)
+
+
+def page(
+    subject: Any, record: Any = None, *, title: str | None = None, notes: Sequence[str] = (), band: Any = None
+) -> str:
+    """The page as text; see :func:`write_html`.
+
+    Returns
+    -------
+    str
+    """
+    jinja2 = require("jinja2", "report", _PURPOSE)
+    offline = require("plotly.offline", "report", _PURPOSE)
+    from .content import of_loop, of_model
+
+    if hasattr(subject, "steps") and hasattr(subject, "stopped_because"):
+        content = of_loop(subject, title)
+    elif hasattr(subject, "model_") or hasattr(subject, "restoring_forces"):
+        content = of_model(subject, record, title, notes, band)
+    else:
+        raise NRFError(
+            f"{type(subject).__name__} cannot be reported",
+            "Give a LoopReport, a fitted NRFRegressor or a ChainModel.",
+        )
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(_template),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    drawn: dict[str, dict[str, Any]] = {}
+
+    def register(figure: Any) -> str:
+        name = f"figure-{len(drawn) + 1}"
+        drawn[name] = {"data": figure.data, "layout": figure.layout}
+        return name
+
+    markup = jinja2.utils.markupsafe.Markup
+    body = environment.get_template("page.html").render(
+        content=content,
+        register=register,
+        math=lambda pieces: markup(" ".join(pieces)),
+        style=markup(_template("style.css")),
+    )
+    scripts = environment.get_template("scripts.html").render(
+        figures=markup(script_json(drawn)),
+        plotly=markup(offline.get_plotlyjs()),
+        code=markup(_template("page.js")),
+    )
+    return f"{body}{scripts}</body>\n</html>\n"
+
+
+def script_json(value: Any) -> str:
+    """JSON that may stand inside a script element, whatever is in it.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.output.report.write import script_json
+    >>> script_json({"name": "</script><b>"})
+    '{"name":"\\\\u003c/script\\\\u003e\\\\u003cb\\\\u003e"}'
+    """
+    text = json.dumps(value, separators=(",", ":"), allow_nan=False)
+    for sign in "<>&\u2028\u2029":
+        text = text.replace(sign, f"\\u{ord(sign):04x}")
+    return text
+
+
+def _template(name: str) -> str:
+    return files(__package__).joinpath("templates", name).read_text(encoding="utf-8")

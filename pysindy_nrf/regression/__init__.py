@@ -1,0 +1,1 @@
+"""Columns, moments, the one chain solve, error measures and the PySINDy face."""

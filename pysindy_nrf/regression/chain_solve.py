@@ -1,0 +1,460 @@
+"""The one place where coefficients are found: complete (eq. 3), sequential (eqs. 4-5), joint.
+
+Works on moments only. Each step's problem is a triangular factor of [mass | terms | right-hand
+side], a dozen rows, on which a PySINDy optimizer gives the same answer as on all samples.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy import linalg
+from scipy.linalg import lapack
+
+from ..exceptions import IdentifiabilityError, NRFError, RankWarning
+from ..mechanics.identifiability import Step, Walk
+from ..mechanics.sites import Site
+from .layout import Group, Layout
+from .moments import Block, Moments, accumulate, guess_of
+
+# Squaring a scaled condition number c loses c^2 of the 1e16 digits of a double.
+_DIGITS_AT_RISK = 1e-9
+_CLEAN = 1e-5
+# Smallest singular value, as a share of the largest, that counts: round-off of a Gram matrix hides
+# what lies below the root of the machine precision.
+_RANK_CUT = {"gram": 3e-8, "root": 1e-9}
+# A rank is in doubt where a bound of the condition number comes this near to what counts as dependent.
+_SURE = 10.0
+# Residual over a mass's own part of its balance from which on the mass is warned of.
+_DOUBT = 0.5
+# Lengths of columns whose squares a double still holds with all digits.
+_SMALLEST = 1e-145
+
+
+@dataclass
+class StepFit:
+    """What one step of the walk found.
+
+    Attributes
+    ----------
+    step : Step
+    condition : float
+        Condition number of the columns scaled to unit length.
+    rank : int
+    n_columns : int
+    residual : float
+        Rms of what the step leaves, N; of a joint solve, whose balances are divided by their rms force, without unit.
+    share : float
+        The same over the rms of the right-hand side.
+    mass_noise : tuple of float
+        For each mass of the step: the residual over the part of its inertia that no other column can
+        imitate. Near one or above, noise in the motion decides the mass.
+    """
+
+    step: Step
+    condition: float
+    rank: int
+    n_columns: int
+    residual: float
+    share: float
+    mass_noise: tuple[float, ...] = ()
+
+
+@dataclass
+class Solution:
+    """Masses and coefficients.
+
+    Attributes
+    ----------
+    masses : dict of int to float
+        kg, for each DOF.
+    coefficients : dict of Site to ndarray
+    twins : dict of Site to ndarray
+        Complete strategy: the second estimate, from the balance at the other end (paper eq. 10b).
+    fits : list of StepFit
+    """
+
+    masses: dict[int, float] = field(default_factory=dict)
+    coefficients: dict[Site, np.ndarray] = field(default_factory=dict)
+    twins: dict[Site, np.ndarray] = field(default_factory=dict)
+    fits: list[StepFit] = field(default_factory=list)
+
+    def of(self, number: int) -> Solution:
+        """Masses and coefficients of one of stacked moments."""
+        masses = {j: float(np.ravel(m)[number if np.ndim(m) else 0]) for j, m in self.masses.items()}
+        return Solution(masses, {s: values[number] for s, values in self.coefficients.items()})
+
+    def digits_at_risk(self) -> bool:
+        """Whether the Gram matrix squared away digits that the data hold; a streamed QR keeps them."""
+        eps = np.finfo(float).eps
+        return any(
+            eps * fit.condition**2 > _DIGITS_AT_RISK or (fit.share < _CLEAN and eps * fit.condition**2 > 1e-13)
+            for fit in self.fits
+        )
+
+
+class NotTogether(NRFError):
+    """Stacked moments have to be solved one by one."""
+
+    def __init__(self) -> None:
+        super().__init__("These moments cannot be solved all at once", "Solve them one by one.")
+
+
+def groups_of(layout: Layout, walk: Walk) -> list[Group]:
+    """Groups of columns a walk needs: every balance, and the sums of balances it solves.
+
+    Parameters
+    ----------
+    layout : Layout
+    walk : Walk
+
+    Returns
+    -------
+    list of Group
+    """
+    sums = [step.dofs for step in walk.steps if len(step.dofs) > 1]
+    return [layout.group(dofs) for dofs in dict.fromkeys([*((j,) for j in range(1, layout.n_dof + 1)), *sums])]
+
+
+def doubtful_masses(solution: Solution) -> list[str]:
+    """Sentences on masses that are not positive, or that noise in the motion or a missing law decides.
+
+    Parameters
+    ----------
+    solution : Solution
+
+    Returns
+    -------
+    list of str
+    """
+    said = []
+    for fit in solution.fits:
+        for dof, noise in zip(fit.step.masses, fit.mass_noise):
+            mass = solution.masses[dof]
+            if mass > 0 and noise < _DOUBT:
+                continue
+            if noise < _DOUBT:
+                why = (
+                    "is not positive: does the force or the acceleration have the wrong sign, "
+                    "or a channel stand in the wrong column?"
+                )
+            else:
+                why = (
+                    f"is likely biased: what the {fit.step.name} leaves unexplained is {noise:.2g} times the part of "
+                    "its inertia that no other term can imitate. Fuse or filter the channels, excite more frequencies, "
+                    "add the missing law, or give the mass."
+                )
+            said.append(f"m{dof} = {mass:.4g} kg {why}")
+    return said
+
+
+def solve_blocks(
+    layout: Layout,
+    walk: Walk,
+    blocks: Callable[[], Iterable[Block]],
+    known_masses: Mapping[int, float] | None = None,
+    inner: Any = None,
+    names: Mapping[Site, list[str]] | None = None,
+) -> tuple[Solution, Moments]:
+    """Stream samples into moments and solve; where squaring loses digits, stream them once more by QR.
+
+    Parameters
+    ----------
+    layout : Layout
+    walk : Walk
+    blocks : callable
+        Returns a fresh iterable of :class:`Block` at each call.
+    known_masses, inner, names
+        See :func:`solve`.
+
+    Returns
+    -------
+    Solution, Moments
+    """
+    groups, known = groups_of(layout, walk), dict(known_masses or {})
+    moments = accumulate(Moments(layout, groups, "gram", known), blocks())
+    solution = solved_safely(moments, walk, known_masses, inner, names)
+    if solution is None:
+        guess = {dofs: guess_of(part) for dofs, part in moments.parts.items()}
+        moments = accumulate(Moments(layout, groups, "root", known, guess), blocks())
+        solution = solve(moments, walk, known_masses, inner, names)
+    return solution, moments
+
+
+def solved_safely(
+    moments: Moments,
+    walk: Walk,
+    known_masses: Mapping[int, float] | None = None,
+    inner: Any = None,
+    names: Mapping[Site, list[str]] | None = None,
+) -> Solution | None:
+    """Solution of Gram matrices, or None where squaring may have lost digits that the data hold.
+
+    Parameters
+    ----------
+    moments, walk, known_masses, inner, names
+        See :func:`solve`.
+
+    Returns
+    -------
+    Solution or None
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", RankWarning)
+            solution = solve(moments, walk, known_masses, inner, names)
+    except (RankWarning, IdentifiabilityError):
+        return None
+    return None if solution.digits_at_risk() else solution
+
+
+def solve(
+    moments: Moments,
+    walk: Walk,
+    known_masses: Mapping[int, float] | None = None,
+    inner: Any = None,
+    names: Mapping[Site, list[str]] | None = None,
+) -> Solution:
+    """Find masses and coefficients from moments.
+
+    Parameters
+    ----------
+    moments : Moments
+        They may be stacked (roots only): every number found then has the leading axes of the stack.
+    walk : Walk
+        Which balances, in which order; see :meth:`Chain.identifiability`.
+    known_masses : mapping of int to float, optional
+        kg.
+    inner : PySINDy optimizer, optional
+        Cloned for each sub-problem; plain least squares if None. It sees columns and right-hand side
+        divided by their rms, never shifted; a threshold is then a share of the balance's force.
+    names : mapping of Site to list of str, optional
+        Labels of the terms, for messages.
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    IdentifiabilityError
+        If a mass cannot be told from the terms beside it.
+    NotTogether
+        If stacked moments have to be solved one by one: a rank is in doubt, or an optimizer or a joint solve is asked
+        for.
+    """
+    known = {int(j): float(m) for j, m in dict(known_masses or {}).items()}
+    solution = Solution(masses=dict(known))
+    if walk.strategy == "joint":
+        if moments.stacked:
+            raise NotTogether()
+        _solve_joint(moments, walk, solution, inner, names)
+        return solution
+    for step in walk.steps:
+        part, where, mass_at, target_at = _locate(moments, step.dofs)
+        signs = dict(zip(moments.groups[step.dofs].sites, moments.groups[step.dofs].signs))
+        target = np.zeros((*moments.stacked, part.matrix.shape[-1]))
+        target[..., target_at] = 1.0
+        for site in step.known_sites:
+            target[..., where[site]] -= signs[site] * solution.coefficients[site]
+        if mass_at is not None and not step.masses:
+            target[..., mass_at] -= known.get(step.dofs[0], solution.masses.get(step.dofs[0], 0.0))
+        columns = ([mass_at] if step.masses else []) + [
+            c for s in step.sites for c in range(where[s].start, where[s].stop)
+        ]
+        combine = np.zeros((*target.shape, len(columns) + 1))
+        combine[..., columns, np.arange(len(columns))] = 1.0
+        combine[..., -1] = target
+        labels = [f"m{j}" for j in step.masses] + [
+            f"{s}: {label}" for s in step.sites for label in _labels(names, s, moments.layout.counts[s])
+        ]
+        triangle, cut = part.triangle(combine), _RANK_CUT[moments.kind]
+        if moments.stacked:
+            values, fit = _least_squares_together(triangle, step, part.n_samples, inner, cut)
+        else:
+            values, fit = _least_squares(triangle, step, part.n_samples, inner, labels, cut)
+        solution.fits.append(fit)
+        at = 0
+        if step.masses:
+            solution.masses[step.masses[0]], at = _number(values[..., 0]), 1
+        for site in step.sites:
+            width = moments.layout.counts[site]
+            found = signs[site] * values[..., at : at + width]
+            at += width
+            second = walk.strategy == "complete" and site.p not in step.dofs
+            (solution.twins if second else solution.coefficients)[site] = found
+    return solution
+
+
+def _number(value: np.ndarray) -> Any:
+    """A plain number, or as many as moments are stacked."""
+    return value if value.ndim else float(value)
+
+
+def _locate(moments: Moments, dofs: tuple[int, ...]) -> tuple[Any, ...]:
+    return moments.parts[dofs], *moments.positions(dofs)
+
+
+def _labels(names: Mapping[Site, list[str]] | None, site: Site, count: int) -> list[str]:
+    return list(names[site]) if names and site in names else [f"term {k + 1}" for k in range(count)]
+
+
+def _least_squares(
+    triangle: np.ndarray, step: Step, n_samples: int, inner: Any, labels: list[str], cut: float
+) -> tuple[np.ndarray, StepFit]:
+    """Solve one sub-problem given as the triangular factor (square, upper) of [columns | right-hand side]."""
+    p = triangle.shape[1] - 1
+    columns, target = triangle[:, :p], triangle[:, p]
+    size = np.linalg.norm(columns, axis=0)
+    size_y = float(np.linalg.norm(target))
+    sizes = np.append(size, size_y)
+    wild = np.flatnonzero(~np.isfinite(sizes) | ((sizes > 0) & (sizes < _SMALLEST)))
+    if wild.size:
+        name = [*labels, "the force"][wild[0]]
+        raise NRFError(
+            f"{step.name}: the squares of {name} leave the range of a double",
+            "Check the units of its channels, or lower the degree.",
+        )
+    idle = [labels[i] for i in np.flatnonzero(size == 0)]
+    if idle:
+        raise IdentifiabilityError(
+            f"{step.name}: the column of {idle[0]} is zero throughout, or its squares leave the range of a double",
+            "Nothing moves there, or its channels have wrong units; check them, leave the term out, or excite it.",
+        )
+    unit = columns / size if p else columns
+    values = np.linalg.svd(unit, compute_uv=False) if p else np.ones(1)
+    rank = int((values > cut * values[0]).sum()) if p else 0
+    condition = float(values[0] / values[-1]) if values[-1] > 0 else np.inf
+    if size_y == 0:
+        cure = "No force, known mass or known law scales it."
+        if inner is not None and step.known_sites:
+            cure = f"The optimizer dropped every term of {step.known_sites[0]}, which scales it; lower its threshold."
+        raise IdentifiabilityError(f"{step.name}: the right-hand side is zero throughout", cure)
+    if rank < p:
+        _report_rank(unit, rank, step, labels)
+        scaled = linalg.lstsq(unit, target / size_y, cond=cut, check_finite=False)[0]
+    elif inner is None:
+        scaled = _back(unit[:p], target[:p] / size_y)
+    else:
+        scaled = _sparse(unit, target / size_y, len(step.masses), n_samples, inner)
+    residual = float(np.linalg.norm(target / size_y - unit @ scaled)) * size_y if p else size_y
+    noise = _mass_noise(unit[:p], scaled, residual / size_y, len(step.masses)) if rank == p else ()
+    fit = StepFit(step, condition, rank, p, residual / max(n_samples, 1) ** 0.5, residual / size_y, noise)
+    return scaled * size_y / size if p else scaled, fit
+
+
+def _least_squares_together(
+    triangle: np.ndarray, step: Step, n_samples: Any, inner: Any, cut: float
+) -> tuple[np.ndarray, StepFit]:
+    """Solve stacked sub-problems whose columns are certainly independent; condition is an upper bound."""
+    p = triangle.shape[-1] - 1
+    size = np.linalg.norm(triangle, axis=-2)
+    if inner is not None or not p or not (np.isfinite(size) & (size >= _SMALLEST)).all():
+        raise NotTogether()
+    unit = triangle / size[..., None, :]
+    inverse, lost = zip(*(lapack.dtrtri(one.T, lower=1) for one in unit[..., :p, :p]))
+    condition = p**0.5 * np.array([np.linalg.norm(one) for one in inverse])
+    if any(lost) or not (condition * cut * _SURE < 1).all():
+        raise NotTogether()
+    scaled = np.array([_back(one[:p, :p], one[:p, p]) for one in unit])
+    share = np.abs(unit[..., p, p])
+    residual = share * size[..., p]
+    return scaled * size[..., p:] / size[..., :p], StepFit(step, condition, p, p, residual / n_samples**0.5, share)
+
+
+def _back(upper: np.ndarray, target: np.ndarray, transposed: bool = False) -> np.ndarray:
+    """Solution of an upper triangular system of full rank, or of its transpose."""
+    if not len(upper):
+        return target
+    return lapack.dtrtrs(upper.T, target, lower=1, trans=int(not transposed))[0]
+
+
+def _mass_noise(upper: np.ndarray, scaled: np.ndarray, share: float, n_masses: int) -> tuple[float, ...]:
+    """Residual over each mass's own part of the right-hand side; the masses are the first columns of the factor."""
+    if not n_masses:
+        return ()
+    rows = _back(upper, np.eye(len(upper), n_masses), transposed=True)  # of the inverse
+    own = np.abs(scaled[:n_masses]) / np.linalg.norm(rows, axis=0)
+    return tuple(float(share / part) if part else np.inf for part in own)
+
+
+def _sparse(unit: np.ndarray, target: np.ndarray, n_masses: int, n_samples: int, inner: Any) -> np.ndarray:
+    """Run a PySINDy optimizer on the problem with the masses, its first columns, eliminated; then solve for these.
+
+    Columns and target have the length sqrt(n_samples), as the samples divided by their rms would.
+    """
+    from .sparse_subproblem import fit_inner
+
+    length = n_samples**0.5
+    own, free = slice(0, n_masses), slice(n_masses, None)
+    coefficients = np.zeros(unit.shape[1])
+    sub_columns, sub_target = unit[free, free], target[free]
+    if sub_columns.shape[1]:
+        coefficients[free] = fit_inner(inner, sub_columns * length, sub_target * length)
+    if n_masses:
+        rest = target[own] - unit[own, free] @ coefficients[free]
+        coefficients[own] = _back(unit[own, own], rest)
+    return coefficients
+
+
+def _report_rank(unit: np.ndarray, rank: int, step: Step, labels: list[str]) -> None:
+    """Say which columns depend on each other; refuse where a mass is among them."""
+    null = np.linalg.svd(unit)[2][rank:]
+    weight = np.sqrt((null**2).sum(axis=0))
+    involved = [labels[i] for i in np.argsort(-weight) if weight[i] > 1e-3][:6]
+    what = f"{step.name}: rank {rank} of {len(labels)}; {', '.join(involved)} are linearly dependent on this excitation"
+    if step.masses and weight[0] > 1e-3:
+        raise IdentifiabilityError(
+            f"{what}, so {labels[0]} cannot be told from the storey's stiffness",
+            "A steady harmonic excitation or too few samples do this; excite several frequencies, lower the degree, or "
+            "give the mass in known_masses.",
+        )
+    warnings.warn(
+        f"{what}. Their coefficients are the smallest that fit; excite more frequencies or amplitudes, or lower the "
+        "degree.",
+        RankWarning,
+        stacklevel=4,
+    )
+
+
+def _solve_joint(moments: Moments, walk: Walk, solution: Solution, inner: Any, names: Any) -> None:
+    """All balances at once with shared laws (Newton's third law built in), each divided by its rms force."""
+    layout, n = moments.layout, moments.layout.n_dof
+    free = [step.dofs[0] for step in walk.steps if step.masses]
+    column: dict[Any, int] = {("m", j): i for i, j in enumerate(free)}
+    at = len(free)
+    for site in layout.acting:
+        column[site], at = at, at + layout.counts[site]
+    rows = []
+    for j in range(1, n + 1):
+        part, where, mass_at, target_at = _locate(moments, (j,))
+        group = moments.groups[(j,)]
+        combine = np.zeros((part.matrix.shape[1], at + 1))
+        for site, sign in zip(group.sites, group.signs):
+            inside = np.arange(where[site].start, where[site].stop)
+            combine[inside, column[site] + np.arange(len(inside))] = sign
+        combine[target_at, at] = 1.0
+        if j in free:
+            combine[mass_at, column["m", j]] = 1.0
+        else:
+            combine[mass_at, at] = -solution.masses[j]
+        used = np.flatnonzero(combine.any(axis=0))
+        small = part.triangle(combine[:, used])
+        triangle = np.zeros((len(used), at + 1))
+        triangle[:, used] = small
+        rows.append(triangle * (part.n_samples**0.5 / np.linalg.norm(small[:, -1])))
+    stacked = np.vstack(rows)
+    upper = linalg.qr(stacked, mode="r", check_finite=False)[0][: at + 1]
+    samples = sum(moments.parts[(j,)].n_samples for j in range(1, n + 1))
+    labels = [f"m{j}" for j in free] + [f"{s}: {x}" for s in layout.acting for x in _labels(names, s, layout.counts[s])]
+    step = Step(tuple(range(1, n + 1)), tuple(free), layout.acting, (), True)
+    values, fit = _least_squares(upper, step, samples, inner, labels, _RANK_CUT[moments.kind])
+    solution.fits.append(fit)
+    for j in free:
+        solution.masses[j] = float(values[column["m", j]])
+    for site in layout.acting:
+        solution.coefficients[site] = values[column[site] : column[site] + layout.counts[site]]

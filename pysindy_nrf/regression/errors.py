@@ -1,0 +1,307 @@
+"""One ruler for errors: percent NRMSE, per balance and pooled.
+
+``100 rms(e) / rms(reference)``; the reference is the force F_j on a forced DOF and the inertia
+``m_j a_j`` elsewhere (where storeys were solved from the top down, the inertia of all DOFs above).
+Pooled: root of the summed squares over the summed squares, each balance first divided by the rms of
+its storey force.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from ..mechanics.identifiability import Walk
+from ..mechanics.sites import Site
+from .chain_model import ChainModel
+from .chain_solve import groups_of
+from .layout import Layout
+from .moments import Block, Moments, accumulate
+
+COLUMNS = ["error", "residual", "reference", "of"]
+# Percent; below it round-off of a Gram matrix (the root of the machine precision) shows in the last digits.
+_HELD_BY_A_GRAM = 0.1
+
+
+def balance_errors(model: ChainModel, moments: Moments) -> pd.DataFrame:
+    """Balance errors (one step, not free run) of a model from moments.
+
+    Parameters
+    ----------
+    model : ChainModel
+    moments : Moments
+        Of the data to judge, with the model's own laws as columns.
+
+    Returns
+    -------
+    DataFrame
+        One row ``"dof j"`` for each balance whose force is known, and ``"pooled"``; columns
+        ``error`` (percent), ``residual`` and ``reference`` (rms, N), ``of`` (``"F"`` or ``"m a"``).
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> from pysindy_nrf.regression.chain_solve import groups_of
+    >>> from pysindy_nrf.regression.errors import balance_errors
+    >>> from pysindy_nrf.regression.layout import LawLayout
+    >>> from pysindy_nrf.regression.moments import Moments, accumulate
+    >>> X, F = datasets.load_demo().to_features()
+    >>> fitted = NRFRegressor(degree=3).fit(X, F)
+    >>> layout = LawLayout(fitted.chain_, fitted.model_.laws)
+    >>> data = fitted.model_.segments(X, F)
+    >>> moments = accumulate(Moments(layout, groups_of(layout, fitted.walk_)), data.segments[0].blocks(layout))
+    >>> balance_errors(fitted.model_, moments)["error"].round(1).to_dict()
+    {'dof 1': 2.2, 'dof 2': 4.2, 'dof 3': 1.2, 'pooled': 1.9}
+    """
+    coefficients = model.coefficients
+    masses = dict(enumerate(model.masses, 1))
+    rows, pooled = {}, Pooled()
+    for j in masses:
+        sizes = balance_sizes(j, masses, coefficients, moments)
+        if sizes is None:
+            continue
+        rows[f"dof {j}"] = [_percent(sizes.residual, sizes.reference), sizes.residual, sizes.reference, sizes.of]
+        pooled.add(sizes)
+    rows["pooled"] = [pooled.percent, np.nan, np.nan, ""]
+    return pd.DataFrame.from_dict(rows, orient="index", columns=COLUMNS)
+
+
+def pooled_error(masses: Mapping[int, float], coefficients: Mapping[Site, np.ndarray], moments: Moments) -> float:
+    """Pooled balance error of masses and coefficients, percent NRMSE; see :func:`balance_errors`.
+
+    Parameters
+    ----------
+    masses : mapping of int to float
+        kg, by DOF.
+    coefficients : mapping of Site to ndarray
+    moments : Moments
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> from pysindy_nrf.regression.chain_solve import groups_of
+    >>> from pysindy_nrf.regression.errors import pooled_error
+    >>> from pysindy_nrf.regression.layout import LawLayout
+    >>> from pysindy_nrf.regression.moments import Moments, accumulate
+    >>> X, F = datasets.load_demo().to_features()
+    >>> fitted = NRFRegressor(degree=3).fit(X, F)
+    >>> layout = LawLayout(fitted.chain_, fitted.model_.laws)
+    >>> segment = fitted.model_.segments(X, F).segments[0]
+    >>> moments = accumulate(Moments(layout, groups_of(layout, fitted.walk_)), segment.blocks(layout))
+    >>> masses = dict(enumerate(fitted.masses_, 1))
+    >>> coefficients = {site: held[0].coefficients for site, held in fitted.model_.laws.items()}
+    >>> round(pooled_error(masses, coefficients, moments), 1)  # percent
+    1.9
+    """
+    pooled = Pooled()
+    for j in range(1, moments.layout.n_dof + 1):
+        sizes = balance_sizes(j, masses, coefficients, moments)
+        if sizes is not None:
+            pooled.add(sizes)
+    return pooled.percent
+
+
+class Sizes(NamedTuple):
+    """Rms of the residual, the reference and the storey force of one balance (N), and the samples behind them.
+
+    Attributes
+    ----------
+    residual, reference, storey : float
+        Rms, N.
+    of : {"F", "m a"}
+        What the reference is: the applied force, or the inertia.
+    n_samples : int
+
+    Examples
+    --------
+    >>> from pysindy_nrf.regression.errors import Sizes
+    >>> size = Sizes(residual=2.0, reference=50.0, storey=40.0, of="F", n_samples=4000)
+    >>> 100 * size.residual / size.reference  # percent NRMSE of this balance
+    4.0
+    """
+
+    residual: float
+    reference: float
+    storey: float
+    of: str
+    n_samples: int
+
+
+def balance_sizes(
+    dof: int, masses: Mapping[int, float], coefficients: Mapping[Site, np.ndarray], moments: Moments
+) -> Sizes | None:
+    """Rms sizes of one balance, or None if its force is unknown throughout.
+
+    Where the storeys were solved from the top down (base excitation, known masses), it is the
+    balance of all DOFs from this one up, whose reference is the inertia above the storey: of the
+    single balance little would be left but the difference of two storey forces.
+
+    Parameters
+    ----------
+    dof : int
+    masses : mapping of int to float
+        kg, by DOF.
+    coefficients : mapping of Site to ndarray
+    moments : Moments
+        If they are stacked, so are masses, coefficients and what comes back.
+
+    Returns
+    -------
+    Sizes or None
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> from pysindy_nrf.regression.chain_solve import groups_of
+    >>> from pysindy_nrf.regression.errors import balance_sizes
+    >>> from pysindy_nrf.regression.layout import LawLayout
+    >>> from pysindy_nrf.regression.moments import Moments, accumulate
+    >>> X, F = datasets.load_demo().to_features()
+    >>> fitted = NRFRegressor(degree=3).fit(X, F)
+    >>> layout = LawLayout(fitted.chain_, fitted.model_.laws)
+    >>> segment = fitted.model_.segments(X, F).segments[0]
+    >>> moments = accumulate(Moments(layout, groups_of(layout, fitted.walk_)), segment.blocks(layout))
+    >>> masses = dict(enumerate(fitted.masses_, 1))
+    >>> coefficients = {site: held[0].coefficients for site, held in fitted.model_.laws.items()}
+    >>> [balance_sizes(j, masses, coefficients, moments).of for j in (1, 2, 3)]  # floor 2 is shaken
+    ['m a', 'F', 'm a']
+    """
+    above = tuple(range(dof, moments.layout.n_dof + 1))
+    dofs = above if above in moments.parts else (dof,)
+    part = moments.parts[dofs]
+    if not np.any(part.n_samples):
+        return None
+    where, mass_at, target_at = moments.positions(dofs)
+    group = moments.groups[dofs]
+    # columns: residual, force alone, inertia alone, storey force alone
+    weights = np.zeros((*moments.stacked, part.matrix.shape[-1], 4))
+    own = None
+    for site, sign in zip(group.sites, group.signs):
+        weights[..., where[site], 0] = sign * coefficients[site]
+        if own is None and site.p == dof:
+            own = site
+            weights[..., where[site], 3] = coefficients[site]
+    weights[..., target_at, 0], weights[..., target_at, 1] = -1.0, 1.0
+    if mass_at is not None:
+        weights[..., mass_at, 0] = weights[..., mass_at, 2] = masses[dof]
+    residual, force, inertia, storey = np.moveaxis(part.norms(weights), -1, 0) / part.n_samples**0.5
+    of = "F" if np.all(force) and mass_at is not None else "m a"
+    if moments.stacked:
+        reference = np.where(force, force, inertia)
+        storey = np.where(storey, storey, np.where(reference, reference, 1.0))
+        return Sizes(residual, reference, storey, of, part.n_samples)  # type: ignore[arg-type]  # arrays of a stack
+    reference = force or inertia
+    return Sizes(float(residual), float(reference), float(storey or reference or 1.0), of, part.n_samples)
+
+
+class Pooled:
+    """Running sums behind the pooled error.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.regression.errors import Pooled, Sizes
+    >>> pooled = Pooled()
+    >>> pooled.add(Sizes(residual=2.0, reference=50.0, storey=50.0, of="F", n_samples=1000))
+    >>> pooled.add(Sizes(residual=0.6, reference=10.0, storey=10.0, of="m a", n_samples=1000))
+    >>> round(pooled.percent, 2)  # between 4 and 6 %
+    5.1
+    """
+
+    def __init__(self) -> None:
+        self.top = self.bottom = 0.0
+
+    def add(self, sizes: Sizes) -> None:
+        """Add one balance, divided by the rms of its storey force.
+
+        Parameters
+        ----------
+        sizes : Sizes
+        """
+        self.top += sizes.n_samples * (sizes.residual / sizes.storey) ** 2
+        self.bottom += sizes.n_samples * (sizes.reference / sizes.storey) ** 2
+
+    @property
+    def percent(self) -> float:
+        """Percent NRMSE."""
+        return _percent(self.top**0.5, self.bottom**0.5)
+
+
+def _percent(part: Any, whole: Any) -> Any:
+    if np.ndim(whole):  # of stacked moments
+        return np.array([_percent(*pair) for pair in zip(part.tolist(), whole.tolist())])
+    return 100.0 * part / whole if whole else (0.0 if part == 0 else np.inf)
+
+
+def judge(
+    model: ChainModel, layout: Layout, walk: Walk, blocks: Iterable[Block] | Callable[[], Iterable[Block]]
+) -> pd.DataFrame:
+    """Balance errors of a model on blocks of samples.
+
+    Parameters
+    ----------
+    model : ChainModel
+    layout : Layout
+        Of the model's laws.
+    walk : Walk
+        How the model was solved: single balances, or from the top down.
+    blocks : iterable of Block, or callable
+        A callable returns a fresh iterable at each call; an error too small for a Gram matrix is then read off the
+        samples once more, by QR.
+
+    Returns
+    -------
+    DataFrame
+        See :func:`balance_errors`.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> from pysindy_nrf.regression.errors import judge
+    >>> from pysindy_nrf.regression.layout import LawLayout
+    >>> X, F = datasets.load_demo().to_features()
+    >>> fitted = NRFRegressor(degree=3).fit(X, F)
+    >>> layout = LawLayout(fitted.chain_, fitted.model_.laws)
+    >>> segment = fitted.model_.segments(X, F).segments[0]
+    >>> errors = judge(fitted.model_, layout, fitted.walk_, segment.blocks(layout))
+    >>> errors["of"].to_dict()
+    {'dof 1': 'm a', 'dof 2': 'F', 'dof 3': 'm a', 'pooled': ''}
+    """
+    known = dict(enumerate(model.masses.tolist(), 1))
+
+    def run(kind: str, held: Iterable[Block]) -> pd.DataFrame:
+        return balance_errors(model, accumulate(Moments(layout, groups_of(layout, walk), kind, known), held))
+
+    if not callable(blocks):
+        return run("gram", blocks)
+    errors = run("gram", blocks())
+    return run("root", blocks()) if (errors["error"] < _HELD_BY_A_GRAM).any() else errors
+
+
+def nrmse(measured: Any, found: Any) -> float:
+    """Percent NRMSE of one signal, ``100 rms(found - measured) / rms(measured)``.
+
+    Parameters
+    ----------
+    measured, found : array-like of the same shape
+
+    Returns
+    -------
+    float
+        Rows with NaN in either are left out.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.regression.errors import nrmse
+    >>> round(nrmse([1.0, -2.0, 2.0], [1.1, -2.2, 2.2]), 9)  # ten percent too large
+    10.0
+    """
+    a, b = np.asarray(measured, dtype=float), np.asarray(found, dtype=float)
+    good = np.isfinite(a) & np.isfinite(b)
+    return _percent(float(np.sqrt(np.mean((b[good] - a[good]) ** 2))), float(np.sqrt(np.mean(a[good] ** 2))))

@@ -1,0 +1,467 @@
+"""Inter-storey terms v^h s^j, and any force laws, as PySINDy feature libraries."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from pysindy import AxesArray
+from pysindy.feature_library.base import BaseFeatureLibrary
+from sklearn.utils import Tags
+from sklearn.utils.validation import check_is_fitted
+
+from ..data.estimator_input import checked, same_columns
+from ..exceptions import ChainError, ChannelError, DataQualityWarning, LawError
+from ..laws import PowerSeries
+from ..laws.base import ForceLaw
+from ..mechanics.chain import Chain
+from .layout import LawLayout
+from .segments import Segment, feature_names
+
+_INPUTS = ("balance", "state")
+_UNNAMED = re.compile(r"[xu]\d+")
+
+
+class ForceLawLibrary(BaseFeatureLibrary):
+    """Force laws at the sites of a chain as one PySINDy feature library.
+
+    Parameters
+    ----------
+    laws : mapping of str to ForceLaw or sequence of ForceLaw, or one sequence for every storey
+        By site.
+    chain : Chain, optional
+        Found from the number of columns if None.
+    inputs : {"balance", "state"}
+        ``"balance"``: columns a_1..a_n, v_1..v_n, s_1..s_n (paper eq. 8); the features are a_1..a_n
+        and the terms of every site, to be fitted to the forces by :class:`ChainOptimizer`.
+        ``"state"``: columns x_1..x_n, xdot_1..xdot_n (relative to the base) and u = F_1..F_n; the
+        features are xdot, the terms and F, for :class:`StateSpaceChainOptimizer`.
+    dt : float, optional
+        Sampling step, s, for laws that need the time or remember the path.
+    forced : int or sequence of int, optional
+        With ``inputs="state"``: the DOFs on which the columns of u act, in their order; ``()`` is free vibration
+        without any. The features F_j of the others are zero: known to be unforced. If None, u is one column a
+        DOF, or, where the number of columns can only mean that and a warning says so, there is none.
+
+    Attributes
+    ----------
+    n_features_in_, n_output_features_ : int
+    layout_ : LawLayout
+    forced_ : tuple of int
+        DOFs that have a column of u; all of them with ``inputs="balance"``, which has none.
+
+    Raises
+    ------
+    ChannelError
+        If the number of columns does not fit, or ``forced`` names a DOF twice or none of the chain.
+    LawError
+        If a law that remembers the path is used with ``inputs="state"``: the right-hand side of an
+        ordinary differential equation has no path.
+
+    Notes
+    -----
+    ``+`` of two such libraries holds the laws of both at every site and is again one for a chain. ``+`` with any
+    other PySINDy library, and ``*``, are PySINDy's own: plain columns. They belong to no storey, so fit them with
+    a plain optimizer (``ps.STLSQ``); the chain optimizers know columns by their order and number alone.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import ForceLawLibrary, laws
+    >>> library = ForceLawLibrary([laws.LinearViscous(), laws.Duffing()]).fit(np.zeros((5, 6)))
+    >>> library.get_feature_names()
+    ['a1', 'a2', 'v1', 's1', 's1^3', 'v2', 's2', 's2^3']
+    >>> more = library + ForceLawLibrary({"storey 2": laws.CoulombFriction()})
+    >>> more.fit(np.zeros((5, 6))).get_feature_names()
+    ['a1', 'a2', 'v1', 's1', 's1^3', 'v2', 's2', 's2^3', 'sgn(v2)']
+
+    One shaker, on the roof of two storeys; x, xdot and u are what ``ps.SINDy`` passes on:
+
+    >>> shaken = ForceLawLibrary([laws.Duffing()], inputs="state", forced=[2]).fit(np.zeros((5, 5)))
+    >>> shaken.get_feature_names()
+    ['xdot1', 'xdot2', 's1', 's1^3', 's2', 's2^3', 'F1', 'F2']
+    """
+
+    dt: float | None = None
+
+    def __init__(
+        self,
+        laws: Any = None,
+        chain: Chain | None = None,
+        inputs: str = "balance",
+        dt: float | None = None,
+        forced: int | Sequence[int] | None = None,
+    ) -> None:
+        self.laws = laws
+        self.chain = chain
+        self.inputs = inputs
+        self.dt = dt
+        self.forced = forced
+
+    def _laws(self, chain: Chain) -> Mapping[Any, Sequence[ForceLaw]]:
+        given = self.laws
+        if given is None:
+            raise LawError(
+                "The library has no laws", "Pass laws={'storey 1': [...], ...}, or one list for every storey."
+            )
+        if isinstance(given, ForceLaw):
+            given = [given]
+        if not isinstance(given, Mapping):
+            given = dict.fromkeys(chain.sites, list(given))
+        return {s: [v] if isinstance(v, ForceLaw) else list(v) for s, v in given.items()}
+
+    def fit(self, x: Any, y: Any = None) -> Any:
+        """Count the features.
+
+        Parameters
+        ----------
+        x : array-like of shape (n_samples, n_columns), or list of them
+        y : ignored
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ChannelError
+            If ``inputs`` is unknown, or the columns are not those of a chain.
+        LawError
+            With ``inputs="state"``, if a law remembers the path or reads the acceleration.
+        """
+        if self.inputs not in _INPUTS:
+            raise ChannelError(f"inputs={self.inputs!r} is unknown", "Choose 'balance' or 'state'.")
+        first = x[0] if _is_list_of_records(x) else x
+        width = self._checked(first, reset=True).shape[-1]
+        n, self.forced_ = self._meaning(width)
+        chain = self.chain if self.chain is not None else Chain(n)
+        self.layout_ = LawLayout(chain, self._laws(chain))
+        if self.inputs == "state" and self.layout_.has_memory:
+            raise LawError(
+                "A law that remembers the path cannot stand in a state-space SINDy model",
+                "Use NRFRegressor, or inputs='balance'.",
+            )
+        if self.inputs == "state" and any(law.uses_acceleration for held in self.layout_.laws.values() for law in held):
+            raise LawError(
+                "A law of the acceleration cannot stand in a state-space SINDy model",
+                "Use NRFRegressor, or inputs='balance'.",
+            )
+        self.n_output_features_ = self.layout_.n_terms + (n if self.inputs == "balance" else 2 * n)
+        return self
+
+    def _meaning(self, width: int) -> tuple[int, tuple[int, ...]]:
+        """Number of DOFs, and those with a column of u, of a table of so many columns."""
+        n = None if self.chain is None else self.chain.n_dof
+        free = width // 2 if n is None else n
+        if self.forced is not None:
+            return self._of_the_forced(width, n)
+        if self.inputs == "state" and width % 3 and width == 2 * free > 0:
+            if n is None:
+                warnings.warn(
+                    f"{width} columns are taken as x and xdot of {free} DOFs in free vibration. Give forced=() if that "
+                    "is so, or forced=[...], the DOFs that the columns of u act on.",
+                    DataQualityWarning,
+                    stacklevel=4,
+                )
+            return free, ()
+        whole = width // 3 if n is None else n
+        if whole < 1 or width != 3 * whole:
+            what = "a, v, s" if self.inputs == "balance" else "x, xdot, u = F"
+            cure = "" if self.inputs == "balance" else ", or forced=[...], the DOFs that the columns of u act on"
+            raise ChannelError(
+                f"The library got {width} columns (n_features = {width}), {3 * max(whole, 1)} are needed",
+                f"Give {what} of every DOF{cure}.",
+            )
+        return whole, tuple(range(1, whole + 1))
+
+    def _of_the_forced(self, width: int, n: int | None) -> tuple[int, tuple[int, ...]]:
+        forced = tuple(int(j) for j in np.atleast_1d(np.asarray(self.forced, dtype=int)))
+        if self.inputs != "state":
+            raise ChannelError("forced= is for inputs='state'", "A balance has no column of u: pass F to fit.")
+        n = (width - len(forced)) // 2 if n is None else n
+        if n < 1 or width != 2 * n + len(forced):
+            raise ChannelError(
+                f"The library got {width} columns (n_features = {width}), {2 * max(n, 1) + len(forced)} are needed",
+                f"Give x and xdot of every DOF, and u of {len(forced)} (forced={list(forced)}).",
+            )
+        if len(set(forced)) < len(forced) or not set(forced) <= set(range(1, n + 1)):
+            raise ChannelError(
+                f"forced={list(forced)} does not name DOFs of a chain of {n}", f"Give each once, from 1 to {n}."
+            )
+        return n, forced
+
+    def transform(self, x: Any) -> Any:
+        """Columns of the balances.
+
+        Parameters
+        ----------
+        x : array-like of shape (n_samples, n_columns), or list of them
+            Each array is one contiguous record.
+
+        Returns
+        -------
+        AxesArray of shape (n_samples, n_output_features), or list of them
+        """
+        check_is_fitted(self)
+        if _is_list_of_records(x):
+            return [self._columns(item) for item in x]
+        return self._columns(x)
+
+    def __sklearn_tags__(self) -> Tags:
+        tags = super().__sklearn_tags__()
+        tags.input_tags.allow_nan = True  # terms of a row: those of a NaN row, masked or unmeasured, are NaN
+        return tags
+
+    def _checked(self, x: Any, reset: bool) -> np.ndarray:
+        if getattr(x, "ndim", 2) > 2:  # PySINDy's leading axes
+            x = np.asarray(x)
+            same_columns(self, x.shape[-1], None, reset)
+            return x
+        return checked(self, x, reset=reset)
+
+    def _columns(self, x: Any) -> Any:
+        x = self._checked(x, reset=False)
+        lead = x.shape[:-1]
+        x = x.reshape(-1, x.shape[-1])
+        n = self.layout_.n_dof
+        first, second, third = x[:, :n], x[:, n : 2 * n], x[:, 2 * n :]
+        if self.inputs == "balance":
+            a, v, s, tail = first, second, third, None
+            head = a
+        else:
+            a, v, s, tail = (
+                np.zeros_like(first),
+                np.diff(second, axis=1, prepend=0.0),
+                np.diff(first, axis=1, prepend=0.0),
+                third,
+            )
+            head = second
+        rows = slice(0, len(x))
+        t = None if self.dt is None else np.arange(len(x)) * self.dt
+        segment = Segment("record", rows, a, v, s, np.zeros_like(s), t, valid=rows)
+        out = np.empty((len(x), self.n_output_features_), dtype=np.result_type(x.dtype, np.float32))
+        out[:, :n] = head
+        for site in self.layout_.acting:
+            where = self.layout_.slices[site]
+            out[:, n + where.start : n + where.stop] = self.layout_.columns(site, segment.motion(site, rows))
+        if tail is not None:
+            out[:, n + self.layout_.n_terms :] = 0.0
+            out[:, [n + self.layout_.n_terms + j - 1 for j in self.forced_]] = tail
+        out = out.reshape(*lead, -1)
+        return AxesArray(out, {"ax_time": 0, "ax_coord": out.ndim - 1} if out.ndim == 2 else _axes(out))
+
+    def __add__(self, other: Any) -> Any:
+        """Laws of both libraries at every site; PySINDy's concatenated columns with a library of another kind."""
+        if isinstance(other, ForceLawLibrary):
+            return ForceLawLibrarySum([self, other])
+        return super().__add__(other)
+
+    def get_feature_names(self, input_features: Sequence[str] | None = None) -> list[str]:
+        """Names of the features, e.g. ``"v2^2 s2"``.
+
+        Parameters
+        ----------
+        input_features : sequence of str, optional
+            The user's names of the input columns, for the columns that are passed through: accelerations, or
+            velocities and forces. Terms keep the names of their storeys. PySINDy's own x0, x1, ..., u0 say
+            nothing and count as no names.
+
+        Returns
+        -------
+        list of str
+
+        Raises
+        ------
+        ChannelError
+            If there are more or fewer names than columns.
+        """
+        check_is_fitted(self)
+        n = self.layout_.n_dof
+        heads = ("a", "v", "s") if self.inputs == "balance" else ("x", "xdot", "F")
+        names = [f"{head}{j}" for head in heads for j in range(1, n + 1)]
+        inputs = [*range(2 * n), *(2 * n + j - 1 for j in self.forced_)]  # which of them are columns of the input
+        if input_features is not None:
+            given = [str(name) for name in input_features]
+            if len(given) != len(inputs):
+                raise ChannelError(
+                    f"{len(given)} names for {len(inputs)} columns",
+                    f"Give the names of {', '.join(heads)} of every DOF.",
+                )
+            if not all(_UNNAMED.fullmatch(name) for name in given):
+                for i, name in zip(inputs, given):
+                    names[i] = name
+        through = (names[:n], []) if self.inputs == "balance" else (names[n : 2 * n], names[2 * n :])
+        return [*through[0], *term_names(self.layout_), *through[1]]
+
+    def get_feature_names_out(self, input_features: Any = None) -> np.ndarray:
+        """The same, as scikit-learn asks for them.
+
+        Parameters
+        ----------
+        input_features : ignored
+
+        Returns
+        -------
+        ndarray of str
+        """
+        return np.array(self.get_feature_names(), dtype=object)
+
+
+def _is_list_of_records(x: Any) -> bool:
+    return isinstance(x, (list, tuple)) and len(x) > 0 and np.ndim(np.asarray(x[0])) > 1
+
+
+def _axes(array: np.ndarray) -> dict[str, Any]:
+    return {"ax_spatial": list(range(array.ndim - 2)), "ax_time": array.ndim - 2, "ax_coord": array.ndim - 1}
+
+
+def term_names(layout: LawLayout) -> list[str]:
+    """Names of the terms of all sites, e.g. ``"v2^2 s2"``.
+
+    Parameters
+    ----------
+    layout : LawLayout
+
+    Returns
+    -------
+    list of str
+    """
+    from ..laws.base import subscript
+
+    names = []
+    for site in layout.acting:
+        index = str(site.p) if site.is_storey else f"_{str(site).replace(' ', '').replace('-', '')}"
+        names += [subscript(label, index) if label != "1" else f"1_{index}" for label in layout.labels(site)]
+    return names
+
+
+class ForceLawLibrarySum(ForceLawLibrary):
+    """Several libraries of one chain as one: ``InterstoryPolynomialLibrary() + ForceLawLibrary(...)``.
+
+    Parameters
+    ----------
+    libraries : list of ForceLawLibrary
+        With the same ``inputs``, and the same ``chain``, ``dt`` and ``forced`` where these are given.
+
+    Raises
+    ------
+    LawError
+        If the libraries do not fit together, or two of them hold the same term at one site.
+    """
+
+    def __init__(self, libraries: list[ForceLawLibrary]) -> None:
+        self.libraries = libraries
+
+    def _shared(self, name: str) -> Any:
+        values = [value for lib in self.libraries if (value := getattr(lib, name)) is not None]
+        if any(value != values[0] for value in values):
+            raise LawError(
+                f"The libraries added have {name}={values[0]!r} and another", f"Give all of them one {name}."
+            )
+        return values[0] if values else None
+
+    @property
+    def inputs(self) -> str:  # type: ignore[override]  # read-only: it is that of the libraries added
+        return self._shared("inputs")
+
+    @property
+    def chain(self) -> Chain | None:  # type: ignore[override]  # likewise
+        return self._shared("chain")
+
+    @property
+    def dt(self) -> float | None:  # type: ignore[override]  # likewise
+        return self._shared("dt")
+
+    @property
+    def forced(self) -> int | Sequence[int] | None:  # type: ignore[override]  # likewise
+        return self._shared("forced")
+
+    def _laws(self, chain: Chain) -> Mapping[Any, Sequence[ForceLaw]]:
+        merged: dict[Any, list[ForceLaw]] = {}
+        for library in self.libraries:
+            for text, held in library._laws(chain).items():
+                merged.setdefault(chain.site(text), []).extend(held)
+        return merged
+
+
+class InterstoryPolynomialLibrary(ForceLawLibrary):
+    """Inter-storey terms v^h s^j of the paper's eq. (2) as a PySINDy feature library.
+
+    Parameters
+    ----------
+    degree : int or (int, int)
+        Total degree h + j (eq. 9), or the box (k, q): h <= k, j <= q.
+    chain : Chain, optional
+        Found from the number of columns if None.
+    orders : mapping of str to int or (int, int), optional
+        Other orders at some sites.
+    inputs : {"balance", "state"}
+        See :class:`ForceLawLibrary`.
+    forced : int or sequence of int, optional
+        See :class:`ForceLawLibrary`.
+
+    Raises
+    ------
+    LawError
+        If the degree is not a non-negative integer.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import InterstoryPolynomialLibrary
+    >>> InterstoryPolynomialLibrary(degree=2).fit(np.zeros((5, 3))).get_feature_names()
+    ['a1', 'v1', 's1', 'v1^2', 'v1 s1', 's1^2']
+    """
+
+    def __init__(
+        self,
+        degree: Any = 3,
+        chain: Chain | None = None,
+        orders: Mapping[Any, Any] | None = None,
+        inputs: str = "balance",
+        forced: int | Sequence[int] | None = None,
+    ) -> None:
+        self.degree = degree
+        self.chain = chain
+        self.orders = orders
+        self.inputs = inputs
+        self.forced = forced
+
+    def _laws(self, chain: Chain) -> Mapping[Any, Sequence[ForceLaw]]:
+        return power_series_laws(chain, self.degree, self.orders)
+
+
+def power_series_laws(chain: Chain, degree: Any, orders: Mapping[Any, Any] | None = None) -> dict[Any, list[ForceLaw]]:
+    """A power series at every site of a chain.
+
+    Parameters
+    ----------
+    chain : Chain
+    degree : int or (int, int)
+    orders : mapping of str to int or (int, int), optional
+        Other orders at some sites.
+
+    Returns
+    -------
+    dict of Site to list of ForceLaw
+
+    Raises
+    ------
+    ChainError
+        If ``orders`` names a site the chain does not have.
+    """
+    chosen = dict.fromkeys(chain.sites, degree)
+    for text, order in dict(orders or {}).items():
+        site = chain.site(text)
+        if site not in chosen:
+            raise ChainError(
+                f"orders names {str(site)!r}, which is not in the chain", f"Its sites are {', '.join(chain.sites)}."
+            )
+        chosen[site] = order
+    return {site: [PowerSeries(order)] for site, order in chosen.items()}
+
+
+__all__ = ["ForceLawLibrary", "InterstoryPolynomialLibrary", "feature_names", "power_series_laws", "term_names"]

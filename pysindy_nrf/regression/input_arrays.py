@@ -1,0 +1,468 @@
+"""From what a user passes to ``fit`` to contiguous records of drifts, rates, accelerations and forces."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ..data.channels import as_matrix, finite_span, rows_text
+from ..data.clock import EvenClock
+from ..data.pieces import by_record, contiguous, gaps
+from ..data.record import Record, seconds_of
+from ..exceptions import ChannelError, DataQualityWarning, LawError
+from ..signals.kinematics import base_acceleration_if_any
+from ..signals.zero_phase_filter import FairFilter
+from .channel_range import Extent
+from .segments import Segment, SegmentSet, feature_names
+
+_STRETCH = 2**16  # samples looked at at a time
+BASE_MOTION = ("ag", "vg", "xg")  # covariates that are motions of the base
+_PIECE = 30  # samples between two gaps at least; fewer are too few to run a model along
+
+
+def holds_records(X: Any) -> bool:
+    """Whether a Record or a list of them was given."""
+    return isinstance(X, Record) or (isinstance(X, (list, tuple)) and len(X) > 0 and isinstance(X[0], Record))
+
+
+def fused_together(X: Any) -> bool:
+    """Whether a table of motions was made so that its DOFs improve each other."""
+    return bool(getattr(X, "attrs", {}).get("joint_fusion"))
+
+
+def one_by_one(X: Any) -> dict[str, Any]:
+    """Options by which the DOFs of Records are fused one by one; none where motions were given.
+
+    Where DOFs improve each other, what is left of noise depends on the motion and is alike in the whole record.
+
+    Parameters
+    ----------
+    X : Record, list of Record or array-like
+
+    Returns
+    -------
+    dict
+    """
+    if not holds_records(X):
+        return {}
+    from ..signals import KinematicSmoother
+
+    return {"smooth": KinematicSmoother(band="auto", joint=False)}
+
+
+def from_arrays(
+    X: Any,
+    F: Any = None,
+    *,
+    record: Any = None,
+    time: Any = None,
+    base_acceleration: Any = None,
+    covariates: Mapping[str, Any] | None = None,
+    coordinates: str = "relative",
+    dt: float | None = None,
+    n_dof: int | None = None,
+    has_memory: bool = False,
+    smooth: Any = True,
+    every_row: bool = False,
+) -> SegmentSet:
+    """Check what the user passed and cut it into contiguous records.
+
+    A record is cut where its clock jumps, and pieces of fewer than 30 samples are left out. Where the clock jumps every
+    few samples throughout, rows were drawn from a record (by a shuffled cross-validation, say): they stay together, as
+    samples that no filter or spectrum can use.
+
+    Parameters
+    ----------
+    X : array-like of shape (n_samples, 3 n_dof), DataFrame, Record or list of Record
+    F : array-like of shape (n_samples, n_dof), optional
+        Zeros if None.
+    record, time : array-like of shape (n_samples,), optional
+        Record ids; time of the samples, s.
+    base_acceleration : array-like of shape (n_samples,), optional
+        As measured; where ``X.attrs`` carries the band of fused motions, it is put through that here.
+    covariates : mapping of str to array-like of shape (n_samples,), optional
+        Those named ``ag``, ``vg`` and ``xg`` are motions of the base, to which the same happens.
+    coordinates : {"relative", "absolute"}
+    dt : float, optional
+        Sampling step, s, if there is no time.
+    n_dof : int, optional
+        Number wanted.
+    has_memory : bool
+        Whether a law needs samples in order.
+    smooth : bool or KinematicSmoother
+        How records become motions; see :func:`pysindy_nrf.signals.kinematics.to_features`.
+    every_row : bool
+        Keep the short pieces between gaps too, each by itself: for forces at every sample, or sums over samples.
+
+    Returns
+    -------
+    SegmentSet
+
+    Warns
+    -----
+    DataQualityWarning
+        If short pieces are left out; with the record and their rows.
+
+    Raises
+    ------
+    ChannelError
+        Naming the channel and the cure.
+    """
+    if isinstance(X, Record):
+        X = [X]
+    if isinstance(X, (list, tuple)) and X and isinstance(X[0], Record):
+        if not all(isinstance(rec, Record) for rec in X):
+            raise ChannelError("X is a list of records with something else in it", "Give Record objects only.")
+        beside = {
+            "F": F,
+            "record": record,
+            "time": time,
+            "base_acceleration": base_acceleration,
+            "covariates": covariates,
+        }
+        return _from_records(X, [name for name, value in beside.items() if value is not None], n_dof, smooth)
+    columns = None
+    base_v = base_s = None
+    if hasattr(X, "columns"):
+        x, columns, base_v, base_s, named_time, n = _from_frame(X, coordinates, n_dof)
+        time = named_time if time is None else time
+    else:
+        x = as_matrix(X, _array_names(X, coordinates), what="columns of X")
+        if x.shape[1] == 0:
+            raise ChannelError(
+                f"X has 0 feature(s) (shape={x.shape}) while a minimum of 1 is required",
+                f"Give {', '.join(feature_names(n_dof or 1, coordinates)[:9])}.",
+            )
+        if not x.size:
+            raise ChannelError("X has no samples", "Give at least as many samples as a balance has unknowns.")
+        if x.shape[1] == 0 or x.shape[1] % 3 or (n_dof and x.shape[1] != 3 * n_dof):
+            wanted = feature_names(n_dof or max(1, x.shape[1] // 3), coordinates)
+            need = f"{3 * n_dof} are needed" if n_dof else "a multiple of 3 is needed"
+            raise ChannelError(
+                f"X has {x.shape[1]} columns (n_features = {x.shape[1]}), {need}",
+                f"Give accelerations, inter-storey velocities and drifts of all DOFs: {', '.join(wanted[:9])}.",
+            )
+        n = x.shape[1] // 3
+    names = feature_names(n, coordinates)
+    a, v, s = x[:, :n], x[:, n : 2 * n], x[:, 2 * n :]
+    size = len(x)
+    if size == 0:
+        raise ChannelError("X has no samples (0 rows)", "Give at least as many samples as a balance has unknowns.")
+    force = np.zeros((size, n)) if F is None else as_matrix(_ordered_forces(F, n, X), "F", n, "forces F")
+    if len(force) != size:
+        raise ChannelError(f"F has {len(force)} samples, X has {size}", "Cut both to the same clock.")
+    ag = None if base_acceleration is None else _line(base_acceleration, "base_acceleration", size)
+    if coordinates == "absolute":
+        if base_v is None and ag is not None and np.nan_to_num(ag).any():
+            raise ChannelError(
+                "coordinates='absolute' with a moving base needs the columns xdot0 and x0",
+                "Add them to X, or give the motion relative to the ground.",
+            )
+        v = np.diff(v, axis=1, prepend=0.0 if base_v is None else base_v)
+        s = np.diff(s, axis=1, prepend=0.0 if base_s is None else base_s)
+    if not isinstance(covariates, (Mapping, pd.DataFrame, type(None))):
+        raise ChannelError(
+            "The covariates are not a mapping", "Give channels by name: covariates={'voltage': u}, or a table."
+        )
+    extra = {
+        str(k): _line(c, f"covariate {k}", size) for k, c in ({} if covariates is None else dict(covariates)).items()
+    }
+    pieces = _pieces(record, size, has_memory)
+    seconds = _seconds(time, dt, size, pieces)
+    if seconds is not None and has_memory:
+        _require_no_gap(pieces, seconds)
+    if seconds is not None and not has_memory:
+        # what a filter masked lies at the edges of the pieces
+        masked = not Extent.of([x, force]).finite.all()
+        pieces = contiguous(size, record, seconds) if masked else _cut_at_gaps(pieces, seconds, every_row)
+    segments = []
+    for name, rows in pieces:
+        segment = Segment(
+            name, rows, a[rows], v[rows], s[rows], force[rows],
+            _clock(seconds, rows, dt),
+            None if ag is None else ag[rows],
+            {k: c[rows] for k, c in extra.items()},
+            resolved=getattr(X, "attrs", {}).get("resolved"),
+            band=getattr(X, "attrs", {}).get("band"),
+            doubts=tuple(getattr(X, "attrs", {}).get("doubts", ())),
+        )
+        segments.append(_trimmed(_base_in_band(segment), names, x[rows] if coordinates == "relative" else None))
+    if has_memory:
+        for segment in segments:
+            _require_order(segment)
+    return SegmentSet(segments, size)
+
+
+def _from_records(records: Sequence[Record], beside: Sequence[str], n_dof: int | None, smooth: Any) -> SegmentSet:
+    if beside:
+        raise ChannelError(f"{beside[0]} was given beside records, which hold their own", f"Leave {beside[0]} out.")
+    segments, at = [], 0
+    for rec in records:
+        if rec.n_dof != (n_dof or records[0].n_dof):
+            raise ChannelError(
+                f"Record {rec.name!r} has {rec.n_dof} DOFs, {n_dof or records[0].n_dof} are needed",
+                "Give records of one chain.",
+            )
+        x, force = rec.to_features(smooth=smooth)
+        n, values = rec.n_dof, x.to_numpy()
+        ag = base_acceleration_if_any(rec)
+        segment = Segment(
+            rec.name, slice(at, at + len(x)), values[:, :n], values[:, n : 2 * n], values[:, 2 * n :], force.to_numpy(),
+            rec.time, ag, dict(rec.covariates), resolved=x.attrs.get("resolved"),
+            band=x.attrs.get("band"), doubts=tuple(x.attrs.get("doubts", ())),
+        )
+        segments.append(_trimmed(_base_in_band(segment), feature_names(n)))
+        at += len(x)
+    return SegmentSet(segments, at)
+
+
+def _from_frame(
+    frame: pd.DataFrame, coordinates: str, n_dof: int | None
+) -> tuple[np.ndarray, list[str], np.ndarray | None, np.ndarray | None, Any, int]:
+    """Matrix and names of the columns, rate and drift of the base, time, number of DOFs."""
+    names = [str(c) for c in frame.columns]
+    twice = sorted({c for c in names if names.count(c) > 1})
+    if twice:
+        raise ChannelError(f"Column {twice[0]!r} is in X more than once", "Rename or drop one.")
+    rate = "v" if coordinates == "relative" else "xdot"
+    aliases = {c: c for c in names}
+    if coordinates == "absolute":
+        aliases = {c: ("xdot" + c[1:] if c[:1] == "v" and c[1:].isdigit() else c) for c in names}
+    present = {aliases[c]: c for c in names}
+    n = n_dof or sum(1 for c in present if c[:1] == "a" and c[1:].isdigit() and c != "a0")
+    base = {"xdot0", "x0"} if coordinates == "absolute" else set()
+    wanted = feature_names(max(n, 1), coordinates)
+    missing = [c for c in wanted if c not in present]
+    unknown = [c for c in present if c not in wanted and c not in base and c not in ("t", "time")]
+    if missing or unknown:
+        pieces = ([f"lacks {', '.join(missing[:6])}"] if missing else []) + (
+            [f"has the unknown column{'s' if len(unknown) > 1 else ''} {', '.join(unknown[:6])}"] if unknown else []
+        )
+        raise ChannelError(
+            f"X {' and '.join(pieces)}",
+            f"Name the columns a1.., {rate}1.., {'s' if rate == 'v' else 'x'}1..; covariates and base acceleration are "
+            "passed beside X.",
+        )
+    columns = [present[c] for c in wanted]
+    values = as_matrix(frame if columns == list(frame.columns) else frame[columns], wanted, what="X")
+    bases = [as_matrix(frame[present[c]], [c], 1)[:, :1] if c in present else None for c in ("xdot0", "x0")]
+    if (bases[0] is None) != (bases[1] is None) and base:
+        raise ChannelError("X has only one of the columns xdot0 and x0", "Give both, or neither for a base at rest.")
+    time = next((frame[present[c]].to_numpy() for c in ("t", "time") if c in present), None)
+    if time is None and frame.index.name in ("t", "time"):
+        time = frame.index.to_numpy() if frame.index.dtype.kind in "fiu" else frame.index
+    elif time is None and isinstance(frame.index, (pd.DatetimeIndex, pd.TimedeltaIndex)):
+        time = frame.index
+    return values, wanted, bases[0], bases[1], time, n
+
+
+def _array_names(X: Any, coordinates: str) -> list[str] | str:
+    try:
+        shape = np.shape(np.asarray(X))
+    except ValueError:  # ragged lists
+        return "column "
+    plain = len(shape) == 2 and shape[1] and shape[1] % 3 == 0
+    return feature_names(shape[1] // 3, coordinates) if plain else "column "
+
+
+def _ordered_forces(F: Any, n: int, X: Any) -> Any:
+    """Forces of a table in the order F1..Fn, after checking that its rows are those of X."""
+    if not hasattr(F, "columns"):
+        return F
+    if (
+        hasattr(X, "columns")
+        and len(X) == len(F)
+        and not X.index.equals(F.index)
+        and not X.index.symmetric_difference(F.index).size
+    ):
+        raise ChannelError("The rows of X and F have the same labels in another order", "Sort both the same way.")
+    names, wanted = [str(c) for c in F.columns], [f"F{j}" for j in range(1, n + 1)]
+    if sorted(names) == sorted(wanted):
+        return F[[F.columns[names.index(c)] for c in wanted]]
+    if names == [str(i) for i in range(n)] or len(names) == n == 1:
+        return F
+    raise ChannelError(
+        f"F has the columns {', '.join(names[:9])}",
+        f"Name them {', '.join(wanted)}, or pass F.to_numpy() in that order.",
+    )
+
+
+def _line(value: Any, name: str, size: int) -> np.ndarray:
+    line = as_matrix(value, [name], 1, name)[:, 0].astype(np.float64)
+    if len(line) != size:
+        raise ChannelError(f"{name} has {len(line)} samples, X has {size}", "Cut both to the same clock.")
+    return line
+
+
+def _pieces(record: Any, size: int, has_memory: bool) -> list[tuple[str, slice]]:
+    pieces = by_record(record, size)
+    if has_memory and len({name for name, _ in pieces}) < len(pieces):
+        raise LawError(
+            "The rows of a record do not follow each other, and a law remembers the path",
+            "Sort the rows by record and time; never shuffle them.",
+        )
+    return pieces
+
+
+def _cut_at_gaps(pieces: Sequence[tuple[str, slice]], seconds: np.ndarray, every_row: bool) -> list[tuple[str, slice]]:
+    """Pieces whose clock ticks evenly; rows drawn at random stay one piece."""
+    out: list[tuple[str, slice]] = []
+    for name, rows in pieces:
+        size = rows.stop - rows.start
+        parts = [slice(rows.start + p.start, rows.start + p.stop) for _, p in contiguous(size, None, seconds[rows])]
+        if len(parts) == 1 or size < _PIECE * len(parts):
+            parts = [rows]
+        elif not every_row:
+            parts = _long_enough(name, parts)
+        out += [(name, part) for part in parts]
+    return out
+
+
+def _long_enough(name: str, parts: Sequence[slice]) -> list[slice]:
+    """Pieces between gaps without the short ones, with a warning that names these."""
+    short = [p for p in parts if p.stop - p.start < _PIECE]
+    if short:
+        which = [f"row {p.start}" if p.stop - p.start == 1 else f"rows {p.start} to {p.stop - 1}" for p in short]
+        more = " and more" if len(which) > 6 else ""
+        warnings.warn(
+            f"{name[:1].upper()}{name[1:]}: {', '.join(which[:6])}{more} stand alone between gaps of the clock. "
+            f"Pieces of fewer than {_PIECE} samples are left out; fill the gaps to keep them.",
+            DataQualityWarning,
+            stacklevel=6,
+        )
+    return [p for p in parts if p not in short]
+
+
+def _require_no_gap(pieces: Sequence[tuple[str, slice]], seconds: np.ndarray) -> None:
+    for name, rows in pieces:
+        where = gaps(seconds[rows])
+        if where.size:
+            raise LawError(
+                f"The time of {name} jumps after {rows_text(rows.start + where)}, and a law remembers the path",
+                "Rows were left out or shuffled. Hold out whole records (RecordSplit), or give each contiguous piece "
+                "its own record id.",
+            )
+
+
+def _seconds(time: Any, dt: float | None, size: int, pieces: Sequence[tuple[str, slice]]) -> np.ndarray | None:
+    if time is None:
+        if dt is None:
+            return None
+        if isinstance(dt, bool) or not isinstance(dt, (int, float, np.number)) or not np.isfinite(dt) or dt <= 0:
+            raise ChannelError(f"dt={dt!r} is not a sampling step", "Give a positive number in s.")
+        return None
+    seconds = seconds_of(time, "time")
+    if len(seconds) != size:
+        raise ChannelError(f"time has {len(seconds)} values, X has {size} samples", "Give one time for each sample.")
+    for name, rows in pieces:
+        steps = np.diff(seconds[rows])
+        bad = np.flatnonzero(steps <= 0)
+        if bad.size:
+            raise ChannelError(
+                f"The time of {name} does not increase after row {rows.start + int(bad[0])}",
+                "Pass record= ids where several records are stacked; sort the rows of each; never shuffle them.",
+            )
+    return seconds
+
+
+def _clock(seconds: np.ndarray | None, rows: slice, dt: float | None) -> Any:
+    """Time of some rows as given, s (from zero with a step alone), or None.
+
+    A part of a record has the times that it has in the whole: a law of time says the same of both.
+    """
+    if seconds is not None:
+        return seconds[rows]
+    return None if dt is None else EvenClock(rows.stop - rows.start, float(dt))
+
+
+def _base_in_band(segment: Segment) -> Segment:
+    """The record with the motion of its base put through the band of its floors.
+
+    Of covariates the base's own motion (``ag``, ``vg``, ``xg``) goes with it; a voltage or a temperature does not.
+    """
+    if segment.band is None or segment.dt is None:
+        return segment
+    filter = FairFilter(segment.band, 1.0 / segment.dt)
+
+    def banded(line: np.ndarray) -> np.ndarray:
+        inside = np.flatnonzero(np.isfinite(line))
+        out = line.astype(float)
+        if len(inside) and np.isfinite(line[inside[0] : inside[-1] + 1]).all():  # a gap is named further on
+            rows = slice(inside[0], inside[-1] + 1)
+            out[rows] = filter.apply(out[rows])
+        return out
+
+    moves = {k: banded(line) if k in BASE_MOTION else line for k, line in segment.covariates.items()}
+    return replace(segment, ag=None if segment.ag is None else banded(segment.ag), covariates=moves)
+
+
+def _trimmed(segment: Segment, names: Sequence[str], packed: np.ndarray | None = None) -> Segment:
+    """Find the rows inside the NaN edges, and check every channel."""
+    n = segment.n_dof
+    extent = Extent.of([*([segment.a, segment.v, segment.s] if packed is None else [packed]), segment.F])
+    lines = [line for line in (segment.ag, *segment.covariates.values()) if line is not None]
+    if segment.n_samples and extent.is_whole(3 * n) and all(np.isfinite(line).all() for line in lines):
+        segment.valid = slice(0, segment.n_samples)
+        segment._extent = segment.valid, extent
+        return segment
+    rate, drift = names[n], names[2 * n]
+    motion = (
+        [segment.a[:, j] for j in range(n)] + [segment.v[:, j] for j in range(n)] + [segment.s[:, j] for j in range(n)]
+    )
+    labels = list(names)
+    for j in range(n):
+        if not np.isnan(segment.F[:, j]).all():
+            motion.append(segment.F[:, j])
+            labels.append(f"F{j + 1}")
+    if segment.ag is not None:
+        motion.append(segment.ag)
+        labels.append("base_acceleration")
+    for key, line in segment.covariates.items():
+        motion.append(line)
+        labels.append(f"covariate {key}")
+    where = "" if segment.name == "record" else f"record {segment.name!r}"
+    segment.valid = finite_span(motion, labels, where)
+    if segment.n_valid < 1:
+        raise ChannelError(
+            f"{where or 'X'}: no row is finite in every channel", f"Check the edges of {rate}, {drift} and the forces."
+        )
+    return segment
+
+
+def _steps(segment: Segment, j: int, rows: slice) -> tuple[np.ndarray, np.ndarray]:
+    """Steps of a drift, and twice the mean rate between the same samples."""
+    pace = segment.v[rows, j].astype(float)
+    return np.diff(segment.s[rows, j].astype(float)), pace[1:] + pace[:-1]
+
+
+def _require_order(segment: Segment) -> None:
+    """Refuse shuffled rows: in order, every drift moves the way its rate points."""
+    rows = segment.valid
+    if rows.stop - rows.start < 8:
+        return
+    for j in range(segment.n_dof):
+        along = ways = paces = 0.0
+        for begin in range(rows.start, rows.stop - 1, _STRETCH):
+            step, pace = _steps(segment, j, slice(begin, min(begin + _STRETCH + 1, rows.stop)))
+            along, ways, paces = along + step @ pace, ways + step @ step, paces + pace @ pace
+        scale = (ways * paces) ** 0.5
+        dt = segment.dt
+        if dt is not None and along > 1.1 * 0.5 * dt * paces and along > 0.3 * scale:
+            raise LawError(
+                f"The drift s{j + 1} moves {along / (0.5 * dt * paces):.3g} times as far as its rate "
+                f"v{j + 1} allows in a step of {dt:.4g} s, and a law remembers the path",
+                "Rows are missing (a shuffled split takes them out), or dt or the units are wrong.",
+            )
+        if scale > 0 and along < 0.3 * scale:
+            step, pace = _steps(segment, j, rows)
+            where = rows_text(rows.start + np.flatnonzero(step * pace < 0))
+            raise LawError(
+                f"The drift s{j + 1} does not move the way its rate v{j + 1} points ({where}), and a law remembers the "
+                "path",
+                "The rows are shuffled, or a channel is wrong; keep the samples of a record in order.",
+            )

@@ -1,0 +1,379 @@
+"""Which column of a balance belongs to which mass, site and term: said once, used everywhere."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache, cached_property
+from typing import Any
+
+import numpy as np
+
+from ..exceptions import ChainError, LawError
+from ..laws.base import ForceLaw, Motion, Recurrence, Term
+from ..mechanics.chain import Chain
+from ..mechanics.sites import Site
+
+_MONOMIAL = re.compile(r"(1|v(\^\d+)?( s(\^\d+)?)?|s(\^\d+)?)\Z")
+
+
+@dataclass(frozen=True)
+class Group:
+    """One balance, or several summed: the columns that can stand in it.
+
+    Attributes
+    ----------
+    dofs : tuple of int
+        The balances that are summed.
+    sites : tuple of Site
+        Sites whose force enters.
+    signs : tuple of int
+        +1 or -1 for each site.
+    """
+
+    dofs: tuple[int, ...]
+    sites: tuple[Site, ...]
+    signs: tuple[int, ...]
+
+
+class Layout:
+    """Columns of a chain's balances.
+
+    Parameters
+    ----------
+    chain : Chain
+    terms : mapping of site to int
+        Number of terms at each site; sites beyond the chain's own (``"dof 2"``, further links) follow
+        in the order given.
+
+    Attributes
+    ----------
+    sites : tuple of Site
+        All sites, in column order.
+    n_terms : int
+    """
+
+    def __init__(self, chain: Chain, terms: Mapping[Any, int]) -> None:
+        counts = {chain.site(s): int(k) for s, k in terms.items()}
+        self.chain = chain
+        self.sites: tuple[Site, ...] = (*chain.sites, *(s for s in counts if s not in chain.sites))
+        wrong = [s for s in self.sites if s.kind == "sensor"]
+        if wrong:
+            raise ChainError(
+                f"{str(wrong[0])!r} is not a place for a force law", "Use a storey, link, ground or dof site."
+            )
+        self.n_dof = chain.n_dof
+        self.counts = {s: counts.get(s, 0) for s in self.sites}
+        ends = np.cumsum([0, *(self.counts[s] for s in self.sites)])
+        self.slices = {s: slice(int(ends[i]), int(ends[i + 1])) for i, s in enumerate(self.sites)}
+        self.n_terms = int(ends[-1])
+
+    @cached_property
+    def acting(self) -> tuple[Site, ...]:
+        """Sites that have at least one term."""
+        return tuple(s for s in self.sites if self.counts[s])
+
+    def group(self, dofs: Sequence[int]) -> Group:
+        """The group of columns of one balance, or of several summed.
+
+        Parameters
+        ----------
+        dofs : sequence of int
+
+        Returns
+        -------
+        Group
+        """
+        pairs = [(s, sum(s.incidence(j) for j in dofs)) for s in self.acting]
+        pairs = [(s, sign) for s, sign in pairs if sign]
+        return Group(tuple(dofs), tuple(s for s, _ in pairs), tuple(sign for _, sign in pairs))
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Columns v^h s^j as products of earlier columns with v or s, and columns that follow by a recurrence.
+
+    Attributes
+    ----------
+    steps : ndarray of shape (n_steps, 3)
+        ``(row, p, q)``: the row is row p of the source if q is -1, else row p times row q of the source. Rows from
+        ``n_terms`` on are helpers.
+    motions : tuple of Site
+        Sites whose rates are the first rows of the source, and whose drifts are the next ones.
+    others : tuple of (Site, int, int)
+        Laws (by site and number) whose columns are neither such products nor follow by a recurrence, and how many of
+        them follow in the source, in this order.
+    n_source : int
+        Rows of the source.
+    recurrence : ndarray of shape (n, 4)
+        ``(row, x, p, q)``: the row is (g x + h) times row p plus k times row q, where x is a row of the source; a p of
+        -1 stands for ones, a q of -1 for nothing. They are made before the steps.
+    numbers : ndarray of shape (n, 3)
+        g, h and k.
+    """
+
+    steps: np.ndarray
+    motions: tuple[Site, ...]
+    others: tuple[tuple[Site, int, int], ...]
+    n_source: int
+    recurrence: np.ndarray = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))
+    numbers: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+
+    def finish(self, source: np.ndarray, n_terms: int) -> np.ndarray:
+        """All columns of a block.
+
+        Parameters
+        ----------
+        source : ndarray of shape (n_source, n)
+        n_terms : int
+
+        Returns
+        -------
+        ndarray of shape (n_terms, n)
+        """
+        out = np.empty((max(n_terms, int(self.steps[:, 0].max(initial=-1)) + 1), source.shape[1]))
+        for (row, x, p, q), (g, h, k) in zip(self.recurrence.tolist(), self.numbers.tolist()):
+            np.multiply(source[x], g, out=out[row])
+            out[row] += h
+            if p >= 0:
+                out[row] *= out[p]
+            if q >= 0:
+                out[row] += k * out[q]
+        for row, p, q in self.steps.tolist():
+            if q < 0:
+                out[row] = source[p]
+            else:
+                np.multiply(out[p], source[q], out=out[row])
+        return out[:n_terms]
+
+
+def _recipe(layout: LawLayout) -> Recipe:
+    steps: list[tuple[int, int, int]] = []
+    motions: list[Site] = []
+    others: list[tuple[Site, int, int]] = []
+    given: list[int] = []  # first column of each of them
+    recurrences: list[tuple[int, int, Recurrence]] = []  # first column and rate of each
+    helper = layout.n_terms
+    for site in layout.acting:
+        at = layout.slices[site].start
+        made: dict[tuple[int, int], int] = {}
+        rows: dict[tuple[int, int], int] = {}
+        for number, law in enumerate(layout.laws[site]):
+            width = len(law.terms())
+            recurrence = law.recurrence()
+            powers = _products(law) if recurrence is None else None
+            if recurrence is not None:
+                recurrences.append((at, 2 * len(motions), recurrence))
+            elif powers is not None:
+                rows |= {power: at + k for k, power in enumerate(powers)}
+            else:
+                others.append((site, number, width))
+                given.append(at)
+            at += width
+        v = 2 * len(motions)
+        if rows or any(first == v for _, first, _ in recurrences):
+            motions.append(site)
+        for power in sorted(rows, key=sum):
+            chain = [power]  # down to what is there already: s is taken off first, as the power series multiplies
+            while sum(chain[-1]) > 1:
+                h, j = chain[-1]
+                below = (h, j - 1) if j else (h - 1, 0)
+                if below in made:
+                    break
+                chain.append(below)
+            for h, j in reversed(chain):
+                if (h, j) in made:
+                    continue
+                row = rows.get((h, j))
+                if row is None:
+                    row, helper = helper, helper + 1
+                if h + j == 1:
+                    steps.append((row, v + j, -1))
+                else:
+                    steps.append((row, made[(h, j - 1) if j else (h - 1, 0)], v + (1 if j else 0)))
+                made[h, j] = row
+    size = 2 * len(motions)
+    order = np.arange(size).reshape(2, -1).T.ravel()  # rates first, then drifts
+    steps = [(row, order[p], q) if q < 0 else (row, p, order[q]) for row, p, q in steps]
+    for (_, _, width), at in zip(others, given):
+        steps += [(at + k, size + k, -1) for k in range(width)]
+        size += width
+    table, numbers = [np.zeros((0, 4), dtype=np.int64)], [np.zeros((0, 3))]
+    for at, v, (i_xpq, ghk) in recurrences:
+        i, x, p, q = i_xpq.T
+        table.append(np.column_stack([at + i, order[v + x], np.where(p < 0, -1, at + p), np.where(q < 0, -1, at + q)]))
+        numbers.append(ghk)
+    return Recipe(
+        np.array(steps, dtype=np.int64).reshape(-1, 3), tuple(motions), tuple(others), size,
+        np.concatenate(table), np.concatenate(numbers),
+    )  # fmt: skip
+
+
+_PROBE = Motion(np.array([0.7, -1.3, 0.4]), np.array([-0.6, 0.8, 1.7]))
+
+
+def _products(law: ForceLaw) -> list[tuple[int, int]] | None:
+    """Exponents of the columns of a law if they are what their labels say and need nothing else, else None."""
+    powers = [power for term in law.terms() if (power := powers_of(term.label)) is not None]
+    needs_more = law.has_memory or law.covariates or law.uses_time or law.uses_acceleration or law.free_shape
+    if needs_more or not powers or len(powers) < len(law.terms()) or (0, 0) in powers:
+        return None
+    products = np.column_stack([_PROBE.v**h * _PROBE.s**j for h, j in powers])
+    found = law.features(_PROBE)
+    return powers if (np.abs(found - products) <= 1e-12 * np.abs(products)).all() else None
+
+
+@cache
+def powers_of(label: str) -> tuple[int, int] | None:
+    """Exponents (h, j) of a label such as ``"v^2 s"`` or ``"1"``; None if it is no monomial.
+
+    Parameters
+    ----------
+    label : str
+
+    Returns
+    -------
+    tuple of (int, int) or None
+
+    Examples
+    --------
+    >>> powers_of("v^2 s"), powers_of("1"), powers_of("sgn(v)")
+    ((2, 1), (0, 0), None)
+    """
+    if not _MONOMIAL.match(label):
+        return None
+    power = {"v": 0, "s": 0, "1": 0}
+    for factor in label.split():
+        base, _, exponent = factor.partition("^")
+        power[base] = int(exponent or 1)
+    return power["v"], power["s"]
+
+
+def numbered(words: Sequence[str]) -> list[str]:
+    """Words, with a number behind those that occur more than once.
+
+    Parameters
+    ----------
+    words : sequence of str
+
+    Returns
+    -------
+    list of str
+
+    Examples
+    --------
+    >>> numbered(["dahl", "power series", "dahl"])
+    ['dahl 1', 'power series', 'dahl 2']
+    """
+    return [w if words.count(w) == 1 else f"{w} {words[: i + 1].count(w)}" for i, w in enumerate(words)]
+
+
+def distinct_labels(laws: Sequence[ForceLaw]) -> list[str]:
+    """Labels of the terms of some laws, all different.
+
+    Parameters
+    ----------
+    laws : sequence of ForceLaw
+
+    Returns
+    -------
+    list of str
+        A law's name is added where two would be equal, and its number too where the names are equal as well.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.laws import Dahl, PowerSeries
+    >>> distinct_labels([PowerSeries(1), Dahl(), Dahl()])
+    ['v', 's', 'Z (dahl 1)', 'Z (dahl 2)']
+    """
+    plain = [term.label for law in laws for term in law.terms()]
+    named = [(term.label, law.name) for law in laws for term in law.terms()]
+    number = [name for law, name in zip(laws, numbered([law.name for law in laws])) for _ in law.terms()]
+    return [
+        label if plain.count(label) == 1 else f"{label} ({name if named.count((label, name)) == 1 else full})"
+        for (label, name), full in zip(named, number)
+    ]
+
+
+class LawLayout(Layout):
+    """A layout whose columns come from laws.
+
+    Parameters
+    ----------
+    chain : Chain
+    laws : mapping of str to sequence of ForceLaw
+
+    Raises
+    ------
+    LawError
+        If two laws at one site hold the same term.
+    """
+
+    def __init__(self, chain: Chain, laws: Mapping[Any, Iterable[ForceLaw]]) -> None:
+        self.laws = {chain.site(s): tuple(ls) for s, ls in laws.items()}
+        super().__init__(chain, {s: sum(len(law.terms()) for law in ls) for s, ls in self.laws.items()})
+        for site, held in self.laws.items():
+            owner: dict[str, str] = {}
+            for law in held:
+                for term in law.terms():
+                    if not _MONOMIAL.match(term.label):
+                        continue
+                    if term.label in owner:
+                        raise LawError(
+                            f"{site}: {owner[term.label]} and {type(law).__name__} both hold the term {term.label!r}",
+                            "Their coefficients cannot be told apart; leave one out.",
+                        )
+                    owner[term.label] = type(law).__name__
+
+    def terms_at(self, site: str) -> list[Term]:
+        """Terms at a site, in column order.
+
+        Parameters
+        ----------
+        site : str
+
+        Returns
+        -------
+        list of Term
+        """
+        return [term for law in self.laws.get(Site(site), ()) for term in law.terms()]
+
+    def labels(self, site: str) -> list[str]:
+        """Distinct labels of the terms at a site, as :func:`distinct_labels` makes them."""
+        return distinct_labels(self.laws.get(Site(site), ()))
+
+    @cached_property
+    def has_memory(self) -> bool:
+        """Whether any law remembers the path."""
+        return any(law.has_memory for held in self.laws.values() for law in held)
+
+    @cached_property
+    def recipe(self) -> Recipe:
+        """How the columns follow from rates and drifts, as far as they are products of them."""
+        return _recipe(self)
+
+    def columns(self, site: Site, motion: Motion, states: dict | None = None) -> np.ndarray:
+        """Feature columns at a site along one contiguous record.
+
+        Parameters
+        ----------
+        site : Site
+        motion : Motion
+        states : dict, optional
+            Internal states carried from block to block, keyed by (site, law number).
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_terms_at_site)
+        """
+        out = np.empty((self.counts[site], motion.n_samples))
+        row = 0
+        for i, law in enumerate(self.laws.get(site, ())):
+            state = None
+            if law.has_memory and states is not None:
+                state = states.setdefault((site, i), np.zeros(law.n_states))
+            columns = law.features(motion, state)
+            out[row : row + columns.shape[1]] = columns.T
+            row += columns.shape[1]
+        return out.T

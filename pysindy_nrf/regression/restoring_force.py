@@ -1,0 +1,229 @@
+"""The restoring force of one site: a callable, its coefficients, its equation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ..exceptions import ChainError, ChannelError, LawError, UnknownSiteError
+from ..laws.base import ForceLaw, Motion
+from ..mechanics.chain import Chain
+from ..mechanics.sites import Site
+from .layout import distinct_labels
+
+
+class RestoringForce:
+    """The force a site exerts, as a sum of laws.
+
+    Parameters
+    ----------
+    site : Site
+    laws : sequence of ForceLaw
+        With coefficients.
+
+    Attributes
+    ----------
+    coefficients : Series
+        By term, SI units.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import Site, laws
+    >>> from pysindy_nrf.regression.restoring_force import RestoringForce
+    >>> R = RestoringForce(Site("storey 2"), [laws.PowerSeries(1, [100.0, 1e5])])
+    >>> float(R(0.5, 0.001))
+    150.0
+    >>> print(R)
+    R2 = 100 v2 + 1e+05 s2
+    """
+
+    def __init__(self, site: Site, laws: Sequence[ForceLaw]) -> None:
+        self.site = site
+        self.laws = tuple(laws)
+
+    @property
+    def has_memory(self) -> bool:
+        """Whether a law remembers the path."""
+        return any(law.has_memory for law in self.laws)
+
+    @property
+    def coefficients(self) -> pd.Series:
+        """Coefficients by term (``"v"``, ``"s"``, ``"v^2 s"``, ...), SI units."""
+        values = [float(c) for law in self.laws for c in law.values]
+        return pd.Series(
+            values, index=pd.Index(distinct_labels(self.laws), name="term"), name=str(self.site), dtype=float
+        )
+
+    @property
+    def units(self) -> pd.Series:
+        """Units of the coefficients by term."""
+        return pd.Series(
+            [t.unit for law in self.laws for t in law.terms()], index=self.coefficients.index, dtype=object
+        )
+
+    def __call__(self, v: Any, s: Any, *, t: Any = None, covariates: Mapping[str, Any] | None = None) -> np.ndarray:
+        """Force for rates and drifts.
+
+        Parameters
+        ----------
+        v, s : array-like
+            Rate (m/s) and drift (m), broadcast against each other. With a law that remembers the path
+            they are one-dimensional: the path itself.
+        t : array-like, optional
+            Time, s, for laws that need it.
+        covariates : mapping, optional
+
+        Returns
+        -------
+        ndarray
+            N, of the broadcast shape.
+
+        Raises
+        ------
+        LawError
+            If a law remembers the path and v, s are not one path.
+        ChannelError
+            If v and s are not real numbers of one shape.
+        """
+        if np.iscomplexobj(v) or np.iscomplexobj(s):
+            raise ChannelError(f"v and s of {self.site} are complex", "Give real rates (m/s) and drifts (m).")
+        try:
+            rate, drift = np.broadcast_arrays(np.asarray(v, dtype=float), np.asarray(s, dtype=float))
+        except (TypeError, ValueError) as error:
+            raise ChannelError(
+                f"v and s of {self.site} are not numbers of one shape: {error}", "Give rates in m/s and drifts in m."
+            ) from error
+        if self.has_memory and drift.ndim != 1:
+            raise LawError(
+                f"The force of {self.site} depends on the path",
+                "Give v and s as one-dimensional paths in order of time.",
+            )
+        shape = drift.shape
+
+        def flat(line: Any) -> np.ndarray:
+            return np.ascontiguousarray(np.broadcast_to(np.asarray(line, dtype=float), shape)).ravel()
+
+        motion = Motion(
+            drift.ravel().copy(),
+            rate.ravel().copy(),
+            None,
+            None if t is None else flat(t),
+            {k: flat(c) for k, c in dict(covariates or {}).items()},
+        )
+        return self.along(motion).reshape(shape)
+
+    def along(self, motion: Motion) -> np.ndarray:
+        """Force along one contiguous record, N.
+
+        Parameters
+        ----------
+        motion : Motion
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+        """
+        total = np.zeros(motion.n_samples)
+        for law in self.laws:
+            total += law.force(motion)
+        return total
+
+    def linear_part(self) -> pd.Series:
+        """Damping and stiffness of the terms v and s.
+
+        Returns
+        -------
+        Series
+            ``c`` in N s/m and ``k`` in N/m.
+        """
+        total = {"v": 0.0, "s": 0.0}
+        for law in self.laws:
+            for term, c in zip(law.terms(), law.values):
+                if term.label in total:
+                    total[term.label] += float(c)
+        return pd.Series({"c": total["v"], "k": total["s"]}, name=str(self.site))
+
+    def equation(self, digits: int = 4) -> str:
+        """The equation in the manner of the paper's eq. (11a).
+
+        Parameters
+        ----------
+        digits : int
+            Significant digits.
+
+        Returns
+        -------
+        str
+        """
+        index = (
+            self.site.p
+            if self.site.is_storey
+            else f"_{self.site.p}{self.site.q}"
+            if self.site.kind == "link"
+            else f"_dof{self.site.p}"
+        )
+        pieces = [law.equation(index, digits) for law in self.laws] or ["0"]
+        return f"R{index} = " + " + ".join(pieces).replace("+ -", "- ")
+
+    def __str__(self) -> str:
+        return self.equation()
+
+    def __repr__(self) -> str:
+        return f"RestoringForce({str(self.site)!r}, {list(self.laws)!r})"
+
+
+class RestoringForces(Mapping):
+    """Restoring forces by site: ``["storey 2"]``, ``[2]`` (storeys count from 1), ``["link 4-2"]``.
+
+    Parameters
+    ----------
+    chain : Chain
+    laws : mapping of Site to sequence of ForceLaw
+    """
+
+    def __init__(self, chain: Chain, laws: Mapping[Site, Sequence[ForceLaw]]) -> None:
+        self._chain = chain
+        self._forces = {site: RestoringForce(site, held) for site, held in laws.items()}
+
+    def __getitem__(self, site: Any) -> RestoringForce:
+        try:
+            return self._forces[self._chain.site(site)]
+        except (ChainError, KeyError):
+            raise UnknownSiteError(
+                f"The model has no site {site!r}", f"It has {', '.join(map(str, self._forces))}."
+            ) from None
+
+    def __iter__(self) -> Iterator[Site]:
+        return iter(self._forces)
+
+    def __len__(self) -> int:
+        return len(self._forces)
+
+    def __str__(self) -> str:
+        return "\n".join(str(force) for force in self._forces.values())
+
+    def __repr__(self) -> str:
+        return f"RestoringForces({', '.join(map(str, self._forces))})"
+
+
+def grid(low: Sequence[float], high: Sequence[float], size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Grid over rates and drifts.
+
+    Parameters
+    ----------
+    low, high : (float, float)
+        Corners (v, s), m/s and m.
+    size : int
+        Points along each side.
+
+    Returns
+    -------
+    v, s : ndarray of shape (size, size)
+    """
+    if size < 2:
+        raise ChannelError(f"A surface on {size} points a side is no surface", "Take at least 2.")
+    v, s = np.meshgrid(*(np.linspace(a, b, size) for a, b in zip(low, high)), indexing="ij")
+    return v, s

@@ -1,0 +1,312 @@
+"""Contiguous records of drifts, rates, accelerations and forces, and their way into features, block by block."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..exceptions import ChannelError
+from ..laws.base import Motion
+from ..mechanics.sites import Site
+from .channel_range import Extent
+from .layout import LawLayout, Recipe
+from .moments import Block, block_size
+
+
+@dataclass
+class Segment:
+    """One contiguous record, ready for features.
+
+    Attributes
+    ----------
+    name : str
+    rows : slice
+        Its rows in the arrays the user passed.
+    a, v, s, F : ndarray of shape (n_samples, n_dof)
+        Absolute acceleration (m/s^2), inter-storey velocity (m/s) and drift (m), force (N).
+    t : ndarray of shape (n_samples,) or None
+        s, as the record counts them.
+    ag : ndarray of shape (n_samples,) or None
+        Base acceleration, m/s^2.
+    covariates : dict of str to ndarray
+    valid : slice
+        Rows inside the NaN edges.
+    resolved : float or None
+        Frequency, Hz, up to which fused motions hold the motion; None if they are as measured.
+    band : (float or None, float or None) or None
+        Edges, Hz, of the band that motion and forces were put through before they came here.
+    doubts : tuple of str
+        What looked wrong with its channels, in sentences.
+    """
+
+    name: str
+    rows: slice
+    a: np.ndarray
+    v: np.ndarray
+    s: np.ndarray
+    F: np.ndarray
+    t: np.ndarray | None = None
+    ag: np.ndarray | None = None
+    covariates: dict[str, np.ndarray] = field(default_factory=dict)
+    valid: slice = field(default_factory=lambda: slice(0, 0))
+    resolved: float | None = None
+    band: tuple[float | None, float | None] | None = None
+    doubts: tuple[str, ...] = ()
+    _extent: tuple[slice, Extent] | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def n_samples(self) -> int:
+        """Rows, the NaN edges included."""
+        return len(self.s)
+
+    @property
+    def n_valid(self) -> int:
+        """Rows inside the NaN edges."""
+        return self.valid.stop - self.valid.start
+
+    @property
+    def n_dof(self) -> int:
+        """Degrees of freedom."""
+        return self.s.shape[1]
+
+    @property
+    def dt(self) -> float | None:
+        """Sampling step, s, if the time is known."""
+        return None if self.t is None or len(self.t) < 2 else float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
+
+    def time_at(self, row: int) -> float:
+        """Time of a row on the clock that the laws read, s; zero if the data have none."""
+        return 0.0 if self.t is None else float(self.t[row])
+
+    @property
+    def step(self) -> float:
+        """Sampling step, s; a ChannelError where the time is not known."""
+        if self.dt is None:
+            raise ChannelError(
+                f"The sampling step of {self.name!r} is not known",
+                "Pass dt= (s) to the estimator, time= to fit, or X with a time index.",
+            )
+        return self.dt
+
+    def motion(self, site: Site, rows: slice) -> Motion:
+        """Motion that a law at one site sees.
+
+        Parameters
+        ----------
+        site : Site
+        rows : slice
+
+        Returns
+        -------
+        Motion
+            Drift, rate and acceleration of the upper end relative to the lower one; on a ``"dof j"``
+            site the acceleration is absolute, as in the balance.
+        """
+        low, high = site.q, site.p
+
+        def along(array: np.ndarray) -> np.ndarray:
+            part = array[rows, low:high]
+            return np.ascontiguousarray(
+                part[:, 0] if part.shape[1] == 1 else part.sum(axis=1, dtype=np.float64), dtype=np.float64
+            )
+
+        top = self.a[rows, high - 1].astype(np.float64)
+        if low > 0:
+            below: Any = self.a[rows, low - 1]
+        else:
+            below = 0.0 if self.ag is None or site.kind == "dof" else self.ag[rows]
+        return Motion(
+            along(self.s),
+            along(self.v),
+            top - below,
+            None if self.t is None else self.t[rows],
+            {k: c[rows] for k, c in self.covariates.items()},
+        )
+
+    def blocks(
+        self, layout: LawLayout, size: int | None = None, filter: Any = None, states: dict | None = None
+    ) -> Iterator[Block]:
+        """Columns of all balances, block by block.
+
+        Parameters
+        ----------
+        layout : LawLayout
+        size : int, optional
+            Samples in a block, as fits the cache by default; a filtered record, or one with laws that remember, is
+            taken whole.
+        filter : FairFilter, optional
+            Applied alike to accelerations, forces and law columns.
+        states : dict, optional
+            States of laws that remember, moved from the first sample to the last; the record is then taken in
+            blocks that share one sample.
+
+        Yields
+        ------
+        Block
+        """
+        start, stop = self.valid.start, self.valid.stop
+        if filter is not None or (layout.has_memory and states is None):
+            size = max(stop - start, 1)
+        size = size or block_size(layout)
+        recipe = layout.recipe
+        storeys = tuple((site.q, site.p) for site in recipe.motions) == tuple((j, j + 1) for j in range(self.n_dof))
+        beside = _side_by_side(self.a, self.v, self.s) if storeys and not recipe.others else None
+        for begin in range(start, stop, size):
+            rows = slice(begin, min(begin + size, stop))
+            if beside is not None:
+                channels = _as_rows(beside, rows)
+                a, source = channels[: self.n_dof], channels[self.n_dof :]
+            else:
+                source = self._source(layout, recipe, rows, states, lead=int(begin > start or bool(states)))
+                a = _as_rows(self.a, rows)
+            force = _as_rows(self.F, rows)
+            if filter is None:
+                yield Block(None, a, force, source, recipe, layout.n_terms)
+            else:
+                terms = recipe.finish(source, layout.n_terms)
+                terms = np.ascontiguousarray(filter.apply(terms.T).T)
+                a = np.ascontiguousarray(filter.apply(a.T).T)
+                known = ~np.isnan(force[:, 0])
+                if known.any():
+                    force = force.copy()  # it may be the user's own array
+                    force[known] = filter.apply(force[known].T).T
+                yield Block(terms, a, force)
+
+    def _source(self, layout: LawLayout, recipe: Recipe, rows: slice, states: dict | None, lead: int) -> np.ndarray:
+        """Rates, drifts and the columns of laws that are not products of them, one row each."""
+        out = np.empty((recipe.n_source, rows.stop - rows.start))
+        m = len(recipe.motions)
+        at = 2 * m
+        ends = [(site.q, site.p) for site in recipe.motions]
+        if ends and ends == [(i, i + 1) for i in range(ends[0][0], ends[-1][1])]:
+            floors = slice(ends[0][0], ends[-1][1])
+            out[:m], out[m:at] = self.v[rows, floors].T, self.s[rows, floors].T
+        else:
+            for i, (low, high) in enumerate(ends):
+                out[i] = self.v[rows, low:high].sum(axis=1, dtype=np.float64)
+                out[m + i] = self.s[rows, low:high].sum(axis=1, dtype=np.float64)
+        last: Site | None = None
+        motion: Motion | None = None
+        for site, number, width in recipe.others:
+            law = layout.laws[site][number]
+            if motion is None or site != last:
+                last, motion = site, self.motion(site, rows)
+            if law.has_memory and states is not None:
+                state = states.setdefault((site, number), np.zeros(law.n_states))
+                wide = self.motion(site, slice(rows.start - lead, rows.stop))
+                out[at : at + width] = law.features(wide, state)[lead:].T
+            else:
+                out[at : at + width] = law.features(motion).T
+            at += width
+        return out
+
+    @property
+    def extent(self) -> Extent:
+        """Least and largest value of a_1.., v_1.., s_1.., F_1.. inside the NaN edges."""
+        if self._extent is None or self._extent[0] != self.valid:
+            rows = self.valid
+            self._extent = rows, Extent.of([self.a[rows], self.v[rows], self.s[rows], self.F[rows]])
+        return self._extent[1]
+
+
+def _as_rows(channels: np.ndarray, rows: slice) -> np.ndarray:
+    """Some samples, one row for each channel; a view that cannot be written to, where they are doubles."""
+    view = channels[rows].T
+    view.flags.writeable = False
+    return np.asarray(view, dtype=np.float64)
+
+
+def _side_by_side(a: np.ndarray, v: np.ndarray, s: np.ndarray) -> np.ndarray | None:
+    """The matrix of which a, v and s are neighbouring columns, if they are: one transposition instead of three."""
+    if not (a.dtype == v.dtype == s.dtype and a.shape == v.shape == s.shape and a.strides == v.strides == s.strides):
+        return None
+    place = [x.__array_interface__["data"][0] for x in (a, v, s)]
+    step = a.shape[1] * a.strides[1]
+    if a.strides[1] <= 0 or place != [place[0], place[0] + step, place[0] + 2 * step]:
+        return None
+    return np.lib.stride_tricks.as_strided(a, (a.shape[0], 3 * a.shape[1]), a.strides, writeable=False)
+
+
+class SegmentSet:
+    """The records behind one call of ``fit``, ``predict`` or ``score``.
+
+    Attributes
+    ----------
+    segments : list of Segment
+    n_dof, n_samples : int
+    """
+
+    def __init__(self, segments: Sequence[Segment], n_samples: int) -> None:
+        self.segments = list(segments)
+        self.n_samples = n_samples
+        self.n_dof = self.segments[0].n_dof
+
+    @property
+    def forced(self) -> tuple[int, ...]:
+        """DOFs forced in at least one record."""
+        return tuple(
+            j + 1 for j in range(self.n_dof) if any(seg.extent.moves(3 * self.n_dof + j) for seg in self.segments)
+        )
+
+    @property
+    def unknown(self) -> tuple[int, ...]:
+        """DOFs whose force is unknown in every record."""
+        return tuple(
+            j + 1 for j in range(self.n_dof) if all(np.isnan(seg.F[seg.valid.start, j]) for seg in self.segments)
+        )
+
+    @property
+    def base_moves(self) -> bool:
+        """Whether the base moves in some record (its acceleration was given)."""
+        return any(seg.ag is not None and seg.ag.any() for seg in self.segments)
+
+    @property
+    def doubts(self) -> list[str]:
+        """What looked wrong with the channels, in sentences; where there are several records with the name of each."""
+        several = len(self.segments) > 1
+        said = (f"Record {s.name!r}: {text}" if several else text for s in self.segments for text in s.doubts)
+        return list(dict.fromkeys(said))
+
+    @property
+    def dt(self) -> float | None:
+        """Sampling step of the first record, s."""
+        return self.segments[0].dt
+
+    def scatter(self, parts: Sequence[np.ndarray], fill: float = np.nan) -> np.ndarray:
+        """Put arrays of the segments' valid rows back into the rows the user passed."""
+        width = parts[0].shape[1]
+        out = np.full((self.n_samples, width), fill)
+        for seg, part in zip(self.segments, parts):
+            out[seg.rows][seg.valid] = part
+        return out
+
+
+@dataclass(frozen=True)
+class BlockRows:
+    """Consecutive valid rows of one record.
+
+    Attributes
+    ----------
+    segment : int
+        Number of the record.
+    rows : slice
+        Counted from the first valid row of the record.
+    """
+
+    segment: int
+    rows: slice
+
+
+def half_the_rate(segments: Iterable[Segment]) -> float:
+    """Highest frequency that all of some records can tell, Hz; infinite without a clock."""
+    step = max((seg.dt or 0.0 for seg in segments), default=0.0)
+    return 0.5 / step if step else np.inf
+
+
+def feature_names(n_dof: int, coordinates: str = "relative") -> list[str]:
+    """Names of the columns of X: a1.., v1.., s1.. (paper eq. 8), or a1.., xdot1.., x1.."""
+    rate, drift = ("v", "s") if coordinates == "relative" else ("xdot", "x")
+    return [f"{p}{j}" for p in ("a", rate, drift) for j in range(1, n_dof + 1)]

@@ -1,0 +1,21 @@
+"""Choosing orders and hyper-parameters by held-out error, with respect for records and time.
+
+``GridSearchCV(NRFRegressor(), {"degree": range(1, 8)}, cv=BlockedTimeSplit(), refit=one_standard_error)`` and
+:func:`select_order`, which gives the same numbers from one pass over the samples.
+"""
+
+from ..common.lazy import public_names
+
+_NAMES = {
+    "AlongPath": "along_path",
+    "BlockEnsemble": "sparsity",
+    "BlockedTimeSplit": "splitters",
+    "OrderSelection": "selection",
+    "RecordSplit": "splitters",
+    "SparsitySelection": "sparsity",
+    "one_standard_error": "one_se_rule",
+    "select_order": "selection",
+    "select_sparsity": "sparsity",
+}
+__all__ = [*_NAMES]
+__getattr__, __dir__ = public_names(__name__, _NAMES)

@@ -1,0 +1,425 @@
+"""Block moments of all folds and all orders from one pass over the samples.
+
+The columns of the largest order hold those of every smaller one, and the moments of a fold are sums
+of the moments of pieces: so any order on any fold is a matter of matrices of a dozen rows.
+
+Powers up to the seventh are nearly dependent, and a Gram matrix of them has lost its digits. What is
+accumulated are therefore products of polynomials that are orthogonal on a sample of the rows, made
+orthogonal altogether, by the triangular factor of the sample, where rate and drift depend on each other;
+the Gram matrix of those is sound, and its root times the change of basis is the root that a QR of the
+monomials gives.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy import linalg
+from scipy.linalg import blas
+
+from ..exceptions import ChannelError, NRFError, RankWarning
+from ..laws import ForceLaw, Motion, PowerSeries
+from ..mechanics.chain import Chain
+from ..mechanics.identifiability import Walk, plan_walk
+from ..mechanics.sites import Site
+from ..regression.chain_solve import NotTogether, Solution, groups_of, solve
+from ..regression.layout import Group, LawLayout
+from ..regression.moments import Block, GroupMoments, Moments, accumulate_each, stacked
+from ..regression.segments import SegmentSet
+from .monomials import Monomials
+from .orthogonal import OrthogonalPowers
+
+_ROWS = 2048  # sampled for the bases of the sites
+_SOUND = 1e3  # condition number of unit columns whose Gram matrix keeps the digits that are asked for
+EVERY = "every"  # stands for all folds, stacked
+PIECES = 20  # at least, over all records: blocks for the effective number of samples
+
+
+@dataclass
+class Order:
+    """One candidate: an order at every storey, and where its columns stand among those of all candidates.
+
+    Attributes
+    ----------
+    layout : LawLayout
+    columns : dict of Site to ndarray of int
+    """
+
+    layout: LawLayout
+    columns: dict[Site, np.ndarray]
+    _groups: dict[Walk, list[Group]] = field(default_factory=dict, init=False, repr=False)
+    _index: dict[Group, np.ndarray] = field(default_factory=dict, init=False, repr=False)
+
+    def groups(self, walk: Walk) -> list[Group]:
+        """Groups of columns a walk needs."""
+        if walk not in self._groups:
+            self._groups[walk] = groups_of(self.layout, walk)
+        return self._groups[walk]
+
+    def index(self, group: Group, whole: Moments) -> np.ndarray:
+        """Where the columns of a group stand in the moments of all candidates."""
+        if group not in self._index:
+            where, *others = whole.positions(group.dofs)
+            own = [where[s].start + self.columns[s] for s in group.sites if s in self.columns]
+            self._index[group] = np.concatenate([*own, np.array([i for i in others if i is not None])])
+        return self._index[group]
+
+    @cached_property
+    def names(self) -> dict[Site, list[str]]:
+        """Labels of the terms, for messages."""
+        return {site: self.layout.labels(site) for site in self.layout.acting}
+
+    @property
+    def n_terms(self) -> int:
+        """Number of terms of all sites."""
+        return self.layout.n_terms
+
+
+class FoldMoments:
+    """Moments of the pieces into which the folds cut the data.
+
+    Parameters
+    ----------
+    chain : Chain
+    laws : mapping of Site to sequence of ForceLaw
+        Laws that every candidate holds; sites whose order is searched are left out.
+    orders : mapping of Site to iterable of int or (int, int)
+        All orders that will be asked for, by site.
+    data : SegmentSet
+    folds : sequence of (train, test)
+        Row numbers.
+    filters : sequence of FairFilter or None
+    known_masses : mapping of int to float
+    strategy : str
+    inner : PySINDy optimizer, optional
+    """
+
+    def __init__(
+        self,
+        chain: Chain,
+        laws: Mapping[Site, Sequence[ForceLaw]],
+        orders: Mapping[Site, Iterable[Any]],
+        data: SegmentSet,
+        folds: Sequence[tuple[np.ndarray, np.ndarray]],
+        filters: Sequence[Any],
+        known_masses: Mapping[int, float],
+        strategy: str,
+        inner: Any = None,
+    ) -> None:
+        self.chain, self.laws = chain, {s: tuple(held) for s, held in laws.items()}
+        self.data, self.filters, self.inner = data, filters, inner
+        self.known_masses, self.strategy = dict(known_masses), strategy
+        self.union = {site: Monomials.holding(given) for site, given in orders.items()}
+        self.layout = LawLayout(chain, {**{s: (law,) for s, law in self.union.items()}, **self.laws})
+        self.groups = self._groups()
+        self.basis: dict[Site, OrthogonalPowers] = {}
+        self.factors: dict[Site, np.ndarray] = {}
+        self._choose_bases()
+        self.accumulated = LawLayout(chain, {**{s: (law,) for s, law in self.basis.items()}, **self.laws})
+        self.class_of, self.membership = _classes(data.n_samples, folds)
+        self.n_folds = len(folds)
+        self._walks: dict[Any, Walk] = {}
+        self._accumulate("gram")
+
+    # -- one pass -----------------------------------------------------------------------------
+
+    def _groups(self) -> list[Group]:
+        walk = plan_walk(
+            self.chain, self.data.forced, self.data.unknown, self.known_masses, self.strategy, self.layout.acting
+        ).require_complete()
+        n = self.chain.n_dof
+        # sums of balances that a fold may need, in which some DOF is not forced
+        sums = [tuple(range(i, n + 1)) for i in range(1, n) if all(j in self.known_masses for j in range(i, n + 1))]
+        held = {g.dofs: g for g in groups_of(self.layout, walk)}
+        return [*held.values(), *(self.layout.group(dofs) for dofs in sums if dofs not in held)]
+
+    def _choose_bases(self) -> None:
+        """Polynomials for each searched site from some rows, and the triangular factor of what they leave dependent."""
+        whole = sum(seg.n_valid for seg in self.data.segments)
+        stride = max(1, whole // _ROWS)
+        for site, law in self.union.items():
+            if not self.layout.counts[site]:
+                continue
+            parts = [seg.motion(site, slice(seg.valid.start, seg.valid.stop, stride)) for seg in self.data.segments]
+            sample = Motion(np.concatenate([part.s for part in parts]), np.concatenate([part.v for part in parts]))
+            self.basis[site] = OrthogonalPowers(law.exponents, sample.v, sample.s)
+            factor = _factor(self.basis[site].features(sample))
+            if factor is not None:
+                self.factors[site] = factor
+
+    def _whiten(self, block: Block) -> Block:
+        if not self.factors:
+            return block
+        terms = np.array(block.terms, order="C")
+        for site, upper in self.factors.items():
+            where = self.accumulated.slices[site]
+            terms[where] = blas.dtrsm(1.0, upper, terms[where].T, side=1, lower=0).T
+        return Block(terms, block.acceleration, block.force)
+
+    def _back(self, dofs: tuple[int, ...]) -> np.ndarray:
+        """Accumulated columns of a group times this are its monomials."""
+        if dofs not in self._backs:
+            self._backs[dofs] = self._change(next(g for g in self.groups if g.dofs == dofs))
+        return self._backs[dofs]
+
+    def _change(self, group: Group) -> np.ndarray:
+        blocks = []
+        for site in group.sites:
+            if site not in self.basis:
+                blocks.append(np.eye(self.layout.counts[site]))
+            elif site in self.factors and self.kind == "gram":
+                blocks.append(self.factors[site] @ self.basis[site].change)
+            else:
+                blocks.append(self.basis[site].change)
+        return linalg.block_diag(*blocks, np.eye(2 if len(group.dofs) == 1 else 1))
+
+    def _accumulate(self, kind: str) -> None:
+        self.kind = kind
+        self._backs: dict[tuple[int, ...], np.ndarray] = {}
+        self._grams: dict[tuple[int, ...], tuple[np.ndarray, np.ndarray]] = {}  # of all pieces, and their samples
+        groups = [self.accumulated.group(g.dofs) for g in self.groups]
+        self._nothing = Moments(self.accumulated, groups, kind, self.known_masses)
+        self.pieces: list[Moments] = []
+        self.piece_class: list[int] = []
+        self.sums: list[np.ndarray] = []  # of the accelerations, for the variance behind R^2
+        self.counts: list[np.ndarray] = []
+        self._totals: dict[Any, tuple[Moments, np.ndarray, np.ndarray]] = {}
+        accumulate_each(self._blocks())
+
+    def _blocks(self) -> Iterator[tuple[Moments, Block]]:
+        """All samples, and the piece they belong to."""
+        whole = sum(seg.n_valid for seg in self.data.segments)
+        for seg, filter in zip(self.data.segments, self.filters):
+            classes = self.class_of[seg.rows][seg.valid]
+            cuts = _cuts(classes, max(whole // PIECES, 256) if self.kind == "gram" else whole)
+            shuffled: dict[int, int] = {}  # piece of each class
+            at, piece = 0, -1
+            for block in seg.blocks(self.accumulated, filter=filter):
+                block = self._whiten(block) if self.kind == "gram" else block
+                n = block.acceleration.shape[1]
+                if cuts is None:
+                    for code in np.unique(classes[at : at + n]):
+                        if code not in shuffled:
+                            shuffled[code] = self._open(int(code))
+                        yield self._counted(shuffled[code], block.take(classes[at : at + n] == code))
+                else:
+                    inside = cuts[(cuts > at) & (cuts < at + n)]
+                    for lo, hi in zip([at, *inside], [*inside, at + n]):
+                        if piece < 0 or lo in cuts:
+                            piece = self._open(int(classes[lo]))
+                        yield self._counted(piece, block.take(slice(lo - at, hi - at)))
+                at += n
+
+    def _open(self, code: int) -> int:
+        self.pieces.append(self._nothing.empty())
+        self.piece_class.append(code)
+        self.sums.append(np.zeros(self.chain.n_dof))
+        self.counts.append(np.zeros(self.chain.n_dof))
+        return len(self.pieces) - 1
+
+    def _counted(self, piece: int, block: Block) -> tuple[Moments, Block]:
+        """A block of a piece, with its accelerations summed up and its samples counted."""
+        n, known = block.acceleration.shape[1], np.array(block.known)
+        self.sums[piece] += np.where(known, block.acceleration @ np.ones(n), 0.0)
+        self.counts[piece] += known * n
+        return self.pieces[piece], block
+
+    def sharpen(self) -> None:
+        """Accumulate once more by streamed QR, where the residual is too small for a Gram matrix."""
+        if self.kind == "gram":
+            self._accumulate("root")
+
+    # -- moments of a fold --------------------------------------------------------------------
+
+    def total(self, fold: Any, side: str = "train") -> tuple[Moments, np.ndarray, np.ndarray]:
+        """Moments of one side of a fold, sums of accelerations and counts; None: of all samples, EVERY: stacked."""
+        key = (fold, side)
+        if key not in self._totals:
+            if fold is None:
+                wanted = np.ones((1, len(self.pieces)))
+            else:
+                chosen = self.membership[self.piece_class] == {"train": 1, "test": 2}[side]
+                wanted = 1.0 * chosen.T[slice(None) if fold == EVERY else [fold]]
+            empty = np.flatnonzero(~wanted.any(axis=1))
+            if empty.size:
+                number = empty[0] if fold == EVERY else fold
+                raise ChannelError(f"Fold {number} has no {side} samples", "Check the splitter.")
+            found = self._sums(wanted), wanted @ np.array(self.sums), wanted @ np.array(self.counts)
+            self._totals[key] = found if fold == EVERY else (found[0].of(0), found[1][0], found[2][0])
+        return self._totals[key]
+
+    def sum_of(self, pieces: Iterable[int]) -> Moments:
+        """Moments of some pieces, in the monomials themselves; a piece may be there several times."""
+        return self._sums(np.bincount(list(pieces), minlength=len(self.pieces))[None].astype(float)).of(0)
+
+    def _sums(self, wanted: np.ndarray) -> Moments:
+        """Stacked moments of the monomials, each the sum of so many times each piece."""
+        if self.kind == "root":
+            times = wanted.astype(int)
+            return stacked([self._merged(np.repeat(np.arange(len(row)), row)) for row in times])
+        out = Moments(self.layout, self.groups, "root", self.known_masses)
+        out.n_samples = (wanted @ [piece.n_samples for piece in self.pieces]).astype(int)
+        for dofs, part in out.parts.items():
+            if dofs not in self._grams:
+                held = [piece.parts[dofs] for piece in self.pieces]
+                self._grams[dofs] = np.array([p.matrix for p in held]), np.array([p.n_samples for p in held])
+            grams, sizes = self._grams[dofs]
+            whole = GroupMoments(0)
+            whole.matrix = np.tensordot(wanted, grams, 1)
+            part.matrix = whole.root() @ self._back(dofs)
+            part.n_samples = (wanted @ sizes).astype(int)
+        return out
+
+    def _merged(self, pieces: Iterable[int]) -> Moments:
+        held = self._nothing.empty()
+        for i in pieces:
+            held.merge(self.pieces[i])
+        out = Moments(self.layout, self.groups, "root", self.known_masses)
+        out.n_samples = held.n_samples
+        for dofs, part in held.parts.items():
+            out.parts[dofs].matrix, out.parts[dofs].n_samples = part.root() @ self._back(dofs), part.n_samples
+        return out
+
+    def order(self, orders: Mapping[Site, Any]) -> Order:
+        """A candidate with an order at every searched site."""
+        laws = {**{s: (PowerSeries(o),) for s, o in orders.items()}, **self.laws}
+        layout = LawLayout(self.chain, laws)
+        columns = {
+            s: self.union[s].positions(orders[s]) if s in self.union else np.arange(layout.counts[s])
+            for s in layout.acting
+        }
+        return Order(layout, columns)
+
+    def cut(self, moments: Moments, order: Order, groups: Sequence[Group]) -> Moments:
+        """Moments of a candidate's own columns."""
+        out = Moments(order.layout, [], "root", self.known_masses)
+        out.n_samples = moments.n_samples
+        for group in groups:
+            part = moments.parts[group.dofs]
+            small = type(part)(0, "root")
+            small.matrix = part.matrix[..., order.index(group, moments)]
+            small.n_samples = part.n_samples
+            out.groups[group.dofs], out.parts[group.dofs] = group, small
+        return out
+
+    def walk(self, moments: Moments, order: Order) -> Walk:
+        """The solve that the forces in some moments allow."""
+        forced, unknown = [], []
+        for j in range(1, self.chain.n_dof + 1):
+            part = moments.parts[(j,)]
+            pushed = np.linalg.norm(part.matrix[..., -1], axis=-1) > 0
+            for held in (part.n_samples > 0, pushed):
+                if np.any(held) != np.all(held):
+                    raise NotTogether()
+            if not np.all(part.n_samples):
+                unknown.append(j)
+            elif np.all(pushed):
+                forced.append(j)
+        key = tuple(forced), tuple(unknown), order.layout.acting
+        if key not in self._walks:
+            self._walks[key] = plan_walk(
+                self.chain, forced, unknown, self.known_masses, self.strategy, order.layout.acting
+            )
+        return self._walks[key].require_complete()
+
+    def fit(
+        self, order: Order, fold: Any, inner: Any = None, moments: Moments | None = None
+    ) -> tuple[Solution, Walk, Moments]:
+        """Solve one candidate on the training side of a fold.
+
+        Parameters
+        ----------
+        order : Order
+        fold : int, None or EVERY
+            None: all data. EVERY: all folds, stacked.
+        inner : PySINDy optimizer, optional
+            In place of the one given at first.
+        moments : Moments, optional
+            Of these samples instead of the fold's.
+
+        Raises
+        ------
+        NRFError
+            If it cannot be solved there.
+        NotTogether
+            If the folds have to be solved one by one.
+        """
+        total = self.total(fold)[0] if moments is None else moments
+        walk = self.walk(total, order)
+        moments = self.cut(total, order, order.groups(walk))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RankWarning)
+            return solve(moments, walk, self.known_masses, inner or self.inner, order.names), walk, moments
+
+    def piece_norms(self, order: Order, dofs: tuple[int, ...], weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Squared length of a combination of a candidate's columns in each piece, and the samples behind it."""
+        group = next(g for g in self.groups if g.dofs == dofs)
+        back = self._back(dofs)
+        whole = np.zeros(back.shape[1])
+        whole[order.index(group, self.total(None)[0])] = weights
+        whole = back @ whole
+        parts = [piece.parts[dofs] for piece in self.pieces]
+        return np.array([p.norm(whole) ** 2 for p in parts]), np.array([p.n_samples for p in parts], dtype=float)
+
+
+def _factor(columns: np.ndarray) -> np.ndarray | None:
+    """Triangular factor of some columns that can be divided by; None where they are sound as they are."""
+    if _sound(columns):
+        return None
+    upper = np.zeros((columns.shape[1],) * 2)
+    found = linalg.qr(columns, mode="r", check_finite=False)[0][: len(upper)]
+    upper[: len(found)] = found
+    least = 1e-9 * np.linalg.norm(upper, axis=0)
+    least[least == 0] = 1.0  # nothing moves
+    np.fill_diagonal(upper, np.where(np.abs(np.diag(upper)) > least, np.diag(upper), least))
+    return upper
+
+
+def _sound(columns: np.ndarray) -> bool:
+    """Whether columns of unit length are far from dependent."""
+    gram = columns.T @ columns
+    size = np.sqrt(np.diag(gram))
+    if not size.all():
+        return False
+    squares = np.linalg.eigvalsh(gram / size / size[:, None])  # of the singular values
+    return bool(squares[-1] < _SOUND**2 * squares[0])
+
+
+def _classes(size: int, folds: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """Class of each row, and on which side of each fold (0 out, 1 train, 2 test) a class is."""
+    sides, changes = [], np.zeros(size, dtype=bool)
+    changes[:1] = True
+    for train, test in folds:
+        side = np.zeros(size, dtype=np.int8)
+        side[train] = 1
+        if side[test].any():
+            raise NRFError("A fold tests on samples it was trained with", "Check the splitter.")
+        side[test] = 2
+        sides.append(side)
+        changes[1:] |= side[1:] != side[:-1]
+    starts = np.flatnonzero(changes)
+    code, membership = np.zeros(len(starts), dtype=np.int64), np.zeros((1, 0), dtype=np.int8)
+    for side in sides:
+        code, unique = pd.factorize(code * 3 + side[starts])
+        membership = np.column_stack([membership[unique // 3], (unique % 3).astype(np.int8)])
+    return np.repeat(code, np.diff(starts, append=size)), membership
+
+
+def _cuts(classes: np.ndarray, longest: int) -> np.ndarray | None:
+    """Where pieces start, or None if the folds are too fine to be cut into pieces."""
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(classes)) + 1])
+    if len(starts) > 8 and len(classes) / len(starts) < 64:
+        return None
+    stops = [*starts[1:], len(classes)]
+    return np.concatenate(
+        [
+            np.linspace(lo, hi, max(1, round((hi - lo) / longest)), endpoint=False).astype(int)
+            for lo, hi in zip(starts, stops)
+        ]
+    )

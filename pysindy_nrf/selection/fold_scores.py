@@ -1,0 +1,161 @@
+"""Held-out scores of one candidate on one fold, from moments; the same numbers as the scorers give."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..exceptions import NRFError
+from ..regression.chain_solve import Solution
+from ..regression.errors import Pooled, balance_sizes, pooled_error
+from ..regression.free_run import free_run_error
+from ..regression.moments import Moments
+from ..regression.segments import BlockRows
+from ..regression.solution import model_of
+from .fold_moments import EVERY, FoldMoments, Order
+
+# Residual, as a share of the reference, below which a Gram matrix no longer holds it to ten digits.
+CLEAN = 1e-3
+
+
+class DigitsLost(Exception):
+    """A residual is too small to be read off a Gram matrix."""
+
+
+@dataclass
+class Heldout:
+    """Moments of the held-out side of a fold, sums and counts of its accelerations, and what the rest says.
+
+    Where ``fold`` is EVERY, all of them are stacked, and so are the scores.
+    """
+
+    moments: Moments
+    sums: np.ndarray
+    counts: np.ndarray
+    solution: Solution
+    fold: Any
+
+
+def _held_out(fold_moments: FoldMoments, order: Order) -> Iterator[tuple[Heldout, Any]]:
+    """All folds at once, or one by one where they differ too much or one of them fails; and where they stand."""
+
+    def one(fold: Any) -> Heldout:
+        solution, walk, _ = fold_moments.fit(order, fold)
+        test, sums, counts = fold_moments.total(fold, "test")
+        return Heldout(fold_moments.cut(test, order, order.groups(walk)), sums, counts, solution, fold)
+
+    try:
+        yield one(EVERY), slice(None)
+        return
+    except NRFError:
+        pass
+    for fold in range(fold_moments.n_folds):
+        try:
+            yield one(fold), fold
+        except NRFError:
+            continue
+
+
+def on_folds(fold_moments: FoldMoments, order: Order, scorings: Iterable[str]) -> dict[str, np.ndarray]:
+    """Scores of one candidate on all folds.
+
+    Parameters
+    ----------
+    fold_moments : FoldMoments
+    order : Order
+    scorings : iterable of {"balance", "acceleration", "free_run"}
+
+    Returns
+    -------
+    dict of str to ndarray of shape (n_folds,)
+        Greater is better; NaN where a fit failed, as in GridSearchCV.
+
+    Raises
+    ------
+    DigitsLost
+    """
+    scores = {name: np.full(fold_moments.n_folds, np.nan) for name in scorings}
+    for held, where in _held_out(fold_moments, order):
+        if fold_moments.kind == "gram":
+            _require_digits(held)
+        for name, values in scores.items():
+            values[where] = _SCORES[name](fold_moments, order, held)
+    return scores
+
+
+def balances_on_folds(fold_moments: FoldMoments, order: Order, dofs: Iterable[int]) -> np.ndarray:
+    """Pooled error of some balances on all folds, percent NRMSE; infinite where a fit failed."""
+    errors = np.full(fold_moments.n_folds, np.inf)
+    for held, where in _held_out(fold_moments, order):
+        pooled = Pooled()
+        for j in dofs:
+            sizes = balance_sizes(j, held.solution.masses, held.solution.coefficients, held.moments)
+            if sizes is not None:
+                pooled.add(sizes)
+        errors[where] = pooled.percent
+    return errors
+
+
+def _balance(fold_moments: FoldMoments, order: Order, held: Heldout) -> Any:
+    return -pooled_error(held.solution.masses, held.solution.coefficients, held.moments)
+
+
+def _acceleration(fold_moments: FoldMoments, order: Order, held: Heldout) -> Any:
+    left = error = np.zeros(held.moments.stacked)
+    for j in range(1, order.layout.n_dof + 1):
+        part = held.moments.parts[(j,)]
+        if np.any(part.n_samples):
+            weights = np.zeros((*left.shape, part.matrix.shape[-1], 2))  # of the residual, of the acceleration
+            weights[..., 0] = residual_weights(held.moments, held.solution, (j,))
+            weights[..., held.moments.positions((j,))[1], 1] = 1.0
+            residual, own = np.moveaxis(part.norms(weights), -1, 0)
+            error = error + (residual / held.solution.masses[j]) ** 2
+            left = left + own**2 - held.sums[..., j - 1] ** 2 / held.counts[..., j - 1]
+    return 1.0 - np.divide(error, left, out=np.full(left.shape, np.nan), where=left != 0)
+
+
+def residual_weights(moments: Moments, solution: Solution, dofs: tuple[int, ...]) -> np.ndarray:
+    """Weights of the columns of one balance, or of several summed, whose sum is the residual."""
+    where, mass_at, target_at = moments.positions(dofs)
+    group = moments.groups[dofs]
+    weights = np.zeros((*moments.stacked, moments.parts[dofs].matrix.shape[-1]))
+    for site, sign in zip(group.sites, group.signs):
+        weights[..., where[site]] = sign * solution.coefficients[site]
+    if mass_at is not None:
+        weights[..., mass_at] = solution.masses[dofs[0]]
+    weights[..., target_at] = -1.0
+    return weights
+
+
+def _require_digits(held: Heldout) -> None:
+    for j in range(1, held.moments.layout.n_dof + 1):
+        sizes = balance_sizes(j, held.solution.masses, held.solution.coefficients, held.moments)
+        if sizes is not None and np.any(sizes.residual < CLEAN * sizes.reference):
+            raise DigitsLost
+
+
+def _free_run(fold_moments: FoldMoments, order: Order, held: Heldout) -> Any:
+    if held.fold == EVERY:
+        return [
+            _free_run(fold_moments, order, replace(held, solution=held.solution.of(fold), fold=fold))
+            for fold in range(fold_moments.n_folds)
+        ]
+    error = free_run_error(model_of(order.layout, held.solution), fold_moments, _runs(fold_moments, held.fold))
+    return -error if np.isfinite(error) else float("nan")
+
+
+def _runs(fold_moments: FoldMoments, fold: int) -> list[BlockRows]:
+    """Contiguous held-out rows, record by record."""
+    out = []
+    for i, seg in enumerate(fold_moments.data.segments):
+        held = fold_moments.membership[fold_moments.class_of[seg.rows][seg.valid], fold] == 2
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], held.astype(np.int8), [0]])))
+        out += [BlockRows(i, slice(int(lo), int(hi))) for lo, hi in zip(edges[::2], edges[1::2])]
+    return out
+
+
+_SCORES: dict[str, Any] = {"balance": _balance, "acceleration": _acceleration, "free_run": _free_run}
+SCORINGS = tuple(_SCORES)

@@ -1,0 +1,206 @@
+"""Which order: the simplest law that is as good as the best, as far as the folds can tell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..exceptions import NRFError
+from ..laws.power_series import exponents_of
+
+# What more terms must take off the held-out error, and the error below which nothing is missing: those of the closed
+# loop's gate (discrepancy/gate.py). Sensor offsets and slow drift are the same in all folds of a test, so the folds
+# do not see them as scatter, and even powers can imitate them.
+MIN_GAIN = 0.15
+FLOOR = 2e-4
+
+
+def one_standard_error(
+    results: Mapping[str, Any],
+    *,
+    metric: str = "score",
+    complexity: Callable[[Mapping[str, Any]], float] | Sequence[float] | None = None,
+    min_gain: float = MIN_GAIN,
+    floor: float = FLOOR,
+) -> int:
+    r"""The one-standard-error rule, as ``GridSearchCV(refit=one_standard_error)`` takes it.
+
+    Chosen is the simplest candidate whose mean held-out error :math:`\bar e` is within one standard error, over the
+    folds, of the best one's (Breiman et al. 1984, sec. 3.4.3), or from which the best one takes less than
+    ``min_gain``:
+
+    .. math:: \bar e \le \max\left(\bar e_{best} + \mathrm{SE}_{best}, \;
+              \frac{\bar e_{best}}{1 - \mathrm{min\_gain}}\right).
+
+    Errors below ``floor`` count as ``floor``: what a noise-free record leaves is round-off, and no reason for
+    more terms.
+
+    Parameters
+    ----------
+    results : mapping
+        ``cv_results_`` of a scikit-learn search. Scores must be R^2 (1 is best) or negative errors in
+        percent (0 is best), as those of :mod:`pysindy_nrf.selection.scorers` and ``NRFRegressor.score``.
+    metric : str
+        Name of the score, if the search had several.
+    complexity : callable or sequence, optional
+        From the parameters of a candidate to its complexity, or the complexities themselves. By default the
+        number of terms (``degree``, ``orders``), then the larger ``threshold`` first.
+    min_gain : float
+        Share of the held-out error that more terms must take off; 0 for the rule of the book.
+    floor : float
+        Error that is as good as none, as a share of the reference.
+
+    Returns
+    -------
+    int
+        Index of the chosen candidate.
+
+    Raises
+    ------
+    NRFError
+        If no candidate could be scored, or complexity cannot be read off the parameters.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.selection import one_standard_error
+    >>> results = {"params": [{"degree": 1}, {"degree": 3}, {"degree": 5}],
+    ...            "split0_test_score": [-9.0, -2.1, -2.0], "split1_test_score": [-8.0, -2.3, -2.2]}
+    >>> one_standard_error(results)
+    1
+    """
+    scores = fold_scores(results, metric)
+    if complexity is None:
+        ranks = [complexity_of(params) for params in results["params"]]
+    elif callable(complexity):
+        ranks = [(float(complexity(params)),) for params in results["params"]]
+    else:
+        ranks = [(float(c),) for c in complexity]
+    return choose(errors_of(scores), ranks, min_gain, floor)
+
+
+def fold_scores(results: Mapping[str, Any], metric: str = "score") -> np.ndarray:
+    """Test scores of ``cv_results_``.
+
+    Parameters
+    ----------
+    results : mapping
+    metric : str
+
+    Returns
+    -------
+    ndarray of shape (n_candidates, n_folds)
+    """
+    columns, i = [], 0
+    while f"split{i}_test_{metric}" in results:
+        columns.append(np.asarray(results[f"split{i}_test_{metric}"], dtype=float))
+        i += 1
+    if not columns:
+        have = sorted({k.split("_test_")[1] for k in results if k.startswith("split") and "_test_" in k})
+        raise NRFError(f"The search has no scores named {metric!r}", f"It has {', '.join(have) or 'none'}: metric=...")
+    return np.column_stack(columns)
+
+
+def errors_of(scores: np.ndarray) -> np.ndarray:
+    """Relative errors (rms, share of the reference) behind scores.
+
+    Parameters
+    ----------
+    scores : ndarray
+        R^2, or negative errors in percent; NaN where a fit failed.
+
+    Returns
+    -------
+    ndarray of the same shape
+        Infinity where a score is missing.
+    """
+    best = np.nanmax(scores, initial=-np.inf)
+    errors = np.sqrt(np.clip(1.0 - scores, 0.0, None)) if best > 0 else -scores / 100.0
+    return np.where(np.isfinite(errors), errors, np.inf)
+
+
+def choose(
+    errors: np.ndarray,
+    complexity: Sequence[Any],
+    min_gain: float = MIN_GAIN,
+    floor: float = FLOOR,
+    paired: bool = False,
+) -> int:
+    """The rule on errors; see :func:`one_standard_error`.
+
+    Parameters
+    ----------
+    errors : ndarray of shape (n_candidates, n_folds)
+    complexity : sequence
+        Sortable, one for each candidate.
+    min_gain, floor : float
+    paired : bool
+        Take the standard error of the difference to the best one instead: what varies from fold to fold in both
+        alike does not count.
+
+    Returns
+    -------
+    int
+    """
+    errors = np.maximum(errors, floor)
+    mean = errors.mean(axis=1)
+    if not np.isfinite(mean).any():
+        raise NRFError("No candidate could be fitted and scored on every fold", "Use fewer folds or lower orders.")
+    best = int(np.argmin(mean))
+    if paired:
+        se = np.array([standard_error(row - errors[best]) for row in errors])
+    else:
+        se = np.full(len(errors), standard_error(errors[best]))
+    good = np.flatnonzero(mean <= np.maximum(mean[best] + se, mean[best] / (1.0 - min_gain)))
+    return min(good.tolist(), key=lambda i: (complexity[i], mean[i]))
+
+
+def standard_error(errors: np.ndarray) -> float:
+    """Standard error of the mean over folds.
+
+    Parameters
+    ----------
+    errors : ndarray of shape (n_folds,)
+
+    Returns
+    -------
+    float
+    """
+    n = len(errors)
+    return float(np.std(errors, ddof=1) / np.sqrt(n)) if n > 1 else 0.0
+
+
+def complexity_of(params: Mapping[str, Any]) -> tuple[float, ...]:
+    """Sort key of a candidate: fewer terms first, then the larger threshold or weight.
+
+    Parameters
+    ----------
+    params : mapping
+        Parameters of a search, with or without the prefix of a pipeline step.
+
+    Returns
+    -------
+    tuple of float
+    """
+    last = {}
+    for name, value in params.items():
+        last[name.rsplit("__", 1)[-1]] = value
+    known = {"degree", "orders"} & last.keys()
+    penalties = [k for k in _PENALTIES if k in last]
+    fewer = [k for k in _SIZES if k in last]
+    if not (known or penalties or fewer):
+        raise NRFError(
+            f"The complexity of {dict(params)} is unknown",
+            "Pass complexity=, e.g. functools.partial(one_standard_error, complexity=lambda params: ...).",
+        )
+    degree = last.get("degree")
+    orders = dict(last.get("orders") or {})
+    terms = 0.0 if degree is None else float(len(exponents_of(degree)))
+    if orders:  # a storey that is not named has the degree
+        terms = float(sum(len(exponents_of(o)) for o in orders.values())) + 1e-3 * terms
+    return (terms, *(float(last[k] or 0) for k in fewer), *(-float(last[k]) for k in penalties))
+
+
+_PENALTIES = ("threshold", "reg_weight_lam", "alpha", "kappa", "relax_coeff_nu")
+_SIZES = ("max_iter", "group_sparsity", "target_sparsity")

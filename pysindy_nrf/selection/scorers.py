@@ -1,0 +1,196 @@
+"""Named scorers of identified chains, for scikit-learn's searches and for :func:`select_order`.
+
+========================  ==============================================================================
+``scorers.balance``       minus the pooled balance error (one step), percent NRMSE; ``"balance"``
+``scorers.acceleration``  R^2 of the accelerations the model predicts, as ``NRFRegressor.score``;
+                          ``"acceleration"``
+``scorers.free_run``      minus the error of the displacements the model reaches alone under the measured
+                          forces, from the measured first state, percent NRMSE; ``"free_run"``
+========================  ==============================================================================
+
+Greater is better in all three; the band is the regressor's. scikit-learn's own ``scoring="r2"`` compares forces,
+which are zero on unforced DOFs: it means little under incomplete excitation.
+
+With ``sklearn.set_config(enable_metadata_routing=True)`` record ids, time, base acceleration and covariates that
+are passed to ``cross_validate`` or to the ``fit`` of a search reach these scorers without further request; a
+pipeline's own steps must have requested what they need.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from sklearn.utils.metadata_routing import MetadataRequest
+
+from ..exceptions import ChannelError, NRFError
+
+METADATA = ("record", "time", "base_acceleration", "covariates")
+
+
+class ChainScorer:
+    """A scorer that scikit-learn's searches accept, and that passes records, time and covariates on.
+
+    Parameters
+    ----------
+    name : str
+    judge : callable
+        From a fitted NRFRegressor, X, F and metadata to a number; greater is better.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import scorers
+    >>> scorers.get_scorer("free_run")
+    scorers.free_run
+    """
+
+    def __init__(self, name: str, judge: Callable[..., float]) -> None:
+        self.name, self.judge = name, judge
+        self._requested: dict[str, bool | str | None] = dict.fromkeys(METADATA, True)
+
+    def __call__(self, estimator: Any, X: Any, y: Any = None, **metadata: Any) -> float:
+        """Score a fitted regressor, or a pipeline that ends in one.
+
+        Parameters
+        ----------
+        estimator : fitted NRFRegressor or Pipeline
+        X, y, **metadata
+            As for ``NRFRegressor.score``.
+
+        Returns
+        -------
+        float
+        """
+        regressor, X, metadata = _unwrapped(estimator, X, metadata)
+        return self.judge(regressor, X, y, **metadata)
+
+    def set_score_request(self, **requests: bool | str | None) -> ChainScorer:
+        """Say which metadata to pass, under which name, as for scikit-learn's scorers.
+
+        Parameters
+        ----------
+        **requests : bool, str or None
+            By name, e.g. ``covariates=False`` or ``record="test_id"``.
+
+        Returns
+        -------
+        ChainScorer
+            A copy.
+        """
+        unknown = [name for name in requests if name not in METADATA]
+        if unknown:
+            raise NRFError(f"The scorer knows no metadata {unknown[0]!r}", f"It takes {', '.join(METADATA)}.")
+        new = ChainScorer(self.name, self.judge)
+        new._requested = {**self._requested, **requests}
+        return new
+
+    def get_metadata_routing(self) -> MetadataRequest:
+        """What scikit-learn should pass."""
+        request = MetadataRequest(owner=self)
+        for name, wanted in self._requested.items():
+            request.score.add_request(param=name, alias=wanted)
+        return request
+
+    def __repr__(self) -> str:
+        return f"scorers.{self.name}"
+
+    def __reduce__(self) -> str | tuple[Any, ...]:
+        if self._requested == dict.fromkeys(METADATA, True) and self.name in SCORERS:
+            return get_scorer, (self.name,)
+        return super().__reduce__()
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ChainScorer) and (self.name, self._requested) == (other.name, other._requested)
+
+    def __hash__(self) -> int:
+        return hash(self.name)
+
+
+def _unwrapped(estimator: Any, X: Any, metadata: dict[str, Any]) -> tuple[Any, Any, dict[str, Any]]:
+    """The regressor at the end of a pipeline, and its input."""
+    metadata = {k: v for k, v in metadata.items() if v is not None}
+    while hasattr(estimator, "steps"):
+        before = estimator[:-1]
+        if len(before):
+            consumed = before.get_metadata_routing().consumes("transform", metadata) if metadata else ()
+            X = before.transform(X, **{k: metadata[k] for k in consumed})
+        estimator = estimator[-1]
+    if not hasattr(estimator, "balance_errors"):
+        raise NRFError(
+            f"{type(estimator).__name__} is not a chain regressor",
+            "These scorers judge NRFRegressor, alone or last in a Pipeline.",
+        )
+    return estimator, X, metadata
+
+
+def _balance(regressor: Any, X: Any, F: Any = None, **metadata: Any) -> float:
+    return -float(regressor.balance_errors(X, F, **metadata).loc["pooled", "error"])
+
+
+def _acceleration(regressor: Any, X: Any, F: Any = None, **metadata: Any) -> float:
+    return float(regressor.score(X, F, **metadata))
+
+
+def _free_run(regressor: Any, X: Any, F: Any = None, **metadata: Any) -> float:
+    from ..regression.free_run import free_run_error
+    from ..regression.segments import BlockRows
+    from ..signals.zero_phase_filter import filters_of
+
+    names = dict.fromkeys(METADATA) | metadata
+    data = regressor._judged(X, F, *(names[k] for k in METADATA))
+    if any(seg.dt is None for seg in data.segments):
+        raise ChannelError("The free run needs the time of the samples", "Pass dt= (s), time=, or X with a time index.")
+    blocks = [BlockRows(i, slice(0, seg.n_valid)) for i, seg in enumerate(data.segments)]
+    error = free_run_error(regressor.model_, _Judged(data, filters_of(regressor.band, data)), blocks)
+    return -error if np.isfinite(error) else float("nan")
+
+
+class _Judged:
+    """What a free run is compared with."""
+
+    def __init__(self, data: Any, filters: list[Any]) -> None:
+        self.data, self.filters = data, filters
+
+
+balance = ChainScorer("balance", _balance)
+acceleration = ChainScorer("acceleration", _acceleration)
+free_run = ChainScorer("free_run", _free_run)
+
+SCORERS = {scorer.name: scorer for scorer in (balance, acceleration, free_run)}
+
+
+def get_scorer(scoring: str | Callable[..., float]) -> Callable[..., float]:
+    """A scorer by name.
+
+    Parameters
+    ----------
+    scoring : {"balance", "acceleration", "free_run"} or callable
+        A callable is given back.
+
+    Returns
+    -------
+    callable
+        ``scorer(estimator, X, F, **metadata)``.
+
+    Raises
+    ------
+    NRFError
+        If there is no scorer of that name.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, datasets, scorers
+    >>> X, F = datasets.load_demo().to_features()
+    >>> model = NRFRegressor(degree=3).fit(X, F)
+    >>> round(scorers.get_scorer("balance")(model, X, F), 1)  # minus percent NRMSE: larger is better
+    -1.9
+    """
+    if callable(scoring):
+        return scoring
+    if scoring not in SCORERS:
+        raise NRFError(f"There is no scorer {scoring!r}", f"Choose {', '.join(SCORERS)}, or pass a callable.")
+    return SCORERS[scoring]
+
+
+__all__ = ["ChainScorer", "acceleration", "balance", "free_run", "get_scorer"]

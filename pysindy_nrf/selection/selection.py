@@ -1,0 +1,359 @@
+"""Order selection: all degrees, all boxes (k, q), all folds from one pass over the samples."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from ..exceptions import ChainError, ChannelError, NRFError
+from ..laws.power_series import exponents_of
+from ..mechanics.sites import Site
+from .criteria import independent_shares, information
+from .fold_moments import FoldMoments, Order
+from .fold_scores import SCORINGS, DigitsLost, balances_on_folds, on_folds
+from .one_se_rule import choose, complexity_of, one_standard_error, standard_error
+from .splitters import n_splits_of
+
+if TYPE_CHECKING:
+    from ..estimation.regressor import NRFRegressor
+    from ..output.displays.order_selection import OrderSelectionDisplay
+
+_RULES = ("one_standard_error", "best")
+
+
+class OrderSelection:
+    """What :func:`select_order` found.
+
+    Attributes
+    ----------
+    best_order : int or (int, int)
+        Total degree, or box (k, q), that the rule chose for every storey.
+    orders_ : dict of str to int or (int, int)
+        Order of each storey by itself: one that adds nothing to the balances of its storey is lowered.
+    table : DataFrame
+        Made when first asked for. One row for each order: ``terms`` (of the whole chain), ``score`` and
+        ``standard_error`` over the folds (of the score that was asked for), ``balance_error`` (held out, percent
+        NRMSE), ``acceleration_r2``, ``free_run_error`` (held out, percent NRMSE; if asked for), ``aic`` and
+        ``bic`` (above the smallest one) and ``chosen``.
+    fold_scores : DataFrame
+        Scores, orders by folds; equal to those of ``GridSearchCV``.
+    cv_results_ : dict
+        The same in the form of scikit-learn's searches.
+    scoring, rule : str
+
+    Examples
+    --------
+    >>> from pysindy_nrf import datasets, select_order
+    >>> found = select_order(datasets.load_demo(), degrees=(1, 3))
+    >>> found.best_order, found.orders_["storey 1"]
+    (3, 3)
+    """
+
+    def __init__(self, labels: list[Any], scores: np.ndarray, scoring: str, rule: Any, source: Any) -> None:
+        self.scoring, self.rule = scoring, rule if isinstance(rule, str) else getattr(rule, "__name__", repr(rule))
+        self._labels, self._source = labels, source
+        self._scores = scores
+        self.cv_results_ = cv_results(labels, scores)
+        self._chosen = _rule(rule)(self.cv_results_)
+        self.best_order = labels[self._chosen]
+
+    @cached_property
+    def fold_scores(self) -> pd.DataFrame:
+        index = pd.Index([str(label) for label in self._labels], name="order")
+        names = [f"fold {i + 1}" for i in range(self._scores.shape[1])]
+        return pd.DataFrame(self._scores, index=index, columns=names)
+
+    @cached_property
+    def table(self) -> pd.DataFrame:
+        held, _, free_run = self._source
+        wanted = dict.fromkeys(["balance", "acceleration", *(["free_run"] if free_run else [])])
+        scores = {self.scoring: self.fold_scores.to_numpy()}
+        missing = [name for name in wanted if name not in scores]
+        scores |= dict(zip(missing, _every(held, self._labels, missing)))
+        table = pd.DataFrame({"terms": [_order(held, x).n_terms for x in self._labels]}, index=self.fold_scores.index)
+        table["score"] = scores[self.scoring].mean(axis=1)
+        table["standard_error"] = [standard_error(row) for row in scores[self.scoring]]
+        table["balance_error"] = -scores["balance"].mean(axis=1)
+        table["acceleration_r2"] = scores["acceleration"].mean(axis=1)
+        if "free_run" in scores:
+            table["free_run_error"] = -scores["free_run"].mean(axis=1)
+        criteria = np.array(list(_criteria(held, self._labels)))
+        for key, column in zip(("aic", "bic"), criteria.T):
+            table[key] = column - np.nanmin(column) if np.isfinite(column).any() else column
+        table["chosen"] = np.arange(len(table)) == self._chosen
+        return table
+
+    @cached_property
+    def orders_(self) -> dict[str, Any]:
+        return _orders_by_storey(self._source[0], self._labels, self.best_order)
+
+    def regressor(self, by_storey: bool = False) -> NRFRegressor:
+        """An estimator, not yet fitted, with the order found.
+
+        Parameters
+        ----------
+        by_storey : bool
+            With ``orders_`` instead of the one best order.
+
+        Returns
+        -------
+        NRFRegressor
+        """
+        from sklearn.base import clone
+
+        new = clone(self._source[1])
+        if not by_storey:
+            return new.set_params(degree=self.best_order)
+        return new.set_params(orders={**self.orders_, **dict(new.orders or {})})
+
+    def plot(self, ax: Any = None) -> OrderSelectionDisplay:
+        """Draw held-out error over the order; see :class:`pysindy_nrf.output.displays.OrderSelectionDisplay`.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+
+        Returns
+        -------
+        OrderSelectionDisplay
+        """
+        from ..output.displays.order_selection import OrderSelectionDisplay
+
+        return OrderSelectionDisplay.from_selection(self).plot(ax)
+
+    def __repr__(self) -> str:
+        orders, folds = self._scores.shape
+        return f"OrderSelection(best_order={self.best_order!r}, {orders} orders, {folds} folds)"
+
+    def __str__(self) -> str:
+        best = self.table.loc[self.table["chosen"]].iloc[0]
+        kind = "box (k, q)" if isinstance(self.best_order, tuple) else "degree"
+        return (
+            f"{kind} {self.best_order}: held-out balance error {best['balance_error']:.3g} %, "
+            f"{int(best['terms'])} terms ({self.rule.replace('_', ' ')}, {self.scoring})\n{self.table.to_string()}"
+        )
+
+
+def select_order(
+    X: Any,
+    F: Any = None,
+    *,
+    degrees: Iterable[int] | None = range(1, 8),
+    boxes: Iterable[tuple[int, int]] | None = None,
+    cv: Any = 5,
+    rule: str | Callable[[Mapping[str, Any]], int] = "one_standard_error",
+    scoring: str = "balance",
+    free_run: bool = False,
+    record: Any = None,
+    time: Any = None,
+    base_acceleration: Any = None,
+    covariates: Any = None,
+    **regressor_params: Any,
+) -> OrderSelection:
+    """Choose the order of the power series by held-out error, at the cost of about one fit.
+
+    The samples are read once, into moments of the pieces that the folds cut; every order on every fold is then
+    solved from them. The scores are those of ``GridSearchCV(NRFRegressor(), {"degree": ...}, cv=cv,
+    scoring=...)`` to 1e-9 (with ``band`` or with laws that remember the path, records are here filtered and
+    followed whole, and there from each fold's edge anew).
+
+    Parameters
+    ----------
+    X, F, record, time, base_acceleration, covariates
+        As for :meth:`NRFRegressor.fit`; records are fused.
+    degrees : iterable of int, optional
+        Total degrees (paper eq. 9).
+    boxes : iterable of (int, int), optional
+        Boxes (k, q) of the paper's eq. (2): powers of v up to k, of s up to q.
+    cv : int, splitter or iterable of (train, test)
+        Blocks in time for a number; see :mod:`pysindy_nrf.selection`.
+    rule : {"one_standard_error", "best"} or callable
+        A callable takes ``cv_results_`` and returns an index.
+    scoring : {"balance", "acceleration", "free_run"}
+        See :mod:`pysindy_nrf.selection.scorers`.
+    free_run : bool
+        Simulate every candidate on every fold too, for the table; needs the time of the samples.
+    **regressor_params
+        Of :class:`NRFRegressor`: ``laws``, ``orders`` (storeys named there keep their law), ``strategy``,
+        ``optimizer``, ``known_masses``, ``band``, ``chain``, ...
+
+    Returns
+    -------
+    OrderSelection
+
+    Raises
+    ------
+    NRFError
+        If no order was given, or none could be fitted.
+    ChainError
+        For parameters that moments cannot serve (``estimation``, ``constraints``, free shape parameters).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import ChainModel, excitation, laws, simulate
+    >>> from pysindy_nrf.selection import select_order
+    >>> storey = laws.PowerSeries((0, 3), [1e5, 0.0, 4e8]), laws.LinearViscous(100.0)
+    >>> truth = ChainModel([10.0, 12.0], {"storey 1": storey, "storey 2": storey})
+    >>> F = excitation.band_limited_random(2, 4.0, 1000.0, dofs=2, rms=100.0, band=(1, 60), random_state=0)
+    >>> found = select_order(simulate(truth, F, 1e-3), degrees=range(1, 6))
+    >>> found.best_order
+    3
+    """
+    from ..estimation.regressor import NRFRegressor
+
+    labels = _labels(degrees, boxes)
+    if scoring not in SCORINGS:
+        raise NRFError(
+            f"scoring={scoring!r} is unknown here",
+            f"Choose {', '.join(SCORINGS)}, or use GridSearchCV with your own scorer.",
+        )
+    _rule(rule)
+    if "degree" in regressor_params:
+        raise ChainError("degree is what is selected", "Give degrees=..., or orders= for storeys whose order is known.")
+    estimator = NRFRegressor(**regressor_params)
+    held = fold_moments_of(estimator, labels, X, F, cv, dict(
+        record=record, time=time, base_acceleration=base_acceleration, covariates=covariates
+    ))  # fmt: skip
+    if (free_run or scoring == "free_run") and any(seg.dt is None for seg in held.data.segments):
+        raise ChannelError("The free run needs the time of the samples", "Pass dt= (s), time=, or X with a time index.")
+    scores = _every(held, labels, [scoring])[0]
+    return OrderSelection(labels, scores, scoring, rule, (held, estimator, free_run))
+
+
+def _order(held: FoldMoments, label: Any) -> Order:
+    return held.order(dict.fromkeys(held.union, label))
+
+
+def _every(held: FoldMoments, labels: list[Any], scorings: list[str]) -> list[np.ndarray]:
+    """Scores of all orders on all folds, one array for each scoring."""
+
+    def judge() -> list[np.ndarray]:
+        found = [on_folds(held, _order(held, label), scorings) for label in labels]
+        return [np.array([scores[name] for scores in found]) for name in scorings]
+
+    try:
+        return judge()
+    except DigitsLost:
+        held.sharpen()
+        return judge()
+
+
+def _criteria(held: FoldMoments, labels: list[Any]) -> Iterator[tuple[float, float]]:
+    """Information criteria of all orders on all data."""
+    largest = max(labels, key=lambda label: len(exponents_of(label)))
+    try:
+        shares = independent_shares(held, _order(held, largest))
+    except NRFError:
+        shares = {}
+    for label in labels:
+        try:
+            solution, _, moments = held.fit(_order(held, label), None)
+            yield information(solution.fits, moments, shares)
+        except NRFError:
+            yield np.nan, np.nan
+
+
+def cv_results(labels: list[Any], scores: np.ndarray) -> dict[str, Any]:
+    """Scores in the form of scikit-learn's ``cv_results_``.
+
+    Parameters
+    ----------
+    labels : list of int or (int, int)
+    scores : ndarray of shape (n_orders, n_folds)
+
+    Returns
+    -------
+    dict
+    """
+    out: dict[str, Any] = {"params": [{"degree": label} for label in labels]}
+    out["param_degree"] = np.ma.array(labels + [None], dtype=object)[:-1]
+    for i, column in enumerate(scores.T):
+        out[f"split{i}_test_score"] = column
+    out["mean_test_score"], out["std_test_score"] = scores.mean(axis=1), scores.std(axis=1)
+    return out
+
+
+def _labels(degrees: Any, boxes: Any) -> list[Any]:
+    labels = [*(degrees if degrees is not None else ()), *(tuple(box) for box in boxes or ())]
+    labels = [int(d) if hasattr(d, "__index__") and not isinstance(d, bool) else d for d in labels]
+    if not labels:
+        raise NRFError("There is no order to choose from", "Give degrees=range(1, 8), or boxes=[(1, 3), ...].")
+    empty = [label for label in labels if not exponents_of(label)]
+    if empty:
+        raise NRFError(f"Order {empty[0]!r} has no terms", "Start at degree 1.")
+    return list(dict.fromkeys(labels))
+
+
+def _rule(rule: Any) -> Callable[[Mapping[str, Any]], int]:
+    if callable(rule):
+        return rule
+    if rule == "one_standard_error":
+        return one_standard_error
+    if rule == "best":
+        return lambda results: int(np.nanargmax(results["mean_test_score"]))
+    raise NRFError(f"rule={rule!r} is unknown", f"Choose {' or '.join(_RULES)}, or give a function of cv_results_.")
+
+
+def fold_moments_of(
+    estimator: Any, labels: list[Any], X: Any, F: Any, cv: Any, options: Mapping[str, Any]
+) -> FoldMoments:
+    """Moments for all folds of what an estimator would be fitted to, with several orders where none is given."""
+    from ..regression.requirements import require_moving
+    from ..signals.zero_phase_filter import filters_of
+
+    if estimator.estimation != "ls" or estimator.constraints is not None:
+        what = "constraints" if estimator.constraints is not None else f"estimation={estimator.estimation!r}"
+        raise ChainError(f"{what} cannot be had from moments alone", "Use GridSearchCV over NRFRegressor.")
+    given = estimator._given_laws()
+    free = [law for held in given.values() for law in held if law.free_shape]
+    if free:
+        raise ChainError(
+            f"{free[0]!r} has shape parameters to be estimated",
+            "Give their values, or use GridSearchCV over NRFRegressor.",
+        )
+    data = estimator._data(X, F, **options, has_memory=any(law.has_memory for held in given.values() for law in held))
+    chain = estimator._chain(data.n_dof, given)
+    fixed = {chain.site(s): held for s, held in given.items()}
+    own = {chain.site(s): order for s, order in dict(estimator.orders or {}).items()}
+    estimator._laws(chain, given)  # says what is wrong with orders and laws
+    from ..laws import PowerSeries
+
+    fixed |= {s: (PowerSeries(order),) for s, order in own.items()}
+    searched = {s: labels for s in chain.sites if s not in fixed}
+    if not searched:
+        raise ChainError("Every site has a law or an order already", "Leave a storey out of laws= and orders=.")
+    starts = [0, *(seg.rows.start for seg in data.segments[1:]), data.n_samples]  # rows left out go with those before
+    ids = np.repeat(np.arange(len(data.segments)), np.diff(starts))  # numbers: two records may have one name
+    splitter = n_splits_of(cv)
+    folds = list(splitter.split(np.empty((data.n_samples, 1)), None, ids) if hasattr(splitter, "split") else splitter)
+    held = FoldMoments(
+        chain, fixed, searched, data, folds, filters_of(estimator.band, data), estimator._known_masses(chain),
+        estimator.strategy, estimator._inner(),
+    )  # fmt: skip
+    require_moving(data, held.layout)
+    return held
+
+
+def _orders_by_storey(held: FoldMoments, labels: list[Any], best: Any) -> dict[str, Any]:
+    """Each storey's simplest order, the others being what they are; from the top down until nothing changes."""
+    chosen: dict[Site, Any] = dict.fromkeys(held.union, best)
+    ranks = [complexity_of({"degree": label}) for label in labels]
+    for _ in range(3):
+        before = dict(chosen)
+        for site in sorted(chosen, key=lambda s: (-s.p, -s.q)):
+            dofs = [j for j in (site.p, site.q) if j > 0]
+            errors = np.array([
+                balances_on_folds(held, held.order({**chosen, site: label}), dofs) / 100.0 for label in labels
+            ])  # fmt: skip
+            chosen[site] = labels[choose(errors, ranks, paired=True)]
+        if chosen == before:
+            break
+    return {str(site): order for site, order in chosen.items()}
+
+
+__all__ = ["OrderSelection", "cv_results", "select_order"]

@@ -1,0 +1,383 @@
+"""Which terms: thresholds and paths of sparse optimizers, judged on data they were not fitted to."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from sklearn.base import clone
+
+from ..common.random_state import generator
+from ..exceptions import NRFError, NRFWarning
+from ..regression.chain_solve import Solution
+from ..regression.errors import pooled_error
+from .along_path import AlongPath
+from .fold_moments import FoldMoments, Order
+from .fold_scores import CLEAN
+from .one_se_rule import choose, standard_error
+from .pruning import Pruned, pruned
+from .selection import fold_moments_of
+from .supports import MARGIN, inclusion, labels_of, restricted, support_of
+
+if TYPE_CHECKING:
+    from ..estimation.regressor import NRFRegressor
+
+# Shares of the force that a term must carry to be kept.
+SHARES = tuple(np.geomspace(0.002, 0.2, 13).round(5))
+
+
+@dataclass(frozen=True)
+class BlockEnsemble:
+    """Terms that an optimizer keeps in most bootstraps over blocks of time, refitted by least squares.
+
+    Parameters
+    ----------
+    optimizer : PySINDy optimizer
+    n_models : int
+        Bootstraps.
+    min_inclusion : float
+        Share of them in which a term must be kept.
+
+    Examples
+    --------
+    >>> import pysindy as ps
+    >>> from pysindy_nrf import datasets
+    >>> from pysindy_nrf.selection import BlockEnsemble, select_sparsity
+    >>> ensemble = BlockEnsemble(ps.STLSQ(threshold=0.02), n_models=5)
+    >>> found = select_sparsity(datasets.load_demo(), paths={"ensemble": [ensemble]})
+    >>> kept = found.terms["ensemble"].loc["storey 1"]
+    >>> kept[kept != 0].index.tolist()
+    ['v', 's', 's^3']
+    """
+
+    optimizer: Any
+    n_models: int = 15
+    min_inclusion: float = 0.6
+
+
+class SparsitySelection:
+    """What :func:`select_sparsity` found.
+
+    Attributes
+    ----------
+    table : DataFrame
+        One row for each (optimizer, setting): ``terms`` kept (masses not counted), ``error`` and ``standard_error``
+        of the held-out balance over the folds (percent NRMSE) and ``chosen``, by the rule within each optimizer.
+    fold_errors : DataFrame
+        Held-out balance errors, settings by folds, percent NRMSE.
+    terms : DataFrame
+        Coefficients (N, SI) of the chosen model of each optimizer by site and term; 0 where left out.
+    inclusion : DataFrame
+        Share of block bootstraps that keep each term, for the ensembles' chosen setting.
+    best : str
+        The optimizer with the fewest terms among those whose error the folds cannot tell from the least.
+
+    Examples
+    --------
+    >>> import pysindy as ps
+    >>> from pysindy_nrf import datasets
+    >>> from pysindy_nrf.selection import select_sparsity
+    >>> settings = [ps.STLSQ(threshold=share) for share in (0.002, 0.02)]
+    >>> found = select_sparsity(datasets.load_demo(), paths={"STLSQ": settings})
+    >>> found.best, found.table["chosen"].tolist()
+    ('STLSQ', [False, True])
+    """
+
+    def __init__(
+        self,
+        table: pd.DataFrame,
+        fold_errors: pd.DataFrame,
+        terms: pd.DataFrame,
+        inclusion: pd.DataFrame,
+        supports: Mapping[Any, list[tuple[str, str]]],
+        candidates: Mapping[Any, Any],
+        estimator: Any,
+        order: Order,
+        held: FoldMoments,
+    ) -> None:
+        self.table, self.fold_errors, self.terms, self.inclusion = table, fold_errors, terms, inclusion
+        self._candidates, self._estimator, self._order, self._held = candidates, estimator, order, held
+        self._supports = supports
+        chosen = table[table["chosen"]]
+        errors = fold_errors.loc[chosen.index].to_numpy() / 100.0
+        self.best = chosen.index[choose(errors, chosen["terms"].tolist(), min_gain=MARGIN, paired=True)][0]
+
+    def support(self, name: str, setting: str) -> list[tuple[str, str]]:
+        """Terms (site, label) that one setting keeps on all data.
+
+        Parameters
+        ----------
+        name, setting : str
+            As in the index of ``table``.
+
+        Returns
+        -------
+        list of (str, str)
+        """
+        return self._supports.get((name, setting), [])
+
+    def regressor(self, name: str | None = None) -> NRFRegressor:
+        """An estimator, not yet fitted, with the chosen setting of an optimizer.
+
+        Parameters
+        ----------
+        name : str, optional
+            Of the optimizer; ``best`` if None.
+
+        Returns
+        -------
+        NRFRegressor
+            The terms of an ensemble or of a pruned setting stand in ``laws``: they were chosen from all the data given.
+
+        Raises
+        ------
+        NRFError
+            If no optimizer of this name was tried.
+        """
+        name = self.best if name is None else name
+        index = self.table.index[(self.table.index.get_level_values(0) == name) & self.table["chosen"]]
+        if not len(index):
+            raise NRFError(f"There is no optimizer {name!r}", f"Choose {', '.join(self.terms)}.")
+        candidate = self._candidates[index[0]]
+        if not isinstance(candidate, BlockEnsemble | Pruned):
+            return clone(self._estimator).set_params(optimizer=candidate)
+        kept = self.terms[name] != 0
+        support = {s: kept.loc[str(s)].to_numpy() for s in self._order.layout.acting}
+        laws = restricted(self._held, self._order, support).layout.laws
+        given = {str(s): list(v) for s, v in laws.items()}
+        return clone(self._estimator).set_params(optimizer=None, laws=given, orders=None)
+
+    def __repr__(self) -> str:
+        rows = self.table[self.table["chosen"]]
+        found = ", ".join(f"{name} {setting}: {row.terms} terms" for (name, setting), row in rows.iterrows())
+        return f"SparsitySelection(best={self.best!r}; {found})"
+
+
+def default_paths() -> dict[str, list[Any]]:
+    """Settings tried by :func:`select_sparsity`: what carries less than a share of the balance's force goes.
+
+    Returns
+    -------
+    dict of str to list
+    """
+    import pysindy as ps
+
+    return {
+        "STLSQ": [ps.STLSQ(threshold=t) for t in SHARES],
+        "ensemble": [BlockEnsemble(ps.STLSQ(threshold=t)) for t in SHARES],
+        "SR3": [ps.SR3(reg_weight_lam=t**2 / 2) for t in SHARES],
+        "SSR": [AlongPath(ps.SSR(max_iter=200), t) for t in SHARES],
+        "FROLS": [AlongPath(ps.FROLS(max_iter=200), t) for t in SHARES],
+    }
+
+
+def select_sparsity(
+    X: Any,
+    F: Any = None,
+    *,
+    paths: Mapping[str, Sequence[Any]] | Iterable[str] | None = None,
+    degree: Any = 3,
+    cv: Any = 6,
+    prune: bool = True,
+    random_state: Any = 0,
+    record: Any = None,
+    time: Any = None,
+    base_acceleration: Any = None,
+    covariates: Any = None,
+    **regressor_params: Any,
+) -> SparsitySelection:
+    """Choose the threshold of every sparse optimizer by held-out balance error, from one pass over the samples.
+
+    For each setting the terms are chosen and fitted on the training side of every fold and judged on its
+    other side; within each optimizer the sparsest setting is taken whose error the folds cannot tell from the
+    least (one standard error of the difference). One threshold serves all storeys alike; so the path then goes on
+    from there term by term, as long as the same rule misses none of them (``prune``).
+
+    Parameters
+    ----------
+    X, F, record, time, base_acceleration, covariates
+        As for :meth:`NRFRegressor.fit`; records are fused.
+    paths : mapping of str to sequence of PySINDy optimizers, or names of the default ones, optional
+        Settings by name; :func:`default_paths` if None. A :class:`BlockEnsemble` counts as an optimizer.
+    degree : int or (int, int)
+        Of the power series that is thinned out.
+    cv : int, splitter or iterable of (train, test)
+        Blocks in time for a number.
+    prune : bool
+        Go on beyond the chosen setting; each step is one more setting, named ``"... without v^2 s of storey 4"``.
+    random_state : int, Generator or None
+        For the bootstraps of the ensembles.
+    **regressor_params
+        Of :class:`NRFRegressor`: ``strategy``, ``known_masses``, ``laws`` (kept whole), ``band``, ...
+
+    Returns
+    -------
+    SparsitySelection
+
+    Raises
+    ------
+    NRFError
+        If nothing could be fitted on every fold.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import ChainModel, excitation, laws, simulate
+    >>> from pysindy_nrf.selection import select_sparsity
+    >>> storey = laws.LinearViscous(200.0), laws.Duffing(1e5, 4e8)
+    >>> truth = ChainModel([10.0, 12.0], {"storey 1": storey, "storey 2": storey})
+    >>> F = excitation.band_limited_random(2, 4.0, 1000.0, dofs=[2], rms=100.0, band=(1, 60), random_state=0)
+    >>> found = select_sparsity(simulate(truth, F, 1e-3), paths=["STLSQ"])
+    >>> list(found.terms.index[found.terms["STLSQ"] != 0].get_level_values("term"))
+    ['v', 's', 's^3', 'v', 's', 's^3']
+    """
+    from ..estimation.regressor import NRFRegressor
+
+    estimator = NRFRegressor(degree=degree, **regressor_params)
+    given: Mapping[str, Sequence[Any]] = default_paths()
+    if paths is not None:
+        unknown = [] if isinstance(paths, Mapping) else [name for name in paths if name not in given]
+        if unknown:
+            raise NRFError(f"There is no default path {unknown[0]!r}", f"Choose from {', '.join(given)}.")
+        given = dict(paths) if isinstance(paths, Mapping) else {name: given[name] for name in paths}
+    candidates = {(name, setting_of(one)): one for name, path in given.items() for one in path}
+    if not candidates:
+        raise NRFError("There is no optimizer to choose from", "Leave paths out, or name some.")
+    held = fold_moments_of(estimator, [degree], X, F, cv, dict(
+        record=record, time=time, base_acceleration=base_acceleration, covariates=covariates
+    ))  # fmt: skip
+    order = held.order(dict.fromkeys(held.union, degree))
+    rng = generator(random_state)
+    seeds = {name: int(rng.integers(2**31)) for name in candidates}
+    found = _judged(held, order, candidates, seeds)
+    if held.kind == "gram" and min(np.nanmin(errors) for errors, _, _ in found.values()) < 100 * CLEAN:
+        held.sharpen()
+        found = _judged(held, order, candidates, seeds)
+    if prune:
+        _pruned(held, order, candidates, found)
+    return _selection(found, candidates, estimator, order, held)
+
+
+def setting_of(candidate: Any) -> str:
+    """The parameters in which a candidate differs from the default, in words."""
+    inner = getattr(candidate, "optimizer", None)
+    if isinstance(candidate, Pruned):
+        gone = ", ".join(f"{label} of {site}" for site, label in candidate.without)
+        return f"{setting_of(candidate.optimizer)} without {gone}"
+    if isinstance(candidate, AlongPath):
+        return f"tolerance={candidate.tolerance:g}"
+    text = setting_of(inner) if inner is not None else ""
+    if isinstance(candidate, BlockEnsemble) or inner is not None:
+        return text
+    default = type(candidate)().get_params()
+    own = {k: v for k, v in candidate.get_params().items() if k in default and default[k] is not v and default[k] != v}
+    return ", ".join(f"{k}={v:g}" if isinstance(v, float) else f"{k}={v}" for k, v in own.items()) or "default"
+
+
+def _judged(held: FoldMoments, order: Order, candidates: Mapping[Any, Any], seeds: Mapping[Any, int]) -> dict:
+    """Held-out errors on the folds, the fit to everything and the inclusion, for each candidate."""
+    out = {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NRFWarning)
+        for name, candidate in candidates.items():
+            fit = _fitter(held, order, candidate, seeds[name])
+            errors = np.array([_heldout_error(held, fit, fold) for fold in range(held.n_folds)])
+            try:
+                solution, kept, shares = fit(None)
+            except NRFError:
+                solution, kept, shares, errors = None, order, None, np.full(held.n_folds, np.inf)
+            out[name] = errors, solution and _whole(order, kept, solution), shares
+    return out
+
+
+def _pruned(held: FoldMoments, order: Order, candidates: dict, found: dict) -> None:
+    """Lengthen the path of each optimizer beyond its chosen setting."""
+    for name in dict.fromkeys(name for name, _ in candidates):
+        path = [key for key in candidates if key[0] == name and found[key][1]]
+        if not path:
+            continue
+        errors = np.array([found[key][0] for key in path]) / 100.0
+        chosen = path[choose(errors, [_terms(found[key][1]) for key in path], min_gain=MARGIN, paired=True)]
+        least = errors[np.argmin(errors.mean(axis=1))]
+        for gone, support, own in pruned(held, order, support_of(found[chosen][1]), least):
+            candidate = Pruned(candidates[chosen], gone)
+            kept = restricted(held, order, support)
+            key = name, setting_of(candidate)
+            candidates[key] = candidate
+            found[key] = 100.0 * own, _whole(order, kept, held.fit(kept, None)[0]), found[chosen][2]
+
+
+def _terms(whole: Mapping[Any, np.ndarray]) -> int:
+    return sum(int(kept.sum()) for kept in support_of(whole).values())
+
+
+def _fitter(held: FoldMoments, order: Order, candidate: Any, seed: int) -> Callable[[int | None], tuple]:
+    """From a fold to its solution, the terms it has, and the inclusion of an ensemble."""
+
+    def plain(fold: int | None) -> tuple[Solution, Order, None]:
+        return held.fit(order, fold, candidate)[0], order, None
+
+    def ensemble(fold: int | None) -> tuple[Solution, Order, Any]:
+        rng = np.random.default_rng([seed, 0 if fold is None else fold + 1])
+        shares = inclusion(held, order, candidate.optimizer, candidate.n_models, rng, fold)
+        kept = restricted(held, order, {s: p >= candidate.min_inclusion for s, p in shares.items()})
+        return held.fit(kept, fold)[0], kept, shares
+
+    return ensemble if isinstance(candidate, BlockEnsemble) else plain
+
+
+def _heldout_error(held: FoldMoments, fit: Callable, fold: int) -> float:
+    try:
+        solution, kept, _ = fit(fold)
+        test, *_ = held.total(fold, "test")
+        walk = held.walk(held.total(fold)[0], kept)
+        return pooled_error(solution.masses, solution.coefficients, held.cut(test, kept, kept.groups(walk)))
+    except NRFError:
+        return np.inf
+
+
+def _whole(order: Order, kept: Order, solution: Solution) -> dict[Any, np.ndarray]:
+    """Coefficients of all terms of the order, zero where a term was left out."""
+    out = {}
+    for site in order.layout.acting:
+        values = np.zeros(order.layout.counts[site])
+        if site in kept.columns:
+            values[np.searchsorted(order.columns[site], kept.columns[site])] = solution.coefficients[site]
+        out[site] = values
+    return out
+
+
+def _selection(found: dict, candidates: dict, estimator: Any, order: Order, held: FoldMoments) -> SparsitySelection:
+    index = pd.MultiIndex.from_tuples(candidates, names=["optimizer", "setting"])
+    errors = np.array([found[name][0] for name in candidates])
+    counts = [
+        _terms(found[name][1]) if found[name][1] else order.n_terms + 1 for name in candidates
+    ]
+    table = pd.DataFrame({"terms": counts, "error": errors.mean(axis=1)}, index=index)
+    table["standard_error"] = [standard_error(row) if np.isfinite(row).all() else np.inf for row in errors]
+    table["chosen"] = False
+    terms, shares = {}, {}
+    for name in dict.fromkeys(index.get_level_values(0)):
+        rows = np.flatnonzero(index.get_level_values(0) == name)
+        best = rows[choose(errors[rows] / 100.0, [counts[i] for i in rows], min_gain=MARGIN, paired=True)]
+        table.iloc[best, table.columns.get_loc("chosen")] = True
+        _, whole, included = found[tuple(index[best])]
+        terms[name] = labels_of(order, whole)
+        if included is not None:
+            shares[name] = labels_of(order, included)
+    fold_errors = pd.DataFrame(errors, index=index, columns=[f"fold {i + 1}" for i in range(held.n_folds)])
+    kept, included = (
+        pd.DataFrame(part).rename_axis(["site", "term"]) if part else pd.DataFrame() for part in (terms, shares)
+    )
+    supports = {
+        name: [key for key, value in labels_of(order, whole).items() if value]
+        for name, (_, whole, _) in found.items()
+        if whole
+    }
+    return SparsitySelection(table, fold_errors, kept, included, supports, candidates, estimator, order, held)
+
+
+__all__ = ["BlockEnsemble", "SparsitySelection", "default_paths", "select_sparsity", "setting_of"]

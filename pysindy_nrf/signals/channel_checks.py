@@ -1,0 +1,200 @@
+"""Channels that are clipped, dead, spiky, coarsely quantised, copied or filled with -9999: found and said."""
+
+from __future__ import annotations
+
+import re
+import warnings
+
+import numpy as np
+import pandas as pd
+
+from ..data.channels import FILLED, fillers
+from ..data.record import Record
+from ..exceptions import DataQualityWarning
+
+_MOTION = re.compile(r"[avx]\d+")
+CLIPPED = 5  # samples in a row at an extreme
+SPIKE = 25.0  # robust standard deviations of the second difference
+LOUD = 4.0  # standard deviations of the channel by which a spike stands out
+ENOUGH = 20_000  # samples that show the steps of a converter, and suspects of being spikes
+LEVELS = 64  # fewer distinct steps over the range than this are coarse
+
+Finding = tuple[str, str, float, str]  # channel, problem, share and message as in the table
+
+
+def check_channels(record: Record, warn: bool = False) -> pd.DataFrame:
+    """What is wrong with the measured channels of a record.
+
+    Parameters
+    ----------
+    record : Record
+    warn : bool
+        Raise a DataQualityWarning with all messages.
+
+    Returns
+    -------
+    DataFrame
+        One row for each finding: ``channel``, ``problem`` (``"dead"``, ``"filled"``, ``"clipped"``, ``"spiky"``,
+        ``"quantised"``, ``"copied"``), ``share`` of the samples, ``message`` with the cure. Empty if all is well.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import Record
+    >>> from pysindy_nrf.signals.channel_checks import check_channels
+    >>> y = np.sin(np.outer(np.arange(4000) / 1000, [30.0, 41.0]))
+    >>> y[:, 0] = np.clip(y[:, 0], -0.8, 0.9)
+    >>> check_channels(Record(displacement=y, fs=1000.0))[["channel", "problem"]].values.tolist()
+    [['x1', 'clipped']]
+    """
+    rows: list[Finding] = []
+    seen: dict[str, np.ndarray] = {}
+    for name, values in record.channels().items():
+        y = np.asarray(values, dtype=float)
+        y = y[np.isfinite(y)]
+        if not len(y) or (name[:1] == "F" and not y.any()):
+            continue
+        if np.ptp(y) == 0 or np.ptp(y) <= 1e-12 * np.abs(y).max():
+            rows.append(
+                (
+                    name,
+                    "dead",
+                    1.0,
+                    f"{name} never changes ({y[0]:.4g}): a dead sensor or a wrong column. Leave it out (a column "
+                    "of NaN).",
+                )
+            )
+            continue
+        for other, z in seen.items():
+            if len(z) == len(y) and np.array_equal(z, y):
+                rows.append(
+                    (
+                        name,
+                        "copied",
+                        1.0,
+                        f"{name} is the same as {other}, sample by sample: a copied column. Check the wiring list.",
+                    )
+                )
+        seen[name] = y
+        filled, what = fillers(np.asarray(values, dtype=float))
+        if what:
+            rows.append((name, "filled", len(filled) / len(values), f"{name} holds {what}. {FILLED}"))
+            continue
+        rows += _stuck(name, y) + _clipped(name, y) + _quantised(name, y) + _spiky(name, y)
+    table = pd.DataFrame(rows, columns=["channel", "problem", "share", "message"])
+    if warn and len(table):
+        warnings.warn(f"Record {record.name!r}: " + " ".join(table["message"]), DataQualityWarning, stacklevel=2)
+    return table
+
+
+def _runs(flag: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Starts and lengths of runs of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flag.astype(np.int8), [0]])))
+    return edges[::2], edges[1::2] - edges[::2]
+
+
+def _clipped(name: str, y: np.ndarray) -> list[Finding]:
+    low, high = y.min(), y.max()
+    resolution = _resolution(y)
+    if resolution > np.ptp(y) / LEVELS:
+        return []
+    total = 0
+    sides = []
+    for side, level in (("above", high), ("below", low)):
+        starts, lengths = _runs(y == level)
+        long = lengths >= CLIPPED
+        # a signal that rests at its extreme (before a test) is one run, clipping is several
+        if long.sum() >= 2 and level != 0:
+            total += int(lengths[long].sum())
+            sides.append(f"{side} {level:.4g}")
+    if not total:
+        return []
+    return [
+        (
+            name,
+            "clipped",
+            total / len(y),
+            f"{name} is cut off {' and '.join(sides)} in {total} samples: the range was too small. Measure again "
+            "with a larger one, or leave those stretches out.",
+        )
+    ]
+
+
+def _stuck(name: str, y: np.ndarray) -> list[Finding]:
+    """A sensor that dies on the way."""
+    starts, lengths = _runs(np.diff(y) == 0)
+    if not len(lengths):
+        return []
+    longest = int(lengths.argmax())
+    start, length = int(starts[longest]), int(lengths[longest]) + 1
+    if length < max(100, 0.02 * len(y)) or y[start] in (y.min(), y.max()) or not _MOTION.fullmatch(name):
+        return []  # forces, the base and covariates may rest
+    before = np.ptp(y[:start]) if start else 0.0
+    if before == 0:  # at rest before the test begins
+        return []
+    return [
+        (
+            name,
+            "dead",
+            length / len(y),
+            f"{name} does not change for {length} samples from row {start} on: a lost connection. Cut the record "
+            "there.",
+        )
+    ]
+
+
+def _resolution(y: np.ndarray) -> float:
+    """Smallest step between two different values that the channel uses over and over; 0 if there is none."""
+    values, counts = np.unique(y[:: max(1, len(y) // ENOUGH)], return_counts=True)
+    if len(values) < 3 or np.median(counts) < 3:
+        return 0.0
+    return float(np.median(np.diff(values)))
+
+
+def _quantised(name: str, y: np.ndarray) -> list[Finding]:
+    step = _resolution(y)
+    rms = float(np.std(y))
+    if not step or step < 0.02 * rms or step < np.ptp(y) / 1024:
+        return []
+    noise = step / 12**0.5 / rms
+    return [
+        (
+            name,
+            "quantised",
+            1.0,
+            f"{name} moves in steps of {step:.3g}, {100 * step / rms:.1f} % of its rms: noise of "
+            f"{100 * noise:.1f} %. Use a smaller measuring range.",
+        )
+    ]
+
+
+def _spiky(name: str, y: np.ndarray) -> list[Finding]:
+    if name[:1] == "F" or len(y) < 32:
+        return []
+    signed = y[1:-1] - 0.5 * (y[2:] + y[:-2])
+    bend = np.abs(signed)
+    floor = np.median(bend) / 0.6745
+    hits = np.flatnonzero(bend > SPIKE * floor + 1e-300)[:ENOUGH]
+    if not len(hits):
+        return []
+    # against the neighbourhood's own liveliness, so that a hammer blow is none
+    width = min(101, len(bend) // 2 * 2 - 1)
+    at = np.clip(hits[:, None] + np.arange(width) - width // 2, 0, len(bend) - 1)
+    hits = hits[bend[hits] > SPIKE * np.median(bend[at], axis=1) / 0.6745]
+    # an acceleration jumps where friction turns over, but not beyond what the channel holds anyway
+    hits = hits[bend[hits] > LOUD * np.std(y)]
+    # one sample off bends its neighbours the other way by half: a smooth peak does not
+    hits = hits[(hits > 0) & (hits < len(bend) - 1)]
+    beside = np.stack([signed[hits - 1], signed[hits + 1]]) / np.where(signed[hits] == 0, 1.0, signed[hits])
+    single = hits[(np.abs(beside + 0.5) < 0.25).all(axis=0)]
+    if not len(single):
+        return []
+    return [
+        (
+            name,
+            "spiky",
+            len(single) / len(y),
+            f"{name} has {len(single)} single samples far off, the first in row {single[0] + 1}: spikes of the "
+            "line. Replace them by their neighbours' mean.",
+        )
+    ]

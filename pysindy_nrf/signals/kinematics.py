@@ -1,0 +1,255 @@
+"""From the measured channels of a record to the regressor's input (paper eq. 8)."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ..data.record import Record
+from ..exceptions import ChannelError, DataQualityWarning
+from .zero_phase_filter import Band, FairFilter, check_band
+
+# Share of the knots' Nyquist frequency up to which a fused motion is the motion itself.
+RESOLVED = 0.7
+
+
+def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Accelerations, inter-storey velocities and drifts of a record, and its forces.
+
+    Parameters
+    ----------
+    record : Record
+    smooth : bool or KinematicSmoother
+        True: each DOF's channels are fused into one motion, missing ones are filled in. A
+        smoother of your own (noise levels, band) is used as it is. False: channels are taken as
+        they are.
+
+    Returns
+    -------
+    X : DataFrame of shape (n_samples, 3 n_dof)
+        ``a1.., v1.., s1..``: absolute accelerations (m/s^2), inter-storey velocities (m/s) and
+        drifts (m), storey 1 relative to the base; index t in s.
+    F : DataFrame of shape (n_samples, n_dof)
+        ``F1..``, N; not filtered unless the smoother has a ``band``.
+
+    Notes
+    -----
+    ``X.attrs`` says what fused motions can serve for: ``"resolved"``, the frequency in Hz up to which they hold
+    the motion where accelerations are not measured, ``"joint_fusion"``, whether the DOFs improved each other, and
+    ``"band"``, the (lower, upper) edges in Hz that motion and forces were put through (either may be None); and
+    ``"doubts"``, what the warning says of channels that look wrong.
+
+    Warns
+    -----
+    DataQualityWarning
+        If channels look wrong or contradict each other (units, sign, delay, swapped or copied columns).
+
+    Raises
+    ------
+    ChannelError
+        If a DOF has no motion channel; with ``smooth=False``, if any of its three is missing; if
+        displacements are absolute and the motion of the moving base is unknown.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import Record
+    >>> from pysindy_nrf.signals.kinematics import to_features
+    >>> t = np.arange(2000) / 1000
+    >>> x = np.column_stack([np.sin(9 * t), 3 * np.sin(9 * t)])
+    >>> X, F = to_features(Record(displacement=x, acceleration=-81 * x, force=0 * x, fs=1000.0))
+    >>> list(X.columns), list(F.columns)
+    (['a1', 'a2', 'v1', 'v2', 's1', 's2'], ['F1', 'F2'])
+    >>> bool(np.allclose(X["s2"], 2 * np.sin(9 * t), atol=1e-7))
+    True
+    """
+    have = set(record.measured)
+    for j in range(1, record.n_dof + 1):
+        if not have & {f"a{j}", f"v{j}", f"x{j}"}:
+            raise ChannelError(
+                f"DOF {j} of record {record.name!r} has no motion channel",
+                f"Measure a{j}, v{j} or x{j}: the storeys beside an uninstrumented floor cannot be told apart. Or "
+                "leave the floor out and read what its storeys then mean: signals.condensation.condense(record).",
+            )
+    smoother = None if smooth is False else _smoother(smooth)
+    doubts = _doubts(record)
+    if smoother is None:
+        _all_measured(record, have)
+        fused = record
+    else:
+        fused = smoother.transform_record(record)
+    a, v, x = fused.acceleration, fused.velocity, fused.displacement
+    assert a is not None and v is not None and x is not None  # measured, or filled in by the smoother
+    if record.coordinates == "absolute" and record.base_moves:
+        vg, xg = base_motion(record, fused, smooth)
+        v, x = v - vg[:, None], x - xg[:, None]
+    index = pd.Index(record.time, name="t")
+    columns = [f"{kind}{j}" for kind in "avs" for j in range(1, record.n_dof + 1)]
+    drift = [np.diff(y, axis=1, prepend=0.0) for y in (v, x)]
+    X = pd.DataFrame(np.hstack([a, *drift]), index=index, columns=columns)
+    if smoother is not None and smoother.spacing_.max() > 1.0:
+        # an accelerometer shows the whole band; what a displacement sensor cannot show is smoothed away
+        blind = [h for j, h in smoother.spacing_.items() if f"a{j}" not in have and h > 1.0]
+        if blind:
+            X.attrs["resolved"] = RESOLVED * record.fs / (2 * float(max(blind)))
+        X.attrs["joint_fusion"] = smoother.joint and not _as_measured(record, a)
+    if smoother is not None and smoother.band_ is not None:
+        X.attrs["band"] = check_band(smoother.band_, record.fs)
+    if doubts:
+        X.attrs["doubts"] = doubts
+    F = pd.DataFrame(fused.force, index=index, columns=[f"F{j}" for j in range(1, record.n_dof + 1)])
+    return X, F
+
+
+def base_acceleration(record: Record) -> np.ndarray:
+    """Acceleration of the base, derived where only its motion was measured.
+
+    Parameters
+    ----------
+    record : Record
+
+    Returns
+    -------
+    ndarray of shape (n_samples,)
+        m/s^2; zeros for a base at rest.
+    """
+    if record.base_acceleration is not None:
+        return record.base_acceleration
+    if not record.base_moves:
+        return np.zeros(record.n_samples)
+    from .kinematic_smoother import KinematicSmoother
+
+    ground = Record(
+        velocity=record.base_velocity,
+        displacement=record.base_displacement,
+        fs=record.fs,
+        name=f"base of {record.name}",
+        coordinates="absolute",
+    )
+    acceleration = KinematicSmoother().transform_record(ground).acceleration
+    assert acceleration is not None
+    return acceleration[:, 0]
+
+
+def base_acceleration_if_any(record: Record, band: Band = None) -> np.ndarray | None:
+    """The same; None for a record in which no motion of the base was given.
+
+    Parameters
+    ----------
+    record : Record
+    band : (float, float), optional
+        Hz; what the motion of the floors was put through, the base that drives them goes through as well.
+
+    Returns
+    -------
+    ndarray of shape (n_samples,) or None
+        m/s^2.
+    """
+    ag = base_acceleration(record) if record.base_moves else record.base_acceleration
+    return ag if ag is None or band is None else FairFilter(band, record.fs).apply(ag)
+
+
+def base_motion(record: Record, fused: Record, smooth: Any = True) -> tuple[np.ndarray, np.ndarray]:
+    """Velocity and displacement of the base, for records in absolute coordinates.
+
+    Parameters
+    ----------
+    record : Record
+        As measured; says which channels of the base there are.
+    fused : Record
+        The same record, its channels fused or band-limited; ``record`` itself where they are not.
+    smooth : bool or KinematicSmoother
+        As for :func:`to_features`. False: both must be measured, and are taken as they are.
+
+    Returns
+    -------
+    velocity, displacement : ndarray of shape (n_samples,)
+        m/s and m.
+
+    Raises
+    ------
+    ChannelError
+        If the displacement of the base was not measured; with ``smooth=False``, if its velocity was not either.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import Record
+    >>> from pysindy_nrf.signals.kinematics import base_motion
+    >>> t = np.arange(2000) / 1000
+    >>> xg = np.sin(9 * t)
+    >>> record = Record(displacement=2 * xg, base_displacement=xg, fs=1000.0, coordinates="absolute")
+    >>> velocity, _ = base_motion(record, record)
+    >>> bool(np.allclose(velocity, 9 * np.cos(9 * t), atol=1e-4))
+    True
+    """
+    have = set(record.measured)
+    if {"vg", "xg"} <= have and smooth is False:
+        assert fused.base_velocity is not None and fused.base_displacement is not None
+        return fused.base_velocity, fused.base_displacement
+    if smooth is False or not have & {"vg", "xg"}:
+        raise ChannelError(
+            f"Record {record.name!r} has absolute displacements and a moving base, but lacks "
+            + ("xg" if "xg" not in have else "vg"),
+            "Give base_displacement"
+            + (" and base_velocity." if smooth is False else " (integrating ag alone loses its slow part).")
+            + " Or give motion relative to the base.",
+        )
+    base = {"a": fused.base_acceleration, "v": fused.base_velocity, "x": fused.base_displacement}
+    ground = Record(
+        acceleration=base["a"],
+        velocity=base["v"],
+        displacement=base["x"],
+        fs=record.fs,
+        name=f"base of {record.name}",
+        coordinates="absolute",
+    )
+    from .kinematic_smoother import KinematicSmoother
+
+    # the record is already band-limited if the smoother was told to
+    whole = KinematicSmoother().transform_record(ground)
+    assert whole.velocity is not None and whole.displacement is not None
+    return whole.velocity[:, 0], whole.displacement[:, 0]
+
+
+def _doubts(record: Record) -> list[str]:
+    """What looks wrong with the channels; a warning says it."""
+    from .plausibility import doubts
+
+    if found := doubts(record):
+        warnings.warn(
+            f"Record {record.name!r}: {'; '.join(text.rstrip('.') for text in found)}. See "
+            "pysindy_nrf.signals.alignment and pysindy_nrf.signals.channel_checks.",
+            DataQualityWarning,
+            stacklevel=4,
+        )
+    return found
+
+
+def _as_measured(record: Record, fused: np.ndarray) -> bool:
+    """Whether the fusion passed clean accelerations on as they are."""
+    return record.acceleration is not None and np.allclose(
+        record.acceleration, fused, rtol=1e-4, atol=1e-4 * np.nanstd(fused), equal_nan=True
+    )
+
+
+def _smoother(smooth: Any) -> Any:
+    from .kinematic_smoother import KinematicSmoother
+
+    if smooth is True:
+        return KinematicSmoother(band="auto")
+    if isinstance(smooth, KinematicSmoother):
+        return smooth
+    raise ChannelError(f"smooth={smooth!r} is unknown", "Give True, False or a KinematicSmoother.")
+
+
+def _all_measured(record: Record, have: set[str]) -> None:
+    missing = [f"{kind}{j}" for j in range(1, record.n_dof + 1) for kind in "avx" if f"{kind}{j}" not in have]
+    if missing:
+        raise ChannelError(
+            f"Record {record.name!r} lacks {', '.join(missing[:6])}{' and more' if len(missing) > 6 else ''}",
+            "Use smooth=True, which derives them from the other channels, or measure them.",
+        )

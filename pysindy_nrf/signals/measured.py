@@ -1,0 +1,117 @@
+"""What was measured, ready to be shown: channels, units, clock, noise."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import pandas as pd
+
+from ..data.record import Record
+
+
+@dataclass
+class Measured:
+    """One record in words and numbers.
+
+    Attributes
+    ----------
+    name : str
+    n_dof, n_samples : int
+    fs : float
+        Hz.
+    channels : DataFrame
+        ``channel``, ``what``, ``unit``, ``rms``, ``peak``, ``noise`` (estimated rms, NaN if unknown), SI.
+    forced, unknown : tuple of int
+        DOFs with a known force, and with an unknown one.
+    base_moves : bool
+    role : str
+        What the record was used for.
+    """
+
+    name: str
+    n_dof: int
+    n_samples: int
+    fs: float
+    channels: pd.DataFrame
+    forced: tuple[int, ...] = ()
+    unknown: tuple[int, ...] = ()
+    base_moves: bool = False
+    role: str = ""
+
+    @property
+    def sentence(self) -> str:
+        """The record in one line."""
+        dofs = f"{self.n_dof} DOF{'s' if self.n_dof > 1 else ''}"
+        text = f"{self.name}: {dofs}, {self.n_samples} samples at {self.fs:g} Hz, {self.n_samples / self.fs:.4g} s"
+        text += f"; forced: DOF {', '.join(map(str, self.forced))}" if self.forced else "; no force measured"
+        if self.unknown:
+            text += f"; force unknown on DOF {', '.join(map(str, self.unknown))}"
+        text += "; the base moves" if self.base_moves else "; the base is at rest"
+        return text + (f"; {self.role}" if self.role else "")
+
+
+def measured(record: Record, noise: Mapping[str, float] | None = None, role: str = "") -> Measured:
+    """What a record holds.
+
+    Parameters
+    ----------
+    record : Record
+    noise : mapping of str to float, optional
+        Estimated rms of the noise by channel, SI.
+    role : str
+
+    Returns
+    -------
+    Measured
+    """
+    from ..data.io.summary import kind_of, summary
+
+    said = summary(record)
+    levels = dict(noise or {})
+    rows = [
+        (name, kind_of(record, name), size["unit"], size["rms"], size["peak"], levels.get(name, float("nan")))
+        for name, size in said["channels"].items()
+    ]
+    columns = ["channel", "what", "unit", "rms", "peak", "noise"]
+    return Measured(
+        record.name,
+        record.n_dof,
+        record.n_samples,
+        record.fs,
+        pd.DataFrame(rows, columns=columns),
+        record.forced,
+        record.unknown,
+        record.base_moves,
+        role,
+    )
+
+
+def as_measured(records: Record | Sequence[Record] | None) -> list[Measured]:
+    """What records hold, with the noise that their channels' contradictions show.
+
+    Parameters
+    ----------
+    records : Record, sequence of Record or None
+
+    Returns
+    -------
+    list of Measured
+    """
+    from ..exceptions import NRFError, NRFWarning
+    from . import KinematicSmoother
+    from .kinematics import to_features
+
+    out = []
+    for record in [] if records is None else [records] if isinstance(records, Record) else records:
+        smoother = KinematicSmoother()
+        try:
+            with warnings.catch_warnings():  # the fit has said what is wrong with the channels
+                warnings.simplefilter("ignore", NRFWarning)
+                to_features(record, smoother)
+            noise = {str(k): float(v) for k, v in smoother.noise_.items()}
+        except NRFError:  # the page shows the record, whatever fusion makes of it
+            noise = {}
+        out.append(measured(record, noise))
+    return out

@@ -1,0 +1,356 @@
+"""Excitations of simulated tests: hammer, band-limited random, sweep, earthquake.
+
+Every function returns forces of shape (n_samples, n_dof) that start at time 0; several levels or
+places add up. All randomness comes from ``random_state``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from ..common.random_state import generator
+from ..exceptions import ChainError, ChannelError
+
+
+def impact_hammer(
+    n_dof: int,
+    duration: float,
+    fs: float,
+    *,
+    dofs: int | Iterable[int],
+    level: float | Iterable[float],
+    n_hits: int = 10,
+    width: float = 0.01,
+    spread: float = 0.5,
+    random_state: Any = None,
+) -> np.ndarray:
+    r"""Half-sine hammer blows at random times and of random strength.
+
+    .. math:: F(t) = P \sin(\pi (t - t_0) / w), \quad t_0 \le t \le t_0 + w
+
+    Parameters
+    ----------
+    n_dof : int
+        Number of masses.
+    duration, fs : float
+        Length (s) and sampling rate (Hz).
+    dofs : int or iterable of int
+        Floors that are hit in turn.
+    level : float or iterable of float
+        Largest peak of the blows, N; several levels are used in turn, blow after blow.
+    n_hits : int
+        Number of blows, spread over the record one in each equal part of it.
+    width : float
+        Length of a blow, s.
+    spread : float
+        Blows have between (1 - spread) and 1 times the level.
+    random_state : int, Generator or None
+
+    Returns
+    -------
+    ndarray of shape (n_samples, n_dof)
+        N.
+
+    Raises
+    ------
+    ChainError, ChannelError
+        If a DOF does not exist or a number is out of range.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.simulation.excitation import impact_hammer
+    >>> F = impact_hammer(4, 8.0, 1000.0, dofs=3, level=1000.0, n_hits=5, random_state=0)
+    >>> F.shape, bool(500 < F[:, 2].max() <= 1000), float(abs(F[:, [0, 1, 3]]).max())
+    ((8000, 4), True, 0.0)
+    """
+    n, columns = _frame(n_dof, duration, fs, dofs)
+    levels = _levels(level)
+    hits = _whole("n_hits", n_hits)
+    width = _positive("width", width, "s")
+    if not 0 <= spread < 1:
+        raise ChannelError(f"spread={spread!r} is not between 0 and 1", "Give 0 for blows of equal strength.")
+    if hits * width > 0.5 * duration:
+        raise ChannelError(
+            f"{hits} blows of {width:g} s do not fit into {duration:g} s", "Take fewer or a longer record."
+        )
+    if width * fs < 2:
+        raise ChannelError(
+            f"Blows of {width:g} s are shorter than two samples at {fs:g} Hz", "Sample faster, or take softer blows."
+        )
+    rng = generator(random_state)
+    t = np.arange(n) / fs
+    F = np.zeros((n, n_dof))
+    room = duration / hits
+    for k in range(hits):
+        start = k * room + rng.uniform(0.05, 0.5) * (room - width)
+        peak = levels[k % len(levels)] * rng.uniform(1 - spread, 1)
+        rows = slice(int(np.ceil(start * fs)), int(np.floor((start + width) * fs)) + 1)
+        F[rows, columns[k % len(columns)]] += peak * np.sin(np.pi * (t[rows] - start) / width)
+    return F
+
+
+def band_limited_random(
+    n_dof: int,
+    duration: float,
+    fs: float,
+    *,
+    dofs: int | Iterable[int],
+    rms: float | Iterable[float],
+    band: tuple[float, float],
+    random_state: Any = None,
+) -> np.ndarray:
+    """Gaussian random forces of flat spectrum within a band and none outside.
+
+    Parameters
+    ----------
+    n_dof, duration, fs
+        See :func:`impact_hammer`.
+    dofs : int or iterable of int
+        DOFs that are driven, by independent forces.
+    rms : float or iterable of float
+        RMS of the force, N; several levels take equal parts of the record one after the other.
+    band : (float, float)
+        Lowest and highest frequency, Hz.
+    random_state : int, Generator or None
+
+    Returns
+    -------
+    ndarray of shape (n_samples, n_dof)
+        N.
+
+    Raises
+    ------
+    ChainError, ChannelError
+        If a DOF does not exist, or the band is empty or beyond half the sampling rate.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.simulation.excitation import band_limited_random
+    >>> F = band_limited_random(2, 10.0, 1000.0, dofs=2, rms=200.0, band=(1.0, 100.0), random_state=0)
+    >>> round(float((F[:, 1] ** 2).mean() ** 0.5), 6)
+    200.0
+    """
+    n, columns = _frame(n_dof, duration, fs, dofs)
+    levels = _levels(rms)
+    low, high = _band(band, fs)
+    rng = generator(random_state)
+    F = np.zeros((n, n_dof))
+    parts = np.array_split(np.arange(n), len(levels))
+    for j in columns:
+        for rows, level in zip(parts, levels):
+            spectrum = np.fft.rfft(rng.standard_normal(len(rows)))
+            frequency = np.fft.rfftfreq(len(rows), 1 / fs)
+            spectrum[(frequency < low) | (frequency > high)] = 0
+            piece = np.fft.irfft(spectrum, len(rows))
+            size = np.sqrt(np.mean(piece**2))
+            if size == 0:
+                raise ChannelError(
+                    f"The band {low:g}-{high:g} Hz holds no frequency of a record of {len(rows) / fs:g} s",
+                    "Widen it or take a longer record.",
+                )
+            F[rows, j] = piece * (level / size)
+    return F
+
+
+def sweep(
+    n_dof: int,
+    duration: float,
+    fs: float,
+    *,
+    dofs: int | Iterable[int],
+    level: float | Iterable[float],
+    band: tuple[float, float],
+    method: str = "linear",
+    taper: float = 0.02,
+) -> np.ndarray:
+    """Sine sweep.
+
+    Parameters
+    ----------
+    n_dof, duration, fs, dofs
+        See :func:`impact_hammer`; every DOF gets the same force.
+    level : float or iterable of float
+        Amplitude, N; several levels take equal parts of the record, each with a whole sweep.
+    band : (float, float)
+        First and last frequency, Hz; falling if the first is the higher one.
+    method : {"linear", "logarithmic"}
+        Course of the frequency.
+    taper : float
+        Share of the sweep over which it swells at its start and fades at its end.
+
+    Returns
+    -------
+    ndarray of shape (n_samples, n_dof)
+        N.
+
+    Raises
+    ------
+    ChainError, ChannelError
+        If a DOF does not exist, or the band is beyond half the sampling rate.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.simulation.excitation import sweep
+    >>> F = sweep(3, 10.0, 500.0, dofs=[1], level=50.0, band=(1.0, 40.0))
+    >>> F.shape, bool(49.5 < F.max() <= 50.0)
+    ((5000, 3), True)
+    """
+    from scipy.signal import chirp
+    from scipy.signal.windows import tukey
+
+    n, columns = _frame(n_dof, duration, fs, dofs)
+    levels = _levels(level)
+    if method not in ("linear", "logarithmic"):
+        raise ChannelError(f"method={method!r} is unknown", "Choose 'linear' or 'logarithmic'.")
+    low, high = _band((min(band), max(band)), fs)
+    if method == "logarithmic" and low == 0:
+        raise ChannelError("A logarithmic sweep cannot pass 0 Hz", "Give a positive lowest frequency.")
+    first, last = band
+    line = np.concatenate(
+        [
+            peak
+            * tukey(len(rows), 2 * taper)
+            * chirp(np.arange(len(rows)) / fs, first, len(rows) / fs, last, method, phi=-90)
+            for rows, peak in zip(np.array_split(np.arange(n), len(levels)), levels)
+        ]
+    )
+    F = np.zeros((n, n_dof))
+    F[:, columns] = line[:, None]
+    return F
+
+
+def earthquake(
+    duration: float,
+    fs: float,
+    *,
+    peak: float | None = None,
+    rms: float | None = None,
+    ground_frequency: float = 2.5,
+    ground_damping: float = 0.6,
+    rise: float = 0.15,
+    fall: float = 0.55,
+    highpass: float = 0.2,
+    random_state: Any = None,
+) -> np.ndarray:
+    r"""Base acceleration like an earthquake's: filtered noise under an envelope.
+
+    .. math::
+        S(\omega) \propto \frac{1 + 4 \zeta^2 r^2}{(1 - r^2)^2 + 4 \zeta^2 r^2}, \quad r = \omega / \omega_g
+
+    (Kanai-Tajimi), times Clough and Penzien's second filter, which takes out the lowest
+    frequencies so that velocity and displacement of the base stay bounded; the envelope rises
+    with the square of time, stays, and decays (Jennings).
+
+    Parameters
+    ----------
+    duration, fs : float
+        Length (s) and sampling rate (Hz).
+    peak : float, optional
+        Largest acceleration, m/s^2.
+    rms : float, optional
+        RMS over the record, m/s^2; give this or ``peak``.
+    ground_frequency, ground_damping : float
+        Of the soil, Hz and share of critical.
+    rise, fall : float
+        Shares of the duration at which the strong part begins and ends.
+    highpass : float
+        Corner of the second filter, Hz.
+    random_state : int, Generator or None
+
+    Returns
+    -------
+    ndarray of shape (n_samples,)
+        For ``base_acceleration=``, m/s^2.
+
+    Raises
+    ------
+    ChannelError
+        If a number is out of range, or both or none of peak and rms are given.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.simulation.excitation import earthquake
+    >>> ag = earthquake(20.0, 200.0, peak=3.0, random_state=0)
+    >>> ag.shape, round(float(abs(ag).max()), 6)
+    ((4000,), 3.0)
+    """
+    n, _ = _frame(1, duration, fs, 1)
+    if (peak is None) == (rms is None):
+        raise ChannelError("An earthquake needs peak= or rms=, one of them", "Give one in m/s^2.")
+    fg, corner = _positive("ground_frequency", ground_frequency, "Hz"), _positive("highpass", highpass, "Hz")
+    zeta = _positive("ground_damping", ground_damping, "share of critical")
+    if not 0 < rise < fall < 1:
+        raise ChannelError(
+            f"rise={rise!r}, fall={fall!r} are not in order", "They are shares of the duration, 0 < rise < fall < 1."
+        )
+    rng = generator(random_state)
+    frequency = np.fft.rfftfreq(2 * n, 1 / fs)  # twice as long: no wrapping round
+    r = 1j * frequency / fg
+    soil = (1 + 2 * zeta * r) / (1 + 2 * zeta * r + r**2)
+    q = 1j * frequency / corner
+    shaped = np.fft.irfft(np.fft.rfft(rng.standard_normal(2 * n)) * soil * q**2 / (1 + 1.2 * q + q**2), 2 * n)[:n]
+    share = np.arange(n) / n
+    envelope = np.minimum(share / rise, 1) ** 2 * np.exp(-np.maximum(share - fall, 0) * 4 / (1 - fall))
+    ag = shaped * envelope
+    if peak is not None:
+        return ag * (_positive("peak", peak, "m/s^2") / np.abs(ag).max())
+    return ag * (_positive("rms", rms, "m/s^2") / np.sqrt(np.mean(ag**2)))
+
+
+# -- checks -----------------------------------------------------------------------------------
+
+
+def _positive(name: str, value: Any, unit: str) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = np.nan
+    if not np.isfinite(number) or number <= 0:
+        raise ChannelError(f"{name}={value!r} is not a positive number", f"Give it in {unit}.")
+    return number
+
+
+def _whole(name: str, value: Any) -> int:
+    if isinstance(value, bool) or not hasattr(value, "__index__") or int(value) < 1:
+        raise ChannelError(f"{name}={value!r} is not a whole number of at least 1", "Give e.g. 5.")
+    return int(value)
+
+
+def _levels(value: Any) -> list[float]:
+    levels = [_positive("level", x, "N") for x in np.atleast_1d(np.asarray(value, dtype=object))]
+    if not levels:
+        raise ChannelError("No level is given", "Give at least one, in N.")
+    return levels
+
+
+def _band(band: Any, fs: float) -> tuple[float, float]:
+    try:
+        low, high = (float(f) for f in band)
+    except (TypeError, ValueError):
+        raise ChannelError(f"band={band!r} is not a pair of frequencies", "Give (lowest, highest) in Hz.") from None
+    if not 0 <= low < high <= fs / 2:
+        raise ChannelError(
+            f"band={band!r} Hz does not fit the sampling rate of {fs:g} Hz",
+            f"Stay between 0 and {fs / 2:g} Hz, lowest first.",
+        )
+    return low, high
+
+
+def _frame(n_dof: Any, duration: Any, fs: Any, dofs: Any) -> tuple[int, list[int]]:
+    """Number of samples and columns of the forced DOFs."""
+    count = _whole("n_dof", n_dof)
+    n = round(_positive("duration", duration, "s") * _positive("fs", fs, "Hz"))
+    if n < 2:
+        raise ChannelError(f"{duration} s at {fs} Hz are {n} samples", "At least two are needed.")
+    wanted = [dofs] if hasattr(dofs, "__index__") else list(dofs)
+    for j in wanted:
+        if not hasattr(j, "__index__") or not 1 <= int(j) <= count:
+            raise ChainError(
+                f"DOF {j!r} does not exist on a chain with {count} DOFs", f"Give numbers from 1 to {count}."
+            )
+    if not wanted:
+        raise ChainError("No DOF is forced", f"Give numbers from 1 to {count} in dofs=.")
+    return n, [int(j) - 1 for j in wanted]

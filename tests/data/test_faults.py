@@ -1,0 +1,209 @@
+"""Full disk, unwritable folder, killed process, Ctrl-C: the old file survives, nothing half-written is taken for a result."""
+
+from __future__ import annotations
+
+import ast
+import errno
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pysindy_nrf
+from pysindy_nrf import ChainModel, datasets, laws
+from pysindy_nrf.common.atomic import atomic_write
+from pysindy_nrf.output.cli.group import run
+
+PACKAGE = Path(pysindy_nrf.__file__).parent
+MODEL = ChainModel([10.0, 12.0], {1: laws.LinearElastic(1e5), 2: laws.Dahl(sigma=1e3, Fd=20.0)})
+
+
+@pytest.fixture
+def finished(tmp_path, monkeypatch):
+    """A folder with a record, and the results of an earlier run."""
+    monkeypatch.chdir(tmp_path)
+    datasets.load_demo().to_frame().iloc[:3000].to_csv("test.csv")
+    assert run(["identify", "test.csv", "-o", "out", "--degree", "1", "--no-figures"]) == 0
+    return tmp_path
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {p.name: p.read_bytes() for p in folder.iterdir()}
+
+
+def command(*arguments: str, before: str = "") -> str:
+    return f"import sys\n{before}\nfrom pysindy_nrf.output.cli.group import main\nmain({list(arguments)!r})"
+
+
+def test_a_full_disk_leaves_the_earlier_results(finished):
+    """No file may grow beyond 200 bytes, as on a disk that is full."""
+    old = contents(finished / "out")
+    full = "import resource, signal\nsignal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+    full += "import pysindy_nrf.estimation.regressor, pysindy_nrf.data.io, pysindy_nrf.simulation, numba\n"
+    full += "resource.setrlimit(resource.RLIMIT_FSIZE, (200, 200))"
+    # compiled code is not cached on a full disk, and no coverage is kept there
+    env = {k: v for k, v in os.environ.items() if not k.startswith("COVERAGE")} | {"NUMBA_CACHE_DIR": str(finished / "cache")}
+    text = command("identify", "test.csv", "-o", "out", "--degree", "2", "--no-figures", before=full)
+    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, cwd=finished, env=env, timeout=200)
+    assert done.returncode == 1, done.stderr[-2000:]
+    assert "Traceback" not in done.stderr and "File too large" in done.stderr
+    assert contents(finished / "out") == old
+
+
+def test_no_space_left_is_said_in_words(finished, monkeypatch, capsys):
+    old = contents(finished / "out")
+
+    def no_space(handle):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", no_space)
+    assert run(["identify", "test.csv", "-o", "out", "--degree", "2"]) == 1
+    said = capsys.readouterr().err
+    assert "No space left on device" in said and "Traceback" not in said and "fault of pysindy-nrf" not in said
+    assert contents(finished / "out") == old
+
+
+@pytest.mark.parametrize("folder", ["test.csv/inside", "test.csv"])
+def test_a_folder_that_cannot_be_made(finished, capsys, folder):
+    before = Path("test.csv").read_bytes()
+    assert run(["identify", "test.csv", "-o", folder, "--degree", "1"]) in (1, 2)
+    said = capsys.readouterr().err
+    assert "test.csv" in said and "Traceback" not in said and "fault of pysindy-nrf" not in said
+    assert Path("test.csv").read_bytes() == before
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may write everywhere")
+def test_a_folder_without_permission(finished, capsys):
+    old = contents(finished / "out")
+    (finished / "out").chmod(0o555)
+    try:
+        assert run(["identify", "test.csv", "-o", "out", "--degree", "2"]) == 1
+    finally:
+        (finished / "out").chmod(0o755)
+    assert "Permission denied" in capsys.readouterr().err
+    assert contents(finished / "out") == old
+
+
+def test_the_users_own_record_is_never_an_output(finished, capsys):
+    """An output folder that holds the record keeps the record."""
+    before = Path("test.csv").read_bytes()
+    assert run(["identify", "test.csv", "-o", ".", "--degree", "1", "--no-figures"]) == 0
+    assert Path("test.csv").read_bytes() == before
+    capsys.readouterr()
+
+
+SLOW_WRITE = """
+import sys, time
+from pysindy_nrf.common.atomic import atomic_write
+with atomic_write(sys.argv[1]) as file:
+    file.write("half of the new")
+    file.flush()
+    print("writing", flush=True)
+    time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_a_process_that_is_stopped_while_it_writes(tmp_path, how):
+    path = tmp_path / "model.json"
+    MODEL.to_json(path)
+    old = path.read_bytes()
+    process = subprocess.Popen(
+        [sys.executable, "-c", SLOW_WRITE, str(path)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
+    assert process.stdout.readline() == "writing\n"
+    assert path.read_bytes() == old  # while it writes, too
+    process.send_signal(how)
+    assert process.wait(30) != 0
+    process.stdout.close()
+    assert path.read_bytes() == old
+    assert ChainModel.from_json(path) == MODEL
+    left = [p for p in tmp_path.iterdir() if p != path]
+    assert all(p.name.startswith(".model.json.") and p.suffix == ".part" for p in left)  # never taken for a result
+    assert not left or how != signal.SIGINT
+    MODEL.with_laws({1: laws.LinearElastic(2e5)}).to_json(path)  # the next run is not in the way of it
+    assert ChainModel.from_json(path) != MODEL
+
+
+def test_ctrl_c_in_the_middle_of_an_identification(finished):
+    """The process leaves with 130 and a sentence; the earlier results are whole."""
+    old = contents(finished / "out")
+    pause = "import threading, os, signal, pysindy_nrf.output.cli.work as w\nreal = w.identify_records\n"
+    pause += "def slow(*a, **k):\n    os.kill(os.getpid(), signal.SIGINT)\n    return real(*a, **k)\nw.identify_records = slow"
+    text = command("identify", "test.csv", "-o", "out", "--degree", "2", before=pause)
+    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, cwd=finished, timeout=200)
+    assert done.returncode == 130, done.stderr[-2000:]
+    assert done.stderr.strip() == "Stopped. No half-written file is left."
+    assert contents(finished / "out") == old
+
+
+def test_a_reader_never_sees_half_a_file(tmp_path):
+    """While one process rewrites a model again and again, another always reads a whole one."""
+    path = tmp_path / "model.json"
+    MODEL.to_json(path)
+    writer = (
+        "import sys\nfrom pysindy_nrf import ChainModel, laws\n"
+        "m = ChainModel.from_json(sys.argv[1])\nprint('go', flush=True)\n"
+        "for i in range(300):\n    m.with_laws({1: laws.LinearElastic(1e5 + i)}).to_json(sys.argv[1])\n"
+    )
+    process = subprocess.Popen([sys.executable, "-c", writer, str(path)], stdout=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "go\n"
+    seen, deadline = set(), time.monotonic() + 60
+    while process.poll() is None and time.monotonic() < deadline:
+        model = ChainModel.from_json(path)
+        seen.add(float(model.laws["storey 1"][0].coefficients[0]))
+        assert model.n_dof == 2
+    process.stdout.close()
+    assert process.wait(30) == 0
+    assert np.all((np.array(sorted(seen)) - 1e5) % 1 == 0)
+
+
+def test_a_failing_writer_loses_nothing(tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text("old")
+    with pytest.raises(OSError), atomic_write(path) as file:
+        file.write("new")
+        os.close(file.fileno())  # the disk goes away under the writer
+        file.flush()
+    assert path.read_text() == "old"
+
+
+# What else may write, with the reason.
+WRITERS = {"_atomic.py": "the one place where files are made", "laws/compiled.py": "Numba's cache of compiled code"}
+
+
+def test_every_file_is_written_through_the_one_door():
+    wrong = []
+    for path in sorted(PACKAGE.rglob("*.py")):
+        where = str(path.relative_to(PACKAGE))
+        if where in WRITERS:
+            continue
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        inside = {
+            id(inner)
+            for node in ast.walk(tree)
+            if isinstance(node, ast.With) and "atomic_write" in ast.unparse(node.items[0].context_expr)
+            for inner in ast.walk(node)
+        }
+        for node in ast.walk(tree):
+            if not isinstance(node, ast.Call) or id(node) in inside:
+                continue
+            name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+            mode = ast.unparse(node.args[1]) if len(node.args) > 1 else ""
+            mode += "".join(ast.unparse(k.value) for k in node.keywords if k.arg == "mode")
+            opens = name == "open" and any(c in mode for c in "wax+") and "'" in mode
+            if opens or name in ("write_text", "write_bytes", "savefig", "savez", "savemat", "to_parquet", "to_csv"):
+                if not _to_memory(node):
+                    wrong.append(f"{where}:{node.lineno} {ast.unparse(node)[:80]}")
+    assert not wrong, "\n".join(wrong)
+
+
+def _to_memory(node: ast.Call) -> bool:
+    """Whether the target is a buffer or an open file rather than a path."""
+    target = ast.unparse(node.args[0]) if node.args else ""
+    return target in ("buffer", "file", "stream", "memory", "out") or (not node.args and not node.keywords)

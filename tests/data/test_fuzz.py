@@ -1,0 +1,183 @@
+"""Damaged files are read or refused by name: no other exception, no dead process, no hang, no hunger for memory.
+
+The benchmark setting is ``benchmarks/fuzz.py`` (20 minutes); here are some seconds of it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pysindy_nrf import ChainModel, Site
+from pysindy_nrf.data.io import read_mapping, read_record, read_table
+from pysindy_nrf.data.io.expression import line_of, parse
+from pysindy_nrf.data.io.table import Table
+from pysindy_nrf.data.io.units import factor
+from pysindy_nrf.exceptions import ChainError, FileFormatError, NRFError
+
+BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
+if not BENCHMARKS.is_dir():
+    pytest.skip("the benchmarks are not part of an installed package", allow_module_level=True)
+sys.path.insert(0, str(BENCHMARKS))
+
+from fuzz import fuzz  # noqa: E402
+from fuzzing.targets import TARGETS  # noqa: E402
+
+
+def test_ten_seconds_of_damaged_files():
+    found = fuzz("all", seed=int(os.environ.get("FUZZ_SEED", 0)), seconds=10.0)
+    assert not found["failures"], "\n".join(map(str, found["failures"]))
+    assert found["refused"] > 5 * len(TARGETS) and found["read"] > len(TARGETS)
+    assert found["peak"] < 1500  # MB
+
+
+def test_a_worker_that_hangs_is_counted_and_the_next_file_is_read(monkeypatch):
+    """In a library that no alarm wakes; the worker's last line names the file."""
+    asked = []
+
+    def run(command, **options):
+        asked.append(command[command.index("--first") + 1])
+        if len(asked) == 1:
+            raise subprocess.TimeoutExpired(command, options["timeout"], stderr=b"0\n1\n17\n")
+        counts = {"counts": {"read": 2, "refused": 3, "failed": 0}, "next": 23, "peak": 1e5}
+        return subprocess.CompletedProcess(command, 0, json.dumps(counts), "")
+
+    monkeypatch.setattr(subprocess, "run", run)
+    found = fuzz("HDF5", seed=8, seconds=100.0)
+    assert asked == ["0", "18"] and [(kind, case) for kind, case, _ in found["failures"]] == [("HDF5: hang", 17)]
+    assert (found["read"], found["refused"]) == (2, 3 + 17)
+
+
+def written(suffix: str, content: bytes) -> Path:
+    folder = Path(tempfile.mkdtemp(prefix="fuzz"))
+    path = folder / ("test" + suffix)
+    path.write_bytes(content)
+    return path
+
+
+def attempt(read, path: Path) -> None:
+    try:
+        read(path)
+    except NRFError as error:
+        assert str(error)
+    finally:
+        path.unlink()
+        path.parent.rmdir()
+
+
+@given(st.sampled_from([".csv", ".npy", ".npz", ".mat", ".h5", ".parquet", ".v2", ".uff"]), st.binary(max_size=400))
+def test_bytes_of_no_meaning(suffix, content):
+    attempt(read_table, written(suffix, content))
+
+
+CELLS = st.one_of(
+    st.floats(-1e6, 1e6).map(repr),
+    st.sampled_from(["nan", "", "1,5", "inf", "-", "1e400", '"', "2024-05-01", "0x10", "1_000", "٣", "#", "'", "True", "1e5j"]),
+)
+
+
+@given(
+    st.lists(st.sampled_from(["t", "a1", "x1", "F1", "v1 [mm/s]", "a_1", "t [ms]", "", "<b>", "a1 [g]", "volt"]), min_size=1, max_size=4),
+    st.lists(st.lists(CELLS, min_size=1, max_size=4), max_size=8),
+    st.sampled_from([",", ";", "\t", " ", "|"]),
+)
+@settings(max_examples=60)
+def test_tables_someone_typed(header, rows, separator):
+    text = "\n".join(separator.join(row) for row in [header, *rows])
+    attempt(read_record, written(".csv", text.encode()))
+
+
+@given(st.text(max_size=60))
+@settings(max_examples=100)
+def test_the_small_grammars_take_any_text(text):
+    table = Table(Path("x.csv"), "memory", {"a": np.ones((5, 2)), "x1": np.ones(5), "k": np.array(3.0)})
+    for use in (lambda: line_of(parse(text, table, "x1"), table, "x1"), lambda: factor(text, "a1"), lambda: Site(text)):
+        try:
+            assert use() is not None
+        except NRFError as error:
+            assert error.what
+
+
+@given(st.integers(-(10**12), 10**12))
+def test_sites_of_any_number(number):
+    for text in (number, f"storey {number}", f"link {number}-0", f"ground {number}"):
+        try:
+            assert Site(text).p >= 1
+        except ChainError:
+            assert number < 1 or number == 0
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=6), inner, max_size=3),
+    max_leaves=6,
+)
+
+
+@given(st.sampled_from(["chain", "masses", "laws", "visited", "info", "version", "schema"]), JSON)
+@settings(max_examples=150)
+def test_models_with_one_part_exchanged(key, value):
+    import json
+
+    data = json.loads(TARGETS["model JSON"].seeds()[0])
+    data[key] = value
+    try:
+        model = ChainModel.from_json(json.dumps(data))
+    except FileFormatError:
+        return
+    assert model.n_dof == 3 and np.isfinite(model.masses).all()
+
+
+@given(st.text(max_size=80))
+def test_mapping_files_of_any_text(text):
+    attempt(read_mapping, written(".toml", text.encode("utf-8", "surrogatepass")))
+
+
+# -- what fuzzing found ---------------------------------------------------------------------------
+
+
+def test_a_matlab_element_of_no_type_does_not_end_the_process(tmp_path):
+    """SciPy's compiled reader looks up the type without asking whether it exists, and the process dies."""
+    from scipy.io import savemat
+
+    path = tmp_path / "test.mat"
+    savemat(path, {"a1": np.arange(200.0)})
+    good = path.read_bytes()
+    at = good.find(struct.pack("<II", 9, 1600))  # the tag of the doubles
+    assert at > 0
+    for tag in (struct.pack("<II", 0, 1600), struct.pack("<II", 250, 1600), struct.pack("<II", 14, 1600)):
+        path.write_bytes(good[:at] + tag + good[at + 8 :])
+        with pytest.raises(FileFormatError, match="cannot be read as MATLAB"):
+            read_table(path)
+    path.write_bytes(good[:145] + b"\x08" + good[146:])  # the flag of complex numbers, and no imaginary part
+    with pytest.raises(FileFormatError, match="cannot be read as MATLAB"):
+        read_table(path)
+    path.write_bytes(good)
+    np.testing.assert_array_equal(read_table(path).variables["a1"], np.arange(200.0))
+
+
+def test_every_kind_of_matlab_variable_passes(tmp_path):
+    import scipy.sparse
+    from scipy.io import savemat
+
+    cell = np.empty((2, 2), dtype=object)
+    cell[:] = [[1, "a"], [np.zeros((0, 0)), {"q": [1, 2]}]]
+    content = {
+        "a1": np.arange(9.0), "c": cell, "s": scipy.sparse.eye(4).tocsc(), "z": 1j * np.ones(3), "u": "größe", "e": np.zeros((0, 3)),
+        "b": np.array([True]), "i": np.arange(3, dtype="i8"), "st": np.array([(1, 2.0)], dtype=[("x", "i4"), ("y", "f8")]),
+    }  # fmt: skip
+    for compressed in (False, True):
+        savemat(tmp_path / "test.mat", content, do_compression=compressed)
+        found = read_table(tmp_path / "test.mat").variables
+        np.testing.assert_array_equal(found["a1"], np.arange(9.0))
+        np.testing.assert_array_equal(found["z"], 1j * np.ones(3))

@@ -1,0 +1,99 @@
+"""Frequency responses as rows of the balances: exact in theory, and on a measured frame."""
+
+import measured
+import numpy as np
+import pytest
+
+from pysindy_nrf import NRFRegressor
+from pysindy_nrf.data.io import frequency_response, frf_to_features, read_frf
+from pysindy_nrf.exceptions import ChannelError, FileFormatError
+
+M, C, K = np.array([5.0, 4.0, 6.0]), np.array([3.0, 2.0, 4.0]), np.array([3e4, 4e4, 2e4])
+
+
+def receptance(f, driven):
+    """Of a chain on the ground, from its matrices: (K - w^2 M + i w C)^-1."""
+    B = np.eye(3) - np.eye(3, k=-1)
+    w = 2 * np.pi * f[:, None, None]
+    Z = B.T @ np.diag(K) @ B - w**2 * np.diag(M) + 1j * w * (B.T @ np.diag(C) @ B)
+    return np.linalg.inv(Z)[:, :, driven - 1]
+
+
+@pytest.mark.parametrize("driven", [1, 2, 3])
+def test_every_parameter_comes_out_exactly(driven):
+    f = np.linspace(2, 30, 300)
+    w = 2 * np.pi * f[:, None]
+    X, F = frf_to_features(f, -(w**2) * receptance(f, driven), driven)
+    model = NRFRegressor(degree=1).fit(X, F)
+    np.testing.assert_allclose(model.masses_, M, rtol=1e-9)
+    for i in (1, 2, 3):
+        part = model.restoring_forces_[i].linear_part()
+        np.testing.assert_allclose([part["c"], part["k"]], [C[i - 1], K[i - 1]], rtol=1e-8)
+
+
+def test_kinds_are_one_response():
+    f = np.linspace(2, 30, 50)
+    x = receptance(f, 2)
+    iw = 2j * np.pi * f[:, None]
+    for kind, H in {"receptance": x, "mobility": iw * x, "accelerance": iw**2 * x}.items():
+        np.testing.assert_allclose(frequency_response(f, H, 2, kind).H, iw**2 * x, rtol=1e-12)
+
+
+def test_text_round_trip_with_header_i_and_zero_line(tmp_path):
+    f = np.array([0.0, 1.0, 2.0])
+    H = np.array([[0, 0], [1 + 2j, -3e-3 - 4j], [0.5j, 7]])
+    rows = [";".join([f"{a:.17g}", *(f"{z.real:.17g}{z.imag:+.17g}i" for z in row)]) for a, row in zip(f, H)]
+    (tmp_path / "H.csv").write_text("\n".join(["f;H1;H2", *rows]) + "\n")
+    frf = read_frf(tmp_path / "H.csv", driven=2)
+    np.testing.assert_array_equal(frf.f, f[1:])
+    np.testing.assert_array_equal(frf.H, H[1:])
+    np.savez(tmp_path / "H.npz", f=f, H=H)
+    np.testing.assert_array_equal(read_frf(tmp_path / "H.npz").H, H[1:])
+
+
+def test_errors_name_row_column_and_cure(tmp_path):
+    path = tmp_path / "H.csv"
+    for text, message in {
+        "f;H1\n1;0.1+0.2j\n2;oops\n3;0.1j\n": "row 3.*oops",
+        "f;H1\n1;0.1\n2;0.2\n": "no complex",
+        "1;0.1j;0.2\n2;0.1j\n": "not 2 numbers|row 1",
+        "just words\n": "one column",
+    }.items():
+        path.write_text(text)
+        with pytest.raises(FileFormatError, match=message):
+            read_frf(path)
+    f, H = np.arange(1.0, 5), np.ones((4, 2), dtype=complex)
+    with pytest.raises(ChannelError, match="driven=3"):
+        frequency_response(f, H, 3)
+    with pytest.raises(ChannelError, match="does not rise after row 3|does not rise"):
+        frequency_response(f[::-1], H)
+    with pytest.raises(ChannelError, match="H2 is not finite in row 1"):
+        frequency_response(f, np.where(np.eye(4, 2, k=0) * [0, 1] == 1, np.nan, H))
+    with pytest.raises(ChannelError, match="no line in the band"):
+        frf_to_features(f, H, 1, band=(7, 9))
+
+
+def test_the_measured_frame_has_three_equal_masses():
+    """Shaker on floor 1 only; the floors are equal by construction (plain least squares: 7.8 %)."""
+    path = measured.folder("three_storey_frf") / "three_storey_frf" / "cristallo_Experimental.csv"
+    frf = read_frf(path, driven=1)
+    assert frf.H.shape == (4096, 3) and frf.f[-1] == 128
+    X, F = frf_to_features(frf, band=(4.0, 32.0))
+    m = NRFRegressor(degree=1).fit(X, F).masses_
+    assert m.max() / m.min() - 1 < 0.10
+    # the same balances by NumPy alone, one after the other (paper eqs. 4-5)
+    use = (frf.f >= 4) & (frf.f <= 32)
+    a, iw = frf.H[use], 2j * np.pi * frf.f[use, None]
+    s = np.diff(a / iw**2, axis=1, prepend=0)
+    v = np.diff(a / iw, axis=1, prepend=0)
+
+    def solve(columns, right):
+        A, b = np.column_stack(columns), np.asarray(right)
+        A, b = np.vstack([A.real, A.imag]), np.concatenate([b.real, b.imag])
+        scale = np.linalg.norm(A, axis=0)
+        return np.linalg.lstsq(A / scale, b, rcond=None)[0] / scale
+
+    one = solve([a[:, 0], v[:, 0], s[:, 0], -v[:, 1], -s[:, 1]], np.ones(len(a), dtype=complex))
+    two = solve([a[:, 1], -v[:, 2], -s[:, 2]], -(one[3] * v[:, 1] + one[4] * s[:, 1]))
+    three = solve([a[:, 2]], -(two[1] * v[:, 2] + two[2] * s[:, 2]))
+    np.testing.assert_allclose(m, [one[0], two[0], three[0]], rtol=1e-9)

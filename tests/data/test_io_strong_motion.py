@@ -1,0 +1,228 @@
+"""Strong-motion text: real CSMIP files against the peaks their own headers state, COSMOS by its definition."""
+
+import re
+
+import measured
+import numpy as np
+import pytest
+
+from pysindy_nrf.data.io import inspect_record, read_record, read_table
+from pysindy_nrf.exceptions import FileFormatError
+from pysindy_nrf.signals import differentiation as differentiate
+
+CHANNELS = range(1, 14)
+
+
+def path_of(channel):
+    return measured.folder("strong_motion_v2") / "strong_motion_v2" / f"CHAN{channel:02d}.V2"
+
+
+@pytest.mark.parametrize("channel", CHANNELS)
+def test_the_peaks_are_those_of_the_header(channel):
+    """PEAK ACCELERATION = 171.589 CM/SEC/SEC AT 3.140 SEC: the right value at the right sample, for all three series."""
+    path = path_of(channel)
+    table = read_table(path)
+    assert table.fs == 50 and table.units["acceleration"] == "CM/SEC/SEC"
+    stated = re.findall(r"PEAK\s+(\w+)\s+=\s*(-?[\d.]+)\s+\S+\s+AT\s+([\d.]+)", path.read_text("latin-1"))
+    assert [kind.lower() for kind, *_ in stated] == ["acceleration", "velocity", "displacement"]
+    for kind, value, time in stated:
+        line = table.variables[kind.lower()]
+        assert len(line) == 1138
+        at = np.abs(line).argmax()
+        assert line[at] == float(value) and at / 50 == pytest.approx(float(time), abs=0.021)
+
+
+def test_velocity_is_the_rate_of_displacement():
+    """In SI: the three series of a channel belong to one motion."""
+    pytest.importorskip("pint")
+    rec = read_record(
+        path_of(5), mapping={"a1": "acceleration", "v1": "velocity", "x1": "displacement"}, coordinates="absolute"
+    )
+    rate = differentiate(rec.displacement[:, 0], rec.dt)
+    v = rec.velocity[:, 0]
+    assert rate @ v / (v @ v) == pytest.approx(1, abs=0.02)
+    assert np.abs(rec.acceleration).max() == pytest.approx(4.88587, rel=1e-6)
+
+
+def test_several_files_of_one_test():
+    pytest.importorskip("pint")
+    paths = [path_of(2), path_of(5)]
+    reading = inspect_record(paths, mapping={"ag": "CHAN02.acceleration", "a1": "CHAN05.acceleration"}, name="overpass")
+    rec = reading.record
+    assert rec.base_moves and rec.n_dof == 1 and rec.fs == 50
+    assert np.abs(rec.base_acceleration).max() == pytest.approx(3.11353)
+    assert any("west" in note.lower() or "column" in note.lower() for note in reading.table.notes)
+
+
+def test_a_block_in_which_numbers_touch_and_two_channels_in_a_file(tmp_path):
+    def block(number, values):
+        rows = ["".join(f"{v:10.3f}" for v in values[i : i + 8]) for i in range(0, len(values), 8)]
+        return [
+            "CORRECTED ACCELEROGRAM   01336",
+            f"CHAN {number:2d}: 90 DEG     (STA CHN: {number:2d})     LOCATION: ROOF",
+            f" {len(values)} POINTS OF ACCEL DATA EQUALLY SPACED AT  .005 SEC.  (UNITS: CM/SEC/SEC)",
+            *rows,
+            f"/&  ----------  END OF DATA FOR CHANNEL  {number}  ----------",
+        ]
+
+    one = np.array([-12345.678, -98765.432, 1.5, 0.0, 2.25, -3.125, 4.0, 5.0, -6.5, 100.25])
+    path = tmp_path / "two.v2"
+    path.write_text("\r\n".join(block(1, one) + block(7, 2 * one[:10] / 4)) + "\r\n")
+    table = read_table(path)
+    assert list(table.variables) == ["ch1.acceleration", "ch7.acceleration"] and table.fs == 200
+    np.testing.assert_array_equal(table.variables["ch1.acceleration"], one)
+
+
+def cosmos(tmp_path, n=10, announced=None, step=0.005, seconds=None):
+    values = np.round(100 * np.sin(np.arange(n)), 3)
+    reals = np.full(100, -999.0)
+    reals[33], reals[34] = step, n * step
+    rows = ["".join(f"{v:10.3f}" for v in values[i : i + 8]) for i in range(0, n, 8)]
+    lines = [
+        "Corrected acceleration    (Format v01.20 with 13 text lines) Src: 052b146n8036z.abc",
+        *(f"text line {i}" for i in range(12)),
+        " 100 Integer-header values follow on 10 lines, Format= (10I8)",
+        *("".join(f"{-999:8d}" for _ in range(10)) for _ in range(10)),
+        " 100 Real-header values follow on 17 lines, Format= (6F13.6)",
+        *("".join(f"{v:13.6f}" for v in reals[i : i + 6]) for i in range(0, 100, 6)),
+        '   1 Comment line(s) follow, each starting with a "|":',
+        "| RcrdId: NC.1336",
+        f"{announced or n:8d} acceleration pts, approx {seconds or n * step:4.0f} secs, units=cm/sec2 (04), Format=(8F10.3)",
+        *rows,
+        "End-of-data for Chan  1 acceleration",
+    ]
+    path = tmp_path / "cosmos.v2"
+    path.write_text("\n".join(lines) + "\n")
+    return path, values
+
+
+def test_cosmos(tmp_path):
+    pytest.importorskip("pint")
+    path, values = cosmos(tmp_path)
+    rec = read_record(path, mapping={"a1": "acceleration"})
+    assert rec.fs == 200
+    np.testing.assert_allclose(rec.acceleration[:, 0], 0.01 * values, rtol=1e-14)
+
+
+def block_of(values, *, title, announced, width, precision, per_line, form, reals, reals_form, channel=1):
+    """A block as the COSMOS description lays it out; the variants are those that processing centres write."""
+    per, wide = reals_form
+    number = (lambda v: f"{v:{width}d}") if form.endswith("I") else (lambda v: f"{v:{width}.{precision}{form[-1]}}")
+    lines = [
+        f"{title:<26s}(Format v01.20 with 13 text lines) Src: 052b146n8036z.abc",
+        *(f"text line {i}" for i in range(7)),
+        f"Sta Chan {channel:3d}: 90 Deg (Rcrdr Chan {channel:2d}) Location:Roof",
+        *(f"text line {i}" for i in range(4)),
+        " 100 Integer-header values follow on  10 lines, Format = (10I8)",
+        *("".join(f"{-999:8d}" for _ in range(10)) for _ in range(10)),
+        f" 100 Real-header values follow on  {-(-100 // per)} lines , Format = ({per}F{wide}.6)",
+        *("".join(f"{v:{wide}.6f}" for v in reals[i : i + per]) for i in range(0, 100, per)),
+        "   2 Comment line(s) follow, each starting with a |",
+        "| RcrdId: NC.1336",
+        "| 3 acceleration pts of the pre-event part were cut",
+        announced,
+        *("".join(map(number, values[i : i + per_line])) for i in range(0, len(values), per_line)),
+        f"End-of-data for Chan  {channel} {title.lower()}",
+    ]
+    return "\r\n".join(lines) + "\r\n"
+
+
+VARIANTS = {
+    "corrected, packed": ("Corrected acceleration", "{n:8d} acceleration  pts, approx {T:4.0f} secs, units=cm/sec2(04), Format=(8F10.3)", (10, 3, 8, "F"), (6, 13), "acceleration"),
+    "corrected, a column": ("Corrected acceleration", "{n:8d} acceleration  pts, approx {T:4.0f} secs, units=cm/sec2(04), Format=(1E15.6)", (15, 6, 1, "E"), (5, 15), "acceleration"),
+    "uncorrected": ("Uncorrected acceleration", "{n:8d} uncor. accel. pts, approx {T:4.0f} secs, units=cm/sec2 (04),Format=(8F10.3)", (10, 3, 8, "F"), (6, 13), "acceleration"),
+    "no comma": ("Uncorrected acceleration", "{n:8d} accel. pts approx {T:4.0f} secs, units=cm/sec2(04), Format =(5E14.5)", (14, 5, 5, "E"), (5, 15), "acceleration"),
+    "velocity": ("Velocity data", "{n:8d} velocity     pts, approx {T:4.0f} secs, units= cm/sec(05), Format=(8F10.4)", (10, 4, 8, "F"), (6, 13), "velocity"),
+    "displacement": ("Displacement data", "{n:8d} displacement pts, approx {T:4.0f} secs, units=     cm(06), Format=(5E15.6)", (15, 6, 5, "E"), (6, 13), "displacement"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("suffix", [".v2", ".V2c", ".v1c", ".txt"])
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_cosmos_as_the_processing_centres_write_it(tmp_path, variant, suffix):
+    """Real 62 is the interval of the series in ms; real 34 that of the raw record in s, before it was resampled."""
+    title, announced, (width, precision, per_line, form), reals_form, kind = VARIANTS[variant]
+    n, reals = 1201, np.full(100, -999.0)
+    reals[33], reals[61] = 0.01, 5.0
+    values = 50 * np.sin(np.arange(n) / 7)
+    text = block_of(
+        values, title=title, announced=announced.format(n=n, T=n * 0.005), width=width, precision=precision,
+        per_line=per_line, form=form, reals=reals, reals_form=reals_form,
+    )  # fmt: skip
+    path = tmp_path / f"station{suffix}"
+    path.write_text(text, newline="")
+    table = read_table(path)
+    assert list(table.variables) == [kind] and table.fs == 200
+    np.testing.assert_allclose(table.variables[kind], values, atol=1e-3)
+    pytest.importorskip("pint")
+    letter = {"acceleration": "a", "velocity": "v", "displacement": "x"}[kind]
+    rec = read_record(path, mapping={f"{letter}1": kind})
+    np.testing.assert_allclose(getattr(rec, kind)[:, 0], 0.01 * values, atol=1e-5)
+
+
+def test_cosmos_channels_of_one_file_and_raw_counts(tmp_path):
+    title, announced, (width, precision, per_line, form), reals_form, _ = VARIANTS["corrected, packed"]
+    reals = np.full(100, -999.0)
+    reals[33] = 0.005  # where only the raw record's interval is stated, the series has it
+    values = np.arange(400) / 8
+    text = "".join(
+        block_of(
+            k * values, title=title, announced=announced.format(n=400, T=2), width=width, precision=precision,
+            per_line=per_line, form=form, reals=reals, reals_form=reals_form, channel=k,
+        ) for k in (1, 3)
+    )  # fmt: skip
+    (tmp_path / "both.v2").write_text(text, newline="")
+    table = read_table(tmp_path / "both.v2")
+    assert list(table.variables) == ["ch1.acceleration", "ch3.acceleration"] and table.fs == 200
+    np.testing.assert_allclose(table.variables["ch3.acceleration"], 3 * values, atol=5e-4)
+    counts = block_of(
+        np.arange(40) - 982416, title="Raw acceleration counts", reals=reals, reals_form=(5, 15), width=8, precision=0,
+        announced="      40 raw accel.   pts, approx    0 secs, units=counts (50),Format=(10I8)", per_line=10, form="I",
+    )  # fmt: skip
+    (tmp_path / "raw.V0c").write_text(counts, newline="")
+    with pytest.raises(FileFormatError, match="raw counts of channel 1.*V1, V2"):
+        read_table(tmp_path / "raw.V0c")
+
+
+def test_headers_that_do_not_fit_the_points(tmp_path):
+    with pytest.raises(FileFormatError, match="announces 40 points.*10|announces 40 points"):
+        read_table(cosmos(tmp_path, announced=40)[0])
+    with pytest.raises(FileFormatError, match="header says"):
+        read_table(cosmos(tmp_path, seconds=60)[0])
+    with pytest.raises(FileFormatError, match="no sampling interval"):
+        read_table(cosmos(tmp_path, step=-999.0)[0])
+    text = path_of(1).read_text("latin-1").splitlines(keepends=True)
+    (tmp_path / "cut.v2").write_text("".join(text[:150]), encoding="latin-1")
+    with pytest.raises(FileFormatError, match="announces 1138 points"):
+        read_table(tmp_path / "cut.v2")
+    (tmp_path / "peak.v2").write_text("".join(text).replace("171.589", "999.589", 1), encoding="latin-1")
+    assert any("states a peak acceleration of 999.589" in note for note in read_table(tmp_path / "peak.v2").notes)
+
+
+@pytest.mark.parametrize("mark", ["\x85", "\x1c", "\x0b"])  # 0x85 is an ellipsis in Windows text
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_only_ends_of_lines_end_a_line(tmp_path, mark, end):
+    """Words after such a character are still words of their line: no second channel, no second series."""
+    lines = [
+        "CORRECTED ACCELEROGRAM   01336",
+        f"CHAN  2: 90 DEG     (STA CHN:  2)     LOCATION: ROOF{mark}CHAN  9: LOG",
+        f"SEE THE LOG{mark} 9 POINTS OF VELOC DATA EQUALLY SPACED AT  .005 SEC.  (UNITS: CM/SEC)",
+        " 10 POINTS OF ACCEL DATA EQUALLY SPACED AT  .005 SEC.  (UNITS: CM/SEC/SEC)",
+        "".join(f"{v:10.3f}" for v in range(8)),
+        "".join(f"{v:10.3f}" for v in range(8, 10)),
+        "/&  ----------  END OF DATA FOR CHANNEL  2  ----------",
+    ]
+    path = tmp_path / "marked.v2"
+    path.write_text(end.join(lines) + end, encoding="latin-1", newline="")
+    table = read_table(path)
+    assert list(table.variables) == ["acceleration"] and any(note.startswith("channel 2:") for note in table.notes)
+    np.testing.assert_array_equal(table.variables["acceleration"], np.arange(10.0))
+
+
+def test_a_number_with_two_points_is_damage(tmp_path):
+    path = tmp_path / "cut.v2"
+    head = ["CORRECTED ACCELEROGRAM    CHAN  1: 90 DEG   STATION", *["A LINE OF TEXT"] * 25]
+    series = " 10 POINTS OF ACCEL DATA EQUALLY SPACED AT  .02.020 SEC.  (UNITS: CM/SEC/SEC)"
+    path.write_text("\n".join([*head, series, "".join(f"{k:10.3f}" for k in range(8)), "     8.000     9.000", "/&"]))
+    with pytest.raises(FileFormatError, match=r"'\.02\.020' in a header is not a number"):
+        read_table(path)

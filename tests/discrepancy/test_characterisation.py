@@ -1,0 +1,142 @@
+"""The kind of dependence comes out without a formula."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from pysindy_nrf.discrepancy.characterisation import characterise, conditional_mean, spectral_line
+from pysindy_nrf.exceptions import ChannelError
+from pysindy_nrf.laws import Motion
+from pysindy_nrf.signals.zero_phase_filter import FairFilter
+
+FS, DURATION = 400, 30.0
+
+
+def drive(seed=0):
+    rng = np.random.default_rng(seed)
+    f, phase = rng.uniform(1, 12, 40), rng.uniform(0, 2 * np.pi, 40)
+    gain = 1e-3 / (1 + (f - 4) ** 2)
+    w = 2 * np.pi * f
+
+    def s(t):
+        return (gain * np.sin(np.multiply.outer(t, w) + phase)).sum(axis=-1)
+
+    def v(t):
+        return (gain * w * np.cos(np.multiply.outer(t, w) + phase)).sum(axis=-1)
+
+    t = np.arange(int(DURATION * FS)) / FS
+    a = -(gain * w**2 * np.sin(np.outer(t, w) + phase)).sum(axis=1)
+    return t, s(t), v(t), a, s, v
+
+
+T, S, V, A, s_of, v_of = drive()
+UNIT = S.std()
+VOLTAGE = 1 + 0.8 * np.sin(2 * np.pi * 0.3 * T)
+
+
+def bouc_wen():
+    def rate(t, z):
+        v = v_of(t) / UNIT
+        return v - 2.0 * abs(v) * abs(z) * z - 2.0 * v * z**2
+
+    return solve_ivp(rate, (0, T[-1]), [0.0], "LSODA", T, rtol=1e-6, atol=1e-8, max_step=0.01).y[0]
+
+
+EFFECTS = {
+    "coulomb": (lambda: np.sign(V), "v alone", "odd", "friction-like"),
+    "quadratic damping": (lambda: V * np.abs(V), "v alone", "odd", "nonlinear damping"),
+    "cubic": (lambda: S**3, "s alone", "odd", "hardening"),
+    "softening": (lambda: np.tanh(S / UNIT), "s alone", "odd", "softening"),
+    "two-sided gap": (lambda: np.sign(S) * np.maximum(np.abs(S) - 1.2 * UNIT, 0), "s alone", "odd", "gap"),
+    "one-sided gap": (lambda: np.maximum(S - 0.8 * UNIT, 0), "s alone", "neither odd nor even", "contact on one side"),
+    "quadratic stiffness": (lambda: S**2, "s alone", "even", "nonlinear spring"),
+    "bouc-wen": (bouc_wen, "path", "odd", "hysteresis"),
+    "harmonic": (lambda: np.cos(2 * np.pi * 7.3456 * T + 1), "line", "", "7.34"),
+    "stiffness drift": (lambda: S * T, "time", "", "Changes in time"),
+    "stiffness step": (lambda: S * (T > 12), "time", "", "Changes in time"),
+    "modulated friction": (lambda: np.sign(V) * VOLTAGE, "covariate U", "", "modulated by U"),
+    "delay": (lambda: np.gradient(A, T), "delay", "", "delay"),
+    "offset": (lambda: 1 + 0 * S, "constant", "", "offset"),
+}
+
+
+def residual(name, noise, seed=0):
+    """What a linear baseline leaves of an effect, and noise of a share of the effect's rms."""
+    f = EFFECTS[name][0]()
+    f = f / np.sqrt(np.mean(f**2))
+    linear = np.column_stack([S / UNIT, V / V.std(), A / A.std()])
+    f = f - linear @ np.linalg.lstsq(linear, f, rcond=None)[0]
+    size = np.sqrt(np.mean(f**2))
+    return 20 * (f + noise * size * np.random.default_rng(seed).standard_normal(len(f)))
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+@pytest.mark.parametrize("name", EFFECTS)
+def test_dependence_and_words(name, noise):
+    _, wanted, parity, word = EFFECTS[name]
+    found = characterise(residual(name, noise), Motion(S, V, A, T, {"U": VOLTAGE}))
+    assert found.dependence == wanted
+    assert parity in found.sentence and word in found.sentence
+    share = found.shares.loc[wanted, "share"]
+    assert share > (90 if name != "stiffness step" else 85)
+    if name == "bouc-wen":
+        assert found.memory > 15
+    elif wanted in ("s alone", "v alone"):
+        assert abs(found.memory) < 2
+    if name == "harmonic":
+        assert found.frequency == pytest.approx(7.3456, abs=0.002)
+
+
+def test_noise_depends_on_nothing():
+    e = np.random.default_rng(0).standard_normal(len(T))
+    found = characterise(e, Motion(S, V, A, T, {"U": VOLTAGE}), noise=1.0)
+    assert found.dependence == "nothing tried" and np.isnan(found.frequency)
+    assert (found.shares["share"] < 1).all() and "noise is 100 %" in found.sentence
+
+
+def test_band_is_treated_fairly():
+    f = FairFilter((0.5, 20.0), FS)
+    found = characterise(f.apply(20 * np.sign(V)), Motion(S, V, A, T), filters=f)
+    assert found.dependence == "v alone" and "jump at v = 0" in found.features
+    assert found.shares.loc["v alone", "share"] > 99.5
+
+
+def test_columns_of_the_baseline_are_allowed_for():
+    other = np.roll(S, 777)[:, None]
+    found = characterise(20 * np.sign(V) + 4e4 * other[:, 0], Motion(S, V, A, T), beside=other)
+    assert found.dependence == "v alone" and found.shares.loc["v alone", "share"] > 99
+
+
+def test_several_records_and_conditional_means():
+    half = len(T) // 2
+    parts = [slice(0, half), slice(half, None)]
+    e = residual("coulomb", 0.02)
+    found = characterise([e[p] for p in parts], [Motion(S[p], V[p], A[p], T[p] - T[p][0]) for p in parts])
+    assert found.dependence == "v alone"
+    curve = conditional_mean(V, 5 * np.sign(V), bins=20)
+    assert curve["count"].sum() == len(V) and np.allclose(curve["mean"].iloc[[0, -1]], [-5, 5])
+
+
+def test_bad_input_is_refused():
+    with pytest.raises(ChannelError, match="differ in length"):
+        characterise(S[:-1], Motion(S, V))
+    with pytest.raises(ChannelError, match="not finite"):
+        characterise(np.where(T > 1, S, np.nan), Motion(S, V))
+    with pytest.raises(ChannelError, match="200 samples"):
+        characterise(S[:100], Motion(S[:100], V[:100]))
+
+
+def test_display_draws_shares_and_the_force_against_the_rate():
+    pytest.importorskip("matplotlib").use("Agg")
+    from pysindy_nrf.output.displays.dependence import DependenceDisplay
+
+    found = characterise(residual("coulomb", 0.0), Motion(S, V, A, T))
+    display = DependenceDisplay(found).plot()
+    assert [axis.get_xlabel() for axis in display.ax_[1:]] == ["drift s (m)", "rate v (m/s)"]
+    assert len(display.ax_[0].patches) == len(found.shares)
+
+
+def test_a_force_of_zero_has_no_spectral_line():
+    t = np.arange(1000) / 100.0
+    with np.errstate(all="raise"):
+        assert np.isnan(spectral_line([np.zeros(1000)], [Motion(np.sin(t), np.cos(t), t=t)]))

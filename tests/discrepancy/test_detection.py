@@ -1,0 +1,177 @@
+"""Noise is called noise at the nominal rate, whatever its colour; linear and nonlinear effects are told apart."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from chains import duffing, parameters
+from scipy.stats import binom
+
+from pysindy_nrf import ChainModel, NRFRegressor, Record, laws
+from pysindy_nrf.discrepancy.correlation import cross_covariance, peak_limit, probability_of_peak
+from pysindy_nrf.discrepancy.detection import LINEAR, NOISE, NONLINEAR, UNMEASURED, detect
+from pysindy_nrf.discrepancy.noise_floor import NoiseFloor
+from pysindy_nrf.discrepancy.noise_level import quiet_level
+from pysindy_nrf.discrepancy.residual import residual_of
+from pysindy_nrf.regression.input_arrays import from_arrays
+
+RUNS = 200
+
+
+def linear_case(n, forced, seed, n_samples=6000, extra=None, cubic=0.0, substeps=1):
+    m, c, k, _ = parameters(n, np.random.default_rng(seed), cubic=False)
+    return duffing(
+        n, forced, seed=seed, n_samples=n_samples, given=(m, c, k, np.full(n, cubic)), extra=extra, substeps=substeps
+    )
+
+
+def fitted(case, F=None, **options):
+    F = case.F if F is None else F
+    regressor = NRFRegressor(degree=1, dt=case.dt, **options).fit(case.X, F)
+    return residual_of(regressor.model_, from_arrays(case.X, F, dt=case.dt), band=options.get("band"))
+
+
+@pytest.mark.parametrize("band", [None, (2.0, 60.0)])
+def test_false_alarms_come_at_the_nominal_rate(band):
+    case = linear_case(1, [1], 0, n_samples=2500)
+    residual = residual_of(
+        ChainModel(case.m, {1: [laws.LinearElastic(case.k[0])]}), from_arrays(case.X, case.F, dt=case.dt), band=band
+    )
+    rng, alarms = np.random.default_rng(1), 0
+    filter = residual.filters[0]
+    for _ in range(RUNS):
+        e = rng.standard_normal((2500, 1))
+        noisy = dataclasses.replace(residual, balance=[e if filter is None else filter.apply(e)])
+        alarms += detect(noisy, min_share=0.0, level=0.05).verdicts.loc["dof 1", "verdict"] != NOISE
+    low, high = binom.ppf([0.001, 0.999], RUNS, 0.05)
+    assert low <= alarms <= high
+
+
+def test_bartlett_spread_holds_for_slow_signals():
+    rng = np.random.default_rng(0)
+    kernel = np.hanning(41)
+    heights = []
+    for _ in range(200):
+        x, y = (np.convolve(rng.standard_normal(3000), kernel, "valid") for _ in range(2))
+        cross = cross_covariance([x], [y], 60)
+        heights.append(cross.total[60] / cross.spread)
+    assert np.std(heights) == pytest.approx(1.0, abs=0.15)
+
+
+def test_peak_limit_of_white_noise_is_bonferroni_and_of_slow_noise_lower():
+    from scipy.stats import norm
+
+    assert peak_limit(0.01, 41, np.pi / np.sqrt(3)) == pytest.approx(norm.isf(0.005 / 41), abs=0.02)
+    assert peak_limit(0.01, 41, 0.05) < peak_limit(0.01, 41, 1.0)
+    assert probability_of_peak(3.0, 1, 1.0) == pytest.approx(2 * norm.sf(3.0))
+
+
+def coulomb(force, storey, n, width):
+    """Regularised Coulomb friction, for an integrator without events."""
+
+    def extra(x, v):
+        f = force * np.tanh((v[..., storey - 1] - (v[..., storey - 2] if storey > 1 else 0.0)) / width)
+        out = np.zeros_like(x)
+        out[..., storey - 1] = -f
+        if storey > 1:
+            out[..., storey - 2] = f
+        return out
+
+    return extra
+
+
+def test_effects_are_detected_and_named_linear_or_nonlinear():
+    cubic = duffing(3, [1, 2, 3], seed=1, n_samples=6000)
+    assert detect(fitted(cubic)).verdicts.loc["storey 2", "verdict"] == NONLINEAR
+    friction = linear_case(3, [1, 2, 3], 2, extra=coulomb(8.0, 2, 3, 1e-4), substeps=4)
+    found = detect(fitted(friction))
+    assert found.verdicts.loc["storey 2", "verdict"] == NONLINEAR and not found.is_noise
+    assert found.verdicts.loc["dof 3", "verdict"] == NOISE
+
+    def brace(x, v):
+        f = 2e4 * (x[..., 2] - x[..., 0])
+        return np.stack([f, 0 * f, -f], axis=-1)
+
+    braced = linear_case(3, [1, 2, 3], 3, extra=brace)
+    verdicts = detect(fitted(braced)).verdicts
+    assert set(verdicts.loc[["dof 1", "dof 3"], "verdict"]) == {LINEAR}
+    assert (verdicts.loc[["dof 1", "dof 3"], "linear share"] > 0.99).all()
+
+
+def test_unmeasured_force_is_tied_to_no_measured_signal():
+    case = linear_case(2, [1, 2], 4)
+    m, c, k, k3 = case.m, case.c, case.k, case.k3
+    from chains import integrate
+
+    t = np.arange(len(case.F)) * case.dt
+    hidden = np.column_stack([0 * t, 30 * np.cos(2 * np.pi * 23.7 * t)])
+    a, v, s = integrate(m, c, k, k3, case.F + hidden, case.dt)
+    model = ChainModel(m, {i + 1: [laws.LinearViscous(c[i]), laws.LinearElastic(k[i])] for i in range(2)})
+    noise = np.random.default_rng(0).standard_normal((len(t), 2))
+    residual = residual_of(model, from_arrays(np.hstack([a, v, s]), case.F + noise, dt=case.dt))
+    assert detect(residual).verdicts.loc["dof 2", "verdict"] in (UNMEASURED, LINEAR)
+    assert detect(residual).verdicts.loc["dof 2", "p white"] < 1e-6
+    assert detect(residual).verdicts.loc["dof 1", "verdict"] == NOISE
+
+
+@pytest.mark.parametrize("level", [0.01, 0.05])
+def test_fused_noise_is_noise_beside_its_floor_and_a_cubic_is_not(level):
+    for cubic, wanted in ((False, NOISE), (True, NONLINEAR)):
+        case = duffing(2, [1, 2], seed=5, n_samples=6000, cubic=cubic)
+        rng = np.random.default_rng(0)
+
+        def noisy(p, rng=rng):
+            return p + level * np.sqrt((p**2).mean(axis=0)) * rng.standard_normal(p.shape)
+
+        rec = Record(
+            noisy(case.F), noisy(case.a), noisy(case.v.cumsum(axis=1)), noisy(case.s.cumsum(axis=1)), fs=1 / case.dt
+        )
+        X, F = rec.to_features()
+        model = NRFRegressor(degree=1).fit(X, F).model_
+        floor = NoiseFloor.from_channels(model, rec, random_state=0)
+        verdicts = detect(residual_of(model, from_arrays(X, F)), floor).verdicts
+        assert verdicts.loc["dof 2", "verdict"] == wanted
+        if not cubic:
+            assert (verdicts["floor ratio"] < 1.3).all()
+
+
+def test_rounding_is_noise_and_the_sentence_says_what_was_found():
+    case = linear_case(2, [1, 2], 6)
+    assert detect(fitted(case)).is_noise
+    text = detect(fitted(duffing(2, [1, 2], seed=1))).sentence
+    assert "nonlinear effect missing" in text and "phi_" in text
+
+
+def test_noise_is_noise_beside_a_floor_that_was_fitted_as_the_model_was():
+    """Noise of 5 % on every channel biases the fit; alarms nevertheless come at the level, one in twenty balances."""
+    alarms = balances = 0
+    for seed in range(5):
+        n = 1 + seed % 3
+        case = linear_case(n, list(range(1, n + 1)) if seed % 2 else [1], 40 + seed, n_samples=2500)
+        rng = np.random.default_rng(seed)
+        motion = (case.a, case.v.cumsum(axis=1), case.s.cumsum(axis=1))
+        parts = [p + 0.05 * np.sqrt((p**2).mean(axis=0)) * rng.standard_normal(p.shape) for p in (case.F, *motion)]
+        rec = Record(*parts, fs=1 / case.dt)
+        X, F = rec.to_features()
+        regressor = NRFRegressor(degree=1).fit(X, F)
+        floor = NoiseFloor.from_channels(regressor.model_, rec, regressor=regressor, random_state=seed)
+        found = detect(residual_of(regressor.model_, from_arrays(X, F)), floor).verdicts
+        verdicts = found.loc[[f"dof {j + 1}" for j in range(n)], "verdict"]
+        alarms, balances = alarms + int((verdicts != NOISE).sum()), balances + n
+    assert alarms <= binom.ppf(0.999, balances, 0.05)
+
+
+@pytest.mark.parametrize("kind", ["random", "blows", "white"])
+def test_noise_under_a_force_is_read_where_the_force_is_quiet(kind):
+    rng = np.random.default_rng(3)
+    n, fs, level = 8000, 500.0, 0.3
+    spectrum = np.fft.rfft(rng.standard_normal(n))
+    spectrum[np.fft.rfftfreq(n, 1 / fs) > 60.0] = 0.0
+    force = {
+        "random": np.fft.irfft(spectrum, n),
+        "blows": np.where(np.arange(n) % 1000 < 8, 40.0, 0.0),
+        "white": rng.standard_normal(n),
+    }[kind]
+    force *= 6.0 / np.sqrt(np.mean(force**2))
+    found = quiet_level(force + level * rng.standard_normal(n), fs)
+    assert found == pytest.approx(0.0 if kind == "white" else level, rel=0.05)

@@ -1,0 +1,297 @@
+"""Spectral lines, coupled storeys, noise levels and noise floors against formulas written out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.optimize import brentq
+
+from pysindy_nrf import ChainModel, Record, laws
+from pysindy_nrf.discrepancy import characterisation, noise_floor, noise_level
+from pysindy_nrf.discrepancy.characterisation import conditional_mean
+from pysindy_nrf.discrepancy.coupling import couplings
+from pysindy_nrf.discrepancy.noise_floor import NoiseFloor
+from pysindy_nrf.discrepancy.residual import from_top, residual_of, rms
+from pysindy_nrf.exceptions import ChannelError
+from pysindy_nrf.laws import Motion
+from pysindy_nrf.regression.input_arrays import from_arrays
+
+
+def noise(n, seed=0):
+    return np.random.default_rng(seed).standard_normal(n)
+
+
+def motion(n=3000, seed=0, dt=0.02):
+    """Three sines without a common period: the drift and its mirror image are visited alike."""
+    t = np.arange(n) * dt
+    w = np.array([2.1, 5.3, 9.7])[:, None]
+    p = np.random.default_rng(seed).uniform(0, 6, (3, 1))
+    return Motion(np.sin(w * t + p).sum(axis=0), (w * np.cos(w * t + p)).sum(axis=0), t=t)
+
+
+# -- characterisation -------------------------------------------------------------------------------
+
+
+def test_conditional_mean_is_the_mean_in_bins_of_equal_count():
+    x, y = np.array([5.0, 1.0, 2.0, 4.0, 3.0, 0.0, 6.0]), np.array([1.0, 2.0, 6.0, 3.0, 5.0, 4.0, 9.0])
+    found = conditional_mean(x, y, 3)
+    bins = [[0, 1], [2, 3], [4, 5, 6]]  # edges at 0, 2, 4, 7
+    at = {v: f for v, f in zip(x, y)}
+    assert found["count"].tolist() == [2, 2, 3] and found["centre"].tolist() == [0.5, 2.5, 5.0]
+    assert found["mean"].tolist() == pytest.approx([np.mean([at[v] for v in b]) for b in bins])
+    assert found["error"].tolist() == pytest.approx([np.std([at[v] for v in b]) / np.sqrt(len(b)) for b in bins])
+    assert len(conditional_mean(x, y)) == 7
+
+
+def test_a_spectral_line_is_found_between_two_bins():
+    t = np.arange(1000) / 100
+    for f in (11.37, 30.02):
+        e = 0.6 * np.cos(2 * np.pi * f * t + 1) + noise(1000, 3)
+        assert characterisation.spectral_line(
+            [noise(300), e], [Motion(t[:300], t[:300], t=t[:300]), Motion(t, t, t=t)]
+        ) == (pytest.approx(f, abs=0.012))
+    clean = np.cos(2 * np.pi * 11.37 * t + 1) + 1e-6 * noise(1000)
+    found = characterisation.spectral_line([clean], [Motion(t, t, t=t)])
+    assert found == pytest.approx(11.37, abs=0.5 * 2 / 80 / 10 + 1e-9)  # the nearest of 81 in two bins of 0.1 Hz
+
+
+@pytest.mark.parametrize("n", [400, 1000])
+def test_a_line_stands_out_if_chance_does_as_well_in_one_record_of_a_hundred(n):
+    """Exponential powers over their mean m, from the median m ln 2 of a window: F distributed, and any of N may do it.
+
+    The median of M independent ones has the relative variance 1 / (M ln(2)^2); a Hann window makes neighbours alike.
+    """
+    t, at = np.arange(n) / 100, n // 4
+    line = np.cos(2 * np.pi * at * t / (n / 100))
+    e = noise(
+        n, next(k for k in range(50) if np.isnan(characterisation.spectral_line([noise(n, k)], [Motion(t, t, t=t)])))
+    )
+    N = n // 2 + 1
+    half = min(50, N // 2 - 1)
+    alike = np.abs(np.fft.fft(np.hanning(n) ** 2)) / (np.hanning(n) ** 2).sum()
+    k = (2 * half + 1) * np.log(2) ** 2 / (alike**2).sum()
+    least_ratio = stats.f.isf(0.01 / N, 2, 2 * k)
+
+    def beyond(size):
+        power = np.abs(np.fft.rfft((e + size * line) * np.hanning(n))) ** 2
+        mean = np.median(power[at - half : at + half + 1]) / np.log(2)
+        return power[at] / mean - least_ratio
+
+    least = brentq(beyond, 0.0, 3.0)
+    for factor, told in ((0.995, False), (1.005, True)):
+        found = characterisation.spectral_line([e + factor * least * line], [Motion(t, t, t=t)])
+        assert np.isfinite(found) == told
+
+
+def test_slow_drifts_are_no_lines_and_the_first_frequency_beyond_them_is():
+    n = 800
+    t = np.arange(n) / 100
+    for bins, told in ((1.4, False), (6.0, True)):
+        e = np.cos(2 * np.pi * bins / 8 * t) + 1e-2 * noise(n)
+        found = characterisation.spectral_line([e], [Motion(t, t, t=t)])
+        assert (np.isfinite(found) and abs(found - bins / 8) < 0.01) == told
+
+
+# -- coupling ---------------------------------------------------------------------------------------
+
+
+def chain_residual(rho, n=3000, seed=0):
+    """A residual whose storey forces are given functions of drifts and rates that are noise."""
+    rng = np.random.default_rng(seed)
+    s, v = rng.standard_normal((2, n, len(rho)))
+    X = np.hstack([rng.standard_normal((n, len(rho))), v, s])
+    F = 10 * rng.standard_normal((n, len(rho)))
+    model = ChainModel([1.0] * len(rho), {i + 1: [laws.LinearElastic(1.0)] for i in range(len(rho))})
+    storeys = np.column_stack([f(s, v) for f in rho])
+    e = storeys - np.column_stack([storeys[:, 1:], np.zeros(n)])
+    return residual_of(model, from_arrays(X, F, dt=0.01)).with_balance([e])
+
+
+def test_a_storey_that_follows_another_is_coupled_and_one_that_follows_itself_is_not():
+    found = chain_residual([lambda s, v: s[:, 0] ** 3 + 5 * np.sign(v[:, 0]), lambda s, v: 2 * s[:, 0] + noise(len(s))])
+    assert rms([from_top(found.balance[0])])[1] == pytest.approx(np.sqrt(5), rel=0.05)
+    one = couplings(found)
+    assert [c.storey for c in one] == [2]
+    # 4 of 5 parts are linear in the other storey, of what its own motion leaves: all
+    assert one[0].own == pytest.approx(0.0, abs=0.02) and one[0].others == pytest.approx(0.8, abs=0.03)
+    assert one[0].percent == pytest.approx(found.sizes.loc["storey 2", "percent"])
+    level = found.sizes.loc["storey 2", "rms"]
+    assert not couplings(found, NoiseFloor(np.ones(2), np.full(2, level), ""))
+    assert couplings(found, NoiseFloor(np.ones(2), np.full(2, 0.1 * level), ""))
+
+
+@pytest.mark.parametrize(
+    "own, other, listed", [(0.55, 0.0, False), (0.45, 0.0, True), (0.93, 1, True), (0.97, 1, False)]
+)
+def test_a_storey_is_listed_if_half_is_unexplained_or_a_twentieth_follows_the_others(own, other, listed):
+    def force(s, v):
+        rest = s[:, 0] if other else noise(len(s), 9)
+        return np.sqrt(own) * np.sign(v[:, 1]) + np.sqrt(1 - own) * rest
+
+    found = couplings(chain_residual([lambda s, v: 0 * s[:, 0], force], 8000))
+    assert bool(found) == listed and (not found or found[0].own == pytest.approx(own, abs=0.02))
+
+
+def test_storeys_are_listed_from_the_loudest_and_a_single_one_has_no_others():
+    found = chain_residual(
+        [lambda s, v: 0.1 * noise(len(s), 4), lambda s, v: noise(len(s), 5), lambda s, v: 5 * noise(len(s), 6)]
+    )
+    assert [c.storey for c in couplings(found)] == [3, 2, 1]
+    alone = couplings(chain_residual([lambda s, v: noise(len(s), 4)]))
+    assert [(c.storey, c.others, c.error) for c in alone] == [(1, 0.0, 0.0)]
+
+
+# -- noise levels -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("pieces", [1, 9])
+def test_lower_tail_is_that_of_welchs_estimate(pieces):
+    """Half-overlapping Hann windows share (1/6)^2 of their variance with each neighbour (P. D. Welch, 1967)."""
+    window = np.hanning(513)[:-1]
+    overlap = (window[256:] @ window[:256] / (window @ window)) ** 2
+    dof = 2 * pieces / (1 + 2 * overlap)
+    assert noise_level.lower_tail(0.1, pieces) == pytest.approx(stats.chi2.ppf(0.1, dof) / dof, rel=1e-3)
+
+
+def test_flat_level_is_the_mean_of_the_values_that_scatter_like_noise():
+    rng = np.random.default_rng(0)
+    quiet, dof = rng.chisquare(40, 400) / 40 * 3.0, 40
+    found = noise_level.flat_level(np.concatenate([rng.uniform(9, 99, 600), quiet]), dof)
+    assert found == pytest.approx(quiet.mean(), rel=0.02)
+    many = np.r_[np.ones(59), 5.0]
+    assert noise_level.flat_level(many, 400) == pytest.approx(1.0) and noise_level.flat_level(np.array([2.0]), 9) == 2.0
+    begin = np.r_[np.linspace(1, 1.5, 5), np.full(95, 2.5)]  # the lowest twentieth of a hundred begins
+    assert noise_level.flat_level(begin, 400) == pytest.approx(np.linspace(1, 1.5, 5).mean())
+
+
+def test_noise_is_read_where_the_signal_is_quiet_in_frequency_or_time():
+    t = np.arange(20000) / 500
+    force = sum(np.sin(2 * np.pi * f * t + f**2) for f in np.arange(3.0, 60.0, 0.77))
+    for level in (0.1, 0.7):
+        assert noise_level.quiet_level(force + level * noise(20000), 500.0) == pytest.approx(level, rel=0.05)
+        assert noise_level.quiet_level(force + level * noise(20000) + 99 * np.eye(1, 20000, 7)[0], 1.0) > 0
+    blows = np.where(np.arange(20000) % 2000 < 20, 50.0, 0.0)
+    assert noise_level.quiet_level(blows + 0.5 * noise(20000), 500.0) == pytest.approx(0.5, rel=0.03)
+    with_gaps = blows + 0.5 * noise(20000)
+    with_gaps[3000:3100] = np.nan
+    assert noise_level.quiet_level(with_gaps, 500.0) == pytest.approx(0.5, rel=0.03)
+
+
+@pytest.mark.parametrize("n, told", [(255, False), (256, True)])
+def test_short_signals_tell_no_noise(n, told):
+    x = np.zeros(n)
+    x[:16] = 50.0
+    x = x + 0.1 * noise(n)
+    assert (noise_level.quiet_level(x, 100.0) > 0) == told
+    assert (noise_level.denoised(x, 0.1, 100.0) is not x) == told
+
+
+@pytest.mark.parametrize("share, told", [(0.19, True), (0.215, False)])
+def test_a_floor_louder_than_a_fifth_of_the_signal_is_the_signal(share, told):
+    n = 64 * 1000
+    x = np.zeros(n)
+    x[: n // 10] = np.sqrt(10 * (1 - share**2))
+    level = noise_level.quiet_level(x * np.sign(noise(n, 3)) + share * noise(n), 1.0)
+    assert (level > 0) == told and (not told or level == pytest.approx(share, rel=0.03))
+
+
+def test_wieners_filter_takes_twice_the_noise_off():
+    n, fs, level = 2**14, 100.0, 0.2
+    t = np.arange(n) / fs
+    pure = 3 * np.cos(2 * np.pi * 1638 / n * fs * t)
+    found = noise_level.denoised(pure + level * noise(n), level, fs)
+    assert np.std(found - pure) < 0.4 * level and np.std(found) == pytest.approx(3 / np.sqrt(2), rel=0.01)
+    # noise of four times the variance: the gain is 1 - 2/4 on average
+    loud = 2 * level * noise(n, 1)
+    half = noise_level.denoised(loud, level, fs)
+    assert loud @ half / (loud @ loud) == pytest.approx(0.5, abs=0.03) and half.std() < loud.std()
+    assert noise_level.denoised(loud, 0.0, fs) is loud
+    holes = np.where(np.arange(n) == 5, np.nan, loud)
+    assert noise_level.denoised(holes, level, fs) is holes
+
+
+def test_levels_hold_forces_and_base_and_take_the_base_off_relative_motion():
+    n = 6400
+    rng = np.random.default_rng(0)
+    blows = np.where(np.arange(n) % 800 < 20, 50.0, 0.0)
+    quiet = blows + 0.1 * rng.standard_normal(n)
+    base = blows + 0.3 * rng.standard_normal(n)
+    zeros = np.zeros((n, 2))
+    record = Record(
+        fs=100.0,
+        coordinates="absolute",
+        force=np.column_stack([quiet, 0 * quiet]),
+        acceleration=zeros,
+        base_acceleration=base,
+    )
+    found = noise_level.levels_of(record, {"a1": 0.5, "a2": 0.3, "x1": 0.5})
+    assert found["F1"] == pytest.approx(0.1, rel=0.05) and found["ag"] == pytest.approx(0.3, rel=0.05)
+    assert found["x1"] == 0.5 and found["a1"] == 0.5
+    relative = record.replace(coordinates="relative")
+    found = noise_level.levels_of(relative, {"a1": 0.5, "a2": 0.3, "x1": 0.5})
+    assert found["a1"] == pytest.approx(np.sqrt(0.25 - found["ag"] ** 2)) and found["x1"] == 0.5
+    rows = np.arange(n) < 20
+    assert noise_level.levels_of(relative, {}, rows)["F1"] == 0.0
+    fresh = noise_level.noisy_base(record, {"ag": 2.0, "vg": 1.0}, np.random.default_rng(1))
+    assert list(fresh) == ["base_acceleration"]
+    assert fresh["base_acceleration"] - base == pytest.approx(2.0 * np.random.default_rng(1).standard_normal(n))
+    calm = noise_level.quiet_drive(record, {"F1": 0.1, "ag": 0.3})
+    assert calm.force[:, 0] == pytest.approx(noise_level.denoised(quiet, 0.1, 100.0))
+    assert calm.base_acceleration == pytest.approx(noise_level.denoised(base, 0.3, 100.0))
+    assert not noise_level.noisy_base(record, {"ag": 0.0}, np.random.default_rng(1))
+
+
+# -- noise floor ------------------------------------------------------------------------------------
+
+
+def test_floors_that_are_given_add_up_from_the_top():
+    floor = NoiseFloor.given({1: 3.0, 3: 4.0}, 3)
+    assert floor.at("dof 1") == 3.0 and np.isnan(floor.at("dof 2")) and floor.at("storey 3") == 4.0
+    assert np.isnan(floor.storey[:2]).all() and NoiseFloor.given(2.0, 3).storey == pytest.approx(2 * np.sqrt([3, 2, 1]))
+    assert NoiseFloor.given([1.0, 2.0], 2).covariance() == pytest.approx(np.diag([1.0, 4.0]))
+    for wrong in ({4: 1.0}, {0: 1.0}, [1.0, 2.0], -1.0, np.inf):
+        with pytest.raises(ChannelError):
+            NoiseFloor.given(wrong, 3)
+    assert NoiseFloor.given(0.0, 2).storey.tolist() == [0.0, 0.0]
+
+
+def repeats(forces, left, n=400):
+    """Records of one storey under given forces that leave given residuals."""
+    model = ChainModel([1.0], {1: [laws.LinearElastic(1.0)]})
+    sets = [from_arrays(np.zeros((n, 3)), f[:, None], dt=0.01) for f in forces]
+    data = noise_floor._together(sets)
+    assert [(s.rows.start, s.rows.stop) for s in data.segments] == [(k * n, (k + 1) * n) for k in range(len(forces))]
+    return residual_of(model, data).with_balance([e[:, None] for e in left])
+
+
+def test_repeated_records_differ_by_noise_that_is_estimated_without_bias():
+    force = noise(400, 1)
+    left = [noise(400, k) + 10 * force for k in range(2, 5)]
+    floor = NoiseFloor.from_repeats(repeats([force] * 3, left))
+    assert (
+        floor.balance[0] == pytest.approx(np.sqrt(np.mean(np.var(left, axis=0, ddof=1))))
+        and "3 repeated" in floor.source
+    )
+    with pytest.raises(ChannelError, match="no repetitions"):
+        NoiseFloor.from_repeats(repeats([force], left[:1]))
+
+
+@pytest.mark.parametrize("share, alike", [(0.19, True), (0.21, False)])
+def test_records_excited_otherwise_are_no_repetitions(share, alike):
+    force = np.tile([1.0, -1.0], 200)
+    other = share * np.tile([1.0, 1.0, -1.0, -1.0], 100)
+    found = repeats([force + other, force - other], [noise(400), noise(400, 1)])
+    if alike:
+        NoiseFloor.from_repeats(found)
+    else:
+        with pytest.raises(ChannelError, match="not excited alike"):
+            NoiseFloor.from_repeats(found)
+
+
+@pytest.mark.parametrize("n", [500, 3000])
+def test_white_noise_has_a_line_in_one_record_of_a_hundred(n):
+    """Of 400 records of noise 4 are expected, and more than 11 in one of a thousand such tests."""
+    rng, t = np.random.default_rng(8), np.arange(n) / 100
+    found = [characterisation.spectral_line([rng.standard_normal(n)], [Motion(t, t, t=t)]) for _ in range(400)]
+    assert np.isfinite(found).sum() <= stats.binom.ppf(0.999, 400, 0.01)

@@ -1,0 +1,182 @@
+"""What one part of the loop hands to the next, on real short runs: search, evidence, decision, report, pages, files."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from simulated_cases import Plan, simulated
+
+from pysindy_nrf import ChainModel, Record, Site, close_loop, laws
+from pysindy_nrf.discrepancy.catalogue import as_laws, candidates
+from pysindy_nrf.output.cli.group import run
+from pysindy_nrf.output.report.story import chapters, lead
+from pysindy_nrf.regression.errors import nrmse
+
+
+class CubicOfMine(laws.CubicStiffness):
+    """A law that a user wrote."""
+
+    name = "cubic_of_mine"
+
+
+CATALOGUE = [CubicOfMine(), laws.CoulombFriction(), laws.QuadraticDamping(), laws.LinkSpringDashpot(), laws.ConstantForce()]
+HIDDEN = Plan(3, (1, 2, 3), noise=0.005, effects=(("cubic", 2, 1, 0.25),), seed=51)
+
+
+@pytest.fixture(scope="module")
+def records():
+    """Two tests of one chain with a hidden cubic spring in storey 2: the search sees one, the last line the other."""
+    one = Record(**simulated(HIDDEN).channels, name="searched")
+    n = one.n_samples
+    parts = [slice(0, 2 * n // 3), slice(2 * n // 3, n)]
+    names = ("force", "acceleration", "velocity", "displacement")
+    return [one.replace(**{name: getattr(one, name)[rows] for name in names}) for rows in parts]
+
+
+@pytest.fixture(scope="module")
+def found(records):
+    """A loop that finds the spring."""
+    return close_loop(records[0], catalogue=CATALOGUE, heldout=records[1], max_steps=2)
+
+
+@pytest.fixture(scope="module")
+def silent():
+    """A loop that finds nothing, because nothing is hidden."""
+    rec = Record(**simulated(Plan(3, (1, 2, 3), noise=0.01, seed=52)).channels)
+    return close_loop(rec, catalogue=CATALOGUE, max_steps=2)
+
+
+def sentences(evidence):
+    return [evidence.detection_sentence, evidence.localisation_sentence, evidence.characterisation_sentence]
+
+
+# -- catalogue to search ----------------------------------------------------------------------------
+
+
+def test_the_law_of_a_user_takes_part_in_the_search(found):
+    assert [(s.law, s.site) for s in found.steps] == [("cubic_of_mine", "storey 2")]
+    assert found.settings["loop"]["catalogue"].split(", ") == [law.name for law in CATALOGUE]
+
+
+def test_the_search_tries_the_laws_of_the_catalogue_where_they_make_sense(records):
+    """The best of the last round are listed."""
+    others = [laws.QuinticStiffness(), laws.AbsoluteQuadraticStiffness(), laws.CoulombFriction()]
+    report = close_loop(records[0], catalogue=others, max_steps=1, n_surrogates=0)
+    possible = {(c.law.name, c.site) for c in candidates(as_laws(others, ()), report.model.chain, (), (), (1, 2, 3))}
+    tried = {(law, Site(site)) for law, site in report.candidates[["law", "site"]].itertuples(index=False)}
+    assert tried and tried <= possible
+
+
+# -- evidence to report -----------------------------------------------------------------------------
+
+
+def test_there_is_evidence_for_the_baseline_and_after_every_step(found, silent):
+    for report in (found, silent):
+        assert len(report.evidence) == len(report.models) == len(report.table) == len(report.steps) + 1
+        for evidence, step in zip(report.evidence, report.steps):
+            assert evidence.chosen == step.site
+            assert sentences(evidence) == [step.detection, step.localisation, step.characterisation]
+        assert report.evidence[-1].chosen == ""
+
+
+def test_evidence_names_the_storey_and_the_kind_before_the_loop_names_a_law(found):
+    first, last = found.evidence
+    assert first.site == "storey 2" and first.characterisation.dependence == "s alone"
+    assert not first.detection.is_noise
+    assert last.sizes["rms"].max() < first.sizes["rms"].max()
+
+
+# -- verdicts to words ------------------------------------------------------------------------------
+
+
+def test_every_verdict_reaches_the_pages_in_the_same_words(found, silent, tmp_path):
+    for report in (found, silent):
+        text = report.to_markdown()
+        for evidence, chapter in zip(report.evidence, chapters(report)):
+            told = dict(chapter.facts)
+            assert [told["Is it noise?"], told["Where?"], told["What kind?"]] == sentences(evidence)
+            assert all(line.replace("<", "&lt;") in text for line in sentences(evidence))
+        assert report.stopped_because in str(report) and report.stopped_because in text
+
+
+def test_a_sure_step_is_named_and_an_unsure_one_is_the_closest_law(found):
+    step = found.steps[0]
+    assert ("closest law" in step.sentence) == (not step.sure)
+    assert "cubic of mine at storey 2" in lead(found)
+    assert step.sentence in found.to_markdown()
+
+
+def test_the_page_holds_what_the_report_says(found, tmp_path):
+    pytest.importorskip("jinja2", reason="the page needs the extra 'report'")
+    pytest.importorskip("plotly", reason="the page needs the extra 'report'")
+    found.to_html(tmp_path / "report.html")
+    page = (tmp_path / "report.html").read_text()
+    assert lead(found) in page and found.evidence[0].characterisation_sentence in page
+
+
+# -- steps to table, files, model -------------------------------------------------------------------
+
+
+def test_the_table_has_the_errors_of_the_steps(found):
+    table, step = found.table, found.steps[0]
+    assert list(table.index) == ["baseline", "cubic_of_mine at storey 2"]
+    assert [step.error_before, step.error_after] == table["held-out"].tolist()
+    assert [step.free_run_before, step.free_run_after] == table["free run"].tolist()
+    text = found.to_markdown()
+    assert f"| cubic_of_mine at storey 2 | {table['search'].iloc[1]:.4g} |" in text
+
+
+def test_the_model_holds_the_law_with_the_numbers_of_its_step(found):
+    step = found.steps[0]
+    (law,) = [law for law in found.model.laws["storey 2"] if law.name == step.law]
+    assert law.parameters == step.parameters
+    truth = simulated(HIDDEN).effects[0].par[0]
+    assert step.parameters["k3"] == pytest.approx(truth, rel=0.02)
+    low, high = step.intervals["k3"]
+    assert low < step.parameters["k3"] < high
+
+
+def test_the_command_writes_the_report_as_json_and_a_model_that_is_read_again(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    plan = Plan(1, (1,), effects=(("cubic", 1, 0, 0.25),), seed=53, n_samples=2000)
+    Record(**simulated(plan).channels).to_frame().to_csv("test.csv")
+    assert run(["close-loop", "test.csv", "--steps", "1", "--json", "-o", "out"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    (step,) = told["steps"]
+    assert (step["law"], step["site"]) == ("cubic_stiffness", "storey 1")
+    model = ChainModel.from_json("out/model.json")
+    assert model.to_dict() == told["model"]
+    assert {law.name: law for law in model.laws["storey 1"]}["cubic_stiffness"].parameters == step["parameters"]
+    assert step["sentence"] in (tmp_path / "out/closed_loop.md").read_text()
+
+
+# -- held-out data to report ------------------------------------------------------------------------
+
+
+def test_the_held_out_error_is_the_error_of_the_model_on_the_held_out_record(found, records):
+    """Of each balance 100 rms(F - predicted) / rms(F), from the features as a user takes them."""
+    X, F = records[1].to_features(smooth=True)
+    X, F = X.to_numpy(), F.to_numpy()
+    n = F.shape[1]
+    for name, model in zip(found.table.index, found.models):
+        motion = [laws.Motion(X[:, 2 * n + i], X[:, n + i]) for i in range(n)]
+        storey = [sum(law.force(m) for law in model.laws[f"storey {i + 1}"]) for i, m in enumerate(motion)]
+        for j in range(n):
+            said = model.masses[j] * X[:, j] + storey[j] - (storey[j + 1] if j + 1 < n else 0.0)
+            inside = np.isfinite(said)
+            assert found.table.loc[name, f"held-out dof {j + 1}"] == pytest.approx(
+                nrmse(F[inside, j], said[inside]), rel=0.05
+            )
+
+
+def test_held_out_data_change_the_last_column_alone(found, records):
+    """Held-out rows full of noise: the same steps, parameters and search errors to the last digit."""
+    noise = np.random.default_rng(0).standard_normal((records[1].n_samples, 3))
+    other = close_loop(
+        records[0], catalogue=CATALOGUE, heldout=records[1].replace(force=records[1].force.std() * noise), max_steps=2
+    )
+    assert [(s.law, s.site, s.parameters) for s in other.steps] == [(s.law, s.site, s.parameters) for s in found.steps]
+    assert other.table[["search", "validation"]].equals(found.table[["search", "validation"]])
+    assert other.steps[0].error_after > 10 * found.steps[0].error_after

@@ -1,0 +1,179 @@
+"""The residual is the missing force with its sign, in the band, in one step and in a free run."""
+
+import numpy as np
+import pytest
+from chains import duffing, integrate, parameters
+
+from pysindy_nrf import Chain, ChainModel, Record, laws
+from pysindy_nrf.discrepancy.noise_floor import NoiseFloor
+from pysindy_nrf.discrepancy.residual import free_run_residual, residual_of
+from pysindy_nrf.exceptions import ChannelError
+from pysindy_nrf.regression.input_arrays import from_arrays
+from pysindy_nrf.signals.zero_phase_filter import FairFilter
+
+FS = 1000.0
+
+
+def model_of(case, chain=None, **extra):
+    held = {i + 1: [laws.LinearViscous(case.c[i]), laws.LinearElastic(case.k[i])] for i in range(case.n)}
+    for i in range(case.n):
+        if case.k3[i]:
+            held[i + 1].append(laws.CubicStiffness(case.k3[i]))
+    return ChainModel(case.m, held | extra, chain)
+
+
+def data_of(case, F=None):
+    return from_arrays(case.X, case.F if F is None else F, dt=case.dt, base_acceleration=case.ag)
+
+
+def test_missing_storey_force_has_opposite_signs_below_and_above():
+    case = duffing(4, [1, 2, 3, 4], seed=1)
+    residual = residual_of(
+        model_of(case).with_laws({2: [laws.LinearViscous(case.c[1]), laws.LinearElastic(case.k[1])]}), data_of(case)
+    )
+    missing = case.k3[1] * case.s[:, 1] ** 3
+    e, rho = residual.balance[0], residual.storey[0]
+    tiny = 1e-9 * np.abs(case.F).max()
+    assert np.allclose(e[:, 1], missing, atol=tiny) and np.allclose(e[:, 0], -missing, atol=tiny)
+    assert np.allclose(rho[:, 1], missing, atol=tiny)
+    assert np.abs(rho[:, [0, 2, 3]]).max() < tiny and np.abs(e[:, [2, 3]]).max() < tiny
+
+
+def test_missing_brace_shows_in_every_cut_it_crosses():
+    n, rng = 4, np.random.default_rng(3)
+    given = parameters(n, rng, cubic=False)
+
+    def brace(x, v):
+        f = 2e4 * (x[..., 2] - x[..., 0])
+        out = np.zeros_like(x)
+        out[..., 2], out[..., 0] = -f, f
+        return out
+
+    case = duffing(n, [4], seed=3, given=given, extra=brace)
+    rho = residual_of(model_of(case), data_of(case)).storey[0]
+    force = 2e4 * (case.s[:, 1] + case.s[:, 2])
+    assert np.allclose(rho[:, 1], force, atol=1e-7) and np.allclose(rho[:, 2], force, atol=1e-7)
+    assert np.abs(rho[:, [0, 3]]).max() < 1e-7
+
+
+def test_unknown_force_masks_its_balance_and_the_cuts_below():
+    case = duffing(3, [1, 2, 3], seed=2)
+    F = case.F.copy()
+    F[:, 1] = np.nan
+    residual = residual_of(model_of(case), data_of(case, F))
+    assert residual.known.tolist() == [[True, False, True]]
+    assert np.isnan(residual.balance[0][:, 1]).all() and np.isnan(residual.storey[0][:, :2]).all()
+    assert np.isfinite(residual.storey[0][:, 2]).all()
+    assert residual.sizes.loc["dof 1", "rms"] < 1e-9 * residual.sizes.loc["dof 1", "reference"]
+    F[:] = np.nan
+    with pytest.raises(ChannelError, match="unknown on every DOF"):
+        residual_of(model_of(case), data_of(case, F))
+
+
+def test_band_is_the_same_filter_on_the_sum():
+    case = duffing(2, [1, 2], seed=5)
+    model = model_of(case).with_laws({1: [laws.LinearElastic(case.k[0])]})
+    inside = residual_of(model, data_of(case), band=(2.0, 30.0))
+    f = FairFilter((2.0, 30.0), FS)
+    missing = case.c[0] * case.v[:, 0] + case.k3[0] * case.s[:, 0] ** 3
+    assert np.allclose(inside.balance[0][:, 0], f.apply(missing), atol=1e-8 * np.abs(missing).max())
+    assert inside.sizes.loc["dof 1", "reference"] == pytest.approx(np.sqrt(np.mean(f.apply(case.F[:, 0]) ** 2)))
+    with pytest.raises(ChannelError, match="Both filters and band"):
+        residual_of(model, data_of(case), [f], band=(2.0, 30.0))
+
+
+def test_unforced_balance_is_measured_by_its_inertia():
+    case = duffing(2, [2], seed=6)
+    sizes = residual_of(ChainModel(case.m * [1.1, 1.0], model_of(case).laws), data_of(case)).sizes
+    assert list(sizes["of"]) == ["m a", "F", "storey force", "storey force"]
+    assert sizes.loc["dof 1", "percent"] == pytest.approx(100 * 0.1 / 1.1, rel=1e-9)
+
+
+def test_free_run_of_the_true_model_follows_the_record_and_others_say_why_not():
+    case = duffing(2, [1, 2], seed=7, n_samples=1500, rms=100.0, substeps=8)
+    data = data_of(case)
+    good = free_run_residual(model_of(case), data)
+    assert (good.sizes < 0.01).all(axis=None) and good.reasons == [""]  # two integrators, percent
+    soft = model_of(case).with_laws({2: [laws.LinearElastic(-1e6), laws.LinearViscous(-1e4)]})
+    failed = free_run_residual(soft, data)
+    assert (
+        np.isnan(failed.displacement[0]).all()
+        and failed.sizes.isna().all(axis=None)
+        and "diverges" in failed.reasons[0]
+    )
+    F = case.F.copy()
+    F[:, 0] = np.nan
+    assert "force on DOF 1 is unknown" in free_run_residual(model_of(case), data_of(case, F)).reasons[0]
+
+
+def test_noise_floor_of_repeated_records_is_the_noise():
+    case = duffing(2, [1, 2], seed=8)
+    rng = np.random.default_rng(0)
+    X = np.vstack(
+        [
+            case.X + np.hstack([0.3 * rng.standard_normal((len(case.X), 2)), np.zeros((len(case.X), 4))])
+            for _ in range(5)
+        ]
+    )
+    ids = np.repeat(np.arange(5), len(case.X))
+    data = from_arrays(X, np.tile(case.F, (5, 1)), record=ids, dt=case.dt)
+    floor = NoiseFloor.from_repeats(residual_of(model_of(case).with_laws({1: [laws.LinearElastic(case.k[0])]}), data))
+    assert floor.balance == pytest.approx(0.3 * case.m, rel=0.03)  # the missing laws are the same in all
+    assert floor.storey[0] == pytest.approx(0.3 * np.hypot(*case.m), rel=0.03)
+    with pytest.raises(ChannelError, match="no repetitions"):
+        NoiseFloor.from_repeats(residual_of(model_of(case), data_of(case)))
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+def test_noise_floor_of_the_channels_is_what_noise_leaves(smooth):
+    n = 2
+    case = duffing(n, [1, 2], seed=9, n_samples=6000, cubic=False)
+    rng = np.random.default_rng(1)
+    parts = {
+        "acceleration": case.a,
+        "velocity": case.v.cumsum(axis=1),
+        "displacement": case.s.cumsum(axis=1),
+        "force": case.F,
+    }
+    level = {k: 0.02 * np.sqrt((p**2).mean(axis=0)) for k, p in parts.items()}
+    rec = Record(**{k: p + level[k] * rng.standard_normal(p.shape) for k, p in parts.items()}, fs=FS)
+    model = model_of(case)
+    truth = residual_of(model, from_arrays(*rec.to_features(smooth=smooth)))
+    noise = {
+        f"{key[0] if key != 'displacement' else 'x'}{j + 1}": level[key][j]
+        for key in ("acceleration", "velocity", "displacement")
+        for j in range(n)
+    }
+    floor = NoiseFloor.from_channels(model, rec, smooth=smooth, noise=None if smooth else noise, random_state=2)
+    measured = truth.sizes["rms"].to_numpy()
+    assert np.concatenate([floor.balance, floor.storey]) == pytest.approx(measured, rel=0.25)
+    assert len(floor.draws) == 4 and floor.covariance().shape == (2, 2)
+
+
+def test_integrator_of_the_tests_closes_the_balance():
+    m, c, k, k3 = parameters(2, np.random.default_rng(0))
+    F = np.random.default_rng(1).standard_normal((50, 2))
+    a, v, s = integrate(m, c, k, k3, F, 1e-3)
+    R = c * v + k * s + k3 * s**3
+    assert np.allclose(m * a + R - np.column_stack([R[:, 1], 0 * R[:, 1]]), F)
+
+
+def test_sites_beyond_the_storeys_enter_by_their_incidence():
+    case = duffing(3, [3], seed=4)
+    chain = Chain(3, links=["link 3-1"])
+    model = model_of(case, chain, **{"link 3-1": laws.LinearElastic(1e4), "dof 2": laws.ConstantForce(7.0)})
+    e = residual_of(model, data_of(case)).balance[0]
+    brace = 1e4 * (case.s[:, 1] + case.s[:, 2])
+    assert np.allclose(e, np.column_stack([brace, -7 + 0 * brace, -brace]), atol=1e-7)
+
+
+def test_map_shows_the_rms_of_every_storey():
+    pytest.importorskip("matplotlib").use("Agg")
+    from pysindy_nrf.output.displays.residual_map import ResidualMapDisplay
+
+    case = duffing(2, [1, 2], seed=1)
+    residual = residual_of(model_of(case).with_laws({2: [laws.LinearElastic(case.k[1])]}), data_of(case))
+    display = ResidualMapDisplay.from_residual(residual).plot()
+    overall = np.sqrt((display.table.to_numpy() ** 2).mean(axis=1))
+    assert overall[1] == pytest.approx(residual.sizes.loc["storey 2", "percent"], rel=0.01)
+    assert display.ax_.get_xlabel() == "time (s)"

@@ -1,0 +1,217 @@
+"""Instrumental variables and output error: noise does not bias them, and they say where they cannot serve."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from pathlib import Path
+
+import chains
+import numpy as np
+import paper_cases as cases
+import pytest
+from chains import worst
+
+from pysindy_nrf import ChainModel, KinematicSmoother, NRFRegressor, excitation, laws, simulate
+from pysindy_nrf.exceptions import BiasWarning, ChainError, ChannelError, DataQualityWarning
+from pysindy_nrf.regression.errors import nrmse
+from pysindy_nrf.simulation.noise import add_noise
+
+M, K, C, FS = 12.4, 1.4e5, 25.0, 1000.0
+
+
+def frame(n: int = 4, cubic: float = 0.0, dahl: bool = False) -> ChainModel:
+    held = {f"storey {i}": [laws.PowerSeries(1, [C, K])] for i in range(1, n + 1)}
+    if cubic:
+        held["storey 2"] = [laws.PowerSeries((0, 3), [K, 0.0, cubic]), laws.LinearViscous(C)]
+    if dahl:
+        held["storey 1"].append(laws.Dahl(sigma=5e4, Fd=34.85))
+    return ChainModel([M] * n, held)
+
+
+def measured(truth: ChainModel, dofs, seed: int, noise: float = 0.05, duration: float = 8.0):
+    n = truth.n_dof
+    F = excitation.band_limited_random(n, duration, FS, dofs=dofs, rms=100.0, band=(0.5, 60.0), random_state=seed)
+    return add_noise(simulate(truth, F, 1 / FS, hold="cubic"), noise, random_state=[seed, 1])
+
+
+def stiffness(model) -> list[float]:
+    return [model.restoring_forces_[i].linear_part()["k"] for i in range(1, len(model.masses_) + 1)]
+
+
+@pytest.fixture(scope="module")
+def four_floors():
+    return [measured(frame(), [3], seed, duration=16.0) for seed in range(3)]
+
+
+def test_masses_and_stiffnesses_survive_five_percent_noise(four_floors):
+    fits = [NRFRegressor(degree=1, estimation="iv").fit(rec) for rec in four_floors]
+    masses = np.array([f.masses_ for f in fits]) / M - 1
+    assert np.median(np.abs(masses).max(axis=1)) < 0.006
+    assert np.median([worst(stiffness(f), [K] * 4) for f in fits]) < 0.006
+    damping = [[f.restoring_forces_[i].linear_part()["c"] for i in (1, 2, 3, 4)] for f in fits]
+    assert np.median([worst(c, [C] * 4) for c in damping]) < 0.10
+    # plain least squares on the raw channels loses a third of the mass or more
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        raw = NRFRegressor(degree=1).fit(*four_floors[0].to_features(smooth=False))
+    assert raw.masses_.max() < 0.7 * M
+
+
+@pytest.mark.parametrize(
+    ("truth", "told", "dofs"),
+    [
+        (frame(2), {}, [1, 2]),
+        (frame(2), {"strategy": "joint"}, [1, 2]),
+        (frame(3, cubic=5e8), {"orders": {"storey 2": 3}}, [3]),
+        (frame(2, dahl=True), {"laws": {"storey 1": [laws.PowerSeries(1), laws.Dahl(sigma=5e4)]}}, [2]),
+    ],
+    ids=["complete", "joint", "cubic storey", "Dahl damper"],
+)
+def test_every_strategy_and_nonlinear_laws(truth, told, dofs):
+    fits = [NRFRegressor(degree=1, estimation="iv", **told).fit(measured(truth, dofs, seed)) for seed in range(3)]
+    masses = np.array([f.masses_ for f in fits])
+    assert worst(np.mean(masses, axis=0), truth.masses) < 0.012
+    if "orders" in told:
+        cubic = [f.restoring_forces_[2].coefficients["s^3"] for f in fits]
+        assert np.mean(cubic) == pytest.approx(5e8, rel=0.25)
+    if "laws" in told:
+        friction = [f.restoring_forces_[1].coefficients.iloc[-1] for f in fits]
+        assert np.mean(friction) == pytest.approx(34.85, rel=0.05)
+
+
+def test_a_stick_slip_damper_of_the_size_of_the_noise():
+    """70 N turn over within 0.02 mm, the noise of the drift: least squares loses 10 % of the masses, instruments do not."""
+    case = cases.four_storey(cases.INCOMPLETE_FRAME, 70.0, 0.01, level=1000.0, duration=16.0)
+    told = {"degree": 1, "laws": {"storey 4": [laws.PowerSeries(1), laws.Dahl(sigma=5e4)]}}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", BiasWarning)
+        plain = NRFRegressor(**told).fit(case.measured)
+    model = NRFRegressor(**told, estimation="iv").fit(case.measured)
+    assert worst(plain.masses_, case.truth.masses) > 0.05
+    assert worst(model.masses_, case.truth.masses) < 0.015
+    assert model.restoring_forces_[4].coefficients.iloc[-1] == pytest.approx(70.0, rel=0.03)
+
+
+def test_doubts_about_masses_and_laws_come_as_one_warning():
+    truth = frame(2).with_laws({"storey 1": [laws.PowerSeries(1, [C, K]), laws.CoulombFriction(60.0)]})
+    X, F = measured(truth, [2], 0).to_features(smooth=False)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        NRFRegressor(degree=1).fit(X, F)
+    said = [str(w.message) for w in caught if w.category is BiasWarning]
+    assert len(said) == 1 and "is likely biased" in said[0] and "A law is missing" in said[0]
+
+
+def test_exact_data_give_exact_numbers():
+    case = chains.duffing(3, [2], seed=4, cubic=False)
+    model = NRFRegressor(degree=1, estimation="iv", dt=case.dt).fit(case.X, case.F)
+    assert worst(model.masses_, case.m) < 1e-7
+    assert worst(stiffness(model), case.k) < 1e-7
+    assert model.model_.info["estimation"]["found"] == "iv"
+
+
+def test_displacements_alone_do_not_ask_for_what_they_cannot_show():
+    """At 2 % noise a displacement sensor is blind above some 40 Hz while the force goes on to 60 Hz."""
+    recs = [measured(frame(), [3], seed, 0.02, 16.0).replace(acceleration=None, velocity=None) for seed in range(3)]
+    masses = np.array([NRFRegressor(degree=1, estimation="iv").fit(rec).masses_ for rec in recs])
+    assert worst(np.median(masses, axis=0), [M] * 4) < 0.01
+
+
+def test_jointly_fused_motions_are_warned_of(four_floors):
+    X, F = four_floors[0].to_features()
+    with pytest.warns(DataQualityWarning, match="joint=False"):
+        NRFRegressor(degree=1, estimation="iv").fit(X, F)
+    X, F = four_floors[0].to_features(smooth=KinematicSmoother(joint=False))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DataQualityWarning)
+        same = NRFRegressor(degree=1, estimation="iv").fit(X, F)
+    assert worst(same.masses_, NRFRegressor(degree=1, estimation="iv").fit(four_floors[0]).masses_) < 1e-3
+
+
+def test_where_no_free_run_serves_least_squares_is_kept_and_said():
+    rng = np.random.default_rng(0)
+    X, F = rng.normal(size=(2000, 6)), rng.normal(size=(2000, 2))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        model = NRFRegressor(degree=3, estimation="iv", dt=1e-3).fit(X, F)
+    assert any("fell back on least squares" in str(w.message) for w in caught if w.category is BiasWarning)
+    assert model.model_.info["estimation"]["found"] == "ls"
+    np.testing.assert_array_equal(model.masses_, NRFRegressor(degree=3).fit(X, F).masses_)
+
+
+def test_no_clock_and_unknown_names_are_refused():
+    case = chains.duffing(2, [2], seed=1, n_samples=500)
+    with pytest.raises(ChannelError, match="sampling step"):
+        NRFRegressor(degree=1, estimation="iv").fit(case.X, case.F)
+    with pytest.raises(ChainError, match="'ls', 'iv'|ls, iv"):
+        NRFRegressor(estimation="magic").fit(case.X, case.F)
+
+
+def test_output_error_predicts_no_worse_than_instrumental_variables():
+    truth = frame(2)
+    for seed in range(2):
+        rec = measured(truth, [2], seed)
+        F = excitation.band_limited_random(2, 4.0, FS, dofs=[2], rms=100.0, band=(0.5, 60.0), random_state=seed + 50)
+        exact = simulate(truth, F, 1 / FS, hold="cubic")
+        gap = {}
+        for estimation in ("iv", "simulation"):
+            run = NRFRegressor(degree=1, estimation=estimation).fit(rec).simulate(F, dt=1 / FS)
+            gap[estimation] = nrmse(exact.acceleration, run.acceleration)
+        assert gap["simulation"] <= gap["iv"]
+
+
+# -- unknown forces -----------------------------------------------------------------------------------
+
+
+def test_unknown_force_is_returned_where_the_chain_allows_it():
+    """Record 1 is hit on DOF 3 and identifies all; in record 2 an unmeasured force acts on DOF 2."""
+    truth = frame(3)
+    F = excitation.band_limited_random(3, 4.0, FS, dofs=[3], rms=100.0, band=(0.5, 60.0), random_state=0)
+    both = F + excitation.band_limited_random(3, 4.0, FS, dofs=[2], rms=70.0, band=(0.5, 60.0), random_state=1)
+    first, second = (simulate(truth, f, 1 / FS).to_features(smooth=False) for f in (F, both))
+    X = np.vstack([first[0], second[0]])
+    told = np.vstack([first[1], second[1]])
+    told[len(F) :, 1] = np.nan
+    ids = np.repeat([0, 1], len(F))
+    model = NRFRegressor(degree=1).fit(X, told, record=ids)
+    assert list(model.unknown_forces_.columns) == ["F2"]
+    assert model.unknown_forces_["F2"].iloc[: len(F)].isna().all()
+    np.testing.assert_allclose(model.unknown_forces_["F2"].iloc[len(F) :], both[:, 1], atol=1e-5)
+
+
+def test_unknown_force_everywhere_needs_the_mass():
+    truth = frame(3)
+    F = excitation.band_limited_random(3, 4.0, FS, dofs=[1, 3], rms=100.0, band=(0.5, 60.0), random_state=0)
+    X, told = simulate(truth, F, 1 / FS).to_features(smooth=False)
+    told = told.assign(F1=np.nan)
+    model = NRFRegressor(degree=1, known_masses={1: M}, chain=None)
+    with pytest.raises(Exception, match="storey 1 cannot be scaled"):
+        model.fit(X, told)  # storey 1 stands in the balance of DOF 1 alone
+    told = simulate(truth, F, 1 / FS).to_features(smooth=False)[1].assign(F3=np.nan)
+    model = NRFRegressor(degree=1, known_masses={3: M}).fit(X, told)
+    np.testing.assert_allclose(model.unknown_forces_["F3"], F[:, 2], atol=1e-5)
+
+
+# -- measured -------------------------------------------------------------------------------------------
+
+
+def test_three_equal_floors_of_a_measured_frame():
+    folder = Path(os.environ.get("PYSINDY_NRF_DATA", Path(__file__).resolve().parents[2].parent / "shared" / "data"))
+    if not (folder / "three_storey_frf").is_dir():
+        pytest.skip(f"measured data not found in {folder}")
+    from measured_sets import load_three_storey_frf
+
+    from pysindy_nrf.estimation.frequency import fit_frequency_response
+
+    frf = load_three_storey_frf(folder)
+    spread, intervals = {}, {}
+    for estimation in ("ls", "iv"):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", BiasWarning)
+            model = fit_frequency_response(NRFRegressor(degree=1, estimation=estimation), frf, band=(4.0, 32.0))
+        spread[estimation] = model.masses_.max() / model.masses_.min() - 1
+        intervals[estimation] = model.confidence_intervals().set_index("parameter").loc[["m1", "m2", "m3"]]
+    assert spread["ls"] == pytest.approx(0.078, abs=0.002)  # what plain least squares is known to give here
+    assert spread["iv"] < 0.07
+    assert intervals["iv"]["lower"].max() < intervals["iv"]["upper"].min()

@@ -1,0 +1,167 @@
+"""Intervals: as wide as theory says where theory is exact, and honest where residuals are coloured."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.signal import lfilter
+
+from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+from pysindy_nrf.estimation import dissipated_energy, newey_west, parameter_intervals
+from pysindy_nrf.exceptions import ChainError, ChannelError, ExtrapolationWarning
+from pysindy_nrf.simulation.noise import add_noise
+
+TRUE = np.array([10.0, 30.0, 2000.0])
+
+
+def oscillator(rng, n=1500, colour=0.0):
+    """One mass with clean motion; noise in the force, white or coloured."""
+    X = rng.normal(size=(n, 3)) * [5.0, 0.5, 0.01]
+    if colour:
+        X = lfilter([1.0], [1.0, -colour], X, axis=0)
+    noise = lfilter([1.0], [1.0, -colour], rng.normal(size=n))
+    return X, (X @ TRUE + 4.0 * noise)[:, None]
+
+
+def inside(X, F) -> np.ndarray:
+    ci = NRFRegressor(degree=1).fit(X, F).confidence_intervals(0.95)
+    return ((ci["lower"] <= TRUE) & (TRUE <= ci["upper"])).to_numpy()
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.9], ids=["white", "coloured"])
+def test_ninety_five_percent_hold_the_truth(colour):
+    rng = np.random.default_rng(0)
+    held = np.mean([inside(*oscillator(rng, 1500, colour)) for _ in range(80)])
+    assert held == pytest.approx(0.95, abs=4 * (0.95 * 0.05 / 240) ** 0.5)
+
+
+def test_white_residuals_give_the_textbook_width():
+    X, F = oscillator(np.random.default_rng(1), 6000)
+    ci = NRFRegressor(degree=1).fit(X, F).confidence_intervals(0.9)
+    theory = 4.0 * np.sqrt(np.diag(np.linalg.inv(X.T @ X))) * stats.norm.ppf(0.95)
+    np.testing.assert_allclose((ci["upper"] - ci["lower"]) / 2, theory, rtol=0.35)
+
+
+def test_newey_west_sums_the_autocovariances_of_a_moving_average():
+    e = np.random.default_rng(0).normal(size=200_001)
+    u = (e[1:] + 0.5 * e[:-1])[:, None]  # long-run variance (1 + 0.5)^2
+    assert newey_west(u, lags=30)[0, 0] / len(u) == pytest.approx(2.25, rel=0.05)
+    assert newey_west(u, lags=0)[0, 0] / len(u) == pytest.approx(1.25, rel=0.05)
+
+
+def _force():
+    return excitation.band_limited_random(3, 8.0, 500.0, dofs=[3], rms=100.0, band=(0.5, 50.0), random_state=0)
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    storey = laws.PowerSeries(1, [60.0, 1e5])
+    truth = ChainModel([10.0, 11.0, 12.0], {f"storey {i}": storey for i in (1, 2, 3)})
+    X, F = simulate(truth, _force(), 1 / 500.0).to_features(smooth=False)
+    F = F + 5.0 * np.random.default_rng(1).normal(size=F.shape) * [0, 0, 1]
+    return truth, NRFRegressor(degree=1, dt=1 / 500.0).fit(X, F)
+
+
+def test_an_error_of_the_top_storey_reaches_the_lowest_mass(fitted):
+    """Balances 2 and 1 hold exactly: all of m1's uncertainty comes from R_3, as the ratio m1/m3 shows."""
+    _, model = fitted
+    ci = model.confidence_intervals().set_index("parameter")
+    share = (ci["upper"] - ci["lower"]) / ci["estimate"]
+    assert share["m1"] == pytest.approx(share["m2"], rel=0.05)
+    assert share["m1"] > 1e-3
+    ratio = model.confidence_intervals(of=lambda m: {"m1/k2": m.masses[0] / m.restoring_forces[2].linear_part()["k"]})
+    assert (ratio["upper"] - ratio["lower"]).item() / ratio["estimate"].item() < 0.1 * share["m1"]
+
+
+def test_modes_bootstrap_and_energies(fitted):
+    truth, model = fitted
+    modes = model.confidence_intervals(of="modes")
+    assert list(modes.columns) == ["parameter", "estimate", "lower", "upper"]
+    true = truth.modes()["frequency"].to_numpy()
+    assert ((modes["lower"][:3] <= true + 1e-9) & (true <= modes["upper"][:3] + 1e-9)).all()
+    hac = model.confidence_intervals().set_index("parameter")
+    boot = model.confidence_intervals(method="bootstrap", random_state=0).set_index("parameter")
+    np.testing.assert_allclose(boot["upper"] - boot["lower"], hac["upper"] - hac["lower"], rtol=0.5)
+    again = model.confidence_intervals(method="bootstrap", random_state=0).set_index("parameter")
+    assert boot.equals(again)
+
+
+def test_energies_and_forces_can_be_asked_directly(fitted):
+    truth, model = fitted
+    X = simulate(truth, _force(), 1 / 500.0).to_features(smooth=False)[0]
+    true = dissipated_energy(truth, X).iloc[-1].to_numpy()
+    energies = model.confidence_intervals(of="energies")
+    assert energies["parameter"].tolist() == [f"energy of storey {i}" for i in (1, 2, 3)]
+    np.testing.assert_allclose(energies["estimate"], dissipated_energy(model, X).iloc[-1], rtol=1e-6)
+    wide = 2 * (energies["upper"] - energies["lower"])  # all three follow one noisy force: twice the width
+    assert (np.abs(energies["estimate"] - true) < wide).all()
+    forces = model.confidence_intervals(of={"storey 2": (0.0, [1e-3, 2e-3]), 3: (0.1, 0.0)})
+    assert forces["parameter"].tolist()[2] == "storey 3 at v = 0.1 m/s, s = 0 m"
+    np.testing.assert_allclose(forces["estimate"], [100.0, 200.0, 6.0], rtol=0.05)
+    half = (forces["upper"] - forces["lower"]) / 2
+    assert half[1] == pytest.approx(2 * half[0], rel=1e-6)  # a linear law: as the drift, so its uncertainty
+    masses = model.confidence_intervals(of="masses")
+    assert masses["parameter"].tolist() == ["m1", "m2", "m3"]
+    with pytest.raises(ChainError, match="pair"):
+        model.confidence_intervals(of={2: 0.1})
+
+
+def test_a_force_outside_the_visited_region_is_marked(fitted):
+    truth, model = fitted
+    v_s = model.model_.visited["storey 2"]
+    here = model.force_intervals("storey 2", 0.0, 0.5 * v_s.high[1])
+    true = truth.restoring_forces[2](0.0, 0.5 * v_s.high[1])
+    assert here["visited"].all() and here["lower"].item() <= true <= here["upper"].item()
+    with pytest.warns(ExtrapolationWarning, match="storey 2: 1 of 2 points"):
+        both = model.force_intervals(2, [0.0, 0.0], [0.5 * v_s.high[1], 3 * v_s.high[1]])
+    assert both["visited"].tolist() == [True, False]
+    width = both["upper"] - both["lower"]
+    assert width[1] > 2 * (both["force"][1] - truth.restoring_forces[2](0.0, v_s.high[1])) > 20 * width[0]
+
+
+def test_known_masses_have_no_interval_and_bad_questions_no_answer(fitted):
+    _, model = fitted
+    X, F = oscillator(np.random.default_rng(0))
+    known = NRFRegressor(degree=1, known_masses={1: 10.0}).fit(X, F)
+    assert known.confidence_intervals()["parameter"].tolist() == ["storey 1: v", "storey 1: s"]
+    for wrong in (dict(level=95), dict(method="guess"), dict(of="weights")):
+        with pytest.raises(ChainError):
+            model.confidence_intervals(**wrong)
+    with pytest.raises(ChannelError, match="too few"):
+        NRFRegressor(degree=1).fit(X[:7], F[:7]).confidence_intervals()
+
+
+def test_intervals_that_were_asked_for_survive_saving(fitted):
+    _, model = fitted
+    ci = model.confidence_intervals()
+    assert pickle.loads(pickle.dumps(model)).confidence_intervals().equals(ci)
+    X, F = oscillator(np.random.default_rng(0))
+    fresh = pickle.loads(pickle.dumps(NRFRegressor(degree=1).fit(X, F)))
+    with pytest.raises(ChannelError, match="without the data"):
+        fresh.confidence_intervals()
+
+
+def test_least_squares_on_noisy_records_says_how_far_it_may_be_off():
+    """Motions fused together err alike in a whole record: pieces of them agree better with each other than with the truth.
+
+    Root mean square of error over standard error, 1 if it says what it is: biased a little by noise, not by a factor.
+    """
+    storey = laws.PowerSeries(1, [60.0, 5e4])
+    truth = ChainModel([10.0, 10.0, 10.0], {f"storey {i}": storey for i in (1, 2, 3)})
+    z: dict[str, list] = {"apart": [], "together": []}
+    for seed in range(8):
+        F = excitation.band_limited_random(3, 16.0, 500.0, dofs=[3], rms=100.0, band=(0.5, 40.0), random_state=seed)
+        record = add_noise(simulate(truth, F, 1 / 500.0, hold="cubic"), 0.02, random_state=seed)
+        fitted = NRFRegressor(degree=1).fit(record)
+        for how, ci in (
+            ("apart", fitted.confidence_intervals()),
+            ("together", parameter_intervals(fitted._resolving(), fitted.model_, 0.95)),
+        ):
+            true = np.where(ci["parameter"].str.startswith("m"), 10.0, np.where(ci["parameter"].str.endswith("v"), 60.0, 5e4))
+            z[how].append((ci["estimate"] - true) / ((ci["upper"] - ci["lower"]) / 3.92))
+    each = {how: np.sqrt(np.mean(np.square(values), axis=0)) for how, values in z.items()}
+    assert each["apart"].max() < 2.2
+    assert each["together"].max() > 2.0 and np.median(each["together"] / each["apart"]) > 1.2

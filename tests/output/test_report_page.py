@@ -1,0 +1,290 @@
+"""The page holds what was measured, found and decided; it is whole by itself and safe whatever the files hold."""
+
+import json
+import re
+import sys
+import warnings
+from html.parser import HTMLParser
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from report_cases import K3, NASTY, C, K, M, cubic, loop_report, nasty_report, record, regressor
+
+from pysindy_nrf import ChainModel, NRFRegressor, Record, datasets, laws
+from pysindy_nrf.exceptions import MissingExtraError, NRFError
+from pysindy_nrf.output.report import write_html
+from pysindy_nrf.output.report.equations import feature, law_equation, number
+from pysindy_nrf.output.report.write import page, script_json
+
+pytest.importorskip("jinja2", reason="the page needs the extra 'report'")
+pytest.importorskip("plotly", reason="the page needs the extra 'report'")
+
+VOID = {"meta", "link", "br", "img", "input", "hr"}
+
+
+class Page(HTMLParser):
+    """Elements with their attributes, text by element, and the tree's errors."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.elements, self.texts, self.errors = [], [], [], []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs), list(self.open)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs), list(self.open)))
+
+    def handle_endtag(self, tag):
+        if not self.open or self.open.pop() != tag:
+            self.errors.append(tag)
+
+    def handle_data(self, data):
+        self.texts.append((self.open[-1] if self.open else "", data))
+
+    def all(self, tag):
+        return [attrs for name, attrs, _ in self.elements if name == tag]
+
+    def text(self, *but):
+        return " ".join(d for tag, d in self.texts if tag not in ("script", "style", *but))
+
+
+@pytest.fixture(scope="module")
+def loop_page():
+    return page(loop_report())
+
+
+@pytest.fixture(scope="module")
+def pages(loop_page):
+    model, rec = regressor()
+    return {
+        "loop": Page(loop_page),
+        "regressor": Page(page(model, rec)),
+        "model": Page(page(model.model_)),
+        "nasty": Page(page(nasty_report())),
+    }
+
+
+def figures(text):
+    return json.loads(re.search(r'<script type="application/json" id="figures">(.*?)</script>', text, re.DOTALL)[1])
+
+
+@pytest.mark.parametrize("kind", ["loop", "regressor", "model", "nasty"])
+def test_page_is_well_formed_and_asks_nothing_of_a_network(pages, kind):
+    found = pages[kind]
+    assert found.errors == [] and found.open == []
+    for _, attrs, _ in found.elements:
+        assert "src" not in attrs and attrs.get("href", "#").startswith("#")
+        assert not any(name.startswith("on") for name in attrs)
+    policy = next(a["content"] for a in found.all("meta") if a.get("http-equiv") == "Content-Security-Policy")
+    assert "default-src 'none'" in policy and "http" not in policy
+    assert len(found.all("script")) == 3 and found.all("img") == []
+
+
+@pytest.mark.parametrize("kind", ["loop", "regressor", "model"])
+def test_page_can_be_read_without_eyes_or_mouse(pages, kind):
+    found = pages[kind]
+    ids = [a["id"] for _, a, _ in found.elements if "id" in a]
+    assert len(ids) == len(set(ids))
+    targets = [a["href"][1:] for a in found.all("a")]
+    assert set(targets) <= set(ids) and targets[0] == "main"
+    levels = [int(tag[1]) for tag, _, _ in found.elements if re.fullmatch(r"h[1-6]", tag)]
+    assert levels[0] == 1 and levels.count(1) == 1 and all(b <= a + 1 for a, b in zip(levels, levels[1:]))
+    plots = [a for a in found.all("div") if "plot" in a.get("class", "").split()]
+    assert all(len(a["aria-label"]) > 30 for a in plots)
+    assert all(a.get("tabindex") == "0" for a in plots if "turns" in a["class"])
+    assert len(found.all("caption")) == len(found.all("table")) > 2
+    assert all("scope" in a for a in found.all("th"))
+    assert found.all("html")[0]["lang"] == "en"
+
+
+def test_page_tells_the_story_with_its_evidence(pages):
+    report, text = loop_report(), re.sub(r"\s+", " ", pages["loop"].text())
+    step = report.steps[0]
+    for said in (step.detection, step.localisation, step.characterisation, report.stopped_because):
+        assert re.sub(r"\s+", " ", said) in text
+    assert f"{step.error_before:.3g} → {step.error_after:.3g} %" in text
+    assert "shaker <b>1</b>" in text  # as text, not as markup
+    for said in ("random_state", "min gain", "numpy", "Symbols", "What was measured"):
+        assert said in text
+    assert "<b>" not in [tag for tag, *_ in pages["loop"].elements]
+
+
+def test_every_drawing_has_its_numbers_in_a_table(loop_page):
+    drawn = figures(loop_page)
+    assert len(drawn) >= 12
+    kinds = {trace["type"] for figure in drawn.values() for trace in figure["data"]}
+    assert {"surface", "scatter3d", "scatter", "bar"} <= kinds
+    assert loop_page.count("<figure") == len(drawn)
+    assert len(loop_page) < 8e6
+
+
+def test_surface_is_the_restoring_force_and_marks_what_was_visited(pages):
+    model = regressor()[0].model_
+    drawn = figures(page(model))
+    surface = next(
+        f
+        for f in drawn.values()
+        if f["data"][0]["type"] == "surface" and "s<sub>2</sub>" in f["layout"]["scene"]["xaxis"]["title"]["text"]
+    )
+    scale = {"m": 1.0, "mm": 1e-3, "m/s": 1.0, "mm/s": 1e-3, "N": 1.0, "kN": 1e3}
+    titles = [surface["layout"]["scene"][f"{k}axis"]["title"]["text"] for k in "xy"]
+    units = [re.search(r"\((.*)\)", text)[1] for text in (*titles, surface["layout"]["annotations"][0]["text"])]
+    top = surface["data"][0]
+    s, v = np.meshgrid(scale[units[0]] * np.array(top["x"]), scale[units[1]] * np.array(top["y"]))
+    R = scale[units[2]] * np.array(top["z"], dtype=float)
+    seen = np.isfinite(R)
+    region = model.visited["storey 2"]
+    assert seen.any() and not seen.all() and region.contains(v, s)[seen].mean() > 0.98
+    truth = K[1] * s + C[1] * v + K3 * s**3
+    assert np.abs(R - truth)[seen].max() < 0.02 * np.abs(truth[seen]).max()
+
+
+def test_measured_loop_is_the_balance_of_the_floors_above():
+    est, rec = regressor()
+    drawn = figures(page(est))
+    loop = next(
+        f
+        for f in drawn.values()
+        if f["layout"].get("yaxis", {}).get("title", {}).get("text", "").startswith("R<sub>3</sub> (")
+    )
+    measured, identified = (np.array(trace["y"]) for trace in loop["data"])
+    assert np.sqrt(np.mean((measured - identified) ** 2)) < 0.02 * np.std(measured)
+    top = rec.force[:, 2] - M[2] * rec.acceleration[:, 2]  # the true mass of the roof
+    unit = 1e-3 if "kN" in loop["layout"]["yaxis"]["title"]["text"] else 1.0
+    assert np.abs(measured).max() == pytest.approx(unit * np.abs(top).max(), rel=0.05)
+
+
+def test_force_that_depends_on_the_path_is_drawn_as_a_path():
+    model = ChainModel([10.0], {1: [laws.LinearElastic(1e4), laws.Dahl(sigma=1e4, Fd=20.0)]})
+    t = np.arange(3000) / 500
+    x = 2e-3 * np.sin(7 * t)[:, None]
+    rec = Record(
+        displacement=x, velocity=14e-3 * np.cos(7 * t)[:, None], acceleration=-49 * x, force=0 * x + 1e-9, fs=500.0
+    )
+    drawn = figures(page(model, rec))
+    kinds = [trace["type"] for f in drawn.values() for trace in f["data"]]
+    assert "surface" not in kinds and "scatter3d" in kinds
+
+
+def test_markup_from_files_stays_text(pages):
+    found = pages["nasty"]
+    assert found.all("img") == [] and len(found.all("script")) == 3
+    assert NASTY in found.text()
+    rec = Record(
+        displacement=np.sin(np.arange(50.0))[:, None], fs=10.0, name=NASTY, covariates={NASTY: np.arange(50.0)}
+    )
+    assert "<img" not in rec._repr_html_() and "&lt;img" in rec._repr_html_()
+
+
+@given(
+    st.recursive(
+        st.text() | st.integers(-5, 5) | st.none(), lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner)
+    )
+)
+def test_any_json_survives_a_script_element(value):
+    text = script_json(value)
+    assert json.loads(text) == value
+    assert not set("<>&\u2028\u2029") & set(text)
+
+
+@given(
+    st.text(alphabet=st.characters(codec="ascii", categories=["L", "N", "P", "S", "Zs"]), min_size=1),
+    st.sampled_from(["", "2", "4,2"]),
+)
+def test_any_label_becomes_well_formed_mathml(label, index):
+    ElementTree.fromstring(f"<math>{feature(label, index)}</math>")
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False))
+def test_any_number_becomes_mathml_of_the_same_value(x):
+    tree = ElementTree.fromstring(number(x, 17))
+    numbers, sign = (
+        [e.text for e in tree.iter("mn")],
+        -1 if next(iter(tree.iter("mo")), None) is not None and tree[0].tag == "mo" else 1,
+    )
+    power = 0
+    if len(numbers) == 3:
+        negative = any(m.text == "−" for e in tree.iter("msup") for m in e.iter("mo"))
+        power = -int(numbers[2]) if negative else int(numbers[2])
+    assert float(f"{numbers[0]}e{power}") * sign == x
+
+
+def test_equation_holds_every_coefficient():
+    force = ChainModel([1.0], {1: laws.PowerSeries(2, [100.0, 2e5, -3.0, 4.0, 5e-6])}).restoring_forces[1]
+    text = "".join("".join(ElementTree.fromstring(piece).itertext()) for piece in law_equation(force))
+    assert text.startswith("R1(s1,v1)=100v1+2×105s1") and "−3v12" in text and "5×10−6" in text
+
+
+def test_without_its_extra_the_page_names_it_and_leaves_the_old_file(monkeypatch, tmp_path):
+    old = tmp_path / "report.html"
+    old.write_text("before")
+    model = ChainModel([10.0], {1: laws.PowerSeries(1, [100.0, 1e5])})
+    for missing in ("plotly.offline", "jinja2"):
+        with monkeypatch.context() as patch:
+            patch.setitem(sys.modules, missing, None)
+            with pytest.raises(MissingExtraError, match=r"pysindy_nrf\[report\]"):
+                model.to_html(old)
+    assert old.read_text() == "before" and list(tmp_path.iterdir()) == [old]
+    model.to_html(old)
+    assert old.read_text().startswith("<!doctype html>")
+
+
+def test_other_things_are_refused():
+    with pytest.raises(NRFError, match="cannot be reported"):
+        write_html("never.html", {"masses": [1.0]})
+
+
+def test_regressor_page_holds_intervals_and_warnings(pages, tmp_path):
+    model, rec = regressor()
+    text = pages["regressor"].text()
+    assert "with 95 % intervals" in text and "Newton's third law" in text
+    write_html(tmp_path / "r.html", model, rec, notes=["the roof was <wet>"], title="Frame & shaker")
+    found = Page((tmp_path / "r.html").read_text())
+    assert "the roof was <wet>" in found.text() and found.all("wet") == []
+
+
+def test_notebook_views_are_small_and_escaped():
+    report, (est, rec) = loop_report(), regressor()
+    for view in (report._repr_html_(), est.model_._repr_html_(), rec._repr_html_()):
+        assert len(view) < 20_000 and Page(view).errors == []
+    assert "storey 2" in report._repr_html_() and "<math" in est.model_._repr_html_()
+    assert "displacement" in record(cubic)._repr_html_()
+
+
+@given(
+    low=st.floats(-1e9, 1e9, allow_nan=False),
+    span=st.floats(1e-6, 1e9, allow_nan=False),
+)
+def test_numbers_on_the_axes_of_a_surface_keep_clear_of_its_corners(low, span):
+    """Where two axes meet their numbers would touch; three round numbers at least say how large things are."""
+    from pysindy_nrf.output.report.figures_model import _ticks
+
+    if low + span == low or span < 1e-3 * abs(low):
+        return
+    values = np.array([low, low + span])
+    ticks = np.array(_ticks(values))
+    assert 3 <= len(ticks) <= 5 and len(set(ticks)) == len(ticks)
+    # six digits are shown
+    room = 0.12 * span - 1e-5 * max(abs(low), abs(low + span))
+    assert ((ticks >= low + room) & (ticks <= low + span - room)).all()
+
+
+def test_what_further_terms_would_explain_is_said_with_units(tmp_path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        linear = NRFRegressor(degree=1).fit(datasets.load_demo())  # storey 1 is cubic
+        write_html(tmp_path / "report.html", linear, datasets.load_demo())
+    page = (tmp_path / "report.html").read_text("utf-8")
+    table = page.split("What terms beyond the laws would explain", 2)[-1].split("</table>")[0]
+    assert "residual (% of its force)" in table and "mass moves with them by (%)" in table
+    rows = re.findall(r"<tr>(.*?)</tr>", table.split("<tbody>")[1], re.DOTALL)
+    assert ["yes" if ">yes<" in row else "no" for row in rows if "balance of DOF 1" in row] == ["yes"]
+    assert sum(">no<" in row for row in rows) == 2

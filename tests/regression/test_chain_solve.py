@@ -1,0 +1,694 @@
+"""The solve on ready columns: what each balance gives, by hand and by NumPy's least squares."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import chains
+import numpy as np
+import pysindy as ps
+import pytest
+from sklearn.base import BaseEstimator
+
+from pysindy_nrf import Chain, NRFRegressor
+from pysindy_nrf.exceptions import IdentifiabilityError, NRFError, RankWarning
+from pysindy_nrf.mechanics.identifiability import Step, Walk, plan_walk
+from pysindy_nrf.regression.chain_solve import (
+    NotTogether,
+    Solution,
+    StepFit,
+    doubtful_masses,
+    groups_of,
+    solve,
+    solve_blocks,
+    solved_safely,
+)
+from pysindy_nrf.regression.errors import balance_sizes
+from pysindy_nrf.regression.layout import Layout
+from pysindy_nrf.regression.moments import Moments, accumulate, blocks_of, stacked
+
+# A chain of three storeys with a brace from the base's floor 1 to floor 3, and the columns of its laws.
+LAYOUT = Layout(Chain(3, ["link 3-1"]), {"storey 1": 2, "storey 2": 1, "storey 3": 2, "link 3-1": 1})
+MASSES = {1: 4.0, 2: 7.0, 3: 2.5}
+LAWS = {"storey 1": [30.0, 4e4], "storey 2": [-5e3], "storey 3": [2e4, 1e9], "link 3-1": [800.0]}
+SIZES = {"storey 1": [1e-1, 1e-3], "storey 2": [1e-3], "storey 3": [1e-3, 1e-8], "link 3-1": [1e-2]}
+# The force balance of each DOF, written out: + at the upper end of a link, - at the lower one.
+BALANCES = {
+    1: [("storey 1", 1), ("storey 2", -1), ("link 3-1", -1)],
+    2: [("storey 2", 1), ("storey 3", -1)],
+    3: [("storey 3", 1), ("link 3-1", 1)],
+}
+N = 400
+
+
+class Test:
+    """Columns of the laws (by site), accelerations, and forces that close every balance up to some noise, N."""
+
+    __test__ = False
+
+    def __init__(self, noise: float = 0.0, n: int = N, seed: int = 0, forces: bool = True) -> None:
+        rng = np.random.default_rng(seed)
+        self.terms = {site: rng.normal(size=(n, len(size))) * size for site, size in SIZES.items()}
+        self.a = rng.normal(size=(n, 3))
+        self.F = np.column_stack([MASSES[j] * self.a[:, j - 1] + self.reaction(j, LAWS) for j in (1, 2, 3)])
+        self.F += noise * rng.normal(size=(n, 3))
+
+    def reaction(self, dof: int, laws: dict) -> np.ndarray:
+        return sum(sign * self.terms[site] @ np.asarray(laws[site]) for site, sign in BALANCES[dof])
+
+    def unforced(self, known: dict[int, float], noise: float = 0.0) -> Test:
+        """The same laws without force: the accelerations follow from the balances."""
+        self.F = np.zeros_like(self.F)
+        self.a = np.column_stack([-self.reaction(j, LAWS) / known[j] for j in (1, 2, 3)])
+        self.a += noise * np.random.default_rng(9).normal(size=self.a.shape)
+        return self
+
+    def blocks(self, size: int = 150):
+        return blocks_of(np.hstack([self.terms[str(s)] for s in LAYOUT.sites]), self.a, self.F, size)
+
+    def moments(self, walk: Walk, kind: str = "gram", known=None) -> Moments:
+        return accumulate(Moments(LAYOUT, groups_of(LAYOUT, walk), kind, known), self.blocks())
+
+    def solved(self, walk: Walk, kind: str = "gram", known=None, **options) -> Solution:
+        return solve(self.moments(walk, kind, known), walk, known, **options)
+
+
+def plan(forced=(), known=(), strategy="auto"):
+    return plan_walk(LAYOUT.chain, forced, (), known, strategy, LAYOUT.acting)
+
+
+def least_squares(*columns, y):
+    """NumPy's solution on columns of unit length, and what it leaves."""
+    A = np.column_stack(columns)
+    size = np.linalg.norm(A, axis=0)
+    x = np.linalg.lstsq(A / size, y, rcond=None)[0] / size
+    return x, y - A @ x
+
+
+def assert_true(solution, masses=MASSES, rel=1e-9):
+    assert solution.masses == pytest.approx(masses, rel=rel)
+    assert {str(s): c.tolist() for s, c in solution.coefficients.items()} == {
+        site: pytest.approx(values, rel=rel) for site, values in LAWS.items()
+    }
+
+
+# -- stacked moments --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("known", [{}, {2: 7.0}], ids=str)
+def test_stacked_moments_are_solved_as_each_by_itself(known):
+    """Three records of other noise: masses and laws of each balance are NumPy's least squares on that record alone."""
+    cases, walk = [Test(noise=5.0, seed=seed) for seed in range(3)], plan([1, 2, 3], known, "complete")
+    together = stacked([case.moments(walk, "root", known) for case in cases])
+    found = solve(together, walk, known)
+    for i, case in enumerate(cases):
+        own, motion = found.of(i), [case.terms[s] for s, _ in BALANCES[1]]
+        x, left = least_squares(case.a[:, 0], *motion, y=case.F[:, 0])
+        assert own.masses[1] == pytest.approx(x[0], rel=1e-9)
+        assert own.coefficients["storey 1"].tolist() == pytest.approx(x[1:3].tolist(), rel=1e-9)
+        assert own.masses.get(2) == known.get(2, own.masses[2])
+        step = next(fit for fit in found.fits if fit.step.dofs == (1,))
+        assert step.residual[i] == pytest.approx(np.sqrt((left**2).mean()), rel=1e-9)
+        size = balance_sizes(1, found.masses, found.coefficients, together)
+        alone = balance_sizes(1, own.masses, own.coefficients, together.of(i))
+        assert [size.residual[i], size.reference[i], size.storey[i]] == pytest.approx(list(alone[:3]), rel=1e-12)
+
+
+@pytest.mark.parametrize("what", ["joint", "optimizer", "dependent", "still"])
+def test_stacked_moments_that_need_a_closer_look_are_refused(what):
+    cases = [Test(noise=5.0, seed=seed) for seed in range(2)]
+    if what == "dependent":  # in one of them a spring looks like a mass
+        cases[1].terms["storey 1"][:, 1] = 1e-3 * cases[1].a[:, 0]
+    if what == "still":
+        cases[1].terms["storey 3"][:] = 0.0
+    walk = plan([1, 2, 3], strategy="joint" if what == "joint" else "complete")
+    together = stacked([case.moments(walk, "root") for case in cases])
+    with pytest.raises(NotTogether):
+        solve(together, walk, inner=ps.STLSQ(threshold=0.01) if what == "optimizer" else None)
+
+
+# -- what the walk finds --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["gram", "root"])
+@pytest.mark.parametrize("known", [{}, {2: 7.0}, {1: 4.0, 3: 2.5}], ids=str)
+@pytest.mark.parametrize("strategy", ["complete", "sequential", "joint"])
+def test_balances_that_close_give_the_truth(strategy, known, kind):
+    walk = plan([1, 2, 3], known, strategy)
+    assert walk.strategy == strategy
+    assert_true(Test().solved(walk, kind, known))
+
+
+@pytest.mark.parametrize("forced", [1, 2, 3])
+def test_one_force_scales_the_whole_chain(forced):
+    """The other balances have no force: what is known of their laws stands on the right."""
+    case = Test()
+    for j in {1, 2, 3} - {forced}:  # the motion of a DOF that nothing pushes
+        case.a[:, j - 1] = -case.reaction(j, LAWS) / MASSES[j]
+        case.F[:, j - 1] = 0.0
+    assert_true(case.solved(plan([forced])))
+
+
+def test_complete_takes_each_balance_on_its_own():
+    """A law is the estimate of the balance above it; its twin is that of the balance below, with its sign turned."""
+    case = Test(noise=5.0)
+    found = case.solved(plan([1, 2, 3], strategy="complete"))
+    for dof, sites in BALANCES.items():
+        x, _ = least_squares(case.a[:, dof - 1], *(case.terms[s] for s, _ in sites), y=case.F[:, dof - 1])
+        assert found.masses[dof] == pytest.approx(x[0], rel=1e-9)
+        at = 1
+        for site, sign in sites:
+            own = found.coefficients if sign > 0 else found.twins
+            assert own[site].tolist() == pytest.approx((sign * x[at : at + len(SIZES[site])]).tolist(), rel=1e-9)
+            at += len(SIZES[site])
+    assert set(found.twins) == {"storey 2", "storey 3", "link 3-1"}  # storey 1 has the ground below
+
+
+def test_sequential_takes_what_it_knows_to_the_right():
+    case = Test(noise=5.0)
+    found = case.solved(plan([3], strategy="sequential"))
+    T = case.terms
+    x3, e3 = least_squares(case.a[:, 2], T["storey 3"], T["link 3-1"], y=case.F[:, 2])
+    y2 = case.F[:, 1] + T["storey 3"] @ x3[1:3]
+    x2, e2 = least_squares(case.a[:, 1], T["storey 2"], y=y2)
+    y1 = case.F[:, 0] + T["storey 2"] @ x2[1:] + T["link 3-1"] @ x3[3:]
+    x1, e1 = least_squares(case.a[:, 0], T["storey 1"], y=y1)
+    assert found.masses == pytest.approx({3: x3[0], 2: x2[0], 1: x1[0]}, rel=1e-9)
+    assert found.coefficients["storey 3"].tolist() == pytest.approx(x3[1:3].tolist(), rel=1e-9)
+    assert found.coefficients["link 3-1"].tolist() == pytest.approx(x3[3:].tolist(), rel=1e-9)
+    assert found.coefficients["storey 2"].tolist() == pytest.approx(x2[1:].tolist(), rel=1e-9)
+    assert found.coefficients["storey 1"].tolist() == pytest.approx(x1[1:].tolist(), rel=1e-9)
+    assert not found.twins
+    assert [fit.step.dofs for fit in found.fits] == [(3,), (2,), (1,)]
+    for fit, e, y, p in zip(found.fits, (e3, e2, e1), (case.F[:, 2], y2, y1), (4, 2, 3)):
+        assert fit.residual == pytest.approx(np.sqrt(np.mean(e**2)), rel=1e-9)
+        assert fit.share == pytest.approx(np.sqrt(np.mean(e**2) / np.mean(y**2)), rel=1e-9)
+        assert (fit.rank, fit.n_columns) == (p, p)
+
+
+def test_base_excitation_takes_each_storey_from_the_inertia_above_it():
+    """Without forces and with all masses known, -sum m a of the floors above a cut is what the cut transmits."""
+    case = Test().unforced(MASSES, noise=0.1)
+    walk = plan(known=MASSES)
+    assert [step.dofs for step in walk.steps] == [(3,), (2, 3), (1, 2, 3)]
+    found = case.solved(walk, known=MASSES)
+    inertia, T = -case.a * [MASSES[j] for j in (1, 2, 3)], case.terms
+    top, e3 = least_squares(T["storey 3"], T["link 3-1"], y=inertia[:, 2])
+    middle, e2 = least_squares(T["storey 2"], y=inertia[:, 1:].sum(axis=1) - T["link 3-1"] @ top[2:])
+    bottom, e1 = least_squares(T["storey 1"], y=inertia.sum(axis=1))
+    for site, x in zip(("storey 3", "link 3-1", "storey 2", "storey 1"), (top[:2], top[2:], middle, bottom)):
+        assert found.coefficients[site].tolist() == pytest.approx(x.tolist(), rel=1e-9)
+    assert found.masses == MASSES and not found.twins
+    rms = [np.sqrt(np.mean(e**2)) for e in (e3, e2, e1)]
+    assert [fit.residual for fit in found.fits] == pytest.approx(rms, rel=1e-9)
+    assert all(fit.mass_noise == () for fit in found.fits)
+
+
+@pytest.mark.parametrize("known", [{}, {2: 7.5}], ids=str)
+def test_joint_is_least_squares_of_all_balances_divided_by_their_rms_force(known):
+    """Each balance counts by its samples, whatever the size of its force; a law has one value (third law)."""
+    case, lost = Test(noise=5.0), Test(noise=5.0, n=300, seed=1)
+    lost.F[:, 2] = np.nan  # the second record does not know the force on DOF 3
+    walk = plan([1, 2, 3], known, "joint")
+    moments = case.moments(walk, known=known).merge(lost.moments(walk, known=known))
+    found = solve(moments, walk, known)
+    free = [j for j in (3, 2, 1) if j not in known]
+    rows, right = [], []
+    for dof in (1, 2, 3):
+        for record in (case, lost) if dof != 3 else (case,):
+            a = {j: record.a[:, [dof - 1]] if j == dof else np.zeros((len(record.a), 1)) for j in free}
+            sign = dict(BALANCES[dof])
+            own = [sign.get(site, 0) * record.terms[site] for site in LAWS]
+            rows.append((dof, np.hstack([*a.values(), *own])))
+            right.append(record.F[:, dof - 1] - known.get(dof, 0.0) * record.a[:, dof - 1])
+    rms = {
+        dof: np.sqrt(np.mean(np.concatenate([y for (d, _), y in zip(rows, right) if d == dof]) ** 2))
+        for dof in (1, 2, 3)
+    }
+    A, y = (np.concatenate([x / rms[d] for (d, _), x in zip(rows, of)]) for of in ([A for _, A in rows], right))
+    x, e = least_squares(A, y=y)
+    assert [found.masses[j] for j in free] == pytest.approx(x[: len(free)].tolist(), rel=1e-9)
+    assert np.concatenate([found.coefficients[site] for site in LAWS]).tolist() == pytest.approx(
+        x[len(free) :].tolist(), rel=1e-9
+    )
+    (fit,) = found.fits
+    assert (fit.step.dofs, fit.step.masses, fit.rank) == ((1, 2, 3), tuple(free), len(x))
+    assert fit.step.forced and fit.share == pytest.approx(np.linalg.norm(e) / np.linalg.norm(y), rel=1e-9)
+    units = A / np.linalg.norm(A, axis=0)
+    assert fit.condition == pytest.approx(np.linalg.cond(units), rel=1e-9)
+    own = [np.linalg.norm(least_squares(np.delete(A, i, axis=1), y=A[:, i])[1]) for i in range(len(free))]
+    assert fit.mass_noise == pytest.approx([np.linalg.norm(e) / (m * s) for m, s in zip(x, own)], rel=1e-8)
+    assert {j: found.masses[j] for j in known} == known and not found.twins
+
+
+def test_two_joint_records_of_one_length_count_alike():
+    """Samples, not records, weigh: twice the same record is the record, and so is its residual."""
+    case, walk = Test(noise=5.0), plan([1, 2, 3], strategy="joint")
+    once = solve(case.moments(walk), walk)
+    twice = solve(case.moments(walk).merge(case.moments(walk)), walk)
+    assert twice.masses == pytest.approx(once.masses, rel=1e-11)
+    assert twice.fits[0].residual == pytest.approx(once.fits[0].residual, rel=1e-11)
+
+
+def test_a_law_on_one_dof_enters_its_balance_alone():
+    """A tuned mass or a wall at floor 2: + in balance 2, nowhere else, and it has no twin."""
+    rng = np.random.default_rng(0)
+    layout = Layout(Chain(2), {"storey 1": 1, "storey 2": 1, "dof 2": 1})
+    t, a = rng.normal(size=(N, 3)), rng.normal(size=(N, 2))
+    F = np.column_stack([3 * a[:, 0] + 10 * t[:, 0] - 20 * t[:, 1], 5 * a[:, 1] + 20 * t[:, 1] + 7 * t[:, 2]])
+    for strategy in ("complete", "sequential", "joint"):
+        walk = plan_walk(layout.chain, [1, 2], strategy=strategy, sites=layout.acting)
+        found, moments = solve_blocks(layout, walk, lambda: blocks_of(t, a, F))
+        assert moments.kind == "gram" and found.masses == pytest.approx({1: 3.0, 2: 5.0})
+        assert {s: float(c[0]) for s, c in found.coefficients.items()} == pytest.approx(
+            {"storey 1": 10.0, "storey 2": 20.0, "dof 2": 7.0}
+        )
+        assert set(found.twins) == ({"storey 2"} if strategy == "complete" else set())
+
+
+def test_a_known_mass_is_taken_as_given_even_where_it_is_wrong():
+    """The laws of its balance are then those of the force less the inertia claimed."""
+    case = Test(noise=1.0)
+    found = case.solved(plan([1, 2, 3], [2], "complete"), known={2: 9.0})
+    x, e = least_squares(case.terms["storey 2"], case.terms["storey 3"], y=case.F[:, 1] - 9.0 * case.a[:, 1])
+    assert found.masses[2] == 9.0 and found.coefficients["storey 2"].tolist() == pytest.approx([x[0]])
+    assert found.twins["storey 3"].tolist() == pytest.approx((-x[1:]).tolist())
+    fit = next(f for f in found.fits if f.step.dofs == (2,))
+    assert fit.residual == pytest.approx(np.sqrt(np.mean(e**2))) and fit.mass_noise == () and fit.n_columns == 3
+
+
+def test_a_balance_without_unknowns_is_only_checked():
+    """A floor with known mass and no law: nothing to find, and the force less the inertia is what is left."""
+    rng = np.random.default_rng(0)
+    layout = Layout(Chain(2), {"storey 1": 1})
+    t, a = rng.normal(size=(N, 1)), rng.normal(size=(N, 2))
+    F = np.column_stack([3 * a[:, 0] + 10 * t[:, 0], 5 * a[:, 1] + rng.normal(size=N)])
+    walk = plan_walk(layout.chain, [1, 2], known_masses=[2], strategy="complete", sites=layout.acting)
+    found, _ = solve_blocks(layout, walk, lambda: blocks_of(t, a, F), {2: 5.0})
+    fit = found.fits[0]
+    assert fit.step.dofs == (2,) and (fit.rank, fit.n_columns, fit.share) == (0, 0, pytest.approx(1.0))
+    assert fit.residual == pytest.approx(np.sqrt(np.mean((F[:, 1] - 5 * a[:, 1]) ** 2)))
+    assert found.masses == pytest.approx({1: 3.0, 2: 5.0}) and found.coefficients["storey 1"][0] == pytest.approx(10.0)
+
+
+def test_the_groups_of_a_walk_are_the_balances_and_the_sums_it_solves():
+    single = [(1,), (2,), (3,)]
+    assert [g.dofs for g in groups_of(LAYOUT, plan([1, 2, 3], strategy="joint"))] == single
+    assert [g.dofs for g in groups_of(LAYOUT, plan([2]))] == single
+    whole = groups_of(LAYOUT, plan(known=MASSES))
+    assert [g.dofs for g in whole] == [*single, (2, 3), (1, 2, 3)]
+    assert dict(zip(whole[3].sites, whole[3].signs)) == {"storey 2": 1, "link 3-1": 1}  # storey 3 is within
+
+
+# -- what is said of a fit ------------------------------------------------------------------------
+
+ONE = Layout(Chain(1), {"storey 1": 2})
+STEP = Step((1,), (1,), ONE.acting, (), True)
+
+
+def single(columns, a, F, known=None, kind="gram", inner=None, names=None, layout=ONE):
+    """One DOF, solved from its columns."""
+    walk = plan_walk(layout.chain, [1], known_masses=known or (), strategy="complete", sites=layout.acting)
+    moments = Moments(layout, groups_of(layout, walk), kind, known)
+    moments = accumulate(moments, blocks_of(np.asarray(columns), np.asarray(a)[:, None], np.asarray(F)[:, None]))
+    return solve(moments, walk, known, inner, names)
+
+
+def at_angle(angle, n=4):
+    """Two columns of any length at an angle, and a third across both."""
+    q = np.linalg.qr(np.random.default_rng(1).normal(size=(50, n)))[0].T
+    return 3e-4 * q[0], 7e2 * (np.cos(angle) * q[0] + np.sin(angle) * q[1]), *q[2:]
+
+
+@pytest.mark.parametrize("angle", [0.9, 0.1, 1e-3])
+@pytest.mark.parametrize("kind", ["gram", "root"])
+def test_the_condition_is_that_of_columns_of_unit_length(angle, kind):
+    """Two unit vectors at an angle have singular values sqrt(1 +- cos), whose ratio is cot(angle / 2)."""
+    x, y, a, F = at_angle(angle)
+    (fit,) = single(np.column_stack([x, y]), a, a + F, {1: 1.0}, kind).fits
+    assert fit.condition == pytest.approx(1 / np.tan(angle / 2), rel=1e-9 if kind == "root" else 1e-8)
+
+
+@pytest.mark.parametrize("kind, lost, kept", [("gram", 1e-9, 1e-7), ("root", 3e-10, 3e-9)])
+def test_the_rank_ends_where_round_off_of_the_moments_begins(kind, lost, kept):
+    """A Gram matrix hides what lies below the root of the machine precision; a streamed QR goes on to 1e-9."""
+    for ratio, rank in ((lost, 1), (kept, 2)):
+        x, y, a, F = at_angle(2 * ratio)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error" if rank == 2 else "ignore", RankWarning)
+            (fit,) = single(np.column_stack([x, y]), a, F, {1: 1.0}, kind).fits
+        assert (fit.rank, fit.n_columns) == (rank, 2)
+
+
+def test_noise_in_the_mass_is_the_residual_over_the_inertia_that_nothing_imitates():
+    """A mass of 2 kg on a column at 0.3 rad to the stiffness: its own part is 2 |a| sin 0.3."""
+    s, a, v, e = at_angle(0.3)
+    F = 2 * a + 40 * s / np.linalg.norm(s) + v + 25 * e
+    found = single(np.column_stack([s, v]), a, F)
+    assert found.masses[1] == pytest.approx(2.0)
+    assert found.fits[0].mass_noise == pytest.approx((25 / (2 * 700 * np.sin(0.3)),), rel=1e-8)
+    assert found.fits[0].residual == pytest.approx(25 / np.sqrt(len(a)))
+
+
+def test_a_mass_that_no_force_moves_is_nothing_but_noise():
+    """The force is across the acceleration: the mass is zero to the last bit, and it is said."""
+    layout = Layout(Chain(1), {})
+    found = single(np.zeros((2, 0)), [1.0, -1.0], [1.0, 1.0], layout=layout)
+    assert found.masses == {1: 0.0} and found.fits[0].mass_noise == (np.inf,)
+    assert "balance of DOF 1 leaves unexplained is inf times" in doubtful_masses(found)[0]
+
+
+def _judged(mass, noise):
+    return doubtful_masses(Solution(masses={1: mass}, fits=[StepFit(STEP, 2.0, 3, 3, 1.0, 0.1, (noise,))]))
+
+
+def test_masses_are_doubted_from_half_their_own_part_or_where_they_are_not_positive():
+    assert _judged(3.0, 0.49) == []
+    (biased,) = _judged(3.0, 0.5)
+    assert biased.startswith("m1 = 3 kg is likely biased") and "0.5 times the part of its inertia" in biased
+    for mass in (0.0, -3.0):
+        (wrong,) = _judged(mass, 0.1)
+        assert wrong.startswith(f"m1 = {mass:.4g} kg is not positive") and "wrong sign" in wrong
+    (both,) = _judged(-3.0, 2.0)
+    assert "likely biased" in both and "2 times" in both
+
+
+def test_every_mass_of_a_joint_step_is_judged():
+    step = replace(STEP, dofs=(1, 2, 3), masses=(1, 2, 3))
+    fit = StepFit(step, 2.0, 3, 3, 1.0, 0.1, (0.1, 0.7, 0.1))
+    said = doubtful_masses(Solution(masses={1: 1.0, 2: 2.0, 3: -3.0}, fits=[fit]))
+    assert [text.split(" kg ")[0] for text in said] == ["m2 = 2", "m3 = -3"]
+    assert "balance of DOFs 1 to 3 together" in said[0]
+
+
+@pytest.mark.parametrize(
+    "condition, share, risk",
+    [(1e3, 0.01, False), (3e3, 0.01, True), (30, 1e-6, True), (15, 1e-6, False), (30, 1e-4, False)],
+)
+def test_digits_are_at_risk_where_the_squares_lose_what_the_data_hold(condition, share, risk):
+    """eps c^2 of the digits go: more than nine for any data, more than thirteen where balances close to 1e-5."""
+    good, fit = StepFit(STEP, 1.0, 3, 3, 1.0, 0.01), StepFit(STEP, condition, 3, 3, 1.0, share)
+    assert Solution(fits=[good, fit, good]).digits_at_risk() is risk
+    assert Solution().digits_at_risk() is False
+
+
+# -- squares that lose digits ---------------------------------------------------------------------
+
+
+def _passes(angle, noise):
+    """Solve one DOF whose terms stand at an angle; the solution, the kind of its moments and the passes over the data."""
+    x, y, a, e = at_angle(angle)
+    x, y = x / np.linalg.norm(x), y / np.linalg.norm(y)
+    F, passes = 2 * a + 3 * x + 5 * y + noise * e, []
+    walk = plan_walk(ONE.chain, [1], strategy="complete", sites=ONE.acting)
+
+    def blocks():
+        passes.append(1)
+        return blocks_of(np.column_stack([x, y]), a[:, None], F[:, None], 20)
+
+    found, moments = solve_blocks(ONE, walk, blocks)
+    return found, moments.kind, len(passes)
+
+
+def test_data_whose_squares_keep_their_digits_are_seen_once():
+    found, kind, passes = _passes(0.5, 0.0)
+    assert (kind, passes) == ("gram", 1)
+    assert found.masses[1] == pytest.approx(2.0) and found.coefficients["storey 1"].tolist() == pytest.approx(
+        [3.0, 5.0]
+    )
+    assert _passes(1e-2, 0.1)[1:] == ("gram", 1)  # noise covers what the squares lose
+
+
+@pytest.mark.parametrize("angle", [1e-2, 1e-4, 1e-7, 5e-9])
+def test_where_squares_lose_digits_the_data_are_seen_again_by_qr(angle):
+    found, kind, passes = _passes(angle, 0.0)
+    assert (kind, passes) == ("root", 2)
+    assert found.masses[1] == pytest.approx(2.0, rel=1e-12)
+    assert found.coefficients["storey 1"].tolist() == pytest.approx([3.0, 5.0], rel=1e-14 / angle)
+
+
+def test_known_masses_enter_both_passes():
+    """Base excitation with two terms at 1e-4 rad in storey 1: the second pass has the same inertia on the right."""
+    layout = Layout(Chain(2), {"storey 1": 2, "storey 2": 1})
+    x, y, s, a2 = at_angle(1e-4)
+    terms = np.column_stack([x / 3e-4, y / 7e2, s])
+    known = {1: 3.0, 2: 5.0}
+    a2 = -20 * s / 5
+    a1 = (-(terms[:, :2] @ [7.0, 9.0]) - 5 * a2) / 3
+    a = np.column_stack([a1, a2])
+    walk = plan_walk(layout.chain, known_masses=known, sites=layout.acting)
+    found, moments = solve_blocks(layout, walk, lambda: blocks_of(terms, a, np.zeros_like(a)), known)
+    assert moments.kind == "root" and found.masses == known
+    assert found.coefficients["storey 1"].tolist() == pytest.approx([7.0, 9.0], rel=1e-9)
+    assert found.coefficients["storey 2"].tolist() == pytest.approx([20.0], rel=1e-12)
+
+
+def _dependent(mass_too):
+    """Terms s and -3 s; with the mass among them where the acceleration is -s too."""
+    s, a = at_angle(0.5)[2:]
+    a = -s if mass_too else a
+    walk = plan_walk(ONE.chain, [1], strategy="complete", sites=ONE.acting)
+    moments = Moments(ONE, groups_of(ONE, walk))
+    blocks = blocks_of(np.column_stack([s, -3 * s]), a[:, None], (2 * a + 12 * s)[:, None])
+    return accumulate(moments, blocks), walk
+
+
+def test_moments_that_cannot_answer_are_no_solution():
+    for mass_too in (False, True):
+        assert solved_safely(*_dependent(mass_too)) is None
+    good = Test()
+    walk = plan([1, 2, 3])
+    assert solved_safely(good.moments(walk), walk).masses == pytest.approx(MASSES)
+
+
+# -- rank -----------------------------------------------------------------------------------------
+
+
+def test_terms_that_cannot_be_told_apart_share_the_force():
+    """Of all coefficients that fit, the smallest on columns of unit length: half of the force to each of the two."""
+    moments, walk = _dependent(False)
+    with pytest.warns(RankWarning, match=r"rank 2 of 3; .* are linearly dependent on this excitation\. ") as caught:
+        found = solve(moments, walk)
+    assert caught[0].filename == __file__  # where the caller stands
+    text = str(caught[0].message)
+    assert text.startswith("balance of DOF 1: ") and "storey 1: term 1" in text and "storey 1: term 2" in text
+    assert "m1" not in text  # the mass is none of them
+    assert found.masses[1] == pytest.approx(2.0)
+    assert found.coefficients["storey 1"].tolist() == pytest.approx([6.0, -2.0])
+    (fit,) = found.fits
+    assert fit.rank == 2 and fit.mass_noise == () and fit.share < 1e-7
+
+
+def test_a_mass_that_cannot_be_told_from_a_stiffness_is_refused():
+    moments, walk = _dependent(True)
+    with pytest.raises(IdentifiabilityError, match="m1 cannot be told from the storey's stiffness") as error:
+        solve(moments, walk)
+    assert "rank 1 of 3" in str(error.value) and "known_masses" in error.value.cure
+
+
+@pytest.mark.parametrize("share, refused", [(3e-3, True), (1e-3, False)])
+def test_a_mass_takes_part_from_a_thousandth_on(share, refused):
+    """x, y = x + share a: the null vector is (share, 1, -1) / sqrt 2 in units of the columns."""
+    x, _, a, F = at_angle(1.0)
+    x = x / np.linalg.norm(x)
+    columns = np.column_stack([x, x + share * a])
+    if refused:
+        with pytest.raises(IdentifiabilityError, match="m1 cannot be told"):
+            single(columns, a, F + a + x)
+    else:
+        with pytest.warns(RankWarning):
+            single(columns, a, F + a + x)
+
+
+def test_the_names_in_a_message_are_the_users_and_the_first_six():
+    """Eight copies of one column beside one that is free: six of them are named, by the labels of their laws."""
+    layout = Layout(Chain(1), {"storey 1": 9})
+    s, free, a, F = at_angle(1.0)
+    columns = np.column_stack([free, *(s * 2.0**k for k in range(8))])
+    labels = ["free", *(f"copy {k}" for k in range(8))]
+    with pytest.warns(RankWarning) as caught:
+        single(columns, a, F + s / 3e-4, {1: 1.0}, names={"storey 1": labels}, layout=layout)
+    named = str(caught[0].message).split("rank 2 of 9; ")[1].split(" are linearly")[0].split(", ")
+    assert len(named) == 6 and all(name.startswith("storey 1: copy ") for name in named)
+    with pytest.warns(RankWarning) as caught:  # a site without labels counts its terms from one
+        single(columns, a, F + s / 3e-4, {1: 1.0}, names={"storey 2": labels}, layout=layout)
+    named = str(caught[0].message).split("rank 2 of 9; ")[1].split(" are linearly")[0].split(", ")
+    assert len(named) == 6 and set(named) < {f"storey 1: term {k}" for k in range(2, 10)}
+
+
+def test_the_most_dependent_terms_are_named_first():
+    """y = x + 0.02 z: x and y take part by 1 / sqrt 2 each, z by 0.014."""
+    layout = Layout(Chain(1), {"storey 1": 3})
+    x, _, z, a = at_angle(1.0)
+    x = x / np.linalg.norm(x)
+    with pytest.warns(RankWarning, match="rank 2 of 3; storey 1: [xy], storey 1: [xy], storey 1: z are linearly"):
+        names = {"storey 1": ["z", "x", "y"]}
+        single(np.column_stack([z, x, x + 0.02 * z]), a, 3 * a + x, {1: 1.0}, names=names, layout=layout)
+
+
+# -- columns that cannot be used ------------------------------------------------------------------
+
+
+def test_a_column_of_zeros_is_named():
+    s, _, a, F = at_angle(1.0)
+    with pytest.raises(IdentifiabilityError, match="balance of DOF 1: the column of storey 1: k3 is zero throughout"):
+        single(np.column_stack([s, 0 * s]), a, F, names={"storey 1": ["k", "k3"]})
+    with pytest.raises(IdentifiabilityError, match="the column of m1 is zero throughout"):
+        single(np.column_stack([s, 0 * s]), 0 * a, F)  # the first of two
+
+
+@pytest.mark.parametrize("size", [1e-150, 1e200])
+def test_squares_that_leave_the_range_of_a_double_are_named(size):
+    """By QR, which takes no squares of its own before the lengths are known."""
+    s, _, a, F = at_angle(1.0)
+    with np.errstate(over="ignore"):
+        with pytest.raises(NRFError, match="balance of DOF 1: the squares of storey 1: k3 leave the range"):
+            single(np.column_stack([s, F * size]), a, F, kind="root", names={"storey 1": ["k", "k3"]})
+        with pytest.raises(NRFError, match="balance of DOF 1: the squares of the force leave the range"):
+            single(np.column_stack([s, F]), a, F * size, kind="root")
+
+
+def test_columns_of_lengths_whose_squares_hold_are_used():
+    """1e-140 is a strange unit, not an error."""
+    s, v, a, F = at_angle(1.0)
+    found = single(np.column_stack([s, v * 1e-140 / 700]), a, 2 * a + 3 * s + 4 * v, kind="root")
+    assert found.coefficients["storey 1"].tolist() == pytest.approx([3.0, 2800e140])
+    assert found.masses[1] == pytest.approx(2.0)
+
+
+def test_a_balance_that_nothing_scales_is_refused():
+    s, v, a, _ = at_angle(1.0)
+    with pytest.raises(IdentifiabilityError, match="balance of DOF 1: the right-hand side is zero throughout") as error:
+        single(np.column_stack([s, v]), a, 0 * a)
+    assert error.value.cure == "No force, known mass or known law scales it."
+
+
+# -- an optimizer on every balance ----------------------------------------------------------------
+
+
+class Spy(BaseEstimator):
+    """An optimizer that keeps what it is given; it answers with one value for the first term, or with least squares."""
+
+    given: list = []
+
+    def __init__(self, answer=None):
+        self.answer = answer
+
+    def fit(self, x, y):
+        Spy.given.append((x, y))
+        self.coef_ = np.linalg.lstsq(x, y, rcond=None)[0].T
+        if self.answer is not None:
+            self.coef_ = self.answer * np.eye(1, x.shape[1])
+        return self
+
+
+@pytest.fixture
+def spied():
+    Spy.given.clear()
+    return Spy.given
+
+
+def test_an_optimizer_sees_columns_of_rms_one_never_shifted(spied):
+    """Their products over the number of samples are the cosines between the columns, means and all."""
+    case = Test(noise=5.0)
+    for terms in case.terms.values():
+        terms += 0.5 * terms.std(axis=0)
+    walk = plan([1, 2, 3], MASSES, "complete")
+    found = case.solved(walk, known=MASSES, inner=Spy())
+    assert len(spied) == 3
+    for (x, y), step in zip(spied, walk.steps):
+        dof = step.dofs[0]
+        sites = [str(s) for s in step.sites]
+        A = np.hstack([case.terms[s] for s in sites])
+        right = case.F[:, dof - 1] - MASSES[dof] * case.a[:, dof - 1]
+        A, right = A / np.sqrt(np.mean(A**2, axis=0)), right / np.sqrt(np.mean(right**2))
+        assert np.allclose(x.T @ x, A.T @ A, atol=1e-9 * N)
+        assert np.allclose(x.T @ y[:, 0], A.T @ right, atol=1e-9 * N)
+    plain = case.solved(walk, known=MASSES)
+    for site, values in plain.coefficients.items():
+        assert found.coefficients[site].tolist() == pytest.approx(values.tolist(), rel=1e-9)
+
+
+def test_an_optimizer_sees_all_balances_of_a_joint_solve_at_once(spied):
+    """Columns that span the balances have rms one over all their samples, where each balance's force has rms one."""
+    case = Test(noise=5.0)
+    found = case.solved(plan([1, 2, 3], MASSES, "joint"), known=MASSES, inner=Spy())
+    right = case.F - case.a * [MASSES[j] for j in (1, 2, 3)]
+    rms = np.sqrt(np.mean(right**2, axis=0))
+    A = np.vstack(
+        [
+            np.hstack([dict(BALANCES[j]).get(site, 0) * T for site, T in case.terms.items()]) / rms[j - 1]
+            for j in (1, 2, 3)
+        ]
+    )
+    A, y = A / np.sqrt(np.mean(A**2, axis=0)), (right / rms).T.ravel()
+    ((x, target),) = spied
+    assert np.allclose(x.T @ x, A.T @ A, atol=1e-9 * len(A))
+    assert np.allclose(x.T @ target[:, 0], A.T @ y, atol=1e-9 * len(A))
+    assert found.masses == MASSES
+
+
+def test_the_mass_is_taken_out_before_an_optimizer_chooses(spied):
+    """What it sees is across the acceleration; the mass then is what the chosen terms leave of the force."""
+    case = Test(noise=5.0)
+    walk = plan([2], strategy="sequential")
+    found = case.solved(walk, inner=Spy(answer=0.5))
+    first = walk.steps[0]
+    assert first.dofs == (2,) and [str(s) for s in first.sites] == ["storey 2", "storey 3"]
+    x, y = spied[0]
+    a, F = case.a[:, 1], case.F[:, 1]
+    unit = a / np.linalg.norm(a)
+    A = np.hstack([case.terms["storey 2"], case.terms["storey 3"]])
+    size, force = np.sqrt(np.mean(A**2, axis=0)), np.sqrt(np.mean(F**2))
+    across, left = A / size - np.outer(unit, unit @ A / size), (F - unit * (unit @ F)) / force
+    assert np.allclose(x.T @ x, across.T @ across, atol=1e-9 * N)
+    assert np.allclose(x.T @ y[:, 0], across.T @ left, atol=1e-9 * N)
+    k = 0.5 * force / size[0]
+    assert found.coefficients["storey 2"].tolist() == pytest.approx([k])
+    assert not found.coefficients["storey 3"].any()
+    assert found.masses[2] == pytest.approx(a @ (F - k * A[:, 0]) / (a @ a))
+    e = F - found.masses[2] * a - k * A[:, 0]
+    assert found.fits[0].residual == pytest.approx(np.sqrt(np.mean(e**2)))
+
+
+def test_an_optimizer_with_nothing_to_choose_is_not_asked(spied):
+    """A free floor without laws: only its mass is unknown."""
+    layout = Layout(Chain(1), {})
+    _, _, a, e = at_angle(1.0)
+    found = single(np.zeros((len(a), 0)), a, 3 * a + e, inner=Spy(), layout=layout)
+    assert not spied and found.masses[1] == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize("threshold, kept", [(0.15, True), (0.25, False)])
+def test_a_threshold_is_a_share_of_the_balances_force(threshold, kept):
+    """Orthogonal columns: the terms hold 0.2 and 0.6 of the rms force, whatever their units."""
+    layout = Layout(Chain(1), {"storey 1": 2})
+    rest, weak, strong, a = at_angle(np.pi / 2)
+    u = [x / np.linalg.norm(x) for x in (weak, strong, a, rest)]
+    F = 1e3 * (0.2 * u[0] + 0.6 * u[1] + 0.7 * u[2] + np.sqrt(1 - 0.04 - 0.36 - 0.49) * u[3])
+    optimizer = ps.STLSQ(threshold=threshold, alpha=0.0)
+    found = single(np.column_stack([weak, 1e6 * strong]), 2 * a, F, inner=optimizer, layout=layout)
+    values = [200 / np.linalg.norm(weak) if kept else 0.0, 600e-6]
+    assert found.coefficients["storey 1"].tolist() == pytest.approx(values)
+    assert found.masses[1] == pytest.approx(350.0)
+
+
+def test_an_optimizer_that_drops_a_law_leaves_nothing_to_scale_the_next_balance(spied):
+    case = Test()
+    for j in (1, 2):
+        case.F[:, j - 1] = 0.0
+    with pytest.raises(IdentifiabilityError, match="balance of DOF 2: the right-hand side is zero") as error:
+        case.solved(plan([3]), inner=Spy(answer=0.0))
+    assert "dropped every term of storey 3, which scales it" in error.value.cure
+
+
+def test_no_mass_of_a_joint_solve_meets_the_threshold():
+    """A light floor on strong springs: its inertia is a small part of the force, and is found all the same."""
+    first = chains.duffing(3, [1, 2, 3], seed=0, cubic=False)
+    m = np.array([0.1, *first.m[1:]])
+    case = chains.duffing(3, [1, 2, 3], seed=0, given=(m, 0 * first.c, first.k, first.k3))
+    assert np.std(m[0] * case.a[:, 0]) < 0.1 * np.std(case.F[:, 0])
+    sparse = ps.STLSQ(threshold=0.1, alpha=0)
+    model = NRFRegressor(degree=(0, 1), strategy="joint", optimizer=sparse).fit(case.X, case.F)
+    np.testing.assert_allclose(model.masses_, m, rtol=1e-8)

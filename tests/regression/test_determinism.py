@@ -1,0 +1,132 @@
+"""The same input gives the same answer: to the last bit with one thread, to 1e-10 with any number."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import os
+import pkgutil
+import subprocess
+import sys
+from importlib import import_module
+
+import numpy as np
+import pytest
+
+import pysindy_nrf
+from pysindy_nrf import NRFRegressor, excitation
+from pysindy_nrf.exceptions import NRFError
+
+SCRIPT = """
+import json, sys, warnings
+import numpy as np
+from pysindy_nrf import ChainModel, NRFRegressor, close_loop, excitation, laws, simulate
+from pysindy_nrf.simulation.noise import add_noise
+
+warnings.simplefilter("ignore")
+storey = [laws.LinearElastic(1e5), laws.LinearViscous(80.0)]
+truth = ChainModel([10.0, 12.0, 9.0], {1: [*storey, laws.Dahl(sigma=3e3, Fd=30.0)], 2: storey, 3: storey})
+F = excitation.band_limited_random(3, 2.0, 1000.0, dofs=2, rms=100.0, band=(1, 60), random_state=3)
+record = add_noise(simulate(truth, F, 1e-3), 0.01, random_state=4)
+X, F = record.to_features()
+model = NRFRegressor(degree=3, laws={1: [laws.PowerSeries(1), laws.Dahl()]}).fit(X, F)
+plain = NRFRegressor(degree=3).fit(X, F)
+found = {
+    "features": X.to_numpy()[::97].ravel(),
+    "masses": model.masses_,
+    "sigma": [model.model_.laws["storey 1"][1].shape["sigma"]],
+    "coefficients": np.concatenate([f.coefficients for f in plain.restoring_forces_.values()]),
+    "intervals": plain.confidence_intervals(method="bootstrap", random_state=5)[["lower", "upper"]].to_numpy().ravel(),
+    "modes": plain.modes().to_numpy().ravel(),
+    "free run": model.simulate(F.to_numpy()[:800], dt=1e-3).displacement.ravel(),
+}
+if "loop" in sys.argv:
+    report = close_loop(record, catalogue=[laws.CoulombFriction(), laws.Dahl(), laws.CubicStiffness()], max_steps=1, random_state=6)
+    found["loop"] = report.table.select_dtypes("number").to_numpy(dtype=float).ravel()
+    found["loop model"] = report.model.masses
+print(json.dumps({k: [float(x).hex() for x in np.ravel(v)] for k, v in found.items()}))
+"""
+
+
+def answer(threads: int, *arguments: str) -> dict[str, np.ndarray]:
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+    env = {**os.environ, **dict.fromkeys(names, str(threads)), "PYTHONHASHSEED": str(threads)}
+    run = subprocess.run([sys.executable, "-c", SCRIPT, *arguments], capture_output=True, text=True, env=env, timeout=300)
+    assert run.returncode == 0, run.stderr[-3000:]
+    return {k: np.array([float.fromhex(x) for x in v]) for k, v in json.loads(run.stdout.splitlines()[-1]).items()}
+
+
+def test_the_same_input_gives_the_same_bits_in_another_process():
+    one, two = answer(1, "loop"), answer(1, "loop")
+    assert one.keys() == two.keys()
+    for name in one:
+        np.testing.assert_array_equal(one[name], two[name], err_msg=name)
+
+
+def test_blas_threads_change_nothing_but_the_last_digits():
+    one, four = answer(1), answer(4)
+    for name in one:
+        scale = 0.0 if name == "coefficients" else np.abs(one[name]).max()  # coefficients are ten orders apart
+        np.testing.assert_allclose(four[name], one[name], rtol=1e-10, atol=1e-10 * scale, err_msg=name)
+
+
+def test_two_fits_in_one_process_are_the_same(chain4):
+    one, two = (NRFRegressor(degree=3).fit(chain4.X, chain4.F) for _ in range(2))
+    np.testing.assert_array_equal(one.masses_, two.masses_)
+    again = one.fit(chain4.X, chain4.F)
+    np.testing.assert_array_equal(again.masses_, two.masses_)
+    assert again.model_ == two.model_
+
+
+def modules():
+    for info in pkgutil.walk_packages(pysindy_nrf.__path__, "pysindy_nrf."):
+        if not info.name.endswith("__main__"):
+            yield import_module(info.name)
+
+
+def test_the_global_random_state_is_neither_read_nor_changed():
+    """Nothing in the package touches ``np.random``'s global state or makes a generator of its own accord."""
+    import ast
+    from pathlib import Path
+
+    wrong = []
+    for path in Path(pysindy_nrf.__file__).parent.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Attribute) and ast.unparse(node).startswith(("np.random.", "numpy.random.")):
+                if node.attr not in ("Generator", "default_rng", "RandomState", "SeedSequence"):
+                    wrong.append(f"{path.name}:{node.lineno} {ast.unparse(node)}")
+            if isinstance(node, ast.Import) and any(a.name == "random" for a in node.names):
+                wrong.append(f"{path.name}:{node.lineno} import random")
+            call = isinstance(node, ast.Call) and ast.unparse(node.func) in ("np.random.default_rng", "numpy.random.default_rng")
+            if call and not node.args:
+                wrong.append(f"{path.name}:{node.lineno} an unseeded generator")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_whatever_draws_numbers_takes_random_state():
+    """Every function whose source draws numbers has ``random_state`` (or is handed the generator)."""
+    wrong = []
+    for module in modules():
+        for name, thing in vars(module).items():
+            if not inspect.isfunction(thing) or thing.__module__ != module.__name__ or name.startswith("_"):
+                continue
+            source = inspect.getsource(thing)
+            if "generator(" in source and "random_state" not in inspect.signature(thing).parameters and name != "generator":
+                wrong.append(f"{module.__name__}.{name}")
+    assert not wrong, ", ".join(wrong)
+
+
+@pytest.mark.parametrize("seed", ["lucky", -1, 1.5, [1, "a"]])
+def test_a_seed_that_is_none_is_refused(seed):
+    with pytest.raises(NRFError, match="random_state=.* is no seed. Give a whole number"):
+        excitation.band_limited_random(2, 1.0, 100.0, dofs=1, rms=1.0, band=(1, 20), random_state=seed)
+
+
+def test_seeds_and_generators():
+    draw = [
+        excitation.band_limited_random(1, 1.0, 100.0, dofs=1, rms=1.0, band=(1, 20), random_state=s)
+        for s in (3, 3, np.random.default_rng(3), 4)
+    ]
+    np.testing.assert_array_equal(draw[0], draw[1])
+    np.testing.assert_array_equal(draw[0], draw[2])
+    assert not np.allclose(draw[0], draw[3])

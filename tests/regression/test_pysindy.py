@@ -1,0 +1,398 @@
+"""One solve behind three entrances, and PySINDy's own tools on chains."""
+
+from __future__ import annotations
+
+import warnings
+
+import chains
+import numpy as np
+import pysindy as ps
+import pytest
+from chains import worst
+from hypothesis import given
+from hypothesis import strategies as st
+from sklearn.base import clone
+
+from pysindy_nrf import (
+    Chain,
+    ChainOptimizer,
+    ForceLawLibrary,
+    InterstoryPolynomialLibrary,
+    NRFRegressor,
+    StateSpaceChainOptimizer,
+    laws,
+)
+from pysindy_nrf.exceptions import BiasWarning, ChannelError, ExcitationError, IdentifiabilityError, LawError, NRFError
+from pysindy_nrf.mechanics.identifiability import plan_walk
+from pysindy_nrf.regression import optimizers
+from pysindy_nrf.regression.chain_solve import solve_blocks
+from pysindy_nrf.regression.layout import Layout
+from pysindy_nrf.regression.moments import blocks_of
+
+
+@pytest.fixture(autouse=True)
+def _bias_is_not_the_point():
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", BiasWarning)
+        yield
+
+
+def noisy(case, share=0.02, seed=0):
+    rng = np.random.default_rng(seed)
+    return case.X + share * case.X.std(axis=0) * rng.standard_normal(case.X.shape)
+
+
+def sindy(X, F, dt, optimizer=None, degree=3, **options):
+    model = ps.SINDy(optimizer=ChainOptimizer(optimizer, **options), feature_library=InterstoryPolynomialLibrary(degree))
+    return model.fit(X, t=dt, x_dot=F)
+
+
+# -- three entrances ------------------------------------------------------------------------------
+
+INNER = {
+    "least squares": None,
+    "STLSQ": ps.STLSQ(threshold=0.01),
+    "SR3": ps.SR3(reg_weight_lam=1e-3),
+    "SSR": ps.SSR(),
+    "FROLS": ps.FROLS(max_iter=6),
+}
+
+
+@pytest.mark.parametrize("forced", [[3], [1, 2, 3, 4]], ids=["one", "all"])
+@pytest.mark.parametrize("inner", INNER.values(), ids=INNER)
+def test_the_three_entrances_agree(inner, forced):
+    case = chains.duffing(4, forced, seed=1)
+    X = noisy(case)
+    regressor = NRFRegressor(degree=3, optimizer=inner).fit(X, case.F)
+    optimizer = sindy(X, case.F, case.dt, inner).optimizer
+
+    chain = Chain(4)
+    library = InterstoryPolynomialLibrary(3).fit(X)
+    terms = np.asarray(library.transform(X))[:, 4:]
+    layout = Layout(chain, dict.fromkeys(chain.sites, 9))
+    walk = plan_walk(chain, forced)
+    direct, _ = solve_blocks(layout, walk, lambda: blocks_of(terms, X[:, :4], case.F), inner=inner)
+
+    assert worst(optimizer.masses_, regressor.masses_) < 1e-10
+    assert worst([direct.masses[j] for j in range(1, 5)], regressor.masses_) < 1e-10
+    for i in range(1, 5):
+        rms = np.sqrt(np.mean(terms[:, 9 * (i - 1) : 9 * i] ** 2, axis=0))
+        found = [
+            regressor.restoring_forces_[i].coefficients.to_numpy(),
+            optimizer.coef_[i - 1, 4 + 9 * (i - 1) : 4 + 9 * i],
+            direct.coefficients[chain.site(i)],
+        ]
+        scale = np.linalg.norm(found[0] * rms)
+        assert np.abs((found[1] - found[0]) * rms).max() < 1e-10 * scale
+        assert np.abs((found[2] - found[0]) * rms).max() < 1e-10 * scale
+        if len(forced) < 4 and i > 1:  # Newton's third law in the other balance
+            assert np.array_equal(optimizer.coef_[i - 2, 4 + 9 * (i - 1) : 4 + 9 * i], -found[1])
+
+
+def test_the_regressor_lives_by_the_chain_optimizer(chain4, monkeypatch):
+    """No decorative PySINDy face: without ChainOptimizer there is no regressor."""
+    monkeypatch.delattr(optimizers, "ChainOptimizer")
+    with pytest.raises((ImportError, AttributeError)):
+        NRFRegressor(optimizer=ps.STLSQ(threshold=0.01)).fit(chain4.X, chain4.F)
+
+
+def test_the_regressor_runs_what_the_chain_optimizer_runs(chain4, monkeypatch):
+    seen = []
+    original = optimizers.ChainOptimizer.solve
+    monkeypatch.setattr(optimizers.ChainOptimizer, "solve", lambda self, *a, **k: (seen.append(self.optimizer), original(self, *a, **k))[1])
+    inner = ps.STLSQ(threshold=0.01)
+    NRFRegressor(optimizer=inner).fit(chain4.X, chain4.F)
+    assert seen == [inner]
+
+
+# -- sparse optimizers on SI units ----------------------------------------------------------------
+
+
+def test_default_stlsq_is_safe_on_si_units():
+    """Plain SINDy's default threshold deletes 1/m = 0.1 itself; inside the wrapper it is a tenth of the force."""
+    case = chains.duffing(3, [2], seed=3)
+    model = NRFRegressor(degree=3, optimizer=ps.STLSQ()).fit(case.X, case.F)
+    assert worst(model.masses_, case.m) < 0.1
+    for i in (1, 2, 3):
+        assert set(model.restoring_forces_[i].coefficients.loc[lambda c: c != 0].index) <= {"v", "s", "s^3"}
+        assert model.restoring_forces_[i].coefficients["s"] == pytest.approx(case.k[i - 1], rel=0.2)
+    fine = NRFRegressor(degree=3, optimizer=ps.STLSQ(threshold=0.005)).fit(noisy(case, 0.003), case.F)
+    for i in (1, 2, 3):
+        assert set(fine.restoring_forces_[i].coefficients.loc[lambda c: c != 0].index) == {"v", "s", "s^3"}
+
+
+def _kept(model):
+    return [tuple(R.coefficients.index[R.coefficients != 0]) for R in model.restoring_forces_.values()]
+
+
+@pytest.mark.parametrize("inner", [ps.STLSQ(threshold=0.03), ps.SR3(reg_weight_lam=1e-3), ps.SSR(kappa=1e-3), ps.FROLS(max_iter=5)], ids=lambda o: type(o).__name__)
+def test_a_threshold_means_the_same_in_any_units(inner):
+    case = chains.duffing(2, [2], seed=5)
+    X = noisy(case)
+    model = NRFRegressor(degree=3, optimizer=inner).fit(X, case.F)
+    millimetres = np.hstack([1e3 * X[:, :2], 1e3 * X[:, 2:4], 1e3 * X[:, 4:]])
+    other = NRFRegressor(degree=3, optimizer=inner).fit(millimetres, case.F / 1e3)  # kN
+    assert _kept(other) == _kept(model)
+    assert worst(other.masses_ * 1e6, model.masses_) < 1e-8
+
+
+@given(st.integers(1, 5))
+def test_a_threshold_means_the_same_at_any_number_of_samples(times):
+    case = chains.duffing(2, [2], seed=5, n_samples=1000)
+    X = noisy(case)
+    inner = ps.STLSQ(threshold=0.03)
+    model = NRFRegressor(degree=3, optimizer=inner).fit(X, case.F)
+    other = NRFRegressor(degree=3, optimizer=inner).fit(np.vstack([X] * times), np.vstack([case.F] * times))
+    assert _kept(other) == _kept(model) and worst(other.masses_, model.masses_) < 1e-9
+
+
+def test_a_term_is_kept_if_and_only_if_its_share_of_the_force_reaches_the_threshold():
+    """One DOF, linear law, the damping force is a known share of the force."""
+    rng = np.random.default_rng(0)
+    a, v, s = rng.standard_normal((3, 5000, 1))
+    F = 4 * a + 0.05 * v + 3 * s  # rms 5: damping is one percent of it
+    X = np.hstack([a, v, s])
+    for threshold, kept in [(0.009, True), (0.011, False)]:
+        model = NRFRegressor(degree=1, optimizer=ps.STLSQ(threshold=threshold)).fit(X, F)
+        assert (model.restoring_forces_[1].coefficients["v"] != 0) == kept
+        assert model.masses_[0] == pytest.approx(4.0, rel=1e-3)
+
+
+def test_the_mass_is_never_thresholded_away():
+    """Inertia of one percent of the force is still the mass. (SSR and FROLS never return both other terms.)"""
+    rng = np.random.default_rng(0)
+    a, v, s = rng.standard_normal((3, 5000, 1))
+    F = 0.01 * a + v + 3 * s
+    for inner in (ps.STLSQ(threshold=0.2), ps.SR3(reg_weight_lam=1e-3)):
+        model = NRFRegressor(degree=1, optimizer=inner).fit(np.hstack([a, v, s]), F)
+        assert model.masses_[0] == pytest.approx(0.01, rel=0.2)
+
+
+def test_the_triangular_factor_gives_what_all_samples_give():
+    """Compress first: PySINDy's STLSQ on 20 rows equals PySINDy's STLSQ on all scaled samples."""
+    case = chains.duffing(1, [1], seed=8)
+    X = noisy(case, 0.05)
+    known = {1: case.m[0]}
+    inner = ps.STLSQ(threshold=0.03)
+    model = NRFRegressor(degree=5, optimizer=inner, known_masses=known).fit(X, case.F)
+    columns = np.asarray(InterstoryPolynomialLibrary(5).fit(X).transform(X))[:, 1:]
+    target = case.F[:, 0] - case.m[0] * X[:, 0]
+    size, size_y = np.sqrt(np.mean(columns**2, axis=0)), np.sqrt(np.mean(target**2))
+    plain = clone(inner).fit(columns / size, (target / size_y)[:, None]).coef_[0] * size_y / size
+    assert model.restoring_forces_[1].coefficients.to_numpy() == pytest.approx(plain, rel=1e-8, abs=1e-12)
+    assert 0 < np.count_nonzero(plain) < plain.size
+
+
+@pytest.mark.parametrize("degree", [9, 12])
+def test_unbiasing_keeps_all_digits_at_high_degree(degree):
+    """PySINDy unbiases with scikit-learn's LinearRegression, which cuts directions below 1e-6: scaled columns stay above."""
+    case = chains.duffing(1, [1], seed=8, n_samples=3000)
+    plain = NRFRegressor(degree=degree).fit(case.X, case.F)
+    kept = NRFRegressor(degree=degree, optimizer=ps.STLSQ(threshold=0.0, alpha=0.0)).fit(case.X, case.F)
+    assert worst(kept.masses_, plain.masses_) < 1e-8
+    assert np.allclose(kept.predict(case.X), plain.predict(case.X), atol=1e-7 * np.abs(case.F).max())
+
+
+def test_ensembles_of_the_library_work_and_bagging_is_refused_in_words(chain4):
+    np.random.seed(0)  # EnsembleOptimizer draws from NumPy's global state
+    draw = ps.EnsembleOptimizer(ps.STLSQ(threshold=0.005), library_ensemble=True, n_models=20)
+    assert worst(NRFRegressor(optimizer=draw).fit(chain4.X, chain4.F).masses_, chain4.m) < 0.02
+    with pytest.raises(NRFError, match="bagging=True.*bootstrap over records"):
+        NRFRegressor(optimizer=ps.EnsembleOptimizer(ps.STLSQ(), bagging=True)).fit(chain4.X, chain4.F)
+
+
+def test_a_threshold_above_everything_is_named(chain4):
+    with pytest.raises(IdentifiabilityError, match="dropped every term of storey 4.*lower its threshold"):
+        NRFRegressor(optimizer=ps.STLSQ(threshold=10)).fit(chain4.X, chain4.F)
+
+
+# -- ps.SINDy -------------------------------------------------------------------------------------
+
+
+def test_sindy_with_the_chain_optimizer(chain4, capsys):
+    model = sindy(chain4.X, chain4.F, chain4.dt, ps.STLSQ(threshold=0.005))
+    assert model.get_feature_names()[:4] == ["a1", "a2", "a3", "a4"] and model.get_feature_names()[4] == "v1"
+    assert np.allclose(np.diag(model.coefficients()[:, :4]), chain4.m)
+    assert np.allclose(model.predict(chain4.X), chain4.F, atol=1e-6)
+    assert model.score(chain4.X, t=chain4.dt, x_dot=chain4.F, metric=lambda a, b: np.abs(a - b).max()) < 1e-6
+    assert model.complexity == 4 + 3 * 4 + 3 * 3
+    model.print(precision=1)
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 4 and f"{chain4.m[2]:.1f} a3" in lines[2] and "s4^3" in lines[2]
+
+
+def test_several_trajectories():
+    same = chains.parameters(3, np.random.default_rng(9))
+    cases = [chains.duffing(3, [j], seed=20 + j, n_samples=800 + 100 * j, given=same) for j in (1, 2, 3)]
+    model = ps.SINDy(optimizer=ChainOptimizer(), feature_library=InterstoryPolynomialLibrary(3))
+    model.fit([c.X for c in cases], t=1e-3, x_dot=[c.F for c in cases])
+    assert worst(model.optimizer.masses_, same[0]) < 1e-8 and model.optimizer.walk_.strategy == "complete"
+
+
+def test_bagging_around_the_chain_optimizer(chain4):
+    np.random.seed(0)  # EnsembleOptimizer draws from NumPy's global state
+    model = ps.SINDy(
+        optimizer=ps.EnsembleOptimizer(ChainOptimizer(), bagging=True, n_models=3, n_subset=1500),
+        feature_library=InterstoryPolynomialLibrary(3),
+    ).fit(noisy(chain4, 0.002), t=chain4.dt, x_dot=chain4.F)
+    assert worst(np.diag(model.coefficients()[:, :4]), chain4.m) < 0.05
+    assert len(model.optimizer.coef_list) == 3
+
+
+def test_libraries_know_braces_and_laws():
+    chain = Chain(3, ["link 3-1"])
+    library = ForceLawLibrary({1: laws.LinearElastic(), 2: [laws.LinearViscous(), laws.CoulombFriction()], "link 3-1": laws.CubicStiffness()}, chain)
+    X = np.random.default_rng(0).normal(size=(50, 9))
+    features = np.asarray(library.fit(X).transform(X))
+    assert library.get_feature_names() == ["a1", "a2", "a3", "s1", "v2", "sgn(v2)", "s_link31^3"]
+    expected = [X[:, 0], X[:, 1], X[:, 2], X[:, 6], X[:, 4], np.sign(X[:, 4]), (X[:, 7] + X[:, 8]) ** 3]
+    assert np.allclose(features, np.column_stack(expected))
+
+
+def test_laws_with_memory_come_through_both_entrances(dahl):
+    case, *_ = dahl
+    held = {1: [laws.LinearViscous(), laws.LinearElastic(), laws.Dahl(sigma=5e4)], 2: [laws.LinearViscous(), laws.LinearElastic()]}
+    regressor = NRFRegressor(laws=held, dt=case.dt).fit(case.X, case.F)
+    model = ps.SINDy(optimizer=ChainOptimizer(terms=[3, 2]), feature_library=ForceLawLibrary(held, dt=case.dt))
+    model.fit(case.X, t=case.dt, x_dot=case.F)
+    assert worst(model.optimizer.masses_, regressor.masses_) < 1e-10
+    assert model.get_feature_names()[4] == "Z1"
+    assert model.coefficients()[0, 4] == pytest.approx(34.85, rel=1e-5)
+
+
+# -- state space ----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def state_space():
+    case = chains.duffing(3, [2], seed=6, n_samples=3000)
+    x, v = case.s.cumsum(axis=1), case.v.cumsum(axis=1)
+    state, rate = np.hstack([x, v]), np.hstack([v, case.a])
+    model = ps.SINDy(
+        optimizer=StateSpaceChainOptimizer(ps.STLSQ(threshold=0.005)), feature_library=InterstoryPolynomialLibrary(3, inputs="state")
+    )
+    return case, state, rate, model.fit(state, t=case.dt, x_dot=rate, u=case.F)
+
+
+def test_state_space_rows_are_the_equations_of_motion(state_space, capsys):
+    case, state, rate, model = state_space
+    names = model.get_feature_names()
+    C = model.coefficients()
+    m, c, k, k3 = case.m, case.c, case.k, case.k3
+    assert worst(model.optimizer.masses_, m) < 1e-8
+    expected = {
+        "v2": -c[1] / m[1], "s2": -k[1] / m[1], "s2^3": -k3[1] / m[1], "v3": c[2] / m[1], "s3": k[2] / m[1], "s3^3": k3[2] / m[1], "F2": 1 / m[1],
+    }
+    row = dict(zip(names, C[4], strict=True))
+    assert {name for name, value in row.items() if value} == set(expected)
+    assert all(row[name] == pytest.approx(value, rel=1e-8) for name, value in expected.items())
+    assert np.array_equal(C[:3, :3], np.eye(3)) and not C[:3, 3:].any()
+    model.print()
+    assert len(capsys.readouterr().out.splitlines()) == 6
+
+
+def test_state_space_predicts_and_scores(state_space):
+    case, state, rate, model = state_space
+    assert np.allclose(model.predict(state, u=case.F), rate, atol=1e-6)
+    assert model.score(state, t=case.dt, x_dot=rate, u=case.F) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_state_space_simulates_a_chain_hit_on_one_floor(state_space):
+    case, state, _, model = state_space
+    t = np.arange(80) * case.dt
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # PySINDy drops the last sample and says so
+        run = model.simulate(state[0], t, u=case.F[:80], integrator_kws={"method": "DOP853", "rtol": 1e-7, "atol": 1e-10})
+    given = (case.m, case.c, case.k, case.k3)
+    *_, s = chains.integrate(*given, case.F[:80], case.dt, substeps=8)
+    x = s.cumsum(axis=1)[: len(run)]
+    assert np.abs(run[:, :3] - x).max() < 0.02 * np.abs(x).max()  # PySINDy interpolates u by a cubic, we by lines
+
+
+def test_laws_without_a_right_hand_side_are_refused():
+    for law, word in [(laws.Dahl(sigma=1.0), "remembers"), (laws.Inerter(), "acceleration")]:
+        with pytest.raises(LawError, match=word):
+            ForceLawLibrary({1: law}, inputs="state").fit(np.zeros((5, 3)))
+
+
+# -- contract of an optimizer and a library -------------------------------------------------------
+
+
+@pytest.mark.parametrize("cls", [ChainOptimizer, StateSpaceChainOptimizer])
+def test_optimizers_keep_the_scikit_learn_contract(cls):
+    inner = ps.STLSQ(threshold=0.3)
+    optimizer = cls(inner, chain=Chain(2), excited=[1])
+    assert optimizer.optimizer is inner and optimizer.set_params(optimizer__threshold=0.2) is optimizer
+    assert inner.threshold == 0.2
+    twin = clone(optimizer)
+    assert twin.optimizer is not inner and twin.optimizer.threshold == 0.2 and twin.chain == Chain(2)
+
+
+def test_the_inner_optimizer_is_cloned_not_fitted(chain4):
+    inner = ps.STLSQ(threshold=0.005)
+    ChainOptimizer(inner).fit(*_features(chain4))
+    assert not hasattr(inner, "coef_")
+
+
+def _features(case, degree=3):
+    return np.asarray(InterstoryPolynomialLibrary(degree).fit(case.X).transform(case.X)), case.F
+
+
+def test_optimizer_takes_what_a_chain_needs(chain4):
+    x, F = _features(chain4)
+    unknown = F.copy()
+    unknown[:, 3] = np.nan
+    assert worst(ChainOptimizer(known_masses={4: chain4.m[3]}).fit(x, unknown).masses_, chain4.m) < 1e-8
+    masses = ChainOptimizer(known_masses={1: chain4.m[0]}, terms=[9, 9, 9, 9]).fit(x, F).masses_
+    assert masses[0] == chain4.m[0] and worst(masses, chain4.m) < 1e-8
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda x, F: ChainOptimizer().fit(x, 0 * F), "Every force is zero"),
+        (lambda x, F: ChainOptimizer().fit(x[:, :39], F), "35 storey terms cannot be shared out"),
+        (lambda x, F: ChainOptimizer(terms=[9, 9]).fit(x, F), "does not fit 36 columns at 4 sites"),
+        (lambda x, F: ChainOptimizer(chain=Chain(3)).fit(x, F), "4 balances for a chain with 3"),
+        (lambda x, F: ChainOptimizer().fit(x[:, :3], F), "3 features for 4 balances"),
+        (lambda x, F: ChainOptimizer().fit(np.where(x == x[50, 7], np.inf, x), F), "infinite in row 50"),
+        (lambda x, F: ChainOptimizer(strategy="complete").fit(x, F), "none is measured on DOF 1, 2, 4"),
+        (lambda x, F: ChainOptimizer(known_masses={9: 1.0}).fit(x, F), "DOF 9"),
+        (lambda x, F: ChainOptimizer("STLSQ").fit(x, F), "not an optimizer"),
+        (lambda x, F: StateSpaceChainOptimizer().fit(x, F[:, :3]), "34 storey terms cannot be shared out"),
+        (lambda x, F: StateSpaceChainOptimizer().fit(x[:, :5], F[:, :3]), "odd number of targets: accelerations alone"),
+        (lambda x, F: ChainOptimizer().fit(x[:500], F), "500 samples, the targets 4000"),
+    ],
+)
+def test_optimizers_refuse_in_words(chain4, make, message):
+    with pytest.raises((ChannelError, ExcitationError, IdentifiabilityError, NRFError), match=message):
+        make(*_features(chain4))
+
+
+def test_accelerations_alone_as_targets_give_the_same_rows():
+    case = chains.duffing(3, [2], seed=5, n_samples=2000)
+    x, v = np.cumsum(case.s, axis=1), np.cumsum(case.v, axis=1)
+    state = np.hstack([x, v, case.F])
+    features = np.asarray(InterstoryPolynomialLibrary(3, inputs="state").fit(state).transform(state))
+    both = StateSpaceChainOptimizer().fit(features, np.hstack([v, case.a]))
+    alone = StateSpaceChainOptimizer().fit(features, case.a)
+    assert np.array_equal(alone.coef_, both.coef_[3:]) and np.array_equal(both.coef_[:3, :3], np.eye(3))
+    assert worst(alone.masses_, case.m) < 1e-8
+    assert np.allclose(alone.predict(features), case.a, atol=1e-8 * np.abs(case.a).max())
+
+
+@pytest.mark.parametrize("inputs", ["balance", "state"])
+def test_library_contract(inputs):
+    library = InterstoryPolynomialLibrary(2, inputs=inputs)
+    X = np.random.default_rng(0).normal(size=(30, 6))
+    fitted = library.fit(X)
+    assert fitted is library and library.n_features_in_ == 6
+    out = library.transform(X)
+    assert out.shape == (30, library.n_output_features_) == (30, len(library.get_feature_names()))
+    assert [o.shape for o in library.transform([X, X[:7]])] == [(30, out.shape[1]), (7, out.shape[1])]
+    assert np.array_equal(np.asarray(library.transform(X[:7])), np.asarray(out)[:7])
+    with pytest.raises(ChannelError, match="3 features, .* expecting 6 features"):
+        library.transform(X[:, :3])
+    with pytest.raises(ChannelError, match="5 columns"):
+        InterstoryPolynomialLibrary(2, inputs=inputs).fit(X[:, :5])
+    assert clone(library).get_params() == library.get_params()

@@ -1,0 +1,368 @@
+"""The contract that PySINDy's own tests ask of a feature library and of an optimizer, asked of ours."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+import re
+import warnings
+from pathlib import Path
+
+import chains
+import numpy as np
+import pysindy as ps
+import pytest
+from pysindy import AxesArray
+from sklearn.base import clone
+from sklearn.exceptions import NotFittedError
+
+from pysindy_nrf import (
+    Chain,
+    ChainOptimizer,
+    ForceLawLibrary,
+    InterstoryPolynomialLibrary,
+    StateSpaceChainOptimizer,
+    laws,
+)
+from pysindy_nrf.exceptions import BiasWarning, ChannelError, LawError
+
+N = 3
+X = np.random.default_rng(0).normal(size=(40, 3 * N))
+
+
+def libraries():
+    storey = [laws.LinearViscous(), laws.Duffing()]
+    return {
+        "polynomial": InterstoryPolynomialLibrary(2),
+        "polynomial box, brace": InterstoryPolynomialLibrary((1, 3), chain=Chain(N, ["link 3-1"]), orders={"link 3-1": 1}),
+        "polynomial, state": InterstoryPolynomialLibrary(2, inputs="state"),
+        "laws": ForceLawLibrary(storey),
+        "laws by site": ForceLawLibrary({1: storey, 3: laws.CoulombFriction()}),
+        "laws, state": ForceLawLibrary(storey, inputs="state"),
+        "laws with memory": ForceLawLibrary({1: storey, 2: laws.Dahl(sigma=1.0)}, dt=1e-2),
+        "sum": InterstoryPolynomialLibrary(2) + ForceLawLibrary({2: laws.CoulombFriction()}),
+    }
+
+
+@pytest.fixture(params=libraries())
+def library(request):
+    return libraries()[request.param]
+
+
+# -- libraries ------------------------------------------------------------------------------------
+
+
+def test_fit_returns_self_and_counts(library):
+    assert library.fit(X) is library
+    assert library.n_features_in_ == X.shape[1]
+    assert library.size == library.n_output_features_ == len(library.get_feature_names())
+
+
+def test_transform_has_the_size_it_says_and_is_an_axes_array(library):
+    out = library.fit(X).transform(X)
+    assert out.shape == (len(X), library.n_output_features_)
+    assert isinstance(out, AxesArray) and (out.ax_time, out.ax_coord) == (0, 1)
+    assert np.isfinite(out).all()
+
+
+def test_fit_transform_is_fit_then_transform(library):
+    assert np.array_equal(library.fit_transform(X), clone(library).fit(X).transform(X))
+
+
+def test_not_fitted(library):
+    for ask in (lambda: library.transform(X), library.get_feature_names, lambda: library.size):
+        with pytest.raises(NotFittedError):
+            ask()
+
+
+def test_feature_names_with_and_without_input_features(library):
+    library.fit(X)
+    names = library.get_feature_names()
+    assert all(isinstance(name, str) for name in names) and len(set(names)) == len(names)
+    assert library.get_feature_names(input_features=[f"x{i}" for i in range(3 * N)]) == names  # PySINDy's placeholders
+    given = [f"channel {i}" for i in range(3 * N)]
+    renamed = library.get_feature_names(input_features=given)
+    leading, trailing = (given[:N], []) if library.inputs == "balance" else (given[N : 2 * N], given[2 * N :])
+    assert renamed[:N] == leading and renamed[len(names) - len(trailing) :] == trailing
+    assert renamed[N : len(names) - len(trailing)] == names[N : len(names) - len(trailing)]  # terms belong to storeys
+    with pytest.raises(ChannelError, match="2 names for 9 columns"):
+        library.get_feature_names(["a", "b"])
+
+
+def test_the_leading_columns_are_passed_through(library):
+    out = np.asarray(library.fit(X).transform(X))
+    if library.inputs == "balance":
+        assert np.array_equal(out[:, :N], X[:, :N])
+    else:
+        assert np.array_equal(out[:, :N], X[:, N : 2 * N]) and np.array_equal(out[:, -N:], X[:, 2 * N :])
+
+
+def test_columns_are_what_their_names_say():
+    """Each name, read as an expression of the inter-storey motion, gives its column."""
+    for inputs in ("balance", "state"):
+        library = InterstoryPolynomialLibrary(3, inputs=inputs).fit(X)
+        a, v, s = np.hsplit(X, 3)
+        if inputs == "state":
+            v, s = np.diff(X[:, N : 2 * N], prepend=0.0), np.diff(X[:, :N], prepend=0.0)
+        values = {f"{q}{i + 1}": y[:, i] for q, y in (("a", a), ("v", v), ("s", s)) for i in range(N)}
+        values |= {f"xdot{i + 1}": X[:, N + i] for i in range(N)} | {f"F{i + 1}": X[:, 2 * N + i] for i in range(N)}
+        for name, column in zip(library.get_feature_names(), np.asarray(library.transform(X)).T, strict=True):
+            factors = [part.partition("^") for part in name.split(" ")]
+            expected = np.prod([values[base] ** int(power or 1) for base, _, power in factors], axis=0)
+            assert np.allclose(column, expected, rtol=1e-12, atol=1e-14), (inputs, name)
+
+
+def test_a_change_of_shape_is_an_error(library):
+    library.fit(X)
+    with pytest.raises(ValueError):
+        library.transform(X[:, :-1])
+    with pytest.raises(ValueError):
+        clone(library).fit(X[:, :-2])  # one fewer might be four storeys in free vibration, of which a warning speaks
+
+
+def test_lists_of_trajectories(library):
+    records = [X, X[:7], X[:1]]
+    out = clone(library).fit(records).transform(records)
+    assert isinstance(out, list) and [o.shape for o in out] == [(k, library.fit(X).n_output_features_) for k in (40, 7, 1)]
+    for one, record in zip(out, records):  # laws that remember start anew
+        assert isinstance(one, AxesArray) and np.array_equal(one, library.transform(record))
+
+
+def test_the_users_array_is_not_changed(library):
+    before = X.copy()
+    library.fit(X).transform(X)[:] = 0.0
+    assert np.array_equal(X, before)
+
+
+def test_clone_copy_and_pickle(library):
+    fitted = clone(library).fit(X)
+    with pytest.raises(NotFittedError):
+        clone(fitted).transform(X)
+    for twin in (pickle.loads(pickle.dumps(fitted)), copy.deepcopy(fitted)):
+        assert twin.get_feature_names() == fitted.get_feature_names()
+        assert np.array_equal(twin.transform(X), fitted.transform(X))
+
+
+def test_pysindys_algebra_with_another_library(library):
+    other = ps.PolynomialLibrary(1, include_bias=False)
+    own, extra = clone(library).fit_transform(X), np.asarray(clone(other).fit_transform(X))
+    for both, parts in [(library + other, [own, extra]), (clone(other) + clone(library), [extra, own])]:
+        assert isinstance(both, ps.ConcatLibrary)
+        assert np.array_equal(both.fit(X).transform(X), np.hstack(parts))
+        assert both.n_output_features_ == len(both.get_feature_names()) == own.shape[1] + extra.shape[1]
+    product = clone(library) * clone(other)
+    out = np.asarray(product.fit(X).transform(X))
+    assert isinstance(product, ps.TensoredLibrary) and len(product.get_feature_names()) == out.shape[1]
+    assert np.allclose(out, (np.asarray(own)[:, :, None] * extra[:, None, :]).reshape(len(X), -1))
+
+
+def test_generalized_library_takes_ours_on_some_channels():
+    """The channels of DOFs 1 and 2 to ours, the third DOF's to PySINDy's, and their product."""
+    chosen = [0, 1, 3, 4, 6, 7]
+    both = ps.GeneralizedLibrary(
+        [InterstoryPolynomialLibrary(2), ps.PolynomialLibrary(1, include_bias=False)],
+        tensor_array=[[1, 1]],
+        inputs_per_library=[chosen, [2, 5, 8]],
+    )
+    out = np.asarray(both.fit(X).transform(X))
+    ours = np.asarray(InterstoryPolynomialLibrary(2).fit_transform(X[:, chosen]))
+    theirs = X[:, [2, 5, 8]]
+    assert np.allclose(out, np.hstack([ours, theirs, (ours[:, :, None] * theirs[:, None, :]).reshape(len(X), -1)]))
+    names = both.get_feature_names([f"c{i}" for i in range(9)])
+    assert names[:4] == ["c0", "c1", "v1", "s1"] and len(names) == out.shape[1] and "v1 c2" in names
+
+
+def test_the_sum_of_two_chain_libraries_is_one_of_the_chain():
+    polynomial, friction = InterstoryPolynomialLibrary(1), ForceLawLibrary({2: laws.CoulombFriction()})
+    both = (polynomial + friction + ForceLawLibrary({1: laws.CubicStiffness()})).fit(X)
+    assert both.get_feature_names() == ["a1", "a2", "a3", "v1", "s1", "s1^3", "v2", "s2", "sgn(v2)", "v3", "s3"]
+    case = chains.duffing(N, [2], seed=3, n_samples=1500, cubic=False)
+    friction_force = 20.0 * np.sign(case.v[:, 1])  # on storey 2: pulls DOF 2 back, DOF 1 along
+    F = case.F + np.column_stack([-friction_force, friction_force, 0 * friction_force])
+    model = ps.SINDy(optimizer=ChainOptimizer(excited=[1, 2], terms=[2, 3, 2]), feature_library=polynomial + friction)
+    model.fit(case.X, t=case.dt, x_dot=F)
+    assert np.abs(model.optimizer.masses_ / case.m - 1).max() < 1e-8
+    assert dict(zip(model.get_feature_names(), model.coefficients()[1]))["sgn(v2)"] == pytest.approx(20.0, rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("add", "message"),
+    [
+        (lambda: InterstoryPolynomialLibrary(1) + InterstoryPolynomialLibrary(3), "storey 1: .* both hold the term 'v'"),
+        (lambda: InterstoryPolynomialLibrary(1) + InterstoryPolynomialLibrary(2, inputs="state"), "inputs='balance' and another"),
+        (lambda: InterstoryPolynomialLibrary(1, Chain(3)) + ForceLawLibrary({2: laws.CoulombFriction()}, Chain(2)), "chain=.* and another"),
+    ],
+)
+def test_sums_that_make_no_sense_are_refused(add, message):
+    with pytest.raises(LawError, match=message):
+        add().fit(X)
+
+
+def test_columns_of_no_storey_are_refused_by_the_chain_optimizer_where_their_number_tells():
+    case = chains.duffing(2, [1], n_samples=200)
+    mixed = InterstoryPolynomialLibrary(2) + ps.PolynomialLibrary(1)  # 10 + 7 terms for two storeys
+    with pytest.raises(ChannelError, match="17 storey terms cannot be shared out evenly to 2 sites"):
+        ps.SINDy(optimizer=ChainOptimizer(), feature_library=mixed).fit(case.X, t=case.dt, x_dot=case.F)
+
+
+def test_a_plain_optimizer_takes_our_columns():
+    case = chains.duffing(1, [1], n_samples=800, cubic=False)
+    library = InterstoryPolynomialLibrary(1) + ps.PolynomialLibrary(0)
+    model = ps.SINDy(optimizer=ps.STLSQ(threshold=0.0, alpha=0.0, normalize_columns=True), feature_library=library)
+    model.fit(case.X, t=case.dt, x_dot=case.F)
+    assert model.get_feature_names() == ["a1", "v1", "s1", "1"]
+    assert model.coefficients()[0, :3] == pytest.approx([case.m[0], case.c[0], case.k[0]], rel=1e-6)
+
+
+# -- optimizers -----------------------------------------------------------------------------------
+
+INNER = {
+    "least squares": None,
+    "STLSQ": ps.STLSQ(threshold=0.003),
+    "STLSQ, biased": ps.STLSQ(threshold=0.003, alpha=1e-6, unbias=False),
+    "SR3": ps.SR3(reg_weight_lam=1e-5),
+    "SSR": ps.SSR(kappa=1e-4),
+    "FROLS": ps.FROLS(max_iter=8, kappa=1e-6),
+    "library ensemble": ps.EnsembleOptimizer(ps.STLSQ(threshold=0.003), library_ensemble=True, n_models=6),
+}
+
+
+def problem(kind, seed=6):
+    """A three-storey Duffing chain: x, u and x_dot of ``ps.SINDy.fit``, and the library."""
+    case = chains.duffing(N, [2], seed=seed, n_samples=900)
+    if kind is ChainOptimizer:
+        library = InterstoryPolynomialLibrary(3)
+        return case, case.X, None, case.F, library
+    x, rate = case.s.cumsum(axis=1), case.v.cumsum(axis=1)
+    return case, np.hstack([x, rate]), case.F, np.hstack([rate, case.a]), InterstoryPolynomialLibrary(3, inputs="state")
+
+
+def features(kind):
+    case, x, u, y, library = problem(kind)
+    return case, np.asarray(library.fit_transform(x if u is None else np.hstack([x, u]))), y
+
+
+@pytest.fixture(params=[ChainOptimizer, StateSpaceChainOptimizer], ids=lambda kind: kind.__name__)
+def kind(request):
+    np.random.seed(0)  # EnsembleOptimizer draws from NumPy's global state
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", BiasWarning)
+        yield request.param
+
+
+@pytest.mark.parametrize("inner", INNER.values(), ids=INNER)
+def test_fit_gives_what_pysindy_reads(kind, inner):
+    case, theta, y = features(kind)
+    optimizer = kind(inner)
+    assert optimizer.fit(theta, y) is optimizer
+    assert optimizer.coef_.shape == optimizer.ind_.shape == (y.shape[1], theta.shape[1])
+    assert optimizer.ind_.dtype == bool and np.array_equal(optimizer.ind_, optimizer.coef_ != 0)
+    assert optimizer.complexity == np.count_nonzero(optimizer.coef_)
+    assert optimizer.intercept_ == 0 and optimizer.n_features_in_ == theta.shape[1]
+    assert np.array_equal(optimizer.predict(theta), theta @ optimizer.coef_.T)
+    assert np.abs(optimizer.masses_ / case.m - 1).max() < 0.02
+    assert optimizer.score(theta, y) > 0.99 or kind is ChainOptimizer  # two of its targets are zero throughout
+
+
+def test_not_fitted_optimizer(kind):
+    for ask in (lambda: kind().predict(np.ones((1, 9))), lambda: kind().complexity):
+        with pytest.raises(NotFittedError):
+            ask()
+
+
+def test_complexity_falls_as_the_threshold_rises(kind):
+    _, theta, y = features(kind)
+    counts = [kind(ps.STLSQ(threshold=t)).fit(theta, y).complexity for t in (1e-8, 3e-3, 0.3)]
+    assert counts[0] >= counts[1] > counts[2]
+
+
+def test_unbiasing_is_least_squares_on_what_was_kept(kind):
+    """A ridge of a tenth draws the coefficients in; unbiasing undoes it."""
+    case, theta, y = features(kind)
+    biased, free = (kind(ps.STLSQ(threshold=0.003, alpha=0.1, unbias=on)).fit(theta, y) for on in (False, True))
+    errors = [np.abs(optimizer.masses_ / case.m - 1).max() for optimizer in (biased, free)]
+    assert errors[1] < 1e-6 or errors[1] < 0.1 * errors[0]
+
+
+def test_refit_forgets_the_first_fit(kind):
+    _, theta, y = features(kind)
+    again = kind().fit(theta, 2.0 * y if kind is ChainOptimizer else y)
+    first = again.coef_.copy()
+    again.fit(theta, y)
+    assert np.array_equal(again.coef_, kind().fit(theta, y).coef_)
+    if kind is ChainOptimizer:
+        assert np.allclose(first, 2.0 * again.coef_)  # twice the forces, twice the masses
+
+
+def test_one_target_or_many():
+    case = chains.duffing(1, [1], n_samples=500)
+    theta = np.asarray(InterstoryPolynomialLibrary(3).fit_transform(case.X))
+    flat, column = ChainOptimizer().fit(theta, case.F[:, 0]), ChainOptimizer().fit(theta, case.F)
+    assert np.array_equal(flat.coef_, column.coef_) and flat.coef_.shape == (1, theta.shape[1])
+    assert flat.predict(theta).shape == (500,) and column.predict(theta).shape == (500, 1)
+
+
+def test_optimizers_clone_copy_and_pickle(kind):
+    _, theta, y = features(kind)
+    fitted = kind(ps.STLSQ(threshold=0.003), chain=Chain(N)).fit(theta, y)
+    for twin in (pickle.loads(pickle.dumps(fitted)), copy.deepcopy(fitted)):
+        assert np.array_equal(twin.predict(theta), fitted.predict(theta))
+    fresh = clone(fitted)
+    assert not hasattr(fresh, "coef_") and np.array_equal(fresh.fit(theta, y).coef_, fitted.coef_)
+
+
+def test_features_and_targets_are_not_changed(kind):
+    _, theta, y = features(kind)
+    before = theta.copy(), y.copy()
+    kind(ps.STLSQ(threshold=0.003)).fit(theta, y).predict(theta)
+    assert np.array_equal(theta, before[0]) and np.array_equal(y, before[1])
+
+
+@pytest.mark.parametrize("inner", INNER.values(), ids=INNER)
+def test_inside_sindy(kind, inner, capsys):
+    case, x, u, y, library = problem(kind)
+    model = ps.SINDy(optimizer=kind(inner), feature_library=library).fit(x, t=case.dt, x_dot=y, u=u)
+    assert model.coefficients().shape == (y.shape[1], len(model.get_feature_names()))
+    assert model.complexity == model.optimizer.complexity
+    assert len(model.equations(precision=3)) == y.shape[1]
+    assert np.allclose(model.predict(x, u=u), y, atol=0.05 * np.abs(y).max())
+    model.print(precision=2)
+    said = capsys.readouterr().out.splitlines()
+    assert len(said) == y.shape[1] and all("=" in line for line in said)
+    largest = model.score(x, t=case.dt, x_dot=y, u=u, metric=lambda one, two, **_: np.abs(one - two).max())
+    assert largest == pytest.approx(np.abs(model.predict(x, u=u) - y).max())
+
+
+def test_the_users_names_reach_the_equations(capsys):
+    case, x, u, y, library = problem(StateSpaceChainOptimizer)
+    names = ["x_low", "x_mid", "x_top", "v_low", "v_mid", "v_top", "P1", "shaker", "P3"]
+    model = ps.SINDy(optimizer=StateSpaceChainOptimizer(), feature_library=library)
+    model.fit(x, t=case.dt, x_dot=y, u=u, feature_names=names)
+    assert model.get_feature_names()[:3] == ["v_low", "v_mid", "v_top"] and model.get_feature_names()[-2] == "shaker"
+    model.print()
+    said = capsys.readouterr().out.splitlines()
+    assert said[1] == "(x_mid)' =  1.000 v_mid" and "shaker" in said[4]
+
+
+def test_trajectories_of_different_length_inside_sindy(kind):
+    case, x, u, y, library = problem(kind)
+    cut = [slice(0, 500), slice(500, 900)]
+    pieces = lambda z: None if z is None else [z[rows] for rows in cut]  # noqa: E731
+    model = ps.SINDy(optimizer=kind(), feature_library=library)
+    model.fit(pieces(x), t=case.dt, x_dot=pieces(y), u=pieces(u))
+    whole = ps.SINDy(optimizer=kind(), feature_library=clone(library)).fit(x, t=case.dt, x_dot=y, u=u)
+    assert np.allclose(model.optimizer.masses_, whole.optimizer.masses_, rtol=1e-9)
+    assert [p.shape for p in model.predict(pieces(x), u=pieces(u))] == [y[rows].shape for rows in cut]
+
+
+# -- the examples of PySINDy's documentation, written both ways -----------------------------------
+
+
+def test_the_examples_take_fewer_lines_here():
+    example = Path(__file__).parents[2] / "examples" / "plot_coming_from_pysindy.py"
+    if not example.exists():
+        pytest.skip("the examples are not part of an installed package")
+    cells = re.findall(r"^# (plain SINDy|pysindy_nrf)\n((?:[^#\n].*\n)+)", example.read_text("utf-8"), re.MULTILINE)
+    assert [who for who, _ in cells] == ["plain SINDy", "pysindy_nrf"] * 3
+    lines = [code.count("\n") for _, code in cells]
+    assert all(ours < plain for plain, ours in zip(lines[::2], lines[1::2]))

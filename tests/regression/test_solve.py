@@ -1,0 +1,439 @@
+"""The one solve: exact where theory says exact, and equal to extended precision where the model is wrong."""
+
+from __future__ import annotations
+
+import warnings
+
+import chains
+import numpy as np
+import pytest
+from chains import absent_share, worst
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pysindy_nrf import Chain, NRFRegressor, laws
+from pysindy_nrf.exceptions import BiasWarning, IdentifiabilityError, RankWarning
+from pysindy_nrf.regression import chain_solve
+
+pytestmark = pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.BiasWarning")
+
+EXACT = 1e-8  # relative, of every mass and true coefficient; absent terms, of the storey's force
+
+
+def assert_exact(model, case, tolerance=EXACT):
+    found = [model.restoring_forces_[i].coefficients for i in range(1, case.n + 1)]
+    assert worst(model.masses_, case.m) < tolerance
+    assert worst([f["s"] for f in found], case.k) < tolerance
+    assert worst([f["v"] for f in found], case.c) < tolerance
+    if case.k3.any():
+        assert worst([f["s^3"] for f in found], case.k3) < tolerance
+    assert absent_share(model, case, ("v", "s", "s^3") if case.k3.any() else ("v", "s")) < tolerance
+
+
+# -- noise-free chains ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("cubic", [False, True], ids=["linear", "Duffing"])
+@pytest.mark.parametrize("n", range(1, 11))
+def test_each_single_forced_dof_gives_the_whole_chain(n, cubic):
+    for case in chains.each_single(n, seed=n, n_samples=800, cubic=cubic):
+        assert_exact(NRFRegressor(degree=3).fit(case.X, case.F), case)
+
+
+@pytest.mark.parametrize("forced", [[1], [26], [50], list(range(1, 51))], ids=["first", "middle", "last", "all"])
+def test_fifty_storeys(forced):
+    case = chains.duffing(50, forced, seed=3, n_samples=2500)
+    assert_exact(NRFRegressor(degree=3).fit(case.X, case.F), case)
+
+
+@pytest.mark.parametrize("strategy", ["complete", "sequential", "joint"])
+@pytest.mark.parametrize("n", [1, 2, 4, 10])
+def test_every_strategy_where_all_is_forced(n, strategy):
+    case = chains.duffing(n, range(1, n + 1), seed=n)
+    assert_exact(NRFRegressor(degree=3, strategy=strategy).fit(case.X, case.F), case)
+
+
+def test_several_forced_dofs_walk_from_each():
+    case = chains.duffing(6, [1, 4], seed=3)
+    model = NRFRegressor(degree=3).fit(case.X, case.F)
+    assert_exact(model, case)
+    assert model.walk_.strategy == "sequential" and sum(step.forced for step in model.walk_.steps) == 2
+
+
+@given(st.integers(1, 5), st.integers(0, 2**31), st.data())
+@settings(max_examples=15)
+def test_any_parameters_any_excitation(n, seed, data):
+    forced = data.draw(st.sets(st.integers(1, n), min_size=1))
+    case = chains.duffing(n, forced, seed=seed, n_samples=700)
+    assert_exact(NRFRegressor(degree=3).fit(case.X, case.F), case)
+
+
+@pytest.mark.parametrize("degree", [5, 9, 12])
+def test_high_degrees_fall_back_on_qr_and_stay_exact(degree, chain4, monkeypatch):
+    kinds = []
+    moments = chain_solve.Moments
+    monkeypatch.setattr(chain_solve, "Moments", lambda *a, **k: (kinds.append(a[2]), moments(*a, **k))[1])
+    model = NRFRegressor(degree=degree).fit(chain4.X, chain4.F)
+    assert kinds == ["gram", "root"] and model.condition_.max() > 20
+    assert_exact(model, chain4)
+
+
+def test_the_gram_matrix_alone_would_lose_the_digits_that_qr_keeps(chain4):
+    """Squaring costs; the fall-back is needed, not decoration."""
+    model = NRFRegressor(degree=12).fit(chain4.X, chain4.F)
+    truth = np.concatenate([chain4.c, chain4.k, chain4.k3])
+
+    def error(m):
+        found = [m.restoring_forces_[i].coefficients for i in range(1, 5)]
+        return worst([f[t] for t in ("v", "s", "s^3") for f in found], truth)
+
+    original = chain_solve.Solution.digits_at_risk
+    try:
+        chain_solve.Solution.digits_at_risk = lambda self: False
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            squared = NRFRegressor(degree=12).fit(chain4.X, chain4.F)
+    finally:
+        chain_solve.Solution.digits_at_risk = original
+    assert error(model) < 1e-8 and error(squared) > 10 * error(model)
+
+
+# -- what scales the chain besides a force --------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def shaken():
+    """A chain of four storeys on a moving base, no force."""
+    ag = chains.band_limited(4000, 1e-3, np.random.default_rng(5), rms=2.0)
+    return chains.duffing(4, [], seed=7, n_samples=4000, ag=ag)
+
+
+@pytest.mark.parametrize("known", [[1], [2], [3], [4], [3, 4], [1, 2, 3, 4]], ids=str)
+def test_base_excitation_with_known_masses(shaken, known):
+    given_masses = {j: shaken.m[j - 1] for j in known}
+    model = NRFRegressor(degree=3, known_masses=given_masses).fit(shaken.X, base_acceleration=shaken.ag)
+    assert_exact(model, shaken)
+    if len(known) == 4:  # top down: each storey from the inertia above it
+        assert [step.dofs for step in model.walk_.steps] == [(4,), (3, 4), (2, 3, 4), (1, 2, 3, 4)]
+
+
+def test_a_wrong_known_mass_scales_everything(shaken):
+    model = NRFRegressor(degree=3, known_masses={2: 1.1 * shaken.m[1]}).fit(shaken.X)
+    assert worst(model.masses_, 1.1 * shaken.m) < EXACT
+    assert worst([model.restoring_forces_[i].coefficients["s"] for i in range(1, 5)], 1.1 * shaken.k) < EXACT
+
+
+def test_known_masses_beside_forces(chain4):
+    model = NRFRegressor(degree=3, known_masses={1: chain4.m[0], 4: chain4.m[3]}).fit(chain4.X, chain4.F)
+    assert_exact(model, chain4)
+    assert model.masses_[0] == chain4.m[0]
+
+
+@pytest.fixture(scope="module")
+def hammer():
+    """Three records of one chain, each with another floor hit; lengths differ."""
+    same = chains.parameters(3, np.random.default_rng(9))
+    return [chains.duffing(3, [j], seed=20 + j, n_samples=1200 + 300 * j, given=same) for j in (1, 2, 3)]
+
+
+def _pool(cases):
+    ids = np.repeat(["first", "second", "third"], [len(c.X) for c in cases])
+    return np.vstack([c.X for c in cases]), np.vstack([c.F for c in cases]), ids
+
+
+@pytest.mark.parametrize("strategy", ["auto", "joint", "sequential"])
+def test_roving_hammer_equals_one_record_with_all_forces(hammer, strategy):
+    X, F, ids = _pool(hammer)
+    roving = NRFRegressor(degree=3, strategy=strategy).fit(X, F, record=ids)
+    together = chains.duffing(3, [1, 2, 3], seed=30, given=(hammer[0].m, hammer[0].c, hammer[0].k, hammer[0].k3))
+    once = NRFRegressor(degree=3).fit(together.X, together.F)
+    assert_exact(roving, hammer[0])
+    assert once.walk_.strategy == "complete" and worst(roving.masses_, once.masses_) < EXACT
+    if strategy == "auto":
+        assert roving.walk_.strategy == "complete" and roving.third_law_gap_.max() < 1e-6
+
+
+def test_force_unknown_in_some_records(hammer):
+    X, F, ids = _pool(hammer)
+    spoiled = F.copy()
+    spoiled[ids == "second", 1] = np.nan  # the force that acts there was lost
+    model = NRFRegressor(degree=3).fit(X, spoiled, record=ids)
+    assert_exact(model, hammer[0])
+    wrong = F.copy()
+    wrong[ids == "second", 1] = 0.0  # claiming that none acted is another thing
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", BiasWarning)
+        assert worst(NRFRegressor(degree=3).fit(X, wrong, record=ids).masses_, hammer[0].m) > 1e-3
+
+
+def test_force_unknown_in_every_record():
+    case = chains.duffing(5, [1, 3, 5], seed=3)
+    F = case.F.copy()
+    F[:, 2] = np.nan
+    with pytest.raises(IdentifiabilityError, match="m3 cannot be found: the force on DOF 3 is unknown"):
+        NRFRegressor(degree=3).fit(case.X, F)
+    assert_exact(NRFRegressor(degree=3, known_masses={3: case.m[2]}).fit(case.X, F), case)
+
+
+# -- other topologies -----------------------------------------------------------------------------
+
+
+def _brace_and_ground(x, v):
+    total = np.zeros_like(x)
+    brace = 3e4 * (x[..., 3] - x[..., 1]) + 20.0 * (v[..., 3] - v[..., 1])
+    total[..., 3] -= brace
+    total[..., 1] += brace
+    total[..., 2] -= 2e4 * x[..., 2]
+    return total
+
+
+@pytest.mark.parametrize("forced", [[1], [2], [3], [4], [1, 2, 3, 4]], ids=str)
+def test_a_brace_that_skips_a_floor_and_a_link_to_the_ground(forced):
+    case = chains.duffing(4, forced, seed=11, extra=_brace_and_ground)
+    chain = Chain(4, links=["link 4-2", "ground 3"])
+    model = NRFRegressor(degree=3, chain=chain, orders={"link 4-2": 1, "ground 3": (0, 1)}).fit(case.X, case.F)
+    assert_exact(model, case)
+    assert model.restoring_forces_["link 4-2"].coefficients.to_dict() == pytest.approx({"v": 20.0, "s": 3e4}, rel=EXACT)
+    assert model.restoring_forces_["link 3-0"].coefficients["s"] == pytest.approx(2e4, rel=EXACT)
+
+
+def test_a_missing_brace_biases_the_masses():
+    case = chains.duffing(4, [4], seed=11, extra=_brace_and_ground)
+    with pytest.warns(BiasWarning):
+        model = NRFRegressor(degree=3).fit(case.X, case.F)
+    assert worst(model.masses_, case.m) > 0.02 and model.errors_.loc["pooled", "error"] > 1
+
+
+def test_a_free_chain_floats():
+    m, c, k, k3 = chains.parameters(3, np.random.default_rng(1))
+    c[0] = k[0] = k3[0] = 0.0
+    case = chains.duffing(3, [2], seed=1, given=(m, c, k, k3))
+    model = NRFRegressor(degree=3, chain=Chain(3, ground="free")).fit(case.X, case.F)
+    assert worst(model.masses_, m) < EXACT
+    assert worst([model.restoring_forces_[i].coefficients["s"] for i in (2, 3)], k[1:]) < EXACT
+    assert model.modes()["frequency"].iloc[0] == pytest.approx(0.0, abs=1e-4)  # the rigid body
+    assert not model.restoring_force(case.X)[:, 0].any()
+
+
+@pytest.mark.parametrize("forced", [[1], [2], [3]], ids=str)
+def test_a_chain_held_at_both_ends(forced):
+    def wall(x, v):
+        total = np.zeros_like(x)
+        total[..., -1] -= 5e4 * x[..., -1] + 60.0 * v[..., -1]
+        return total
+
+    case = chains.duffing(3, forced, seed=1, extra=wall)
+    model = NRFRegressor(degree=3, chain=Chain(3, ground="both")).fit(case.X, case.F)
+    assert_exact(model, case)
+    assert model.restoring_forces_[4].coefficients[["v", "s"]].tolist() == pytest.approx([60.0, 5e4], rel=EXACT)
+
+
+# -- symmetries of mechanics ----------------------------------------------------------------------
+
+
+_CASE = chains.duffing(2, [2], seed=5, n_samples=600)
+_UNITS = (_CASE, NRFRegressor(degree=3).fit(_CASE.X, _CASE.F))
+
+
+@given(st.floats(-6, 6), st.floats(-6, 6), st.floats(-3, 3))
+def test_units_rescale_the_answer_exactly(length, mass, time):
+    """Millimetres, tonnes, milliseconds: any power of two leaves every bit in place."""
+    case, model = _UNITS
+    L, M, T = (2.0 ** round(3 * p) for p in (length, mass, time))
+    X = np.hstack([case.a * L / T**2, case.v * L / T, case.s * L])
+    other = NRFRegressor(degree=3).fit(X, case.F * M * L / T**2)
+    assert worst(other.masses_, M * model.masses_) < 1e-12
+    for i in (1, 2):
+        a, b = model.restoring_forces_[i].coefficients, other.restoring_forces_[i].coefficients
+        for label in ("v", "s", "s^3"):
+            h, j = chains.powers(label)
+            assert b[label] == pytest.approx(a[label] * (M * L / T**2) / ((L / T) ** h * L**j), rel=1e-10)
+
+
+def _noisy(case, share=0.02, seed=0):
+    rng = np.random.default_rng(seed)
+    return case.X + share * case.X.std(axis=0) * rng.standard_normal(case.X.shape)
+
+
+def test_order_of_samples_and_of_records_does_not_matter(hammer):
+    X, F, ids = _pool(hammer)
+    X = X + 0.02 * X.std(axis=0) * np.random.default_rng(1).standard_normal(X.shape)
+    model = NRFRegressor(degree=3).fit(X, F, record=ids)
+    order = np.random.default_rng(0).permutation(len(X))
+    backwards = np.concatenate([np.flatnonzero(ids == name) for name in ("third", "first", "second")])
+    for rows in (order, backwards):
+        other = NRFRegressor(degree=3).fit(X[rows], F[rows])
+        assert worst(other.masses_, model.masses_) < 1e-10
+        assert np.allclose(other.predict(X), model.predict(X), rtol=1e-9, atol=1e-8)
+
+
+def test_mirror_image(chain4):
+    """(x, F) -> (-x, -F): odd terms keep their coefficients, even ones change sign."""
+    X = _noisy(chain4)
+    model, mirror = NRFRegressor(degree=3).fit(X, chain4.F), NRFRegressor(degree=3).fit(-X, -chain4.F)
+    assert worst(mirror.masses_, model.masses_) < 1e-12
+    for i in range(1, 5):
+        a, b = model.restoring_forces_[i].coefficients, mirror.restoring_forces_[i].coefficients
+        for label in a.index:
+            assert b[label] == pytest.approx((-1) ** (sum(chains.powers(label)) + 1) * a[label], rel=1e-8)
+
+
+def test_twice_the_same_record_is_one_record(chain4):
+    X = _noisy(chain4)
+    once = NRFRegressor(degree=3).fit(X, chain4.F)
+    twice = NRFRegressor(degree=3).fit(np.vstack([X, X]), np.vstack([chain4.F] * 2), record=np.repeat([1, 2], len(X)))
+    assert worst(twice.masses_, once.masses_) < 1e-11
+
+
+# -- against least squares in extended precision --------------------------------------------------
+
+
+def extended_least_squares(A, y):
+    """Least squares by Gram-Schmidt, twice, in 80-bit arithmetic."""
+    A = np.asarray(A, dtype=np.longdouble)
+    size = np.sqrt((A**2).sum(axis=0))
+    A, y = A / size, np.asarray(y, dtype=np.longdouble)
+    p = A.shape[1]
+    Q, R = A.copy(), np.zeros((p, p), dtype=np.longdouble)
+    for j in range(p):
+        for _ in range(2):
+            share = Q[:, :j].T @ Q[:, j]
+            R[:j, j] += share
+            Q[:, j] -= Q[:, :j] @ share
+        R[j, j] = np.sqrt((Q[:, j] ** 2).sum())
+        Q[:, j] /= R[j, j]
+    x, z = np.zeros(p, dtype=np.longdouble), Q.T @ y
+    for j in range(p - 1, -1, -1):
+        x[j] = (z[j] - R[j, j + 1 :] @ x[j + 1 :]) / R[j, j]
+    return (x / size).astype(float)
+
+
+def _power_columns(case, i, degree=3):
+    pairs = [(h, d - h) for d in range(1, degree + 1) for h in range(d, -1, -1)]
+    s, v = case.s[:, i - 1], case.v[:, i - 1]
+    return np.column_stack([v**h * s**j for h, j in pairs])
+
+
+@pytest.mark.parametrize("degree", [1, 3, 7])
+def test_the_cubic_on_a_hysteretic_chain_is_the_extended_precision_answer(dahl, degree):
+    """The model is wrong in storey 1, and its numbers are those of the least-squares problem all the same."""
+    case, *_ = dahl
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", BiasWarning)
+        model = NRFRegressor(degree=degree).fit(case.X, case.F)
+    A = np.column_stack([case.a[:, 0], _power_columns(case, 1, degree), -_power_columns(case, 2, degree)])
+    exact = extended_least_squares(A, case.F[:, 0])
+    own = np.concatenate([[model.masses_[0]], model.restoring_forces_[1].coefficients])
+    rms = np.sqrt(np.mean(A[:, : len(own)] ** 2, axis=0))
+    assert np.abs((own - exact[: len(own)]) * rms).max() < 1e-9 * np.sqrt(np.mean(case.F[:, 0] ** 2))
+
+
+def test_sequential_on_a_hysteretic_chain_is_the_extended_precision_answer():
+    case, *_ = chains.paper_case(forced=(2,), duration=2.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", BiasWarning)
+        model = NRFRegressor(degree=3).fit(case.X, case.F)
+    top = extended_least_squares(np.column_stack([case.a[:, 1], _power_columns(case, 2)]), case.F[:, 1])
+    R2 = _power_columns(case, 2) @ top[1:]
+    bottom = extended_least_squares(np.column_stack([case.a[:, 0], _power_columns(case, 1)]), R2)
+    assert model.masses_.tolist() == pytest.approx([bottom[0], top[0]], rel=1e-9)
+    rms = np.sqrt(np.mean(_power_columns(case, 1) ** 2, axis=0))
+    gap = np.abs((model.restoring_forces_[1].coefficients.to_numpy() - bottom[1:]) * rms).max()
+    assert gap < 1e-9 * np.sqrt(np.mean(R2**2))
+
+
+def test_joint_is_the_extended_precision_answer_of_all_balances(chain2):
+    """Every balance divided by its rms force, shared laws."""
+    X = _noisy(chain2, 0.05)
+    n, case = 2, chains.Case(X, chain2.F, chain2.m, chain2.c, chain2.k, chain2.k3, chain2.dt)
+    model = NRFRegressor(degree=3, strategy="joint").fit(X, case.F)
+    P1, P2 = _power_columns(case, 1), _power_columns(case, 2)
+    zero, w = np.zeros(len(X)), 1 / np.sqrt(np.mean(case.F**2, axis=0))
+    A = np.vstack([
+        np.column_stack([case.a[:, 0], zero, P1, -P2]) * w[0], np.column_stack([zero, case.a[:, 1], 0 * P1, P2]) * w[1]
+    ])
+    exact = extended_least_squares(A, np.concatenate([case.F[:, 0] * w[0], case.F[:, 1] * w[1]]))
+    assert model.masses_.tolist() == pytest.approx(exact[:n].tolist(), rel=1e-9)
+
+
+# -- the paper's damper ---------------------------------------------------------------------------
+
+
+def test_hysteresis_in_storey_1_leaves_storey_2_exact(dahl):
+    case, *_ = dahl
+    with pytest.warns(BiasWarning):
+        model = NRFRegressor(degree=3).fit(case.X, case.F)
+    R2 = case.storey_forces[:, 1]
+    assert np.abs(model.restoring_force(case.X)[:, 1] - R2).max() < 1e-6 * np.sqrt(np.mean(R2**2))
+    assert model.masses_[0] < 9.95 and model.third_law_gap_["storey 2"] > 0.1
+
+
+def test_the_true_law_in_storey_1_gives_the_masses(dahl):
+    case, z, R1 = dahl
+    held = {"storey 1": [laws.PowerSeries(1), laws.Dahl(sigma=5e4)]}
+    model = NRFRegressor(degree=1, laws=held, dt=case.dt).fit(case.X, case.F)
+    assert worst(model.masses_, case.m) < 1e-6
+    found = model.restoring_forces_[1].coefficients
+    assert found.to_dict() == pytest.approx({"v": 499.0, "s": 100050.0, "Z": 34.85}, rel=1e-5)
+    assert np.abs(model.restoring_force(case.X)[:, 0] - R1).max() < 1e-4 * np.abs(R1).max()
+
+
+def test_the_modified_dahl_law_with_its_constant_force():
+    case, *_ = chains.paper_case(duration=2.0, f0=5.0)
+    held = {"storey 1": [laws.ModifiedDahl(sigma=5e4)]}
+    model = NRFRegressor(degree=1, laws=held, dt=case.dt).fit(case.X, case.F)
+    assert worst(model.masses_, case.m) < 1e-5
+    assert model.restoring_forces_[1].coefficients["1"] == pytest.approx(5.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("others", [laws.PowerSeries(1), laws.PowerSeries(3)], ids=["linear", "cubic"])
+def test_the_shape_of_the_loop_is_estimated(dahl, others):
+    case, *_ = dahl
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model = NRFRegressor(degree=1, laws={"storey 1": [others, laws.Dahl()]}, dt=case.dt).fit(case.X, case.F)
+    law = model.model_.laws["storey 1"][1]
+    assert law.shape["sigma"] == pytest.approx(5e4, rel=1e-3) and law.coefficients[0] == pytest.approx(34.85, rel=1e-4)
+    assert worst(model.masses_, case.m) < 1e-4
+
+
+# -- rank -----------------------------------------------------------------------------------------
+
+
+def _harmonic(noise, seed=0):
+    t = np.arange(4000) * 1e-3
+    w = 2 * np.pi * 5
+    s, v = 1e-3 * np.sin(w * t), 1e-3 * w * np.cos(w * t)
+    X = np.column_stack([-w * w * s, v, s])
+    F = X @ [10.0, 50.0, 1e5]
+    return X + noise * X.std(axis=0) * np.random.default_rng(seed).standard_normal(X.shape), F
+
+
+@pytest.mark.parametrize("degree", [1, 3])
+def test_a_steady_harmonic_force_cannot_tell_mass_from_stiffness(degree):
+    X, F = _harmonic(0.0)
+    with pytest.raises(IdentifiabilityError, match="m1 cannot be told from the storey's stiffness"):
+        NRFRegressor(degree=degree).fit(X, F)
+
+
+@pytest.mark.parametrize("noise", [1e-6, 1e-3, 0.02, 0.1])
+@pytest.mark.parametrize("degree", [1, 3])
+def test_noise_that_hides_the_rank_loss_is_warned_of(degree, noise):
+    """Noise makes the columns independent and the mass meaningless: -45 kg instead of 10 in this case."""
+    X, F = _harmonic(noise)
+    with pytest.warns(BiasWarning, match="m1 = .* kg is likely biased"):
+        model = NRFRegressor(degree=degree).fit(X, F)
+    assert abs(model.masses_[0] / 10 - 1) > 0.5
+
+
+def test_with_the_mass_known_the_terms_that_cannot_be_told_apart_are_named():
+    X, F = _harmonic(0.0)
+    with pytest.warns(RankWarning, match="v\\^3.*linearly dependent"):
+        model = NRFRegressor(degree=3, known_masses={1: 10.0}).fit(X, F)
+    assert np.allclose(np.ravel(model.predict(X)), F, atol=1e-6 * np.abs(F).max())  # the force is right all the same
+
+
+def test_broad_excitation_raises_no_alarm(chain4):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        NRFRegressor(degree=3).fit(_noisy(chain4, 0.005), chain4.F)

@@ -1,0 +1,230 @@
+"""Plain SINDy and this package side by side: the same data, one ruler, and plain SINDy used as documented."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import chains
+import numpy as np
+import pysindy as ps
+import pytest
+
+from pysindy_nrf import ChainModel, NRFRegressor, Record, compare_with_sindy, laws
+from pysindy_nrf.exceptions import ChannelError
+
+
+def true_model(case):
+    held = {i: [laws.LinearViscous(c), laws.Duffing(k, k3)] for i, (c, k, k3) in enumerate(zip(case.c, case.k, case.k3), 1)}
+    return ChainModel(case.m, held)
+
+
+@pytest.fixture(scope="module")
+def case():
+    return chains.duffing(2, [1, 2], seed=1, n_samples=3000)
+
+
+@pytest.fixture(scope="module")
+def table(case):
+    return compare_with_sindy(case.X, case.F, case.dt, truth=true_model(case), free_run=30)
+
+
+def test_rows_and_columns(table):
+    assert list(table.index) == [
+        "SINDy, defaults", "SINDy, normalised", "SINDy, hand-steered",
+        "pysindy_nrf, least squares", "pysindy_nrf, STLSQ", "pysindy_nrf, STLSQ, threshold 0.01",
+    ]  # fmt: skip
+    assert (table["seconds"] > 0).all() and (table["megabytes"] > 0.1).all()
+
+
+def test_terms_and_hits_are_counted_as_defined(table, case):
+    ours = table.loc["pysindy_nrf, STLSQ, threshold 0.01"]
+    assert (ours.terms, ours.precision, ours.recall) == (8, 1.0, 1.0)  # two masses; v, s, s^3 of two storeys
+    free = table.loc["pysindy_nrf, least squares"]
+    assert free.recall == 1.0 and free.precision == pytest.approx(6 / (free.terms - 2)) and free.terms > 15
+
+
+def test_default_sindy_is_what_its_documentation_says(table, case):
+    """The first row against ps.SINDy called here, with the state space written out."""
+    x, v = case.s.cumsum(axis=1), case.v.cumsum(axis=1)
+    rows = slice(0, 2100)
+    model = ps.SINDy(feature_library=ps.PolynomialLibrary(3))
+    state, rate = np.hstack([x, v]), np.hstack([v, case.a])
+    model.fit(state[rows], t=case.dt, x_dot=rate[rows], u=case.F[rows])
+    row = table.loc["SINDy, defaults"]
+    assert row.terms == np.count_nonzero(model.coefficients())
+    a_hat = model.predict(state[2100:], u=case.F[2100:])[:, 2:]
+    error = case.m * (a_hat - case.a[2100:])
+    R = case.storey_forces[2100:]
+    gap = np.column_stack([error.sum(axis=1), error[:, 1]])
+    rms = lambda y: np.sqrt(np.mean(y**2, axis=0))  # noqa: E731
+    assert row.restoring_force_error == pytest.approx(100 * np.sqrt(np.mean((rms(gap) / rms(R)) ** 2)), rel=1e-9)
+    F = case.F[2100:]
+    pooled = 100 * np.sqrt(((rms(error) / rms(R)) ** 2).sum() / ((rms(F) / rms(R)) ** 2).sum())
+    assert row.balance_error == pytest.approx(pooled, rel=1e-9)
+
+
+def test_the_true_terms_of_absolute_coordinates_are_the_expanded_cubic(table, case):
+    """(x2 - x1)^3 is four monomials: 2 kinematic terms; balance 1: 2 + 2 + 4 + F1; balance 2: 2 + 2 + 4 + F2."""
+    row = table.loc["SINDy, normalised"]
+    assert row.recall == 1.0 and row.precision * row.terms == pytest.approx(2 + 9 + 9)
+
+
+def test_ours_is_exact_and_plain_sindy_is_not(table):
+    assert table.loc["pysindy_nrf, least squares", ["restoring_force_error", "balance_error", "mass_error"]].max() < 1e-6
+    assert table.loc["SINDy, defaults", "restoring_force_error"] > 20
+    assert np.isnan(table.loc["SINDy, defaults", "mass_error"])  # it deleted 1/m
+
+
+def test_a_free_run_that_diverges_is_infinite_not_hanging():
+    case = chains.duffing(3, [3], seed=0, n_samples=2000)
+    table = compare_with_sindy(case.X, case.F, case.dt, free_run=60, time_limit=200.0, optimizers={})
+    assert np.isinf(table.loc["SINDy, defaults", "free_run_error"])
+    assert table.loc["SINDy, defaults", "note"] == "free run diverges"
+    assert table.loc["pysindy_nrf, least squares", "free_run_error"] < 1
+
+
+def test_time_is_limited(case):
+    table = compare_with_sindy(case.X, case.F, case.dt, free_run=900, time_limit=0.05, optimizers={})
+    assert "given up" in table.loc["SINDy, normalised", "note"] and np.isnan(table.loc["SINDy, normalised", "free_run_error"])
+
+
+def test_a_library_that_would_fill_the_memory_is_not_built():
+    case = chains.duffing(12, range(1, 13), seed=2, n_samples=2500)
+    table = compare_with_sindy(case.X, case.F, case.dt, truth=true_model(case), free_run=5, optimizers={}, time_limit=1.0)
+    assert "not run: 9139 columns" in table.loc["SINDy, defaults", "note"]
+    assert table.loc["pysindy_nrf, least squares", "restoring_force_error"] < 1e-6
+
+
+def test_newtons_third_law_found_once_or_twice():
+    """One floor hit: this package finds each storey once; SINDy twice, and with noise not the same."""
+    case = chains.duffing(3, [2], seed=3, n_samples=3000, cubic=False)
+    X = case.X + 0.02 * case.X.std(axis=0) * np.random.default_rng(0).standard_normal(case.X.shape)
+    table = compare_with_sindy(X, case.F, case.dt, truth=true_model(case), degree=1, free_run=5, optimizers={})
+    ours, theirs = table.loc["pysindy_nrf, least squares"], table.loc["SINDy, hand-steered"]
+    assert (ours.storeys_found, ours.third_law_gap) == ("once", 0.0)
+    assert theirs.storeys_found == "twice" and theirs.third_law_gap > 1
+    x, v = X[:, 6:].cumsum(axis=1)[:2100], X[:, 3:6].cumsum(axis=1)[:2100]
+    columns = np.hstack([x, v, case.F[:2100, [1]]])
+    A = np.linalg.lstsq(columns / columns.std(0), X[:2100, :3])[0].T / columns.std(0)
+    K = -case.m[:, None] * A[:, :3]
+    gaps = [200 * abs(K[i, i - 1] - K[i - 1, i]) / (abs(K[i, i - 1]) + abs(K[i - 1, i])) for i in (1, 2)]
+    assert theirs.third_law_gap == pytest.approx(max(gaps), rel=0.2)
+
+
+def test_without_the_truth_only_what_can_be_known_is_said(case):
+    table = compare_with_sindy(case.X, case.F, case.dt, free_run=5, optimizers={"SSR": ps.SSR()})
+    assert table[["precision", "recall", "mass_error", "restoring_force_error"]].isna().all(axis=None)
+    assert table["balance_error"].notna().all() and "pysindy_nrf, SSR" in table.index
+
+
+def test_errors_are_those_of_the_held_out_end(case):
+    """Spoil the end of the record: the fits stay, the errors grow."""
+    X = case.X.copy()
+    X[2500:, :2] += 5.0 * np.random.default_rng(0).standard_normal((500, 2))
+    table = compare_with_sindy(X, case.F, case.dt, truth=true_model(case), free_run=5, optimizers={})
+    row = table.loc["pysindy_nrf, least squares"]
+    assert row.mass_error < 1e-6 and row.balance_error > 1
+
+
+def test_a_record_is_taken_as_well(case):
+    rec = Record(case.F, case.a, case.v.cumsum(axis=1), case.s.cumsum(axis=1), fs=1 / case.dt)
+    table = compare_with_sindy(rec, truth=true_model(case), free_run=5, optimizers={})
+    assert table.loc["pysindy_nrf, least squares", "mass_error"] < 1.0
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [({"dt": None}, "sampling step"), ({"heldout": 0.0}, "heldout=0.0"), ({"F": np.full((3000, 2), np.nan)}, "A force is unknown|No force")],
+)
+def test_bad_input(case, options, message):
+    given = {"X": case.X, "F": case.F, "dt": case.dt} | options
+    with pytest.raises(ChannelError, match=message):
+        compare_with_sindy(**given)
+
+
+def test_the_ruler_is_the_packages_own(case):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        alone = NRFRegressor(degree=1).fit(case.X[:2100], case.F[:2100])
+    rest = alone.balance_errors(case.X[2100:], case.F[2100:])
+    table = compare_with_sindy(case.X, case.F, case.dt, degree=1, free_run=5, optimizers={})
+    assert table.loc["pysindy_nrf, least squares", "balance_error"] == pytest.approx(rest.loc["pooled", "error"], rel=1e-2)
+
+
+def test_every_model_is_taken_apart_into_the_terms_of_its_storeys():
+    """Shares of the true law: coefficient times rms of the term over rms of the storey's force, written out here."""
+    from pysindy_nrf.selection.comparison import compare
+
+    case = chains.duffing(3, [2], seed=2, n_samples=3000)
+    found = compare(case.X, case.F, case.dt, truth=true_model(case), free_run=5, optimizers={}).coefficients
+    rest = slice(2100, None)
+    rms = lambda y: np.sqrt(np.mean(y**2))  # noqa: E731
+    for i in range(3):
+        size = rms(case.storey_forces[rest, i])
+        wanted = {"v": case.c[i] * rms(case.v[rest, i]), "s": case.k[i] * rms(case.s[rest, i]), "s^3": case.k3[i] * rms(case.s[rest, i] ** 3)}
+        row = found.loc[f"storey {i + 1}"]
+        for term, share in wanted.items():
+            assert row.loc[term, "truth"] == pytest.approx(share / size, rel=1e-6)
+            assert row.loc[term, "pysindy_nrf, least squares"] == pytest.approx(share / size, rel=1e-3)
+        assert row.loc["other", "truth"] < 1e-9
+        assert row.loc["other", "SINDy, defaults"] > 0.05
+
+
+def test_coefficients_are_drawn_a_panel_a_storey(case):
+    pytest.importorskip("matplotlib").use("Agg")
+    from pysindy_nrf.output.displays import CoefficientsDisplay
+    from pysindy_nrf.selection.comparison import compare
+
+    found = compare(case.X, case.F, case.dt, truth=true_model(case), free_run=5, optimizers={})
+    display = CoefficientsDisplay.from_comparison(found).plot()
+    assert len(display.ax_) == 2 and [t.get_text() for t in display.ax_[-1].get_xticklabels()][:2] == ["$v$", "$s$"]
+    heights = [bar.get_height() for bar in display.ax_[0].containers[0]]
+    assert heights == found.coefficients.loc["storey 1", "truth"].tolist()
+
+
+def test_the_held_out_rule_chooses_within_the_first_part(case, monkeypatch):
+    """Between a threshold that keeps all and one that drops the damping; the spoilt end plays no part."""
+    from types import SimpleNamespace
+
+    from pysindy_nrf.selection.comparison import rows
+
+    fits = []  # a clock that goes by a second with every sparse fit
+    monkeypatch.setattr(rows, "time", SimpleNamespace(perf_counter=lambda: float(len(fits))))
+    fit = ps.STLSQ.fit
+    monkeypatch.setattr(ps.STLSQ, "fit", lambda self, *a, **k: (fits.append(self), fit(self, *a, **k))[1])
+    X = case.X + 0.003 * case.X.std(axis=0) * np.random.default_rng(0).standard_normal(case.X.shape)
+    X[2500:, :2] += 5.0 * np.random.default_rng(1).standard_normal((500, 2))
+    path = [ps.STLSQ(threshold=t) for t in (1e-6, 0.005, 0.6)]
+    table = compare_with_sindy(X, case.F, case.dt, truth=true_model(case), free_run=5, optimizers={"STLSQ selected": path})
+    row = table.loc["pysindy_nrf, STLSQ selected"]
+    assert (row.terms, row.precision, row.recall) == (8, 1.0, 1.0)
+    assert row.note.startswith("chosen: threshold=0.005")
+    # choosing is counted: every fit along the path, not the last one alone
+    fits.clear()
+    NRFRegressor(degree=3, optimizer=path[1]).fit(X, case.F)
+    assert row.seconds >= len(path) * len(fits) > 0 == table.loc["pysindy_nrf, least squares", "seconds"]
+
+
+def test_optimizers_by_a_word(case):
+    from pysindy_nrf.exceptions import NRFError
+    from pysindy_nrf.selection.comparison.api import _optimizers
+
+    assert list(_optimizers("select")) == [f"{name} selected" for name in ("STLSQ", "ensemble", "SR3", "SSR", "FROLS")]
+    with pytest.raises(NRFError, match="'all' is unknown.*Give 'select'"):
+        compare_with_sindy(case.X, case.F, case.dt, optimizers="all")
+
+
+def test_the_benchmark_runs_and_every_optimizer_of_ours_finds_the_true_terms(monkeypatch):
+    benchmarks = Path(__file__).parents[2] / "benchmarks"
+    if not benchmarks.exists():
+        pytest.skip("the benchmarks are not part of an installed package")
+    monkeypatch.syspath_prepend(str(benchmarks))
+    import compare_with_sindy as benchmark
+
+    table = benchmark.main(["--quick"])
+    ours = table[table.index.get_level_values("model").str.contains("selected")]
+    assert len(ours) == 10 and (ours["recall"] == 1.0).all() and (ours["precision"] == 1.0).all()
+    plain = table.xs("SINDy, defaults", level="model")
+    assert (plain["recall"] < 1).all() and (plain["restoring_force_error"] > 20).all()
+    assert (ours["restoring_force_error"] < 1.0).all()

@@ -1,0 +1,159 @@
+"""Channels that contradict each other are named where a record becomes features, once; good data pass in silence."""
+
+from __future__ import annotations
+
+import warnings
+
+import measured
+import measured_sets
+import numpy as np
+import paper_cases as cases
+import pytest
+
+from pysindy_nrf import ChainModel, NRFRegressor, Record, close_loop, excitation, laws, simulate
+from pysindy_nrf.exceptions import DataQualityWarning
+from pysindy_nrf.signals.plausibility import doubts
+from pysindy_nrf.simulation.noise import add_noise
+
+STOREY = laws.PowerSeries(1, [60.0, 1e5])
+TRUTH = ChainModel([10.0, 12.0, 11.0], {f"storey {i}": STOREY for i in (1, 2, 3)})
+
+
+def record(noise=0.02, base=False):
+    if base:
+        ag = excitation.band_limited_random(1, 8.0, 500.0, dofs=[1], rms=2.0, band=(0.5, 40), random_state=3)[:, 0]
+        rec = simulate(TRUTH, None, 1 / 500.0, base_acceleration=ag)
+    else:
+        F = excitation.band_limited_random(3, 8.0, 500.0, dofs=[3], rms=100.0, band=(0.5, 60.0), random_state=0)
+        rec = simulate(TRUTH, F, 1 / 500.0)
+    rec = rec.replace(velocity=None)
+    return add_noise(rec, noise, random_state=1) if noise else rec
+
+
+def changed(rec: Record, key: str, dof: int, change) -> Record:
+    array = np.array(getattr(rec, key))
+    array[:, dof - 1] = change(array[:, dof - 1])
+    return rec.replace(**{key: array})
+
+
+def base_displacement(rec: Record) -> np.ndarray:
+    f = np.fft.rfftfreq(rec.n_samples, rec.dt)
+    lines = np.fft.rfft(rec.base_acceleration)
+    lines[1:] /= -((2 * np.pi * f[1:]) ** 2)
+    lines[0] = 0
+    return np.fft.irfft(lines, rec.n_samples)[:, None]
+
+
+FAULTS = {
+    "mm beside m/s^2": (lambda: changed(record(), "displacement", 2, lambda y: 1e3 * y), ["x2", "mm"]),
+    "g beside m": (lambda: changed(record(), "acceleration", 1, lambda y: y / 9.80665), ["a1", " g"]),
+    "wrong sign": (lambda: changed(record(), "acceleration", 3, lambda y: -y), ["a3", "sign"]),
+    "late": (lambda: changed(record(), "acceleration", 1, lambda y: np.roll(y, 5)), ["a1", "samples) early"]),
+    "copied": (lambda: record().replace(displacement=record().displacement[:, [0, 0, 2]]), ["x2", "x1", "copied"]),
+    "swapped": (lambda: record().replace(acceleration=record().acceleration[:, [1, 0, 2]]), ["a1", "columns swapped"]),
+    "absolute as relative": (
+        lambda: record(base=True).replace(displacement=record(base=True).displacement + base_displacement(record(base=True))),
+        ["x1", "coordinates='absolute'"],
+    ),
+    "relative as absolute": (
+        lambda: record(base=True).replace(coordinates="absolute", base_displacement=base_displacement(record(base=True))[:, 0]),
+        ["x1", "coordinates='relative'"],
+    ),
+    "acceleration relative to the base": (
+        lambda: record(base=True).replace(acceleration=record(base=True).acceleration - record(base=True).base_acceleration[:, None]),
+        ["a1", "add ag"],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_is_named_on_the_way_to_the_features(fault):
+    make, words = FAULTS[fault]
+    with pytest.warns(DataQualityWarning) as caught:
+        make().replace(force=None).to_features()
+    said = [str(w.message) for w in caught if "pysindy_nrf.signals.alignment" in str(w.message)]
+    assert len(said) == 1 and all(word in said[0] for word in words), said
+
+
+@pytest.mark.parametrize("estimation", ["ls", "iv"])
+def test_fit_says_it_once(estimation):
+    rec = FAULTS["wrong sign"][0]()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        NRFRegressor(degree=1, estimation=estimation).fit(rec)
+    named = [w for w in caught if w.category is DataQualityWarning and "a3" in str(w.message)]
+    assert len(named) == 1 and "opposite sign" in str(named[0].message)
+
+
+def test_the_loop_says_it_too():
+    with pytest.warns(DataQualityWarning, match="x2 .* mm"):
+        try:
+            close_loop(FAULTS["mm beside m/s^2"][0](), catalogue=["linear_stiffness"])
+        except Exception:  # what becomes of such data is another matter
+            pass
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1])
+@pytest.mark.parametrize("base", [False, True])
+def test_good_channels_are_not_doubted(noise, base):
+    rec = record(noise, base)
+    assert doubts(rec) == []
+    if base:
+        absolute = rec.replace(displacement=rec.displacement + base_displacement(rec), coordinates="absolute")
+        assert doubts(absolute) == []
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01, 0.03])
+@pytest.mark.parametrize("gain", [0.95, 1.05, 1.15])
+def test_a_calibration_that_is_some_percent_off_is_named_at_its_dof_alone(gain, noise):
+    said = doubts(changed(record(noise), "acceleration", 2, lambda y: gain * y))
+    assert len(said) == 1 and said[0].startswith("x2 is") and "calibration" in said[0], said
+    assert float(said[0].split()[2]) == pytest.approx(1 / gain, rel=0.01)
+
+
+def accelerations_alone(k, rms):
+    truth = ChainModel([2.0], {"storey 1": laws.PowerSeries(1, [0.02 * np.sqrt(2.0 * k), k])})
+    top = np.sqrt(k / 2.0) / np.pi
+    F = excitation.band_limited_random(1, 8.0, 2000.0, dofs=[1], rms=rms, band=(0.05 * top, top), random_state=0)
+    return simulate(truth, F, 1 / 2000.0).replace(velocity=None, displacement=None)
+
+
+@pytest.mark.parametrize("hertz", [20.0, 130.0])
+def test_a_light_frame_may_shake_hard_and_millimetres_for_metres_are_still_asked_for(hertz):
+    rec = accelerations_alone(2.0 * (2 * np.pi * hertz) ** 2, 5.0)
+    hard = rec.replace(acceleration=rec.acceleration * (15 * hertz / np.abs(rec.acceleration).max()))  # 300, 1950 m/s^2
+    assert doubts(hard) == []
+    assert "unit" in doubts(hard.replace(acceleration=1e3 * hard.acceleration))[0]
+
+
+def test_an_integration_rule_is_no_wrong_calibration():
+    """Displacements summed by the trapezoidal rule lose (w dt)^2 / 6, so that no frequency has the same gain."""
+    rec = record(0.0)
+    f = np.fft.rfftfreq(rec.n_samples, rec.dt)
+    rule = np.ones_like(f)
+    turn = np.pi * f[1:] * rec.dt * 5  # as if integrated at a fifth of the rate, and only slow motion kept
+    rule[1:] = np.where(turn < 1.5, turn / np.tan(np.minimum(turn, 1.5)), 0.0) ** 2
+    summed = np.fft.irfft(rule[:, None] * np.fft.rfft(rec.displacement, axis=0), rec.n_samples, axis=0)
+    assert not [text for text in doubts(rec.replace(displacement=summed)) if "calibration" in text]
+
+
+@pytest.mark.parametrize("friction", [0.0, 70.0])
+@pytest.mark.parametrize("noise", [0.0, 0.1])
+def test_the_papers_hammer_tests_are_not_doubted(friction, noise):
+    assert doubts(cases.four_storey(cases.INCOMPLETE_FRAME, friction, noise, duration=16.0).measured) == []
+
+
+def test_no_measured_set_is_doubted():
+    root = measured.folder("nees_three_storey")
+    recs = [
+        measured_sets.load_nees_three_storey(test, root) for test in ("fbgm162s1", "fbgm162s3", "fbgm162s5", "fpgm111s1")
+    ]
+    recs += [measured_sets.load_six_storey_hotel(event, measured.folder("six_storey_hotel")) for event in (1, 7, 14, 21)]
+    recs += [
+        measured_sets.load_emps(measured.folder("emps")),
+        measured_sets.load_bouc_wen_benchmark("multisine", measured.folder("bouc_wen_benchmark")),
+        measured_sets.load_dry_friction_storey(measured.folder("dry_friction_storey")),
+        measured_sets.load_mr_damper_white_noise(measured.folder("mr_damper_white_noise")),
+        measured_sets.load_mr_damper_cyclic(folder=measured.folder("mr_damper_cyclic")),
+    ]
+    assert {rec.name: said for rec in recs if (said := doubts(rec))} == {}

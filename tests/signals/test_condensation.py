@@ -1,0 +1,63 @@
+"""Floors without a sensor: refused, or left out with the meaning of what is left."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pysindy_nrf import Chain, ChainModel, NRFRegressor, excitation, laws, simulate
+from pysindy_nrf.exceptions import ChannelError, DataQualityWarning
+from pysindy_nrf.signals.condensation import condense
+
+K = [1.2e5, 1.6e5, 1.4e5, 1.5e5]
+MASSES = [12.0, 2.0, 12.0, 12.0]
+
+
+def record(blind=(2,), dofs=(4,), **changes):
+    truth = ChainModel(MASSES, {f"storey {i + 1}": laws.PowerSeries(1, [25.0, k]) for i, k in enumerate(K)})
+    F = excitation.band_limited_random(4, 20.0, 500.0, dofs=dofs, rms=100.0, band=(0.5, 9.0), random_state=0)
+    rec = simulate(truth, F, 1 / 500.0, hold="cubic")
+    gone = {}
+    for kind in ("acceleration", "velocity", "displacement"):
+        gone[kind] = np.array(getattr(rec, kind))
+        gone[kind][:, [j - 1 for j in blind]] = np.nan
+    return rec.replace(**gone, **changes)
+
+
+def test_it_is_refused_with_the_way_out():
+    with pytest.raises(ChannelError, match=r"DOF 2 [\s\S]*pysindy_nrf.signals.condensation.condense"):
+        NRFRegressor(degree=1).fit(record())
+    assert "Floor 2 has no sensor" in str(Chain(4).plan(sensors=[1, 3, 4]))
+
+
+def test_the_condensed_storey_is_the_series_of_those_beside_the_missing_floor():
+    with pytest.warns(DataQualityWarning, match="floor 2 has no sensor .* storeys 2 to 3 in series"):
+        condensed = condense(record())
+    assert condensed.floors == (1, 3, 4)
+    model = NRFRegressor(degree=1).fit(condensed.record)
+    k = [model.restoring_forces_[i].linear_part()["k"] for i in (1, 2, 3)]
+    np.testing.assert_allclose(k, [K[0], 1 / (1 / K[1] + 1 / K[2]), K[3]], rtol=0.01)
+    assert model.masses_.sum() == pytest.approx(sum(MASSES), rel=0.03)
+    x = K[1] / (K[1] + K[2])  # static displacement of floor 2 for a unit displacement of floor 1
+    assert 12.0 < model.masses_[0] < 12.0 + 2 * x + 1.5 and model.masses_[2] == pytest.approx(12.0, rel=0.01)
+
+
+def test_the_words_say_base_and_top():
+    with pytest.warns(DataQualityWarning):
+        meaning = condense(record(blind=(1, 4), dofs=(3,))).meaning
+    assert (
+        meaning["storey 1"].startswith("storeys 1 to 2 in series")
+        and "between the base and floor 2" in meaning["storey 1"]
+    )
+    assert "all of floor 4 above it" in meaning["m2"]
+
+
+def test_a_force_on_a_blind_floor_is_refused_and_complete_records_are_left_alone():
+    with pytest.raises(ChannelError, match="force acts on floor 2"):
+        condense(record(dofs=(2, 4)))
+    force = np.zeros((10_000, 4))
+    force[:, 1] = np.nan
+    with pytest.raises(ChannelError, match="force acts on floor 2"):
+        condense(record(force=force))
+    whole = record(blind=())
+    assert condense(whole).record is whole

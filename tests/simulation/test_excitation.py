@@ -1,0 +1,122 @@
+"""Excitations and noise have the level, the band and the place that were asked for."""
+
+import numpy as np
+import pytest
+from scipy.signal import hilbert
+
+from pysindy_nrf import Record
+from pysindy_nrf.exceptions import ChainError, ChannelError
+from pysindy_nrf.simulation.excitation import band_limited_random, earthquake, impact_hammer, sweep
+from pysindy_nrf.simulation.noise import add_noise
+
+FS = 1000.0
+
+
+def rms(x, axis=0):
+    return np.sqrt(np.mean(np.square(x), axis=axis))
+
+
+def test_hammer_blows_are_half_sines_on_the_floors_in_turn():
+    F = impact_hammer(4, 12.0, FS, dofs=[2, 4], level=[1000.0, 300.0], n_hits=6, width=0.02, spread=0.2, random_state=1)
+    assert not F[:, [0, 2]].any()
+    for j, level in ((1, 1000.0), (3, 300.0)):
+        hits = np.flatnonzero(np.diff((F[:, j] != 0).astype(int)) == 1)
+        assert len(hits) == 3
+        for start in hits:
+            pulse = F[start : start + 25, j]
+            assert 0.79 * level < pulse.max() <= level
+            # impulse of a half sine: 2 P w / pi
+            np.testing.assert_allclose(pulse.sum() / FS, 2 / np.pi * pulse.max() * 0.02, rtol=0.01)
+
+
+def test_random_force_has_its_rms_and_stays_in_its_band():
+    F = band_limited_random(3, 20.0, FS, dofs=[1, 3], rms=[100.0, 400.0], band=(5.0, 60.0), random_state=2)
+    np.testing.assert_allclose(rms(F[:10000])[[0, 2]], 100.0)
+    np.testing.assert_allclose(rms(F[10000:])[[0, 2]], 400.0)
+    assert not F[:, 1].any() and abs(np.corrcoef(F[:, 0], F[:, 2])[0, 1]) < 0.1
+    power = np.abs(np.fft.rfft(F[:10000, 0])) ** 2
+    f = np.fft.rfftfreq(10000, 1 / FS)
+    assert power[(f < 5) | (f > 60)].sum() < 1e-20 * power.sum()
+
+
+def test_sweep_passes_through_its_frequencies_in_time():
+    F = sweep(1, 20.0, FS, dofs=1, level=5.0, band=(2.0, 42.0))
+    frequency = np.gradient(np.unwrap(np.angle(hilbert(F[:, 0])))) * FS / 2 / np.pi
+    t = np.arange(len(F)) / FS
+    inside = (t > 3) & (t < 17)
+    np.testing.assert_allclose(frequency[inside], 2 + 2 * t[inside], rtol=0.05)
+
+
+def test_earthquake_has_its_level_a_soil_frequency_and_a_bounded_velocity():
+    ag = earthquake(40.0, 200.0, rms=1.5, ground_frequency=3.0, ground_damping=0.2, random_state=3)
+    np.testing.assert_allclose(rms(ag), 1.5)
+    power = np.abs(np.fft.rfft(ag)) ** 2
+    f = np.fft.rfftfreq(len(ag), 1 / 200.0)
+    smooth = np.convolve(power, np.ones(40) / 40, "same")
+    assert 2.3 < f[smooth.argmax()] < 3.5
+    assert np.abs(np.cumsum(ag) / 200.0).max() < 3 * 1.5 / (2 * np.pi * 0.2)
+    assert rms(ag[:200]) < 0.3 * rms(ag[3000:5000]) and rms(ag[-400:]) < 0.3 * rms(ag[3000:5000])
+
+
+def test_same_random_state_same_force():
+    options = dict(dofs=1, rms=1.0, band=(1.0, 50.0))
+    one, two, three = (band_limited_random(1, 2.0, FS, **options, random_state=s) for s in (7, 7, 8))
+    assert np.array_equal(one, two) and not np.array_equal(one, three)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: impact_hammer(2, 1.0, FS, dofs=3, level=1.0),
+        lambda: impact_hammer(2, 1.0, FS, dofs=1, level=-1.0),
+        lambda: impact_hammer(2, 0.1, FS, dofs=1, level=1.0, n_hits=50),
+        lambda: band_limited_random(1, 1.0, FS, dofs=1, rms=1.0, band=(1.0, 600.0)),
+        lambda: band_limited_random(1, 1.0, FS, dofs=1, rms=1.0, band=(1.2, 1.4)),
+        lambda: earthquake(10.0, 100.0),
+    ],
+)
+def test_impossible_excitations_are_refused(call):
+    with pytest.raises((ChannelError, ChainError)):
+        call()
+
+
+def test_noise_is_a_share_of_the_rms_of_each_channel():
+    t = np.arange(20000) / FS
+    x = np.column_stack([np.sin(30 * t), 1e-3 * np.sin(50 * t)])
+    clean = Record(displacement=x, acceleration=1e3 * x, force=np.column_stack([0 * t, 7 * np.cos(t)]), fs=FS)
+    before = clean.displacement.copy()
+    noisy = add_noise(clean, 0.05, random_state=0)
+    for key in ("displacement", "acceleration"):
+        share = rms(getattr(noisy, key) - getattr(clean, key)) / rms(getattr(clean, key))
+        np.testing.assert_allclose(share, 0.05, rtol=0.03)
+    assert not noisy.force[:, 0].any() and (noisy.force[:, 1] != clean.force[:, 1]).all()
+    assert np.array_equal(clean.displacement, before) and noisy.fs == clean.fs
+    only = add_noise(clean, 0.05, random_state=0, channels=["x2"])
+    assert np.array_equal(only.acceleration, clean.acceleration)
+    assert np.array_equal(only.displacement[:, 0], clean.displacement[:, 0])
+    with pytest.raises(ChannelError, match="v1"):
+        add_noise(clean, 0.05, channels=["v1"])
+
+
+@pytest.mark.parametrize("seed", [0, 3, np.int64(20)])
+@pytest.mark.parametrize("excite", [
+    lambda n, **how: band_limited_random(1, n / FS, FS, dofs=1, rms=1.0, band=(0, FS / 2), **how),
+    lambda n, **how: earthquake(n / FS, FS, rms=1.0, ground_frequency=200.0, rise=0.01, fall=0.98, **how)[:, None],
+])  # fmt: skip
+def test_noise_of_the_same_seed_is_no_copy_of_the_excitation(excite, seed):
+    """Independent series of n numbers correlate by 1 / sqrt(n)."""
+    n = 4000
+    F = excite(n, random_state=seed)
+    noise = (add_noise(Record(force=F, displacement=0 * F, fs=FS), 0.05, random_state=seed).force - F)[:, 0]
+    for drawn in (F[:, 0], np.random.default_rng(seed).standard_normal(n)):
+        assert abs(np.corrcoef(noise, drawn)[0, 1]) < 4 / np.sqrt(n)
+    again = add_noise(Record(force=F, displacement=0 * F, fs=FS), 0.05, random_state=seed).force[:, 0] - F[:, 0]
+    assert np.array_equal(noise, again)
+
+
+def test_a_chosen_stream_of_noise_is_taken_as_it_is():
+    rec = Record(force=np.zeros((50, 1)), displacement=np.ones((50, 1)), fs=FS)
+    for stream in ([3, 1], np.random.SeedSequence(3), np.random.default_rng(3)):
+        drawn = np.random.default_rng([3, 1] if stream == [3, 1] else 3).standard_normal((2, 50))
+        expected = 1 + 0.1 * drawn[1]  # the force of zeros, which stays so, comes before it
+        np.testing.assert_allclose(add_noise(rec, 0.1, random_state=stream).displacement[:, 0], expected, rtol=1e-14)

@@ -28,19 +28,7 @@ __all__ = [
 
 
 def sentence(what: str, cure: str = "") -> str:
-    """Join what is wrong and what to do into one message.
-
-    Parameters
-    ----------
-    what : str
-        What is wrong, naming the channel, degree of freedom or parameter.
-    cure : str
-        What the user can do about it.
-
-    Returns
-    -------
-    str
-    """
+    """Join what is wrong and what to do into one message."""
     what = what.strip().rstrip(".")
     what += "" if what.endswith(("?", "!")) else "."
     return f"{what} {cure.strip()}" if cure else what

@@ -14,32 +14,7 @@ from ..exceptions import NRFError
 
 @contextmanager
 def atomic_write(path: Any, mode: str = "w") -> Iterator[IO[Any]]:
-    """Write a file so that a reader sees the old one or the whole new one, never half.
-
-    Parameters
-    ----------
-    path : path-like
-        Its folder is made if it does not exist.
-    mode : {"w", "wb"}
-        Text (UTF-8, newlines as written) or bytes.
-
-    Yields
-    ------
-    file
-        A temporary file in the same folder. It takes the name when the block ends; if the block
-        raises (Ctrl-C too) it is deleted and an older file of that name is as it was.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> folder = tempfile.TemporaryDirectory()
-    >>> path = pathlib.Path(folder.name) / "results" / "masses.csv"
-    >>> with atomic_write(path) as file:
-    ...     _ = file.write("dof,mass\\n")
-    >>> path.read_text()
-    'dof,mass\\n'
-    >>> folder.cleanup()
-    """
+    """Write a file so that a reader sees the old one or the whole new one, never half."""
     if mode not in ("w", "wb"):
         raise NRFError(f"mode={mode!r} is unknown", "Choose 'w' or 'wb'.")
     target = Path(path)

@@ -12,13 +12,7 @@ _PACKAGES = ("pysindy", "numpy", "scipy", "scikit-learn", "pandas", "numba", "pl
 
 
 def versions() -> dict[str, str]:
-    """Versions of this package, of Python and of what it stands on.
-
-    Returns
-    -------
-    dict of str to str
-        Packages that are not installed are left out.
-    """
+    """Versions of this package, of Python and of what it stands on."""
     out = {"pysindy_nrf": metadata.version("pysindy-nrf"), "Python": platform.python_version()}
     for name in _PACKAGES:
         try:
@@ -29,36 +23,12 @@ def versions() -> dict[str, str]:
 
 
 def settings_of(**groups: Mapping[str, Any]) -> dict[str, dict[str, str]]:
-    """Settings as text, by group; nothing of the values is kept.
-
-    Parameters
-    ----------
-    **groups : mapping of str to object
-
-    Returns
-    -------
-    dict of str to dict
-
-    Examples
-    --------
-    >>> from pysindy_nrf.common.audit import settings_of
-    >>> settings_of(loop={"random_state": 0, "band": (1.0, 40.0), "heldout": None})
-    {'loop': {'random_state': '0', 'band': '(1.0, 40.0)', 'heldout': 'None'}}
-    """
+    """Settings as text, by group; nothing of the values is kept."""
     return {name.replace("_", " "): {str(k): _text(v) for k, v in values.items()} for name, values in groups.items()}
 
 
 def constants_of(*modules: Any) -> dict[str, float]:
-    """Numbers written in capitals in modules: thresholds that no argument changes.
-
-    Parameters
-    ----------
-    *modules : module
-
-    Returns
-    -------
-    dict of str to float
-    """
+    """Numbers written in capitals in modules: thresholds that no argument changes."""
     return {
         k.lower().replace("_", " "): v
         for module in modules

@@ -9,26 +9,7 @@ from ..exceptions import MissingExtraError
 
 
 def require(package: str, extra: str, purpose: str) -> ModuleType:
-    """Import an optional package or say which extra brings it.
-
-    Parameters
-    ----------
-    package : str
-        Import name, e.g. ``"matplotlib.pyplot"``.
-    extra : str
-        Name of the extra in ``pyproject.toml``.
-    purpose : str
-        What the package is needed for, as the start of a sentence.
-
-    Returns
-    -------
-    module
-
-    Raises
-    ------
-    MissingExtraError
-        If the package is not installed.
-    """
+    """Import an optional package or say which extra brings it."""
     try:
         return importlib.import_module(package)
     except ImportError as error:

@@ -13,22 +13,7 @@ from ..exceptions import FileFormatError
 
 @cache
 def schema(name: str = "chain_model") -> dict[str, Any]:
-    """A shipped schema (JSON Schema, draft 2020-12).
-
-    Parameters
-    ----------
-    name : {"chain_model"}
-
-    Returns
-    -------
-    dict
-
-    Examples
-    --------
-    >>> from pysindy_nrf.common.schema import schema
-    >>> schema()["required"]
-    ['schema', 'version', 'chain', 'masses', 'laws']
-    """
+    """A shipped schema (JSON Schema, draft 2020-12)."""
     return json.loads((files(__package__) / "schemas" / f"{name}.schema.json").read_text(encoding="utf-8"))
 
 

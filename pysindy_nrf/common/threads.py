@@ -24,10 +24,7 @@ def n_threads() -> int:
 
 
 def in_threads(function: Callable[[Share], Result], shares: Iterable[Share]) -> Iterator[Result]:
-    """Results of a function for each share in their order; the caller's thread reads the shares as they are needed.
-
-    joblib's generator reads ahead without a limit, and its batches cost small fits twice the time.
-    """
+    """Results of a function for each share in their order; the caller's thread reads the shares as they are needed."""
     rest = iter(shares)
     begun = list(islice(rest, 2))
     threads, rest = n_threads() if len(begun) == 2 else 1, chain(begun, rest)

@@ -27,29 +27,7 @@ def rows_text(rows: np.ndarray, most: int = 3) -> str:
 def as_matrix(
     value: Any, names: Sequence[str] | str, n_columns: int | None = None, what: str = "channels"
 ) -> np.ndarray:
-    """A real float matrix, one column for each channel, or an error that names the channel.
-
-    Parameters
-    ----------
-    value : array-like of shape (n_samples,) or (n_samples, n_columns)
-    names : sequence of str or str
-        Names of the columns, or a prefix to number them.
-    n_columns : int, optional
-        Number of columns wanted.
-    what : str
-        What the columns are, for messages.
-
-    Returns
-    -------
-    ndarray of shape (n_samples, n_columns)
-        float32 stays float32, everything else becomes float64 (of float16 a DataQualityWarning is
-        raised). Never a view that is written to.
-
-    Raises
-    ------
-    ChannelError
-        If the values are not real numbers or the shape is wrong.
-    """
+    """A real float matrix, one column for each channel, or an error that names the channel."""
     if isinstance(value, np.ma.MaskedArray):
         value = np.ma.filled(value.astype(float), np.nan)
     if hasattr(value, "nnz") and hasattr(value, "toarray"):
@@ -109,33 +87,7 @@ def as_matrix(
 
 
 def finite_span(columns: Sequence[np.ndarray], names: Sequence[str], record: str = "") -> slice:
-    """Rows between the leading and trailing NaN edges, after checking what lies between.
-
-    Parameters
-    ----------
-    columns : sequence of ndarray of shape (n_samples,)
-        The channels of one record that are measured (no all-NaN column among them).
-    names : sequence of str
-        Their names.
-    record : str
-        Name of the record, for messages.
-
-    Returns
-    -------
-    slice
-        The rows in which every channel is finite.
-
-    Raises
-    ------
-    ChannelError
-        If a channel holds an infinity, or a NaN that is not at an edge.
-
-    Warns
-    -----
-    DataQualityWarning
-        If less than ``EDGES_LEAVE`` of the rows are left: that is no edge of a filter, but a sensor that started
-        late or fell out, and it is named.
-    """
+    """Rows between the leading and trailing NaN edges, after checking what lies between."""
     where = f" of {record}" if record else ""
     n = len(columns[0]) if columns else 0
     first, last, shortest, worst = 0, n, n, ""
@@ -182,26 +134,7 @@ _APART = 5.0  # times the largest other value: a channel that reaches such a num
 
 
 def fillers(line: np.ndarray) -> tuple[np.ndarray, str]:
-    """Rows that hold a number standing for "not measured", -9999 and the like, far beyond all others.
-
-    Parameters
-    ----------
-    line : ndarray of shape (n_samples,)
-        As measured, before units are converted.
-
-    Returns
-    -------
-    rows : ndarray of int
-    what : str
-        The number and its rows for a message; empty if there are none.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf.data.channels import fillers
-    >>> fillers(np.array([0.1, -9999.0, 0.3, 0.2]))
-    (array([1]), "-9999 in row 1, far beyond all others: a number that stands for 'not measured'")
-    """
+    """Rows that hold a number standing for "not measured", -9999 and the like, far beyond all others."""
     none = np.zeros(0, dtype=int), ""
     size = np.abs(line)
     most = np.fmax.reduce(size, initial=0.0)

@@ -16,27 +16,7 @@ def column_names(X: Any) -> list[str] | None:
 
 
 def checked(estimator: Any, X: Any, *, reset: bool, prefix: str = "column ") -> np.ndarray:
-    """The input of an estimator as a float matrix, its columns counted and named as in ``fit``.
-
-    Parameters
-    ----------
-    estimator : estimator
-        Gets ``n_features_in_`` and, for tables, ``feature_names_in_`` if ``reset``.
-    X : array-like of shape (n_samples, n_columns)
-    reset : bool
-        True in ``fit``.
-    prefix : str
-        Name of unnamed columns, to be numbered.
-
-    Returns
-    -------
-    ndarray of shape (n_samples, n_columns)
-
-    Raises
-    ------
-    ChannelError
-        If X is not two-dimensional, or its columns are not those of ``fit``.
-    """
+    """The input of an estimator as a float matrix, its columns counted and named as in ``fit``."""
     names = column_names(X)
     require_two_dimensions(X)
     matrix = as_matrix(X, names or prefix, what="columns of X")

@@ -15,25 +15,7 @@ GAP = 1.5
 
 
 def by_record(record: Any, size: int) -> list[tuple[str, slice]]:
-    """Name and rows of each record.
-
-    Parameters
-    ----------
-    record : array-like of shape (n_samples,), optional
-        Record ids; None = one record.
-    size : int
-        Number of rows.
-
-    Returns
-    -------
-    list of (str, slice)
-        Consecutive rows with one id.
-
-    Raises
-    ------
-    ChannelError
-        If an id is missing.
-    """
+    """Name and rows of each record."""
     if record is None:
         return [("record", slice(0, size))]
     ids = np.asarray(record).ravel()
@@ -48,36 +30,13 @@ def by_record(record: Any, size: int) -> list[tuple[str, slice]]:
 
 
 def gaps(seconds: np.ndarray) -> np.ndarray:
-    """Rows after which the clock of one record jumps.
-
-    Parameters
-    ----------
-    seconds : ndarray of shape (n_samples,)
-        s, rising.
-
-    Returns
-    -------
-    ndarray of int
-    """
+    """Rows after which the clock of one record jumps."""
     steps = np.diff(seconds)
     return np.flatnonzero(steps > GAP * np.median(steps)) if len(steps) > 2 else np.zeros(0, dtype=int)
 
 
 def contiguous(size: int, record: Any = None, seconds: np.ndarray | None = None) -> list[tuple[str, slice]]:
-    """Pieces without a gap: rows with one record id whose clock ticks evenly.
-
-    Parameters
-    ----------
-    size : int
-        Number of rows.
-    record : array-like of shape (n_samples,), optional
-    seconds : ndarray of shape (n_samples,), optional
-        Time, s. Where a cross-validation has taken rows out of a record, its clock jumps.
-
-    Returns
-    -------
-    list of (str, slice)
-    """
+    """Pieces without a gap: rows with one record id whose clock ticks evenly."""
     pieces = by_record(record, size)
     if seconds is None:
         return pieces

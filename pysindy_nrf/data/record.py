@@ -504,18 +504,7 @@ def _clock(fs: Any, time: Any, n: int, name: str) -> tuple[float, float]:
 
 
 def seconds_of(time: Any, name: str = "record") -> np.ndarray:
-    """Times as float seconds.
-
-    Parameters
-    ----------
-    time : array-like of numbers (s), datetimes or timedeltas
-    name : str
-        Name of the record, for messages.
-
-    Returns
-    -------
-    ndarray of shape (n_samples,)
-    """
+    """Times as float seconds."""
     if isinstance(time, (pd.DatetimeIndex, pd.TimedeltaIndex)):
         seconds = ((time - time[0]) / pd.Timedelta(seconds=1)).to_numpy(dtype=float)
     elif (array := plain_times(time)).dtype.kind in "mM":
@@ -531,23 +520,7 @@ def seconds_of(time: Any, name: str = "record") -> np.ndarray:
 
 
 def plain_times(time: Any) -> np.ndarray:
-    """Times as an array of numbers, ``datetime64`` or ``timedelta64``; those with a time zone become UTC.
-
-    Parameters
-    ----------
-    time : array-like of numbers (s), datetimes or timedeltas
-
-    Returns
-    -------
-    ndarray
-
-    Examples
-    --------
-    >>> import pandas as pd
-    >>> from pysindy_nrf.data.record import plain_times
-    >>> plain_times(pd.date_range("2024-05-01 12:00", periods=2, freq="s", tz="Europe/Berlin"))[0].item().hour
-    10
-    """
+    """Times as an array of numbers, ``datetime64`` or ``timedelta64``; those with a time zone become UTC."""
     array = np.asarray(time)
     if array.dtype == object and array.size and isinstance(array.flat[0], datetime):
         return pd.DatetimeIndex(pd.to_datetime(array.ravel(), utc=True)).tz_localize(None).to_numpy()

@@ -36,35 +36,7 @@ _ROWS_PER_COLUMN = 20  # fewer samples than this say nothing about further colum
 
 
 def missing_terms(estimator: Any, X: Any, F: Any = None, **options: Any) -> pd.DataFrame:
-    """What the laws of a fitted regressor leave to be explained, step by step.
-
-    Parameters
-    ----------
-    estimator : fitted NRFRegressor
-    X, F, **options
-        The data of its ``fit``.
-
-    Returns
-    -------
-    DataFrame
-        One row for each step of the solve: ``residual`` (percent of its right-hand side), ``gain`` (percent of
-        the held-out residual that columns the laws do not have remove), ``missing`` (what they explain, percent
-        of the right-hand side), ``shift`` (percent by which the mass moves with them; NaN where the step has no
-        unknown mass), ``lasting`` (percent of the held-out residual that a constant and a ramp in time remove: a
-        sensor with a wrong zero or a drift), ``biased`` (bool: gain above 5 % and missing above 2 %).
-
-    Examples
-    --------
-    >>> import warnings
-    >>> from pysindy_nrf import NRFRegressor, datasets
-    >>> from pysindy_nrf.diagnostics import missing_terms
-    >>> X, F = datasets.load_demo().to_features()
-    >>> with warnings.catch_warnings():
-    ...     warnings.simplefilter("ignore")
-    ...     linear = NRFRegressor(degree=1).fit(X, F)  # storey 1 is cubic
-    >>> missing_terms(linear, X, F)["biased"].to_dict()
-    {'balance of DOF 2': False, 'balance of DOF 3': False, 'balance of DOF 1': True}
-    """
+    """What the laws of a fitted regressor leave to be explained, step by step."""
     data = as_segments(estimator, X, F, **options)
     return missing_terms_of(estimator.model_, estimator.walk_, data, estimator.band)
 
@@ -137,26 +109,7 @@ class MissingTerms:
 
 
 def wrong_zeros(table: pd.DataFrame) -> list[str]:
-    """A question on the zeros of sensors, where a constant or a ramp explains nearly all that a balance leaves.
-
-    Parameters
-    ----------
-    table : DataFrame
-        Of :func:`missing_terms`.
-
-    Returns
-    -------
-    list of str
-        One sentence, or none.
-
-    Examples
-    --------
-    >>> import pandas as pd
-    >>> from pysindy_nrf.diagnostics.bias import wrong_zeros
-    >>> columns = {"residual": 40.0, "gain": 30.0, "missing": 22.0, "shift": 9.0, "lasting": 99.0, "biased": True}
-    >>> wrong_zeros(pd.DataFrame(columns, index=["balance of DOF 2"]))[0].split(". ")[1].split("?")[0]
-    'Does a displacement there (of DOF 2 or a neighbour) or its force read a wrong zero, or drift'
-    """
+    """A question on the zeros of sensors, where a constant or a ramp explains nearly all that a balance leaves."""
     if "lasting" not in table:
         return []
     lasting = table["lasting"].to_numpy()
@@ -178,28 +131,7 @@ def wrong_zeros(table: pd.DataFrame) -> list[str]:
 
 
 def warn_of_bias(table: pd.DataFrame, masses: Sequence[str] = (), stacklevel: int = 2) -> None:
-    """Raise one BiasWarning if masses or zeros are doubtful, or a step of :func:`missing_terms` is biased.
-
-    Parameters
-    ----------
-    table : DataFrame
-    masses : sequence of str
-        Sentences of :func:`pysindy_nrf.regression.chain_solve.doubtful_masses`.
-    stacklevel : int
-
-    Examples
-    --------
-    >>> import warnings
-    >>> import pandas as pd
-    >>> from pysindy_nrf.diagnostics import warn_of_bias
-    >>> columns = {"residual": 40.0, "gain": 90.0, "missing": 38.0, "shift": 21.0, "biased": True}
-    >>> table = pd.DataFrame(columns, index=["balance of DOF 1"])
-    >>> with warnings.catch_warnings(record=True) as caught:
-    ...     warnings.simplefilter("always")
-    ...     warn_of_bias(table)
-    >>> caught[0].category.__name__, str(caught[0].message).split(":")[0]
-    ('BiasWarning', 'Balance of DOF 1')
-    """
+    """Raise one BiasWarning if masses or zeros are doubtful, or a step of :func:`missing_terms` is biased."""
     zeros = wrong_zeros(table)
     said = [*zeros, *masses]
     biased = table["biased"].to_numpy(dtype=bool)
@@ -264,10 +196,7 @@ def _combination(step: Any, layout: LawLayout, coefficients: dict, masses: dict,
 
 
 def _judged(grams: np.ndarray, n_own: int, has_mass: np.ndarray, enough: np.ndarray) -> np.ndarray:
-    """Residual, gain, shift and lasting of some steps that have as many columns, shape (n_steps, 4).
-
-    ``grams`` has the shape (n_steps, FOLDS, p + 1, p + 1); steps without ``enough`` data are told their residual only.
-    """
+    """Residual, gain, shift and lasting of some steps that have as many columns, shape (n_steps, 4)."""
     total = grams.sum(axis=1)
     scale = np.sqrt(np.einsum("kii->ki", total))
     scale[scale == 0] = 1.0

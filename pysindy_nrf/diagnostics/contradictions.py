@@ -18,34 +18,7 @@ _MUCH, _TIMES = 10.0, 3.0
 
 
 def contradictions_of(solution: Solution, moments: Moments) -> list[str]:
-    """Sentences on storeys and links that two balances find unlike each other.
-
-    Parameters
-    ----------
-    solution : Solution
-        With the ``twins`` of complete excitation.
-    moments : Moments
-        Of the data, in the columns of the solution.
-
-    Returns
-    -------
-    list of str
-        One sentence, or none.
-
-    Examples
-    --------
-    >>> import warnings
-    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
-    >>> truth = ChainModel([5.0, 4.0, 3.0], dict.fromkeys((1, 2, 3), laws.PowerSeries(1, [20.0, 4e4])))
-    >>> F = excitation.band_limited_random(3, 8.0, 500.0, dofs=[1, 2, 3], rms=40.0, band=(1, 40), random_state=0)
-    >>> record = simulate(truth, F, 0.002, hold="cubic")
-    >>> pounds = record.force / [1.0, 4.448, 1.0]
-    >>> with warnings.catch_warnings():
-    ...     warnings.simplefilter("ignore")
-    ...     model = NRFRegressor(degree=1).fit(record.replace(force=pounds))
-    >>> model.doubts_["forces"][0].split(":")[1].split(",")[0]
-    ' storey 2 and storey 3 are found twice'
-    """
+    """Sentences on storeys and links that two balances find unlike each other."""
     hit = []
     for site in sorted(solution.twins, key=str):
         own = {s: twin if s.q == site.q else solution.coefficients[s] for s, twin in solution.twins.items()}

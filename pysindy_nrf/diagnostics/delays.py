@@ -38,44 +38,7 @@ BETWEEN = 12**-0.5  # standard error of a blow whose place within one sample is 
 
 
 def force_delay(estimator: Any, X: Any = None, F: Any = None, **options: Any) -> pd.DataFrame:
-    """Delay of each measured force against the motion.
-
-    Parameters
-    ----------
-    estimator : fitted NRFRegressor
-        Its laws and its band are used, its numbers are not.
-    X, F, **options
-        As for its ``fit``; the data of the fit if None (they are gone after loading).
-
-    Returns
-    -------
-    DataFrame
-        By force (``F1``..): ``delay`` (s, positive = the force is late; NaN without a clock), ``samples``
-        (of the first record; NaN where the laws explain less than half of the balance at any delay, or a filter masked
-        the only blow), ``error`` (standard error, samples), ``aligned`` (bool) and ``message``. Forces
-        that act in no balance with a single unknown force are left out.
-
-    Raises
-    ------
-    ChannelError
-        If no force is measured, or the data are gone.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
-    >>> from pysindy_nrf.diagnostics.delays import force_delay
-    >>> truth = ChainModel([10.0], {"storey 1": laws.PowerSeries(1, [100.0, 1e5])})
-    >>> F = excitation.band_limited_random(1, 4.0, 1000.0, dofs=[1], rms=100.0, band=(1, 60), random_state=0)
-    >>> record = simulate(truth, F, 1e-3)
-    >>> late = record.replace(force=np.roll(F, 3, axis=0))  # the force channel comes 3 ms late
-    >>> import warnings
-    >>> with warnings.catch_warnings():
-    ...     warnings.simplefilter("ignore")
-    ...     model = NRFRegressor(degree=1).fit(late)
-    >>> force_delay(model).loc["F1", "samples"].round(1).item()
-    3.0
-    """
+    """Delay of each measured force against the motion."""
     if X is None:
         fit = estimator.fit_data("Pass X and F.")
         data, filters = fit.data, fit.filters
@@ -120,10 +83,7 @@ def _words(j: int, samples: float, dt: float | None, aligned: bool) -> str:
 
 
 def _delay(data: SegmentSet, filters: Sequence[Any], layout: LawLayout, j: int) -> tuple[float, float] | None:
-    """Delay in samples of the first record and its standard error, or None where nothing can be told.
-
-    Each sampling rate by itself, for a shift by whole samples is another time at another rate.
-    """
+    """Delay in samples of the first record and its standard error, or None where nothing can be told."""
     rates: list[list[tuple[Segment, Any]]] = []
     for seg, filter in zip(data.segments, filters):
         alike = (r for r in rates if seg.dt is None or (r[0][0].dt and abs(seg.dt / r[0][0].dt - 1) < SAME_RATE))
@@ -185,10 +145,7 @@ def _delay_at(segments: Sequence[tuple[Segment, Any]], layout: LawLayout, j: int
 
 
 def _lowest(gram: np.ndarray) -> tuple[float, float, float] | None:
-    """Shift, samples, at which the force leaves least, NaN if that is most of it; None at the ends of the range.
-
-    Beside it its standard error for a single sample of white residual, and the share of the force in the largest term.
-    """
+    """Shift, samples, at which the force leaves least, NaN if that is most of it; None at the ends of the range."""
     p = len(gram) - 2 * MOST - 1
     size = np.sqrt(np.diag(gram))
     if not (size > 0).all():

@@ -34,40 +34,7 @@ _NOTHING = 1e-3
 def jump_bias_of(
     model: Any, walk: Any, data: SegmentSet, band: Any = None, known_masses: Any = None, inner: Any = None
 ) -> pd.DataFrame:
-    """Coefficients of forces that jump, with and without the samples next to the turns of the motion.
-
-    Parameters
-    ----------
-    model : ChainModel
-        By least squares.
-    walk : Walk
-    data : SegmentSet
-    band : (float, float) or None
-        Hz; a filter spreads every jump, and nothing is said then.
-    known_masses : mapping of int to float, optional
-        kg.
-    inner : PySINDy optimizer, optional
-
-    Returns
-    -------
-    DataFrame
-        Index = term, e.g. ``"storey 2: sgn(v)"``, but for those that live next to rest alone; ``found``, ``away`` (from
-        some thousand samples, without those at a turn: see :mod:`~pysindy_nrf.diagnostics.rest`), ``lost`` (share of
-        ``away``), ``wrong`` (bool: by more than a tenth, more than chance and more than a thousandth of the force of
-        its balance), ``unit``.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
-    >>> from pysindy_nrf.diagnostics.jumps import jump_bias_of
-    >>> storey = [laws.LinearElastic(1e5), laws.LinearViscous(60.0), laws.CoulombFriction(20.0)]
-    >>> F = excitation.band_limited_random(1, 10.0, 2000.0, dofs=1, rms=200.0, band=(1, 30), random_state=0)
-    >>> record = simulate(ChainModel([10.0], {"storey 1": storey}), F, 1 / 2000)
-    >>> model = NRFRegressor(laws={"storey 1": storey}).fit(record)  # samples close enough, and no noise
-    >>> found = jump_bias_of(model.model_, model.walk_, model.model_.segments(record))
-    >>> found["away"].round(1).to_dict(), found["wrong"].tolist()
-    ({'storey 1: sgn(v)': 20.0}, [False])
-    """
+    """Coefficients of forces that jump, with and without the samples next to the turns of the motion."""
     judge = JumpBias(model, walk, known_masses, inner, silent=band is not None)
     show(judge.layout, data, band, judge.asked)
     return judge.table()

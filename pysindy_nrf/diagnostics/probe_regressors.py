@@ -13,32 +13,7 @@ _LOOPS = 4  # first of three columns of hysteresis
 
 
 def further_columns(v: np.ndarray, s: np.ndarray, scales: np.ndarray, clock: np.ndarray) -> np.ndarray:
-    """Friction, a quadratic damper and spring, a gap, three loops of hysteresis; a constant and a ramp.
-
-    The drift since the last reversal is what a saturated hysteresis depends on (Masing's rule).
-
-    Parameters
-    ----------
-    v, s : ndarray of shape (n_sites, n_samples)
-        Rates and drifts of consecutive samples, m/s and m; C-contiguous.
-    scales : ndarray of shape (n_sites, 2)
-        Size of the rate and of the drift of each site, m/s and m.
-    clock : ndarray of shape (n_samples,)
-        Time, from -1 to 1.
-
-    Returns
-    -------
-    ndarray of shape (n_sites, OFFERED, n_samples)
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf.diagnostics.probe_regressors import further_columns
-    >>> v, s = np.array([[1.0, 1.0, -1.0]]), np.array([[0.0, 2.0, 1.0]])
-    >>> further_columns(v, s, np.ones((1, 2)), np.array([-1.0, 0.0, 1.0]))[0, [0, 3]]  # sign of the rate; a gap of 1
-    array([[ 1.,  1., -1.],
-           [ 0.,  1.,  0.]])
-    """
+    """Friction, a quadratic damper and spring, a gap, three loops of hysteresis; a constant and a ramp."""
     out = np.empty((len(v), OFFERED, len(clock)))
     if out.size:
         plain, loops = _compiled()
@@ -49,8 +24,7 @@ def further_columns(v: np.ndarray, s: np.ndarray, scales: np.ndarray, clock: np.
 
 @cache
 def _compiled() -> tuple[Callable[..., None], Callable[..., None]]:
-    """Compiled: all columns but the loops, with minus the drift since the last reversal in the first row of these;
-    the loops, from the exponential of that row."""
+    """Compiled."""
     from ..laws.compiled import jit
 
     def plain_columns(v, s, scales, clock, out):

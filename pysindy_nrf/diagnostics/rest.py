@@ -19,26 +19,7 @@ _BEYOND, _WRONG = 3.0, 0.1
 
 
 def moving(rate: np.ndarray, share: float) -> np.ndarray:
-    """Samples away from the turns of a motion, and faster than a share of its rms rate.
-
-    Parameters
-    ----------
-    rate : ndarray of shape (n_samples,)
-        Consecutive samples, divided by their rms.
-    share : float
-
-    Returns
-    -------
-    ndarray of bool, shape (n_samples,)
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf.diagnostics.rest import moving
-    >>> rate = np.array([1.0, 0.9, 0.8, 0.3, -0.1, -0.5, -0.9, -0.2, -1.0])
-    >>> moving(rate, 0.0).astype(int).tolist(), moving(rate, 0.4).astype(int).tolist()
-    ([1, 1, 0, 0, 0, 0, 1, 1, 1], [1, 1, 0, 0, 0, 0, 1, 0, 1])
-    """
+    """Samples away from the turns of a motion, and faster than a share of its rms rate."""
     out = np.abs(rate) >= share
     turns = np.flatnonzero(np.diff(np.sign(rate)))
     near = (turns[:, None] + np.arange(1 - _BESIDE, 1 + _BESIDE)).ravel()
@@ -47,56 +28,13 @@ def moving(rate: np.ndarray, share: float) -> np.ndarray:
 
 
 def lives_there(kept: np.ndarray, whole: np.ndarray) -> np.ndarray:
-    """Which forces still act in the samples that are left; what rises only next to rest is not told by the others.
-
-    Parameters
-    ----------
-    kept, whole : ndarray of shape (n_terms,)
-        Rms of each column in the samples that are left, and in all.
-
-    Returns
-    -------
-    ndarray of bool, shape (n_terms,)
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf.diagnostics.rest import lives_there, moving
-    >>> rate = 0.5 * np.sin(np.linspace(0, 20, 2000))  # m/s
-    >>> friction, stribeck = np.sign(rate), np.sign(rate) * np.exp(-((rate / 0.02) ** 2))
-    >>> away = moving(rate / rate.std(), 0.1)
-    >>> both = np.column_stack([friction, stribeck])
-    >>> lives_there(both[away].std(axis=0), both.std(axis=0)).tolist()
-    [True, False]
-    """
+    """Which forces still act in the samples that are left; what rises only next to rest is not told by the others."""
     return kept >= _LIVES * whole
 
 
 def first_settled(found: Sequence[np.ndarray], without: Sequence[np.ndarray]) -> int:
-    """The first of several estimates, each from fewer samples, from which none of the later ones differs but by chance.
-
-    What leaving out more samples does not change is no longer made wrong by them, and the first such estimate has the
-    most samples (O. V. Lepskii, Theory of Probability and its Applications 35, 1991, 454).
-
-    Parameters
-    ----------
-    found : sequence of ndarray of shape (n_terms,)
-        The estimates.
-    without : sequence of ndarray of shape (n_parts, n_terms)
-        The same with one part of the data left out after the other.
-
-    Returns
-    -------
-    int
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf.diagnostics.rest import first_settled
-    >>> found = np.array([[5.0], [7.8], [8.1], [8.0]])
-    >>> chance = 0.1 * np.random.default_rng(0).standard_normal((4, 6, 1))
-    >>> first_settled(found, found[:, None] + chance)
-    1
+    """The first of several estimates, each from fewer samples, from which none of the later ones differs but by
+    chance.
     """
     for i in range(len(found) - 1):
         apart = [
@@ -109,18 +47,7 @@ def first_settled(found: Sequence[np.ndarray], without: Sequence[np.ndarray]) ->
 
 
 def made_wrong(found: np.ndarray, away: np.ndarray, difference: np.ndarray) -> np.ndarray:
-    """Which coefficients from all samples differ from those away from rest by more than a tenth, and than chance.
-
-    Parameters
-    ----------
-    found, away : ndarray of shape (n_terms,)
-    difference : ndarray of shape (n_parts, n_terms)
-        ``away - found`` with one part of the data left out after the other.
-
-    Returns
-    -------
-    ndarray of bool, shape (n_terms,)
-    """
+    """Which coefficients from all samples differ from those away from rest by more than a tenth, and than chance."""
     gap = away - found
     return (np.abs(gap) > _WRONG * np.abs(away)) & _beyond_chance(gap, difference)
 

@@ -212,11 +212,7 @@ def _delays(model: Any) -> list[Finding]:
 
 
 def _noise(model: Any) -> list[Finding]:
-    """The bias that white noise still in the motions gives a least-squares mass, balance by balance.
-
-    ``theta = (G - N)^-1 G theta_LS`` with the Gram matrix G of the columns and N that of their noise, both as the
-    filters of the fit pass them on.
-    """
+    """The bias that white noise still in the motions gives a least-squares mass, balance by balance."""
     fit = model._fit_data
     if fit is None or model.model_.info.get("estimation", {}).get("found") != "ls":
         return []

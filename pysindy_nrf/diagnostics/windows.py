@@ -69,16 +69,7 @@ class Judge(Protocol):
 
 
 def show(layout: LawLayout, data: SegmentSet, band: Any, judges: Sequence[Judge]) -> None:
-    """Walk once through the windows of some data, with all who want to see them.
-
-    Parameters
-    ----------
-    layout : LawLayout
-    data : SegmentSet
-    band : (float, float) or None
-        Hz; columns are filtered whole.
-    judges : sequence of Judge
-    """
+    """Walk once through the windows of some data, with all who want to see them."""
     if judges:
         for number, window in enumerate(windows(layout, data, band)):
             for judge in judges:

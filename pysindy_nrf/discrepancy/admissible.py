@@ -23,20 +23,7 @@ _SLACK = 0.1
 
 
 def admissible(law: ForceLaw, coefficients: np.ndarray, sizes: np.ndarray) -> bool:
-    """Whether the coefficients of an undeclared effect can be real.
-
-    Parameters
-    ----------
-    law : ForceLaw
-    coefficients : ndarray of shape (n_terms,)
-    sizes : ndarray of shape (n_terms,)
-        Rms of the columns.
-
-    Returns
-    -------
-    bool
-        False if a part of the law that can only resist would drive, by more than a tenth of its rms.
-    """
+    """Whether the coefficients of an undeclared effect can be real."""
     if law.covariates and law.name != "ground_friction":
         return True
     if law.family not in _POSITIVE and law.name not in _POSITIVE_LAWS:

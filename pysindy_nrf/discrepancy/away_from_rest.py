@@ -21,24 +21,7 @@ _STEEP = 0.1
 
 
 def turn_of(law: ForceLaw) -> float:
-    """Drift within which a hysteresis turns over, m.
-
-    Parameters
-    ----------
-    law : ForceLaw
-
-    Returns
-    -------
-    float
-        The yield drift ``uy``, or one over the initial slope ``sigma`` (1/m); infinite for all other laws.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> from pysindy_nrf.discrepancy.away_from_rest import turn_of
-    >>> turn_of(laws.Dahl(1e4)), turn_of(laws.Jenkins(2e-4)), turn_of(laws.CoulombFriction())
-    (0.0001, 0.0002, inf)
-    """
+    """Drift within which a hysteresis turns over, m."""
     shape = law.shape if law.family == "hysteresis" else {}
     if "uy" in shape:
         return float(np.inf if shape["uy"] is None else shape["uy"])
@@ -46,17 +29,7 @@ def turn_of(law: ForceLaw) -> float:
 
 
 def jumping(stage: Stage) -> list[tuple[Site, int]]:
-    """Terms of a model whose force jumps, or all but jumps, where the rate changes its sign.
-
-    Parameters
-    ----------
-    stage : Stage
-
-    Returns
-    -------
-    list of (Site, int)
-        Site, and number of the term there.
-    """
+    """Terms of a model whose force jumps, or all but jumps, where the rate changes its sign."""
     out = {(site, k) for site, k, _ in jumping_terms(stage.layout)}
     for (site, i), at in stage.at.items():
         law = stage.laws[site][i]
@@ -68,18 +41,7 @@ def jumping(stage: Stage) -> list[tuple[Site, int]]:
 
 
 def share_to_leave(stage: Stage) -> float | None:
-    """Which samples are next to rest, where least squares on all of them loses a part of a force that jumps.
-
-    Parameters
-    ----------
-    stage : Stage
-
-    Returns
-    -------
-    float or None
-        Share of the rms rate of each site with such a force, :func:`pysindy_nrf.diagnostics.rest.moving`; None where
-        nothing jumps, where a filter spreads every jump, and where it makes no difference beyond chance and a tenth.
-    """
+    """Which samples are next to rest, where least squares on all of them loses a part of a force that jumps."""
     at = [stage.layout.slices[site].start + k for site, k in jumping(stage)]
     if not at or any(filter is not None for filter in stage.work.filters):
         return None
@@ -101,17 +63,8 @@ def share_to_leave(stage: Stage) -> float | None:
 
 
 def leaving_rest(stage: Stage, share: float) -> Stage:
-    """The same model, fitted without the samples of the search at which a site with a force that jumps is next to rest.
-
-    Parameters
-    ----------
-    stage : Stage
-    share : float
-        Of the rms rate of each such site.
-
-    Returns
-    -------
-    Stage
+    """The same model, fitted without the samples of the search at which a site with a force that jumps is next to
+    rest.
     """
     work = stage.work
     kept = np.ones(sum(rows.stop - rows.start for rows in work.spans), dtype=bool)

@@ -17,20 +17,7 @@ _MORE = 2
 
 
 def explored(rounds: Rounds, stage: Stage, max_steps: int) -> Rounds:
-    """Rounds to their end, and those of other beginnings where they explain clearly more.
-
-    Parameters
-    ----------
-    rounds : Rounds
-    stage : Stage
-        The baseline.
-    max_steps : int
-
-    Returns
-    -------
-    Rounds
-        The ones to report, settled.
-    """
+    """Rounds to their end, and those of other beginnings where they explain clearly more."""
     rounds.go(stage, max_steps)
     settle(rounds)
     best = last = rounds

@@ -33,18 +33,7 @@ class Candidate:
 
 
 def default_catalogue(covariates: Sequence[str] = ()) -> list[ForceLaw]:
-    """All laws of the package that can be an undeclared effect.
-
-    Parameters
-    ----------
-    covariates : sequence of str
-        Further channels of the records; laws that a covariate drives are tried with each.
-
-    Returns
-    -------
-    list of ForceLaw
-        Without values.
-    """
+    """All laws of the package that can be an undeclared effect."""
     plain: list[ForceLaw] = [
         laws.CoulombFriction(),
         laws.AsymmetricFriction(),
@@ -97,17 +86,7 @@ def default_catalogue(covariates: Sequence[str] = ()) -> list[ForceLaw]:
 
 
 def as_laws(catalogue: Iterable[Any] | None, covariates: Sequence[str]) -> list[ForceLaw]:
-    """The catalogue a user passed, or the default one.
-
-    Parameters
-    ----------
-    catalogue : iterable of ForceLaw or of ForceLaw classes, optional
-    covariates : sequence of str
-
-    Returns
-    -------
-    list of ForceLaw
-    """
+    """The catalogue a user passed, or the default one."""
     if catalogue is None:
         return default_catalogue(covariates)
     chosen = []
@@ -149,16 +128,7 @@ SPECIAL_CASES = {
 
 
 def balances_of(site: Site) -> Site:
-    """One site for all that stand in the same balance with the same motion: on a DOF is from it to the ground.
-
-    Parameters
-    ----------
-    site : Site
-
-    Returns
-    -------
-    Site
-    """
+    """One site for all that stand in the same balance with the same motion: on a DOF is from it to the ground."""
     return Site(f"ground {site.p}") if site.kind == "dof" else site
 
 
@@ -170,28 +140,7 @@ def candidates(
     forced: Iterable[int],
     n_records: int = 1,
 ) -> Iterator[Candidate]:
-    """Every force law at every site where it makes sense.
-
-    Faulty sensors are no forces; :mod:`pysindy_nrf.discrepancy.sensors` tries them.
-
-    Parameters
-    ----------
-    catalogue : iterable of ForceLaw
-    chain : Chain
-    known_masses, forced : iterable of int
-        An added mass can only be told from a mass that is known, where a force acts or further up. Without a force
-        every balance is homogeneous, and a column that resembles the acceleration takes it to zero:
-        inertia, leaking base motion and Maxwell branches are not tried there.
-    covariates : sequence of str
-        Channels that the records have.
-    n_records : int
-        Records that are searched. In several, a change at one time after the start of each would have to
-        heal in between: steps and drifts are tried in a single record only.
-
-    Yields
-    ------
-    Candidate
-    """
+    """Every force law at every site where it makes sense."""
     n = chain.n_dof
     grounds = [Site(f"ground {j}") for j in range(1, n + 1)]  # of DOF 1 it is storey 1, which a free chain has not
     skips = [Site(f"link {p}-{q}") for p in range(3, n + 1) for q in range(1, p - 1)]

@@ -73,51 +73,7 @@ def characterise(
     channels: Mapping[str, Any] | None = None,
     noise: float | None = None,
 ) -> Characterisation:
-    """Tell what a missing force depends on, by regressions judged on blocks left out.
-
-    Hat functions of s, of v, of both; sliders of several yield drifts for memory; linear forces and
-    friction that change with time, with amplitude or with a covariate; the highest spectral line; derivatives of
-    channels for a delay. Blocks are contiguous and dealt in turn to five folds, so the shares flatter a little:
-    they rank kinds of effects, the search judges laws.
-
-    Parameters
-    ----------
-    force : ndarray of shape (n_samples,) or list of them
-        N, e.g. ``residual.at("storey 2")``.
-    motion : Motion or list of Motion
-        At the site, e.g. ``segment.motion(site, segment.valid)``; t is needed for lines and delays.
-    filters : FairFilter or list of FairFilter or None, optional
-        What the force has passed; the columns pass it too.
-    beside : ndarray of shape (n_samples, p) or list of them, optional
-        Further columns that are allowed for everywhere, such as the baseline's own (already filtered).
-    channels : mapping of str to ndarray or list of ndarray, optional
-        Channels that may be late, e.g. ``{"F2": force}``.
-    noise : float, optional
-        Rms of the noise in the force, N, for the sentence.
-
-    Returns
-    -------
-    Characterisation
-
-    Raises
-    ------
-    ChannelError
-        If lengths differ, the force is not finite, or it is shorter than 200 samples.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf.discrepancy.characterisation import characterise
-    >>> from pysindy_nrf.laws import Motion
-    >>> t = np.arange(8000) / 500
-    >>> s = np.sin(9 * t) + 0.7 * np.sin(23.1 * t)
-    >>> v = 9 * np.cos(9 * t) + 0.7 * 23.1 * np.cos(23.1 * t)
-    >>> found = characterise(20 * np.sign(v) - 1.5 * v, Motion(s, v, t=t))
-    >>> found.dependence, found.features
-    ('v alone', ['jump at v = 0'])
-    >>> print(found)
-    Depends on v alone, odd, with a jump at v = 0: friction-like; ... % explained on data left out.
-    """
+    """Tell what a missing force depends on, by regressions judged on blocks left out."""
     work = _Work.of(force, motion, filters, beside, channels)
     judge, names = work.judge, work.names
     rows = {}
@@ -317,18 +273,7 @@ class _Work:
 
 
 def conditional_mean(x: np.ndarray, force: np.ndarray, bins: int = 30) -> pd.DataFrame:
-    """Mean of a force in bins of equal count of another signal.
-
-    Parameters
-    ----------
-    x, force : ndarray of shape (n_samples,)
-    bins : int
-
-    Returns
-    -------
-    DataFrame
-        ``centre`` (mean of x), ``mean``, ``error`` (standard error as if samples were independent), ``count``.
-    """
+    """Mean of a force in bins of equal count of another signal."""
     order = np.argsort(x, kind="stable")
     edges = np.linspace(0, len(x), min(bins, len(x)) + 1).astype(int)
     count = np.diff(edges)
@@ -340,11 +285,7 @@ def conditional_mean(x: np.ndarray, force: np.ndarray, bins: int = 30) -> pd.Dat
 
 
 def spectral_line(parts: Sequence[np.ndarray], motions: Sequence[Motion]) -> float:
-    """Frequency of the highest line of a residual that stands out of its surroundings, Hz; NaN if none does.
-
-    The peak of the Hann-windowed periodogram of the longest record against the median of the frequencies
-    around it; by chance one of all frequencies does as well in 1 % of records.
-    """
+    """Frequency of the highest line of a residual that stands out of its surroundings, Hz; NaN if none does."""
     longest = int(np.argmax([len(p) for p in parts]))
     e, t = parts[longest], motions[longest].t
     n = len(e)

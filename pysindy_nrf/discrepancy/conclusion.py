@@ -16,13 +16,7 @@ from .surrogate import Null
 
 
 def settle(rounds: Rounds) -> None:
-    """Estimate all effects of rounds that have come to their end together, and say which are not sure.
-
-    Parameters
-    ----------
-    rounds : Rounds
-        Changed in place.
-    """
+    """Estimate all effects of rounds that have come to their end together, and say which are not sure."""
     stage, null = rounds.stage, rounds.null
     standing = rounds.standing()
     away = share_to_leave(stage) if standing else None
@@ -32,18 +26,7 @@ def settle(rounds: Rounds) -> None:
 
 
 def concluded(rounds: Rounds, band: Any) -> LoopReport:
-    """The report of settled rounds; the held-out data are read here.
-
-    Parameters
-    ----------
-    rounds : Rounds
-    band : tuple or None
-        Hz.
-
-    Returns
-    -------
-    LoopReport
-    """
+    """The report of settled rounds; the held-out data are read here."""
     steps, stage, stopped = rounds.steps, rounds.stage, rounds.stopped
     for k in reversed(range(len(steps))):  # what later had to be added at its site was not said by its name
         later = [s for s in steps[k + 1 :] if balances_of(Site(s.site)) == balances_of(Site(steps[k].site))]

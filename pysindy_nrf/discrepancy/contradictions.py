@@ -35,17 +35,7 @@ class Suspect:
 
 
 def contradictions(ready: Prepared, work: Workspace) -> list[str]:
-    """Channels of one DOF that do not show one motion, in words.
-
-    Parameters
-    ----------
-    ready : Prepared
-    work : Workspace
-
-    Returns
-    -------
-    list of str
-    """
+    """Channels of one DOF that do not show one motion, in words."""
     said = [s.remark for size, s in contradictory(ready, work) if size >= _SAID]
     return list(dict.fromkeys(said[:MOST]))
 
@@ -67,10 +57,7 @@ def _runs(work: Workspace) -> tuple[int, list[slice]]:
 
 
 def contradictory(ready: Prepared, work: Workspace) -> list[tuple[float, Suspect]]:
-    """Faults that would reconcile the channels of one DOF, with their size as a share of the channel, largest first.
-
-    They are looked for once: nothing in the channels changes from step to step.
-    """
+    """Faults that would reconcile the channels of one DOF, with their size as a share of the channel, largest first."""
     if ready.contradictions is not None:
         return ready.contradictions
     try:
@@ -124,10 +111,7 @@ def _halves(runs: Sequence[slice]) -> list[Sequence[slice]]:
 
 
 def _beyond_noise(gain: float, coherence: float) -> float:
-    """Deviation of a gain from 1; zero where noise in either channel alone could make it seem so.
-
-    The gain lies between that of a noisy output, ``g sqrt(coherence)``, and of a noisy input, ``g / sqrt(coherence)``.
-    """
+    """Deviation of a gain from 1; zero where noise in either channel alone could make it seem so."""
     return abs(gain - 1.0) if gain <= 0 or abs(np.log(gain)) > -0.5 * np.log(coherence) else 0.0
 
 

@@ -72,21 +72,7 @@ class Signal:
 
 
 def cross_covariance(x: Parts | Signal, y: Parts | Signal, lags: int, first: int | None = None) -> Cross:
-    """Cross-covariance of two signals over contiguous records, means taken off.
-
-    Parameters
-    ----------
-    x, y : Signal or sequence of ndarray
-        One pair for each record.
-    lags : int
-        Largest lag, samples.
-    first : int, optional
-        Smallest lag; ``-lags`` if None.
-
-    Returns
-    -------
-    Cross
-    """
+    """Cross-covariance of two signals over contiguous records, means taken off."""
     from scipy.fft import irfft
 
     x, y = (s if isinstance(s, Signal) else Signal(s) for s in (x, y))
@@ -104,20 +90,7 @@ def cross_covariance(x: Parts | Signal, y: Parts | Signal, lags: int, first: int
 
 
 def probability_of_peak(height: float, n_lags: int, omega: float) -> float:
-    """Probability that the correlation of independent signals exceeds a height at any lag.
-
-    Parameters
-    ----------
-    height : float
-        In standard deviations.
-    n_lags : int
-    omega : float
-        See :class:`Cross`: neighbouring lags of slow signals are not independent (Rice's formula).
-
-    Returns
-    -------
-    float
-    """
+    """Probability that the correlation of independent signals exceeds a height at any lag."""
     from scipy.special import ndtr
 
     single = 2 * float(ndtr(-height))
@@ -133,28 +106,7 @@ def peak_limit(level: float, n_lags: int, omega: float) -> float:
 
 
 def whitened_autocorrelation(parts: Parts, density: Sequence[np.ndarray], lags: int) -> tuple[np.ndarray, int]:
-    r"""Autocorrelation of a signal after division of its spectrum by a reference, in the reference's band alone.
-
-    .. math:: \phi(\tau) = \sum_k r_k \cos(\pi k \tau / M) / \sum_k r_k, \quad r_k = I_k / S_k
-
-    over the M frequencies with ``S_k > max S / 4`` (beyond, what leaks from the band outweighs the
-    rest): they are spread over the whole axis, so that noise of the reference's colour becomes white and
-    :math:`\phi` has the standard deviation ``1/sqrt(2 M)``.
-
-    Parameters
-    ----------
-    parts : sequence of ndarray
-    density : sequence of ndarray
-        Reference spectrum of each record at the frequencies of ``rfft``, of any level.
-    lags : int
-
-    Returns
-    -------
-    phi : ndarray of shape (lags,)
-        From lag 1.
-    n : int
-        2 M: the number of white samples it is worth.
-    """
+    r"""Autocorrelation of a signal after division of its spectrum by a reference, in the reference's band alone."""
     lag = np.arange(1, lags + 1)
     top, bottom, n = np.zeros(lags), 0.0, 0
     for e, S in zip(parts, density):

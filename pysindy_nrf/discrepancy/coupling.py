@@ -62,40 +62,7 @@ class Coupling:
 
 
 def couplings(residual: Residual, floor: NoiseFloor | None = None) -> list[Coupling]:
-    r"""Storeys whose residual is no function of their own motion, the loudest first.
-
-    In a chain the force missing across a cut, :math:`\rho_i = \sum_{j \ge i} e_j`, depends on the motion of
-    storey i alone (and of what else crosses the cut, which the search tries). Columns of such laws are
-    fitted, then the drifts and rates of all other storeys; both are judged on blocks left out.
-
-    Parameters
-    ----------
-    residual : Residual
-    floor : NoiseFloor, optional
-        Storeys near it are left out.
-
-    Returns
-    -------
-    list of Coupling
-
-    Examples
-    --------
-    A torsional mode, say, that the floors have in common: storey 2 answers to the drift of storey 1.
-
-    >>> import numpy as np
-    >>> from pysindy_nrf import ChainModel, laws, simulate
-    >>> from pysindy_nrf.discrepancy.coupling import couplings
-    >>> from pysindy_nrf.discrepancy.residual import residual_of
-    >>> from pysindy_nrf.regression.input_arrays import from_arrays
-    >>> spring = [laws.LinearElastic(1e5), laws.LinearViscous(100.0)]
-    >>> model = ChainModel([10.0, 10.0], {1: spring, 2: spring})
-    >>> F = 100 * np.random.default_rng(0).standard_normal((4000, 2))
-    >>> X, F = simulate(model, F, 1e-3).to_features(smooth=False)
-    >>> F["F2"] += 5e3 * X["s1"]
-    >>> found = couplings(residual_of(model, from_arrays(X, F)))[0]
-    >>> found.storey, found.coupled
-    (2, True)
-    """
+    r"""Storeys whose residual is no function of their own motion, the loudest first."""
     n, data = residual.n_dof, residual.data
     found = []
     for i in range(1, n + 1):

@@ -20,17 +20,7 @@ _RIDGE = (1e-9, 1e-5, 1e-3, 3e-2)
 
 
 def hats(x: np.ndarray, knots: np.ndarray) -> np.ndarray:
-    """Piecewise linear functions that are 1 at one knot and 0 at the others, constant beyond the ends.
-
-    Parameters
-    ----------
-    x : ndarray of shape (n_samples,)
-    knots : ndarray of shape (n_knots,)
-
-    Returns
-    -------
-    ndarray of shape (n_samples, n_knots)
-    """
+    """Piecewise linear functions that are 1 at one knot and 0 at the others, constant beyond the ends."""
     at = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
     share = np.clip((x - knots[at]) / (knots[at + 1] - knots[at]), 0.0, 1.0)
     out = np.zeros((len(x), len(knots)))

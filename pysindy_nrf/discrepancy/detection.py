@@ -112,58 +112,7 @@ def detect(
     lags: int | None = None,
     min_share: float = 0.02,
 ) -> Detection:
-    r"""Test every balance and storey for structure.
-
-    *Whiteness*: portmanteau of the autocorrelation, after division by the spectrum that the noise
-    floor (or, without one, white noise behind the filter) would have. *First order*:
-    :math:`\phi_{xe}` with inputs (forces, base acceleration, covariates) and the states s, v beside the
-    balance. *Higher
-    order* (Billings-Voon), on what drifts, rates and inputs do not explain linearly: :math:`\phi_{x^2 e}`,
-    :math:`\phi_{x^3 e}`, :math:`\phi_{|x||e|}` (in place of squares, whose heavy tails give false alarms),
-    :math:`\phi_{e(ex)}`. The noise floor's draws tell what correlation the noise in the channels causes
-    by itself: it is taken off, and where it scatters from draw to draw by more than that of
-    signals that were never fitted, the bands widen accordingly (Student's distribution).
-
-    Parameters
-    ----------
-    residual : Residual
-    floor : NoiseFloor, optional
-        Without it, noise is taken to be white within the filter's band, which only unfused channels with an
-        exact model come near to. Of a model that was fitted to these records take the floor of the same
-        fit: ``NoiseFloor.from_channels(model, records, regressor=regressor)``.
-    level : float
-        Probability of a false alarm in one balance or storey, shared equally by the tests of whiteness, of first and
-        of higher order; not corrected for the number of balances.
-    lags : int
-        Largest lag, samples; about a period of the motion if None.
-    min_share : float
-        Share of the residual's variance, beyond that of noise, below which a significant correlation is named in
-        the sentence, but does not change the verdict: long records show every bias of the fit.
-
-    Returns
-    -------
-    Detection
-
-    Raises
-    ------
-    NRFError
-        If ``residual`` is none.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf import ChainModel, laws, simulate
-    >>> from pysindy_nrf.discrepancy.detection import detect
-    >>> from pysindy_nrf.discrepancy.residual import residual_of
-    >>> from pysindy_nrf.simulation.excitation import band_limited_random
-    >>> from pysindy_nrf.regression.input_arrays import from_arrays
-    >>> spring = [laws.LinearElastic(1e5), laws.LinearViscous(100.0)]
-    >>> truth = ChainModel([10.0, 10.0], {1: spring, 2: [*spring, laws.CubicStiffness(1e9)]})
-    >>> F = band_limited_random(2, 4.0, 1000.0, dofs=[1, 2], rms=100.0, band=(1.0, 60.0), random_state=0)
-    >>> data = from_arrays(*simulate(truth, F, 1e-3).to_features(smooth=False))
-    >>> detect(residual_of(truth.with_laws({2: spring}), data)).verdicts["verdict"]["storey 2"]
-    'nonlinear effect missing'
-    """
+    r"""Test every balance and storey for structure."""
     if not isinstance(residual, Residual):
         raise NRFError(f"{type(residual).__name__} is not a residual", "Make one with residual_of(model, data).")
     verdicts: dict[str, dict[str, Any]] = {}
@@ -205,12 +154,7 @@ class _View:
         self._bases: dict[tuple[int, ...], tuple[np.ndarray, int]] = {}
 
     def basis(self, use: list[int], spacing: int, worth: float, every: int) -> tuple[np.ndarray, int]:
-        """Orthonormal columns of what is linear, in the band, and the rows lost at each end before thinning.
-
-        All drifts and rates, and the inputs at neighbouring times. No accelerations and no drifts at
-        neighbouring times, which hold them: beside the forces they close the true balance, whatever is missing.
-        ``worth`` is the number of independent samples: at most an eighth of it is spent on columns.
-        """
+        """Orthonormal columns of what is linear, in the band, and the rows lost at each end before thinning."""
         key = tuple(use)
         if key not in self._bases:
             segments = [self.data.segments[i] for i in use]

@@ -173,30 +173,7 @@ def look(
     chosen: str = "",
     floor: NoiseFloor | None = None,
 ) -> Evidence:
-    """Enter the rooms detection, localisation and characterisation with one model.
-
-    Held-out data are not read.
-
-    Parameters
-    ----------
-    work : Workspace
-        Its search blocks are used.
-    model : ChainModel
-        Fitted to them.
-    name : str
-    noise : sequence of Stage
-        The model's laws on surrogate records of it with nothing but noise: fitted to these as the model was to the
-        measured ones, they give the noise floor.
-    chosen : str
-        The site at which the loop then added an effect.
-    floor : NoiseFloor, optional
-        Instead of that of the surrogates, where it was measured or given.
-
-    Returns
-    -------
-    Evidence
-        A room that cannot be entered says why in ``not_possible``; nothing is raised.
-    """
+    """Enter the rooms detection, localisation and characterisation with one model."""
     out = Evidence(name, chosen=chosen)
     residual = _tried(out, "residual", lambda: searched_residual(work, model))
     if residual is None:
@@ -228,20 +205,7 @@ def look(
 
 
 def gather(scenes: Sequence[Any], models: Sequence[ChainModel], steps: Sequence[Any]) -> list[Evidence]:
-    """Evidence for the baseline and after every step; the steps get its sentences.
-
-    Parameters
-    ----------
-    scenes : sequence of Scene
-    models : sequence of ChainModel
-        One for each scene, fitted to the search data.
-    steps : sequence of Step
-        ``steps[k]`` was added to ``scenes[k]``.
-
-    Returns
-    -------
-    list of Evidence
-    """
+    """Evidence for the baseline and after every step; the steps get its sentences."""
     sites = [str(step.site) for step in steps] + [""] * (len(scenes) - len(steps))
     found = [
         look(scene.trial.work, model, scene.name, scene.noise, site, scene.floor)
@@ -257,22 +221,7 @@ def gather(scenes: Sequence[Any], models: Sequence[ChainModel], steps: Sequence[
 
 
 def searched(work: Workspace, most: int = _ENOUGH, data: SegmentSet | None = None) -> tuple[SegmentSet, list[Any]]:
-    """The part of the data that the search may see, cut to so many samples, and the filter of each record.
-
-    Parameters
-    ----------
-    work : Workspace
-    most : int
-        If there are more samples, each contiguous part gives its first ones, in proportion to its length. Parts
-        that are short beside the longest of their record say little of slow motions and are left out.
-    data : SegmentSet, optional
-        The same records, processed in another way.
-
-    Returns
-    -------
-    SegmentSet
-    list of FairFilter or None
-    """
+    """The part of the data that the search may see, cut to so many samples, and the filter of each record."""
     total = sum(b.rows.stop - b.rows.start for b in work.search)
     share = min(1.0, most / max(total, 1))
     longest: dict[int, int] = {}
@@ -289,17 +238,7 @@ def searched(work: Workspace, most: int = _ENOUGH, data: SegmentSet | None = Non
 
 
 def searched_residual(work: Workspace, model: ChainModel) -> Residual:
-    """Residual on the search data; laws that remember the path follow it from the start of the record.
-
-    Parameters
-    ----------
-    work : Workspace
-    model : ChainModel
-
-    Returns
-    -------
-    Residual
-    """
+    """Residual on the search data; laws that remember the path follow it from the start of the record."""
     data, filters = searched(work)
     residual = residual_of(model, data, filters)
     if not model.has_memory:

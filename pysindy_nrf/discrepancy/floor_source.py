@@ -71,13 +71,7 @@ class FloorSource:
         return self.repeats or self.known is not None
 
     def of(self, trial: Trial) -> NoiseFloor | None:
-        """The floor of one model; None where the surrogates have to tell it.
-
-        Raises
-        ------
-        ChannelError
-            If the records are no repetitions of one test.
-        """
+        """The floor of one model; None where the surrogates have to tell it."""
         return NoiseFloor.from_repeats(repeated(trial.work, trial.model())) if self.repeats else self.known
 
     def percent(self, trial: Trial, null: Null) -> float:
@@ -101,22 +95,7 @@ class FloorSource:
 
 
 def repeated(work: Workspace, model: ChainModel) -> Residual:
-    """Residual of repeated records along the rows that the search may see in all of them.
-
-    Parameters
-    ----------
-    work : Workspace
-    model : ChainModel
-
-    Returns
-    -------
-    Residual
-
-    Raises
-    ------
-    ChannelError
-        If there is one record only, or too few rows are common.
-    """
+    """Residual of repeated records along the rows that the search may see in all of them."""
     used = list(work.searched)
     segments = [work.data.segments[i] for i in used]
     least = min(seg.n_samples for seg in segments)

@@ -72,25 +72,7 @@ def judge(
     least: float = MIN_GAIN,
     at_floor: bool = False,
 ) -> Verdict:
-    """Accept an effect, or not.
-
-    Parameters
-    ----------
-    before, after : ndarray of shape (n_blocks,)
-        Pooled balance error on each search block after fitting to the others, percent.
-    n_parameters : int
-        Coefficients and shape parameters that the effect adds.
-    null_gain : float
-        Largest gain on surrogates without any effect.
-    least : float
-        Gain asked of an effect of one or two parameters.
-    at_floor : bool
-        Whether the model misses no more than where noise is all that it misses.
-
-    Returns
-    -------
-    Verdict
-    """
+    """Accept an effect, or not."""
     gain, wins = gain_of(before, after), float(np.mean(after < before))
     priced = least + PARAMETER_GAIN * max(0, n_parameters - 2)
     beyond_noise = (AT_THE_FLOOR if at_floor else 1.0) * null_gain + 0.05
@@ -120,24 +102,7 @@ def judge(
 
 
 def choose(findings: Sequence[Finding], before: float) -> tuple[Finding, list[Finding]]:
-    """The candidate to report, and the families that the data cannot tell from it.
-
-    Parameters
-    ----------
-    findings : sequence of Finding
-        Validated.
-    before : float
-        Median error without any of them, percent.
-
-    Returns
-    -------
-    chosen : Finding
-        The best after a small price on each parameter it adds: within one family at one site a law with one
-        more parameter must be 10 % better, between families 2 %. A law that is a special case of it
-        and does most of its work goes first; what it leaves is the next step's.
-    tied : list of Finding
-        The best of each other (family, site) within 10 % of the chosen one, at most two.
-    """
+    """The candidate to report, and the families that the data cannot tell from it."""
     groups: dict[tuple[str, str], list[Finding]] = {}
     for f in findings:
         groups.setdefault((f.law.family, str(f.site)), []).append(f)
@@ -160,19 +125,7 @@ def choose(findings: Sequence[Finding], before: float) -> tuple[Finding, list[Fi
 
 
 def special_case(chosen: Finding, findings: Sequence[Finding], before: float) -> Finding:
-    """The simplest law that the chosen one holds as a special case and that does most of its work; itself if none.
-
-    Parameters
-    ----------
-    chosen : Finding
-    findings : sequence of Finding
-    before : float
-        Median error without any of them, percent.
-
-    Returns
-    -------
-    Finding
-    """
+    """The simplest law that the chosen one holds as a special case and that does most of its work; itself if none."""
 
     def enough(f: Finding) -> float:
         share = HALF_OF_THE_WORK if f.law.name == "constant_force" else MOST_OF_THE_WORK

@@ -44,33 +44,7 @@ def intervals(
     origin: np.ndarray | None = None,
     level: float = LEVEL,
 ) -> tuple[dict[str, tuple[float, float]], dict[str, float]]:
-    """Intervals of the parameters of one law of the model, and what noise does to its coefficients.
-
-    Parameters
-    ----------
-    stage : Stage
-        The model.
-    place : (Site, int)
-        The law in question, by site and number.
-    law : ForceLaw
-        The same law with the shape parameters to be judged left free.
-    theta : ndarray of shape (n_terms,)
-        Its coefficients.
-    nulls : sequence of Stage
-        The same laws on surrogates.
-    origin : ndarray of shape (n_terms,), optional
-        Coefficients that the surrogates were simulated with; ``theta`` if None.
-    level : float
-        Probability.
-
-    Returns
-    -------
-    intervals : dict of str to (float, float)
-        Lower and upper end by name of the coefficient or shape parameter, SI units; empty where they cannot be
-        told.
-    drifts : dict of str to float
-        By which share noise alone makes a coefficient wrong; empty without surrogates.
-    """
+    """Intervals of the parameters of one law of the model, and what noise does to its coefficients."""
     site, i = place
     held = stage.laws[site][i]
     axes = Axes(law, stage.work, site)
@@ -109,10 +83,7 @@ def _widths(
     nulls: Sequence[Stage],
     level: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What noise adds on average to what surrogates began with, and half the interval.
-
-    Coefficients, then shape parameters as the search sees them.
-    """
+    """What noise adds on average to what surrogates began with, and half the interval."""
     _, folds = _linearised(stage, place, axes, centre, theta)
     drifts = []
     for null in nulls:
@@ -127,10 +98,7 @@ def _widths(
 def _profile(
     stage: Stage, place: tuple[Site, int], law: ForceLaw, axes: Axes, centre: np.ndarray, level: float
 ) -> dict[str, tuple[float, float]]:
-    """The interval of a single shape parameter within which the error hardly changes.
-
-    Likelihood ratio with as many independent values as the rate at the site changes its sign.
-    """
+    """The interval of a single shape parameter within which the error hardly changes."""
     if len(centre) != 1:
         return {}
     site, work = place[0], stage.work

@@ -29,24 +29,7 @@ _FUNCTIONS = ("v", "s", "s and v")
 
 
 def leftover(stage: Stage, noise: Sequence[Stage], places: Sequence[tuple[Site, int]]) -> float:
-    """What is left as a function of drift and rate where some effects act, as a share of all of them.
-
-    Parameters
-    ----------
-    stage : Stage
-        With the effects.
-    noise : sequence of Stage
-        The same laws on surrogates that hold nothing else but noise.
-    places : sequence of (Site, int)
-        Site, and number of the law there, of the effects, which all act in the same balances.
-
-    Returns
-    -------
-    float
-        Root of the squares beyond 1.5 times those on surrogates over the rms of the effects, both without what is
-        linear in drift, rate and acceleration. Zero where nothing is to be seen: the site is a link between floors, or
-        a force above it is unknown.
-    """
+    """What is left as a function of drift and rate where some effects act, as a share of all of them."""
     where = _where(places[0][0]) if places else None
     if where is None:
         return 0.0

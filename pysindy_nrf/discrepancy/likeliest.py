@@ -34,27 +34,7 @@ def likeliest(
     before: np.ndarray,
     null_of: Callable[[Stage], Null],
 ) -> tuple[Finding, list[Finding]]:
-    """The law to report out of those that pass the gate at one site.
-
-    Parameters
-    ----------
-    stage : Stage
-        The model without any of them.
-    chosen : Finding
-        The one with the lowest price.
-    tied : list of Finding
-        Other families within the tie.
-    ranking : sequence of Finding
-    before : ndarray of shape (n_blocks,)
-        Errors without any of them.
-    null_of : callable
-        Surrogates of a model.
-
-    Returns
-    -------
-    Finding, list of Finding
-        The law, and the families it is tied with.
-    """
+    """The law to report out of those that pass the gate at one site."""
     best = min(chosen.error, *(f.error for f in ranking if balances_of(f.site) == balances_of(chosen.site)))
     rivals = [chosen]
     for f in sorted(ranking, key=lambda f: f.error):

@@ -45,62 +45,7 @@ def localise(
     known_masses: Iterable[int] = (),
     n_blocks: int = 10,
 ) -> pd.DataFrame:
-    """Rank sites by how much of the residual a force there could explain.
-
-    Every pattern has one free force, so none is favoured by its size; ``1 / n`` for n known balances is what
-    any pattern explains of residuals that have nothing to do with each other. Ground links, DOF
-    sites and sensors of one DOF have the same pattern, and so has every site where there is one balance:
-    these are put in order by what their force follows (``own``). This is evidence; the decision
-    is left to the search, which refits.
-
-    Parameters
-    ----------
-    residual : Residual
-    sites : iterable of str, optional
-        All storeys, links that skip floors, ground links, DOFs, and acceleration and force sensors if None.
-    floor : NoiseFloor, optional
-        Balances are weighted by it and its part is taken off; without it they are weighted by the rms of
-        their storey's force.
-    besides : iterable of str
-        Sites already blamed: their patterns are allowed for everywhere (two effects at once).
-    known_masses : iterable of int
-        DOFs whose mass is not corrected. Under base excitation without forces all masses are held, as they
-        must have been given; in a piece of the chain that the free force cuts off from all measured
-        forces the largest one is.
-    n_blocks : int
-        Contiguous blocks behind the band.
-
-    Returns
-    -------
-    DataFrame
-        Best first, index = site: ``share`` (percent of the squares that corrections of the baseline leave,
-        weighted), ``low``, ``high`` (about 95 %, by jackknife over blocks), ``own`` (percent of the force
-        there that its own motion explains on blocks left out, beside linear terms; for a sensor, the derivative of
-        its channel; for a DOF site, what none of these explains; NaN if not looked at), ``rms`` (of
-        the force, N), ``balances``
-        (signs), ``verdict`` (in words).
-
-    Raises
-    ------
-    ChannelError
-        If no balance is known in every record, or a site touches none that is.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf import ChainModel, NRFRegressor, laws, simulate
-    >>> from pysindy_nrf.discrepancy.localisation import localise
-    >>> from pysindy_nrf.discrepancy.residual import residual_of
-    >>> from pysindy_nrf.simulation.excitation import band_limited_random
-    >>> from pysindy_nrf.regression.input_arrays import from_arrays
-    >>> spring = [laws.LinearElastic(1e5), laws.LinearViscous(100.0)]
-    >>> truth = ChainModel([10.0] * 3, {1: spring, 2: [*spring, laws.CoulombFriction(5.0)], 3: spring})
-    >>> F = band_limited_random(3, 4.0, 1000.0, dofs=3, rms=100.0, band=(1.0, 60.0), random_state=0)
-    >>> X, F = simulate(truth, F, 1e-3).to_features(smooth=False)
-    >>> table = localise(residual_of(NRFRegressor(degree=1).fit(X, F).model_, from_arrays(X, F)))
-    >>> table.index[0], bool(table["share"].iloc[0] > 99)
-    ('storey 2', True)
-    """
+    """Rank sites by how much of the residual a force there could explain."""
     work = _Work.of(residual, floor, besides, known_masses, n_blocks)
     chosen = (
         _all_sites(residual) if sites is None else list(dict.fromkeys(_site(residual.model.chain, s) for s in sites))
@@ -270,11 +215,7 @@ class _Work:
         return delta, max(whole - float(h @ d), 0.0)
 
     def _pieces(self, b: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        """Pieces into which free forces cut the chain: a number for each known balance, and whether a force scales it.
-
-        A free force on a DOF takes its balance out of the chain (piece -1); one in a link joins its two ends to
-        one balance. Where a piece holds no force, zero masses and zero laws would balance anything.
-        """
+        """Pieces into which free forces cut the chain."""
         from scipy.sparse.csgraph import connected_components
 
         if _key(b) in self._cut:
@@ -334,11 +275,7 @@ class _Work:
     # -- the force itself, and whose motion it follows --------------------------------------------
 
     def force(self, b: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """The free force with a pattern along every record (N), and columns it may hold any multiple of.
-
-        The corrections are taken off as far as the other balances tell them; what enters the balances like
-        the force itself stays, and so do the model's own forces in pieces of the chain that no force scales.
-        """
+        """The free force with a pattern along every record (N), and columns it may hold any multiple of."""
         residual = self.residual
         delta, _ = self._correct(b, self.grams.sum(axis=0))
         k = len(delta)
@@ -384,28 +321,7 @@ def missing_force(
     besides: Iterable[Any] = (),
     known_masses: Iterable[int] = (),
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """The force that is missing if it acts at one site, freed of what the baseline does wrong to make up for it.
-
-    Parameters
-    ----------
-    residual : Residual
-    site : str
-    floor, besides, known_masses
-        As for :func:`localise`.
-
-    Returns
-    -------
-    force : list of ndarray of shape (n_valid_samples,)
-        One for each record, N, filtered like the residual.
-    beside : list of ndarray of shape (n_valid_samples, p)
-        Columns of the baseline whose coefficients the other balances cannot tell: the force may hold any
-        multiple of them. Pass them to :func:`~pysindy_nrf.discrepancy.characterisation.characterise`.
-
-    Raises
-    ------
-    ChannelError
-        If no balance is known in every record, or the site touches none that is.
-    """
+    """The force that is missing if it acts at one site, freed of what the baseline does wrong to make up for it."""
     work = _Work.of(residual, floor, besides, known_masses, 10)
     place = _site(residual.model.chain, site)
     b = work.pattern(place)

@@ -9,16 +9,7 @@ import pandas as pd
 
 
 def markdown(report: Any) -> str:
-    """The report as Markdown; names from files are escaped.
-
-    Parameters
-    ----------
-    report : LoopReport
-
-    Returns
-    -------
-    str
-    """
+    """The report as Markdown; names from files are escaped."""
     out = ["# Closing the loop", ""]
     out += [f"{i}. {_safe(step.sentence)}" for i, step in enumerate(report.steps, 1)] or ["No effect was added."]
     out += ["", f"Stopped: {_safe(report.stopped_because)}.", ""]
@@ -57,17 +48,7 @@ def _step(number: int, step: Any) -> list[str]:
 
 
 def parameter_table(step: Any) -> pd.DataFrame:
-    """Parameters of a step with their intervals where they are known.
-
-    Parameters
-    ----------
-    step : Step
-
-    Returns
-    -------
-    DataFrame
-        Index = parameter; ``estimate``, and ``lower``, ``upper`` where the loop gave intervals.
-    """
+    """Parameters of a step with their intervals where they are known."""
     frame = pd.DataFrame({"estimate": pd.Series(step.parameters, dtype=float)})
     frame.index.name = "parameter"
     return frame.join(pd.DataFrame.from_dict(step.intervals or {}, orient="index", columns=["lower", "upper"]))

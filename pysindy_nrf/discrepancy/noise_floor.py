@@ -68,24 +68,7 @@ class NoiseFloor:
 
     @classmethod
     def given(cls, levels: Any, n_dof: int) -> NoiseFloor:
-        """Noise floor that the user knows.
-
-        Parameters
-        ----------
-        levels : float, array-like of shape (n_dof,) or mapping of int to float
-            Rms of the noise in each balance, N; independent between the balances.
-        n_dof : int
-
-        Returns
-        -------
-        NoiseFloor
-
-        Examples
-        --------
-        >>> from pysindy_nrf.discrepancy.noise_floor import NoiseFloor
-        >>> NoiseFloor.given([3.0, 4.0], 2).storey.tolist()
-        [5.0, 4.0]
-        """
+        """Noise floor that the user knows."""
         if isinstance(levels, Mapping):
             wrong = [j for j in levels if j not in range(1, n_dof + 1)]
             if wrong:
@@ -105,25 +88,7 @@ class NoiseFloor:
 
     @classmethod
     def from_repeats(cls, residual: Residual) -> NoiseFloor:
-        """Noise floor from the same test done several times.
-
-        What differs between the residuals of the repetitions is noise: each minus their mean, times
-        ``sqrt(R / (R - 1))`` for R records.
-
-        Parameters
-        ----------
-        residual : Residual
-            Of records of equal length under the same force, sample by sample.
-
-        Returns
-        -------
-        NoiseFloor
-
-        Raises
-        ------
-        ChannelError
-            If there are fewer than two records, or they are not repetitions of one test.
-        """
+        """Noise floor from the same test done several times."""
         every = residual.balance
         count = len(every)
         if count < 2 or len({len(e) for e in every}) > 1:
@@ -160,38 +125,7 @@ class NoiseFloor:
         n_draws: int = 4,
         random_state: Any = None,
     ) -> NoiseFloor:
-        """Noise floor from the channels' own contradictions.
-
-        A motion without noise is taken for the truth - the model's free run, or the fused motion where
-        none is possible (that misses what fusion smooths away, some 10-20 %); fresh noise of the
-        estimated levels is laid on every measured channel, all is treated like the measurement, and the
-        change of the residual is the noise (a parametric bootstrap; B. Efron, R. Tibshirani, 1993).
-
-        Parameters
-        ----------
-        model : ChainModel
-        records : Record or list of Record
-            As measured.
-        filters, band
-            As for :func:`~pysindy_nrf.discrepancy.residual.residual_of`.
-        noise : mapping of str to float, optional
-            Rms of the noise by channel (``"a1"``, ``"x2"``, ``"F1"``), SI. What is not named is taken
-            from :class:`~pysindy_nrf.KinematicSmoother`; for a force, from its quiet frequencies, and as
-            none where it has no quiet band (a force that fills the spectrum cannot be told from its
-            noise: name its level).
-        smooth : bool
-            Whether the residual was taken from fused channels.
-        regressor : NRFRegressor, optional
-            The estimator that gave the model, if it was fitted to these very records: it is then fitted anew to
-            every draw. A fit bends to the noise of its own data, and noise in the motion biases it, so that
-            its residual is another than that of a model that was found elsewhere.
-        n_draws : int
-        random_state : int, Generator or None
-
-        Returns
-        -------
-        NoiseFloor
-        """
+        """Noise floor from the channels' own contradictions."""
         records = [records] if isinstance(records, Record) else list(records)
         rng = generator(random_state)
         measured = [_Measured.of(rec, dict(noise or {})) for rec in records]
@@ -211,18 +145,7 @@ class NoiseFloor:
 
     @classmethod
     def from_draws(cls, draws: list[tuple[Residual, SegmentSet]], source: str) -> NoiseFloor:
-        """Noise floor from residuals of noise alone.
-
-        Parameters
-        ----------
-        draws : list of (Residual, SegmentSet)
-            Each with the noisy data that go with it.
-        source : str
-
-        Returns
-        -------
-        NoiseFloor
-        """
+        """Noise floor from residuals of noise alone."""
         parts = [e for residual, _ in draws for e in residual.balance]
         return cls(rms(parts), rms([from_top(e) for e in parts]), source, draws)
 

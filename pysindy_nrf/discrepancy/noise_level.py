@@ -20,35 +20,7 @@ _NOISE = 0.99
 
 
 def quiet_level(signal: np.ndarray, fs: float) -> float:
-    """Rms of the white noise under a signal, from its quiet frequencies or its quiet times.
-
-    A band-limited force leaves frequencies, hammer blows leave time, in which there is nothing but noise. Its
-    level is the mean over these (not the lowest value found, which is low by chance): all that lie
-    within the scatter of noise about their own mean, from the lowest up.
-
-    Parameters
-    ----------
-    signal : ndarray of shape (n_samples,)
-    fs : float
-        Hz.
-
-    Returns
-    -------
-    float
-        In the signal's unit; 0 if it cannot be told: of less than 256 samples, or of a signal that is nowhere
-        quieter than a fifth of its rms.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf.discrepancy.noise_level import quiet_level
-    >>> rng = np.random.default_rng(0)
-    >>> blows = np.where(np.arange(8000) % 1000 < 20, 30.0, 0.0)
-    >>> round(quiet_level(blows + 0.5 * rng.standard_normal(8000), 1000.0), 2)
-    0.5
-    >>> quiet_level(rng.standard_normal(8000), 1000.0)  # a force that fills the spectrum
-    0.0
-    """
+    """Rms of the white noise under a signal, from its quiet frequencies or its quiet times."""
     from scipy.signal import welch
 
     signal = signal[np.isfinite(signal)]
@@ -64,21 +36,7 @@ def quiet_level(signal: np.ndarray, fs: float) -> float:
 
 
 def denoised(signal: np.ndarray, level: float, fs: float) -> np.ndarray:
-    """A signal without the white noise beneath it (Wiener's filter), as far as frequencies tell them apart.
-
-    Parameters
-    ----------
-    signal : ndarray of shape (n_samples,)
-    level : float
-        Rms of the noise.
-    fs : float
-        Hz.
-
-    Returns
-    -------
-    ndarray of shape (n_samples,)
-        The signal itself where it is too short, holds NaN, or there is no noise.
-    """
+    """A signal without the white noise beneath it (Wiener's filter), as far as frequencies tell them apart."""
     from scipy.signal import welch
 
     if level <= 0 or len(signal) < _FEWEST or not np.isfinite(signal).all():
@@ -91,23 +49,7 @@ def denoised(signal: np.ndarray, level: float, fs: float) -> np.ndarray:
 
 
 def levels_of(record: Record, motion: Mapping[str, float], rows: np.ndarray | None = None) -> dict[str, float]:
-    """Noise of every channel of a record.
-
-    Parameters
-    ----------
-    record : Record
-    motion : mapping of str to float
-        Noise of accelerations, velocities and displacements as :class:`~pysindy_nrf.KinematicSmoother` finds it,
-        SI rms: an absolute acceleration contradicts the motion relative to the base by the noise of the base
-        besides, which is taken off here.
-    rows : ndarray of bool, shape (n_samples,), optional
-        Those that may be looked at; all if None.
-
-    Returns
-    -------
-    dict of str to float
-        SI rms; the same with forces (``"F1"``, zero where it cannot be told) and the base (``"ag"``).
-    """
+    """Noise of every channel of a record."""
     channels, fs = record.channels(), record.fs
     rows = np.ones(record.n_samples, dtype=bool) if rows is None else rows
     levels = {str(k): float(v) for k, v in motion.items()}
@@ -120,21 +62,7 @@ def levels_of(record: Record, motion: Mapping[str, float], rows: np.ndarray | No
 
 
 def quiet_drive(record: Record, levels: Mapping[str, float]) -> Record:
-    """A record whose forces and base motion are freed of noise, for a free run.
-
-    A free run would answer to the noise, far beyond the band of the motion; what then measures and
-    fuses the answer takes that for noise of the motion, and the noise would count twice.
-
-    Parameters
-    ----------
-    record : Record
-    levels : mapping of str to float
-        See :func:`levels_of`.
-
-    Returns
-    -------
-    Record
-    """
+    """A record whose forces and base motion are freed of noise, for a free run."""
     changes = {
         key: denoised(np.asarray(getattr(record, key), dtype=float), levels[name], record.fs)
         for name, key in BASE.items()
@@ -168,19 +96,7 @@ def _dof(pieces: int) -> float:
 
 
 def flat_level(values: np.ndarray, dof: float) -> float:
-    """Mean of the lowest part of values that scatters like noise.
-
-    Parameters
-    ----------
-    values : ndarray
-        Mean squares, one for each frequency or window.
-    dof : float
-        Degrees of freedom of each (chi squared).
-
-    Returns
-    -------
-    float
-    """
+    """Mean of the lowest part of values that scatters like noise."""
     from scipy.stats import chi2
 
     values = np.sort(values)

@@ -70,11 +70,7 @@ class Prepared:
 
     @cached_property
     def apart(self) -> SegmentSet:
-        """The same motions with the DOFs fused one by one.
-
-        Where DOFs improve each other, what is left of noise depends on the motion: instruments made of the motion are
-        then no instruments. Records held out are as in ``data``: no search asks for them.
-        """
+        """The same motions with the DOFs fused one by one."""
         if self.clean:
             return self.data
         pieces, given = [], self.given or [{}] * len(self.records)
@@ -95,30 +91,7 @@ def prepare(
     noise: Sequence[dict[str, float]] | None = None,
     bands: Sequence[Any] | None = None,
 ) -> Prepared:
-    """Fuse the channels of every record.
-
-    Where displacements were not measured the motion is known from some frequency up, and below that forces and motions
-    are left out alike, as in :meth:`pysindy_nrf.NRFRegressor.fit`.
-
-    Parameters
-    ----------
-    records : Record or sequence of Record
-    heldout : Record or sequence of Record, optional
-        Further records that nothing but the last line may see.
-    noise : sequence of dict, optional
-        Noise of each channel of each record, SI rms, where it is known.
-    bands : sequence of (float, float) or None, optional
-        Band of each record, Hz, where it is known.
-
-    Returns
-    -------
-    Prepared
-
-    Raises
-    ------
-    ChannelError
-        If something else than records is given, or they are not of one chain.
-    """
+    """Fuse the channels of every record."""
     mine, kept = as_records(records, "records"), as_records(heldout, "heldout")
     if not mine:
         raise ChannelError("There is no record to search", "Pass a Record or a list of them.")
@@ -149,16 +122,7 @@ def prepare(
 
 
 def measured_of(ready: Prepared) -> list[Measured]:
-    """What the records of a closed loop hold.
-
-    Parameters
-    ----------
-    ready : Prepared
-
-    Returns
-    -------
-    list of Measured
-    """
+    """What the records of a closed loop hold."""
     held = ready.heldout
     roles = ["searched, but for a quarter that is held out" if held is None else "searched" for _ in ready.records]
     for i in held or ():
@@ -186,10 +150,7 @@ def as_records(records: Any, name: str) -> list[Record]:
 
 
 def _is_clean(record: Record, noise: dict[str, float]) -> bool:
-    """Whether every motion is measured, and the channels of each DOF contradict each other by next to nothing.
-
-    Nothing is then to be gained by fusion, and jumps of the acceleration stay as sharp as they are.
-    """
+    """Whether every motion is measured, and the channels of each DOF contradict each other by next to nothing."""
     channels = record.channels()
     wanted = [f"{kind}{j}" for kind in "avx" for j in range(1, record.n_dof + 1)]
     if any(name not in channels for name in wanted):

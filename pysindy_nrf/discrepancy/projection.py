@@ -225,26 +225,7 @@ class Projection:
     def __call__(
         self, fit: np.ndarray, judge: np.ndarray | None = None, sizes: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Fit and judge.
-
-        Parameters
-        ----------
-        fit : ndarray of shape (b, n_uses, p, p)
-            Gram matrices to fit to.
-        judge : ndarray of the same shape, optional
-            Gram matrices to judge on; ``fit`` if None.
-        sizes : ndarray of shape (b, n_uses), optional
-            Samples behind ``judge``; the same everywhere if None.
-
-        Returns
-        -------
-        errors : ndarray of shape (b,)
-            Pooled balance error, percent NRMSE; infinite where the columns depend on each other.
-        theta : ndarray of shape (b, p)
-            Coefficients, by row of the Gram matrix.
-        parts : ndarray of shape (b, n_dof, 2)
-            Squares of the residual and of the reference of each balance, N^2 summed over the samples.
-        """
+        """Fit and judge."""
         judge = fit if judge is None else judge
         b, _, p, _ = fit.shape
         if sizes is None:

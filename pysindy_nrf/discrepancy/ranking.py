@@ -22,25 +22,7 @@ _HOPELESS = 0.05
 def ranked(
     stage: Stage, every: Sequence[Candidate], held: Sequence[Finding], number: int = 1, progress: bool = False
 ) -> list[Finding]:
-    """Candidates that are worth a look at the gate, each beside the refitted shapes of the effects that are there.
-
-    Parameters
-    ----------
-    stage : Stage
-        The current laws.
-    every : sequence of Candidate
-    held : sequence of Finding
-        Effects that the stage holds.
-    number : int
-        Of the round, for the progress bar.
-    progress : bool
-        Show a progress bar (tqdm) where the error stream is a terminal.
-
-    Returns
-    -------
-    list of Finding
-        Validated; in no order.
-    """
+    """Candidates that are worth a look at the gate, each beside the refitted shapes of the effects that are there."""
     trial = stage.trial()
     now = trial.search_error()
     accepted = [(f.site, f.law.name) for f in held]

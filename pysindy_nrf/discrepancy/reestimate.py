@@ -23,20 +23,7 @@ _ENOUGH = 1e-3
 
 
 def place_of(stage: Stage, finding: Finding, accepted: Sequence[Finding] = ()) -> tuple[Site, int] | None:
-    """Where an accepted law stands in a stage, or None if another took its place.
-
-    Parameters
-    ----------
-    stage : Stage
-    finding : Finding
-    accepted : sequence of Finding
-        All that were accepted, in the order in which they stand: two may have one name at one site.
-
-    Returns
-    -------
-    (Site, int) or None
-        Site, and number of the law there.
-    """
+    """Where an accepted law stands in a stage, or None if another took its place."""
     name, site = finding.law.name, finding.site
     same = [f is finding for f in accepted if (f.law.name, f.site) == (name, site)]
     later = len(same) - 1 - same.index(True) if True in same else 0
@@ -45,20 +32,7 @@ def place_of(stage: Stage, finding: Finding, accepted: Sequence[Finding] = ()) -
 
 
 def reestimated(stage: Stage, accepted: Sequence[Finding], rounds: int = _ROUNDS) -> Stage:
-    """The same laws with the shape parameters of all accepted ones refined in turn.
-
-    Parameters
-    ----------
-    stage : Stage
-    accepted : sequence of Finding
-        Laws of the stage whose shape parameters are free.
-    rounds : int
-
-    Returns
-    -------
-    Stage
-        Never worse on the search data.
-    """
+    """The same laws with the shape parameters of all accepted ones refined in turn."""
     shaped = [f for f in accepted if f.candidate.law.free_shape and place_of(stage, f, accepted) is not None]
     now = stage.slot().search_error()
     for _ in range(rounds if shaped else 0):
@@ -81,23 +55,7 @@ def reestimated(stage: Stage, accepted: Sequence[Finding], rounds: int = _ROUNDS
 
 
 def among(stage: Stage, finding: Finding, accepted: Sequence[Finding]) -> Finding:
-    """A candidate with the shape parameters of the accepted effects estimated again beside it.
-
-    While an effect was missing, others stood in for a part of it, with shapes that keep it out.
-
-    Parameters
-    ----------
-    stage : Stage
-        The current laws.
-    finding : Finding
-    accepted : sequence of Finding
-        Effects of the stage.
-
-    Returns
-    -------
-    Finding
-        The same where no accepted effect that stays has a shape parameter.
-    """
+    """A candidate with the shape parameters of the accepted effects estimated again beside it."""
     placed = [(f, place) for f in accepted if (place := place_of(stage, f, accepted)) is not None]
     stay = [(f, place) for f, place in placed if place not in finding.drop]
     if type(finding) is not Finding or not any(f.candidate.law.free_shape for f, _ in stay):
@@ -122,21 +80,7 @@ def _held(stage: Stage, finding: Finding, accepted: Sequence[Finding]) -> ForceL
 
 
 def needless(stage: Stage, accepted: Sequence[Finding]) -> Finding | None:
-    """The accepted effect that the folds could best do without, if there is one that they can.
-
-    Each but the last is left out and the others are estimated again; it stays if it still lowers the error by
-    a twentieth, in four blocks of five. One that another law at its site holds as a special case is left where it
-    is: that law would imitate it whatever the truth.
-
-    Parameters
-    ----------
-    stage : Stage
-    accepted : sequence of Finding
-
-    Returns
-    -------
-    Finding or None
-    """
+    """The accepted effect that the folds could best do without, if there is one that they can."""
     after = stage.slot().folds()
     weakest: tuple[float, Finding] | None = None
     for f in accepted[:-1]:
@@ -157,10 +101,7 @@ def needless(stage: Stage, accepted: Sequence[Finding]) -> Finding | None:
 
 
 def _imitates(stage: Stage, general: Finding, special: Finding) -> bool:
-    """Whether one accepted law imitates another in the same balances whatever the truth.
-
-    An even law is little more than a constant only along a drift that keeps its sign.
-    """
+    """Whether one accepted law imitates another in the same balances whatever the truth."""
     same = balances_of(general.site) == balances_of(special.site)
     if not same or special.law.name not in SPECIAL_CASES.get(general.law.name, ()):
         return False

@@ -347,12 +347,7 @@ def audit(
     ready: Prepared,
     noise_floor: str = "",
 ) -> dict[str, dict[str, str]]:
-    """Every setting of a run of the loop: its arguments, the declared model, the thresholds of the gate.
-
-    Returns
-    -------
-    dict of str to dict
-    """
+    """Every setting of a run of the loop: its arguments, the declared model, the thresholds of the gate."""
     from . import gate, splits
 
     held = ready.heldout

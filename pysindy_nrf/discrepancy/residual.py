@@ -78,16 +78,7 @@ class Residual:
         return bool((size["rms"] <= ROUND_OFF * size["reference"]).all())
 
     def with_balance(self, balance: Sequence[np.ndarray]) -> Residual:
-        """The same with other residuals of the balances, N, and their sizes.
-
-        Parameters
-        ----------
-        balance : sequence of ndarray of shape (n_valid_samples, n_dof)
-
-        Returns
-        -------
-        Residual
-        """
+        """The same with other residuals of the balances, N, and their sizes."""
         left = np.concatenate([rms(balance), rms([from_top(e) for e in balance])])
         reference = self.sizes["reference"].to_numpy()
         percent = 100 * np.divide(left, reference, out=np.full(len(left), np.nan), where=reference > 0)
@@ -120,19 +111,7 @@ def rms(parts: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def filters_of(data: SegmentSet, filters: Any = None, band: Any = None) -> list[Any]:
-    """One filter for each record, from what a user gave.
-
-    Parameters
-    ----------
-    data : SegmentSet
-    filters : sequence of FairFilter or None, optional
-    band : (float, float), optional
-        Hz.
-
-    Returns
-    -------
-    list of FairFilter or None
-    """
+    """One filter for each record, from what a user gave."""
     if filters is None:
         from ..signals.zero_phase_filter import filters_of
 
@@ -148,45 +127,7 @@ def filters_of(data: SegmentSet, filters: Any = None, band: Any = None) -> list[
 
 
 def residual_of(model: ChainModel, data: Any, filters: Any = None, *, band: Any = None) -> Residual:
-    """One-step residual of a model in a frequency band.
-
-    Accelerations, forces and law columns pass the same filter: it is linear, so it is applied to
-    their sum. Laws are evaluated on the motion as it is.
-
-    Parameters
-    ----------
-    model : ChainModel
-    data : SegmentSet, Record or list of Record
-    filters : sequence of FairFilter or None, optional
-        One for each record.
-    band : (float, float), optional
-        Band in Hz, instead of ``filters``.
-
-    Returns
-    -------
-    Residual
-
-    Raises
-    ------
-    ChannelError
-        If the data do not fit the model, or no balance is known.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf import ChainModel, laws, simulate
-    >>> from pysindy_nrf.discrepancy.residual import residual_of
-    >>> from pysindy_nrf.regression.input_arrays import from_arrays
-    >>> spring = [laws.LinearElastic(1e5), laws.LinearViscous(100.0)]
-    >>> truth = ChainModel([10.0, 10.0], {1: spring, 2: [*spring, laws.CoulombFriction(5.0)]})
-    >>> F = 100 * np.random.default_rng(0).standard_normal((2000, 2))
-    >>> rec = simulate(truth, F, 1e-3)
-    >>> data = from_arrays(*rec.to_features(smooth=False))
-    >>> residual = residual_of(truth.with_laws({2: spring}), data)
-    >>> e, rho = residual.balance[0], residual.storey[0]
-    >>> bool(np.allclose(e[:, 0], -e[:, 1])), float(abs(rho[:, 0]).max()) < 1e-9  # in storey 2 alone
-    (True, True)
-    """
+    """One-step residual of a model in a frequency band."""
     data = model.segments(data)
     filters = filters_of(data, filters, band)
     found: tuple[list[np.ndarray], ...] = ([], [], [], [])
@@ -248,35 +189,7 @@ class FreeRunResidual:
 def free_run_residual(
     model: ChainModel, data: Any, filters: Any = None, *, band: Any = None, **options: Any
 ) -> FreeRunResidual:
-    """Residual of the free run under the measured forces, from the state at the first sample.
-
-    Internal states of laws with memory start at zero.
-
-    Parameters
-    ----------
-    model : ChainModel
-    data : SegmentSet, Record or list of Record
-    filters, band
-        As for :func:`residual_of`.
-    **options
-        Of :func:`pysindy_nrf.simulate` (``method``, ``hold``, ``rtol``).
-
-    Returns
-    -------
-    FreeRunResidual
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf import ChainModel, laws, simulate
-    >>> from pysindy_nrf.discrepancy.residual import free_run_residual
-    >>> from pysindy_nrf.regression.input_arrays import from_arrays
-    >>> model = ChainModel([10.0], {1: [laws.LinearElastic(1e5), laws.LinearViscous(100.0)]})
-    >>> F = 100 * np.random.default_rng(0).standard_normal((500, 1))
-    >>> data = from_arrays(*simulate(model, F, 1e-3).to_features(smooth=False))
-    >>> bool((free_run_residual(model, data).sizes < 1e-6).all(axis=None))
-    True
-    """
+    """Residual of the free run under the measured forces, from the state at the first sample."""
     data = model.segments(data)
     filters = filters_of(data, filters, band)
     left: tuple[list, list] = ([], [])

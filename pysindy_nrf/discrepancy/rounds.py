@@ -106,14 +106,7 @@ class Rounds:
         self.opening: list[Finding] | None = None
 
     def go(self, stage: Stage, max_steps: int) -> None:
-        """Walk through the four rooms until there is a reason to stop.
-
-        Parameters
-        ----------
-        stage : Stage
-            The baseline.
-        max_steps : int
-        """
+        """Walk through the four rooms until there is a reason to stop."""
         steps, scenes = self.steps, self.scenes
         if not scenes:
             self._stand_on(stage)
@@ -231,10 +224,7 @@ class Rounds:
         return other
 
     def instead_of(self, other: Rounds) -> Verdict:
-        """Whether these explain clearly more of the search data than others and, if not all of it, run as well.
-
-        A wrong gain that was taken for real scales the force of the free run, too.
-        """
+        """Whether these explain clearly more of the search data than others and, if not all of it, run as well."""
         more = sum(parameters_of(law) for held in self.stage.laws.values() for law in held)
         more -= sum(parameters_of(law) for held in other.stage.laws.values() for law in held)
         verdict = judge(other.scenes[-1].folds, self.scenes[-1].folds, max(more, 1))
@@ -299,10 +289,7 @@ class Rounds:
     def _hidden(
         self, stage: Stage, ranking: Sequence[Finding], before: np.ndarray, null: Null, most: int
     ) -> tuple[list[tuple[Finding, list[Finding]]], Verdict] | None:
-        """Two effects that pass the gate together, where the second shows beside the first alone.
-
-        Looked for where more than noise is left.
-        """
+        """Two effects that pass the gate together, where the second shows beside the first alone."""
         if most < 2 or null.reached or (self.enough is not None and np.median(before) <= AT_FLOOR * self.enough):
             return None
         firsts: dict[str, Finding] = {}
@@ -370,10 +357,7 @@ class Rounds:
         return finer if finer.error <= chosen.error * 1.02 else chosen
 
     def _with(self, stage: Stage, chosen: Finding, last: bool) -> tuple[Stage, list[Finding]]:
-        """The stage with an accepted candidate, all shapes estimated again, and the laws it made needless.
-
-        Of effects that are accepted together, only the last shows which earlier ones are.
-        """
+        """The stage with an accepted candidate, all shapes estimated again, and the laws it made needless."""
         replaced = [f for f in self.accepted if place_of(stage, f, self.accepted) in chosen.drop]
         stage = chosen.on(stage)
         self.accepted = [f for f in self.accepted if not any(f is r for r in replaced)]

@@ -143,19 +143,7 @@ class Axes:
 
 
 def replaced(stage: Stage, candidate: Candidate, accepted: Sequence[tuple[Site, str]]) -> tuple[tuple[Site, int], ...]:
-    """Accepted laws that share a column with a candidate at its site, or explain the same: it takes their place.
-
-    Parameters
-    ----------
-    stage : Stage
-    candidate : Candidate
-    accepted : sequence of (Site, str)
-        Sites and names of the laws the loop has added; at each site they stand behind the declared ones.
-
-    Returns
-    -------
-    tuple of (Site, int)
-    """
+    """Accepted laws that share a column with a candidate at its site, or explain the same: it takes their place."""
     rivals = candidate.law.family not in _COMPANIONS
     left = Counter(name for site, name in accepted if site == candidate.site)
     out = []
@@ -169,45 +157,12 @@ def replaced(stage: Stage, candidate: Candidate, accepted: Sequence[tuple[Site, 
 
 
 def beside(stage: Stage, candidate: Candidate, drop: Sequence[tuple[Site, int]]) -> tuple[tuple[Site, int], ...]:
-    """Those of the laws whose place a candidate could take that cannot stand beside it.
-
-    They share a column with it, or one holds the other as a special case. Two laws of one name have columns of their
-    own as soon as their shape parameters differ.
-
-    Parameters
-    ----------
-    stage : Stage
-    candidate : Candidate
-    drop : sequence of (Site, int)
-        From :func:`replaced`.
-
-    Returns
-    -------
-    tuple of (Site, int)
-    """
+    """Those of the laws whose place a candidate could take that cannot stand beside it."""
     return tuple((site, i) for site, i in drop if excludes(stage.laws[site][i], candidate.law))
 
 
 def excludes(one: ForceLaw, other: ForceLaw) -> bool:
-    """Whether two laws cannot stand beside each other at one site.
-
-    Parameters
-    ----------
-    one, other : ForceLaw
-
-    Returns
-    -------
-    bool
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> from pysindy_nrf.discrepancy.search import excludes
-    >>> excludes(laws.CoulombFriction(), laws.StribeckFriction())  # which holds it as a special case
-    True
-    >>> excludes(laws.TwoSidedGap(), laws.TwoSidedGap()), excludes(laws.QuadraticStiffness(), laws.CubicStiffness())
-    (False, False)
-    """
+    """Whether two laws cannot stand beside each other at one site."""
     if other.name in SPECIAL_CASES.get(one.name, ()) or one.name in SPECIAL_CASES.get(other.name, ()):
         return True
     return _share_a_label(one, other) and not (one.name == other.name and one.shapes)
@@ -225,25 +180,7 @@ def screen(
     progress: Callable[[], Any] | None = None,
     both: bool = False,
 ) -> list[Finding]:
-    """Scan every candidate over the grid of its shape parameters.
-
-    Parameters
-    ----------
-    stage : Stage
-    candidates : iterable of Candidate
-    accepted : sequence of (Site, str)
-    lines : dict of Site to list of float, optional
-        Spectral lines of the residual of each DOF, Hz.
-    progress : callable, optional
-        Called once for each candidate.
-    both : bool
-        Try a candidate in the place of accepted laws that explain the same, and beside them too.
-
-    Returns
-    -------
-    list of Finding
-        The best point of each candidate that can be identified, best first.
-    """
+    """Scan every candidate over the grid of its shape parameters."""
     candidates = list(candidates)
     simple = [c for c in candidates if len(c.law.free_shape) <= _SIMPLE]
     found = _scan(stage, simple, accepted, lines, progress, both)
@@ -256,19 +193,7 @@ def screen(
 
 
 def grid_of(stage: Stage, candidate: Candidate, lines: Sequence[float] = ()) -> list[ForceLaw]:
-    """The law of a candidate with the values of its shape parameters that a scan tries.
-
-    Parameters
-    ----------
-    stage : Stage
-    candidate : Candidate
-    lines : sequence of float
-        Spectral lines of the residual at its site, Hz.
-
-    Returns
-    -------
-    list of ForceLaw
-    """
+    """The law of a candidate with the values of its shape parameters that a scan tries."""
     axes = Axes(candidate.law, stage.work, candidate.site)
     return [axes.at(u) for u in axes.grid(lines)]
 
@@ -302,21 +227,7 @@ def _scan(
 
 
 def refine(stage: Stage, finding: Finding, evaluations: int | None = None, reach: float = 0.5) -> Finding:
-    """Refine the shape parameters of a candidate.
-
-    Parameters
-    ----------
-    stage : Stage
-    finding : Finding
-    evaluations : int, optional
-        At most so many trials.
-    reach : float
-        First step, as a share of the spacing of the scan.
-
-    Returns
-    -------
-    Finding
-    """
+    """Refine the shape parameters of a candidate."""
     axes = Axes(finding.candidate.law, stage.work, finding.site)
     if not axes.shapes:
         return finding
@@ -348,23 +259,7 @@ def refine(stage: Stage, finding: Finding, evaluations: int | None = None, reach
 def plateau(
     cost: Callable[[float], float], best: float, low: float, high: float, slack: float = 1e-9
 ) -> tuple[float, float]:
-    """Between which values a shape parameter can be moved without a change of the error.
-
-    A change in time that falls between two blocks of the search is seen, but not when it happens.
-
-    Parameters
-    ----------
-    cost : callable
-    best, low, high : float
-        The best value, and the bounds.
-    slack : float
-        Change that is none, as a share of the error.
-
-    Returns
-    -------
-    (float, float)
-        Equal to ``best`` twice where the error has a sharp minimum.
-    """
+    """Between which values a shape parameter can be moved without a change of the error."""
     enough = cost(best) * (1 + slack)
     ends = []
     for bound in (low, high):
@@ -385,18 +280,7 @@ def plateau(
 
 
 def validate(stage: Stage, finding: Finding) -> Finding:
-    """Judge a candidate on each search block after fitting to the others.
-
-    Parameters
-    ----------
-    stage : Stage
-    finding : Finding
-
-    Returns
-    -------
-    Finding
-        With ``folds``; infinite where a block cannot be judged.
-    """
+    """Judge a candidate on each search block after fitting to the others."""
     try:
         folds = finding.under(stage).slot(finding.site, finding.candidate.law, finding.drop).folds(finding.law)
     except NRFError:

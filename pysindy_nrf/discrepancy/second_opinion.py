@@ -38,18 +38,7 @@ _STRONG, _GAIN, _OPEN = 0.05, 0.5, 50.0
 
 
 def unbiased_errors(stage: Stage, ready: Prepared) -> np.ndarray | None:
-    """Balance errors on the search blocks with masses and coefficients by instrumental variables.
-
-    Parameters
-    ----------
-    stage, ready
-        See :func:`unbiased`.
-
-    Returns
-    -------
-    ndarray of shape (n_blocks,) or None
-        Percent NRMSE; None where no free run can serve as an instrument.
-    """
+    """Balance errors on the search blocks with masses and coefficients by instrumental variables."""
     found = unbiased(stage, ready)
     if found is None:
         return None
@@ -58,19 +47,7 @@ def unbiased_errors(stage: Stage, ready: Prepared) -> np.ndarray | None:
 
 
 def unbiased(stage: Stage, ready: Prepared) -> Solution | None:
-    """Masses and coefficients by instrumental variables on the search data.
-
-    Parameters
-    ----------
-    stage : Stage
-    ready : Prepared
-        The records behind it. Instruments want motions whose DOFs were fused one by one.
-
-    Returns
-    -------
-    Solution or None
-        None where no free run can serve as an instrument.
-    """
+    """Masses and coefficients by instrumental variables on the search data."""
     trial, work = stage.trial(), stage.work
     try:
         with warnings.catch_warnings():
@@ -97,22 +74,7 @@ def _rough(stage: Stage) -> bool:
 
 
 def wrong_by(after: Stage, null: Null, corrected: Prepared | None = None) -> float:
-    """By how much noise makes the models wrong, without an effect and with it: what lives on noise, noise makes worse.
-
-    Parameters
-    ----------
-    after : Stage
-        With the effect.
-    null : Null
-        Of the model without it.
-    corrected : Prepared, optional
-        The records behind ``after``, where a sensor's fault was corrected in them.
-
-    Returns
-    -------
-    float
-        See :attr:`Null.bias`.
-    """
+    """By how much noise makes the models wrong, without an effect and with it."""
     if null.bias >= _STRONG:
         return null.bias
     sites = null.stage.layout.acting  # a small effect at a site of its own may be known to a tenth of itself
@@ -122,23 +84,7 @@ def wrong_by(after: Stage, null: Null, corrected: Prepared | None = None) -> flo
 def confirmed(
     verdict: Verdict, stage: Stage, after: Stage, null: Null, corrected: Prepared | None = None
 ) -> Verdict:
-    """The verdict on an accepted effect once the noise's own share in it is known.
-
-    Parameters
-    ----------
-    verdict : Verdict
-        By least squares.
-    stage, after : Stage
-        Without and with the effect.
-    null : Null
-        Of the model without it.
-    corrected : Prepared, optional
-        The records behind ``after``, where a sensor's fault was corrected in them.
-
-    Returns
-    -------
-    Verdict
-    """
+    """The verdict on an accepted effect once the noise's own share in it is known."""
     if null.hasty or null.ready.clean or (null.stages and null.bias < UNBIASED):
         return verdict
     plain = [float(np.median(s.slot().folds())) for s in (stage, after)]

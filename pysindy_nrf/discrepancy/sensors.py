@@ -93,23 +93,7 @@ def sensor_findings(
     laws: Sequence[ForceLaw],
     corrected: Collection[tuple[str, str]] = (),
 ) -> list[SensorFinding]:
-    """Faulty sensors that lower the error, validated, best first.
-
-    Parameters
-    ----------
-    ready : Prepared
-    work : Workspace
-    stage : Stage
-        The current laws.
-    laws : sequence of ForceLaw
-        The catalogue; its sensor faults are tried.
-    corrected : collection of (str, str)
-        Names and sites of faults that were found before: of sensors that could be accused equally it is again the same.
-
-    Returns
-    -------
-    list of SensorFinding
-    """
+    """Faulty sensors that lower the error, validated, best first."""
     names = {law.name for law in laws if law.family == "sensor"}
     if not names:
         return []
@@ -140,28 +124,7 @@ def sensor_findings(
 def sharpened_again(
     ready: Prepared, work: Workspace, stage: Stage, law: SensorFault, site: Site
 ) -> tuple[SensorFinding, float] | None:
-    """What is left of a fault that was corrected before other effects were known.
-
-    Parameters
-    ----------
-    ready : Prepared
-        Corrected records.
-    work : Workspace
-    stage : Stage
-        All laws of the final model.
-    law : SensorFault
-        With the value that was corrected.
-    site : Site
-
-    Returns
-    -------
-    finding : SensorFinding
-        The further correction.
-    half : float
-        Half the 95 % interval of the whole, by leaving out blocks.
-    None
-        If the channels cannot be corrected any further.
-    """
+    """What is left of a fault that was corrected before other effects were known."""
     scale = abs(float(law.values[0]))
     tried: dict[float, SensorFinding] = {}
 

@@ -19,16 +19,7 @@ _FAULTS: dict[str, SensorFault] = {law.name: law for law in (GainError(), Channe
 
 
 def sharpen(rounds: Rounds) -> None:
-    """Correct the records once more where that lowers the error, and put the interval of each fault into its step.
-
-    A fault that is found while other effects are missing makes up for a part of them, and one that is found beside
-    them was scanned with the shapes that they had without it.
-
-    Parameters
-    ----------
-    rounds : Rounds
-        Changed in place.
-    """
+    """Correct the records once more where that lowers the error, and put the interval of each fault into its step."""
     faults = [step for step in rounds.steps if step.law in _FAULTS]
     if all(step.family == "sensor" for step in rounds.steps):
         return

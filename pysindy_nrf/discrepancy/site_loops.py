@@ -47,19 +47,7 @@ class SiteLoop:
 
 
 def loops_of(model: ChainModel, data: SegmentSet, filters: Sequence[Any] | None = None) -> list[SiteLoop]:
-    """Forces of all sites that hold a law, along the strongest stretch of the data.
-
-    Parameters
-    ----------
-    model : ChainModel
-    data : SegmentSet
-    filters : sequence of FairFilter or None, optional
-        One for each record; drifts, rates and forces pass it alike.
-
-    Returns
-    -------
-    list of SiteLoop
-    """
+    """Forces of all sites that hold a law, along the strongest stretch of the data."""
     filters = [None] * len(data.segments) if filters is None else list(filters)
     try:
         storeys = residual_of(model, data, filters).storey

@@ -11,16 +11,7 @@ from .stage import Stage, Trial
 
 
 def lines_of(trial: Trial) -> dict[Site, list[float]]:
-    """Frequencies to try at each DOF, from what the search may see of the longest record.
-
-    Parameters
-    ----------
-    trial : Trial
-
-    Returns
-    -------
-    dict of Site to list of float
-    """
+    """Frequencies to try at each DOF, from what the search may see of the longest record."""
     work = trial.work
     spans = {i: work.data.segments[i].valid for i in work.searched}
     longest = max(spans, key=lambda i: spans[i].stop - spans[i].start)
@@ -46,17 +37,7 @@ def lines_of(trial: Trial) -> dict[Site, list[float]]:
 
 
 def lines_for(stage: Stage, candidate: Candidate) -> dict[Site, list[float]]:
-    """The same for one candidate: nothing unless a frequency is among what it is to be found by.
-
-    Parameters
-    ----------
-    stage : Stage
-    candidate : Candidate
-
-    Returns
-    -------
-    dict of Site to list of float
-    """
+    """The same for one candidate: nothing unless a frequency is among what it is to be found by."""
     law = candidate.law
     return lines_of(stage.trial()) if any(p.is_frequency and law.shape[p.name] is None for p in law.shapes) else {}
 

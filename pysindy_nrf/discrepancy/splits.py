@@ -24,36 +24,13 @@ LEAST_ROWS = 200
 
 
 def energy(segment: Segment, scale: np.ndarray) -> np.ndarray:
-    """Running share of the motion, each channel divided by its rms over all records.
-
-    Parameters
-    ----------
-    segment : Segment
-    scale : ndarray of shape (2 n_dof,)
-        Rms of accelerations and inter-storey velocities.
-
-    Returns
-    -------
-    ndarray of shape (n_valid_samples,)
-        Cumulative sum.
-    """
+    """Running share of the motion, each channel divided by its rms over all records."""
     both = np.hstack([segment.a[segment.valid], segment.v[segment.valid]]).astype(float) / scale
     return np.cumsum((both**2).sum(axis=1))
 
 
 def settled(segment: Segment) -> int:
-    """First valid row that is judged.
-
-    Parameters
-    ----------
-    segment : Segment
-
-    Returns
-    -------
-    int
-        0 for a record that starts from rest. In one cut out of a running test the internal states of
-        laws with memory are unknown at first; they forget their start, so it is left out.
-    """
+    """First valid row that is judged."""
     s, v = (y[segment.valid].astype(float) for y in (segment.s, segment.v))
     few = max(4, len(s) // 1000)
     rms = [np.sqrt((y**2).mean(axis=0)) for y in (s, v)]
@@ -63,37 +40,7 @@ def settled(segment: Segment) -> int:
 
 
 def pieces(n_blocks: int, share: float, most: int = 4, shift: int = 0) -> tuple[np.ndarray, list[bool]]:
-    """How one record is cut: blocks of the search, and the pieces held out between them.
-
-    What is held out lies inside the record, with blocks of the search on both sides: a change in
-    time that happens while it lasts is still seen, as a difference between before and after.
-
-    Parameters
-    ----------
-    n_blocks : int
-        Blocks of the search.
-    share : float
-        Share of the energy that is held out; in four pieces where there are at least eight blocks, in two where
-        there are at least four.
-    most : {4, 2, 1}
-        Pieces held out at most.
-    shift : int
-        By how many blocks they come earlier; from as early as they can they go on where they began.
-
-    Returns
-    -------
-    ends : ndarray
-        Share of the energy at which each piece ends.
-    held : list of bool
-        Whether it is held out.
-
-    Examples
-    --------
-    >>> from pysindy_nrf.discrepancy.splits import pieces
-    >>> ends, held = pieces(4, 0.2)
-    >>> ends.round(2).tolist(), held
-    ([0.2, 0.4, 0.5, 0.7, 0.8, 1.0], [False, False, True, False, True, False])
-    """
+    """How one record is cut: blocks of the search, and the pieces held out between them."""
     count = min(most, 4 if n_blocks >= 8 else 2 if n_blocks >= 4 else 1)
     if count > 1:
         after = [n_blocks - 1 - (n_blocks // (count + 1)) * k for k in range(count)]
@@ -111,23 +58,7 @@ def pieces(n_blocks: int, share: float, most: int = 4, shift: int = 0) -> tuple[
 
 
 def joined(blocks: Iterable[slice]) -> list[slice]:
-    """Blocks of one record that follow each other, as one.
-
-    Parameters
-    ----------
-    blocks : iterable of slice
-        In order.
-
-    Returns
-    -------
-    list of slice
-
-    Examples
-    --------
-    >>> from pysindy_nrf.discrepancy.splits import joined
-    >>> joined([slice(0, 5), slice(5, 9), slice(12, 20)])
-    [slice(0, 9, None), slice(12, 20, None)]
-    """
+    """Blocks of one record that follow each other, as one."""
     runs: list[slice] = []
     for rows in blocks:
         if runs and runs[-1].stop == rows.start:
@@ -140,27 +71,7 @@ def joined(blocks: Iterable[slice]) -> list[slice]:
 def split(
     segments: Sequence[Segment], heldout: Sequence[int] | None = None, n_blocks: int = N_BLOCKS
 ) -> tuple[list[BlockRows], list[BlockRows]]:
-    """Blocks for the search, and blocks held out.
-
-    Parameters
-    ----------
-    segments : sequence of Segment
-    heldout : sequence of int, optional
-        Records held out whole. None: a quarter (of the energy) inside every record, see :func:`pieces`.
-    n_blocks : int
-        Blocks of the search, at least; one record or more.
-
-    Returns
-    -------
-    search, held : list of BlockRows
-        Blocks of equal energy, so that each weighs the same whether the record is steady or a hammer
-        blow that dies away.
-
-    Raises
-    ------
-    ChannelError
-        If the records are too short to be split, or nothing moves in them.
-    """
+    """Blocks for the search, and blocks held out."""
     chosen = [i for i in range(len(segments)) if heldout is None or i not in heldout]
     parts = [
         np.hstack([segments[i].a[segments[i].valid], segments[i].v[segments[i].valid]]).astype(float) for i in chosen
@@ -203,38 +114,13 @@ def split(
 
 
 def force_energy(blocks: Sequence[BlockRows], segments: Sequence[Segment]) -> np.ndarray:
-    """Sum of squares of each force in each block.
-
-    Parameters
-    ----------
-    blocks : sequence of BlockRows
-    segments : sequence of Segment
-
-    Returns
-    -------
-    ndarray of shape (n_blocks, n_dof)
-        N^2; zero where the force is unknown.
-    """
+    """Sum of squares of each force in each block."""
     force = [np.nan_to_num(segments[b.segment].F[segments[b.segment].valid][b.rows].astype(float)) for b in blocks]
     return np.array([(F**2).sum(axis=0) for F in force]).reshape(len(blocks), segments[0].n_dof)
 
 
 def seen(search: Sequence[BlockRows], held: Sequence[BlockRows], segments: Sequence[Segment]) -> np.ndarray:
-    """Share of the energy of each measured force that lies in blocks of the search.
-
-    A floor that is hit three times in a record may have all three blows in the pieces held out: its mass is then fitted
-    to nothing.
-
-    Parameters
-    ----------
-    search, held : sequence of BlockRows
-    segments : sequence of Segment
-
-    Returns
-    -------
-    ndarray of shape (n_forced,)
-        1 where no force is measured.
-    """
+    """Share of the energy of each measured force that lies in blocks of the search."""
     inside, outside = (force_energy(blocks, segments).sum(axis=0) for blocks in (search, held))
     if not np.any(inside + outside > 0):
         return np.ones(1)
@@ -249,21 +135,7 @@ def _balanced(shares: np.ndarray) -> tuple[bool, float]:
 
 
 def awake(blocks: list[BlockRows], segments: Sequence[Segment]) -> list[BlockRows]:
-    """Blocks in which the forces rest, joined to their neighbours.
-
-    The error of a balance is a share of the force applied to it. While a structure rings after a hammer blow there
-    is none, and a block of nothing else has errors of many hundred percent, whatever the model.
-
-    Parameters
-    ----------
-    blocks : list of BlockRows
-    segments : sequence of Segment
-
-    Returns
-    -------
-    list of BlockRows
-        The same if no force is measured, or if fewer than four would be left.
-    """
+    """Blocks in which the forces rest, joined to their neighbours."""
     energy = force_energy(blocks, segments)
     total = energy.sum(axis=0)
     if not total.any():

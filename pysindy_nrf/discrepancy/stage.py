@@ -86,13 +86,7 @@ class Trial:
         return self._last[1]
 
     def solve(self, blocks: Sequence[int]) -> Solution:
-        """Masses and coefficients from some blocks.
-
-        Raises
-        ------
-        NRFError
-            If the columns depend on each other.
-        """
+        """Masses and coefficients from some blocks."""
         with warnings.catch_warnings():
             warnings.simplefilter("error", RankWarning)
             try:
@@ -101,13 +95,7 @@ class Trial:
                 raise NRFError(str(warning), "Leave the law out of the catalogue.") from None
 
     def model(self) -> ChainModel:
-        """The chain model fitted to all search blocks.
-
-        Raises
-        ------
-        NRFError
-            If the columns depend on each other.
-        """
+        """The chain model fitted to all search blocks."""
         return model_of(self.layout, self.solve(range(len(self.work.search))))
 
     def error(self, solution: Solution, blocks: Sequence[int]) -> float:
@@ -168,36 +156,13 @@ class Stage:
         return Trial(self)
 
     def with_law(self, site: Site, law: ForceLaw, drop: Sequence[tuple[Site, int]] = ()) -> Stage:
-        """A stage with one law more, and without some.
-
-        Parameters
-        ----------
-        site : Site
-        law : ForceLaw
-        drop : sequence of (Site, int)
-            Laws to leave out, by site and number.
-
-        Returns
-        -------
-        Stage
-        """
+        """A stage with one law more, and without some."""
         kept = self.without(drop)
         kept[site] = (*kept.get(site, ()), law)
         return Stage(self.work, self.chain, kept)
 
     def with_values(self, place: tuple[Site, int], law: ForceLaw) -> Stage:
-        """A stage in which one law has other shape parameters.
-
-        Parameters
-        ----------
-        place : (Site, int)
-            Site, and number of the law there.
-        law : ForceLaw
-
-        Returns
-        -------
-        Stage
-        """
+        """A stage in which one law has other shape parameters."""
         site, number = place
         changed = tuple(law if i == number else one for i, one in enumerate(self.laws[site]))
         return Stage(self.work, self.chain, {**self.laws, site: changed})
@@ -211,33 +176,12 @@ class Stage:
     def slot(
         self, site: Site | None = None, law: ForceLaw | None = None, drop: Sequence[tuple[Site, int]] = ()
     ) -> Slot:
-        """A place for a law on top of the current ones, whatever the values of its shape parameters.
-
-        Parameters
-        ----------
-        site : Site, optional
-        law : ForceLaw, optional
-            None: the current laws alone.
-        drop : sequence of (Site, int)
-            Laws to leave out.
-
-        Returns
-        -------
-        Slot
-
-        Raises
-        ------
-        NRFError
-            If the laws cannot stand beside each other or cannot be identified.
-        """
+        """A place for a law on top of the current ones, whatever the values of its shape parameters."""
         return Slot(self, site, law, drop)
 
 
 class Slot:
-    """A place for one law on top of a stage; see :meth:`Stage.slot`.
-
-    All methods take the law with values for its shape parameters, or none where the slot has no law.
-    """
+    """A place for one law on top of a stage; see :meth:`Stage.slot`."""
 
     def __init__(
         self, stage: Stage, site: Site | None, law: ForceLaw | None, drop: Sequence[tuple[Site, int]]
@@ -269,20 +213,7 @@ class Slot:
         self._near = sorted(c for c in rows if c < self._size)
 
     def errors(self, laws: Sequence[ForceLaw], keep: bool = False) -> np.ndarray:
-        """Pooled error on the search blocks after fitting to all of them, for each law.
-
-        Parameters
-        ----------
-        laws : sequence of ForceLaw
-            The law of the slot with values of its shape parameters.
-        keep : bool
-            Remember the columns.
-
-        Returns
-        -------
-        ndarray of shape (n_laws,)
-            Percent NRMSE; infinite where the law cannot be told from the others, overflows or cannot be.
-        """
+        """Pooled error on the search blocks after fitting to all of them, for each law."""
         out = []
         for start in range(0, len(laws), _AT_ONCE):
             out.append(self._errors(laws[start : start + _AT_ONCE], keep))
@@ -310,17 +241,7 @@ class Slot:
         return errors
 
     def extended(self, columns: np.ndarray, spans: Sequence[slice]) -> np.ndarray:
-        """Gram matrices with the columns of each law behind those of the stage.
-
-        Parameters
-        ----------
-        columns : ndarray of shape (n_laws * width, n_search_samples)
-        spans : sequence of slice
-
-        Returns
-        -------
-        ndarray of shape (n_laws, n_spans, p, p)
-        """
+        """Gram matrices with the columns of each law behind those of the stage."""
         size, width, near = self._size, self.width, self._near
         count = len(columns) // width
         out = np.zeros((count, len(spans), size + width, size + width))
@@ -347,13 +268,7 @@ class Slot:
         return float(self._project(total[None], sizes=(self._members @ self.work.sizes)[None])[0][0])
 
     def folds(self, law: ForceLaw | None = None) -> np.ndarray:
-        """Pooled error on each search block after fitting to the others, percent NRMSE.
-
-        Raises
-        ------
-        NRFError
-            If the law overflows.
-        """
+        """Pooled error on each search block after fitting to the others, percent NRMSE."""
         return self.fold_parts(law)[0]
 
     def fold_parts(self, law: ForceLaw | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -54,22 +54,7 @@ class Standing:
 
 
 def estimate(effects: Sequence[Standing], stage: Stage, null: Null) -> Solution:
-    """Parameters of every effect in the final model, their intervals, and what noise alone does to them.
-
-    Parameters
-    ----------
-    effects : sequence of Standing
-        Their steps are changed in place.
-    stage : Stage
-        The final model.
-    null : Null
-        Surrogates of it, and the samples to which both are fitted.
-
-    Returns
-    -------
-    Solution
-        Masses and coefficients of the final model.
-    """
+    """Parameters of every effect in the final model, their intervals, and what noise alone does to them."""
     blocks, fitted = range(len(stage.work.search)), null.fitted(stage)
     draws = [null.fitted(draw) for draw in null.stages]
     found = fitted.trial().solve(blocks)
@@ -88,22 +73,7 @@ def estimate(effects: Sequence[Standing], stage: Stage, null: Null) -> Solution:
 
 
 def wrong_by_noise(effects: Sequence[Standing], stage: Stage, null: Null, ready: Prepared) -> list[str]:
-    """What noise alone makes wrong in the final model, in words; of an effect with what instruments say instead.
-
-    Parameters
-    ----------
-    effects : sequence of Standing
-        As :func:`estimate` left them.
-    stage : Stage
-    null : Null
-    ready : Prepared
-        The records behind them.
-
-    Returns
-    -------
-    list of str
-        Empty where least squares is right to what an engineer allows.
-    """
+    """What noise alone makes wrong in the final model, in words; of an effect with what instruments say instead."""
     said = [f"{100 * null.error:.0f} % in a mass or a site's force"] if null.error >= _BIASED else []
     wrong = []
     for one in effects:
@@ -125,17 +95,7 @@ def _holds_zero(interval: tuple[float, float] | None) -> bool:
 
 
 def doubt_what_is_drawn(effects: Sequence[Standing], stage: Stage, null: Null, clean: bool) -> None:
-    """No name is sure of an effect that leaves in its balances what is a function of the motion there.
-
-    Parameters
-    ----------
-    effects : sequence of Standing
-        Their steps are changed in place.
-    stage : Stage
-    null : Null
-    clean : bool
-        Whether the channels are without noise.
-    """
+    """No name is sure of an effect that leaves in its balances what is a function of the motion there."""
     if not null.stages and not clean:
         return  # what noise alone draws there is not known
     together: dict[Any, list[Standing]] = {}

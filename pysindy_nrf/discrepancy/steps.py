@@ -39,20 +39,7 @@ def remainder(before: float, left: float, floor: float) -> float:
 
 
 def surely_left(folds: np.ndarray, noise: Sequence[np.ndarray]) -> float:
-    """Error that is left at the end at least: what block by block exceeds noise by more than chance (95 %).
-
-    Parameters
-    ----------
-    folds : ndarray of shape (n_blocks,)
-        Error on each search block after fitting to the others, percent.
-    noise : sequence of ndarray of shape (n_blocks,)
-        The same on surrogates, the same blocks: what is loud in one is loud in all.
-
-    Returns
-    -------
-    float
-        Percent; the median of ``folds`` where there are no surrogates.
-    """
+    """Error that is left at the end at least: what block by block exceeds noise by more than chance (95 %)."""
     from scipy.stats import t
 
     median = float(np.median(folds))
@@ -65,19 +52,7 @@ def surely_left(folds: np.ndarray, noise: Sequence[np.ndarray]) -> float:
 
 
 def weigh(steps: Sequence[Step], folds: np.ndarray, floor: float, noise: Sequence[np.ndarray]) -> None:
-    """Say of each effect how much of it stays unexplained in the end, and whether its name is sure so far.
-
-    Parameters
-    ----------
-    steps : sequence of Step
-        Changed in place.
-    folds : ndarray of shape (n_blocks,)
-        Error of the final model on each search block after fitting to the others, percent.
-    floor : float
-        What noise alone leaves of it, percent; NaN if unknown.
-    noise : sequence of ndarray of shape (n_blocks,)
-        See :func:`surely_left`.
-    """
+    """Say of each effect how much of it stays unexplained in the end, and whether its name is sure so far."""
     left, least = float(np.median(folds)), surely_left(folds, noise)
     for step in steps:
         step.remainder = remainder(step.validation_before, left, floor)
@@ -87,20 +62,7 @@ def weigh(steps: Sequence[Step], folds: np.ndarray, floor: float, noise: Sequenc
 
 
 def doubt_names(steps: Sequence[Step]) -> None:
-    """Take back the certainty of names that are only parts of one description.
-
-    Two laws of the rate (friction, damping), or two of the drift (stiffness, contact), at one site are how the
-    catalogue writes a single one that it does not hold: neither name is sure then. A constant beside
-    another effect in the same balance may as well be that effect's lack of symmetry; with friction it is asymmetric
-    friction to the letter, with any other law of one variable the names are not sure. A power of the rate whose
-    interval reaches down to friction may be that. The fault of a force's sensor, which no second channel bears
-    witness of, may make up for what names that are not sure leave.
-
-    Parameters
-    ----------
-    steps : sequence of Step
-        Changed in place.
-    """
+    """Take back the certainty of names that are only parts of one description."""
     for step in steps:
         beside = [s for s in steps if s is not step and balances_of(Site(s.site)) == balances_of(Site(step.site))]
         for kinds in _ONE_VARIABLE:
@@ -124,10 +86,7 @@ def doubt_names(steps: Sequence[Step]) -> None:
 
 
 def improper(law: str, found: Mapping[str, tuple[float, float]]) -> bool:
-    """Whether the coefficients are not those of the effect that a law is named after.
-
-    A Stribeck force that falls towards rest is a way to write a force that grows with the rate.
-    """
+    """Whether the coefficients are not those of the effect that a law is named after."""
     return law == "stribeck_friction" and found.get("dF", (0.0, 0.0))[1] < 0.0
 
 
@@ -139,10 +98,7 @@ def worst(trial: Trial) -> str:
 
 
 def _alternatives(chosen: Finding, tied: Sequence[Finding], drift: float) -> list[str]:
-    """Other families: those tied, and friction where a law is all but that.
-
-    A hysteresis that turns over within a small part of the drift, a power of the rate near zero.
-    """
+    """Other families: those tied, and friction where a law is all but that."""
     families = [f.law.family for f in tied]
     steep = turn_of(chosen.law) < _ONE_CLASS * drift
     if steep or (chosen.law.name == "power_law_damping" and (chosen.law.shape.get("n") or 1.0) < _NEARLY_FRICTION):
@@ -160,26 +116,7 @@ def step_of(
     ranking: Sequence[Finding],
     drift: float,
 ) -> Step:
-    """An accepted candidate as a step of the report.
-
-    Parameters
-    ----------
-    chosen : Finding
-    tied : sequence of Finding
-        Families that the data cannot tell from it.
-    verdict : Verdict
-    before, after : ndarray of shape (n_blocks,)
-        Errors on each block after fitting to the others, percent.
-    floor : float
-        What noise alone leaves, percent.
-    ranking : sequence of Finding
-    drift : float
-        Rms drift of the site, m.
-
-    Returns
-    -------
-    Step
-    """
+    """An accepted candidate as a step of the report."""
     faulty = chosen if isinstance(chosen, SensorFinding) else None
     return Step(
         parameters=chosen.law.parameters if faulty else {},
@@ -204,28 +141,7 @@ def step_of(
 def corrected_again(
     steps: Sequence[Step], found: SensorFinding, verdict: Verdict, scenes: Sequence[Scene], after: np.ndarray
 ) -> bool:
-    """Put a further correction of a fault into the step that told of it first, if there is one.
-
-    A gain and a delay of one channel are two faults. The same fault again, found more closely, is not a third: its step
-    tells the value of both corrections together, and what the second is worth goes with the last step.
-
-    Parameters
-    ----------
-    steps : sequence of Step
-        Changed in place.
-    found : SensorFinding
-    verdict : Verdict
-        On the second correction.
-    scenes : sequence of Scene
-        Before the last step, and after it without the second correction.
-    after : ndarray of shape (n_blocks,)
-        Errors with it, percent.
-
-    Returns
-    -------
-    bool
-        False if the fault is a new one.
-    """
+    """Put a further correction of a fault into the step that told of it first, if there is one."""
     one = (found.law.name, str(found.site))
     k = next((k for k, step in enumerate(steps) if (step.law, step.site) == one), None)
     if k is None:

@@ -51,33 +51,7 @@ def surrogate(
     rng: np.random.Generator,
     hold: str = "linear",
 ) -> Record:
-    """The record the model would have produced, with fresh noise on the channels that were measured.
-
-    Parameters
-    ----------
-    record : Record
-        Its forces and base motion are used.
-    segment : Segment
-        The fused record. The free run starts from its first state; from rest where fusion left out the ends of the
-        record, which it does again with the surrogate's.
-    model : ChainModel
-    noise : dict of str to float
-        Rms of the noise of each channel (``"a1"``, ``"x2"``, ...), SI units.
-    rng : numpy Generator
-    hold : {"linear", "cubic"}
-        How the forces go between their samples. Straight lines take a part of what is quick in a force: 1 % at a
-        tenth of the sampling rate, 13 % at a fifth.
-
-    Returns
-    -------
-    Record
-        Motions are NaN where those of the record are.
-
-    Raises
-    ------
-    NRFError
-        If the free run diverges.
-    """
+    """The record the model would have produced, with fresh noise on the channels that were measured."""
     rows = _measured_rows(record)
     rest = np.zeros(record.n_dof)
     start = None if rows == segment.valid else (rest, rest)  # fusion left out the ends
@@ -117,35 +91,7 @@ def _measured_rows(record: Record) -> slice:
 
 
 def force_noise(residual: np.ndarray, force: np.ndarray, fs: float, band: tuple | None = None) -> np.ndarray:
-    """Noise of the forces: the white part of what the balances of the forced DOFs leave.
-
-    A missing effect leaves lines and resonances; noise fills the gaps between them. Its level is the
-    lower edge of the residual's spectrum (Welch, the tenth percentile over the band, and what it is in noise).
-
-    Parameters
-    ----------
-    residual, force : ndarray of shape (n_samples, n_dof)
-        N; the force of a DOF known to be unforced is zero.
-    fs : float
-        Hz.
-    band : (float or None, float or None), optional
-        Hz; outside of it nothing is left.
-
-    Returns
-    -------
-    ndarray of shape (n_dof,)
-        Rms, N; zero for unforced DOFs and unknown forces.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf.discrepancy.surrogate import force_noise
-    >>> rng = np.random.default_rng(0)
-    >>> t = np.arange(8000)[:, None] / 400
-    >>> left = 3.0 * np.sin(40 * t) + 0.5 * rng.standard_normal((8000, 2))
-    >>> force_noise(left, np.array([[1.0, 0.0]]) * t, 400.0).round(1).tolist()
-    [0.5, 0.0]
-    """
+    """Noise of the forces: the white part of what the balances of the forced DOFs leave."""
     forced = np.nan_to_num(force).any(axis=0)
     size = min(256, len(residual))
     f, power = welch(residual, fs, nperseg=size, axis=0)
@@ -220,10 +166,7 @@ class Null:
 
     @property
     def bias(self) -> float:
-        """By how much noise makes the model wrong: the largest share of a mass or of a site's terms; 0 if unknown.
-
-        Terms that make up for each other count as if they did not.
-        """
+        """By how much noise makes the model wrong: the largest share of a mass or of a site's terms; 0 if unknown."""
         return self._made.bias
 
     @property
@@ -261,13 +204,7 @@ class Null:
         return self._like_the_truth(trial, found, first, hold) if first else _Made([])
 
     def _like_the_truth(self, trial: Trial, found: Solution, first: list[Stage], hold: str) -> _Made:
-        """Surrogates of what the model would be if noise had not made it wrong, and how wrong it made it.
-
-        Least squares on noisy motions returns masses and stiffnesses that are low. A surrogate of such a model is less
-        wrong than the model is, and so is what a candidate makes up for in it. By how much the surrogates' own
-        estimates miss tells what to begin with (indirect inference: Gourieroux, Monfort and Renault, J. Appl.
-        Econometrics 8, 1993, S85).
-        """
+        """Surrogates of what the model would be if noise had not made it wrong, and how wrong it made it."""
         try:
             every = [self._solved(s) for s in first]
         except (NRFError, np.linalg.LinAlgError):
@@ -341,10 +278,7 @@ class Null:
 
     @property
     def floor(self) -> float:
-        """Median validation error that noise alone leaves, percent; NaN if unknown.
-
-        Surrogates of which the model explains nothing, or much less than of the records, say nothing of these.
-        """
+        """Median validation error that noise alone leaves, percent; NaN if unknown."""
         left = self._left(self.stages) if self.stages else np.inf
         alike = left <= _UNLIKE * max(self._left([self.stage]), FLOOR)
         return left if left < 100.0 and alike else float("nan")
@@ -356,11 +290,7 @@ class Null:
         return bool(noise) and float(np.median(self.stage.trial().fold_errors())) <= AT_FLOOR * max(noise)
 
     def gain(self, finding: Finding) -> float:
-        """Largest gain of a candidate where it does not act; zero if unknown.
-
-        Noise leaves the masses of least squares some percent off, otherwise from draw to draw, and a fault of a sensor
-        makes up for that: where the model is at the floor, a good part of its gain may be noise.
-        """
+        """Largest gain of a candidate where it does not act; zero if unknown."""
         own = isinstance(finding, SensorFinding) and not finding.remark and self.reached
         gains = [_OF_A_SENSOR if own else 0.0]
         for stage in self.stages:

@@ -28,27 +28,7 @@ _MOST = 4
 def look_ahead(
     stage: Stage, ranking: Sequence[Finding], before: np.ndarray, null: Null, most: int = _MOST
 ) -> tuple[list[tuple[Finding, list[Finding]]], Verdict] | None:
-    """Candidates of several sites that pass the gate together.
-
-    Parameters
-    ----------
-    stage : Stage
-    ranking : sequence of Finding
-        Validated candidates, none of which passed alone.
-    before : ndarray of shape (n_blocks,)
-        Errors of the current model.
-    null : Null
-        The current laws on surrogates that hold nothing but noise.
-    most : int
-        Effects that may still be added.
-
-    Returns
-    -------
-    members : list of (Finding, list of Finding)
-        In the order in which they are added; with the families that each is tied with.
-    verdict : Verdict
-        Of all of them. None instead of the pair if they do not pass.
-    """
+    """Candidates of several sites that pass the gate together."""
     found = _chain(stage, ranking, before, min(most, _MOST))
     if len(found) < 2:
         return None
@@ -61,27 +41,7 @@ def look_ahead(
 def pair_instead(
     stage: Stage, chosen: Finding, candidates: Sequence[Candidate], before: np.ndarray, null: Null
 ) -> tuple[list[tuple[Finding, list[Finding]]], Verdict] | None:
-    """Two laws without shape parameters that explain clearly more than one that has some.
-
-    Where a spring is quadratic and cubic, a gap comes nearer than either of them alone, and both of them together leave
-    nothing.
-
-    Parameters
-    ----------
-    stage : Stage
-    chosen : Finding
-        A law that passed the gate.
-    candidates : sequence of Candidate
-        All that are tried; the two are of one family, at its site, and have no more parameters together.
-    before : ndarray of shape (n_blocks,)
-        Errors of the current model.
-    null : Null
-
-    Returns
-    -------
-    members, verdict
-        As of :func:`look_ahead`. None if there is no such pair, or it does not pass.
-    """
+    """Two laws without shape parameters that explain clearly more than one that has some."""
     if not chosen.candidate.law.free_shape or type(chosen) is not Finding:
         return None
     plain = [c for c in candidates if c.site == chosen.site and not c.law.shapes]
@@ -109,25 +69,7 @@ def pair_instead(
 def both_missed(
     stage: Stage, first: Finding, second: Finding, tied: list[Finding], before: np.ndarray, null: Null
 ) -> tuple[list[tuple[Finding, list[Finding]]], Verdict] | None:
-    """Two effects that pass the gate together.
-
-    Parameters
-    ----------
-    stage : Stage
-    first : Finding
-    second : Finding
-        Found beside the first.
-    tied : list of Finding
-        What the second is tied with.
-    before : ndarray of shape (n_blocks,)
-        Errors of the current model.
-    null : Null
-
-    Returns
-    -------
-    members, verdict
-        As of :func:`look_ahead`. None if they do not pass.
-    """
+    """Two effects that pass the gate together."""
     under = second.under(first.on(stage))
     first = replace(first, law=under.laws[first.site][-1])
     n_parameters = first.n_parameters + second.n_parameters - 2

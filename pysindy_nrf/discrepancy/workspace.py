@@ -72,16 +72,7 @@ class Workspace:
         self.sizes = np.array(counts, dtype=float)
 
     def only(self, kept: np.ndarray) -> Workspace:
-        """The same records, of which only some samples of the search blocks take part in a fit.
-
-        Parameters
-        ----------
-        kept : ndarray of bool, shape (n_search_samples,)
-
-        Returns
-        -------
-        Workspace
-        """
+        """The same records, of which only some samples of the search blocks take part in a fit."""
         return Workspace(
             self.data, self.filters, self.search, self.held, self.known_masses, self.strategy, kept
         )
@@ -122,17 +113,7 @@ class Workspace:
         return joined(b.rows for b in self.search if b.segment == record)
 
     def pieces(self, data: SegmentSet | None = None) -> list[tuple[int, Segment]]:
-        """The data that the search may see, as contiguous segments with the numbers of their records.
-
-        Parameters
-        ----------
-        data : SegmentSet, optional
-            The same records, processed in another way.
-
-        Returns
-        -------
-        list of (int, Segment)
-        """
+        """The data that the search may see, as contiguous segments with the numbers of their records."""
         return [
             (i, replace(seg, valid=slice(seg.valid.start + rows.start, seg.valid.start + rows.stop)))
             for i, seg in enumerate((data or self.data).segments)
@@ -140,17 +121,7 @@ class Workspace:
         ]
 
     def seen_rows(self, record: int) -> np.ndarray:
-        """Which samples of a record the search may look at.
-
-        Parameters
-        ----------
-        record : int
-            Its number.
-
-        Returns
-        -------
-        ndarray of bool, shape (n_samples,)
-        """
+        """Which samples of a record the search may look at."""
         segment = self.data.segments[record]
         seen = np.zeros(segment.n_samples, dtype=bool)
         for b in self.search:
@@ -159,40 +130,12 @@ class Workspace:
         return seen
 
     def columns(self, site: Site, laws: Sequence[ForceLaw], segment: int) -> np.ndarray:
-        """Columns of laws along one record, built from the raw motion and then filtered like the rest.
-
-        Parameters
-        ----------
-        site : Site
-        laws : sequence of ForceLaw
-        segment : int
-
-        Returns
-        -------
-        ndarray of shape (n_terms of all laws, n_valid_samples)
-        """
+        """Columns of laws along one record, built from the raw motion and then filtered like the rest."""
         motion = self.motion(site, segment)
         return self.filtered(segment, np.vstack([law.features(motion).T for law in laws]))
 
     def search_columns(self, site: Site, laws: Sequence[ForceLaw], keep: bool = False) -> np.ndarray:
-        """The same along all search blocks, one behind the other.
-
-        Parameters
-        ----------
-        site : Site
-        laws : sequence of ForceLaw
-        keep : bool
-            Remember them: the next step of the loop will ask for the same.
-
-        Returns
-        -------
-        ndarray of shape (n_terms of all laws, n_search_samples)
-
-        Raises
-        ------
-        NRFError
-            If they are not finite.
-        """
+        """The same along all search blocks, one behind the other."""
         key = (site, tuple(laws))
         if keep and key in self._cache:
             self._cache.move_to_end(key)
@@ -222,19 +165,7 @@ class Workspace:
         return self.search + self.held
 
     def uses(self, groups: Sequence[tuple[int, ...]]) -> tuple[dict[tuple[int, ...], int], np.ndarray]:
-        """Which search blocks serve which group of balances: those in which all its forces are known.
-
-        Parameters
-        ----------
-        groups : sequence of tuple of int
-            DOFs.
-
-        Returns
-        -------
-        uses : dict
-            From a group to a row of ``members``.
-        members : ndarray of bool of shape (n_uses, n_search_blocks)
-        """
+        """Which search blocks serve which group of balances: those in which all its forces are known."""
         seen = self.known[[b.segment for b in self.search]]
         rows: dict[bytes, int] = {}
         out: dict[tuple[int, ...], int] = {}
@@ -249,17 +180,7 @@ class Workspace:
 
 
 def leave_one_out(grams: np.ndarray, members: np.ndarray) -> np.ndarray:
-    """Sums over all blocks but one, from both ends, so that what is zero stays zero.
-
-    Parameters
-    ----------
-    grams : ndarray of shape (n_blocks, p, p) or (n_blocks,)
-    members : ndarray of bool of shape (n_uses, n_blocks)
-
-    Returns
-    -------
-    ndarray of shape (n_blocks, n_uses, ...)
-    """
+    """Sums over all blocks but one, from both ends, so that what is zero stays zero."""
     own = members.T.reshape(members.T.shape + (1,) * (grams.ndim - 1)) * grams[:, None]
     zero = np.zeros_like(own[:1])
     before = np.concatenate([zero, np.cumsum(own[:-1], axis=0)])

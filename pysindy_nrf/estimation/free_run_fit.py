@@ -427,11 +427,7 @@ def _inner(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _scores(R: np.ndarray, WJ: np.ndarray, pieces: int) -> np.ndarray:
-    """What each comb of lines adds to J* S^-1 R, shape (n_pieces, n_parameters).
-
-    Weighted lines are independent but for their neighbours, and every comb hears every resonance; pieces of time
-    would not do, for the weighting remembers as long as the structure rings.
-    """
+    """What each comb of lines adds to J* S^-1 R, shape (n_pieces, n_parameters)."""
     products = 2 * np.einsum("fd,fdp->fp", R[:, :, 0].conj(), WJ).real
     return np.array([products[k::pieces].sum(axis=0) for k in range(pieces)])
 
@@ -471,21 +467,7 @@ class Rebuild:
 def free_parameters(
     model: ChainModel, known: Mapping[int, float]
 ) -> tuple[np.ndarray, Rebuild, list[int | tuple[Site, int]]]:
-    """Free parameters as a vector, the way back, and where each enters. Terms that are zero stay zero.
-
-    Parameters
-    ----------
-    model : ChainModel
-    known : mapping of int to float
-        Known masses, kg.
-
-    Returns
-    -------
-    theta : ndarray
-    rebuild : Rebuild
-    columns : list of int or (Site, int)
-        A mass by its DOF (from 0), a coefficient by its site and number there.
-    """
+    """Free parameters as a vector, the way back, and where each enters. Terms that are zero stay zero."""
     free = [j for j in range(model.n_dof) if j + 1 not in known]
     held = [
         (site, i, k)

@@ -30,43 +30,7 @@ APART = 2  # lines; the noise of a Hann-windowed response reaches its next neigh
 def fit_frequency_response(
     estimator: Any, frf: Any, band: tuple[float | None, float | None] | None = None, weight: Any = None
 ) -> Any:
-    """Fit a regressor to a measured frequency response.
-
-    Parameters
-    ----------
-    estimator : NRFRegressor
-        Not changed. With ``estimation="iv"`` neighbouring lines are the instruments.
-    frf : FrequencyResponse
-    band : (float, float), optional
-        Hz.
-    weight : array-like of shape (n_lines,), optional
-        See :func:`pysindy_nrf.data.io.frf_to_features`.
-
-    Returns
-    -------
-    NRFRegressor
-        A fitted copy; ``confidence_intervals`` works.
-
-    Raises
-    ------
-    ChainError
-        If ``estimation`` is neither ``"ls"`` nor ``"iv"``.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf import NRFRegressor
-    >>> from pysindy_nrf.estimation.frequency import fit_frequency_response
-    >>> from pysindy_nrf.data.io import frequency_response
-    >>> rng = np.random.default_rng(0)
-    >>> f = np.linspace(1, 12, 600)
-    >>> w = 2 * np.pi * f
-    >>> H = -(w**2) / (3000.0 + 8j * w - 2.5 * w**2)
-    >>> H = H + 0.02 * rng.normal(size=600) + 0.02j * rng.normal(size=600)
-    >>> model = fit_frequency_response(NRFRegressor(degree=1, estimation="iv"), frequency_response(f, H[:, None]))
-    >>> bool(abs(model.masses_[0] - 2.5) < 0.03)
-    True
-    """
+    """Fit a regressor to a measured frequency response."""
     from ..data.io import FrequencyResponse, frf_to_features
 
     if estimator.estimation not in ("ls", "iv"):

@@ -313,21 +313,14 @@ def _bounds(
 
 
 def _deviation(influences: np.ndarray, record: np.ndarray) -> np.ndarray:
-    """Standard errors; neighbours count where they widen them, and the mean that was taken off is given back.
-
-    A few dozen pieces cannot show that neighbours cancel; taken at their word they would narrow every second interval.
-    """
+    """Standard errors; neighbours count where they widen them, and the mean that was taken off is given back."""
     n = len(influences)
     own, both = (np.diag(newey_west(influences, record, lags)) for lags in (0, 1))
     return np.sqrt(np.maximum(own, both) * n / (n - 2))
 
 
 def _freedom(influences: np.ndarray) -> np.ndarray:
-    """Degrees of freedom of each variance (Satterthwaite): fewer where few pieces carry the estimate.
-
-    For Gaussian influences of variances v_b they are (sum v)^2 / sum v^2, and sum u^4 is 3 sum v^2; a
-    correlated neighbour at half weight costs a third of them.
-    """
+    """Degrees of freedom of each variance (Satterthwaite): fewer where few pieces carry the estimate."""
     fourth = (influences**4).sum(axis=0)
     own = np.where(fourth > 0, 3 * (influences**2).sum(axis=0) ** 2 / np.where(fourth > 0, fourth, 1.0), np.inf)
     return np.clip(np.minimum(own, len(influences) - 1) / 1.5, 2.0, None)

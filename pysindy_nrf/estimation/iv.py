@@ -288,11 +288,7 @@ def _first_runs(
     known: Mapping[int, float],
     band: Any,
 ) -> tuple[list[Segment | None], float]:
-    """Free runs of the first model that runs like the structure, or of the likeliest.
-
-    Least squares; the linear chain; and the linear chain from where the motion is lively alone: there offsets and
-    drifts are out, and the noise is less.
-    """
+    """Free runs of the first model that runs like the structure, or of the likeliest."""
     found: list[tuple[list[Segment | None], float]] = []
     worst: SimulationError | IdentifiabilityError | None = None
     linear = LawLayout(layout.chain, {s: (PowerSeries(1),) for s in layout.acting if s.kind == "link"})

@@ -39,24 +39,7 @@ def refine(
     inner: Any = None,
     band: Any = None,
 ) -> tuple[ChainModel, Solution, Resolver | None, dict[str, Any], SegmentSet]:
-    """Instrumental variables, and output error after them.
-
-    Parameters
-    ----------
-    method : {"iv", "simulation"}
-    model, solution
-        By least squares.
-    data : SegmentSet
-        Motions whose noise is independent of the motion.
-    layout, walk, filters, known, inner, band
-        As in the solve.
-
-    Returns
-    -------
-    model, solution, resolver, facts, judged
-        The resolver is None where the estimate stayed with least squares; ``judged`` is what says whether a law is
-        missing.
-    """
+    """Instrumental variables, and output error after them."""
     facts: dict[str, Any] = {"asked": method, "found": "ls"}
     iv = instrumental_variables(model, data, layout, walk, filters, known, inner, band)
     if iv is None:
@@ -94,17 +77,7 @@ def least_squares_resolver(
     known: Mapping[int, float],
     inner: Any = None,
 ) -> Resolver:
-    """What re-solving a least-squares estimate needs; one pass over the data.
-
-    Parameters
-    ----------
-    data, layout, walk, filters, known, inner
-        As in the solve.
-
-    Returns
-    -------
-    Resolver
-    """
+    """What re-solving a least-squares estimate needs; one pass over the data."""
     return Resolver(pieces_of(data, layout, groups_of(layout, walk), filters, known), walk, dict(known), inner)
 
 
@@ -116,27 +89,7 @@ def separate_resolver(
     band: Any,
     resolver: Resolver,
 ) -> Resolver:
-    """What the uncertainty of a least-squares estimate needs where the motions were fused together.
-
-    Where the DOFs of a record improve each other, the errors that are left are smaller, but alike in the whole record:
-    pieces of it agree better with each other than with the truth. The pieces are therefore those of motions that were
-    fused one by one. Their own estimate is the noisier one, so the intervals err on the wide side.
-
-    Parameters
-    ----------
-    separate : SegmentSet
-        The motions fused one by one.
-    layout, walk, known
-        As in the solve.
-    band : (float, float) or None
-        Hz.
-    resolver : Resolver
-        Of the other motions: its optimizer and constraints are taken over.
-
-    Returns
-    -------
-    Resolver
-    """
+    """What the uncertainty of a least-squares estimate needs where the motions were fused together."""
     found = least_squares_resolver(separate, layout, walk, filters_of(band, separate), known, resolver.inner)
     return replace(found, constrain=resolver.constrain)
 

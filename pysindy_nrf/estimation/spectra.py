@@ -97,20 +97,7 @@ class NoiseModel:
 
 
 def common_band(data: Sequence[Segment], band: Band = None) -> tuple[float, float]:
-    """Frequencies that all records still hold, Hz.
-
-    Parameters
-    ----------
-    data : sequence of Segment
-        Each may have been put through a band of its own before it came here.
-    band : (float, float), optional
-        That of the estimator.
-
-    Returns
-    -------
-    low, high : float
-        0 and infinity where nothing was cut away.
-    """
+    """Frequencies that all records still hold, Hz."""
     bands = [b for b in (band, *(seg.band for seg in data)) if b is not None]
     low = max((lo for lo, _ in bands if lo is not None), default=0.0)
     high = min((hi for _, hi in bands if hi is not None), default=np.inf)
@@ -120,20 +107,7 @@ def common_band(data: Sequence[Segment], band: Band = None) -> tuple[float, floa
 def linearised(
     model: ChainModel, layout: LawLayout, runs: Sequence[Segment]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mass, damping and stiffness matrices that come nearest to the forces along free runs.
-
-    Parameters
-    ----------
-    model : ChainModel
-    layout : LawLayout
-        Of the model.
-    runs : sequence of Segment
-
-    Returns
-    -------
-    M, C, K : ndarray of shape (n_dof, n_dof)
-        For motion relative to the base.
-    """
+    """Mass, damping and stiffness matrices that come nearest to the forces along free runs."""
     n = model.n_dof
     C, K = np.zeros((n, n)), np.zeros((n, n))
     theta = model.coefficients
@@ -168,10 +142,7 @@ def lines_of(segment: Segment) -> np.ndarray:
 
 
 def spectrum(values: np.ndarray, dt: float, taper: bool = False) -> np.ndarray:
-    """Fourier lines of columns but the first, scaled so that |.|^2 is a density (both sides).
-
-    Tapered (by a cosine bell), the ends of a record do not leak to where its motion is small.
-    """
+    """Fourier lines of columns but the first, scaled so that |.|^2 is a density (both sides)."""
     n = len(values)
     if taper:
         values = values * (np.sqrt(2 / 3) * (1 - np.cos(2 * np.pi * (np.arange(n) + 0.5) / n)))[:, None]
@@ -184,19 +155,7 @@ def velocities(segment: Segment) -> np.ndarray:
 
 
 def smoothed(f: Sequence[np.ndarray], density: Sequence[np.ndarray], typical: bool = False) -> Smooth:
-    """Densities of several records averaged over bins of equal width in log f.
-
-    Parameters
-    ----------
-    f : sequence of ndarray of shape (n_lines,)
-    density : sequence of ndarray of shape (n_lines, p)
-    typical : bool
-        By the median (of exponential variables), which single lines do not move.
-
-    Returns
-    -------
-    Smooth
-    """
+    """Densities of several records averaged over bins of equal width in log f."""
     at, values = np.concatenate(f), np.concatenate(density)
     order = np.argsort(at, kind="stable")
     at, values = at[order], values[order]
@@ -216,20 +175,7 @@ def smoothed(f: Sequence[np.ndarray], density: Sequence[np.ndarray], typical: bo
 def noise_model(
     model: ChainModel, layout: LawLayout, data: Sequence[Segment], runs: Sequence[Segment]
 ) -> NoiseModel | None:
-    """Noise of motions and forces, from what free runs under the measured forces miss.
-
-    Parameters
-    ----------
-    model : ChainModel
-    layout : LawLayout
-    data, runs : sequence of Segment
-        Measured motions, and free runs without delay.
-
-    Returns
-    -------
-    NoiseModel or None
-        None where the runs miss nothing but round-off.
-    """
+    """Noise of motions and forces, from what free runs under the measured forces miss."""
     n = model.n_dof
     matrices = linearised(model, layout, runs)
     every = [lines_of(seg) for seg in data]
@@ -322,19 +268,7 @@ def _heard(
 
 
 def corrected(segment: Segment, run: Segment, noise: NoiseModel) -> Segment:
-    """The record with the force (and base acceleration) as the motion knows it.
-
-    Parameters
-    ----------
-    segment, run : Segment
-        As measured, and its free run without delay.
-    noise : NoiseModel
-
-    Returns
-    -------
-    Segment
-        A copy with other F and ag.
-    """
+    """The record with the force (and base acceleration) as the motion knows it."""
     from dataclasses import replace
 
     rows, n = segment.valid, segment.n_dof

@@ -17,18 +17,7 @@ Statistic = Callable[[ChainModel], pd.Series]
 
 
 def parameters_of(model: ChainModel, known_masses: Mapping[int, float] | None = None) -> pd.Series:
-    """Masses and coefficients by name: ``m1``, ``storey 1: v``, ...
-
-    Parameters
-    ----------
-    model : ChainModel
-    known_masses : mapping of int to float, optional
-        These are left out.
-
-    Returns
-    -------
-    Series
-    """
+    """Masses and coefficients by name: ``m1``, ``storey 1: v``, ..."""
     values = {f"m{j + 1}": m for j, m in enumerate(model.masses) if j + 1 not in (known_masses or {})}
     for site, force in model.restoring_forces.items():
         if force.laws:
@@ -45,21 +34,7 @@ def modes_of(model: ChainModel) -> pd.Series:
 
 
 def energies_of(layout: LawLayout, data: SegmentSet) -> Statistic:
-    """A function of a model: the energy (J) that every site dissipates along the data, ``energy of storey 1``, ...
-
-    Work of the site's force less what its linear stiffness stores, as
-    :func:`pysindy_nrf.estimation.dissipated_energy`; noise of the motion is not in its interval.
-
-    Parameters
-    ----------
-    layout : LawLayout
-    data : SegmentSet
-        With a clock.
-
-    Returns
-    -------
-    callable
-    """
+    """A function of a model: the energy (J) that every site dissipates along the data, ``energy of storey 1``, ..."""
     sites = [s for s in layout.acting if s.kind == "link"]
     work = {s: np.zeros(layout.counts[s]) for s in sites}
     stored = dict.fromkeys(sites, 0.0)
@@ -87,24 +62,7 @@ def energies_of(layout: LawLayout, data: SegmentSet) -> Statistic:
 def statistic_of(
     of: Any, known_masses: Mapping[int, float], layout: LawLayout, data: SegmentSet | None = None
 ) -> Statistic:
-    """The function of a model that a user asks for.
-
-    Parameters
-    ----------
-    of : {"parameters", "masses", "coefficients", "modes", "energies"} or callable
-    known_masses : mapping of int to float
-    layout : LawLayout
-    data : SegmentSet, optional
-        What energies are taken along.
-
-    Returns
-    -------
-    callable
-
-    Raises
-    ------
-    ChainError, ChannelError
-    """
+    """The function of a model that a user asks for."""
 
     def parameters(m: ChainModel) -> pd.Series:
         return parameters_of(m, known_masses)

@@ -46,23 +46,7 @@ def weighting_of(
     known_masses: Mapping[int, float],
     band: Any = None,
 ) -> Weighting | None:
-    """Instruments and weights from a model.
-
-    Parameters
-    ----------
-    model : ChainModel
-    data : SegmentSet
-    usable : sequence of int
-        Records whose forces are all known.
-    layout, groups, filters, known_masses, band
-        As in the solve.
-
-    Returns
-    -------
-    Weighting or None
-        None where the run misses nothing but round-off, or moves at frequencies that the fused motions do not
-        resolve: what they lack there would be weighted, not their noise.
-    """
+    """Instruments and weights from a model."""
     segments = [data.segments[i] for i in usable]
     runner = steady(model)
     plain = [run_of(runner, seg) for seg in segments]

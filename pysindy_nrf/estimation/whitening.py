@@ -33,18 +33,7 @@ class Whitener:
         return np.where(inside, np.sqrt(self.weight(f)[:, 0]), 0.0)
 
     def apply(self, rows: np.ndarray, dt: float) -> np.ndarray:
-        """Filter rows of one record.
-
-        Parameters
-        ----------
-        rows : ndarray of shape (p, n_samples)
-        dt : float
-            s.
-
-        Returns
-        -------
-        ndarray of shape (p, n_samples)
-        """
+        """Filter rows of one record."""
         from scipy.fft import dct, idct
 
         n = rows.shape[1]

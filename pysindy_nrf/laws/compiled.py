@@ -34,17 +34,7 @@ _ADVANCE_SIGNATURE = types.void(_VECTOR, types.int64, *[types.float64] * 5, *[_V
 
 
 def fingerprint(*functions: Any) -> str:
-    """Hash of the code of functions, with the constants, closures and functions they use.
-
-    Parameters
-    ----------
-    *functions : callable or numba dispatcher
-
-    Returns
-    -------
-    str
-        Equal for equal code in every process.
-    """
+    """Hash of the code of functions, with the constants, closures and functions they use."""
     digest = hashlib.sha256(f"numba {numba.__version__}, {_NAMING}".encode())
     seen: set[int] = set()
 
@@ -85,12 +75,7 @@ def fingerprint(*functions: Any) -> str:
 
 
 class _CodeCache(FunctionCache):
-    """Disk cache keyed by the fingerprint, one index file for each fingerprint.
-
-    Numba's own key pickles closures, and a closure over another compiled function is different in
-    every process; its index file is shared by all instances of a template, and two processes that
-    write it at once can swap their code.
-    """
+    """Disk cache keyed by the fingerprint, one index file for each fingerprint."""
 
     def __init__(self, function: Callable) -> None:
         super().__init__(function)
@@ -103,10 +88,7 @@ class _CodeCache(FunctionCache):
         return sig, codegen.magic_tuple(), self._print
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """What is on disk, or None to compile anew where it cannot be read here.
-
-        A law from a notebook cell or a script may name a module that this process does not have.
-        """
+        """What is on disk, or None to compile anew where it cannot be read here."""
         try:
             return super().load_overload(sig, target_context)
         except (ImportError, AttributeError, EOFError, pickle.UnpicklingError):
@@ -114,12 +96,7 @@ class _CodeCache(FunctionCache):
 
 
 def _named(function: Callable) -> Callable:
-    """The function under a name that holds its fingerprint.
-
-    Numba numbers compiled functions anew in every process. Two laws' versions of one template, compiled in two
-    processes, could otherwise bear one name in machine code, and a third process that loads both would run one of
-    them for both.
-    """
+    """The function under a name that holds its fingerprint."""
     mark = fingerprint(function)[:16]
     if not function.__qualname__.endswith(mark):
         function.__qualname__ = f"{function.__qualname__}_{mark}"
@@ -136,49 +113,19 @@ def _attach_cache(compiled: Any, function: Callable) -> Any:
 
 
 def jit(function: Callable) -> Dispatcher:
-    """Compile a plain function on its first call, cached on disk.
-
-    Parameters
-    ----------
-    function : callable
-        In nopython style, without the interpreter's lock. Division by zero gives inf, as NumPy does.
-
-    Returns
-    -------
-    numba dispatcher
-    """
+    """Compile a plain function on its first call, cached on disk."""
     return _attach_cache(numba.njit(error_model="numpy", nogil=True)(_named(function)), function)
 
 
 def read_only(array: np.ndarray) -> np.ndarray:
-    """A view of floats in C order that cannot be written to: arrays of other kinds would be compiled for anew.
-
-    Parameters
-    ----------
-    array : ndarray
-
-    Returns
-    -------
-    ndarray
-    """
+    """A view of floats in C order that cannot be written to: arrays of other kinds would be compiled for anew."""
     view = np.ascontiguousarray(array, dtype=float).view()
     view.flags.writeable = False
     return view
 
 
 def inline(function: Callable, fastmath: Any = False) -> Dispatcher:
-    """A small plain function for use within :func:`jit` code, copied into every place that calls it.
-
-    Parameters
-    ----------
-    function : callable
-    fastmath : bool or set of str
-        What LLVM may do to its sums, e.g. ``{"reassoc", "contract"}`` to add up in vectors.
-
-    Returns
-    -------
-    numba dispatcher
-    """
+    """A small plain function for use within :func:`jit` code, copied into every place that calls it."""
     if isinstance(function, Dispatcher):
         return function
     return numba.njit(error_model="numpy", nogil=True, forceinline=True, fastmath=fastmath)(function)
@@ -190,10 +137,7 @@ def part(function: Callable) -> Dispatcher:
 
 
 def _on_stack(typing_context: Any, size: Any) -> Any:
-    """A line of numbers on the stack: nothing else can write to it, so that a loop keeps it in registers.
-
-    Its size is a constant of the code that is compiled.
-    """
+    """A line of numbers on the stack: nothing else can write to it, so that a loop keeps it in registers."""
     if not isinstance(size, types.IntegerLiteral):
         return None
     line = types.Array(types.float64, 1, "C")
@@ -237,18 +181,7 @@ def _pointer(function: Callable, signature: Any) -> CFunc:
 
 @cache
 def kernel_pointer(kernel: Callable) -> CFunc:
-    """A law's kernel for single samples as a machine-code callback.
-
-    Parameters
-    ----------
-    kernel : callable
-        See :class:`pysindy_nrf.laws.ForceLaw`.
-
-    Returns
-    -------
-    CFunc
-        ``.address`` is what the integrators call; keep the object alive meanwhile.
-    """
+    """A law's kernel for single samples as a machine-code callback."""
     law = inline(kernel)
 
     def kernel_callback(s, v, a, t, u, n_u, z, n_z, theta, n_theta, out, n_out):
@@ -259,17 +192,7 @@ def kernel_pointer(kernel: Callable) -> CFunc:
 
 @cache
 def advance_pointer(advance: Callable) -> CFunc:
-    """A law's state update as a machine-code callback.
-
-    Parameters
-    ----------
-    advance : callable
-        See :class:`pysindy_nrf.laws.ForceLaw`.
-
-    Returns
-    -------
-    CFunc
-    """
+    """A law's state update as a machine-code callback."""
     law = inline(advance)
 
     def advance_callback(z, n_z, s0, v0, s1, v1, dt, u, n_u, theta, n_theta):
@@ -279,21 +202,7 @@ def advance_pointer(advance: Callable) -> CFunc:
 
 
 def pointers(law: ForceLaw) -> tuple[CFunc, CFunc]:
-    """Kernel and state update of a law as machine-code callbacks.
-
-    Parameters
-    ----------
-    law : ForceLaw
-
-    Returns
-    -------
-    kernel, advance : CFunc
-
-    Raises
-    ------
-    LawError
-        If numba cannot compile the law.
-    """
+    """Kernel and state update of a law as machine-code callbacks."""
     try:
         return kernel_pointer(type(law).kernel), advance_pointer(type(law).advance)
     except NumbaError as error:

@@ -35,21 +35,7 @@ def covariate_units(law: ForceLaw) -> tuple[str, ...]:
 
 
 def random_motion(law: ForceLaw, rng: np.random.Generator, n_periods: int = 2, n_samples: int = 500) -> _Whole:
-    """A smooth periodic motion with everything that a law may read, large enough to close every gap.
-
-    Parameters
-    ----------
-    law : ForceLaw
-        Its covariates are drawn; positive if they may have any unit.
-    rng : numpy.random.Generator
-    n_periods : int
-    n_samples : int
-        Samples of a period of 2 s.
-
-    Returns
-    -------
-    Motion
-    """
+    """A smooth periodic motion with everything that a law may read, large enough to close every gap."""
     t = np.arange(n_periods * n_samples + 1) * (_PERIOD / n_samples)
     order = np.arange(1, 4)[:, None]
     omega = 2 * np.pi * order / _PERIOD
@@ -69,17 +55,7 @@ def random_motion(law: ForceLaw, rng: np.random.Generator, n_periods: int = 2, n
 
 
 def random_values(law: ForceLaw, rng: np.random.Generator) -> ForceLaw:
-    """A copy of a law with positive coefficients and with shape parameters from its search bounds.
-
-    Parameters
-    ----------
-    law : ForceLaw
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    ForceLaw
-    """
+    """A copy of a law with positive coefficients and with shape parameters from its search bounds."""
     shape = {}
     for parameter in law.shapes:
         low, high = parameter.bounds(drift=_DRIFT, rate=5 * _DRIFT, duration=2 * _PERIOD)

@@ -12,27 +12,7 @@ from .base import ForceLaw, Term
 
 
 def total_masses(masses: Any, laws: Mapping[Site, Sequence[ForceLaw]]) -> np.ndarray:
-    """Mass of every DOF with what laws at it add or take away.
-
-    Parameters
-    ----------
-    masses : array-like of shape (n_dof,)
-        kg.
-    laws : mapping of Site to sequence of ForceLaw
-        With coefficients.
-
-    Returns
-    -------
-    ndarray of shape (n_dof,)
-        kg.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import Site, laws
-    >>> from pysindy_nrf.laws.inertia import total_masses
-    >>> total_masses([10.0, 12.0], {Site("dof 2"): [laws.AddedMass(dm=-3.0)]})
-    array([10.,  9.])
-    """
+    """Mass of every DOF with what laws at it add or take away."""
     total = np.array(masses, dtype=float)
     for site, group in laws.items():
         if site.kind == "dof":

@@ -13,27 +13,7 @@ _RATES = np.array([1e-14, -1e-14, 1e-9, -1e-9])
 
 
 def across_rest(law: ForceLaw, largest: Sequence[float] | np.ndarray) -> np.ndarray:
-    """Change of each column of a law where the rate changes its sign.
-
-    Parameters
-    ----------
-    law : ForceLaw
-        Its states are at zero.
-    largest : sequence of float
-        Largest magnitude of each of its covariates.
-
-    Returns
-    -------
-    ndarray of shape (n_terms, 2)
-        Within 1e-14 m/s, and within 1e-9 m/s.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> from pysindy_nrf.laws.jumps import across_rest
-    >>> across_rest(laws.CoulombFriction(), []).tolist()
-    [[2.0, 2.0]]
-    """
+    """Change of each column of a law where the rate changes its sign."""
     zero = np.zeros(4)
     u = np.array([np.full(4, size) for size in largest]).reshape(-1, 4)
     out = np.zeros((len(law.terms()), 4))

@@ -55,10 +55,7 @@ def _third(x, c):
 def _root_of(f, df):
     @inline
     def root(low, high, c):
-        """Zero of f between low and high, where f changes sign: Newton, kept inside by bisection.
-
-        A share of 1e-10 of the interval is enough: the drift is flat where it turns.
-        """
+        """Zero of f between low and high, where f changes sign: Newton, kept inside by bisection."""
         f_low, f_high = f(low, c), f(high, c)
         x = (low * f_high - high * f_low) / (f_high - f_low)
         for _ in range(60):
@@ -235,51 +232,7 @@ def _paths(advance: Callable, n_states: int) -> Callable[..., None]:
 def state_path(
     law: ForceLaw, motion: Motion, u: np.ndarray, theta: np.ndarray, state: np.ndarray | None = None
 ) -> np.ndarray:
-    """Internal state of a law along one contiguous record.
-
-    Between two samples the state moves by ``law.advance``. If the rate changes sign between them,
-    the turning drift is found on the Hermite polynomial of the motion (quintic with acceleration,
-    cubic without) and the state moves to it and back; if noise makes that drift implausible
-    (not beyond both ends, or further than the rates can carry it) the straight way is taken. Without the
-    time of the samples every way is straight.
-
-    Parameters
-    ----------
-    law : ForceLaw
-    motion : Motion
-        Drift (m), rate (m/s), optionally acceleration (m/s^2) and time (s).
-    u : ndarray of shape (n_covariates, n_samples)
-        A segment's ``advance`` is given the mean of its two samples.
-    theta : ndarray of shape (n_theta,)
-    state : ndarray of shape (n_states,), optional
-        State at the first sample, zero if None; moved in place to the last sample. A record is
-        cut into blocks that share one sample: the last of a block is the first of the next. The
-        path is then the same to the last bit.
-
-    Returns
-    -------
-    ndarray of shape (n_states, n_samples)
-        State at each sample.
-
-    Raises
-    ------
-    LawError
-        If the law depends on the rate of time and no time is given, or it cannot be compiled.
-    ChannelError
-        If the motion is not finite.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf import laws
-    >>> from pysindy_nrf.laws.memory import state_path
-    >>> t = np.linspace(0, 1, 201)
-    >>> motion = laws.Motion(1e-3 * np.sin(9 * t), 9e-3 * np.cos(9 * t), t=t)
-    >>> law = laws.Dahl(sigma=5e4)
-    >>> z = state_path(law, motion, np.empty((0, 201)), law.theta)
-    >>> z.shape, float(z[0, 0]), round(float(z[0, 100]), 6)
-    ((1, 201), 0.0, -1.0)
-    """
+    """Internal state of a law along one contiguous record."""
     now = np.zeros((1, law.n_states)) if state is None else np.array(state, dtype=float)[None]
     z = _along(law, motion, u, np.asarray(theta, dtype=float)[None], now)[0]
     if not np.isfinite(now).all():
@@ -290,39 +243,7 @@ def state_path(
 
 
 def state_paths(law: ForceLaw, motions: Sequence[Motion], thetas: np.ndarray) -> list[np.ndarray]:
-    """Internal states of a law along several records for many shape parameters, in one pass over each.
-
-    Where a motion turns between two samples is found once for all candidates. A record starts with the
-    states at zero.
-
-    Parameters
-    ----------
-    law : ForceLaw
-    motions : sequence of Motion
-        One for each record; see :func:`state_path`.
-    thetas : ndarray of shape (n_candidates, n_theta)
-        Parameters as the law's kernel reads them (``law.theta``), a row for each candidate.
-
-    Returns
-    -------
-    list of ndarray of shape (n_candidates, n_states, n_samples)
-        One for each record. A candidate whose state grows beyond all bounds holds NaN or infinity.
-
-    Raises
-    ------
-    LawError, ChannelError
-        See :func:`state_path`.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf import laws
-    >>> t = np.linspace(0, 1, 201)
-    >>> motion = laws.Motion(1e-3 * np.sin(9 * t), 9e-3 * np.cos(9 * t), t=t)
-    >>> z, = state_paths(laws.Dahl(), [motion], np.array([[1e2], [1e3], [1e4]]))
-    >>> z.shape, z[:, 0, 20].round(3)
-    ((3, 1, 201), array([0.075, 0.543, 1.   ]))
-    """
+    """Internal states of a law along several records for many shape parameters, in one pass over each."""
     thetas = np.atleast_2d(np.asarray(thetas, dtype=float))
     out = []
     for motion in motions:

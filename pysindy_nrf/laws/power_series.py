@@ -22,23 +22,7 @@ MOST_POWER = 60  # a higher one is a mistake, or a file that wants all memory
 
 
 def exponents_of(order: Any) -> tuple[tuple[int, int], ...]:
-    """Exponents (h, j) of v and s: total degree, or the box h <= k, j <= q of eq. (2).
-
-    Parameters
-    ----------
-    order : int or (int, int)
-        Total degree, or (k, q).
-
-    Returns
-    -------
-    tuple of (int, int)
-        In the order of the paper's eq. (9): by total degree, within it by falling power of v.
-
-    Raises
-    ------
-    LawError
-        If the order is not whole numbers from 0 to 60.
-    """
+    """Exponents (h, j) of v and s: total degree, or the box h <= k, j <= q of eq. (2)."""
     if isinstance(order, (tuple, list)):
         if len(order) != 2:
             raise LawError(f"order={order!r} is not a box (k, q)", "Give two whole numbers, e.g. (2, 3).")

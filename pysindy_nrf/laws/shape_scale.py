@@ -49,35 +49,11 @@ class ShapeScale:
         self.low, self.high = (self.point(ends) for ends in bounds.T)
 
     def point(self, values: np.ndarray, k: int | slice = slice(None)) -> np.ndarray:
-        """Coordinates of the search at values of all shape parameters.
-
-        Parameters
-        ----------
-        values : array-like of shape (..., n_shapes)
-            SI units.
-        k : int, optional
-            The parameter that all the values belong to, if it is one alone.
-
-        Returns
-        -------
-        ndarray of the same shape
-        """
+        """Coordinates of the search at values of all shape parameters."""
         log = self.log[k]
         return np.where(log, np.log(np.where(log, values, 1.0)), values)
 
     def values(self, point: np.ndarray, k: int | slice = slice(None)) -> np.ndarray:
-        """Shape parameters at a point of the search.
-
-        Parameters
-        ----------
-        point : array-like of shape (..., n_shapes)
-        k : int, optional
-            The parameter that all the coordinates belong to, if it is one alone.
-
-        Returns
-        -------
-        ndarray of the same shape
-            SI units.
-        """
+        """Shape parameters at a point of the search."""
         log = self.log[k]
         return np.where(log, np.exp(np.where(log, point, 0.0)), point)

@@ -80,13 +80,7 @@ class Walk:
         return not (self.missing_masses or self.missing_sites)
 
     def require_complete(self) -> Walk:
-        """Return the walk, or refuse.
-
-        Raises
-        ------
-        IdentifiabilityError
-            With one sentence for each mass or law out of reach and what would help.
-        """
+        """Return the walk, or refuse."""
         if not self.complete:
             raise IdentifiabilityError(" ".join(self.reasons))
         return self
@@ -115,29 +109,7 @@ def plan_walk(
     strategy: str = "auto",
     sites: Iterable[Site] | None = None,
 ) -> Walk:
-    """Plan the solve of a chain (paper eqs. 3-5) from what is known.
-
-    Parameters
-    ----------
-    chain : Chain
-    forced, unknown, known_masses : iterable of int
-        DOFs with a measured force, with an unknown force, with a known mass.
-    strategy : {"auto", "complete", "sequential", "joint"}
-        ``"auto"`` is complete where every DOF is forced, else sequential.
-    sites : iterable of Site, optional
-        Sites where a law acts; the chain's own by default.
-
-    Returns
-    -------
-    Walk
-
-    Raises
-    ------
-    ChainError
-        If a DOF or the strategy does not exist.
-    IdentifiabilityError
-        If ``"complete"`` or ``"joint"`` is asked for and a DOF is not forced.
-    """
+    """Plan the solve of a chain (paper eqs. 3-5) from what is known."""
     if strategy not in STRATEGIES:
         raise ChainError(f"strategy={strategy!r} is unknown", f"Choose one of {', '.join(STRATEGIES)}.")
     forced_, unknown_ = _dofs("forced", forced, chain), _dofs("unknown", unknown, chain)

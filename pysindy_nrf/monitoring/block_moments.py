@@ -65,16 +65,7 @@ class BlockMoments:
         return Moments(like.layout, list(like.groups.values()), like.kind, like.known_masses)
 
     def solve(self, moments: Moments) -> tuple[ChainModel, Solution]:
-        """Model of some moments.
-
-        Parameters
-        ----------
-        moments : Moments
-
-        Returns
-        -------
-        ChainModel, Solution
-        """
+        """Model of some moments."""
         solution = solve(moments, self.walk, self.known_masses)
         return model_of(self.layout, solution), solution
 
@@ -87,29 +78,7 @@ def block_moments(
     n_blocks: int | None = None,
     length: float | None = None,
 ) -> BlockMoments:
-    """Moments of consecutive pieces.
-
-    Parameters
-    ----------
-    estimator : fitted NRFRegressor
-        Its laws (shape parameters included), chain and band are used.
-    data : SegmentSet
-    known_masses : mapping of int to float, optional
-        kg; those of the estimator if None.
-    n_blocks : int, optional
-        Number of pieces over all records.
-    length : float, optional
-        Length of a piece, s.
-
-    Returns
-    -------
-    BlockMoments
-
-    Raises
-    ------
-    ChannelError
-        If a piece would hold fewer samples than there are coefficients.
-    """
+    """Moments of consecutive pieces."""
     from ..signals.zero_phase_filter import filters_of
 
     layout = LawLayout(estimator.chain_, estimator.model_.laws)

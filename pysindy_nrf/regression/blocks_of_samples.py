@@ -62,21 +62,7 @@ class Pieces:
         return len(self.record)
 
     def moments(self, weights: np.ndarray | None = None) -> Moments:
-        """Moments of the pieces, each taken ``weights`` times; columns projected on the instruments.
-
-        With instruments Z the moments are those of ``P_Z [columns]``: the solve then finds the
-        two-stage least-squares estimate, which is the instrumental-variable one where there are as many
-        instruments as unknowns.
-
-        Parameters
-        ----------
-        weights : ndarray of shape (n_pieces,), optional
-            Ones if None.
-
-        Returns
-        -------
-        Moments
-        """
+        """Moments of the pieces, each taken ``weights`` times; columns projected on the instruments."""
         weights = np.ones(len(self)) if weights is None else weights
         out = Moments(self.layout, [], "gram", self.known_masses)
         for group in self.groups:
@@ -100,41 +86,7 @@ def pieces_of(
     n_pieces: int = N_PIECES,
     whiteners: Mapping[tuple[int, ...], Any] | None = None,
 ) -> Pieces:
-    """Cut the data into consecutive pieces and take the moments of each.
-
-    Parameters
-    ----------
-    data : SegmentSet
-    layout : LawLayout
-    groups : sequence of Group
-    filters : sequence of FairFilter or None
-        One for each record.
-    known_masses : mapping of int to float
-        kg.
-    runs : sequence of Segment or None, optional
-        Free runs whose motion gives the instruments; records without one are left out.
-    n_pieces : int
-        Pieces over all records, about; a record has at least one.
-    whiteners : mapping of tuple of int to Whitener, optional
-        By the DOFs of the group: filters of its rows and instruments alike.
-
-    Returns
-    -------
-    Pieces
-
-    Examples
-    --------
-    >>> from pysindy_nrf import NRFRegressor, datasets
-    >>> from pysindy_nrf.regression.chain_solve import groups_of
-    >>> from pysindy_nrf.estimation import pieces_of
-    >>> from pysindy_nrf.regression.layout import LawLayout
-    >>> X, F = datasets.load_demo().to_features()
-    >>> fitted = NRFRegressor(degree=3).fit(X, F)
-    >>> layout = LawLayout(fitted.chain_, fitted.model_.laws)
-    >>> data = fitted.model_.segments(X, F)
-    >>> len(pieces_of(data, layout, groups_of(layout, fitted.walk_), [None], {}, n_pieces=16))
-    16
-    """
+    """Cut the data into consecutive pieces and take the moments of each."""
     chosen = [i for i in range(len(data.segments)) if runs is None or runs[i] is not None]
     total = sum(data.segments[i].n_valid for i in chosen)
     length = max(1, -(-total // n_pieces))

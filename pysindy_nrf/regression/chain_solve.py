@@ -105,32 +105,13 @@ class NotTogether(NRFError):
 
 
 def groups_of(layout: Layout, walk: Walk) -> list[Group]:
-    """Groups of columns a walk needs: every balance, and the sums of balances it solves.
-
-    Parameters
-    ----------
-    layout : Layout
-    walk : Walk
-
-    Returns
-    -------
-    list of Group
-    """
+    """Groups of columns a walk needs: every balance, and the sums of balances it solves."""
     sums = [step.dofs for step in walk.steps if len(step.dofs) > 1]
     return [layout.group(dofs) for dofs in dict.fromkeys([*((j,) for j in range(1, layout.n_dof + 1)), *sums])]
 
 
 def doubtful_masses(solution: Solution) -> list[str]:
-    """Sentences on masses that are not positive, or that noise in the motion or a missing law decides.
-
-    Parameters
-    ----------
-    solution : Solution
-
-    Returns
-    -------
-    list of str
-    """
+    """Sentences on masses that are not positive, or that noise in the motion or a missing law decides."""
     said = []
     for fit in solution.fits:
         for dof, noise in zip(fit.step.masses, fit.mass_noise):
@@ -160,21 +141,7 @@ def solve_blocks(
     inner: Any = None,
     names: Mapping[Site, list[str]] | None = None,
 ) -> tuple[Solution, Moments]:
-    """Stream samples into moments and solve; where squaring loses digits, stream them once more by QR.
-
-    Parameters
-    ----------
-    layout : Layout
-    walk : Walk
-    blocks : callable
-        Returns a fresh iterable of :class:`Block` at each call.
-    known_masses, inner, names
-        See :func:`solve`.
-
-    Returns
-    -------
-    Solution, Moments
-    """
+    """Stream samples into moments and solve; where squaring loses digits, stream them once more by QR."""
     groups, known = groups_of(layout, walk), dict(known_masses or {})
     moments = accumulate(Moments(layout, groups, "gram", known), blocks())
     solution = solved_safely(moments, walk, known_masses, inner, names)
@@ -192,17 +159,7 @@ def solved_safely(
     inner: Any = None,
     names: Mapping[Site, list[str]] | None = None,
 ) -> Solution | None:
-    """Solution of Gram matrices, or None where squaring may have lost digits that the data hold.
-
-    Parameters
-    ----------
-    moments, walk, known_masses, inner, names
-        See :func:`solve`.
-
-    Returns
-    -------
-    Solution or None
-    """
+    """Solution of Gram matrices, or None where squaring may have lost digits that the data hold."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", RankWarning)
@@ -219,34 +176,7 @@ def solve(
     inner: Any = None,
     names: Mapping[Site, list[str]] | None = None,
 ) -> Solution:
-    """Find masses and coefficients from moments.
-
-    Parameters
-    ----------
-    moments : Moments
-        They may be stacked (roots only): every number found then has the leading axes of the stack.
-    walk : Walk
-        Which balances, in which order; see :meth:`Chain.identifiability`.
-    known_masses : mapping of int to float, optional
-        kg.
-    inner : PySINDy optimizer, optional
-        Cloned for each sub-problem; plain least squares if None. It sees columns and right-hand side
-        divided by their rms, never shifted; a threshold is then a share of the balance's force.
-    names : mapping of Site to list of str, optional
-        Labels of the terms, for messages.
-
-    Returns
-    -------
-    Solution
-
-    Raises
-    ------
-    IdentifiabilityError
-        If a mass cannot be told from the terms beside it.
-    NotTogether
-        If stacked moments have to be solved one by one: a rank is in doubt, or an optimizer or a joint solve is asked
-        for.
-    """
+    """Find masses and coefficients from moments."""
     known = {int(j): float(m) for j, m in dict(known_masses or {}).items()}
     solution = Solution(masses=dict(known))
     if walk.strategy == "joint":
@@ -383,10 +313,7 @@ def _mass_noise(upper: np.ndarray, scaled: np.ndarray, share: float, n_masses: i
 
 
 def _sparse(unit: np.ndarray, target: np.ndarray, n_masses: int, n_samples: int, inner: Any) -> np.ndarray:
-    """Run a PySINDy optimizer on the problem with the masses, its first columns, eliminated; then solve for these.
-
-    Columns and target have the length sqrt(n_samples), as the samples divided by their rms would.
-    """
+    """Run a PySINDy optimizer on the problem with the masses, its first columns, eliminated; then solve for these."""
     from .sparse_subproblem import fit_inner
 
     length = n_samples**0.5

@@ -31,23 +31,7 @@ class Extent:
 
     @classmethod
     def of(cls, matrices: Sequence[np.ndarray]) -> Extent:
-        """Extent of the columns of some matrices.
-
-        Parameters
-        ----------
-        matrices : sequence of ndarray of shape (n_samples, n_columns)
-            float32 or float64.
-
-        Returns
-        -------
-        Extent
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> Extent.of([np.array([[1.0, np.nan], [3.0, 2.0]])])
-        Extent(low=array([1., 2.]), high=array([3., 2.]), finite=array([ True, False]))
-        """
+        """Extent of the columns of some matrices."""
         low, high, bad = np.zeros((3, sum(matrix.shape[1] for matrix in matrices)))
         low[:], high[:] = np.inf, -np.inf
         for where, (least, most, zero) in in_threads(_scanned, _shares(matrices)):

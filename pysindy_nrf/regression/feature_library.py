@@ -319,16 +319,7 @@ def _axes(array: np.ndarray) -> dict[str, Any]:
 
 
 def term_names(layout: LawLayout) -> list[str]:
-    """Names of the terms of all sites, e.g. ``"v2^2 s2"``.
-
-    Parameters
-    ----------
-    layout : LawLayout
-
-    Returns
-    -------
-    list of str
-    """
+    """Names of the terms of all sites, e.g. ``"v2^2 s2"``."""
     from ..laws.base import subscript
 
     names = []
@@ -435,24 +426,7 @@ class InterstoryPolynomialLibrary(ForceLawLibrary):
 
 
 def power_series_laws(chain: Chain, degree: Any, orders: Mapping[Any, Any] | None = None) -> dict[Any, list[ForceLaw]]:
-    """A power series at every site of a chain.
-
-    Parameters
-    ----------
-    chain : Chain
-    degree : int or (int, int)
-    orders : mapping of str to int or (int, int), optional
-        Other orders at some sites.
-
-    Returns
-    -------
-    dict of Site to list of ForceLaw
-
-    Raises
-    ------
-    ChainError
-        If ``orders`` names a site the chain does not have.
-    """
+    """A power series at every site of a chain."""
     chosen = dict.fromkeys(chain.sites, degree)
     for text, order in dict(orders or {}).items():
         site = chain.site(text)

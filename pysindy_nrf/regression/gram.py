@@ -79,13 +79,7 @@ class Plan:
         self._own = local()  # each thread's scratch
 
     def multiply(self, block: Block, store: np.ndarray) -> None:
-        """Add the products of the columns of a block to ``store``, shape (size,); see ``take`` for its order.
-
-        Parameters
-        ----------
-        block : Block
-        store : ndarray of shape (size,)
-        """
+        """Add the products of the columns of a block to ``store``, shape (size,); see ``take`` for its order."""
         recipe, placed = block.recipe, self._placed
         if placed is None or placed[0] is not recipe:
             self._placed = placed = recipe, *self._rows(recipe)
@@ -154,30 +148,14 @@ def _scratch(n_rows: int) -> np.ndarray:
 
 
 def orthogonal_gram(rows: np.ndarray, guess: np.ndarray, store: np.ndarray) -> None:
-    """Add the Gram matrix of ``guess^-T rows`` to ``store``.
-
-    Parameters
-    ----------
-    rows : ndarray of shape (p, n)
-    guess : ndarray of shape (p, p)
-        Upper triangular, of full rank.
-    store : ndarray of shape (p, p)
-        Its lower triangle is complete afterwards.
-    """
+    """Add the Gram matrix of ``guess^-T rows`` to ``store``."""
     rows = np.ascontiguousarray(rows, dtype=np.float64)
     kernels()[1](rows, guess, _scratch(len(rows)), store.ravel())
 
 
 @cache
 def kernels() -> tuple[Callable[..., None], Callable[..., None]]:
-    """The compiled passes.
-
-    ``gram_pass(a, force, source, places, recurrence, numbers, steps, sums, masses, pairs, scratch, store)`` adds the
-    products of the rows of one block. ``places`` are the rows of the scratch for the channels in ``a``, ``force`` and
-    ``source``; ``recurrence`` and ``numbers`` are those of a Recipe, with rows of the scratch;
-    ``steps[k] = (row, p, q)`` makes a row from row p (q = -1), or from row p times row q.
-    ``root_pass(rows, guess, scratch, store)`` is :func:`orthogonal_gram`.
-    """
+    """The compiled passes."""
     from numba import types
 
     from ..laws.compiled import inline, jit

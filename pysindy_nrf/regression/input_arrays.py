@@ -36,18 +36,7 @@ def fused_together(X: Any) -> bool:
 
 
 def one_by_one(X: Any) -> dict[str, Any]:
-    """Options by which the DOFs of Records are fused one by one; none where motions were given.
-
-    Where DOFs improve each other, what is left of noise depends on the motion and is alike in the whole record.
-
-    Parameters
-    ----------
-    X : Record, list of Record or array-like
-
-    Returns
-    -------
-    dict
-    """
+    """Options by which the DOFs of Records are fused one by one; none where motions were given."""
     if not holds_records(X):
         return {}
     from ..signals import KinematicSmoother
@@ -70,49 +59,7 @@ def from_arrays(
     smooth: Any = True,
     every_row: bool = False,
 ) -> SegmentSet:
-    """Check what the user passed and cut it into contiguous records.
-
-    A record is cut where its clock jumps, and pieces of fewer than 30 samples are left out. Where the clock jumps every
-    few samples throughout, rows were drawn from a record (by a shuffled cross-validation, say): they stay together, as
-    samples that no filter or spectrum can use.
-
-    Parameters
-    ----------
-    X : array-like of shape (n_samples, 3 n_dof), DataFrame, Record or list of Record
-    F : array-like of shape (n_samples, n_dof), optional
-        Zeros if None.
-    record, time : array-like of shape (n_samples,), optional
-        Record ids; time of the samples, s.
-    base_acceleration : array-like of shape (n_samples,), optional
-        As measured; where ``X.attrs`` carries the band of fused motions, it is put through that here.
-    covariates : mapping of str to array-like of shape (n_samples,), optional
-        Those named ``ag``, ``vg`` and ``xg`` are motions of the base, to which the same happens.
-    coordinates : {"relative", "absolute"}
-    dt : float, optional
-        Sampling step, s, if there is no time.
-    n_dof : int, optional
-        Number wanted.
-    has_memory : bool
-        Whether a law needs samples in order.
-    smooth : bool or KinematicSmoother
-        How records become motions; see :func:`pysindy_nrf.signals.kinematics.to_features`.
-    every_row : bool
-        Keep the short pieces between gaps too, each by itself: for forces at every sample, or sums over samples.
-
-    Returns
-    -------
-    SegmentSet
-
-    Warns
-    -----
-    DataQualityWarning
-        If short pieces are left out; with the record and their rows.
-
-    Raises
-    ------
-    ChannelError
-        Naming the channel and the cure.
-    """
+    """Check what the user passed and cut it into contiguous records."""
     if isinstance(X, Record):
         X = [X]
     if isinstance(X, (list, tuple)) and X and isinstance(X[0], Record):
@@ -371,20 +318,14 @@ def _seconds(time: Any, dt: float | None, size: int, pieces: Sequence[tuple[str,
 
 
 def _clock(seconds: np.ndarray | None, rows: slice, dt: float | None) -> Any:
-    """Time of some rows as given, s (from zero with a step alone), or None.
-
-    A part of a record has the times that it has in the whole: a law of time says the same of both.
-    """
+    """Time of some rows as given, s (from zero with a step alone), or None."""
     if seconds is not None:
         return seconds[rows]
     return None if dt is None else EvenClock(rows.stop - rows.start, float(dt))
 
 
 def _base_in_band(segment: Segment) -> Segment:
-    """The record with the motion of its base put through the band of its floors.
-
-    Of covariates the base's own motion (``ag``, ``vg``, ``xg``) goes with it; a voltage or a temperature does not.
-    """
+    """The record with the motion of its base put through the band of its floors."""
     if segment.band is None or segment.dt is None:
         return segment
     filter = FairFilter(segment.band, 1.0 / segment.dt)

@@ -75,16 +75,7 @@ class Layout:
         return tuple(s for s in self.sites if self.counts[s])
 
     def group(self, dofs: Sequence[int]) -> Group:
-        """The group of columns of one balance, or of several summed.
-
-        Parameters
-        ----------
-        dofs : sequence of int
-
-        Returns
-        -------
-        Group
-        """
+        """The group of columns of one balance, or of several summed."""
         pairs = [(s, sum(s.incidence(j) for j in dofs)) for s in self.acting]
         pairs = [(s, sign) for s, sign in pairs if sign]
         return Group(tuple(dofs), tuple(s for s, _ in pairs), tuple(sign for _, sign in pairs))
@@ -121,17 +112,7 @@ class Recipe:
     numbers: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
 
     def finish(self, source: np.ndarray, n_terms: int) -> np.ndarray:
-        """All columns of a block.
-
-        Parameters
-        ----------
-        source : ndarray of shape (n_source, n)
-        n_terms : int
-
-        Returns
-        -------
-        ndarray of shape (n_terms, n)
-        """
+        """All columns of a block."""
         out = np.empty((max(n_terms, int(self.steps[:, 0].max(initial=-1)) + 1), source.shape[1]))
         for (row, x, p, q), (g, h, k) in zip(self.recurrence.tolist(), self.numbers.tolist()):
             np.multiply(source[x], g, out=out[row])
@@ -226,21 +207,7 @@ def _products(law: ForceLaw) -> list[tuple[int, int]] | None:
 
 @cache
 def powers_of(label: str) -> tuple[int, int] | None:
-    """Exponents (h, j) of a label such as ``"v^2 s"`` or ``"1"``; None if it is no monomial.
-
-    Parameters
-    ----------
-    label : str
-
-    Returns
-    -------
-    tuple of (int, int) or None
-
-    Examples
-    --------
-    >>> powers_of("v^2 s"), powers_of("1"), powers_of("sgn(v)")
-    ((2, 1), (0, 0), None)
-    """
+    """Exponents (h, j) of a label such as ``"v^2 s"`` or ``"1"``; None if it is no monomial."""
     if not _MONOMIAL.match(label):
         return None
     power = {"v": 0, "s": 0, "1": 0}
@@ -251,42 +218,12 @@ def powers_of(label: str) -> tuple[int, int] | None:
 
 
 def numbered(words: Sequence[str]) -> list[str]:
-    """Words, with a number behind those that occur more than once.
-
-    Parameters
-    ----------
-    words : sequence of str
-
-    Returns
-    -------
-    list of str
-
-    Examples
-    --------
-    >>> numbered(["dahl", "power series", "dahl"])
-    ['dahl 1', 'power series', 'dahl 2']
-    """
+    """Words, with a number behind those that occur more than once."""
     return [w if words.count(w) == 1 else f"{w} {words[: i + 1].count(w)}" for i, w in enumerate(words)]
 
 
 def distinct_labels(laws: Sequence[ForceLaw]) -> list[str]:
-    """Labels of the terms of some laws, all different.
-
-    Parameters
-    ----------
-    laws : sequence of ForceLaw
-
-    Returns
-    -------
-    list of str
-        A law's name is added where two would be equal, and its number too where the names are equal as well.
-
-    Examples
-    --------
-    >>> from pysindy_nrf.laws import Dahl, PowerSeries
-    >>> distinct_labels([PowerSeries(1), Dahl(), Dahl()])
-    ['v', 's', 'Z (dahl 1)', 'Z (dahl 2)']
-    """
+    """Labels of the terms of some laws, all different."""
     plain = [term.label for law in laws for term in law.terms()]
     named = [(term.label, law.name) for law in laws for term in law.terms()]
     number = [name for law, name in zip(laws, numbered([law.name for law in laws])) for _ in law.terms()]
@@ -327,16 +264,7 @@ class LawLayout(Layout):
                     owner[term.label] = type(law).__name__
 
     def terms_at(self, site: str) -> list[Term]:
-        """Terms at a site, in column order.
-
-        Parameters
-        ----------
-        site : str
-
-        Returns
-        -------
-        list of Term
-        """
+        """Terms at a site, in column order."""
         return [term for law in self.laws.get(Site(site), ()) for term in law.terms()]
 
     def labels(self, site: str) -> list[str]:
@@ -354,19 +282,7 @@ class LawLayout(Layout):
         return _recipe(self)
 
     def columns(self, site: Site, motion: Motion, states: dict | None = None) -> np.ndarray:
-        """Feature columns at a site along one contiguous record.
-
-        Parameters
-        ----------
-        site : Site
-        motion : Motion
-        states : dict, optional
-            Internal states carried from block to block, keyed by (site, law number).
-
-        Returns
-        -------
-        ndarray of shape (n_samples, n_terms_at_site)
-        """
+        """Feature columns at a site along one contiguous record."""
         out = np.empty((self.counts[site], motion.n_samples))
         row = 0
         for i, law in enumerate(self.laws.get(site, ())):

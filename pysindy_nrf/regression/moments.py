@@ -28,16 +28,7 @@ _LOST = 3e-8
 
 
 def block_size(layout: Layout) -> int:
-    """Samples in a block of a layout, between 512 and 4096.
-
-    Parameters
-    ----------
-    layout : Layout
-
-    Returns
-    -------
-    int
-    """
+    """Samples in a block of a layout, between 512 and 4096."""
     return int(np.clip(_CACHE // max(4 * layout.n_dof, 1) // 256 * 256, 512, 2 * BLOCK))
 
 
@@ -89,17 +80,7 @@ class Block:
         return tuple(np.isfinite(self.force[:, 0]).tolist())
 
     def take(self, rows: Any) -> Block:
-        """Some of the samples.
-
-        Parameters
-        ----------
-        rows : slice or ndarray
-            As NumPy takes them.
-
-        Returns
-        -------
-        Block
-        """
+        """Some of the samples."""
         if isinstance(rows, slice) and rows == slice(0, self.acceleration.shape[1]):
             return self
         a, force = self.acceleration[:, rows], self.force[:, rows]
@@ -136,13 +117,7 @@ class GroupMoments:
         self._guess, self._matrix = None, value
 
     def add(self, rows: np.ndarray) -> None:
-        """Add samples.
-
-        Parameters
-        ----------
-        rows : ndarray of shape (n_columns, n)
-            One row for each column of the group.
-        """
+        """Add samples."""
         if self.kind == "gram":
             self.matrix += rows @ rows.T
         else:
@@ -150,14 +125,7 @@ class GroupMoments:
         self.n_samples += rows.shape[1]
 
     def add_guessed(self, rows: np.ndarray, guess: np.ndarray) -> None:
-        """Add samples to a root, through the Gram matrix of columns that a guess of the root makes orthogonal.
-
-        Parameters
-        ----------
-        rows : ndarray of shape (n_columns, n)
-        guess : ndarray of shape (n_columns, n_columns)
-            Upper triangular, of full rank.
-        """
+        """Add samples to a root, through the Gram matrix of columns that a guess of the root makes orthogonal."""
         if self._guess is not guess:
             self._settle()
             self._guess, self._near = guess, np.zeros(guess.shape)
@@ -186,18 +154,7 @@ class GroupMoments:
         self.n_samples += other.n_samples
 
     def triangle(self, combine: np.ndarray) -> np.ndarray:
-        """Triangular factor of linear combinations of the columns.
-
-        Parameters
-        ----------
-        combine : ndarray of shape (n_columns, p)
-            Of stacked roots (..., n_columns, p).
-
-        Returns
-        -------
-        ndarray of shape (p, p)
-            Upper triangular R with ``R.T @ R`` = Gram matrix of the combinations; of stacked roots (..., p, p).
-        """
+        """Triangular factor of linear combinations of the columns."""
         if self.kind == "root":
             upper = np.asarray(np.linalg.qr(self.matrix @ combine, mode="r"))
             if upper.shape[-2] == upper.shape[-1]:
@@ -215,31 +172,11 @@ class GroupMoments:
         return _scaled_cholesky(self.matrix)
 
     def norm(self, weights: np.ndarray) -> float:
-        """Root of the sum of squares of one combination of the columns.
-
-        Parameters
-        ----------
-        weights : ndarray of shape (n_columns,)
-
-        Returns
-        -------
-        float
-        """
+        """Root of the sum of squares of one combination of the columns."""
         return float(self.norms(weights[:, None])[0])
 
     def norms(self, weights: np.ndarray) -> np.ndarray:
-        """Roots of the sums of squares of some combinations of the columns.
-
-        Parameters
-        ----------
-        weights : ndarray of shape (n_columns, p)
-            Of stacked roots (..., n_columns, p).
-
-        Returns
-        -------
-        ndarray of shape (p,)
-            Of stacked roots (..., p).
-        """
+        """Roots of the sums of squares of some combinations of the columns."""
         image = self.matrix @ weights
         if self.kind == "root":
             return np.linalg.norm(image, axis=-2)
@@ -252,16 +189,7 @@ def _root_of(rows: np.ndarray) -> np.ndarray:
 
 
 def guess_of(part: GroupMoments) -> np.ndarray:
-    """Triangular factor of moments that can be divided by: pivots lost to round-off are set to what may be lost.
-
-    Parameters
-    ----------
-    part : GroupMoments
-
-    Returns
-    -------
-    ndarray of shape (n_columns, n_columns)
-    """
+    """Triangular factor of moments that can be divided by: pivots lost to round-off are set to what may be lost."""
     upper = part.root()
     scale = np.linalg.norm(upper, axis=0)
     scale[scale == 0] = 1.0
@@ -272,11 +200,7 @@ def guess_of(part: GroupMoments) -> np.ndarray:
 
 
 def _scaled_cholesky(gram: np.ndarray) -> np.ndarray:
-    """Upper factor of a Gram matrix whose columns span many orders of magnitude.
-
-    Columns are scaled to unit length first. Where the factor fails, a pivot lost to round-off becomes zero: the
-    column is a combination of those before it.
-    """
+    """Upper factor of a Gram matrix whose columns span many orders of magnitude."""
     scale = np.sqrt(np.clip(np.diagonal(gram, axis1=-2, axis2=-1), 0.0, None))
     safe = np.where(scale > 0, scale, 1.0)
     unit = gram / safe[..., :, None] / safe[..., None, :]
@@ -351,16 +275,7 @@ class Moments:
         return next(iter(self.parts.values())).matrix.shape[:-2]
 
     def of(self, number: int) -> Moments:
-        """One of stacked moments.
-
-        Parameters
-        ----------
-        number : int
-
-        Returns
-        -------
-        Moments
-        """
+        """One of stacked moments."""
         out = Moments(self.layout, list(self.groups.values()), self.kind, self.known_masses)
         out.n_samples = int(self.n_samples[number])
         for dofs, part in self.parts.items():
@@ -368,12 +283,7 @@ class Moments:
         return out
 
     def empty(self) -> Moments:
-        """Moments of nothing, of the same columns.
-
-        Returns
-        -------
-        Moments
-        """
+        """Moments of nothing, of the same columns."""
         out = Moments(self.layout, list(self.groups.values()), self.kind, self.known_masses, self.guess)
         out._plan = self._planned() if self.kind == "gram" else None
         return out
@@ -384,12 +294,7 @@ class Moments:
         return self._plan
 
     def add(self, block: Block) -> None:
-        """Add some consecutive samples.
-
-        Parameters
-        ----------
-        block : Block
-        """
+        """Add some consecutive samples."""
         self.n_samples += block.acceleration.shape[1]
         if self.kind == "root":
             self._add_root(block)
@@ -405,18 +310,7 @@ class Moments:
         return self._store
 
     def products(self, blocks: Sequence[Block]) -> np.ndarray:
-        """Sums of products of the columns of some blocks with the same known forces, for :meth:`add_products`.
-
-        Nothing is changed: blocks may be multiplied in several threads at once.
-
-        Parameters
-        ----------
-        blocks : sequence of Block
-
-        Returns
-        -------
-        ndarray of shape (n_products,)
-        """
+        """Sums of products of the columns of some blocks with the same known forces, for :meth:`add_products`."""
         plan = self._planned()
         store = np.zeros(plan.size)
         for block in blocks:
@@ -424,13 +318,7 @@ class Moments:
         return store
 
     def add_products(self, blocks: Sequence[Block], products: np.ndarray) -> None:
-        """Add blocks whose products are there already.
-
-        Parameters
-        ----------
-        blocks : sequence of Block
-        products : ndarray of shape (n_products,)
-        """
+        """Add blocks whose products are there already."""
         store = self._room(blocks[0].known)
         store += products
         size = sum(block.acceleration.shape[1] for block in blocks)
@@ -468,17 +356,7 @@ class Moments:
                 part.add(columns)
 
     def merge(self, other: Moments) -> Moments:
-        """Add the samples of other moments with the same layout and groups.
-
-        Parameters
-        ----------
-        other : Moments
-
-        Returns
-        -------
-        Moments
-            self.
-        """
+        """Add the samples of other moments with the same layout and groups."""
         if set(self.parts) != set(other.parts):
             raise NRFError("Moments of different balances cannot be added", "Accumulate both with the same layout.")
         for dofs, part in self.parts.items():
@@ -498,21 +376,7 @@ class Moments:
         gram: Callable[[tuple[int, ...]], tuple[np.ndarray, int]],
         known_masses: dict[int, float] | None = None,
     ) -> Moments:
-        """Moments cut out of one Gram matrix of all columns ``[terms | a_1..a_n | F_1..F_n]``.
-
-        Parameters
-        ----------
-        layout : Layout
-        groups : sequence of Group
-        gram : callable
-            From the DOFs of a group to the Gram matrix of the samples in which their forces are known,
-            and the number of these samples.
-        known_masses : mapping of int to float, optional
-
-        Returns
-        -------
-        Moments
-        """
+        """Moments cut out of one Gram matrix of all columns ``[terms | a_1..a_n | F_1..F_n]``."""
         self = cls(layout, [], "gram", known_masses)
         k, n = layout.n_terms, layout.n_dof
         for group in groups:
@@ -546,18 +410,7 @@ class Moments:
 
 
 def stacked(parts: Sequence[Moments]) -> Moments:
-    """Roots of the same groups, to be solved and judged all at once.
-
-    Parameters
-    ----------
-    parts : sequence of Moments
-        Of kind ``"root"``, with one layout.
-
-    Returns
-    -------
-    Moments
-        Its matrices have a leading axis of the length of ``parts``, its numbers of samples are arrays.
-    """
+    """Roots of the same groups, to be solved and judged all at once."""
     first = parts[0]
     out = Moments(first.layout, list(first.groups.values()), "root", first.known_masses)
     out.n_samples = np.array([m.n_samples for m in parts])
@@ -568,29 +421,13 @@ def stacked(parts: Sequence[Moments]) -> Moments:
 
 
 def accumulate(moments: Moments, blocks: Iterable[Block]) -> Moments:
-    """Stream blocks of samples into moments, on all cores; see :func:`pysindy_nrf.common.threads.n_threads`.
-
-    Parameters
-    ----------
-    moments : Moments
-    blocks : iterable of Block
-
-    Returns
-    -------
-    Moments
-        The same to the last bit for any number of threads.
-    """
+    """Stream blocks of samples into moments, on all cores; see :func:`pysindy_nrf.common.threads.n_threads`."""
     accumulate_each((moments, block) for block in blocks)
     return moments
 
 
 def accumulate_each(blocks: Iterable[tuple[Moments, Block]]) -> None:
-    """Stream blocks into one of several moments each, on all cores.
-
-    Parameters
-    ----------
-    blocks : iterable of (Moments, Block)
-    """
+    """Stream blocks into one of several moments each, on all cores."""
 
     def multiplied(share: tuple[Moments, list[Block]]) -> tuple[Moments, list[Block], np.ndarray]:
         moments, held = share
@@ -619,19 +456,7 @@ def _shares(blocks: Iterable[tuple[Moments, Block]]) -> Iterator[tuple[Moments, 
 
 
 def blocks_of(terms: np.ndarray, acceleration: np.ndarray, force: np.ndarray, size: int = BLOCK) -> Iterator[Block]:
-    """Cut ready-made columns into blocks.
-
-    Parameters
-    ----------
-    terms : ndarray of shape (n_samples, n_terms)
-    acceleration, force : ndarray of shape (n_samples, n_dof)
-    size : int
-        Samples in a block.
-
-    Yields
-    ------
-    Block
-    """
+    """Cut ready-made columns into blocks."""
     for start in range(0, len(acceleration), size):
         rows = slice(start, start + size)
         yield Block(terms[rows].T, acceleration[rows].T, force[rows].T)

@@ -34,16 +34,7 @@ class VisitedRegion:
 
     @classmethod
     def of(cls, v: np.ndarray, s: np.ndarray) -> VisitedRegion:
-        """Region visited by samples.
-
-        Parameters
-        ----------
-        v, s : ndarray of shape (n_samples,)
-
-        Returns
-        -------
-        VisitedRegion
-        """
+        """Region visited by samples."""
         low, high = (np.array([f(v), f(s)], dtype=float)[None] for f in (np.min, np.max))
         return cls.of_storeys([(v[:, None], s[:, None])], low, high)[0]
 
@@ -51,19 +42,7 @@ class VisitedRegion:
     def of_storeys(
         cls, pieces: Sequence[tuple[np.ndarray, np.ndarray]], low: np.ndarray, high: np.ndarray
     ) -> list[VisitedRegion]:
-        """Regions visited by the samples of several records, one for each storey.
-
-        Parameters
-        ----------
-        pieces : sequence of (ndarray, ndarray) of shape (n_samples, n_storeys)
-            v and s of each record.
-        low, high : ndarray of shape (n_storeys, 2)
-            Corners (v, s) of the rectangles, m/s and m.
-
-        Returns
-        -------
-        list of VisitedRegion
-        """
+        """Regions visited by the samples of several records, one for each storey."""
         step = max(1, sum(len(v) for v, _ in pieces) // _MOST)
         cells = np.zeros((len(low), _CELLS, _CELLS), dtype=bool)
         span = high - low
@@ -80,16 +59,7 @@ class VisitedRegion:
         return [cls(tuple(a), tuple(b), c) for a, b, c in zip(low.tolist(), high.tolist(), cells)]
 
     def contains(self, v: Any, s: Any) -> np.ndarray:
-        """Whether points lie in a visited cell, or next to one.
-
-        Parameters
-        ----------
-        v, s : array-like
-
-        Returns
-        -------
-        ndarray of bool
-        """
+        """Whether points lie in a visited cell, or next to one."""
         near = np.zeros(tuple(n + 2 for n in self.cells.shape), dtype=bool)
         for i in range(3):
             for j in range(3):
@@ -103,16 +73,7 @@ class VisitedRegion:
         return inside & near[index[0], index[1]]
 
     def nearest(self, v: Any, s: Any) -> tuple[np.ndarray, np.ndarray]:
-        """The middle of the visited cell nearest to each point, distances in shares of the rectangle.
-
-        Parameters
-        ----------
-        v, s : array-like of shape (n_points,)
-
-        Returns
-        -------
-        v, s : ndarray of shape (n_points,)
-        """
+        """The middle of the visited cell nearest to each point, distances in shares of the rectangle."""
         low, span = np.array(self.low), np.array(self.high) - np.array(self.low)
         span[span == 0] = 1.0
         middles = (np.argwhere(self.cells) + 0.5) / np.array(self.cells.shape)

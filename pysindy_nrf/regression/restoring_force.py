@@ -65,29 +65,7 @@ class RestoringForce:
         )
 
     def __call__(self, v: Any, s: Any, *, t: Any = None, covariates: Mapping[str, Any] | None = None) -> np.ndarray:
-        """Force for rates and drifts.
-
-        Parameters
-        ----------
-        v, s : array-like
-            Rate (m/s) and drift (m), broadcast against each other. With a law that remembers the path
-            they are one-dimensional: the path itself.
-        t : array-like, optional
-            Time, s, for laws that need it.
-        covariates : mapping, optional
-
-        Returns
-        -------
-        ndarray
-            N, of the broadcast shape.
-
-        Raises
-        ------
-        LawError
-            If a law remembers the path and v, s are not one path.
-        ChannelError
-            If v and s are not real numbers of one shape.
-        """
+        """Force for rates and drifts."""
         if np.iscomplexobj(v) or np.iscomplexobj(s):
             raise ChannelError(f"v and s of {self.site} are complex", "Give real rates (m/s) and drifts (m).")
         try:
@@ -116,29 +94,14 @@ class RestoringForce:
         return self.along(motion).reshape(shape)
 
     def along(self, motion: Motion) -> np.ndarray:
-        """Force along one contiguous record, N.
-
-        Parameters
-        ----------
-        motion : Motion
-
-        Returns
-        -------
-        ndarray of shape (n_samples,)
-        """
+        """Force along one contiguous record, N."""
         total = np.zeros(motion.n_samples)
         for law in self.laws:
             total += law.force(motion)
         return total
 
     def linear_part(self) -> pd.Series:
-        """Damping and stiffness of the terms v and s.
-
-        Returns
-        -------
-        Series
-            ``c`` in N s/m and ``k`` in N/m.
-        """
+        """Damping and stiffness of the terms v and s."""
         total = {"v": 0.0, "s": 0.0}
         for law in self.laws:
             for term, c in zip(law.terms(), law.values):
@@ -147,17 +110,7 @@ class RestoringForce:
         return pd.Series({"c": total["v"], "k": total["s"]}, name=str(self.site))
 
     def equation(self, digits: int = 4) -> str:
-        """The equation in the manner of the paper's eq. (11a).
-
-        Parameters
-        ----------
-        digits : int
-            Significant digits.
-
-        Returns
-        -------
-        str
-        """
+        """The equation in the manner of the paper's eq. (11a)."""
         index = (
             self.site.p
             if self.site.is_storey
@@ -210,19 +163,7 @@ class RestoringForces(Mapping):
 
 
 def grid(low: Sequence[float], high: Sequence[float], size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Grid over rates and drifts.
-
-    Parameters
-    ----------
-    low, high : (float, float)
-        Corners (v, s), m/s and m.
-    size : int
-        Points along each side.
-
-    Returns
-    -------
-    v, s : ndarray of shape (size, size)
-    """
+    """Grid over rates and drifts."""
     if size < 2:
         raise ChannelError(f"A surface on {size} points a side is no surface", "Take at least 2.")
     v, s = np.meshgrid(*(np.linspace(a, b, size) for a, b in zip(low, high)), indexing="ij")

@@ -92,19 +92,7 @@ class Segment:
         return self.dt
 
     def motion(self, site: Site, rows: slice) -> Motion:
-        """Motion that a law at one site sees.
-
-        Parameters
-        ----------
-        site : Site
-        rows : slice
-
-        Returns
-        -------
-        Motion
-            Drift, rate and acceleration of the upper end relative to the lower one; on a ``"dof j"``
-            site the acceleration is absolute, as in the balance.
-        """
+        """Motion that a law at one site sees."""
         low, high = site.q, site.p
 
         def along(array: np.ndarray) -> np.ndarray:
@@ -129,24 +117,7 @@ class Segment:
     def blocks(
         self, layout: LawLayout, size: int | None = None, filter: Any = None, states: dict | None = None
     ) -> Iterator[Block]:
-        """Columns of all balances, block by block.
-
-        Parameters
-        ----------
-        layout : LawLayout
-        size : int, optional
-            Samples in a block, as fits the cache by default; a filtered record, or one with laws that remember, is
-            taken whole.
-        filter : FairFilter, optional
-            Applied alike to accelerations, forces and law columns.
-        states : dict, optional
-            States of laws that remember, moved from the first sample to the last; the record is then taken in
-            blocks that share one sample.
-
-        Yields
-        ------
-        Block
-        """
+        """Columns of all balances, block by block."""
         start, stop = self.valid.start, self.valid.stop
         if filter is not None or (layout.has_memory and states is None):
             size = max(stop - start, 1)

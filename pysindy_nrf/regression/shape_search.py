@@ -33,31 +33,7 @@ def estimate_shapes(
     data: SegmentSet | None = None,
     filters: Sequence[Any] = (),
 ) -> LawLayout:
-    """Values for every shape parameter that has none.
-
-    Each is scanned over its bounds in turn, then all are refined together; the linear coefficients
-    are eliminated by solving the chain at every trial (Golub and Pereyra, 1973). The criterion is
-    the sum of the squared shares that the steps leave unexplained. A frequency would slip through any
-    scan of a few points: those at which a force may be missing from the balance are tried, in the order in
-    which the laws are declared.
-
-    Parameters
-    ----------
-    layout : LawLayout
-    scales : mapping of Site to (float, float, float)
-        Rms drift (m), rms rate (m/s) and record length (s) at each site.
-    solve : callable
-        From a layout with all values to (solution, moments).
-    data : SegmentSet, optional
-        The records, for frequencies; without them these are scanned like the others.
-    filters : sequence of FairFilter or None
-        One for each record.
-
-    Returns
-    -------
-    LawLayout
-        With all values.
-    """
+    """Values for every shape parameter that has none."""
     fastest = np.inf if data is None else half_the_rate(data.segments)
     search = _Search(layout, scales, solve, fastest)
     unheard = [place for place in search.free if search.heard(place)]

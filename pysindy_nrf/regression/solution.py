@@ -18,17 +18,7 @@ from .segments import SegmentSet
 
 
 def model_of(layout: LawLayout, solution: Solution) -> ChainModel:
-    """Put the coefficients of a solution into the laws of a layout.
-
-    Parameters
-    ----------
-    layout : LawLayout
-    solution : Solution
-
-    Returns
-    -------
-    ChainModel
-    """
+    """Put the coefficients of a solution into the laws of a layout."""
     held = {}
     for site in layout.sites:
         values = solution.coefficients.get(site, np.zeros(0))

@@ -12,26 +12,7 @@ from ..exceptions import NRFError, NRFWarning
 
 
 def fit_inner(optimizer: Any, columns: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Fit a clone of an optimizer and return its coefficients.
-
-    Parameters
-    ----------
-    optimizer : PySINDy optimizer
-        Anything with ``fit(x, y)`` and ``coef_``.
-    columns : ndarray of shape (n_rows, n_columns)
-        Columns of rms one.
-    target : ndarray of shape (n_rows,)
-        Right-hand side of rms one.
-
-    Returns
-    -------
-    ndarray of shape (n_columns,)
-
-    Raises
-    ------
-    NRFError
-        If the optimizer draws rows (bagging): the rows here are a triangular factor, not samples.
-    """
+    """Fit a clone of an optimizer and return its coefficients."""
     if getattr(optimizer, "bagging", False):
         raise NRFError(
             f"{type(optimizer).__name__}(bagging=True) draws samples, but each sub-problem is a triangular factor of "

@@ -22,19 +22,7 @@ _MOST, _LOOKED_AT, _PADDED = 3, 2000, 2
 
 
 def driving_frequency(drive: np.ndarray, dt: float) -> float:
-    """Frequency of a test that is driven by one line, Hz; NaN if the drive is anything else.
-
-    Parameters
-    ----------
-    drive : ndarray of shape (n_channels, n_samples)
-        Measured forces, or the acceleration of the base.
-    dt : float
-        s.
-
-    Returns
-    -------
-    float
-    """
+    """Frequency of a test that is driven by one line, Hz; NaN if the drive is anything else."""
     drive = drive - drive.mean(axis=1, keepdims=True)
     power = (np.abs(np.fft.rfft(drive * np.hanning(drive.shape[1]))) ** 2).sum(axis=0)
     top = int(np.argmax(power))
@@ -44,21 +32,7 @@ def driving_frequency(drive: np.ndarray, dt: float) -> float:
 
 
 def spectral_lines(residual: np.ndarray, dt: float, most: int = _MOST, driven: float = float("nan")) -> list[float]:
-    """Frequencies at which a residual has its highest peaks, Hz, by the periodogram of a Hann window.
-
-    Parameters
-    ----------
-    residual : ndarray of shape (n_samples,)
-    dt : float
-        s.
-    most : int
-    driven : float
-        Frequency of a harmonic test, Hz: there, and at its multiples, any nonlinear law has lines.
-
-    Returns
-    -------
-    list of float
-    """
+    """Frequencies at which a residual has its highest peaks, Hz, by the periodogram of a Hann window."""
     n = len(residual)
     size = 4 * n
     power = np.abs(np.fft.rfft(residual * np.hanning(n), size)) ** 2
@@ -71,37 +45,7 @@ def spectral_lines(residual: np.ndarray, dt: float, most: int = _MOST, driven: f
 def hidden_lines(
     columns: np.ndarray, target: np.ndarray, dt: float, most: int = _MOST, driven: float = float("nan")
 ) -> list[float]:
-    """Frequencies without which a refitted balance closes best, Hz.
-
-    Parameters
-    ----------
-    columns : ndarray of shape (n_columns, n_samples)
-        With free coefficients.
-    target : ndarray of shape (n_samples,)
-    dt : float
-        s.
-    most : int
-    driven : float
-        As in :func:`spectral_lines`.
-
-    Returns
-    -------
-    list of float
-
-    Examples
-    --------
-    A force of 1 N at the resonance of 7 Hz is not in the record of a broad force; it fills the motion:
-
-    >>> import numpy as np
-    >>> from pysindy_nrf.regression.spectral_lines import hidden_lines
-    >>> t, rng = np.arange(0, 20, 0.01), np.random.default_rng(0)
-    >>> x = rng.standard_normal(2000) + 30 * np.sin(2 * np.pi * 7 * t)
-    >>> y = rng.standard_normal(2000) - 30 * np.sin(2 * np.pi * 7 * t)
-    >>> force = x + y + np.cos(2 * np.pi * 7 * t)
-    >>> found = hidden_lines(np.array([x + 0.1 * rng.standard_normal(2000), y]), force, 0.01, most=1)
-    >>> np.round(found, 1).tolist()
-    [7.0]
-    """
+    """Frequencies without which a refitted balance closes best, Hz."""
     rows = np.vstack([columns, target])
     n = rows.shape[1]
     seen = int(np.count_nonzero(rows.any(axis=0)))
@@ -139,31 +83,7 @@ def balance_lines(
     weighed: bool,
     driven: float = float("nan"),
 ) -> list[float]:
-    """Frequencies at which a force may be missing from one balance, Hz: lines of its residual, and hidden ones.
-
-    Parameters
-    ----------
-    rows : ndarray of shape (n_terms + 2 n_dof, n_samples)
-        Columns ``[terms | a | F]`` along one record.
-    layout : Layout
-        Of the terms.
-    solution : Solution
-        Masses and coefficients without the force that is looked for.
-    dof : int
-        Whose balance.
-    dt : float
-        s.
-    scaled : bool
-        Whether a force or a known mass scales the balance; else something must, the storeys above.
-    weighed : bool
-        Whether the mass is known.
-    driven : float
-        As in :func:`spectral_lines`.
-
-    Returns
-    -------
-    list of float
-    """
+    """Frequencies at which a force may be missing from one balance, Hz: lines of its residual, and hidden ones."""
     a, force = rows[layout.n_terms + dof - 1], rows[layout.n_terms + layout.n_dof + dof - 1]
     left = solution.masses[dof] * a - force
     own: list[np.ndarray] = []
@@ -178,18 +98,7 @@ def balance_lines(
 
 
 def driven_at(segment: Segment, rows: slice = slice(None)) -> float:
-    """Frequency of a harmonic test, Hz; NaN for any other.
-
-    Parameters
-    ----------
-    segment : Segment
-    rows : slice
-        Looked at, counted from the first valid row; all by default.
-
-    Returns
-    -------
-    float
-    """
+    """Frequency of a harmonic test, Hz; NaN for any other."""
     drive = np.nan_to_num(segment.F[segment.valid].T.astype(float))[:, rows]
     drive = drive[drive.any(axis=1)]
     if not len(drive) and segment.ag is not None:

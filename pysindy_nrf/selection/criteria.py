@@ -12,25 +12,7 @@ from .one_se_rule import FLOOR
 
 
 def information(fits: list[StepFit], moments: Moments, shares: dict[tuple[int, ...], float]) -> tuple[float, float]:
-    r"""Akaike's and Schwarz's criterion of a chain, summed over the steps of its solve.
-
-    .. math:: \sum_i N_i \ln \hat\sigma_i^2 + 2 p_i \quad\text{and}\quad \sum_i N_i \ln \hat\sigma_i^2 + p_i \ln N_i
-
-    with N_i the effective number of samples of the step: neighbouring samples of a band-limited residual are
-    not independent, and counted as such they would always ask for more terms.
-
-    Parameters
-    ----------
-    fits : list of StepFit
-    moments : Moments
-        Of the data that were fitted.
-    shares : dict
-        Effective samples for each sample, by the DOFs of the step; see :func:`independent_shares`.
-
-    Returns
-    -------
-    aic, bic : float
-    """
+    r"""Akaike's and Schwarz's criterion of a chain, summed over the steps of its solve."""
     aic = bic = 0.0
     for fit in fits:
         dofs = fit.step.dofs
@@ -43,22 +25,7 @@ def information(fits: list[StepFit], moments: Moments, shares: dict[tuple[int, .
 
 
 def independent_shares(fold_moments: FoldMoments, order: Order) -> dict[tuple[int, ...], float]:
-    r"""Independent samples in the residual of each balance, as a share of its samples.
-
-    The mean square of N independent normal samples varies by :math:`\sqrt{2/N}` from block to block; the N that
-    belongs to the variation found is the effective number.
-
-    Parameters
-    ----------
-    fold_moments : FoldMoments
-    order : Order
-        The largest one, whose residual is noise if any is.
-
-    Returns
-    -------
-    dict of tuple of int to float
-        By the DOFs of the step, at most one.
-    """
+    r"""Independent samples in the residual of each balance, as a share of its samples."""
     solution, walk, moments = fold_moments.fit(order, None)
     shares = {}
     for dofs in moments.parts:

@@ -331,25 +331,7 @@ class FoldMoments:
     def fit(
         self, order: Order, fold: Any, inner: Any = None, moments: Moments | None = None
     ) -> tuple[Solution, Walk, Moments]:
-        """Solve one candidate on the training side of a fold.
-
-        Parameters
-        ----------
-        order : Order
-        fold : int, None or EVERY
-            None: all data. EVERY: all folds, stacked.
-        inner : PySINDy optimizer, optional
-            In place of the one given at first.
-        moments : Moments, optional
-            Of these samples instead of the fold's.
-
-        Raises
-        ------
-        NRFError
-            If it cannot be solved there.
-        NotTogether
-            If the folds have to be solved one by one.
-        """
+        """Solve one candidate on the training side of a fold."""
         total = self.total(fold)[0] if moments is None else moments
         walk = self.walk(total, order)
         moments = self.cut(total, order, order.groups(walk))

@@ -27,10 +27,7 @@ class DigitsLost(Exception):
 
 @dataclass
 class Heldout:
-    """Moments of the held-out side of a fold, sums and counts of its accelerations, and what the rest says.
-
-    Where ``fold`` is EVERY, all of them are stacked, and so are the scores.
-    """
+    """Moments of the held-out side of a fold, sums and counts of its accelerations, and what the rest says."""
 
     moments: Moments
     sums: np.ndarray
@@ -60,23 +57,7 @@ def _held_out(fold_moments: FoldMoments, order: Order) -> Iterator[tuple[Heldout
 
 
 def on_folds(fold_moments: FoldMoments, order: Order, scorings: Iterable[str]) -> dict[str, np.ndarray]:
-    """Scores of one candidate on all folds.
-
-    Parameters
-    ----------
-    fold_moments : FoldMoments
-    order : Order
-    scorings : iterable of {"balance", "acceleration", "free_run"}
-
-    Returns
-    -------
-    dict of str to ndarray of shape (n_folds,)
-        Greater is better; NaN where a fit failed, as in GridSearchCV.
-
-    Raises
-    ------
-    DigitsLost
-    """
+    """Scores of one candidate on all folds."""
     scores = {name: np.full(fold_moments.n_folds, np.nan) for name in scorings}
     for held, where in _held_out(fold_moments, order):
         if fold_moments.kind == "gram":

@@ -81,17 +81,7 @@ def one_standard_error(
 
 
 def fold_scores(results: Mapping[str, Any], metric: str = "score") -> np.ndarray:
-    """Test scores of ``cv_results_``.
-
-    Parameters
-    ----------
-    results : mapping
-    metric : str
-
-    Returns
-    -------
-    ndarray of shape (n_candidates, n_folds)
-    """
+    """Test scores of ``cv_results_``."""
     columns, i = [], 0
     while f"split{i}_test_{metric}" in results:
         columns.append(np.asarray(results[f"split{i}_test_{metric}"], dtype=float))
@@ -103,18 +93,7 @@ def fold_scores(results: Mapping[str, Any], metric: str = "score") -> np.ndarray
 
 
 def errors_of(scores: np.ndarray) -> np.ndarray:
-    """Relative errors (rms, share of the reference) behind scores.
-
-    Parameters
-    ----------
-    scores : ndarray
-        R^2, or negative errors in percent; NaN where a fit failed.
-
-    Returns
-    -------
-    ndarray of the same shape
-        Infinity where a score is missing.
-    """
+    """Relative errors (rms, share of the reference) behind scores."""
     best = np.nanmax(scores, initial=-np.inf)
     errors = np.sqrt(np.clip(1.0 - scores, 0.0, None)) if best > 0 else -scores / 100.0
     return np.where(np.isfinite(errors), errors, np.inf)
@@ -127,22 +106,7 @@ def choose(
     floor: float = FLOOR,
     paired: bool = False,
 ) -> int:
-    """The rule on errors; see :func:`one_standard_error`.
-
-    Parameters
-    ----------
-    errors : ndarray of shape (n_candidates, n_folds)
-    complexity : sequence
-        Sortable, one for each candidate.
-    min_gain, floor : float
-    paired : bool
-        Take the standard error of the difference to the best one instead: what varies from fold to fold in both
-        alike does not count.
-
-    Returns
-    -------
-    int
-    """
+    """The rule on errors; see :func:`one_standard_error`."""
     errors = np.maximum(errors, floor)
     mean = errors.mean(axis=1)
     if not np.isfinite(mean).any():
@@ -157,32 +121,13 @@ def choose(
 
 
 def standard_error(errors: np.ndarray) -> float:
-    """Standard error of the mean over folds.
-
-    Parameters
-    ----------
-    errors : ndarray of shape (n_folds,)
-
-    Returns
-    -------
-    float
-    """
+    """Standard error of the mean over folds."""
     n = len(errors)
     return float(np.std(errors, ddof=1) / np.sqrt(n)) if n > 1 else 0.0
 
 
 def complexity_of(params: Mapping[str, Any]) -> tuple[float, ...]:
-    """Sort key of a candidate: fewer terms first, then the larger threshold or weight.
-
-    Parameters
-    ----------
-    params : mapping
-        Parameters of a search, with or without the prefix of a pipeline step.
-
-    Returns
-    -------
-    tuple of float
-    """
+    """Sort key of a candidate: fewer terms first, then the larger threshold or weight."""
     last = {}
     for name, value in params.items():
         last[name.rsplit("__", 1)[-1]] = value

@@ -50,18 +50,7 @@ class ChainScorer:
         self._requested: dict[str, bool | str | None] = dict.fromkeys(METADATA, True)
 
     def __call__(self, estimator: Any, X: Any, y: Any = None, **metadata: Any) -> float:
-        """Score a fitted regressor, or a pipeline that ends in one.
-
-        Parameters
-        ----------
-        estimator : fitted NRFRegressor or Pipeline
-        X, y, **metadata
-            As for ``NRFRegressor.score``.
-
-        Returns
-        -------
-        float
-        """
+        """Score a fitted regressor, or a pipeline that ends in one."""
         regressor, X, metadata = _unwrapped(estimator, X, metadata)
         return self.judge(regressor, X, y, **metadata)
 

@@ -259,17 +259,7 @@ def _criteria(held: FoldMoments, labels: list[Any]) -> Iterator[tuple[float, flo
 
 
 def cv_results(labels: list[Any], scores: np.ndarray) -> dict[str, Any]:
-    """Scores in the form of scikit-learn's ``cv_results_``.
-
-    Parameters
-    ----------
-    labels : list of int or (int, int)
-    scores : ndarray of shape (n_orders, n_folds)
-
-    Returns
-    -------
-    dict
-    """
+    """Scores in the form of scikit-learn's ``cv_results_``."""
     out: dict[str, Any] = {"params": [{"degree": label} for label in labels]}
     out["param_degree"] = np.ma.array(labels + [None], dtype=object)[:-1]
     for i, column in enumerate(scores.T):

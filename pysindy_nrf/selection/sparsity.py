@@ -158,12 +158,7 @@ class SparsitySelection:
 
 
 def default_paths() -> dict[str, list[Any]]:
-    """Settings tried by :func:`select_sparsity`: what carries less than a share of the balance's force goes.
-
-    Returns
-    -------
-    dict of str to list
-    """
+    """Settings tried by :func:`select_sparsity`: what carries less than a share of the balance's force goes."""
     import pysindy as ps
 
     return {

@@ -192,16 +192,7 @@ class BlockedTimeSplit(_RecordSplitter):
 
 
 def n_splits_of(cv: Any) -> Any:
-    """A splitter: the one given, or blocks in time for a number.
-
-    Parameters
-    ----------
-    cv : int, scikit-learn splitter or iterable of (train, test)
-
-    Returns
-    -------
-    splitter or list
-    """
+    """A splitter: the one given, or blocks in time for a number."""
     if isinstance(cv, (int, np.integer)) and not isinstance(cv, bool):
         return BlockedTimeSplit(int(cv))
     return cv

@@ -27,18 +27,7 @@ def support_of(coefficients: Mapping[Site, np.ndarray]) -> dict[Site, np.ndarray
 
 
 def restricted(held: FoldMoments, order: Order, support: Support) -> Order:
-    """A candidate with the terms of a support alone; a given law is kept whole if any of its terms is.
-
-    Parameters
-    ----------
-    held : FoldMoments
-    order : Order
-    support : mapping of Site to ndarray of bool
-
-    Returns
-    -------
-    Order
-    """
+    """A candidate with the terms of a support alone; a given law is kept whole if any of its terms is."""
     laws: dict[Site, list[ForceLaw]] = {site: [] for site in order.layout.sites}
     columns: dict[Site, np.ndarray] = {}
     for site in order.layout.sites:
@@ -71,27 +60,7 @@ def resampled(held: FoldMoments, fold: int | None, rng: np.random.Generator) -> 
 def inclusion(
     held: FoldMoments, order: Order, optimizer: Any, n_models: int, rng: np.random.Generator, fold: int | None = None
 ) -> dict[Site, np.ndarray]:
-    """Share of block bootstraps in which an optimizer keeps each term.
-
-    Parameters
-    ----------
-    held : FoldMoments
-    order : Order
-    optimizer : PySINDy optimizer
-    n_models : int
-    rng : numpy Generator
-    fold : int, optional
-        Training side of this fold; all data if None.
-
-    Returns
-    -------
-    dict of Site to ndarray of shape (n_terms,)
-
-    Raises
-    ------
-    NRFError
-        If no bootstrap could be solved.
-    """
+    """Share of block bootstraps in which an optimizer keeps each term."""
     counts: dict[Site, np.ndarray] = {}
     solved = 0
     for _ in range(n_models):

@@ -21,23 +21,7 @@ LISTEN = 6  # blocks from which noise levels are taken, so that they are the sam
 def fuse_all(
     views: list[Views], levels: np.ndarray, corner: float | None = None, joint: bool = True
 ) -> list[FusedMotion]:
-    """Motions of all degrees of freedom from their channels, in units of samples.
-
-    Parameters
-    ----------
-    views : list of [displacement, velocity, acceleration]
-        Channels of each degree of freedom, shape (n_samples,); None = not measured.
-    levels : ndarray of shape (n_dof, 3)
-        Known noise levels, NaN where they are to be estimated.
-    corner : float, optional
-        High-pass corner for motions without a displacement sensor, cycles per sample.
-    joint : bool
-        Whether the degrees of freedom improve each other; see :mod:`~pysindy_nrf.signals.joint`.
-
-    Returns
-    -------
-    list of FusedMotion
-    """
+    """Motions of all degrees of freedom from their channels, in units of samples."""
     n = len(next(y for y in views[0] if y is not None))
     if n <= 3 * BLOCK // 2:
         return _fuse_block(views, levels, [corner] * len(views), BasisLadder(n), joint)

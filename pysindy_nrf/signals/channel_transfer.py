@@ -47,11 +47,7 @@ def against(
 def _wrong_frame(
     record: Record, one: tuple[str, np.ndarray], other: tuple[str, np.ndarray], names: tuple[str, str]
 ) -> str:
-    """Whether displacement or velocity is of another frame than the record says.
-
-    Its derivative is fitted as alpha a + beta a_g, line by line: beta is -1 for motion relative to the base, 0 for
-    absolute motion.
-    """
+    """Whether displacement or velocity is of another frame than the record says."""
     ag = record.base_acceleration
     pair = {k: y for k, y in (one, other)}
     if ag is None or "a" not in pair or len(pair) < 2:
@@ -119,11 +115,7 @@ def _whole(first: np.ndarray, second: np.ndarray, order: int, fs: float) -> _Lin
 
 
 def _in_runs(first: np.ndarray, second: np.ndarray, order: int, fs: float, runs: Sequence[slice]) -> _Lines:
-    """Lines of several runs together.
-
-    Runs are short, so the channel that is the integral of the other is differentiated before the bell is laid over
-    it (a central difference, undone line by line), and slow lines tell as much as fast ones.
-    """
+    """Lines of several runs together."""
     from scipy.signal import detrend
 
     longest = min(max(run.stop - run.start for run in runs), LONGEST)
@@ -238,12 +230,7 @@ def _compare(
 
 
 def _scatter(logs: np.ndarray, w: np.ndarray, weight: np.ndarray, coherence: np.ndarray) -> float:
-    """How far from that of all lines the gain is on a part of them, on slow ones, and what noise may have added.
-
-    A calibration is the same at all frequencies; what filters and integration rules do grows with the square of the
-    frequency at first. Noise in one of two channels alone moves the gain by half of what it takes from the coherence.
-    Neighbouring lines are one average, so the parts hold some averages each.
-    """
+    """How far from that of all lines the gain is on a part of them, on slow ones, and what noise may have added."""
     count = min(BLOCKS, len(logs) // NEIGHBOURS)
     if count < 3:
         return float("inf")

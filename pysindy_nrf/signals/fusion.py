@@ -70,27 +70,7 @@ def fuse(
     noise: np.ndarray | None = None,
     high_pass: float | None = None,
 ) -> FusedMotion:
-    """One motion from the measured channels of one degree of freedom.
-
-    Minimises ``sum_o |D^o x - y_o|^2 / s_o^2`` over spline motions x, o = 0, 1, 2 derivatives.
-    Noise levels not given are estimated with it, as restricted maximum likelihood: s_o^2 is the
-    residual's variance (by its median) times n over n less the degrees of freedom channel o spent,
-    repeated until it rests. The knots' distance is the one with the best generalised cross-validation.
-
-    Parameters
-    ----------
-    channels : list of three ndarray of shape (n_samples,) or None
-        Displacement, velocity, acceleration in units of samples.
-    ladder : BasisLadder
-    noise : ndarray of shape (3,), optional
-        Known noise levels; NaN where they are to be estimated.
-    high_pass : float, optional
-        Corner for motions without a displacement sensor, cycles per sample. Estimated if None.
-
-    Returns
-    -------
-    FusedMotion
-    """
+    """One motion from the measured channels of one degree of freedom."""
     measured = [o for o in range(3) if channels[o] is not None]
     given = np.full(3, np.nan) if noise is None else np.asarray(noise, dtype=float)
     scale = np.array([np.sqrt(np.mean(y**2)) if y is not None else np.nan for y in channels])
@@ -128,19 +108,7 @@ def fuse(
 
 
 def refine(views: list[list[np.ndarray | None]], single: list[FusedMotion], ladder: BasisLadder) -> list[FusedMotion]:
-    """Motions on knots twice as dense where acceleration is measured: noisier, but nothing of the motion is lost.
-
-    Parameters
-    ----------
-    views : list of [displacement, velocity, acceleration]
-    single : list of FusedMotion
-        What :func:`fuse` made of them.
-    ladder : BasisLadder
-
-    Returns
-    -------
-    list of FusedMotion
-    """
+    """Motions on knots twice as dense where acceleration is measured: noisier, but nothing of the motion is lost."""
     out = []
     for channels, motion in zip(views, single, strict=True):
         if motion.clean or channels[2] is None or motion.spacing == 1.0 or not np.ptp(motion.motion[0]):
@@ -174,11 +142,7 @@ def _as_measured(
 
 
 def weights_of(levels: np.ndarray, corner: float) -> np.ndarray:
-    """Weights of displacement, velocity and acceleration; NaN levels = not measured.
-
-    A motion without a displacement sensor drifts: it is held to rest by as much as the other
-    channels say at the corner frequency (cycles per sample).
-    """
+    """Weights of displacement, velocity and acceleration; NaN levels = not measured."""
     levels = np.array(levels, dtype=float)
     for o in (1, 2):
         if not np.isnan(levels[o]) and not np.isnan(levels[:o]).all():
@@ -239,28 +203,7 @@ def _fit(
 
 
 def white_level(y: np.ndarray, order: int = 4) -> float:
-    """Level of white noise that explains the differences of a channel: its noise, and what motion adds to them.
-
-    Parameters
-    ----------
-    y : ndarray of shape (n_samples,)
-    order : int
-        Of the differences. The higher, the closer to half the sampling rate motion may come before it is counted:
-        of a sine at an eighth of the rate fourth differences count 4 %, tenth ones 0.02 %.
-
-    Returns
-    -------
-    float
-        rms, in the unit of the channel.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf.signals.fusion import white_level
-    >>> noise = np.random.default_rng(0).normal(size=20000)
-    >>> round(white_level(np.sin(0.1 * np.arange(20000)) + 0.01 * noise), 3)
-    0.01
-    """
+    """Level of white noise that explains the differences of a channel: its noise, and what motion adds to them."""
     if len(y) < 4 * order:
         return float(1e-3 * np.sqrt(np.mean(y**2)))
     steps = np.abs(np.diff(y, order))
@@ -270,10 +213,7 @@ def white_level(y: np.ndarray, order: int = 4) -> float:
 
 
 def _alive(y: np.ndarray) -> slice | np.ndarray:
-    """Samples at which a channel changes, where it is quiet to the last bit for more than half of the record.
-
-    A triggered or coarsely quantised channel that rests says nothing of its noise.
-    """
+    """Samples at which a channel changes, where it is quiet to the last bit for more than half of the record."""
     moves = np.diff(y) != 0
     if 2 * np.count_nonzero(moves) >= moves.size or not moves.any():
         return slice(None)

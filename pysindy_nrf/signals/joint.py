@@ -28,21 +28,7 @@ NEGLIGIBLE = 1e-4  # share of a motion below which its noise is left alone
 def fuse_jointly(
     views: list[list[np.ndarray | None]], single: list[FusedMotion], ladder: BasisLadder
 ) -> list[FusedMotion]:
-    """Improve motions that were fused one by one.
-
-    Parameters
-    ----------
-    views : list of [displacement, velocity, acceleration]
-        Channels of each degree of freedom in units of samples; None = not measured.
-    single : list of FusedMotion
-        What :func:`~pysindy_nrf.signals.fusion.fuse` made of them.
-    ladder : BasisLadder
-
-    Returns
-    -------
-    list of FusedMotion
-        Motions without a displacement sensor, at rest or free of noise are returned unchanged.
-    """
+    """Improve motions that were fused one by one."""
     able = [j for j, m in enumerate(single) if not m.clean and m.high_pass == 0.0 and np.ptp(m.motion[0]) > 0]
     out = list(single)
     if not able:

@@ -500,20 +500,7 @@ def _require_moving(dof: int, channels: Mapping[str, np.ndarray]) -> None:
 
 
 def base_acceleration(live: Mapping[str, np.ndarray], fs: float) -> np.ndarray:
-    """Acceleration of the base: measured, or derived from its velocity or displacement; else zero.
-
-    Parameters
-    ----------
-    live : mapping of str to ndarray of shape (n_samples,)
-        Channels; ``ag``, ``vg``, ``xg`` are read.
-    fs : float
-        Hz.
-
-    Returns
-    -------
-    ndarray of shape (n_samples,)
-        m/s^2.
-    """
+    """Acceleration of the base: measured, or derived from its velocity or displacement; else zero."""
     if "ag" in live:
         return live["ag"]
     if "vg" not in live and "xg" not in live:

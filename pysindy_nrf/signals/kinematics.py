@@ -17,55 +17,7 @@ RESOLVED = 0.7
 
 
 def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Accelerations, inter-storey velocities and drifts of a record, and its forces.
-
-    Parameters
-    ----------
-    record : Record
-    smooth : bool or KinematicSmoother
-        True: each DOF's channels are fused into one motion, missing ones are filled in. A
-        smoother of your own (noise levels, band) is used as it is. False: channels are taken as
-        they are.
-
-    Returns
-    -------
-    X : DataFrame of shape (n_samples, 3 n_dof)
-        ``a1.., v1.., s1..``: absolute accelerations (m/s^2), inter-storey velocities (m/s) and
-        drifts (m), storey 1 relative to the base; index t in s.
-    F : DataFrame of shape (n_samples, n_dof)
-        ``F1..``, N; not filtered unless the smoother has a ``band``.
-
-    Notes
-    -----
-    ``X.attrs`` says what fused motions can serve for: ``"resolved"``, the frequency in Hz up to which they hold
-    the motion where accelerations are not measured, ``"joint_fusion"``, whether the DOFs improved each other, and
-    ``"band"``, the (lower, upper) edges in Hz that motion and forces were put through (either may be None); and
-    ``"doubts"``, what the warning says of channels that look wrong.
-
-    Warns
-    -----
-    DataQualityWarning
-        If channels look wrong or contradict each other (units, sign, delay, swapped or copied columns).
-
-    Raises
-    ------
-    ChannelError
-        If a DOF has no motion channel; with ``smooth=False``, if any of its three is missing; if
-        displacements are absolute and the motion of the moving base is unknown.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf import Record
-    >>> from pysindy_nrf.signals.kinematics import to_features
-    >>> t = np.arange(2000) / 1000
-    >>> x = np.column_stack([np.sin(9 * t), 3 * np.sin(9 * t)])
-    >>> X, F = to_features(Record(displacement=x, acceleration=-81 * x, force=0 * x, fs=1000.0))
-    >>> list(X.columns), list(F.columns)
-    (['a1', 'a2', 'v1', 'v2', 's1', 's2'], ['F1', 'F2'])
-    >>> bool(np.allclose(X["s2"], 2 * np.sin(9 * t), atol=1e-7))
-    True
-    """
+    """Accelerations, inter-storey velocities and drifts of a record, and its forces."""
     have = set(record.measured)
     for j in range(1, record.n_dof + 1):
         if not have & {f"a{j}", f"v{j}", f"x{j}"}:
@@ -105,17 +57,7 @@ def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.Da
 
 
 def base_acceleration(record: Record) -> np.ndarray:
-    """Acceleration of the base, derived where only its motion was measured.
-
-    Parameters
-    ----------
-    record : Record
-
-    Returns
-    -------
-    ndarray of shape (n_samples,)
-        m/s^2; zeros for a base at rest.
-    """
+    """Acceleration of the base, derived where only its motion was measured."""
     if record.base_acceleration is not None:
         return record.base_acceleration
     if not record.base_moves:
@@ -135,57 +77,13 @@ def base_acceleration(record: Record) -> np.ndarray:
 
 
 def base_acceleration_if_any(record: Record, band: Band = None) -> np.ndarray | None:
-    """The same; None for a record in which no motion of the base was given.
-
-    Parameters
-    ----------
-    record : Record
-    band : (float, float), optional
-        Hz; what the motion of the floors was put through, the base that drives them goes through as well.
-
-    Returns
-    -------
-    ndarray of shape (n_samples,) or None
-        m/s^2.
-    """
+    """The same; None for a record in which no motion of the base was given."""
     ag = base_acceleration(record) if record.base_moves else record.base_acceleration
     return ag if ag is None or band is None else FairFilter(band, record.fs).apply(ag)
 
 
 def base_motion(record: Record, fused: Record, smooth: Any = True) -> tuple[np.ndarray, np.ndarray]:
-    """Velocity and displacement of the base, for records in absolute coordinates.
-
-    Parameters
-    ----------
-    record : Record
-        As measured; says which channels of the base there are.
-    fused : Record
-        The same record, its channels fused or band-limited; ``record`` itself where they are not.
-    smooth : bool or KinematicSmoother
-        As for :func:`to_features`. False: both must be measured, and are taken as they are.
-
-    Returns
-    -------
-    velocity, displacement : ndarray of shape (n_samples,)
-        m/s and m.
-
-    Raises
-    ------
-    ChannelError
-        If the displacement of the base was not measured; with ``smooth=False``, if its velocity was not either.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf import Record
-    >>> from pysindy_nrf.signals.kinematics import base_motion
-    >>> t = np.arange(2000) / 1000
-    >>> xg = np.sin(9 * t)
-    >>> record = Record(displacement=2 * xg, base_displacement=xg, fs=1000.0, coordinates="absolute")
-    >>> velocity, _ = base_motion(record, record)
-    >>> bool(np.allclose(velocity, 9 * np.cos(9 * t), atol=1e-4))
-    True
-    """
+    """Velocity and displacement of the base, for records in absolute coordinates."""
     have = set(record.measured)
     if {"vg", "xg"} <= have and smooth is False:
         assert fused.base_velocity is not None and fused.base_displacement is not None

@@ -18,33 +18,7 @@ _KEPT = 0.8
 
 
 def lowest_frequency(accelerations: np.ndarray, fs: float) -> float | None:
-    r"""Frequency above which displacements integrated from noisy accelerations can be trusted.
-
-    White noise of density N in an acceleration is noise of density :math:`N / \omega^4` in the displacement. The
-    frequency is the lowest one above which the rms of that noise is at most 2 % of the displacement's, for every
-    channel and for the difference of every two neighbours (the drift of a storey).
-
-    Parameters
-    ----------
-    accelerations : ndarray of shape (n_samples, n_dof)
-        m/s^2, the base's taken off.
-    fs : float
-        Hz.
-
-    Returns
-    -------
-    float or None
-        Hz; None where no lower edge would leave enough of the record and of the motion.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf.signals.lowest import lowest_frequency
-    >>> t, rng = np.arange(20000) / 500, np.random.default_rng(0)
-    >>> a = np.sin(2 * np.pi * 6 * t) + 0.02 * rng.standard_normal(20000)
-    >>> bool(0.3 < lowest_frequency(a[:, None], 500.0) < 4)
-    True
-    """
+    r"""Frequency above which displacements integrated from noisy accelerations can be trusted."""
     channels = np.column_stack([accelerations, np.diff(accelerations, axis=1)])
     channels = channels[:, channels.any(axis=0)]
     if channels.shape[1] == 0:

@@ -53,19 +53,7 @@ class Measured:
 
 
 def measured(record: Record, noise: Mapping[str, float] | None = None, role: str = "") -> Measured:
-    """What a record holds.
-
-    Parameters
-    ----------
-    record : Record
-    noise : mapping of str to float, optional
-        Estimated rms of the noise by channel, SI.
-    role : str
-
-    Returns
-    -------
-    Measured
-    """
+    """What a record holds."""
     from ..data.io.summary import kind_of, summary
 
     said = summary(record)
@@ -89,16 +77,7 @@ def measured(record: Record, noise: Mapping[str, float] | None = None, role: str
 
 
 def as_measured(records: Record | Sequence[Record] | None) -> list[Measured]:
-    """What records hold, with the noise that their channels' contradictions show.
-
-    Parameters
-    ----------
-    records : Record, sequence of Record or None
-
-    Returns
-    -------
-    list of Measured
-    """
+    """What records hold, with the noise that their channels' contradictions show."""
     from ..exceptions import NRFError, NRFWarning
     from . import KinematicSmoother
     from .kinematics import to_features

@@ -22,28 +22,7 @@ _CLOCKS = {1e-3: "ms", 1e-6: "µs"}  # ratios of the true time and the one that 
 
 
 def doubts(record: Record) -> list[str]:
-    """What looks wrong with a record.
-
-    Parameters
-    ----------
-    record : Record
-
-    Returns
-    -------
-    list of str
-        Sentences; empty if nothing was found. Sizes no structure reaches; two channels of one DOF that contradict
-        each other in size, sign or time; channels that are dead, clipped, spiky, coarse or copied.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import datasets
-    >>> from pysindy_nrf.signals.plausibility import doubts
-    >>> record = datasets.load_demo()
-    >>> doubts(record)
-    []
-    >>> doubts(record.replace(acceleration=record.acceleration / 9.80665))[0]
-    'x1 is 9.8 times as large as a1 says: is a1 in g? (or x1 in another unit)'
-    """
+    """What looks wrong with a record."""
     from .channel_checks import check_channels
 
     out = _large(record) + _contradictions(record)

@@ -73,10 +73,7 @@ class SplineBasis:
 
     @cached_property
     def roughness(self) -> np.ndarray:
-        """Normal matrix of the 8th difference of the coefficients, upper banded form, (9, size).
-
-        It vanishes on polynomials of degree 7 and is negligible below a third of the knots' rate.
-        """
+        """Normal matrix of the 8th difference of the coefficients, upper banded form, (9, size)."""
         k = DEGREE + 1
         if self.size <= k:
             return np.zeros((k + 1, self.size))
@@ -85,17 +82,7 @@ class SplineBasis:
         return _banded(csr_array(difference.T @ difference))
 
     def symbols(self, w: np.ndarray) -> np.ndarray:
-        """Fourier symbols of the three normal matrices inside the record.
-
-        Parameters
-        ----------
-        w : ndarray
-            Angular frequency, radians per knot distance.
-
-        Returns
-        -------
-        ndarray of shape (3, len(w))
-        """
+        """Fourier symbols of the three normal matrices inside the record."""
         # averaged over the inner columns: the samples sit differently between the knots
         inner = self.grams[:, :, self.size // 4 : max(self.size // 4 + 1, 3 * self.size // 4)].mean(axis=2)
         k = np.arange(DEGREE + 1, 0, -1)
@@ -106,31 +93,12 @@ class SplineBasis:
         return self.matrices[order].T @ values
 
     def normal_matrix(self, weights: np.ndarray) -> np.ndarray:
-        """Weighted sum of the normal matrices, upper banded form, (9, size).
-
-        Parameters
-        ----------
-        weights : array-like of shape (3,)
-            Weights of displacement, velocity and acceleration in units of samples.
-        """
+        """Weighted sum of the normal matrices, upper banded form, (9, size)."""
         band = np.tensordot(weights, self.grams, 1)
         return band + END_WEIGHT * band[-1].mean() * self.roughness
 
     def solve(self, weights: np.ndarray, rhs: np.ndarray) -> np.ndarray:
-        """Coefficients that minimise the weighted squares, shape (size, ...).
-
-        Parameters
-        ----------
-        weights : array-like of shape (3,)
-            As for :meth:`normal_matrix`.
-        rhs : ndarray of shape (size, ...)
-            Weighted sum of :meth:`project`.
-
-        Raises
-        ------
-        ChannelError
-            If the matrix is not positive definite, whatever the ridge.
-        """
+        """Coefficients that minimise the weighted squares, shape (size, ...)."""
         for ridge in (0.0, 1e-13, 1e-11, 1e-9):  # heavily oversampled motion takes the last digits
             band = self.normal_matrix(weights)
             band[-1] *= 1.0 + ridge

@@ -135,23 +135,7 @@ class FairFilter:
 
 
 def check_band(band: Band, fs: float) -> tuple[float | None, float | None]:
-    """A band as (lower or None, upper or None) in Hz, checked against the sampling rate.
-
-    Parameters
-    ----------
-    band : (float, float) or None
-    fs : float
-        Sampling rate, Hz.
-
-    Returns
-    -------
-    tuple
-
-    Raises
-    ------
-    ChannelError
-        If the band is empty, negative or reaches the Nyquist frequency.
-    """
+    """A band as (lower or None, upper or None) in Hz, checked against the sampling rate."""
     if not np.isfinite(fs) or fs <= 0:
         raise ChannelError(f"fs={fs!r} is not a sampling rate", "Give a positive number in Hz.")
     if band is None:
@@ -212,23 +196,7 @@ def _edge(sos: np.ndarray) -> int:
 
 
 def filters_of(band: Band, data: Any) -> list[FairFilter | None]:
-    """The filter of each record, or None for each.
-
-    Parameters
-    ----------
-    band : (float, float) or None
-        Hz.
-    data : SegmentSet
-
-    Returns
-    -------
-    list of FairFilter or None
-
-    Raises
-    ------
-    ChannelError
-        If the clock of a record is unknown or uneven.
-    """
+    """The filter of each record, or None for each."""
     if band is None:
         return [None] * len(data.segments)
     filters: list[FairFilter | None] = []

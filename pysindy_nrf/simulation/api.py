@@ -148,24 +148,7 @@ def classical_run(model: Any, F: Any, dt: float, **options: Any) -> Record:
 
 
 def free_run(model: Any, F: Any, dt: float, **options: Any) -> FreeRun:
-    """Free run with internal states, energies and the quality of the integration.
-
-    Parameters
-    ----------
-    model, F, dt
-        See :func:`simulate`.
-    **options
-        Keyword arguments of :func:`simulate`.
-
-    Returns
-    -------
-    FreeRun
-
-    Raises
-    ------
-    ChannelError, SimulationError
-        As :func:`simulate`.
-    """
+    """Free run with internal states, energies and the quality of the integration."""
     defaults = dict(
         method="default", x0=None, v0=None, base_acceleration=None, covariates=None, hold="linear", rtol=1e-10, t0=0.0
     )

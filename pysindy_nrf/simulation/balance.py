@@ -249,10 +249,7 @@ def _hold_stuck(system, w, n_stuck, a, force):
 
 @part
 def accelerate(system, regime, t, row, x, v, z, a, force, w):
-    """Relative accelerations of the DOFs and forces of the sites at one instant.
-
-    ``w.share`` of a sticking site is its friction as a share of what it can hold.
-    """
+    """Relative accelerations of the DOFs and forces of the sites at one instant."""
     n = a.size
     base = row[n]
     n_stuck = 0

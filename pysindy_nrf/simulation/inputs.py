@@ -41,20 +41,7 @@ def initial(value: Any, prefix: str, n_dof: int, what: str) -> np.ndarray:
 def input_matrix(
     force: np.ndarray, base_acceleration: Any, covariates: Mapping[str, Any] | None, names: tuple[str, ...]
 ) -> np.ndarray:
-    """Forces, base acceleration and the covariates that the laws read, side by side.
-
-    Parameters
-    ----------
-    force : ndarray of shape (n_samples, n_dof)
-    base_acceleration : array-like of shape (n_samples,) or None
-    covariates : mapping of str to array-like of shape (n_samples,), or None
-    names : tuple of str
-        Covariates that the laws read.
-
-    Returns
-    -------
-    ndarray of shape (n_samples, n_dof + 1 + n_covariates)
-    """
+    """Forces, base acceleration and the covariates that the laws read, side by side."""
     n = len(force)
     lines = [("ag", np.zeros(n) if base_acceleration is None else base_acceleration)]
     given = dict(covariates or {})
@@ -75,18 +62,7 @@ def input_matrix(
 
 
 def polynomials(samples: np.ndarray, hold: str) -> np.ndarray:
-    """Coefficients of the inputs between samples, in powers of the share of the interval.
-
-    Parameters
-    ----------
-    samples : ndarray of shape (n_samples, n_inputs)
-    hold : {"linear", "zero", "cubic"}
-        Straight lines, steps, or a cubic spline.
-
-    Returns
-    -------
-    ndarray of shape (degree + 1, n_samples - 1, n_inputs)
-    """
+    """Coefficients of the inputs between samples, in powers of the share of the interval."""
     if hold == "linear":
         return np.stack([samples[:-1], np.diff(samples, axis=0)])
     if hold == "zero":

@@ -36,23 +36,7 @@ def _tangent(system, w, i, t, row, middle, dt, x0, v0, x1, v1, z0, z1, force, nu
 
 
 def newmark(system, w, samples, dt, x, v, z, out):
-    """March a system over its samples.
-
-    Parameters
-    ----------
-    system : System
-    w : Work
-    samples : ndarray of shape (n_samples, n_inputs)
-    dt : float
-    x, v, z : ndarray
-        Initial condition; moved in place.
-    out : Output
-
-    Returns
-    -------
-    tuple of int
-        Why it ended, interval, DOF, steps, Newton iterations beyond the first, steps that did not converge.
-    """
+    """March a system over its samples."""
     x, v, z, samples = borrow(x), borrow(v), borrow(z), borrow(samples)
     system, w = borrow_system(system), borrow_work(w)
     n, n_sites, base = x.size, system.sites.shape[0], x.size

@@ -16,23 +16,7 @@ CHANNELS = {"a": "acceleration", "v": "velocity", "x": "displacement", "F": "for
 
 
 def as_read(record: Record, laws: Mapping[Site, Sequence[ForceLaw]]) -> Record:
-    """A true record as the sensors of a model show it.
-
-    Parameters
-    ----------
-    record : Record
-    laws : mapping of Site to sequence of ForceLaw
-        Those at sites such as ``"sensor a2"`` act; rows that a late sensor leaves empty are NaN.
-
-    Returns
-    -------
-    Record
-
-    Raises
-    ------
-    ChannelError
-        If the record has no such channel.
-    """
+    """A true record as the sensors of a model show it."""
     for site, group in laws.items():
         if site.kind == "sensor":
             for law in group:
@@ -42,26 +26,7 @@ def as_read(record: Record, laws: Mapping[Site, Sequence[ForceLaw]]) -> Record:
 
 
 def as_true(record: Record, site: Site, law: SensorFault) -> Record:
-    """A record with one channel freed of a fault.
-
-    Parameters
-    ----------
-    record : Record
-    site : Site
-        Such as ``"sensor a2"``.
-    law : SensorFault
-        With values.
-
-    Returns
-    -------
-    Record
-        Unchanged where the channel was not measured, or holds nothing but zeros.
-
-    Raises
-    ------
-    ChannelError
-        If records have no such channel.
-    """
+    """A record with one channel freed of a fault."""
     return _changed(record, site, law.corrected)
 
 

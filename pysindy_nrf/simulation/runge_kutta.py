@@ -17,10 +17,7 @@ PATIENCE, FIRST = 250, 100
 
 @part
 def _attempt(system, regime, polynomials, interval, dt, done, h, x0, v0, z0, a0, tables, x1, v1, z1, k, w):
-    """One step of length h; returns the error over the tolerance (Dormand-Prince 8: Hairer's mix of two).
-
-    ``k.v[stage]``, ``k.a[stage]`` hold the stages and ``k.power`` the power of input and sites.
-    """
+    """One step of length h; returns the error over the tolerance (Dormand-Prince 8: Hairer's mix of two)."""
     a_table, b, c, e3, e5, rtol, ztol = tables
     n, stages = x0.size, b.size
     t0 = interval * dt + done
@@ -100,10 +97,7 @@ def _attempt(system, regime, polynomials, interval, dt, done, h, x0, v0, z0, a0,
 
 @part
 def _reversal(system, regime, watch, v0, v1, k, stages, v_tol):
-    """First watched site that reverses in the step just tried: site and kind.
-
-    Kinds: 0 none, 1 the rate at the end has the other sign, 2 only stages have (the step is too long).
-    """
+    """First watched site that reverses in the step just tried: site and kind."""
     for i in range(watch.size):
         if watch[i] and regime[i] != 0:
             site = system.sites[i]
@@ -210,31 +204,7 @@ def _overload_inside(system, regime, jump, polynomials, interval, dt, done, h, x
 
 
 def runge_kutta(system, w, k, polynomials, samples, dt, x, v, z, jump, tables, adaptive, smallest, out):
-    """March a system over its samples.
-
-    Parameters
-    ----------
-    system : System
-    w : Work
-    k : Stages
-    polynomials : ndarray of shape (degree + 1, n_samples - 1, n_inputs)
-    samples : ndarray of shape (n_samples, n_inputs)
-    dt : float
-    x, v, z : ndarray
-        Initial condition; moved in place.
-    jump : ndarray of bool, shape (n_sites,)
-    tables : tuple
-        a, b, c, e3, e5 of the rule; tolerances of motion and states.
-    adaptive : bool
-    smallest : float
-        Shortest step, s.
-    out : Output
-
-    Returns
-    -------
-    tuple of int
-        Why it ended, interval, DOF, steps, rejected steps, steps accepted at the shortest length.
-    """
+    """March a system over its samples."""
     n, n_sites, stages = x.size, system.sites.shape[0], tables[1].size
     watch = np.zeros(n_sites, dtype=np.bool_)
     for i in range(n_sites):

@@ -70,26 +70,7 @@ class Layout(NamedTuple):
 
 
 def flatten(model: Any, t0: float = 0.0) -> tuple[System, Layout]:
-    """A chain model as flat arrays.
-
-    Parameters
-    ----------
-    model : ChainModel
-        Anything with ``chain``, ``masses`` and ``laws`` (by site, with coefficients).
-    t0 : float
-        Time of the first sample, s.
-
-    Returns
-    -------
-    System, Layout
-
-    Raises
-    ------
-    LawError
-        If a law has no coefficients, or cannot be compiled.
-    SimulationError
-        If a mass is not positive, by itself or with what laws add to it.
-    """
+    """A chain model as flat arrays."""
     masses = np.array(model.masses, dtype=float)
     bad = np.flatnonzero(~(np.isfinite(masses) & (masses > 0)))
     if bad.size:
@@ -196,19 +177,7 @@ def room(system: System) -> Work:
 
 
 def jumps(model: Any, layout: Layout, largest: np.ndarray) -> np.ndarray:
-    """Sites whose force jumps where the rate changes sign, as Coulomb friction does.
-
-    Parameters
-    ----------
-    model : ChainModel
-    layout : Layout
-    largest : ndarray of shape (n_covariates,)
-        Largest magnitude of each covariate.
-
-    Returns
-    -------
-    ndarray of bool, shape (n_sites,)
-    """
+    """Sites whose force jumps where the rate changes sign, as Coulomb friction does."""
     found = []
     for site in layout.sites:
         near = wide = 0.0

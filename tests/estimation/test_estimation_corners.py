@@ -24,6 +24,7 @@ from pysindy_nrf import (
     simulate,
 )
 from pysindy_nrf.data.io import frequency_response
+from pysindy_nrf.diagnostics import force_delay
 from pysindy_nrf.discrepancy import second_opinion
 from pysindy_nrf.discrepancy.prepare import prepare
 from pysindy_nrf.discrepancy.second_opinion import unbiased_errors
@@ -35,7 +36,6 @@ from pysindy_nrf.estimation.frequency import fit_frequency_response
 from pysindy_nrf.exceptions import BiasWarning, ChainError, ChannelError, IdentifiabilityError, NRFError
 from pysindy_nrf.regression.phase_plane_domain import VisitedRegion
 from pysindy_nrf.selection import AlongPath, BlockedTimeSplit, scorers, select_sparsity
-from pysindy_nrf.signals.alignment import force_delay
 from pysindy_nrf.simulation.noise import add_noise
 
 pytestmark = pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")

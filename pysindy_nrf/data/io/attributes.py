@@ -46,17 +46,7 @@ class Attributes:
 
     @classmethod
     def of(cls, record: Record) -> Attributes:
-        """Those of a record.
-
-        Parameters
-        ----------
-        record : Record
-
-        Raises
-        ------
-        ChannelError
-            If a covariate has the name of another column.
-        """
+        """Those of a record."""
         columns = columns_of(record)
         return cls(
             record.name,
@@ -75,21 +65,7 @@ class Attributes:
 
     @classmethod
     def from_json(cls, text: str | bytes, where: Any) -> Attributes:
-        """Read what :meth:`to_json` wrote.
-
-        Parameters
-        ----------
-        text : str or bytes
-        where : path-like
-            For messages.
-
-        Raises
-        ------
-        FileVersionError
-            If a later version of the package wrote it.
-        FileFormatError
-            If it is damaged.
-        """
+        """Read what :meth:`to_json` wrote."""
         try:
             data = json.loads(text)
             if data.pop("schema") != SCHEMA:
@@ -128,21 +104,7 @@ class Attributes:
 
 
 def columns_of(record: Record) -> dict[str, np.ndarray]:
-    """All columns of a record by name, columns of NaN (not measured, force unknown) too.
-
-    Parameters
-    ----------
-    record : Record
-
-    Returns
-    -------
-    dict of str to ndarray of shape (n_samples,)
-
-    Raises
-    ------
-    ChannelError
-        If a covariate has the name of another column.
-    """
+    """All columns of a record by name, columns of NaN (not measured, force unknown) too."""
     out: dict[str, np.ndarray] = {}
     for prefix, key in _MATRICES.items():
         matrix = getattr(record, key)
@@ -160,22 +122,7 @@ def columns_of(record: Record) -> dict[str, np.ndarray]:
 
 
 def restored(attributes: Attributes, columns: Mapping[str, np.ndarray]) -> Record:
-    """The record that was written.
-
-    Parameters
-    ----------
-    attributes : Attributes
-    columns : mapping of str to ndarray
-
-    Returns
-    -------
-    Record
-
-    Raises
-    ------
-    FileFormatError
-        If a column is missing.
-    """
+    """The record that was written."""
     lines = {}
     for name in attributes.columns:
         if name not in columns:

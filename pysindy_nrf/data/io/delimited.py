@@ -56,24 +56,7 @@ class Dialect:
 
 
 def read_delimited(path: Path, max_bytes: int = MAX_BYTES) -> Table:
-    """Read a delimited text file.
-
-    Parameters
-    ----------
-    path : Path
-        Columns separated by ``;``, ``,``, tab, ``|`` or blanks; decimal point or comma; comment
-        lines starting with ``#``, ``%`` or ``//`` and any preamble above the columns' names.
-    max_bytes : int
-
-    Returns
-    -------
-    Table
-        A column that holds text stays text.
-
-    Raises
-    ------
-    FileFormatError
-    """
+    """Read a delimited text file."""
     import pandas as pd
 
     check_file(path, max_bytes)
@@ -165,21 +148,7 @@ def _numbers(column: Any) -> np.ndarray:
 
 
 def sniff(path: Path) -> Dialect:
-    """Find how a delimited file is written.
-
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    Dialect
-
-    Raises
-    ------
-    FileFormatError
-        If no separator gives rows of numbers.
-    """
+    """Find how a delimited file is written."""
     with open(path, "rb") as file:
         raw = file.read(_HEAD_BYTES)
         whole = not file.read(1)

@@ -53,25 +53,7 @@ class Expression:
 
 
 def parse(text: str, table: Table, channel: str) -> Expression:
-    """Parse what a channel is mapped to.
-
-    Parameters
-    ----------
-    text : str
-        ``"qm"``, ``"vir*35.1507"``, ``"-acc[:, 2] @ g"``, ``'"Acc. floor 1" * 2'``. A name that holds
-        one of ``[ ] * @`` or a leading minus is put in double quotes, unless it stands alone.
-    table : Table
-    channel : str
-        For messages.
-
-    Returns
-    -------
-    Expression
-
-    Raises
-    ------
-    ChannelError
-    """
+    """Parse what a channel is mapped to."""
     if not isinstance(text, str):
         raise ChannelError(f"The mapping of {channel} is {text!r}, not a text", f"Write {GRAMMAR}.")
     if text.strip() in table.variables:
@@ -90,24 +72,7 @@ def parse(text: str, table: Table, channel: str) -> Expression:
 
 
 def line_of(expression: Expression, table: Table, channel: str) -> np.ndarray:
-    """The samples an expression means, before units are converted.
-
-    Parameters
-    ----------
-    expression : Expression
-    table : Table
-    channel : str
-        For messages.
-
-    Returns
-    -------
-    ndarray of shape (n_samples,)
-
-    Raises
-    ------
-    FileFormatError
-        If the file has no such variable or column, it is not numbers, or some stand for "not measured".
-    """
+    """The samples an expression means, before units are converted."""
     if expression.name not in table.variables:
         raise FileFormatError(
             f"{table.path} has no variable {expression.name!r} for channel {channel}", f"It holds {table.names}."

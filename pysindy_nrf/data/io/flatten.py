@@ -9,17 +9,7 @@ import numpy as np
 
 
 def flattened(content: Mapping[str, Any], prefix: str = "") -> dict[str, np.ndarray]:
-    """Numeric arrays by name; fields of structures as ``struct.field``; single columns one-dimensional.
-
-    Parameters
-    ----------
-    content : mapping of str to array or mapping
-    prefix : str
-
-    Returns
-    -------
-    dict of str to ndarray
-    """
+    """Numeric arrays by name; fields of structures as ``struct.field``; single columns one-dimensional."""
     out: dict[str, np.ndarray] = {}
     for name, value in content.items():
         if isinstance(value, Mapping):

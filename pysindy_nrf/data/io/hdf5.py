@@ -17,25 +17,7 @@ SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
 def read_hdf5(path: Path, max_bytes: int = MAX_BYTES, matlab: bool = False) -> Table:
-    """Read the numeric data sets of an HDF5 file, groups joined by points.
-
-    Parameters
-    ----------
-    path : Path
-    max_bytes : int
-        Limit of what the data sets declare together.
-    matlab : bool
-        Transpose arrays, which MATLAB stores columns first.
-
-    Returns
-    -------
-    Table
-
-    Raises
-    ------
-    FileFormatError
-        Also for data sets that lie in other files: nothing but this file is read.
-    """
+    """Read the numeric data sets of an HDF5 file, groups joined by points."""
     check_file(path, max_bytes)
     h5py = require("h5py", "files", "Reading HDF5 and MATLAB v7.3 files")
     variables: dict[str, np.ndarray] = {}
@@ -71,11 +53,7 @@ def require_own(path: Any, name: str, item: Any) -> None:
 
 
 def data_sets(h5py: Any, file: Any) -> Iterator[tuple[str, Any]]:
-    """Every data set that the file itself holds, by name and once; links into other files are not followed.
-
-    Group by group, and an object is told by its number alone: the library's own walk through all groups, and its
-    count of what an object takes, never end in some damaged files.
-    """
+    """Every data set that the file itself holds, by name and once; links into other files are not followed."""
 
     def number(item: Any) -> Any:
         return h5py.h5g.get_objinfo(item.id).objno

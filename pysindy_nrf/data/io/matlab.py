@@ -30,22 +30,7 @@ except Exception as error:
 
 
 def read_mat(path: Path, max_bytes: int = MAX_BYTES) -> Table:
-    """Read a MATLAB file.
-
-    Parameters
-    ----------
-    path : Path
-    max_bytes : int
-        Also the limit of what compressed variables unpack to.
-
-    Returns
-    -------
-    Table
-
-    Raises
-    ------
-    FileFormatError
-    """
+    """Read a MATLAB file."""
     check_file(path, max_bytes)
     with open(path, "rb") as file:
         head = file.read(520)

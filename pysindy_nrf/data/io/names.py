@@ -10,17 +10,7 @@ _BASE = {"ag": "ag", "vg": "vg", "xg": "xg", "a0": "ag", "v0": "vg", "x0": "xg",
 
 
 def split_unit(column: str) -> tuple[str, str | None]:
-    """A column name and the unit written behind it, ``"a1 [mm]"`` or ``"a1 (g)"``.
-
-    Parameters
-    ----------
-    column : str
-
-    Returns
-    -------
-    name : str
-    unit : str or None
-    """
+    """A column name and the unit written behind it, ``"a1 [mm]"`` or ``"a1 (g)"``."""
     match = _UNIT.match(column.strip())
     if match is None or not match["name"]:
         return column.strip(), None
@@ -28,24 +18,7 @@ def split_unit(column: str) -> tuple[str, str | None]:
 
 
 def channel_of(name: str) -> str | None:
-    """The channel a plain name means.
-
-    Parameters
-    ----------
-    name : str
-        ``"a1"``, ``"A_1"``, ``"f2"``, ``"ag"``, ``"Time"``, ...
-
-    Returns
-    -------
-    str or None
-        ``"a1"``.., ``"v1"``.., ``"x1"``.., ``"F1"``.., ``"ag"``, ``"vg"``, ``"xg"`` or ``"t"``.
-
-    Examples
-    --------
-    >>> from pysindy_nrf.data.io.names import channel_of
-    >>> [channel_of(n) for n in ("A_1", "f2", "Time", "ag", "voltage")]
-    ['a1', 'F2', 't', 'ag', None]
-    """
+    """The channel a plain name means."""
     text = name.strip()
     if text.lower() in ("t", "time"):
         return "t"

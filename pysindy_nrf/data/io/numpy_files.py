@@ -15,21 +15,7 @@ from .table import MAX_BYTES, Table, check_file, check_size, unreadable
 
 
 def read_npz(path: Path, max_bytes: int = MAX_BYTES) -> Table:
-    """Read a NumPy archive or array; what its headers declare is checked before memory is taken.
-
-    Parameters
-    ----------
-    path : Path
-    max_bytes : int
-
-    Returns
-    -------
-    Table
-
-    Raises
-    ------
-    FileFormatError
-    """
+    """Read a NumPy archive or array; what its headers declare is checked before memory is taken."""
     check_file(path, max_bytes)
     try:
         if path.suffix.lower() == ".npz":

@@ -19,22 +19,7 @@ _KEY = SCHEMA.encode()
 
 
 def read_parquet(path: Path, max_bytes: int = MAX_BYTES) -> Table:
-    """Read the columns of a Parquet file that hold numbers, times or texts; a time index becomes the column ``t``.
-
-    Parameters
-    ----------
-    path : Path
-    max_bytes : int
-        Also the limit of what the file unpacks to, by its own account of rows and columns.
-
-    Returns
-    -------
-    Table
-
-    Raises
-    ------
-    FileFormatError
-    """
+    """Read the columns of a Parquet file that hold numbers, times or texts; a time index becomes the column ``t``."""
     check_file(path, max_bytes)
     pyarrow = require("pyarrow", "files", "Reading Parquet files")
     types = require("pyarrow.types", "files", "Reading Parquet files")
@@ -70,20 +55,7 @@ def read_parquet(path: Path, max_bytes: int = MAX_BYTES) -> Table:
 
 
 def write_parquet(path: Path, columns: dict[str, np.ndarray], attributes: Attributes | None = None) -> None:
-    """Write columns to a Parquet file.
-
-    Parameters
-    ----------
-    path : Path
-    columns : dict of str to array-like
-    attributes : Attributes, optional
-        Kept in the file's metadata.
-
-    Raises
-    ------
-    ChannelError
-        If a name cannot be written.
-    """
+    """Write columns to a Parquet file."""
     pyarrow: Any = require("pyarrow", "files", "Writing Parquet files")
     parquet: Any = require("pyarrow.parquet", "files", "Writing Parquet files")
     try:

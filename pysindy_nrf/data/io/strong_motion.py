@@ -69,24 +69,7 @@ def is_strong_motion(text: str) -> bool:
 
 
 def read_strong_motion(path: Path, max_bytes: int = MAX_BYTES) -> Table:
-    """Read the corrected series of a CSMIP V2 or COSMOS file.
-
-    Parameters
-    ----------
-    path : Path
-    max_bytes : int
-
-    Returns
-    -------
-    Table
-        ``acceleration``, ``velocity``, ``displacement`` (whichever the file holds) in the file's units, with
-        ``ch<number>.`` in front where it holds several channels; the rate stated in the file.
-
-    Raises
-    ------
-    FileFormatError
-        If counts or sampling intervals of the headers do not fit the series.
-    """
+    """Read the corrected series of a CSMIP V2 or COSMOS file."""
     check_file(path, max_bytes)
     lines = _lines(path.read_text(encoding="latin-1"))
     series, notes = _read(path, lines)

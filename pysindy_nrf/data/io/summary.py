@@ -60,30 +60,7 @@ def describe(what: Record | Reading) -> str:
 
 
 def contents(table: Table, most: int = 40) -> str:
-    """Say what variables a file holds, for one who must map them.
-
-    Parameters
-    ----------
-    table : Table
-    most : int
-        Variables shown.
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pathlib import Path
-    >>> from pysindy_nrf.data.io import Table
-    >>> from pysindy_nrf.data.io.summary import contents
-    >>> held = {"Laser": np.arange(4.0), "gain": np.array(35.1)}
-    >>> print(contents(Table(Path("lab.mat"), "MATLAB", held, {"Laser": "mm"})))
-    lab.mat holds (MATLAB):
-      Laser  4 values, 0 to 3 mm
-      gain   35.1
-    """
+    """Say what variables a file holds, for one who must map them."""
     width = min(max((len(name) for name in table.variables), default=0), 40)
     lines = [f"{table.path} holds ({'; '.join([table.kind, *table.notes])}):"]
     for name, values in list(table.variables.items())[:most]:
@@ -142,18 +119,7 @@ def summary(record: Record) -> dict[str, Any]:
 
 
 def kind_of(record: Record, name: str) -> str:
-    """What a channel is, in words.
-
-    Parameters
-    ----------
-    record : Record
-    name : str
-        A channel, e.g. ``"a1"``.
-
-    Returns
-    -------
-    str
-    """
+    """What a channel is, in words."""
     if name in _BASES:
         return _BASES[name]
     if name[:1] not in _KINDS or not name[1:].isdigit():

@@ -68,17 +68,7 @@ class Table:
 
 
 def check_file(path: Path, max_bytes: int = MAX_BYTES) -> None:
-    """Refuse what is not a file, is empty or too large.
-
-    Parameters
-    ----------
-    path : Path
-    max_bytes : int
-
-    Raises
-    ------
-    FileFormatError
-    """
+    """Refuse what is not a file, is empty or too large."""
     if not path.exists():
         raise FileFormatError(f"{path} does not exist", "Check the path.")
     if not path.is_file():
@@ -90,19 +80,7 @@ def check_file(path: Path, max_bytes: int = MAX_BYTES) -> None:
 
 
 def check_size(path: Path, size: int, max_bytes: int) -> None:
-    """Refuse more bytes than are wanted.
-
-    Parameters
-    ----------
-    path : Path
-    size : int
-        Bytes of the file, or what it unpacks to.
-    max_bytes : int
-
-    Raises
-    ------
-    FileFormatError
-    """
+    """Refuse more bytes than are wanted."""
     if size > max_bytes:
         raise FileFormatError(
             f"{path} holds {size / 1e9:.3g} GB, more than the limit of {max_bytes / 1e9:.3g} GB",

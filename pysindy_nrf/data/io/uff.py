@@ -30,24 +30,7 @@ _MARK = "pysindy_nrf.Record"
 
 
 def read_uff(path: Path, max_bytes: int = MAX_BYTES) -> Table:
-    """Read the time histories (data sets 58) of a universal file, ASCII or binary.
-
-    Parameters
-    ----------
-    path : Path
-    max_bytes : int
-
-    Returns
-    -------
-    Table
-        Named ``a3``, ``F1``.. by what was measured and the node, if all point along one axis, else ``a3+X``..;
-        the lines of description are among the notes.
-
-    Raises
-    ------
-    FileFormatError
-        Also if the time histories differ in rate or length.
-    """
+    """Read the time histories (data sets 58) of a universal file, ASCII or binary."""
     check_file(path, max_bytes)
     pyuff = require("pyuff", "files", "Reading UFF files")
     with open(path, "rb") as raw:
@@ -185,20 +168,7 @@ def _own(path: Path, sets: Sequence[Mapping[str, Any]]) -> Table | None:
 
 
 def write_uff(path: Path, columns: Mapping[str, np.ndarray], attributes: Attributes) -> None:
-    """Write the columns of a record as binary time histories (58b, double precision).
-
-    Parameters
-    ----------
-    path : Path
-    columns : mapping of str to ndarray
-    attributes : Attributes
-        Kept in the identification lines: column in line 1, record in line 2, clock in lines 4 and 5.
-
-    Raises
-    ------
-    ChannelError
-        If a name is too long for an identification line.
-    """
+    """Write the columns of a record as binary time histories (58b, double precision)."""
     mark = f"{_MARK} {VERSION} {attributes.coordinates} {attributes.fs.hex()}"
     sets = []
     for name, line in columns.items():
@@ -215,29 +185,7 @@ def write_uff(path: Path, columns: Mapping[str, np.ndarray], attributes: Attribu
 
 def history(line: np.ndarray, fs: float, t0: float, texts: Sequence[str], kind: int, node: int, reference: int,
             unit: str) -> bytes:  # fmt: skip
-    """A time history as a binary data set 58, IEEE double precision.
-
-    Parameters
-    ----------
-    line : ndarray of shape (n_samples,)
-    fs, t0 : float
-        Hz and s.
-    texts : sequence of five str
-        Identification lines.
-    kind : int
-        Specific data type: 8 displacement, 9 reaction force, 11 velocity, 12 acceleration, 13 excitation force.
-    node, reference : int
-        Numbers of the DOF and of the reference DOF.
-    unit : str
-
-    Returns
-    -------
-    bytes
-
-    Notes
-    -----
-    Written here because pyuff writes NaN (not measured, force unknown) as 0 (at rest, unforced).
-    """
+    """A time history as a binary data set 58, IEEE double precision."""
     data = np.asarray(line, dtype="<f8").tobytes()
     axis = "{:10d}    0    0    0 {:<20} {:<20}"
     head = [

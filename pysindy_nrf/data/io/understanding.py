@@ -78,18 +78,7 @@ class Reading:
 def understand(table: Table, *, mapping: Mapping[str, str] | None = None, fs: float | None = None,
                units: Mapping[str, str] | None = None, name: str | None = None,
                coordinates: str | None = None) -> Reading:  # fmt: skip
-    """A record from the variables of a file.
-
-    Parameters
-    ----------
-    table : Table
-    mapping, fs, units, name, coordinates
-        As for :func:`read_record`.
-
-    Returns
-    -------
-    Reading
-    """
+    """A record from the variables of a file."""
     own = table.attributes
     if coordinates not in (None, "relative", "absolute"):
         raise ChannelError(f"coordinates={coordinates!r} is unknown", "Choose 'relative' (to the base) or 'absolute'.")

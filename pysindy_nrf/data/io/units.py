@@ -31,18 +31,7 @@ _MOST = 24  # characters of a unit
 
 
 def dimension_of(channel: str) -> str | None:
-    """What a channel measures.
-
-    Parameters
-    ----------
-    channel : str
-        ``"a1"``, ``"xg"``, ``"F2"``, ``"t"``, or the name of a covariate.
-
-    Returns
-    -------
-    {"length", "velocity", "acceleration", "force", "time"} or None
-        None for a covariate, which keeps its unit.
-    """
+    """What a channel measures."""
     if channel == "t" or re.fullmatch(r"[avxF]\d+|[avx]g", channel):
         return _DIMENSIONS[channel[0]]
     return None
@@ -54,37 +43,7 @@ def si_unit(channel: str) -> str:
 
 
 def factor(unit: str, channel: str) -> float:
-    """What values in a unit are multiplied by to be SI.
-
-    Parameters
-    ----------
-    unit : str
-        ``"mm"``, ``"g"``, ``"in/s"``, ``"cm/s^2"``, ``"kip"``, ... A ``g`` is the standard gravity,
-        9.80665 m/s^2; a ``lb`` of a force channel a pound-force.
-    channel : str
-        The channel they belong to, ``"a1"``, ``"xg"``, ``"F2"``, ``"t"``.
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    ChannelError
-        If the unit is unknown or does not measure what the channel is.
-    MissingExtraError
-        If the unit is not SI and pint is not installed.
-
-    Examples
-    --------
-    >>> from pysindy_nrf.data.io.units import factor
-    >>> factor("mm", "x1"), factor("g", "a2"), factor("cm/s", "vg"), factor("kip", "F3")
-    (0.001, 9.80665, 0.01, 4448.2216152605)
-    >>> factor("mm", "F1")
-    Traceback (most recent call last):
-    ...
-    pysindy_nrf.exceptions.ChannelError: Channel F1 is a force, but its unit 'mm' measures length. Write e.g. N, ...
-    """
+    """What values in a unit are multiplied by to be SI."""
     kind = dimension_of(channel)
     if kind is None:
         raise ChannelError(

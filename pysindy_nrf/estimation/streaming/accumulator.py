@@ -138,14 +138,7 @@ class Accumulator:
     # -- adding -------------------------------------------------------------------------------
 
     def add(self, chunk: Chunk, number: int) -> None:
-        """Add the chunk of this number.
-
-        Parameters
-        ----------
-        chunk : Chunk
-        number : int
-            Its place among all chunks.
-        """
+        """Add the chunk of this number."""
         pieces, at = chunk.records(), 0
         for i, piece in enumerate(pieces):
             at = self._add((number, at), piece, ends=i < len(pieces) - 1)
@@ -277,12 +270,7 @@ class Accumulator:
     # -- adding up ----------------------------------------------------------------------------
 
     def copy(self) -> Accumulator:
-        """An accumulator to which records can be added while this one stays as it is.
-
-        Returns
-        -------
-        Accumulator
-        """
+        """An accumulator to which records can be added while this one stays as it is."""
         out = copy(self)
         out.blocks, out.runs, out.windows = list(self.blocks), list(self.runs), list(self.windows)
         out._shut()  # what follows is another record
@@ -295,17 +283,7 @@ class Accumulator:
         return self
 
     def merge(self, other: Accumulator) -> Accumulator:
-        """Add the chunks of another accumulator of the same data; both closed.
-
-        Parameters
-        ----------
-        other : Accumulator
-
-        Returns
-        -------
-        Accumulator
-            self.
-        """
+        """Add the chunks of another accumulator of the same data; both closed."""
         if other.model is None:
             self.runs = runs.joined([*self.runs, *other.runs])
             self.n_samples += other.n_samples

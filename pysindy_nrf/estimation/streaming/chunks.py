@@ -88,21 +88,7 @@ def cut(value: Any, rows: slice) -> Any:
 
 
 def chunk_of(item: Any, covariates: Sequence[str] = (), coordinates: str = "relative", first: bool = True) -> Chunk:
-    """One item of an iterator as a chunk.
-
-    Parameters
-    ----------
-    item : DataFrame, (X, F), Chunk or Record
-    covariates : sequence of str
-        Columns of a table that laws read.
-    coordinates : str
-    first : bool
-        Whether a record starts here.
-
-    Returns
-    -------
-    Chunk
-    """
+    """One item of an iterator as a chunk."""
     if isinstance(item, Chunk):
         return item
     if isinstance(item, Record):

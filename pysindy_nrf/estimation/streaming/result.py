@@ -19,16 +19,7 @@ from .accumulator import Accumulator
 
 
 def solution_of(accumulator: Accumulator) -> tuple[Solution | None, Moments, Walk]:
-    """Solve the chain; None where the Gram matrices may have lost digits that the data hold.
-
-    Parameters
-    ----------
-    accumulator : Accumulator
-
-    Returns
-    -------
-    Solution or None, Moments, Walk
-    """
+    """Solve the chain; None where the Gram matrices may have lost digits that the data hold."""
     moments, model = accumulator.total(), accumulator.require_model()
     _require_usable(accumulator, moments)
     walk = accumulator.walk()
@@ -39,20 +30,7 @@ def solution_of(accumulator: Accumulator) -> tuple[Solution | None, Moments, Wal
 
 
 def publish(accumulator: Accumulator, solution: Solution, moments: Moments, walk: Walk) -> Any:
-    """Put the answer into the estimator.
-
-    Parameters
-    ----------
-    accumulator : Accumulator
-    solution : Solution
-    moments : Moments
-    walk : Walk
-
-    Returns
-    -------
-    NRFRegressor
-        Fitted.
-    """
+    """Put the answer into the estimator."""
     estimator, given = accumulator.estimator, accumulator.require_model()
     layout = given.layout
     model = model_of(layout, solution)

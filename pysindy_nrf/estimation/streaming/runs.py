@@ -50,13 +50,7 @@ class Run:
         return touching and not self.starts and not other.ends and self.name == other.name
 
     def join(self, other: Run) -> Run:
-        """This run and the one that follows it.
-
-        Raises
-        ------
-        ChannelError
-            If NaN rows lie between finite ones, or a force is known in one and unknown in the other.
-        """
+        """This run and the one that follows it."""
         if not (self.empty or other.empty):
             if self.tail or other.head:
                 raise ChannelError(

@@ -324,11 +324,7 @@ class ListSource(Source):
 
 
 class IteratorSource(Source):
-    """An iterator that can be read once: of tables, of pairs (X, F) or of records.
-
-    Tables and pairs follow each other in one record unless a column ``record`` tells records apart; each
-    :class:`Record` is one of its own.
-    """
+    """An iterator that can be read once: of tables, of pairs (X, F) or of records."""
 
     again = False
 

@@ -26,35 +26,14 @@ _LINES = ("a", "v", "s", "F", "t", "ag")
 
 
 def identity(estimator: Any, source: Source) -> str:
-    """What tells one pass from another: the data, the laws, the settings.
-
-    Parameters
-    ----------
-    estimator : NRFRegressor
-    source : Source
-
-    Returns
-    -------
-    str
-        Hexadecimal digits.
-    """
+    """What tells one pass from another: the data, the laws, the settings."""
     settings = {k: repr(v) for k, v in sorted(estimator.get_params(deep=False).items())}
     text = json.dumps([_VERSION, source.identity(), settings], default=str)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def save(path: Path, accumulator: Accumulator, following: int, mark: str) -> None:
-    """Write the state of a pass.
-
-    Parameters
-    ----------
-    path : Path
-    accumulator : Accumulator
-    following : int
-        Number of the chunk that comes next.
-    mark : str
-        See :func:`identity`.
-    """
+    """Write the state of a pass."""
     acc = accumulator
     arrays: dict[str, Any] = {}
     entries = [*acc.blocks, *([acc._open] if acc._open else [])]
@@ -91,24 +70,7 @@ def save(path: Path, accumulator: Accumulator, following: int, mark: str) -> Non
 
 
 def load(path: Path, estimator: Any, mark: str) -> tuple[Accumulator, int] | None:
-    """The state of a pass, if the file holds one of these data and settings.
-
-    Parameters
-    ----------
-    path : Path
-    estimator : NRFRegressor
-    mark : str
-
-    Returns
-    -------
-    (Accumulator, int) or None
-        With the number of the chunk that comes next.
-
-    Raises
-    ------
-    FileFormatError
-        If the file is not a state.
-    """
+    """The state of a pass, if the file holds one of these data and settings."""
     from ...regression.channel_range import Extent
 
     if not path.exists():

@@ -23,19 +23,7 @@ def available() -> bool:
 
 
 def draw_all(outcome: Outcome, folder: Path, band: Any) -> list[Path]:
-    """Draw the restoring forces, and the free run or the frequency response.
-
-    Parameters
-    ----------
-    outcome : Outcome
-    folder : Path
-    band : (float, float) or None
-
-    Returns
-    -------
-    list of Path
-        Empty without matplotlib.
-    """
+    """Draw the restoring forces, and the free run or the frequency response."""
     if not available():
         return []
     if outcome.frf is not None:
@@ -49,21 +37,7 @@ def draw_all(outcome: Outcome, folder: Path, band: Any) -> list[Path]:
 
 
 def draw(path: Path, plot: Callable[[Any], Any], size: tuple[float, float] = (6.0, 4.0)) -> list[Path]:
-    """Draw one figure.
-
-    Parameters
-    ----------
-    path : Path
-    plot : callable
-        Takes the axes.
-    size : (float, float)
-        Inches.
-
-    Returns
-    -------
-    list of Path
-        Empty without matplotlib.
-    """
+    """Draw one figure."""
     if not available():
         return []
 

@@ -42,21 +42,7 @@ class _Ordered(click.Group):
 )
 @click.version_option(__version__, prog_name="pysindy-nrf")
 def cli() -> None:
-    """Masses and nonlinear restoring forces of chain-like structures from measured forces and motions.
-
-    \b
-    Start with
-        pysindy-nrf demo
-    then give it your own test, a file with columns t, F1.., a1.., v1.., x1.. (SI units):
-        pysindy-nrf inspect test.csv          (what does the file hold?)
-        pysindy-nrf identify test.csv
-        pysindy-nrf close-loop test.csv       (what does the model lack?)
-    Columns with other names and units: --map F2='Shaker @ kN' --unit a=g --unit x=mm, on each of them.
-
-    \b
-    Exit codes: 0 done, 2 wrong usage, 3 the data or what was asked of them, 1 anything else, 130 stopped by Ctrl-C.
-    Results go to the output stream, progress and errors to the error stream.
-    """
+    """Masses and nonlinear restoring forces of chain-like structures from measured forces and motions."""
 
 
 for command in (demo, inspect, identify, close_loop, select_order, compare, simulate, report, plan):
@@ -64,28 +50,12 @@ for command in (demo, inspect, identify, close_loop, select_order, compare, simu
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line and leave with an exit code.
-
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        Those of the process if None.
-    """
+    """Run the command line and leave with an exit code."""
     sys.exit(run(arguments))
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line.
-
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-
-    Returns
-    -------
-    int
-        The exit code.
-    """
+    """Run the command line."""
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # a terminal that cannot show a sign shows its code
             stream.reconfigure(errors="backslashreplace")

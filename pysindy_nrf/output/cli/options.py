@@ -34,23 +34,7 @@ def record_options(command: Any) -> Any:
 
 
 def readings_of(files: Any, options: dict[str, Any], session: Any = None, needed: bool = True) -> list[Any]:
-    """What the files hold, by the record options and the mapping file.
-
-    Parameters
-    ----------
-    files : sequence of Path
-        Those of the mapping file if empty.
-    options : dict
-        Of :func:`record_options`.
-    session : Session, optional
-        Shows progress.
-    needed : bool
-        Whether it is a usage error that there is no file.
-
-    Returns
-    -------
-    list of Reading
-    """
+    """What the files hold, by the record options and the mapping file."""
     from ...data.io import inspect_record
 
     said, how = said_of(options)
@@ -66,18 +50,7 @@ def readings_of(files: Any, options: dict[str, Any], session: Any = None, needed
 
 
 def said_of(options: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
-    """The mapping file, and channels, units and clock by it and by the options, which go before it.
-
-    Parameters
-    ----------
-    options : dict
-        Holds ``mapping_file``, ``mapping``, ``units`` and ``fs``.
-
-    Returns
-    -------
-    MappingFile, dict
-        An empty one if none is named; arguments of the readers.
-    """
+    """The mapping file, and channels, units and clock by it and by the options, which go before it."""
     from ...data.io import MappingFile, read_mapping
 
     said = MappingFile(Path()) if options["mapping_file"] is None else read_mapping(options["mapping_file"])
@@ -90,18 +63,7 @@ def said_of(options: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
 
 
 def once(ctx: Any, param: Any, pairs: Any) -> dict:
-    """Pairs as a mapping; a key given twice is a usage error.
-
-    Parameters
-    ----------
-    ctx, param
-        Of click.
-    pairs : sequence of (key, value)
-
-    Returns
-    -------
-    dict
-    """
+    """Pairs as a mapping; a key given twice is a usage error."""
     out: dict = {}
     for key, value in pairs:
         if key in out:
@@ -281,18 +243,7 @@ class Floors(Range):
 
 
 def laws_of(pairs: Any, degree: Any) -> dict[str, list] | None:
-    """Sites and names of laws, as :data:`law_option` gives them, as laws by site.
-
-    Parameters
-    ----------
-    pairs : sequence of (str, list of str)
-    degree : int or (int, int)
-        Of a power series among them.
-
-    Returns
-    -------
-    dict of str to list of ForceLaw, or None
-    """
+    """Sites and names of laws, as :data:`law_option` gives them, as laws by site."""
     if not pairs:
         return None
     from ... import laws

@@ -23,26 +23,7 @@ def write_all(
     forces: str | None = None,
     records: Any = None,
 ) -> list[Path]:
-    """Write model, tables and figures.
-
-    Parameters
-    ----------
-    outcome : Outcome
-    folder : Path
-    band : (float, float) or None
-    figures : bool
-        Draw them if matplotlib is installed.
-    tables : {"csv", "parquet"}
-    forces : {"csv", "parquet", "uff"}, optional
-        Write the restoring forces along each record too.
-    records : sequence of Record, optional
-        For the page.
-
-    Returns
-    -------
-    list of Path
-        What was written.
-    """
+    """Write model, tables and figures."""
     from ..report import write_html
 
     est, model = outcome.estimator, outcome.estimator.model_
@@ -74,19 +55,7 @@ def write_all(
 
 
 def page(write: Callable[[Path], Any], path: Path) -> list[Path]:
-    """Write a page if the packages of the extra ``report`` are installed.
-
-    Parameters
-    ----------
-    write : callable
-        Takes the path.
-    path : Path
-
-    Returns
-    -------
-    list of Path
-        Empty without them.
-    """
+    """Write a page if the packages of the extra ``report`` are installed."""
     from ..report import available
 
     if not available():
@@ -96,17 +65,7 @@ def page(write: Callable[[Path], Any], path: Path) -> list[Path]:
 
 
 def coefficients(model: Any) -> pd.DataFrame:
-    """All coefficients of a model, one row each.
-
-    Parameters
-    ----------
-    model : ChainModel
-
-    Returns
-    -------
-    DataFrame
-        ``site``, ``term``, ``value``, ``unit``.
-    """
+    """All coefficients of a model, one row each."""
     rows = [
         (str(site), term, value, unit)
         for site, force in model.restoring_forces.items()

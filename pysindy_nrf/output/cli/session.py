@@ -82,22 +82,7 @@ class Session:
         page_of: Any = None,
         **files: Any,
     ) -> None:
-        """Say what was found and write it.
-
-        Parameters
-        ----------
-        outcome : Outcome
-        band : (float, float) or None
-        folder : Path
-        figures : bool
-        records : list of dict
-            What was understood, for JSON.
-        truth : ChainModel, optional
-        page_of : sequence of Record, optional
-            For the page.
-        **files
-            ``tables`` and ``forces``, the types of file.
-        """
+        """Say what was found and write it."""
         self.say(text.result(outcome, band, truth))
         written = output.write_all(outcome, folder, band, figures, records=page_of, **files)
         self.emit(text.as_data(outcome, band, records), written)
@@ -120,16 +105,7 @@ def printable(words: str) -> str:
 
 
 def plain(data: Any) -> Any:
-    """Data as JSON holds them: no NumPy, no NaN.
-
-    Parameters
-    ----------
-    data : object
-
-    Returns
-    -------
-    object
-    """
+    """Data as JSON holds them: no NumPy, no NaN."""
     if isinstance(data, dict):
         return {str(key): plain(value) for key, value in data.items()}
     if isinstance(data, (list, tuple, set, np.ndarray)):

@@ -16,16 +16,7 @@ LARGE_ERROR = 15.0
 
 
 def band_text(band: Any) -> str:
-    """A band in words.
-
-    Parameters
-    ----------
-    band : (float, float) or None
-
-    Returns
-    -------
-    str
-    """
+    """A band in words."""
     low, high = band if band is not None else (None, None)
     if not low and high is None:
         return "all frequencies"
@@ -50,19 +41,7 @@ def table(frame: pd.DataFrame, digits: int = 4) -> str:
 
 
 def result(outcome: Outcome, band: Any, truth: Any = None) -> str:
-    """Masses, equations, errors and modes of an outcome.
-
-    Parameters
-    ----------
-    outcome : Outcome
-    band : (float, float) or None
-    truth : ChainModel, optional
-        Of a simulated record.
-
-    Returns
-    -------
-    str
-    """
+    """Masses, equations, errors and modes of an outcome."""
     est, model = outcome.estimator, outcome.estimator.model_
     known = dict(est.known_masses or {})
     said = [heading("Masses")]
@@ -93,16 +72,7 @@ def result(outcome: Outcome, band: Any, truth: Any = None) -> str:
 
 
 def take_care(notes: Sequence[str]) -> str:
-    """Warnings, one a paragraph, in lines that a terminal shows whole.
-
-    Parameters
-    ----------
-    notes : sequence of str
-
-    Returns
-    -------
-    str
-    """
+    """Warnings, one a paragraph, in lines that a terminal shows whole."""
     lines = textwrap.TextWrapper(
         110, initial_indent="  - ", subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
     )
@@ -147,17 +117,7 @@ def _free(outcome: Outcome, band: Any) -> list[str]:
 
 
 def response_errors(outcome: Outcome, band: Any) -> list[float]:
-    """Percent NRMSE of the model's frequency responses in the band, by DOF.
-
-    Parameters
-    ----------
-    outcome : Outcome
-    band : (float, float) or None
-
-    Returns
-    -------
-    list of float
-    """
+    """Percent NRMSE of the model's frequency responses in the band, by DOF."""
     assert outcome.frf is not None
     frf, found = outcome.frf
     low, high = band if band is not None else (None, None)
@@ -174,16 +134,7 @@ def _modes(model: Any) -> pd.DataFrame | None:
 
 
 def advice(outcome: Outcome) -> list[str]:
-    """Sentences on what makes the numbers doubtful.
-
-    Parameters
-    ----------
-    outcome : Outcome
-
-    Returns
-    -------
-    list of str
-    """
+    """Sentences on what makes the numbers doubtful."""
     est = outcome.estimator
     said: list[str] = []
     errors = est.errors_.drop(index="pooled")["error"]
@@ -212,19 +163,7 @@ def advice(outcome: Outcome) -> list[str]:
 
 
 def as_data(outcome: Outcome, band: Any, records: list[dict[str, Any]]) -> dict[str, Any]:
-    """The same as plain data, for ``--json``.
-
-    Parameters
-    ----------
-    outcome : Outcome
-    band : (float, float) or None
-    records : list of dict
-        What was understood.
-
-    Returns
-    -------
-    dict
-    """
+    """The same as plain data, for ``--json``."""
     est, model = outcome.estimator, outcome.estimator.model_
     modes = _modes(model)
     return {

@@ -53,22 +53,7 @@ class Outcome:
 
 
 def identify_records(records: Sequence[Record], estimator: Any, raw: bool, progress: Progress) -> Outcome:
-    """Identify a chain from records and run the model free.
-
-    Parameters
-    ----------
-    records : sequence of Record
-    estimator : NRFRegressor
-        Not fitted.
-    raw : bool
-        Take the channels as they are, no fusion.
-    progress : callable
-        Wraps an iterable and shows a label.
-
-    Returns
-    -------
-    Outcome
-    """
+    """Identify a chain from records and run the model free."""
     from ...signals import KinematicSmoother
 
     with warnings.catch_warnings(record=True) as caught:
@@ -89,20 +74,7 @@ def identify_records(records: Sequence[Record], estimator: Any, raw: bool, progr
 
 
 def identify_frf(frf: FrequencyResponse, estimator: Any, band: Any) -> Outcome:
-    """Identify a linear chain from its frequency responses.
-
-    Parameters
-    ----------
-    frf : FrequencyResponse
-    estimator : NRFRegressor
-        Not fitted, of linear laws and without a band: lines are cut here.
-    band : (float, float) or None
-        Hz.
-
-    Returns
-    -------
-    Outcome
-    """
+    """Identify a linear chain from its frequency responses."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", NRFWarning)
         estimator.fit(*frf_to_features(frf, band=band))
@@ -127,18 +99,7 @@ def _beside(records: Sequence[Record]) -> dict[str, Any]:
 
 
 def term_shares(model: Any, data: SegmentSet) -> dict[str, pd.Series]:
-    """How much of each site's force its terms carry.
-
-    Parameters
-    ----------
-    model : ChainModel
-    data : SegmentSet
-
-    Returns
-    -------
-    dict of str to Series
-        Percent by term, largest first: rms of the term's force over rms of the site's force.
-    """
+    """How much of each site's force its terms carry."""
     out = {}
     for site, force in model.restoring_forces.items():
         if not force.laws:

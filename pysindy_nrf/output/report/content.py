@@ -69,17 +69,7 @@ class Content:
 
 
 def of_loop(report: Any, title: str | None = None) -> Content:
-    """The page of a closed loop.
-
-    Parameters
-    ----------
-    report : LoopReport
-    title : str, optional
-
-    Returns
-    -------
-    Content
-    """
+    """The page of a closed loop."""
     from .story import cautions, chapters, lead
 
     model = report.model
@@ -112,23 +102,7 @@ def of_loop(report: Any, title: str | None = None) -> Content:
 def of_model(
     subject: Any, records: Any = None, title: str | None = None, notes: Sequence[str] = (), band: Any = None
 ) -> Content:
-    """The page of an identification.
-
-    Parameters
-    ----------
-    subject : ChainModel or fitted NRFRegressor
-    records : Record or sequence of Record, optional
-        Without them a regressor shows the data it was fitted to, a model none.
-    title : str, optional
-    notes : sequence of str
-        Warnings to show.
-    band : (float, float), optional
-        Hz; the one the model was fitted in if None.
-
-    Returns
-    -------
-    Content
-    """
+    """The page of an identification."""
     model: ChainModel = getattr(subject, "model_", subject)
     known = model.info.get("band")
     band = band if band is not None else None if known is None else tuple(known)

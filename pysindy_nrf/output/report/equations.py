@@ -26,24 +26,7 @@ _SIGNS = {"-": "−", "*": "⋅", "<": "&lt;", ">": "&gt;", "&": "&amp;"}
 
 
 def number(value: float, digits: int = 4) -> str:
-    """A number as MathML, with a power of ten where it is needed.
-
-    Parameters
-    ----------
-    value : float
-    digits : int
-        Significant digits.
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
-    >>> from pysindy_nrf.output.report.equations import number
-    >>> number(-6.055e10)
-    '<mrow><mo>−</mo><mn>6.055</mn><mo>×</mo><msup><mn>10</mn><mn>10</mn></msup></mrow>'
-    """
+    """A number as MathML, with a power of ten where it is needed."""
     sign = "<mo>−</mo>" if value < 0 else ""
     mantissa, _, exponent = f"{abs(value):.{digits}g}".partition("e")
     out = f"<mn>{mantissa}</mn>"
@@ -66,25 +49,7 @@ def symbol(name: str) -> str:
 
 
 def feature(label: str, index: str = "") -> str:
-    """The label of a term as MathML.
-
-    Parameters
-    ----------
-    label : str
-        E.g. ``"sgn(v) |v|^n"``.
-    index : str
-        Stands behind s, v, a, x and Z.
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
-    >>> from pysindy_nrf.output.report.equations import feature
-    >>> feature("s^3", "2")
-    '<mrow><msup><msub><mi>s</mi><mn>2</mn></msub><mn>3</mn></msup></mrow>'
-    """
+    """The label of a term as MathML."""
     return _row(iter([t for t in _TOKEN.findall(label) if t.strip()]), index, "")[0]
 
 
@@ -96,18 +61,7 @@ def site_index(site: Site) -> str:
 
 
 def law_equation(force: RestoringForce, digits: int = 4) -> list[str]:
-    """The equation of a site as pieces that may stand on several lines.
-
-    Parameters
-    ----------
-    force : RestoringForce
-    digits : int
-
-    Returns
-    -------
-    list of str
-        Complete ``<math>`` elements.
-    """
+    """The equation of a site as pieces that may stand on several lines."""
     index = site_index(force.site)
     arguments = f"<mo>(</mo>{feature('s', index)}<mo>,</mo>{feature('v', index)}<mo>)</mo>"
     pieces = [_math(f"{_indexed('R', index)}{arguments}<mo form='infix'>=</mo>", f"R {index} =")]
@@ -136,17 +90,7 @@ def shape_values(force: RestoringForce, digits: int = 4) -> list[str]:
 
 
 def balance_equations(model: ChainModel, digits: int = 4) -> list[list[str]]:
-    """Force balances of all DOFs as pieces, with the masses in them.
-
-    Parameters
-    ----------
-    model : ChainModel
-    digits : int
-
-    Returns
-    -------
-    list of list of str
-    """
+    """Force balances of all DOFs as pieces, with the masses in them."""
     sites = [site for site, held in model.laws.items() if held]
     signs = model.chain.incidence(sites) if sites else np.zeros((model.n_dof, 0))
     out = []
@@ -162,14 +106,7 @@ def balance_equations(model: ChainModel, digits: int = 4) -> list[list[str]]:
 
 
 def pretty_unit(unit: str) -> str:
-    """A unit with raised exponents.
-
-    Examples
-    --------
-    >>> from pysindy_nrf.output.report.equations import pretty_unit
-    >>> pretty_unit("N s^2/m^3")
-    'N s²/m³'
-    """
+    """A unit with raised exponents."""
     raised = str.maketrans("0123456789n-", "⁰¹²³⁴⁵⁶⁷⁸⁹ⁿ⁻")
     return re.sub(r"\^(-?\d+|n)", lambda m: m[1].translate(raised), unit)
 

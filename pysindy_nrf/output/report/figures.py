@@ -74,14 +74,7 @@ def rounded(values: Any, digits: int = 4) -> list[Any]:
 
 
 def unit_of(values: Any, base: str) -> tuple[float, str]:
-    """A factor and a unit in which numbers are neither tiny nor huge.
-
-    Examples
-    --------
-    >>> from pysindy_nrf.output.report.figures import unit_of
-    >>> unit_of([0.002, -0.004], "m"), unit_of([5e4], "N")
-    ((1000.0, 'mm'), (0.001, 'kN'))
-    """
+    """A factor and a unit in which numbers are neither tiny nor huge."""
     array = np.abs(np.asarray(values, dtype=float))
     top = float(np.nanmax(array)) if array.size and np.isfinite(array).any() else 1.0
     for factor, prefix in ((1e-6, "M"), (1e-3, "k")):

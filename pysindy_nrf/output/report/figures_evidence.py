@@ -33,32 +33,13 @@ _VARIABLES = {"s": ("drift s", "m"), "v": ("rate v", "m/s")}
 
 
 def of_evidence(evidence: Evidence) -> list[Figure]:
-    """Everything that can be drawn of one scene of the loop.
-
-    Parameters
-    ----------
-    evidence : Evidence
-
-    Returns
-    -------
-    list of Figure
-    """
+    """Everything that can be drawn of one scene of the loop."""
     made = (_residual(evidence), _correlation(evidence), _localisation(evidence), _dependence(evidence))
     return [figure for figure in made if figure is not None] + _curves(evidence)
 
 
 def before_after(errors: pd.DataFrame) -> Figure:
-    """Held-out errors of the baseline and after each step, by balance.
-
-    Parameters
-    ----------
-    errors : DataFrame
-        The report's table.
-
-    Returns
-    -------
-    Figure
-    """
+    """Held-out errors of the baseline and after each step, by balance."""
     columns = [c for c in errors.columns if c == "held-out" or c.startswith("held-out dof")]
     names = ["all balances" if c == "held-out" else c.replace("held-out dof", "DOF") for c in columns]
     words = [str(n).replace("_", " ") for n in errors.index]
@@ -251,15 +232,5 @@ def _curves(evidence: Evidence) -> list[Figure]:
 
 
 def residual_bars(sizes: pd.DataFrame) -> Figure | None:
-    """Residual of each balance and storey of a single model.
-
-    Parameters
-    ----------
-    sizes : DataFrame
-        As of :class:`~pysindy_nrf.discrepancy.residual.Residual`.
-
-    Returns
-    -------
-    Figure or None
-    """
+    """Residual of each balance and storey of a single model."""
     return _residual(Evidence("model", sizes))

@@ -20,19 +20,7 @@ _CAMERA = {"eye": {"x": -1.5, "y": -1.72, "z": 0.95}, "center": {"x": 0, "y": 0,
 
 
 def surface(model: ChainModel, site: Site, loop: SiteLoop | None = None) -> Figure | None:
-    """Restoring force over drift and rate; where the force depends on the path, the path itself.
-
-    Parameters
-    ----------
-    model : ChainModel
-    site : Site
-    loop : SiteLoop, optional
-
-    Returns
-    -------
-    Figure or None
-        None if there is nothing to draw.
-    """
+    """Restoring force over drift and rate; where the force depends on the path, the path itself."""
     force = model.restoring_forces[site]
     if force.has_memory or site not in model.visited:
         return None if loop is None else _path(force.has_memory, loop)
@@ -92,18 +80,7 @@ def _path(memory: bool, loop: SiteLoop) -> Figure:
 
 
 def loop_figure(loop: SiteLoop, stiffness: float = 0.0) -> Figure:
-    """Force over drift, identified over measured.
-
-    Parameters
-    ----------
-    loop : SiteLoop
-    stiffness : float
-        N/m; this spring is taken off both, so that damping, friction and memory can be seen.
-
-    Returns
-    -------
-    Figure
-    """
+    """Force over drift, identified over measured."""
     if stiffness:
         spring = stiffness * loop.s
         measured = None if loop.measured is None else loop.measured - spring
@@ -226,17 +203,7 @@ def _range(x: np.ndarray, unit: str) -> str:
 
 
 def mode_shapes(modes: pd.DataFrame) -> Figure:
-    """Shapes of the linear part, floor over displacement.
-
-    Parameters
-    ----------
-    modes : DataFrame
-        As of :meth:`ChainModel.modes`.
-
-    Returns
-    -------
-    Figure
-    """
+    """Shapes of the linear part, floor over displacement."""
     floors = [c for c in modes.columns if c.startswith("dof")]
     colors = (BLUE, ORANGE, "var(--green)", "var(--red)", "var(--sky)", MUTED)
     dashes = ("solid", "dash", "dot", "dashdot", "longdash", "longdashdot")

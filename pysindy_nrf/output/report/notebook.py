@@ -12,16 +12,7 @@ _MOST = 30
 
 
 def record_html(record: Any) -> str:
-    """A record: clock, forces, channels.
-
-    Parameters
-    ----------
-    record : Record
-
-    Returns
-    -------
-    str
-    """
+    """A record: clock, forces, channels."""
     from ...signals.measured import measured
 
     m = measured(record)
@@ -30,16 +21,7 @@ def record_html(record: Any) -> str:
 
 
 def model_html(model: Any) -> str:
-    """A chain model: masses, equations.
-
-    Parameters
-    ----------
-    model : ChainModel
-
-    Returns
-    -------
-    str
-    """
+    """A chain model: masses, equations."""
     masses = ", ".join(f"m{j} = {as_text(m)} kg" for j, m in enumerate(model.masses[:_MOST], 1))
     lines = []
     for force in list(model.restoring_forces.values())[:_MOST]:
@@ -51,16 +33,7 @@ def model_html(model: Any) -> str:
 
 
 def loop_html(report: Any) -> str:
-    """A report of the loop: steps, errors, reason to stop.
-
-    Parameters
-    ----------
-    report : LoopReport
-
-    Returns
-    -------
-    str
-    """
+    """A report of the loop: steps, errors, reason to stop."""
     steps = "".join(f"<li>{escape(step.sentence)}</li>" for step in report.steps)
     story = f"<ol>{steps}</ol>" if steps else "<p>No effect was added.</p>"
     columns = [c for c in ("search", "validation", "held-out", "free run") if c in report.table]

@@ -13,16 +13,7 @@ from .tables import Table, rows_table
 
 
 def lead(report: Any) -> str:
-    """The whole story in two sentences.
-
-    Parameters
-    ----------
-    report : LoopReport
-
-    Returns
-    -------
-    str
-    """
+    """The whole story in two sentences."""
     table = report.table["held-out"]
     if not report.steps:
         return (
@@ -40,32 +31,14 @@ def lead(report: Any) -> str:
 
 
 def chapters(report: Any) -> list[Chapter]:
-    """One chapter for each step, and the last on what is left.
-
-    Parameters
-    ----------
-    report : LoopReport
-
-    Returns
-    -------
-    list of Chapter
-    """
+    """One chapter for each step, and the last on what is left."""
     evidence = list(report.evidence) + [None] * (len(report.steps) + 1 - len(report.evidence))
     out = [_step(k, step, evidence[k - 1], report) for k, step in enumerate(report.steps, 1)]
     return [*out, _end(evidence[len(report.steps)], report)]
 
 
 def cautions(report: Any) -> list[str]:
-    """What makes the result doubtful.
-
-    Parameters
-    ----------
-    report : LoopReport
-
-    Returns
-    -------
-    list of str
-    """
+    """What makes the result doubtful."""
     out = []
     for step in report.steps:
         if not step.sure:

@@ -52,18 +52,7 @@ class Table:
 
 
 def cell(value: Any, digits: int = 4) -> Cell:
-    """A cell of a number or of text.
-
-    Parameters
-    ----------
-    value : object
-    digits : int
-        Significant digits shown; all are kept for sorting and copying.
-
-    Returns
-    -------
-    Cell
-    """
+    """A cell of a number or of text."""
     if isinstance(value, (bool, np.bool_)):
         return Cell("yes" if value else "", "1" if value else "0")
     if isinstance(value, (int, np.integer)):
@@ -76,22 +65,7 @@ def cell(value: Any, digits: int = 4) -> Cell:
 def table(
     caption: str, frame: pd.DataFrame, names: Mapping[str, str] | None = None, index: str | None = None, digits: int = 4
 ) -> Table:
-    """A table of a frame.
-
-    Parameters
-    ----------
-    caption : str
-    frame : DataFrame
-    names : mapping of str to str, optional
-        Headings, with units, of the columns.
-    index : str, optional
-        Heading of the index, which is left out if None.
-    digits : int
-
-    Returns
-    -------
-    Table
-    """
+    """A table of a frame."""
     known = dict(names or {})
     head = [*([index] if index is not None else []), *(known.get(str(c), str(c)) for c in frame.columns)]
     rows = []

@@ -84,12 +84,7 @@ def write_html(
 def page(
     subject: Any, record: Any = None, *, title: str | None = None, notes: Sequence[str] = (), band: Any = None
 ) -> str:
-    """The page as text; see :func:`write_html`.
-
-    Returns
-    -------
-    str
-    """
+    """The page as text; see :func:`write_html`."""
     jinja2 = require("jinja2", "report", _PURPOSE)
     offline = require("plotly.offline", "report", _PURPOSE)
     from .content import of_loop, of_model
@@ -133,14 +128,7 @@ def page(
 
 
 def script_json(value: Any) -> str:
-    """JSON that may stand inside a script element, whatever is in it.
-
-    Examples
-    --------
-    >>> from pysindy_nrf.output.report.write import script_json
-    >>> script_json({"name": "</script><b>"})
-    '{"name":"\\\\u003c/script\\\\u003e\\\\u003cb\\\\u003e"}'
-    """
+    """JSON that may stand inside a script element, whatever is in it."""
     text = json.dumps(value, separators=(",", ":"), allow_nan=False)
     for sign in "<>&\u2028\u2029":
         text = text.replace(sign, f"\\u{ord(sign):04x}")

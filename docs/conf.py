@@ -48,7 +48,7 @@ sphinx_gallery_conf = {
     "gallery_dirs": "gallery",
     "filename_pattern": r"/plot_",
     # Files that are no plot_*.py hold what the examples share.
-    "ignore_pattern": r"/(?!plot_)\w+\.py$" if measured else r"/(?!plot_)\w+\.py$|_measured",
+    "ignore_pattern": r"^(?!plot_)" if measured else r"^(?!plot_)|_measured",
     "within_subsection_order": FileNameSortKey,
     "remove_config_comments": True,
     "download_all_examples": False,

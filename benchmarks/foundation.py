@@ -28,6 +28,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 ROOT = Path(__file__).resolve().parents[1]
 os.environ.setdefault("PYSINDY_NRF_DATA", str(ROOT.parent / "shared" / "data"))
 sys.path[:0] = [str(ROOT / folder) for folder in ("tests", "benchmarks", "examples")]
+sys.path += [str(folder) for folder in (ROOT / "tests").iterdir() if folder.is_dir()]
 
 import chains  # noqa: E402
 import measured_sets  # noqa: E402

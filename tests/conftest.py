@@ -2,30 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
-
-import branches
 import chains
 import pytest
 from hypothesis import settings
 
 settings.register_profile("quick", max_examples=20, deadline=None, derandomize=True)
 settings.load_profile("quick")
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_protocol(item: pytest.Item) -> Iterator[Any]:
-    """Count the lines that a test runs, where that is asked for."""
-    if branches.COUNTER is not None:
-        branches.COUNTER.turn(item.path.name not in branches.UNCOUNTED)
-    return (yield)
-
-
-def pytest_sessionfinish() -> None:
-    """Leave what was counted."""
-    if branches.COUNTER is not None:
-        branches.COUNTER.end()
 
 
 @pytest.fixture(scope="session")

@@ -14,6 +14,7 @@ MEASURED = os.environ.get("PYSINDY_NRF_DATA")
 # The others take half a minute to minutes each; PYSINDY_NRF_ALL_EXAMPLES=1 runs them too, and so does the gallery.
 SHORT = ("plot_coming_from_pysindy", "plot_paper_2dof_damper_force", "plot_paper_2dof_surfaces")
 ALL = os.environ.get("PYSINDY_NRF_ALL_EXAMPLES")
+pytestmark = pytest.mark.examples
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda p: p.stem)

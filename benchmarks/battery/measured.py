@@ -38,7 +38,7 @@ def nees_isolated() -> Record:
     Of the table only the acceleration is measured; its displacement is the double integral above
     0.1 Hz, and the displacements pass the same filter.
     """
-    from pysindy_nrf.signals import integration as integrate
+    from pysindy_nrf.signals import integrate
     from pysindy_nrf.signals.zero_phase_filter import FairFilter
 
     whole = measured_sets.load_nees_three_storey("fpgm111s1")

@@ -170,7 +170,7 @@ def _covariates(record: Record) -> dict[str, np.ndarray]:
     elif record.base_displacement is not None:
         vg = base_motion(record, record)[0]
     else:
-        from ..signals import integration as integrate
+        from ..signals import integrate
 
         vg = integrate(ag, record.dt)
     for name, line in (("ag", ag), ("vg", vg)):

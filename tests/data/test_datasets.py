@@ -55,7 +55,7 @@ def test_emps_gives_the_published_mass():
 def test_nees_units_agree_between_its_channels(test):
     """Inches twice differentiated are the g of the table."""
     from pysindy_nrf import FairFilter
-    from pysindy_nrf.signals import differentiation as differentiate
+    from pysindy_nrf.signals import differentiate
 
     rec = measured_sets.load_nees_three_storey(test, measured.folder("nees_three_storey"))
     assert (

@@ -8,7 +8,7 @@ import pytest
 
 from pysindy_nrf.data.io import inspect_record, read_record, read_table
 from pysindy_nrf.exceptions import FileFormatError
-from pysindy_nrf.signals import differentiation as differentiate
+from pysindy_nrf.signals import differentiate
 
 CHANNELS = range(1, 14)
 

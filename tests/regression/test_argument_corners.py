@@ -23,8 +23,7 @@ from pysindy_nrf.estimation import locate_nonlinearity, model_agreement, total_m
 from pysindy_nrf.exceptions import ChainError, ChannelError, FileFormatError, LawError
 from pysindy_nrf.monitoring import compare_tests, track
 from pysindy_nrf.selection.comparison import compare
-from pysindy_nrf.signals import BandLimiter, KinematicSmoother
-from pysindy_nrf.signals import differentiation as differentiate
+from pysindy_nrf.signals import BandLimiter, KinematicSmoother, differentiate
 from pysindy_nrf.signals.alignment import channel_alignment, resampled, split_at_gaps
 from pysindy_nrf.simulation.noise import add_noise
 

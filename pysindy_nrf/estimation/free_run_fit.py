@@ -8,9 +8,11 @@ the force as well, maximum likelihood solves
 with sensitivities J along the run under the corrected force (errors-in-variables; Pintelon and Schoukens,
 System identification, 2012). They follow from the laws' own columns: what a coefficient adds to the balances,
 passed through the structure linearised along the run. The solution is therefore right for nonlinear laws too,
-whatever the linearisation; only its sharpness depends on it. Every record is a shot whose initial condition is
-found with the parameters; long records are several. Started from instrumental variables, and kept only where it
-predicts the parts of the records that it did not see, both halves of them, better than they do.
+whatever the linearisation; only its sharpness depends on it. Residuals and sensitivities are whitened with the
+Cholesky factor of S and handed to ``scipy.optimize.least_squares``. Every record is a shot; what an error of its
+initial condition adds to the motion is projected out. Long records are several shots. Started from instrumental
+variables, and kept only where it predicts the parts of the records that it did not see, both halves of them, better
+than they do.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from ..exceptions import BiasWarning, SimulationError
 from ..mechanics.sites import Site
@@ -31,9 +34,8 @@ from .runs import run_of
 from .spectra import NoiseModel, common_band, corrected, noise_model, spectrum, velocities
 
 SHOT = 32768  # samples of a shot at most
-ROUNDS, FEW = 6, 2  # of Gauss and Newton, at last and for the halves
-SETTLED = 0.05  # standard errors by which no parameter moves any more
-HALVINGS = 4
+STEPS, FEW = 6, 2  # trials of a step, at last and for the halves
+SETTLED = 0.05  # standard errors: the estimate has converged when a step is shorter
 CLEARLY = 0.85  # of the rival's error on unseen parts that a refinement may have: less of a gain may be luck
 PIECES = 64
 FEWEST_ROWS = 64  # of a part of a shot that counts
@@ -84,16 +86,7 @@ class OutputErrorResult:
 
 @dataclass
 class Shot:
-    """A record, or a stretch of one, with the state its free run starts from.
-
-    Attributes
-    ----------
-    segment : Segment
-    number : int
-        Of the record.
-    start : ndarray of shape (2, n_dof)
-        Displacement and velocity relative to the base.
-    """
+    """A record, or a stretch of one (``number`` of the record), with the state its free run starts from."""
 
     segment: Segment
     number: int
@@ -152,6 +145,8 @@ def output_error(
     shots = shots_of(data, layout.has_memory)
     if not shots:
         return _kept_start(start, "the force on some DOF is unknown in every record")
+    if max(shot.n_samples for shot in shots) < 2 * FEWEST_ROWS:
+        return _kept_start(start, "the records are too short")
     try:
         noise = noise_model(start, layout, [s.segment for s in shots], [s.run(start) for s in shots])
         if noise is None:
@@ -162,8 +157,7 @@ def output_error(
         before = np.array([problem.judge(rival, unseen) for rival, _, unseen in swapped])
         after = np.array([problem.judge(problem.solve(seen, FEW).model, unseen) for _, seen, unseen in swapped])
         error_before, error_after = (float(100 * np.sqrt(e[0] / e[2])) for e in (before.sum(0), after.sum(0)))
-        worse = (after[:, 0] >= before[:, 0]).any() or after[:, 1].sum() >= before[:, 1].sum()
-        if error_after > CLEARLY * error_before or worse:
+        if not clearly_better(before, after):
             why = "the refinement does not predict unseen parts of the records clearly better"
             return OutputErrorResult(start, False, error_before, error_after, why=why)
         best = problem.solve([slice(0, s.n_samples) for s in shots])
@@ -172,7 +166,14 @@ def output_error(
     return OutputErrorResult(best.model, True, error_before, error_after, best.influences, best.record)
 
 
+def clearly_better(before: np.ndarray, after: np.ndarray) -> bool:
+    """Whether a refinement predicts both unseen halves better: squared errors (free run, weighted, motion) of each."""
+    every = (after[:, 0] < before[:, 0]).all() and after[:, 1].sum() < before[:, 1].sum()
+    return bool(every and np.sqrt(after[:, 0].sum() / before[:, 0].sum()) <= CLEARLY)
+
+
 def _kept_start(start: ChainModel, why: str) -> OutputErrorResult:
+    """The estimate of instrumental variables, with a warning that says why."""
     warnings.warn(f"estimation='simulation' kept the instrumental-variable estimate: {why}.", BiasWarning, stacklevel=6)
     return OutputErrorResult(start, False, why=why)
 
@@ -207,41 +208,25 @@ def _half(shots: Sequence[Shot], which: int) -> list[slice]:
 
 @dataclass
 class _Solution:
+    """Estimate, what each piece of the data adds to it, and the record of each piece."""
+
     model: ChainModel
     influences: np.ndarray
     record: np.ndarray
 
 
 @dataclass
-class _Part:
-    """Normal equations of one shot with its initial condition taken out of them.
+class _Evaluation:
+    """Whitened residuals and sensitivities at some parameters, compressed to triangular factors; scores of pieces."""
 
-    Attributes
-    ----------
-    matrix, right : ndarray of shape (p, p) and (p,)
-    inverse : ndarray of shape (2 n_dof, 2 n_dof)
-        Of the initial condition's own normal matrix.
-    own : ndarray of shape (2 n_dof,)
-        Its right-hand side.
-    shared : ndarray of shape (p, 2 n_dof)
-        What ties it to the parameters.
-    scores : ndarray of shape (n_pieces, p)
-    """
-
-    matrix: np.ndarray
-    right: np.ndarray
-    inverse: np.ndarray
-    own: np.ndarray
-    shared: np.ndarray
+    residuals: np.ndarray
+    jacobian: np.ndarray
     scores: np.ndarray
-
-    def state(self, step: np.ndarray) -> np.ndarray:
-        """Change of the initial condition that goes with a step of the parameters, shape (2, n_dof)."""
-        return (self.inverse @ (self.own - self.shared.T @ step)).reshape(2, -1)
+    record: np.ndarray
 
 
 class _Problem:
-    """The shots, their noise, and Gauss-Newton on them."""
+    """The shots, their noise, and least squares on them."""
 
     def __init__(
         self,
@@ -258,7 +243,6 @@ class _Problem:
         low, high = common_band([s.segment for s in shots], band)
         resolved = [s.segment.resolved for s in shots if s.segment.resolved is not None]
         self.low, self.high = max(low, noise.lively[0]), min([noise.lively[1], high, *resolved])
-        self.states = [shot.start.copy() for shot in shots]
         self._choose_hold()
         runs = [shot.run(start) for shot in shots]
         # the force as the motion knows it: from the start model, and then left alone
@@ -275,73 +259,63 @@ class _Problem:
         for shot in self.shots:
             shot.hold = min(costs, key=costs.__getitem__)
 
-    def solve(self, rows: Sequence[slice], rounds: int = ROUNDS) -> _Solution:
+    def solve(self, rows: Sequence[slice], steps: int = STEPS) -> _Solution:
         """Estimate from some rows of every shot."""
-        theta = self.theta.copy()
-        for shot, state in zip(self.shots, self.states):
-            shot.start = state.copy()
-        cost, parts = self.normal(theta, rows)
-        for _ in range(rounds):
-            matrix, right = _sum([p.matrix for p in parts]), _sum([p.right for p in parts])
-            size = np.sqrt(np.diag(matrix))
-            step = np.linalg.lstsq(matrix / size[:, None] / size, right / size, rcond=1e-12)[0] / size
-            moved = float(np.abs(step * size).max())
-            starts = [shot.start for shot in self.shots]
-            for halving in range(HALVINGS + 1):
-                share = 0.5**halving
-                for shot, own, part in zip(self.shots, starts, parts):
-                    shot.start = own + share * part.state(step)
-                try:
-                    new_cost, new_parts = self.normal(theta + share * step, rows)
-                except SimulationError:
-                    continue
-                if new_cost <= cost * (1 + 1e-9):
-                    break
-            else:
-                for shot, own in zip(self.shots, starts):
-                    shot.start = own
-                break
-            theta, cost, parts = theta + share * step, new_cost, new_parts
-            if moved < SETTLED:
-                break
-        matrix = _sum([p.matrix for p in parts])
-        size = np.sqrt(np.diag(matrix))
-        inverse = np.linalg.pinv(matrix / size[:, None] / size, rcond=1e-12, hermitian=True) / size[:, None] / size
-        scores = [p.scores for p in parts]
-        record = np.concatenate([[shot.number] * len(s) for shot, s in zip(self.shots, scores)]).astype(int)
-        return _Solution(self.rebuild(theta), np.concatenate(scores) @ inverse, record)
+        first = self.evaluate(self.theta, rows)
+        size = np.linalg.norm(first.jacobian, axis=0)  # parameters times this are in standard errors
+        start = self.theta * size
+        seen = {start.tobytes(): first}
 
-    def normal(self, theta: np.ndarray, rows: Sequence[slice]) -> tuple[float, list[_Part]]:
-        """Cost, and the normal equations of each shot."""
-        model = self.rebuild(theta)
+        def residuals(scaled: np.ndarray) -> np.ndarray:
+            """Whitened residuals; infinite where the free run diverges, which least_squares steps back from."""
+            if scaled.tobytes() not in seen:
+                try:
+                    seen[scaled.tobytes()] = self.evaluate(scaled / size, rows)
+                except SimulationError:
+                    return np.full_like(first.residuals, np.inf)
+            return seen[scaled.tobytes()].residuals
+
+        found = least_squares(
+            residuals, start, lambda scaled: seen[scaled.tobytes()].jacobian / size, method="trf",
+            xtol=SETTLED / np.linalg.norm(start), ftol=None, gtol=None, max_nfev=steps + 1,
+        )  # fmt: skip
+        last = seen[found.x.tobytes()]
+        inverse = np.linalg.pinv(found.jac.T @ found.jac, rcond=1e-12, hermitian=True) / size
+        return _Solution(self.rebuild(found.x / size), -(last.scores / size) @ inverse, last.record)
+
+    def evaluate(self, theta: np.ndarray, rows: Sequence[slice]) -> _Evaluation:
+        """Residuals and sensitivities of every shot, without what its initial condition may add."""
+        model, p = self.rebuild(theta), len(theta)
         total = sum(r.stop - r.start for r in rows)
-        cost = 0.0
-        parts: list[_Part] = []
+        factors, scores, record = [], [np.empty((0, p))], []
         for shot, better, part in zip(self.shots, self.better, rows):
             if part.stop - part.start < FEWEST_ROWS:
-                p, n = len(theta), 2 * len(model.masses)
-                sizes = (p, p), p, (n, n), n, (p, n), (0, p)
-                parts.append(_Part(*(np.zeros(size) for size in sizes)))
                 continue
             gap = velocities(shot.segment) - velocities(shot.run(model))
-            J = self.sensitivities(model, shot, shot.run(model, better))
-            C = self.decays(shot)
-            dt = shot.segment.step
-            f = np.fft.rfftfreq(part.stop - part.start, dt)[1:]
-            use = (f >= self.low) & (f <= self.high)
-            R, JF, CF = (_lines(y[part], dt)[use] for y in (gap[:, :, None], J, C))
-            W = _weighted(self.noise, f[use], np.concatenate([R, JF, CF], axis=2))
-            p = JF.shape[2]
-            WR, WJ, WC = W[:, :, :1], W[:, :, 1 : 1 + p], W[:, :, 1 + p :]
-            rr = 2 * _inner(R, WR)[0, 0]
-            jj, jc, cc = (2 * _inner(a, b) for a, b in ((JF, WJ), (JF, WC), (CF, WC)))
-            jr, cr = 2 * _inner(JF, WR)[:, 0], 2 * _inner(CF, WR)[:, 0]
-            size = np.sqrt(np.maximum(np.diag(cc), 1e-300))
-            solve = np.linalg.pinv(cc / size[:, None] / size, rcond=1e-9, hermitian=True) / size[:, None] / size
-            own = _scores(R, WJ - WC @ (solve @ jc.T), max(2, round(PIECES * (part.stop - part.start) / total)))
-            cost += rr
-            parts.append(_Part(jj - jc @ solve @ jc.T, jr - jc @ solve @ cr, solve, cr, jc, own))
-        return cost, parts
+            moved = self.sensitivities(model, shot, shot.run(model, better))
+            columns = self.whitened(np.dstack([self.decays(shot), -moved, gap])[part], shot.segment.step)
+            decays, rest = np.split(columns.reshape(-1, columns.shape[2]), [columns.shape[2] - p - 1], axis=1)
+            length = np.linalg.norm(decays, axis=0)
+            decays /= np.where(length > 0, length, 1.0)
+            rest = rest - decays @ np.linalg.lstsq(decays, rest, rcond=3e-5)[0]
+            factor = np.linalg.qr(rest, mode="r")
+            factors.append(np.pad(factor, ((0, p + 1 - len(factor)), (0, 0))))
+            pieces = max(2, round(PIECES * (part.stop - part.start) / total))
+            scores.append(_scores(rest.reshape(*columns.shape[:2], p + 1), pieces))
+            record += [shot.number] * pieces
+        stacked = np.concatenate(factors)
+        return _Evaluation(stacked[:, -1], stacked[:, :-1], np.concatenate(scores), np.array(record, dtype=int))
+
+    def whitened(self, columns: np.ndarray, dt: float) -> np.ndarray:
+        """Spectra of (n_rows, n_dof, k) columns in the band over the root of S; real and imaginary parts as rows."""
+        f = np.fft.rfftfreq(len(columns), dt)[1:]
+        use = (f >= self.low) & (f <= self.high)
+        lines = _lines(columns, dt)[use]
+        for rows, _, S in self.noise.blocks(f[use]):
+            scale = np.sqrt(np.einsum("ijj->ij", S).real)[:, :, None]
+            root = np.linalg.cholesky(S / scale / scale.transpose(0, 2, 1))
+            lines[rows] = np.linalg.solve(root, lines[rows] / scale)
+        return np.sqrt(2.0) * np.concatenate([lines.real, lines.imag], axis=1)
 
     def sensitivities(self, model: ChainModel, shot: Shot, run: Segment) -> np.ndarray:
         """Change of the relative velocities with each parameter, shape (n_rows, n_dof, n_parameters)."""
@@ -379,12 +353,12 @@ class _Problem:
         return self._decays[key]
 
     def judge(self, model: ChainModel, rows: Sequence[slice]) -> np.ndarray:
-        """Squared free-run errors in some rows: as they are, weighted, and the motion itself; states refitted."""
+        """Squared free-run errors in some rows: as they are, weighted, and of the motion; initial states refitted."""
         out = np.zeros(3)
-        for shot, state, part in zip(self.shots, self.states, rows):
+        for shot, part in zip(self.shots, rows):
             if part.stop - part.start < FEWEST_ROWS:
                 continue
-            run = run_of(model, shot.segment, start=tuple(state), hold=shot.hold)
+            run = shot.run(model)
             v = velocities(shot.segment)
             gap, C = (v - velocities(run))[part], self.decays(shot)[part]
             flat = C.reshape(-1, C.shape[2])
@@ -393,58 +367,34 @@ class _Problem:
             dt = shot.segment.step
             f = np.fft.rfftfreq(len(gap), dt)[1:]
             use = (f >= self.low) & (f <= self.high)
-            R, V = (_lines(y[:, :, None], dt)[use] for y in (gap, v[part]))
+            R, V = (_lines(y[:, :, None], dt)[use, :, 0] for y in (gap, v[part]))
             scale = np.mean(v**2, axis=0)
             scale[scale == 0] = 1.0
             out += [
-                (np.abs(R[:, :, 0]) ** 2 / scale).sum(),
-                _inner(R, _weighted(self.noise, f[use], R))[0, 0],
-                (np.abs(V[:, :, 0]) ** 2 / scale).sum(),
+                (np.abs(R) ** 2 / scale).sum(),
+                (self.whitened(gap[:, :, None], dt) ** 2).sum() / 2,
+                (np.abs(V) ** 2 / scale).sum(),
             ]
         return out
 
 
-def _sum(parts: Sequence[np.ndarray]) -> np.ndarray:
-    return sum(parts[1:], parts[0])
-
-
 def _lines(values: np.ndarray, dt: float) -> np.ndarray:
+    """Spectra of columns of shape (n_rows, n_dof, k), a line a row."""
     n, d, k = values.shape
     return spectrum(values.reshape(n, d * k), dt).reshape(-1, d, k)
 
 
-def _weighted(noise: NoiseModel, f: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """S^-1 times columns, line by line."""
-    out = np.empty_like(columns)
-    for rows, _, S in noise.blocks(f):
-        scale = np.sqrt(np.einsum("ijj->ij", S).real)[:, :, None]
-        out[rows] = np.linalg.solve(S / scale / scale.transpose(0, 2, 1), columns[rows] / scale) / scale
-    return out
-
-
-def _inner(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return np.einsum("fdi,fdj->ij", a.conj(), b, optimize=True).real
-
-
-def _scores(R: np.ndarray, WJ: np.ndarray, pieces: int) -> np.ndarray:
-    """What each comb of lines adds to J* S^-1 R, shape (n_pieces, n_parameters)."""
-    products = 2 * np.einsum("fd,fdp->fp", R[:, :, 0].conj(), WJ).real
+def _scores(columns: np.ndarray, pieces: int) -> np.ndarray:
+    """What each comb of whitened lines adds to the gradient, shape (n_pieces, n_parameters)."""
+    # lines are independent but for their neighbours, and every comb holds every resonance; pieces of time would not
+    # do, for the weighting remembers as long as the structure rings
+    products = np.einsum("fd,fdp->fp", columns[:, :, -1], columns[:, :, :-1])
     return np.array([products[k::pieces].sum(axis=0) for k in range(pieces)])
 
 
 @dataclass
 class Rebuild:
-    """From a vector of free parameters to a ChainModel.
-
-    Attributes
-    ----------
-    model : ChainModel
-        What is not free.
-    free : list of int
-        DOFs (from 0) whose mass is free.
-    held : list of (Site, int, int)
-        Site, law and term of every free coefficient.
-    """
+    """From a vector of free parameters to a ChainModel: DOFs (from 0) with a free mass, and site, law, term of each."""
 
     model: ChainModel
     free: list[int]
@@ -467,7 +417,7 @@ class Rebuild:
 def free_parameters(
     model: ChainModel, known: Mapping[int, float]
 ) -> tuple[np.ndarray, Rebuild, list[int | tuple[Site, int]]]:
-    """Free parameters as a vector, the way back, and where each enters. Terms that are zero stay zero."""
+    """Free parameters (zero terms stay zero), the way back, and where each enters: DOF from 0, or site and number."""
     free = [j for j in range(model.n_dof) if j + 1 not in known]
     held = [
         (site, i, k)

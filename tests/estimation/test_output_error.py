@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import pickle
-import sys
 import warnings
 
 import numpy as np
 import pytest
 
 from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
-from pysindy_nrf.estimation import free_run_fit as output_error
+from pysindy_nrf.estimation.free_run_fit import clearly_better
+from pysindy_nrf.exceptions import BiasWarning
 from pysindy_nrf.regression.errors import nrmse
 from pysindy_nrf.simulation.noise import add_noise
 
@@ -52,13 +52,16 @@ def test_it_is_said_what_was_kept(fits):
 
 
 @pytest.mark.parametrize(("after", "kept"), [([0.5, 0.5], True), ([0.2, 1.05], False), ([0.97, 0.97], False)])
-def test_a_refinement_must_predict_both_halves_better_and_clearly(monkeypatch, after, kept):
+def test_a_refinement_must_predict_both_halves_better_and_clearly(after, kept):
     """Squared errors of 1 before and so much after, on the halves it did not see: better on the whole is not enough."""
-    room = sys.modules[output_error.__module__]
-    ratios = iter([*[1.0] * (len(room.HOLDS) + 2), *after])  # courses of the force, two halves before, two after
-    monkeypatch.setattr(room._Problem, "judge", lambda self, model, rows: np.array([(x := next(ratios)), x, 1.0]))
-    model = NRFRegressor(degree=1, estimation="simulation").fit(measured(ChainModel(TRUE, LINEAR), 0, duration=4.0))
-    assert (model.model_.info["estimation"]["found"] == "simulation") is kept
+    after = np.column_stack([after, after, [1.0, 1.0]])
+    assert clearly_better(np.ones((2, 3)), after) is kept
+
+
+def test_records_of_a_quarter_second_keep_the_instrumental_estimate():
+    short = measured(ChainModel(TRUE, LINEAR), 0, noise=0.01, duration=0.24)
+    with pytest.warns(BiasWarning, match="the records are too short"):
+        NRFRegressor(degree=1, estimation="simulation").fit(short)
 
 
 def test_intervals_survive_saving(fits):

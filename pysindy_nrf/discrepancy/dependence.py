@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from sklearn.preprocessing import SplineTransformer
 
 from ..common.jackknife import variance
 from ..laws import Jenkins
@@ -21,12 +22,8 @@ _RIDGE = (1e-9, 1e-5, 1e-3, 3e-2)
 
 def hats(x: np.ndarray, knots: np.ndarray) -> np.ndarray:
     """Piecewise linear functions that are 1 at one knot and 0 at the others, constant beyond the ends."""
-    at = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
-    share = np.clip((x - knots[at]) / (knots[at + 1] - knots[at]), 0.0, 1.0)
-    out = np.zeros((len(x), len(knots)))
-    row = np.arange(len(x))
-    out[row, at], out[row, at + 1] = 1 - share, share
-    return out
+    at = knots[:, None]
+    return SplineTransformer(degree=1, knots=at, extrapolation="constant").fit(at).transform(x[:, None])
 
 
 def knots_of(x: np.ndarray, count: int) -> np.ndarray:
@@ -43,12 +40,7 @@ def knots_of(x: np.ndarray, count: int) -> np.ndarray:
 
 @dataclass
 class Basis:
-    """Columns of a motion, with knots and scales fixed by the motions they were made for.
-
-    Attributes
-    ----------
-    motions : list of Motion
-    """
+    """Columns of a motion, with knots and scales fixed by the motions they were made for."""
 
     motions: list[Motion]
 
@@ -59,6 +51,7 @@ class Basis:
 
     @staticmethod
     def _scale(parts: Sequence[np.ndarray]) -> float:
+        """Rms of all parts; 1 where nothing moves."""
         return float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) or 1.0
 
     def knots(self, name: str, parts: Sequence[np.ndarray], count: int) -> np.ndarray:
@@ -69,6 +62,7 @@ class Basis:
         return self._knots[key]
 
     def _of(self, name: str, x: np.ndarray, count: int) -> np.ndarray:
+        """Hat functions of one variable at the knots of all motions."""
         if name in ("s", "v", "t"):
             chosen = [getattr(m, name) for m in self.motions]
         elif name == "amplitude":
@@ -125,10 +119,12 @@ class Basis:
         return _products(self._of(name, np.asarray(m.covariates[name], dtype=float), 5), self._carriers(m))
 
     def _carriers(self, m: Motion) -> np.ndarray:
+        """A constant, s, v and the sign of v."""
         return np.column_stack([np.ones(m.n_samples), m.s / self.s, m.v / self.v, np.sign(m.v)])
 
 
 def _products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Products of every column of a with every column of b."""
     return (a[:, :, None] * b[:, None, :]).reshape(len(a), -1)
 
 
@@ -183,6 +179,7 @@ class Judge:
         self.folds = np.arange(len(grams)) % min(n_folds, len(grams))
 
     def _fit(self, gram: np.ndarray, index: np.ndarray, ridge: float) -> np.ndarray:
+        """Coefficients of some columns from one Gram matrix."""
         A, h = gram[np.ix_(index, index)], gram[index, -1]
         return np.linalg.solve(A + ridge * np.diag(np.maximum(np.diag(A), 1e-12)) + 1e-12 * np.eye(len(index)), h)
 
@@ -194,6 +191,7 @@ class Judge:
         return self._held_out[key]
 
     def _left(self, names: Sequence[str]) -> np.ndarray:
+        """Squares left in every block, with the ridge that leaves least."""
         index = np.append(np.concatenate([self.at[name] for name in names]), self.grams.shape[1] - 1)
         grams = self.grams[:, index[:, None], index]
         n_folds = int(self.folds.max()) + 1

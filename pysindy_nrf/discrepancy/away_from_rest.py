@@ -12,7 +12,6 @@ import numpy as np
 from ..diagnostics.jumps import jumping_terms
 from ..diagnostics.rest import SHARES, first_settled, lives_there, made_wrong, moving
 from ..exceptions import NRFError
-from ..laws.base import ForceLaw
 from ..mechanics.sites import Site
 from .stage import Stage
 
@@ -20,21 +19,12 @@ from .stage import Stage
 _STEEP = 0.1
 
 
-def turn_of(law: ForceLaw) -> float:
-    """Drift within which a hysteresis turns over, m."""
-    shape = law.shape if law.family == "hysteresis" else {}
-    if "uy" in shape:
-        return float(np.inf if shape["uy"] is None else shape["uy"])
-    return 1.0 / (shape.get("sigma") or np.inf) if "sigma" in shape else np.inf
-
-
 def jumping(stage: Stage) -> list[tuple[Site, int]]:
     """Terms of a model whose force jumps, or all but jumps, where the rate changes its sign."""
     out = {(site, k) for site, k, _ in jumping_terms(stage.layout)}
     for (site, i), at in stage.at.items():
         law = stage.laws[site][i]
-        turn = turn_of(law)
-        if np.isfinite(turn) and turn < _STEEP * stage.work.scales(site)[0]:
+        if law.saturation_drift < _STEEP * stage.work.scales(site)[0]:
             first = at - stage.layout.slices[site].start
             out |= {(site, first + k) for k in range(len(law.terms()))}
     return sorted(out, key=lambda one: (stage.layout.sites.index(one[0]), one[1]))
@@ -91,4 +81,4 @@ def _with_chance(stage: Stage, at: Sequence[int]) -> tuple[np.ndarray, np.ndarra
     return every[list(at)], parts
 
 
-__all__ = ["jumping", "leaving_rest", "share_to_leave", "turn_of"]
+__all__ = ["jumping", "leaving_rest", "share_to_leave"]

@@ -102,31 +102,6 @@ def as_laws(catalogue: Iterable[Any] | None, covariates: Sequence[str]) -> list[
     return chosen
 
 
-# Laws with a column that can pass for an acceleration.
-_LIKE_INERTIA = ("base_motion", "maxwell_branch")
-
-# Laws that hold a simpler one as a special case; where that does most of the work it is named first.
-SPECIAL_CASES = {
-    "asymmetric_friction": ("coulomb_friction",),
-    "stribeck_friction": ("coulomb_friction",),
-    "shifted_friction": ("coulomb_friction",),
-    "covariate_friction": ("coulomb_friction",),
-    "lagged_covariate_friction": ("covariate_friction", "coulomb_friction"),
-    "covariate_dahl": ("dahl", "lagged_covariate_friction", "covariate_friction"),
-    "power_law_damping": ("quadratic_damping",),
-    "dead_zone": ("one_sided_gap", "two_sided_gap", "constant_force"),
-    "iwan": ("jenkins",),
-    "lugre": ("dahl",),
-    "bouc_wen": ("dahl",),
-    # Along a drift that keeps its sign an even law is little more than a constant.
-    **dict.fromkeys(
-        ("quadratic_stiffness", "absolute_quadratic_stiffness", "cubic_stiffness", "quintic_stiffness",
-         "one_sided_gap", "two_sided_gap", "bilinear", "preloaded_contact"),
-        ("constant_force",),
-    ),
-}  # fmt: skip
-
-
 def balances_of(site: Site) -> Site:
     """One site for all that stand in the same balance with the same motion: on a DOF is from it to the ground."""
     return Site(f"ground {site.p}") if site.kind == "dof" else site
@@ -145,32 +120,28 @@ def candidates(
     grounds = [Site(f"ground {j}") for j in range(1, n + 1)]  # of DOF 1 it is storey 1, which a free chain has not
     skips = [Site(f"link {p}-{q}") for p in range(3, n + 1) for q in range(1, p - 1)]
     known, driven = set(known_masses), set(forced)
+    new_links = [s for s in grounds + skips if s not in chain.sites]
     catalogue = list(catalogue)
     # beside the plain tie that a slack or yielding one must excel; without a force a tie stands in for a storey
-    new_links = bool(driven) and any(law.family == "link" for law in catalogue)
+    ties = bool(driven) and any("new link" in law.acts_at for law in catalogue)
     for law in catalogue:
-        if any(name not in covariates for name in law.covariates) or law.family == "sensor":
+        if any(name not in covariates for name in law.covariates) or "sensor" in law.acts_at:
             continue
-        if law.family == "degradation" and n_records > 1:
+        if (law.permanent_change and n_records > 1) or (law.mimics_inertia and not driven):
             continue
-        if law.family == "link":
-            places = [s for s in grounds + skips if s not in chain.sites]
-        elif law.family == "inertia":
-            places = [] if not driven else list(chain.sites)
-            if "dof" in law.acts_at:  # above the highest force every balance is homogeneous
-                places = [Site(f"dof {j}") for j in sorted(known) if driven and j <= max(driven)]
-        elif law.name in _LIKE_INERTIA and not driven:
-            places = []
-        elif "link" in law.acts_at and "dof" in law.acts_at:
-            # on DOF 1 it is the same as in storey 1
-            places = [Site(f"dof {j}") for j in range(1, n + 1)] + [s for s in chain.sites if s.q > 0]
-        elif "link" in law.acts_at:
-            places = list(chain.sites)
-            if law.family == "friction":
-                places += [s for s in grounds if s not in chain.sites]
-            if new_links and law.family != "degradation" and not law.covariates and law.name not in _LIKE_INERTIA:
-                places += [s for s in grounds + skips if s not in chain.sites and s not in places]
-        else:
+        places = []
+        if "dof" in law.acts_at:
             places = [Site(f"dof {j}") for j in range(1, n + 1)]
+            if law.variable == "a":  # above the highest force every balance is homogeneous
+                places = [site for site in places if site.p in known and site.p <= max(driven, default=0)]
+        if "link" in law.acts_at:
+            # on DOF 1 it is the same as in storey 1
+            places += [s for s in chain.sites if s.q > 0 or not places]
+        if "ground" in law.acts_at:
+            places += [s for s in grounds if s not in chain.sites]
+        link_only = "link" in law.acts_at and "dof" not in law.acts_at
+        anywhere = link_only and not (law.permanent_change or law.mimics_inertia or law.covariates)
+        if "new link" in law.acts_at or (ties and anywhere):
+            places += [s for s in new_links if s not in places]
         for site in places:
             yield Candidate(law, site)

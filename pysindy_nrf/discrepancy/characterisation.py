@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import ChannelError
-from ..laws.base import Motion
+from ..laws.motion import Motion
 from .dependence import GAPS, Basis, Judge, envelope, filtered, period_of
 
 # What explains nearly as much with less wins: at most this much worse, in shares of the residual's squares.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..laws import Jenkins
-from ..laws.base import Motion
+from ..laws.motion import Motion
 from ..mechanics.sites import Site
 from .dependence import Judge, filtered
 from .noise_floor import NoiseFloor

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .catalogue import SPECIAL_CASES, balances_of
+from .catalogue import balances_of
 from .search import Finding
 
 MIN_GAIN = 0.15
@@ -128,14 +128,14 @@ def special_case(chosen: Finding, findings: Sequence[Finding], before: float) ->
     """The simplest law that the chosen one holds as a special case and that does most of its work; itself if none."""
 
     def enough(f: Finding) -> float:
-        share = HALF_OF_THE_WORK if f.law.name == "constant_force" else MOST_OF_THE_WORK
+        share = HALF_OF_THE_WORK if f.law.variable == "1" else MOST_OF_THE_WORK
         return chosen.error + (1.0 - share) * max(before - chosen.error, 0.0)
 
     simpler = [
         f
         for f in findings
         if balances_of(f.site) == balances_of(chosen.site)
-        and f.law.name in SPECIAL_CASES.get(chosen.law.name, ())
+        and chosen.law.contains(f.law)
         and f.n_parameters <= chosen.n_parameters
         and f.error <= enough(f)
         and (f.law.covariates or chosen.law.covariates or f.error + FLOOR <= MOST_LEFT * (chosen.error + FLOOR))

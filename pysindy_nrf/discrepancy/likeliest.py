@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..exceptions import NRFError
-from .catalogue import SPECIAL_CASES, balances_of
+from .catalogue import balances_of
 from .gate import MOST_FAMILIES, judge, special_case
 from .search import Finding, refine
 from .stage import Stage
@@ -41,7 +41,7 @@ def likeliest(
         same = any((f.law.name, f.site) == (r.law.name, r.site) for r in rivals)
         if same or type(f) is not Finding or balances_of(f.site) != balances_of(chosen.site):
             continue
-        if chosen.law.name in SPECIAL_CASES.get(f.law.name, ()):  # the simpler one goes first
+        if f.law.contains(chosen.law):  # the simpler one goes first
             continue
         close = f.error <= best * (1 + _RIVAL) and f.n_parameters <= chosen.n_parameters
         if close and len(rivals) < _MOST and judge(before, f.folds, f.n_added).accepted:

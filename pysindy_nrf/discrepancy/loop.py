@@ -13,6 +13,7 @@ from ..estimation.regressor import NRFRegressor
 from ..exceptions import BiasWarning, ChannelError, ExcitationError, NRFError
 from ..laws.base import ForceLaw
 from ..laws.power_series import whole
+from ..laws.sensor import SensorFault
 from ..mechanics.sites import Site
 from ..regression.segments import SegmentSet
 from ..signals.zero_phase_filter import filters_of
@@ -136,7 +137,7 @@ def close_loop(
     names = tuple(c for c in ready.data.segments[0].covariates if all(c in s.covariates for s in ready.data.segments))
     tried = as_laws(catalogue, names)
     every = list(candidates(tried, chain, known, names, work.forced, len(work.searched)))
-    sensors = [law for law in tried if law.family == "sensor"]
+    sensors = [law for law in tried if isinstance(law, SensorFault)]
     rounds = Rounds(ready, work, every, sensors, floors, rng, n_surrogates, progress)
     with threadpool_limits(1):  # the matrices are small: threads only get in each other's way
         rounds = explored(rounds, Stage(work, chain, first), max_steps)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .catalogue import SPECIAL_CASES, Candidate, balances_of
+from .catalogue import Candidate, balances_of
 from .gate import MEMBER_GAIN, MIN_WINS, gain_of
 from .reestimate import among
 from .search import Finding, refine, screen, validate
@@ -40,8 +40,11 @@ def ranked(
     # a law that takes the place of a simpler one starts from where that stands
     hopeful += [f for f in found if f.drop and len(f.candidate.law.free_shape) > 1 and not _holds(hopeful, f)]
     refined = sorted((refine(stage, f) for f in hopeful), key=lambda f: f.screen)[:_VALIDATED]
-    special = {(balances_of(f.site), name) for f in refined[:3] for name in SPECIAL_CASES.get(f.law.name, ())}
-    simple = [f for f in found if (balances_of(f.site), f.law.name) in special and not _holds(refined, f)]
+
+    def special(one: Finding) -> bool:
+        return any(f.law.contains(one.law) and balances_of(f.site) == balances_of(one.site) for f in refined[:3])
+
+    simple = [f for f in found if special(f) and not _holds(refined, f)]
     refined += [refine(stage, f) for f in simple]
     return _missed([validate(stage, among(stage, f, held)) for f in refined])
 

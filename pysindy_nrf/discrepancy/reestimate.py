@@ -10,7 +10,7 @@ import numpy as np
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw
 from ..mechanics.sites import Site
-from .catalogue import SPECIAL_CASES, balances_of
+from .catalogue import balances_of
 from .gate import MEMBER_GAIN, MIN_WINS, gain_of
 from .search import Finding, refine
 from .stage import Stage
@@ -103,9 +103,9 @@ def needless(stage: Stage, accepted: Sequence[Finding]) -> Finding | None:
 def _imitates(stage: Stage, general: Finding, special: Finding) -> bool:
     """Whether one accepted law imitates another in the same balances whatever the truth."""
     same = balances_of(general.site) == balances_of(special.site)
-    if not same or special.law.name not in SPECIAL_CASES.get(general.law.name, ()):
+    if not same or not general.law.contains(special.law):
         return False
-    if special.law.name != "constant_force":
+    if special.law.variable != "1":
         return True
     work = stage.work
     s = np.concatenate([work.motion(special.site, b.segment).s[b.rows] for b in work.search])

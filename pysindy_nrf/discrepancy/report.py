@@ -133,6 +133,11 @@ class Step:
     company: list[str] = field(default_factory=list)
 
     @property
+    def is_fault(self) -> bool:
+        """Whether it is the fault of a sensor, which is no force."""
+        return Site(self.site).kind == "sensor"
+
+    @property
     def sentence(self) -> str:
         """The step in words."""
         values = ", ".join(f"{k} = {v:.4g}" for k, v in self.parameters.items() if v is not None)

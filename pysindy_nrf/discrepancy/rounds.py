@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..exceptions import NRFError
-from ..laws.base import ForceLaw
+from ..laws.sensor import SensorFault
 from ..regression.free_run import free_run_error
 from ..regression.segments import BlockRows
 from .catalogue import Candidate, balances_of
@@ -49,7 +49,7 @@ class Rounds:
     ready : Prepared
     work : Workspace
     every : sequence of Candidate
-    sensors : sequence of ForceLaw
+    sensors : sequence of SensorFault
         Faults of sensors that are tried.
     floors : FloorSource
     rng : Generator
@@ -85,7 +85,7 @@ class Rounds:
         ready: Prepared,
         work: Workspace,
         every: Sequence[Candidate],
-        sensors: Sequence[ForceLaw],
+        sensors: Sequence[SensorFault],
         floors: FloorSource,
         rng: np.random.Generator,
         n_surrogates: int,
@@ -240,7 +240,7 @@ class Rounds:
     def _findings(self, stage: Stage, steps: Sequence[Step]) -> list[Finding]:
         """Validated candidates, best first."""
         found = ranked(stage, self.every, self.accepted, len(steps) + 1, self.progress)
-        corrected = {(s.law, s.site) for s in steps if s.family == "sensor"}
+        corrected = {(s.law, s.site) for s in steps if s.is_fault}
         faulty = sensor_findings(self.ready, self.work, stage, self.sensors, corrected)
         return sorted((f for f in [*found, *faulty] if np.isfinite(f.error)), key=lambda f: f.error)
 

@@ -19,7 +19,7 @@ from ..exceptions import NRFError
 from ..laws.base import ForceLaw, Shape
 from ..laws.shape_scale import ShapeScale
 from ..mechanics.sites import Site
-from .catalogue import SPECIAL_CASES, Candidate
+from .catalogue import Candidate
 from .stage import Stage
 from .workspace import Workspace
 
@@ -30,8 +30,6 @@ _EVALUATIONS = {1: 24, 2: 60, 3: 110}
 # A law with more shape parameters than this is only tried where a simpler one comes near the best.
 _SIMPLE = 2
 _NEAR = 1.3
-# Families whose laws stand beside each other: a constant force does not take the place of a harmonic one.
-_COMPANIONS = ("forcing",)
 
 
 @dataclass
@@ -144,14 +142,13 @@ class Axes:
 
 def replaced(stage: Stage, candidate: Candidate, accepted: Sequence[tuple[Site, str]]) -> tuple[tuple[Site, int], ...]:
     """Accepted laws that share a column with a candidate at its site, or explain the same: it takes their place."""
-    rivals = candidate.law.family not in _COMPANIONS
     left = Counter(name for site, name in accepted if site == candidate.site)
     out = []
     for i, law in reversed(list(enumerate(stage.laws.get(candidate.site, ())))):
         if not left[law.name]:
             continue
         left[law.name] -= 1
-        if _share_a_label(law, candidate.law) or (rivals and law.family == candidate.law.family):
+        if _share_a_label(law, candidate.law) or (law.family == candidate.law.family and not candidate.law.superposes):
             out.append((candidate.site, i))
     return tuple(reversed(out))
 
@@ -163,7 +160,7 @@ def beside(stage: Stage, candidate: Candidate, drop: Sequence[tuple[Site, int]])
 
 def excludes(one: ForceLaw, other: ForceLaw) -> bool:
     """Whether two laws cannot stand beside each other at one site."""
-    if other.name in SPECIAL_CASES.get(one.name, ()) or one.name in SPECIAL_CASES.get(other.name, ()):
+    if one.contains(other) or other.contains(one):
         return True
     return _share_a_label(one, other) and not (one.name == other.name and one.shapes)
 

@@ -21,8 +21,7 @@ from scipy.stats import t as student
 
 from ..common.jackknife import variance
 from ..exceptions import NRFError
-from ..laws.base import ForceLaw
-from ..laws.sensor import ChannelDelay, GainError, SensorFault, SensorOffset
+from ..laws.sensor import SensorFault
 from ..mechanics.sites import Site
 from ..regression.segments import BlockRows, Segment, SegmentSet
 from ..simulation.readings import as_true
@@ -51,8 +50,6 @@ _REBUILT = 2
 # Baseline error, percent, above which a fault may be too large for a parabola; shares of its reach tried then.
 _WILD = 20.0
 _COARSE = np.array([-0.6, -0.25, 0.25, 0.6])
-# First step and reach of a delay in radians of the channel's mean frequency; of a gain; of an offset in rms.
-_STEPS = {"channel_delay": (0.05, 1.5), "gain_error": (0.02, 0.6), "sensor_offset": (0.05, 5.0)}
 
 
 @dataclass
@@ -90,18 +87,18 @@ def sensor_findings(
     ready: Prepared,
     work: Workspace,
     stage: Stage,
-    laws: Sequence[ForceLaw],
+    laws: Sequence[SensorFault],
     corrected: Collection[tuple[str, str]] = (),
 ) -> list[SensorFinding]:
     """Faulty sensors that lower the error, validated, best first."""
-    names = {law.name for law in laws if law.family == "sensor"}
-    if not names:
+    if not laws:
         return []
+    kinds = tuple(type(law) for law in laws)
     now = stage.trial().search_error()
     promising: list[tuple[float, Suspect]] = []
     seen = contradictory(ready, work)
-    against = [s for size, s in seen if s.law.name in names and size >= CONTRADICTION][:MOST]
-    for suspect in _alone(ready, work, names):
+    against = [s for size, s in seen if isinstance(s.law, kinds) and size >= CONTRADICTION][:MOST]
+    for suspect in _alone(ready, work, laws):
         best = _scan(work, stage, suspect, now)
         if best is not None:
             promising.append(best)
@@ -115,7 +112,8 @@ def sensor_findings(
     near = [f for f in kept if f.error <= (1 + TIE) * kept[0].error]
     for one in near:
         one.equals = [str(o.site) for o in near if o.law.name == one.law.name and o.site != one.site]
-        if alone and one.law.name == "gain_error" and one.site.channel[0] == "F":
+        scales = isinstance(one.law, SensorFault) and one.law.changes_scale
+        if alone and scales and one.site.channel[0] == "F":
             one.equals.append("the known masses (all alike)")
     again = {f.law.name: str(f.site) for f in reversed(near) if (f.law.name, str(f.site)) in corrected}
     return [f for f in kept if all(f is not o for o in near) or again.get(f.law.name, str(f.site)) == str(f.site)]
@@ -163,25 +161,22 @@ def null_gain(stage: Stage, finding: SensorFinding) -> float:
     return 0.0 if best is None else 1.0 - best[0] / now
 
 
-def _alone(ready: Prepared, work: Workspace, names: set[str]) -> Iterator[Suspect]:
+def _alone(ready: Prepared, work: Workspace, laws: Sequence[SensorFault]) -> Iterator[Suspect]:
     """Channels that no other channel of their DOF can contradict, with faults that the balances can show."""
     chosen, _ = longest(work)
     record = ready.records[chosen]
     kinds = {j: [k for k in "avx" if f"{k}{j}" in record.measured] for j in range(1, record.n_dof + 1)}
-    apart = {j for j, held in kinds.items() if len(held) == 1}
-    scales = len(work.forced) + len(work.known_masses)
     n = work.n_dof
-
-    def suspects(law: SensorFault, channels: list[str]) -> Iterator[Suspect]:
-        if law.name in names:
-            yield from (Suspect(law, Site(f"sensor {c}")) for c in channels)
-
-    single = [f"{k}{j}" for j in sorted(apart) for k in "avx" if f"{k}{j}" in record.measured]
+    single = [f"{held[0]}{j}" for j, held in kinds.items() if len(held) == 1]
     forces = [f"F{j}" for j in work.forced]
-    yield from suspects(ChannelDelay(), single + forces)
-    yield from suspects(GainError(), single if n > 1 and work.forced else [])
-    yield from suspects(GainError(), forces if scales > 1 else [])
-    yield from suspects(SensorOffset(), [f"x{j}" for j in range(2, n + 1) if f"x{j}" in record.measured])
+    for law in laws:
+        channels = single + forces
+        if not law.acts_on_derivatives:
+            channels = [f"x{j}" for j in range(2, n + 1) if "x" in kinds[j]]
+        elif law.changes_scale:
+            channels = single if n > 1 and work.forced else []
+            channels = channels + (forces if len(work.forced) + len(work.known_masses) > 1 else [])
+        yield from (Suspect(law, Site(f"sensor {c}")) for c in channels)
 
 
 # -- from the balances alone ----------------------------------------------------------------------
@@ -190,13 +185,9 @@ def _alone(ready: Prepared, work: Workspace, names: set[str]) -> Iterator[Suspec
 def _scan(work: Workspace, stage: Stage, suspect: Suspect, now: float) -> tuple[float, Suspect] | None:
     """The best value of a fault and its error; None if a parabola through three trials promises too little."""
     kind, j = suspect.site.channel[0], int(suspect.site.channel[1:])
-    step, reach = _STEPS[suspect.law.name]
-    if suspect.law.name == "channel_delay":
-        unit = 1.0 / pace(work, j)
-    elif suspect.law.name == "sensor_offset":
-        unit = work.scales(Site(f"ground {j}"))[0]
-    else:
-        unit = 1.0
+    step, reach = suspect.law.scan
+    measure = suspect.law.terms()[0].unit
+    unit = 1.0 / pace(work, j) if measure == "s" else 1.0 if measure == "1" else work.scales(Site(f"ground {j}"))[0]
 
     def cost(value: float) -> float:
         law = suspect.law.with_values([value])
@@ -236,7 +227,7 @@ def _scan(work: Workspace, stage: Stage, suspect: Suspect, now: float) -> tuple[
 
 def _means(work: Workspace, suspect: Suspect) -> list[float]:
     """The mean of a displacement, from which an offset of its sensor is not far."""
-    if suspect.law.name != "sensor_offset":
+    if suspect.law.acts_on_derivatives:
         return []
     i, rows = longest(work)
     return [float(work.data.segments[i].s[rows, : int(suspect.site.channel[1:])].sum(axis=1).mean())]
@@ -254,8 +245,9 @@ def _shifted(seg: Segment, kind: str, dof: int, law: SensorFault) -> Segment:
     else:
         a, v, s = (np.array(y, dtype=float) for y in (seg.a, seg.v, seg.s))
         x, rate = s[:, :dof].sum(axis=1), v[:, :dof].sum(axis=1)
-        offset = isinstance(law, SensorOffset)
-        moved = (a[:, j] if offset else law.corrected(a[:, j], dt), rate if offset else law.corrected(rate, dt))
+        moved = (a[:, j], rate)
+        if law.acts_on_derivatives:
+            moved = law.corrected(a[:, j], dt), law.corrected(rate, dt)
         new = law.corrected(x, dt)
         a[:, j] = moved[0]
         for y, change in ((s, new - x), (v, moved[1] - rate)):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..laws.sensor import ChannelDelay, GainError, SensorFault
+from ..laws.sensor import SensorFault
 from ..mechanics.sites import Site
 from .reestimate import reestimated
 from .report import Step
@@ -14,25 +14,23 @@ from .stage import Stage
 if TYPE_CHECKING:
     from .rounds import Rounds
 
-# A wrong zero has its own place.
-_FAULTS: dict[str, SensorFault] = {law.name: law for law in (GainError(), ChannelDelay())}
-
 
 def sharpen(rounds: Rounds) -> None:
     """Correct the records once more where that lowers the error, and put the interval of each fault into its step."""
-    faults = [step for step in rounds.steps if step.law in _FAULTS]
-    if all(step.family == "sensor" for step in rounds.steps):
+    if all(step.is_fault for step in rounds.steps):
         return
+    faults = {law.name: law for law in rounds.sensors if law.acts_on_derivatives}  # a wrong zero has its own place
     stage = rounds.stage
-    for step in faults:
-        stage = _sharper(rounds, stage, step)
+    for step in rounds.steps:
+        if step.law in faults:
+            stage = _sharper(rounds, stage, step, faults[step.law])
     if stage is not rounds.stage:
         rounds.sharpened(stage)
 
 
-def _sharper(rounds: Rounds, stage: Stage, step: Step) -> Stage:
+def _sharper(rounds: Rounds, stage: Stage, step: Step, fault: SensorFault) -> Stage:
     """The stage on records whose fault was estimated again beside all laws."""
-    fault = _FAULTS[step.law].with_values([float(v or 0.0) for v in step.parameters.values()])
+    fault = fault.with_values([float(v or 0.0) for v in step.parameters.values()])
     found = sharpened_again(rounds.ready, rounds.work, stage, fault, Site(step.site))
     if found is None:
         return stage

@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..laws.base import ForceLaw
-from ..laws.sensor import GainError, SensorFault, SensorOffset
+from ..laws.base import ForceLaw, registry
+from ..laws.friction import CoulombFriction
+from ..laws.sensor import SensorFault
 from ..mechanics.sites import Site
 from ..regression.errors import balance_errors
 from ..regression.solution import model_of
-from .away_from_rest import turn_of
 from .catalogue import balances_of
 from .gate import MOST_FAMILIES, Verdict, gain_of
 from .report import Scene, Step
@@ -21,15 +21,11 @@ from .stage import Trial
 
 # A hysteresis that turns over within this share of the rms drift is friction by another name.
 _ONE_CLASS = 0.3
-# So is a power of the rate below this; the fluid dampers of the literature begin with 0.3.
-_NEARLY_FRICTION = 0.25
 # Share of the effect (noise taken off) that may stay unexplained for certain before a name is no longer sure; in the
 # median block, whatever chance did.
 SURE, _USUALLY = 0.1, 0.25
 # Balance error, percent, far above noise, beyond which nothing is explained, however bad it was before.
 _OPEN = 50.0
-# Families that are functions of one variable: of the rate, of the drift.
-_ONE_VARIABLE = (("friction", "damping"), ("stiffness", "contact"))
 
 
 def remainder(before: float, left: float, floor: float) -> float:
@@ -63,31 +59,40 @@ def weigh(steps: Sequence[Step], folds: np.ndarray, floor: float, noise: Sequenc
 
 def doubt_names(steps: Sequence[Step]) -> None:
     """Take back the certainty of names that are only parts of one description."""
+    kinds = registry()
     for step in steps:
         beside = [s for s in steps if s is not step and balances_of(Site(s.site)) == balances_of(Site(step.site))]
-        for kinds in _ONE_VARIABLE:
-            curved = [kind for kind in kinds if kind != "friction"]
-            company = [s for s in beside if step.family in kinds and s.family in kinds]
-            company += [s for s in beside if step.family in curved and s.law == "constant_force"]
-            company += [s for s in beside if s.family in curved and step.law == "constant_force"]
-            if company:
-                step.sure, step.company = False, [s.law for s in company]
-                alone = remainder(step.validation_before, step.validation_after, step.noise_floor)
-                step.remainder = max(step.remainder, alone)
-        unsure = any(not s.sure for s in steps if s.family != "sensor")
-        if step.family == "sensor" and Site(step.site).channel.startswith("F") and unsure:
+        law = kinds[step.law]
+        company = [s for s in beside if _one_description(law, kinds[s.law])]
+        if company:
+            step.sure, step.company = False, [s.law for s in company]
+            alone = remainder(step.validation_before, step.validation_after, step.noise_floor)
+            step.remainder = max(step.remainder, alone)
+        unsure = any(not s.sure for s in steps if not s.is_fault)
+        if step.is_fault and Site(step.site).channel.startswith("F") and unsure:
             step.sure = False
-        if step.law == "power_law_damping" and step.intervals.get("n", (1.0, 1.0))[0] < _NEARLY_FRICTION:
-            step.alternatives = list(dict.fromkeys(["friction", *step.alternatives]))[: MOST_FAMILIES - 1]
-        if step.law == "constant_force" and beside:
+        if _nearly_friction(law, {name: low for name, (low, _) in step.intervals.items()}):
+            step.alternatives = list(dict.fromkeys([CoulombFriction.family, *step.alternatives]))[: MOST_FAMILIES - 1]
+        if law.variable == "1" and beside:
             families = [*step.alternatives, *(f for s in beside for f in (s.family, *s.alternatives))]
             others = [f for f in dict.fromkeys(families) if f != step.family]
             step.alternatives = others[: MOST_FAMILIES - 1]
 
 
+def _one_description(one: type[ForceLaw], two: type[ForceLaw]) -> bool:
+    """Whether two laws in one balance may be parts of a single curve of the drift or of the rate."""
+    curves, variables = [law for law in (one, two) if law.variable in ("s", "v")], {one.variable, two.variable}
+    return bool(curves) and (len(variables) == 1 or ("1" in variables and not curves[0].jumps))
+
+
+def _nearly_friction(law: type[ForceLaw], values: Mapping[str, float | None]) -> bool:
+    """Whether a law with these shape parameters is dry friction in all but name."""
+    return any((values.get(p.name) or np.inf) < p.friction_below for p in law.shapes if p.friction_below is not None)
+
+
 def improper(law: str, found: Mapping[str, tuple[float, float]]) -> bool:
-    """Whether the coefficients are not those of the effect that a law is named after."""
-    return law == "stribeck_friction" and found.get("dF", (0.0, 0.0))[1] < 0.0
+    """Whether the coefficients, given as intervals, are not those of the effect that a law is named after."""
+    return any(found.get(symbol, (0.0, 0.0))[1] < 0.0 for symbol in registry()[law].expected_positive)
 
 
 def worst(trial: Trial) -> str:
@@ -100,9 +105,8 @@ def worst(trial: Trial) -> str:
 def _alternatives(chosen: Finding, tied: Sequence[Finding], drift: float) -> list[str]:
     """Other families: those tied, and friction where a law is all but that."""
     families = [f.law.family for f in tied]
-    steep = turn_of(chosen.law) < _ONE_CLASS * drift
-    if steep or (chosen.law.name == "power_law_damping" and (chosen.law.shape.get("n") or 1.0) < _NEARLY_FRICTION):
-        families.insert(0, "friction")
+    if chosen.law.saturation_drift < _ONE_CLASS * drift or _nearly_friction(type(chosen.law), chosen.law.shape):
+        families.insert(0, CoulombFriction.family)
     return list(dict.fromkeys(families))[: MOST_FAMILIES - 1]
 
 
@@ -169,10 +173,9 @@ def _joined(law: ForceLaw, first: Step, between: Sequence[Step]) -> SensorFault:
     """Both corrections as one at the place of the first; a gain and an offset do not commute."""
     assert isinstance(law, SensorFault)
     for step in between:
-        if step.site != first.site:
-            continue
-        if isinstance(law, GainError) and step.law == SensorOffset.name:
-            step.parameters["b"] = (step.parameters["b"] or 0.0) / (1.0 + law.values[0])
-        if isinstance(law, SensorOffset) and step.law == GainError.name:
-            law = law.with_values([law.values[0] * (1.0 + (step.parameters["e"] or 0.0))])
+        if step.site == first.site:
+            earlier = registry()[step.law]()
+            assert isinstance(earlier, SensorFault)
+            law, other = law.before(earlier.with_values([v or 0.0 for v in step.parameters.values()]))
+            step.parameters = other.parameters
     return law.with_values(list(first.parameters.values())).followed_by(law)

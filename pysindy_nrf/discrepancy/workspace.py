@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import NRFError
-from ..laws.base import ForceLaw, Motion, Scales
+from ..laws.base import ForceLaw, Scales
+from ..laws.motion import Motion
 from ..mechanics.sites import Site
 from ..regression.segments import BlockRows, Segment, SegmentSet, half_the_rate
 from ..regression.solution import clock_of

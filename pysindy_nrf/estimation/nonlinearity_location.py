@@ -163,7 +163,7 @@ def locate_nonlinearity(
         found.append(worst)
         own = tuple(law for law in model.laws[model.chain.site(worst)])
         laws[worst] = (
-            (*(law for law in own if isinstance(law, PowerSeries)), Dahl()) if own else (PowerSeries(1), Dahl())
+            (*(law for law in own if not (law.has_memory or law.jumps)), Dahl()) if own else (PowerSeries(1), Dahl())
         )
         orders = {
             s: o

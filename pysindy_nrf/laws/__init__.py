@@ -1,6 +1,6 @@
 """Force laws: one class each, used by features, identification, simulation, search and text."""
 
-from .base import ForceLaw, Motion, Shape, Term, from_dict, registry
+from .base import ForceLaw, Shape, Term, from_dict, registry
 from .bouc_wen import BoucWen
 from .contact import Bilinear, DeadZone, OneSidedGap, PreloadedContact, TwoSidedGap
 from .contract import check_law
@@ -15,6 +15,7 @@ from .jenkins import Iwan, Jenkins
 from .link import LinkSpringDashpot
 from .lugre import LuGre
 from .maxwell import MaxwellBranch
+from .motion import Motion
 from .power_series import PowerSeries
 from .semi_active import CovariateDahl, CovariateFriction, LaggedCovariateFriction
 from .sensor import ChannelDelay, GainError, SensorFault, SensorOffset

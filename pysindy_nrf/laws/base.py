@@ -8,13 +8,13 @@ samples (simulation, memory).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
 from ..exceptions import LawError
+from .motion import Motion
 
 _REGISTRY: dict[str, type[ForceLaw]] = {}
 
@@ -66,6 +66,8 @@ class Shape(NamedTuple):
     instant : bool
         Whether it is a time on the clock of the records; its bounds are then shares of the way from the first time to
         the last.
+    friction_below : float, optional
+        Value below which the law is dry friction in all but name, e.g. a power of the rate near zero.
 
     Examples
     --------
@@ -81,6 +83,7 @@ class Shape(NamedTuple):
     scale: str = "1"
     log: bool = True
     instant: bool = False
+    friction_below: float | None = None
 
     def bounds(
         self, drift: float, rate: float, duration: float, clock: tuple[float, float] | None = None
@@ -124,42 +127,6 @@ class Shape(NamedTuple):
         (True, False)
         """
         return self.name == "frequency"
-
-
-@dataclass
-class Motion:
-    """What a law at a site sees in one contiguous record.
-
-    Attributes
-    ----------
-    s, v : ndarray of shape (n_samples,)
-        Drift (m) and its rate (m/s).
-    a : ndarray of shape (n_samples,), optional
-        Relative acceleration of the two ends (m/s^2); of the DOF for a DOF site.
-    t : ndarray of shape (n_samples,), optional
-        Time on the clock of the record (s).
-    covariates : mapping of str to ndarray of shape (n_samples,)
-        Further measured channels, e.g. a damper's voltage.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf import laws
-    >>> s = np.array([-0.001, 0.0, 0.002])  # m
-    >>> laws.LinearElastic(4e4).force(laws.Motion(s, v=0 * s)).tolist()  # N
-    [-40.0, 0.0, 80.0]
-    """
-
-    s: np.ndarray
-    v: np.ndarray
-    a: np.ndarray | None = None
-    t: np.ndarray | None = None
-    covariates: Mapping[str, np.ndarray] = field(default_factory=dict)
-
-    @property
-    def n_samples(self) -> int:
-        """Number of samples."""
-        return len(self.s)
 
 
 class Recurrence(NamedTuple):
@@ -207,14 +174,39 @@ class ForceLaw:
         Whether the law can only take energy out, or store it, for positive coefficients.
     uses_time, uses_acceleration : bool
         Whether the kernel reads t or a.
-    acts_at : tuple of {"link", "dof", "sensor"}
-        Kinds of site at which the law makes sense; a search tries it there.
+    acts_at : tuple of {"link", "ground", "new link", "dof", "sensor"}
+        Where a search tries the law: in the links of the chain, between a DOF and the ground where the chain has no
+        link (something may rub there), at every link that the chain lacks, on a DOF, in a sensor.
     output : str
         SI unit of coefficient times term: a force, but for sensors (:mod:`pysindy_nrf.laws.sensor`).
     covariates : tuple of str
         Names of the covariates the kernel reads, in the order of ``u``.
     covariate_units : tuple of str
         Their SI units; ``"[u]"`` if the law takes a covariate of any unit.
+    special_cases : mapping of law class to callable
+        Laws that this one contains. The callable takes such a law, with values, and returns the law of this class with
+        the same force, or a limit of it. Where the special case explains most of what this law does, a search reports
+        the special case. Its class must be constructible without arguments.
+    variable : {"s", "v", "a", "1", None}
+        What the force follows: the drift alone (springs, contacts), the rate, which it opposes (damping, friction), the
+        relative acceleration, nothing (a constant); None for anything else.
+    jumps : bool
+        Whether the force jumps where the rate changes its sign, as dry friction does (covariates being zero).
+    nonnegative : tuple of str
+        Coefficients, by symbol, that cannot be negative: the effect could only drive the structure then.
+    expected_positive : tuple of str
+        Coefficients that may be negative, but are not those of the effect that the law is named after then.
+    mimics_inertia : bool
+        Whether the force can pass for one proportional to the acceleration. Such laws are not tried where no force is
+        measured, for they take every balance to zero there.
+    permanent_change : bool
+        Whether it is a change at some time after the start of a record that does not heal. It is tried in a single
+        record only.
+    superposes : bool
+        Whether it stands beside others of its family at one site, as external forces do, instead of in their place.
+    saturates_at : str
+        Shape parameter that sets the drift beyond which the force no longer grows: the drift itself, m, or one over it,
+        1/m. A law that saturates within a small part of its drift is all but friction.
 
     Notes
     -----
@@ -248,6 +240,15 @@ class ForceLaw:
     output: ClassVar[str] = "N"
     covariates: tuple[str, ...] = ()
     covariate_units: ClassVar[tuple[str, ...]] = ()
+    special_cases: ClassVar[Mapping[type[ForceLaw], Callable[[Any], ForceLaw]]] = {}
+    variable: ClassVar[str | None] = None
+    jumps: ClassVar[bool] = False
+    nonnegative: ClassVar[tuple[str, ...]] = ()
+    expected_positive: ClassVar[tuple[str, ...]] = ()
+    mimics_inertia: ClassVar[bool] = False
+    permanent_change: ClassVar[bool] = False
+    superposes: ClassVar[bool] = False
+    saturates_at: ClassVar[str] = ""
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -370,6 +371,48 @@ class ForceLaw:
     def has_memory(self) -> bool:
         """Whether the force depends on the path."""
         return self.n_states > 0
+
+    @property
+    def saturation_drift(self) -> float:
+        """Drift beyond which the force no longer grows, m; infinite if it grows on, or the drift has no value yet.
+
+        Examples
+        --------
+        >>> from pysindy_nrf import laws
+        >>> laws.Dahl(1e4).saturation_drift, laws.Jenkins(2e-4).saturation_drift, laws.Jenkins().saturation_drift
+        (0.0001, 0.0002, inf)
+        """
+        value = self.shape[self.saturates_at] if self.saturates_at else None
+        if value is None:
+            return np.inf
+        inverse = next(p for p in self.shapes if p.name == self.saturates_at).unit == "1/m"
+        return 1.0 / value if inverse else value
+
+    def contains(self, other: ForceLaw) -> bool:
+        """Whether another law is a special case of this one.
+
+        Along a drift that keeps its sign a function of the drift alone is little more than a constant: a constant
+        counts as its special case.
+
+        Parameters
+        ----------
+        other : ForceLaw
+
+        Returns
+        -------
+        bool
+
+        Examples
+        --------
+        >>> from pysindy_nrf import laws
+        >>> friction = laws.CoulombFriction()
+        >>> laws.StribeckFriction().contains(friction), friction.contains(laws.StribeckFriction())
+        (True, False)
+        >>> laws.CubicStiffness().contains(laws.ConstantForce())
+        True
+        """
+        constant = self.variable == "s" and other.variable == "1"
+        return constant or isinstance(other, tuple(self.special_cases))
 
     @property
     def free_shape(self) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from .base import ForceLaw, Shape, Term
+from .hysteresis import Dahl
 
 
 class BoucWen(ForceLaw):
@@ -57,6 +58,8 @@ class BoucWen(ForceLaw):
         Shape("n", "1", 1.0, 4.0),
     )
     n_states = 1
+    nonnegative = ("alpha",)
+    special_cases = {Dahl: lambda c: BoucWen(c.theta[0], rho=0.0, n=1.0, alpha=c.theta[0] * c.values[0])}
 
     def __init__(
         self,

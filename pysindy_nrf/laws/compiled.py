@@ -25,7 +25,6 @@ from numba.core.errors import NumbaError
 from numba.extending import intrinsic
 
 from ..exceptions import LawError
-from .base import ForceLaw
 
 _NAMING = "names with fingerprints"  # what is on the disk under another rule is not taken
 _VECTOR = types.CPointer(types.float64)
@@ -201,7 +200,7 @@ def advance_pointer(advance: Callable) -> CFunc:
     return _pointer(advance_callback, _ADVANCE_SIGNATURE)
 
 
-def pointers(law: ForceLaw) -> tuple[CFunc, CFunc]:
+def pointers(law: Any) -> tuple[CFunc, CFunc]:
     """Kernel and state update of a law as machine-code callbacks."""
     try:
         return kernel_pointer(type(law).kernel), advance_pointer(type(law).advance)
@@ -209,7 +208,7 @@ def pointers(law: ForceLaw) -> tuple[CFunc, CFunc]:
         raise cannot_compile(law, error) from error
 
 
-def cannot_compile(law: ForceLaw, error: Exception) -> LawError:
+def cannot_compile(law: Any, error: Exception) -> LawError:
     """The error for a law that numba does not accept."""
     reason = str(error).strip().splitlines()[-1] if str(error).strip() else type(error).__name__
     return LawError(

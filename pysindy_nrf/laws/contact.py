@@ -38,6 +38,8 @@ class OneSidedGap(ForceLaw):
     shapes = (_GAP,)
     symmetry = "none"
     passive = True
+    variable = "s"
+    nonnegative = ("k",)
 
     def __init__(self, gap: float | None = None, k: float | None = None, side: int = 1) -> None:
         if side not in (1, -1):
@@ -91,6 +93,8 @@ class PreloadedContact(ForceLaw):
     shapes = (Shape("u", "m", 0.05, 4.0, "s"),)
     symmetry = "none"
     passive = True
+    variable = "s"
+    nonnegative = ("k",)
 
     def __init__(self, u: float | None = None, k: float | None = None, side: int = 1) -> None:
         if side not in (1, -1):
@@ -139,6 +143,8 @@ class TwoSidedGap(ForceLaw):
     family = "contact"
     shapes = (_GAP,)
     passive = True
+    variable = "s"
+    nonnegative = ("k",)
 
     def __init__(self, gap: float | None = None, k: float | None = None) -> None:
         super().__init__({"gap": gap}, {"k": k})
@@ -183,6 +189,12 @@ class DeadZone(ForceLaw):
     shapes = (_GAP, Shape("centre", "1", -0.95, 0.95, log=False))
     symmetry = "none"
     passive = True
+    variable = "s"
+    nonnegative = ("k",)
+    special_cases = {
+        TwoSidedGap: lambda c: DeadZone(c.theta[0], 0.0, c.values[0]),
+        OneSidedGap: lambda c: DeadZone(1e3, c.side * (c.theta[0] / 1e3 - 1.0), c.values[0]),  # its other end far away
+    }
 
     def __init__(self, gap: float | None = None, centre: float | None = None, k: float | None = None) -> None:
         super().__init__({"gap": gap, "centre": centre}, {"k": k})
@@ -220,6 +232,7 @@ class Bilinear(ForceLaw):
     family = "contact"
     symmetry = "none"
     passive = True
+    variable = "s"
 
     def __init__(self, dk: float | None = None) -> None:
         super().__init__(coefficients={"dk": dk})

@@ -16,7 +16,9 @@ import numpy as np
 
 from ..common.random_state import generator
 from ..exceptions import LawError
-from .base import ForceLaw, Motion, from_dict
+from .base import ForceLaw, from_dict
+from .jumps import across_rest
+from .motion import Motion
 
 _PERIOD = 2.0  # s
 _DRIFT = 0.01  # m
@@ -153,8 +155,72 @@ def check_energy(law: ForceLaw, rng: np.random.Generator) -> None:
     work, size = (force * v).mean(axis=0), np.abs(force).max(axis=0) * np.abs(v).mean()
     if law.passive:
         assert (work >= -1e-6 * size).all(), f"{law}: passive, but gives energy"
-    if law.family in ("stiffness", "contact", "inertia"):
+    if law.variable in ("s", "a"):
         assert (np.abs(work) <= 1e-6 * size).all(), f"{law}: takes or gives energy over closed cycles"
+
+
+def check_variable(law: ForceLaw, rng: np.random.Generator) -> None:
+    """The force follows what the law says it follows."""
+    motion = random_motion(law, rng)
+    columns = law.features(motion)
+    other = random_motion(law, rng)
+    changes: dict[str, dict[str, Any]] = {"s": {"s": other.s}, "v": {"v": other.v}, "a": {"a": other.a}, "1": {}}
+    assert law.variable in (None, *changes), f"{law}: variable is {law.variable!r}"
+    if law.variable is None:
+        return
+    _differ(law.features(replace(motion, **changes[law.variable])), columns, law)
+    if law.variable != "v":  # a force that opposes the rate may depend on the drift, too
+        rest: dict[str, Any] = {"s": other.s, "v": other.v, "a": other.a, "t": motion.t + 0.3}
+        rest.pop(law.variable, None)
+        what = f"{law}: the force follows more than {law.variable!r}"
+        _close(law.features(replace(motion, **rest, covariates=other.covariates)), columns, what)
+    if law.variable == "a":
+        _close(law.features(replace(motion, a=3.0 * motion.a)), 3.0 * columns, f"{law}: is no inertia")
+    if law.variable == "1":
+        _close(columns, np.broadcast_to(columns[:1], columns.shape), f"{law}: is not constant")
+
+
+def check_jumps(law: ForceLaw, rng: np.random.Generator) -> None:
+    """The force jumps where the rate changes its sign if, and only if, the law says so."""
+    near, wide = np.abs(across_rest(law, np.zeros(len(law.covariates)))).T
+    found = bool(((near > 0.5 * wide) & (wide > 0)).any())
+    assert found == law.jumps, f"{law}: jumps is {law.jumps}, found {found}"
+
+
+def check_saturation(law: ForceLaw, rng: np.random.Generator) -> None:
+    """Pulled steadily, a law that saturates does so around the drift it states."""
+    if not law.saturates_at:
+        return
+    assert law.saturates_at in law.shape, f"{law}: saturates_at={law.saturates_at!r} is no shape parameter"
+    drift = law.saturation_drift
+    s = np.linspace(0.0, 50.0, 5001) * drift
+    t = np.linspace(0.0, _PERIOD, len(s))
+    covariates = {name: np.ones(len(s)) for name in law.covariates}
+    columns = law.features(Motion(s, np.full(len(s), s[-1] / _PERIOD), 0.0 * s, t, covariates))
+    low, high, last = np.abs(columns[[10, 3000, 5000]])  # at a tenth of the drift, at 30 and at 50 times it
+    flat = (last > 0) & (low < 0.5 * last) & (np.abs(last - high) < 1e-3 * last)
+    assert flat.any(), f"{law}: does not saturate around {drift:.3g} m"
+
+
+def check_signs(law: ForceLaw, rng: np.random.Generator) -> None:
+    """Signs are stated of coefficients that the law has, and of each once."""
+    stated = [*law.nonnegative, *law.expected_positive]
+    unknown = set(stated) - {term.symbol for term in law.terms()}
+    assert not unknown and len(set(stated)) == len(stated), f"{law}: signs are stated of {stated}"
+    low = [p.name for p in law.shapes if p.friction_below is not None and not p.low <= p.friction_below <= p.high]
+    assert not low, f"{law}: friction_below of {low} lies outside the bounds"
+
+
+def check_special_cases(law: ForceLaw, rng: np.random.Generator) -> None:
+    """The law has the force of each of its special cases, or comes within a hundredth of it."""
+    for special, general in law.special_cases.items():
+        simple = random_values(special(), rng)
+        same = general(simple)
+        assert law.contains(simple), f"{law}: does not contain {simple}"
+        motion = random_motion(same, rng, n_samples=4000)
+        expected, found = simple.force(motion)[1:], same.force(motion)[1:]  # a state is fresh at the first sample
+        apart = np.abs(found - expected).mean()
+        assert apart <= 1e-2 * np.abs(expected).mean(), f"{same} is not {simple}"
 
 
 def check_single_precision(law: ForceLaw, rng: np.random.Generator) -> None:
@@ -212,7 +278,8 @@ def check_text(law: ForceLaw, rng: np.random.Generator) -> None:
     """Name, family, symbols, units and the equation are there and unambiguous."""
     terms = law.terms()
     assert law.name.isidentifier() and law.family, f"{law}: name or family is missing"
-    assert set(law.acts_at) <= {"link", "dof", "sensor"} and law.acts_at, f"{law}: acts_at is {law.acts_at}"
+    places = {"link", "ground", "new link", "dof", "sensor"}
+    assert set(law.acts_at) <= places and law.acts_at, f"{law}: acts_at is {law.acts_at}"
     for field in ("symbol", "label"):
         texts = [getattr(term, field) for term in terms]
         assert len(set(texts)) == len(texts) and all(texts), f"{law}: {field}s {texts} are not distinct"
@@ -259,6 +326,11 @@ CHECKS: tuple[Callable[[ForceLaw, np.random.Generator], None], ...] = (
     check_symmetry,
     check_records,
     check_energy,
+    check_variable,
+    check_jumps,
+    check_saturation,
+    check_signs,
+    check_special_cases,
     check_single_precision,
     check_units,
     check_force,
@@ -320,6 +392,10 @@ def _in(unit: str, size: dict[str, float], law: ForceLaw) -> float:
             exponent = float((law.shape[power] if power in law.shape else power) or 1.0)
             value *= size[base] ** (exponent if k == 0 else -exponent)
     return value
+
+
+def _differ(columns: np.ndarray, others: np.ndarray, law: ForceLaw) -> None:
+    assert law.variable == "1" or not np.allclose(columns, others), f"{law}: the force does not follow {law.variable!r}"
 
 
 def _refuses(call: Callable[[], object], word: str) -> None:

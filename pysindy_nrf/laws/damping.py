@@ -25,6 +25,8 @@ class QuadraticDamping(ForceLaw):
     name = "quadratic_damping"
     family = "damping"
     passive = True
+    variable = "v"
+    nonnegative = ("c2",)
 
     def __init__(self, c2: float | None = None) -> None:
         super().__init__(coefficients={"c2": c2})
@@ -60,8 +62,12 @@ class PowerLawDamping(ForceLaw):
 
     name = "power_law_damping"
     family = "damping"
-    shapes = (Shape("n", "1", 0.15, 4.0),)
+    # the fluid dampers of the literature begin with n = 0.3
+    shapes = (Shape("n", "1", 0.15, 4.0, friction_below=0.25),)
     passive = True
+    variable = "v"
+    nonnegative = ("cn",)
+    special_cases = {QuadraticDamping: lambda c: PowerLawDamping(n=2.0, cn=c.values[0])}
 
     def __init__(self, n: float | None = None, cn: float | None = None) -> None:
         super().__init__({"n": n}, {"cn": cn})
@@ -93,6 +99,7 @@ class DisplacementDependentDamping(ForceLaw):
     name = "displacement_dependent_damping"
     family = "damping"
     passive = True
+    variable = "v"
 
     def __init__(self, c: float | None = None) -> None:
         super().__init__(coefficients={"c": c})

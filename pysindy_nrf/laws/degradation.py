@@ -28,6 +28,7 @@ class StiffnessStep(ForceLaw):
     family = "degradation"
     shapes = (Shape("t0", "s", 0.05, 0.95, "t", log=False, instant=True),)
     uses_time = True
+    permanent_change = True
 
     def __init__(self, t0: float | None = None, dk: float | None = None) -> None:
         super().__init__({"t0": t0}, {"dk": dk})
@@ -59,6 +60,7 @@ class StiffnessDrift(ForceLaw):
     name = "stiffness_drift"
     family = "degradation"
     uses_time = True
+    permanent_change = True
 
     def __init__(self, kt: float | None = None) -> None:
         super().__init__(coefficients={"kt": kt})
@@ -91,6 +93,7 @@ class DampingDrift(ForceLaw):
     family = "degradation"
     uses_time = True
     passive = True
+    permanent_change = True
 
     def __init__(self, ct: float | None = None) -> None:
         super().__init__(coefficients={"ct": ct})

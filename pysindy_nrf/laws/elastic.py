@@ -23,6 +23,7 @@ class LinearElastic(ForceLaw):
     name = "linear_elastic"
     family = "stiffness"
     passive = True
+    variable = "s"
 
     def __init__(self, k: float | None = None) -> None:
         super().__init__(coefficients={"k": k})
@@ -54,6 +55,7 @@ class LinearViscous(ForceLaw):
     name = "linear_viscous"
     family = "damping"
     passive = True
+    variable = "v"
 
     def __init__(self, c: float | None = None) -> None:
         super().__init__(coefficients={"c": c})
@@ -87,6 +89,7 @@ class Duffing(ForceLaw):
     name = "duffing"
     family = "stiffness"
     passive = True
+    variable = "s"
 
     def __init__(self, k: float | None = None, k3: float | None = None) -> None:
         super().__init__(coefficients={"k": k, "k3": k3})

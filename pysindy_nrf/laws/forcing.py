@@ -41,6 +41,7 @@ class HarmonicForce(ForceLaw):
     at_rest = None
     uses_time = True
     acts_at = ("dof",)
+    superposes = True
 
     def __init__(self, frequency: float | None = None, A: float | None = None, B: float | None = None) -> None:
         super().__init__({"frequency": frequency}, {"A": A, "B": B})
@@ -76,6 +77,8 @@ class ConstantForce(ForceLaw):
     symmetry = "even"
     at_rest = None
     acts_at = ("dof", "link")
+    variable = "1"
+    superposes = True
 
     def __init__(self, f0: float | None = None) -> None:
         super().__init__(coefficients={"f0": f0})
@@ -115,6 +118,8 @@ class BaseMotion(ForceLaw):
     at_rest = None
     acts_at = ("dof",)
     covariate_units = ("m/s^2",)
+    mimics_inertia = True
+    superposes = True
 
     def __init__(self, m: float | None = None, covariate: str = "ag") -> None:
         self.covariates = (covariate_name(covariate),)

@@ -36,6 +36,10 @@ class CoulombFriction(ForceLaw):
     name = "coulomb_friction"
     family = "friction"
     passive = True
+    acts_at = ("link", "ground")
+    variable = "v"
+    jumps = True
+    nonnegative = ("Fc",)
 
     def __init__(self, Fc: float | None = None) -> None:
         super().__init__(coefficients={"Fc": Fc})
@@ -73,6 +77,11 @@ class AsymmetricFriction(ForceLaw):
     family = "friction"
     symmetry = "none"
     passive = True
+    acts_at = ("link", "ground")
+    variable = "v"
+    jumps = True
+    nonnegative = ("Fp", "Fm")
+    special_cases = {CoulombFriction: lambda c: AsymmetricFriction(Fp=c.values[0], Fm=c.values[0])}
 
     def __init__(self, Fp: float | None = None, Fm: float | None = None) -> None:
         super().__init__(coefficients={"Fp": Fp, "Fm": Fm})
@@ -116,6 +125,12 @@ class StribeckFriction(ForceLaw):
     family = "friction"
     shapes = (Shape("vs", "m/s", 0.02, 2.0, "v"),)
     passive = True
+    acts_at = ("link", "ground")
+    variable = "v"
+    jumps = True
+    nonnegative = ("Fc",)
+    expected_positive = ("dF",)  # one that falls towards rest is a way to write a force that grows with the rate
+    special_cases = {CoulombFriction: lambda c: StribeckFriction(vs=1.0, Fc=c.values[0], dF=0.0)}
 
     def __init__(self, vs: float | None = None, Fc: float | None = None, dF: float | None = None) -> None:
         super().__init__({"vs": vs}, {"Fc": Fc, "dF": dF})
@@ -158,6 +173,11 @@ class ShiftedFriction(ForceLaw):
     family = "friction"
     shapes = (Shape("kappa", "1/s", 0.01, 3.0, "v/s"),)
     passive = True
+    acts_at = ("link", "ground")
+    variable = "v"
+    jumps = True
+    nonnegative = ("Fc",)
+    special_cases = {CoulombFriction: lambda c: ShiftedFriction(kappa=1e-12, Fc=c.values[0])}
 
     def __init__(self, kappa: float | None = None, Fc: float | None = None) -> None:
         super().__init__({"kappa": kappa}, {"Fc": Fc})
@@ -201,6 +221,9 @@ class GroundFriction(ForceLaw):
     at_rest = None
     acts_at = ("dof",)
     covariate_units = ("m/s",)
+    variable = "v"
+    jumps = True
+    nonnegative = ("Fc",)
 
     def __init__(self, Fc: float | None = None, covariate: str = "vg") -> None:
         self.covariates = (covariate_name(covariate),)

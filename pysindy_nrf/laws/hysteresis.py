@@ -37,6 +37,8 @@ class Dahl(ForceLaw):
     shapes = (_SIGMA,)
     n_states = 1
     passive = True
+    nonnegative = ("Fd",)
+    saturates_at = "sigma"
 
     def __init__(self, sigma: float | None = None, Fd: float | None = None) -> None:
         super().__init__({"sigma": sigma}, {"Fd": Fd})
@@ -87,6 +89,9 @@ class ModifiedDahl(ForceLaw):
     n_states = 1
     symmetry = "none"
     at_rest = None
+    nonnegative = ("K0", "C0", "Fd")
+    saturates_at = "sigma"
+    special_cases = {Dahl: lambda c: ModifiedDahl(0.0, 0.0, c.values[0], 0.0, c.theta[0])}
 
     def __init__(
         self,

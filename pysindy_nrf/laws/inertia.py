@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from ..mechanics.sites import Site
 from .base import ForceLaw, Term
 
 
-def total_masses(masses: Any, laws: Mapping[Site, Sequence[ForceLaw]]) -> np.ndarray:
+def total_masses(masses: Any, laws: Mapping[Any, Sequence[ForceLaw]]) -> np.ndarray:
     """Mass of every DOF with what laws at it add or take away."""
     total = np.array(masses, dtype=float)
     for site, group in laws.items():
@@ -43,6 +42,8 @@ class AddedMass(ForceLaw):
     passive = True
     uses_acceleration = True
     acts_at = ("dof",)
+    variable = "a"
+    mimics_inertia = True
 
     def __init__(self, dm: float | None = None) -> None:
         super().__init__(coefficients={"dm": dm})
@@ -77,6 +78,9 @@ class Inerter(ForceLaw):
     family = "inertia"
     passive = True
     uses_acceleration = True
+    variable = "a"
+    mimics_inertia = True
+    nonnegative = ("b",)
 
     def __init__(self, b: float | None = None) -> None:
         super().__init__(coefficients={"b": b})

@@ -32,6 +32,8 @@ class Jenkins(ForceLaw):
     shapes = (Shape("uy", "m", 0.01, 4.0, "s"),)
     n_states = 1
     passive = True
+    nonnegative = ("Fy",)
+    saturates_at = "uy"
 
     def __init__(self, uy: float | None = None, Fy: float | None = None) -> None:
         super().__init__({"uy": uy}, {"Fy": Fy})
@@ -78,6 +80,9 @@ class Iwan(ForceLaw):
     shapes = (Shape("uy", "m", 0.01, 2.0, "s"), Shape("ratio", "1", 1.5, 20.0))
     n_states = 2
     passive = True
+    nonnegative = ("F1", "F2")
+    saturates_at = "uy"
+    special_cases = {Jenkins: lambda c: Iwan(uy=c.theta[0], ratio=2.0, F1=c.values[0], F2=0.0)}
 
     def __init__(
         self,

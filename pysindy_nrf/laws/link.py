@@ -28,6 +28,8 @@ class LinkSpringDashpot(ForceLaw):
     name = "link_spring_dashpot"
     family = "link"
     passive = True
+    acts_at = ("new link",)
+    nonnegative = ("k", "c")
 
     def __init__(self, k: float | None = None, c: float | None = None) -> None:
         super().__init__(coefficients={"k": k, "c": c})

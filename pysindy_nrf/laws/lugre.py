@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from .base import ForceLaw, Shape, Term
+from .hysteresis import Dahl
 
 
 class LuGre(ForceLaw):
@@ -50,6 +51,9 @@ class LuGre(ForceLaw):
         Shape("ratio", "1", 1.05, 3.0),
     )
     n_states = 1
+    nonnegative = ("Fc", "sigma1")
+    saturates_at = "sigma"
+    special_cases = {Dahl: lambda c: LuGre(c.theta[0], vs=1.0, ratio=1.0, Fc=c.values[0], sigma1=0.0)}
 
     def __init__(
         self,

@@ -34,6 +34,8 @@ class MaxwellBranch(ForceLaw):
     shapes = (Shape("tau", "s", 0.3, 20.0, "s/v"),)
     n_states = 1
     passive = True
+    nonnegative = ("k",)
+    mimics_inertia = True
 
     def __init__(self, tau: float | None = None, k: float | None = None) -> None:
         super().__init__({"tau": tau}, {"k": k})

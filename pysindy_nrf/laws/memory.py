@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numba.core.errors import NumbaError
 
 from ..exceptions import ChannelError, LawError
-from .base import ForceLaw, Motion
 from .compiled import borrow, cannot_compile, inline, jit, on_stack, part, read_only
+from .motion import Motion
 
 _STRETCH = 2048  # intervals whose turning points are found before the candidates walk along them
 _LOOK = 64  # intervals that are looked at together: in most of them nothing turns
@@ -230,7 +231,7 @@ def _paths(advance: Callable, n_states: int) -> Callable[..., None]:
 
 
 def state_path(
-    law: ForceLaw, motion: Motion, u: np.ndarray, theta: np.ndarray, state: np.ndarray | None = None
+    law: Any, motion: Motion, u: np.ndarray, theta: np.ndarray, state: np.ndarray | None = None
 ) -> np.ndarray:
     """Internal state of a law along one contiguous record."""
     now = np.zeros((1, law.n_states)) if state is None else np.array(state, dtype=float)[None]
@@ -242,7 +243,7 @@ def state_path(
     return z
 
 
-def state_paths(law: ForceLaw, motions: Sequence[Motion], thetas: np.ndarray) -> list[np.ndarray]:
+def state_paths(law: Any, motions: Sequence[Motion], thetas: np.ndarray) -> list[np.ndarray]:
     """Internal states of a law along several records for many shape parameters, in one pass over each."""
     thetas = np.atleast_2d(np.asarray(thetas, dtype=float))
     out = []
@@ -254,7 +255,7 @@ def state_paths(law: ForceLaw, motions: Sequence[Motion], thetas: np.ndarray) ->
     return out
 
 
-def _along(law: ForceLaw, motion: Motion, u: np.ndarray, thetas: np.ndarray, states: np.ndarray) -> np.ndarray:
+def _along(law: Any, motion: Motion, u: np.ndarray, thetas: np.ndarray, states: np.ndarray) -> np.ndarray:
     """Paths for each row of ``thetas``; ``states`` is moved to the last sample."""
     none = np.empty(0)
 
@@ -275,7 +276,7 @@ def _along(law: ForceLaw, motion: Motion, u: np.ndarray, thetas: np.ndarray, sta
     return z
 
 
-def _explain(law: ForceLaw, motion: Motion) -> None:
+def _explain(law: Any, motion: Motion) -> None:
     """Raise the error for a state that is not finite."""
     if motion.t is None:
         raise LawError(f"{type(law).__name__} needs the time of the samples", "Pass time=, or dt=.")

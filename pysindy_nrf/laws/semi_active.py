@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from .base import ForceLaw, Shape, Term, covariate_name
+from .friction import CoulombFriction
+from .hysteresis import Dahl
 
 _TAU = Shape("tau", "s", 0.05, 50.0, "s/v")
 
@@ -65,6 +67,10 @@ class CovariateFriction(_Covariate):
 
     name = "covariate_friction"
     family = "friction"
+    acts_at = ("link", "ground")
+    variable = "v"
+    jumps = True
+    special_cases = {CoulombFriction: lambda c: CovariateFriction(Fc=c.values[0], Fu=0.0, Cu=0.0)}
 
     def __init__(
         self,
@@ -117,6 +123,13 @@ class LaggedCovariateFriction(_Covariate):
     family = "friction"
     shapes = (_TAU,)
     n_states = 2  # the lagged covariate; whether it has started
+    acts_at = ("link", "ground")
+    variable = "v"
+    jumps = True
+    special_cases = {
+        CoulombFriction: lambda c: LaggedCovariateFriction(tau=1.0, Fc=c.values[0], Fu=0.0, Cu=0.0),
+        CovariateFriction: lambda c: LaggedCovariateFriction(c.covariates[0], 1e-12, *c.values),
+    }
 
     def __init__(
         self,
@@ -181,6 +194,12 @@ class CovariateDahl(_Covariate):
     shapes = (Shape("sigma", "1/m", 0.03, 3000.0, "1/s"), _TAU)
     n_states = 3  # the lagged covariate; whether it has started; Z
     carrier = "Z"
+    saturates_at = "sigma"
+    special_cases = {
+        Dahl: lambda c: CovariateDahl(sigma=c.theta[0], tau=1.0, Fc=c.values[0], Fu=0.0, Cu=0.0),
+        CovariateFriction: lambda c: CovariateDahl(c.covariates[0], 1e12, 1e-12, *c.values),
+        LaggedCovariateFriction: lambda c: CovariateDahl(c.covariates[0], 1e12, c.theta[0], *c.values),
+    }
 
     def __init__(
         self,

@@ -8,7 +8,7 @@ the truth.
 
 from __future__ import annotations
 
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -17,6 +17,18 @@ from .base import ForceLaw, Term
 
 class SensorFault(ForceLaw):
     """Base of the laws of faulty sensors; their output has the unit of the channel.
+
+    A fault has one coefficient. Its unit says on what scale a search looks for it: a time ("s") in radians of the mean
+    frequency of the channel, a share ("1") as it is, anything else in rms values of the channel.
+
+    Attributes
+    ----------
+    scan : (float, float)
+        First step and reach of the search for the coefficient, on that scale.
+    acts_on_derivatives : bool
+        Whether the derivatives of the channel have the same fault; not so with a wrong zero.
+    changes_scale : bool
+        Whether the fault of the only force, or of the only DOF, cannot be told from the scale of the whole chain.
 
     Examples
     --------
@@ -29,6 +41,9 @@ class SensorFault(ForceLaw):
     family = "sensor"
     acts_at = ("sensor",)
     output = "m"  # the unit of s, which is the channel here
+    scan: ClassVar[tuple[float, float]] = (0.05, 1.5)
+    acts_on_derivatives: ClassVar[bool] = True
+    changes_scale: ClassVar[bool] = False
 
     def reading(self, channel: Any, dt: float) -> np.ndarray:
         """What the sensor shows.
@@ -83,6 +98,27 @@ class SensorFault(ForceLaw):
         """
         return self.with_values([float(self.values[0] + other.values[0])])
 
+    def before(self, earlier: SensorFault) -> tuple[Self, SensorFault]:
+        """The same two corrections in the other order: this fault first, then the one that is corrected earlier.
+
+        Parameters
+        ----------
+        earlier : SensorFault
+            Of another kind, at the same channel.
+
+        Returns
+        -------
+        first, second : SensorFault
+            Faults that are corrected in this order.
+
+        Examples
+        --------
+        >>> from pysindy_nrf import laws
+        >>> laws.SensorOffset(b=0.5).before(laws.GainError(e=0.2))  # (y / 1.2) - 0.5 is (y - 0.6) / 1.2
+        (SensorOffset(b=0.6), GainError(e=0.2))
+        """
+        return self, earlier
+
 
 class ChannelDelay(SensorFault):
     r"""Channel that is late by tau, ``y(t - tau)``: another clock, an anti-aliasing filter, a slow converter.
@@ -120,14 +156,10 @@ class ChannelDelay(SensorFault):
 
     def reading(self, channel: Any, dt: float) -> np.ndarray:
         """The channel, late by tau."""
-        from ..signals.alignment import shifted
-
         return shifted(np.asarray(channel, dtype=float), float(self.values[0]) / dt)
 
     def corrected(self, reading: Any, dt: float) -> np.ndarray:
         """The reading, early by tau."""
-        from ..signals.alignment import shifted
-
         return shifted(np.asarray(reading, dtype=float), -float(self.values[0]) / dt)
 
 
@@ -147,6 +179,8 @@ class GainError(SensorFault):
     """
 
     name = "gain_error"
+    scan = (0.02, 0.6)
+    changes_scale = True
 
     def __init__(self, e: float | None = None) -> None:
         super().__init__(coefficients={"e": e})
@@ -171,6 +205,12 @@ class GainError(SensorFault):
         """Gains multiply."""
         return self.with_values([float((1.0 + self.values[0]) * (1.0 + other.values[0]) - 1.0)])
 
+    def before(self, earlier: SensorFault) -> tuple[Self, SensorFault]:
+        """A zero that is corrected after the gain is smaller by the gain."""
+        if earlier.acts_on_derivatives:
+            return self, earlier
+        return self, earlier.with_values(earlier.values / (1.0 + self.values))
+
 
 class SensorOffset(SensorFault):
     """Channel whose zero is wrong, ``y + b``.
@@ -190,6 +230,8 @@ class SensorOffset(SensorFault):
     name = "sensor_offset"
     symmetry = "even"
     at_rest = None
+    scan = (0.05, 5.0)
+    acts_on_derivatives = False
 
     def __init__(self, b: float | None = None) -> None:
         super().__init__(coefficients={"b": b})
@@ -209,3 +251,41 @@ class SensorOffset(SensorFault):
     def corrected(self, reading: Any, dt: float) -> np.ndarray:
         """The reading minus b."""
         return np.asarray(reading, dtype=float) - float(self.values[0])
+
+    def before(self, earlier: SensorFault) -> tuple[Self, SensorFault]:
+        """A zero that is corrected before a gain is larger by the gain."""
+        if not earlier.changes_scale:
+            return self, earlier
+        return self.with_values(self.values * (1.0 + earlier.values)), earlier
+
+
+def shifted(values: np.ndarray, samples: float) -> np.ndarray:
+    """A channel delayed by a number of samples that need not be whole; NaN where nothing is known.
+
+    Parameters
+    ----------
+    values : ndarray of shape (n_samples,)
+    samples : float
+        Positive = later.
+
+    Returns
+    -------
+    ndarray of shape (n_samples,)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.signals.alignment import shifted
+    >>> t = np.arange(1000) / 500
+    >>> late = shifted(np.sin(30 * t), 2.5)  # by 5 ms
+    >>> bool(np.nanmax(abs(late - np.sin(30 * (t - 0.005)))[20:-20]) < 1e-3)
+    True
+    """
+    from scipy.interpolate import make_interp_spline
+
+    good = np.flatnonzero(np.isfinite(values))
+    out = np.full(len(values), np.nan)
+    at = np.arange(len(values)) - samples
+    inside = (at >= good[0]) & (at <= good[-1])
+    out[inside] = make_interp_spline(good, values[good], k=7)(at[inside])
+    return out

@@ -26,6 +26,7 @@ class QuadraticStiffness(ForceLaw):
     family = "stiffness"
     symmetry = "even"
     passive = True
+    variable = "s"
 
     def __init__(self, k2: float | None = None) -> None:
         super().__init__(coefficients={"k2": k2})
@@ -57,6 +58,7 @@ class AbsoluteQuadraticStiffness(ForceLaw):
     name = "absolute_quadratic_stiffness"
     family = "stiffness"
     passive = True
+    variable = "s"
 
     def __init__(self, k2: float | None = None) -> None:
         super().__init__(coefficients={"k2": k2})
@@ -88,6 +90,7 @@ class CubicStiffness(ForceLaw):
     name = "cubic_stiffness"
     family = "stiffness"
     passive = True
+    variable = "s"
 
     def __init__(self, k3: float | None = None) -> None:
         super().__init__(coefficients={"k3": k3})
@@ -119,6 +122,7 @@ class QuinticStiffness(ForceLaw):
     name = "quintic_stiffness"
     family = "stiffness"
     passive = True
+    variable = "s"
 
     def __init__(self, k5: float | None = None) -> None:
         super().__init__(coefficients={"k5": k5})

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import ChannelError
-from ..laws.base import Motion
+from ..laws.motion import Motion
 from ..mechanics.sites import Site
 from .channel_range import Extent
 from .layout import LawLayout, Recipe

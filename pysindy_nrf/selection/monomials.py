@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..laws.base import ForceLaw, Motion
+from ..laws.base import ForceLaw
+from ..laws.motion import Motion
 from ..laws.power_series import PowerSeries, exponents_of
 
 

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ..laws.base import Motion, Recurrence, Term
+from ..laws.base import Recurrence, Term
+from ..laws.motion import Motion
 from .monomials import Monomials
 
 

@@ -17,6 +17,7 @@ import pandas as pd
 from ..data.channels import as_matrix
 from ..data.record import Record, seconds_of
 from ..exceptions import ChannelError
+from ..laws.sensor import shifted
 from .channel_transfer import DELAY, GAIN, NAMES, ORDER, against
 
 if TYPE_CHECKING:
@@ -135,38 +136,6 @@ def align(record: Record, found: pd.DataFrame, gains: bool = False) -> Record:
         late = row["samples"] if abs(row["samples"]) > DELAY else 0.0
         array[:, j] = factor * (shifted(array[:, j], -late) if late else array[:, j])
     return record.replace(**changes)
-
-
-def shifted(values: np.ndarray, samples: float) -> np.ndarray:
-    """A channel delayed by a number of samples that need not be whole; NaN where nothing is known.
-
-    Parameters
-    ----------
-    values : ndarray of shape (n_samples,)
-    samples : float
-        Positive = later.
-
-    Returns
-    -------
-    ndarray of shape (n_samples,)
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf.signals.alignment import shifted
-    >>> t = np.arange(1000) / 500
-    >>> late = shifted(np.sin(30 * t), 2.5)  # by 5 ms
-    >>> bool(np.nanmax(abs(late - np.sin(30 * (t - 0.005)))[20:-20]) < 1e-3)
-    True
-    """
-    from scipy.interpolate import make_interp_spline
-
-    good = np.flatnonzero(np.isfinite(values))
-    out = np.full(len(values), np.nan)
-    at = np.arange(len(values)) - samples
-    inside = (at >= good[0]) & (at <= good[-1])
-    out[inside] = make_interp_spline(good, values[good], k=7)(at[inside])
-    return out
 
 
 def resampled(

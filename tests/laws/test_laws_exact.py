@@ -921,18 +921,56 @@ def test_check_energy():
     def law(kernel, **claims):
         return broken(laws.LinearElastic, kernel=plain(kernel), **claims)
 
-    for family in ("stiffness", "contact", "inertia"):
+    for variable in ("s", "a"):
         refused(
             check,
-            law(lambda s, v: s + 1e-4 * v, family=family, passive=False),
+            law(lambda s, v: s + 1e-4 * v, variable=variable, passive=False),
             "takes or gives energy over closed cycles",
         )
-        refused(check, law(lambda s, v: s - 1e-4 * v, family=family, passive=False), "takes or gives energy")
-        check(law(lambda s, v: s + 1e-8 * v, family=family), rng())
-    check(law(lambda s, v: s + 1e-4 * v, family="damping"), rng())
-    check(law(lambda s, v: s - 1e-8 * v, family="damping"), rng())
-    refused(check, law(lambda s, v: s - 1e-4 * v, family="damping"), "passive, but gives energy")
-    check(law(lambda s, v: s - 1e-4 * v, family="damping", passive=False), rng())
+        refused(check, law(lambda s, v: s - 1e-4 * v, variable=variable, passive=False), "takes or gives energy")
+        check(law(lambda s, v: s + 1e-8 * v, variable=variable), rng())
+    check(law(lambda s, v: s + 1e-4 * v, variable="v"), rng())
+    check(law(lambda s, v: s - 1e-8 * v, variable="v"), rng())
+    refused(check, law(lambda s, v: s - 1e-4 * v, variable="v"), "passive, but gives energy")
+    check(law(lambda s, v: s - 1e-4 * v, variable="v", passive=False), rng())
+
+
+@pytest.mark.parametrize(
+    ("check", "law", "words"),
+    [
+        (contract.check_variable, broken(laws.CoulombFriction, variable="s"), "does not follow 's'"),
+        (contract.check_variable, broken(laws.DisplacementDependentDamping, variable="s"), "follows more than 's'"),
+        (contract.check_variable, broken(laws.CubicStiffness, variable="v"), "does not follow 'v'"),
+        (contract.check_variable, broken(laws.LinearElastic, variable="1"), "follows more than '1'"),
+        (contract.check_variable, broken(laws.BaseMotion, variable="1"), "follows more than '1'"),
+        (contract.check_variable, broken(laws.Inerter, kernel=plain(lambda s, v: s)), "does not follow 'a'"),
+        (contract.check_variable, broken(laws.Dahl, variable="z"), "variable is 'z'"),
+        (contract.check_jumps, broken(laws.QuadraticDamping, jumps=True), "jumps is True, found False"),
+        (contract.check_jumps, broken(laws.StribeckFriction, jumps=False), "jumps is False, found True"),
+        (contract.check_saturation, broken(laws.BoucWen, saturates_at="n"), "does not saturate"),
+        (contract.check_saturation, broken(laws.TwoSidedGap, saturates_at="gap"), "does not saturate"),
+        (contract.check_saturation, broken(laws.Dahl, saturates_at="uy"), "is no shape parameter"),
+        (contract.check_signs, broken(laws.Duffing, nonnegative=("k2",)), "signs are stated of"),
+        (contract.check_signs, broken(laws.Duffing, nonnegative=("k",), expected_positive=("k",)), "signs are stated"),
+        (
+            contract.check_special_cases,
+            broken(laws.Duffing, special_cases={laws.LinearElastic: lambda c: laws.Duffing(0.98 * c.values[0], 0.0)}),
+            "is not LinearElastic",
+        ),
+        (contract.check_special_cases, broken(laws.StribeckFriction, contains=lambda *_: False), "does not contain"),
+    ],
+)
+def test_a_law_that_states_what_is_not_so_is_refused(check, law, words):
+    refused(check, law, words)
+
+
+def test_special_cases_are_told_by_their_class():
+    friction = laws.CoulombFriction()
+    assert laws.CovariateFriction("T").contains(friction) and not friction.contains(laws.CovariateFriction("T"))
+    assert laws.DeadZone().contains(laws.OneSidedGap(side=-1)) and not laws.DeadZone().contains(laws.Bilinear())
+    drifts = [law for law in laws.registry().values() if law.__module__.startswith("pysindy_nrf") and law.variable == "s"]
+    assert len(drifts) > 5 and all(law().contains(laws.ConstantForce()) for law in drifts)
+    assert not laws.QuadraticDamping().contains(laws.ConstantForce())
 
 
 def test_check_single_precision():

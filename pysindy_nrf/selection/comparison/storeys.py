@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from ...laws import PowerSeries
-from ...laws.base import Motion
+from ...laws.motion import Motion
 from .data import Part
 
 ELSEWHERE = "other"

@@ -1,0 +1,81 @@
+"""A law declared outside the package takes part in the search with all rights."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pysindy_nrf import ChainModel, NRFRegressor, close_loop, excitation, laws, simulate
+from pysindy_nrf.simulation.noise import add_noise
+
+
+class PowerSpring(laws.ForceLaw):
+    """Spring of any power, ``R = k sgn(s) |s|^p``, which contains the cubic spring."""
+
+    name = "own_power_spring"
+    family = "stiffness"
+    shapes = (laws.Shape("p", "1", 1.3, 6.0),)
+    passive = True
+    variable = "s"
+    special_cases = {laws.CubicStiffness: lambda cubic: PowerSpring(p=3.0, k=cubic.values[0])}
+
+    def __init__(self, p: float | None = None, k: float | None = None) -> None:
+        super().__init__({"p": p}, {"k": k})
+
+    def terms(self):
+        return (laws.Term("k", "sgn(s) |s|^p", "N/m^p"),)
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = np.sign(s) * np.abs(s) ** theta[0]
+
+
+class UndeclaredPowerSpring(PowerSpring):
+    """The same law without its special case."""
+
+    name = "own_undeclared_power_spring"
+    special_cases = {}
+
+
+class ResistingSpring(PowerSpring):
+    """The same law with a coefficient that cannot be negative."""
+
+    name = "own_resisting_spring"
+    special_cases = {}
+    nonnegative = ("k",)
+
+
+def first_effect(own, catalogue, noise=0.0):
+    """The effect that one step of the search finds in storey 2 of a chain of two masses."""
+    linear = [laws.LinearElastic(2e5), laws.LinearViscous(80.0)]
+    truth = ChainModel([12.0, 12.0], {1: linear, 2: [*linear, own]})
+    F = excitation.band_limited_random(2, 16.0, 500.0, dofs=2, rms=60.0, band=(1.0, 40.0), random_state=1)
+    record = simulate(truth, F, 1 / 500)
+    if noise:
+        record = add_noise(record, noise, random_state=0)
+    report = close_loop(record, NRFRegressor(degree=1), catalogue=catalogue, max_steps=1, n_surrogates=0, random_state=0)
+    return report.steps[0] if report.steps else None
+
+
+SPRINGS = [laws.QuadraticStiffness(), laws.CubicStiffness(), laws.QuinticStiffness(), laws.CoulombFriction()]
+
+
+def test_a_law_of_the_user_is_found():
+    step = first_effect(PowerSpring(p=4.0, k=60.0 / 1e-3**4.0), [*SPRINGS, PowerSpring()])
+    assert (step.law, step.family, step.site) == ("own_power_spring", "stiffness", "storey 2")
+    assert step.shape["p"] == pytest.approx(4.0, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("spring", "found"), [(PowerSpring, "cubic_stiffness"), (UndeclaredPowerSpring, "own_undeclared_power_spring")]
+)
+def test_it_yields_to_the_special_case_that_it_declares(spring, found):
+    nearly_cubic = PowerSpring(p=3.2, k=60.0 / 1e-3**3.2)
+    step = first_effect(nearly_cubic, [*SPRINGS, spring()], noise=0.01)
+    assert (step.law, step.site) == (found, "storey 2")
+
+
+@pytest.mark.parametrize(("spring", "accepted"), [(UndeclaredPowerSpring, True), (ResistingSpring, False)])
+def test_a_sign_that_it_rules_out_is_not_accepted(spring, accepted):
+    step = first_effect(PowerSpring(p=3.0, k=-4.0 / 1e-3**3), [spring()])
+    assert (step is not None) == accepted

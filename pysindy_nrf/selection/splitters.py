@@ -71,6 +71,7 @@ class _RecordSplitter(BaseCrossValidator):
         return np.split(np.arange(size), starts[1:])
 
     def _tests(self, records: list[np.ndarray]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Held-out rows of each fold, and rows near them that are left out of training."""
         raise NotImplementedError
 
 
@@ -116,6 +117,7 @@ class RecordSplit(_RecordSplitter):
         return len(self._records(X if X is not None else groups, groups))
 
     def _tests(self, records: list[np.ndarray]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Whole records, dealt to the folds in turn."""
         n = len(records) if self.n_splits is None else whole("n_splits", self.n_splits, 2)
         if len(records) < max(n, 2):
             raise ChannelError(
@@ -172,6 +174,7 @@ class BlockedTimeSplit(_RecordSplitter):
         return whole("n_splits", self.n_splits, 2)
 
     def _tests(self, records: list[np.ndarray]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """One block of every record, and the gap around it."""
         n, gap = whole("n_splits", self.n_splits, 2), whole("gap", self.gap)
         short = min(records, key=len)
         if len(short) < n or len(short) - len(short) // n <= 2 * gap:

@@ -11,13 +11,9 @@ from pysindy_nrf.exceptions import ChannelError, DataQualityWarning
 from pysindy_nrf.signals import (
     BandLimiter,
     KinematicSmoother,
+    differentiate,
+    integrate,
     paper_processing,
-)
-from pysindy_nrf.signals import (
-    differentiation as differentiate,
-)
-from pysindy_nrf.signals import (
-    integration as integrate,
 )
 from pysindy_nrf.signals.kinematics import to_features
 

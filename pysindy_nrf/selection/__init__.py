@@ -7,7 +7,7 @@
 from ..common.lazy import public_names
 
 _NAMES = {
-    "AlongPath": "along_path",
+    "AlongPath": "supports",
     "BlockEnsemble": "sparsity",
     "BlockedTimeSplit": "splitters",
     "OrderSelection": "selection",

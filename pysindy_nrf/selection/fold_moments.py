@@ -32,8 +32,7 @@ from ..regression.chain_solve import NotTogether, Solution, groups_of, solve
 from ..regression.layout import Group, LawLayout
 from ..regression.moments import Block, GroupMoments, Moments, accumulate_each, stacked
 from ..regression.segments import SegmentSet
-from .monomials import Monomials
-from .orthogonal import OrthogonalPowers
+from .polynomials import Monomials, OrthogonalPowers
 
 _ROWS = 2048  # sampled for the bases of the sites
 _SOUND = 1e3  # condition number of unit columns whose Gram matrix keeps the digits that are asked for

@@ -12,9 +12,8 @@ import pandas as pd
 from ..exceptions import ChainError, ChannelError, NRFError
 from ..laws.power_series import exponents_of
 from ..mechanics.sites import Site
-from .criteria import independent_shares, information
 from .fold_moments import FoldMoments, Order
-from .fold_scores import SCORINGS, DigitsLost, balances_on_folds, on_folds
+from .fold_scores import SCORINGS, DigitsLost, balances_on_folds, independent_shares, information, on_folds
 from .one_se_rule import choose, complexity_of, one_standard_error, standard_error
 from .splitters import n_splits_of
 

@@ -15,13 +15,11 @@ from ..common.random_state import generator
 from ..exceptions import NRFError, NRFWarning
 from ..regression.chain_solve import Solution
 from ..regression.errors import pooled_error
-from .along_path import AlongPath
 from .fold_moments import FoldMoments, Order
 from .fold_scores import CLEAN
 from .one_se_rule import choose, standard_error
-from .pruning import Pruned, pruned
 from .selection import fold_moments_of
-from .supports import MARGIN, inclusion, labels_of, restricted, support_of
+from .supports import MARGIN, AlongPath, Pruned, inclusion, labels_of, pruned, restricted, support_of
 
 if TYPE_CHECKING:
     from ..estimation.regressor import NRFRegressor

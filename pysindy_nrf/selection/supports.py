@@ -1,19 +1,122 @@
-"""Which terms are kept: supports, their refits, and how often a bootstrap keeps each term."""
+"""Supports: which terms are kept, their refits, how often a bootstrap keeps each, and terms that no held-out error needs."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
+from sklearn.base import BaseEstimator, clone
 
 from ..exceptions import NRFError
 from ..laws import ForceLaw
 from ..mechanics.sites import Site
+from ..regression.errors import pooled_error
 from ..regression.layout import LawLayout
 from ..regression.moments import Moments
 from .fold_moments import FoldMoments, Order
-from .monomials import Monomials
+from .one_se_rule import choose
+from .polynomials import Monomials
+
+
+class AlongPath(BaseEstimator):
+    """One model on the path of SSR or FROLS, chosen by how much of the force may be left out.
+
+    Greedy optimizers leave a path of ever sparser models and then choose among them by rules of their own, which
+    mean another thing for every balance and number of samples (FROLS: the iteration with the smallest error
+    reduction). Here the sparsest model of the path is taken whose residual is not larger than the full
+    model's by more than a share of the right-hand side,
+
+    .. math:: |r|^2 \\le |r_{full}|^2 + \\tau^2 |y|^2 ,
+
+    and refitted by least squares. For use inside :class:`NRFRegressor` or :class:`ChainOptimizer`, where the
+    right-hand side is the force of a balance.
+
+    Parameters
+    ----------
+    optimizer : PySINDy optimizer
+        With a ``history_`` of coefficients after ``fit``: ``SSR``, ``FROLS``, ``STLSQ``.
+    tolerance : float
+        The share, tau.
+
+    Attributes
+    ----------
+    coef_ : ndarray of shape (1, n_features)
+    ind_ : ndarray of bool
+    path_ : list of tuple of int
+        Columns of the models on the path, the sparsest first.
+
+    Raises
+    ------
+    NRFError
+        If the optimizer keeps no history, or there are several targets.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pysindy as ps
+    >>> from pysindy_nrf.selection import AlongPath
+    >>> x = np.random.default_rng(0).standard_normal((500, 4))
+    >>> y = x @ [[1.0], [0.0], [0.5], [0.005]]
+    >>> AlongPath(ps.SSR(), tolerance=0.02).fit(x, y).coef_.round(1)
+    array([[1. , 0. , 0.5, 0. ]])
+    """
+
+    def __init__(self, optimizer: Any = None, tolerance: float = 0.01) -> None:
+        self.optimizer = optimizer
+        self.tolerance = tolerance
+
+    def fit(self, x: Any, y: Any) -> Self:
+        """Follow the path and choose.
+
+        Parameters
+        ----------
+        x : array-like of shape (n_rows, n_columns)
+        y : array-like of shape (n_rows, 1)
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        NRFError
+            If there is more than one target.
+        """
+        x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float).reshape(len(x), -1)
+        if y.shape[1] != 1:
+            raise NRFError(f"AlongPath got {y.shape[1]} targets", "It stands inside ChainOptimizer: one at a time.")
+        self.path_ = self._path(x, y)
+        limit = self._left(x, y, tuple(range(x.shape[1]))) + self.tolerance**2 * float(np.sum(y**2))
+        kept = next(columns for columns in self.path_ if self._left(x, y, columns) <= limit)
+        self.coef_ = np.zeros((1, x.shape[1]))
+        if kept:
+            self.coef_[0, kept] = np.linalg.lstsq(x[:, kept], y[:, 0], rcond=None)[0]
+        self.ind_ = self.coef_ != 0
+        return self
+
+    def _path(self, x: np.ndarray, y: np.ndarray) -> list[tuple[int, ...]]:
+        everything = tuple(range(x.shape[1]))
+        if x.shape[1] < 2:  # greedy optimizers need two columns
+            return [(), everything]
+        fitted = clone(self.optimizer).fit(x, y)
+        history = getattr(fitted, "history_", None)
+        if history is None:
+            raise NRFError(
+                f"{type(self.optimizer).__name__} keeps no history_ of its models", "Use SSR, FROLS or STLSQ."
+            )
+        seen = {tuple(np.flatnonzero(np.ravel(coef)).tolist()) for coef in history}
+        return sorted({(), everything} | seen, key=lambda columns: (len(columns), self._left(x, y, columns)))
+
+    @staticmethod
+    def _left(x: np.ndarray, y: np.ndarray, columns: tuple[int, ...]) -> float:
+        """Squared length of what some columns leave unexplained."""
+        if not columns:
+            return float(np.sum(y**2))
+        part = x[:, columns]
+        return float(np.sum((y - part @ np.linalg.lstsq(part, y, rcond=None)[0]) ** 2))
+
 
 Support = Mapping[Site, np.ndarray]
 
@@ -83,3 +186,70 @@ def labels_of(order: Order, values: Mapping[Site, Sequence[float]]) -> dict[tupl
         for site in order.layout.acting
         for label, value in zip(order.layout.labels(site), values[site])
     }
+
+
+@dataclass(frozen=True)
+class Pruned:
+    """A setting of an optimizer without some of the terms it keeps, refitted by least squares.
+
+    Parameters
+    ----------
+    optimizer : PySINDy optimizer or BlockEnsemble
+    without : tuple of (str, str)
+        Site and label of each term left out, in that order.
+
+    Examples
+    --------
+    >>> import pysindy as ps
+    >>> from pysindy_nrf.selection.supports import Pruned
+    >>> Pruned(ps.STLSQ(threshold=0.01), (("storey 4", "v^2 s"),)).without
+    (('storey 4', 'v^2 s'),)
+    """
+
+    optimizer: Any
+    without: tuple[tuple[str, str], ...]
+
+
+def pruned(
+    held: FoldMoments, order: Order, support: Mapping[Site, np.ndarray], least: np.ndarray
+) -> list[tuple[tuple[tuple[str, str], ...], dict[Site, np.ndarray], np.ndarray]]:
+    """Terms left out one by one from the chosen setting while the held-out rule allows: names, support, errors."""
+    gone: tuple[tuple[str, str], ...] = ()
+    out: list[tuple[tuple[tuple[str, str], ...], dict[Site, np.ndarray], np.ndarray]] = []
+    while (weakest := _weakest(held, order, support)) is not None:
+        site, at = weakest
+        support = {**support, site: support[site] & (np.arange(len(support[site])) != at)}
+        one = restricted(held, order, support)
+        errors = heldout_errors(held, one)
+        if choose(np.array([least, errors]), [1, 0], min_gain=MARGIN, paired=True) == 0:
+            break
+        gone = (*gone, (str(site), order.layout.labels(site)[at]))
+        out.append((gone, support, errors))
+    return out
+
+
+def _weakest(held: FoldMoments, order: Order, support: Mapping[Site, np.ndarray]) -> tuple[Site, int] | None:
+    """The power whose absence raises the balance error on all data least; a storey keeps one at least."""
+    rises = {}
+    for site in held.union:
+        for at in np.flatnonzero(support.get(site, ())) if np.sum(support.get(site, ())) > 1 else ():
+            one = restricted(held, order, {**support, site: support[site] & (np.arange(len(support[site])) != at)})
+            try:
+                solution, _, moments = held.fit(one, None)
+            except NRFError:
+                continue
+            rises[site, int(at)] = pooled_error(solution.masses, solution.coefficients, moments)
+    return min(rises, key=rises.__getitem__) if rises else None
+
+
+def heldout_errors(held: FoldMoments, order: Order) -> np.ndarray:
+    """Held-out balance errors on the folds, as shares; infinity where a fold cannot be fitted."""
+    out = np.full(held.n_folds, np.inf)
+    for fold in range(held.n_folds):
+        try:
+            solution, walk, _ = held.fit(order, fold)
+            test = held.cut(held.total(fold, "test")[0], order, order.groups(walk))
+            out[fold] = pooled_error(solution.masses, solution.coefficients, test) / 100.0
+        except NRFError:
+            break
+    return out

@@ -18,7 +18,7 @@ from pysindy_nrf.output.report.figures import unit_of
 from pysindy_nrf.output.report.figures_model import _ticks
 from pysindy_nrf.regression.input_arrays import feature_names
 from pysindy_nrf.regression.state_space import IdentifiedChain
-from pysindy_nrf.selection.comparison.rows import _peak
+from pysindy_nrf.selection.comparison.api import _peak
 from pysindy_nrf.signals.kinematics import to_features
 from pysindy_nrf.signals.paper import paper_processing
 from pysindy_nrf.signals.zero_phase_filter import FairFilter

@@ -12,8 +12,7 @@ from pysindy_nrf.mechanics.chain import Chain
 from pysindy_nrf.regression.layout import LawLayout, Layout
 from pysindy_nrf.selection import select_order
 from pysindy_nrf.selection.fold_moments import FoldMoments
-from pysindy_nrf.selection.monomials import Monomials
-from pysindy_nrf.selection.orthogonal import OrthogonalPowers, Polynomials
+from pysindy_nrf.selection.polynomials import Monomials, OrthogonalPowers, Polynomials
 
 
 def test_polynomials_on_chebyshev_nodes_are_those_of_their_weight_times_x2():

@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
+import time
+import tracemalloc
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from ...exceptions import ChannelError, NRFError
+from ...exceptions import ChannelError, NRFError, SimulationError
+from ...laws import PowerSeries
+from ...laws.motion import Motion
 from ...regression.chain_model import ChainModel
+from ...regression.errors import nrmse
 from ...regression.input_arrays import from_arrays
 from ..sparsity import default_paths
-from .data import Part, Ruler
-from .hand_steered import HandSteeredSINDy
-from .ours import Ours
-from .plain import PlainSINDy
-from .rows import COLUMNS, row_of
-from .storeys import term_shares
+from .contenders import HandSteeredSINDy, Ours, Part, PlainSINDy, Ruler
 
 
 @dataclass(frozen=True)
@@ -230,3 +230,129 @@ def _optimizers(given: Mapping[str, Any] | str | None) -> Mapping[str, Any]:
     if isinstance(given, str):
         raise NRFError(f"optimizers={given!r} is unknown", "Give 'select', or optimizers by name.")
     return given
+
+
+COLUMNS = [
+    "terms", "precision", "recall", "mass_error", "restoring_force_error", "balance_error", "free_run_error",
+    "third_law_gap", "storeys_found", "seconds", "megabytes", "note",
+]  # fmt: skip
+_MOST_WORK = 2e11  # multiplications of a fit, some ten seconds
+
+
+def row_of(
+    entry: Any, search: Part, rest: Part, ruler: Ruler, free_run: int, time_limit: float
+) -> tuple[list[Any], np.ndarray | None]:
+    """The row of one model (see ``COLUMNS``), and the storey forces (N) it finds on the held-out part."""
+    if entry.work(search) > _MOST_WORK:
+        size = entry.n_features(search)
+        gigabytes = 32e-9 * size * (len(search.a) + size)
+        note = f"not run: {size} columns of {len(search.a)} samples take minutes and {gigabytes:.1f} GB"
+        return [np.nan] * 8 + ["", np.nan, np.nan, note], None
+    start = time.perf_counter()
+    entry.fit(search)
+    seconds = time.perf_counter() - start
+    megabytes = _peak(lambda: entry.fit(search))
+    masses = entry.masses(search)
+    handed = masses if entry.finds_masses else ruler.model.masses
+    a_hat = entry.accelerations(rest)
+    R = np.cumsum((rest.F - handed * a_hat)[:, ::-1], axis=1)[:, ::-1]
+    precision, recall = (
+        entry.hits(search, ruler.model) if ruler.known and not ruler.model.has_memory else (np.nan, np.nan)
+    )
+    run, note = _free_run(entry, rest.part(slice(0, max(2, free_run))), time_limit)
+    gap, found = entry.third_law(ruler.model.masses)
+    return [
+        entry.terms,
+        precision,
+        recall,
+        float(np.max(np.abs(100 * (masses / ruler.model.masses - 1)))) if ruler.known else np.nan,
+        ruler.force_error(R) if ruler.known else np.nan,
+        ruler.balance_error(handed, a_hat, rest),
+        run,
+        gap,
+        found,
+        seconds,
+        megabytes,
+        "; ".join(filter(None, (entry.note, note))),
+    ], R
+
+
+def _peak(work: Callable[[], Any]) -> float:
+    """Peak memory of a piece of work, MB."""
+    running = tracemalloc.is_tracing()
+    if not running:
+        tracemalloc.start()
+    tracemalloc.reset_peak()
+    before = tracemalloc.get_traced_memory()[0]
+    work()
+    peak = tracemalloc.get_traced_memory()[1] - before
+    if not running:
+        tracemalloc.stop()
+    return peak / 1e6
+
+
+def _free_run(entry: Any, rest: Part, time_limit: float) -> tuple[float, str]:
+    try:
+        x = entry.run(rest, time.perf_counter() + time_limit)
+    except TimeoutError:
+        return np.nan, f"free run given up after {time_limit:g} s"
+    except (SimulationError, OverflowError, FloatingPointError):
+        return np.inf, "free run diverges"
+    if not np.isfinite(x).all():
+        return np.inf, "free run diverges"
+    share = [nrmse(rest.x[:, j], x[:, j]) for j in range(rest.n_dof)]
+    return float(np.sqrt(np.mean(np.square(share)))), ""
+
+
+ELSEWHERE = "other"
+
+
+def term_shares(forces: Mapping[str, np.ndarray], part: Part, degree: int, size: np.ndarray) -> pd.DataFrame:
+    """Storey forces of each model, taken apart into the terms of their own storey.
+
+    A model that finds accelerations has no storey laws; its storey forces follow from the balances. They
+    are projected on the terms v^h s^j of their storey by least squares; what these cannot hold comes from
+    other storeys, from products between storeys, or from the excitation.
+
+    Parameters
+    ----------
+    forces : mapping of str to ndarray of shape (n_samples, n_dof)
+        N, by model.
+    part : Part
+        The data on which the forces were found.
+    degree : int
+        Total degree of the terms.
+    size : ndarray of shape (n_dof,)
+        Rms of each storey's force, N.
+
+    Returns
+    -------
+    DataFrame
+        One row for each (storey, term) and one for the rest of each storey, one column for each model:
+        coefficient times the rms of its term, as a share of ``size``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.selection.comparison import term_shares
+    >>> from pysindy_nrf.selection.comparison.contenders import Part
+    >>> t = np.arange(2000)[:, None] / 200
+    >>> s, v = 0.001 * np.sin(9 * t), 0.009 * np.cos(9 * t)
+    >>> R = 30.0 * v + 4e4 * s
+    >>> shares = term_shares({"truth": R}, Part(-81 * s, v, s, R, 0.005), 1, np.sqrt(np.mean(R**2, axis=0)))
+    >>> shares["truth"].round(3).to_dict()
+    {('storey 1', 'v'): 0.007, ('storey 1', 's'): 1.0, ('storey 1', 'other'): 0.0}
+    """
+    law, rows = PowerSeries(degree), {}
+    labels = [term.label for term in law.terms()]
+    for i in range(part.n_dof):
+        columns = law.features(Motion(part.s[:, i], part.v[:, i]))
+        scale = np.sqrt(np.mean(columns**2, axis=0))
+        scale[scale == 0] = 1.0
+        wanted = np.column_stack([R[:, i] for R in forces.values()])
+        found = np.linalg.lstsq(columns / scale, wanted, rcond=None)[0]
+        left = np.sqrt(np.mean((wanted - columns / scale @ found) ** 2, axis=0))
+        for label, row in zip([*labels, ELSEWHERE], np.vstack([found, left]) / size[i]):
+            rows[f"storey {i + 1}", label] = row
+    index = pd.MultiIndex.from_tuples(rows, names=["site", "term"])
+    return pd.DataFrame(np.array(list(rows.values())), index=index, columns=list(forces))

@@ -1,4 +1,4 @@
-"""Supports: which terms are kept, their refits, how often a bootstrap keeps each, and terms that no held-out error needs."""
+"""Supports: terms that are kept, their refits, their inclusion in bootstraps, and terms that no held-out error needs."""
 
 from __future__ import annotations
 

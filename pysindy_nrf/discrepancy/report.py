@@ -312,7 +312,7 @@ class LoopReport:
         -------
         str
         """
-        from .markdown import markdown
+        from ..output.report.markdown import markdown
 
         return markdown(self)
 

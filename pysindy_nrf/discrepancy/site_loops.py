@@ -24,17 +24,8 @@ _PER_CYCLE = 40
 class SiteLoop:
     """One site along a stretch of data.
 
-    Attributes
-    ----------
-    site : str
-    record : str
-        Where the stretch comes from.
-    t, s, v : ndarray of shape (n_points,)
-        Time (s), drift (m) and rate (m/s).
-    identified : ndarray of shape (n_points,)
-        Force of the model, N.
-    measured : ndarray of shape (n_points,) or None
-        Force that the balances from the top down to this storey ask for, N; None where they do not tell.
+    Time ``t`` (s), drift ``s`` (m), rate ``v`` (m/s), force ``identified`` by the model and ``measured`` (N): what the
+    balances from the top down to this storey ask for, None where they do not tell. ``record`` is where it comes from.
     """
 
     site: str
@@ -47,7 +38,7 @@ class SiteLoop:
 
 
 def loops_of(model: ChainModel, data: SegmentSet, filters: Sequence[Any] | None = None) -> list[SiteLoop]:
-    """Forces of all sites that hold a law, along the strongest stretch of the data."""
+    """Forces of all sites that hold a law, along the strongest stretch of the data; all lines pass the filters."""
     filters = [None] * len(data.segments) if filters is None else list(filters)
     try:
         storeys = residual_of(model, data, filters).storey

@@ -19,7 +19,7 @@ from .splitters import n_splits_of
 
 if TYPE_CHECKING:
     from ..estimation.regressor import NRFRegressor
-    from ..output.displays.order_selection import OrderSelectionDisplay
+    from ..output.displays import OrderSelectionDisplay
 
 _RULES = ("one_standard_error", "best")
 
@@ -120,7 +120,7 @@ class OrderSelection:
         -------
         OrderSelectionDisplay
         """
-        from ..output.displays.order_selection import OrderSelectionDisplay
+        from ..output.displays import OrderSelectionDisplay
 
         return OrderSelectionDisplay.from_selection(self).plot(ax)
 

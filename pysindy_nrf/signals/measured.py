@@ -15,19 +15,8 @@ from ..data.record import Record
 class Measured:
     """One record in words and numbers.
 
-    Attributes
-    ----------
-    name : str
-    n_dof, n_samples : int
-    fs : float
-        Hz.
-    channels : DataFrame
-        ``channel``, ``what``, ``unit``, ``rms``, ``peak``, ``noise`` (estimated rms, NaN if unknown), SI.
-    forced, unknown : tuple of int
-        DOFs with a known force, and with an unknown one.
-    base_moves : bool
-    role : str
-        What the record was used for.
+    ``channels`` has the columns ``channel``, ``what``, ``unit``, ``rms``, ``peak``, ``noise`` (estimated rms, NaN if
+    unknown), SI; ``forced`` and ``unknown`` are DOFs with a known force and with an unknown one.
     """
 
     name: str
@@ -41,39 +30,34 @@ class Measured:
     role: str = ""
 
     @property
-    def sentence(self) -> str:
-        """The record in one line."""
-        dofs = f"{self.n_dof} DOF{'s' if self.n_dof > 1 else ''}"
-        text = f"{self.name}: {dofs}, {self.n_samples} samples at {self.fs:g} Hz, {self.n_samples / self.fs:.4g} s"
+    def facts(self) -> str:
+        """Size, clock, forces and base of the record in one line."""
+        text = f"{self.n_dof} DOF{'s' if self.n_dof > 1 else ''}, {self.n_samples} samples at {self.fs:g} Hz, "
+        text += f"{self.n_samples / self.fs:.4g} s"
         text += f"; forced: DOF {', '.join(map(str, self.forced))}" if self.forced else "; no force measured"
         if self.unknown:
             text += f"; force unknown on DOF {', '.join(map(str, self.unknown))}"
         text += "; the base moves" if self.base_moves else "; the base is at rest"
         return text + (f"; {self.role}" if self.role else "")
 
+    @property
+    def sentence(self) -> str:
+        """The record in one line, its name first."""
+        return f"{self.name}: {self.facts}"
+
 
 def measured(record: Record, noise: Mapping[str, float] | None = None, role: str = "") -> Measured:
-    """What a record holds."""
+    """What a record holds; ``noise`` is the estimated rms by channel, SI."""
     from ..data.io.summary import kind_of, summary
 
-    said = summary(record)
     levels = dict(noise or {})
     rows = [
         (name, kind_of(record, name), size["unit"], size["rms"], size["peak"], levels.get(name, float("nan")))
-        for name, size in said["channels"].items()
+        for name, size in summary(record)["channels"].items()
     ]
-    columns = ["channel", "what", "unit", "rms", "peak", "noise"]
-    return Measured(
-        record.name,
-        record.n_dof,
-        record.n_samples,
-        record.fs,
-        pd.DataFrame(rows, columns=columns),
-        record.forced,
-        record.unknown,
-        record.base_moves,
-        role,
-    )
+    channels = pd.DataFrame(rows, columns=["channel", "what", "unit", "rms", "peak", "noise"])
+    size = (record.n_dof, record.n_samples, record.fs)
+    return Measured(record.name, *size, channels, record.forced, record.unknown, record.base_moves, role)
 
 
 def as_measured(records: Record | Sequence[Record] | None) -> list[Measured]:

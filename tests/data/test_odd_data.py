@@ -13,9 +13,8 @@ from pysindy_nrf.common.audit import settings_of
 from pysindy_nrf.data.io import read_record, read_table
 from pysindy_nrf.estimation.streaming import open_source, sources
 from pysindy_nrf.exceptions import ChainError, ChannelError, LawError
+from pysindy_nrf.output.displays._plotly import ticks, unit_of
 from pysindy_nrf.output.report.content import of_model
-from pysindy_nrf.output.report.figures import unit_of
-from pysindy_nrf.output.report.figures_model import _ticks
 from pysindy_nrf.regression.input_arrays import feature_names
 from pysindy_nrf.regression.state_space import IdentifiedChain
 from pysindy_nrf.selection.comparison.api import _peak
@@ -180,7 +179,7 @@ def test_dask_tables_side_by_side_and_what_they_refuse(chain2):
 
 def test_units_ticks_and_settings_of_odd_values():
     assert unit_of(np.array([2e-9]), "m") == (1.0, "m") and unit_of(np.array([2e-3]), "m") == (1e3, "mm")
-    assert _ticks(np.full(9, 3.0)) == [] and len(_ticks(np.linspace(-1, 1, 9))) >= 3
+    assert ticks(np.full(9, 3.0)) == [] and len(ticks(np.linspace(-1, 1, 9))) >= 3
     said = settings_of(loop={"random_state": np.random.default_rng(0), "of": np.median})["loop"]
     assert said == {"random_state": "a PCG64 generator given by the caller", "of": "median"}
 
@@ -189,7 +188,7 @@ def test_a_page_lists_known_masses_to_four_digits():
     rec = record()
     model = NRFRegressor(degree=1, known_masses={1: 8.000049}).fit(*rec.to_features(smooth=False))
     page = of_model(model)
-    rows = [[cell.text for cell in row] for row in page.settings.rows]
+    rows = page.settings.rows
     assert any("known_masses" in row[1] and "8" in row[2] for row in rows)
 
 

@@ -127,13 +127,13 @@ def test_bad_input_is_refused():
 
 
 def test_display_draws_shares_and_the_force_against_the_rate():
-    pytest.importorskip("matplotlib").use("Agg")
-    from pysindy_nrf.output.displays.dependence import DependenceDisplay
+    from pysindy_nrf.output.displays.evidence import dependence_figures
 
     found = characterise(residual("coulomb", 0.0), Motion(S, V, A, T))
-    display = DependenceDisplay(found).plot()
-    assert [axis.get_xlabel() for axis in display.ax_[1:]] == ["drift s (m)", "rate v (m/s)"]
-    assert len(display.ax_[0].patches) == len(found.shares)
+    bars, drift, rate = dependence_figures(found)
+    assert (drift.x.label, drift.x.unit, rate.x.label, rate.x.unit) == ("drift s", "m", "rate v", "m/s")
+    assert list(bars.marks[0].values) == list(found.shares["share"].clip(lower=0))
+    assert list(rate.marks[0].y) == list(found.curves["v"]["mean"])
 
 
 def test_a_force_of_zero_has_no_spectral_line():

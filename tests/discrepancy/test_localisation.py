@@ -146,9 +146,8 @@ def test_nothing_to_locate():
 
 
 def test_bars_show_the_best_site_on_top():
-    pytest.importorskip("matplotlib").use("Agg")
-    from pysindy_nrf.output.displays.localisation import LocalisationDisplay
+    from pysindy_nrf.output.displays.evidence import localisation_figure
 
-    display = LocalisationDisplay.from_residual(residual("storey 3", "complete")[0]).plot()
-    assert display.ax_.get_yticklabels()[0].get_text() == "storey 3  (-2, +3)"
-    assert display.ax_.patches[0].get_width() == pytest.approx(100, abs=0.1)
+    figure = localisation_figure(localise(residual("storey 3", "complete")[0]))
+    assert figure.y.ticks[0].startswith("storey 3") and figure.y.ticks[0].endswith("(-2, +3)")
+    assert figure.marks[0].values.iloc[0] == pytest.approx(100, abs=0.1)

@@ -165,15 +165,3 @@ def test_sites_beyond_the_storeys_enter_by_their_incidence():
     e = residual_of(model, data_of(case)).balance[0]
     brace = 1e4 * (case.s[:, 1] + case.s[:, 2])
     assert np.allclose(e, np.column_stack([brace, -7 + 0 * brace, -brace]), atol=1e-7)
-
-
-def test_map_shows_the_rms_of_every_storey():
-    pytest.importorskip("matplotlib").use("Agg")
-    from pysindy_nrf.output.displays.residual_map import ResidualMapDisplay
-
-    case = duffing(2, [1, 2], seed=1)
-    residual = residual_of(model_of(case).with_laws({2: [laws.LinearElastic(case.k[1])]}), data_of(case))
-    display = ResidualMapDisplay.from_residual(residual).plot()
-    overall = np.sqrt((display.table.to_numpy() ** 2).mean(axis=1))
-    assert overall[1] == pytest.approx(residual.sizes.loc["storey 2", "percent"], rel=0.01)
-    assert display.ax_.get_xlabel() == "time (s)"

@@ -1,4 +1,4 @@
-"""Displays: scikit-learn's manner, units on the axes, matplotlib only when something is drawn."""
+"""Displays: what is drawn is what the model says, in SI units, on matplotlib's sheet and on plotly's page alike."""
 
 from __future__ import annotations
 
@@ -6,14 +6,17 @@ import subprocess
 import sys
 
 import numpy as np
+import pandas as pd
 import paper_cases as cases
 import paper_published as published
 import pytest
 
 from pysindy_nrf import ChainModel, NRFRegressor, laws
-from pysindy_nrf.estimation import nonlinearity_location as planarity
+from pysindy_nrf.estimation import planarity
 from pysindy_nrf.exceptions import ChannelError, LawError
 from pysindy_nrf.monitoring import compare_tests
+from pysindy_nrf.output.displays._figure import Axis, Bars, Figure, Line
+from pysindy_nrf.output.displays._plotly import as_plotly
 
 matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("Agg")
@@ -33,10 +36,9 @@ def fitted():
 def made(fitted):
     case, X, F, model = fitted
     report = compare_tests(NRFRegressor(degree=1), case.measured.to_features(), case.measured.to_features(), n_blocks=5)
+    law = published.FRAME_COMPLETE.model().restoring_forces[4]
     return {
-        "surface": displays.RestoringForceSurfaceDisplay.from_estimator(
-            model, 4, published.FRAME_COMPLETE.model().restoring_forces[4], size=15
-        ),
+        "surface": displays.RestoringForceSurfaceDisplay.from_estimator(model, 4, law, size=15),
         "loops": displays.HysteresisLoopDisplay.from_estimator(model, X, F, 2),
         "damper": displays.DamperForceDisplay.from_estimator(model, case.bare, X, 4, case.damper[:, 3], "rate"),
         "damper over time": displays.DamperForceDisplay.from_estimator(model, case.bare, X, 4, over="time"),
@@ -50,29 +52,16 @@ def made(fitted):
     }
 
 
-NAMES = [
-    "surface", "loops", "damper", "damper over time", "energy", "free run", "change", "modes", "planarity", "record", "track",
-]  # fmt: skip
-UNITS = ("(N)", "(m/s)", "(mm)", "(s)", "(J)", "(%", "(Hz)", "(kg)", "(m/s", "(largest entry 1)", "% of")
-WITHOUT_UNIT = {"floor", ""}
-
-
-def labels(figure):
-    for axis in figure.axes:
-        yield axis.get_xlabel()
-        yield axis.get_ylabel()
-        if hasattr(axis, "get_zlabel"):
-            yield axis.get_zlabel()
+NAMES = ["surface", "loops", "damper", "damper over time", "energy", "free run", "change", "modes", "planarity", "record", "track"]
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_plot_returns_self_and_labels_carry_units(made, name, tmp_path):
     display = made[name]
     assert display.plot() is display
-    texts = list(labels(display.figure_))
-    assert any(texts)
-    for text in texts:
-        assert text in WITHOUT_UNIT or any(unit in text for unit in UNITS), text
+    for figure in display.figures():
+        for axis in (figure.x, figure.y, figure.z):
+            assert axis is None or axis.unit or axis.ticks or axis.label in ("", "mode shape (largest entry 1)")
     display.figure_.savefig(tmp_path / "picture.png", dpi=60)
     plt.close(display.figure_)
 
@@ -85,11 +74,30 @@ def test_given_axes_are_used(made, name):
     plt.close(figure)
 
 
-def test_surface_marks_what_was_visited(made):
-    display = made["surface"]
-    share = display.surface["visited"].mean()
-    assert 0.05 < share < 1.0  # a free decay does not fill its rectangle
-    assert display.reference.shape == (225,)
+def test_curves_are_the_models_on_the_sheet_and_on_the_page(fitted):
+    """A force in N over a drift in m, drawn over mm; the page takes kN where the force is large."""
+    _, X, F, model = fitted
+    display = displays.HysteresisLoopDisplay.from_estimator(model, X, F, 2).plot()
+    drift, force = X["s2"].to_numpy(), model.restoring_force(X)[:, 1]
+    line = next(line for line in display.ax_.lines if line.get_label() == "identified")
+    np.testing.assert_allclose(line.get_xdata(), 1e3 * drift)
+    np.testing.assert_allclose(line.get_ydata(), force)
+    drawn = as_plotly(display.figures()[0])
+    trace = next(trace for trace in drawn["data"] if trace["name"] == "identified")
+    unit = 1e3 if "(kN)" in drawn["layout"]["yaxis"]["title"]["text"] else 1.0
+    assert "(mm)" in drawn["layout"]["xaxis"]["title"]["text"]
+    np.testing.assert_allclose(unit * np.array(trace["y"]), force, atol=2e-4 * np.abs(force).max())
+    plt.close(display.figure_)
+
+
+def test_a_surface_is_the_restoring_force_where_the_data_were(made, fitted):
+    display, model = made["surface"], fitted[3].model_
+    grid = display.surface
+    assert 0.05 < grid["visited"].mean() < 1.0  # a free decay does not fill its rectangle
+    z = display.figures()[0].marks[0].z.ravel()
+    expected = model.restoring_forces[4](grid["v"].to_numpy(), grid["s"].to_numpy())
+    np.testing.assert_allclose(z[grid["visited"]], expected[grid["visited"]])
+    assert np.isnan(z[~grid["visited"]]).all()
 
 
 def test_free_run_of_the_true_model_lies_on_the_measured_one(fitted):
@@ -101,6 +109,35 @@ def test_loops_show_the_force_that_balances_the_inertia_above(fitted):
     case, X, F, _ = fitted
     display = displays.HysteresisLoopDisplay.from_estimator(case.truth, X, F, 2)
     assert np.allclose(display.measured, display.identified, atol=1e-6)
+
+
+def test_a_stiffness_that_drops_by_a_fifth_is_drawn_as_twenty_percent():
+    t = np.arange(1.0, 9.0, 0.25)
+    table = pd.DataFrame({"record": "quake", "t": t, "k1": np.where(t < 5, 4e4, 3.2e4), "k2": 3e4})
+    first, second, onset = displays.TrackDisplay(table, onset=5.0).figures()[0].marks
+    assert first.y.iloc[-1] == pytest.approx(-20.0) and (second.y == 0).all() and onset.x == 5.0
+
+
+def test_bounds_and_order_of_lying_bars_are_the_same_on_both():
+    bars = Bars([90.0, 40.0], low=[80.0, 10.0], high=[95.0, 60.0])
+    figure = Figure("", [bars], Axis("share", "%"), Axis(ticks=["storey 1", "storey 2"]), lying=True)
+    _, ax = plt.subplots()
+    from pysindy_nrf.output.displays._matplotlib import _draw
+
+    _draw(figure, ax)
+    trace, layout = as_plotly(figure)["data"][0], as_plotly(figure)["layout"]
+    assert [p.get_width() for p in ax.patches] == trace["x"] == [90.0, 40.0]
+    assert trace["error_x"]["array"] == [5.0, 20.0] and trace["error_x"]["arrayminus"] == [10.0, 30.0]
+    assert [text.get_text() for text in ax.get_yticklabels()] == layout["yaxis"]["ticktext"] == ["storey 1", "storey 2"]
+    assert ax.yaxis_inverted() and layout["yaxis"]["autorange"] == "reversed"
+    plt.close("all")
+
+
+def test_names_that_are_markup_stay_text_on_the_page():
+    figure = Figure("", [Line([0, 1], [0, 1], "<b>1</b>")], Axis("drift s_{2}", "m"), Axis("a < b"))
+    drawn = as_plotly(figure)
+    assert drawn["data"][0]["name"] == "&lt;b&gt;1&lt;/b&gt;" and drawn["layout"]["yaxis"]["title"]["text"] == "a &lt; b"
+    assert drawn["layout"]["xaxis"]["title"]["text"] == "drift s<sub>2</sub> (m)"
 
 
 def test_a_force_with_memory_is_no_surface():
@@ -120,5 +157,5 @@ def test_wrong_requests_are_refused(fitted):
 
 
 def test_importing_displays_does_not_import_matplotlib():
-    code = "import sys, pysindy_nrf.output.displays; sys.exit('matplotlib' in sys.modules)"
+    code = "import sys, pysindy_nrf.output.displays; sys.exit('matplotlib' in sys.modules or 'plotly' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

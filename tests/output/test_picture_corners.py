@@ -11,20 +11,21 @@ import report_cases
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, close_loop, datasets, excitation, laws, simulate
 from pysindy_nrf.discrepancy.characterisation import characterise
+from pysindy_nrf.discrepancy.evidence import Evidence
 from pysindy_nrf.laws import Motion
 from pysindy_nrf.mechanics.sites import Site
 from pysindy_nrf.monitoring import find_onset
 from pysindy_nrf.output.report.content import of_loop, of_model
 from pysindy_nrf.output.report.equations import as_text, law_equation, site_index
 from pysindy_nrf.output.report.story import cautions, lead
-from pysindy_nrf.output.report.tables import cell
+from pysindy_nrf.output.report.write import cell
 from pysindy_nrf.regression.phase_plane_domain import VisitedRegion
 
 plt = pytest.importorskip("matplotlib.pyplot")
 from pysindy_nrf.output.displays import (  # noqa: E402
     ChangeMapDisplay,
     CoefficientsDisplay,
-    DependenceDisplay,
+    EvidenceDisplay,
     FreeRunDisplay,
     ModesDisplay,
     OrderSelectionDisplay,
@@ -71,7 +72,8 @@ def test_everything_draws_on_axes_that_are_given():
     t = np.arange(4000) / 500
     s = np.sin(9 * t) + 0.7 * np.sin(23.1 * t)
     v = 9 * np.cos(9 * t) + 0.7 * 23.1 * np.cos(23.1 * t)
-    DependenceDisplay(characterise(20 * np.sign(v), Motion(s, v, t=t))).plot(axes[0, :3])
+    evidence = Evidence("baseline", characterisation=characterise(20 * np.sign(v), Motion(s, v, t=t)))
+    EvidenceDisplay(evidence).plot(axes[0, :3])
     index = pd.MultiIndex.from_tuples([("storey 1", "v"), ("storey 1", "s")])
     CoefficientsDisplay(pd.DataFrame({"truth": [0.1, 0.9]}, index=index)).plot(axes[0, 3:])
     ModesDisplay.from_estimator(datasets.demo_truth()).plot(axes[1, :1])
@@ -85,7 +87,7 @@ def test_a_change_map_without_doubt_or_colours():
     """Every cell significant: no hatching, no legend; no bar of colours where the sheet has one already."""
     v, s = (g.ravel() for g in np.meshgrid(np.linspace(-0.1, 0.1, 9), np.linspace(-0.002, 0.002, 9)))
     table = pd.DataFrame({"v": v, "s": s, "change": -4e3 * s, "error": 0.5, "significant": True, "visited": True})
-    bare = ChangeMapDisplay(table, "storey 2").plot(colorbar=False)
+    bare = ChangeMapDisplay(table, "storey 2", colorbar=False).plot()
     assert bare.ax_.get_legend() is None and len(bare.figure_.axes) == 1
     assert len(ChangeMapDisplay(table.assign(significant=False), "storey 2").plot().figure_.axes) == 2
 
@@ -175,7 +177,7 @@ def test_a_page_without_evidence_or_free_run_leaves_them_out(nothing_found):
     facts = dict(page.chapters[-1].facts)
     assert list(facts) == ["Why it stopped"] and not page.chapters[-1].tables
     said = bare.to_markdown()
-    assert "What is left" not in said and "What was measured" not in said and "Settings" not in said
+    assert "Is it noise" not in said and "What was measured" not in said and "Settings" not in said
 
 
 def test_doubts_about_a_step_are_said():

@@ -153,7 +153,7 @@ def test_measured_loop_is_the_balance_of_the_floors_above():
     loop = next(
         f
         for f in drawn.values()
-        if f["layout"].get("yaxis", {}).get("title", {}).get("text", "").startswith("R<sub>3</sub> (")
+        if f["layout"].get("yaxis", {}).get("title", {}).get("text", "").startswith("force R<sub>3</sub> (")
     )
     measured, identified = (np.array(trace["y"]) for trace in loop["data"])
     assert np.sqrt(np.mean((measured - identified) ** 2)) < 0.02 * np.std(measured)
@@ -265,12 +265,12 @@ def test_notebook_views_are_small_and_escaped():
 )
 def test_numbers_on_the_axes_of_a_surface_keep_clear_of_its_corners(low, span):
     """Where two axes meet their numbers would touch; three round numbers at least say how large things are."""
-    from pysindy_nrf.output.report.figures_model import _ticks
+    from pysindy_nrf.output.displays._plotly import ticks as round_ticks
 
     if low + span == low or span < 1e-3 * abs(low):
         return
     values = np.array([low, low + span])
-    ticks = np.array(_ticks(values))
+    ticks = np.array(round_ticks(values))
     assert 3 <= len(ticks) <= 5 and len(set(ticks)) == len(ticks)
     # six digits are shown
     room = 0.12 * span - 1e-5 * max(abs(low), abs(low + span))

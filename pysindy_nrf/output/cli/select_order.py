@@ -86,9 +86,10 @@ def select_order(files: tuple[Path, ...], as_json: bool, **options: Any) -> None
     session.take_care()
     written = [write_table(listed, options["output"] / "orders.csv")]
     if options["figures"]:
-        from .figures import draw
+        from ..displays import OrderSelectionDisplay
+        from ..displays._matplotlib import save
 
-        written += draw(options["output"] / "orders.png", found.plot)
+        written += save(options["output"] / "orders.png", OrderSelectionDisplay.from_selection(found).figures())
     session.emit(
         {
             "records": [summary(rec) for rec in records],

@@ -88,7 +88,7 @@ class Session:
         self.emit(text.as_data(outcome, band, records), written)
         self.written(folder, written)
         if figures and not any(p.suffix == ".png" for p in written):
-            from .figures import available
+            from ..displays._matplotlib import available
 
             if not available():
                 self.say("No figures: matplotlib is not installed; pip install 'pysindy-nrf[plot]' brings it.")

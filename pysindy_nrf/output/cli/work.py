@@ -24,22 +24,10 @@ Progress = Callable[[Iterable[Any], str], Iterable[Any]]
 class Outcome:
     """A fitted model and how well it does.
 
-    Attributes
-    ----------
-    estimator : NRFRegressor
-    free_run : DataFrame or None
-        Free-run error by record and DOF, percent NRMSE of displacement; None for a frequency response.
-    no_free_run : str
-        Why there is none.
-    runs : list of (Segment, Record)
-        Records as fused and the model's own runs, for figures.
-    shares : dict of str to Series
-        By site, the rms of each term's force along the data, percent of the rms of the site's force.
-    frf : (FrequencyResponse, ndarray of complex) or None
-        Measured responses and the model's.
-    warnings : list of str
-    data : SegmentSet or None
-        The records as fused.
+    ``free_run`` is the free-run error by record and DOF (percent NRMSE of displacement; None for a frequency
+    response) or else ``no_free_run`` says why there is none; ``runs`` holds records as fused beside the model's own
+    runs, ``shares`` by site the rms of each term's force (percent of the force's rms), ``frf`` the measured responses
+    and the model's, of which the lines ``used`` lie in the band; ``data`` the records as fused.
     """
 
     estimator: Any
@@ -48,12 +36,31 @@ class Outcome:
     runs: list[tuple[Segment, Record]] = field(default_factory=list)
     shares: dict[str, pd.Series] = field(default_factory=dict)
     frf: tuple[FrequencyResponse, np.ndarray] | None = None
+    used: Any = None
     warnings: list[str] = field(default_factory=list)
     data: SegmentSet | None = None
 
+    @property
+    def response_error(self) -> list[float] | None:
+        """Percent NRMSE of the model's frequency responses in the band, by DOF."""
+        if self.frf is None:
+            return None
+        measured, found = (H[self.used] for H in (self.frf[0].H, self.frf[1]))
+        ratio = (np.abs(found - measured) ** 2).mean(axis=0) / (np.abs(measured) ** 2).mean(axis=0)
+        return [float(e) for e in 100 * np.sqrt(ratio)]
+
+    @property
+    def modes(self) -> pd.DataFrame | None:
+        """Modes of the linear part; None if a mass is not positive or a part does not swing."""
+        model = self.estimator.model_
+        if (model.masses <= 0).any() or (model.total_masses <= 0).any():
+            return None
+        modes = model.modes()
+        return modes if (modes["damping"].abs() < 1).all() else None
+
 
 def identify_records(records: Sequence[Record], estimator: Any, raw: bool, progress: Progress) -> Outcome:
-    """Identify a chain from records and run the model free."""
+    """Identify a chain from records (``raw``: no fusion) and run the model free."""
     from ...signals import KinematicSmoother
 
     with warnings.catch_warnings(record=True) as caught:
@@ -74,14 +81,16 @@ def identify_records(records: Sequence[Record], estimator: Any, raw: bool, progr
 
 
 def identify_frf(frf: FrequencyResponse, estimator: Any, band: Any) -> Outcome:
-    """Identify a linear chain from its frequency responses."""
+    """Identify a linear chain from its frequency responses; the estimator has no band, lines are cut here."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", NRFWarning)
         estimator.fit(*frf_to_features(frf, band=band))
     model = estimator.model_
     model.visited = {}  # amplitudes of a steady state are no visited motion
     model.info["band"] = None if band is None else [None if b is None or np.isinf(b) else b for b in band]
-    outcome = Outcome(estimator, frf=(frf, _response(model, frf)))
+    low, high = band if band is not None else (None, None)
+    used = (frf.f >= (low or 0.0)) & (frf.f <= (np.inf if high is None else high))
+    outcome = Outcome(estimator, frf=(frf, _response(model, frf)), used=used)
     outcome.warnings = list(dict.fromkeys(str(w.message) for w in caught if issubclass(w.category, NRFWarning)))
     return outcome
 
@@ -99,7 +108,7 @@ def _beside(records: Sequence[Record]) -> dict[str, Any]:
 
 
 def term_shares(model: Any, data: SegmentSet) -> dict[str, pd.Series]:
-    """How much of each site's force its terms carry."""
+    """Rms of each term's force, percent of the rms of the site's force, by site and largest first."""
     out = {}
     for site, force in model.restoring_forces.items():
         if not force.laws:

@@ -1,40 +1,27 @@
-"""Pictures in scikit-learn's manner: data in ``__init__``, ``plot(ax=None)`` draws, ``from_estimator`` gets the data.
+"""Figures in scikit-learn's manner: data in ``__init__``, ``plot(ax=None)`` draws, ``from_estimator`` gets the data.
 
-Matplotlib (extra ``plot``) is imported when something is drawn.
+Each figure is defined once (``figures()``), apart from how it is drawn; matplotlib (extra ``plot``) draws it on a
+sheet, plotly (extra ``report``) on the page of a report. Both are imported when something is drawn.
 """
 
-from .before_after import BeforeAfterDisplay
-from .change_map import ChangeMapDisplay
-from .coefficients import CoefficientsDisplay
-from .damper_force import DamperForceDisplay
-from .dependence import DependenceDisplay
-from .energy import EnergyDisplay
-from .free_run import FreeRunDisplay
-from .localisation import LocalisationDisplay
-from .loops import HysteresisLoopDisplay
-from .modes import ModesDisplay
-from .order_selection import OrderSelectionDisplay
-from .planarity import PlanarityDisplay
-from .record import RecordDisplay
-from .residual_map import ResidualMapDisplay
-from .surface import RestoringForceSurfaceDisplay
-from .track import TrackDisplay
+from .evidence import BeforeAfterDisplay, EvidenceDisplay
+from .forces import DamperForceDisplay, EnergyDisplay, HysteresisLoopDisplay, RestoringForceSurfaceDisplay
+from .models import ChangeMapDisplay, CoefficientsDisplay, OrderSelectionDisplay, PlanarityDisplay
+from .motion import FreeRunDisplay, ModesDisplay, RecordDisplay, TrackDisplay
 
 __all__ = [
     "BeforeAfterDisplay",
-    "RestoringForceSurfaceDisplay",
-    "HysteresisLoopDisplay",
+    "ChangeMapDisplay",
+    "CoefficientsDisplay",
     "DamperForceDisplay",
     "EnergyDisplay",
+    "EvidenceDisplay",
     "FreeRunDisplay",
-    "ChangeMapDisplay",
+    "HysteresisLoopDisplay",
     "ModesDisplay",
     "OrderSelectionDisplay",
     "PlanarityDisplay",
     "RecordDisplay",
+    "RestoringForceSurfaceDisplay",
     "TrackDisplay",
-    "CoefficientsDisplay",
-    "DependenceDisplay",
-    "LocalisationDisplay",
-    "ResidualMapDisplay",
 ]

@@ -1,4 +1,4 @@
-"""What stands on the page, gathered from a report of the loop, a regressor or a model."""
+"""Content of the page, gathered from a report of the loop, a regressor or a model."""
 
 from __future__ import annotations
 
@@ -17,16 +17,18 @@ from ...exceptions import NRFError, NRFWarning
 from ...regression.chain_model import ChainModel
 from ...regression.segments import SegmentSet
 from ...signals.measured import Measured, as_measured
+from ..displays import BeforeAfterDisplay
+from ..displays._figure import Figure, Table, dof_words, table
+from ..displays.evidence import residual_figure
+from ..displays.forces import force_figure, loop_figure
+from ..displays.motion import modes_figure
 from .equations import as_text, balance_equations, law_equation, pretty_label, pretty_unit, shape_values
-from .figures import Figure
-from .figures_evidence import before_after, residual_bars
-from .figures_model import loop_figure, mode_shapes, surface
-from .tables import Table, rows_table, table
+from .story import Chapter, band_text, cautions, chapters, lead, listed, names
 
 
 @dataclass
 class Room:
-    """One site of the model."""
+    """One site of the model: equation, shape parameters, figures."""
 
     site: str
     equation: list[str]
@@ -35,64 +37,49 @@ class Room:
 
 
 @dataclass
-class Chapter:
-    """One step of the loop's story, or what is left at its end."""
-
-    title: str
-    lead: str
-    facts: list[tuple[str, str]]
-    figures: list[Figure] = field(default_factory=list)
-    tables: list[Table] = field(default_factory=list)
-    badge: str = ""
-
-
-@dataclass
 class Content:
     """Everything the template shows."""
 
-    title: str
-    lead: str
-    tiles: list[tuple[str, str, str]]
-    measured: list[tuple[Measured, Table]]
     balances: list[list[str]]
     rooms: list[Room]
     tables: list[Table]
     figures: list[Figure]
-    chapters: list[Chapter] = field(default_factory=list)
-    errors: list[Any] = field(default_factory=list)
+    versions: Table
+    equation_text: list[str]
+    title: str = ""
+    lead: str = ""
+    kind: str = "identification"
     stopped: str = ""
+    tiles: list[tuple[str, str, str]] = field(default_factory=list)
+    measured: list[tuple[Measured, Table]] = field(default_factory=list)
+    chapters: list[Chapter] = field(default_factory=list)
+    errors: list[Figure | Table] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     settings: Table | None = None
-    versions: Table | None = None
-    equation_text: list[str] = field(default_factory=list)
-    kind: str = "identification"
 
 
 def of_loop(report: Any, title: str | None = None) -> Content:
-    """The page of a closed loop."""
-    from .story import cautions, chapters, lead
-
-    model = report.model
-    first, last = (float(report.table["held-out"].iloc[i]) for i in (0, -1))
-    free = float(report.table["free run"].iloc[-1])
-    tiles = [
-        ("Effects found", str(len(report.steps)), ""),
-        ("Held-out balance error", f"{last:.3g} %", f"from {first:.3g} %" if report.steps else "the baseline's"),
-    ]
-    if np.isfinite(free):
-        before = float(report.table["free run"].iloc[0])
-        tiles.append(("Held-out free-run error", f"{free:.3g} %", f"from {before:.3g} %" if report.steps else ""))
-    tiles += [("Degrees of freedom", str(model.n_dof), ""), ("Band", _band(report.band), "")]
-    content = _model_part(model, report.loops, getattr(report, "intervals", None))
-    content.kind, content.title, content.tiles = "loop", title or "Closing the loop", tiles
+    """Page of a closed loop."""
+    content = _model_part(report.model, report.loops, getattr(report, "intervals", None))
+    content.kind, content.title = "loop", title or "Closing the loop"
     content.lead, content.stopped = lead(report), report.stopped_because
+    last = report.table.iloc[-1]
+    since = [f"from {x:.3g} %" if report.steps else "" for x in report.table.iloc[0][["held-out", "free run"]]]
+    content.tiles = [
+        ("Effects found", str(len(report.steps)), ""),
+        ("Held-out balance error", f"{last['held-out']:.3g} %", since[0] or "the baseline's"),
+    ]
+    if np.isfinite(last["free run"]):
+        content.tiles.append(("Held-out free-run error", f"{last['free run']:.3g} %", since[1]))
+    content.tiles += [("Degrees of freedom", str(report.model.n_dof), ""), ("Band", band_text(report.band), "")]
     content.measured = [(m, _channels(m)) for m in report.measured]
     content.chapters = chapters(report)
-    heads = {c: f"{c} (%)".replace("dof", "DOF") for c in report.table.columns if c != "band"} | {"band": "band (Hz)"}
+    heads = {c: f"{dof_words(c)} (%)" for c in report.table if c != "band"} | {"band": "band (Hz)"}
     shown = report.table.assign(band=report.table["band"].astype(str).str.replace(" Hz", ""))
+    shown.index = [names(n) for n in shown.index]
     content.errors = [
-        before_after(report.table),
-        table("Errors, percent NRMSE", shown.set_axis([_words(n) for n in shown.index]), heads, index="model"),
+        *BeforeAfterDisplay.from_report(report).figures(),
+        table("Errors, percent NRMSE", shown, heads, index="model"),
     ]
     content.warnings = cautions(report)
     content.settings = _settings(report.settings or settings_of(loop={"band": report.band}))
@@ -102,7 +89,7 @@ def of_loop(report: Any, title: str | None = None) -> Content:
 def of_model(
     subject: Any, records: Any = None, title: str | None = None, notes: Sequence[str] = (), band: Any = None
 ) -> Content:
-    """The page of an identification."""
+    """Page of an identification: of a model, or of a fitted regressor (over its own data without records)."""
     model: ChainModel = getattr(subject, "model_", subject)
     known = model.info.get("band")
     band = band if band is not None else None if known is None else tuple(known)
@@ -118,38 +105,50 @@ def of_model(
         except NRFError as error:
             notes.append(str(error))
     content = _model_part(model, loops, _intervals(subject, notes))
-    errors = getattr(subject, "errors_", None)
-    if sizes is not None:
-        content.errors.append(residual_bars(sizes))
-    tiles = [("Degrees of freedom", str(model.n_dof), "")]
-    if errors is not None:
-        tiles.insert(0, ("Balance error, pooled", f"{errors.loc['pooled', 'error']:.3g} %", "on the fitted data"))
+    content.tiles = [("Degrees of freedom", str(model.n_dof), "")]
+    figure = None if sizes is None else residual_figure(sizes)
+    content.errors += [] if figure is None else [figure]
+    if hasattr(subject, "errors_"):
+        errors = subject.errors_
+        pooled = f"{errors.loc['pooled', 'error']:.3g} %"
+        content.tiles.insert(0, ("Balance error, pooled", pooled, "on the fitted data"))
         heads = {"error": "error (%)", "residual": "residual rms (N)", "reference": "reference rms (N)", "of": "of"}
-        named = errors.set_axis([str(i).replace("dof", "DOF") for i in errors.index])
-        content.errors.append(table("Balance errors on the fitted data, percent NRMSE", named, heads, index="balance"))
-    gap = getattr(subject, "third_law_gap_", None)
-    if gap is not None and len(gap):
-        frame = pd.DataFrame({"gap": gap.to_numpy()}, index=[str(i) for i in gap.index])
+        errors = errors.set_axis([dof_words(i) for i in errors.index])
+        content.errors.append(table("Balance errors on the fitted data, percent NRMSE", errors, heads, "balance"))
+    gap: Any = getattr(subject, "third_law_gap_", ())
+    if len(gap):
         caption = "Newton's third law: how far the two estimates of one storey differ"
-        content.errors.append(table(caption, frame, {"gap": "difference (% of its rms)"}, index="storey"))
-    missing = getattr(subject, "missing_terms_", None)
-    if isinstance(missing, pd.DataFrame) and len(missing):
-        content.errors.append(_missing(missing))
-    total = float(model.masses.sum())
-    tiles += [("Total mass", f"{total:.4g} kg", ""), ("Band", _band(band), "")]
-    content.tiles, content.title = tiles, title or "Identified chain"
+        rows = [[str(site), x] for site, x in gap.items()]
+        content.errors.append(Table(caption, ["storey", "difference (% of its rms)"], rows))
+    missing: Any = getattr(subject, "missing_terms_", ())
+    if len(missing):
+        shown = missing.assign(biased=np.where(missing["biased"], "yes", "no"))
+        content.errors.append(table("What terms beyond the laws would explain", shown, _MISSING, "step of the solve"))
+    content.tiles += [("Total mass", f"{float(model.masses.sum()):.4g} kg", ""), ("Band", band_text(band), "")]
     forces = sum(bool(held) for held in model.laws.values())
+    content.title = title or "Identified chain"
     content.lead = (
         f"{model.n_dof} mass{'es' if model.n_dof > 1 else ''} and {forces} restoring "
         f"force{'s' if forces != 1 else ''}, identified from measured forces and motions."
     )
     content.measured = [(m, _channels(m)) for m in as_measured(records)]
     content.warnings = notes
-    groups = {"model": {k: v for k, v in model.info.items() if k not in ("band",)} | {"band": band}}
+    groups = {"model": model.info | {"band": band}}
     if hasattr(subject, "get_params"):
         groups = {"regressor": subject.get_params(deep=False), **groups}
     content.settings = _settings(settings_of(**groups))
     return content
+
+
+# columns of pysindy_nrf.diagnostics.missing_terms, in words
+_MISSING = {
+    "residual": "residual (% of its force)",
+    "gain": "held-out part of it that further terms remove (%)",
+    "missing": "size of these terms (% of its force)",
+    "shift": "mass moves with them by (%)",
+    "lasting": "part of it that a constant or a straight line in time removes (%)",
+    "biased": "a law is missing",
+}
 
 
 def _model_part(model: ChainModel, loops: Sequence[SiteLoop], intervals: Any) -> Content:
@@ -160,36 +159,25 @@ def _model_part(model: ChainModel, loops: Sequence[SiteLoop], intervals: Any) ->
         if not force.laws:
             continue
         loop = by_site.get(str(site))
-        drawn = [surface(model, site, loop)]
+        drawn = [force_figure(model, site, loop)]
         if loop is not None:
             spring = float(force.linear_part()["k"])
             drawn += [loop_figure(loop), *([loop_figure(loop, spring)] if spring else [])]
         rooms.append(Room(str(site), law_equation(force), shape_values(force), [f for f in drawn if f is not None]))
-    tables = [_masses(model, intervals), _coefficients(model, intervals)]
-    figures = []
+    bounds = bounds_of(intervals)
+    tables, figures = [_masses(model, bounds), _coefficients(model, bounds)], []
     if (model.masses > 0).all():
         try:
             modes = model.modes()
         except (NRFError, np.linalg.LinAlgError):
-            modes = None
-        if modes is not None and len(modes):
+            modes = pd.DataFrame()
+        if len(modes):
             heads = {"frequency": "frequency (Hz)", "damping": "damping ratio"}
-            heads |= {c: c.replace("dof", "DOF") for c in modes.columns if c.startswith("dof")}
+            heads |= {c: dof_words(c) for c in modes.columns if c.startswith("dof")}
             tables.append(table("Modes of the linear part", modes, heads, index="mode"))
-            figures.append(mode_shapes(modes))
-    rows = list(versions().items())
-    return Content(
-        "",
-        "",
-        [],
-        [],
-        balance_equations(model),
-        rooms,
-        tables,
-        figures,
-        versions=rows_table("Versions", ["package", "version"], rows),
-        equation_text=str(model).splitlines(),
-    )
+            figures.append(modes_figure(modes))
+    held = Table("Versions", ["package", "version"], [list(row) for row in versions().items()])
+    return Content(balance_equations(model), rooms, tables, figures, held, str(model).splitlines())
 
 
 def bounds_of(intervals: Any) -> dict[str, tuple[float, float]]:
@@ -199,53 +187,37 @@ def bounds_of(intervals: Any) -> dict[str, tuple[float, float]]:
     return {str(r.parameter): (float(r.lower), float(r.upper)) for r in intervals.itertuples()}
 
 
-def _masses(model: ChainModel, intervals: Any) -> Table:
-    known = bounds_of(intervals)
-    rows: list[list[Any]] = [[f"m{j}", float(m), *known.get(f"m{j}", ())] for j, m in enumerate(model.masses, 1)]
-    return _bounded("Masses", ["mass", "estimate (kg)"], ["lower (kg)", "upper (kg)"], rows)
+_NO_BOUNDS = (float("nan"), float("nan"))
 
 
-def _coefficients(model: ChainModel, intervals: Any) -> Table:
-    known, rows = bounds_of(intervals), []
+def _masses(model: ChainModel, bounds: dict[str, tuple[float, float]]) -> Table:
+    rows = [[f"m{j}", float(m), *bounds.get(f"m{j}", _NO_BOUNDS)] for j, m in enumerate(model.masses, 1)]
+    if not any(row[0] in bounds for row in rows):
+        return Table("Masses", ["mass", "estimate (kg)"], [row[:2] for row in rows])
+    return Table("Masses, with 95 % intervals", ["mass", "estimate (kg)", "lower (kg)", "upper (kg)"], rows)
+
+
+def _coefficients(model: ChainModel, bounds: dict[str, tuple[float, float]]) -> Table:
+    rows: list[list[Any]] = []
     for site, force in model.restoring_forces.items():
         for (term, value), unit in zip(force.coefficients.items(), force.units):
-            bounds = known.get(f"{site}: {term}", ())
-            rows.append([str(site), pretty_label(str(term)), float(value), *bounds, pretty_unit(unit)])
+            ends = bounds.get(f"{site}: {term}", _NO_BOUNDS)
+            rows.append([str(site), pretty_label(str(term)), float(value), *ends, pretty_unit(unit)])
         for law in force.laws:
             units = {p.name: p.unit for p in law.shapes}
+            given = ((name, x) for name, x in law.shape.items() if x is not None)
             rows += [
-                [str(site), f"{name} ({_words(law.name)})", float(x), pretty_unit(units.get(name, "1"))]
-                for name, x in law.shape.items()
-                if x is not None
+                [str(site), f"{n} ({names(law.name)})", float(x), *_NO_BOUNDS, pretty_unit(units.get(n, "1"))]
+                for n, x in given
             ]
-    wide = max((len(r) for r in rows), default=4)
-    rows = [r if len(r) == wide else [*r[:-1], *[float("nan")] * (wide - len(r)), r[-1]] for r in rows]
-    head = ["site", "term or shape parameter", "estimate"]
-    return rows_table("Coefficients", [*head, *(["lower", "upper"] if wide > 4 else []), "unit"], rows)
-
-
-def _bounded(caption: str, head: list[str], more: list[str], rows: list[list[Any]]) -> Table:
-    wide = max((len(r) for r in rows), default=2)
-    rows = [[*r, *[float("nan")] * (wide - len(r))] for r in rows]
-    return rows_table(f"{caption}, with 95 % intervals" if wide > 2 else caption, head + more[: wide - 2], rows)
-
-
-def _missing(found: pd.DataFrame) -> Table:
-    """Of :func:`pysindy_nrf.diagnostics.missing_terms`, in words."""
-    heads = {
-        "residual": "residual (% of its force)",
-        "gain": "held-out part of it that further terms remove (%)",
-        "missing": "size of these terms (% of its force)",
-        "shift": "mass moves with them by (%)",
-        "lasting": "part of it that a constant or a straight line in time removes (%)",
-        "biased": "a law is missing",
-    }
-    shown = found.assign(biased=["yes" if b else "no" for b in found["biased"]])
-    return table("What terms beyond the laws would explain", shown, heads, index="step of the solve")
+    head = ["site", "term or shape parameter", "estimate", "lower", "upper", "unit"]
+    if np.isnan([row[3] for row in rows]).all():
+        head, rows = [*head[:3], "unit"], [[*row[:3], row[5]] for row in rows]
+    return Table("Coefficients", head, rows)
 
 
 def _channels(m: Measured) -> Table:
-    heads = {"what": "what it is", "rms": "rms", "peak": "peak", "noise": "noise estimate, rms"}
+    heads = {"what": "what it is", "noise": "noise estimate, rms"}
     shown = m.channels.assign(unit=[pretty_unit(str(u)) for u in m.channels["unit"]])
     if not shown["noise"].notna().any():
         shown = shown.drop(columns="noise")
@@ -254,13 +226,13 @@ def _channels(m: Measured) -> Table:
 
 def _settings(groups: dict[str, dict[str, Any]]) -> Table:
     rows = [[group, k, _said(v)] for group, values in groups.items() for k, v in values.items()]
-    return rows_table("Every setting of this run", ["of", "setting", "value"], rows)
+    return Table("Every setting of this run", ["of", "setting", "value"], rows)
 
 
 def _said(value: Any) -> str:
     """A setting in words; numbers of a mapping to four digits."""
     if isinstance(value, dict) and value and all(isinstance(x, float) for x in value.values()):
-        return ", ".join(f"{key}: {as_text(x)}" for key, x in value.items())
+        return listed(f"{key}: {as_text(x)}" for key, x in value.items())
     return str(value)
 
 
@@ -306,14 +278,3 @@ def _fitted_to(data: SegmentSet, records: Sequence[Record]) -> bool:
         if seg.name != rec.name and not any(np.nan_to_num(given).any() for _, given in inputs):
             return False
     return True
-
-
-def _band(band: Any) -> str:
-    if band is None or all(edge is None for edge in band):
-        return "all frequencies"
-    low, high = band
-    return f"{low or 0:g}–{'∞' if high is None else format(high, 'g')} Hz"
-
-
-def _words(name: Any) -> str:
-    return str(name).replace("_", " ")

@@ -5,8 +5,9 @@ from __future__ import annotations
 from html import escape
 from typing import Any
 
+from ..displays._figure import Table, table
 from .equations import as_text, law_equation, pretty_unit, shape_values
-from .tables import Table, table
+from .write import cell
 
 _MOST = 30
 
@@ -17,7 +18,7 @@ def record_html(record: Any) -> str:
 
     m = measured(record)
     shown = m.channels.drop(columns="noise").assign(unit=[pretty_unit(str(u)) for u in m.channels["unit"]])
-    return _box(f"Record: {m.name}", m.sentence.removeprefix(f"{m.name}: ") + ".", _table(table("", shown)))
+    return _box(f"Record: {m.name}", f"{m.facts}.", _table(table("", shown)))
 
 
 def model_html(model: Any) -> str:
@@ -37,8 +38,7 @@ def loop_html(report: Any) -> str:
     steps = "".join(f"<li>{escape(step.sentence)}</li>" for step in report.steps)
     story = f"<ol>{steps}</ol>" if steps else "<p>No effect was added.</p>"
     columns = [c for c in ("search", "validation", "held-out", "free run") if c in report.table]
-    heads = {c: f"{c} (%)" for c in columns}
-    errors = _table(table("", report.table[columns].set_axis([str(n) for n in report.table.index]), heads, "model"))
+    errors = _table(table("", report.table[columns], {c: f"{c} (%)" for c in columns}, "model"))
     return _box("Closed loop", "", f"{story}{errors}<p>Stopped: {escape(report.stopped_because)}.</p>")
 
 
@@ -49,10 +49,11 @@ def _box(title: str, words: str, body: str) -> str:
 
 def _table(t: Table) -> str:
     head = "".join(f"<th scope='col'>{escape(name)}</th>" for name in t.head)
-    rows = "".join(f"<tr>{''.join(_cell(c) for c in row)}</tr>" for row in t.rows[:_MOST])
+    rows = "".join(f"<tr>{''.join(_cell(x) for x in row)}</tr>" for row in t.rows[:_MOST])
     more = f"<p>and {len(t.rows) - _MOST} more rows</p>" if len(t.rows) > _MOST else ""
     return f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>{more}"
 
 
-def _cell(c: Any) -> str:
+def _cell(value: Any) -> str:
+    c = cell(value)
     return f"<td style='text-align:{'right' if c.number else 'left'}'>{escape(c.text)}</td>"

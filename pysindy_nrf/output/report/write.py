@@ -6,11 +6,14 @@ import json
 from collections.abc import Sequence
 from importlib.resources import files
 from importlib.util import find_spec
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from ...common.atomic import atomic_write
 from ...common.extras import require
 from ...exceptions import NRFError
+from .equations import as_text
 
 _PURPOSE = "The HTML report"
 
@@ -81,12 +84,38 @@ def write_html(
         file.write(html)
 
 
+class Cell(NamedTuple):
+    """One cell of a table: what is shown, and what it is sorted and copied by."""
+
+    text: str
+    value: str
+    number: bool = False
+
+
+def cell(value: Any) -> Cell:
+    """Cell of a number or of text; four digits are shown, all are kept for sorting and copying."""
+    if isinstance(value, (bool, np.bool_)):
+        return Cell("yes" if value else "", "1" if value else "0")
+    if isinstance(value, (int, np.integer)):
+        return Cell(str(value), str(value), True)
+    if isinstance(value, (float, np.floating)):
+        return Cell(as_text(value), repr(float(value)) if np.isfinite(value) else "", True)
+    return Cell(str(value), str(value))
+
+
+def cells(table: Any) -> tuple[list[list[Cell]], list[bool]]:
+    """Cells of a table, and whether each column holds numbers."""
+    rows = [[cell(value) for value in row] for row in table.rows]
+    return rows, [any(row[k].number for row in rows) for k in range(len(table.head))]
+
+
 def page(
     subject: Any, record: Any = None, *, title: str | None = None, notes: Sequence[str] = (), band: Any = None
 ) -> str:
     """The page as text; see :func:`write_html`."""
     jinja2 = require("jinja2", "report", _PURPOSE)
     offline = require("plotly.offline", "report", _PURPOSE)
+    from ..displays._plotly import as_plotly
     from .content import of_loop, of_model
 
     if hasattr(subject, "steps") and hasattr(subject, "stopped_because"):
@@ -105,12 +134,13 @@ def page(
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["cells"] = cells
     drawn: dict[str, dict[str, Any]] = {}
 
-    def register(figure: Any) -> str:
+    def register(figure: Any) -> tuple[str, int]:
         name = f"figure-{len(drawn) + 1}"
-        drawn[name] = {"data": figure.data, "layout": figure.layout}
-        return name
+        drawn[name] = as_plotly(figure)
+        return name, drawn[name]["layout"]["height"]
 
     markup = jinja2.utils.markupsafe.Markup
     body = environment.get_template("page.html").render(

@@ -1,0 +1,261 @@
+"""Figures on matplotlib's axes, and the base of all displays; matplotlib is imported when something is drawn."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from ...common.atomic import atomic_write
+from ...common.extras import require
+from ._figure import Area, Axis, Bars, Figure, Line, Map, Mark, Rule, Surface
+
+# Okabe and Ito's colours: told apart by colour-blind readers, and in grey by their lightness.
+_COLORS = {
+    "ink": "#000000", "blue": "#0072B2", "orange": "#E69F00", "green": "#009E73", "sky": "#56B4E9", "red": "#D55E00",
+    "muted": "0.5",
+}  # fmt: skip
+_DASHES: dict[str, Any] = {
+    "": "", "solid": "-", "dash": "--", "dot": ":", "dashdot": "-.", "longdash": (0, (6, 2)), "shortdot": (0, (1, 1)),
+}  # fmt: skip
+_MARKERS: dict[str, dict[str, Any]] = {
+    "": {}, "o": {"marker": "o", "markersize": 4}, "s": {"marker": "s", "markersize": 4},
+    "|": {"marker": "|", "markersize": 16, "markeredgewidth": 2},
+    "ring": {"marker": "o", "markersize": 12, "markerfacecolor": "none", "markeredgewidth": 1.5},
+}  # fmt: skip
+# A long record is a picture and not a 100 MB file.
+_MOST = 20_000
+
+
+class Display:
+    """Base of the displays: ``figures`` says what is shown, ``plot`` draws it."""
+
+    # axes beside each other; 0: a single figure, and ``ax_`` is no array
+    _columns: ClassVar[int] = 0
+    ax_: Any
+    figure_: Any
+
+    def figures(self) -> list[Figure]:
+        """What is drawn, apart from how: one entry for each pair of axes.
+
+        Returns
+        -------
+        list of Figure
+        """
+        raise NotImplementedError
+
+    def plot(self, ax: Any = None) -> Self:
+        """Draw with matplotlib.
+
+        Parameters
+        ----------
+        ax : Axes or array of Axes, optional
+            New ones if None.
+
+        Returns
+        -------
+        self
+        """
+        figures = self.figures()
+        if ax is None:
+            plt = require("matplotlib.pyplot", "plot", "Drawing")
+            ax = _subplots(plt.figure(layout="constrained"), figures, self._columns or 1)
+        self.ax_ = np.atleast_1d(np.asarray(ax, dtype=object)).ravel()
+        self.figure_ = self.ax_[0].figure
+        _draw_all(figures, self.ax_)
+        if not self._columns:
+            self.ax_ = self.ax_[0]
+        return self
+
+
+def available() -> bool:
+    """Whether matplotlib is installed."""
+    from importlib.util import find_spec
+
+    return find_spec("matplotlib") is not None
+
+
+def save(path: Path, figures: Sequence[Figure], columns: int = 1, title: str = "") -> list[Path]:
+    """Write figures to one PNG, side by side in rows; nothing without matplotlib."""
+    if not available() or not figures:
+        return []
+    # no pyplot: no global state, no display
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure as Sheet
+
+    sheet = Sheet(layout="constrained")
+    FigureCanvasAgg(sheet)
+    _draw_all(figures, _subplots(sheet, figures, columns))
+    if title:
+        sheet.suptitle(title)
+    with atomic_write(path, "wb") as file:
+        sheet.savefig(file, format="png", dpi=150)
+    return [path]
+
+
+def _subplots(sheet: Any, figures: Sequence[Figure], columns: int) -> list[Any]:
+    """New axes for figures, in rows; in a single column they share their abscissa."""
+    columns = min(columns, len(figures))
+    rows = -(-len(figures) // columns)
+    width, height = np.max([f.size for f in figures], axis=0)
+    sheet.set_size_inches(columns * width, rows * height + (0.6 if height < 2.5 else 0.0))
+    out: list[Any] = []
+    for k, figure in enumerate(figures):
+        shared = out[0] if out and columns == 1 else None
+        out.append(sheet.add_subplot(rows, columns, k + 1, projection="3d" if figure.turns else None, sharex=shared))
+        if columns == 1 and k < rows - 1:
+            out[-1].tick_params(labelbottom=False)
+    return out
+
+
+def _draw_all(figures: Sequence[Figure], axes: Sequence[Any]) -> None:
+    """Draw figures on axes; a legend of the sheet is drawn once."""
+    for figure, ax in zip(figures, axes):
+        _draw(figure, ax)
+    if figures and figures[0].legend == "sheet":
+        handles = axes[0].get_legend_handles_labels()
+        axes[0].figure.legend(*handles, frameon=False, fontsize="small", ncols=3, loc="outside upper center")
+
+
+def _draw(figure: Figure, ax: Any) -> None:
+    """Draw one figure on its axes."""
+    scales = [1e3 if axis is not None and axis.unit == "m" else 1.0 for axis in (figure.x, figure.y, figure.z)]
+    beside = [mark for mark in figure.marks if isinstance(mark, Bars)]
+    for mark in figure.marks:
+        if isinstance(mark, Bars):
+            _bars(ax, mark, figure.lying, beside.index(mark), len(beside))
+        else:
+            _PENS[type(mark)](ax, mark, *scales)
+    for side, axis in (("x", figure.x), ("y", figure.y), ("z", figure.z)):
+        if axis is not None:
+            _dress(ax, side, axis)
+    if figure.lying:
+        ax.invert_yaxis()
+    if figure.heading:
+        ax.set_title(figure.heading, loc="left" if isinstance(figure.marks[0], Map) else "center")
+    if figure.turns:
+        _space(ax, figure)
+    elif figure.legend == "above" and figure.named:
+        place: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1, 1), "borderaxespad": 0.2, "ncols": 2}
+        ax.legend(frameon=False, fontsize="x-small", **place)
+    elif figure.legend == "inside" and (figure.named or ax.get_legend_handles_labels()[0]):
+        ax.legend(frameon=False, fontsize="small")
+
+
+def _dress(ax: Any, side: str, axis: Axis) -> None:
+    """Label, ticks, range and scale of one axis."""
+    unit = {"m": "mm"}.get(axis.unit, axis.unit)
+    getattr(ax, f"set_{side}label")(_text(f"{axis.label} ({unit})" if unit else axis.label))
+    if axis.log:
+        getattr(ax, f"set_{side}scale")("log")
+    if axis.ticks is not None:
+        getattr(ax, f"set_{side}ticks")(np.arange(len(axis.ticks)), axis.ticks)
+    if axis.limits is not None:
+        getattr(ax, f"set_{side}lim")(*axis.limits)
+    if axis.zero:
+        (ax.axhline if side == "y" else ax.axvline)(0, color="0.5", linewidth=0.6, zorder=0)
+
+
+def _text(text: str) -> str:
+    """Indices as formulas."""
+    return re.sub(r"(\w)_\{([^}]*)\}", lambda m: f"${m[1]}_{{{m[2]}}}$", text)
+
+
+def _line(ax: Any, line: Line, fx: float, fy: float, fz: float) -> None:
+    """Draw a curve, every k-th sample of a long one."""
+    every = slice(None, None, max(1, len(line.x) // _MOST))
+    x, y = fx * np.asarray(line.x, dtype=float)[every], fy * np.asarray(line.y, dtype=float)[every]
+    style: dict[str, Any] = {
+        "color": _COLORS[line.color], "linewidth": line.width, "linestyle": _DASHES[line.dash], "alpha": line.opacity,
+        "label": _text(line.name) or None, **_MARKERS[line.marker],
+    }  # fmt: skip
+    if line.z is not None:
+        ax.plot(x, y, fz * np.asarray(line.z, dtype=float)[every], **style)
+    elif line.error is not None:
+        ax.errorbar(x, y, yerr=fy * np.asarray(line.error, dtype=float)[every], capsize=3, **style)
+    else:
+        ax.plot(x, y, **style)
+
+
+def _bars(ax: Any, bars: Bars, lying: bool, k: int, n: int) -> None:
+    """Draw the k-th of n rows of bars."""
+    values = np.asarray(bars.values, dtype=float)
+    width = (0.6 if lying else 0.8) / n
+    at = np.arange(len(values)) + (k - (n - 1) / 2) * width
+    color = _COLORS[bars.color] if isinstance(bars.color, str) else [_COLORS[c] for c in bars.color]
+    style: dict[str, Any] = {"color": color, "label": _text(bars.name) or None}
+    if lying:
+        style |= {"edgecolor": "black", "linewidth": 0.5}
+    if bars.hatched:
+        style |= {"hatch": "////", "edgecolor": "white"}
+    (ax.barh if lying else ax.bar)(at, values, width, **style)
+    if bars.low is not None:
+        ends = np.nan_to_num(np.abs(np.asarray([bars.low, bars.high], dtype=float) - values))
+        points = (values, at) if lying else (at, values)
+        thin: dict[str, Any] = {"fmt": "none", "color": "black", "capsize": 2, "linewidth": 1}
+        ax.errorbar(*points, **{"xerr" if lying else "yerr": ends}, **thin)
+    for text, end, place in zip(bars.texts, values, at):
+        ax.annotate(text, (end, place), (6, 0), textcoords="offset points", va="center", fontsize="small")
+
+
+def _area(ax: Any, area: Area, fx: float, fy: float, _: float) -> None:
+    """Draw a grey band."""
+    x, low, high = fx * np.asarray(area.x), fy * np.asarray(area.low), fy * np.asarray(area.high)
+    ax.fill_between(x, low, high, color="0.5", alpha=0.3, linewidth=0, label=area.name or None)
+
+
+def _rule(ax: Any, rule: Rule, fx: float, *_: float) -> None:
+    """Draw a thin upright line and its text."""
+    ax.axvline(fx * rule.x, color="0.4", linewidth=0.8, linestyle=":")
+    if rule.text:
+        place: dict[str, Any] = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points", "va": "top"}
+        ax.annotate(rule.text, (fx * rule.x, 1), (4, -4), fontsize="small", **place)
+
+
+def _map(ax: Any, found: Map, fx: float, fy: float, _: float) -> None:
+    """Draw a map with its bar of colours; what is in doubt is hatched."""
+    x, y = fx * np.asarray(found.x), fy * np.asarray(found.y)
+    image = ax.pcolormesh(x, y, found.values, shading="auto", cmap="PuOr", vmin=-found.limit, vmax=found.limit)
+    if np.any(found.hatched):
+        from matplotlib.patches import Patch
+
+        doubt = ax.contourf(x, y, found.hatched, levels=[0.5, 1.5], colors="none", hatches=["////"])
+        doubt.set_edgecolor("0.6")
+        doubt.set_linewidth(0.0)
+        mark = Patch(facecolor="none", edgecolor="0.6", hatch="////", label=found.doubt)
+        ax.legend(handles=[mark], frameon=False, fontsize="x-small", loc="lower right", bbox_to_anchor=(1, 0.99))
+    if found.bar:
+        ax.figure.colorbar(image, ax=ax, label=found.label)
+
+
+def _surface(ax: Any, surface: Surface, fx: float, fy: float, fz: float) -> None:
+    """Draw a surface, or a net."""
+    x, y, z = fx * np.asarray(surface.x), fy * np.asarray(surface.y), fz * np.asarray(surface.z)
+    if surface.style == "full":
+        ax.plot_surface(x, y, z, cmap="cividis", rstride=1, cstride=1, linewidth=0, antialiased=True, alpha=0.95)
+        color = "#7b7b78"
+    else:
+        color, width, stride = ("0.75", 0.3, 4) if surface.style == "faint" else ("black", 0.6, 3)
+        ax.plot_wireframe(x, y, z, color=color, linewidth=width, rstride=stride, cstride=stride)
+    ax.plot([], [], [], color=color, linewidth=3, label=surface.name)
+
+
+def _space(ax: Any, figure: Figure) -> None:
+    """Camera, ticks and legend of a drawing in space."""
+    from matplotlib.ticker import MaxNLocator
+
+    for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
+        axis.set_major_locator(MaxNLocator(5))
+    ax.tick_params(labelsize="small", pad=1)
+    ax.tick_params(axis="z", pad=4)
+    ax.zaxis.labelpad = 11
+    ax.view_init(elev=24, azim=-125)
+    ax.set_box_aspect(None, zoom=0.8)
+    if figure.named:
+        ax.legend(loc="upper left", fontsize="x-small", frameon=False)
+
+
+_PENS: dict[type[Mark], Any] = {Line: _line, Area: _area, Rule: _rule, Map: _map, Surface: _surface}

@@ -1,0 +1,280 @@
+"""Figures of what a model leaves: residuals, correlations, where the missing force acts, what it depends on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from ._figure import CYCLE, Area, Axis, Bars, Figure, Line, Mark, Table, dof_words, table
+from ._matplotlib import Display
+
+if TYPE_CHECKING:
+    from ...discrepancy.evidence import Evidence
+
+_VARIABLES = {
+    "s": ("drift s", "m"), "v": ("rate v", "m/s"), "t": ("time", "s"), "amplitude": ("amplitude of s", "m"),
+}  # fmt: skip
+_DEPENDENCES = {
+    "constant": "nothing (constant)", "linear": "s, v, a linearly", "line": "a spectral line", "delay": "a delay",
+    "path": "the path (memory)",
+}  # fmt: skip
+
+
+def evidence_figures(evidence: Evidence) -> list[Figure]:
+    """Everything that can be drawn of one step of the loop: residual, correlation, localisation, dependence."""
+    made = [residual_figure(evidence.sizes, evidence.floor), _correlation(evidence)]
+    if evidence.localisation is not None:
+        made.append(localisation_figure(evidence.localisation, evidence.chosen))
+    found = [figure for figure in made if figure is not None]
+    if evidence.characterisation is not None:
+        found += dependence_figures(evidence.characterisation, ("s", "v"), f" at {evidence.site}")
+    return found
+
+
+def _lying(count: int, label: str, names: Sequence[str], high: float = 105.0, unit: str = "%") -> dict[str, Any]:
+    """Axes and size of lying bars."""
+    x = Axis(label, unit, (0, high))
+    return {"x": x, "y": Axis(ticks=list(names)), "lying": True, "size": (5.0, 1.0 + 0.3 * count)}
+
+
+def residual_figure(sizes: pd.DataFrame, floor: Any = None) -> Figure | None:
+    """Residual of each balance and storey beside what noise alone leaves; None if there is none."""
+    sizes = sizes[np.isfinite(sizes["percent"])] if len(sizes) else sizes
+    if not len(sizes):
+        return None
+    names = [dof_words(n) for n in sizes.index]
+    noise = np.full(len(sizes), np.nan)
+    if floor is not None:
+        level, reference = np.array([floor.at(str(where)) for where in sizes.index]), sizes["reference"].to_numpy()
+        np.divide(100 * level, reference, out=noise, where=reference > 0)
+    caption = "DOF: error of its force balance. Storey: the force that is missing across it."
+    colors = ["sky" if n.startswith("DOF") else "blue" for n in names]
+    known = bool(np.isfinite(noise).any())
+    marks: list[Mark] = [Bars(sizes["percent"], "residual" * known, colors)]
+    if known:
+        marks.append(Line(noise, np.arange(len(noise)), "noise alone", "red", 0, "", "|"))
+        caption += " The red mark is what noise alone would leave."
+    worst = sizes["percent"].idxmax()
+    shown = sizes[["rms", "percent", "of"]].assign(noise=noise).set_axis(names, axis=0)
+    head = {"rms": "residual rms (N)", "percent": "residual (%)", "of": "percent of", "noise": "noise alone (%)"}
+    high = 1.15 * float(np.nanmax([*sizes["percent"], *noise])) or 1.0
+    return Figure(
+        "Residual: how much is left",
+        marks,
+        **_lying(len(names), "residual", names, high, "% of its reference"),
+        alt=f"Residual of each balance and storey in percent; the largest is {sizes['percent'].max():.3g} in {worst}.",
+        caption=caption,
+        table=table("Residual on the search data", shown, head, index="where"),
+    )
+
+
+def _correlation(evidence: Evidence) -> Figure | None:
+    """The strongest correlation of the residual, and what noise stays within."""
+    from ...discrepancy.detection import TEST_WORDS
+
+    best = evidence.strongest
+    if evidence.detection is None or best is None:
+        return None
+    tests = evidence.detection.tests.assign(over=lambda t: t["peak"].abs() / t["band"])
+    lag, phi, band = evidence.detection.curves[best["where"], best["test"], best["signal"]]
+    ends = np.asarray(lag, dtype=float)[[0, -1]]
+    rows = [
+        [dof_words(r["where"]), TEST_WORDS[r["test"]].format(x=r["signal"]), r["peak"], r["band"], r["p"]]
+        for _, r in tests.sort_values("over", ascending=False).head(12).iterrows()
+    ]
+    where, words = dof_words(best["where"]), TEST_WORDS[best["test"]].format(x=best["signal"])
+    return Figure(
+        f"Detection: the strongest correlation, {where}",
+        [Area(ends, [-band, -band], [band, band], "noise stays within"), Line(lag, phi, "correlation", width=1.6)],
+        Axis("lag", "s" if best["test"] != "phi_ee" else "samples, whitened"),
+        Axis("correlation", "−1 to 1"),
+        alt=f"Correlation of {words} in {where}: peak {best['peak']:.2f}, noise stays within {best['band']:.2f}.",
+        caption=f"{words[0].upper()}{words[1:]}; the grey band holds noise.",
+        table=Table(
+            "The strongest correlation tests", ["where", "correlation of", "peak", "noise within", "p if noise"], rows
+        ),
+        height=320,
+    )
+
+
+def localisation_figure(found: pd.DataFrame, chosen: str = "", most: int = 8) -> Figure | None:
+    """Share of the residual that a force at each site explains; sites that no balance tells apart share a bar.
+
+    None if the signs say nothing: no shares, or a single pattern.
+    """
+    found = found[found["share"].notna()]
+    groups = [(list(g.index), g.iloc[0]) for _, g in found.groupby(found["share"].round(6), sort=False)]
+    if len(groups) < 2:
+        return None
+    late = any(chosen in sites for sites, _ in groups[most:])
+    groups = [g for k, g in enumerate(groups) if k < most - late or chosen in g[0]]
+    heads = pd.DataFrame([first for _, first in groups])
+    colors = ["orange" if chosen in sites else "sky" if k else "blue" for k, (sites, _) in enumerate(groups)]
+    more = [f" or {sites[1]}{', …' if len(sites) > 2 else ''}" if len(sites) > 1 else "" for sites, _ in groups]
+    names = [f"{sites[0]}{other}  ({row['balances']})" for (sites, row), other in zip(groups, more)]
+    head = {
+        "share": "explains (%)", "low": "from (%)", "high": "to (%)", "own": "follows its own motion (%)",
+        "balances": "signs in the balances",
+    }  # fmt: skip
+    low, high = heads["low"].clip(0, 100), heads["high"].clip(0, 100)
+    return Figure(
+        "Localisation: where the missing force acts",
+        [Bars(heads["share"], color=colors, low=low, high=high)],
+        **_lying(len(names), "residual explained by a force there", names),
+        alt=f"A force at {found.index[0]} would explain {heads['share'].iloc[0]:.0f} percent of the residual.",
+        caption="By the pattern of signs across the balances (Newton's third law); lines are about 95 %."
+        + " Orange: the site the loop chose." * ("orange" in colors),
+        table=table(
+            "Sites by the share of the residual that a force there would explain",
+            found.head(20)[[c for c in head if c in found]], head, index="site",
+        ),
+    )  # fmt: skip
+
+
+def dependence_figures(found: Any, variables: Sequence[str] = ("s", "v"), where: str = "") -> list[Figure]:
+    """What a force depends on, without any formula, and its mean over single variables."""
+    shares = found.shares
+    names = [_DEPENDENCES.get(str(n), str(n)) for n in shares.index]
+    bars = Bars(
+        shares["share"].clip(lower=0), color=["blue" if chosen else "sky" for chosen in shares["chosen"]],
+        low=shares["low"].clip(0, 100), high=shares["high"].clip(0, 100),
+    )  # fmt: skip
+    head = {"share": "explains (%)", "low": "from (%)", "high": "to (%)", "gain": "more than linear (points)"}
+    out = [
+        Figure(
+            f"Characterisation: what the force{where} depends on",
+            [bars],
+            **_lying(len(names), "explained on data left out", names) | {"size": (4.2, 3.2)},
+            alt=found.sentence,
+            caption="Without any formula. Highlighted: the simplest that explains nearly as much as the best.",
+            table=table(
+                "Share of the missing force that is a function of", shares[list(head)].set_axis(names), head, index="of"
+            ),
+        )
+    ]
+    for name in variables:
+        if name in found.curves:
+            out.append(_mean(found.curves[name], *_VARIABLES.get(name, (name, "")), where))
+    return out
+
+
+def _mean(curve: pd.DataFrame, word: str, unit: str, where: str) -> Figure:
+    """Mean force in bins of one variable, with twice its error."""
+    head = {"centre": f"{word} ({unit})", "mean": "mean force (N)", "error": "its error (N)", "count": "samples"}
+    shown = curve[list(head)].astype({"count": int})
+    first, last = curve["mean"].iloc[0], curve["mean"].iloc[-1]
+    return Figure(
+        f"The missing force{where} against its {word.split()[0]}",
+        [Line(curve["centre"], curve["mean"], width=1.6, marker="o", error=2 * curve["error"])],
+        Axis(word, unit),
+        Axis("mean missing force", "N", zero=True),
+        alt=f"Mean missing force from {first:.3g} N at the lowest {word} to {last:.3g} N at the highest.",
+        caption="Mean in bins of equal count, with twice its error.",
+        table=table(f"Mean missing force{where}", shown, head),
+        size=(3.4, 3.2),
+        height=280,
+    )
+
+
+class EvidenceDisplay(Display):
+    """Evidence on what a model of the closed loop lacks: how much is left, is it noise, where and of what kind.
+
+    Parameters
+    ----------
+    evidence : pysindy_nrf.discrepancy.evidence.Evidence
+        An entry of the report's ``evidence``.
+
+    Attributes
+    ----------
+    ax_ : ndarray of Axes
+    figure_ : Figure
+
+    Examples
+    --------
+    >>> from pysindy_nrf import close_loop, datasets
+    >>> from pysindy_nrf.output.displays import EvidenceDisplay
+    >>> report = close_loop(datasets.load_demo(), max_steps=0)
+    >>> display = EvidenceDisplay(report.evidence[0]).plot()
+    >>> [figure.title.split(":")[0] for figure in display.figures()][:3]
+    ['Residual', 'Detection', 'Localisation']
+    """
+
+    _columns = 3
+
+    def __init__(self, evidence: Evidence) -> None:
+        self.evidence = evidence
+
+    def figures(self) -> list[Figure]:
+        return evidence_figures(self.evidence)
+
+
+class BeforeAfterDisplay(Display):
+    """Held-out errors of the baseline and after each effect that the closed loop added.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The baseline and each effect.
+    errors : ndarray of shape (n_models, n_balances)
+        Held-out balance error, percent NRMSE; the first column is the pooled one.
+    balances : sequence of str
+        Names of the columns.
+
+    Attributes
+    ----------
+    ax_, figure_ : matplotlib Axes and Figure
+
+    Examples
+    --------
+    >>> from pysindy_nrf.output.displays import BeforeAfterDisplay
+    >>> names, balances = ["linear storeys", "cubic stiffness at storey 1"], ["DOF 1", "DOF 2"]
+    >>> display = BeforeAfterDisplay(names, [[43.9, 4.3], [2.2, 4.2]], balances).plot()
+    >>> display.ax_.get_ylabel(), len(display.ax_.containers)
+    ('held-out balance error (% NRMSE)', 2)
+    """
+
+    def __init__(self, names: Sequence[str], errors: Any, balances: Sequence[str]) -> None:
+        self.names, self.balances = list(names), list(balances)
+        self.errors = np.asarray(errors, dtype=float)
+
+    @classmethod
+    def from_report(cls, report: Any) -> BeforeAfterDisplay:
+        """The errors of a report of :func:`pysindy_nrf.close_loop`.
+
+        Parameters
+        ----------
+        report : LoopReport
+
+        Returns
+        -------
+        BeforeAfterDisplay
+        """
+        columns = [c for c in report.table if c == "held-out" or c.startswith("held-out dof")]
+        named = ["pooled" if c == "held-out" else dof_words(c.removeprefix("held-out ")) for c in columns]
+        words = [str(i).replace("_", " ") for i in report.table.index]
+        return cls([words[0], *(f"+ {w}" for w in words[1:])], report.table[columns].to_numpy(dtype=float), named)
+
+    def figures(self) -> list[Figure]:
+        first, last = self.errors[[0, -1], 0]
+        marks: list[Mark] = [
+            Bars(row, name, ("muted", *CYCLE)[k % 7]) for k, (name, row) in enumerate(zip(self.names, self.errors))
+        ]
+        return [
+            Figure(
+                "Held-out balance error before and after",
+                marks,
+                Axis(ticks=self.balances),
+                Axis("held-out balance error", "% NRMSE", (0, 1.25 * np.nanmax(self.errors))),
+                alt=f"Held-out error by balance; {self.balances[0]}: from {first:.3g} to {last:.3g} percent.",
+                caption="Data that neither the search nor any fit has seen.",
+                table=table(
+                    "Held-out balance error, percent NRMSE",
+                    pd.DataFrame(self.errors, self.names, self.balances), index="model",
+                ),
+                wide=True,
+                height=360,
+            )
+        ]  # fmt: skip

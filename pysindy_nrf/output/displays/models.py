@@ -1,0 +1,301 @@
+"""Figures that compare models: coefficients, orders, planarity, the change between two tests."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ._figure import CYCLE, Axis, Bars, Figure, Line, Map, Mark, index_of
+from ._matplotlib import Display
+
+
+class CoefficientsDisplay(Display):
+    """Coefficients of plain SINDy and of this package: one panel a storey, one group of bars a term.
+
+    Parameters
+    ----------
+    shares : DataFrame
+        As :func:`pysindy_nrf.selection.comparison.term_shares` returns.
+
+    Attributes
+    ----------
+    ax_ : ndarray of Axes
+    figure_ : Figure
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from pysindy_nrf.output.displays import CoefficientsDisplay
+    >>> index = pd.MultiIndex.from_tuples([("storey 1", "v"), ("storey 1", "s")])
+    >>> shares = pd.DataFrame({"truth": [0.1, 0.9], "SINDy": [0.3, 0.6]}, index=index)
+    >>> len(CoefficientsDisplay(shares).plot().ax_)
+    1
+    """
+
+    _columns = 1
+
+    def __init__(self, shares: pd.DataFrame) -> None:
+        self.shares = shares
+
+    @classmethod
+    def from_comparison(cls, comparison: Any) -> CoefficientsDisplay:
+        """The coefficients of :func:`pysindy_nrf.selection.comparison.compare`.
+
+        Parameters
+        ----------
+        comparison : Comparison
+
+        Returns
+        -------
+        CoefficientsDisplay
+        """
+        return cls(comparison.coefficients)
+
+    def figures(self) -> list[Figure]:
+        sites = list(dict.fromkeys(self.shares.index.get_level_values(0)))
+        said = "term: coefficient times its rms; other: what the terms of this storey cannot hold"
+        out = []
+        for site in sites:
+            part = self.shares.loc[site]
+            others = [m for m in part if m != "truth"]
+            colors = {m: CYCLE[k % 5] for k, m in enumerate(others)} | {"truth": "ink"}
+            marks: list[Mark] = [Bars(part[m], str(m), colors[m], hatched=m in others[5:]) for m in part]
+            # bars beyond twice the storey's force (columns that nearly cancel) are cut, and say so by reaching the edge
+            low, high = np.clip([1.1 * part.min(axis=None), 1.1 * part.max(axis=None)], -2.0, 2.0)
+            x = Axis(said if site == sites[-1] else "", ticks=[_typeset(str(term)) for term in part.index])
+            y = Axis(f"{site}\nshare of its force", limits=(low, high), zero=True)
+            out.append(Figure(str(site), marks, x, y, legend="sheet", size=(8.5, 2.3)))
+        return out
+
+
+def _typeset(term: str) -> str:
+    """Powers of v and s as a formula; other words as they are."""
+    return f"${term.replace(' ', chr(92) + ',')}$" if re.fullmatch(r"[vs](\^\d+)?( [vs](\^\d+)?)*", term) else term
+
+
+class OrderSelectionDisplay(Display):
+    """Validation curve: held-out error with its standard error over the folds, by order of the power series.
+
+    Parameters
+    ----------
+    table : DataFrame
+        One row for each order, in the sequence of the abscissa: ``error`` and ``standard_error`` (percent NRMSE),
+        ``chosen`` (bool), and ``free_run_error`` if it is known.
+    folds : DataFrame, optional
+        Error of every fold, percent NRMSE, same rows.
+    ylabel : str
+
+    Attributes
+    ----------
+    ax_, figure_ : matplotlib Axes and Figure
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from pysindy_nrf.output.displays import OrderSelectionDisplay
+    >>> table = pd.DataFrame({"error": [43.0, 5.1, 5.2], "standard_error": [2.0, 0.3, 0.3]}, index=["1", "3", "5"])
+    >>> table["chosen"] = [False, True, False]
+    >>> display = OrderSelectionDisplay(table).plot()
+    >>> [label.get_text() for label in display.ax_.get_xticklabels()]
+    ['1', '3', '5']
+    """
+
+    def __init__(
+        self, table: pd.DataFrame, folds: pd.DataFrame | None = None, ylabel: str = "held-out balance error (% NRMSE)"
+    ) -> None:
+        self.table, self.folds, self.ylabel = table, folds, ylabel
+
+    @classmethod
+    def from_selection(cls, selection: Any) -> OrderSelectionDisplay:
+        """From what :func:`pysindy_nrf.select_order` found.
+
+        Parameters
+        ----------
+        selection : OrderSelection
+
+        Returns
+        -------
+        OrderSelectionDisplay
+        """
+        return cls._from_scores(
+            selection.fold_scores, selection.table["chosen"].to_numpy(), selection.scoring,
+            selection.table.get("free_run_error"),
+        )  # fmt: skip
+
+    @classmethod
+    def from_estimator(cls, search: Any, metric: str = "score") -> OrderSelectionDisplay:
+        """From a fitted scikit-learn search over ``degree``.
+
+        Parameters
+        ----------
+        search : fitted GridSearchCV
+        metric : str
+            Name of the score, if the search had several.
+
+        Returns
+        -------
+        OrderSelectionDisplay
+        """
+        from ...selection.one_se_rule import fold_scores
+
+        results = search.cv_results_
+        scores = fold_scores(results, metric)
+        labels = [", ".join(str(v) for v in params.values()) for params in results["params"]]
+        frame = pd.DataFrame(scores, index=pd.Index(labels, name=", ".join(results["params"][0])))
+        chosen = np.arange(len(scores)) == getattr(search, "best_index_", -1)
+        return cls._from_scores(frame, chosen, "acceleration" if np.nanmax(scores) > 0 else "balance")
+
+    @classmethod
+    def _from_scores(
+        cls, scores: pd.DataFrame, chosen: np.ndarray, scoring: str, free_run: Any = None
+    ) -> OrderSelectionDisplay:
+        from ...selection.one_se_rule import errors_of, standard_error
+
+        folds = pd.DataFrame(100.0 * errors_of(scores.to_numpy()), index=scores.index, columns=scores.columns)
+        folds = folds.replace(np.inf, np.nan)
+        spread = [standard_error(row) for row in folds.to_numpy()]
+        table = pd.DataFrame({"error": folds.mean(axis=1, skipna=False), "standard_error": spread, "chosen": chosen})
+        if free_run is not None:
+            table["free_run_error"] = free_run
+        what = {"acceleration": "acceleration error", "free_run": "free-run error"}.get(scoring, "balance error")
+        return cls(table, folds, f"held-out {what} (% NRMSE)")
+
+    def figures(self) -> list[Figure]:
+        at, error = np.arange(len(self.table)), self.table["error"].to_numpy()
+        marks: list[Mark] = []
+        for k, fold in enumerate(() if self.folds is None else self.folds.to_numpy().T):
+            marks.append(Line(at, fold, "" if k else "each fold", width=0.8, opacity=0.3))
+        spread = self.table["standard_error"]
+        marks.append(Line(at, error, "mean and standard error", width=1.5, marker="o", error=spread))
+        if "free_run_error" in self.table:
+            marks.append(Line(at, self.table["free_run_error"], "free run", "orange", 1.5, "dash", "s"))
+        chosen = self.table["chosen"].to_numpy()
+        marks.append(Line(at[chosen], error[chosen], "chosen", "red", dash="", marker="ring"))
+        low, high = np.nanmin(error), np.nanmax(error)
+        log = bool(low > 0 and high > 20 * low)
+        y = Axis(self.ylabel, limits=(0, None) if low >= 0 and not log else None, log=log)
+        x = Axis("order of the power series: total degree, or box (k, q)", ticks=[str(n) for n in self.table.index])
+        return [Figure("Order selection", marks, x, y)]
+
+
+class PlanarityDisplay(Display):
+    """How far every storey's surface is from a plane, and how far noise alone would bend it.
+
+    Parameters
+    ----------
+    table : DataFrame
+        As of :func:`pysindy_nrf.estimation.planarity`.
+
+    Attributes
+    ----------
+    ax_, figure_ : matplotlib Axes and Figure
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from pysindy_nrf.output.displays import PlanarityDisplay
+    >>> table = pd.DataFrame({"index": [21.0, 0.9], "reference": [2.1, 2.0], "planar": [False, True]})
+    >>> table.index = ["storey 1", "storey 2"]
+    >>> [label.get_text() for label in PlanarityDisplay(table).plot().ax_.get_yticklabels()]
+    ['storey 1', 'storey 2']
+    """
+
+    def __init__(self, table: pd.DataFrame) -> None:
+        self.table = table
+
+    @classmethod
+    def from_estimator(cls, estimator: Any, X: Any, F: Any = None, **options: Any) -> PlanarityDisplay:
+        """Planarity of a fitted regressor; see :func:`pysindy_nrf.estimation.planarity`.
+
+        Parameters
+        ----------
+        estimator : fitted NRFRegressor
+        X, F, **options
+
+        Returns
+        -------
+        PlanarityDisplay
+        """
+        from ...estimation import planarity
+
+        return cls(planarity(estimator, X, F, **options))
+
+    def figures(self) -> list[Figure]:
+        from ...estimation.nonlinearity_location import LEAST
+
+        index, reference = self.table["index"], np.fmax(self.table["reference"].to_numpy(), LEAST)
+        planar = self.table["planar"].to_numpy()
+        texts = ["planar" if p else "not planar" for p in planar]
+        marks: list[Mark] = [
+            Bars(index, color=["sky" if p else "blue" for p in planar], texts=texts),
+            Line(reference, np.arange(len(index)), "reference (noise, at least 1 %)", "ink", dash="", marker="|"),
+        ]
+        x = Axis("off the plane", "% of the storey's force", (0, 1.35 * max(index.max(), reference.max())))
+        y = Axis(ticks=[str(n) for n in self.table.index])
+        return [Figure("Planarity", marks, x, y, lying=True)]
+
+
+class ChangeMapDisplay(Display):
+    """Where in the (v, s) plane a storey's force changed, and where the change is significant.
+
+    Parameters
+    ----------
+    table : DataFrame
+        As of :meth:`pysindy_nrf.monitoring.ChangeReport.map`.
+    site : str
+    largest : float, optional
+        Force at the ends of the colour scale, N; the largest change if None. One scale for all storeys lets them
+        be compared.
+    colorbar : bool
+
+    Attributes
+    ----------
+    ax_, figure_ : matplotlib Axes and Figure
+
+    Examples
+    --------
+    >>> import numpy as np, pandas as pd
+    >>> from pysindy_nrf.output.displays import ChangeMapDisplay
+    >>> v, s = (g.ravel() for g in np.meshgrid(np.linspace(-0.1, 0.1, 9), np.linspace(-0.002, 0.002, 9)))
+    >>> table = pd.DataFrame({"v": v, "s": s, "change": -4e3 * s, "error": 0.5})  # 4 kN/m of stiffness lost
+    >>> table["significant"], table["visited"] = abs(table["change"]) > 1.0, True
+    >>> ChangeMapDisplay(table, "storey 2").plot().ax_.get_title(loc="left")
+    'storey 2'
+    """
+
+    def __init__(
+        self, table: pd.DataFrame, site: str = "storey 1", largest: float | None = None, colorbar: bool = True
+    ) -> None:
+        self.table, self.site, self.largest, self.colorbar = table, site, largest, colorbar
+
+    @classmethod
+    def from_report(cls, report: Any, site: Any, largest: float | None = None, size: int = 41) -> ChangeMapDisplay:
+        """Map of one storey of a :class:`pysindy_nrf.monitoring.ChangeReport`.
+
+        Parameters
+        ----------
+        report : ChangeReport
+        site : str or int
+        largest : float, optional
+        size : int
+
+        Returns
+        -------
+        ChangeMapDisplay
+        """
+        return cls(report.map(site, size), str(report.before.chain.site(site)), largest)
+
+    def figures(self) -> list[Figure]:
+        n = int(round(len(self.table) ** 0.5))
+        columns = (self.table[k].to_numpy().reshape(n, n) for k in ("v", "s", "change", "visited", "significant"))
+        v, s, change, visited, significant = columns
+        shown = np.where(visited, change, np.nan)
+        top = self.largest or float(np.nanmax(np.abs(shown))) or 1.0
+        doubt = visited & ~significant
+        found = Map(s, v, shown, "change of force (N)", top, doubt, "not significant", self.colorbar)
+        i = index_of(self.site)
+        x, y = Axis(f"drift s_{{{i}}}", "m"), Axis(f"rate v_{{{i}}}", "m/s")
+        return [Figure(f"Change of the force of {self.site}", [found], x, y, heading=self.site)]

@@ -21,8 +21,7 @@ import paper_cases as cases
 import paper_published as published
 
 from pysindy_nrf import NRFRegressor
-from pysindy_nrf.estimation import damper_force
-from pysindy_nrf.estimation import path_energy
+from pysindy_nrf.estimation import damper_force, path_energy
 from pysindy_nrf.output.displays import DamperForceDisplay, EnergyDisplay
 from pysindy_nrf.regression.errors import nrmse
 

@@ -21,8 +21,10 @@ from scipy import linalg
 
 from ..exceptions import BiasWarning
 from ..regression.analysis_inputs import as_segments
+from ..regression.blocks import Block
+from ..regression.gram_pass import GramPass
+from ..regression.grams import BlockGrams
 from ..regression.layout import LawLayout, Layout, Recipe
-from ..regression.moments import Block, Moments
 from ..regression.segments import SegmentSet
 from .probe_regressors import LASTING, OFFERED
 from .windows import FOLDS, Window, show
@@ -66,8 +68,7 @@ class MissingTerms:
         self.wide = Layout(self.layout.chain, {s: self.layout.counts[s] + OFFERED for s in self.layout.acting})
         groups = [self.wide.group(dofs) for dofs in dict.fromkeys(step.dofs for step in walk.steps)]
         self.masses = dict(enumerate(model.masses.tolist(), 1))
-        first = Moments(self.wide, groups, known_masses=self.masses)
-        self.folds = [first, *(first.empty() for _ in range(1, FOLDS))]
+        self.folds = GramPass(self.wide, groups, self.masses, n_blocks=FOLDS)
         self.counts = dict.fromkeys((g.dofs for g in groups), 0)
         self.n_rows = 0
         self._recipe: tuple[Recipe | None, Recipe] | None = None
@@ -81,21 +82,22 @@ class MissingTerms:
             self._recipe = block.recipe, _widened(block.recipe, self.layout, self.wide)
         source = np.vstack([block.terms if block.source is None else block.source, *window.offered.values()])
         wide = Block(None, block.acceleration, block.force, source, self._recipe[1], self.wide.n_terms)
-        self.folds[number % FOLDS].add(wide)
+        self.folds.add(wide, number % FOLDS)
         known = (~np.isnan(block.force[:, 0])).tolist()
         for dofs in self.counts:
             self.counts[dofs] += all(known[j - 1] for j in dofs)
 
     def table(self) -> pd.DataFrame:
         """As :func:`missing_terms` returns it."""
-        alike: dict[tuple[int, int], list[tuple[str, bool, bool, list[np.ndarray]]]] = {}
+        alike: dict[tuple[int, int], list[tuple[str, bool, bool, np.ndarray]]] = {}
         steps = [step for step in self.walk.steps if self.counts[step.dofs]]
+        folds = self.folds.grams()
         for step in steps:
-            combine = _combination(step, self.layout, self.coefficients, self.masses, self.folds[0])
+            combine = _combination(step, self.layout, self.coefficients, self.masses, folds)
             n_own = len(step.masses) + sum(self.layout.counts[s] for s in step.sites)
             p = combine.shape[1] - 1
             enough = self.counts[step.dofs] >= 2 * FOLDS and self.n_rows >= _ROWS_PER_COLUMN * p
-            grams = [combine.T @ fold.parts[step.dofs].matrix @ combine for fold in self.folds]
+            grams = combine.T @ folds.matrices[step.dofs] @ combine
             alike.setdefault((p, n_own), []).append((step.name, bool(step.masses), enough, grams))
         rows: dict[str, np.ndarray] = {}
         for (_, n_own), held in alike.items():
@@ -173,10 +175,10 @@ def _widened(recipe: Recipe | None, layout: LawLayout, wide: Layout) -> Recipe:
     return replace(recipe, steps=whole, n_source=recipe.n_source + len(offered), recurrence=recurrence)
 
 
-def _combination(step: Any, layout: LawLayout, coefficients: dict, masses: dict, moments: Moments) -> np.ndarray:
+def _combination(step: Any, layout: LawLayout, coefficients: dict, masses: dict, grams: BlockGrams) -> np.ndarray:
     """From the columns of a group to [own columns | offered columns | right-hand side] of one step."""
-    where, mass_at, target_at = moments.positions(step.dofs)
-    signs = dict(zip(moments.groups[step.dofs].sites, moments.groups[step.dofs].signs))
+    where, mass_at, target_at = grams.positions(step.dofs)
+    signs = dict(zip(grams.groups[step.dofs].sites, grams.groups[step.dofs].signs))
     own = [mass_at] if step.masses else []
     own += [where[s].start + k for s in step.sites for k in range(layout.counts[s])]
     sites = (*step.sites, *step.known_sites)

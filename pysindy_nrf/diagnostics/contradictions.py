@@ -11,19 +11,19 @@ import numpy as np
 
 from ..regression.chain_solve import Solution
 from ..regression.errors import balance_sizes
-from ..regression.moments import Moments
+from ..regression.grams import BlockGrams
 
 # Percent of a balance that the law found by the other end leaves, and how many times what its own law leaves.
 _MUCH, _TIMES = 10.0, 3.0
 
 
-def contradictions_of(solution: Solution, moments: Moments) -> list[str]:
+def contradictions_of(solution: Solution, grams: BlockGrams) -> list[str]:
     """Sentences on storeys and links that two balances find unlike each other."""
     hit = []
     for site in sorted(solution.twins, key=str):
         own = {s: twin if s.q == site.q else solution.coefficients[s] for s, twin in solution.twins.items()}
         error, alone = (
-            _percent(site.q, solution, coefficients, moments)
+            _percent(site.q, solution, coefficients, grams)
             for coefficients in (solution.coefficients, solution.coefficients | own)
         )
         if error > max(_MUCH, _TIMES * alone):
@@ -46,7 +46,7 @@ def contradictions_of(solution: Solution, moments: Moments) -> list[str]:
     ]
 
 
-def _percent(j: int, solution: Solution, coefficients: dict, moments: Moments) -> float:
+def _percent(j: int, solution: Solution, coefficients: dict, grams: BlockGrams) -> float:
     """Balance error of a DOF, percent NRMSE; NaN where its force is unknown."""
-    sizes = balance_sizes(j, solution.masses, coefficients, moments)
+    sizes = balance_sizes(j, solution.masses, coefficients, grams)
     return 100.0 * sizes.residual / sizes.reference if sizes is not None and sizes.reference else np.nan

@@ -9,7 +9,7 @@ turn, the noise decides: as many are left out as change the coefficient by more 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -19,8 +19,9 @@ from ..exceptions import NRFError, RankWarning
 from ..laws.jumps import across_rest
 from ..mechanics.sites import Site
 from ..regression.chain_solve import groups_of, solve
+from ..regression.gram_pass import GramPass
+from ..regression.grams import BlockGrams
 from ..regression.layout import LawLayout
-from ..regression.moments import Moments
 from ..regression.segments import SegmentSet
 from .rest import SHARES, first_settled, lives_there, made_wrong, moving
 from .windows import Window, show
@@ -66,8 +67,10 @@ class JumpBias:
         self.layout = layout or LawLayout(model.chain, model.laws)
         self.places = [] if silent else jumping_terms(self.layout)
         if self.places:
-            first = Moments(self.layout, groups_of(self.layout, walk), known_masses=self.known)
-            self.whole, *self.kept = ([first.empty() for _ in range(_GROUPS)] for _ in (None, *SHARES))
+            groups = groups_of(self.layout, walk)
+            self.whole, *self.kept = (
+                GramPass(self.layout, groups, self.known, n_blocks=_GROUPS) for _ in (None, *SHARES)
+            )
 
     @property
     def asked(self) -> list[JumpBias]:
@@ -76,31 +79,28 @@ class JumpBias:
 
     def see(self, number: int, window: Window) -> None:
         """Take a window in."""
-        self.whole[number % _GROUPS].add(window.block)
+        self.whole.add(window.block, number % _GROUPS)
         for share, kept in zip(SHARES, self.kept):
             away = np.ones(window.n_samples, dtype=bool)
             for site in {site for site, _, _ in self.places}:
                 away &= moving(window.rate(site), share)
             if away.any():
-                kept[number % _GROUPS].add(window.block.take(away))
+                kept.add(window.block.take(away), number % _GROUPS)
 
-    def _solved(self, parts: list[Moments], chosen: Iterable[int]) -> np.ndarray:
-        total = parts[0].empty()
-        for g in chosen:
-            total.merge(parts[g])
+    def _solved(self, total: BlockGrams) -> np.ndarray:
         coefficients = solve(total, self.walk, self.known, self.inner).coefficients
         return np.array([coefficients[site][at] for site, at, _ in self.places])
 
-    def _with_chance(self, parts: list[Moments]) -> tuple[np.ndarray, np.ndarray]:
+    def _with_chance(self, grams: BlockGrams) -> tuple[np.ndarray, np.ndarray]:
         """Coefficients from all groups of windows, and with each group left out."""
-        rest = [[g for g in range(_GROUPS) if g != left] for left in range(_GROUPS)]
-        return self._solved(parts, range(_GROUPS)), np.array([self._solved(parts, some) for some in rest])
+        rest = grams.leave_one_out()
+        return self._solved(grams.sum()), np.array([self._solved(rest[g]) for g in range(_GROUPS)])
 
-    def _settling(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    def _settling(self, kept: list[BlockGrams]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """The same from fewer and fewer samples, as long as they tell all terms apart."""
-        for parts in self.kept:
+        for grams in kept:
             try:
-                yield self._with_chance(parts)
+                yield self._with_chance(grams)
             except (NRFError, np.linalg.LinAlgError):
                 return
 
@@ -109,20 +109,22 @@ class JumpBias:
         empty = pd.DataFrame(columns=["found", "away", "lost", "wrong", "unit"])
         if not self.places:
             return empty
+        all_windows, fewer = self.whole.grams(), [kept.grams() for kept in self.kept]
+        total = all_windows.sum()
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", RankWarning)  # the fit has said so
-                found, without = self._with_chance(self.whole)
-                kept = list(self._settling())
+                found, without = self._with_chance(all_windows)
+                kept = list(self._settling(fewer))
         except (NRFError, np.linalg.LinAlgError):
             return empty
-        whole = _rms(self.whole, self.places)
-        told = np.all([lives_there(_rms(parts, self.places), whole) for parts, _ in zip(self.kept, kept)], axis=0)
+        whole = _rms(total, self.places)
+        told = np.all([lives_there(_rms(grams.sum(), self.places), whole) for grams, _ in zip(fewer, kept)], axis=0)
         if not kept or not told.any():
             return empty
         away, rest = kept[first_settled([a[told] for a, _ in kept], [r[:, told] for _, r in kept])]
         lost = np.where(away, (away - found) / np.where(away, away, 1.0), 0.0)
-        size = np.abs(away - found) * _weights(self.whole, self.places, self.model.masses)
+        size = np.abs(away - found) * _weights(total, self.places, self.model.masses)
         wrong = made_wrong(found, away, rest - without) & (size > _NOTHING)
         values = self.model.coefficients
         rows = [(values[s][k], away[i], lost[i], wrong[i], unit) for i, (s, k, unit) in enumerate(self.places)]
@@ -130,33 +132,25 @@ class JumpBias:
         return pd.DataFrame(rows, index=labels, columns=empty.columns)[told]
 
 
-def _rms(parts: list[Moments], places: list[tuple[Site, int, str]]) -> np.ndarray:
+def _rms(total: BlockGrams, places: list[tuple[Site, int, str]]) -> np.ndarray:
     """Of the columns of some terms, in the balances that they act on first."""
-    total = parts[0].empty()
-    for some in parts:
-        total.merge(some)
     out = []
     for site, at, _ in places:
-        part = total.parts[site.p,]
-        column = np.zeros(part.matrix.shape[1])
-        column[total.positions((site.p,))[0][site].start + at] = 1.0
-        out.append(part.norm(column) / np.sqrt(max(part.n_samples, 1)))
+        dofs = (site.p,)
+        column = total.positions(dofs)[0][site].start + at
+        out.append(np.sqrt(total.matrices[dofs][column, column] / max(total.sizes[dofs], 1)))
     return np.array(out)
 
 
-def _weights(parts: list[Moments], places: list[tuple[Site, int, str]], masses: np.ndarray) -> np.ndarray:
+def _weights(total: BlockGrams, places: list[tuple[Site, int, str]], masses: np.ndarray) -> np.ndarray:
     """Force of each term with a coefficient of one, as a share of the applied or inertia force of its balance."""
-    total = parts[0].empty()
-    for some in parts:
-        total.merge(some)
     out = []
     for site, at, _ in places:
         where, mass_at, target_at = total.positions((site.p,))
-        part = total.parts[site.p,]
-        columns = np.eye(part.matrix.shape[1])
-        inertia = 0.0 if mass_at is None else masses[site.p - 1] * part.norm(columns[mass_at])
-        balance = max(part.norm(columns[target_at]), inertia)
-        out.append(part.norm(columns[where[site].start + at]) / balance if balance else np.inf)
+        length = np.sqrt(np.diag(total.matrices[site.p,]))
+        inertia = 0.0 if mass_at is None else masses[site.p - 1] * length[mass_at]
+        balance = max(length[target_at], inertia)
+        out.append(length[where[site].start + at] / balance if balance else np.inf)
     return np.array(out)
 
 

@@ -243,7 +243,7 @@ def _noise(model: Any) -> list[Finding]:
                 names.append(f"{term.label}{site.p}" if own else "")
         free = [i for i, name in enumerate(names) if name] + [len(names)]
         names.append(f"a{step.dofs[0]}")
-        gram = pieces.grams[step.dofs].sum(axis=0)[np.ix_(free, free)]
+        gram = pieces.matrices[step.dofs].sum(axis=0)[np.ix_(free, free)]
         n = pieces.sizes[step.dofs].sum()
         lost = np.diag([n * passed * noise[names[i]] ** 2 for i in free])
         scale = np.sqrt(np.diag(gram))

@@ -9,8 +9,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..mechanics.sites import Site
+from ..regression.blocks import Block
 from ..regression.layout import LawLayout
-from ..regression.moments import Block
 from ..regression.segments import Segment, SegmentSet
 from .probe_regressors import further_columns
 

@@ -80,11 +80,11 @@ class FloorSource:
         if floor is None:
             return null.floor
         blocks = range(len(trial.work.search))
-        solution, moments, pooled = trial.solve(blocks), trial.moments(blocks), Pooled()
+        solution, grams, pooled = trial.solve(blocks), trial.total(blocks), Pooled()
         for j in range(1, trial.work.n_dof + 1):
-            sizes = balance_sizes(j, solution.masses, solution.coefficients, moments)
+            sizes = balance_sizes(j, solution.masses, solution.coefficients, grams)
             if sizes is not None:
-                from_top = tuple(range(j, trial.work.n_dof + 1)) in moments.parts
+                from_top = tuple(range(j, trial.work.n_dof + 1)) in grams.groups
                 level = float((floor.storey if from_top else floor.balance)[j - 1])
                 pooled.add(sizes._replace(residual=level))
         return pooled.percent

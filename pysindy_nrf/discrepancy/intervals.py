@@ -25,7 +25,7 @@ from ..regression.layout import Layout
 from .projection import Projection
 from .search import Axes, plateau
 from .stage import Stage
-from .workspace import leave_one_out
+from .workspace import leave_out_by_use
 
 LEVEL = 0.95
 # Step of the derivatives: share of the range of a shape parameter in the coordinates of the search.
@@ -138,7 +138,7 @@ def _linearised(
     every = np.einsum("ub,bij->uij", members.astype(float), grams)[None]
     own = [*range(stage.at[place], stage.at[place] + width), *range(size, size + extra)]
     errors, best, _ = project(every)
-    more, folds, _ = project(leave_one_out(grams, members))
+    more, folds, _ = project(leave_out_by_use(grams, members))
     told = np.isfinite(more)  # without the one block that shows a change in time there is no answer
     if not np.isfinite(errors).all() or told.sum() < _LEAST_FOLDS:
         raise NRFError("The parameters cannot be told apart", "Give longer records.")

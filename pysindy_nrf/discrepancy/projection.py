@@ -18,8 +18,8 @@ from ..mechanics.identifiability import Walk
 from ..mechanics.sites import Site
 from ..regression.chain_solve import groups_of, solve
 from ..regression.errors import pooled_error
+from ..regression.grams import BlockGrams
 from ..regression.layout import Layout
-from ..regression.moments import Moments
 
 
 def _least_squares(
@@ -251,20 +251,20 @@ class Projection:
         rows = [c for s in self.layout.sites for c in self.where.get(s, ())]
         rows += range(self.at, self.at + 2 * self.n_dof)
         for b in range(len(fit)):
-            def moments(grams: np.ndarray, b: int = b) -> Moments:
-                def gram(dofs: tuple[int, ...]) -> tuple[np.ndarray, int]:
+            def of(grams: np.ndarray, b: int = b) -> BlockGrams:
+                def gram(dofs: tuple[int, ...]) -> tuple[np.ndarray, float]:
                     u = self._uses[dofs]
-                    return grams[b, u][np.ix_(rows, rows)], int(sizes[b, u])
+                    return grams[b, u][np.ix_(rows, rows)], sizes[b, u]
 
-                return Moments.from_gram(self.layout, self.groups, gram, self.known_masses)
+                return BlockGrams.from_shared(self.layout, self.groups, gram, self.known_masses)
 
             errors[b] = np.inf
             try:
                 with warnings.catch_warnings():
                     warnings.simplefilter("error", RankWarning)
-                    found = solve(moments(fit), self.walk, self.known_masses)
+                    found = solve(of(fit), self.walk, self.known_masses)
             except (NRFError, RankWarning):
                 continue
             for s, values in found.coefficients.items():
                 theta[b, list(self.where[s])] = values
-            errors[b] = pooled_error(found.masses, found.coefficients, moments(judge))
+            errors[b] = pooled_error(found.masses, found.coefficients, of(judge))

@@ -252,7 +252,7 @@ class LoopReport:
             solution = scene.found or trial.solve(search)
             model = model_of(trial.layout, solution)
             models.append(model)
-            errors = balance_errors(model, trial.moments(held))["error"]
+            errors = balance_errors(model, trial.total(held))["error"]
             row = {
                 "search": trial.error(solution, search),
                 "validation": float(np.median(scene.folds)),

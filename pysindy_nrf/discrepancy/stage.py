@@ -21,12 +21,12 @@ from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
 from ..regression.chain_solve import Solution, groups_of, solve
 from ..regression.errors import pooled_error
+from ..regression.grams import BlockGrams
 from ..regression.layout import LawLayout
-from ..regression.moments import Moments
 from ..regression.solution import model_of
 from .admissible import admissible
 from .projection import Projection
-from .workspace import Workspace, leave_one_out
+from .workspace import Workspace, leave_out_by_use
 
 Laws = Mapping[Site, tuple[ForceLaw, ...]]
 
@@ -46,7 +46,7 @@ class Trial:
     def __init__(self, stage: Stage) -> None:
         self.stage, self.work, self.layout, self.walk = stage, stage.work, stage.layout, stage.walk
         self._groups = groups_of(self.layout, self.walk)
-        self._last: tuple[np.ndarray, Moments] | None = None
+        self._last: tuple[np.ndarray, BlockGrams] | None = None
         self._seen = np.array([self.work.known[b.segment] for b in self.work.blocks])
 
     @cached_property
@@ -67,8 +67,8 @@ class Trial:
         """Samples of each block."""
         return np.array([b.rows.stop - b.rows.start for b in self.work.blocks])
 
-    def moments(self, blocks: Sequence[int]) -> Moments:
-        """Moments of some blocks."""
+    def total(self, blocks: Sequence[int]) -> BlockGrams:
+        """Gram matrices of some blocks, summed."""
         chosen = np.asarray(blocks)
         if self._last is not None and np.array_equal(self._last[0], chosen):
             return self._last[1]
@@ -82,7 +82,7 @@ class Trial:
                 cache[key] = grams[mine].sum(axis=0), int(self.sizes[mine].sum())
             return cache[key]
 
-        self._last = chosen, Moments.from_gram(self.layout, self._groups, gram, self.work.known_masses)
+        self._last = chosen, BlockGrams.from_shared(self.layout, self._groups, gram, self.work.known_masses)
         return self._last[1]
 
     def solve(self, blocks: Sequence[int]) -> Solution:
@@ -90,7 +90,7 @@ class Trial:
         with warnings.catch_warnings():
             warnings.simplefilter("error", RankWarning)
             try:
-                return solve(self.moments(blocks), self.walk, self.work.known_masses)
+                return solve(self.total(blocks), self.walk, self.work.known_masses)
             except RankWarning as warning:
                 raise NRFError(str(warning), "Leave the law out of the catalogue.") from None
 
@@ -100,7 +100,7 @@ class Trial:
 
     def error(self, solution: Solution, blocks: Sequence[int]) -> float:
         """Pooled balance error on some blocks, percent NRMSE."""
-        return pooled_error(solution.masses, solution.coefficients, self.moments(blocks))
+        return pooled_error(solution.masses, solution.coefficients, self.total(blocks))
 
     def search_error(self) -> float:
         """Pooled balance error on the search blocks it was fitted to, percent NRMSE."""
@@ -274,7 +274,7 @@ class Slot:
     def fold_parts(self, law: ForceLaw | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The same, with the coefficients of each fold and the squares of each balance; see :class:`Projection`."""
         grams = self._blocks(law)
-        fit = leave_one_out(grams, self._members)
+        fit = leave_out_by_use(grams, self._members)
         judge = self._members.T[:, :, None, None] * grams[:, None]
         return self._project(fit, judge, self._members.T * self.work.sizes[:, None])
 

@@ -98,7 +98,7 @@ def improper(law: str, found: Mapping[str, tuple[float, float]]) -> bool:
 def worst(trial: Trial) -> str:
     """The balance with the largest share of the pooled error, in words."""
     blocks = range(len(trial.work.search))
-    errors = balance_errors(model_of(trial.layout, trial.solve(blocks)), trial.moments(blocks))["error"].drop("pooled")
+    errors = balance_errors(model_of(trial.layout, trial.solve(blocks)), trial.total(blocks))["error"].drop("pooled")
     return f"balance of {str(errors.idxmax()).replace('dof', 'DOF')}"
 
 

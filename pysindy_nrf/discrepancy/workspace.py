@@ -14,6 +14,7 @@ from ..exceptions import NRFError
 from ..laws.base import ForceLaw, Scales
 from ..laws.motion import Motion
 from ..mechanics.sites import Site
+from ..regression.grams import leave_one_out
 from ..regression.segments import BlockRows, Segment, SegmentSet, half_the_rate
 from ..regression.solution import clock_of
 from .splits import joined
@@ -180,10 +181,7 @@ class Workspace:
         return out, np.array(members)
 
 
-def leave_one_out(grams: np.ndarray, members: np.ndarray) -> np.ndarray:
+def leave_out_by_use(grams: np.ndarray, members: np.ndarray) -> np.ndarray:
     """Sums over all blocks but one, from both ends, so that what is zero stays zero."""
     own = members.T.reshape(members.T.shape + (1,) * (grams.ndim - 1)) * grams[:, None]
-    zero = np.zeros_like(own[:1])
-    before = np.concatenate([zero, np.cumsum(own[:-1], axis=0)])
-    after = np.concatenate([zero, np.cumsum(own[:0:-1], axis=0)])[::-1]
-    return before + after
+    return leave_one_out(own)

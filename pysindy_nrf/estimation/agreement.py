@@ -12,8 +12,8 @@ from ..exceptions import ChainError
 from ..regression.analysis_inputs import as_model, as_segments, storey_names
 from ..regression.chain_solve import groups_of, solve
 from ..regression.errors import nrmse
+from ..regression.gram_pass import total_gram
 from ..regression.layout import LawLayout
-from ..regression.moments import Moments, accumulate
 from .linear_model import linear_part
 
 
@@ -139,10 +139,10 @@ def found_twice(estimator: Any, X: Any, F: Any, **options: Any) -> dict[str, pd.
         raise ChainError(f"Under the {estimator.walk_.strategy} strategy no storey is found twice", "Force every DOF.")
     data = as_segments(estimator, X, F, **options)
     layout = LawLayout(estimator.chain_, estimator.model_.laws)
-    moments = Moments(layout, groups_of(layout, estimator.walk_))
-    for seg, filter in zip(data.segments, filters_of(estimator.band, data)):
-        accumulate(moments, seg.blocks(layout, filter=filter))
-    solution = solve(moments, estimator.walk_, estimator._known_masses(estimator.chain_))
+    pairs = zip(data.segments, filters_of(estimator.band, data))
+    blocks = (block for seg, filter in pairs for block in seg.blocks(layout, filter=filter))
+    grams = total_gram(layout, groups_of(layout, estimator.walk_), blocks)
+    solution = solve(grams, estimator.walk_, estimator._known_masses(estimator.chain_))
     return {
         str(site): pd.DataFrame(
             {f"balance {site.p}": solution.coefficients[site], f"balance {site.q}": twin}, index=layout.labels(site)

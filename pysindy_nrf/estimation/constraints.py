@@ -309,7 +309,7 @@ def constrained(model: ChainModel, constraints: Any, resolver: Any) -> ChainMode
     A, b = A[~empty], b[~empty]
     bounded = np.array([n in {x for c in given for x in c.bounded(names, model.chain)} for n in names])
     resolver.constrain = None
-    P = _covariance(resolver.covariance(lambda m: parameters_of(m, known)), theta.to_numpy(), len(resolver.pieces))
+    P = _covariance(resolver.covariance(lambda m: parameters_of(m, known)), theta.to_numpy(), len(resolver.record))
 
     def obey(free: ChainModel) -> ChainModel:
         return _with_parameters(

@@ -15,10 +15,10 @@ from ..data.record import Record
 from ..exceptions import ChannelError, DataQualityWarning
 from ..mechanics.chain import Chain
 from ..mechanics.identifiability import Walk
+from ..regression.blocks import Block
 from ..regression.chain_model import ChainModel
 from ..regression.input_arrays import from_arrays, holds_records
 from ..regression.layout import LawLayout
-from ..regression.moments import Block
 from ..regression.segments import SegmentSet, feature_names
 from ..signals.zero_phase_filter import filters_of
 

@@ -55,7 +55,7 @@ def fit_frequency_response(
     layout = LawLayout(model.chain_, model.model_.laws)
     known = model._known_masses(model.chain_)
     pieces = pieces_of(data, layout, groups_of(layout, model.walk_), [None], known, others.segments)
-    solution = solve(pieces.moments(), model.walk_, known, model._inner())
+    solution = solve(pieces.sum().projected(), model.walk_, known, model._inner())
     found = model_of(layout, solution)
     return model._adopt(
         found,

@@ -14,10 +14,9 @@ from scipy import stats
 from ..common.random_state import generator
 from ..exceptions import ChainError, ChannelError, ExtrapolationWarning, IdentifiabilityError, RankWarning
 from ..mechanics.identifiability import Walk
-from ..regression.blocks_of_samples import Pieces
 from ..regression.chain_model import ChainModel
-from ..regression.chain_solve import solve
-from ..regression.moments import Moments
+from ..regression.chain_solve import Solution, solve
+from ..regression.grams import BlockGrams
 from ..regression.segments import SegmentSet
 from ..regression.solution import model_of
 from .covariance import newey_west
@@ -34,7 +33,7 @@ class Resolver:
 
     Attributes
     ----------
-    pieces : Pieces
+    pieces : BlockGrams
     walk : Walk
     known_masses : dict of int to float
     inner : PySINDy optimizer or None
@@ -42,26 +41,36 @@ class Resolver:
         From a model to the one that obeys the constraints.
     """
 
-    pieces: Pieces
+    pieces: BlockGrams
     walk: Walk
     known_masses: Mapping[int, float]
     inner: Any = None
     constrain: Callable[[ChainModel], ChainModel] | None = None
 
-    def model(self, moments: Moments) -> ChainModel:
-        """Model of some moments."""
+    @property
+    def record(self) -> np.ndarray:
+        """Number of the record of each piece."""
+        assert self.pieces.record is not None
+        return self.pieces.record
+
+    def model(self, total: BlockGrams) -> ChainModel:
+        """Model of a sum of pieces."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RankWarning)
-            model = model_of(self.pieces.layout, solve(moments, self.walk, self.known_masses, self.inner))
+            model = model_of(self.pieces.layout, self.solve(total))
         return model if self.constrain is None else self.constrain(model)
+
+    def solve(self, total: BlockGrams) -> Solution:
+        """Masses and coefficients of a sum of pieces."""
+        return solve(total.projected(), self.walk, self.known_masses, self.inner)
 
     def at(self, weights: np.ndarray) -> ChainModel:
         """Model of the pieces, each taken ``weights`` times."""
-        return self.model(self.pieces.moments(weights))
+        return self.model(self.pieces.sum(weights))
 
     def left_out(self, statistic: Callable[[ChainModel], pd.Series]) -> np.ndarray:
         """Statistics without each piece in turn, shape (n_pieces, n_statistics)."""
-        n = len(self.pieces)
+        n = len(self.record)
         if n < FEWEST:
             raise ChannelError(
                 f"{n} pieces of data are too few to judge an uncertainty", "Use a longer record, or more records."
@@ -76,7 +85,7 @@ class Resolver:
 
     def covariance(self, statistic: Callable[[ChainModel], pd.Series]) -> np.ndarray:
         """Covariance of statistics: delete-one-block jackknife, correlated neighbours included."""
-        return newey_west(self.influences(statistic), self.pieces.record)
+        return newey_west(self.influences(statistic), self.record)
 
     def influences(self, statistic: Callable[[ChainModel], pd.Series]) -> np.ndarray:
         """By how much each piece moves the statistics, shape (n_pieces, n_statistics)."""
@@ -94,7 +103,7 @@ class Resolver:
         """Statistics of block-bootstrap samples, shape (n_draws, n_statistics); the same for any ``n_jobs``."""
         from joblib import Parallel, delayed, effective_n_jobs
 
-        n = len(self.pieces)
+        n = len(self.record)
         if n < FEWEST:
             raise ChannelError(
                 f"{n} pieces of data are too few to judge an uncertainty", "Use a longer record, or more records."
@@ -135,11 +144,19 @@ class InfluenceResolver(Resolver):
         From a vector of parameters to a ChainModel.
     moves : ndarray of shape (n_pieces, n_parameters)
         Influence of each piece; their sum is zero at the optimum.
+    of : ndarray of shape (n_pieces,)
+        Number of the record of each piece, which need not be those of the Gram matrices.
     """
 
     theta: np.ndarray = field(kw_only=True)
     rebuild: Callable[[np.ndarray], ChainModel] = field(kw_only=True)
     moves: np.ndarray = field(kw_only=True)
+    of: np.ndarray = field(kw_only=True)
+
+    @property
+    def record(self) -> np.ndarray:
+        """Number of the record of each piece."""
+        return self.of
 
     def at(self, weights: np.ndarray) -> ChainModel:
         """Model of the pieces, each taken ``weights`` times."""
@@ -302,12 +319,12 @@ def _bounds(
 ) -> tuple[np.ndarray, np.ndarray]:
     if method == "bootstrap":
         draws = resolver.drawn(statistic, random_state, n_jobs=n_jobs)
-        draws += estimate - statistic(resolver.at(np.ones(len(resolver.pieces)))).to_numpy(float)
+        draws += estimate - statistic(resolver.at(np.ones(len(resolver.record)))).to_numpy(float)
         tail = 100 * (1 - level) / 2
         low, high = np.percentile(draws, [tail, 100 - tail], axis=0)
         return 2 * estimate - high, 2 * estimate - low
     influences = resolver.influences(statistic)
-    deviation = _deviation(influences, resolver.pieces.record)
+    deviation = _deviation(influences, resolver.record)
     half = stats.t.ppf(0.5 + level / 2, _freedom(influences)) * deviation
     return estimate - half, estimate + half
 

@@ -31,9 +31,10 @@ import numpy as np
 from ..exceptions import BiasWarning, IdentifiabilityError, RankWarning, SimulationError
 from ..laws import PowerSeries
 from ..mechanics.identifiability import Walk
-from ..regression.blocks_of_samples import Pieces, pieces_of
+from ..regression.blocks_of_samples import pieces_of
 from ..regression.chain_model import ChainModel
 from ..regression.chain_solve import Solution, groups_of, solve, solve_blocks
+from ..regression.grams import BlockGrams
 from ..regression.layout import LawLayout
 from ..regression.segments import Segment, SegmentSet
 from ..regression.solution import model_of
@@ -61,8 +62,8 @@ class IVResult:
     ----------
     model : ChainModel
     solution : Solution
-    pieces : Pieces
-        Moments with the last instruments, piece by piece.
+    pieces : BlockGrams
+        With the last instruments, piece by piece.
     rounds : int
         Rounds of simulation and solve.
     likeness : float
@@ -94,7 +95,7 @@ class IVResult:
 
     model: ChainModel
     solution: Solution
-    pieces: Pieces
+    pieces: BlockGrams
     rounds: int
     likeness: float
     notes: list[str] = field(default_factory=list)
@@ -212,7 +213,8 @@ def instrumental_variables(
             whiteners=None if weighting is None else weighting.whiteners,
         )  # fmt: skip
         try:
-            solution = solve(pieces.moments(), walk, known_masses, inner, {s: layout.labels(s) for s in layout.acting})
+            names = {s: layout.labels(s) for s in layout.acting}
+            solution = solve(pieces.sum().projected(), walk, known_masses, inner, names)
         except IdentifiabilityError as error:
             why, cure = error.what, error.cure
             break

@@ -60,10 +60,11 @@ def refine(
             assert result.influences is not None
             model, facts["found"] = result.model, "simulation"
             theta, rebuild, _ = free_parameters(model, known)
-            pieces = replace(iv.pieces, record=result.record)
+            assert result.record is not None
             resolver = InfluenceResolver(
-                pieces, walk, dict(known), inner, theta=theta, rebuild=rebuild, moves=result.influences
-            )
+                iv.pieces, walk, dict(known), inner, theta=theta, rebuild=rebuild, moves=result.influences,
+                of=result.record,
+            )  # fmt: skip
         else:
             facts["notes"] = [*facts["notes"], f"instrumental variables kept: {result.why}"]
     return model, solution, resolver, facts, iv.judged(data)
@@ -116,7 +117,7 @@ def _restless(iv: IVResult, resolver: Resolver) -> str:
 
 def _halves(resolver: Resolver) -> list[ChainModel] | None:
     """Models of the first and second half of every record, or None where one of them cannot be solved."""
-    record = resolver.pieces.record
+    record = resolver.record
     place = np.arange(len(record)) - np.searchsorted(record, record)
     first = place < np.bincount(record)[record] // 2
     try:

@@ -17,11 +17,12 @@ from ..laws import ForceLaw, PowerSeries
 from ..mechanics.chain import Chain
 from ..mechanics.identifiability import Walk, plan_walk
 from ..mechanics.sites import Site
+from ..regression.blocks import Block
 from ..regression.chain_model import ChainModel
 from ..regression.chain_solve import Solution, doubtful_masses
+from ..regression.grams import BlockGrams
 from ..regression.input_arrays import fused_together, holds_records, one_by_one
 from ..regression.layout import LawLayout
-from ..regression.moments import Block, Moments
 from ..regression.requirements import require_clock, require_moving, require_samples
 from ..regression.segments import SegmentSet
 from ..regression.solution import lost_masses, model_of, scales_of, third_law_gap, unknown_forces, visited_regions
@@ -319,7 +320,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
                 data,
                 filters,
             )
-        model, solution, moments = self._solve(layout, walk, data, filters, known)
+        model, solution, grams = self._solve(layout, walk, data, filters, known)
         self._resolver, self._fit_data = None, FitData(data, layout, walk, filters, known)
         facts: dict[str, Any] = {"asked": "ls", "found": "ls"}
         self._apart, self._spread, self._narrow = None, None, False
@@ -337,7 +338,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             from .constraints import constrained
 
             model = constrained(model, self.constraints, self._resolving())
-        self._publish(model, solution, moments, walk, layout, data, judged, facts["found"] == "ls")
+        self._publish(model, solution, grams, walk, layout, data, judged, facts["found"] == "ls")
         model.info["estimation"] = facts
 
     def _separate(self, X: Any, y: Any, data: SegmentSet, options: dict[str, Any]) -> SegmentSet:
@@ -371,7 +372,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
 
     def _solve(
         self, layout: LawLayout, walk: Walk, data: SegmentSet, filters: Sequence[Any], known: Mapping[int, float]
-    ) -> tuple[ChainModel, Solution, Moments]:
+    ) -> tuple[ChainModel, Solution, BlockGrams]:
         from ..regression.optimizers import ChainOptimizer
 
         def blocks() -> Iterator[Block]:
@@ -380,14 +381,14 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
 
         names = {site: layout.labels(site) for site in layout.acting}
         optimizer = ChainOptimizer(self.optimizer, layout.chain, self.strategy, known_masses=known)
-        solution, moments = optimizer.solve(layout, walk, blocks, names)
-        return model_of(layout, solution), solution, moments
+        solution, grams = optimizer.solve(layout, walk, blocks, names)
+        return model_of(layout, solution), solution, grams
 
     def _publish(
         self,
         model: ChainModel,
         solution: Solution,
-        moments: Moments,
+        grams: BlockGrams,
         walk: Walk,
         layout: LawLayout,
         data: SegmentSet,
@@ -402,17 +403,17 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
 
         self.chain_, self.walk_ = layout.chain, walk
         self.masses_ = model.masses
-        self.errors_ = balance_errors(model, moments)
+        self.errors_ = balance_errors(model, grams)
         self.condition_ = pd.Series(
             {fit.step.name: fit.condition for fit in solution.fits}, name="condition", dtype=float
         )
-        self.n_samples_ = moments.n_samples
-        self.third_law_gap_ = third_law_gap(solution, moments)
+        self.n_samples_ = int(grams.n_samples)
+        self.third_law_gap_ = third_law_gap(solution, grams)
         model.visited = visited_regions(data, layout)
         model.info = {
             "band": None if self.band is None else [None if b is None or np.isinf(b) else float(b) for b in self.band],
             "strategy": walk.strategy,
-            "n_samples": int(moments.n_samples),
+            "n_samples": self.n_samples_,
             "balance_error_percent": {k: float(e) for k, e in self.errors_["error"].items() if np.isfinite(e)},
         }
         self.model_ = model
@@ -426,7 +427,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         self.missing_terms_, self.jump_bias_ = terms.table(), jumps.table()
         self.doubts_ = {
             "channels": data.doubts,
-            "forces": contradictions_of(solution, moments),
+            "forces": contradictions_of(solution, grams),
             "masses": doubtful_masses(solution) + lost_masses(model),
         }
         said = [*self.doubts_["forces"], *self.doubts_["masses"], *sentences_of(self.jump_bias_)]

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ..regression.blocks_of_samples import rows_of, whole_block
+from ..regression.blocks_of_samples import whole_block
 from ..regression.chain_model import ChainModel
+from ..regression.gram_pass import rows_of
 from ..regression.layout import Group, LawLayout
 from ..regression.segments import Segment, SegmentSet
 from .runs import likeness_of, run_of, steady

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,13 +12,20 @@ import pandas as pd
 from scipy import special
 
 from ..common.jackknife import variance
-from ..exceptions import ChainError, DataQualityWarning
+from ..estimation.intervals import Resolver
+from ..exceptions import ChainError, ChannelError, DataQualityWarning
+from ..mechanics.identifiability import plan_walk
 from ..regression.analysis_inputs import as_segments, storey_names
+from ..regression.blocks_of_samples import pieces_of
 from ..regression.chain_model import ChainModel
+from ..regression.chain_solve import groups_of
+from ..regression.grams import BlockGrams
 from ..regression.input_arrays import fused_together, one_by_one
+from ..regression.layout import LawLayout
 from ..regression.restoring_force import grid
 from ..regression.segments import SegmentSet
-from .block_moments import block_moments
+from ..regression.solution import model_of
+from ..signals.zero_phase_filter import filters_of
 
 
 @dataclass
@@ -186,14 +194,59 @@ def compare_tests(
         known = {j + 1: float(m) for j, m in enumerate(mean)} | tests[0][0]._known_masses(tests[0][0].chain_)
     models, replicates = [], []
     for est, data in tests:
-        blocks = block_moments(est, data, known, n_blocks=n_blocks)
-        whole, _ = blocks.solve(blocks.total())
+        resolver, _ = resolver_in_time(est, data, known, n_blocks=n_blocks)
+        whole, without = plain_model(resolver, resolver.pieces.sum()), resolver.pieces.leave_one_out()
         whole.visited = est.model_.visited
         models.append(whole)
-        every = range(len(blocks.pieces))
-        replicates.append([blocks.solve(blocks.total(k for k in every if k != i))[0] for i in every])
+        replicates.append([plain_model(resolver, without[i]) for i in range(len(without))])
     table = _table(models, replicates)
     return ChangeReport(table, level, least, models[0], models[1], (replicates[0], replicates[1]))
+
+
+def resolver_in_time(
+    estimator: Any,
+    data: SegmentSet,
+    known_masses: Mapping[int, float] | None = None,
+    *,
+    n_blocks: int | None = None,
+    length: float | None = None,
+) -> tuple[Resolver, np.ndarray]:
+    """Least squares on consecutive pieces, ``n_blocks`` over all records or ``length`` s long.
+
+    Beside the resolver start and end of each piece, s from the start of its record, shape (n_pieces, 2). The laws of
+    the fitted estimator (shape parameters included), its chain and band are used, and its known masses if none are
+    given. A ChannelError says that a piece would hold fewer samples than there are coefficients.
+    """
+    layout = LawLayout(estimator.chain_, estimator.model_.laws)
+    known = dict(estimator._known_masses(layout.chain) if known_masses is None else known_masses)
+    walk = plan_walk(
+        layout.chain, data.forced, data.unknown, known, estimator.strategy, layout.acting
+    ).require_complete()
+    edges, spans = [], []
+    whole = sum(seg.n_valid for seg in data.segments)
+    for seg in data.segments:
+        n = seg.n_valid
+        if length is None:
+            size = int(np.ceil(whole / (n_blocks or 1)))
+        elif seg.dt is None:
+            raise ChannelError("A window in seconds needs the sampling step", "Pass dt= (s), or X with a time index.")
+        else:
+            size = int(round(length / seg.dt))
+        if size < layout.n_dof + 2:
+            raise ChannelError(f"Pieces of {size} samples are too short", "Use longer windows or fewer blocks.")
+        # a rest shorter than half a piece joins the last one
+        cuts = np.array([*range(0, max(n - size // 2, 1), size), n])
+        t = seg.t[seg.valid] if seg.t is not None else np.arange(n, dtype=float)
+        edges.append(cuts)
+        spans.append(np.column_stack([t[cuts[:-1]], t[cuts[1:] - 1]]))
+    filters = filters_of(estimator.band, data)
+    pieces = pieces_of(data, layout, groups_of(layout, walk), filters, known, edges=edges)
+    return Resolver(pieces, walk, known), np.concatenate(spans)
+
+
+def plain_model(resolver: Resolver, total: BlockGrams) -> ChainModel:
+    """Model of a sum of pieces; a rank that is too low is warned of."""
+    return model_of(resolver.pieces.layout, resolver.solve(total))
 
 
 def _fit(estimator: Any, test: Any, options: dict[str, Any]) -> tuple[Any, SegmentSet]:

@@ -1,4 +1,4 @@
-"""Parameters that vary with time: moving windows and change points, from block moments alone."""
+"""Parameters that vary with time: moving windows and change points, from Gram matrices of pieces alone."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import pandas as pd
 from scipy import special
 
 from ..common.jackknife import variance
+from ..estimation.intervals import Resolver
 from ..exceptions import ChainError
 from ..regression.analysis_inputs import as_segments, storey_names
-from ..regression.moments import Moments
-from .block_moments import BlockMoments, block_moments
-from .change import _linear
+from ..regression.grams import BlockGrams
+from .change import _linear, plain_model, resolver_in_time
 
 _PARTS = 10
 
@@ -31,7 +31,7 @@ def track(
 ) -> pd.DataFrame:
     """Stiffness and damping of every storey over time.
 
-    The samples are read once into moments of pieces of ``step`` seconds; every window is a sum of them.
+    The samples are read once into Gram matrices of pieces of ``step`` seconds; every window is a sum of them.
 
     Parameters
     ----------
@@ -68,16 +68,18 @@ def track(
     >>> [int(table.loc[side, "k1"].median().round(-2)) for side in (table["t"] < 2.9, table["t"] > 5.1)]
     [40000, 32000]
     """
-    blocks = block_moments(estimator, as_segments(estimator, X, F, **options), _masses(estimator, masses), length=step)
+    data = as_segments(estimator, X, F, **options)
+    resolver, spans = resolver_in_time(estimator, data, _masses(estimator, masses), length=step)
+    pieces, record = resolver.pieces, resolver.record
     width = max(1, int(round(window / step)))
     names = storey_names(estimator.model_)
     rows = []
-    for start in range(len(blocks.pieces) - width + 1):
-        if blocks.record[start] != blocks.record[start + width - 1]:
+    for start in range(len(pieces) - width + 1):
+        if record[start] != record[start + width - 1]:
             continue
-        linear = _linear(blocks.solve(blocks.total(range(start, start + width)))[0])
-        middle = 0.5 * (blocks.edges[start, 0] + blocks.edges[start + width - 1, 1])
-        rows.append([blocks.record[start], middle, *linear[:, 0], *linear[:, 1]])
+        linear = _linear(plain_model(resolver, pieces[start : start + width].sum()))
+        middle = 0.5 * (spans[start, 0] + spans[start + width - 1, 1])
+        rows.append([record[start], middle, *linear[:, 0], *linear[:, 1]])
     if not rows:
         raise ChainError(f"No window of {window:g} s fits into the records", "Use a shorter one.")
     n = len(names)
@@ -186,33 +188,34 @@ def find_onset(
     data = as_segments(estimator, X, F, **options)
     if len(data.segments) > 1:
         raise ChainError("An onset is looked for in one record", "Give the records one by one.")
-    blocks = block_moments(estimator, data, _masses(estimator, masses), length=step)
+    resolver, spans = resolver_in_time(estimator, data, _masses(estimator, masses), length=step)
+    pieces = resolver.pieces
     least = max(1, int(np.ceil(margin / step)))
-    candidates = range(least, len(blocks.pieces) - least + 1)
+    candidates = range(least, len(pieces) - least + 1)
     if not candidates:
         raise ChainError(f"The record is too short for two parts of {margin:g} s", "Lower margin.")
-    before, after = blocks.sums()
-    whole = blocks.solve(before[-1])[1]
+    before, after = pieces.running()
+    whole = resolver.solve(pieces.sum())
     scale = np.array([fit.residual for fit in whole.fits])
     scale[scale == 0] = 1.0
 
-    def cost(moments: Moments) -> float:
-        residual = np.array([fit.residual for fit in blocks.solve(moments)[1].fits])
-        return moments.n_samples * float(((residual / scale) ** 2).sum())
+    def cost(part: BlockGrams) -> float:
+        residual = np.array([fit.residual for fit in resolver.solve(part).fits])
+        return part.n_samples * float(((residual / scale) ** 2).sum())
 
     costs = np.array([cost(before[i]) + cost(after[i]) for i in candidates])
-    times = np.array([blocks.edges[i, 0] for i in candidates])
+    times = np.array([spans[i, 0] for i in candidates])
     best = int(np.argmin(costs))
     index = candidates[best]
-    k0, k1 = (_linear(blocks.solve(part)[0])[:, 0] for part in (before[index], after[index]))
-    z = (k1 - k0) / _scatter(blocks, index)
+    k0, k1 = (_linear(plain_model(resolver, part))[:, 0] for part in (before[index], after[index]))
+    z = (k1 - k0) / _scatter(resolver, index)
     names = storey_names(estimator.model_)
     table = pd.DataFrame({"before": k0, "after": k1, "change": 100 * (k1 / k0 - 1), "z": z}, index=names)
     where = int(np.nanargmax(np.abs(z)))  # a free chain has no storey 1
     independent = max(2, int((times[-1] - times[0]) / margin))
     p = float(min(1.0, 2 * special.stdtr(_PARTS - 1, -abs(z[where])) * np.isfinite(z).sum() * independent))
     found = p < level
-    curve = pd.DataFrame({"t": times, "gain": 100 * (1 - costs / (before[-1].n_samples * len(scale)))})
+    curve = pd.DataFrame({"t": times, "gain": 100 * (1 - costs / (pieces.n_samples.sum() * len(scale)))})
     return Onset(
         float(times[best]) if found else float("nan"),
         names[where] if found else None,
@@ -223,12 +226,14 @@ def find_onset(
     )
 
 
-def _scatter(blocks: BlockMoments, index: int) -> np.ndarray:
+def _scatter(resolver: Resolver, index: int) -> np.ndarray:
     """Standard error of the stiffnesses after less before, by leaving out a tenth of each part in turn."""
     total = np.zeros(())
-    for rows in (np.arange(index), np.arange(index, len(blocks.pieces))):
+    for rows in (np.arange(index), np.arange(index, len(resolver.pieces))):
         groups = np.array_split(rows, min(_PARTS, len(rows)))
-        values = [_linear(blocks.solve(blocks.total(np.setdiff1d(rows, g)))[0])[:, 0] for g in groups]
+        values = [
+            _linear(plain_model(resolver, resolver.pieces[np.setdiff1d(rows, g)].sum()))[:, 0] for g in groups
+        ]
         total = total + variance(values)
     return np.sqrt(total)
 

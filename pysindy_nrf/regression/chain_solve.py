@@ -1,6 +1,6 @@
 """The one place where coefficients are found: complete (eq. 3), sequential (eqs. 4-5), joint.
 
-Works on moments only. Each step's problem is a triangular factor of [mass | terms | right-hand
+Works on Gram matrices only. Each step's problem is a triangular factor of [mass | terms | right-hand
 side], a dozen rows, on which a PySINDy optimizer gives the same answer as on all samples.
 """
 
@@ -18,8 +18,10 @@ from scipy.linalg import lapack
 from ..exceptions import IdentifiabilityError, NRFError, RankWarning
 from ..mechanics.identifiability import Step, Walk
 from ..mechanics.sites import Site
+from .blocks import Block
+from .gram_pass import guess_of, total_gram
+from .grams import BlockGrams
 from .layout import Group, Layout
-from .moments import Block, Moments, accumulate, guess_of
 
 # Squaring a scaled condition number c loses c^2 of the 1e16 digits of a double.
 _DIGITS_AT_RISK = 1e-9
@@ -84,7 +86,7 @@ class Solution:
     fits: list[StepFit] = field(default_factory=list)
 
     def of(self, number: int) -> Solution:
-        """Masses and coefficients of one of stacked moments."""
+        """Masses and coefficients of one of several blocks."""
         masses = {j: float(np.ravel(m)[number if np.ndim(m) else 0]) for j, m in self.masses.items()}
         return Solution(masses, {s: values[number] for s, values in self.coefficients.items()})
 
@@ -98,10 +100,10 @@ class Solution:
 
 
 class NotTogether(NRFError):
-    """Stacked moments have to be solved one by one."""
+    """Blocks have to be solved one by one."""
 
     def __init__(self) -> None:
-        super().__init__("These moments cannot be solved all at once", "Solve them one by one.")
+        super().__init__("These blocks cannot be solved all at once", "Solve them one by one.")
 
 
 def groups_of(layout: Layout, walk: Walk) -> list[Group]:
@@ -140,20 +142,19 @@ def solve_blocks(
     known_masses: Mapping[int, float] | None = None,
     inner: Any = None,
     names: Mapping[Site, list[str]] | None = None,
-) -> tuple[Solution, Moments]:
-    """Stream samples into moments and solve; where squaring loses digits, stream them once more by QR."""
+) -> tuple[Solution, BlockGrams]:
+    """Sum up the samples and solve; where squaring loses digits, sum them up once more by QR."""
     groups, known = groups_of(layout, walk), dict(known_masses or {})
-    moments = accumulate(Moments(layout, groups, "gram", known), blocks())
-    solution = solved_safely(moments, walk, known_masses, inner, names)
+    grams = total_gram(layout, groups, blocks(), known)
+    solution = solved_safely(grams, walk, known_masses, inner, names)
     if solution is None:
-        guess = {dofs: guess_of(part) for dofs, part in moments.parts.items()}
-        moments = accumulate(Moments(layout, groups, "root", known, guess), blocks())
-        solution = solve(moments, walk, known_masses, inner, names)
-    return solution, moments
+        grams = total_gram(layout, groups, blocks(), known, "root", guess_of(grams))
+        solution = solve(grams, walk, known_masses, inner, names)
+    return solution, grams
 
 
 def solved_safely(
-    moments: Moments,
+    grams: BlockGrams,
     walk: Walk,
     known_masses: Mapping[int, float] | None = None,
     inner: Any = None,
@@ -163,56 +164,56 @@ def solved_safely(
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", RankWarning)
-            solution = solve(moments, walk, known_masses, inner, names)
+            solution = solve(grams, walk, known_masses, inner, names)
     except (RankWarning, IdentifiabilityError):
         return None
     return None if solution.digits_at_risk() else solution
 
 
 def solve(
-    moments: Moments,
+    grams: BlockGrams,
     walk: Walk,
     known_masses: Mapping[int, float] | None = None,
     inner: Any = None,
     names: Mapping[Site, list[str]] | None = None,
 ) -> Solution:
-    """Find masses and coefficients from moments."""
+    """Find masses and coefficients from the Gram matrices of the balances."""
     known = {int(j): float(m) for j, m in dict(known_masses or {}).items()}
     solution = Solution(masses=dict(known))
     if walk.strategy == "joint":
-        if moments.stacked:
+        if grams.shape:
             raise NotTogether()
-        _solve_joint(moments, walk, solution, inner, names)
+        _solve_joint(grams, walk, solution, inner, names)
         return solution
     for step in walk.steps:
-        part, where, mass_at, target_at = _locate(moments, step.dofs)
-        signs = dict(zip(moments.groups[step.dofs].sites, moments.groups[step.dofs].signs))
-        target = np.zeros((*moments.stacked, part.matrix.shape[-1]))
+        where, mass_at, target_at = grams.positions(step.dofs)
+        signs = dict(zip(grams.groups[step.dofs].sites, grams.groups[step.dofs].signs))
+        target = np.zeros((*grams.shape, grams.matrices[step.dofs].shape[-1]))
         target[..., target_at] = 1.0
         for site in step.known_sites:
             target[..., where[site]] -= signs[site] * solution.coefficients[site]
         if mass_at is not None and not step.masses:
             target[..., mass_at] -= known.get(step.dofs[0], solution.masses.get(step.dofs[0], 0.0))
-        columns = ([mass_at] if step.masses else []) + [
+        columns = ([mass_at] if step.masses and mass_at is not None else []) + [
             c for s in step.sites for c in range(where[s].start, where[s].stop)
         ]
         combine = np.zeros((*target.shape, len(columns) + 1))
         combine[..., columns, np.arange(len(columns))] = 1.0
         combine[..., -1] = target
         labels = [f"m{j}" for j in step.masses] + [
-            f"{s}: {label}" for s in step.sites for label in _labels(names, s, moments.layout.counts[s])
+            f"{s}: {label}" for s in step.sites for label in _labels(names, s, grams.layout.counts[s])
         ]
-        triangle, cut = part.triangle(combine), _RANK_CUT[moments.kind]
-        if moments.stacked:
-            values, fit = _least_squares_together(triangle, step, part.n_samples, inner, cut)
+        triangle, cut, size = grams.triangle(step.dofs, combine), _RANK_CUT[grams.kind], grams.sizes[step.dofs]
+        if grams.shape:
+            values, fit = _least_squares_together(triangle, step, size, inner, cut)
         else:
-            values, fit = _least_squares(triangle, step, part.n_samples, inner, labels, cut)
+            values, fit = _least_squares(triangle, step, float(size), inner, labels, cut)
         solution.fits.append(fit)
         at = 0
         if step.masses:
             solution.masses[step.masses[0]], at = _number(values[..., 0]), 1
         for site in step.sites:
-            width = moments.layout.counts[site]
+            width = grams.layout.counts[site]
             found = signs[site] * values[..., at : at + width]
             at += width
             second = walk.strategy == "complete" and site.p not in step.dofs
@@ -221,12 +222,8 @@ def solve(
 
 
 def _number(value: np.ndarray) -> Any:
-    """A plain number, or as many as moments are stacked."""
+    """A plain number, or one for each block."""
     return value if value.ndim else float(value)
-
-
-def _locate(moments: Moments, dofs: tuple[int, ...]) -> tuple[Any, ...]:
-    return moments.parts[dofs], *moments.positions(dofs)
 
 
 def _labels(names: Mapping[Site, list[str]] | None, site: Site, count: int) -> list[str]:
@@ -234,7 +231,7 @@ def _labels(names: Mapping[Site, list[str]] | None, site: Site, count: int) -> l
 
 
 def _least_squares(
-    triangle: np.ndarray, step: Step, n_samples: int, inner: Any, labels: list[str], cut: float
+    triangle: np.ndarray, step: Step, n_samples: float, inner: Any, labels: list[str], cut: float
 ) -> tuple[np.ndarray, StepFit]:
     """Solve one sub-problem given as the triangular factor (square, upper) of [columns | right-hand side]."""
     p = triangle.shape[1] - 1
@@ -312,7 +309,7 @@ def _mass_noise(upper: np.ndarray, scaled: np.ndarray, share: float, n_masses: i
     return tuple(float(share / part) if part else np.inf for part in own)
 
 
-def _sparse(unit: np.ndarray, target: np.ndarray, n_masses: int, n_samples: int, inner: Any) -> np.ndarray:
+def _sparse(unit: np.ndarray, target: np.ndarray, n_masses: int, n_samples: float, inner: Any) -> np.ndarray:
     """Run a PySINDy optimizer on the problem with the masses, its first columns, eliminated; then solve for these."""
     from .sparse_subproblem import fit_inner
 
@@ -348,9 +345,9 @@ def _report_rank(unit: np.ndarray, rank: int, step: Step, labels: list[str]) -> 
     )
 
 
-def _solve_joint(moments: Moments, walk: Walk, solution: Solution, inner: Any, names: Any) -> None:
+def _solve_joint(grams: BlockGrams, walk: Walk, solution: Solution, inner: Any, names: Any) -> None:
     """All balances at once with shared laws (Newton's third law built in), each divided by its rms force."""
-    layout, n = moments.layout, moments.layout.n_dof
+    layout, n = grams.layout, grams.layout.n_dof
     free = [step.dofs[0] for step in walk.steps if step.masses]
     column: dict[Any, int] = {("m", j): i for i, j in enumerate(free)}
     at = len(free)
@@ -358,9 +355,9 @@ def _solve_joint(moments: Moments, walk: Walk, solution: Solution, inner: Any, n
         column[site], at = at, at + layout.counts[site]
     rows = []
     for j in range(1, n + 1):
-        part, where, mass_at, target_at = _locate(moments, (j,))
-        group = moments.groups[(j,)]
-        combine = np.zeros((part.matrix.shape[1], at + 1))
+        where, mass_at, target_at = grams.positions((j,))
+        group = grams.groups[(j,)]
+        combine = np.zeros((grams.matrices[j,].shape[-1], at + 1))
         for site, sign in zip(group.sites, group.signs):
             inside = np.arange(where[site].start, where[site].stop)
             combine[inside, column[site] + np.arange(len(inside))] = sign
@@ -370,16 +367,16 @@ def _solve_joint(moments: Moments, walk: Walk, solution: Solution, inner: Any, n
         else:
             combine[mass_at, at] = -solution.masses[j]
         used = np.flatnonzero(combine.any(axis=0))
-        small = part.triangle(combine[:, used])
+        small = grams.triangle((j,), combine[:, used])
         triangle = np.zeros((len(used), at + 1))
         triangle[:, used] = small
-        rows.append(triangle * (part.n_samples**0.5 / np.linalg.norm(small[:, -1])))
+        rows.append(triangle * (grams.sizes[j,] ** 0.5 / np.linalg.norm(small[:, -1])))
     stacked = np.vstack(rows)
     upper = linalg.qr(stacked, mode="r", check_finite=False)[0][: at + 1]
-    samples = sum(moments.parts[(j,)].n_samples for j in range(1, n + 1))
+    samples = float(sum(grams.sizes[j,] for j in range(1, n + 1)))
     labels = [f"m{j}" for j in free] + [f"{s}: {x}" for s in layout.acting for x in _labels(names, s, layout.counts[s])]
     step = Step(tuple(range(1, n + 1)), tuple(free), layout.acting, (), True)
-    values, fit = _least_squares(upper, step, samples, inner, labels, _RANK_CUT[moments.kind])
+    values, fit = _least_squares(upper, step, samples, inner, labels, _RANK_CUT[grams.kind])
     solution.fits.append(fit)
     for j in free:
         solution.masses[j] = float(values[column["m", j]])

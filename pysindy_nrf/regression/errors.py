@@ -16,24 +16,26 @@ import pandas as pd
 
 from ..mechanics.identifiability import Walk
 from ..mechanics.sites import Site
+from .blocks import Block
 from .chain_model import ChainModel
 from .chain_solve import groups_of
+from .gram_pass import total_gram
+from .grams import BlockGrams
 from .layout import Layout
-from .moments import Block, Moments, accumulate
 
 COLUMNS = ["error", "residual", "reference", "of"]
 # Percent; below it round-off of a Gram matrix (the root of the machine precision) shows in the last digits.
 _HELD_BY_A_GRAM = 0.1
 
 
-def balance_errors(model: ChainModel, moments: Moments) -> pd.DataFrame:
-    """Balance errors (one step, not free run) of a model from moments.
+def balance_errors(model: ChainModel, grams: BlockGrams) -> pd.DataFrame:
+    """Balance errors (one step, not free run) of a model from Gram matrices.
 
     Parameters
     ----------
     model : ChainModel
-    moments : Moments
-        Of the data to judge, with the model's own laws as columns.
+    grams : BlockGrams
+        A sum, of the data to judge, with the model's own laws as columns.
 
     Returns
     -------
@@ -46,21 +48,21 @@ def balance_errors(model: ChainModel, moments: Moments) -> pd.DataFrame:
     >>> from pysindy_nrf import NRFRegressor, datasets
     >>> from pysindy_nrf.regression.chain_solve import groups_of
     >>> from pysindy_nrf.regression.errors import balance_errors
+    >>> from pysindy_nrf.regression.gram_pass import total_gram
     >>> from pysindy_nrf.regression.layout import LawLayout
-    >>> from pysindy_nrf.regression.moments import Moments, accumulate
     >>> X, F = datasets.load_demo().to_features()
     >>> fitted = NRFRegressor(degree=3).fit(X, F)
     >>> layout = LawLayout(fitted.chain_, fitted.model_.laws)
     >>> data = fitted.model_.segments(X, F)
-    >>> moments = accumulate(Moments(layout, groups_of(layout, fitted.walk_)), data.segments[0].blocks(layout))
-    >>> balance_errors(fitted.model_, moments)["error"].round(1).to_dict()
+    >>> grams = total_gram(layout, groups_of(layout, fitted.walk_), data.segments[0].blocks(layout))
+    >>> balance_errors(fitted.model_, grams)["error"].round(1).to_dict()
     {'dof 1': 2.2, 'dof 2': 4.2, 'dof 3': 1.2, 'pooled': 1.9}
     """
     coefficients = model.coefficients
     masses = dict(enumerate(model.masses, 1))
     rows, pooled = {}, Pooled()
     for j in masses:
-        sizes = balance_sizes(j, masses, coefficients, moments)
+        sizes = balance_sizes(j, masses, coefficients, grams)
         if sizes is None:
             continue
         rows[f"dof {j}"] = [_percent(sizes.residual, sizes.reference), sizes.residual, sizes.reference, sizes.of]
@@ -69,7 +71,7 @@ def balance_errors(model: ChainModel, moments: Moments) -> pd.DataFrame:
     return pd.DataFrame.from_dict(rows, orient="index", columns=COLUMNS)
 
 
-def pooled_error(masses: Mapping[int, float], coefficients: Mapping[Site, np.ndarray], moments: Moments) -> float:
+def pooled_error(masses: Mapping[int, float], coefficients: Mapping[Site, np.ndarray], grams: BlockGrams) -> float:
     """Pooled balance error of masses and coefficients, percent NRMSE; see :func:`balance_errors`.
 
     Parameters
@@ -77,7 +79,7 @@ def pooled_error(masses: Mapping[int, float], coefficients: Mapping[Site, np.nda
     masses : mapping of int to float
         kg, by DOF.
     coefficients : mapping of Site to ndarray
-    moments : Moments
+    grams : BlockGrams
 
     Returns
     -------
@@ -88,21 +90,21 @@ def pooled_error(masses: Mapping[int, float], coefficients: Mapping[Site, np.nda
     >>> from pysindy_nrf import NRFRegressor, datasets
     >>> from pysindy_nrf.regression.chain_solve import groups_of
     >>> from pysindy_nrf.regression.errors import pooled_error
+    >>> from pysindy_nrf.regression.gram_pass import total_gram
     >>> from pysindy_nrf.regression.layout import LawLayout
-    >>> from pysindy_nrf.regression.moments import Moments, accumulate
     >>> X, F = datasets.load_demo().to_features()
     >>> fitted = NRFRegressor(degree=3).fit(X, F)
     >>> layout = LawLayout(fitted.chain_, fitted.model_.laws)
     >>> segment = fitted.model_.segments(X, F).segments[0]
-    >>> moments = accumulate(Moments(layout, groups_of(layout, fitted.walk_)), segment.blocks(layout))
+    >>> grams = total_gram(layout, groups_of(layout, fitted.walk_), segment.blocks(layout))
     >>> masses = dict(enumerate(fitted.masses_, 1))
     >>> coefficients = {site: held[0].coefficients for site, held in fitted.model_.laws.items()}
-    >>> round(pooled_error(masses, coefficients, moments), 1)  # percent
+    >>> round(pooled_error(masses, coefficients, grams), 1)  # percent
     1.9
     """
     pooled = Pooled()
-    for j in range(1, moments.layout.n_dof + 1):
-        sizes = balance_sizes(j, masses, coefficients, moments)
+    for j in range(1, grams.layout.n_dof + 1):
+        sizes = balance_sizes(j, masses, coefficients, grams)
         if sizes is not None:
             pooled.add(sizes)
     return pooled.percent
@@ -135,7 +137,7 @@ class Sizes(NamedTuple):
 
 
 def balance_sizes(
-    dof: int, masses: Mapping[int, float], coefficients: Mapping[Site, np.ndarray], moments: Moments
+    dof: int, masses: Mapping[int, float], coefficients: Mapping[Site, np.ndarray], grams: BlockGrams
 ) -> Sizes | None:
     """Rms sizes of one balance, or None if its force is unknown throughout.
 
@@ -149,8 +151,8 @@ def balance_sizes(
     masses : mapping of int to float
         kg, by DOF.
     coefficients : mapping of Site to ndarray
-    moments : Moments
-        If they are stacked, so are masses, coefficients and what comes back.
+    grams : BlockGrams
+        If it holds blocks, so are masses, coefficients and what comes back.
 
     Returns
     -------
@@ -161,27 +163,27 @@ def balance_sizes(
     >>> from pysindy_nrf import NRFRegressor, datasets
     >>> from pysindy_nrf.regression.chain_solve import groups_of
     >>> from pysindy_nrf.regression.errors import balance_sizes
+    >>> from pysindy_nrf.regression.gram_pass import total_gram
     >>> from pysindy_nrf.regression.layout import LawLayout
-    >>> from pysindy_nrf.regression.moments import Moments, accumulate
     >>> X, F = datasets.load_demo().to_features()
     >>> fitted = NRFRegressor(degree=3).fit(X, F)
     >>> layout = LawLayout(fitted.chain_, fitted.model_.laws)
     >>> segment = fitted.model_.segments(X, F).segments[0]
-    >>> moments = accumulate(Moments(layout, groups_of(layout, fitted.walk_)), segment.blocks(layout))
+    >>> grams = total_gram(layout, groups_of(layout, fitted.walk_), segment.blocks(layout))
     >>> masses = dict(enumerate(fitted.masses_, 1))
     >>> coefficients = {site: held[0].coefficients for site, held in fitted.model_.laws.items()}
-    >>> [balance_sizes(j, masses, coefficients, moments).of for j in (1, 2, 3)]  # floor 2 is shaken
+    >>> [balance_sizes(j, masses, coefficients, grams).of for j in (1, 2, 3)]  # floor 2 is shaken
     ['m a', 'F', 'm a']
     """
-    above = tuple(range(dof, moments.layout.n_dof + 1))
-    dofs = above if above in moments.parts else (dof,)
-    part = moments.parts[dofs]
-    if not np.any(part.n_samples):
+    above = tuple(range(dof, grams.layout.n_dof + 1))
+    dofs = above if above in grams.groups else (dof,)
+    size = grams.sizes[dofs]
+    if not np.any(size):
         return None
-    where, mass_at, target_at = moments.positions(dofs)
-    group = moments.groups[dofs]
+    where, mass_at, target_at = grams.positions(dofs)
+    group = grams.groups[dofs]
     # columns: residual, force alone, inertia alone, storey force alone
-    weights = np.zeros((*moments.stacked, part.matrix.shape[-1], 4))
+    weights = np.zeros((*grams.shape, grams.matrices[dofs].shape[-1], 4))
     own = None
     for site, sign in zip(group.sites, group.signs):
         weights[..., where[site], 0] = sign * coefficients[site]
@@ -191,14 +193,14 @@ def balance_sizes(
     weights[..., target_at, 0], weights[..., target_at, 1] = -1.0, 1.0
     if mass_at is not None:
         weights[..., mass_at, 0] = weights[..., mass_at, 2] = masses[dof]
-    residual, force, inertia, storey = np.moveaxis(part.norms(weights), -1, 0) / part.n_samples**0.5
+    residual, force, inertia, storey = np.moveaxis(grams.norms(dofs, weights), -1, 0) / size**0.5
     of = "F" if np.all(force) and mass_at is not None else "m a"
-    if moments.stacked:
+    if grams.shape:
         reference = np.where(force, force, inertia)
         storey = np.where(storey, storey, np.where(reference, reference, 1.0))
-        return Sizes(residual, reference, storey, of, part.n_samples)  # type: ignore[arg-type]  # arrays of a stack
+        return Sizes(residual, reference, storey, of, size)  # type: ignore[arg-type]  # of each block
     reference = force or inertia
-    return Sizes(float(residual), float(reference), float(storey or reference or 1.0), of, part.n_samples)
+    return Sizes(float(residual), float(reference), float(storey or reference or 1.0), of, int(size))
 
 
 class Pooled:
@@ -234,7 +236,7 @@ class Pooled:
 
 
 def _percent(part: Any, whole: Any) -> Any:
-    if np.ndim(whole):  # of stacked moments
+    if np.ndim(whole):  # of blocks
         return np.array([_percent(*pair) for pair in zip(part.tolist(), whole.tolist())])
     return 100.0 * part / whole if whole else (0.0 if part == 0 else np.inf)
 
@@ -276,7 +278,7 @@ def judge(
     known = dict(enumerate(model.masses.tolist(), 1))
 
     def run(kind: str, held: Iterable[Block]) -> pd.DataFrame:
-        return balance_errors(model, accumulate(Moments(layout, groups_of(layout, walk), kind, known), held))
+        return balance_errors(model, total_gram(layout, groups_of(layout, walk), held, known, kind))
 
     if not callable(blocks):
         return run("gram", blocks)

@@ -16,9 +16,10 @@ from ..exceptions import BiasWarning, ChannelError, ExcitationError
 from ..mechanics.chain import Chain
 from ..mechanics.identifiability import Walk, plan_walk
 from ..mechanics.sites import Site
+from .blocks import Block, blocks_of
 from .chain_solve import Solution, doubtful_masses, solve_blocks
+from .grams import BlockGrams
 from .layout import Layout
-from .moments import Block, Moments, blocks_of
 
 if TYPE_CHECKING:
     from sklearn.utils import Tags
@@ -52,7 +53,7 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         walk: Walk,
         blocks: Callable[[], Iterable[Block]],
         names: Mapping[Site, list[str]] | None = None,
-    ) -> tuple[Solution, Moments]:
+    ) -> tuple[Solution, BlockGrams]:
         """Find masses and coefficients from streamed blocks; the way :class:`NRFRegressor` comes in.
 
         Parameters
@@ -66,7 +67,7 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
         Returns
         -------
-        Solution, Moments
+        Solution, BlockGrams
         """
         inner = self.optimizer.optimizer if isinstance(self.optimizer, _ChainOptimizerBase) else self.optimizer
         return solve_blocks(layout, walk, blocks, self.known_masses, inner, names)
@@ -103,7 +104,7 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
             + [f"F{j + 1}" for j in range(n) if j + 1 not in unknown],
         )
         terms, a, F = terms[rows], a[rows], F[rows]
-        self.solution_, self.moments_ = self.solve(layout, walk, lambda: blocks_of(terms, a, F))
+        self.solution_, _ = self.solve(layout, walk, lambda: blocks_of(terms, a, F))
         if said := doubtful_masses(self.solution_):
             warnings.warn(" ".join(said), BiasWarning, stacklevel=3)
         self.walk_ = walk

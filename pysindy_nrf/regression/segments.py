@@ -11,9 +11,9 @@ import numpy as np
 from ..exceptions import ChannelError
 from ..laws.motion import Motion
 from ..mechanics.sites import Site
+from .blocks import Block, block_size
 from .channel_range import Extent
 from .layout import LawLayout, Recipe
-from .moments import Block, block_size
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""Shape parameters of laws by variable projection: coefficients eliminated on moments."""
+"""Shape parameters of laws by variable projection: coefficients eliminated on Gram matrices."""
 
 from __future__ import annotations
 

@@ -12,8 +12,8 @@ from ..laws.motion import Motion
 from ..mechanics.sites import Site
 from .chain_model import ChainModel
 from .chain_solve import Solution
+from .grams import BlockGrams
 from .layout import LawLayout
-from .moments import Moments
 from .phase_plane_domain import VisitedRegion
 from .segments import SegmentSet
 
@@ -41,15 +41,14 @@ def lost_masses(model: ChainModel) -> list[str]:
     ]
 
 
-def third_law_gap(solution: Solution, moments: Moments) -> pd.Series:
+def third_law_gap(solution: Solution, grams: BlockGrams) -> pd.Series:
     """Rms difference of the two estimates of each storey's force (paper eq. 10b), percent of its rms."""
     gaps = {}
     for site, twin in solution.twins.items():
-        where, *_ = moments.positions((site.p,))
-        part = moments.parts[(site.p,)]
-        both = np.zeros((part.matrix.shape[1], 2))
+        where, *_ = grams.positions((site.p,))
+        both = np.zeros((grams.matrices[site.p,].shape[-1], 2))
         both[where[site]] = np.column_stack([solution.coefficients[site] - twin, solution.coefficients[site]])
-        gap, whole = part.norms(both)
+        gap, whole = grams.norms((site.p,), both)
         gaps[str(site)] = 100.0 * gap / whole if whole else np.inf
     names = sorted(gaps)
     return pd.Series([gaps[name] for name in names], index=names, name="third-law gap (%)", dtype=float)

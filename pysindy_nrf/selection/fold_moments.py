@@ -1,7 +1,7 @@
-"""Block moments of all folds and all orders from one pass over the samples.
+"""Gram matrices of all folds and all orders from one pass over the samples.
 
-The columns of the largest order hold those of every smaller one, and the moments of a fold are sums
-of the moments of pieces: so any order on any fold is a matter of matrices of a dozen rows.
+The columns of the largest order hold those of every smaller one, and a fold is a sum of pieces: so any order on any
+fold is a matter of matrices of a dozen rows.
 
 Powers up to the seventh are nearly dependent, and a Gram matrix of them has lost its digits. What is
 accumulated are therefore products of polynomials that are orthogonal on a sample of the rows, made
@@ -28,9 +28,11 @@ from ..laws import ForceLaw, Motion, PowerSeries
 from ..mechanics.chain import Chain
 from ..mechanics.identifiability import Walk, plan_walk
 from ..mechanics.sites import Site
+from ..regression.blocks import Block, cut_at
 from ..regression.chain_solve import NotTogether, Solution, groups_of, solve
+from ..regression.gram_pass import GramPass
+from ..regression.grams import BlockGrams
 from ..regression.layout import Group, LawLayout
-from ..regression.moments import Block, GroupMoments, Moments, accumulate_each, stacked
 from ..regression.segments import SegmentSet
 from .polynomials import Monomials, OrthogonalPowers
 
@@ -61,8 +63,8 @@ class Order:
             self._groups[walk] = groups_of(self.layout, walk)
         return self._groups[walk]
 
-    def index(self, group: Group, whole: Moments) -> np.ndarray:
-        """Where the columns of a group stand in the moments of all candidates."""
+    def index(self, group: Group, whole: BlockGrams) -> np.ndarray:
+        """Where the columns of a group stand among those of all candidates."""
         if group not in self._index:
             where, *others = whole.positions(group.dofs)
             own = [where[s].start + self.columns[s] for s in group.sites if s in self.columns]
@@ -81,7 +83,7 @@ class Order:
 
 
 class FoldMoments:
-    """Moments of the pieces into which the folds cut the data.
+    """Gram matrices of the pieces into which the folds cut the data.
 
     Parameters
     ----------
@@ -181,63 +183,61 @@ class FoldMoments:
     def _accumulate(self, kind: str) -> None:
         self.kind = kind
         self._backs: dict[tuple[int, ...], np.ndarray] = {}
-        self._grams: dict[tuple[int, ...], tuple[np.ndarray, np.ndarray]] = {}  # of all pieces, and their samples
         groups = [self.accumulated.group(g.dofs) for g in self.groups]
-        self._nothing = Moments(self.accumulated, groups, kind, self.known_masses)
-        self.pieces: list[Moments] = []
         self.piece_class: list[int] = []
         self.sums: list[np.ndarray] = []  # of the accelerations, for the variance behind R^2
         self.counts: list[np.ndarray] = []
-        self._totals: dict[Any, tuple[Moments, np.ndarray, np.ndarray]] = {}
-        accumulate_each(self._blocks())
+        self._totals: dict[Any, tuple[BlockGrams, np.ndarray, np.ndarray]] = {}
+        self.pieces = GramPass(self.accumulated, groups, self.known_masses, kind).add_each(self._blocks()).grams()
 
-    def _blocks(self) -> Iterator[tuple[Moments, Block]]:
-        """All samples, and the piece they belong to."""
+    def _blocks(self) -> Iterator[tuple[int, Block]]:
+        """All samples, and the number of the piece they belong to."""
         whole = sum(seg.n_valid for seg in self.data.segments)
         for seg, filter in zip(self.data.segments, self.filters):
             classes = self.class_of[seg.rows][seg.valid]
             cuts = _cuts(classes, max(whole // PIECES, 256) if self.kind == "gram" else whole)
             shuffled: dict[int, int] = {}  # piece of each class
-            at, piece = 0, -1
-            for block in seg.blocks(self.accumulated, filter=filter):
-                block = self._whiten(block) if self.kind == "gram" else block
-                n = block.acceleration.shape[1]
-                if cuts is None:
-                    for code in np.unique(classes[at : at + n]):
-                        if code not in shuffled:
-                            shuffled[code] = self._open(int(code))
-                        yield self._counted(shuffled[code], block.take(classes[at : at + n] == code))
-                else:
-                    inside = cuts[(cuts > at) & (cuts < at + n)]
-                    for lo, hi in zip([at, *inside], [*inside, at + n]):
-                        if piece < 0 or lo in cuts:
-                            piece = self._open(int(classes[lo]))
-                        yield self._counted(piece, block.take(slice(lo - at, hi - at)))
-                at += n
+            blocks = seg.blocks(self.accumulated, filter=filter)
+            if self.kind == "gram":
+                blocks = map(self._whiten, blocks)
+            if cuts is not None:
+                first = len(self.piece_class)
+                for low in cuts:
+                    self._open(int(classes[low]))
+                for piece, block in cut_at(cuts, blocks, first):
+                    yield self._counted(piece, block)
+                continue
+            at = 0
+            for block in blocks:
+                here = classes[at : at + block.n_samples]
+                for code in np.unique(here):
+                    if code not in shuffled:
+                        shuffled[code] = self._open(int(code))
+                    yield self._counted(shuffled[code], block.take(here == code))
+                at += block.n_samples
 
     def _open(self, code: int) -> int:
-        self.pieces.append(self._nothing.empty())
         self.piece_class.append(code)
         self.sums.append(np.zeros(self.chain.n_dof))
         self.counts.append(np.zeros(self.chain.n_dof))
-        return len(self.pieces) - 1
+        return len(self.piece_class) - 1
 
-    def _counted(self, piece: int, block: Block) -> tuple[Moments, Block]:
+    def _counted(self, piece: int, block: Block) -> tuple[int, Block]:
         """A block of a piece, with its accelerations summed up and its samples counted."""
-        n, known = block.acceleration.shape[1], np.array(block.known)
+        n, known = block.n_samples, np.array(block.known)
         self.sums[piece] += np.where(known, block.acceleration @ np.ones(n), 0.0)
         self.counts[piece] += known * n
-        return self.pieces[piece], block
+        return piece, block
 
     def sharpen(self) -> None:
         """Accumulate once more by streamed QR, where the residual is too small for a Gram matrix."""
         if self.kind == "gram":
             self._accumulate("root")
 
-    # -- moments of a fold --------------------------------------------------------------------
+    # -- sums for a fold --------------------------------------------------------------------
 
-    def total(self, fold: Any, side: str = "train") -> tuple[Moments, np.ndarray, np.ndarray]:
-        """Moments of one side of a fold, sums of accelerations and counts; None: of all samples, EVERY: stacked."""
+    def total(self, fold: Any, side: str = "train") -> tuple[BlockGrams, np.ndarray, np.ndarray]:
+        """Roots of one side of a fold, sums of accelerations and counts; None: of all samples, EVERY: stacked."""
         key = (fold, side)
         if key not in self._totals:
             if fold is None:
@@ -250,40 +250,16 @@ class FoldMoments:
                 number = empty[0] if fold == EVERY else fold
                 raise ChannelError(f"Fold {number} has no {side} samples", "Check the splitter.")
             found = self._sums(wanted), wanted @ np.array(self.sums), wanted @ np.array(self.counts)
-            self._totals[key] = found if fold == EVERY else (found[0].of(0), found[1][0], found[2][0])
+            self._totals[key] = found if fold == EVERY else (found[0][0], found[1][0], found[2][0])
         return self._totals[key]
 
-    def sum_of(self, pieces: Iterable[int]) -> Moments:
-        """Moments of some pieces, in the monomials themselves; a piece may be there several times."""
-        return self._sums(np.bincount(list(pieces), minlength=len(self.pieces))[None].astype(float)).of(0)
+    def sum_of(self, pieces: Iterable[int]) -> BlockGrams:
+        """Roots of some pieces, in the monomials themselves; a piece may be there several times."""
+        return self._sums(np.bincount(list(pieces), minlength=len(self.pieces))[None].astype(float))[0]
 
-    def _sums(self, wanted: np.ndarray) -> Moments:
-        """Stacked moments of the monomials, each the sum of so many times each piece."""
-        if self.kind == "root":
-            times = wanted.astype(int)
-            return stacked([self._merged(np.repeat(np.arange(len(row)), row)) for row in times])
-        out = Moments(self.layout, self.groups, "root", self.known_masses)
-        out.n_samples = (wanted @ [piece.n_samples for piece in self.pieces]).astype(int)
-        for dofs, part in out.parts.items():
-            if dofs not in self._grams:
-                held = [piece.parts[dofs] for piece in self.pieces]
-                self._grams[dofs] = np.array([p.matrix for p in held]), np.array([p.n_samples for p in held])
-            grams, sizes = self._grams[dofs]
-            whole = GroupMoments(0)
-            whole.matrix = np.tensordot(wanted, grams, 1)
-            part.matrix = whole.root() @ self._back(dofs)
-            part.n_samples = (wanted @ sizes).astype(int)
-        return out
-
-    def _merged(self, pieces: Iterable[int]) -> Moments:
-        held = self._nothing.empty()
-        for i in pieces:
-            held.merge(self.pieces[i])
-        out = Moments(self.layout, self.groups, "root", self.known_masses)
-        out.n_samples = held.n_samples
-        for dofs, part in held.parts.items():
-            out.parts[dofs].matrix, out.parts[dofs].n_samples = part.root() @ self._back(dofs), part.n_samples
-        return out
+    def _sums(self, wanted: np.ndarray) -> BlockGrams:
+        """Roots of the monomials, each the sum of so many times each piece."""
+        return self.pieces.sum(wanted).roots().transformed(self.layout, {g: self._back(g.dofs) for g in self.groups})
 
     def order(self, orders: Mapping[Site, Any]) -> Order:
         """A candidate with an order at every searched site."""
@@ -295,28 +271,20 @@ class FoldMoments:
         }
         return Order(layout, columns)
 
-    def cut(self, moments: Moments, order: Order, groups: Sequence[Group]) -> Moments:
-        """Moments of a candidate's own columns."""
-        out = Moments(order.layout, [], "root", self.known_masses)
-        out.n_samples = moments.n_samples
-        for group in groups:
-            part = moments.parts[group.dofs]
-            small = type(part)(0, "root")
-            small.matrix = part.matrix[..., order.index(group, moments)]
-            small.n_samples = part.n_samples
-            out.groups[group.dofs], out.parts[group.dofs] = group, small
-        return out
+    def cut(self, total: BlockGrams, order: Order, groups: Sequence[Group]) -> BlockGrams:
+        """A candidate's own columns."""
+        return total.transformed(order.layout, {g: order.index(g, total) for g in groups})
 
-    def walk(self, moments: Moments, order: Order) -> Walk:
-        """The solve that the forces in some moments allow."""
+    def walk(self, total: BlockGrams, order: Order) -> Walk:
+        """The solve that the forces in some samples allow."""
         forced, unknown = [], []
         for j in range(1, self.chain.n_dof + 1):
-            part = moments.parts[(j,)]
-            pushed = np.linalg.norm(part.matrix[..., -1], axis=-1) > 0
-            for held in (part.n_samples > 0, pushed):
+            seen = total.sizes[j,] > 0
+            pushed = np.linalg.norm(total.matrices[j,][..., -1], axis=-1) > 0
+            for held in (seen, pushed):
                 if np.any(held) != np.all(held):
                     raise NotTogether()
-            if not np.all(part.n_samples):
+            if not np.all(seen):
                 unknown.append(j)
             elif np.all(pushed):
                 forced.append(j)
@@ -328,15 +296,15 @@ class FoldMoments:
         return self._walks[key].require_complete()
 
     def fit(
-        self, order: Order, fold: Any, inner: Any = None, moments: Moments | None = None
-    ) -> tuple[Solution, Walk, Moments]:
+        self, order: Order, fold: Any, inner: Any = None, total: BlockGrams | None = None
+    ) -> tuple[Solution, Walk, BlockGrams]:
         """Solve one candidate on the training side of a fold."""
-        total = self.total(fold)[0] if moments is None else moments
+        total = self.total(fold)[0] if total is None else total
         walk = self.walk(total, order)
-        moments = self.cut(total, order, order.groups(walk))
+        own = self.cut(total, order, order.groups(walk))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RankWarning)
-            return solve(moments, walk, self.known_masses, inner or self.inner, order.names), walk, moments
+            return solve(own, walk, self.known_masses, inner or self.inner, order.names), walk, own
 
     def piece_norms(self, order: Order, dofs: tuple[int, ...], weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Squared length of a combination of a candidate's columns in each piece, and the samples behind it."""
@@ -344,9 +312,7 @@ class FoldMoments:
         back = self._back(dofs)
         whole = np.zeros(back.shape[1])
         whole[order.index(group, self.total(None)[0])] = weights
-        whole = back @ whole
-        parts = [piece.parts[dofs] for piece in self.pieces]
-        return np.array([p.norm(whole) ** 2 for p in parts]), np.array([p.n_samples for p in parts], dtype=float)
+        return self.pieces.norms(dofs, (back @ whole)[:, None])[:, 0] ** 2, self.pieces.sizes[dofs]
 
 
 def _factor(columns: np.ndarray) -> np.ndarray | None:

@@ -1,4 +1,4 @@
-"""Errors on held-out folds and information criteria, from the moments of all folds."""
+"""Errors on held-out folds and information criteria, from the Gram matrices of all folds."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..exceptions import NRFError
 from ..regression.chain_solve import Solution, StepFit
 from ..regression.errors import Pooled, balance_sizes, pooled_error
 from ..regression.free_run import free_run_error
-from ..regression.moments import Moments
+from ..regression.grams import BlockGrams
 from ..regression.segments import BlockRows
 from ..regression.solution import model_of
 from .fold_moments import EVERY, FoldMoments, Order
@@ -28,9 +28,9 @@ class DigitsLost(Exception):
 
 @dataclass
 class Heldout:
-    """Moments of the held-out side of a fold, sums and counts of its accelerations, and what the rest says."""
+    """Roots of the held-out side of a fold, sums and counts of its accelerations, and what the rest says."""
 
-    moments: Moments
+    grams: BlockGrams
     sums: np.ndarray
     counts: np.ndarray
     solution: Solution
@@ -74,7 +74,7 @@ def balances_on_folds(fold_moments: FoldMoments, order: Order, dofs: Iterable[in
     for held, where in _held_out(fold_moments, order):
         pooled = Pooled()
         for j in dofs:
-            sizes = balance_sizes(j, held.solution.masses, held.solution.coefficients, held.moments)
+            sizes = balance_sizes(j, held.solution.masses, held.solution.coefficients, held.grams)
             if sizes is not None:
                 pooled.add(sizes)
         errors[where] = pooled.percent
@@ -82,28 +82,28 @@ def balances_on_folds(fold_moments: FoldMoments, order: Order, dofs: Iterable[in
 
 
 def _balance(fold_moments: FoldMoments, order: Order, held: Heldout) -> Any:
-    return -pooled_error(held.solution.masses, held.solution.coefficients, held.moments)
+    return -pooled_error(held.solution.masses, held.solution.coefficients, held.grams)
 
 
 def _acceleration(fold_moments: FoldMoments, order: Order, held: Heldout) -> Any:
-    left = error = np.zeros(held.moments.stacked)
+    left = error = np.zeros(held.grams.shape)
     for j in range(1, order.layout.n_dof + 1):
-        part = held.moments.parts[(j,)]
-        if np.any(part.n_samples):
-            weights = np.zeros((*left.shape, part.matrix.shape[-1], 2))  # of the residual, of the acceleration
-            weights[..., 0] = residual_weights(held.moments, held.solution, (j,))
-            weights[..., held.moments.positions((j,))[1], 1] = 1.0
-            residual, own = np.moveaxis(part.norms(weights), -1, 0)
+        if np.any(held.grams.sizes[j,]):
+            # of the residual, of the acceleration
+            weights = np.zeros((*left.shape, held.grams.matrices[j,].shape[-1], 2))
+            weights[..., 0] = residual_weights(held.grams, held.solution, (j,))
+            weights[..., held.grams.positions((j,))[1], 1] = 1.0
+            residual, own = np.moveaxis(held.grams.norms((j,), weights), -1, 0)
             error = error + (residual / held.solution.masses[j]) ** 2
             left = left + own**2 - held.sums[..., j - 1] ** 2 / held.counts[..., j - 1]
     return 1.0 - np.divide(error, left, out=np.full(left.shape, np.nan), where=left != 0)
 
 
-def residual_weights(moments: Moments, solution: Solution, dofs: tuple[int, ...]) -> np.ndarray:
+def residual_weights(grams: BlockGrams, solution: Solution, dofs: tuple[int, ...]) -> np.ndarray:
     """Weights of the columns of one balance, or of several summed, whose sum is the residual."""
-    where, mass_at, target_at = moments.positions(dofs)
-    group = moments.groups[dofs]
-    weights = np.zeros((*moments.stacked, moments.parts[dofs].matrix.shape[-1]))
+    where, mass_at, target_at = grams.positions(dofs)
+    group = grams.groups[dofs]
+    weights = np.zeros((*grams.shape, grams.matrices[dofs].shape[-1]))
     for site, sign in zip(group.sites, group.signs):
         weights[..., where[site]] = sign * solution.coefficients[site]
     if mass_at is not None:
@@ -113,8 +113,8 @@ def residual_weights(moments: Moments, solution: Solution, dofs: tuple[int, ...]
 
 
 def _require_digits(held: Heldout) -> None:
-    for j in range(1, held.moments.layout.n_dof + 1):
-        sizes = balance_sizes(j, held.solution.masses, held.solution.coefficients, held.moments)
+    for j in range(1, held.grams.layout.n_dof + 1):
+        sizes = balance_sizes(j, held.solution.masses, held.solution.coefficients, held.grams)
         if sizes is not None and np.any(sizes.residual < CLEAN * sizes.reference):
             raise DigitsLost
 
@@ -143,12 +143,12 @@ _SCORES: dict[str, Any] = {"balance": _balance, "acceleration": _acceleration, "
 SCORINGS = tuple(_SCORES)
 
 
-def information(fits: list[StepFit], moments: Moments, shares: dict[tuple[int, ...], float]) -> tuple[float, float]:
+def information(fits: list[StepFit], grams: BlockGrams, shares: dict[tuple[int, ...], float]) -> tuple[float, float]:
     r"""Akaike's and Schwarz's criterion of a chain, summed over the steps of its solve."""
     aic = bic = 0.0
     for fit in fits:
         dofs = fit.step.dofs
-        seen = moments.parts[dofs].n_samples if dofs in moments.parts else moments.n_samples
+        seen = grams.sizes[dofs] if dofs in grams.groups else grams.n_samples
         size = max(seen * shares.get(dofs, 1.0), 2.0)
         level = 2.0 * size * np.log(max(fit.share, FLOOR) * fit.residual / fit.share if fit.share else FLOOR)
         aic += level + 2.0 * fit.n_columns
@@ -158,10 +158,10 @@ def information(fits: list[StepFit], moments: Moments, shares: dict[tuple[int, .
 
 def independent_shares(fold_moments: FoldMoments, order: Order) -> dict[tuple[int, ...], float]:
     r"""Independent samples in the residual of each balance, as a share of its samples."""
-    solution, walk, moments = fold_moments.fit(order, None)
+    solution, walk, grams = fold_moments.fit(order, None)
     shares = {}
-    for dofs in moments.parts:
-        square, size = fold_moments.piece_norms(order, dofs, residual_weights(moments, solution, dofs))
+    for dofs in grams.groups:
+        square, size = fold_moments.piece_norms(order, dofs, residual_weights(grams, solution, dofs))
         held = size > 0
         if held.sum() < 4:
             continue

@@ -155,7 +155,7 @@ def select_order(
 ) -> OrderSelection:
     """Choose the order of the power series by held-out error, at the cost of about one fit.
 
-    The samples are read once, into moments of the pieces that the folds cut; every order on every fold is then
+    The samples are read once, into Gram matrices of the pieces that the folds cut; every order on every fold is then
     solved from them. The scores are those of ``GridSearchCV(NRFRegressor(), {"degree": ...}, cv=cv,
     scoring=...)`` to 1e-9 (with ``band`` or with laws that remember the path, records are here filtered and
     followed whole, and there from each fold's edge anew).
@@ -189,7 +189,7 @@ def select_order(
     NRFError
         If no order was given, or none could be fitted.
     ChainError
-        For parameters that moments cannot serve (``estimation``, ``constraints``, free shape parameters).
+        For parameters that Gram matrices cannot serve (``estimation``, ``constraints``, free shape parameters).
 
     Examples
     --------
@@ -251,8 +251,8 @@ def _criteria(held: FoldMoments, labels: list[Any]) -> Iterator[tuple[float, flo
         shares = {}
     for label in labels:
         try:
-            solution, _, moments = held.fit(_order(held, label), None)
-            yield information(solution.fits, moments, shares)
+            solution, _, grams = held.fit(_order(held, label), None)
+            yield information(solution.fits, grams, shares)
         except NRFError:
             yield np.nan, np.nan
 
@@ -291,13 +291,13 @@ def _rule(rule: Any) -> Callable[[Mapping[str, Any]], int]:
 def fold_moments_of(
     estimator: Any, labels: list[Any], X: Any, F: Any, cv: Any, options: Mapping[str, Any]
 ) -> FoldMoments:
-    """Moments for all folds of what an estimator would be fitted to, with several orders where none is given."""
+    """Gram matrices for all folds of what an estimator would be fitted to, with several orders where none is given."""
     from ..regression.requirements import require_moving
     from ..signals.zero_phase_filter import filters_of
 
     if estimator.estimation != "ls" or estimator.constraints is not None:
         what = "constraints" if estimator.constraints is not None else f"estimation={estimator.estimation!r}"
-        raise ChainError(f"{what} cannot be had from moments alone", "Use GridSearchCV over NRFRegressor.")
+        raise ChainError(f"{what} cannot be had from Gram matrices alone", "Use GridSearchCV over NRFRegressor.")
     given = estimator._given_laws()
     free = [law for held in given.values() for law in held if law.free_shape]
     if free:

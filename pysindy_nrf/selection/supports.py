@@ -13,8 +13,8 @@ from ..exceptions import NRFError
 from ..laws import ForceLaw
 from ..mechanics.sites import Site
 from ..regression.errors import pooled_error
+from ..regression.grams import BlockGrams
 from ..regression.layout import LawLayout
-from ..regression.moments import Moments
 from .fold_moments import FoldMoments, Order
 from .one_se_rule import choose
 from .polynomials import Monomials
@@ -153,8 +153,8 @@ def restricted(held: FoldMoments, order: Order, support: Support) -> Order:
     return Order(LawLayout(order.layout.chain, laws), columns)
 
 
-def resampled(held: FoldMoments, fold: int | None, rng: np.random.Generator) -> Moments:
-    """Moments of as many pieces of the training side as there are, drawn with replacement (block bootstrap)."""
+def resampled(held: FoldMoments, fold: int | None, rng: np.random.Generator) -> BlockGrams:
+    """Roots of as many pieces of the training side as there are, drawn with replacement (block bootstrap)."""
     chosen = [i for i, code in enumerate(held.piece_class) if fold is None or held.membership[code, fold] == 1]
     drawn = rng.choice(chosen, size=len(chosen))
     return held.sum_of(drawn)
@@ -235,10 +235,10 @@ def _weakest(held: FoldMoments, order: Order, support: Mapping[Site, np.ndarray]
         for at in np.flatnonzero(support.get(site, ())) if np.sum(support.get(site, ())) > 1 else ():
             one = restricted(held, order, {**support, site: support[site] & (np.arange(len(support[site])) != at)})
             try:
-                solution, _, moments = held.fit(one, None)
+                solution, _, grams = held.fit(one, None)
             except NRFError:
                 continue
-            rises[site, int(at)] = pooled_error(solution.masses, solution.coefficients, moments)
+            rises[site, int(at)] = pooled_error(solution.masses, solution.coefficients, grams)
     return min(rises, key=rises.__getitem__) if rises else None
 
 

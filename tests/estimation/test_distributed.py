@@ -142,11 +142,11 @@ def test_nothing_is_changed_by_adding_up(data):
     parts = [
         accumulate(NRFRegressor(), {"X": X[i : i + 500], "F": F[i : i + 500]}, i // 500, False) for i in range(0, 6000, 500)
     ]
-    once, again = added(parts).total(), added([added(parts[6:]), added(parts[:6])]).total()
-    for dofs, part in once.parts.items():
-        size = np.sqrt(np.diag(part.matrix))
-        assert np.allclose((again.parts[dofs].matrix - part.matrix) / np.outer(size, size), 0, atol=1e-13)
-        assert part.n_samples == again.parts[dofs].n_samples == 6000
+    once, again = added(parts).grams().sum(), added([added(parts[6:]), added(parts[:6])]).grams().sum()
+    for dofs, gram in once.matrices.items():
+        size = np.sqrt(np.diag(gram))
+        assert np.allclose((again.matrices[dofs] - gram) / np.outer(size, size), 0, atol=1e-13)
+        assert once.sizes[dofs] == again.sizes[dofs] == 6000
 
 
 def test_what_does_not_fit_together_says_so(data, monkeypatch):

@@ -215,15 +215,15 @@ def test_sums_of_workers_are_those_of_one(case, chain4):
         one = Accumulator(NRFRegressor(), "gram")
         one.add(sources.Chunk(case.X[10 * k : 10 * k + 10], case.F[10 * k : 10 * k + 10], f"r{k}"), k)
         parts.merge(one.close())
-    for dofs, part in whole.total().parts.items():
-        size = np.sqrt(np.diag(part.matrix))
-        gap = (parts.total().parts[dofs].matrix - part.matrix) / np.outer(size, size)
+    for dofs, gram in whole.grams().sum().matrices.items():
+        size = np.sqrt(np.diag(gram))
+        gap = (parts.grams().sum().matrices[dofs] - gram) / np.outer(size, size)
         assert np.abs(gap).max() < 1e-12
     assert len(parts.blocks) < 200 and len(parts.windows) < 200
     with pytest.raises(ChannelError, match="has 2 DOFs, another 4"):
         whole.merge(_other(chain4))
     with pytest.raises(ChannelError, match="There are no samples. The source is empty"):
-        empty.total()
+        empty.require_model()
 
 
 def _other(chain4):

@@ -22,7 +22,7 @@ from pysindy_nrf.estimation.streaming import Chunk, accumulator, fit_streamed, s
 from pysindy_nrf.estimation.streaming.accumulator import Accumulator
 from pysindy_nrf.exceptions import ChainError, ChannelError, FileFormatError, NRFError
 from pysindy_nrf.regression.chain_solve import groups_of
-from pysindy_nrf.regression.moments import Moments, accumulate
+from pysindy_nrf.regression.gram_pass import total_gram
 from pysindy_nrf.regression.segments import feature_names
 
 
@@ -379,14 +379,14 @@ def test_many_chunks_leave_few_blocks_and_the_same_sum(data, in_memory, monkeypa
         acc.add(Chunk(X[100 * i : 100 * (i + 1)], F[100 * i : 100 * (i + 1)], first=i == 0), i)
     acc.close()
     assert len(acc.blocks) <= 11 and len(acc.windows) <= 9 and len(acc.runs) == 1
-    assert sum(b.moments.n_samples for b in acc.blocks) == 6000
+    assert sum(b.grams.n_samples for b in acc.blocks) == 6000
     direct = NRFRegressor().fit(X, F)
-    whole, reference = acc.total(), direct._fit_data
+    whole, reference = acc.grams().sum(), direct._fit_data
     layout, walk = reference.layout, reference.walk
-    once = accumulate(Moments(layout, groups_of(layout, walk)), reference.data.segments[0].blocks(layout))
-    for dofs, part in once.parts.items():
-        size = np.sqrt(np.diag(part.matrix))
-        assert np.allclose((whole.parts[dofs].matrix - part.matrix) / np.outer(size, size), 0, atol=1e-13)
+    once = total_gram(layout, groups_of(layout, walk), reference.data.segments[0].blocks(layout))
+    for dofs, gram in once.matrices.items():
+        size = np.sqrt(np.diag(gram))
+        assert np.allclose((whole.matrices[dofs] - gram) / np.outer(size, size), 0, atol=1e-13)
 
 
 MEMORY = """

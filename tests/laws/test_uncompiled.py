@@ -33,9 +33,10 @@ from pysindy_nrf.laws.motion import Motion
 from pysindy_nrf.regression import channel_range as extent
 from pysindy_nrf.regression import gram
 from pysindy_nrf.regression import phase_plane_domain as visited
+from pysindy_nrf.regression.blocks import blocks_of
+from pysindy_nrf.regression.gram_pass import total_gram
 from pysindy_nrf.regression.input_arrays import from_arrays
 from pysindy_nrf.regression.layout import LawLayout, Layout
-from pysindy_nrf.regression.moments import Moments, accumulate, blocks_of
 from pysindy_nrf.simulation import balance, free_run, newmark, runge_kutta, views
 
 MODULES = (compiled, memory, balance, newmark, runge_kutta, views)
@@ -434,8 +435,7 @@ def test_products_of_columns_in_plain_python_are_exact(counts):
     groups = [layout.group(dofs) for dofs in ((1,), (2,), (3,), (2, 3), (1, 2, 3), (1, 2))]
 
     def products():
-        parts = accumulate(Moments(layout, groups, "gram", MASSES), blocks_of(*data)).parts
-        return {dofs: part.matrix for dofs, part in parts.items()}
+        return total_gram(layout, groups, blocks_of(*data), MASSES).matrices
 
     found = both(products, rtol=0)
     for group in groups:
@@ -449,10 +449,8 @@ def test_powers_that_are_built_in_the_pass():
     segment = from_arrays(np.hstack([a, v, s]), F, dt=1e-3).segments[0]
 
     def products():
-        moments = Moments(layout, [layout.group((1,)), layout.group((2,))])
-        for block in segment.blocks(layout, states={}):
-            moments.add(block)
-        return {dofs: part.matrix for dofs, part in moments.parts.items()}
+        groups = [layout.group((1,)), layout.group((2,))]
+        return total_gram(layout, groups, segment.blocks(layout, states={})).matrices
 
     both(products, rtol=1e-13)
 

@@ -219,16 +219,15 @@ def test_a_model_with_a_floor_that_nothing_holds():
     assert not run.displacement[:, 0].any()
 
 
-def test_block_moments_of_a_chain_are_refused_below_their_size(chain4):
+def test_pieces_of_a_chain_are_refused_below_their_size(chain4):
     model = NRFRegressor(dt=1e-3).fit(chain4.X, chain4.F)
-    from pysindy_nrf.monitoring.block_moments import block_moments
+    from pysindy_nrf.monitoring.change import resolver_in_time
     from pysindy_nrf.regression.chain_model import as_segments
 
     data = as_segments(model, chain4.X, chain4.F)
-    whole = block_moments(model, data, None, n_blocks=4)
-    assert len(whole.pieces) == 4
+    assert len(resolver_in_time(model, data, None, n_blocks=4)[0].pieces) == 4
     with pytest.raises(ChannelError, match="too short"):
-        block_moments(model, data, None, n_blocks=2000)
+        resolver_in_time(model, data, None, n_blocks=2000)
 
 
 def test_a_shape_without_a_value_cannot_become_a_model():

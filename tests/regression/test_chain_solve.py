@@ -14,6 +14,7 @@ from sklearn.base import BaseEstimator
 from pysindy_nrf import Chain, NRFRegressor
 from pysindy_nrf.exceptions import IdentifiabilityError, NRFError, RankWarning
 from pysindy_nrf.mechanics.identifiability import Step, Walk, plan_walk
+from pysindy_nrf.regression.blocks import blocks_of
 from pysindy_nrf.regression.chain_solve import (
     NotTogether,
     Solution,
@@ -25,8 +26,9 @@ from pysindy_nrf.regression.chain_solve import (
     solved_safely,
 )
 from pysindy_nrf.regression.errors import balance_sizes
+from pysindy_nrf.regression.gram_pass import total_gram
+from pysindy_nrf.regression.grams import BlockGrams
 from pysindy_nrf.regression.layout import Layout
-from pysindy_nrf.regression.moments import Moments, accumulate, blocks_of, stacked
 
 # A chain of three storeys with a brace from the base's floor 1 to floor 3, and the columns of its laws.
 LAYOUT = Layout(Chain(3, ["link 3-1"]), {"storey 1": 2, "storey 2": 1, "storey 3": 2, "link 3-1": 1})
@@ -67,11 +69,11 @@ class Test:
     def blocks(self, size: int = 150):
         return blocks_of(np.hstack([self.terms[str(s)] for s in LAYOUT.sites]), self.a, self.F, size)
 
-    def moments(self, walk: Walk, kind: str = "gram", known=None) -> Moments:
-        return accumulate(Moments(LAYOUT, groups_of(LAYOUT, walk), kind, known), self.blocks())
+    def total(self, walk: Walk, kind: str = "gram", known=None) -> BlockGrams:
+        return total_gram(LAYOUT, groups_of(LAYOUT, walk), self.blocks(), known, kind)
 
     def solved(self, walk: Walk, kind: str = "gram", known=None, **options) -> Solution:
-        return solve(self.moments(walk, kind, known), walk, known, **options)
+        return solve(self.total(walk, kind, known), walk, known, **options)
 
 
 def plan(forced=(), known=(), strategy="auto"):
@@ -93,14 +95,14 @@ def assert_true(solution, masses=MASSES, rel=1e-9):
     }
 
 
-# -- stacked moments --------------------------------------------------------------------------------
+# -- blocks, each by itself -----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("known", [{}, {2: 7.0}], ids=str)
-def test_stacked_moments_are_solved_as_each_by_itself(known):
+def test_blocks_are_solved_as_each_by_itself(known):
     """Three records of other noise: masses and laws of each balance are NumPy's least squares on that record alone."""
     cases, walk = [Test(noise=5.0, seed=seed) for seed in range(3)], plan([1, 2, 3], known, "complete")
-    together = stacked([case.moments(walk, "root", known) for case in cases])
+    together = BlockGrams.stack([case.total(walk, "root", known) for case in cases])
     found = solve(together, walk, known)
     for i, case in enumerate(cases):
         own, motion = found.of(i), [case.terms[s] for s, _ in BALANCES[1]]
@@ -111,19 +113,19 @@ def test_stacked_moments_are_solved_as_each_by_itself(known):
         step = next(fit for fit in found.fits if fit.step.dofs == (1,))
         assert step.residual[i] == pytest.approx(np.sqrt((left**2).mean()), rel=1e-9)
         size = balance_sizes(1, found.masses, found.coefficients, together)
-        alone = balance_sizes(1, own.masses, own.coefficients, together.of(i))
+        alone = balance_sizes(1, own.masses, own.coefficients, together[i])
         assert [size.residual[i], size.reference[i], size.storey[i]] == pytest.approx(list(alone[:3]), rel=1e-12)
 
 
 @pytest.mark.parametrize("what", ["joint", "optimizer", "dependent", "still"])
-def test_stacked_moments_that_need_a_closer_look_are_refused(what):
+def test_blocks_that_need_a_closer_look_are_refused(what):
     cases = [Test(noise=5.0, seed=seed) for seed in range(2)]
     if what == "dependent":  # in one of them a spring looks like a mass
         cases[1].terms["storey 1"][:, 1] = 1e-3 * cases[1].a[:, 0]
     if what == "still":
         cases[1].terms["storey 3"][:] = 0.0
     walk = plan([1, 2, 3], strategy="joint" if what == "joint" else "complete")
-    together = stacked([case.moments(walk, "root") for case in cases])
+    together = BlockGrams.stack([case.total(walk, "root") for case in cases])
     with pytest.raises(NotTogether):
         solve(together, walk, inner=ps.STLSQ(threshold=0.01) if what == "optimizer" else None)
 
@@ -211,8 +213,8 @@ def test_joint_is_least_squares_of_all_balances_divided_by_their_rms_force(known
     case, lost = Test(noise=5.0), Test(noise=5.0, n=300, seed=1)
     lost.F[:, 2] = np.nan  # the second record does not know the force on DOF 3
     walk = plan([1, 2, 3], known, "joint")
-    moments = case.moments(walk, known=known).merge(lost.moments(walk, known=known))
-    found = solve(moments, walk, known)
+    total = case.total(walk, known=known).merge(lost.total(walk, known=known))
+    found = solve(total, walk, known)
     free = [j for j in (3, 2, 1) if j not in known]
     rows, right = [], []
     for dof in (1, 2, 3):
@@ -245,8 +247,8 @@ def test_joint_is_least_squares_of_all_balances_divided_by_their_rms_force(known
 def test_two_joint_records_of_one_length_count_alike():
     """Samples, not records, weigh: twice the same record is the record, and so is its residual."""
     case, walk = Test(noise=5.0), plan([1, 2, 3], strategy="joint")
-    once = solve(case.moments(walk), walk)
-    twice = solve(case.moments(walk).merge(case.moments(walk)), walk)
+    once = solve(case.total(walk), walk)
+    twice = solve(case.total(walk).merge(case.total(walk)), walk)
     assert twice.masses == pytest.approx(once.masses, rel=1e-11)
     assert twice.fits[0].residual == pytest.approx(once.fits[0].residual, rel=1e-11)
 
@@ -259,8 +261,8 @@ def test_a_law_on_one_dof_enters_its_balance_alone():
     F = np.column_stack([3 * a[:, 0] + 10 * t[:, 0] - 20 * t[:, 1], 5 * a[:, 1] + 20 * t[:, 1] + 7 * t[:, 2]])
     for strategy in ("complete", "sequential", "joint"):
         walk = plan_walk(layout.chain, [1, 2], strategy=strategy, sites=layout.acting)
-        found, moments = solve_blocks(layout, walk, lambda: blocks_of(t, a, F))
-        assert moments.kind == "gram" and found.masses == pytest.approx({1: 3.0, 2: 5.0})
+        found, total = solve_blocks(layout, walk, lambda: blocks_of(t, a, F))
+        assert total.kind == "gram" and found.masses == pytest.approx({1: 3.0, 2: 5.0})
         assert {s: float(c[0]) for s, c in found.coefficients.items()} == pytest.approx(
             {"storey 1": 10.0, "storey 2": 20.0, "dof 2": 7.0}
         )
@@ -310,9 +312,8 @@ STEP = Step((1,), (1,), ONE.acting, (), True)
 def single(columns, a, F, known=None, kind="gram", inner=None, names=None, layout=ONE):
     """One DOF, solved from its columns."""
     walk = plan_walk(layout.chain, [1], known_masses=known or (), strategy="complete", sites=layout.acting)
-    moments = Moments(layout, groups_of(layout, walk), kind, known)
-    moments = accumulate(moments, blocks_of(np.asarray(columns), np.asarray(a)[:, None], np.asarray(F)[:, None]))
-    return solve(moments, walk, known, inner, names)
+    blocks = blocks_of(np.asarray(columns), np.asarray(a)[:, None], np.asarray(F)[:, None])
+    return solve(total_gram(layout, groups_of(layout, walk), blocks, known, kind), walk, known, inner, names)
 
 
 def at_angle(angle, n=4):
@@ -331,7 +332,7 @@ def test_the_condition_is_that_of_columns_of_unit_length(angle, kind):
 
 
 @pytest.mark.parametrize("kind, lost, kept", [("gram", 1e-9, 1e-7), ("root", 3e-10, 3e-9)])
-def test_the_rank_ends_where_round_off_of_the_moments_begins(kind, lost, kept):
+def test_the_rank_ends_where_round_off_of_the_sums_begins(kind, lost, kept):
     """A Gram matrix hides what lies below the root of the machine precision; a streamed QR goes on to 1e-9."""
     for ratio, rank in ((lost, 1), (kept, 2)):
         x, y, a, F = at_angle(2 * ratio)
@@ -397,7 +398,7 @@ def test_digits_are_at_risk_where_the_squares_lose_what_the_data_hold(condition,
 
 
 def _passes(angle, noise):
-    """Solve one DOF whose terms stand at an angle; the solution, the kind of its moments and the passes over the data."""
+    """Solve one DOF whose terms stand at an angle; the solution, the kind of its sums and the passes over the data."""
     x, y, a, e = at_angle(angle)
     x, y = x / np.linalg.norm(x), y / np.linalg.norm(y)
     F, passes = 2 * a + 3 * x + 5 * y + noise * e, []
@@ -407,8 +408,8 @@ def _passes(angle, noise):
         passes.append(1)
         return blocks_of(np.column_stack([x, y]), a[:, None], F[:, None], 20)
 
-    found, moments = solve_blocks(ONE, walk, blocks)
-    return found, moments.kind, len(passes)
+    found, total = solve_blocks(ONE, walk, blocks)
+    return found, total.kind, len(passes)
 
 
 def test_data_whose_squares_keep_their_digits_are_seen_once():
@@ -438,8 +439,8 @@ def test_known_masses_enter_both_passes():
     a1 = (-(terms[:, :2] @ [7.0, 9.0]) - 5 * a2) / 3
     a = np.column_stack([a1, a2])
     walk = plan_walk(layout.chain, known_masses=known, sites=layout.acting)
-    found, moments = solve_blocks(layout, walk, lambda: blocks_of(terms, a, np.zeros_like(a)), known)
-    assert moments.kind == "root" and found.masses == known
+    found, total = solve_blocks(layout, walk, lambda: blocks_of(terms, a, np.zeros_like(a)), known)
+    assert total.kind == "root" and found.masses == known
     assert found.coefficients["storey 1"].tolist() == pytest.approx([7.0, 9.0], rel=1e-9)
     assert found.coefficients["storey 2"].tolist() == pytest.approx([20.0], rel=1e-12)
 
@@ -449,17 +450,16 @@ def _dependent(mass_too):
     s, a = at_angle(0.5)[2:]
     a = -s if mass_too else a
     walk = plan_walk(ONE.chain, [1], strategy="complete", sites=ONE.acting)
-    moments = Moments(ONE, groups_of(ONE, walk))
     blocks = blocks_of(np.column_stack([s, -3 * s]), a[:, None], (2 * a + 12 * s)[:, None])
-    return accumulate(moments, blocks), walk
+    return total_gram(ONE, groups_of(ONE, walk), blocks), walk
 
 
-def test_moments_that_cannot_answer_are_no_solution():
+def test_sums_that_cannot_answer_are_no_solution():
     for mass_too in (False, True):
         assert solved_safely(*_dependent(mass_too)) is None
     good = Test()
     walk = plan([1, 2, 3])
-    assert solved_safely(good.moments(walk), walk).masses == pytest.approx(MASSES)
+    assert solved_safely(good.total(walk), walk).masses == pytest.approx(MASSES)
 
 
 # -- rank -----------------------------------------------------------------------------------------
@@ -467,9 +467,9 @@ def test_moments_that_cannot_answer_are_no_solution():
 
 def test_terms_that_cannot_be_told_apart_share_the_force():
     """Of all coefficients that fit, the smallest on columns of unit length: half of the force to each of the two."""
-    moments, walk = _dependent(False)
+    total, walk = _dependent(False)
     with pytest.warns(RankWarning, match=r"rank 2 of 3; .* are linearly dependent on this excitation\. ") as caught:
-        found = solve(moments, walk)
+        found = solve(total, walk)
     assert caught[0].filename == __file__  # where the caller stands
     text = str(caught[0].message)
     assert text.startswith("balance of DOF 1: ") and "storey 1: term 1" in text and "storey 1: term 2" in text
@@ -481,9 +481,9 @@ def test_terms_that_cannot_be_told_apart_share_the_force():
 
 
 def test_a_mass_that_cannot_be_told_from_a_stiffness_is_refused():
-    moments, walk = _dependent(True)
+    total, walk = _dependent(True)
     with pytest.raises(IdentifiabilityError, match="m1 cannot be told from the storey's stiffness") as error:
-        solve(moments, walk)
+        solve(total, walk)
     assert "rank 1 of 3" in str(error.value) and "known_masses" in error.value.cure
 
 

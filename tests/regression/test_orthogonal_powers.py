@@ -100,7 +100,7 @@ def test_a_steady_vibration_is_made_orthogonal_altogether_and_keeps_its_scores()
     assert held.factors and set(held.factors) <= set(held.basis)
 
 
-def test_the_moments_of_a_fold_are_the_products_of_its_samples():
+def test_the_gram_matrices_of_a_fold_are_the_products_of_its_samples():
     """Folds that overlap, leave rows between them out and train on two stretches, against sums over the rows."""
     rng = np.random.default_rng(2)
     v, s, a = 0.1 * rng.standard_normal((900, 2)), 1e-3 * rng.standard_normal((900, 2)), rng.standard_normal((900, 2))
@@ -111,7 +111,7 @@ def test_the_moments_of_a_fold_are_the_products_of_its_samples():
     held: FoldMoments = select_order(np.hstack([a, v, s]), F, degrees=(1, 3), cv=folds)._source[0]
     for fold, sides in enumerate(folds):
         for side, chosen in zip(("train", "test"), sides):
-            moments, sums, counts = held.total(fold, side)
+            total, sums, counts = held.total(fold, side)
             assert np.allclose(sums, a[chosen].sum(axis=0)) and (counts == len(chosen)).all()
             for j in (1, 2):
                 motions = [laws.Motion(s[chosen, i - 1], v[chosen, i - 1]) for i in range(j, 3)]
@@ -119,6 +119,6 @@ def test_the_moments_of_a_fold_are_the_products_of_its_samples():
                           for m in motions]  # fmt: skip
                 columns = np.hstack([*powers, a[chosen, j - 1 : j], F[chosen, j - 1 : j]])
                 size = np.linalg.norm(columns, axis=0)
-                root = moments.parts[(j,)].matrix / size
+                root = total.matrices[j,] / size
                 assert np.abs(root.T @ root - (columns / size).T @ (columns / size)).max() < 1e-12
-                assert moments.parts[(j,)].n_samples == len(chosen)
+                assert total.sizes[j,] == len(chosen)

@@ -25,9 +25,9 @@ from pysindy_nrf import (
 from pysindy_nrf.exceptions import BiasWarning, ChannelError, ExcitationError, IdentifiabilityError, LawError, NRFError
 from pysindy_nrf.mechanics.identifiability import plan_walk
 from pysindy_nrf.regression import optimizers
+from pysindy_nrf.regression.blocks import blocks_of
 from pysindy_nrf.regression.chain_solve import solve_blocks
 from pysindy_nrf.regression.layout import Layout
-from pysindy_nrf.regression.moments import blocks_of
 
 
 @pytest.fixture(autouse=True)

@@ -1,4 +1,4 @@
-"""What one pass over chunks leaves behind: block moments, ranges, some windows. Accumulators add."""
+"""What one pass over chunks leaves behind: Gram matrices of blocks, ranges, some windows. Accumulators add."""
 
 from __future__ import annotations
 
@@ -12,16 +12,19 @@ import numpy as np
 from ...data.record import plain_times
 from ...exceptions import ChainError, ChannelError, NRFError
 from ...mechanics.identifiability import Walk, plan_walk
+from ...regression.blocks import Block, block_size
 from ...regression.chain_solve import groups_of
 from ...regression.channel_range import Extent
+from ...regression.gram_pass import GramPass, guess_of
+from ...regression.grams import BlockGrams
 from ...regression.input_arrays import from_arrays
 from ...regression.layout import Group, LawLayout
-from ...regression.moments import Block, Moments, accumulate, block_size, guess_of
 from ...regression.segments import Segment
 from . import runs
 from .chunks import Chunk, seconds_since
 from .runs import Key, Run
 
+Key3 = tuple[int, int, int]
 N_BLOCKS = 64  # are kept at least, twice as many at most
 N_WINDOWS = 64  # at most
 _WINDOW_BYTES = 2**24  # of all windows together
@@ -29,19 +32,20 @@ _WINDOW_BYTES = 2**24  # of all windows together
 
 @dataclass
 class BlockEntry:
-    """Moments of consecutive samples of one record.
+    """Gram matrices of consecutive samples of one record.
 
     Attributes
     ----------
     key : (int, int, int)
         Chunk, piece in it, block in it: the order in time.
     record : str
-    moments : Moments
+    grams : BlockGrams
+        A sum.
     """
 
     key: tuple[int, int, int]
     record: str
-    moments: Moments
+    grams: BlockGrams
 
 
 class Model:
@@ -95,7 +99,7 @@ class Accumulator:
     kind : {"gram", "root", "careful"}
         ``"careful"``: ``"root"`` with a guess from each chunk itself, for data that can be seen only once.
     guess : mapping of tuple of int to ndarray, optional
-        See :class:`pysindy_nrf.regression.moments.Moments`.
+        See :class:`pysindy_nrf.regression.gram_pass.GramPass`.
     n_samples : int, optional
         Expected in all; sets the length of the blocks.
 
@@ -131,8 +135,8 @@ class Accumulator:
         self.has_time = True
         self.origin: Any = None  # of time
         self.settings: dict[str, str] = {}  # of the estimator, between calls of partial_fit
-        self._open: BlockEntry | None = None
-        self._nothing: Moments | None = None
+        self._open: tuple[Key3, str, GramPass] | None = None  # key, record and sums of the last block
+        self._gram: GramPass | None = None  # its plan of products is that of all blocks
         self._carry: dict[str, Any] | None = None  # end of the last run: states, last row, its time
 
     # -- adding -------------------------------------------------------------------------------
@@ -221,37 +225,51 @@ class Accumulator:
             self._own_guess(blocks)
         for i, block in enumerate(blocks):
             if self._open is None:
-                self._open = BlockEntry((*key, i), segment.name, self._moments(self.kind))
-            self._open.moments.add(block)
-            if self._open.moments.n_samples >= self.block_rows:
+                self._open = (*key, i), segment.name, self.sums()
+            sums = self._open[2].add(block)
+            if sums.n_samples >= self.block_rows:
                 self._shut()
         last = _row(segment, segment.valid.stop - 1) if layout.has_memory else None
         self._carry = {"states": states, "last": last, "end": end}
 
-    def _moments(self, kind: str) -> Moments:
-        """Moments of nothing; all Gram matrices share one plan of their products."""
+    def sums(self, before: BlockGrams | None = None) -> GramPass:
+        """Running sums of an empty block, or of one that goes on behind a total."""
         model = self.require_model()
-        if kind != "gram":
-            return Moments(model.layout, model.groups, "root", model.known_masses, self.guess)
-        if self._nothing is None:
-            self._nothing = Moments(model.layout, model.groups, "gram", model.known_masses)
-        return self._nothing.empty()
+        if self.kind != "gram":
+            return GramPass(model.layout, model.groups, model.known_masses, "root", self.guess).empty(before)
+        return self._plain().empty(before)
+
+    def _plain(self) -> GramPass:
+        model = self.require_model()
+        if self._gram is None:
+            self._gram = GramPass(model.layout, model.groups, model.known_masses)
+        return self._gram
 
     def _own_guess(self, blocks: list[Block]) -> None:
         """Guess the root of some blocks from their own Gram matrices."""
-        own = accumulate(self._moments("gram"), blocks)
-        self.guess = {dofs: guess_of(part) for dofs, part in own.parts.items()}
+        self.guess = guess_of(self._plain().empty().add_each((0, block) for block in blocks).total())
         if self._open is not None:
-            self._open.moments.guess = self.guess
+            self._open[2].guess = self.guess
 
     def _shut(self) -> None:
         """Put the open block with the others; if there are many, neighbours become one."""
         if self._open is not None:
-            self.blocks.append(self._open)
+            self.blocks.append(self.open_entry())
             self._open = None
         if len(self.blocks) > 2 * N_BLOCKS:
             self.block_rows *= 2
             self.blocks = _halved(self.blocks)
+
+    def open_entry(self) -> BlockEntry:
+        """The block that is being filled, as it stands."""
+        assert self._open is not None
+        key, record, sums = self._open
+        return BlockEntry(key, record, sums.total())
+
+    @property
+    def entries(self) -> list[BlockEntry]:
+        """All blocks, with the one that is being filled."""
+        return [*self.blocks, *([self.open_entry()] if self._open else [])]
 
     def _offer_windows(self, key: Key, segment: Segment) -> None:
         n = segment.n_dof
@@ -317,17 +335,13 @@ class Accumulator:
             raise ChannelError("There are no samples", "The source is empty, or holds nothing but NaN.")
         return self.model
 
-    def total(self) -> Moments:
-        """Moments of everything."""
-        model = self.require_model()
-        out = None
-        for entry in [*self.blocks, *([self._open] if self._open else [])]:
-            if out is None:
-                out = Moments(model.layout, model.groups, entry.moments.kind, model.known_masses)
-            out.merge(entry.moments)
-        if out is None:
+    def grams(self) -> BlockGrams:
+        """Gram matrices of all blocks, with the numbers of their records."""
+        entries = self.entries
+        if not entries:
             raise NRFError("No block of samples was seen", "Check the source.")
-        return out
+        names = {name: i for i, name in enumerate(dict.fromkeys(e.record for e in entries))}
+        return BlockGrams.stack([e.grams for e in entries], [names[e.record] for e in entries])
 
     @property
     def forced(self) -> tuple[int, ...]:
@@ -353,11 +367,6 @@ class Accumulator:
         return walk
 
 
-def _sum(one: Moments, other: Moments) -> Moments:
-    """Moments of both; neither is changed."""
-    return Moments(one.layout, list(one.groups.values()), one.kind, one.known_masses).merge(one).merge(other)
-
-
 def _halved(blocks: list[BlockEntry]) -> list[BlockEntry]:
     """Neighbours made one, within records where that makes them fewer."""
     out = _paired(blocks, across=False)
@@ -370,7 +379,7 @@ def _paired(blocks: list[BlockEntry], across: bool) -> list[BlockEntry]:
     alone = True
     for entry in blocks:
         if out and alone and (across or out[-1].record == entry.record):
-            out[-1] = replace(out[-1], moments=_sum(out[-1].moments, entry.moments))
+            out[-1] = replace(out[-1], grams=out[-1].grams.merge(entry.grams))
             alone = False
         else:
             out.append(entry)

@@ -114,16 +114,16 @@ def fit_streamed(
         kind = "gram" if source.again else "careful"
         passes = _Passes(estimator, source, state, save_every, progress)
         accumulator = passes.run(kind)
-        solution, moments, walk = solution_of(accumulator)
+        solution, grams, walk = solution_of(accumulator)
         if solution is None:  # once more, with columns made orthogonal by what was found
-            from ...regression.moments import guess_of
+            from ...regression.gram_pass import guess_of
 
             passes.keep(accumulator)
-            guess = {dofs: guess_of(part) for dofs, part in moments.parts.items()}
+            guess = guess_of(grams)
             accumulator = passes.run("root", guess)
-            solution, moments, walk = solution_of(accumulator)
+            solution, grams, walk = solution_of(accumulator)
         assert solution is not None  # only Gram matrices lose digits
-        publish(accumulator, solution, moments, walk)
+        publish(accumulator, solution, grams, walk)
     passes.done()
     return estimator
 
@@ -197,9 +197,9 @@ def partial_fit(
             accumulator.add(chunk, number)
             number += 1
         accumulator.settings = _settings(estimator)
-        solution, moments, walk = solution_of(accumulator)
+        solution, grams, walk = solution_of(accumulator)
         assert solution is not None  # only Gram matrices lose digits
-        publish(accumulator, solution, moments, walk)
+        publish(accumulator, solution, grams, walk)
     estimator._stream = accumulator, number
     return estimator
 

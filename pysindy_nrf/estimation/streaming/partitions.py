@@ -11,7 +11,7 @@ from sklearn.base import clone
 from ...common.extras import require
 from ...data.estimator_input import is_dask
 from ...exceptions import ChannelError, LawError
-from ...regression.moments import guess_of
+from ...regression.gram_pass import guess_of
 from .accumulator import Accumulator
 from .chunks import Chunk, chunk_of
 from .result import publish, solution_of
@@ -90,13 +90,13 @@ def fit_distributed(
         )
     accumulator = _pass(dask, estimator, items, whole, "gram", {})
     with threadpool_limits(1, "blas"):
-        solution, moments, walk = solution_of(accumulator)
+        solution, grams, walk = solution_of(accumulator)
         if solution is None:  # once more, with columns made orthogonal by what was found
-            guess = {dofs: guess_of(part) for dofs, part in moments.parts.items()}
+            guess = guess_of(grams)
             accumulator = _pass(dask, estimator, items, whole, "root", guess)
-            solution, moments, walk = solution_of(accumulator)
+            solution, grams, walk = solution_of(accumulator)
         assert solution is not None  # only Gram matrices lose digits
-        return publish(accumulator, solution, moments, walk)
+        return publish(accumulator, solution, grams, walk)
 
 
 def _pass(dask: Any, estimator: Any, items: Sequence[Any], whole: bool, kind: str, guess: dict) -> Accumulator:

@@ -9,39 +9,38 @@ import pandas as pd
 
 from ...exceptions import ChannelError
 from ...mechanics.identifiability import Walk
-from ...regression.blocks_of_samples import Pieces
 from ...regression.chain_solve import Solution, solve, solved_safely
-from ...regression.moments import Moments
+from ...regression.grams import BlockGrams
 from ...regression.segments import Segment, SegmentSet
 from ...regression.solution import model_of
 from ..intervals import Resolver
 from .accumulator import Accumulator
 
 
-def solution_of(accumulator: Accumulator) -> tuple[Solution | None, Moments, Walk]:
+def solution_of(accumulator: Accumulator) -> tuple[Solution | None, BlockGrams, Walk]:
     """Solve the chain; None where the Gram matrices may have lost digits that the data hold."""
-    moments, model = accumulator.total(), accumulator.require_model()
-    _require_usable(accumulator, moments)
+    model, grams = accumulator.require_model(), accumulator.grams().sum()
+    _require_usable(accumulator, grams)
     walk = accumulator.walk()
     names = {site: model.layout.labels(site) for site in model.layout.acting}
     inner = accumulator.estimator._inner()
     solver = solved_safely if accumulator.kind == "gram" else solve
-    return solver(moments, walk, model.known_masses, inner, names), moments, walk
+    return solver(grams, walk, model.known_masses, inner, names), grams, walk
 
 
-def publish(accumulator: Accumulator, solution: Solution, moments: Moments, walk: Walk) -> Any:
+def publish(accumulator: Accumulator, solution: Solution, grams: BlockGrams, walk: Walk) -> Any:
     """Put the answer into the estimator."""
     estimator, given = accumulator.estimator, accumulator.require_model()
     layout = given.layout
     model = model_of(layout, solution)
     data = _shown(accumulator)
     estimator._fit_data, estimator._apart, estimator._narrow = None, None, False
-    estimator._resolver = Resolver(_pieces(accumulator), walk, given.known_masses, estimator._inner())
+    estimator._resolver = Resolver(accumulator.grams().squares(), walk, given.known_masses, estimator._inner())
     if estimator.constraints is not None:
         from ..constraints import constrained
 
         model = constrained(model, estimator.constraints, estimator._resolver)
-    estimator._publish(model, solution, moments, walk, layout, data, _judged(accumulator, data))
+    estimator._publish(model, solution, grams, walk, layout, data, _judged(accumulator, data))
     hidden = sorted({j for run in accumulator.runs for j in run.unknown})
     estimator.unknown_forces_ = pd.DataFrame({f"F{j}": np.zeros(0) for j in hidden})
     model.info["estimation"] = {"asked": "ls", "found": "ls"}
@@ -51,7 +50,7 @@ def publish(accumulator: Accumulator, solution: Solution, moments: Moments, walk
     return estimator
 
 
-def _require_usable(accumulator: Accumulator, moments: Moments) -> None:
+def _require_usable(accumulator: Accumulator, grams: BlockGrams) -> None:
     from ...regression.requirements import require_clock, require_moving
 
     data, model = _shown(accumulator), accumulator.require_model()
@@ -64,11 +63,11 @@ def _require_usable(accumulator: Accumulator, moments: Moments) -> None:
         )
     require_moving(data, model.layout)
     require_clock(data, model.layout)
-    for dofs, part in moments.parts.items():
-        unknowns = part.matrix.shape[0] - 1
-        if 0 < part.n_samples < unknowns + 1 and len(dofs) == 1:
+    for dofs, matrix in grams.matrices.items():
+        unknowns, size = matrix.shape[0] - 1, int(grams.sizes[dofs])
+        if 0 < size < unknowns + 1 and len(dofs) == 1:
             raise ChannelError(
-                f"{part.n_samples} samples are too few for the balance of DOF {dofs[0]}, which has up to {unknowns} "
+                f"{size} samples are too few for the balance of DOF {dofs[0]}, which has up to {unknowns} "
                 "unknowns",
                 "Use a longer record or a lower degree.",
             )
@@ -96,19 +95,3 @@ def _shown(accumulator: Accumulator) -> SegmentSet:
         segments.append(window)
         at += size
     return SegmentSet(segments, at)
-
-
-def _pieces(accumulator: Accumulator) -> Pieces:
-    """Block moments as the intervals and the bootstrap need them."""
-    model = accumulator.require_model()
-    entries = [*accumulator.blocks, *([accumulator._open] if accumulator._open else [])]
-    grams, sizes = {}, {}
-    for group in model.groups:
-        parts = [e.moments.parts[group.dofs] for e in entries]
-        grams[group.dofs] = np.array([p.matrix if p.kind == "gram" else p.matrix.T @ p.matrix for p in parts])
-        sizes[group.dofs] = np.array([p.n_samples for p in parts], dtype=float)
-    names = {name: i for i, name in enumerate(dict.fromkeys(e.record for e in entries))}
-    record = np.array([names[e.record] for e in entries], dtype=int)
-    return Pieces(model.layout, list(model.groups), dict(model.known_masses), grams, sizes, record, False)
-
-

@@ -14,13 +14,13 @@ import numpy as np
 from ...common.atomic import atomic_write
 from ...exceptions import FileFormatError
 from ...mechanics.sites import Site
-from ...regression.moments import Moments
+from ...regression.grams import BlockGrams
 from ...regression.segments import Segment
 from . import runs
 from .accumulator import Accumulator, BlockEntry, Model
 from .sources import Source
 
-_VERSION = 1
+_VERSION = 2
 _DAMAGED = (OSError, ValueError, LookupError, TypeError, AttributeError, OverflowError, EOFError)
 _LINES = ("a", "v", "s", "F", "t", "ag")
 
@@ -36,11 +36,9 @@ def save(path: Path, accumulator: Accumulator, following: int, mark: str) -> Non
     """Write the state of a pass."""
     acc = accumulator
     arrays: dict[str, Any] = {}
-    entries = [*acc.blocks, *([acc._open] if acc._open else [])]
-    for i, entry in enumerate(entries):
-        parts = entry.moments.parts.values()
-        arrays[f"block{i}"] = np.concatenate([p.matrix.ravel() for p in parts])
-        arrays[f"sizes{i}"] = np.array([*(p.n_samples for p in parts), entry.moments.n_samples])
+    entries = acc.entries
+    if entries:
+        arrays |= {f"grams.{k}": x for k, x in BlockGrams.stack([e.grams for e in entries]).to_arrays().items()}
     for i, (_, segment) in enumerate(acc.windows):
         arrays |= _lines(f"window{i}", segment)
     for dofs, guess in acc.guess.items():
@@ -57,7 +55,7 @@ def save(path: Path, accumulator: Accumulator, following: int, mark: str) -> Non
     meta = {
         "mark": mark, "following": following, "n_dof": None if acc.model is None else acc.model.chain.n_dof,
         "kind": acc.kind, "block_rows": acc.block_rows, "n_samples": acc.n_samples, "has_time": acc.has_time,
-        "blocks": [[list(e.key), e.record, e.moments.kind] for e in entries], "open": acc._open is not None,
+        "blocks": [[list(e.key), e.record] for e in entries], "open": acc._open is not None,
         "runs": [runs.to_json(r) for r in acc.runs],
         "windows": [[list(k), w.name] for k, w in acc.windows], "window_every": acc.window_every,
         "offered": acc._offered, "extent": None if extent is None else extent.finite.tolist(),
@@ -91,11 +89,13 @@ def load(path: Path, estimator: Any, mark: str) -> tuple[Accumulator, int] | Non
         }  # fmt: skip
         if meta["n_dof"] is not None:
             acc.model = Model(estimator, meta["n_dof"])
-            for i, (key, record, kind) in enumerate(meta["blocks"]):
-                moments = _moments(acc.model, kind, acc.guess, data[f"block{i}"], data[f"sizes{i}"])
-                acc.blocks.append(BlockEntry(tuple(key), record, moments))
+            if meta["blocks"]:
+                held = {k.removeprefix("grams."): x for k, x in data.items() if k.startswith("grams.")}
+                grams = BlockGrams.from_arrays(held, acc.model.layout, acc.model.groups, acc.model.known_masses)
+                acc.blocks = [BlockEntry(tuple(key), name, grams[i]) for i, (key, name) in enumerate(meta["blocks"])]
             if meta["open"]:
-                acc._open = acc.blocks.pop()
+                held_open = acc.blocks.pop()
+                acc._open = held_open.key, held_open.record, acc.sums(held_open.grams)
             for i, (key, name) in enumerate(meta["windows"]):
                 acc.windows.append((tuple(key), _segment(name, data, f"window{i}")))
         if meta["extent"] is not None:
@@ -117,16 +117,6 @@ def load(path: Path, estimator: Any, mark: str) -> tuple[Accumulator, int] | Non
             f"{path} is not the state of an interrupted fit ({type(error).__name__}: {error})",
             "Give another path for the state, or delete the file to begin anew.",
         ) from error
-
-
-def _moments(model: Model, kind: str, guess: dict, flat: np.ndarray, sizes: np.ndarray) -> Moments:
-    moments, at = Moments(model.layout, model.groups, kind, model.known_masses, guess), 0
-    for part, size in zip(moments.parts.values(), sizes):
-        p = len(part.matrix)
-        part.matrix, part.n_samples = flat[at : at + p * p].reshape(p, p).copy(), int(size)
-        at += p * p
-    moments.n_samples = int(sizes[-1])
-    return moments
 
 
 def _lines(name: str, segment: Segment) -> dict[str, np.ndarray]:

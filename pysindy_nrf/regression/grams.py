@@ -1,0 +1,444 @@
+"""The one container of moments: Gram matrices of the columns of each balance, block by block of the samples."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy import linalg
+
+from ..exceptions import NRFError
+from ..mechanics.sites import Site
+from .layout import Group, Layout
+
+Dofs = tuple[int, ...]
+KINDS = ("gram", "root")
+# Directions of the instruments whose share of the largest is below this are round-off.
+_CUT = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class BlockGrams:
+    """Gram matrices of ``[terms of the sites | a_j | F_j]`` of each balance, by block of samples and frequency band.
+
+    Sums over blocks are fits, sums over all blocks but one are cross-validation and jackknife intervals, weighted sums
+    are bootstrap draws or generalized least squares; chunks, records and workers are further blocks. A balance that is
+    the sum of several has the columns ``[terms | sum of F - m a]``. Balances do not share storage: each holds the
+    columns of the sites that meet in it, so the size grows in proportion to the number of storeys.
+
+    Attributes
+    ----------
+    layout : Layout
+        Sites and their numbers of terms.
+    groups : dict of tuple of int to Group
+        Balances, by their DOFs.
+    matrices : dict of tuple of int to ndarray of shape (..., p, p)
+        By the DOFs of the balance; the leading axes are blocks, or blocks and bands, or none (a sum). For ``"root"``
+        matrices R of shape (..., q, p) with ``R.T @ R`` = Gram matrix.
+    sizes : dict of tuple of int to ndarray of shape (...)
+        Samples in which the forces of the balance are known.
+    n_samples : ndarray of shape (...)
+        All samples.
+    known_masses : dict of int to float
+        kg; those behind sums of balances.
+    kind : {"gram", "root"}
+        Roots keep the digits that squaring would lose.
+    instrumented : bool
+        Whether the rows hold instruments behind the columns: the same balance without its right-hand side, of another
+        motion. See :meth:`projected`.
+    record : ndarray of shape (n_blocks,), optional
+        Number of the record of each block.
+    edges : ndarray of shape (n_bands + 1,), optional
+        Edges of the frequency bands, Hz.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import Chain
+    >>> from pysindy_nrf.regression.blocks import blocks_of
+    >>> from pysindy_nrf.regression.chain_solve import solve
+    >>> from pysindy_nrf.regression.gram_pass import block_grams
+    >>> from pysindy_nrf.mechanics.identifiability import plan_walk
+    >>> from pysindy_nrf.regression.layout import Layout
+    >>> rng = np.random.default_rng(0)
+    >>> v, s, a, noise = rng.standard_normal((4, 800, 1))
+    >>> F = 10 * a + 3 * v + 500 * s + noise  # one mass on a spring and a damper
+    >>> layout = Layout(Chain(1), {"storey 1": 2})
+    >>> blocks = enumerate(blocks_of(np.hstack([v, s]), a, F, size=100))
+    >>> grams = block_grams(layout, [layout.group((1,))], blocks)
+    >>> grams
+    BlockGrams(8 blocks, 1 balance, 800 samples)
+    >>> walk = plan_walk(layout.chain, (1,), (), {}, "auto", layout.acting)
+    >>> round(solve(grams.sum(), walk).masses[1], 2)  # the fit
+    9.97
+    >>> without = grams.leave_one_out()
+    >>> [round(solve(without[i], walk).masses[1], 2) for i in range(3)]  # the jackknife
+    [9.99, 9.95, 9.98]
+    """
+
+    layout: Any  # a LawLayout where the columns come from laws
+    groups: Mapping[Dofs, Group]
+    matrices: Mapping[Dofs, np.ndarray]
+    sizes: Mapping[Dofs, Any]
+    n_samples: Any
+    known_masses: Mapping[int, float]
+    kind: str = "gram"
+    instrumented: bool = False
+    record: np.ndarray | None = None
+    edges: np.ndarray | None = None
+
+    # -- shape --------------------------------------------------------------------------------
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Leading axes of the matrices: blocks, or blocks and bands; none for a sum."""
+        return np.shape(self.n_samples)
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __bool__(self) -> bool:
+        return True
+
+    def __repr__(self) -> str:
+        what = [f"{n} {word}{'' if n == 1 else 's'}" for n, word in zip(self.shape, ("block", "band"))]
+        n = len(self.groups)
+        samples = f"{int(np.rint(np.sum(self.n_samples)))} samples"
+        return f"BlockGrams({', '.join([*what, f'{n} balance' + 's' * (n != 1), samples])})"
+
+    def __getitem__(self, which: Any) -> BlockGrams:
+        """Some of the blocks, or a single one."""
+        record = None if self.record is None or np.ndim(self.record[which]) == 0 else self.record[which]
+        return replace(
+            self,
+            matrices={dofs: x[which] for dofs, x in self.matrices.items()},
+            sizes={dofs: n[which] for dofs, n in self.sizes.items()},
+            n_samples=self.n_samples[which],
+            record=record,
+        )
+
+    def positions(self, dofs: Dofs) -> tuple[dict[Site, slice], int | None, int]:
+        """Where the columns of a balance stand: slice of each site, mass column (or None), target column."""
+        at, where = 0, {}
+        for site in self.groups[dofs].sites:
+            where[site] = slice(at, at + self.layout.counts[site])
+            at += self.layout.counts[site]
+        return where, (at if len(dofs) == 1 else None), (at + 1 if len(dofs) == 1 else at)
+
+    # -- sums ---------------------------------------------------------------------------------
+
+    def sum(self, weights: Any = None) -> BlockGrams:
+        """Sum of the blocks (and of the bands), each taken ``weights`` times.
+
+        Parameters
+        ----------
+        weights : array-like of the leading shape, or with one axis before it, optional
+            Not negative; ones if None. With a further axis there are as many sums.
+
+        Returns
+        -------
+        BlockGrams
+            Of leading shape ``()``, or of that of the further axis.
+        """
+        weights = np.ones(self.shape) if weights is None else np.asarray(weights, dtype=float)
+        axes = len(self.shape)
+        if self.kind == "root":
+            sums = {dofs: _sum_of_roots(x, weights, axes) for dofs, x in self.matrices.items()}
+        else:
+            sums = {dofs: np.tensordot(weights, x, axes) for dofs, x in self.matrices.items()}
+        sizes = {dofs: np.tensordot(weights, n, axes)[()] for dofs, n in self.sizes.items()}
+        count = np.tensordot(weights, self.n_samples, axes)[()]
+        return replace(self, matrices=sums, sizes=sizes, n_samples=count, record=None, edges=None)
+
+    def leave_one_out(self) -> BlockGrams:
+        """Sums of all blocks but one, for each block; what is zero in all others stays exactly zero."""
+        if self.kind == "root":
+            return self.sum(1.0 - np.eye(len(self)))
+        return replace(
+            self,
+            matrices={dofs: leave_one_out(x) for dofs, x in self.matrices.items()},
+            sizes={dofs: leave_one_out(n) for dofs, n in self.sizes.items()},
+            n_samples=leave_one_out(self.n_samples),
+        )
+
+    def running(self) -> tuple[BlockGrams, BlockGrams]:
+        """Sums of the blocks before each boundary, and of those behind it: n_blocks + 1 of each."""
+        n = len(self)
+        lower = np.tri(n + 1, n, -1)
+        return self.sum(lower), self.sum(1.0 - lower)
+
+    def merge(self, other: BlockGrams) -> BlockGrams:
+        """Sum of these and others, block by block.
+
+        Raises
+        ------
+        NRFError
+            If balances, columns or kinds differ.
+        """
+        self._require_alike(other)
+        if self.kind == "root":
+            sums = {d: _upper(np.concatenate([x, other.matrices[d]], axis=-2)) for d, x in self.matrices.items()}
+        else:
+            sums = {d: x + other.matrices[d] for d, x in self.matrices.items()}
+        return replace(
+            self,
+            matrices=sums,
+            sizes={dofs: n + other.sizes[dofs] for dofs, n in self.sizes.items()},
+            n_samples=self.n_samples + other.n_samples,
+        )
+
+    @classmethod
+    def stack(cls, parts: Sequence[BlockGrams], record: Any = None) -> BlockGrams:
+        """Parts without blocks (sums) as the blocks of one, ``record`` their records."""
+        return cls._joined(np.stack, parts, None if record is None else np.asarray(record, dtype=int))
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[BlockGrams]) -> BlockGrams:
+        """The blocks of all parts, one behind the other."""
+        records = [p.record for p in parts if p.record is not None]
+        record = np.concatenate(records) if len(records) == len(parts) else None
+        return cls._joined(np.concatenate, parts, record)
+
+    @classmethod
+    def _joined(cls, join: Callable[..., Any], parts: Sequence[BlockGrams], record: np.ndarray | None) -> BlockGrams:
+        first = parts[0]
+        for other in parts[1:]:
+            first._require_alike(other)
+        return replace(
+            first,
+            matrices={dofs: join([p.matrices[dofs] for p in parts]) for dofs in first.matrices},
+            sizes={dofs: join([p.sizes[dofs] for p in parts]) for dofs in first.sizes},
+            n_samples=join([p.n_samples for p in parts]),
+            record=record,
+        )
+
+    def _require_alike(self, other: BlockGrams) -> None:
+        if set(self.matrices) != set(other.matrices):
+            raise NRFError(
+                "Gram matrices of different balances cannot be added", "Accumulate both with the same layout."
+            )
+        wide = [x.shape[-1] == other.matrices[dofs].shape[-1] for dofs, x in self.matrices.items()]
+        if self.kind != other.kind or not all(wide) or self.shape[1:] != other.shape[1:]:
+            raise NRFError(
+                "Gram matrices of different columns or kinds cannot be added", "Accumulate both with the same layout."
+            )
+
+    # -- other columns ------------------------------------------------------------------------
+
+    def roots(self) -> BlockGrams:
+        """Triangular roots of the Gram matrices."""
+        if self.kind == "root":
+            return self
+        return replace(self, matrices={d: scaled_cholesky(x) for d, x in self.matrices.items()}, kind="root")
+
+    def squares(self) -> BlockGrams:
+        """Gram matrices of the roots."""
+        if self.kind == "gram":
+            return self
+        return replace(self, matrices={d: x.swapaxes(-1, -2) @ x for d, x in self.matrices.items()}, kind="gram")
+
+    def transformed(self, layout: Layout, changes: Mapping[Group, np.ndarray]) -> BlockGrams:
+        """The same samples in other columns: those of each balance times its change, an index array or a matrix."""
+        matrices = {}
+        for group, change in changes.items():
+            x = self.matrices[group.dofs]
+            if change.ndim == 1:
+                x = x[..., change] if self.kind == "root" else x[..., change[:, None], change]
+            else:
+                x = x @ change if self.kind == "root" else change.T @ x @ change
+            matrices[group.dofs] = x
+        groups, sizes = {g.dofs: g for g in changes}, {g.dofs: self.sizes[g.dofs] for g in changes}
+        return replace(self, layout=layout, groups=groups, matrices=matrices, sizes=sizes)
+
+    def projected(self) -> BlockGrams:
+        """Roots of the columns projected on the instruments Z.
+
+        The least-squares solve of ``P_Z [columns | right-hand side]`` is the two-stage least-squares estimate, which is
+        the instrumental-variable one where there are as many instruments as unknowns.
+        """
+        if not self.instrumented:
+            return self
+        matrices = {dofs: _projected(x, (x.shape[-1] + 1) // 2) for dofs, x in self.matrices.items()}
+        return replace(self, matrices=matrices, kind="root", instrumented=False)
+
+    @classmethod
+    def from_shared(
+        cls,
+        layout: Layout,
+        groups: Sequence[Group],
+        gram: Callable[[Dofs], tuple[np.ndarray, Any]],
+        known_masses: Mapping[int, float] | None = None,
+    ) -> BlockGrams:
+        """Balances cut out of Gram matrices of all columns ``[terms | a_1..a_n | F_1..F_n]``.
+
+        Parameters
+        ----------
+        layout : Layout
+        groups : sequence of Group
+        gram : callable
+            From the DOFs of a balance to the Gram matrix (..., p, p) of the samples in which its forces are known, and
+            the number of these samples, of shape (...).
+        known_masses : mapping of int to float, optional
+            kg.
+
+        Returns
+        -------
+        BlockGrams
+        """
+        k, n, known = layout.n_terms, layout.n_dof, dict(known_masses or {})
+        matrices: dict[Dofs, np.ndarray] = {}
+        sizes: dict[Dofs, Any] = {}
+        for group in groups:
+            matrix, sizes[group.dofs] = gram(group.dofs)
+            index = [i for s in group.sites for i in range(layout.slices[s].start, layout.slices[s].stop)]
+            if len(group.dofs) == 1:
+                at = np.array([*index, k + group.dofs[0] - 1, k + n + group.dofs[0] - 1])
+                matrices[group.dofs] = matrix[..., at[:, None], at]
+                continue
+            combine = np.zeros((matrix.shape[-1], len(index) + 1))
+            combine[index, np.arange(len(index))] = 1.0
+            for j in group.dofs:
+                combine[k + n + j - 1, -1], combine[k + j - 1, -1] = 1.0, -known[j]
+            matrices[group.dofs] = combine.T @ matrix @ combine
+        most = np.max(list(sizes.values()), axis=0)
+        return cls(layout, {g.dofs: g for g in groups}, matrices, sizes, most, known)
+
+    # -- sizes of combinations ----------------------------------------------------------------
+
+    def triangle(self, dofs: Dofs, combine: np.ndarray) -> np.ndarray:
+        """Upper triangular R, (..., p, p), with ``R.T @ R`` the Gram matrix of the columns of a balance times
+        ``combine``, (..., n_columns, p)."""
+        matrix = self.matrices[dofs]
+        if self.kind == "gram":
+            gram = combine.swapaxes(-1, -2) @ matrix @ combine
+            return scaled_cholesky(0.5 * (gram + gram.swapaxes(-1, -2)))
+        return _upper(matrix @ combine)
+
+    def norms(self, dofs: Dofs, weights: np.ndarray) -> np.ndarray:
+        """Lengths, (..., p), of combinations of the columns of a balance; ``weights`` is (..., n_columns, p)."""
+        image = self.matrices[dofs] @ weights
+        if self.kind == "root":
+            return np.linalg.norm(image, axis=-2)
+        return np.sqrt(np.clip(np.einsum("...ij,...ij->...j", weights, image), 0.0, None))
+
+    # -- to and from disk ---------------------------------------------------------------------
+
+    def to_arrays(self) -> dict[str, np.ndarray]:
+        """Plain arrays, as ``numpy.savez`` takes them; layout and balances are given again to :meth:`from_arrays`."""
+        out = {f"gram {'-'.join(map(str, dofs))}": np.asarray(x) for dofs, x in self.matrices.items()}
+        out |= {f"size {'-'.join(map(str, dofs))}": np.asarray(n) for dofs, n in self.sizes.items()}
+        out |= {"n_samples": np.asarray(self.n_samples), "kind": np.array(KINDS.index(self.kind))}
+        out |= {k: x for k in ("record", "edges") if (x := getattr(self, k)) is not None}
+        return out | {"instrumented": np.array(self.instrumented)}
+
+    @classmethod
+    def from_arrays(
+        cls,
+        arrays: Mapping[str, np.ndarray],
+        layout: Layout,
+        groups: Iterable[Group],
+        known_masses: Mapping[int, float] | None = None,
+    ) -> BlockGrams:
+        """What :meth:`to_arrays` wrote, of the same layout and balances.
+
+        Raises
+        ------
+        KeyError
+            If an array is missing.
+        """
+        held = {g.dofs: g for g in groups}
+        names = {dofs: "-".join(map(str, dofs)) for dofs in held}
+        return cls(
+            layout, held, {d: arrays[f"gram {x}"] for d, x in names.items()},
+            {d: arrays[f"size {x}"][()] for d, x in names.items()}, arrays["n_samples"][()], dict(known_masses or {}),
+            KINDS[int(arrays["kind"])], bool(arrays["instrumented"]), arrays.get("record"), arrays.get("edges"),
+        )  # fmt: skip
+
+
+def leave_one_out(blocks: np.ndarray) -> np.ndarray:
+    """Sums of all entries of the first axis but one, from both ends, so that what is zero stays zero."""
+    zero = np.zeros_like(blocks[:1])
+    before = np.concatenate([zero, np.cumsum(blocks[:-1], axis=0)])
+    after = np.concatenate([zero, np.cumsum(blocks[:0:-1], axis=0)])[::-1]
+    return before + after
+
+
+def width_of(layout: Layout, group: Group) -> int:
+    """Columns of a balance: its terms, and a_j and F_j, or the right-hand side of a sum of balances."""
+    return sum(layout.counts[s] for s in group.sites) + (2 if len(group.dofs) == 1 else 1)
+
+
+def root_of(rows: np.ndarray) -> np.ndarray:
+    """Upper triangular factor of rows, (n, p), square; zeros below where there are fewer rows than columns."""
+    return _squared_off(linalg.qr(rows, mode="r", overwrite_a=True, check_finite=False)[0][: rows.shape[1]])
+
+
+def _upper(rows: np.ndarray) -> np.ndarray:
+    """The same of rows (..., n, p)."""
+    return _squared_off(np.asarray(np.linalg.qr(rows, mode="r")))
+
+
+def scaled_cholesky(gram: np.ndarray) -> np.ndarray:
+    """Upper factor of Gram matrices (..., p, p) whose columns span many orders of magnitude.
+
+    Columns are scaled to unit length first. Where the factor fails, a pivot lost to round-off becomes zero: the
+    column is a combination of those before it.
+    """
+    scale = np.sqrt(np.clip(np.diagonal(gram, axis1=-2, axis2=-1), 0.0, None))
+    safe = np.where(scale > 0, scale, 1.0)
+    unit = gram / safe[..., :, None] / safe[..., None, :]
+    p = unit.shape[-1]
+    try:  # an empty column takes no part
+        whole = unit + (scale == 0)[..., None] * np.eye(p)
+        if gram.ndim == 2:
+            return linalg.cholesky(whole, check_finite=False) * scale
+        return np.linalg.cholesky(whole).swapaxes(-1, -2) * scale[..., None, :]  # SciPy takes one at a time
+    except np.linalg.LinAlgError:
+        pass
+    if gram.ndim > 2:
+        return np.array([scaled_cholesky(one) for one in gram])
+    upper = np.zeros_like(unit)
+    for i in range(p):
+        row = unit[i, i:] - upper[:i, i] @ upper[:i, i:]
+        if row[0] > 4 * p * np.finfo(float).eps:
+            upper[i, i:] = row / np.sqrt(row[0])
+    return upper * scale
+
+
+def _squared_off(upper: np.ndarray) -> np.ndarray:
+    """A factor that has fewer rows than columns gets rows of zeros below."""
+    if upper.shape[-2] == upper.shape[-1]:
+        return upper
+    out = np.zeros((*upper.shape[:-2], upper.shape[-1], upper.shape[-1]))
+    out[..., : upper.shape[-2], :] = upper
+    return out
+
+
+def _sum_of_roots(roots: np.ndarray, weights: np.ndarray, axes: int) -> np.ndarray:
+    """Roots of weighted sums of what roots (n_blocks, ..., q, p) stand for."""
+    p = roots.shape[-1]
+    flat = roots.reshape(-1, *roots.shape[-2:])
+    lead = weights.shape[: weights.ndim - axes]
+    out = np.empty((*lead, p, p))
+    for at in np.ndindex(*lead):
+        w = weights[at].ravel()
+        some = np.flatnonzero(w)
+        rows = (np.sqrt(w[some])[:, None, None] * flat[some]).reshape(-1, p)
+        out[at] = root_of(rows) if len(rows) else 0.0
+    return out
+
+
+def _projected(gram: np.ndarray, n: int) -> np.ndarray:
+    """Roots of the first n columns projected on the others; square, zeros below."""
+    if gram.ndim > 2:
+        return np.array([_projected(one, n) for one in gram])
+    inner, cross = gram[n:, n:], gram[n:, :n]
+    scale = np.sqrt(np.diag(inner))
+    scale = np.where(scale > 0, scale, 1.0)
+    values, vectors = np.linalg.eigh(inner / scale[:, None] / scale)
+    good = values > _CUT * values[-1]
+    out = np.zeros((n, n))
+    out[: good.sum()] = (vectors[:, good] / np.sqrt(values[good])).T @ (cross / scale[:, None])
+    return out

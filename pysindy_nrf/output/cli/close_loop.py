@@ -38,7 +38,17 @@ from .session import Session
 @output_option
 @json_option
 def close_loop(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
-    """Find the effects a model lacks, add them, and report the error before and after."""
+    """Find the effects a model lacks, add them, and report the error before and after.
+
+    FILE is read as by ``identify``. The last quarter of each record (or the files given with
+    --heldout) is put aside until the last line.
+
+    \b
+    Examples
+      pysindy-nrf close-loop shaker.csv --band 0.5,40
+      pysindy-nrf close-loop DATA_EMPS.mat --map x1=qm --map F1='vir*35.1507' --map t=t --band 0,20
+      pysindy-nrf close-loop quake.csv --map ag='table @ g' --known-mass 1=1 --known-mass 2=1 --known-mass 3=1
+    """
     from ...data.io import describe
     from ...discrepancy import close_loop as run
     from ...estimation.regressor import NRFRegressor

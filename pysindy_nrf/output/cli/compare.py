@@ -23,7 +23,15 @@ from .session import Session
 @output_option
 @json_option
 def compare(file: Path | None, as_json: bool, **options: Any) -> None:
-    """Fit plain SINDy and this package to the same record and judge both on its end."""
+    """Fit plain SINDy and this package to the same record and judge both on its end.
+
+    FILE is one record on a base at rest; every force is known.
+
+    \b
+    Examples
+      pysindy-nrf compare shaker.csv
+      pysindy-nrf compare simulated.parquet --truth model.json
+    """
     from ...data.io import describe, summary, write_table
     from ...regression.chain_model import ChainModel
     from ...selection.comparison import compare_with_sindy

@@ -13,7 +13,11 @@ from .options import json_option, output_option
 @output_option
 @json_option
 def demo(output: Path, as_json: bool) -> None:
-    """Identify a bundled record: a shaken three-storey frame whose ground storey hardens."""
+    """Identify a bundled record: a shaken three-storey frame whose ground storey hardens.
+
+    Only floor 2 is forced and every channel carries 2 % noise. The record was simulated, so the
+    truth is printed beside what was found. No network, a few seconds.
+    """
     from ...data.io import describe, summary
     from ...datasets.demo import demo_truth, read_demo
     from ...estimation.regressor import NRFRegressor

@@ -42,7 +42,21 @@ class _Ordered(click.Group):
 )
 @click.version_option(__version__, prog_name="pysindy-nrf")
 def cli() -> None:
-    """Masses and nonlinear restoring forces of chain-like structures from measured forces and motions."""
+    """Masses and nonlinear restoring forces of chain-like structures from measured forces and motions.
+
+    \b
+    Start with
+        pysindy-nrf demo
+    then give it your own test, a file with columns t, F1.., a1.., v1.., x1.. (SI units):
+        pysindy-nrf inspect test.csv          (what does the file hold?)
+        pysindy-nrf identify test.csv
+        pysindy-nrf close-loop test.csv       (what does the model lack?)
+    Columns with other names and units: --map F2='Shaker @ kN' --unit a=g --unit x=mm, on each of them.
+
+    \b
+    Exit codes: 0 done, 2 wrong usage, 3 the data or what was asked of them, 1 anything else, 130 stopped by Ctrl-C.
+    Results go to the output stream, progress and errors to the error stream.
+    """
 
 
 for command in (demo, inspect, identify, close_loop, select_order, compare, simulate, report, plan):

@@ -78,7 +78,30 @@ from .session import Session
 @click.option("--dry-run", is_flag=True, help="Say what was understood and what can be identified, then stop.")
 @json_option
 def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) -> None:
-    """Find masses and restoring forces from the records of one chain."""
+    """Find masses and restoring forces from the records of one chain.
+
+    FILE is CSV or other delimited text, Parquet, MATLAB, HDF5, NumPy, UFF 58 or strong motion (V2); several
+    files are several tests of the same chain (another floor hit in each, say). Channels are
+
+    \b
+        t            time, s (or --fs)
+        F1, F2, ..   forces on the floors, N; a floor without one is taken to be unforced
+        a1, a2, ..   absolute accelerations, m/s^2
+        v1.., x1..   velocities and displacements relative to the base, m/s and m
+        ag, vg, xg   motion of the base
+    Any subset of a, v, x on each floor will do; it is fused into one motion. Columns with other names are
+    mapped (--map), other units are declared (--unit, or in the header: "x1 [mm]"); pysindy-nrf inspect FILE
+    shows what was understood.
+
+    \b
+    Examples
+      pysindy-nrf identify own.csv --map F2=Shaker --map a1=Acc1 --map x1=Laser1 --unit F=kN --unit a=g --unit x=mm
+      pysindy-nrf identify shaker.csv --unit a=g --unit x=mm --band 0.5,40
+      pysindy-nrf identify DATA_EMPS.mat --map x1=qm --map F1='vir*35.1507' --band 0,20 --degree 1
+      pysindy-nrf identify hammer1.csv hammer2.csv hammer3.csv
+      pysindy-nrf identify quake.csv --map ag='table @ g' --known-mass 3=5200 --band 0.2,10
+      pysindy-nrf identify shaker.csv --frf --driven 1 --band 4,32
+    """
     from ...estimation.regressor import NRFRegressor
 
     session = Session(as_json)

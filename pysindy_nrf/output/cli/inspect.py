@@ -17,7 +17,17 @@ from .session import Session
 @record_options
 @json_option
 def inspect(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
-    """Say what a file holds and how it was understood. Nothing is solved, nothing is written."""
+    """Say what a file holds and how it was understood. Nothing is solved, nothing is written.
+
+    For each FILE: clock, channels with their size in SI units and where each came from, columns that were not
+    used, and what looks wrong (units, signs and delays that contradict each other; dead, clipped, spiky channels).
+
+    \b
+    Examples
+      pysindy-nrf inspect shaker.csv
+      pysindy-nrf inspect shaker.csv --map F2='Shaker @ kN' --unit a=g --unit x=mm
+      pysindy-nrf inspect --mapping campaign.toml
+    """
     from ...data.io import describe, summary
     from ...signals.plausibility import doubts
 

@@ -24,7 +24,14 @@ from .session import Session
 )
 @json_option
 def plan(floors: int, as_json: bool, **options: Any) -> None:
-    """Say which floor to hit, or which sensor to add, before a test of a structure with FLOORS floors."""
+    """Say which floor to hit, or which sensor to add, before a test of a structure with FLOORS floors.
+
+    \b
+    Examples
+      pysindy-nrf plan 4
+      pysindy-nrf plan 4 --can-hit 1,2 --sensors 1,2,4 --unknown 3
+      pysindy-nrf plan 3 --model nrf_output/model.json
+    """
     from ...mechanics.chain import Chain
     from ...regression.chain_model import ChainModel
     from .text import heading, table

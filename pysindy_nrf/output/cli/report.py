@@ -28,7 +28,17 @@ from .session import Session
 )
 @json_option
 def report(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
-    """Write one page (HTML, works offline) of a result, of records, or of both."""
+    """Write one page (HTML, works offline) of a result, of records, or of both.
+
+    FILE is a result - the model.json of identify or close-loop, or what they print with --json -, and files of
+    records to draw beside it. Records alone are identified first, as by identify, with --degree and --known-mass.
+    The band is that of the result if --band is left out.
+
+    \b
+    Examples
+      pysindy-nrf report nrf_output/model.json shaker.csv --unit a=g -o frame.html
+      pysindy-nrf report shaker.csv --band 0.5,40
+    """
     from ..report import write_html
 
     session = Session(as_json)

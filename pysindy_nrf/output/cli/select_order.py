@@ -44,7 +44,15 @@ from .session import Session
 @click.option("--figures/--no-figures", default=True, help="Draw the error over the order (needs matplotlib).")
 @json_option
 def select_order(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
-    """Find the order of the power series that the records support."""
+    """Find the order of the power series that the records support.
+
+    All orders on all folds come from one pass over the samples. Scores are of held-out blocks.
+
+    \b
+    Examples
+      pysindy-nrf select-order shaker.csv
+      pysindy-nrf select-order shaker.csv --degrees 1-5 --box 1,3 --box 2,3 --band 0.5,40
+    """
     from ...data.io import describe, summary, write_table
     from ...selection import select_order as run
     from .text import heading, table

@@ -36,7 +36,18 @@ from .session import Session
 )
 @json_option
 def simulate(model: Path, forces: Path | None, as_json: bool, **options: Any) -> None:
-    """Run a model alone under the forces of a file and write the motion."""
+    """Run a model alone under the forces of a file and write the motion.
+
+    MODEL is a model.json as identify and close-loop write it. FORCES holds F1.. (N) and ag (m/s^2), those that
+    act, with a time column t or --fs, and channels that the laws read (a voltage); motions in it are left out. A
+    mapping file that names one test may stand for it.
+
+    \b
+    Examples
+      pysindy-nrf simulate nrf_output/model.json shaker.csv -o answer.parquet
+      pysindy-nrf simulate nrf_output/model.json quake.csv --map ag='table @ g' -o answer.csv
+      pysindy-nrf simulate nrf_output/model.json tomorrow.csv --mapping campaign.toml
+    """
     from ...data.io import describe, read_excitation, summary, write_record
     from ...regression.chain_model import ChainModel
 

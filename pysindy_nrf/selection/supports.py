@@ -1,4 +1,4 @@
-"""Supports: terms that are kept, their refits, their inclusion in bootstraps, and terms that no held-out error needs."""
+"""Supports: terms that are kept, their refits and inclusion in bootstraps, and terms that no held-out error needs."""
 
 from __future__ import annotations
 

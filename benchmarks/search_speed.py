@@ -49,9 +49,8 @@ def stage_of(rec: Record) -> Stage:
     data = prepare(rec).data
     search, held = split(data.segments)
     work = Workspace(data, [None], search, held, {}, "auto")
-    baseline = NRFRegressor(degree=1)
-    chain = baseline._chain(data.n_dof, {})
-    return Stage(work, chain, baseline._laws(chain, {}))
+    problem = NRFRegressor(degree=1).problem(data.n_dof)
+    return Stage(work, problem.chain, problem.laws)
 
 
 def design(stage: Stage, site: Site, columns: np.ndarray) -> np.ndarray:

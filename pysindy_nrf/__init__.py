@@ -19,6 +19,7 @@ _LAZY = {
     "KinematicSmoother": "signals",
     "NRFRegressor": "estimation.regressor",
     "StateSpaceChainOptimizer": "regression.optimizers",
+    "Problem": "estimation.problem",
     "close_loop": "discrepancy",
     "compare_with_sindy": "selection.comparison",
     "BlockedTimeSplit": "selection",

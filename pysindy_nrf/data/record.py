@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ..common.hooks import Hook
 from ..exceptions import ChannelError
 from ..mechanics.chain import MOST_DOFS
 from .channels import as_matrix, finite_span
@@ -323,9 +324,8 @@ class Record:
         ChannelError
             With ``smooth=False``, if a channel is missing.
         """
-        from ..signals.kinematics import to_features
-
-        return to_features(self, smooth)
+        X, F = Hook.TO_FEATURES(self, smooth)
+        return X, F
 
     def window(self, start: float, stop: float) -> Record:
         """The part of the record between two times.
@@ -421,9 +421,7 @@ class Record:
         return new
 
     def _repr_html_(self) -> str:
-        from ..output.report.notebook import record_html
-
-        return record_html(self)
+        return str(Hook.RECORD_HTML(self))
 
     def __repr__(self) -> str:
         return (

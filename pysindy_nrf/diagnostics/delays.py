@@ -24,7 +24,6 @@ from ..exceptions import ChannelError
 from ..regression.chain_model import as_segments
 from ..regression.layout import LawLayout
 from ..regression.segments import Segment, SegmentSet
-from ..signals.zero_phase_filter import filters_of
 
 MOST = 20  # samples
 PIECES = 24
@@ -40,12 +39,10 @@ BETWEEN = 12**-0.5  # standard error of a blow whose place within one sample is 
 def force_delay(estimator: Any, X: Any = None, F: Any = None, **options: Any) -> pd.DataFrame:
     """Delay of each measured force against the motion."""
     if X is None:
-        fit = estimator.fit_data("Pass X and F.")
-        data, filters = fit.data, fit.filters
+        data = estimator.fit_data("Pass X and F.")
     else:
         data = as_segments(estimator, X, F, **options)
-        filters = filters_of(estimator.band, data)
-    layout = LawLayout(estimator.model_.chain, estimator.model_.laws)
+    layout, filters = estimator.problem_.layout, estimator.problem_.filters(data)
     rows = {}
     for j in data.forced:
         found = _delay(data, filters, layout, j)

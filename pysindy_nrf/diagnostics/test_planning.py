@@ -213,14 +213,14 @@ def _delays(model: Any) -> list[Finding]:
 
 def _noise(model: Any) -> list[Finding]:
     """The bias that white noise still in the motions gives a least-squares mass, balance by balance."""
-    fit = model._fit_data
-    if fit is None or model.model_.info.get("estimation", {}).get("found") != "ls":
+    data = model._records
+    if data is None or model.model_.info.get("estimation", {}).get("found") != "ls":
         return []
     from ..signals.fusion import white_level
 
-    data, layout = fit.data, fit.layout
+    layout, filters = model.problem_.layout, model.problem_.filters(data)
     sizes = [seg.n_valid for seg in data.segments]
-    passed = float(np.average([1.0 if f is None else f.noise_gain() for f in fit.filters], weights=sizes))
+    passed = float(np.average([1.0 if f is None else f.noise_gain() for f in filters], weights=sizes))
     shares: dict[str, list[tuple[float, float]]] = {}
     for seg in data.segments:
         for kind in "avs":
@@ -232,7 +232,7 @@ def _noise(model: Any) -> list[Finding]:
     pieces = model._resolving().pieces
     coefficients = model.model_.coefficients
     out = []
-    for step in fit.walk.steps:
+    for step in model.walk_.steps:
         if len(step.dofs) > 1 or not step.masses or pieces.instrumented:
             continue
         group = layout.group(step.dofs)

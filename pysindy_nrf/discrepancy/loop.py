@@ -9,6 +9,7 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from ..common.random_state import generator
+from ..estimation.problem import Problem
 from ..estimation.regressor import NRFRegressor
 from ..exceptions import BiasWarning, ChannelError, ExcitationError, NRFError
 from ..laws.base import ForceLaw
@@ -121,9 +122,8 @@ def close_loop(
     ready = prepare(records, heldout)
     floors = FloorSource(noise_floor, ready.data.n_dof)
     search, held = split(ready.data.segments, ready.heldout)
-    given = baseline._given_laws()
-    chain = baseline._chain(ready.data.n_dof, given)
-    known = baseline._known_masses(chain)
+    problem = baseline.problem(ready.data.n_dof)
+    chain, known = problem.chain, problem.known_masses
     filters = filters_of(band, ready.data)
     work = Workspace(ready.data, filters, search, held, known, baseline.strategy)
     if not work.forced and not known:
@@ -131,7 +131,7 @@ def close_loop(
             "No force is measured and no mass is known, so nothing scales the chain",
             "Give the baseline known_masses={dof: kg}.",
         )
-    first = _baseline_laws(baseline, chain, given, work)
+    first = _baseline_laws(problem, work)
     _require_covariates(first, ready)
     _say_what_is_not_used(baseline)
     names = tuple(c for c in ready.data.segments[0].covariates if all(c in s.covariates for s in ready.data.segments))
@@ -147,16 +147,11 @@ def close_loop(
     return report
 
 
-def _baseline_laws(baseline: NRFRegressor, chain: Any, given: Any, work: Workspace) -> dict[Site, tuple[ForceLaw, ...]]:
-    laws = baseline._laws(chain, given)
-    if any(law.free_shape for held in laws.values() for law in held):
-        from sklearn.base import clone
-
-        fresh = clone(baseline)
-        part = SegmentSet([piece for _, piece in work.pieces()], work.data.n_samples)
-        fresh._fit(part, given, part)
-        return {s: tuple(law for law in held) for s, held in fresh.model_.laws.items()}
-    return laws
+def _baseline_laws(problem: Problem, work: Workspace) -> Mapping[Site, tuple[ForceLaw, ...]]:
+    """The laws of the baseline; shape parameters without a value are estimated on the search blocks."""
+    if any(law.free_shape for held in problem.laws.values() for law in held):
+        return problem.solve(SegmentSet([piece for _, piece in work.pieces()], work.data.n_samples)).model.laws
+    return dict(problem.laws)
 
 
 def _require_covariates(laws: Mapping[Site, Sequence[ForceLaw]], ready: Prepared) -> None:

@@ -169,11 +169,10 @@ def _fitted(regressor: Any, data: SegmentSet) -> ChainModel:
     """The model that an estimator finds in these data."""
     from sklearn.base import clone
 
-    fresh = clone(regressor)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what is to be said of the data was said of the measured ones
-        fresh._fit(data, fresh._given_laws(), data)
-    return fresh.model_
+        model: ChainModel = clone(regressor).fit(data).model_
+    return model
 
 
 @dataclass

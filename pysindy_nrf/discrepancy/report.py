@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from ..common.audit import constants_of, settings_of
+from ..common.hooks import Hook
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw
 from ..mechanics.sites import Site
@@ -312,9 +313,7 @@ class LoopReport:
         -------
         str
         """
-        from ..output.report.markdown import markdown
-
-        return markdown(self)
+        return str(Hook.LOOP_MARKDOWN(self))
 
     def to_html(self, path: Any) -> None:
         """Write the report as one self-contained page that works offline.
@@ -332,14 +331,10 @@ class LoopReport:
         MissingExtraError
             Without jinja2 or plotly, which the extra ``report`` brings.
         """
-        from ..output.report import write_html
-
-        write_html(path, self)
+        Hook.PAGE(path, self)
 
     def _repr_html_(self) -> str:
-        from ..output.report.notebook import loop_html
-
-        return loop_html(self)
+        return str(Hook.LOOP_HTML(self))
 
 
 def audit(

@@ -17,6 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..estimation.iv import instrumental_variables
+from ..estimation.problem import Problem
 from ..exceptions import NRFError, NRFWarning
 from ..regression.chain_solve import Solution
 from ..simulation.system import flatten, jumps
@@ -53,9 +54,8 @@ def unbiased(stage: Stage, ready: Prepared) -> Solution | None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", NRFWarning)  # what is wrong with the channels has been said
             data, filters = searched(work, data=ready.apart)
-            found = instrumental_variables(
-                trial.model(), data, trial.layout, trial.walk, filters, work.known_masses
-            )
+            problem = Problem(trial.layout.chain, trial.layout.laws, work.known_masses, strategy=work.strategy)
+            found = instrumental_variables(trial.model(), data, problem, trial.walk, filters)
     except (NRFError, np.linalg.LinAlgError):
         return None
     return found.solution if found is not None and found.settled else None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,10 +11,7 @@ import pandas as pd
 
 from ..exceptions import ChainError
 from ..regression.analysis_inputs import as_model, as_segments, storey_names
-from ..regression.chain_solve import groups_of, solve
 from ..regression.errors import nrmse
-from ..regression.gram_pass import total_gram
-from ..regression.layout import LawLayout
 from .linear_model import linear_part
 
 
@@ -133,16 +131,11 @@ def found_twice(estimator: Any, X: Any, F: Any, **options: Any) -> dict[str, pd.
     v       30.0       30.0
     s    40000.0    40000.0
     """
-    from ..signals.zero_phase_filter import filters_of
-
     if estimator.walk_.strategy != "complete":
         raise ChainError(f"Under the {estimator.walk_.strategy} strategy no storey is found twice", "Force every DOF.")
     data = as_segments(estimator, X, F, **options)
-    layout = LawLayout(estimator.chain_, estimator.model_.laws)
-    pairs = zip(data.segments, filters_of(estimator.band, data))
-    blocks = (block for seg, filter in pairs for block in seg.blocks(layout, filter=filter))
-    grams = total_gram(layout, groups_of(layout, estimator.walk_), blocks)
-    solution = solve(grams, estimator.walk_, estimator._known_masses(estimator.chain_))
+    problem = replace(estimator.problem_, optimizer=None)
+    layout, solution = problem.layout, problem.solve(data).solution
     return {
         str(site): pd.DataFrame(
             {f"balance {site.p}": solution.coefficients[site], f"balance {site.q}": twin}, index=layout.labels(site)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -12,50 +12,18 @@ from sklearn.utils.validation import check_is_fitted
 
 from ..data.estimator_input import require_two_dimensions, sample_weights
 from ..data.record import Record
+from ..diagnostics.test_planning import Diagnosis, diagnose
 from ..exceptions import ChannelError, DataQualityWarning
 from ..mechanics.chain import Chain
 from ..mechanics.identifiability import Walk
 from ..regression.blocks import Block
 from ..regression.chain_model import ChainModel
 from ..regression.input_arrays import from_arrays, holds_records
-from ..regression.layout import LawLayout
 from ..regression.segments import SegmentSet, feature_names
-from ..signals.zero_phase_filter import filters_of
 
 if TYPE_CHECKING:
-    from ..diagnostics.test_planning import Diagnosis
     from .intervals import Resolver
-
-
-class FitData(NamedTuple):
-    """What an estimator was fitted to; kept until it is pickled, so that it can be solved again on parts of it.
-
-    Attributes
-    ----------
-    data : SegmentSet
-        The records.
-    layout : LawLayout
-        The columns of masses and terms.
-    walk : Walk
-        The order in which the balances were solved.
-    filters : sequence of FairFilter or None
-        One for each record.
-    known_masses : mapping of int to float
-        By DOF, kg.
-    """
-
-    data: SegmentSet
-    layout: LawLayout
-    walk: Walk
-    filters: Sequence[Any]
-    known_masses: Mapping[int, float]
-
-
-def require_fit_data(estimator: FittedChain, cure: str) -> FitData:
-    """What the estimator was fitted to, or an error that says what to do instead."""
-    if estimator._fit_data is None:
-        raise ChannelError("The model was loaded without the data it was fitted to", cure)
-    return estimator._fit_data
+    from .problem import Problem
 
 
 class FittedChain:
@@ -64,44 +32,40 @@ class FittedChain:
     model_: ChainModel
     chain_: Chain
     walk_: Walk
+    problem_: Problem
     masses_: np.ndarray
     band: tuple[float | None, float | None] | None
     coordinates: str
     dt: float | None
-    optimizer: Any
     _resolver: Resolver | None
-    _fit_data: FitData | None = None  # gone after a fit in pieces or a load
+    _records: SegmentSet | None = None  # what it was fitted to; gone after a fit in pieces or a load
     _apart: Callable[[], SegmentSet] | None = None  # the same motions fused one by one, where records were given
     _spread: Resolver | None = None
     _narrow: bool = False  # whether X was fused so that its DOFs improve each other
 
-    def fit_data(self, cure: str) -> FitData:
-        """Data of the fit, with the filters they went through.
+    def fit_data(self, cure: str) -> SegmentSet:
+        """Data of the fit.
 
         Parameters
         ----------
         cure : str
-            What to do instead where the data are gone.
+            What to do where they are gone, for the error.
 
         Returns
         -------
-        FitData
+        SegmentSet
 
         Raises
         ------
         ChannelError
-            If the model was loaded without the data.
+            If the model was fitted in pieces, or loaded without the data.
         """
-        return require_fit_data(self, cure)
+        if self._records is None:
+            raise ChannelError("The model was loaded without the data it was fitted to", cure)
+        return self._records
 
     def _data(self, X: Any, y: Any, **options: Any) -> SegmentSet:
         return from_arrays(X, y, coordinates=self.coordinates, dt=self.dt, **options)
-
-    def _inner(self) -> Any:
-        """The PySINDy optimizer that runs on every balance."""
-        from ..regression.optimizers import ChainOptimizer
-
-        return self.optimizer.optimizer if isinstance(self.optimizer, ChainOptimizer) else self.optimizer
 
     def predict(
         self,
@@ -183,7 +147,7 @@ class FittedChain:
         weights = sample_weights(sample_weight, data.n_samples)
         left = error = 0.0
         judged = []
-        for seg, part, filter in zip(data.segments, self.model_.balance_forces(data), filters_of(self.band, data)):
+        for seg, part, filter in zip(data.segments, self.model_.balance_forces(data), self.problem_.filters(data)):
             a, gap = seg.a[seg.valid].astype(float), (seg.F[seg.valid] - part) / self.masses_
             a, gap = (a, gap) if filter is None else (filter.apply(a), filter.apply(gap))
             judged.append((a, gap, weights[seg.rows][seg.valid]))
@@ -220,8 +184,7 @@ class FittedChain:
         from ..regression.errors import judge
 
         data = self._judged(X, y, record, time, base_acceleration, covariates)
-        layout = LawLayout(self.chain_, self.model_.laws)
-        filters = filters_of(self.band, data)
+        layout, filters = self.problem_.layout, self.problem_.filters(data)
 
         def blocks() -> Iterator[Block]:
             for seg, filter in zip(data.segments, filters):
@@ -276,8 +239,9 @@ class FittedChain:
         from .intervals import parameter_intervals
 
         check_is_fitted(self)
-        data = None if self._fit_data is None else self._fit_data.data
-        return parameter_intervals(self._spreading(), self.model_, level, of, method, random_state, n_jobs, data)
+        return parameter_intervals(
+            self._spreading(), self.model_, level, of, method, random_state, n_jobs, self._records
+        )
 
     def force_intervals(self, site: Any, v: Any, s: Any, level: float = 0.95) -> pd.DataFrame:
         """Restoring force of a site at points (v, s) with its interval.
@@ -309,8 +273,6 @@ class FittedChain:
         Diagnosis
             ``print`` it; ``.table`` holds the findings. See :mod:`pysindy_nrf.diagnostics.test_planning`.
         """
-        from ..diagnostics.test_planning import diagnose
-
         check_is_fitted(self)
         return diagnose(self)
 
@@ -388,12 +350,10 @@ class FittedChain:
     def _resolving(self) -> Resolver:
         """What re-solving the chain on parts of the data needs; made when first asked for."""
         if self._resolver is None:
-            fit = require_fit_data(self, "Fit again, or ask for intervals before saving.")
             from .refine import least_squares_resolver
 
-            self._resolver = least_squares_resolver(
-                fit.data, fit.layout, fit.walk, fit.filters, fit.known_masses, self._inner()
-            )
+            data = self.fit_data("Fit again, or ask for intervals before saving.")
+            self._resolver = least_squares_resolver(self.problem_, self.walk_, data)
         return self._resolver
 
     def _spreading(self) -> Resolver:
@@ -411,8 +371,5 @@ class FittedChain:
         if self._spread is None:
             from .refine import separate_resolver
 
-            fit = require_fit_data(self, "Fit again, or ask for intervals before saving.")
-            self._spread = separate_resolver(
-                self._apart(), fit.layout, fit.walk, fit.known_masses, self.band, self._resolving()
-            )
+            self._spread = separate_resolver(self.problem_, self.walk_, self._apart(), self._resolving())
         return self._spread

@@ -20,7 +20,6 @@ from ..exceptions import BiasWarning, ChainError, ChannelError
 from ..regression.blocks_of_samples import pieces_of
 from ..regression.chain_solve import groups_of, solve
 from ..regression.input_arrays import from_arrays
-from ..regression.layout import LawLayout
 from ..regression.solution import model_of
 from .intervals import Resolver
 
@@ -52,13 +51,12 @@ def fit_frequency_response(
     neighbours = FrequencyResponse(frf.f, 0.5 * (ends[: -2 * APART] + ends[2 * APART :]), frf.driven, frf.name)
     Z, _ = frf_to_features(neighbours, band=band, weight=weight)
     data, others = (from_arrays(x, F, n_dof=frf.n_dof) for x in (X, Z))
-    layout = LawLayout(model.chain_, model.model_.laws)
-    known = model._known_masses(model.chain_)
+    problem = model.problem_
+    layout, known, optimizer = problem.layout, dict(problem.known_masses), problem.optimizer
     pieces = pieces_of(data, layout, groups_of(layout, model.walk_), [None], known, others.segments)
-    solution = solve(pieces.sum().projected(), model.walk_, known, model._inner())
-    found = model_of(layout, solution)
+    solution = solve(pieces.sum().projected(), model.walk_, known, optimizer)
     return model._adopt(
-        found,
-        Resolver(pieces, model.walk_, known, model._inner()),
+        model_of(layout, solution),
+        Resolver(pieces, model.walk_, known, optimizer),
         {"asked": "iv", "found": "iv", "notes": ["neighbouring lines"]},
     )

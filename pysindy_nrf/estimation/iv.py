@@ -39,6 +39,7 @@ from ..regression.layout import LawLayout
 from ..regression.segments import Segment, SegmentSet
 from ..regression.solution import model_of
 from ..signals.zero_phase_filter import FairFilter, filters_of
+from .problem import Problem
 from .runs import likeness_of, run_of, steady
 from .spectra import common_band, lines_of, smoothed, spectrum, velocities
 from .weighting import Weighting, weighting_of
@@ -81,14 +82,12 @@ class IVResult:
     --------
     >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
     >>> from pysindy_nrf.estimation import instrumental_variables
-    >>> from pysindy_nrf.regression.layout import LawLayout
     >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
     >>> F = excitation.band_limited_random(2, 8.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
     >>> X, F = simulate(frame, F, 0.002).to_features(smooth=False)
     >>> start = NRFRegressor(degree=1, dt=0.002).fit(X, F)
-    >>> layout = LawLayout(start.chain_, start.model_.laws)
     >>> data = start.model_.segments(X, F, dt=0.002)
-    >>> found = instrumental_variables(start.model_, data, layout, start.walk_, [None], {})
+    >>> found = instrumental_variables(start.model_, data, start.problem_, start.walk_)
     >>> found.model.masses.round(3), bool(found.likeness > 0.99)
     (array([10., 10.]), True)
     """
@@ -132,12 +131,9 @@ class IVResult:
 def instrumental_variables(
     start: ChainModel,
     data: SegmentSet,
-    layout: LawLayout,
+    problem: Problem,
     walk: Walk,
-    filters: Sequence[Any],
-    known_masses: Mapping[int, float],
-    inner: Any = None,
-    band: Any = None,
+    filters: Sequence[Any] | None = None,
 ) -> IVResult | None:
     """Iterated instrumental variables for all strategies and laws.
 
@@ -147,14 +143,13 @@ def instrumental_variables(
         Least-squares estimate.
     data : SegmentSet
         Motions whose noise is independent of the motion.
-    layout : LawLayout
+    problem : Problem
+        With values for all shape parameters. An upper edge of its band colours the noise of the force, and the delay
+        of the instruments grows with it.
     walk : Walk
-    filters : sequence of FairFilter or None
-    known_masses : mapping of int to float
-        kg.
-    inner : PySINDy optimizer, optional
-    band : (float, float), optional
-        Hz; an upper edge colours the noise of the force, and the delay grows with it.
+        The order of the solve.
+    filters : sequence of FairFilter or None, optional
+        One for each record; those of the problem's band if None.
 
     Returns
     -------
@@ -172,6 +167,8 @@ def instrumental_variables(
     >>> model.masses_.round(1), model.model_.info["estimation"]["found"]
     (array([10.1, 10.1]), 'iv')
     """
+    layout, known_masses, band = problem.layout, problem.known_masses, problem.band
+    filters = problem.filters(data) if filters is None else filters
     groups = groups_of(layout, walk)
     notes: list[str] = []
     model, best = start, None
@@ -214,7 +211,7 @@ def instrumental_variables(
         )  # fmt: skip
         try:
             names = {s: layout.labels(s) for s in layout.acting}
-            solution = solve(pieces.sum().projected(), walk, known_masses, inner, names)
+            solution = solve(pieces.sum().projected(), walk, known_masses, problem.optimizer, names)
         except IdentifiabilityError as error:
             why, cure = error.what, error.cure
             break

@@ -17,7 +17,6 @@ from ..common.random_state import generator
 from ..exceptions import ChainError
 from ..laws import Dahl, PowerSeries
 from ..regression.analysis_inputs import as_model, as_segments, storey_names
-from ..regression.layout import LawLayout
 from ..regression.segments import SegmentSet
 
 LEAST = 1.0  # percent of its force; a surface flatter than this is called planar whatever the noise
@@ -190,13 +189,8 @@ def _off_plane(data: SegmentSet, forces: list[np.ndarray]) -> tuple[np.ndarray, 
 
 
 def _reference(estimator: Any, data: SegmentSet, scale: np.ndarray, draws: int, random_state: Any) -> np.ndarray:
-    from ..signals.zero_phase_filter import filters_of
-
     rng = generator(random_state)
     model = estimator.model_
-    layout = LawLayout(estimator.chain_, model.laws)
-    filters = filters_of(estimator.band, data)
-    known = estimator._known_masses(estimator.chain_)
     implied = model.balance_forces(data)
     found = [model.restoring_force(data)[seg.rows][seg.valid] for seg in data.segments]
     values = []
@@ -209,7 +203,7 @@ def _reference(estimator: Any, data: SegmentSet, scale: np.ndarray, draws: int, 
             force[seg.valid] = left + signs[:, None] * (seg.F[seg.valid] - left)
             segments.append(replace(seg, F=force))
         again = SegmentSet(segments, data.n_samples)
-        other = estimator._solve(layout, estimator.walk_, again, filters, known)[0]
+        other = estimator.problem_.solve(again).model
         change = [other.restoring_force(data)[seg.rows][seg.valid] - R for seg, R in zip(data.segments, found)]
         share, size = _off_plane(data, change)
         values.append(share * size / scale)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -14,13 +13,12 @@ from ..exceptions import BiasWarning, IdentifiabilityError, NRFError
 from ..mechanics.identifiability import Walk
 from ..regression.blocks_of_samples import pieces_of
 from ..regression.chain_model import ChainModel
-from ..regression.chain_solve import Solution, groups_of
-from ..regression.layout import LawLayout
+from ..regression.chain_solve import groups_of
 from ..regression.segments import SegmentSet
-from ..signals.zero_phase_filter import filters_of
 from .free_run_fit import free_parameters, output_error
 from .intervals import InfluenceResolver, Resolver
 from .iv import IVResult, instrumental_variables
+from .problem import Estimate, Problem
 
 METHODS = ("ls", "iv", "simulation")
 # Standard errors by which a mass may still move in the last round.
@@ -28,30 +26,23 @@ _BESIDE = 0.2
 
 
 def refine(
-    method: str,
-    model: ChainModel,
-    solution: Solution,
-    data: SegmentSet,
-    layout: LawLayout,
-    walk: Walk,
-    filters: Sequence[Any],
-    known: Mapping[int, float],
-    inner: Any = None,
-    band: Any = None,
-) -> tuple[ChainModel, Solution, Resolver | None, dict[str, Any], SegmentSet]:
+    method: str, start: Estimate, data: SegmentSet
+) -> tuple[Estimate, Resolver | None, dict[str, Any], SegmentSet]:
     """Instrumental variables, and output error after them."""
     facts: dict[str, Any] = {"asked": method, "found": "ls"}
-    iv = instrumental_variables(model, data, layout, walk, filters, known, inner, band)
+    problem, walk = start.problem, start.order
+    known, inner = dict(problem.known_masses), problem.optimizer
+    iv = instrumental_variables(start.model, data, problem, walk)
     if iv is None:
-        return model, solution, None, facts, data
+        return start, None, facts, data
     facts |= {"found": "iv", "rounds": iv.rounds, "likeness": iv.likeness, "notes": list(iv.notes)}
-    resolver = Resolver(iv.pieces, walk, dict(known), inner)
+    resolver = Resolver(iv.pieces, walk, known, inner)
     if said := _restless(iv, resolver):
         facts["notes"] = [*facts["notes"], said]
         warnings.warn(said, BiasWarning, stacklevel=4)
-    model, solution = iv.model, iv.solution
+    model = iv.model
     if method == "simulation":
-        result = output_error(model, data, layout, known, band, _halves(resolver))
+        result = output_error(model, data, problem.layout, known, problem.band, _halves(resolver))
         facts |= {
             "free_run_error_before": _finite(result.error_before),
             "free_run_error_after": _finite(result.error_after),
@@ -62,37 +53,23 @@ def refine(
             theta, rebuild, _ = free_parameters(model, known)
             assert result.record is not None
             resolver = InfluenceResolver(
-                iv.pieces, walk, dict(known), inner, theta=theta, rebuild=rebuild, moves=result.influences,
-                of=result.record,
-            )  # fmt: skip
+                iv.pieces, walk, known, inner, theta=theta, rebuild=rebuild, moves=result.influences, of=result.record
+            )
         else:
             facts["notes"] = [*facts["notes"], f"instrumental variables kept: {result.why}"]
-    return model, solution, resolver, facts, iv.judged(data)
+    return start._replace(model=model, solution=iv.solution), resolver, facts, iv.judged(data)
 
 
-def least_squares_resolver(
-    data: SegmentSet,
-    layout: LawLayout,
-    walk: Walk,
-    filters: Sequence[Any],
-    known: Mapping[int, float],
-    inner: Any = None,
-) -> Resolver:
+def least_squares_resolver(problem: Problem, walk: Walk, data: SegmentSet) -> Resolver:
     """What re-solving a least-squares estimate needs; one pass over the data."""
-    return Resolver(pieces_of(data, layout, groups_of(layout, walk), filters, known), walk, dict(known), inner)
+    layout, known = problem.layout, dict(problem.known_masses)
+    pieces = pieces_of(data, layout, groups_of(layout, walk), problem.filters(data), known)
+    return Resolver(pieces, walk, known, problem.optimizer)
 
 
-def separate_resolver(
-    separate: SegmentSet,
-    layout: LawLayout,
-    walk: Walk,
-    known: Mapping[int, float],
-    band: Any,
-    resolver: Resolver,
-) -> Resolver:
+def separate_resolver(problem: Problem, walk: Walk, separate: SegmentSet, resolver: Resolver) -> Resolver:
     """What the uncertainty of a least-squares estimate needs where the motions were fused together."""
-    found = least_squares_resolver(separate, layout, walk, filters_of(band, separate), known, resolver.inner)
-    return replace(found, constrain=resolver.constrain)
+    return replace(least_squares_resolver(problem, walk, separate), constrain=resolver.constrain)
 
 
 def _restless(iv: IVResult, resolver: Resolver) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,29 +12,21 @@ from sklearn.base import BaseEstimator, RegressorMixin
 
 from ..data.estimator_input import column_names, require_two_dimensions, same_columns
 from ..data.record import Record
-from ..exceptions import ChainError, ChannelError, DataQualityWarning, ExcitationError
-from ..laws import ForceLaw, PowerSeries
+from ..exceptions import ChainError, ChannelError, DataQualityWarning
 from ..mechanics.chain import Chain
-from ..mechanics.identifiability import Walk, plan_walk
-from ..mechanics.sites import Site
-from ..regression.blocks import Block
 from ..regression.chain_model import ChainModel
-from ..regression.chain_solve import Solution, doubtful_masses
-from ..regression.grams import BlockGrams
+from ..regression.chain_solve import doubtful_masses
 from ..regression.input_arrays import fused_together, holds_records, one_by_one
-from ..regression.layout import LawLayout
-from ..regression.requirements import require_clock, require_moving, require_samples
 from ..regression.segments import SegmentSet
-from ..regression.solution import lost_masses, model_of, scales_of, third_law_gap, unknown_forces, visited_regions
-from ..signals.zero_phase_filter import filters_of
-from .fitted import FitData, FittedChain
+from ..regression.solution import lost_masses, third_law_gap, unknown_forces, visited_regions
+from .fitted import FittedChain
+from .problem import DEFAULT_DEGREE, Estimate, Problem, as_mapping, declared_laws, law_list, laws_of_sites
 from .streaming import fit_streamed, is_streamed, partial_fit
 
 if TYPE_CHECKING:
     from sklearn.utils import Tags
 
 
-_DEFAULT_DEGREE = 3
 _ESTIMATIONS = ("ls", "iv", "simulation")
 
 
@@ -106,6 +98,8 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         dead); and what else the BiasWarning of the fit says: ``"forces"``, balances that contradict each other (a force
         in other units, a wrong known mass), and ``"masses"`` that are not positive or that noise decides.
     model_ : ChainModel
+    problem_ : Problem
+        What was solved: chain, laws with their shape parameters, known masses, band, strategy and optimizer.
     chain_ : Chain
     walk_ : Walk
         The order of the solve, in words.
@@ -140,7 +134,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
 
     def __init__(
         self,
-        degree: Any = _DEFAULT_DEGREE,
+        degree: Any = DEFAULT_DEGREE,
         orders: Mapping[Any, Any] | None = None,
         strategy: str = "auto",
         optimizer: Any = None,
@@ -240,20 +234,19 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
                 self, X, y, record=record, time=time, base_acceleration=base_acceleration, covariates=covariates,
                 state=state,
             )  # fmt: skip
-        laws_given, chain = self._given_laws(), self._given_chain()
         options = dict(
             record=record,
             time=time,
             base_acceleration=base_acceleration,
             covariates=covariates,
-            has_memory=any(law.has_memory for held in laws_given.values() for law in held),
-            n_dof=None if chain is None else chain.n_dof,
+            has_memory=any(law.has_memory for law in law_list(self.laws)),
+            n_dof=getattr(self.chain, "n_dof", None),
         )
-        if not isinstance(X, Record):
+        if not isinstance(X, (Record, SegmentSet)):
             require_two_dimensions(X)
         data = self._data(X, y, **options)
         separate = data if self.estimation == "ls" else self._separate(X, y, data, options)
-        self._fit(data, laws_given, separate)
+        self._fit(data, separate)
         if self.estimation == "ls":
             if holds_records(X):
                 self._apart = lambda: self._separate(X, y, data, options)
@@ -289,57 +282,58 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             self, X, y, record=record, time=time, base_acceleration=base_acceleration, covariates=covariates
         )
 
-    def _fit(
-        self,
-        data: SegmentSet,
-        laws_given: Mapping[Any, tuple[ForceLaw, ...]],
-        separate: SegmentSet | None = None,
-    ) -> None:
-        chain = self._chain(data.n_dof, laws_given)
-        laws = self._laws(chain, laws_given)
-        known = self._known_masses(chain)
-        layout = LawLayout(chain, laws)
-        forced, unknown = data.forced, data.unknown
-        if not forced and not known:
-            raise ExcitationError(
-                "No force is measured and no mass is known, so nothing scales the chain",
-                "Measure a force on one DOF, or give a mass: known_masses={dof: kg}; ratios to it then come out.",
-            )
-        walk = plan_walk(chain, forced, unknown, known, self.strategy, layout.acting).require_complete()
-        require_samples(data, walk, layout)
-        require_moving(data, layout)
-        require_clock(data, layout)
-        filters = filters_of(self.band, data)
-        if any(law.free_shape for held in laws.values() for law in held):
-            from ..regression.shape_search import estimate_shapes
+    def problem(self, n_dof: int) -> Problem:
+        """The identification problem that the parameters pose, before any data.
 
-            layout = estimate_shapes(
-                layout,
-                scales_of(data, layout),
-                lambda trial: self._solve(trial, walk, data, filters, known)[1:],
-                data,
-                filters,
-            )
-        model, solution, grams = self._solve(layout, walk, data, filters, known)
-        self._resolver, self._fit_data = None, FitData(data, layout, walk, filters, known)
+        Parameters
+        ----------
+        n_dof : int
+            Number of DOFs; that of ``chain`` where one was given.
+
+        Returns
+        -------
+        Problem
+            A fitted estimator has it as ``problem_``, with the shape parameters that were found.
+
+        Raises
+        ------
+        ChainError
+            If a site or DOF is not in the chain, or ``orders``, ``laws`` and ``degree`` contradict each other.
+
+        Examples
+        --------
+        >>> from pysindy_nrf import NRFRegressor
+        >>> problem = NRFRegressor(degree=1, known_masses={2: 12.0}).problem(2)
+        >>> problem.layout.labels("storey 1"), dict(problem.known_masses)
+        (['v', 's'], {2: 12.0})
+        """
+        if self.chain is not None and not isinstance(self.chain, Chain):
+            raise ChainError(f"chain={self.chain!r} is not a Chain", "Give e.g. Chain(3, links=['link 3-1']).")
+        chain = self.chain or Chain(n_dof)
+        chain = chain.with_links([s for s in map(chain.site, declared_laws(self.laws)) if s.kind == "link"])
+        laws = laws_of_sites(chain, self.laws, self.degree, self.orders)
+        known = as_mapping("known_masses", self.known_masses, "{2: 12.4}")
+        return Problem(chain, laws, known, self.band, self.strategy, None, self.optimizer)
+
+    def _fit(self, data: SegmentSet, separate: SegmentSet) -> None:
+        found = self.problem(data.n_dof).solve(data)
+        self._resolver, self._records, self.problem_ = None, data, found.problem
         facts: dict[str, Any] = {"asked": "ls", "found": "ls"}
         self._apart, self._spread, self._narrow = None, None, False
         judged = data
         if self.estimation != "ls":
             from .refine import refine
 
-            model, solution, self._resolver, facts, judged = refine(
-                self.estimation, model, solution, separate or data, layout, walk, filters, known, self._inner(),
-                self.band,
-            )  # fmt: skip
+            found, self._resolver, facts, judged = refine(self.estimation, found, separate)
             if facts["found"] == "ls":  # it stayed with what these motions gave
                 judged = data
         if self.constraints is not None:
             from .constraints import constrained
 
-            model = constrained(model, self.constraints, self._resolving())
-        self._publish(model, solution, grams, walk, layout, data, judged, facts["found"] == "ls")
-        model.info["estimation"] = facts
+            self.walk_ = found.order
+            found = found._replace(model=constrained(found.model, self.constraints, self._resolving()))
+        self._publish(found, data, judged, facts["found"] == "ls")
+        self.model_.info["estimation"] = facts
 
     def _separate(self, X: Any, y: Any, data: SegmentSet, options: dict[str, Any]) -> SegmentSet:
         """Motions whose noise is independent of the motion, where records were given."""
@@ -367,33 +361,10 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
 
     def __getstate__(self) -> dict[str, Any]:
         state = super().__getstate__()
-        data = {"_fit_data": None, "_apart": None, "_spread": None}  # they are not part of the model
-        return state | {key: none for key, none in data.items() if key in state}
-
-    def _solve(
-        self, layout: LawLayout, walk: Walk, data: SegmentSet, filters: Sequence[Any], known: Mapping[int, float]
-    ) -> tuple[ChainModel, Solution, BlockGrams]:
-        from ..regression.optimizers import ChainOptimizer
-
-        def blocks() -> Iterator[Block]:
-            for segment, filter in zip(data.segments, filters):
-                yield from segment.blocks(layout, filter=filter, states={} if filter is None else None)
-
-        names = {site: layout.labels(site) for site in layout.acting}
-        optimizer = ChainOptimizer(self.optimizer, layout.chain, self.strategy, known_masses=known)
-        solution, grams = optimizer.solve(layout, walk, blocks, names)
-        return model_of(layout, solution), solution, grams
+        return state | {key: None for key in ("_records", "_apart", "_spread") if key in state}  # not part of the model
 
     def _publish(
-        self,
-        model: ChainModel,
-        solution: Solution,
-        grams: BlockGrams,
-        walk: Walk,
-        layout: LawLayout,
-        data: SegmentSet,
-        judged: SegmentSet,
-        least_squares: bool = True,
+        self, found: Estimate, data: SegmentSet, judged: SegmentSet, least_squares: bool = True
     ) -> None:
         from ..diagnostics.bias import MissingTerms, warn_of_bias
         from ..diagnostics.contradictions import contradictions_of
@@ -401,6 +372,9 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         from ..diagnostics.windows import show
         from ..regression.errors import balance_errors
 
+        problem, walk, model, solution, grams = found
+        layout = problem.layout
+        self.problem_ = problem.with_laws(model.laws)
         self.chain_, self.walk_ = layout.chain, walk
         self.masses_ = model.masses
         self.errors_ = balance_errors(model, grams)
@@ -422,7 +396,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         silent = self.band is not None or not least_squares
         held = layout if least_squares else None  # the shapes of its laws are those of the model
         terms = MissingTerms(model, walk, held)
-        jumps = JumpBias(model, walk, self._known_masses(layout.chain), self._inner(), silent, held)
+        jumps = JumpBias(model, walk, problem.known_masses, problem.optimizer, silent, held)
         show(terms.layout, judged, self.band, [terms, *jumps.asked])
         self.missing_terms_, self.jump_bias_ = terms.table(), jumps.table()
         self.doubts_ = {
@@ -432,70 +406,6 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         }
         said = [*self.doubts_["forces"], *self.doubts_["masses"], *sentences_of(self.jump_bias_)]
         warn_of_bias(self.missing_terms_, said, stacklevel=5)
-
-    # -- what was asked for -------------------------------------------------------------------
-
-    def _given_chain(self) -> Chain | None:
-        if self.chain is not None and not isinstance(self.chain, Chain):
-            raise ChainError(f"chain={self.chain!r} is not a Chain", "Give e.g. Chain(3, links=['link 3-1']).")
-        return self.chain
-
-    def _given_laws(self) -> dict[Any, tuple[ForceLaw, ...]]:
-        given = {}
-        for site, value in _mapping("laws", self.laws, "{'storey 1': [...]}").items():
-            held = tuple(value) if isinstance(value, (list, tuple)) else (value,)
-            wrong = [law for law in held if not isinstance(law, ForceLaw)]
-            if wrong:
-                raise ChainError(
-                    f"laws[{site!r}] holds {wrong[0]!r}, which is not a force law", "Use those of pysindy_nrf.laws."
-                )
-            given[site] = held
-        return given
-
-    def _chain(self, n_dof: int, laws_given: Mapping[Any, Any]) -> Chain:
-        chain = self._given_chain() or Chain(n_dof)
-        return chain.with_links([s for s in map(chain.site, laws_given) if s.kind == "link"])
-
-    def _laws(self, chain: Chain, laws_given: Mapping[Any, tuple[ForceLaw, ...]]) -> dict[Site, tuple[ForceLaw, ...]]:
-        orders = {chain.site(s): order for s, order in _mapping("orders", self.orders, "{'storey 2': 5}").items()}
-        given = {chain.site(s): held for s, held in laws_given.items()}
-        missing = [s for s in orders if s not in chain.sites]
-        if missing:
-            raise ChainError(
-                f"orders names {str(missing[0])!r}, which is not in the chain",
-                f"Its sites are {', '.join(chain.sites)}.",
-            )
-        both = [s for s in orders if s in given]
-        if both:
-            raise ChainError(f"{both[0]} has an order and laws", "Name it in orders or in laws, not in both.")
-        if orders and self.degree != _DEFAULT_DEGREE and all(s in orders or s in given for s in chain.sites):
-            clash = next(s for s in chain.sites if s in orders)
-            if any(order != self.degree for order in orders.values()):
-                raise ChainError(
-                    f"degree={self.degree!r} contradicts orders, which set every storey ({clash}: {orders[clash]!r})",
-                    "Leave degree out, or name in orders only the storeys that differ.",
-                )
-        return {
-            **{
-                s: given.get(s, None) or (() if s in given else (PowerSeries(orders.get(s, self.degree)),))
-                for s in chain.sites
-            },
-            **{s: held for s, held in given.items() if s not in chain.sites},
-        }
-
-    def _known_masses(self, chain: Chain) -> dict[int, float]:
-        known = {}
-        for dof, mass in _mapping("known_masses", self.known_masses, "{2: 12.4}").items():
-            if isinstance(dof, bool) or not hasattr(dof, "__index__") or not 1 <= int(dof) <= chain.n_dof:
-                raise ChainError(f"known_masses names DOF {dof!r}", f"The chain has DOFs 1 to {chain.n_dof}.")
-            try:
-                value = float(mass)
-            except (TypeError, ValueError):
-                value = np.nan
-            if not np.isfinite(value) or value < 0:
-                raise ChainError(f"known_masses[{dof}]={mass!r} is not a mass", "Give kg.")
-            known[int(dof)] = value
-        return known
 
     def __sklearn_is_fitted__(self) -> bool:
         return hasattr(self, "model_")
@@ -507,10 +417,3 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         tags.regressor_tags.poor_score = True  # without an intercept: a balance of forces has none
         return tags
 
-
-def _mapping(name: str, value: Any, example: str) -> Mapping[Any, Any]:
-    if value is None:
-        return {}
-    if not isinstance(value, Mapping):
-        raise ChainError(f"{name}={value!r} is not a mapping", f"Give e.g. {name}={example}.")
-    return value

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from ..common.hooks import Hook
 from ..exceptions import ChainError
+from .identifiability import Walk, plan_walk
 from .sites import Site
-
-if TYPE_CHECKING:
-    from .identifiability import Walk
 
 _GROUNDS = ("base", "both", "free")
 MOST_DOFS = 10_000  # a larger number is a mistake, or a file that wants all memory
@@ -224,8 +223,6 @@ measure the force on floor 2, or hit floor 1.
         storey 1 cannot be scaled: no force and no known mass reaches it; hit floor 1.
         m1 cannot be found: no force and no known mass reaches DOF 1; hit floor 1.
         """
-        from .identifiability import plan_walk
-
         return plan_walk(self, forced, unknown, known_masses, strategy)
 
     def plan(self, **options: Any) -> Any:
@@ -248,9 +245,7 @@ measure the force on floor 2, or hit floor 1.
         >>> print(Chain(3).plan(can_hit=[1, 3], unknown=[2]).advice[0])
         Hit floor 1 and 3: out of reach remain m2.
         """
-        from ..diagnostics.test_planning import plan
-
-        return plan(self, **options)
+        return Hook.PLAN(self, **options)
 
     # -- plain Python -------------------------------------------------------------------------
 

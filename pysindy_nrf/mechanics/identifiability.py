@@ -8,12 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Protocol
 
 from ..exceptions import ChainError, IdentifiabilityError
-from .chain import Chain
 from .sites import Site
 
 STRATEGIES = ("auto", "complete", "sequential", "joint")
+
+
+class Topology(Protocol):
+    """The DOFs of a chain and the sites at which its laws act; a :class:`~pysindy_nrf.Chain` is one."""
+
+    n_dof: int
+    sites: tuple[Site, ...]
 
 
 @dataclass(frozen=True)
@@ -89,7 +96,7 @@ class Walk:
         return "\n".join([str(step) for step in self.steps] + list(self.reasons))
 
 
-def _dofs(name: str, values: Iterable[int], chain: Chain) -> frozenset[int]:
+def _dofs(name: str, values: Iterable[int], chain: Topology) -> frozenset[int]:
     chosen = frozenset(int(j) for j in values)
     wrong = sorted(j for j in chosen if not 1 <= j <= chain.n_dof)
     if wrong:
@@ -102,7 +109,7 @@ def _at(acting: tuple[Site, ...], dof: int) -> tuple[Site, ...]:
 
 
 def plan_walk(
-    chain: Chain,
+    chain: Topology,
     forced: Iterable[int] = (),
     unknown: Iterable[int] = (),
     known_masses: Iterable[int] = (),
@@ -138,7 +145,7 @@ def plan_walk(
 
 
 def _sequential(
-    chain: Chain, forced: frozenset[int], unknown: frozenset[int], given: frozenset[int], acting: tuple[Site, ...]
+    chain: Topology, forced: frozenset[int], unknown: frozenset[int], given: frozenset[int], acting: tuple[Site, ...]
 ) -> Walk:
     masses = set(given)
     sites: set[Site] = set()

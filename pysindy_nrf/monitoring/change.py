@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,19 +12,17 @@ from scipy import special
 
 from ..common.jackknife import variance
 from ..estimation.intervals import Resolver
+from ..estimation.problem import Problem
 from ..exceptions import ChainError, ChannelError, DataQualityWarning
-from ..mechanics.identifiability import plan_walk
 from ..regression.analysis_inputs import as_segments, storey_names
 from ..regression.blocks_of_samples import pieces_of
 from ..regression.chain_model import ChainModel
 from ..regression.chain_solve import groups_of
 from ..regression.grams import BlockGrams
 from ..regression.input_arrays import fused_together, one_by_one
-from ..regression.layout import LawLayout
 from ..regression.restoring_force import grid
 from ..regression.segments import SegmentSet
 from ..regression.solution import model_of
-from ..signals.zero_phase_filter import filters_of
 
 
 @dataclass
@@ -188,13 +185,14 @@ def compare_tests(
     if n_blocks < 5:
         raise ChainError(f"{n_blocks} blocks give no standard error", "Use at least 5, 20 is usual.")
     tests = [_fit(estimator, test, dict(options or {})) for test in (before, after)]
-    known = None
+    problems = [est.problem_ for est, _ in tests]
     if same_masses:
         mean = np.mean([est.masses_ for est, _ in tests], axis=0)
-        known = {j + 1: float(m) for j, m in enumerate(mean)} | tests[0][0]._known_masses(tests[0][0].chain_)
+        known = {j + 1: float(m) for j, m in enumerate(mean)} | problems[0].known_masses
+        problems = [problem.with_known_masses(known) for problem in problems]
     models, replicates = [], []
-    for est, data in tests:
-        resolver, _ = resolver_in_time(est, data, known, n_blocks=n_blocks)
+    for problem, (est, data) in zip(problems, tests):
+        resolver, _ = resolver_in_time(problem, data, n_blocks=n_blocks)
         whole, without = plain_model(resolver, resolver.pieces.sum()), resolver.pieces.leave_one_out()
         whole.visited = est.model_.visited
         models.append(whole)
@@ -204,24 +202,19 @@ def compare_tests(
 
 
 def resolver_in_time(
-    estimator: Any,
+    problem: Problem,
     data: SegmentSet,
-    known_masses: Mapping[int, float] | None = None,
     *,
     n_blocks: int | None = None,
     length: float | None = None,
 ) -> tuple[Resolver, np.ndarray]:
     """Least squares on consecutive pieces, ``n_blocks`` over all records or ``length`` s long.
 
-    Beside the resolver start and end of each piece, s from the start of its record, shape (n_pieces, 2). The laws of
-    the fitted estimator (shape parameters included), its chain and band are used, and its known masses if none are
-    given. A ChannelError says that a piece would hold fewer samples than there are coefficients.
+    Beside the resolver start and end of each piece, s from the start of its record, shape (n_pieces, 2). A ChannelError
+    says that a piece would hold fewer samples than there are coefficients.
     """
-    layout = LawLayout(estimator.chain_, estimator.model_.laws)
-    known = dict(estimator._known_masses(layout.chain) if known_masses is None else known_masses)
-    walk = plan_walk(
-        layout.chain, data.forced, data.unknown, known, estimator.strategy, layout.acting
-    ).require_complete()
+    layout, known = problem.layout, dict(problem.known_masses)
+    walk = problem.solve_order(data.forced, data.unknown)
     edges, spans = [], []
     whole = sum(seg.n_valid for seg in data.segments)
     for seg in data.segments:
@@ -239,8 +232,7 @@ def resolver_in_time(
         t = seg.t[seg.valid] if seg.t is not None else np.arange(n, dtype=float)
         edges.append(cuts)
         spans.append(np.column_stack([t[cuts[:-1]], t[cuts[1:] - 1]]))
-    filters = filters_of(estimator.band, data)
-    pieces = pieces_of(data, layout, groups_of(layout, walk), filters, known, edges=edges)
+    pieces = pieces_of(data, layout, groups_of(layout, walk), problem.filters(data), known, edges=edges)
     return Resolver(pieces, walk, known), np.concatenate(spans)
 
 

@@ -11,6 +11,7 @@ from scipy import special
 
 from ..common.jackknife import variance
 from ..estimation.intervals import Resolver
+from ..estimation.problem import Problem
 from ..exceptions import ChainError
 from ..regression.analysis_inputs import as_segments, storey_names
 from ..regression.grams import BlockGrams
@@ -69,7 +70,7 @@ def track(
     [40000, 32000]
     """
     data = as_segments(estimator, X, F, **options)
-    resolver, spans = resolver_in_time(estimator, data, _masses(estimator, masses), length=step)
+    resolver, spans = resolver_in_time(_problem(estimator, masses), data, length=step)
     pieces, record = resolver.pieces, resolver.record
     width = max(1, int(round(window / step)))
     names = storey_names(estimator.model_)
@@ -188,7 +189,7 @@ def find_onset(
     data = as_segments(estimator, X, F, **options)
     if len(data.segments) > 1:
         raise ChainError("An onset is looked for in one record", "Give the records one by one.")
-    resolver, spans = resolver_in_time(estimator, data, _masses(estimator, masses), length=step)
+    resolver, spans = resolver_in_time(_problem(estimator, masses), data, length=step)
     pieces = resolver.pieces
     least = max(1, int(np.ceil(margin / step)))
     candidates = range(least, len(pieces) - least + 1)
@@ -238,11 +239,13 @@ def _scatter(resolver: Resolver, index: int) -> np.ndarray:
     return np.sqrt(total)
 
 
-def _masses(estimator: Any, masses: Any) -> Any:
+def _problem(estimator: Any, masses: Any) -> Problem:
+    """The problem that was solved, with these masses known."""
+    problem: Problem = estimator.problem_
     if masses is None:
-        return None
+        return problem
     if isinstance(masses, str):
         if masses != "fitted":
             raise ChainError(f"masses={masses!r} is unknown", "Give 'fitted', None, or kg by DOF.")
-        return {j + 1: float(m) for j, m in enumerate(estimator.masses_)}
-    return dict(masses)
+        masses = {j + 1: float(m) for j, m in enumerate(estimator.masses_)}
+    return problem.with_known_masses(masses)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ..common.hooks import Hook
 from ..exceptions import ChainError, ChannelError, FileFormatError, FileVersionError, LawError
 from ..laws.base import ForceLaw, from_dict
 from ..laws.inertia import total_masses
@@ -348,9 +349,7 @@ class ChainModel:
         -------
         Record
         """
-        from ..simulation import simulate
-
-        return simulate(self, F, dt, **options)
+        return Hook.SIMULATE(self, F, dt, **options)
 
     # -- text and JSON ------------------------------------------------------------------------
 
@@ -366,9 +365,7 @@ class ChainModel:
         -------
         pysindy.SINDy
         """
-        from .state_space import to_sindy
-
-        return to_sindy(self, dt)
+        return Hook.TO_SINDY(self, dt)
 
     @classmethod
     def from_sindy(cls, sindy: Any) -> ChainModel:
@@ -382,9 +379,8 @@ class ChainModel:
         -------
         ChainModel
         """
-        from .state_space import from_sindy
-
-        return from_sindy(sindy)
+        model: ChainModel = Hook.FROM_SINDY(sindy)
+        return model
 
     def with_laws(self, laws: Mapping[Any, Sequence[ForceLaw]]) -> ChainModel:
         """A copy with other laws at some sites.
@@ -439,14 +435,10 @@ class ChainModel:
         MissingExtraError
             Without jinja2 or plotly, which the extra ``report`` brings.
         """
-        from ..output.report import write_html
-
-        write_html(path, self, record, band=band)
+        Hook.PAGE(path, self, record, band=band)
 
     def _repr_html_(self) -> str:
-        from ..output.report.notebook import model_html
-
-        return model_html(self)
+        return str(Hook.MODEL_HTML(self))
 
     def __repr__(self) -> str:
         return f"ChainModel({self.n_dof} DOF, {', '.join(str(s) for s, held in self.laws.items() if held)})"

@@ -60,6 +60,8 @@ def from_arrays(
     every_row: bool = False,
 ) -> SegmentSet:
     """Check what the user passed and cut it into contiguous records."""
+    if isinstance(X, SegmentSet):
+        return X
     if isinstance(X, Record):
         X = [X]
     if isinstance(X, (list, tuple)) and X and isinstance(X[0], Record):

@@ -69,8 +69,7 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         -------
         Solution, BlockGrams
         """
-        inner = self.optimizer.optimizer if isinstance(self.optimizer, _ChainOptimizerBase) else self.optimizer
-        return solve_blocks(layout, walk, blocks, self.known_masses, inner, names)
+        return solve_blocks(layout, walk, blocks, self.known_masses, sub_optimizer(self.optimizer), names)
 
     def _fit_columns(self, terms: np.ndarray, a: np.ndarray, F: np.ndarray) -> Layout:
         n = a.shape[1]
@@ -166,6 +165,11 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         """Number of coefficients that are not zero."""
         check_is_fitted(self, "coef_")
         return int(np.count_nonzero(self.coef_))
+
+
+def sub_optimizer(optimizer: Any) -> Any:
+    """The PySINDy optimizer that runs on every sub-problem: that inside a chain optimizer, or itself."""
+    return optimizer.optimizer if isinstance(optimizer, _ChainOptimizerBase) else optimizer
 
 
 def _term_counts(terms: Any, n_columns: int, n_sites: int) -> Sequence[int]:

@@ -48,5 +48,5 @@ def require_clock(data: SegmentSet, layout: LawLayout) -> None:
             "A law remembers the path and the time of the samples is unknown: where the motion turns between two "
             "samples is guessed, which costs accuracy. Pass dt= (s) to the estimator or time= to fit.",
             DataQualityWarning,
-            stacklevel=4,
+            stacklevel=5,
         )

@@ -9,9 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from ..common.hooks import Hook
+from ..estimation.problem import law_list
 from ..exceptions import ChainError, ChannelError, NRFError
 from ..laws.power_series import exponents_of
 from ..mechanics.sites import Site
+from ..regression.input_arrays import from_arrays
 from .fold_moments import FoldMoments, Order
 from .fold_scores import SCORINGS, DigitsLost, balances_on_folds, independent_shares, information, on_folds
 from .one_se_rule import choose, complexity_of, one_standard_error, standard_error
@@ -19,7 +22,6 @@ from .splitters import n_splits_of
 
 if TYPE_CHECKING:
     from ..estimation.regressor import NRFRegressor
-    from ..output.displays import OrderSelectionDisplay
 
 _RULES = ("one_standard_error", "best")
 
@@ -109,7 +111,7 @@ class OrderSelection:
             return new.set_params(degree=self.best_order)
         return new.set_params(orders={**self.orders_, **dict(new.orders or {})})
 
-    def plot(self, ax: Any = None) -> OrderSelectionDisplay:
+    def plot(self, ax: Any = None) -> Any:
         """Draw held-out error over the order; see :class:`pysindy_nrf.output.displays.OrderSelectionDisplay`.
 
         Parameters
@@ -120,9 +122,7 @@ class OrderSelection:
         -------
         OrderSelectionDisplay
         """
-        from ..output.displays import OrderSelectionDisplay
-
-        return OrderSelectionDisplay.from_selection(self).plot(ax)
+        return Hook.ORDER_FIGURE(self).plot(ax)
 
     def __repr__(self) -> str:
         orders, folds = self._scores.shape
@@ -293,26 +293,24 @@ def fold_moments_of(
 ) -> FoldMoments:
     """Gram matrices for all folds of what an estimator would be fitted to, with several orders where none is given."""
     from ..regression.requirements import require_moving
-    from ..signals.zero_phase_filter import filters_of
 
     if estimator.estimation != "ls" or estimator.constraints is not None:
         what = "constraints" if estimator.constraints is not None else f"estimation={estimator.estimation!r}"
         raise ChainError(f"{what} cannot be had from Gram matrices alone", "Use GridSearchCV over NRFRegressor.")
-    given = estimator._given_laws()
-    free = [law for held in given.values() for law in held if law.free_shape]
+    given = law_list(estimator.laws)
+    free = [law for law in given if law.free_shape]
     if free:
         raise ChainError(
             f"{free[0]!r} has shape parameters to be estimated",
             "Give their values, or use GridSearchCV over NRFRegressor.",
         )
-    data = estimator._data(X, F, **options, has_memory=any(law.has_memory for held in given.values() for law in held))
-    chain = estimator._chain(data.n_dof, given)
-    fixed = {chain.site(s): held for s, held in given.items()}
-    own = {chain.site(s): order for s, order in dict(estimator.orders or {}).items()}
-    estimator._laws(chain, given)  # says what is wrong with orders and laws
-    from ..laws import PowerSeries
-
-    fixed |= {s: (PowerSeries(order),) for s, order in own.items()}
+    data = from_arrays(
+        X, F, coordinates=estimator.coordinates, dt=estimator.dt, **options,
+        has_memory=any(law.has_memory for law in given),
+    )  # fmt: skip
+    problem = estimator.problem(data.n_dof)
+    chain = problem.chain
+    fixed = {s: problem.laws[s] for s in map(chain.site, [*(estimator.laws or ()), *(estimator.orders or ())])}
     searched = {s: labels for s in chain.sites if s not in fixed}
     if not searched:
         raise ChainError("Every site has a law or an order already", "Leave a storey out of laws= and orders=.")
@@ -321,8 +319,8 @@ def fold_moments_of(
     splitter = n_splits_of(cv)
     folds = list(splitter.split(np.empty((data.n_samples, 1)), None, ids) if hasattr(splitter, "split") else splitter)
     held = FoldMoments(
-        chain, fixed, searched, data, folds, filters_of(estimator.band, data), estimator._known_masses(chain),
-        estimator.strategy, estimator._inner(),
+        chain, fixed, searched, data, folds, problem.filters(data), problem.known_masses, problem.strategy,
+        problem.optimizer,
     )  # fmt: skip
     require_moving(data, held.layout)
     return held

@@ -43,7 +43,7 @@ def stage_of(rec, held=None):
     ready = prepare(rec)
     search, kept = split(ready.data.segments, ready.heldout)
     work = Workspace(ready.data, [None] * len(ready.data.segments), search, kept, {}, "auto")
-    chain = NRFRegressor(degree=1)._chain(ready.data.n_dof, {})
+    chain = NRFRegressor(degree=1).problem(ready.data.n_dof).chain
     held = held or {Site(f"storey {i}"): (laws.LinearViscous(), laws.LinearElastic()) for i in range(1, 1 + rec.n_dof)}
     return Stage(work, chain, held)
 

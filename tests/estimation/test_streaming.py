@@ -381,9 +381,8 @@ def test_many_chunks_leave_few_blocks_and_the_same_sum(data, in_memory, monkeypa
     assert len(acc.blocks) <= 11 and len(acc.windows) <= 9 and len(acc.runs) == 1
     assert sum(b.grams.n_samples for b in acc.blocks) == 6000
     direct = NRFRegressor().fit(X, F)
-    whole, reference = acc.grams().sum(), direct._fit_data
-    layout, walk = reference.layout, reference.walk
-    once = total_gram(layout, groups_of(layout, walk), reference.data.segments[0].blocks(layout))
+    whole, layout, data = acc.grams().sum(), direct.problem_.layout, direct.model_.segments(X, F)
+    once = total_gram(layout, groups_of(layout, direct.walk_), data.segments[0].blocks(layout))
     for dofs, gram in once.matrices.items():
         size = np.sqrt(np.diag(gram))
         assert np.allclose((whole.matrices[dofs] - gram) / np.outer(size, size), 0, atol=1e-13)

@@ -225,9 +225,9 @@ def test_pieces_of_a_chain_are_refused_below_their_size(chain4):
     from pysindy_nrf.regression.chain_model import as_segments
 
     data = as_segments(model, chain4.X, chain4.F)
-    assert len(resolver_in_time(model, data, None, n_blocks=4)[0].pieces) == 4
+    assert len(resolver_in_time(model.problem_, data, n_blocks=4)[0].pieces) == 4
     with pytest.raises(ChannelError, match="too short"):
-        resolver_in_time(model, data, None, n_blocks=2000)
+        resolver_in_time(model.problem_, data, n_blocks=2000)
 
 
 def test_a_shape_without_a_value_cannot_become_a_model():

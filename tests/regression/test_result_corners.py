@@ -140,16 +140,16 @@ def test_a_page_shows_the_records_and_the_band_that_are_given():
     assert filters[0].band == (5.0, 20.0)
     for given in (None, [mine]):
         assert _data(model, given, (5.0, 20.0))[1][0].band == (5.0, 20.0)
-        assert _data(model, given, (1.0, 100.0)) == (model._fit_data.data, model._fit_data.filters)
+        assert _data(model, given, (1.0, 100.0))[1][0].band == (1.0, 100.0)
 
 
 def test_records_without_any_force_are_told_apart_by_the_motion_of_the_base():
     truth = ChainModel([10.0, 12.0], {1: LINEAR, 2: LINEAR})
     mine, other = absolute(truth), absolute(truth).replace(name="other")
     model = NRFRegressor(degree=1, known_masses={1: 10.0, 2: 12.0}).fit(mine)
-    assert _data(model, [other], None)[0] is model._fit_data.data
+    assert _data(model, [other], None)[0] is _data(model, None, None)[0]
     other = other.replace(base_acceleration=2 * other.base_acceleration)
-    assert _data(model, [other], None)[0] is not model._fit_data.data
+    assert _data(model, [other], None)[0] is not _data(model, None, None)[0]
 
 
 def test_orders_that_were_thinned_out_stand_in_the_laws(three):

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...data.record import plain_times
 from ...exceptions import ChainError, ChannelError, NRFError
-from ...mechanics.identifiability import Walk, plan_walk
+from ...mechanics.identifiability import Walk
 from ...regression.blocks import Block, block_size
 from ...regression.chain_solve import groups_of
 from ...regression.channel_range import Extent
@@ -20,6 +20,7 @@ from ...regression.grams import BlockGrams
 from ...regression.input_arrays import from_arrays
 from ...regression.layout import Group, LawLayout
 from ...regression.segments import Segment
+from ..problem import Problem, law_list
 from . import runs
 from .chunks import Chunk, seconds_since
 from .runs import Key, Run
@@ -52,11 +53,9 @@ class Model:
     """What of an estimator a pass needs: chain, laws, columns and the balances to accumulate."""
 
     def __init__(self, estimator: Any, n_dof: int) -> None:
-        given = estimator._given_laws()
-        self.chain = estimator._chain(n_dof, given)
-        self.layout = LawLayout(self.chain, estimator._laws(self.chain, given))
-        self.known_masses = estimator._known_masses(self.chain)
-        self.coordinates, self.dt, self.strategy = estimator.coordinates, estimator.dt, estimator.strategy
+        self.problem: Problem = estimator.problem(n_dof)
+        self.chain, self.layout = self.problem.chain, self.problem.layout
+        self.known_masses = dict(self.problem.known_masses)
         require_streamable(estimator, self.layout)
         n = self.chain.n_dof
         singles = [(j,) for j in range(1, n + 1)]
@@ -64,12 +63,6 @@ class Model:
             tuple(range(i, n + 1)) for i in range(1, n) if all(j in self.known_masses for j in range(i, n + 1))
         ]  # a base that moves, see plan_walk
         self.groups: list[Group] = [self.layout.group(dofs) for dofs in singles + sums]
-
-    def walk(self, forced: tuple[int, ...], unknown: tuple[int, ...]) -> Walk:
-        """The order of the solve."""
-        return plan_walk(
-            self.chain, forced, unknown, self.known_masses, self.strategy, self.layout.acting
-        ).require_complete()
 
 
 def require_streamable(estimator: Any, layout: LawLayout) -> None:
@@ -188,7 +181,7 @@ class Accumulator:
             covariates=chunk.covariates, coordinates=chunk.coordinates or self.estimator.coordinates,
             dt=self.estimator.dt,
             n_dof=None if model is None else model.chain.n_dof,
-            has_memory=any(law.has_memory for held in self.estimator._given_laws().values() for law in held),
+            has_memory=any(law.has_memory for law in law_list(self.estimator.laws)),
             every_row=True,  # a piece may go on in the next chunk
         )  # fmt: skip
         if model is None:
@@ -358,7 +351,7 @@ class Accumulator:
     def walk(self) -> Walk:
         """The order of the solve that these data allow."""
         model = self.require_model()
-        walk = model.walk(self.forced, self.unknown)
+        walk = model.problem.solve_order(self.forced, self.unknown)
         held = {g.dofs for g in model.groups}
         if any(g.dofs not in held for g in groups_of(model.layout, walk)):
             raise NRFError(

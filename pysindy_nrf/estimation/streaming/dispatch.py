@@ -13,6 +13,7 @@ import numpy as np
 from ...data.estimator_input import is_dask
 from ...data.record import Record
 from ...exceptions import ChannelError, DataQualityWarning, NRFError
+from ..problem import law_list
 
 SAVE_EVERY = 10.0  # s between two states on disk
 
@@ -108,7 +109,7 @@ def fit_streamed(
     from .result import publish, solution_of
     from .sources import open_source
 
-    read = sorted({c for held in estimator._given_laws().values() for law in held for c in law.covariates})
+    read = sorted({c for law in law_list(estimator.laws) for c in law.covariates})
     source = open_source(X, F, **beside, coordinates=estimator.coordinates, laws_read=read)
     with threadpool_limits(1, "blas"):  # the matrices are small, and other fits may run beside this one
         kind = "gram" if source.again else "careful"

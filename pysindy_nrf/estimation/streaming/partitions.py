@@ -12,6 +12,7 @@ from ...common.extras import require
 from ...data.estimator_input import is_dask
 from ...exceptions import ChannelError, LawError
 from ...regression.gram_pass import guess_of
+from ..problem import law_list
 from .accumulator import Accumulator
 from .chunks import Chunk, chunk_of
 from .result import publish, solution_of
@@ -78,12 +79,12 @@ def fit_distributed(
     beside = {"record": record, "time": time, "base_acceleration": base_acceleration}
     beside |= {f"covariate {k}": c for k, c in ({} if covariates is None else dict(covariates)).items()}
     items, whole = _items(dask, X, F, {k: v for k, v in beside.items() if v is not None})
-    if not whole and any(law.has_memory for held in estimator._given_laws().values() for law in held):
+    if not whole and any(law.has_memory for law in law_list(estimator.laws)):
         raise LawError(
             "A law remembers the path, and the partitions of a collection cut it",
             "Give a list of delayed records; each is then taken from its start.",
         )
-    if not whole and any(law.uses_time for held in estimator._given_laws().values() for law in held):
+    if not whole and any(law.uses_time for law in law_list(estimator.laws)):
         raise LawError(
             "A law reads the time, and each partition of a collection would count it from its own start",
             "Give a list of delayed records; each is then taken from its start.",
@@ -147,7 +148,7 @@ def accumulate(
     from threadpoolctl import threadpool_limits
 
     accumulator = Accumulator(estimator, kind, guess)
-    read = sorted({c for held in estimator._given_laws().values() for law in held for c in law.covariates})
+    read = sorted({c for law in law_list(estimator.laws) for c in law.covariates})
     with threadpool_limits(1, "blas"):  # several workers share the machine
         if isinstance(item, dict):
             item = {k: np.asarray(v) for k, v in item.items()}

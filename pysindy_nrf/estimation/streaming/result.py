@@ -14,6 +14,7 @@ from ...regression.grams import BlockGrams
 from ...regression.segments import Segment, SegmentSet
 from ...regression.solution import model_of
 from ..intervals import Resolver
+from ..problem import Estimate
 from .accumulator import Accumulator
 
 
@@ -23,28 +24,26 @@ def solution_of(accumulator: Accumulator) -> tuple[Solution | None, BlockGrams, 
     _require_usable(accumulator, grams)
     walk = accumulator.walk()
     names = {site: model.layout.labels(site) for site in model.layout.acting}
-    inner = accumulator.estimator._inner()
     solver = solved_safely if accumulator.kind == "gram" else solve
-    return solver(grams, walk, model.known_masses, inner, names), grams, walk
+    return solver(grams, walk, model.known_masses, model.problem.optimizer, names), grams, walk
 
 
 def publish(accumulator: Accumulator, solution: Solution, grams: BlockGrams, walk: Walk) -> Any:
     """Put the answer into the estimator."""
-    estimator, given = accumulator.estimator, accumulator.require_model()
-    layout = given.layout
-    model = model_of(layout, solution)
+    estimator, problem = accumulator.estimator, accumulator.require_model().problem
+    model = model_of(problem.layout, solution)
     data = _shown(accumulator)
-    estimator._fit_data, estimator._apart, estimator._narrow = None, None, False
-    estimator._resolver = Resolver(accumulator.grams().squares(), walk, given.known_masses, estimator._inner())
+    estimator._records, estimator._apart, estimator._narrow = None, None, False
+    estimator._resolver = Resolver(accumulator.grams().squares(), walk, dict(problem.known_masses), problem.optimizer)
     if estimator.constraints is not None:
         from ..constraints import constrained
 
         model = constrained(model, estimator.constraints, estimator._resolver)
-    estimator._publish(model, solution, grams, walk, layout, data, _judged(accumulator, data))
+    estimator._publish(Estimate(problem, walk, model, solution, grams), data, _judged(accumulator, data))
     hidden = sorted({j for run in accumulator.runs for j in run.unknown})
     estimator.unknown_forces_ = pd.DataFrame({f"F{j}": np.zeros(0) for j in hidden})
     model.info["estimation"] = {"asked": "ls", "found": "ls"}
-    estimator.n_features_in_, estimator._one_force = 3 * layout.n_dof, False
+    estimator.n_features_in_, estimator._one_force = 3 * model.n_dof, False
     if hasattr(estimator, "feature_names_in_"):
         del estimator.feature_names_in_
     return estimator
@@ -54,13 +53,6 @@ def _require_usable(accumulator: Accumulator, grams: BlockGrams) -> None:
     from ...regression.requirements import require_clock, require_moving
 
     data, model = _shown(accumulator), accumulator.require_model()
-    if not accumulator.forced and not model.known_masses:
-        from ...exceptions import ExcitationError
-
-        raise ExcitationError(
-            "No force is measured and no mass is known, so nothing scales the chain",
-            "Measure a force on one DOF, or give a mass: known_masses={dof: kg}; ratios to it then come out.",
-        )
     require_moving(data, model.layout)
     require_clock(data, model.layout)
     for dofs, matrix in grams.matrices.items():

@@ -253,14 +253,12 @@ def _data(subject: Any, records: Any, band: Any) -> tuple[Any, Any]:
     from ...discrepancy.prepare import prepare
     from ...signals.zero_phase_filter import filters_of
 
-    kept = getattr(subject, "_fit_data", None)
+    kept = getattr(subject, "_records", None)
     if records is None and kept is None:
         return None, None
     given = [records] if isinstance(records, Record) else list(records or ())
-    if kept is not None and (records is None or _fitted_to(kept.data, given)):  # they need not be fused again
-        own = subject.model_.info.get("band")
-        same = (None if own is None else tuple(own)) == (None if band is None else tuple(band))
-        return kept.data, kept.filters if same else filters_of(band, kept.data)
+    if kept is not None and (records is None or _fitted_to(kept, given)):  # they need not be fused again
+        return kept, filters_of(band, kept)
     data = prepare(given).data
     return data, filters_of(band, data)
 

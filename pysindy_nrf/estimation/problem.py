@@ -1,0 +1,321 @@
+"""The identification problem: a chain, its force laws, what is known, and its least-squares solve."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..exceptions import ChainError, ExcitationError
+from ..laws import ForceLaw, PowerSeries
+from ..mechanics.chain import Chain
+from ..mechanics.identifiability import Walk, plan_walk
+from ..mechanics.sites import Site
+from ..regression.blocks import Block
+from ..regression.chain_model import ChainModel
+from ..regression.chain_solve import Solution, solve_blocks
+from ..regression.grams import BlockGrams
+from ..regression.input_arrays import from_arrays
+from ..regression.layout import LawLayout
+from ..regression.optimizers import sub_optimizer
+from ..regression.requirements import require_clock, require_moving, require_samples
+from ..regression.segments import SegmentSet
+from ..regression.solution import model_of, scales_of
+from ..signals.zero_phase_filter import FairFilter, filters_of
+
+DEFAULT_DEGREE = 3
+
+
+@dataclass(frozen=True)
+class Problem:
+    r"""What is to be identified: masses and laws of a chain, and everything that is given.
+
+    .. math:: m_j a_j + R_j(v_j, s_j) - R_{j+1}(v_{j+1}, s_{j+1}) = F_j
+
+    A problem does not change; ``with_laws``, ``with_known_masses`` and :func:`dataclasses.replace` give another one.
+    :meth:`NRFRegressor.problem` builds it from the parameters of an estimator, and a fitted estimator
+    has it as ``problem_``, with the shape parameters that were found.
+
+    Parameters
+    ----------
+    chain : Chain
+        Links at which ``laws`` act are added to it.
+    laws : mapping of str to sequence of ForceLaw
+        By site; a storey without an entry transmits no force. Their coefficients are estimated; shape parameters
+        without a value are estimated too.
+    known_masses : mapping of int to float
+        kg, by DOF.
+    band : (float, float), optional
+        Hz; accelerations, forces and law columns pass one zero-phase filter.
+    strategy : {"auto", "complete", "sequential", "joint"}
+        See :class:`NRFRegressor`.
+    excited : tuple of int, optional
+        DOFs whose measured force scales the chain; those with a force that is not zero if None.
+    optimizer : PySINDy optimizer, optional
+        Runs on every sub-problem; plain least squares if None.
+
+    Raises
+    ------
+    ChainError
+        If a site or DOF is not in the chain, or a known mass is not a mass.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import Chain, Problem, datasets, laws
+    >>> cubic = laws.PowerSeries(3)
+    >>> problem = Problem(Chain(3), {"storey 1": [cubic], "storey 2": [cubic], "storey 3": [cubic]})
+    >>> record = datasets.load_demo()
+    >>> problem.solve(record).model.masses.round(1)
+    array([12., 10.,  8.])
+    >>> problem.with_known_masses({2: 11.0}).solve(record).model.masses.round(1)
+    array([13.2, 11. ,  8.8])
+    """
+
+    chain: Chain
+    laws: Mapping[Site, tuple[ForceLaw, ...]]
+    known_masses: Mapping[int, float] = field(default_factory=dict)
+    band: tuple[float | None, float | None] | None = None
+    strategy: str = "auto"
+    excited: tuple[int, ...] | None = None
+    optimizer: Any = None
+
+    def __post_init__(self) -> None:
+        chain = self.chain.with_links([s for s in map(self.chain.site, self.laws) if s.kind == "link"])
+        given = {chain.site(s): tuple(held) for s, held in self.laws.items()}
+        laws = {s: given.get(s, ()) for s in chain.sites} | given
+        for name, value in (
+            ("chain", chain),
+            ("laws", MappingProxyType(laws)),
+            ("known_masses", MappingProxyType(_masses(self.known_masses, chain))),
+            ("excited", None if self.excited is None else tuple(self.excited)),
+            ("optimizer", sub_optimizer(self.optimizer)),
+        ):
+            object.__setattr__(self, name, value)
+
+    def __reduce__(self) -> Any:
+        return type(self), (
+            self.chain, dict(self.laws), dict(self.known_masses), self.band, self.strategy, self.excited,
+            self.optimizer,
+        )  # fmt: skip
+
+    @cached_property
+    def layout(self) -> LawLayout:
+        """Columns of the laws, site by site."""
+        return LawLayout(self.chain, self.laws)
+
+    def with_laws(self, laws: Mapping[Any, Iterable[ForceLaw]]) -> Problem:
+        """The same problem with other laws at some sites.
+
+        Parameters
+        ----------
+        laws : mapping of str to sequence of ForceLaw
+
+        Returns
+        -------
+        Problem
+        """
+        return replace(self, laws={**self.laws, **{self.chain.site(s): tuple(held) for s, held in laws.items()}})
+
+    def with_known_masses(self, known_masses: Mapping[int, float]) -> Problem:
+        """The same problem with these masses known, and no other.
+
+        Parameters
+        ----------
+        known_masses : mapping of int to float
+            kg, by DOF.
+
+        Returns
+        -------
+        Problem
+        """
+        return replace(self, known_masses=known_masses)
+
+    def solve_order(self, forced: Iterable[int], unknown: Iterable[int] = ()) -> Walk:
+        """Balances in the order in which they are solved.
+
+        Parameters
+        ----------
+        forced : iterable of int
+            DOFs with a force that is not zero; ``excited`` stands in for them where it is given.
+        unknown : iterable of int
+            DOFs whose force is not known.
+
+        Returns
+        -------
+        Walk
+
+        Raises
+        ------
+        ExcitationError
+            If nothing scales the chain: no force and no known mass.
+        IdentifiabilityError
+            If a mass or a law is out of reach.
+        """
+        forced = tuple(forced) if self.excited is None else self.excited
+        if not forced and not self.known_masses:
+            raise ExcitationError(
+                "No force is measured and no mass is known, so nothing scales the chain",
+                "Measure a force on one DOF, or give a mass: known_masses={dof: kg}; ratios to it then come out.",
+            )
+        order = plan_walk(self.chain, forced, unknown, self.known_masses, self.strategy, self.layout.acting)
+        return order.require_complete()
+
+    def filters(self, data: SegmentSet) -> list[FairFilter | None]:
+        """Zero-phase filters of the band.
+
+        Parameters
+        ----------
+        data : SegmentSet
+
+        Returns
+        -------
+        list of FairFilter or None
+            One for each record; None without a band.
+        """
+        return filters_of(self.band, data)
+
+    def solve(self, data: Any) -> Estimate:
+        """Masses, shape parameters and coefficients by least squares.
+
+        Parameters
+        ----------
+        data : Record, list of Record or SegmentSet
+
+        Returns
+        -------
+        Estimate
+            ``problem`` (with the shape parameters found), ``order`` (of the balances), ``model``, ``solution`` and
+            ``grams``.
+
+        Raises
+        ------
+        ChannelError
+            If a channel is constant, or there are fewer samples than unknowns.
+        ExcitationError, IdentifiabilityError
+            See :meth:`solve_order`.
+        """
+        data = from_arrays(data, n_dof=self.chain.n_dof, has_memory=self.layout.has_memory)
+        order = self.solve_order(data.forced, data.unknown)
+        require_samples(data, order, self.layout)
+        require_moving(data, self.layout)
+        require_clock(data, self.layout)
+        filters = self.filters(data)
+        problem = self
+        if any(law.free_shape for held in self.laws.values() for law in held):
+            from ..regression.shape_search import estimate_shapes
+
+            def trial(layout: LawLayout) -> tuple[Solution, BlockGrams]:
+                return _least_squares(self, layout, order, data, filters)
+
+            layout = estimate_shapes(self.layout, scales_of(data, self.layout), trial, data, filters)
+            problem = self.with_laws(layout.laws)
+        solution, grams = _least_squares(problem, problem.layout, order, data, filters)
+        return Estimate(problem, order, model_of(problem.layout, solution), solution, grams)
+
+
+class Estimate(NamedTuple):
+    """Least-squares estimate of a :class:`Problem`.
+
+    Attributes
+    ----------
+    problem : Problem
+        With values for all shape parameters.
+    order : Walk
+        The order in which the balances were solved.
+    model : ChainModel
+    solution : Solution
+    grams : BlockGrams
+        Of which the solution was taken.
+    """
+
+    problem: Problem
+    order: Walk
+    model: ChainModel
+    solution: Solution
+    grams: BlockGrams
+
+
+def _least_squares(
+    problem: Problem, layout: LawLayout, order: Walk, data: SegmentSet, filters: list[FairFilter | None]
+) -> tuple[Solution, BlockGrams]:
+    """Solution for a layout whose laws have all their shape parameters."""
+
+    def blocks() -> Iterator[Block]:
+        for segment, filter in zip(data.segments, filters):
+            yield from segment.blocks(layout, filter=filter, states={} if filter is None else None)
+
+    names = {site: layout.labels(site) for site in layout.acting}
+    return solve_blocks(layout, order, blocks, problem.known_masses, problem.optimizer, names)
+
+
+def declared_laws(laws: Any) -> dict[Any, tuple[ForceLaw, ...]]:
+    """The laws that a user declared, by the user's own names of the sites."""
+    given = {}
+    for site, value in as_mapping("laws", laws, "{'storey 1': [...]}").items():
+        held = tuple(value) if isinstance(value, (list, tuple)) else (value,)
+        wrong = [law for law in held if not isinstance(law, ForceLaw)]
+        if wrong:
+            raise ChainError(
+                f"laws[{site!r}] holds {wrong[0]!r}, which is not a force law", "Use those of pysindy_nrf.laws."
+            )
+        given[site] = held
+    return given
+
+
+def law_list(laws: Any) -> list[ForceLaw]:
+    """The laws that a user declared, of all sites."""
+    return [law for held in declared_laws(laws).values() for law in held]
+
+
+def laws_of_sites(chain: Chain, laws: Any, degree: Any, orders: Any) -> dict[Site, tuple[ForceLaw, ...]]:
+    """The declared laws by site of the chain, and the power series at its other sites."""
+    orders = {chain.site(s): order for s, order in as_mapping("orders", orders, "{'storey 2': 5}").items()}
+    given = {chain.site(s): held for s, held in declared_laws(laws).items()}
+    missing = [s for s in orders if s not in chain.sites]
+    if missing:
+        raise ChainError(
+            f"orders names {str(missing[0])!r}, which is not in the chain", f"Its sites are {', '.join(chain.sites)}."
+        )
+    both = [s for s in orders if s in given]
+    if both:
+        raise ChainError(f"{both[0]} has an order and laws", "Name it in orders or in laws, not in both.")
+    if orders and degree != DEFAULT_DEGREE and all(s in orders or s in given for s in chain.sites):
+        clash = next(s for s in chain.sites if s in orders)
+        if any(order != degree for order in orders.values()):
+            raise ChainError(
+                f"degree={degree!r} contradicts orders, which set every storey ({clash}: {orders[clash]!r})",
+                "Leave degree out, or name in orders only the storeys that differ.",
+            )
+    return {s: (PowerSeries(orders.get(s, degree)),) for s in chain.sites if s not in given} | given
+
+
+def as_mapping(name: str, value: Any, example: str) -> Mapping[Any, Any]:
+    """A parameter that must be a mapping; empty for None."""
+    if value is None:
+        return {}
+    if not isinstance(value, Mapping):
+        raise ChainError(f"{name}={value!r} is not a mapping", f"Give e.g. {name}={example}.")
+    return value
+
+
+def _masses(given: Any, chain: Chain) -> dict[int, float]:
+    """Known masses, kg, by DOF."""
+    known = {}
+    for dof, mass in as_mapping("known_masses", given, "{2: 12.4}").items():
+        if isinstance(dof, bool) or not hasattr(dof, "__index__") or not 1 <= int(dof) <= chain.n_dof:
+            raise ChainError(f"known_masses names DOF {dof!r}", f"The chain has DOFs 1 to {chain.n_dof}.")
+        try:
+            value = float(mass)
+        except (TypeError, ValueError):
+            value = np.nan
+        if not np.isfinite(value) or value < 0:
+            raise ChainError(f"known_masses[{dof}]={mass!r} is not a mass", "Give kg.")
+        known[int(dof)] = value
+    return known
+
+
+__all__ = ["Problem", "Estimate"]

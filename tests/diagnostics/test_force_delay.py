@@ -11,7 +11,6 @@ import pytest
 from pysindy_nrf import ChainModel, NRFRegressor, Record, excitation, laws, simulate
 from pysindy_nrf.diagnostics.delays import force_delay
 from pysindy_nrf.exceptions import ChannelError
-from pysindy_nrf.signals import alignment
 from pysindy_nrf.signals.alignment import shifted
 from pysindy_nrf.simulation.noise import add_noise
 
@@ -77,12 +76,6 @@ def test_without_a_force_there_is_nothing_to_tell():
     model = NRFRegressor(degree=1, known_masses={1: 10.0, 2: 12.0}).fit(rec)
     with pytest.raises(ChannelError, match="No force"):
         force_delay(model)
-
-
-def test_alignment_offers_it_and_nothing_that_is_not_there():
-    assert alignment.force_delay is force_delay and "force_delay" in dir(alignment)
-    with pytest.raises(AttributeError, match="no attribute 'force_delays'"):
-        alignment.force_delays  # noqa: B018
 
 
 @functools.cache

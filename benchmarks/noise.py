@@ -29,7 +29,7 @@ import pandas as pd  # noqa: E402
 from joblib import Parallel, delayed  # noqa: E402
 
 from pysindy_nrf import ChainModel, KinematicSmoother, NRFRegressor, Record, excitation, laws, simulate  # noqa: E402
-from pysindy_nrf.estimation.spectra import spectrum, transfer  # noqa: E402
+from pysindy_nrf.estimation.noise_spectra import spectrum, transfer  # noqa: E402
 from pysindy_nrf.exceptions import NRFError  # noqa: E402
 from pysindy_nrf.regression.errors import nrmse  # noqa: E402
 from pysindy_nrf.simulation.noise import add_noise  # noqa: E402

@@ -23,12 +23,10 @@ import paper_published as published
 from pysindy_nrf import NRFRegressor, laws
 from pysindy_nrf.estimation import (
     horizontal_component,
+    linear_twin,
     locate_nonlinearity,
     path_energy,
     total_mass,
-)
-from pysindy_nrf.estimation import (
-    linear_model as linear_twin,
 )
 from pysindy_nrf.output.displays import (
     DamperForceDisplay,

@@ -286,7 +286,7 @@ def constrained(model: ChainModel, constraints: Any, resolver: Any) -> ChainMode
     >>> round(float(model.masses.sum() - fitted.masses_.sum()), 6)  # kg
     0.01
     """
-    from .statistics import parameters_of
+    from .intervals import parameters_of
 
     given = (constraints,) if isinstance(constraints, Constraint) else tuple(constraints)
     wrong = [c for c in given if not isinstance(c, Constraint)]

@@ -30,8 +30,8 @@ from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
 from ..regression.layout import LawLayout
 from ..regression.segments import Segment, SegmentSet
+from .noise_spectra import NoiseModel, common_band, corrected, noise_model, spectrum, velocities
 from .runs import run_of
-from .spectra import NoiseModel, common_band, corrected, noise_model, spectrum, velocities
 
 SHOT = 32768  # samples of a shot at most
 STEPS, FEW = 6, 2  # trials of a step, at last and for the halves

@@ -39,10 +39,9 @@ from ..regression.layout import LawLayout
 from ..regression.segments import Segment, SegmentSet
 from ..regression.solution import model_of
 from ..signals.zero_phase_filter import FairFilter, filters_of
+from .noise_spectra import Weighting, common_band, lines_of, smoothed, spectrum, velocities, weighting_of
 from .problem import Problem
 from .runs import likeness_of, run_of, steady
-from .spectra import common_band, lines_of, smoothed, spectrum, velocities
-from .weighting import Weighting, weighting_of
 
 ROUNDS = 8
 PLAIN = 2  # rounds before the balances are weighted

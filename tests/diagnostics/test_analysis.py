@@ -11,22 +11,16 @@ import pytest
 from pysindy_nrf import ChainModel, NRFRegressor, laws
 from pysindy_nrf.diagnostics import missing_terms
 from pysindy_nrf.estimation import (
-    damper as damper_force,
-)
-from pysindy_nrf.estimation import (
+    damper_force,
     dissipated_energy,
     energy_shares,
     found_twice,
     horizontal_component,
     linear_part,
+    linear_twin,
     locate_nonlinearity,
     model_agreement,
-)
-from pysindy_nrf.estimation import (
-    linear_model as linear_twin,
-)
-from pysindy_nrf.estimation import (
-    nonlinearity_location as planarity,
+    planarity,
 )
 from pysindy_nrf.exceptions import BiasWarning, ChainError, ChannelError, DataQualityWarning
 from pysindy_nrf.monitoring import compare_tests, find_onset, track

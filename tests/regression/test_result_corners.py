@@ -10,7 +10,7 @@ from pysindy_nrf import Chain, ChainModel, NRFRegressor, Record, excitation, law
 from pysindy_nrf.diagnostics.delays import force_delay
 from pysindy_nrf.estimation import model_agreement
 from pysindy_nrf.estimation.constraints import TotalMass, _nearest, _with_parameters
-from pysindy_nrf.estimation.statistics import parameters_of
+from pysindy_nrf.estimation.intervals import parameters_of
 from pysindy_nrf.exceptions import ChainError
 from pysindy_nrf.monitoring import compare_tests
 from pysindy_nrf.output.cli.output import coefficients

@@ -1,7 +1,6 @@
 """Data that do not fit in memory: files by path, iterators of tables, and answers that can be resumed."""
 
-from .chunks import Chunk
 from .dispatch import fit_streamed, is_streamed, partial_fit
-from .sources import Source, open_source
+from .sources import Chunk, Source, open_source
 
 __all__ = ["Chunk", "Source", "fit_streamed", "is_streamed", "open_source", "partial_fit"]

@@ -22,8 +22,8 @@ from ...regression.layout import Group, LawLayout
 from ...regression.segments import Segment
 from ..problem import Problem, law_list
 from . import runs
-from .chunks import Chunk, seconds_since
 from .runs import Key, Run
+from .sources import Chunk, seconds_since
 
 Key3 = tuple[int, int, int]
 N_BLOCKS = 64  # are kept at least, twice as many at most

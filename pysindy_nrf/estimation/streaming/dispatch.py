@@ -177,8 +177,8 @@ def partial_fit(
 
     from ...regression.input_arrays import holds_records
     from .accumulator import Accumulator
-    from .chunks import Chunk, chunk_of
     from .result import publish, solution_of
+    from .sources import Chunk, chunk_of
 
     held = getattr(estimator, "_stream", None)
     # work on a copy: a call that fails leaves the samples of those before as they were

@@ -14,8 +14,8 @@ from ...exceptions import ChannelError, LawError
 from ...regression.gram_pass import guess_of
 from ..problem import law_list
 from .accumulator import Accumulator
-from .chunks import Chunk, chunk_of
 from .result import publish, solution_of
+from .sources import Chunk, chunk_of
 
 FAN_IN = 8  # accumulators added up by one task
 

@@ -16,16 +16,20 @@ frequency, whatever the weights. Spectra are densities, unit^2/Hz.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from ..regression.blocks_of_samples import whole_block
 from ..regression.chain_model import ChainModel
-from ..regression.layout import LawLayout
-from ..regression.segments import Segment
+from ..regression.gram_pass import rows_of
+from ..regression.layout import Group, LawLayout
+from ..regression.segments import Segment, SegmentSet
 from ..signals.fusion import white_level
 from ..signals.zero_phase_filter import Band
+from .runs import likeness_of, run_of, steady
 
 BINS = 28
 HELD = 5e-4  # share of the drifts' power below the lowest line used, and of the accelerations' above the highest
@@ -289,3 +293,118 @@ def corrected(segment: Segment, run: Segment, noise: NoiseModel) -> Segment:
         ag = np.array(ag, dtype=float)
         ag[rows] += more[:, n]
     return replace(segment, F=F, ag=ag)
+
+
+@dataclass
+class Whitener:
+    """A zero-phase filter of given amplitude, the same for every row of a balance.
+
+    The record is mirrored at its ends (a cosine transform does that), so nothing is taken to be periodic.
+
+    Attributes
+    ----------
+    weight : Smooth
+        Squared amplitude by frequency, one column.
+    band : (float or None, float or None)
+        Hz; zero outside.
+    """
+
+    weight: Smooth
+    band: tuple[float | None, float | None] = (None, None)
+
+    def amplitude(self, f: np.ndarray) -> np.ndarray:
+        """Amplitude at frequencies in Hz."""
+        low, high = self.band
+        inside = (f >= (low or 0.0)) & (f <= (np.inf if high is None else high))
+        return np.where(inside, np.sqrt(self.weight(f)[:, 0]), 0.0)
+
+    def apply(self, rows: np.ndarray, dt: float) -> np.ndarray:
+        """Filter rows of one record."""
+        from scipy.fft import dct, idct
+
+        n = rows.shape[1]
+        return idct(dct(rows, axis=1) * self.amplitude(np.arange(n) / (2 * n * dt)), axis=1)
+
+
+@dataclass
+class Weighting:
+    """What a weighted round of instrumental variables needs.
+
+    Attributes
+    ----------
+    runs : list of Segment or None
+        Free runs under the corrected forces.
+    likeness : float
+        Their correlation with the measured accelerations.
+    whiteners : dict of tuple of int to Whitener
+        By the DOFs of the group.
+    """
+
+    runs: list[Segment | None]
+    likeness: float
+    whiteners: dict[tuple[int, ...], Whitener]
+
+
+def weighting_of(
+    model: ChainModel,
+    data: SegmentSet,
+    usable: Sequence[int],
+    layout: LawLayout,
+    groups: Sequence[Group],
+    filters: Sequence[Any],
+    known_masses: Mapping[int, float],
+    band: Any = None,
+) -> Weighting | None:
+    """Instruments and weights from a model."""
+    segments = [data.segments[i] for i in usable]
+    runner = steady(model)
+    plain = [run_of(runner, seg) for seg in segments]
+    noise = noise_model(runner, layout, segments, plain)
+    resolved = [seg.resolved for seg in segments if seg.resolved is not None]
+    if noise is None or min(resolved, default=np.inf) < noise.lively[1]:
+        return None
+    better = [corrected(seg, run, noise) for seg, run in zip(segments, plain)]
+    found = [run_of(runner, seg) for seg in better]
+    likeness = likeness_of(segments, found)
+    # the forces of the balances stay as measured: only the motion under the corrected ones is taken
+    runs: list[Segment | None] = [None] * len(data.segments)
+    for i, run in zip(usable, found):
+        runs[i] = run
+    low, high = common_band(segments, band)
+    low, high = max(low, noise.lively[0]), min(high, noise.lively[1])
+    whiteners = _whiteners(model, segments, layout, groups, [filters[i] for i in usable], known_masses, noise)
+    for whitener in whiteners.values():
+        whitener.band = (low, high)
+    return Weighting(runs, likeness, whiteners)
+
+
+def _whiteners(
+    model: ChainModel,
+    segments: Sequence[Segment],
+    layout: LawLayout,
+    groups: Sequence[Group],
+    filters: Sequence[Any],
+    known_masses: Mapping[int, float],
+    noise: NoiseModel,
+) -> dict[tuple[int, ...], Whitener]:
+    """Weights: the share of the instruments that is signal, over the density of what the balance misses."""
+    missed: dict[tuple[int, ...], list] = {g.dofs: [] for g in groups}
+    theta = model.coefficients
+    for seg, filter in zip(segments, filters):
+        block = whole_block(seg, layout, filter)
+        for group in groups:
+            rows = rows_of(layout, group, block, known_masses)
+            own = [sign * theta[site] for site, sign in zip(group.sites, group.signs)]
+            mass = [model.masses[[group.dofs[0] - 1]]] if len(group.dofs) == 1 else []
+            gap = rows[-1] - np.concatenate([*own, *mass]) @ rows[:-1]
+            f = lines_of(seg)
+            use = (f >= noise.lively[0]) & (f <= noise.lively[1])
+            missed[group.dofs].append((f[use], np.abs(spectrum(gap[:, None], seg.step, taper=True)[use]) ** 2))
+    out = {}
+    for dofs, held in missed.items():
+        left = smoothed([f for f, _ in held], [p for _, p in held])
+        top = left.values.max()
+        if top > 0:
+            share = noise.share(left.f).mean(axis=1, keepdims=True)
+            out[dofs] = Whitener(Smooth(left.f, share / np.maximum(left.values, 1e-9 * top)))
+    return out

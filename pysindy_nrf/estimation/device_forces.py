@@ -1,4 +1,4 @@
-"""Energy that storeys dissipate over time, and energy as a damage index."""
+"""Forces of nonlinear devices and the energy that storeys dissipate."""
 
 from __future__ import annotations
 
@@ -7,8 +7,82 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ..exceptions import ChannelError
 from ..regression.analysis_inputs import as_model, as_segments, frame, storey_names
 from .linear_model import linear_part
+
+
+def damper_force(model: Any, linear: Any, X: Any, **options: Any) -> pd.DataFrame:
+    r"""Identified force of every storey less that of the bare structure (paper eq. 21).
+
+    .. math:: F_{non} = R^{non}(v, s) - R^{lin}(v, s)
+
+    Parameters
+    ----------
+    model : ChainModel or fitted NRFRegressor
+        Of the structure with its devices.
+    linear : ChainModel or fitted NRFRegressor
+        Of the structure without them: see :func:`linear_twin`.
+    X, **options
+        The motion, as for :meth:`ChainModel.predict`.
+
+    Returns
+    -------
+    DataFrame of shape (n_samples, n_dof)
+        ``storey 1``.., N, indexed by time where it is known.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import ChainModel, laws
+    >>> from pysindy_nrf.estimation import damper_force
+    >>> bare = ChainModel([10.0], {1: laws.PowerSeries(1, [100.0, 1e5])})
+    >>> damped = ChainModel([10.0], {1: [laws.PowerSeries(1, [150.0, 1e5]), laws.CubicStiffness(1e9)]})
+    >>> X = np.array([[0.0, 0.1, 0.001]])  # a, v, s
+    >>> damper_force(damped, bare, X)["storey 1"].round(6).tolist()  # 50 v + 1e9 s^3
+    [6.0]
+    """
+    whole, bare = as_model(model), as_model(linear)
+    data = as_segments(model, X, **options)
+    forces = whole.restoring_force(data) - bare.restoring_force(data)
+    return frame(data, [forces[seg.rows][seg.valid] for seg in data.segments], storey_names(whole))
+
+
+def horizontal_component(force: Any, rise: float, run: float) -> np.ndarray:
+    """Horizontal component of the force in a diagonal device.
+
+    The force identified in a storey is horizontal, a load cell in a diagonal damper is not.
+
+    Parameters
+    ----------
+    force : array-like of shape (n_samples,)
+        Measured along the device, N.
+    rise, run : float
+        Vertical and horizontal distance of its ends, m (any one unit).
+
+    Returns
+    -------
+    ndarray of shape (n_samples,)
+        N.
+
+    Raises
+    ------
+    ChannelError
+        If the device has no horizontal extent.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.estimation import horizontal_component
+    >>> horizontal_component([50.0], rise=0.3, run=0.4).round(9).tolist()
+    [40.0]
+    """
+    length = np.hypot(rise, run)
+    if not np.isfinite(length) or run <= 0 or rise < 0:
+        raise ChannelError(
+            f"A device with rise={rise!r} and run={run!r} has no horizontal component",
+            "Give the distances of its ends; run must be positive.",
+        )
+    return np.asarray(force, dtype=float) * (run / length)
 
 
 def path_energy(force: Any, drift: Any) -> np.ndarray:

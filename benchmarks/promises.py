@@ -43,9 +43,10 @@ from scipy import stats  # noqa: E402
 from tqdm import tqdm  # noqa: E402
 
 from pysindy_nrf import NRFRegressor, Record  # noqa: E402
-from pysindy_nrf.discrepancy.detection import NOISE, detect  # noqa: E402
+from pysindy_nrf.discrepancy.detection import detect  # noqa: E402
 from pysindy_nrf.discrepancy.noise_floor import NoiseFloor  # noqa: E402
 from pysindy_nrf.discrepancy.residual import residual_of  # noqa: E402
+from pysindy_nrf.discrepancy.verdicts import ResidualKind  # noqa: E402
 from pysindy_nrf.exceptions import NRFError  # noqa: E402
 from pysindy_nrf.regression.input_arrays import from_arrays  # noqa: E402
 
@@ -119,7 +120,7 @@ def detected(seed: int, noise: float, kind: str | None, base: bool) -> list[dict
     residual = residual_of(regressor.model_, from_arrays(X, F, base_acceleration=ag))
     floor = NoiseFloor.from_channels(regressor.model_, record, regressor=regressor, random_state=0)
     verdicts = detect(residual, floor, level=0.05).verdicts
-    told = [v != NOISE for where, v in verdicts["verdict"].items() if where.startswith("dof")]
+    told = [v != ResidualKind.NOISE for where, v in verdicts["verdict"].items() if where.startswith("dof")]
     if kind is None:
         cell = f"{100 * noise:g} % noise, {excited(case)}"
         return [{"part": "detection: false alarms", "cell": cell, "hit": not t, "run": seed} for t in told]

@@ -11,7 +11,9 @@ import pandas as pd
 
 from ..exceptions import ChannelError
 from ..laws.motion import Motion
+from . import words
 from .dependence import GAPS, Basis, Judge, envelope, filtered, period_of
+from .verdicts import Dependence, Feature
 
 # What explains nearly as much with less wins: at most this much worse, in shares of the residual's squares.
 NEARLY = 0.04
@@ -35,30 +37,41 @@ class Characterisation:
         One row for each dependence, simplest first: ``share`` (percent of the force's squares explained on
         blocks left out), ``low``, ``high`` (about 95 %), ``gain`` (percentage points more than linear terms
         alone), ``chosen``. Every row but ``constant`` holds the linear terms s, v, a as well.
-    dependence : str
-        The simplest row that explains nearly as much as the best; ``"nothing tried"`` if none explains
-        much.
+    dependence : Dependence
+        The simplest row that explains nearly as much as the best; ``NOTHING`` if none explains much.
     memory : float
         Percentage points that sliders (memory of the path) add to any function of s and v.
     odd : float
         Share of the odd part under (s, v) -> (-s, -v), 0 to 1; NaN where the question has no sense.
     frequency : float
         Frequency of the highest spectral line, Hz; NaN if none stands out.
-    features : list of str
-        Marks of the shape: ``"jump at v = 0"``, ``"kink"``, ``"hardening"``, ...
+    features : list of Feature
+        Marks of the shape: a jump at v = 0, a kink, hardening, softening.
     curves : dict of str to DataFrame
         Conditional means of the force (``centre``, ``mean``, ``error`` of the mean, ``count``) by variable.
-    sentence : str
+    covariate : str
+        Where the force depends on one: its name.
+    rms : float
+        Of the force, N.
+    noise : float or None
+        Rms of the noise in it, N.
     """
 
     shares: pd.DataFrame
-    dependence: str
+    dependence: Dependence
     memory: float
     odd: float
     frequency: float
-    features: list[str]
+    features: list[Feature]
     curves: dict[str, pd.DataFrame] = field(default_factory=dict)
-    sentence: str = ""
+    covariate: str = ""
+    rms: float = float("nan")
+    noise: float | None = None
+
+    @property
+    def sentence(self) -> str:
+        """The same in words."""
+        return words.characterised(self)
 
     def __str__(self) -> str:
         return self.sentence
@@ -84,16 +97,16 @@ def characterise(
     table["gain"] = table["share"] - max(table.loc["linear", "share"], 0.0)
     best = table["share"].max()
     near = table.index[table["share"] >= best - 100 * NEARLY * min(1.0, best / 100 + 0.25)]
-    dependence = str(near[0]) if best >= 100 * LEAST else "nothing tried"
-    table["chosen"] = table.index == dependence
+    row = str(near[0]) if best >= 100 * LEAST else ""
+    table["chosen"] = table.index == row
     memory = float(table.loc["path", "share"] - table.loc["s and v", "share"])
-    odd, features = work.shape_of(dependence)
-    curves = work.curves()
-    result = Characterisation(
-        table[["share", "low", "high", "gain", "chosen"]], dependence, memory, odd, work.frequency, features, curves
+    dependence = Dependence.COVARIATE if row in work.covariates else Dependence(row) if row else Dependence.NOTHING
+    odd, features = work.shape_of(row)
+    shares = table[["share", "low", "high", "gain", "chosen"]]
+    covariate = work.covariates.get(row, "")
+    return Characterisation(
+        shares, dependence, memory, odd, work.frequency, features, work.curves(), covariate, work.rms, noise
     )
-    result.sentence = _sentence(result, noise, work.rms)
-    return result
 
 
 class _Work:
@@ -119,9 +132,10 @@ class _Work:
         if timed:
             self.makers["time"] = self.basis.time
         shared = set.intersection(*(set(m.covariates) for m in motions))
-        covariates = [c for c in motions[0].covariates if c in shared and self._moves(c)]
-        for c in covariates:
-            self.makers[f"covariate {c}"] = lambda m, c=c: self.basis.covariate(m, c)
+        moving = [c for c in motions[0].covariates if c in shared and self._moves(c)]
+        self.covariates = {f"covariate {c}": c for c in moving}
+        for name, c in self.covariates.items():
+            self.makers[name] = lambda m, c=c: self.basis.covariate(m, c)
         groups = {k: [filtered(make(m), f) for m, f in zip(motions, filters)] for k, make in self.makers.items()}
         if beside:
             groups["beside"] = beside
@@ -139,7 +153,7 @@ class _Work:
         thinned = {name: [part[::every] for part in parts] for name, parts in groups.items()}
         self.judge = Judge([f[::every] for f in force], thinned)
         names = {"constant": [], "linear": [], "line": ["line"], "delay": ["delay"], "s alone": ["s"], "v alone": ["v"]}
-        names |= {f"covariate {c}": [f"covariate {c}"] for c in covariates}
+        names |= {name: [name] for name in self.covariates}
         names |= {"time": ["time"], "amplitude": ["amplitude"], "s and v": ["surface"], "path": ["path"]}
         self.names = {k: v for k, v in names.items() if all(g in groups for g in v)}
 
@@ -213,10 +227,10 @@ class _Work:
             out.append(sum(self.makers[k](mirror) @ coefficients[k] for k in names))
         return np.concatenate(out)
 
-    def shape_of(self, dependence: str) -> tuple[float, list[str]]:
-        """Odd share and marks of the fitted function."""
-        group = {"s alone": "s", "v alone": "v", "s and v": "surface", "path": "path"}.get(dependence, dependence)
-        if group not in self.makers or dependence in ("constant", "nothing tried"):
+    def shape_of(self, row: str) -> tuple[float, list[Feature]]:
+        """Odd share and marks of the fitted function of one row of the table."""
+        group = {"s alone": "s", "v alone": "v", "s and v": "surface"}.get(row, row)
+        if group not in self.makers or group == "constant":
             return float("nan"), []
         every = self.judge.coefficients(list(dict.fromkeys([*self.base, group])))
         names = [k for k in every if k != "beside"]
@@ -225,16 +239,17 @@ class _Work:
         share = odd / (odd + even) if odd + even > 0 else float("nan")
         return share, self._marks(group, every)
 
-    def _marks(self, group: str, coefficients: Mapping[str, np.ndarray]) -> list[str]:
-        marks = []
+    def _marks(self, group: str, coefficients: Mapping[str, np.ndarray]) -> list[Feature]:
+        """Marks of the fitted function."""
+        marks: list[Feature | None] = []
         if group in ("v", "surface", "path"):
             # the first column of all three is sgn(v)
             jump = abs(float(coefficients[group][0]))
             if group == "v" and jump > 0.3 * self.rms:
-                marks.append("jump at v = 0")
+                marks.append(Feature.JUMP)
         if group == "s":
             if self._has_kink():
-                marks.append("kink")
+                marks.append(Feature.KINK)
             else:
                 cubic = self.judge.coefficients([*self.base, "smooth s"])["smooth s"]
                 marks.append(self._bend(cubic))
@@ -246,16 +261,16 @@ class _Work:
         gaps = [self.judge.share([f"gap {g:.1f}"], self.base)[0] for g in GAPS]
         return max(gaps) > smooth + 0.1 * max(1 - smooth, 0.0)
 
-    def _bend(self, c: np.ndarray) -> str:
+    def _bend(self, c: np.ndarray) -> Feature | None:
         """Whether the slope of a function of s grows outwards."""
         x = np.concatenate([m.s for m in self.motions]) / self.basis.s
         odd, even = c[1] * x**3 + c[3] * x**5, c[0] * x**2 + c[2] * x**4
         if (odd**2).mean() < 0.2 * (even**2).mean():
-            return ""
+            return None
         # an odd function less its regression on x bends outwards where it goes with x^3
         slope = x @ odd / (x @ x)
         bend = (odd - slope * x) @ (x**3 - (x @ x**3) / (x @ x) * x)
-        return "hardening" if bend > 0 else "softening"
+        return Feature.HARDENING if bend > 0 else Feature.SOFTENING
 
     def curves(self) -> dict[str, pd.DataFrame]:
         """Conditional means of the force, in bins of equal count."""
@@ -266,9 +281,8 @@ class _Work:
         }  # fmt: skip
         if all(m.t is not None for m in self.motions):
             lines["t"] = np.concatenate([m.t for m in self.motions])
-        for k in self.makers:
-            if k.startswith("covariate "):
-                lines[k] = np.concatenate([m.covariates[k[10:]] for m in self.motions])
+        for name, c in self.covariates.items():
+            lines[name] = np.concatenate([m.covariates[c] for m in self.motions])
         return {name: conditional_mean(x, force) for name, x in lines.items()}
 
 
@@ -310,57 +324,3 @@ def spectral_line(parts: Sequence[np.ndarray], motions: Sequence[Motion]) -> flo
     fine = np.fft.rfftfreq(n, dt)[peak] + np.linspace(-1, 1, 81) / (n * dt)
     waves = np.exp(-2j * np.pi * np.outer(fine, np.arange(n) * dt))
     return float(fine[np.abs(waves @ (e * window)).argmax()])
-
-
-_WORDS = {
-    "constant": "Is constant: an offset or a dead load",
-    "linear": "Is linear in s, v and a: a wrong stiffness, damping or mass",
-    "time": "Changes in time: a drift or step of stiffness, damping or friction",
-    "amplitude": "Depends on the amplitude of vibration",
-    "delay": "Follows the derivative of a channel: a delay between channels",
-}
-
-
-def _sentence(found: Characterisation, noise: float | None, rms: float) -> str:
-    d = found.dependence
-    best = float(found.shares["share"].max())
-    quiet = ""
-    if noise is not None and rms > 0:
-        quiet = f", noise is {min(100.0, 100 * (noise / rms) ** 2):.0f} %"
-    if d == "nothing tried":
-        text = f"Depends on nothing that was tried (at most {max(best, 0):.0f} % explained{quiet})"
-        return f"{text}: noise, or a force from outside."  # noqa: E501
-    share = float(found.shares.loc[d, "share"])
-    end = f"; {share:.0f} % explained on data left out{quiet}."
-    if d == "line":
-        return f"Is a spectral line at {found.frequency:.4g} Hz: an unmeasured harmonic force{end}"
-    if d.startswith("covariate "):
-        return f"Is modulated by {d[10:]}{_friction(found)}{end}"
-    if d in _WORDS:
-        return _WORDS[d] + end
-    parity = "odd" if found.odd > 0.9 else "even" if found.odd < 0.1 else "neither odd nor even"
-    if d == "path":
-        text = f"Depends on the path (memory adds {found.memory:.0f} points to any function of s and v)"
-        return f"{text}, {parity}: hysteresis-like{end}"  # noqa: E501
-    marks = found.features
-    text = f"Depends on {d}, {parity}"
-    if "jump at v = 0" in marks:
-        return f"{text}, with a jump at v = 0: friction-like{end}"
-    if "kink" in marks:
-        kind = (
-            ("contact on one side" if parity.startswith("neither") else "gap- or contact-like")
-            if d == "s alone"
-            else "bent sharply"
-        )
-        return f"{text}, with a kink: {kind}{end}"
-    kind = {
-        "s alone": "a nonlinear spring",
-        "v alone": "nonlinear damping",
-        "s and v": "a force on the surface R(s, v)",
-    }[d]
-    more = f" ({', '.join(marks)})" if marks else ""
-    return f"{text}, smooth{more}: {kind}{end}"
-
-
-def _friction(found: Characterisation) -> str:
-    return "" if not np.isfinite(found.odd) or found.odd < 0.9 else ", odd in the motion"

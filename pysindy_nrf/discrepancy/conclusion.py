@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ..mechanics.sites import Site
+from . import words
 from .away_from_rest import share_to_leave
 from .catalogue import balances_of
 from .contradictions import contradictions
@@ -41,8 +42,8 @@ def concluded(rounds: Rounds, band: Any) -> LoopReport:
         stopped += f". By noise alone least squares is wrong by up to {', '.join(much)}: fit "
         stopped += "NRFRegressor(laws=report.model.laws, estimation='iv', ...) to the records, which noise does "
         stopped += "not bias"
-    if said := contradictions(rounds.ready, rounds.work) if rounds.sensors else []:
-        stopped += f". Channels contradict each other, and the fusion made the best of it: {'; '.join(said)}"
+    if rounds.sensors and (found := contradictions(rounds.ready, rounds.work)):
+        stopped += f". {words.contradictions(found)}"
     return LoopReport.assemble(rounds.work, rounds.scenes, steps, stopped, rounds.ranking, band, rounds.measured)
 
 

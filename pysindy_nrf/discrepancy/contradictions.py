@@ -15,6 +15,7 @@ from ..laws.sensor import ChannelDelay, GainError, SensorFault
 from ..mechanics.sites import Site
 from ..signals.alignment import channel_alignment
 from .prepare import Prepared
+from .verdicts import Contradiction
 from .workspace import Workspace
 
 # Contradictions between channels of one DOF, as a share of the channel, that are looked into, and that are
@@ -27,17 +28,17 @@ _HALF = 1000
 
 @dataclass(frozen=True)
 class Suspect:
-    """A fault at a channel; ``remark`` where the channels of one DOF contradict each other."""
+    """A fault at a channel, and the contradiction between channels of its DOF that bears witness of it."""
 
     law: SensorFault
     site: Site
-    remark: str = ""
+    witness: Contradiction | None = None
 
 
-def contradictions(ready: Prepared, work: Workspace) -> list[str]:
-    """Channels of one DOF that do not show one motion, in words."""
-    said = [s.remark for size, s in contradictory(ready, work) if size >= _SAID]
-    return list(dict.fromkeys(said[:MOST]))
+def contradictions(ready: Prepared, work: Workspace) -> list[Contradiction]:
+    """Channels of one DOF that do not show one motion, the largest contradictions first."""
+    found = [s.witness for size, s in contradictory(ready, work) if size >= _SAID and s.witness is not None]
+    return list(dict.fromkeys(found[:MOST]))
 
 
 def longest(work: Workspace) -> tuple[int, slice]:
@@ -73,6 +74,7 @@ def contradictory(ready: Prepared, work: Workspace) -> list[tuple[float, Suspect
         if row["aligned"] or not np.isfinite(row["gain"]):
             continue
         channel, reference = str(name), str(row["reference"])
+        witness = Contradiction(channel, reference, str(row["message"]))
         gain = float(row["sign"] * row["gain"])
         late = [float(half.loc[name, "delay"]) for half in halves]
         large = [float(half.loc[name, "sign"] * half.loc[name, "gain"]) - 1.0 for half in halves]
@@ -86,7 +88,7 @@ def contradictory(ready: Prepared, work: Workspace) -> list[tuple[float, Suspect
             if size < CONTRADICTION or (any(x > 0 for x in seen) and any(x < 0 for x in seen)):
                 continue
             for law, of in ((own, channel), (other, reference)):
-                sized.append((size, Suspect(law, Site(f"sensor {of}"), str(row["message"]))))
+                sized.append((size, Suspect(law, Site(f"sensor {of}"), witness)))
     once: dict[tuple[str, str], tuple[float, Suspect]] = {}
     for size, s in sorted(sized, key=lambda p: -p[0]):
         once.setdefault((s.law.name, str(s.site)), (size, s))

@@ -9,6 +9,7 @@ import numpy as np
 from ..laws import Jenkins
 from ..laws.motion import Motion
 from ..mechanics.sites import Site
+from . import words
 from .dependence import Judge, filtered
 from .noise_floor import NoiseFloor
 from .residual import ROUND_OFF, Residual
@@ -52,13 +53,7 @@ class Coupling:
         return self.others >= _OTHERS and self.others > _SURELY * self.error
 
     def __str__(self) -> str:
-        text = (
-            f"storey {self.storey}, {self.percent:.3g} % of its force: its own drift, rate and path explain "
-            f"{100 * max(self.own, 0.0):.0f} % of that on data left out"
-        )
-        if self.coupled:
-            text += f", coupling to the drifts and rates of the other storeys {100 * self.others:.0f} % of the rest"
-        return text
+        return words.coupling(self)
 
 
 def couplings(residual: Residual, floor: NoiseFloor | None = None) -> list[Coupling]:

@@ -17,6 +17,7 @@ import pandas as pd
 from ..exceptions import NRFError
 from ..mechanics.sites import Site
 from ..regression.segments import Segment, SegmentSet
+from . import words
 from .correlation import (
     Cross,
     Parts,
@@ -29,20 +30,13 @@ from .correlation import (
 from .dependence import filtered, period_of
 from .noise_floor import AT_FLOOR, BELOW_FLOOR, LOUD, NoiseFloor
 from .residual import ROUND_OFF, Residual
+from .verdicts import ResidualKind
 
-NOISE, LINEAR, NONLINEAR = "noise", "linear effect missing", "nonlinear effect missing"
-UNMEASURED = "unmeasured force or coloured noise"
 HIGHER = ("phi_x2e", "phi_x3e", "phi_|x||e|", "phi_e(ex)")
-# What the tests correlate, x being a signal and e the residual.
-TEST_WORDS = {
-    "phi_ee": "the residual with its own past",
-    "phi_xe": "the residual with {x}",
-    "phi_x2e": "the residual with the square of {x}",
-    "phi_x3e": "the residual with the cube of {x}",
-    "phi_|x||e|": "the size of the residual with the size of {x}",
-    "phi_e(ex)": "the residual with its own product with {x}",
-}
-_KINDS = {"nonlinear": NONLINEAR, "linear": LINEAR, "white": UNMEASURED}
+_KINDS = {"nonlinear": ResidualKind.NONLINEAR, "linear": ResidualKind.LINEAR, "white": ResidualKind.UNMEASURED}
+_TESTS = {
+    ResidualKind.LINEAR: ["phi_xe"], ResidualKind.UNMEASURED: ["phi_ee"], ResidualKind.NONLINEAR: list(HIGHER),
+}  # fmt: skip
 _WHITE_LAGS = 20
 _TAPS = 4
 # Every k-th sample is enough for the correlations, as long as so many are left in all and in a period.
@@ -57,9 +51,9 @@ class Detection:
     Attributes
     ----------
     verdicts : DataFrame
-        Rows ``"dof j"`` and ``"storey i"``: ``verdict``; ``percent`` (of the reference); ``floor ratio`` (rms
-        over that of the noise floor); ``linear share`` (of the residual's variance that drifts, rates and
-        inputs explain linearly, noise's own share included); ``p white``, ``p linear``,
+        Rows ``"dof j"`` and ``"storey i"``: ``verdict`` (a ``ResidualKind``); ``percent`` (of the reference);
+        ``floor ratio`` (rms over that of the noise floor); ``linear share`` (of the residual's variance that drifts,
+        rates and inputs explain linearly, noise's own share included); ``p white``, ``p linear``,
         ``p nonlinear`` (probability of such a correlation in noise, corrected for the number of tests).
     tests : DataFrame
         One row for each test: ``where``, ``test``, ``signal``, ``peak`` (of the normalised correlation),
@@ -78,27 +72,12 @@ class Detection:
     @property
     def is_noise(self) -> bool:
         """Whether nothing but noise is left in any balance."""
-        return bool((self.verdicts["verdict"] == NOISE).all())
+        return bool((self.verdicts["verdict"] == ResidualKind.NOISE).all())
 
     @property
     def sentence(self) -> str:
         """The verdicts in words."""
-        said = []
-        for where, row in self.verdicts.iterrows():
-            text = f"{where}: {row['verdict']}"
-            found = self.tests[(self.tests["where"] == where) & self.tests["outside"]].sort_values(["p", "peak"])
-            kinds = {LINEAR: ["phi_xe"], UNMEASURED: ["phi_ee"], NONLINEAR: list(HIGHER)}.get(row["verdict"])
-            found = found if kinds is None else found[found["test"].isin(kinds)]
-            if row["verdict"] == NOISE:
-                if len(found):
-                    text += " (traces of structure too small to model)"
-            elif len(found):
-                best = found.iloc[0]
-                text += f" ({best['test']}, {best['signal']}: {best['peak']:.2f}, band {best['band']:.2f})"
-            if np.isfinite(row["floor ratio"]):
-                text += f", {row['floor ratio']:.2g} times the noise floor"
-            said.append(text)
-        return "; ".join(said) + "."
+        return words.of_detection(self, _TESTS)
 
     def __str__(self) -> str:
         return self.sentence.replace("; ", "\n")
@@ -125,14 +104,16 @@ def detect(
         ratio = np.nan
         if floor is not None and floor.at(where) > 0:
             ratio = residual.sizes.loc[where, "rms"] / floor.at(where)
-        verdict = {"verdict": NOISE, "percent": residual.sizes.loc[where, "percent"], "floor ratio": ratio}
+        verdict = {"verdict": ResidualKind.NOISE, "percent": residual.sizes.loc[where, "percent"], "floor ratio": ratio}
         if residual.sizes.loc[where, "rms"] > ROUND_OFF * residual.sizes.loc[where, "reference"]:
             place = _Place(where, views, level, lags, min_share)
             verdict |= place.judge()
-            if verdict["verdict"] == NOISE and ratio > LOUD * place.loudest:
+            if verdict["verdict"] == ResidualKind.NOISE and ratio > LOUD * place.loudest:
                 verdict["verdict"] = place.likeliest(verdict)
-            if ratio < BELOW_FLOOR or (verdict["verdict"] == UNMEASURED and ratio < max(AT_FLOOR, place.loudest)):
-                verdict["verdict"] = NOISE
+            if ratio < BELOW_FLOOR or (
+                verdict["verdict"] == ResidualKind.UNMEASURED and ratio < max(AT_FLOOR, place.loudest)
+            ):
+                verdict["verdict"] = ResidualKind.NOISE
             rows += place.rows
             curves |= place.curves
         verdicts[where] = verdict
@@ -235,7 +216,7 @@ class _Place:
         return float(np.sqrt(max(squares) / np.mean(squares))) if squares and max(squares) > 0 else 1.0
 
     @staticmethod
-    def likeliest(verdict: dict[str, Any]) -> str:
+    def likeliest(verdict: dict[str, Any]) -> ResidualKind:
         """What a residual far above the noise is, by the family of tests that stands out most."""
         return min(((verdict[f"p {word}"], kind) for word, kind in _KINDS.items()), key=lambda pair: pair[0])[1]
 
@@ -249,13 +230,13 @@ class _Place:
         share = side.linear_share
         left = 1.0 - share
         excess = self._excess()
-        verdict = NOISE
+        verdict = ResidualKind.NOISE
         if p_white < self.level / 3 and white >= self.min_share:
-            verdict = UNMEASURED
+            verdict = ResidualKind.UNMEASURED
         if p_linear < self.level / 3 and excess >= self.min_share:
-            verdict = LINEAR
+            verdict = ResidualKind.LINEAR
         if p_nonlinear < self.level / 3 and min(strong, left) >= self.min_share:
-            verdict = NONLINEAR
+            verdict = ResidualKind.NONLINEAR
         return {
             "verdict": verdict,
             "linear share": share,

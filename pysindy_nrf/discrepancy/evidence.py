@@ -18,13 +18,15 @@ from ..exceptions import NRFError
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
 from ..regression.segments import SegmentSet
+from . import words
 from .characterisation import Characterisation, characterise
 from .coupling import Coupling, couplings
-from .detection import NOISE, TEST_WORDS, Detection, detect
+from .detection import Detection, detect
 from .localisation import localise, missing_force
 from .noise_floor import NoiseFloor
 from .residual import Residual, residual_of
 from .stage import Stage
+from .verdicts import Agreement, Location, Obstacle, Why
 from .workspace import Workspace
 
 # Samples looked at: enough to see any effect, and little beside the search.
@@ -50,7 +52,7 @@ class Evidence:
     localisation : DataFrame or None
         Sites, best first, see :func:`~pysindy_nrf.discrepancy.localisation.localise`.
     site : str
-        The site whose force is characterised: the best of ``localisation``.
+        The site whose force is characterised: the best of ``localisation``; empty if there is nothing to locate.
     characterisation : Characterisation or None
         What the force there depends on.
     chosen : str
@@ -59,8 +61,8 @@ class Evidence:
         Sites at which the loop added effects in later steps.
     couplings : list of Coupling
         Storeys of the last model whose residual is loud and no function of their own motion.
-    not_possible : dict of str to str
-        Why a room could not be entered, by its name.
+    not_possible : dict of str to Obstacle
+        Why a question to the residual has no answer, by its name.
     """
 
     model: str
@@ -73,28 +75,12 @@ class Evidence:
     chosen: str = ""
     later: tuple[str, ...] = ()
     couplings: list[Coupling] = field(default_factory=list)
-    not_possible: dict[str, str] = field(default_factory=dict)
+    not_possible: dict[str, Obstacle] = field(default_factory=dict)
 
     @property
     def detection_sentence(self) -> str:
         """Whether the residual is noise, in words."""
-        if self.detection is None:
-            return _not_possible("Detection", self.not_possible.get("detection", ""))
-        table = self.detection.verdicts
-        ratio = table["floor ratio"].max()
-        times = f"at most {ratio:.2g} times the noise floor" if np.isfinite(ratio) else "noise taken to be white"
-        if self.detection.is_noise:
-            return f"Nothing but noise is left in any balance ({times})."
-        kinds = table[table["verdict"] != NOISE]["verdict"]
-        said = [f"{kind} in {_listed(kinds.index[kinds == kind])}" for kind in dict.fromkeys(kinds)]
-        best = self.strongest
-        strongest = (
-            ""
-            if best is None or not best["outside"]
-            else f" The strongest correlation is {TEST_WORDS[best['test']].format(x=best['signal'])} in "
-            f"{_name(best['where'])}: {best['peak']:.2f}, where noise stays within {best['band']:.2f}."
-        )
-        return f"The residual is not noise: {'; '.join(said)} ({times}).{strongest}"
+        return words.detection(self)
 
     @property
     def strongest(self) -> pd.Series | None:
@@ -109,57 +95,37 @@ class Evidence:
     @property
     def localisation_sentence(self) -> str:
         """Where the missing force acts, in words, and whether the chosen site agrees."""
-        if self.localisation is None:
-            return _not_possible("Localisation", self.not_possible.get("localisation", ""))
-        first = self.localisation.iloc[0]
-        text = f"The signs across the balances point to {self.site}: {first['verdict']}."
-        if "noise floor" in str(first["verdict"]):
-            text = f"{str(first['verdict']).capitalize()}."
-        elif len(_patterns(self.localisation)) == 1:
-            text = f"{str(first['verdict']).capitalize()}."
-        return f"{text} {self.agreement}".strip()
+        return words.localisation(self)
 
     @property
     def characterisation_sentence(self) -> str:
         """What the missing force depends on, in words."""
-        if self.characterisation is None:
-            return _not_possible("Characterisation", self.not_possible.get("characterisation", ""))
-        said = self.characterisation.sentence
-        return f"The force missing at {self.site} {said[0].lower()}{said[1:]}"
+        return words.characterisation(self)
 
     @property
     def coupling_sentence(self) -> str:
         """Where something is left that no law of a chain explains, in words; empty if nowhere."""
-        if not self.couplings:
-            return ""
-        return f"Not explained by a chain law: {'; '.join(map(str, self.couplings))}"
+        return words.couplings(self.couplings)
 
     @property
-    def agreement(self) -> str:
-        """Whether localisation agrees with the site of the effect that was added; empty without one."""
+    def agreement(self) -> Agreement:
+        """Whether localisation agrees with the site of the effect that was added."""
         table = self.localisation
-        if not self.chosen or table is None or table["share"].isna().all():
-            return ""
-        if len(_patterns(table)) == 1:
-            return f"The loop chose {self.chosen} by the error after refitting."
+        if not self.chosen or not self.site or table is None or table["share"].isna().all():
+            return Agreement.NONE
+        if table["share"].dropna().round(6).nunique() == 1:
+            return Agreement.SIGNLESS
         if self.chosen == self.site:
-            return f"The loop chose the same site, {self.chosen}."
+            return Agreement.SAME
         if self.chosen not in table.index or not np.isfinite(table.loc[self.chosen, "share"]):
-            return f"The loop chose {self.chosen}, which localisation cannot judge."
-        share, best = table.loc[self.chosen, "share"], table["share"].iloc[0]
-        if table.loc[self.chosen, "balances"] == table["balances"].iloc[0]:
-            return f"The loop chose {self.chosen}, which has the same pattern of signs."
+            return Agreement.UNJUDGED
+        mine, best = table.loc[self.chosen], table.iloc[0]
+        if mine["balances"] == best["balances"]:
+            return Agreement.SAME_SIGNS
         if self.site in self.later:
-            return f"The loop chose {self.chosen} ({share:.0f} %) first, and {self.site} in a later step."
-        rank = len(_patterns(table.loc[: self.chosen]))
-        near = best - share < _NEAR or table.loc[self.chosen, "high"] > table["low"].iloc[0]
-        if near:
-            return f"The loop chose {self.chosen} ({share:.0f} %), which localisation hardly tells from {self.site}."
-        return (
-            f"Localisation disagrees with the loop, which chose {self.chosen}: it explains {share:.0f} % and is number "
-            f"{rank}. The choice of the loop rests on refitting the whole chain with a law there, which the signs "
-            "alone cannot do; another effect may dominate the residual."
-        )
+            return Agreement.LATER
+        near = best["share"] - mine["share"] < _NEAR or mine["high"] > best["low"]
+        return Agreement.NEAR if near else Agreement.DISAGREES
 
     def __str__(self) -> str:
         return "\n".join([self.detection_sentence, self.localisation_sentence, self.characterisation_sentence])
@@ -188,13 +154,15 @@ def look(
     options: dict[str, Any] = {"floor": floor, "known_masses": work.known_masses}
     out.localisation = _tried(out, "localisation", lambda: localise(residual, **options))
     if out.localisation is None:
-        out.not_possible["characterisation"] = f"the site is not known: {out.not_possible['localisation']}"
+        unknown = words.obstacle(out.not_possible["localisation"])
+        out.not_possible["characterisation"] = Obstacle(Why.NO_SITE, unknown)
     else:
-        out.site = str(out.localisation.index[0])
+        located = out.localisation["verdict"].iloc[0] != Location.NOTHING
+        out.site = str(out.localisation.index[0]) if located else ""
         if out.detection is not None and out.detection.is_noise:
-            out.not_possible["characterisation"] = "nothing but noise is left"
-        elif "noise floor" in str(out.localisation["verdict"].iloc[0]):
-            out.not_possible["characterisation"] = "the residual is at the noise floor"
+            out.not_possible["characterisation"] = Obstacle(Why.ONLY_NOISE)
+        elif not located:
+            out.not_possible["characterisation"] = Obstacle(Why.NOTHING_LOCATED)
         else:
             out.characterisation = _tried(out, "characterisation", lambda: _characterised(residual, out.site, options))
     if floor is not None:
@@ -291,28 +259,7 @@ def _tried(out: Evidence, room: str, enter: Callable[[], Any]) -> Any:
     try:
         return enter()
     except NRFError as error:
-        out.not_possible[room] = error.what
+        out.not_possible[room] = Obstacle(Why.ERROR, error.what)
     except (ValueError, ArithmeticError, LookupError) as error:  # numerics on data nobody has seen: say it and go on
-        out.not_possible[room] = f"{type(error).__name__}: {error}"
+        out.not_possible[room] = Obstacle(Why.ERROR, f"{type(error).__name__}: {error}")
     return None
-
-
-def _patterns(table: pd.DataFrame) -> list[str]:
-    known = table[table["share"].notna()]
-    return list(dict.fromkeys(f"{share:.6f}" for share in known["share"]))
-
-
-def _not_possible(room: str, why: str) -> str:
-    return f"{room} is not possible because {why.rstrip('.') or 'nothing was tried'}."
-
-
-def _name(where: str) -> str:
-    return where.replace("dof", "the balance of DOF")
-
-
-def _listed(places: Sequence[str]) -> str:
-    dofs = [p.split()[1] for p in places if p.startswith("dof")]
-    storeys = [p.split()[1] for p in places if p.startswith("storey")]
-    said = [f"the balance of DOF {', '.join(dofs)}"] if dofs else []
-    said += [f"storey {', '.join(storeys)}"] if storeys else []
-    return " and ".join(said)

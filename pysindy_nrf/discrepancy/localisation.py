@@ -29,6 +29,7 @@ from ..regression.layout import LawLayout
 from .dependence import Basis, Judge, filtered
 from .noise_floor import AT_FLOOR, NoiseFloor
 from .residual import Residual
+from .verdicts import Location
 
 _PIECE = 1024
 # Sites whose own motion is looked at, and sites that come this near to the first.
@@ -77,7 +78,7 @@ def localise(
     table = table.sort_values(["tie", "own"], ascending=False, kind="stable", na_position="last").drop(columns="tie")
     table[["share", "low", "high"]] = table[["share", "low", "high"]].clip(0.0, 100.0)
     table["balances"] = [_signs(residual.model.chain, Site(s)) for s in table.index]
-    table["verdict"] = _verdicts(table, patterns, work)
+    _verdicts(table, patterns, work)
     return table
 
 
@@ -389,36 +390,19 @@ def _signs(chain: Chain, site: Site) -> str:
     return ", ".join(f"{'+' if x > 0 else '-'}{j + 1}" for j, x in enumerate(b) if x)
 
 
-def _verdicts(table: pd.DataFrame, patterns: dict[Site, np.ndarray | None], work: _Work) -> list[str]:
-    n = len(work.known)
+def _verdicts(table: pd.DataFrame, patterns: dict[Site, np.ndarray | None], work: _Work) -> None:
+    """Columns ``verdict``, ``pattern``, ``near`` and ``over floor`` of the table of sites, best first."""
     every = [Site(s) for s in table.index]
-    first = every[0]
-    said = []
-    for place, site in enumerate(every):
-        share, own = table.loc[site, "share"], table.loc[site, "own"]
-        if work.at_floor:
-            much = "round-off" if work.noise is None else f"{work.over_floor:.2g} times what noise leaves"
-            said.append(f"all balances together leave {much}: nothing to locate" if place == 0 else "")
-            continue
-        if not np.isfinite(share):
-            said.append("not seen in the known balances" if patterns[site] is None else "")
-            continue
-        text = f"explains {share:.0f} % (balances {table.loc[site, 'balances']})"
-        if n == 1:
-            text = "one balance: the signs say nothing"
-        if np.isfinite(own):
-            text += {
-                "link": f"; its own motion explains {own:.0f} % of the force",
-                "sensor": f"; a delay explains {own:.0f} %",
-            }.get(site.kind, f"; {own:.0f} % follows no motion there")
-        if place == 0:
-            other = next((s for s in every[1:] if _key(patterns[s]) != _key(patterns[first])), None)
-            same = [str(s) for s in every[1:] if _key(patterns[s]) == _key(patterns[first])]
-            if other is not None and n > 1:
-                gap = share - table.loc[other, "share"]
-                near = gap < 100 * _NEAR or table.loc[other, "high"] > table.loc[first, "low"]
-                text += f"; {'hardly told from' if near else 'next'} {other} ({table.loc[other, 'share']:.0f} %)"
-            if same and n > 1:
-                text += f"; the same pattern as {', '.join(same)}"
-        said.append(text)
-    return said
+    keys = [_key(patterns[site]) for site in every]
+    table["pattern"] = [keys.index(key) for key in keys]
+    table["near"], table["over floor"] = False, work.over_floor
+    if work.at_floor:
+        table["verdict"] = Location.NOTHING
+        return
+    located = Location.ONE_BALANCE if len(work.known) == 1 else Location.EXPLAINS
+    table["verdict"] = [
+        located if np.isfinite(share) else Location.UNSEEN if patterns[site] is None else Location.UNKNOWN
+        for site, share in zip(every, table["share"])
+    ]
+    best = table.iloc[0]
+    table["near"] = (best["share"] - table["share"] < 100 * _NEAR) | (table["high"] > best["low"])

@@ -296,8 +296,8 @@ class LoopReport:
             columns=["law", "family", "site", "validation error (%)"],
         )
         evidence = gather(scenes, models, steps)
-        if said := evidence[-1].coupling_sentence:
-            stopped += f". {said}"
+        if evidence[-1].couplings:
+            stopped += f". {evidence[-1].coupling_sentence}"
             model.info["stopped_because"] = stopped
         loops = loops_of(model, *searched(scenes[-1].trial.work))
         return cls(steps, table, stopped, model, band, listed, models, evidence, measured_of(ready), loops)

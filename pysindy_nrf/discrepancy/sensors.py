@@ -31,6 +31,7 @@ from .gate import MIN_GAIN, TIE
 from .prepare import Prepared, prepare
 from .search import Finding
 from .stage import Stage
+from .verdicts import Contradiction
 from .workspace import Workspace
 
 # Gain that is asked where the channels themselves bear witness.
@@ -63,19 +64,19 @@ class SensorFinding(Finding):
         The same laws on the corrected records.
     equals : list of str
         Sensors of which the data could accuse one as well as this.
-    remark : str
-        What the channels themselves say.
+    witness : Contradiction or None
+        Channels of its DOF that contradict each other.
     """
 
     ready: Prepared | None = None
     stage: Stage | None = None
     equals: list[str] = field(default_factory=list)
-    remark: str = ""
+    witness: Contradiction | None = None
 
     @property
     def least(self) -> float:
         """Gain that the gate asks: less where the channels themselves bear witness, whatever the model."""
-        return _WITNESSED if self.remark else MIN_GAIN
+        return _WITNESSED if self.witness else MIN_GAIN
 
     def on(self, stage: Stage) -> Stage:
         """The current laws on the corrected channels."""
@@ -106,7 +107,7 @@ def sensor_findings(
     found = [_tried(ready, work, stage, s, now) for s in against]
     found += [_rebuilt(ready, work, stage, s) for _, s in promising[:_REBUILT]]
     kept = sorted((f for f in found if f is not None and f.screen < now), key=lambda f: f.error)
-    if kept and kept[0].remark and kept[0].screen < (1 - _WITNESSED) * now:
+    if kept and kept[0].witness and kept[0].screen < (1 - _WITNESSED) * now:
         kept[0] = _sharpened(ready, work, stage, kept[0])
     alone = len(work.forced) == 1 and bool(work.known_masses)  # one force is the scale of the whole chain
     near = [f for f in kept if f.error <= (1 + TIE) * kept[0].error]
@@ -153,7 +154,7 @@ def sharpened_again(
 
 def null_gain(stage: Stage, finding: SensorFinding) -> float:
     """Fall of the error that the same fault promises on data without it, as a share."""
-    if finding.remark:
+    if finding.witness:
         return 0.0  # the channels contradict each other, whatever the model
     assert isinstance(finding.law, SensorFault)
     now = stage.trial().search_error()
@@ -314,7 +315,7 @@ def _rebuilt(ready: Prepared, work: Workspace, stage: Stage, suspect: Suspect) -
         return None
     candidate = Candidate(suspect.law, suspect.site)
     return SensorFinding(
-        candidate, suspect.law, screen, folds=folds, ready=fresh, stage=after, remark=suspect.remark
+        candidate, suspect.law, screen, folds=folds, ready=fresh, stage=after, witness=suspect.witness
     )
 
 
@@ -326,7 +327,7 @@ def _sharpened(ready: Prepared, work: Workspace, stage: Stage, finding: SensorFi
 
     def cost(value: float) -> float:
         nonlocal best
-        one = _rebuilt(ready, work, stage, Suspect(fault.with_values([value]), finding.site, finding.remark))
+        one = _rebuilt(ready, work, stage, Suspect(fault.with_values([value]), finding.site, finding.witness))
         if one is None:
             return 1e6
         best = min(best, one, key=lambda f: f.screen)

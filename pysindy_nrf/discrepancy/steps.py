@@ -137,7 +137,7 @@ def step_of(
         validation_before=float(np.median(before)),
         validation_after=float(np.median(after)),
         noise_floor=floor,
-        evidence=verdict.sentence + (f" ({faulty.remark})" if faulty and faulty.remark else ""),
+        evidence=verdict.sentence + (f" ({faulty.witness.message})" if faulty and faulty.witness else ""),
         runners_up=[(f.law.name, str(f.site), f.error) for f in ranking if f is not chosen][:5],
     )
 

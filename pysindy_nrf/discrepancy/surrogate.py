@@ -291,7 +291,7 @@ class Null:
 
     def gain(self, finding: Finding) -> float:
         """Largest gain of a candidate where it does not act; zero if unknown."""
-        own = isinstance(finding, SensorFinding) and not finding.remark and self.reached
+        own = isinstance(finding, SensorFinding) and not finding.witness and self.reached
         gains = [_OF_A_SENSOR if own else 0.0]
         for stage in self.stages:
             try:

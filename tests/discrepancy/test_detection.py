@@ -9,10 +9,11 @@ from scipy.stats import binom
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, laws
 from pysindy_nrf.discrepancy.correlation import cross_covariance, peak_limit, probability_of_peak
-from pysindy_nrf.discrepancy.detection import LINEAR, NOISE, NONLINEAR, UNMEASURED, detect
+from pysindy_nrf.discrepancy.detection import detect
 from pysindy_nrf.discrepancy.noise_floor import NoiseFloor
 from pysindy_nrf.discrepancy.noise_level import quiet_level
 from pysindy_nrf.discrepancy.residual import residual_of
+from pysindy_nrf.discrepancy.verdicts import ResidualKind
 from pysindy_nrf.regression.input_arrays import from_arrays
 
 RUNS = 200
@@ -42,7 +43,7 @@ def test_false_alarms_come_at_the_nominal_rate(band):
     for _ in range(RUNS):
         e = rng.standard_normal((2500, 1))
         noisy = dataclasses.replace(residual, balance=[e if filter is None else filter.apply(e)])
-        alarms += detect(noisy, min_share=0.0, level=0.05).verdicts.loc["dof 1", "verdict"] != NOISE
+        alarms += detect(noisy, min_share=0.0, level=0.05).verdicts.loc["dof 1", "verdict"] != ResidualKind.NOISE
     low, high = binom.ppf([0.001, 0.999], RUNS, 0.05)
     assert low <= alarms <= high
 
@@ -82,11 +83,11 @@ def coulomb(force, storey, n, width):
 
 def test_effects_are_detected_and_named_linear_or_nonlinear():
     cubic = duffing(3, [1, 2, 3], seed=1, n_samples=6000)
-    assert detect(fitted(cubic)).verdicts.loc["storey 2", "verdict"] == NONLINEAR
+    assert detect(fitted(cubic)).verdicts.loc["storey 2", "verdict"] == ResidualKind.NONLINEAR
     friction = linear_case(3, [1, 2, 3], 2, extra=coulomb(8.0, 2, 3, 1e-4), substeps=4)
     found = detect(fitted(friction))
-    assert found.verdicts.loc["storey 2", "verdict"] == NONLINEAR and not found.is_noise
-    assert found.verdicts.loc["dof 3", "verdict"] == NOISE
+    assert found.verdicts.loc["storey 2", "verdict"] == ResidualKind.NONLINEAR and not found.is_noise
+    assert found.verdicts.loc["dof 3", "verdict"] == ResidualKind.NOISE
 
     def brace(x, v):
         f = 2e4 * (x[..., 2] - x[..., 0])
@@ -94,7 +95,7 @@ def test_effects_are_detected_and_named_linear_or_nonlinear():
 
     braced = linear_case(3, [1, 2, 3], 3, extra=brace)
     verdicts = detect(fitted(braced)).verdicts
-    assert set(verdicts.loc[["dof 1", "dof 3"], "verdict"]) == {LINEAR}
+    assert set(verdicts.loc[["dof 1", "dof 3"], "verdict"]) == {ResidualKind.LINEAR}
     assert (verdicts.loc[["dof 1", "dof 3"], "linear share"] > 0.99).all()
 
 
@@ -109,14 +110,14 @@ def test_unmeasured_force_is_tied_to_no_measured_signal():
     model = ChainModel(m, {i + 1: [laws.LinearViscous(c[i]), laws.LinearElastic(k[i])] for i in range(2)})
     noise = np.random.default_rng(0).standard_normal((len(t), 2))
     residual = residual_of(model, from_arrays(np.hstack([a, v, s]), case.F + noise, dt=case.dt))
-    assert detect(residual).verdicts.loc["dof 2", "verdict"] in (UNMEASURED, LINEAR)
+    assert detect(residual).verdicts.loc["dof 2", "verdict"] in (ResidualKind.UNMEASURED, ResidualKind.LINEAR)
     assert detect(residual).verdicts.loc["dof 2", "p white"] < 1e-6
-    assert detect(residual).verdicts.loc["dof 1", "verdict"] == NOISE
+    assert detect(residual).verdicts.loc["dof 1", "verdict"] == ResidualKind.NOISE
 
 
 @pytest.mark.parametrize("level", [0.01, 0.05])
 def test_fused_noise_is_noise_beside_its_floor_and_a_cubic_is_not(level):
-    for cubic, wanted in ((False, NOISE), (True, NONLINEAR)):
+    for cubic, wanted in ((False, ResidualKind.NOISE), (True, ResidualKind.NONLINEAR)):
         case = duffing(2, [1, 2], seed=5, n_samples=6000, cubic=cubic)
         rng = np.random.default_rng(0)
 
@@ -157,7 +158,7 @@ def test_noise_is_noise_beside_a_floor_that_was_fitted_as_the_model_was():
         floor = NoiseFloor.from_channels(regressor.model_, rec, regressor=regressor, random_state=seed)
         found = detect(residual_of(regressor.model_, from_arrays(X, F)), floor).verdicts
         verdicts = found.loc[[f"dof {j + 1}" for j in range(n)], "verdict"]
-        alarms, balances = alarms + int((verdicts != NOISE).sum()), balances + n
+        alarms, balances = alarms + int((verdicts != ResidualKind.NOISE).sum()), balances + n
     assert alarms <= binom.ppf(0.999, balances, 0.05)
 
 

@@ -14,6 +14,7 @@ from pysindy_nrf.discrepancy.evidence import Evidence, look, searched
 from pysindy_nrf.discrepancy.noise_level import levels_of
 from pysindy_nrf.discrepancy.prepare import prepare
 from pysindy_nrf.discrepancy.splits import split
+from pysindy_nrf.discrepancy.verdicts import Agreement, Dependence, Feature, ResidualKind
 from pysindy_nrf.discrepancy.workspace import Workspace
 
 
@@ -24,17 +25,17 @@ def workspace(rec, heldout=None):
 
 
 @pytest.mark.parametrize(
-    "effect, dependence, mark", [(friction, "v alone", "jump at v = 0"), (cubic, "s alone", "hardening")]
+    "effect, dependence, mark", [(friction, Dependence.RATE, Feature.JUMP), (cubic, Dependence.DRIFT, Feature.HARDENING)]
 )
 def test_evidence_names_place_and_kind_before_the_law_does(effect, dependence, mark):
     report = loop_report(effect)
     first = report.evidence[0]
-    assert first.detection.verdicts.loc["storey 2", "verdict"] == "nonlinear effect missing"
+    assert first.detection.verdicts.loc["storey 2", "verdict"] == ResidualKind.NONLINEAR
     assert first.site == "storey 2" == report.steps[0].site
     assert first.characterisation.dependence == dependence and mark in first.characterisation.features
     step = report.steps[0]
     assert "not noise" in step.detection and "same site, storey 2" in step.localisation
-    assert dependence in step.characterisation
+    assert dependence.value in step.characterisation
 
 
 def test_what_the_step_leaves_is_called_noise():
@@ -42,7 +43,7 @@ def test_what_the_step_leaves_is_called_noise():
     last = report.evidence[-1]
     assert len(report.evidence) == len(report.steps) + 1
     assert last.detection.verdicts["floor ratio"].max() < 2 < report.evidence[0].detection.verdicts["floor ratio"].max()
-    assert last.chosen == "" and last.agreement == ""
+    assert last.chosen == "" and last.agreement == Agreement.NONE
 
 
 def test_a_linear_chain_leaves_nothing_but_noise():
@@ -104,17 +105,22 @@ def test_a_law_with_memory_follows_its_path_through_what_is_held_out():
 def test_agreement_and_disagreement_with_the_chosen_site_are_said():
     first = loop_report(cubic).evidence[0]
 
-    def words(site):
-        return dataclasses.replace(first, chosen=site).agreement
+    def chose(place, **more):
+        one = dataclasses.replace(first, chosen=place, **more)
+        return one.agreement, one.localisation_sentence
 
-    assert "the same site" in words("storey 2")
+    agreement, said = chose("storey 2")
+    assert agreement == Agreement.SAME and "the same site" in said
     far = first.localisation["share"].idxmin()
-    assert f"disagrees with the loop, which chose {far}" in words(far)
-    assert "in a later step" in dataclasses.replace(first, chosen=far, later=("storey 2",)).agreement
-    assert "cannot judge" in words("sensor x1")
+    agreement, said = chose(far)
+    assert agreement == Agreement.DISAGREES and f"disagrees with the loop, which chose {far}" in said
+    agreement, said = chose(far, later=("storey 2",))
+    assert agreement == Agreement.LATER and "in a later step" in said
+    agreement, said = chose("sensor x1")
+    assert agreement == Agreement.UNJUDGED and "cannot judge" in said
     twins = first.localisation[first.localisation["balances"] == "+3"].index
-    best = dataclasses.replace(first, localisation=first.localisation.loc[twins], site=twins[0], chosen=twins[1])
-    assert "by the error after refitting" in best.agreement  # one pattern: the signs say nothing
+    agreement, said = chose(twins[1], localisation=first.localisation.loc[twins], site=twins[0])
+    assert agreement == Agreement.SIGNLESS and "by the error after refitting" in said  # the signs say nothing
     assert Evidence("baseline").detection_sentence.startswith("Detection is not possible because")
 
 
@@ -123,7 +129,7 @@ def test_a_force_linear_in_the_motion_is_no_spectral_line():
     s = np.sin(9 * t) + 0.7 * np.sin(23.1 * t)
     v = 9 * np.cos(9 * t) + 0.7 * 23.1 * np.cos(23.1 * t)
     found = characterise(3.0 * s + 0.5 * v, laws.Motion(s, v, t=t))
-    assert found.dependence == "linear" and "wrong stiffness, damping or mass" in found.sentence
+    assert found.dependence == Dependence.LINEAR and "wrong stiffness, damping or mass" in found.sentence
 
 
 def test_markdown_holds_evidence_parameters_alternatives_and_settings():

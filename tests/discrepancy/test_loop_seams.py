@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,8 +11,10 @@ from simulated_cases import Plan, simulated
 
 from pysindy_nrf import ChainModel, Record, Site, close_loop, laws
 from pysindy_nrf.discrepancy.catalogue import as_laws, candidates
+from pysindy_nrf.discrepancy.verdicts import Agreement, Dependence, Location, Obstacle, ResidualKind, Why
 from pysindy_nrf.output.cli.group import run
-from pysindy_nrf.output.report.story import chapters, lead
+from pysindy_nrf.output.displays.evidence import evidence_figures
+from pysindy_nrf.output.report.story import cautions, chapters, lead
 from pysindy_nrf.regression.errors import nrmse
 
 
@@ -83,9 +86,45 @@ def test_there_is_evidence_for_the_baseline_and_after_every_step(found, silent):
 
 def test_evidence_names_the_storey_and_the_kind_before_the_loop_names_a_law(found):
     first, last = found.evidence
-    assert first.site == "storey 2" and first.characterisation.dependence == "s alone"
+    assert first.site == "storey 2" and first.characterisation.dependence == Dependence.DRIFT
     assert not first.detection.is_noise
     assert last.sizes["rms"].max() < first.sizes["rms"].max()
+
+
+def test_where_there_is_nothing_to_locate_no_site_is_named(silent, found):
+    for report in (silent, found):
+        last = report.evidence[-1]
+        assert last.localisation["verdict"].iloc[0] == Location.NOTHING and last.site == ""
+        assert last.characterisation is None and last.not_possible["characterisation"].expected
+        for one in (last, replace(last, chosen="storey 1")):
+            said = one.localisation_sentence
+            assert said.endswith("nothing to locate.") and one.agreement == Agreement.NONE
+            assert not any(word in said for word in ("storey", "dof", "ground", "link", "sensor"))
+        assert not any("Localisation" in figure.title for figure in evidence_figures(last))
+        assert not any("not possible" in line for line in cautions(report))
+
+
+def test_a_residual_that_is_not_noise_and_has_no_place_is_not_characterised(silent):
+    """Some balance correlates, while all together leave no more than noise does."""
+    last = silent.evidence[-1]
+    verdicts = last.detection.verdicts.assign(verdict=ResidualKind.UNMEASURED)
+    one = replace(
+        last,
+        detection=replace(last.detection, verdicts=verdicts),
+        not_possible={"characterisation": Obstacle(Why.NOTHING_LOCATED)},
+    )
+    assert "unmeasured force or coloured noise" in one.detection_sentence
+    assert one.characterisation_sentence == (
+        "Characterisation is not possible because the residual is at the noise floor."
+    )
+
+
+def test_a_disagreement_about_the_site_is_a_caution_of_the_page(found):
+    first = found.evidence[0]
+    far = first.localisation["share"].idxmin()
+    other = replace(found, evidence=[replace(first, chosen=far), *found.evidence[1:]])
+    assert sum("disagree" in line for line in cautions(other)) == 1
+    assert not any("disagree" in line for line in cautions(found))
 
 
 # -- verdicts to words ------------------------------------------------------------------------------

@@ -186,7 +186,9 @@ def test_doubts_about_a_step_are_said():
     step = report.steps[0]
     assert not any("worse than before" in said or "disagree" in said for said in cautions(report))
     doubtful = copy.copy(report)
-    doubtful.steps = [replace(step, free_run_before=10.0, free_run_after=30.0, localisation="storey 3: disagrees")]
+    doubtful.steps = [replace(step, free_run_before=10.0, free_run_after=30.0)]
+    first, *rest = report.evidence
+    doubtful.evidence = [replace(first, chosen=first.localisation["share"].idxmin()), *rest]
     said = " ".join(cautions(doubtful))
     assert f"at {step.site} the held-out free run is worse than before (10 to 30 %)" in said
     assert "Localisation and the loop disagree about" in said

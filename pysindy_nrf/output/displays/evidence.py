@@ -26,7 +26,7 @@ _DEPENDENCES = {
 def evidence_figures(evidence: Evidence) -> list[Figure]:
     """Everything that can be drawn of one step of the loop: residual, correlation, localisation, dependence."""
     made = [residual_figure(evidence.sizes, evidence.floor), _correlation(evidence)]
-    if evidence.localisation is not None:
+    if evidence.localisation is not None and evidence.site:
         made.append(localisation_figure(evidence.localisation, evidence.chosen))
     found = [figure for figure in made if figure is not None]
     if evidence.characterisation is not None:
@@ -73,7 +73,7 @@ def residual_figure(sizes: pd.DataFrame, floor: Any = None) -> Figure | None:
 
 def _correlation(evidence: Evidence) -> Figure | None:
     """The strongest correlation of the residual, and what noise stays within."""
-    from ...discrepancy.detection import TEST_WORDS
+    from ...discrepancy.words import TESTS
 
     best = evidence.strongest
     if evidence.detection is None or best is None:
@@ -82,10 +82,10 @@ def _correlation(evidence: Evidence) -> Figure | None:
     lag, phi, band = evidence.detection.curves[best["where"], best["test"], best["signal"]]
     ends = np.asarray(lag, dtype=float)[[0, -1]]
     rows = [
-        [dof_words(r["where"]), TEST_WORDS[r["test"]].format(x=r["signal"]), r["peak"], r["band"], r["p"]]
+        [dof_words(r["where"]), TESTS[r["test"]].format(x=r["signal"]), r["peak"], r["band"], r["p"]]
         for _, r in tests.sort_values("over", ascending=False).head(12).iterrows()
     ]
-    where, words = dof_words(best["where"]), TEST_WORDS[best["test"]].format(x=best["signal"])
+    where, words = dof_words(best["where"]), TESTS[best["test"]].format(x=best["signal"])
     return Figure(
         f"Detection: the strongest correlation, {where}",
         [Area(ends, [-band, -band], [band, band], "noise stays within"), Line(lag, phi, "correlation", width=1.6)],

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from ...discrepancy.verdicts import Agreement
+from ...discrepancy.words import obstacle
 from ..displays._figure import Figure, Table
 from ..displays.evidence import evidence_figures
 from .equations import pretty_unit
@@ -83,14 +86,14 @@ def chapters(report: Any) -> list[Chapter]:
 def cautions(report: Any) -> list[str]:
     """What makes the result doubtful."""
     out = []
-    for step in report.steps:
+    for step, evidence in zip_longest(report.steps, report.evidence[: len(report.steps)]):
         law = f"{names(step.law)} at {step.site}"
         if not step.sure:
             out.append(f"{law} is only the closest law: {100 * step.remainder:.0f} % of the effect stays unexplained.")
         if step.alternatives:
             others = listed(map(names, step.alternatives))
             out.append(f"At {step.site} the data cannot tell {names(step.family)} from {others}.")
-        if "disagrees" in step.localisation:
+        if evidence is not None and evidence.agreement == Agreement.DISAGREES:
             out.append(f"Localisation and the loop disagree about {law}; see its step.")
         if step.free_run_after > 1.1 * step.free_run_before:
             out.append(
@@ -98,8 +101,8 @@ def cautions(report: Any) -> list[str]:
                 f"{step.free_run_after:.3g} %), though the balances close better."
             )
     out += not_positive(report.model.masses, "not positive")
-    rooms = {room: why for e in report.evidence for room, why in e.not_possible.items() if "noise" not in why}
-    out += [sentence(f"{room} was not possible because {why}") for room, why in rooms.items()]
+    closed = {name: why for e in report.evidence for name, why in e.not_possible.items() if not why.expected}
+    out += [sentence(f"{name} was not possible because {obstacle(why)}") for name, why in closed.items()]
     if any(e.floor is None for e in report.evidence):
         out.append("What noise alone would leave is not known here; noise is taken to be white within the band.")
     return list(dict.fromkeys(out))

@@ -17,7 +17,7 @@ from pysindy_nrf import (
     StateSpaceChainOptimizer,
     laws,
 )
-from pysindy_nrf.data.estimator_input import checked
+from pysindy_nrf.data.channels import checked
 
 
 def padded(X, multiple, least=0):

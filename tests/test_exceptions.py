@@ -20,7 +20,7 @@ WARNINGS = [c for c in CLASSES if issubclass(c, NRFWarning)]
 # What is raised besides, with the reason. (file, class)
 ALLOWED = {
     ("common/lazy.py", "AttributeError"): "the protocol of module attributes",
-    ("data/clock.py", "AttributeError"): "the protocol of attributes",
+    ("data/channels.py", "AttributeError"): "the protocol of attributes",
     ("laws/contract.py", "AssertionError"): "a check that a law failed, as documented",
     ("data/channels.py", "TypeError"): "caught some lines below",
     ("data/channels.py", "kind"): "one of two typed errors, chosen above",
@@ -31,7 +31,7 @@ ALLOWED = {
     ("selection/fold_moments.py", "NotTogether"): "the same",
 }
 # Readers' helpers: the reader turns their ValueError into a FileFormatError (test_fuzz.py holds it to that).
-HELPERS = {"data/io/attributes.py", "data/io/matlab.py", "data/io/numpy_files.py", "data/io/uff.py", "common/schema.py"}
+HELPERS = {"data/io/table.py", "data/io/arrays.py", "data/io/uff.py", "common/schema.py"}
 # The sentences of a walk say themselves what would help.
 CURE_INSIDE = {"mechanics/identifiability.py": "its reasons say what would help"}
 # Functions that build the error they are named for.

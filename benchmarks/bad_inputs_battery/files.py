@@ -136,7 +136,7 @@ def of_readers() -> dict[str, tuple]:
         "prose": (written("notes.txt", "The shaker was mounted on floor 2.\nIt rained.\n"), "no rows of numbers", "table of numbers"),
         "markup": (written("page.csv", "<html><script>alert(1)</script></html>\n"), "no rows of numbers", "table of numbers"),
         "binary called CSV": (written("data.csv", bytes(range(256)) * 40), "binary data", "rename it|export it"),
-        "a type that is not read": (written("test.xlsb", b"abc"), "type .xlsb, which is not read", "Read are"),
+        "a type that is not read": (written("test.xlsb", b"abc"), "type .xlsb, which is not read", "Supported types are"),
         "a spreadsheet called CSV": (zipped("xl/workbook.xml", b"<workbook/>").rename(folder() / "book.csv"), "is called .csv but holds", "Rename|export"),
         "HDF5 called NPZ": (hdf5().rename(folder() / "h.npz"), "is called .npz but holds HDF5", "Rename it to .h5"),
         "Parquet called CSV": (parquet().rename(folder() / "p.csv"), "is called .csv but holds Parquet", "Rename it to .parquet"),

@@ -60,7 +60,7 @@ def refused() -> dict[str, tuple]:
         "jitter": (clock(TIME + jitter), "clock is uneven", "resample"),
         "a time with NaN": (clock(np.where(TIME == TIME[7], np.nan, TIME)), "not finite in row 7", "Repair"),
         "a time with NaT": (clock(np.where(TIME == TIME[7], np.datetime64("NaT"), (1e3 * TIME).astype("datetime64[ms]"))), "not finite in row 7", "Repair"),
-        "times without end": (clock(1e308 * np.linspace(-1, 1, len(TIME))), "which is no clock", "Check its unit"),
+        "times without end": (clock(1e308 * np.linspace(-1, 1, len(TIME))), "is not a time in seconds", "Check its unit"),
         "one time far off": (clock(np.where(TIME == TIME[-1], 1e308, TIME)), "clock is uneven", "Split|resample"),
         "too few times": (clock(TIME[:-3]), "1497 times for 1500 samples", "one time for each"),
         "unknown coordinates": (rec(coordinates="local"), "coordinates='local'", "relative"),

@@ -218,7 +218,7 @@ def read_mapping(path: Path) -> Any:
 def read_words(path: Path) -> Any:
     """The small grammars: mappings, units, sites."""
     from pysindy_nrf import Site
-    from pysindy_nrf.data.io.expression import line_of, parse
+    from pysindy_nrf.data.io.mapping import line_of, parse
     from pysindy_nrf.data.io.table import Table
     from pysindy_nrf.data.io.units import factor, is_unit
     from pysindy_nrf.exceptions import NRFError

@@ -1,7 +1,7 @@
-"""What a channel may hold: numbers, the rule for NaN and zero, and messages that name it.
+"""Checks of the arrays that users pass in: channels, record ids, times, and the input of estimators.
 
-Per record: a column of NaN = not measured (a force: unknown); leading and trailing NaN rows =
-filter edges, masked and counted; any other NaN and every infinity = an error.
+The rule for missing values, per record: a column of NaN was not measured (a force: unknown); leading and trailing
+NaN rows are filter edges, masked and counted; any other NaN, and every infinity, is an error.
 """
 
 from __future__ import annotations
@@ -11,10 +11,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from ..exceptions import ChannelError, ChannelTypeError, DataQualityWarning
 
-EDGES_LEAVE = 0.5  # of the rows of a record: filters that leave less than half of it are not edges
+_EDGES_LEAVE = 0.5  # share of the rows; a warning is given if the NaN edges leave less
+GAP = 1.5  # a time step this many times the median step is a gap
 
 
 def rows_text(rows: np.ndarray, most: int = 3) -> str:
@@ -27,25 +29,22 @@ def rows_text(rows: np.ndarray, most: int = 3) -> str:
 def as_matrix(
     value: Any, names: Sequence[str] | str, n_columns: int | None = None, what: str = "channels"
 ) -> np.ndarray:
-    """A real float matrix, one column for each channel, or an error that names the channel."""
+    """Real float matrix with one column per channel, or an error that names the channel."""
     if isinstance(value, np.ma.MaskedArray):
         value = np.ma.filled(value.astype(float), np.nan)
     if hasattr(value, "nnz") and hasattr(value, "toarray"):
         raise ChannelError(f"The {what} are sparse, which is not supported", "Give a dense array: .toarray().")
     if hasattr(value, "to_numpy"):
         value = value.to_numpy()
+    layout = "Give one row per sample and one column per channel."
     try:
         array = np.asarray(value)
     except ValueError:  # ragged lists
-        raise ChannelError(
-            f"The {what} differ in length", "Give one row per sample and one column per channel."
-        ) from None
+        raise ChannelError(f"The {what} differ in length", layout) from None
     if array.ndim == 1:
         array = array[:, None]
     if array.ndim != 2:
-        raise ChannelError(
-            f"The {what} have {array.ndim} dimensions", "Give one row per sample and one column per channel."
-        )
+        raise ChannelError(f"The {what} have {array.ndim} dimensions", layout)
 
     def name(i: int) -> str:
         return f"{names}{i + 1}" if isinstance(names, str) else str(names[i])
@@ -87,7 +86,7 @@ def as_matrix(
 
 
 def finite_span(columns: Sequence[np.ndarray], names: Sequence[str], record: str = "") -> slice:
-    """Rows between the leading and trailing NaN edges, after checking what lies between."""
+    """Rows between the leading and trailing NaN edges; NaN or infinite values in between are errors."""
     where = f" of {record}" if record else ""
     n = len(columns[0]) if columns else 0
     first, last, shortest, worst = 0, n, n, ""
@@ -113,7 +112,7 @@ def finite_span(columns: Sequence[np.ndarray], names: Sequence[str], record: str
         first, last = max(first, start), min(last, stop)
         if stop - start < shortest:
             shortest, worst = stop - start, name
-    if last - first < EDGES_LEAVE * n:
+    if last - first < _EDGES_LEAVE * n:
         lost = (
             f"NaN at the edges leave {max(0, last - first)} of {n} rows{where}; channel {worst} is measured in "
             f"{shortest} of them"
@@ -124,17 +123,17 @@ def finite_span(columns: Sequence[np.ndarray], names: Sequence[str], record: str
     return slice(first, max(first, last))
 
 
-# What programs write where nothing was measured, of either sign: loggers, weather and earthquake data.
+# Numbers of either sign that loggers, weather and earthquake programs write where nothing was measured.
 _FILLERS = np.array([999.0, 999.25, 9999.0, 99999.0, 999999.0, 9999999.0, 1e30, 1e35, 1e37, 9.9e37, 1e38])
 FILLED = (
     "Leave those cells empty (NaN); inside a record, split it there (signals.alignment.split_at_gaps) or fill the "
     "gap."
 )
-_APART = 5.0  # times the largest other value: a channel that reaches such a number by itself comes near it, too
+_APART = 5.0  # a filler exceeds all other values by this factor; real peaks have neighbours of similar size
 
 
 def fillers(line: np.ndarray) -> tuple[np.ndarray, str]:
-    """Rows that hold a number standing for "not measured", -9999 and the like, far beyond all others."""
+    """Rows that hold a filler such as -9999 for "not measured", far beyond all other values, and a text on them."""
     none = np.zeros(0, dtype=int), ""
     size = np.abs(line)
     most = np.fmax.reduce(size, initial=0.0)
@@ -142,8 +141,154 @@ def fillers(line: np.ndarray) -> tuple[np.ndarray, str]:
         return none
     rows = np.flatnonzero(size == most)
     others = np.where(size < most, size, 0.0).max()
-    by_chance = len(rows) == 1 and line[rows[0]] > 0  # a blow may reach 999 N, once
+    by_chance = len(rows) == 1 and line[rows[0]] > 0  # a single impact may reach 999 N
     if by_chance or others * _APART > most or 2 * len(rows) > len(line):
         return none
     said = f"{line[rows[0]]:g} in {rows_text(rows)}, far beyond all others: a number that stands for 'not measured'"
     return rows, said
+
+
+# -- records and their times ------------------------------------------------------------------
+
+
+class EvenClock(np.lib.mixins.NDArrayOperatorsMixin):
+    """Times 0, dt, 2 dt, ... in s that behave as an array; only the rows asked for are computed."""
+
+    def __init__(self, size: int, dt: float) -> None:
+        self._size, self._dt = size, dt
+
+    def __len__(self) -> int:
+        return self._size
+
+    def __getitem__(self, index: Any) -> Any:
+        if isinstance(index, slice):
+            return np.arange(*index.indices(self._size)) * self._dt
+        if isinstance(index, (int, np.integer)):
+            return np.float64(range(self._size)[index] * self._dt)
+        return np.asarray(self)[index]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        return np.asarray(self[:], dtype=dtype)
+
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
+        arrays = (np.asarray(value) if isinstance(value, EvenClock) else value for value in inputs)
+        return getattr(ufunc, method)(*arrays, **options)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(self[:], name)
+
+
+def by_record(record: Any, size: int) -> list[tuple[str, slice]]:
+    """Name and rows of each record, from one id per sample."""
+    if record is None:
+        return [("record", slice(0, size))]
+    ids = np.asarray(record).ravel()
+    if len(ids) != size:
+        raise ChannelError(f"record has {len(ids)} ids, X has {size} samples", "Give one id for each sample.")
+    lost = np.flatnonzero(pd.isna(ids))
+    if lost.size:
+        raise ChannelError(f"record has no id in {rows_text(lost)}", "Give one id for each sample.")
+    return [(str(ids[rows.start]), rows) for rows in _between(np.flatnonzero(ids[1:] != ids[:-1]) + 1, 0, size)]
+
+
+def gaps(seconds: np.ndarray) -> np.ndarray:
+    """Rows after which the clock of one record jumps."""
+    steps = np.diff(seconds)
+    return np.flatnonzero(steps > GAP * np.median(steps)) if len(steps) > 2 else np.zeros(0, dtype=int)
+
+
+def contiguous(size: int, record: Any = None, seconds: np.ndarray | None = None) -> list[tuple[str, slice]]:
+    """Name and rows of each piece that has one record id and a clock without a gap."""
+    pieces = by_record(record, size)
+    if seconds is None:
+        return pieces
+    return [
+        (name, piece)
+        for name, rows in pieces
+        for piece in _between(rows.start + gaps(seconds[rows]) + 1, rows.start, rows.stop)
+    ]
+
+
+def _between(cuts: np.ndarray, start: int, stop: int) -> list[slice]:
+    edges = [start, *cuts.tolist(), stop]
+    return [slice(lo, hi) for lo, hi in zip(edges[:-1], edges[1:])]
+
+
+# -- input of estimators ----------------------------------------------------------------------
+
+
+def column_names(X: Any) -> list[str] | None:
+    """Names of the columns of a table, None for an array."""
+    return [str(c) for c in X.columns] if hasattr(X, "columns") else None
+
+
+def checked(estimator: Any, X: Any, *, reset: bool, prefix: str = "column ") -> np.ndarray:
+    """Input of an estimator as a float matrix, its columns compared with those of ``fit``."""
+    names = column_names(X)
+    require_two_dimensions(X)
+    matrix = as_matrix(X, names or prefix, what="columns of X")
+    if matrix.shape[1] == 0:  # in the words that scikit-learn's checks expect, here and below
+        raise ChannelError(
+            f"X has 0 feature(s) (shape={matrix.shape}) while a minimum of 1 is required",
+            "Give one column per channel.",
+        )
+    if len(matrix) == 0:
+        raise ChannelError("X has no samples (0 rows)", "Give a record.")
+    same_columns(estimator, matrix.shape[1], names, reset)
+    return matrix
+
+
+def same_columns(estimator: Any, width: int, names: list[str] | None, reset: bool) -> None:
+    """Store the columns on the estimator (reset), or compare them with those of ``fit``."""
+    if reset:
+        estimator.n_features_in_ = width
+        if names is not None:
+            estimator.feature_names_in_ = np.array(names, dtype=object)
+        elif hasattr(estimator, "feature_names_in_"):
+            del estimator.feature_names_in_
+        return
+    if width != estimator.n_features_in_:
+        raise ChannelError(
+            f"X has {width} features, but {type(estimator).__name__} is expecting {estimator.n_features_in_} features "
+            "as input",
+            "Give the columns of fit.",
+        )
+    fitted = getattr(estimator, "feature_names_in_", None)
+    if names is not None and fitted is not None and names != list(fitted):
+        raise ChannelError(
+            f"The columns {', '.join(names[:9])} are not those of fit, {', '.join(fitted[:9])}", "Fit again."
+        )
+
+
+def require_two_dimensions(X: Any) -> None:
+    """Refuse a single column given without its second dimension."""
+    if isinstance(X, (list, tuple)):
+        flat = len(X) > 0 and isinstance(X[0], (int, float, np.number))
+    else:
+        flat = not hasattr(X, "columns") and not hasattr(X, "nnz") and np.ndim(np.asarray(X)) == 1
+    if flat:
+        raise ChannelError(
+            "Expected a 2D array, got a 1D array",
+            "Reshape your data: X.reshape(-1, 1) if it is one channel, X.reshape(1, -1) if it is one sample.",
+        )
+
+
+def is_dask(X: Any) -> bool:
+    """True for a Dask array, table or delayed value; Dask is not imported."""
+    return hasattr(X, "__dask_graph__")
+
+
+def sample_weights(weights: Any, size: int) -> np.ndarray:
+    """Weights of the samples, ones if None."""
+    if weights is None:
+        return np.ones(size)
+    line = as_matrix(weights, ["sample_weight"], 1, "weights")[:, 0].astype(float)
+    if len(line) != size:
+        raise ChannelError(f"sample_weight has {len(line)} values, X has {size} samples", "Give one for each sample.")
+    if not np.isfinite(line).all() or (line < 0).any() or not line.any():
+        raise ChannelError(
+            "sample_weight holds values that are not valid weights", "Give numbers from zero up, not all zero."
+        )
+    return line

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import re
 from collections.abc import Mapping
 from datetime import datetime
@@ -13,10 +14,11 @@ import pandas as pd
 from ..common.hooks import Hook
 from ..exceptions import ChannelError
 from ..mechanics.chain import MOST_DOFS
-from .channels import as_matrix, finite_span
+from .channels import GAP, as_matrix, finite_span
 
-_LARGEST = 1e100  # SI units
-_MOTIONS = {"acceleration": "a", "velocity": "v", "displacement": "x"}
+_LARGEST = 1e100  # SI units; its square is still a double
+MATRICES = {"force": "F", "acceleration": "a", "velocity": "v", "displacement": "x"}  # one column for each DOF
+BASES = {"base_acceleration": "ag", "base_velocity": "vg", "base_displacement": "xg"}
 
 
 class Record:
@@ -26,7 +28,7 @@ class Record:
     ----------
     force : array-like of shape (n_samples, n_dof), optional
         Applied forces F_j, N. A column of zeros = known to be unforced; a column of NaN = unknown.
-        Left out, the forces are zero (base excitation, free decay).
+        None = all forces are zero (base excitation, free decay).
     acceleration : array-like of shape (n_samples, n_dof), optional
         Absolute accelerations a_j (what accelerometers measure), m/s^2. A column of NaN = not measured.
     velocity, displacement : array-like of shape (n_samples, n_dof), optional
@@ -42,7 +44,7 @@ class Record:
     name : str
         Name of the test, used in messages and reports.
     coordinates : {"relative", "absolute"}
-        Whether ``velocity`` and ``displacement`` are relative to the base or absolute.
+        Reference of ``velocity`` and ``displacement``: the base, or a fixed point.
     time : array-like of shape (n_samples,), optional
         Time of the samples, s, equally spaced.
 
@@ -92,13 +94,11 @@ class Record:
             )
         self.name = str(name)
         self.coordinates = coordinates
-        given = {"acceleration": acceleration, "velocity": velocity, "displacement": displacement}
-        present = {key: value for key, value in given.items() if value is not None}
-        if not present:
+        given = {"acceleration": acceleration, "velocity": velocity, "displacement": displacement, "force": force}
+        arrays = {key: as_matrix(value, MATRICES[key], what=key) for key, value in given.items() if value is not None}
+        motions = [array for key, array in arrays.items() if key != "force"]
+        if not motions:
             raise ChannelError(f"Record {self.name!r} has no motion", "Give acceleration, velocity or displacement.")
-        arrays = {key: as_matrix(value, _MOTIONS[key], what=key) for key, value in present.items()}
-        if force is not None:
-            arrays["force"] = as_matrix(force, "F", what="force")
         n_dof = {a.shape[1] for a in arrays.values()}
         if len(n_dof) > 1:
             raise ChannelError(
@@ -111,18 +111,18 @@ class Record:
                 f"Record {self.name!r} has {self.n_dof} DOFs",
                 "Give one row per sample and one column per DOF; transpose the arrays?",
             )
-        base = {
-            "base acceleration ag": base_acceleration,
-            "base velocity vg": base_velocity,
-            "base displacement xg": base_displacement,
-        }
         if not isinstance(covariates, (Mapping, type(None))):
             raise ChannelError(
                 f"Record {self.name!r}: the covariates are not a mapping",
                 "Give channels by name: covariates={'voltage': u}.",
             )
-        base |= {f"covariate {k}": v for k, v in dict(covariates or {}).items()}
-        lines = {k: as_matrix(v, [k], 1, k)[:, 0] for k, v in base.items() if v is not None}
+        bases = {
+            "base acceleration ag": base_acceleration,
+            "base velocity vg": base_velocity,
+            "base displacement xg": base_displacement,
+        }
+        bases |= {f"covariate {k}": v for k, v in dict(covariates or {}).items()}
+        lines = {k: as_matrix(v, [k], 1, k)[:, 0] for k, v in bases.items() if v is not None}
         lengths = {k: len(a) for k, a in (arrays | lines).items()}
         if len(set(lengths.values())) > 1:
             raise ChannelError(
@@ -133,9 +133,9 @@ class Record:
         self.n_samples = next(iter(lengths.values()))
         if self.n_samples < 2:
             raise ChannelError(f"Record {self.name!r} has {self.n_samples} samples", "At least two are needed.")
-        if all(np.isnan(arrays[key]).all() for key in present):
+        if all(np.isnan(motion).all() for motion in motions):
             raise ChannelError(
-                f"Record {self.name!r} has no motion, every channel is NaN", "Give one that was measured."
+                f"Record {self.name!r} has no motion, every channel is NaN", "Give at least one measured channel."
             )
         self.fs, self.t0 = _clock(fs, time, self.n_samples, self.name)
         self.acceleration: np.ndarray | None = arrays.get("acceleration")
@@ -168,14 +168,12 @@ class Record:
             covariates; a column of NaN is left out.
         """
         out = {}
-        for prefix, array in (("F", self.force), *((_MOTIONS[k], getattr(self, k)) for k in _MOTIONS)):
-            if array is not None:
-                for j in range(self.n_dof):
-                    if not np.isnan(array[:, j]).all():
-                        out[f"{prefix}{j + 1}"] = array[:, j]
-        for key, line in (("ag", self.base_acceleration), ("vg", self.base_velocity), ("xg", self.base_displacement)):
-            if line is not None:
-                out[key] = line
+        for key, prefix in MATRICES.items():
+            matrix = getattr(self, key)
+            if matrix is not None:
+                measured = np.flatnonzero(~np.isnan(matrix).all(axis=0))
+                out |= {f"{prefix}{j + 1}": matrix[:, j] for j in measured}
+        out |= {short: line for key, short in BASES.items() if (line := getattr(self, key)) is not None}
         return out | self.covariates
 
     @property
@@ -205,11 +203,8 @@ class Record:
 
     @property
     def base_moves(self) -> bool:
-        """Whether a motion of the base was given."""
-        return any(
-            b is not None and np.nan_to_num(b).any()
-            for b in (self.base_acceleration, self.base_velocity, self.base_displacement)
-        )
+        """True if a motion of the base was given."""
+        return any((line := getattr(self, key)) is not None and np.nan_to_num(line).any() for key in BASES)
 
     # -- from and to other things -------------------------------------------------------------
 
@@ -242,12 +237,9 @@ class Record:
         twice = sorted({c for c in names if names.count(c) > 1})
         if twice:
             raise ChannelError(f"Column {twice[0]!r} is in the table more than once", "Rename or drop one.")
-        columns = dict(zip(names, (df.iloc[:, i] for i in range(len(names)))))
-        time = None
-        for name in ("t", "time"):
-            if name in columns:
-                time = columns.pop(name).to_numpy()
-                break
+        columns = {name: df.iloc[:, i] for i, name in enumerate(names)}
+        clock = next((name for name in ("t", "time") if name in columns), None)
+        time = None if clock is None else columns.pop(clock).to_numpy()
         if time is None and fs is None:
             time = _index_time(df.index)
         numbered: dict[tuple[str, int], Any] = {}
@@ -279,18 +271,13 @@ class Record:
                 for j in range(1, n + 1)
             ])
 
-        base = {key: columns.pop(key).to_numpy() for key in ("ag", "vg", "xg") if key in columns}
+        base = {key: columns.pop(short).to_numpy() for key, short in BASES.items() if short in columns}
         return cls(
-            force=matrix("F", 0.0),
-            acceleration=matrix("a", np.nan),
-            velocity=matrix("v", np.nan),
-            displacement=matrix("x", np.nan),
             fs=fs,
-            base_acceleration=base.get("ag"),
-            base_velocity=base.get("vg"),
-            base_displacement=base.get("xg"),
-            covariates={k: c.to_numpy() for k, c in columns.items()},
             time=time,
+            **{key: matrix(prefix, 0.0 if key == "force" else np.nan) for key, prefix in MATRICES.items()},
+            **base,
+            covariates={k: c.to_numpy() for k, c in columns.items()},
             **options,
         )
 
@@ -328,7 +315,7 @@ class Record:
         return X, F
 
     def window(self, start: float, stop: float) -> Record:
-        """The part of the record between two times.
+        """Part of the record between two times.
 
         Parameters
         ----------
@@ -354,7 +341,7 @@ class Record:
         return self.rows(slice(rows[0], rows[-1] + 1))
 
     def rows(self, rows: slice) -> Record:
-        """The part of the record in a slice of rows.
+        """Part of the record in a slice of rows.
 
         Parameters
         ----------
@@ -369,20 +356,18 @@ class Record:
         ChannelError
             If they are not two or more consecutive samples of the record.
         """
-        def cut(array: Any) -> Any:
-            return None if array is None else array[rows]
-
-        new = self.replace()
         start = range(self.n_samples)[rows]
         if len(start) < 2 or start.step != 1:
             raise ChannelError(
                 f"Record {self.name!r}: {rows} is not a part of its {self.n_samples} samples",
                 "Take two or more consecutive rows.",
             )
+        new = copy.copy(self)
         new.n_samples, new.t0 = len(start), self.t0 + start[0] / self.fs
-        for key in ("force", *_MOTIONS, "base_acceleration", "base_velocity", "base_displacement"):
-            setattr(new, key, cut(getattr(self, key)))
-        new.covariates = {k: cut(c) for k, c in self.covariates.items()}
+        for key in (*MATRICES, *BASES):
+            array = getattr(self, key)
+            setattr(new, key, None if array is None else array[rows])
+        new.covariates = {k: line[rows] for k, line in self.covariates.items()}
         return new
 
     def replace(self, **changes: Any) -> Record:
@@ -398,24 +383,9 @@ class Record:
         Record
         """
         if not changes:
-            new = object.__new__(type(self))
-            new.__dict__.update(self.__dict__)
-            return new
-        fields = {
-            key: getattr(self, key)
-            for key in (
-                "force",
-                *_MOTIONS,
-                "fs",
-                "base_acceleration",
-                "base_velocity",
-                "base_displacement",
-                "covariates",
-                "name",
-                "coordinates",
-            )
-        }
-        new = Record(**(fields | changes))
+            return copy.copy(self)
+        keys = (*MATRICES, *BASES, "fs", "covariates", "name", "coordinates")
+        new = Record(**({key: getattr(self, key) for key in keys} | changes))
         if changes.get("time") is None:
             new.t0 = self.t0
         return new
@@ -440,11 +410,12 @@ def _index_time(index: pd.Index) -> Any:
 
 def _clock(fs: Any, time: Any, n: int, name: str) -> tuple[float, float]:
     """Sampling rate and first time of a record, checked for an even clock."""
+    given = np.nan
     if fs is not None:
         try:
             given = float(fs)
         except (TypeError, ValueError):
-            given = np.nan
+            pass
         if not np.isfinite(given) or given <= 0:
             raise ChannelError(f"Record {name!r}: fs={fs!r} is not a sampling rate", "Give a positive number in Hz.")
     if time is None:
@@ -469,18 +440,18 @@ def _clock(fs: Any, time: Any, n: int, name: str) -> tuple[float, float]:
     if not np.isfinite(rate) or rate == 0:
         raise ChannelError(
             f"Record {name!r}: the time runs from {seconds[0]:g} to {seconds[-1]:g} s in {n} samples, "
-            "which is no clock",
+            "which is not a time in seconds",
             "Check its unit, and that the column is the time; or leave it out (t = 'none') and give fs.",
         )
     grid = np.abs(seconds - seconds[0] - step * np.arange(n)).max()
     if grid > 0.05 * step and np.abs(steps - step).max() > 0.05 * step:
         usual = float(np.median(steps))
         worst = int(np.abs(steps - usual).argmax())
-        gaps = np.flatnonzero(steps > 1.5 * usual)
-        if gaps.size and steps.min() > 0.75 * usual:  # jitter shortens as many steps as it lengthens
+        jumps = np.flatnonzero(steps > GAP * usual)
+        if jumps.size and steps.min() > 0.75 * usual:  # jitter shortens as many steps as it lengthens
             with np.errstate(over="ignore"):
-                lost = float((steps[gaps] / usual - 1).sum())
-            kind = f"{gaps.size} gap{'s' if gaps.size > 1 else ''}, about {lost:.0f} samples are missing"
+                lost = float((steps[jumps] / usual - 1).sum())
+            kind = f"{jumps.size} gap{'s' if jumps.size > 1 else ''}, about {lost:.0f} samples are missing"
             cure = "Split the record at gaps (alignment.split_at_gaps), or resample it to an even clock."
         else:
             kind = f"jitter, steps of {steps.min():g} to {steps.max():g} s"
@@ -518,7 +489,7 @@ def seconds_of(time: Any, name: str = "record") -> np.ndarray:
 
 
 def plain_times(time: Any) -> np.ndarray:
-    """Times as an array of numbers, ``datetime64`` or ``timedelta64``; those with a time zone become UTC."""
+    """Times as an array of numbers, ``datetime64`` or ``timedelta64``; times with a time zone become UTC."""
     array = np.asarray(time)
     if array.dtype == object and array.size and isinstance(array.flat[0], datetime):
         return pd.DatetimeIndex(pd.to_datetime(array.ravel(), utc=True)).tz_localize(None).to_numpy()

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from sklearn.utils.validation import check_is_fitted
 
-from ..data.estimator_input import require_two_dimensions, sample_weights
+from ..data.channels import require_two_dimensions, sample_weights
 from ..data.record import Record
 from ..diagnostics.test_planning import Diagnosis, diagnose
 from ..exceptions import ChannelError, DataQualityWarning

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from sklearn.base import BaseEstimator, RegressorMixin
 
-from ..data.estimator_input import column_names, require_two_dimensions, same_columns
+from ..data.channels import column_names, require_two_dimensions, same_columns
 from ..data.record import Record
 from ..exceptions import ChainError, ChannelError, DataQualityWarning
 from ..mechanics.chain import Chain

@@ -13,7 +13,7 @@ from pysindy.feature_library.base import BaseFeatureLibrary
 from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted
 
-from ..data.estimator_input import checked, same_columns
+from ..data.channels import checked, same_columns
 from ..exceptions import ChainError, ChannelError, DataQualityWarning, LawError
 from ..laws import PowerSeries
 from ..laws.base import ForceLaw

@@ -10,9 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ..data.channels import as_matrix, finite_span, rows_text
-from ..data.clock import EvenClock
-from ..data.pieces import by_record, contiguous, gaps
+from ..data.channels import EvenClock, as_matrix, by_record, contiguous, finite_span, gaps, rows_text
 from ..data.record import Record, seconds_of
 from ..exceptions import ChannelError, DataQualityWarning, LawError
 from ..signals.kinematics import base_acceleration_if_any

@@ -10,8 +10,7 @@ import numpy as np
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 from sklearn.utils.validation import check_is_fitted
 
-from ..data.channels import as_matrix, finite_span
-from ..data.estimator_input import checked
+from ..data.channels import as_matrix, checked, finite_span
 from ..exceptions import BiasWarning, ChannelError, ExcitationError
 from ..mechanics.chain import Chain
 from ..mechanics.identifiability import Walk, plan_walk

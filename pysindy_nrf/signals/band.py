@@ -9,9 +9,7 @@ import pandas as pd
 from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted
 
-from ..data.channels import finite_span
-from ..data.estimator_input import checked, column_names
-from ..data.pieces import contiguous
+from ..data.channels import checked, column_names, contiguous, finite_span
 from ..exceptions import ChannelError
 from .columns import check_rate, clock_of
 from .zero_phase_filter import Band, FairFilter

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ..data.pieces import by_record
+from ..data.channels import by_record
 from ..data.record import seconds_of
 from ..exceptions import ChannelError
 

@@ -12,9 +12,7 @@ import pandas as pd
 from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted
 
-from ..data.channels import as_matrix, finite_span
-from ..data.estimator_input import checked
-from ..data.pieces import contiguous
+from ..data.channels import as_matrix, checked, contiguous, finite_span
 from ..data.record import Record
 from ..exceptions import ChannelError, DataQualityWarning
 from .blocks import fuse_all

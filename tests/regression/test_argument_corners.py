@@ -18,7 +18,7 @@ from pysindy_nrf import (
     simulate,
 )
 from pysindy_nrf import excitation as drive
-from pysindy_nrf.data.clock import EvenClock
+from pysindy_nrf.data.channels import EvenClock
 from pysindy_nrf.estimation import locate_nonlinearity, model_agreement, total_mass
 from pysindy_nrf.exceptions import ChainError, ChannelError, FileFormatError, LawError
 from pysindy_nrf.monitoring import compare_tests, track

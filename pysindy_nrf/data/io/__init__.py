@@ -1,13 +1,12 @@
-"""Files in and out: records, frequency responses, tables and forces, with what was understood said in words."""
+"""Reading and writing of records, frequency responses, tables and forces."""
 
+from .files import read_table
 from .frf import FrequencyResponse, frequency_response, frf_to_features, read_frf
-from .mapping_file import MappingFile, read_mapping
-from .records import inspect_record, read_excitation, read_record
+from .mapping import MappingFile, read_mapping
+from .reading import Reading, inspect_record, read_excitation, read_record
 from .sep005 import from_sep005, to_sep005
 from .summary import describe, summary
 from .table import Table
-from .tables import read_table
-from .understanding import Reading
 from .write import write_forces, write_record, write_table
 
 __all__ = [

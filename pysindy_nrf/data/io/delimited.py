@@ -1,18 +1,18 @@
-"""Delimited text: separator, decimal mark, comments, header and units found from the file itself."""
+"""Delimited text: separator, decimal mark, comments, header and units are found from the file itself."""
 
 from __future__ import annotations
 
+import csv
 import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from ...exceptions import FileFormatError
-from .attributes import SCHEMA, Attributes
-from .names import split_unit
-from .table import MAX_BYTES, Table, check_file, unreadable
+from .table import MAX_BYTES, SCHEMA, Attributes, Table, unreadable
 from .units import is_unit
 
 _HEAD_BYTES = _TAIL_BYTES = 65536
@@ -28,38 +28,19 @@ _TIMESTAMP = re.compile(r"\d{4}-\d\d-\d\d([T ]\d\d:\d\d(:\d\d([.,]\d+)?)?Z?)?")
 
 @dataclass(frozen=True)
 class Dialect:
-    """How a delimited file is written.
+    """Form of a delimited file."""
 
-    Attributes
-    ----------
-    separator : str
-        A word for it: ``";"``, ``","``, ``"tab"``, ``"|"`` or ``"blank"``.
-    decimal : str
-    header : tuple of str
-        Names of the columns; ``c1``, ``c2``.. where the file names none.
-    units : tuple of str
-        Of the columns, ``""`` where none is written.
-    first_row : int
-        Lines above the first row of numbers.
-    encoding : str
-    named : bool
-        Whether the file names its columns.
-    """
-
-    separator: str
+    separator: str  # a key of _SEPARATORS
     decimal: str
-    header: tuple[str, ...]
-    units: tuple[str, ...]
-    first_row: int
+    header: tuple[str, ...]  # names of the columns, c1, c2.. where the file names none
+    units: tuple[str, ...]  # "" where none is written
+    first_row: int  # lines above the first row of numbers
     encoding: str
-    named: bool
+    named: bool  # the file names its columns
 
 
 def read_delimited(path: Path, max_bytes: int = MAX_BYTES) -> Table:
     """Read a delimited text file."""
-    import pandas as pd
-
-    check_file(path, max_bytes)
     with open(path, "rb") as file:
         first = file.readline(_HEAD_BYTES)
     if first.startswith(_OWN):
@@ -81,7 +62,7 @@ def read_delimited(path: Path, max_bytes: int = MAX_BYTES) -> Table:
     cut = _ends_inside_a_number(path, dialect)
     try:
         frame = pd.read_csv(path, **options)
-        if cut:  # once more without it: it may have made text of a column
+        if cut:  # read again without the last row, which may have turned a column into text
             frame = pd.read_csv(path, nrows=len(frame) - 1, **options)
     except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeError, ValueError) as error:
         raise unreadable(path, "delimited text", error) from error
@@ -93,7 +74,7 @@ def read_delimited(path: Path, max_bytes: int = MAX_BYTES) -> Table:
         label = name or f"c{i + 1}"
         if label in variables:
             raise FileFormatError(f"{path} has two columns named {label!r}", "Rename one.")
-        variables[label] = _numbers(column)
+        variables[label] = column.to_numpy(dtype=float if column.dtype.kind in "biuf" else object)
         if dialect.units[i]:
             units[label] = dialect.units[i]
     mark = "decimal comma" if dialect.decimal == "," else "decimal point"
@@ -108,7 +89,7 @@ def read_delimited(path: Path, max_bytes: int = MAX_BYTES) -> Table:
 
 
 def _ends_inside_a_number(path: Path, dialect: Dialect) -> str:
-    """The last number, if no line feed ends the file and all those above it have more behind the decimal mark."""
+    """The last number, if the file ends without a line feed and every number above it has more decimals; or ""."""
     start = max(0, path.stat().st_size - _TAIL_BYTES)
     with open(path, "rb") as file:
         file.seek(start - start % 4)  # not inside a character of UTF-16
@@ -124,14 +105,14 @@ def _ends_inside_a_number(path: Path, dialect: Dialect) -> str:
 
 
 def _own(path: Path, first: bytes) -> Table:
-    """A record that this package wrote, its attributes in the first line."""
+    """A record written by this package, its attributes in the first line."""
     with open(path, "rb") as file:
         file.seek(-1, 2)
         if file.read() not in b"\r\n":
             raise unreadable(path, "delimited text", "its last line is cut off")
     attributes = Attributes.from_json(first[1:].strip(), path)
     names = ["t", *attributes.columns]
-    try:  # every digit counts here: exact, if slower than pandas
+    try:  # exact to the last digit, slower than pandas
         values = np.loadtxt(path, delimiter=",", skiprows=2, comments=None, ndmin=2, encoding="utf-8")
     except (ValueError, UnicodeError) as error:
         raise unreadable(path, "delimited text", error) from error
@@ -139,12 +120,6 @@ def _own(path: Path, first: bytes) -> Table:
         raise unreadable(path, "delimited text", f"{values.shape[1]} columns where {len(names)} are announced")
     columns = dict(zip(names, values.T))
     return Table(path, "CSV", columns, attributes=attributes, fs=attributes.fs)
-
-
-def _numbers(column: Any) -> np.ndarray:
-    if column.dtype.kind in "biuf":
-        return column.to_numpy(dtype=float)
-    return column.to_numpy(dtype=object)
 
 
 def sniff(path: Path) -> Dialect:
@@ -155,7 +130,7 @@ def sniff(path: Path) -> Dialect:
     if b"\x00" in raw and raw[:2] not in (b"\xff\xfe", b"\xfe\xff"):
         raise unreadable(path, "delimited text", "it holds binary data")
     encoding, text = _decode(raw, path)
-    lines = re.split(r"\r\n|\n|\r", text)  # splitlines() knows ends of lines that pandas does not
+    lines = re.split(r"\r\n|\n|\r", text)  # splitlines() also splits at characters that pandas keeps
     if not lines[-1]:
         lines.pop()
     elif not whole and len(lines) > 1:
@@ -165,7 +140,7 @@ def sniff(path: Path) -> Dialect:
         found = _try(lines, separator, decimal, encoding, 1.0)
         if found is not None:
             return found
-    # some column holds text: the reading under which most cells are numbers
+    # a column holds text: take the reading under which most cells are numbers
     best = max(trials, key=lambda trial: _numeric_cells(lines, *trial))
     found = _try(lines, *best, encoding, 0.5)
     if found is not None:
@@ -173,7 +148,7 @@ def sniff(path: Path) -> Dialect:
     first = next((line for line in lines if not _is_comment(line)), "")
     if re.search(r"\d[+-]\s*[\d.]+(e[+-]?\d+)?[ij]\b", lines[-1] if lines else "", re.IGNORECASE):
         raise FileFormatError(
-            f"{path} holds complex numbers, so it is a frequency response and no record",
+            f"{path} holds complex numbers, so it is a frequency response, not a record",
             "Read it with read_frf (--frf).",
         )
     raise FileFormatError(
@@ -183,11 +158,8 @@ def sniff(path: Path) -> Dialect:
 
 
 def _decode(raw: bytes, path: Path) -> tuple[str, str]:
-    if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        candidates: tuple[str, ...] = ("utf-16",)
-    else:
-        candidates = ("utf-8-sig", "latin-1")
-    for encoding in candidates:
+    marked = raw[:2] in (b"\xff\xfe", b"\xfe\xff")
+    for encoding in ("utf-16",) if marked else ("utf-8-sig", "latin-1"):
         for cut in range(4):  # the head may end inside a character
             try:
                 return encoding, raw[: len(raw) - cut].decode(encoding)
@@ -206,13 +178,11 @@ def _cells(line: str, separator: str) -> list[str]:
     mark = _SEPARATORS[separator]
     if '"' not in line:
         return [cell.strip() for cell in line.split(mark)]
-    import csv
-
     return [cell.strip() for cell in next(csv.reader([line], delimiter=mark, skipinitialspace=True))]
 
 
 def _share(cells: list[str], decimal: str) -> float:
-    """Share of the filled cells that are numbers."""
+    """Numbers as a share of the filled cells."""
     number = _POINT if decimal == "." else _COMMA
     filled = [c for c in cells if c.lower() not in _MISSING]
     good = sum(bool(number.fullmatch(c) or _TIMESTAMP.fullmatch(c)) for c in filled)
@@ -225,7 +195,7 @@ def _numeric_cells(lines: list[str], separator: str, decimal: str) -> float:
 
 
 def _try(lines: list[str], separator: str, decimal: str, encoding: str, share: float) -> Dialect | None:
-    """The dialect, if rows of numbers follow each other under this separator and decimal mark."""
+    """The dialect, if this separator and decimal mark give consecutive rows of numbers; or None."""
 
     def is_row(cells: list[str]) -> bool:
         return _share(cells, decimal) >= share if share == 1.0 else _share(cells, decimal) > share
@@ -244,6 +214,17 @@ def _try(lines: list[str], separator: str, decimal: str, encoding: str, share: f
         return None
     header, units, named = _header(lines, rows, start, width, separator)
     return Dialect(separator, decimal, header, units, rows[start][0], encoding, named)
+
+
+_UNIT = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\))\s*\Z")
+
+
+def _split_unit(column: str) -> tuple[str, str | None]:
+    """Name of a column and the unit written behind it, ``"a1 [mm]"`` or ``"a1 (g)"``."""
+    match = _UNIT.match(column.strip())
+    if match is None or not match["name"]:
+        return column.strip(), None
+    return match["name"], (match["square"] or match["round"] or "").strip() or None
 
 
 def _header(
@@ -265,7 +246,7 @@ def _header(
     if not above:
         return tuple(f"c{i + 1}" for i in range(width)), tuple(units), False
     cells = [cell.strip('"') for cell in above[-1]]
-    split = [split_unit(cell) for cell in cells]
+    split = [_split_unit(cell) for cell in cells]
     bare = [name for name, _ in split]
     names = []
     for i, (name, unit) in enumerate(split):

@@ -11,10 +11,10 @@ import numpy as np
 import pandas as pd
 
 from ...exceptions import ChannelError, FileFormatError
+from .files import read_table
 from .table import MAX_BYTES, check_file, unreadable
-from .tables import read_table
 
-# Powers of i w that turn a response into acceleration over force.
+# Power of i w that converts a response to acceleration over force.
 KINDS = {"accelerance": 0, "mobility": 1, "receptance": 2}
 
 
@@ -54,7 +54,7 @@ class FrequencyResponse:
         return self.H.shape[1]
 
     def describe(self, band: tuple[float | None, float | None] | None = None) -> str:
-        """What was understood, in words.
+        """Summary in words.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""SEP005 dictionaries, in which the SDyPy packages pass signals around."""
+"""SEP005 dictionaries, the signal format of the SDyPy packages."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 
 from ...exceptions import ChannelError
 from ..record import Record
-from .attributes import Attributes, columns_of
-from .table import Table
+from .reading import understand
+from .table import Attributes, Table, columns_of
 from .units import si_unit
 
 _NEEDED = ("data", "name", "unit_str")
@@ -20,7 +20,7 @@ _KEY = "pysindy_nrf"
 
 
 def to_sep005(record: Record) -> list[dict[str, Any]]:
-    """A record as SEP005 dictionaries.
+    """Convert a record to SEP005 dictionaries.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def to_sep005(record: Record) -> list[dict[str, Any]]:
 
 
 def from_sep005(channels: Sequence[Mapping[str, Any]], **options: Any) -> Record:
-    """A record from SEP005 dictionaries.
+    """Convert SEP005 dictionaries to a record.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def from_sep005(channels: Sequence[Mapping[str, Any]], **options: Any) -> Record
         ``data`` (n_samples,), ``name``, ``unit_str``, ``fs`` (Hz) or ``time`` (s), perhaps ``start_timestamp``.
     **options
         ``mapping``, ``units``, ``fs``, ``name``, ``coordinates`` as for :func:`read_record`. Units are those of
-        ``unit_str`` where nothing else is said.
+        ``unit_str`` unless others are given.
 
     Returns
     -------
@@ -89,18 +89,15 @@ def from_sep005(channels: Sequence[Mapping[str, Any]], **options: Any) -> Record
     >>> record.fs, round(float(record.displacement.max()), 6)  # m
     (200.0, 0.001)
     """
-    from .understanding import understand
-
-    return understand(table_of_sep005(channels), **options).record
+    return understand(_table_of(channels), **options).record
 
 
-def table_of_sep005(channels: Sequence[Mapping[str, Any]]) -> Table:
-    """The variables of SEP005 dictionaries; see :func:`from_sep005`."""
+def _table_of(channels: Sequence[Mapping[str, Any]]) -> Table:
     if isinstance(channels, Mapping):
         channels = [channels]
     channels = list(channels)
     if not channels or not all(isinstance(one, Mapping) for one in channels):
-        raise ChannelError("There is no SEP005 channel", "Give a list of dictionaries with data, name, unit_str, fs.")
+        raise ChannelError("No SEP005 channel was given", "Give a list of dictionaries with data, name, unit_str, fs.")
     variables: dict[str, np.ndarray] = {}
     units = {}
     for i, one in enumerate(channels):
@@ -124,7 +121,7 @@ def table_of_sep005(channels: Sequence[Mapping[str, Any]]) -> Table:
     times = [np.asarray(one["time"]) for one in channels if one.get("time") is not None]
     if times:
         if any(not np.array_equal(times[0], time) for time in times):
-            raise ChannelError("The SEP005 channels have times of their own", "Resample them to one clock.")
+            raise ChannelError("The times of the SEP005 channels differ", "Resample them to one clock.")
         if "t" not in variables and (fs is None or len(times) == len(channels)):
             variables = {"t": times[0]} | variables
     texts = {str(one[_KEY]) for one in channels if _KEY in one}

@@ -13,7 +13,7 @@ comments, each under a line that says how many follow, then one of
     12000 uncor. accel. pts, approx  60 secs, units=cm/sec2(04), Format=(1E15.6)
     12000 raw accel.    pts, approx  60 secs, units=counts (50), Format=(10I8)
 
-Raw counts (V0) are no motion yet and are refused.
+Raw counts (V0) are not a motion in physical units and are refused.
 
 References: A. F. Shakal, M. J. Huang, "Standard tape format for CSMIP strong-motion data tapes", California
 Division of Mines and Geology, OSMS 85-03, 1985; COSMOS, "Strong-motion data format", version 1.20, 2001.
@@ -29,7 +29,7 @@ from pathlib import Path
 import numpy as np
 
 from ...exceptions import FileFormatError
-from .table import MAX_BYTES, Table, check_file, unreadable
+from .table import MAX_BYTES, Table, rate_of, unreadable
 
 _SERIES = re.compile(
     r"\s*(\d+)\s+POINTS OF\s+(ACCEL|VELOC|DISPL)\w*\s+DATA\s+EQUALLY SPACED AT\s+([\d.]+)\s*SEC\.?"
@@ -60,7 +60,7 @@ class _Series:
 
 
 def is_strong_motion(text: str) -> bool:
-    """Whether the head of a file is a processed strong-motion record."""
+    """True if the head of a file is that of a processed strong-motion record."""
     first = _lines(text.lstrip()[:200] or "\n")[0]
     if re.match(r"(un)?correct(ed|\.)\s+accel", first, re.IGNORECASE) or "COSMOS" in text[:200].upper():
         return True
@@ -70,7 +70,6 @@ def is_strong_motion(text: str) -> bool:
 
 def read_strong_motion(path: Path, max_bytes: int = MAX_BYTES) -> Table:
     """Read the corrected series of a CSMIP V2 or COSMOS file."""
-    check_file(path, max_bytes)
     lines = _lines(path.read_text(encoding="latin-1"))
     series, notes = _read(path, lines)
     if not series:
@@ -89,18 +88,13 @@ def read_strong_motion(path: Path, max_bytes: int = MAX_BYTES) -> Table:
         if name in variables:
             raise FileFormatError(f"{path} holds the {one.kind} of channel {one.channel} twice", "Split it.")
         variables[name], units[name] = one.values, one.unit
-    return Table(path, "strong motion", variables, units, notes, fs=_rate(steps[0]))
+    return Table(path, "strong motion", variables, units, notes, fs=rate_of(steps[0]))
 
 
 def _lines(text: str) -> list[str]:
-    """Lines as files have them; ``splitlines`` also ends them at characters that words may hold (0x85, 0x1c, ...)."""
+    """Lines of a text; ``splitlines`` would also split at characters within words (0x85, 0x1c, ...)."""
     lines = re.split(r"\r\n|\n|\r", text)
     return lines if lines[-1] else lines[:-1]
-
-
-def _rate(step: float) -> float:
-    rate = 1.0 / step
-    return float(round(rate)) if abs(rate - round(rate)) < 1e-6 * rate else rate
 
 
 def _read(path: Path, lines: Sequence[str]) -> tuple[list[_Series], list[str]]:
@@ -121,7 +115,7 @@ def _read(path: Path, lines: Sequence[str]) -> tuple[list[_Series], list[str]]:
             n, kind = int(match[1]), match[2].upper()
             if match[4].lower().startswith("count"):
                 raise FileFormatError(
-                    f"{path} holds raw counts of channel {channel} (COSMOS V0), which are no motion yet",
+                    f"{path} holds raw counts of channel {channel} (COSMOS V0), not a motion in physical units",
                     "Get the uncorrected or corrected record (V1, V2), in cm/s^2.",
                 )
             if step is None:

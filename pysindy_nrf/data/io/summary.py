@@ -1,4 +1,4 @@
-"""What was understood of a record, in words, before anything is solved."""
+"""Summaries of records and files, in words and as plain data."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 
 from ..channels import finite_span
 from ..record import Record
+from .reading import Reading
 from .table import Table
-from .understanding import Reading
 from .units import si_unit
 
 _KINDS = {"a": "absolute acceleration", "v": "velocity", "x": "displacement", "F": "force"}
@@ -17,12 +17,12 @@ _BASES = {"ag": "base acceleration", "vg": "base velocity", "xg": "base displace
 
 
 def describe(what: Record | Reading) -> str:
-    """Say what a record holds: clock, channels, units, sizes, and which DOFs are forced.
+    """Describe a record in words: clock, channels, units, sizes, and which DOFs are forced.
 
     Parameters
     ----------
     what : Record or Reading
-        A Reading (see :func:`inspect_record`) also says where each channel came from.
+        For a Reading (see :func:`inspect_record`) the origin of each channel is added.
 
     Returns
     -------
@@ -60,7 +60,7 @@ def describe(what: Record | Reading) -> str:
 
 
 def contents(table: Table, most: int = 40) -> str:
-    """Say what variables a file holds, for one who must map them."""
+    """List of the variables of a file, for a user who has to map them."""
     width = min(max((len(name) for name in table.variables), default=0), 40)
     lines = [f"{table.path} holds ({'; '.join([table.kind, *table.notes])}):"]
     for name, values in list(table.variables.items())[:most]:
@@ -79,7 +79,7 @@ def _extent(values: np.ndarray) -> str:
 
 
 def summary(record: Record) -> dict[str, Any]:
-    """The same as plain data, for JSON.
+    """Summary of a record as plain data, for JSON.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def summary(record: Record) -> dict[str, Any]:
 
 
 def kind_of(record: Record, name: str) -> str:
-    """What a channel is, in words."""
+    """Quantity of a channel, in words."""
     if name in _BASES:
         return _BASES[name]
     if name[:1] not in _KINDS or not name[1:].isdigit():

@@ -1,17 +1,20 @@
-"""What a file holds: variables by name."""
+r"""Content of a file: variables by name, and the attributes by which a record written here is restored bit for bit."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from ...exceptions import FileFormatError
-from .attributes import Attributes
+from ...exceptions import ChannelError, FileFormatError, FileVersionError
+from ..record import BASES, MATRICES, Record
 
-# A record of a test fits in memory many times over below this size.
-MAX_BYTES = 4_000_000_000
+MAX_BYTES = 4_000_000_000  # larger files are refused; a record of a test is far below
+SCHEMA, VERSION = "pysindy_nrf.Record", 1
 
 
 @dataclass
@@ -28,7 +31,7 @@ class Table:
     units : dict of str to str
         Units written in the file's header.
     notes : list of str
-        What the reader decided, in words.
+        Decisions of the reader, in words.
     attributes : Attributes, optional
         Of the record, where the file was written by this package.
     fs : float, optional
@@ -68,7 +71,7 @@ class Table:
 
 
 def check_file(path: Path, max_bytes: int = MAX_BYTES) -> None:
-    """Refuse what is not a file, is empty or too large."""
+    """Refuse a path that is no file, and a file that is empty or too large."""
     if not path.exists():
         raise FileFormatError(f"{path} does not exist", "Check the path.")
     if not path.is_file():
@@ -80,7 +83,7 @@ def check_file(path: Path, max_bytes: int = MAX_BYTES) -> None:
 
 
 def check_size(path: Path, size: int, max_bytes: int) -> None:
-    """Refuse more bytes than are wanted."""
+    """Refuse a content of more bytes than the limit."""
     if size > max_bytes:
         raise FileFormatError(
             f"{path} holds {size / 1e9:.3g} GB, more than the limit of {max_bytes / 1e9:.3g} GB",
@@ -89,9 +92,129 @@ def check_size(path: Path, size: int, max_bytes: int) -> None:
 
 
 def unreadable(path: Path, kind: str, error: Exception | str) -> FileFormatError:
-    """The error for a file that is not what it claims to be."""
+    """Error for a file that is damaged or of another type."""
     reason = " ".join(str(error).split()) or type(error).__name__
     return FileFormatError(
         f"{path} cannot be read as {kind}: {reason[:300]}",
         "It may be cut off, damaged or of another type; export it again, or rename it to its true type.",
     )
+
+
+def rate_of(step: float, tolerance: float = 1e-6) -> float:
+    """Sampling rate, Hz, of a time step in s that was rounded when it was written."""
+    rate = 1.0 / step
+    return float(round(rate)) if abs(rate - round(rate)) < tolerance * rate else rate
+
+
+# -- records written by this package ----------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Attributes:
+    """Attributes of a record; names of all columns, of those that are covariates, and of those in single precision."""
+
+    name: str
+    coordinates: str
+    fs: float  # Hz
+    t0: float  # s, time of the first sample
+    n_samples: int
+    columns: tuple[str, ...]
+    covariates: tuple[str, ...] = ()
+    float32: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, record: Record) -> Attributes:
+        """Attributes of a record."""
+        columns = columns_of(record)
+        single = tuple(name for name, line in columns.items() if line.dtype == np.float32)
+        clock = float(record.fs), float(record.t0), record.n_samples
+        return cls(record.name, record.coordinates, *clock, tuple(columns), tuple(record.covariates), single)
+
+    def to_json(self) -> str:
+        """Attributes as one line of ASCII."""
+        return json.dumps({"schema": SCHEMA, "version": VERSION, **asdict(self)}, allow_nan=False)
+
+    @classmethod
+    def from_json(cls, text: str | bytes, where: Any) -> Attributes:
+        """Attributes from the text of :meth:`to_json`."""
+        try:
+            data = json.loads(text)
+            if data.pop("schema") != SCHEMA:
+                raise ValueError("it is of another schema")
+            version = data.pop("version")
+            if not isinstance(version, int) or isinstance(version, bool):
+                raise ValueError(f"its version is {version!r}")
+            if version > VERSION:
+                raise FileVersionError(
+                    f"The record in {where} has version {version}, this package reads up to {VERSION}",
+                    "Update pysindy_nrf.",
+                )
+            return cls._checked(data)
+        except FileFormatError:
+            raise
+        except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
+            raise FileFormatError(
+                f"The attributes of the record in {where} are damaged: {error}", "Write it again with write_record."
+            ) from error
+
+    @classmethod
+    def _checked(cls, data: Mapping[str, Any]) -> Attributes:
+        texts: dict[str, Any] = {key: data[key] for key in ("name", "coordinates")}
+        numbers: dict[str, Any] = {key: float(data[key]) for key in ("fs", "t0")}
+        lists: dict[str, Any] = {key: tuple(data[key]) for key in ("columns", "covariates", "float32")}
+        if not all(isinstance(text, str) for text in (*texts.values(), *sum(lists.values(), ()))):
+            raise ValueError("a name is not a text")
+        if texts["coordinates"] not in ("relative", "absolute"):
+            raise ValueError(f"its coordinates are {texts['coordinates']!r}")
+        if not np.isfinite(list(numbers.values())).all() or numbers["fs"] <= 0:
+            raise ValueError("its sampling rate or first time is not valid")
+        if not {*lists["covariates"], *lists["float32"]} <= set(lists["columns"]):
+            raise ValueError("it names columns that it does not have")
+        return cls(**texts, **numbers, **lists, n_samples=int(data["n_samples"]))
+
+
+def columns_of(record: Record) -> dict[str, np.ndarray]:
+    """All columns of a record by name, including columns of NaN (not measured, force unknown)."""
+    out: dict[str, np.ndarray] = {}
+    for key, prefix in MATRICES.items():
+        matrix = getattr(record, key)
+        if matrix is not None:
+            out |= {f"{prefix}{j + 1}": matrix[:, j] for j in range(record.n_dof)}
+    out |= {short: line for key, short in BASES.items() if (line := getattr(record, key)) is not None}
+    for name, line in record.covariates.items():
+        if name in out or name == "t":
+            raise ChannelError(
+                f"The covariate {name!r} of record {record.name!r} has the name of another column of the file",
+                "Rename it: record.replace(covariates=...).",
+            )
+        out[str(name)] = line
+    return out
+
+
+def restored(attributes: Attributes, columns: Mapping[str, np.ndarray]) -> Record:
+    """The record from its attributes and the columns of the file."""
+    lines = {}
+    for name in attributes.columns:
+        if name not in columns:
+            raise FileFormatError(f"The file lacks the column {name!r} of {attributes.name!r}", "Write it again.")
+        if len(columns[name]) != attributes.n_samples:
+            raise FileFormatError(
+                f"{attributes.name!r} had {attributes.n_samples} samples, {len(columns[name])} of {name!r} are there",
+                "The file is cut off; write it again.",
+            )
+        try:
+            lines[name] = np.asarray(columns[name]).astype(np.float32 if name in attributes.float32 else np.float64)
+        except (TypeError, ValueError) as error:
+            raise FileFormatError(
+                f"The column {name!r} of record {attributes.name!r} holds no numbers", "Write it again."
+            ) from error
+    covariates = {name: lines.pop(name) for name in attributes.covariates}
+    parts: dict[str, Any] = {key: lines[short] for key, short in BASES.items() if short in lines}
+    for key, prefix in MATRICES.items():
+        own = [line for name, line in lines.items() if name[:1] == prefix and name[1:].isdigit()]
+        if own:
+            parts[key] = np.column_stack(own)
+    about = {"name": attributes.name, "coordinates": attributes.coordinates, "fs": attributes.fs}
+    record = Record(**parts, **about, covariates=covariates)
+    record.t0 = attributes.t0
+    return record

@@ -13,8 +13,7 @@ import numpy as np
 from ...common.atomic import atomic_write
 from ...common.extras import require
 from ...exceptions import ChannelError, FileFormatError, FileVersionError
-from .attributes import SCHEMA, VERSION, Attributes
-from .table import MAX_BYTES, Table, check_file, check_size, unreadable
+from .table import MAX_BYTES, SCHEMA, VERSION, Attributes, Table, check_size, rate_of, unreadable
 from .units import si_unit
 
 _LINE = 80  # characters of an identification line
@@ -23,7 +22,6 @@ _TYPES = {"x": 8, "v": 11, "a": 12, "F": 13}
 _DIRECTIONS = {0: "", 1: "+X", -1: "-X", 2: "+Y", -2: "-Y", 3: "+Z", -3: "-Z"}
 # data set 164: units code -> length, force
 _SYSTEMS = {1: ("m", "N"), 2: ("ft", "lbf"), 3: ("m", "kgf"), 5: ("mm", "mN"), 7: ("in", "lbf"), 8: ("mm", "kgf")}
-_MARK = "pysindy_nrf.Record"
 
 
 # -- in ---------------------------------------------------------------------------------------
@@ -31,11 +29,10 @@ _MARK = "pysindy_nrf.Record"
 
 def read_uff(path: Path, max_bytes: int = MAX_BYTES) -> Table:
     """Read the time histories (data sets 58) of a universal file, ASCII or binary."""
-    check_file(path, max_bytes)
     pyuff = require("pyuff", "files", "Reading UFF files")
     with open(path, "rb") as raw:
         raw.seek(max(0, path.stat().st_size - 200))
-        if not raw.read().rstrip().endswith(b"-1"):  # pyuff would leave the last data set out without a word
+        if not raw.read().rstrip().endswith(b"-1"):  # pyuff would drop the last data set silently
             raise unreadable(path, "UFF", "its last data set does not end")
     try:
         file = pyuff.UFF(str(path))
@@ -46,7 +43,7 @@ def read_uff(path: Path, max_bytes: int = MAX_BYTES) -> Table:
             raise ValueError("a data set announces more points than the file holds")
         check_size(path, 8 * sum(points), max_bytes)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of values pyuff leaves out; they are counted below
+            warnings.simplefilter("ignore")  # about values that pyuff drops; they are counted below
             sets = [file.read_sets(i) for i, head in heads.items() if int(head["func_type"]) in (0, 1)]
             systems = [file.read_sets(i) for i, kind in enumerate(kinds) if kind == 164]
     except FileFormatError:
@@ -95,7 +92,7 @@ def _foreign(path: Path, sets: Sequence[Mapping[str, Any]], systems: Sequence[Ma
     if skipped:
         notes.append(f"{skipped} other data sets are left out")
     if systems and not length:
-        notes.append(f"take care: its units code {int(systems[0]['units_code'])} is not known here; give units")
+        notes.append(f"take care: its units code {int(systems[0]['units_code'])} is not known; give units")
     spacing = {(int(one["abscissa_spacing"]), float(one.get("abscissa_inc", 0.0))) for one in sets}
     if all(even for even, _ in spacing):
         steps = {step for _, step in spacing}
@@ -104,21 +101,15 @@ def _foreign(path: Path, sets: Sequence[Mapping[str, Any]], systems: Sequence[Ma
                 f"{path}: its time histories are sampled every {', '.join(f'{s:g}' for s in sorted(steps))} s",
                 "Export those of one clock into one file.",
             )
-        return Table(path, "UFF 58", variables, units, notes, fs=_rate(steps.pop()))
+        return Table(path, "UFF 58", variables, units, notes, fs=rate_of(steps.pop(), 1e-5))
     time = np.asarray(sets[0]["x"], dtype=float)
     if any(not np.array_equal(time, np.asarray(one["x"], dtype=float)) for one in sets):
-        raise FileFormatError(f"{path}: its time histories have clocks of their own", "Export those of one clock.")
+        raise FileFormatError(f"{path}: the times of its time histories differ", "Export histories with one clock.")
     return Table(path, "UFF 58", {"t": time} | variables, units, notes)
 
 
-def _rate(step: float) -> float:
-    """The header holds six digits of the step."""
-    rate = 1.0 / step
-    return float(round(rate)) if abs(rate - round(rate)) < 1e-5 * rate else rate
-
-
 def _names(sets: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[float]]:
-    """Names, and the sign that turns each channel into the direction that its name stands for."""
+    """Names, and the signs that turn each channel into the positive direction of its name."""
     kinds = [_KINDS.get(int(one["ordinate_spec_data_type"]), "c") for one in sets]
     nodes = [int(one["rsp_node"]) for one in sets]
     directions = [int(one["rsp_dir"]) for one in sets]
@@ -126,14 +117,14 @@ def _names(sets: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[float]]:
     signs = [-1.0 if d < 0 else 1.0 for d in directions]
     if len(set(map(abs, directions))) > 1 or len(set(short)) < len(short):
         short = [f"{name}{_DIRECTIONS.get(d, f'({d})')}" for name, d in zip(short, directions)]
-        signs = [1.0] * len(short)  # the names say it
+        signs = [1.0] * len(short)  # the names state the direction
     return [name if short.count(name) == 1 else f"{name} set {i + 1}" for i, name in enumerate(short)], signs
 
 
 def _own(path: Path, sets: Sequence[Mapping[str, Any]]) -> Table | None:
-    """A record written by :func:`write_uff`, with every attribute."""
+    """A record written by :func:`write_uff`, with its attributes; or None."""
     marks = [f"{one['id4']} {one['id5']}".split() for one in sets]
-    if not all(len(mark) == 8 and mark[0] == _MARK for mark in marks):
+    if not all(len(mark) == 8 and mark[0] == SCHEMA for mark in marks):
         return None
     try:
         if (version := max(int(mark[1]) for mark in marks)) > VERSION:
@@ -169,7 +160,7 @@ def _own(path: Path, sets: Sequence[Mapping[str, Any]]) -> Table | None:
 
 def write_uff(path: Path, columns: Mapping[str, np.ndarray], attributes: Attributes) -> None:
     """Write the columns of a record as binary time histories (58b, double precision)."""
-    mark = f"{_MARK} {VERSION} {attributes.coordinates} {attributes.fs.hex()}"
+    mark = f"{SCHEMA} {VERSION} {attributes.coordinates} {attributes.fs.hex()}"
     sets = []
     for name, line in columns.items():
         covariate = name in attributes.covariates
@@ -210,7 +201,7 @@ def write_sets(path: Path, sets: Sequence[bytes]) -> None:
 
 
 def _quoted(text: str, what: str) -> str:
-    """A text as one line of ASCII; in JSON's quotes where a plain line would change it."""
+    """A text as one line of ASCII, in JSON quotes if a plain line would change it."""
     plain = text.isascii() and text.isprintable() and text == text.strip() and text and text[0] != '"'
     line = text if plain and text.upper() != "NONE" else json.dumps(text)
     if len(line) > _LINE:

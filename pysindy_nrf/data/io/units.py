@@ -16,7 +16,7 @@ _ARTICLE = {"length": "a displacement", "velocity": "a velocity", "acceleration"
             "force": "a force", "time": "the time"}  # fmt: skip
 _EXAMPLES = {"length": "m, mm, in", "velocity": "m/s, mm/s, in/s", "acceleration": "m/s^2, g, cm/s^2",
              "force": "N, kN, kip", "time": "s, ms"}  # fmt: skip
-# What engineers write, where pint reads the same letters as something else (g = gram, mil = angle, lb = mass).
+# Usage of engineers where pint reads the same letters as something else (g = gram, mil = angle, lb = mass).
 _JARGON = {
     "length": {"mil": "thou", "mils": "thou"},
     "acceleration": {"g": "standard_gravity", "mg": "millistandard_gravity", "gal": "galileo", "gals": "galileo"},
@@ -31,7 +31,7 @@ _MOST = 24  # characters of a unit
 
 
 def dimension_of(channel: str) -> str | None:
-    """What a channel measures."""
+    """Quantity that a channel measures, None for a covariate."""
     if channel == "t" or re.fullmatch(r"[avxF]\d+|[avx]g", channel):
         return _DIMENSIONS[channel[0]]
     return None
@@ -43,7 +43,7 @@ def si_unit(channel: str) -> str:
 
 
 def factor(unit: str, channel: str) -> float:
-    """What values in a unit are multiplied by to be SI."""
+    """Factor from a unit to the SI unit of a channel."""
     kind = dimension_of(channel)
     if kind is None:
         raise ChannelError(
@@ -73,7 +73,7 @@ def factor(unit: str, channel: str) -> float:
 
 
 def is_unit(text: str) -> bool:
-    """Whether a text of a header is a unit of length, velocity, acceleration, force or time."""
+    """True if a text of a header is a unit of length, velocity, acceleration, force or time."""
     cleaned = _clean(text)
     if cleaned in _SI.values():
         return True
@@ -98,7 +98,7 @@ def _clean(unit: str) -> str:
 
 
 def _readings(text: str, kind: str) -> Iterator[str]:
-    """What a text may mean under a kind: the trade's own words, as written, and small letters for capitals."""
+    """Readings of a unit for a quantity: engineers' usage, as written, and capitals as small letters."""
     jargon = _JARGON.get(kind, {})
     yield jargon.get(text, text)
     if text.isupper() or (len(text) > 2 and text.istitle()):
@@ -106,7 +106,7 @@ def _readings(text: str, kind: str) -> Iterator[str]:
 
 
 def _tokens(text: str) -> list[tuple[str, int]] | None:
-    """Unit names and their powers; nothing else is let through to pint."""
+    """Unit names and their powers, None for any other text; nothing else is passed to pint."""
     if not text or len(text) > _MOST:
         return None
     out: list[tuple[str, int]] = []
@@ -121,7 +121,7 @@ def _tokens(text: str) -> list[tuple[str, int]] | None:
 
 @lru_cache(maxsize=256)
 def _parsed(text: str) -> tuple[float, tuple[int, int, int]] | None:
-    """Size in SI and exponents of mass, length and time; None if the text is no unit."""
+    """Size in SI and exponents of mass, length and time; None if the text is not a unit."""
     tokens = _tokens(text)
     if tokens is None:
         return None

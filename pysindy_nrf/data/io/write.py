@@ -1,4 +1,4 @@
-"""Files out: records, tables of results, reconstructed forces. Each is whole or not there."""
+"""Writing of records, tables of results and reconstructed forces. A file is written completely or not at all."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ import numpy as np
 import pandas as pd
 
 from ...common.atomic import atomic_write
-from ...exceptions import FileFormatError
+from ...common.extras import require
+from ...exceptions import ChannelError, FileFormatError
 from ..record import Record
-from .attributes import Attributes, columns_of
-from .parquet import write_parquet
+from .arrays import ATTRIBUTES_KEY
+from .table import Attributes, columns_of
 from .uff import history, write_sets, write_uff
 
 _REACTION = 9  # UFF's specific data type
@@ -61,17 +62,31 @@ def write_record(record: Record, path: Any) -> Path:
     elif suffix == ".csv":
         _write_csv(path, {"t": record.time, **columns}, attributes)
     else:
-        write_parquet(path, {"t": record.time, **columns}, attributes)
+        _write_parquet(path, {"t": record.time, **columns}, attributes)
     return path
 
 
 def _write_csv(path: Path, columns: dict[str, np.ndarray], attributes: Attributes) -> None:
     with atomic_write(path) as file:
         file.write(f"# {attributes.to_json()}\n")
-        # the second line is for people; names are read from the first
+        # the second line is for human readers; names are read from the first
         csv.writer(file, lineterminator="\n").writerow([" ".join(name.split()) for name in columns])
         frame = pd.DataFrame({i: line for i, line in enumerate(columns.values())})
         frame.to_csv(file, index=False, header=False, na_rep="nan", lineterminator="\n")
+
+
+def _write_parquet(path: Path, columns: dict[str, np.ndarray], attributes: Attributes | None = None) -> None:
+    pyarrow: Any = require("pyarrow", "files", "Writing Parquet files")
+    parquet: Any = require("pyarrow.parquet", "files", "Writing Parquet files")
+    try:
+        # from_pandas=False: NaN is kept and not turned into a missing value
+        table = pyarrow.table({name: pyarrow.array(line, from_pandas=False) for name, line in columns.items()})
+    except (pyarrow.ArrowException, UnicodeError) as error:
+        raise ChannelError(f"{path}: a column cannot be written: {error}", "Rename it.") from error
+    if attributes is not None:
+        table = table.replace_schema_metadata({ATTRIBUTES_KEY: attributes.to_json().encode()})
+    with atomic_write(path, "wb") as file:
+        parquet.write_table(table, file)
 
 
 def write_table(table: pd.DataFrame, path: Any) -> Path:
@@ -112,7 +127,7 @@ def write_table(table: pd.DataFrame, path: Any) -> Path:
         with atomic_write(path) as file:
             flat.to_csv(file, index=False, lineterminator="\n")
     else:
-        write_parquet(path, {str(name): flat[name].to_numpy() for name in flat.columns})
+        _write_parquet(path, {str(name): flat[name].to_numpy() for name in flat.columns})
     return path
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...data.estimator_input import is_dask
+from ...data.channels import is_dask
 from ...data.record import Record
 from ...exceptions import ChannelError, DataQualityWarning, NRFError
 from ..problem import law_list

@@ -9,7 +9,7 @@ import numpy as np
 from sklearn.base import clone
 
 from ...common.extras import require
-from ...data.estimator_input import is_dask
+from ...data.channels import is_dask
 from ...exceptions import ChannelError, LawError
 from ...regression.gram_pass import guess_of
 from ..problem import law_list

@@ -19,6 +19,10 @@ def receptance(f, driven):
     return np.linalg.inv(Z)[:, :, driven - 1]
 
 
+F = np.linspace(2.0, 25.0, 120)
+H = -((2 * np.pi * F[:, None]) ** 2) * receptance(F, 2)
+
+
 @pytest.mark.parametrize("driven", [1, 2, 3])
 def test_every_parameter_comes_out_exactly(driven):
     f = np.linspace(2, 30, 300)
@@ -49,28 +53,63 @@ def test_text_round_trip_with_header_i_and_zero_line(tmp_path):
     np.testing.assert_array_equal(frf.H, H[1:])
     np.savez(tmp_path / "H.npz", f=f, H=H)
     np.testing.assert_array_equal(read_frf(tmp_path / "H.npz").H, H[1:])
+    np.savez(tmp_path / "one_by_one.npz", freq=f, H1=H[:, 0], H2=H[:, 1])
+    np.testing.assert_array_equal(read_frf(tmp_path / "one_by_one.npz", driven=2).H, H[1:])
 
 
-def test_errors_name_row_column_and_cure(tmp_path):
-    path = tmp_path / "H.csv"
-    for text, message in {
-        "f;H1\n1;0.1+0.2j\n2;oops\n3;0.1j\n": "row 3.*oops",
-        "f;H1\n1;0.1\n2;0.2\n": "no complex",
-        "1;0.1j;0.2\n2;0.1j\n": "not 2 numbers|row 1",
-        "just words\n": "one column",
-    }.items():
-        path.write_text(text)
-        with pytest.raises(FileFormatError, match=message):
-            read_frf(path)
-    f, H = np.arange(1.0, 5), np.ones((4, 2), dtype=complex)
-    with pytest.raises(ChannelError, match="driven=3"):
-        frequency_response(f, H, 3)
-    with pytest.raises(ChannelError, match="does not rise after row 3|does not rise"):
-        frequency_response(f[::-1], H)
-    with pytest.raises(ChannelError, match="H2 is not finite in row 1"):
-        frequency_response(f, np.where(np.eye(4, 2, k=0) * [0, 1] == 1, np.nan, H))
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("f;H1\n1;0.1+0.2j\n2;oops\n3;0.1j\n", "row 3.*oops"),
+        ("f;H1\n1;0.1\n2;0.2\n", "no complex"),
+        ("1;0.1j;0.2\n2;0.1j\n", "row 1.* is not 2 numbers"),
+        ("just words\n", "one column"),
+        ("# only words\n% and more\n\n", "holds no rows"),
+        ("f;H1\n", "no rows of numbers"),
+        ("f;H1 [m/s²/N]\n1;0.1j\n".encode("latin-1"), "H.csv"),
+    ],
+)
+def test_errors_name_row_and_cure(written, text, words):
+    with pytest.raises(FileFormatError, match=words):
+        read_frf(written(text, "H.csv"))
+
+
+@pytest.mark.parametrize("content", [{"freq": F, "H1": H[:, 0], "H2": H[:-1, 1]}, {"f": F, "H": np.abs(H)}], ids=["uneven", "real"])
+def test_arrays_that_are_no_response(tmp_path, content):
+    np.savez(tmp_path / "H.npz", **content)
+    with pytest.raises(FileFormatError, match="no frequencies 'f' and complex responses 'H'"):
+        read_frf(tmp_path / "H.npz")
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (dict(f=F + 1j), "the frequencies are complex"),
+        (dict(f=F[:-1]), r"\(119,\) frequencies for responses of shape \(120, 3\)"),
+        (dict(kind="inertance"), "kind='inertance' is unknown. .*receptance"),
+        (dict(f=F - 5.0), "the frequency in row 0 is -3"),
+        (dict(f=np.where(F > 20, np.nan, F)), "the frequency in row 94 is nan"),
+        (dict(f=F[::-1]), "does not rise after row 0"),
+        (dict(driven=4), "driven=4 is not one of the 3 DOFs"),
+        (dict(H=np.where(np.arange(360).reshape(120, 3) == 4, np.nan, H)), "H2 is not finite in row 1"),
+    ],
+)
+def test_a_response_that_cannot_be_one(change, words):
+    with pytest.raises(ChannelError, match=words):
+        frequency_response(**(dict(f=F, H=H, driven=2) | change))
+
+
+def test_weights_leave_an_exact_response_exact_and_are_checked():
+    """Rows of a balance that close exactly close under any weight; a line of weight zero is not used."""
+    spoilt = H.copy()
+    spoilt[30] *= 3.0
+    X, forces = frf_to_features(F, spoilt, 2, weight=np.where(np.arange(120) == 30, 0.0, 1.0 / F))
+    np.testing.assert_allclose(NRFRegressor(degree=1).fit(X, forces).masses_, M, rtol=1e-8)
+    for weight in (np.ones(119), -np.ones(120), np.full(120, np.nan)):
+        with pytest.raises(ChannelError, match="for 120 lines, or is not positive and finite"):
+            frf_to_features(F, H, 2, weight=weight)
     with pytest.raises(ChannelError, match="no line in the band"):
-        frf_to_features(f, H, 1, band=(7, 9))
+        frf_to_features(F, H, 1, band=(27, 29))
 
 
 def test_the_measured_frame_has_three_equal_masses():

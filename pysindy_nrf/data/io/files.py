@@ -1,4 +1,4 @@
-"""The one door for files: which reader a file needs."""
+"""Reading of any file: the reader is chosen by the file's type and signature."""
 
 from __future__ import annotations
 
@@ -8,34 +8,23 @@ from typing import Any
 import numpy as np
 
 from ...exceptions import FileFormatError
+from .arrays import SIGNATURE, read_hdf5, read_mat, read_npz, read_parquet
 from .delimited import read_delimited
-from .hdf5 import SIGNATURE, read_hdf5
-from .matlab import read_mat
-from .numpy_files import read_npz
-from .parquet import read_parquet
 from .strong_motion import is_strong_motion, read_strong_motion
 from .table import MAX_BYTES, Table, check_file
 from .uff import read_uff
 from .units import factor
 
 READERS = {
-    ".csv": read_delimited,
-    ".txt": read_delimited,
-    ".tsv": read_delimited,
-    ".dat": read_delimited,
-    ".asc": read_delimited,
-    ".parquet": read_parquet,
-    ".pq": read_parquet,
+    **dict.fromkeys((".csv", ".txt", ".tsv", ".dat", ".asc"), read_delimited),
+    **dict.fromkeys((".parquet", ".pq"), read_parquet),
     ".mat": read_mat,
-    ".h5": read_hdf5,
-    ".hdf5": read_hdf5,
-    ".npz": read_npz,
-    ".npy": read_npz,
-    ".uff": read_uff,
-    ".unv": read_uff,
+    **dict.fromkeys((".h5", ".hdf5"), read_hdf5),
+    **dict.fromkeys((".npz", ".npy"), read_npz),
+    **dict.fromkeys((".uff", ".unv"), read_uff),
     **dict.fromkeys((".v2", ".v2c", ".v1", ".v1c", ".v0c"), read_strong_motion),
 }
-# What a file starts with, whatever it is called.
+# First bytes of a file, the suffixes that fit them, and their name.
 _SIGNATURES = (
     (b"PAR1", (".parquet", ".pq"), "Parquet"),
     (SIGNATURE, (".h5", ".hdf5", ".mat"), "HDF5"),
@@ -62,7 +51,7 @@ def read_table(path: Any, *, max_bytes: int = MAX_BYTES) -> Table:
     Returns
     -------
     Table
-        Variables by name, as in the file; units written in a header; notes on what was decided.
+        Variables by name, as in the file; units written in a header; notes on the decisions of the reader.
 
     Raises
     ------
@@ -91,7 +80,7 @@ def read_table(path: Any, *, max_bytes: int = MAX_BYTES) -> Table:
     reader = READERS.get(suffix)
     if reader is None:
         raise FileFormatError(
-            f"{path} has the type {suffix or '(none)'}, which is not read", f"Read are {' '.join(READERS)}."
+            f"{path} has the type {suffix or '(none)'}, which is not read", f"Supported types are {' '.join(READERS)}."
         )
     with open(path, "rb") as file:
         head = file.read(400)
@@ -111,13 +100,13 @@ def read_table(path: Any, *, max_bytes: int = MAX_BYTES) -> Table:
 
 
 def _together(tables: list[Table]) -> Table:
-    """Channels of one test from several files."""
+    """One table of the channels of one test in several files."""
     if not tables:
         raise FileFormatError("No file was given", "Name at least one.")
     stems = [table.path.stem for table in tables]
     twice = [stem for stem in stems if stems.count(stem) > 1]
     if twice:
-        raise FileFormatError(f"Two files are called {twice[0]!r}", "Rename one: variables go by the file's name.")
+        raise FileFormatError(f"Two files are called {twice[0]!r}", "Rename one: variables are named after their file.")
     rates = {table.fs for table in tables if table.fs is not None}
     if len(rates) > 1:
         shown = ", ".join(f"{t.path.name} {t.fs:g} Hz" for t in tables if t.fs is not None)
@@ -134,7 +123,7 @@ def _together(tables: list[Table]) -> Table:
         for stem, time in zip(stems, times):
             if not np.array_equal(time, times[0]):
                 raise FileFormatError(
-                    f"The files {stems[0]!r} and {stem!r} have times of their own", "Resample them to one clock."
+                    f"The times of the files {stems[0]!r} and {stem!r} differ", "Resample them to one clock."
                 )
         written = {table.units.get("t", "s") for table in tables}
         if len({factor(unit, "t") for unit in written}) > 1:

@@ -1,0 +1,257 @@
+"""Files of binary arrays: NumPy, HDF5, MATLAB, Parquet.
+
+Sizes that a file declares are checked before memory is taken. Pickled objects, which could run code, are never loaded.
+"""
+
+from __future__ import annotations
+
+import math
+import pickle
+import struct
+import subprocess
+import sys
+import zipfile
+import zlib
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import pandas as pd
+
+from ...common.extras import require
+from ...exceptions import FileFormatError
+from .table import MAX_BYTES, SCHEMA, Attributes, Table, check_size, unreadable
+
+
+def flattened(content: Mapping[str, Any], prefix: str = "") -> dict[str, np.ndarray]:
+    """Numeric arrays by name; fields of structures as ``struct.field``; single columns one-dimensional."""
+    out: dict[str, np.ndarray] = {}
+    for name, value in content.items():
+        array = value if isinstance(value, Mapping) else np.asarray(value)
+        if isinstance(array, np.ndarray) and array.dtype.names:
+            array = {field: array[field] for field in array.dtype.names}
+        if isinstance(array, Mapping):
+            out |= flattened(array, f"{prefix}{name}.")
+        elif array.dtype.kind in "biufcmM":
+            if array.ndim == 2 and 1 in array.shape:
+                array = array.ravel() if array.size > 1 else array.reshape(())
+            out[f"{prefix}{name}"] = array
+    return out
+
+
+# -- NumPy ------------------------------------------------------------------------------------
+
+
+def read_npz(path: Path, max_bytes: int = MAX_BYTES) -> Table:
+    """Read a NumPy archive (.npz) or array (.npy)."""
+    try:
+        if path.suffix.lower() == ".npz":
+            with zipfile.ZipFile(path) as archive:
+                members = [item for item in archive.infolist() if item.filename.endswith(".npy")]
+                check_size(path, sum(item.file_size for item in members), max_bytes)
+                for item in members:
+                    with archive.open(item) as stream:
+                        _check_header(stream, item.file_size)
+            with np.load(path, allow_pickle=False) as loaded:
+                variables = {name: loaded[name] for name in loaded.files if f"{name}.npy" in loaded.zip.namelist()}
+        else:
+            with open(path, "rb") as stream:
+                _check_header(stream, path.stat().st_size)
+                stream.seek(0)
+                variables = {path.stem: np.load(stream, allow_pickle=False)}
+    except FileFormatError:
+        raise
+    except Exception as error:  # a damaged stream may raise anything
+        if isinstance(error, ValueError) and ("pickle" in str(error).lower() or "object" in str(error).lower()):
+            raise FileFormatError(
+                f"{path} holds pickled Python objects, which could run code and are never loaded",
+                "Save plain arrays: numpy.savez(path, a1=..., x1=...).",
+            ) from error
+        raise unreadable(path, "NumPy", error) from error
+    return Table(path, "NumPy", flattened(variables))
+
+
+def _check_header(stream: IO[bytes], held: int) -> None:
+    """Refuse an array whose header declares more bytes than the file holds; NumPy would allocate them first."""
+    read: Any = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    version = np.lib.format.read_magic(stream)
+    if version not in read:
+        return  # NumPy itself refuses unknown versions
+    shape, _, dtype = read[version](stream)
+    if dtype.hasobject:
+        raise ValueError("object arrays are pickled")
+    if any(n < 0 for n in shape) or math.prod(shape) * dtype.itemsize > held:
+        raise ValueError(f"an array declares the shape {shape} of {dtype} but the file holds {held} bytes")
+
+
+# -- HDF5 -------------------------------------------------------------------------------------
+
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
+
+
+def read_hdf5(path: Path, max_bytes: int = MAX_BYTES, matlab: bool = False) -> Table:
+    """Read the numeric data sets of an HDF5 file; the names of groups are joined by points."""
+    h5py = require("h5py", "files", "Reading HDF5 and MATLAB v7.3 files")
+    kind = "MATLAB v7.3" if matlab else "HDF5"
+    variables: dict[str, np.ndarray] = {}
+    total = 0
+    try:
+        with h5py.File(path, "r") as file:
+            for name, item in data_sets(h5py, file):
+                text = matlab and item.attrs.get("MATLAB_class") in (b"char", "char")
+                empty = item.shape is None or "MATLAB_empty" in item.attrs
+                if text or empty or name.startswith("#") or item.dtype.kind not in "biufc":
+                    continue
+                require_own(path, name, item)
+                total += item.size * item.dtype.itemsize
+                check_size(path, total, max_bytes)
+                values = np.asarray(item[()])
+                variables[name.replace("/", ".")] = values.T if matlab else values
+    except FileFormatError:
+        raise
+    except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
+        raise unreadable(path, kind, error) from error
+    return Table(path, kind, flattened(variables))
+
+
+def require_own(path: Any, name: str, item: Any) -> None:
+    """Refuse a data set whose values lie in other files."""
+    if item.external or item.is_virtual:
+        raise FileFormatError(
+            f"{path}: the data set {name!r} lies in another file, which is not opened",
+            "Export the measured values themselves into one file.",
+        )
+
+
+def data_sets(h5py: Any, file: Any) -> Iterator[tuple[str, Any]]:
+    """Name and data set, each once, of those that the file itself holds; links into other files are not followed."""
+
+    def number(item: Any) -> Any:
+        return h5py.h5g.get_objinfo(item.id).objno
+
+    seen = {number(file["/"])}
+    stack = [("", file)]
+    while stack:
+        name, item = stack.pop()
+        if isinstance(item, h5py.Dataset):
+            yield name, item
+        if not isinstance(item, h5py.Group):
+            continue
+        inside = []
+        for key in item:
+            if isinstance(item.get(key, getlink=True), h5py.HardLink):
+                own = number(item[key])
+                if own not in seen:
+                    seen.add(own)
+                    inside.append((f"{name}/{key}" if name else key, item[key]))
+        stack += reversed(inside)
+
+
+# -- MATLAB -----------------------------------------------------------------------------------
+
+_HEADER, _COMPRESSED = 128, 15
+_PIECE = 1 << 20
+_SECONDS, _BYTES_PER_SECOND = 60.0, 5e6  # time limit of a file
+_LOAD = """
+import pickle, sys
+from scipy.io import loadmat
+try:
+    held = loadmat(sys.argv[1], simplify_cells=True)
+    pickle.dump({k: v for k, v in held.items() if k[:2] != "__"}, sys.stdout.buffer, protocol=5)
+except Exception as error:
+    sys.exit(f"{error or type(error).__name__}"[:500])
+"""
+
+
+def read_mat(path: Path, max_bytes: int = MAX_BYTES) -> Table:
+    """Read a MATLAB file: up to v7 by SciPy, v7.3 by h5py."""
+    with open(path, "rb") as file:
+        head = file.read(520)
+    if head[:8] == SIGNATURE or head[512:520] == SIGNATURE or b"MATLAB 7.3" in head[:128]:
+        return read_hdf5(path, max_bytes, matlab=True)
+    try:
+        _check_unpacked(path, head, max_bytes)
+        content = _loaded(path)
+    except FileFormatError:
+        raise
+    except Exception as error:  # a damaged stream: zlib, struct, the message of the child process
+        raise unreadable(path, "MATLAB", error) from error
+    return Table(path, "MATLAB", flattened(content))
+
+
+def _loaded(path: Path) -> dict[str, Any]:
+    """Variables of a v4 or v5 file, read in a process of its own: a damaged byte can crash SciPy's reader."""
+    limit = _SECONDS + path.stat().st_size / _BYTES_PER_SECOND
+    command = [sys.executable, "-P", "-W", "ignore", "-c", _LOAD, str(path.absolute())]
+    try:
+        done = subprocess.run(command, capture_output=True, timeout=limit, stdin=subprocess.DEVNULL)
+    except subprocess.TimeoutExpired:
+        raise ValueError(f"it was not read within {limit:.0f} s") from None
+    if done.returncode:
+        crash = "its variables are damaged (SciPy's reader ended its process)"
+        raise ValueError(done.stderr.decode(errors="replace").strip() if done.returncode == 1 else crash)
+    return pickle.loads(done.stdout)
+
+
+def _check_unpacked(path: Path, head: bytes, max_bytes: int) -> None:
+    """Refuse compressed variables that unpack to more than the limit; they are unpacked in pieces that are dropped."""
+    if head[126:128] not in (b"IM", b"MI"):
+        return  # v4, not compressed
+    order = "<" if head[126:128] == b"IM" else ">"
+    total = 0
+    with open(path, "rb") as file:
+        file.seek(_HEADER)
+        while len(tag := file.read(8)) == 8:
+            kind, size = struct.unpack(order + "II", tag)
+            if kind != _COMPRESSED:
+                file.seek(size, 1)
+                continue
+            unpack = zlib.decompressobj()
+            while size > 0 and (piece := file.read(min(_PIECE, size))):
+                size -= len(piece)
+                while piece:
+                    total += len(unpack.decompress(piece, _PIECE))
+                    check_size(path, total, max_bytes)
+                    piece = unpack.unconsumed_tail
+
+
+# -- Parquet ----------------------------------------------------------------------------------
+
+ATTRIBUTES_KEY = SCHEMA.encode()
+
+
+def read_parquet(path: Path, max_bytes: int = MAX_BYTES) -> Table:
+    """Read the columns of a Parquet file that hold numbers, times or texts; a time index becomes the column ``t``."""
+    pyarrow = require("pyarrow", "files", "Reading Parquet files")
+    types = require("pyarrow.types", "files", "Reading Parquet files")
+    parquet = require("pyarrow.parquet", "files", "Reading Parquet files")
+    try:
+        file = parquet.ParquetFile(path)
+        schema, about = file.schema_arrow, file.metadata
+        twice = [name for name, count in Counter(schema.names).items() if count > 1]
+        if twice:
+            raise FileFormatError(f"{path} has two columns named {twice[0]!r}", "Rename one.")
+        texts = [f.name for f in schema if types.is_string(f.type) or types.is_large_string(f.type)]
+        kept = texts + [f.name for f in schema if types.is_primitive(f.type) or types.is_dictionary(f.type)]
+        declared = sum(about.row_group(i).total_byte_size for i in range(about.num_row_groups))
+        check_size(path, max(declared, 8 * about.num_rows * len(kept)), max_bytes)
+        # dictionaries keep a repeated text from being unpacked once for each row
+        held = parquet.read_table(path, columns=[n for n in schema.names if n in kept], read_dictionary=texts)
+        attributes = (schema.metadata or {}).get(ATTRIBUTES_KEY)
+        frame = held.to_pandas()
+    except FileFormatError:
+        raise
+    except (pyarrow.ArrowException, OSError, ValueError, TypeError, KeyError) as error:
+        raise unreadable(path, "Parquet", error) from error
+    variables = {}
+    if frame.index.name in ("t", "time") or isinstance(frame.index, (pd.DatetimeIndex, pd.TimedeltaIndex)):
+        variables["t"] = frame.index.to_numpy()
+    for name in frame.columns:
+        column = frame[name]
+        if hasattr(column.dtype, "numpy_dtype") and column.dtype.kind in "biuf":
+            column = column.astype(float)  # nullable numbers
+        variables[str(name)] = column.to_numpy()
+    own = None if attributes is None else Attributes.from_json(attributes, path)
+    return Table(path, "Parquet", variables, attributes=own)

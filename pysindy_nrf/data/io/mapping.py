@@ -1,0 +1,303 @@
+"""Mapping of columns to channels: plain names, the mapping grammar, and mapping files. Nothing is evaluated as code.
+
+The grammar of one mapping is ``[-] name [ "[:, k]" | "[k, :]" ] [* factor] [@ unit]``.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+import sys
+import tomllib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ...exceptions import ChannelError, FileFormatError
+from ..channels import FILLED, fillers
+from .table import Table, check_file, unreadable
+
+GRAMMAR = '[-] name [:, k] * factor @ unit, e.g. "vir*35.1507", "-acc[:, 2] @ g", "laser @ mm"'
+
+_PATTERN = re.compile(
+    r"""\s*(?P<sign>-)?\s*
+    (?:"(?P<quoted>[^"]+)"|(?P<name>[^"\[\]*@]+?))\s*
+    (?:\[\s*(?:(?::\s*,\s*(?P<column>-?\d+))|(?:(?P<row>-?\d+)\s*,\s*:))\s*\])?\s*
+    (?:\*\s*(?P<factor>[^*@\s]+))?\s*
+    (?:@\s*(?P<unit>\S.*?))?\s*\Z""",
+    re.VERBOSE,
+)
+_GROUPED = re.compile(r"[+-]?\d{1,3}([.,' \u00a0\u2009\u202f]\d{3})+([.,]\d*)?|[+-]?\d+\.\d*")
+_NUMBERED = re.compile(r"([avxf])_?0*([1-9]\d*)", re.IGNORECASE)
+_BASE = re.compile(r"([avx])(?:_?g|0)", re.IGNORECASE)
+
+
+def channel_of(name: str) -> str | None:
+    """Channel that a plain name means: ``a_01`` is a1, ``f2`` is F2, ``x0`` is xg, ``time`` is t; or None."""
+    text = name.strip()
+    if text.lower() in ("t", "time"):
+        return "t"
+    if match := _BASE.fullmatch(text):
+        return match[1].lower() + "g"
+    if match := _NUMBERED.fullmatch(text):
+        return match[1].lower().replace("f", "F") + match[2]
+    return None
+
+
+# -- one mapping ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Expression:
+    """A parsed mapping: variable, column or row of a matrix, factor (a number or a variable), sign and unit."""
+
+    name: str
+    column: int | None = None
+    row: int | None = None
+    factor: str | None = None
+    sign: int = 1
+    unit: str | None = None
+
+    @property
+    def text(self) -> str:
+        """The mapping without its unit."""
+        text = ("-" if self.sign < 0 else "") + self.name
+        if self.column is not None:
+            text += f"[:, {self.column}]"
+        if self.row is not None:
+            text += f"[{self.row}, :]"
+        return text + (f" * {self.factor}" if self.factor else "")
+
+
+def parse(text: str, table: Table, channel: str) -> Expression:
+    """Parse the mapping of a channel."""
+    if not isinstance(text, str):
+        raise ChannelError(f"The mapping of {channel} is {text!r}, not a text", f"Write {GRAMMAR}.")
+    if text.strip() in table.variables:
+        return Expression(text.strip())
+    match = _PATTERN.match(text)
+    if match is None:
+        raise ChannelError(f"The mapping {channel} = {text!r} is not understood", f"Write {GRAMMAR}.")
+    column, row = (None if match[key] is None else int(match[key]) for key in ("column", "row"))
+    name = match["quoted"] or match["name"].strip()
+    return Expression(name, column, row, match["factor"], -1 if match["sign"] else 1, match["unit"])
+
+
+def line_of(expression: Expression, table: Table, channel: str) -> np.ndarray:
+    """Samples of a mapping, shape (n_samples,), before units are converted."""
+    if expression.name not in table.variables:
+        raise FileFormatError(
+            f"{table.path} has no variable {expression.name!r} for channel {channel}", f"It holds {table.names}."
+        )
+    values = table.variables[expression.name]
+    wanted = f"Channel {channel} = {expression.name!r} of {table.path}"
+    index = expression.column if expression.row is None else expression.row
+    if index is not None:
+        axis = 1 if expression.row is None else 0
+        if values.ndim != 2 or not -values.shape[axis] <= index < values.shape[axis]:
+            kind = "column" if axis else "row"
+            raise FileFormatError(
+                f"{wanted} has the shape {values.shape}, there is no {kind} {index}",
+                f"{kind.capitalize()}s count from 0.",
+            )
+        values = values.take(index, axis)
+    if values.ndim != 1:
+        cure = (
+            f"Pick one column, {expression.name}[:, 0], or one row, {expression.name}[0, :]."
+            if values.ndim == 2
+            else "Give one value per sample."
+        )
+        raise FileFormatError(f"{wanted} has the shape {values.shape}, not one line of samples", cure)
+    if channel == "t" and (values.dtype.kind in "mM" or expression.factor is None and values.dtype == object):
+        return values
+    line = _numbers(values, wanted, table.decimal)
+    if channel != "t" and (filled := fillers(line)[1]):
+        raise FileFormatError(f"{wanted} holds {filled}", FILLED)
+    scale = expression.sign * _factor(expression, table, channel)
+    return line if scale == 1 else line * scale
+
+
+def _factor(expression: Expression, table: Table, channel: str) -> float:
+    if expression.factor is None:
+        return 1.0
+    try:
+        value = float(expression.factor)
+    except ValueError:
+        scalar = table.variables.get(expression.factor)
+        if scalar is None or scalar.size != 1 or scalar.dtype.kind not in "iuf":
+            raise ChannelError(
+                f"The factor {expression.factor!r} of channel {channel} is neither a number nor the name of one in "
+                f"{table.path}",
+                f"Write {GRAMMAR}.",
+            ) from None
+        value = float(scalar.reshape(())[()])
+    if not np.isfinite(value) or value == 0:
+        raise ChannelError(
+            f"The factor {expression.factor!r} of channel {channel} is not a usable number",
+            "Give a finite factor, not zero.",
+        )
+    return value
+
+
+def _numbers(values: np.ndarray, wanted: str, decimal: str) -> np.ndarray:
+    if values.dtype.kind == "c":
+        raise FileFormatError(f"{wanted} is complex", "A frequency response is read with read_frf (--frf).")
+    if values.dtype == np.float32 or values.dtype.kind in "biuf":
+        return values if values.dtype == np.float32 else values.astype(float)
+    numbers = pd.to_numeric(pd.Series(values, dtype=object), errors="coerce").to_numpy(dtype=float)
+    text = np.isnan(numbers) & ~pd.isna(values)
+    if decimal == ",":  # the point of '1.500' marks thousands, or the file mixes two decimal marks
+        text |= pd.Series(values).astype(str).str.contains(".", regex=False).to_numpy(dtype=bool)
+    if text.any():
+        row = int(np.argmax(text))
+        raise FileFormatError(
+            f"{wanted} holds the text {values[row]!r} in data row {row + 1}"
+            + (", in a file with a decimal comma" if decimal == "," else ""),
+            "Export numbers without marks of thousands, all with the same decimal mark."
+            if _GROUPED.fullmatch(str(values[row]).strip())
+            else "Remove it, or leave the cell empty where nothing was measured.",
+        )
+    return numbers
+
+
+# -- mapping files ----------------------------------------------------------------------------
+
+_MAX_BYTES = 1_000_000
+_KEYS = {
+    "files": "a list of file names",
+    "together": "true or false",
+    "name": "a text",
+    "fs": "a positive number (Hz)",
+    "coordinates": "'relative' or 'absolute'",
+    "channels": "a table CHANNEL = 'column'",
+    "units": "a table CHANNEL = 'unit'",
+}
+
+
+@dataclass(frozen=True)
+class MappingFile:
+    r"""Content of a mapping file, a small TOML file beside the data.
+
+    Attributes
+    ----------
+    path : Path
+    files : tuple of Path
+        Inside the folder of the mapping file.
+    together : bool
+        True: the files hold channels of one test. False: each is a test.
+    channels, units : dict of str to str
+        As ``mapping`` and ``units`` of :func:`read_record`.
+    fs : float or None
+    coordinates, name : str or None
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from pysindy_nrf.data.io import read_mapping
+    >>> text = '[channels]\nF1 = "Shaker @ kN"\na1 = "ACC_07 @ g"\n'
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "campaign.toml")
+    ...     _ = path.write_text(text)
+    ...     read_mapping(path).channels
+    {'F1': 'Shaker @ kN', 'a1': 'ACC_07 @ g'}
+    """
+
+    path: Path
+    files: tuple[Path, ...] = ()
+    together: bool = False
+    channels: dict[str, str] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+    fs: float | None = None
+    coordinates: str | None = None
+    name: str | None = None
+
+
+def read_mapping(path: Any) -> MappingFile:
+    """Read a mapping file.
+
+    Parameters
+    ----------
+    path : path-like
+        TOML with the keys ``name``, ``files``, ``together``, ``fs``, ``coordinates``, ``[channels]``, ``[units]``.
+
+    Returns
+    -------
+    MappingFile
+
+    Raises
+    ------
+    FileFormatError
+        If it is not TOML, a key is unknown or has a wrong value, or a file lies outside its folder.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from pysindy_nrf.data.io import read_mapping
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> path = pathlib.Path(folder.name, "shaker.toml")
+    >>> _ = path.write_text('fs = 500.0\\n[channels]\\nF2 = "Shaker"\\n[units]\\nF = "kN"\\n')
+    >>> found = read_mapping(path)
+    >>> found.fs, found.channels, found.units
+    (500.0, {'F2': 'Shaker'}, {'F': 'kN'})
+    >>> folder.cleanup()
+    """
+    path = Path(path)
+    check_file(path, _MAX_BYTES)
+    try:
+        with open(path, "rb") as file:
+            data = tomllib.load(file)
+    except (ValueError, RecursionError) as error:  # not TOML, not UTF-8, a number of thousands of digits
+        raise unreadable(path, "a mapping file (TOML)", error) from error
+    for key, value in data.items():
+        if key not in _KEYS:
+            near = difflib.get_close_matches(key, _KEYS, 1)
+            raise FileFormatError(
+                f"{path}: the key {key!r} is unknown" + (f"; did you mean {near[0]!r}?" if near else ""),
+                f"Keys are {', '.join(_KEYS)}.",
+            )
+        if not _good(key, value):
+            raise FileFormatError(f"{path}: {key} = {_shown(value)} is not {_KEYS[key]}", "Correct it.")
+        for name, text in value.items() if isinstance(value, dict) else ():
+            if not isinstance(text, str) or not text.strip():
+                raise FileFormatError(
+                    f"{path}: {key}.{name} = {_shown(text)} is not a text",
+                    "Write e.g. F2 = 'Shaker @ kN'." if key == "channels" else "Write e.g. a = 'g'.",
+                )
+    files = tuple(_inside(path, name) for name in data.pop("files", ()))
+    return MappingFile(path, files, **(data | ({"fs": float(data["fs"])} if "fs" in data else {})))
+
+
+def _good(key: str, value: Any) -> bool:
+    if key == "files":
+        return isinstance(value, list) and bool(value) and all(isinstance(v, str) and v.strip() for v in value)
+    if key == "fs":
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        return number and 0 < value <= sys.float_info.max
+    if key == "coordinates":
+        return value in ("relative", "absolute")
+    return isinstance(value, {"together": bool, "name": str}.get(key, dict))
+
+
+def _shown(value: Any) -> str:
+    try:
+        return repr(value)[:60]
+    except ValueError:  # Python prints no integer of thousands of digits
+        return "a number too long to print"
+
+
+def _inside(path: Path, name: str) -> Path:
+    """A file in the folder of the mapping file or below it; symbolic links are resolved first."""
+    folder = path.resolve().parent
+    try:
+        target = (folder / name).resolve()
+        good = target.is_relative_to(folder) and target != folder
+    except (OSError, ValueError, RuntimeError):  # a zero byte, a loop of links
+        good = False
+    if not good:
+        raise FileFormatError(
+            f"{path}: the file {name!r} is not in the folder of the mapping file", "Put both into one folder."
+        )
+    return path.parent / name

@@ -1,0 +1,417 @@
+"""From a file to a record: choice of columns, units, clock; or to the excitation of a simulation."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ...exceptions import ChannelError, FileFormatError
+from ..record import BASES, MATRICES, Record, seconds_of
+from .files import read_table
+from .mapping import Expression, channel_of, line_of, parse
+from .table import MAX_BYTES, Table, restored
+from .units import dimension_of, factor, si_unit
+
+_TIME_OF_DAY = re.compile(r"\d{1,2}:\d\d:\d\d(\.\d+)?")
+_MOTIONS = ("length", "velocity", "acceleration")
+
+
+@dataclass
+class Source:
+    """Origin of a channel: the mapping or the column's name, the unit in the file, and the variable of the file."""
+
+    text: str
+    unit: str
+    name: str = ""
+
+
+@dataclass
+class Reading:
+    r"""A record and how the file was understood.
+
+    Attributes
+    ----------
+    record : Record
+    table : Table
+    sources : dict of str to Source
+        Origin of each channel: ``text`` (the mapping or the column's name), ``unit``, ``name`` of the variable.
+    unused : tuple of str
+        Variables of the file that are not in the record.
+    clock : str
+        Sampling rate and how it was found, in words.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from pysindy_nrf import io
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "own.csv")
+    ...     _ = path.write_text("t,x1,remark\n" + "".join(f"{k / 100},{k % 7},0\n" for k in range(50)))
+    ...     reading = io.inspect_record(path, units={"x": "mm"})
+    >>> reading.record.measured, reading.unused
+    (('F1', 'x1'), ('remark',))
+    """
+
+    record: Record
+    table: Table
+    sources: dict[str, Source]
+    unused: tuple[str, ...]
+    clock: str = ""
+
+
+@dataclass
+class Load:
+    """Excitation of a structure: force (n_samples, n_dof), N; base acceleration or None, m/s^2; fs in Hz; t0 in s."""
+
+    name: str
+    fs: float
+    t0: float
+    force: np.ndarray
+    base_acceleration: np.ndarray | None
+    covariates: dict[str, np.ndarray]
+
+
+def read_record(path: Any, *, mapping: Mapping[str, str] | None = None, fs: float | None = None,
+                units: Mapping[str, str] | None = None, name: str | None = None,
+                coordinates: str | None = None, max_bytes: int = MAX_BYTES) -> Record:  # fmt: skip
+    """Read the measured channels of one test from a file.
+
+    Parameters
+    ----------
+    path : path-like or sequence of path-like
+        See :func:`read_table` for the types and for several files of one test.
+    mapping : mapping of str to str, optional
+        Channels by ``[-] name [:, k] * factor @ unit``: ``{"x1": "qm", "F1": "vir*35.1507",
+        "a2": "-acc[:, 2] @ g"}``. The factor may name a number held by the file. ``"none"`` drops a
+        channel, ``"unknown"`` means that a force acts but was not measured. Channels are ``a1..,
+        v1.., x1.., F1.., ag, vg, xg, t``; any other name becomes a covariate. Columns that carry
+        a channel's name need no mapping; all others are left out.
+    fs : float, optional
+        Sampling rate, Hz, where the file has no time.
+    units : mapping of str to str, optional
+        Units by channel or by kind, ``{"a": "g", "x": "mm", "x3": "in"}``; ``@ unit`` in the mapping
+        goes first, a unit written in the file's header last. SI where nothing is said.
+    name : str, optional
+        Name of the test; if None, the name in the file, else the file's own.
+    coordinates : {"relative", "absolute"}, optional
+        Reference of velocities and displacements; if None, as the file says, else relative to the base.
+    max_bytes : int
+
+    Returns
+    -------
+    Record
+        SI units. A file written by :func:`write_record` gives its record back bit for bit.
+
+    Raises
+    ------
+    FileFormatError
+        If the file cannot be read or has no such variable.
+    ChannelError
+        If a mapping or unit is not understood, or a channel does not hold finite numbers.
+    MissingExtraError
+        If the type of file or a unit needs an optional package.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from pysindy_nrf.data.io import read_record
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> path = pathlib.Path(folder.name, "test 7.csv")
+    >>> _ = path.write_text("t,laser [m],drive\\n0.00,0.1,0.1\\n0.01,0.5,0.2\\n0.02,0.1,0.1\\n")
+    >>> rec = read_record(path, mapping={"x1": "laser", "F1": "drive*35.15"})
+    >>> rec
+    Record('test 7': 1 DOF, 3 samples at 100 Hz (0.03 s), channels F1, x1)
+    >>> rec.displacement.ravel(), rec.force.ravel()
+    (array([0.1, 0.5, 0.1]), array([3.515, 7.03 , 3.515]))
+    >>> folder.cleanup()
+    """
+    return inspect_record(
+        path, mapping=mapping, fs=fs, units=units, name=name, coordinates=coordinates, max_bytes=max_bytes
+    ).record
+
+
+def inspect_record(path: Any, *, mapping: Mapping[str, str] | None = None, fs: float | None = None,
+                   units: Mapping[str, str] | None = None, name: str | None = None,
+                   coordinates: str | None = None, max_bytes: int = MAX_BYTES) -> Reading:  # fmt: skip
+    r"""Read a record and keep how the file was understood, for :func:`describe`.
+
+    Parameters
+    ----------
+    path, mapping, fs, units, name, coordinates, max_bytes
+        As for :func:`read_record`.
+
+    Returns
+    -------
+    Reading
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from pysindy_nrf import io
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "own.csv")
+    ...     _ = path.write_text("t,Deck\n" + "".join(f"{k / 100},{k % 7}\n" for k in range(50)))
+    ...     reading = io.inspect_record(path, mapping={"x1": "Deck @ mm"})
+    >>> print(io.describe(reading).splitlines()[3])
+      x1  displacement relative to base     rms 0.003569 m, peak 0.006 m   <- Deck in mm
+    """
+    table = read_table(path, max_bytes=max_bytes)
+    return understand(table, mapping=mapping, fs=fs, units=units, name=name, coordinates=coordinates)
+
+
+def read_excitation(path: Any, n_dof: int, *, mapping: Mapping[str, str] | None = None, fs: float | None = None,
+                    units: Mapping[str, str] | None = None, name: str | None = None,
+                    max_bytes: int = MAX_BYTES) -> Load:  # fmt: skip
+    r"""Read the excitation of a structure, to simulate its response.
+
+    Parameters
+    ----------
+    path, mapping, fs, units, name, max_bytes
+        As for :func:`read_record`.
+    n_dof : int
+        Degrees of freedom of the structure.
+
+    Returns
+    -------
+    Load
+        ``force`` (n_samples, n_dof), N; ``base_acceleration``, m/s^2, or None; ``covariates``; ``fs``, ``t0``.
+        Motions of the file, of ``mapping`` and of ``units`` are ignored.
+
+    Raises
+    ------
+    ChannelError
+        If there is no excitation, or a force acts on a DOF that the structure does not have.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from pysindy_nrf import io
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "hit.csv")
+    ...     _ = path.write_text("t,F2\n" + "".join(f"{k / 100},{100.0 * (k == 5)}\n" for k in range(50)))
+    ...     load = io.read_excitation(path, n_dof=3)
+    >>> load.force.shape, float(load.force[5, 1])  # N, on floor 2
+    ((50, 3), 100.0)
+    """
+    table = read_table(path, max_bytes=max_bytes)
+    # a mapping file of the whole test may name motions that are not in this file
+    mapping = {c: text for c, text in (mapping or {}).items() if not _is_motion(c)}
+    base = "ag" in mapping or "ag" in table.variables
+    units = {c: unit for c, unit in (units or {}).items() if not _is_motion(c) and c not in ("v", "x", "a"[base:])}
+    lines, sources = lines_of(table, mapping, units)
+    lines = {c: line for c, line in lines.items() if not _is_motion(c)}
+    if not any(dimension_of(c) == "force" or c == "ag" for c in lines):
+        raise FileFormatError(
+            f"{table.path}: no column is known to be a force or the base acceleration; it holds {table.names}",
+            "Name columns F1.., ag, t, or map them: mapping={'F1': 'name'}, --map F1=name.",
+        )
+    beyond = [c for c in lines if c[:1] == "F" and c[1:].isdigit() and int(c[1:]) > n_dof]
+    if beyond:
+        raise ChannelError(f"{beyond[0]} acts on a DOF that the model does not have", f"It has DOFs 1 to {n_dof}.")
+    n = len(next(iter(lines.values())))
+    lines |= {f"x{j}": np.zeros(n) for j in range(1, n_dof + 1)}  # a record needs motions
+    record = record_of(table, lines, sources, fs, name or table.path.stem, "relative")[0]
+    if record.unknown:
+        raise ChannelError(f"F{record.unknown[0]} is unknown", "A simulation needs the force itself.")
+    return Load(record.name, record.fs, record.t0, record.force, record.base_acceleration, record.covariates)
+
+
+def _is_motion(channel: str) -> bool:
+    """True for a response channel; the base acceleration is an excitation."""
+    return channel != "ag" and dimension_of(channel) in _MOTIONS
+
+
+# -- steps of reading --------------------------------------------------------------------------
+
+
+def understand(table: Table, *, mapping: Mapping[str, str] | None = None, fs: float | None = None,
+               units: Mapping[str, str] | None = None, name: str | None = None,
+               coordinates: str | None = None) -> Reading:  # fmt: skip
+    """Record and its origin from the variables of a file."""
+    own = table.attributes
+    if coordinates not in (None, "relative", "absolute"):
+        raise ChannelError(f"coordinates={coordinates!r} is unknown", "Choose 'relative' (to the base) or 'absolute'.")
+    if own is not None and not mapping and not units and fs is None:
+        record = restored(own, table.variables)
+        if name or coordinates:
+            record = record.replace(name=name or record.name, coordinates=coordinates or record.coordinates)
+        sources = {c: Source(c, si_unit(c)) for c in own.columns}
+        return Reading(record, table, sources, (), f"{record.fs:g} Hz, as written by this package")
+    lines, sources = lines_of(table, mapping, units)
+    if not any(dimension_of(c) in _MOTIONS and c not in BASES.values() for c in lines):
+        raise FileFormatError(
+            f"{table.path}: no column is known to be a motion; it holds {table.names}",
+            "Name columns a1.., v1.., x1.., F1.., ag, t, or map them: mapping={'x1': 'name'}, --map x1=name.",
+        )
+    title = name or (own.name if own else table.path.stem)
+    record, clock = record_of(table, lines, sources, fs, title, coordinates or (own.coordinates if own else "relative"))
+    used = {source.name for source in sources.values()}
+    unused = tuple(v for v in table.variables if v not in used)
+    return Reading(record, table, sources, unused, clock)
+
+
+def lines_of(
+    table: Table, mapping: Mapping[str, str] | None, units: Mapping[str, str] | None
+) -> tuple[dict[str, np.ndarray], dict[str, Source]]:
+    """Samples in SI units and their origin, by channel."""
+    chosen = _chosen(table, mapping or {})
+    declared = _declared(units)
+    lines: dict[str, np.ndarray] = {}
+    sources: dict[str, Source] = {}
+    for channel, expression in chosen.items():
+        if expression is None:
+            continue
+        line = line_of(expression, table, channel)
+        unit = _unit(channel, expression, table, declared)
+        if unit and dimension_of(channel) is not None and line.dtype.kind == "f":
+            scale = factor(unit, channel)
+            line = line if scale == 1 else line * scale
+        lines[channel] = line
+        sources[channel] = Source(expression.text, unit or si_unit(channel), expression.name)
+    stray = [key for key in declared if not any(key in (c, c[:1]) for c in lines)]
+    if stray:
+        raise ChannelError(
+            f"A unit is given for {stray[0]!r}, which is not among the channels {', '.join(lines) or '(none)'}",
+            "Name a channel (x1) or a kind (x, v, a, F, t).",
+        )
+    lengths = {c: len(line) for c, line in lines.items()}
+    if len(set(lengths.values())) > 1:
+        raise ChannelError(
+            f"{table.path}: channels differ in length, " + ", ".join(f"{c} {n}" for c, n in lengths.items()),
+            "Map channels of one test; resample channels that were sampled with another clock.",
+        )
+    for channel in (c for c, expression in chosen.items() if expression is None):
+        lines[channel] = np.full(max(lengths.values(), default=0), np.nan)
+        sources[channel] = Source("unknown", "")
+    return lines, sources
+
+
+def record_of(
+    table: Table,
+    lines: dict[str, np.ndarray],
+    sources: Mapping[str, Source],
+    fs: float | None,
+    name: str,
+    coordinates: str,
+) -> tuple[Record, str]:
+    """Record of lines in SI units, and a text on its clock."""
+    said = "as given"
+    if "t" in lines and lines["t"].dtype == object:
+        lines["t"] = _timestamps(table, lines["t"])
+    elif "t" not in lines and fs is None:
+        fs, said = table.fs, "as stated in the file"
+        if fs is None:
+            raise ChannelError(
+                f"{table.path} has no time column", "Give the sampling rate, fs= (--fs, Hz), or map one: --map t=name."
+            )
+    channels = {c: line for c, line in lines.items() if dimension_of(c)}
+    record = Record.from_frame(pd.DataFrame(channels), fs=fs, name=name, coordinates=coordinates)
+    if len(channels) < len(lines):  # no name of a covariate makes it a channel
+        record = record.replace(covariates={c: line for c, line in lines.items() if not dimension_of(c)})
+    if "t" in lines:
+        said = _clock(lines["t"], record, sources.get("t"))
+    return record, f"{record.fs:g} Hz, {said}"
+
+
+def _clock(time: Any, record: Record, source: Source | None) -> str:
+    """Text on the evenness of the clock."""
+    steps = np.diff(seconds_of(time, record.name)) * record.fs
+    jitter = 100 * float(np.abs(steps - 1).max())
+    even = "even" if jitter < 0.01 else f"steps vary by up to {jitter:.2g} %"
+    return f"from the time{'' if source is None else ' ' + repr(source.text)}, {even}"
+
+
+def _chosen(table: Table, mapping: Mapping[str, str]) -> dict[str, Expression | None]:
+    """Expression by channel, None for an unknown force: the file's own names first, then the mapping."""
+    chosen: dict[str, Expression | None] = {}
+    extra = set(table.attributes.covariates) if table.attributes else set()
+    for name, values in table.variables.items():
+        if name in extra:
+            chosen[name] = Expression(name)
+            continue
+        if name in MATRICES.values() and values.ndim == 2:
+            for k in range(values.shape[1]):
+                chosen[f"{name}{k + 1}"] = Expression(name, column=k)
+        elif (channel := channel_of(name)) and values.ndim == 1:
+            if channel in chosen:
+                raise FileFormatError(
+                    f"{table.path} has two columns that are channel {channel}",
+                    f"Rename one, or map it: {channel}=name.",
+                )
+            chosen[channel] = Expression(name)
+    for key, text in mapping.items():
+        channel = channel_of(str(key)) or str(key)
+        if channel in ("a", "v", "x", "F", "f", ""):
+            raise ChannelError(
+                f"The channel {key!r} has no number", "Write a1, v2, x3, F1, ag, vg, xg, t, or the name of a covariate."
+            )
+        word = text.strip().lower() if isinstance(text, str) else ""
+        if word == "none":
+            chosen.pop(channel, None)
+        elif word == "unknown":
+            if dimension_of(channel) != "force":
+                raise ChannelError(
+                    f"Channel {channel} cannot be 'unknown'",
+                    "Only a force can act and not be measured; write 'none' to drop a channel.",
+                )
+            chosen[channel] = None
+        else:
+            chosen[channel] = parse(text, table, channel)
+    return chosen
+
+
+def _declared(units: Mapping[str, str] | None) -> dict[str, str]:
+    out = {}
+    for key, unit in (units or {}).items():
+        if not isinstance(unit, str) or not unit.strip():
+            raise ChannelError(f"The unit of {key!r} is {unit!r}", "Give a text such as 'mm' or 'g'.")
+        channel = channel_of(str(key)) or {"f": "F"}.get(str(key), str(key))
+        out[channel] = unit.strip()
+    return out
+
+
+def _unit(channel: str, expression: Expression, table: Table, declared: Mapping[str, str]) -> str | None:
+    if expression.unit:
+        return expression.unit
+    if channel in declared:
+        return declared[channel]
+    if dimension_of(channel) is not None and channel[0] in declared:
+        return declared[channel[0]]
+    written = table.units.get(expression.name)
+    if written is None or expression.factor is None:
+        return written
+    try:
+        size = factor(written, channel)
+    except ChannelError:
+        return None  # another quantity, such as volts: the factor converts it to the channel's unit
+    if size != 1:
+        raise ChannelError(
+            f"{channel} = {expression.text!r} has a factor, and the header says that {expression.name!r} is in "
+            f"{written}: it is not clear in which unit the product is",
+            f"Write '{expression.text} @ {written}' or '{expression.text} @ {si_unit(channel)}'.",
+        )
+    return written
+
+
+def _timestamps(table: Table, values: np.ndarray) -> pd.DatetimeIndex | pd.TimedeltaIndex:
+    numbers = pd.to_numeric(pd.Series(values), errors="coerce").notna().to_numpy()
+    if len(values) > numbers.sum() > len(values) / 2:  # a footer, or repeated names
+        row = int(np.argmin(numbers))
+        raise FileFormatError(
+            f"{table.path}: the time holds the text {values[row]!r} in data row {row + 1}",
+            "Remove this row; every row is one sample.",
+        )
+    try:
+        if _TIME_OF_DAY.fullmatch(str(values[0]).strip()):
+            return pd.TimedeltaIndex(pd.to_timedelta(pd.Series(values)))
+        return pd.DatetimeIndex(pd.to_datetime(pd.Series(values)))
+    except (ValueError, TypeError) as error:
+        raise FileFormatError(
+            f"{table.path}: the time {values[0]!r} is not understood",
+            "Give seconds, or timestamps like 2024-05-01T12:00:00.125.",
+        ) from error

@@ -1,0 +1,117 @@
+"""Nothing in a file can run, write outside the chosen folder, or become live markup in a report."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pysindy_nrf
+from pysindy_nrf import ChainModel, laws
+
+PACKAGE = Path(pysindy_nrf.__file__).parent
+# Calls that turn text or bytes from elsewhere into running code.
+RUNS_CODE = {"eval", "exec", "compile", "__import__", "execfile"}
+RUNS_CODE_OF = {
+    ("pickle", "load"), ("pickle", "loads"), ("pickle", "Unpickler"), ("cPickle", "load"), ("dill", "load"), ("dill", "loads"),
+    ("joblib", "load"), ("cloudpickle", "load"), ("cloudpickle", "loads"), ("marshal", "load"), ("marshal", "loads"),
+    ("shelve", "open"), ("yaml", "load"), ("yaml", "unsafe_load"), ("yaml", "full_load"), ("pd", "read_pickle"),
+    ("pd", "eval"), ("os", "system"), ("os", "popen"), ("subprocess", "run"), ("subprocess", "Popen"),
+    ("subprocess", "call"), ("torch", "load"), ("numexpr", "evaluate"),
+}  # fmt: skip
+
+
+def calls():
+    for path in sorted(PACKAGE.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call):
+                yield path.relative_to(PACKAGE), node
+
+
+def test_nothing_that_runs_code_is_called():
+    wrong = []
+    for where, node in calls():
+        f = node.func
+        name = f.id if isinstance(f, ast.Name) else ""
+        of = (f.value.id, f.attr) if isinstance(f, ast.Attribute) and isinstance(f.value, ast.Name) else ("", "")
+        if name in RUNS_CODE or of in RUNS_CODE_OF:
+            wrong.append(f"{where}:{node.lineno} calls {name or '.'.join(of)}")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_numpy_never_loads_pickles():
+    loads = [
+        (where, node)
+        for where, node in calls()
+        if isinstance(node.func, ast.Attribute) and ast.unparse(node.func) in ("np.load", "numpy.load")
+    ]
+    for where, node in loads:
+        given = {k.arg: k.value for k in node.keywords}
+        assert isinstance(given.get("allow_pickle"), ast.Constant) and given["allow_pickle"].value is False, where
+
+
+def test_xml_and_yaml_are_not_read():
+    """Formats whose readers expand entities or build objects."""
+    for path in PACKAGE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) and not node.level else []
+            roots = {n.split(".")[0] for n in names}
+            assert not roots & {"yaml", "xml", "shelve", "marshal", "dill"}, path
+
+
+def test_names_from_files_stay_in_the_chosen_folder(tmp_path, monkeypatch):
+    """A record that calls itself ../../x writes nothing outside the output folder."""
+    from pysindy_nrf import Record, datasets
+    from pysindy_nrf.output.cli.group import run
+
+    monkeypatch.chdir(tmp_path)
+    table = datasets.load_demo().to_frame().iloc[:2000]
+    inner = tmp_path / "work" / "deep"
+    inner.mkdir(parents=True)
+    table.to_csv(inner / "..%2F..%2Fescaped.csv")
+    monkeypatch.chdir(inner)
+    before = {p for p in tmp_path.rglob("*") if inner not in p.parents}
+    assert run(["identify", "..%2F..%2Fescaped.csv", "-o", "out", "--json"]) == 0
+    assert {p for p in tmp_path.rglob("*") if inner not in p.parents} == before
+    assert Record.from_frame(table, name="../../escaped").name == "../../escaped"
+
+
+EVIL = "<script>alert('x')</script>\"><img src=x onerror=alert(1)> & </style>"
+
+
+@pytest.fixture(scope="module")
+def evil_report():
+    """A report of a record whose every name is markup."""
+    from pysindy_nrf import close_loop, excitation, simulate
+
+    linear = [laws.LinearElastic(1e5), laws.LinearViscous(100.0)]
+    truth = ChainModel([10.0], {1: [*linear, laws.CoulombFriction(40.0)]})
+    F = excitation.band_limited_random(1, 4.0, 500.0, dofs=1, rms=100.0, band=(1, 60), random_state=0)
+    record = simulate(truth, F, 1 / 500.0, name=EVIL).replace(covariates={EVIL: np.sin(np.arange(len(F)) / 50.0)})
+    return close_loop(record, catalogue=[laws.CoulombFriction()], n_surrogates=0, max_steps=1)
+
+
+def test_the_report_escapes_everything(evil_report, tmp_path):
+    from html.parser import HTMLParser
+
+    path = tmp_path / "report.html"
+    evil_report.to_html(path)
+    html = path.read_text(encoding="utf-8")
+    found = []
+
+    class Parser(HTMLParser):
+        def handle_starttag(self, tag, attrs):
+            names = dict(attrs)
+            if any(k.startswith("on") for k in names) or (tag == "img" and names.get("src") == "x"):
+                found.append((tag, attrs))
+
+    Parser().feed(html)
+    assert not found
+    assert "alert('x')</script>" not in html and "onerror=alert(1)>" not in html
+
+
+def test_markdown_holds_no_live_markup(evil_report):
+    assert "<script>" not in evil_report.to_markdown()

@@ -6,6 +6,7 @@ NaN rows are filter edges, masked and counted; any other NaN, and every infinity
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Sequence
 from typing import Any
@@ -24,6 +25,22 @@ def rows_text(rows: np.ndarray, most: int = 3) -> str:
     shown = ", ".join(str(int(r)) for r in rows[:most])
     more = f" and {len(rows) - most} more" if len(rows) > most else ""
     return f"row{'s' if len(rows) > 1 else ''} {shown}{more}"
+
+
+_NUMBERED = re.compile(r"([avxf])_?0*([1-9]\d*)", re.IGNORECASE)
+_BASE = re.compile(r"([avx])(?:_?g|0)", re.IGNORECASE)
+
+
+def channel_of(name: str) -> str | None:
+    """Channel that a plain name means: ``a_01`` is a1, ``f2`` is F2, ``x0`` is xg, ``time`` is t; or None."""
+    text = name.strip()
+    if text.lower() in ("t", "time"):
+        return "t"
+    if match := _BASE.fullmatch(text):
+        return match[1].lower() + "g"
+    if match := _NUMBERED.fullmatch(text):
+        return match[1].lower().replace("f", "F") + match[2]
+    return None
 
 
 def as_matrix(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import re
 from collections.abc import Mapping
 from datetime import datetime
 from typing import Any
@@ -14,7 +13,7 @@ import pandas as pd
 from ..common.hooks import Hook
 from ..exceptions import ChannelError
 from ..mechanics.chain import MOST_DOFS
-from .channels import GAP, as_matrix, finite_span
+from .channels import GAP, as_matrix, channel_of, finite_span
 
 _LARGEST = 1e100  # SI units; its square is still a double
 MATRICES = {"force": "F", "acceleration": "a", "velocity": "v", "displacement": "x"}  # one column for each DOF
@@ -167,7 +166,7 @@ class Record:
             ``F1..`` (N), ``a1..`` (m/s^2), ``v1..`` (m/s), ``x1..`` (m), ``ag``, ``vg``, ``xg`` and
             covariates; a column of NaN is left out.
         """
-        out = {}
+        out: dict[str, np.ndarray] = {}
         for key, prefix in MATRICES.items():
             matrix = getattr(self, key)
             if matrix is not None:
@@ -194,12 +193,12 @@ class Record:
     @property
     def forced(self) -> tuple[int, ...]:
         """DOFs on which a known force acts."""
-        return tuple(j + 1 for j in range(self.n_dof) if np.nan_to_num(self.force[:, j]).any())
+        return tuple((np.flatnonzero(np.nan_to_num(self.force).any(axis=0)) + 1).tolist())
 
     @property
     def unknown(self) -> tuple[int, ...]:
         """DOFs whose force is unknown."""
-        return tuple(j + 1 for j in range(self.n_dof) if np.isnan(self.force[:, j]).all())
+        return tuple((np.flatnonzero(np.isnan(self.force).all(axis=0)) + 1).tolist())
 
     @property
     def base_moves(self) -> bool:
@@ -240,43 +239,38 @@ class Record:
         columns = {name: df.iloc[:, i] for i, name in enumerate(names)}
         clock = next((name for name in ("t", "time") if name in columns), None)
         time = None if clock is None else columns.pop(clock).to_numpy()
-        if time is None and fs is None:
-            time = _index_time(df.index)
-        numbered: dict[tuple[str, int], Any] = {}
+        stamped = isinstance(df.index, (pd.DatetimeIndex, pd.TimedeltaIndex))
+        if time is None and fs is None and (stamped or df.index.name in ("t", "time") and df.index.dtype.kind in "fiu"):
+            time = df.index if stamped else df.index.to_numpy()
+        numbered: dict[str, Any] = {}
         for column in list(columns):
-            match = re.fullmatch(r"([aAvVxXfF])_?(\d+)", column)
-            if match and int(match[2]) >= 1:
-                key = ("F" if match[1] in "fF" else match[1].lower(), int(match[2]))
-                if key in numbered:
-                    raise ChannelError(
-                        f"{column!r} and another column both mean {key[0]}{key[1]}", "Rename or drop one."
-                    )
-                numbered[key] = columns.pop(column)
-        motions = [j for p, j in numbered if p != "F"]
-        if not motions:
+            channel = channel_of(column) or ""
+            if channel[1:].isdigit():
+                if channel in numbered:
+                    raise ChannelError(f"{column!r} and another column both mean {channel}", "Rename or drop one.")
+                numbered[channel] = columns.pop(column)
+        if all(channel[0] == "F" for channel in numbered):
             raise ChannelError(
                 f"No column of {', '.join(names[:10])} is a motion",
                 "Name accelerations a1.., velocities v1.., displacements x1.., forces F1.., base acceleration ag.",
             )
-        n = max(j for _, j in numbered)
+        n = max(int(channel[1:]) for channel in numbered)
         if n > MOST_DOFS:
             raise ChannelError(f"A column names DOF {n}, more than the {MOST_DOFS} a chain may have", "Rename it.")
 
         def matrix(prefix: str, missing: float) -> np.ndarray | None:
-            if not any(p == prefix for p, _ in numbered):
+            if not any(channel[0] == prefix for channel in numbered):
                 return None
             filler = np.full(len(df), missing)
-            return np.column_stack([
-                as_matrix(numbered[prefix, j], [f"{prefix}{j}"], 1)[:, 0] if (prefix, j) in numbered else filler
-                for j in range(1, n + 1)
-            ])
+            names = [f"{prefix}{j}" for j in range(1, n + 1)]
+            return np.column_stack([as_matrix(numbered.get(name, filler), [name], 1)[:, 0] for name in names])
 
-        base = {key: columns.pop(short).to_numpy() for key, short in BASES.items() if short in columns}
+        parts: dict[str, Any] = {key: columns.pop(short).to_numpy() for key, short in BASES.items() if short in columns}
+        parts |= {key: matrix(prefix, 0.0 if key == "force" else np.nan) for key, prefix in MATRICES.items()}
         return cls(
             fs=fs,
             time=time,
-            **{key: matrix(prefix, 0.0 if key == "force" else np.nan) for key, prefix in MATRICES.items()},
-            **base,
+            **parts,
             covariates={k: c.to_numpy() for k, c in columns.items()},
             **options,
         )
@@ -398,14 +392,6 @@ class Record:
             f"Record({self.name!r}: {self.n_dof} DOF, {self.n_samples} samples at {self.fs:g} Hz "
             f"({self.n_samples / self.fs:.4g} s), channels {', '.join(self.measured)})"
         )
-
-
-def _index_time(index: pd.Index) -> Any:
-    if isinstance(index, (pd.DatetimeIndex, pd.TimedeltaIndex)):
-        return index
-    if index.name in ("t", "time") and index.dtype.kind in "fiu":
-        return index.to_numpy()
-    return None
 
 
 def _clock(fs: Any, time: Any, n: int, name: str) -> tuple[float, float]:

@@ -159,3 +159,22 @@ def test_what_does_not_fit_together_says_so(data, monkeypatch):
     monkeypatch.setattr("importlib.import_module", lambda name: (_ for _ in ()).throw(ImportError(name)))
     with pytest.raises(MissingExtraError, match=r"pysindy_nrf\[dask\]"):
         NRFRegressor().fit(x, F)
+
+
+def test_dask_tables_side_by_side_and_those_that_are_refused(chain2):
+    da, dd, dask = (pytest.importorskip(name) for name in ("dask.array", "dask.dataframe", "dask"))
+    X = pd.DataFrame(chain2.X, columns=feature_names(2))
+    F = pd.DataFrame(chain2.F, columns=["F1", "F2"])
+    x, f = da.from_array(chain2.X, chunks=(500, 6)), da.from_array(chain2.F, chunks=(500, 2))
+    three = dd.from_pandas(X, npartitions=3)
+    with dask.config.set(scheduler="synchronous"):
+        for both in ((three, dd.from_pandas(F, npartitions=3)), [da.concatenate([part, part[:0]]) for part in (x, f)]):
+            np.testing.assert_allclose(NRFRegressor().fit(*both).masses_, chain2.m, rtol=1e-8)
+        for both, words in (
+            ((three, dd.from_pandas(F, npartitions=2)), "X has 3 partitions, F 2"),
+            ((three, chain2.F), "F was given beside a table"),
+            ((da.zeros((10, 6, 2), chunks=5), None), "X has 3 dimensions"),
+            ((x[x[:, 0] < np.inf], da.from_array(chain2.F, chunks=(1000, 2))), "different partitions. .*compute_chunk_sizes"),
+        ):
+            with pytest.raises(ChannelError, match=words):
+                NRFRegressor().fit(*both)

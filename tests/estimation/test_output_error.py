@@ -103,3 +103,14 @@ def test_a_missing_law_is_still_warned_of():
         truth = ChainModel(TRUE, {**LINEAR, "storey 1": [*LINEAR["storey 1"], laws.CoulombFriction(30.0)]})
         NRFRegressor(degree=1, estimation="simulation").fit(measured(truth, 1, noise=0.01))
     assert sum("A law is missing" in str(w.message) for w in caught) == 1
+
+
+@pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
+def test_the_free_run_fitted_to_clean_records_is_exact():
+    """A force that is smooth between samples and no noise: masses to 1e-4."""
+    truth = ChainModel([8.0, 6.0], {f"storey {i}": [laws.PowerSeries(1, [30.0, 4e4])] for i in (1, 2)})
+    F = excitation.band_limited_random(2, 6.0, 500.0, dofs=[1, 2], rms=60.0, band=(1, 40), random_state=0)
+    model = NRFRegressor(degree=1, estimation="simulation").fit(simulate(truth, F, 1 / 500, hold="cubic"))
+    np.testing.assert_allclose(model.masses_, [8.0, 6.0], rtol=1e-4)
+    facts = model.model_.info["estimation"]
+    assert facts["free_run_error_after"] <= facts["free_run_error_before"] < 0.1

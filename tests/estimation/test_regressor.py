@@ -12,7 +12,7 @@ import pytest
 from chains import worst
 from sklearn.base import clone
 
-from pysindy_nrf import Chain, NRFRegressor, Record, laws
+from pysindy_nrf import Chain, ChainModel, NRFRegressor, Record, excitation, laws, simulate
 from pysindy_nrf.exceptions import BiasWarning, ChainError, DataQualityWarning
 
 NAMES4 = [f"{kind}{j}" for kind in "avs" for j in range(1, 5)]
@@ -315,3 +315,27 @@ def test_cross_validation_works_with_plain_scikit_learn(chain4):
         warnings.simplefilter("ignore", BiasWarning)
         search = GridSearchCV(NRFRegressor(), {"degree": [1, 2, 3]}, cv=3).fit(chain4.X, chain4.F)
     assert search.best_params_ == {"degree": 3}
+
+
+def test_forces_may_be_numbered_and_few_rows_are_enough(chain2):
+    """Columns 0, 1 of a table of forces are F1, F2; seven rows are too few to call shuffled."""
+    whole = NRFRegressor().fit(chain2.X, chain2.F)
+    numbered = NRFRegressor().fit(chain2.X, pd.DataFrame(chain2.F))
+    np.testing.assert_array_equal(numbered.masses_, whole.masses_)
+    single = chains.duffing(1, [1], seed=1, n_samples=400, cubic=False)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        few = NRFRegressor(degree=1).fit(single.X[200:207], single.F[200:207])
+    assert few.masses_ == pytest.approx(single.m, rel=1e-6)
+    with pytest.raises(ValueError, match="0 rows|no samples|0 sample"):
+        whole.predict(np.zeros((0, 6)))
+
+
+@pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
+def test_a_band_leaves_an_unknown_force_unknown():
+    """Floor 2 has an unknown force: the balance of floor 1 alone, in the band, gives m1."""
+    truth = ChainModel([8.0, 6.0], {f"storey {i}": [laws.PowerSeries(1, [30.0, 4e4])] for i in (1, 2)})
+    F = excitation.band_limited_random(2, 8.0, 500.0, dofs=[1, 2], rms=60.0, band=(1, 40), random_state=0)
+    X, _ = simulate(truth, F, 1 / 500).to_features(smooth=False)
+    model = NRFRegressor(degree=1, dt=1 / 500, band=(3, 60), known_masses={2: 6.0})
+    assert model.fit(X.to_numpy(), F * [1.0, np.nan]).masses_[0] == pytest.approx(8.0, rel=1e-3)

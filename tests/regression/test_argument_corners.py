@@ -1,8 +1,5 @@
 """Arguments just outside their range: refused by name, with the value and a cure; just inside, the right answer."""
 
-import copy
-import pickle
-
 import chains
 import numpy as np
 import pandas as pd
@@ -18,10 +15,10 @@ from pysindy_nrf import (
     simulate,
 )
 from pysindy_nrf import excitation as drive
-from pysindy_nrf.data.channels import EvenClock
 from pysindy_nrf.estimation import locate_nonlinearity, model_agreement, total_mass
 from pysindy_nrf.exceptions import ChainError, ChannelError, FileFormatError, LawError
 from pysindy_nrf.monitoring import compare_tests, track
+from pysindy_nrf.regression.segments import feature_names
 from pysindy_nrf.selection.comparison import compare
 from pysindy_nrf.signals import BandLimiter, KinematicSmoother, differentiate
 from pysindy_nrf.signals.alignment import channel_alignment, resampled, split_at_gaps
@@ -142,17 +139,6 @@ def test_rates_and_gaps_that_cannot_be_mended():
     assert [part.n_samples for part in split_at_gaps(broken, shortest=30)][:3] == [39, 39, 39]
 
 
-def test_a_clock_behaves_as_the_array_it_stands_for():
-    clock, array = EvenClock(5, 0.25), 0.25 * np.arange(5)
-    np.testing.assert_array_equal(clock[[0, 3]], array[[0, 3]])
-    np.testing.assert_array_equal(clock * 2, array * 2)
-    np.testing.assert_array_equal(1 - clock, 1 - array)
-    np.testing.assert_array_equal(clock / 2, array / 2)
-    assert clock.max() == 1.0 and clock[-1] == 1.0
-    for again in (copy.deepcopy(clock), pickle.loads(pickle.dumps(clock))):
-        np.testing.assert_array_equal(np.asarray(again), array)
-
-
 # -- libraries and models ---------------------------------------------------------------------
 
 
@@ -249,3 +235,10 @@ def test_orders_of_a_link_that_is_not_there():
 
     with pytest.raises(ChainError, match="'link 3-1', which is not in the chain"):
         power_series_laws(Chain(3), 2, {"link 3-1": 3})
+
+
+def test_half_a_base_is_refused(chain2):
+    names = feature_names(2, "absolute")
+    frame = pd.DataFrame(np.hstack([chain2.X, 0 * chain2.X[:, :1]]), columns=[*names, "x0"])
+    with pytest.raises(ChannelError, match="only one of the columns xdot0 and x0"):
+        NRFRegressor(coordinates="absolute").fit(frame, chain2.F)

@@ -12,8 +12,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from pysindy_nrf import ChainModel, InterstoryPolynomialLibrary, NRFRegressor, StateSpaceChainOptimizer, laws
+from pysindy_nrf import (
+    ChainModel,
+    ForceLawLibrary,
+    InterstoryPolynomialLibrary,
+    NRFRegressor,
+    StateSpaceChainOptimizer,
+    laws,
+)
 from pysindy_nrf.exceptions import ChainError, ChannelError, LawError
+from pysindy_nrf.regression.state_space import IdentifiedChain
 
 N = 3
 
@@ -173,3 +181,13 @@ def test_what_cannot_be_read_is_refused_in_words(case):
         ChainModel.from_sindy(lost)
     with pytest.raises(LawError, match="remembers the path"):
         ChainModel([1.0], {1: laws.Dahl(1e3, 10.0)}).to_sindy()
+
+
+def test_a_model_to_hold_must_be_given_and_a_shape_must_have_a_value():
+    with pytest.raises(ChainError, match="There is no model to hold"):
+        IdentifiedChain().fit(np.ones((9, 4)), np.ones((9, 2)))
+    case = chains.duffing(1, [1], seed=3, n_samples=400, cubic=False)
+    library = ForceLawLibrary({"storey 1": [laws.PowerSeries(1), laws.TwoSidedGap()]}, inputs="state")
+    sindy = ps.SINDy(feature_library=library, optimizer=StateSpaceChainOptimizer())
+    with pytest.raises(LawError, match="gap|shape"):
+        sindy.fit(np.hstack([case.s, case.v]), t=case.dt, x_dot=np.hstack([case.v, case.a]), u=case.F)

@@ -11,7 +11,9 @@ import paper_cases as cases
 import pytest
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, close_loop, excitation, laws, simulate
+from pysindy_nrf.data.io import read_record
 from pysindy_nrf.exceptions import DataQualityWarning
+from pysindy_nrf.signals.channel_checks import check_channels
 from pysindy_nrf.signals.plausibility import doubts
 from pysindy_nrf.simulation.noise import add_noise
 
@@ -157,3 +159,47 @@ def test_no_measured_set_is_doubted():
         measured_sets.load_mr_damper_cyclic(folder=measured.folder("mr_damper_cyclic")),
     ]
     assert {rec.name: said for rec in recs if (said := doubts(rec))} == {}
+
+
+# -- values that stand for "not measured", and times in other units -------------------------------
+
+
+@pytest.fixture(scope="module")
+def table():
+    """All motions and forces of three floors as a table."""
+    F = excitation.band_limited_random(3, 8.0, 500.0, dofs=[3], rms=100.0, band=(2, 30), random_state=0)
+    return simulate(TRUTH, F, 1 / 500.0).to_frame().reset_index()
+
+
+def test_a_record_with_numbers_for_not_measured_is_doubted(table):
+    bad = table.copy()
+    bad.loc[[500, 2000], "F3"] = -9999.0
+    found = check_channels(Record.from_frame(bad))
+    assert found[["channel", "problem"]].to_numpy().tolist() == [["F3", "filled"]]
+    assert found["share"].iloc[0] == pytest.approx(2 / len(table))
+    assert "rows 500, 2000" in found["message"].iloc[0]
+    assert found["message"].iloc[0] in doubts(Record.from_frame(bad))
+
+
+@pytest.mark.parametrize(("unit", "shown", "factor"), [("ms", "ms", 1e3), ("us", "µs", 1e6)])
+def test_a_time_in_other_units_is_asked_for(table, tmp_path, unit, shown, factor):
+    """Three kinds of motion leave one explanation; accelerations alone are suspiciously slow."""
+    path = tmp_path / "scope.csv"
+    late = table.assign(t=table["t"] * factor)
+    late.to_csv(path, index=False)
+    (said,) = doubts(read_record(path))
+    assert f"as if the time were in {shown}" in said and f"--unit t={shown}" in said
+    assert doubts(read_record(path, units={"t": shown})) == doubts(read_record(path, units={"t": unit})) == []
+    late[["t", *(c for c in late if c[0] in "Fa")]].to_csv(path, index=False)
+    (said,) = doubts(read_record(path))
+    assert "Hz: is the unit of the time declared?" in said
+    assert doubts(read_record(path, units={"t": unit})) == []
+
+
+def test_a_right_clock_and_slow_displacements_are_not_doubted(table):
+    """Towers are measured by satellite once a second."""
+    assert doubts(Record.from_frame(table)) == []
+    slow = table[["t", *(c for c in table if c[0] in "Fx")]].assign(t=table["t"] * 500)
+    assert doubts(Record.from_frame(slow)) == []
+    one = table.assign(**{f"v{j}": table[f"v{j}"] * 1e-3 for j in (1, 2, 3)})  # one kind in another unit
+    assert not any("the time" in text for text in doubts(Record.from_frame(one)))

@@ -6,7 +6,7 @@ import pytest
 from scipy.linalg import expm
 from sklearn.base import clone
 
-from pysindy_nrf import Record
+from pysindy_nrf import ChainModel, Record, laws, simulate
 from pysindy_nrf.exceptions import ChannelError, DataQualityWarning
 from pysindy_nrf.signals import (
     BandLimiter,
@@ -16,6 +16,7 @@ from pysindy_nrf.signals import (
     paper_processing,
 )
 from pysindy_nrf.signals.kinematics import to_features
+from pysindy_nrf.signals.zero_phase_filter import FairFilter
 
 FS, N, MASS, STIFFNESS, DAMPING = 1000.0, 16000, 12.4, 1.4e5, 25.0
 
@@ -505,3 +506,32 @@ def test_an_exact_derivative_beside_a_noisy_displacement_leaves_the_position_whe
     assert abs(left.mean()) < 5 * sigma / np.sqrt(len(t))
     assert left.std() < 0.1 * sigma
     assert np.abs(out[f"{exact}1"] - {"v": v, "a": a}[exact]).max() < 1e-3 * np.abs({"v": v, "a": a}[exact]).max()
+
+
+def shaken(seconds, ag):
+    """Two floors on a shaken base, 500 Hz, absolute accelerations, motion relative to the base."""
+    truth = ChainModel([8.0, 6.0], {f"storey {i}": [laws.PowerSeries(1, [30.0, 4e4])] for i in (1, 2)})
+    return simulate(truth, np.zeros((int(500 * seconds), 2)), 1 / 500, base_acceleration=ag)
+
+
+def test_a_moving_base_that_was_measured_completely_is_subtracted():
+    """vg and xg are there: drifts of absolute motions need no fusion."""
+    t, w = np.arange(2000) / 500, 2 * np.pi * 3.0
+    xg, vg, ag = 1e-3 * np.sin(w * t), 1e-3 * w * np.cos(w * t), -1e-3 * w * w * np.sin(w * t)
+    rec = shaken(4.0, ag)
+    absolute = Record(
+        acceleration=rec.acceleration, velocity=rec.velocity + vg[:, None], displacement=rec.displacement + xg[:, None],
+        base_acceleration=ag, base_velocity=vg, base_displacement=xg, fs=500, coordinates="absolute", name="table",
+    )  # fmt: skip
+    X, _ = to_features(absolute, False)
+    np.testing.assert_allclose(X["s1"], rec.displacement[:, 0], atol=1e-12)
+    np.testing.assert_allclose(X["v1"], rec.velocity[:, 0], atol=1e-12)
+
+
+def test_the_papers_processing_of_a_shaken_frame_removes_the_base():
+    """Absolute accelerations minus the base's, integrated: the relative velocity of the simulation."""
+    t = np.arange(8000) / 500
+    rec = shaken(16.0, np.sin(2 * np.pi * 4.0 * t) + 0.7 * np.sin(2 * np.pi * 7.3 * t))
+    truth = FairFilter((1.0, None), 500).apply(rec.velocity)[3000:5000]
+    gap = paper_processing(rec).velocity[3000:5000] - truth
+    assert np.nanstd(gap) < 0.05 * truth.std()

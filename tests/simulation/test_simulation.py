@@ -14,6 +14,7 @@ from pysindy_nrf.exceptions import ChainError, ChannelError, LawError, Simulatio
 from pysindy_nrf.laws.motion import Motion
 from pysindy_nrf.simulation import free_run, simulate
 from pysindy_nrf.simulation.api import classical_run
+from pysindy_nrf.simulation.readings import as_read
 
 DT = 1e-3
 LINEAR = laws.PowerSeries(1, [100.0, 1e5])
@@ -345,3 +346,14 @@ def test_a_run_that_begins_later_finds_the_clock_of_its_laws(method):
     assert energy.index[0] == 2.5
     with pytest.raises(SimulationError, match="t0='noon'"):
         simulate(model, F, 0.005, t0="noon")
+
+
+def test_an_offset_of_a_sensor_leaves_unmeasured_channels_and_known_zeros_alone():
+    truth = ChainModel([8.0, 6.0], {f"storey {i}": [laws.PowerSeries(1, [30.0, 4e4])] for i in (1, 2)})
+    t = np.arange(500) / 500
+    rec = simulate(truth, np.column_stack([0 * t, np.sin(30 * t)]), 1 / 500)
+    offset = [laws.SensorOffset(0.5)]
+    shifted = as_read(rec, {Site("sensor a1"): offset})
+    np.testing.assert_allclose(shifted.acceleration[:, 0], rec.acceleration[:, 0] + 0.5, atol=1e-12)
+    assert as_read(rec.replace(velocity=None), {Site("sensor v1"): offset}).velocity is None
+    assert not as_read(rec, {Site("sensor F1"): offset}).force[:, 0].any()

@@ -79,10 +79,8 @@ def read_delimited(path: Path, max_bytes: int = MAX_BYTES) -> Table:
             units[label] = dialect.units[i]
     mark = "decimal comma" if dialect.decimal == "," else "decimal point"
     separator = {"tab": "tabs", "blank": "blanks"}.get(dialect.separator, repr(dialect.separator))
-    notes = [
-        f"columns separated by {separator}, {mark}"
-        + ("" if dialect.named else "; no names in the file, columns are c1, c2, ...")
-    ]
+    unnamed = "" if dialect.named else "; no names in the file, columns are c1, c2, ..."
+    notes = [f"columns separated by {separator}, {mark}{unnamed}"]
     if cut:
         notes.append(f"the file ends inside a number, {cut!r}: its last row is left out; was it copied whole?")
     return Table(path, "delimited text", variables, units, notes, decimal=dialect.decimal)
@@ -136,13 +134,10 @@ def sniff(path: Path) -> Dialect:
     elif not whole and len(lines) > 1:
         lines.pop()  # probably cut
     trials = [(sep, mark) for sep in _SEPARATORS for mark in (".", ",") if sep != mark]
-    for separator, decimal in trials:
-        found = _try(lines, separator, decimal, encoding, 1.0)
-        if found is not None:
-            return found
-    # a column holds text: take the reading under which most cells are numbers
-    best = max(trials, key=lambda trial: _numeric_cells(lines, *trial))
-    found = _try(lines, *best, encoding, 0.5)
+    found = next(filter(None, (_try(lines, *trial, encoding, 1.0) for trial in trials)), None)
+    if found is None:  # a column holds text: take the reading under which most cells are numbers
+        best = max(trials, key=lambda trial: _numeric_cells(lines, *trial))
+        found = _try(lines, *best, encoding, 0.5)
     if found is not None:
         return found
     first = next((line for line in lines if not _is_comment(line)), "")

@@ -103,38 +103,33 @@ def _together(tables: list[Table]) -> Table:
     """One table of the channels of one test in several files."""
     if not tables:
         raise FileFormatError("No file was given", "Name at least one.")
-    stems = [table.path.stem for table in tables]
-    twice = [stem for stem in stems if stems.count(stem) > 1]
-    if twice:
-        raise FileFormatError(f"Two files are called {twice[0]!r}", "Rename one: variables are named after their file.")
-    rates = {table.fs for table in tables if table.fs is not None}
-    if len(rates) > 1:
-        shown = ", ".join(f"{t.path.name} {t.fs:g} Hz" for t in tables if t.fs is not None)
+    by_stem = {table.path.stem: table for table in tables}
+    if len(by_stem) < len(tables):
+        twice = next(table.path.stem for table in tables if by_stem[table.path.stem] is not table)
+        raise FileFormatError(f"Two files are called {twice!r}", "Rename one: variables are named after their file.")
+    rates = {table.path.name: table.fs for table in tables if table.fs is not None}
+    if len(set(rates.values())) > 1:
+        shown = ", ".join(f"{name} {fs:g} Hz" for name, fs in rates.items())
         raise FileFormatError(f"The files are sampled differently: {shown}", "Resample them to one clock.")
-    variables: dict[str, np.ndarray] = {}
-    units: dict[str, str] = {}
-    notes: list[str] = []
-    for stem, table in zip(stems, tables):
-        variables |= {f"{stem}.{name}": values for name, values in table.variables.items()}
-        units |= {f"{stem}.{name}": unit for name, unit in table.units.items()}
-        notes += [f"{stem}: {note}" for note in table.notes]
-    times = [table.variables["t"] for table in tables if "t" in table.variables]
-    if len(times) == len(tables):
-        for stem, time in zip(stems, times):
-            if not np.array_equal(time, times[0]):
+    first = tables[0]
+    together = Table(first.path, "", {}, fs=next(iter(rates.values()), None))
+    together.kind = f"{', '.join(dict.fromkeys(table.kind for table in tables))} ({len(tables)} files)"
+    together.decimal = "," if any(table.decimal == "," for table in tables) else "."
+    for stem, table in by_stem.items():
+        together.variables |= {f"{stem}.{name}": values for name, values in table.variables.items()}
+        together.units |= {f"{stem}.{name}": unit for name, unit in table.units.items()}
+        together.notes += [f"{stem}: {note}" for note in table.notes]
+    if all("t" in table.variables for table in tables):
+        for stem, table in by_stem.items():
+            if not np.array_equal(table.variables["t"], first.variables["t"]):
                 raise FileFormatError(
-                    f"The times of the files {stems[0]!r} and {stem!r} differ", "Resample them to one clock."
+                    f"The times of the files {first.path.stem!r} and {stem!r} differ", "Resample them to one clock."
                 )
         written = {table.units.get("t", "s") for table in tables}
         if len({factor(unit, "t") for unit in written}) > 1:
             raise FileFormatError(
                 f"The times of the files have different units: {', '.join(sorted(written))}", "Export them in one unit."
             )
-        variables["t"] = times[0]
-        if "t" in tables[0].units:
-            units["t"] = tables[0].units["t"]
-    kinds = ", ".join(dict.fromkeys(table.kind for table in tables))
-    first = tables[0].path
-    decimal = "," if any(table.decimal == "," for table in tables) else "."
-    fs = rates.pop() if rates else None
-    return Table(first, f"{kinds} ({len(tables)} files)", variables, units, notes, fs=fs, decimal=decimal)
+        together.variables["t"] = first.variables["t"]
+        together.units |= {"t": first.units["t"]} if "t" in first.units else {}
+    return together

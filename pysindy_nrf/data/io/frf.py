@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -66,22 +67,14 @@ class FrequencyResponse:
         str
         """
         size = ", ".join(f"H{j + 1} {a:.4g}" for j, a in enumerate(np.abs(self.H).max(axis=0)))
-        used = _in_band(self.f, band)
-        part = (
-            f"; {int(used.sum())} of them in {self.f[used][0]:g} to {self.f[used][-1]:g} Hz are used"
-            if used.any()
-            else ""
-        )
+        used = self.f[_in_band(self.f, band)]
+        part = f"; {len(used)} of them in {used[0]:g} to {used[-1]:g} Hz are used" if len(used) else ""
+        idle = ", ".join(str(j) for j in range(1, self.n_dof + 1) if j != self.driven)
         return (
             f"{self.name}: frequency response of {self.n_dof} DOF{'s' if self.n_dof > 1 else ''}, "
             f"{len(self.f)} lines from {self.f[0]:g} to {self.f[-1]:g} Hz{part}\n"
             f"  accelerance in m/s^2/N, peak {size}\n"
-            f"  forced: DOF {self.driven}"
-            + (
-                f"; known to be unforced: DOF {', '.join(str(j) for j in range(1, self.n_dof + 1) if j != self.driven)}"
-                if self.n_dof > 1
-                else ""
-            )
+            f"  forced: DOF {self.driven}" + (f"; known to be unforced: DOF {idle}" if idle else "")
         )
 
 
@@ -125,8 +118,6 @@ def read_frf(path: Any, *, driven: int = 1, kind: str = "accelerance", max_bytes
     """
     path = Path(path)
     check_file(path, max_bytes)
-    if kind not in KINDS:
-        raise ChannelError(f"kind={kind!r} is unknown", f"Choose one of {', '.join(KINDS)}.")
     if path.suffix.lower() in (".csv", ".txt", ".tsv", ".dat", ".asc"):
         f, H = _from_text(path)
     else:
@@ -211,13 +202,13 @@ def frf_to_features(
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     r"""Rows of the force balances from a frequency response.
 
-    Under a force of 1 N at frequency w the steady motion of a linear chain is ``a = H``,
+    Under a force of 1 N at the circular frequency w the steady motion of a linear chain is ``a = H``,
     ``v = H / (i w)``, ``x = H / (i w)^2``; the balances hold for these complex amplitudes,
 
     .. math:: m_j a_j + R_j - R_{j+1} = F_j, \quad F_j = 1 \text{ N on the driven DOF, else } 0,
 
     so their real and their imaginary parts are two rows each. This is exact for laws that are
-    linear in v and s, and for those only: products of amplitudes mean nothing.
+    linear in v and s, and for no others.
 
     Parameters
     ----------
@@ -294,7 +285,7 @@ def _in_band(f: np.ndarray, band: tuple[float | None, float | None] | None) -> n
     return (f >= (0.0 if low is None else low)) & (f <= (np.inf if high is None else high))
 
 
-_COMPLEX = re.compile(r"[ij]", re.IGNORECASE)
+_CURE = "Give rows of frequency and complex responses: f;H1;H2."
 
 
 def _from_text(path: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -304,10 +295,10 @@ def _from_text(path: Path) -> tuple[np.ndarray, np.ndarray]:
         raise unreadable(path, "a frequency response in text", error) from error
     lines = [line for line in text.splitlines() if line.strip() and line.lstrip()[:1] not in ("#", "%")]
     if not lines:
-        raise FileFormatError(f"{path} holds no rows", "Give rows of frequency and complex responses: f;H1;H2.")
+        raise FileFormatError(f"{path} holds no rows", _CURE)
     separator = next((s for s in (";", "\t", ",") if s in lines[-1]), None)
     if separator is None:
-        raise FileFormatError(f"{path} has one column only", "Give rows of frequency and complex responses: f;H1;H2.")
+        raise FileFormatError(f"{path} has one column only", _CURE)
     start = 0 if _row(lines[0].split(separator)) is not None else 1
     width = len(lines[-1].split(separator))
     rows = []
@@ -320,21 +311,19 @@ def _from_text(path: Path) -> tuple[np.ndarray, np.ndarray]:
             )
         rows.append(row)
     if not rows:
-        raise FileFormatError(
-            f"{path} holds no rows of numbers", "Give rows of frequency and complex responses: f;H1;H2."
-        )
+        raise FileFormatError(f"{path} holds no rows of numbers", _CURE)
     values = np.array(rows)
     if np.abs(values[:, 1:].imag).max() == 0:
         raise FileFormatError(
             f"{path} holds no complex responses",
-            "Magnitudes alone do not identify; export real and imaginary parts as 0.1-0.2j.",
+            "Magnitudes alone do not identify a model; export real and imaginary parts as 0.1-0.2j.",
         )
     return values[:, 0], values[:, 1:]
 
 
 def _row(cells: list[str]) -> list[complex] | None:
     try:
-        return [complex(_COMPLEX.sub("j", cell.replace(" ", ""))) for cell in cells]
+        return [complex(re.sub("[ijIJ]", "j", cell.replace(" ", ""))) for cell in cells]
     except ValueError:
         return None
 
@@ -344,11 +333,9 @@ def _from_variables(path: Path, max_bytes: int) -> tuple[np.ndarray, np.ndarray]
     plain = {name.lower(): values for name, values in table.variables.items()}
     f = next((plain[name] for name in ("f", "freq", "frequency", "frequencies") if name in plain), None)
     H = plain.get("h")
-    if H is None:
-        single: list[np.ndarray] = []
-        while f"h{len(single) + 1}" in plain:
-            single.append(plain[f"h{len(single) + 1}"])
-        H = np.column_stack(single) if single and len({len(h) for h in single}) == 1 else None
+    single = [plain[f"h{j}"] for j in itertools.takewhile(lambda j: f"h{j}" in plain, itertools.count(1))]
+    if H is None and len({len(h) for h in single}) == 1:
+        H = np.column_stack(single)
     if f is None or H is None or not np.iscomplexobj(H):
         raise FileFormatError(f"{path} holds no frequencies 'f' and complex responses 'H'", f"It holds {table.names}.")
     return f, H

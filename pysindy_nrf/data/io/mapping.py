@@ -31,20 +31,6 @@ _PATTERN = re.compile(
     re.VERBOSE,
 )
 _GROUPED = re.compile(r"[+-]?\d{1,3}([.,' \u00a0\u2009\u202f]\d{3})+([.,]\d*)?|[+-]?\d+\.\d*")
-_NUMBERED = re.compile(r"([avxf])_?0*([1-9]\d*)", re.IGNORECASE)
-_BASE = re.compile(r"([avx])(?:_?g|0)", re.IGNORECASE)
-
-
-def channel_of(name: str) -> str | None:
-    """Channel that a plain name means: ``a_01`` is a1, ``f2`` is F2, ``x0`` is xg, ``time`` is t; or None."""
-    text = name.strip()
-    if text.lower() in ("t", "time"):
-        return "t"
-    if match := _BASE.fullmatch(text):
-        return match[1].lower() + "g"
-    if match := _NUMBERED.fullmatch(text):
-        return match[1].lower().replace("f", "F") + match[2]
-    return None
 
 
 # -- one mapping ------------------------------------------------------------------------------

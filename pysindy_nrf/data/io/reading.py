@@ -11,9 +11,10 @@ import numpy as np
 import pandas as pd
 
 from ...exceptions import ChannelError, FileFormatError
+from ..channels import channel_of
 from ..record import BASES, MATRICES, Record, seconds_of
 from .files import read_table
-from .mapping import Expression, channel_of, line_of, parse
+from .mapping import Expression, line_of, parse
 from .table import MAX_BYTES, Table, restored
 from .units import dimension_of, factor, si_unit
 
@@ -314,16 +315,11 @@ def record_of(
     if len(channels) < len(lines):  # no name of a covariate makes it a channel
         record = record.replace(covariates={c: line for c, line in lines.items() if not dimension_of(c)})
     if "t" in lines:
-        said = _clock(lines["t"], record, sources.get("t"))
+        steps = np.diff(seconds_of(lines["t"], record.name)) * record.fs
+        jitter = 100 * float(np.abs(steps - 1).max())
+        even = "even" if jitter < 0.01 else f"steps vary by up to {jitter:.2g} %"
+        said = f"from the time{' ' + repr(sources['t'].text) if 't' in sources else ''}, {even}"
     return record, f"{record.fs:g} Hz, {said}"
-
-
-def _clock(time: Any, record: Record, source: Source | None) -> str:
-    """Text on the evenness of the clock."""
-    steps = np.diff(seconds_of(time, record.name)) * record.fs
-    jitter = 100 * float(np.abs(steps - 1).max())
-    even = "even" if jitter < 0.01 else f"steps vary by up to {jitter:.2g} %"
-    return f"from the time{'' if source is None else ' ' + repr(source.text)}, {even}"
 
 
 def _chosen(table: Table, mapping: Mapping[str, str]) -> dict[str, Expression | None]:

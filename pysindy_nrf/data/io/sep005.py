@@ -14,7 +14,6 @@ from .reading import understand
 from .table import Attributes, Table, columns_of
 from .units import si_unit
 
-_NEEDED = ("data", "name", "unit_str")
 _QUANTITIES = {"x": "d", "v": "v", "a": "a", "F": "f"}
 _KEY = "pysindy_nrf"
 
@@ -101,10 +100,9 @@ def _table_of(channels: Sequence[Mapping[str, Any]]) -> Table:
     variables: dict[str, np.ndarray] = {}
     units = {}
     for i, one in enumerate(channels):
-        missing = [key for key in _NEEDED if key not in one]
-        if "fs" not in one and "time" not in one:
-            missing.append("fs or time")
         label = one.get("name", f"number {i + 1}")
+        missing = [key for key in ("data", "name", "unit_str") if key not in one]
+        missing += [] if "fs" in one or "time" in one else ["fs or time"]
         if missing:
             raise ChannelError(f"SEP005 channel {label!r} lacks {', '.join(missing)}", "Add it.")
         data = np.asarray(one["data"])
@@ -126,11 +124,10 @@ def _table_of(channels: Sequence[Mapping[str, Any]]) -> Table:
             variables = {"t": times[0]} | variables
     texts = {str(one[_KEY]) for one in channels if _KEY in one}
     own = Attributes.from_json(texts.pop(), "the SEP005 channels") if len(texts) == 1 else None
-    if own is not None and set(own.columns) != set(variables):
-        own = None  # channels were taken out or added
+    complete = own is not None and set(own.columns) == set(variables)  # no channel was taken out or added
     start = channels[0].get("start_timestamp")
     notes = [f"starts {start}"] if start else []
-    return Table(Path("SEP005"), "SEP005", variables, units, notes, own, fs)
+    return Table(Path("SEP005"), "SEP005", variables, units, notes, own if complete else None, fs)
 
 
 def _rate(channel: Mapping[str, Any]) -> float:

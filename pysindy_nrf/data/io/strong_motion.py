@@ -43,7 +43,7 @@ _COSMOS_SERIES = re.compile(
 )
 _REALS = re.compile(r"\s*(\d+)\s+Real-header values follow on\s+(\d+)\s+lines.*?\(\s*\d+[EFG](\d+)\.\d+\)", re.I)
 _CHANNEL = re.compile(r"CHAN\s*(\d+)\s*:\s*(.*?)\s*(?:\(STA CHN|LOCATION:|FROM\b|$)", re.IGNORECASE)
-_PEAK = re.compile(r"PEAK\s+(ACCEL|VELOC|DISPL)\w*\s*=\s*(-?[\d.]+)\s*\S+\s+AT\s+([\d.]+)", re.IGNORECASE)
+_PEAK = re.compile(r"PEAK\s+(ACCEL|VELOC|DISPL)\w*\s*=\s*(-?[\d.]+)\s*\S+\s+AT\s+[\d.]+", re.IGNORECASE)
 _END = re.compile(r"\s*(/&|[A-Za-z])")  # of a series
 _KINDS = {"ACCEL": "acceleration", "VELOC": "velocity", "DISPL": "displacement"}
 # Indices among COSMOS's reals: sampling interval of the series (ms), of the raw record (s).
@@ -100,7 +100,7 @@ def _lines(text: str) -> list[str]:
 def _read(path: Path, lines: Sequence[str]) -> tuple[list[_Series], list[str]]:
     out: list[_Series] = []
     notes: list[str] = []
-    peaks: dict[str, tuple[float, float]] = {}
+    peaks: dict[str, float] = {}
     channel, step = "1", None
     row = 0
     while row < len(lines):
@@ -109,8 +109,8 @@ def _read(path: Path, lines: Sequence[str]) -> tuple[list[_Series], list[str]]:
         if match := _SERIES.match(line):
             n, kind = int(match[1]), match[2].upper()
             values, row = _fixed(path, lines, row, n, 10, f"{_KINDS[kind]} of channel {channel}")
-            out.append(_Series(channel, _KINDS[kind], values, _positive(path, match[3]), match[4]))
-            notes += _peak_note(channel, kind, values, out[-1].step, peaks.get(kind))
+            out.append(_Series(channel, _KINDS[kind], values, _positive(path, _number(path, match[3])), match[4]))
+            notes += _peak_note(channel, out[-1], peaks[kind]) if kind in peaks else []
         elif match := _COSMOS_SERIES.match(line):
             n, kind = int(match[1]), match[2].upper()
             if match[4].lower().startswith("count"):
@@ -132,7 +132,7 @@ def _read(path: Path, lines: Sequence[str]) -> tuple[list[_Series], list[str]]:
             reals, row = _fixed(path, lines, row, int(match[1]), int(match[3]), "real header")
             step = _positive(path, _interval(reals))
         elif match := _PEAK.match(line):
-            peaks[match[1].upper()] = (_number(path, match[2]), _number(path, match[3]))
+            peaks[match[1].upper()] = _number(path, match[2])
         elif match := _CHANNEL.search(line[:80]):
             if match[1] != channel:
                 peaks = {}
@@ -145,7 +145,7 @@ def _read(path: Path, lines: Sequence[str]) -> tuple[list[_Series], list[str]]:
 
 
 def _fixed(path: Path, lines: Sequence[str], row: int, n: int, width: int, what: str) -> tuple[np.ndarray, int]:
-    """Numbers of a fixed width; they may touch each other."""
+    """Numbers of a fixed width, which may touch each other, and the row after them."""
     taken: list[str] = []
     count = 0
     while count < n and row < len(lines) and not _END.match(lines[row]):
@@ -185,20 +185,18 @@ def _number(path: Path, text: str) -> float:
         ) from None
 
 
-def _positive(path: Path, value: float | str) -> float:
-    step = _number(path, value) if isinstance(value, str) else float(value)
+def _positive(path: Path, step: float) -> float:
     if not np.isfinite(step) or step <= 0:
         raise FileFormatError(f"{path}: its header has no sampling interval", "Export it again.")
     return step
 
 
-def _peak_note(channel: str, kind: str, values: np.ndarray, step: float, peak: tuple[float, float] | None) -> list[str]:
-    if peak is None or not len(values):
-        return []
-    at = int(np.abs(values).argmax())
-    if abs(abs(values[at]) - abs(peak[0])) <= 0.01 * abs(peak[0]) + 0.0011:
+def _peak_note(channel: str, series: _Series, peak: float) -> list[str]:
+    at = int(np.abs(series.values).argmax()) if len(series.values) else 0
+    reached = series.values[at] if len(series.values) else peak
+    if abs(abs(reached) - abs(peak)) <= 0.01 * abs(peak) + 0.0011:
         return []
     return [
-        f"take care: the header of channel {channel} states a peak {_KINDS[kind]} of {peak[0]:g}, "
-        f"the points reach {values[at]:g} at {at * step:g} s"
+        f"take care: the header of channel {channel} states a peak {series.kind} of {peak:g}, "
+        f"the points reach {reached:g} at {at * series.step:g} s"
     ]

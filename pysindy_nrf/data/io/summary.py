@@ -7,13 +7,12 @@ from typing import Any
 import numpy as np
 
 from ..channels import finite_span
-from ..record import Record
+from ..record import BASES, Record
 from .reading import Reading
 from .table import Table
 from .units import si_unit
 
 _KINDS = {"a": "absolute acceleration", "v": "velocity", "x": "displacement", "F": "force"}
-_BASES = {"ag": "base acceleration", "vg": "base velocity", "xg": "base displacement"}
 
 
 def describe(what: Record | Reading) -> str:
@@ -47,15 +46,26 @@ def describe(what: Record | Reading) -> str:
     reading = what if isinstance(what, Reading) else None
     record = what.record if isinstance(what, Reading) else what
     assumed = set() if reading is None else {f"F{j}" for j in range(1, record.n_dof + 1)} - set(reading.sources)
-    rows = [_row(record, name, line, reading) for name, line in record.channels().items() if name not in assumed]
-    width = max(len(name) for name, *_ in rows)
-    lines = [_head(record, reading)]
+    columns = record.channels()
+    shown = [name for name in columns if name not in assumed]
+    width = max(map(len, shown))
+    where = f" from {reading.table.path}" if reading else ""
+    dofs = f"{record.n_dof} DOF{'s' if record.n_dof > 1 else ''}"
+    lasts = record.n_samples / record.fs
+    lines = [f"{record.name}{where}: {dofs}, {record.n_samples} samples at {record.fs:g} Hz, {lasts:.4g} s"]
     if reading:
         lines.append(f"  read as {'; '.join([reading.table.kind, *reading.table.notes])}")
         lines.append(f"  clock: {reading.clock}")
-    for name, kind, size, source in rows:
-        lines.append(f"  {name:{width}s}  {kind:33s} {size}{source}")
-    lines += [f"  {text}" for text in (_forces(record), _masked(record), _unused(reading)) if text]
+    for name in shown:
+        source = _origin(reading, name) if reading else ""
+        lines.append(f"  {name:{width}s}  {kind_of(record, name):33s} {_size(record, name, columns[name])}{source}")
+    lines.append(f"  {_forces(record)}")
+    valid = finite_span(list(columns.values()), list(columns), record.name)
+    lost = record.n_samples - (valid.stop - valid.start)
+    if lost:
+        lines.append(f"  {lost} rows at the edges are empty in some channel and not used")
+    if reading and reading.unused:
+        lines.append(f"  not used: {', '.join(reading.unused[:12])}{' and more' if len(reading.unused) > 12 else ''}")
     return "\n".join(lines)
 
 
@@ -110,7 +120,7 @@ def summary(record: Record) -> dict[str, Any]:
         "channels": {
             name: {
                 "unit": si_unit(name),
-                "rms": float(np.sqrt(np.nanmean(line.astype(float) ** 2))),
+                "rms": _rms(line),
                 "peak": float(np.nanmax(np.abs(line))),
             }
             for name, line in record.channels().items()
@@ -120,8 +130,9 @@ def summary(record: Record) -> dict[str, Any]:
 
 def kind_of(record: Record, name: str) -> str:
     """Quantity of a channel, in words."""
-    if name in _BASES:
-        return _BASES[name]
+    bases = {short: key.replace("_", " ") for key, short in BASES.items()}
+    if name in bases:
+        return bases[name]
     if name[:1] not in _KINDS or not name[1:].isdigit():
         return "covariate"
     if name[0] not in "vx":
@@ -129,26 +140,25 @@ def kind_of(record: Record, name: str) -> str:
     return _KINDS[name[0]] + (" relative to base" if record.coordinates == "relative" else ", absolute")
 
 
-def _head(record: Record, reading: Reading | None) -> str:
-    where = f" from {reading.table.path}" if reading else ""
-    dofs = f"{record.n_dof} DOF{'s' if record.n_dof > 1 else ''}"
-    lasts = record.n_samples / record.fs
-    return f"{record.name}{where}: {dofs}, {record.n_samples} samples at {record.fs:g} Hz, {lasts:.4g} s"
+def _rms(line: np.ndarray) -> float:
+    return float(np.sqrt(np.nanmean(line.astype(float) ** 2)))
 
 
-def _row(record: Record, name: str, line: np.ndarray, reading: Reading | None) -> tuple[str, str, str, str]:
-    kind = kind_of(record, name)
-    unit = si_unit(name) if kind != "covariate" else ""
-    values = line.astype(float)
-    rms, peak = np.sqrt(np.nanmean(values**2)), np.nanmax(np.abs(values))
-    size = "zero throughout" if peak == 0 else f"rms {rms:.4g} {unit}".rstrip() + f", peak {peak:.4g} {unit}".rstrip()
-    source = ""
-    if reading and name in reading.sources:
-        held = reading.sources[name]
-        came = [held.text] if held.text != name else []
-        came += [f"in {held.unit}"] if held.unit and held.unit != unit else []
-        source = f"   <- {' '.join(came)}" if came else ""
-    return name, kind, size, source
+def _size(record: Record, name: str, line: np.ndarray) -> str:
+    peak = np.nanmax(np.abs(line))
+    if peak == 0:
+        return "zero throughout"
+    unit = "" if name in record.covariates else f" {si_unit(name)}"
+    return f"rms {_rms(line):.4g}{unit}, peak {peak:.4g}{unit}"
+
+
+def _origin(reading: Reading, name: str) -> str:
+    if name not in reading.sources:
+        return ""
+    source = reading.sources[name]
+    unit = f"in {source.unit}" if source.unit not in ("", si_unit(name)) else ""
+    came = " ".join(filter(None, [source.text if source.text != name else "", unit]))
+    return f"   <- {came}" if came else ""
 
 
 def _dofs(numbers: Any) -> str:
@@ -166,17 +176,3 @@ def _forces(record: Record) -> str:
         parts.append(f"force unknown: {_dofs(unknown)}")
     parts.append("the base moves" if record.base_moves else "the base is at rest")
     return "; ".join(parts)
-
-
-def _masked(record: Record) -> str:
-    columns = record.channels()
-    valid = finite_span(list(columns.values()), list(columns), record.name)
-    lost = record.n_samples - (valid.stop - valid.start)
-    return f"{lost} rows at the edges are empty in some channel and not used" if lost else ""
-
-
-def _unused(reading: Reading | None) -> str:
-    if reading is None or not reading.unused:
-        return ""
-    shown = ", ".join(reading.unused[:12])
-    return f"not used: {shown}{' and more' if len(reading.unused) > 12 else ''}"

@@ -139,17 +139,9 @@ class Attributes:
         """Attributes from the text of :meth:`to_json`."""
         try:
             data = json.loads(text)
-            if data.pop("schema") != SCHEMA:
+            if data["schema"] != SCHEMA:
                 raise ValueError("it is of another schema")
-            version = data.pop("version")
-            if not isinstance(version, int) or isinstance(version, bool):
-                raise ValueError(f"its version is {version!r}")
-            if version > VERSION:
-                raise FileVersionError(
-                    f"The record in {where} has version {version}, this package reads up to {VERSION}",
-                    "Update pysindy_nrf.",
-                )
-            return cls._checked(data)
+            return cls.checked(data, where)
         except FileFormatError:
             raise
         except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
@@ -158,7 +150,16 @@ class Attributes:
             ) from error
 
     @classmethod
-    def _checked(cls, data: Mapping[str, Any]) -> Attributes:
+    def checked(cls, data: Mapping[str, Any], where: Any) -> Attributes:
+        """Attributes from a mapping; ValueError, KeyError or TypeError if it is damaged."""
+        version = data["version"]
+        if not isinstance(version, int) or isinstance(version, bool):
+            raise ValueError(f"its version is {version!r}")
+        if version > VERSION:
+            raise FileVersionError(
+                f"The record in {where} has version {version}, this package reads up to {VERSION}",
+                "Update pysindy_nrf.",
+            )
         texts: dict[str, Any] = {key: data[key] for key in ("name", "coordinates")}
         numbers: dict[str, Any] = {key: float(data[key]) for key in ("fs", "t0")}
         lists: dict[str, Any] = {key: tuple(data[key]) for key in ("columns", "covariates", "float32")}
@@ -214,7 +215,7 @@ def restored(attributes: Attributes, columns: Mapping[str, np.ndarray]) -> Recor
         own = [line for name, line in lines.items() if name[:1] == prefix and name[1:].isdigit()]
         if own:
             parts[key] = np.column_stack(own)
-    about = {"name": attributes.name, "coordinates": attributes.coordinates, "fs": attributes.fs}
+    about: dict[str, Any] = {"name": attributes.name, "coordinates": attributes.coordinates, "fs": attributes.fs}
     record = Record(**parts, **about, covariates=covariates)
     record.t0 = attributes.t0
     return record

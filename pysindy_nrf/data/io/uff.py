@@ -12,7 +12,7 @@ import numpy as np
 
 from ...common.atomic import atomic_write
 from ...common.extras import require
-from ...exceptions import ChannelError, FileFormatError, FileVersionError
+from ...exceptions import ChannelError, FileFormatError
 from .table import MAX_BYTES, SCHEMA, VERSION, Attributes, Table, check_size, rate_of, unreadable
 from .units import si_unit
 
@@ -127,16 +127,11 @@ def _own(path: Path, sets: Sequence[Mapping[str, Any]]) -> Table | None:
     if not all(len(mark) == 8 and mark[0] == SCHEMA for mark in marks):
         return None
     try:
-        if (version := max(int(mark[1]) for mark in marks)) > VERSION:
-            raise FileVersionError(
-                f"The record in {path} has version {version}, this package reads up to {VERSION}", "Update pysindy_nrf."
-            )
         names = [_unquoted(one["id1"]) for one in sets]
         if any(int(mark[7]) != len(sets) for mark in marks):
             raise ValueError(f"{len(sets)} columns are there, {marks[0][7]} were written")
         data = {
-            "schema": SCHEMA,
-            "version": version,
+            "version": max(int(mark[1]) for mark in marks),
             "name": _unquoted(sets[0]["id2"]),
             "coordinates": marks[0][2],
             "fs": float.fromhex(marks[0][3]),
@@ -146,10 +141,10 @@ def _own(path: Path, sets: Sequence[Mapping[str, Any]]) -> Table | None:
             "covariates": [n for n, mark in zip(names, marks) if mark[6] == "covariate"],
             "float32": [n for n, mark in zip(names, marks) if mark[5] == "float32"],
         }
-        attributes = Attributes.from_json(json.dumps(data), path)
+        attributes = Attributes.checked(data, path)
+    except FileFormatError:
+        raise
     except ValueError as error:
-        if isinstance(error, FileFormatError):
-            raise
         raise unreadable(path, "UFF", f"the attributes of the record are damaged ({error})") from error
     columns = {name: np.asarray(one["data"], dtype=float) for name, one in zip(names, sets)}
     return Table(path, "UFF 58", columns, attributes=attributes, fs=attributes.fs)

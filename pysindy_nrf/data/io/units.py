@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any
 
 from ...common.extras import require
@@ -61,7 +61,8 @@ def factor(unit: str, channel: str) -> float:
                 return float(f"{size:.15g}")  # pint's own round-off
             measured.append(dimension)
     if measured:
-        other = next((k for k, words in _JARGON.items() if text in words), None) or _named(measured[0])
+        other = next((k for k, words in _JARGON.items() if text in words), None)
+        other = other or next((name for name, known in _EXPONENTS.items() if known == measured[0]), "something else")
         raise ChannelError(
             f"Channel {channel} is {_ARTICLE[kind]}, but its unit {unit!r} measures {other}",
             f"Write e.g. {_EXAMPLES[kind]}.",
@@ -127,7 +128,6 @@ def _parsed(text: str) -> tuple[float, tuple[int, int, int]] | None:
         return None
     pint = require("pint", "files", f"Converting the unit {text!r}")
     registry = _registry()
-
     try:
         quantity = registry.Quantity(1.0)
         for name, power in tokens:
@@ -140,15 +140,8 @@ def _parsed(text: str) -> tuple[float, tuple[int, int, int]] | None:
     return None if dimensions else (size, (mass, length, time))
 
 
-@lru_cache(maxsize=1)
+@cache
 def _registry() -> Any:
     import pint
 
     return pint.UnitRegistry()
-
-
-def _named(exponents: tuple[int, int, int]) -> str:
-    for name, known in _EXPONENTS.items():
-        if known == exponents:
-            return name
-    return "something else"

@@ -176,22 +176,18 @@ def write_forces(model: Any, data: Any, path: Any, **options: Any) -> Path:
         raise FileFormatError("Forces are written one record at a time", "Pass one record.")
     segment = segments.segments[0]
     dt = segment.dt or 1.0
-    acting = [i for i, laws in enumerate(model.laws.values()) if laws]
-    sites = [list(model.laws)[i] for i in acting]
-    forces = segments.scatter(model.site_forces(segments))[:, acting]
+    sites = {site: i for i, (site, laws) in enumerate(model.laws.items()) if laws}
+    forces = segments.scatter(model.site_forces(segments))[:, list(sites.values())]
     if suffix in (".uff", ".unv"):
         name = segment.name if segment.name.isascii() and segment.name.isprintable() else "record"
-        texts = [[f"restoring force of {site}, N"[:80], name[:80] or "NONE", "NONE", "NONE", "NONE"] for site in sites]
-        write_sets(
-            path,
-            [
-                history(line, 1.0 / dt, 0.0, text, _REACTION, site.p, max(site.q, 0), "N")
-                for line, text, site in zip(forces.T, texts, sites)
-            ],
-        )
+        sets = []
+        for line, site in zip(forces.T, sites):
+            texts = [f"restoring force of {site}, N"[:80], name[:80] or "NONE", "NONE", "NONE", "NONE"]
+            sets.append(history(line, 1.0 / dt, 0.0, texts, _REACTION, site.p, max(site.q, 0), "N"))
+        write_sets(path, sets)
         return path
-    time = np.arange(len(forces)) * dt
-    return write_table(pd.DataFrame({"t": time, **{str(s): line for s, line in zip(sites, forces.T)}}), path)
+    columns = {"t": np.arange(len(forces)) * dt, **{str(s): line for s, line in zip(sites, forces.T)}}
+    return write_table(pd.DataFrame(columns), path)
 
 
 def _suffix(path: Path, known: tuple[str, ...]) -> str:

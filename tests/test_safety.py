@@ -66,6 +66,7 @@ def test_xml_and_yaml_are_not_read():
             assert not roots & {"yaml", "xml", "shelve", "marshal", "dill"}, path
 
 
+@pytest.mark.slow
 def test_names_from_files_stay_in_the_chosen_folder(tmp_path, monkeypatch):
     """A record that calls itself ../../x writes nothing outside the output folder."""
     from pysindy_nrf import Record, datasets

@@ -40,6 +40,7 @@ def command(*arguments: str, before: str = "") -> str:
     return f"import sys\n{before}\nfrom pysindy_nrf.output.cli.group import main\nmain({list(arguments)!r})"
 
 
+@pytest.mark.slow
 def test_a_full_disk_leaves_the_earlier_results(finished):
     """No file may grow beyond 200 bytes, as on a disk that is full."""
     old = contents(finished / "out")
@@ -130,6 +131,7 @@ def test_a_process_that_is_stopped_while_it_writes(tmp_path, how):
     assert ChainModel.from_json(path) != MODEL
 
 
+@pytest.mark.slow
 def test_ctrl_c_in_the_middle_of_an_identification(finished):
     """The process leaves with 130 and a sentence; the earlier results are whole."""
     old = contents(finished / "out")
@@ -142,6 +144,7 @@ def test_ctrl_c_in_the_middle_of_an_identification(finished):
     assert contents(finished / "out") == old
 
 
+@pytest.mark.slow
 def test_a_reader_never_sees_half_a_file(tmp_path):
     """While one process rewrites a model again and again, another always reads a whole one."""
     path = tmp_path / "model.json"

@@ -128,7 +128,7 @@ def read_frf(path: Any, *, driven: int = 1, kind: str = "accelerance", max_bytes
 def frequency_response(
     f: Any, H: Any, driven: int = 1, kind: str = "accelerance", name: str = "frequency response"
 ) -> FrequencyResponse:
-    """Check frequencies and responses and turn them into accelerance.
+    """Check frequencies and responses and convert them to accelerance.
 
     Parameters
     ----------
@@ -177,10 +177,8 @@ def frequency_response(
         raise ChannelError(
             f"driven={driven!r} is not one of the {H.shape[1]} DOFs of {name}", "Name the DOF on which the force acts."
         )
-    for j in range(H.shape[1]):
-        bad = np.flatnonzero(~np.isfinite(H[:, j]))
-        if bad.size:
-            raise ChannelError(f"{name}: H{j + 1} is not finite in row {bad[0]}", "Cut this line.")
+    for row, j in np.argwhere(~np.isfinite(H))[:1]:
+        raise ChannelError(f"{name}: H{j + 1} is not finite in row {row}", "Cut this line.")
     bad = np.flatnonzero(~np.isfinite(f) | (f < 0))
     if bad.size:
         raise ChannelError(f"{name}: the frequency in row {bad[0]} is {f[bad[0]]}", "Give positive frequencies in Hz.")
@@ -220,8 +218,7 @@ def frf_to_features(
     band : (float, float), optional
         Hz; lines outside are left out.
     weight : array-like of shape (n_lines,), optional
-        Every row of a line is multiplied by it (before the band is cut). Without it each line
-        has the same force and so the same weight.
+        Factor of the rows of each line of ``f``; 1 if None.
 
     Returns
     -------
@@ -236,8 +233,8 @@ def frf_to_features(
 
     Notes
     -----
-    Noise in H sits in the regressors and biases all masses and stiffnesses low together; their
-    ratios suffer much less.
+    Noise in H is noise in the regressors: it biases all masses and stiffnesses low together, and their ratios much
+    less.
 
     Examples
     --------
@@ -258,14 +255,12 @@ def frf_to_features(
         raise ChannelError(
             f"{frf.name} has no line in the band {band} Hz", f"Its lines go from {frf.f[0]:g} to {frf.f[-1]:g} Hz."
         )
-    scale = np.ones(len(frf.f))
-    if weight is not None:
-        scale = np.asarray(weight, dtype=float)
-        if scale.shape != frf.f.shape or not np.isfinite(scale).all() or (scale < 0).any():
-            raise ChannelError(
-                f"weight has the shape {scale.shape} for {len(frf.f)} lines, or is not positive and finite",
-                "Give one positive number for each line.",
-            )
+    scale = np.ones(len(frf.f)) if weight is None else np.asarray(weight, dtype=float)
+    if scale.shape != frf.f.shape or not np.isfinite(scale).all() or (scale < 0).any():
+        raise ChannelError(
+            f"weight has the shape {scale.shape} for {len(frf.f)} lines, or is not positive and finite",
+            "Give one positive number for each line.",
+        )
     iw = 2j * np.pi * frf.f[used, None]
     a, scale = frf.H[used] * scale[used, None], scale[used]
     drifts = [np.diff(y, axis=1, prepend=0.0) for y in (a / iw, a / iw**2)]
@@ -273,11 +268,12 @@ def frf_to_features(
     n = frf.n_dof
     force = np.zeros((len(scale), n), dtype=complex)
     force[:, frf.driven - 1] = scale
-    X = pd.DataFrame(
-        np.vstack([columns.real, columns.imag]), columns=[f"{k}{j}" for k in "avs" for j in range(1, n + 1)]
-    )
-    F = pd.DataFrame(np.vstack([force.real, force.imag]), columns=[f"F{j}" for j in range(1, n + 1)])
-    return X, F
+
+    def rows(values: np.ndarray, kinds: str) -> pd.DataFrame:
+        names = [f"{kind}{j}" for kind in kinds for j in range(1, n + 1)]
+        return pd.DataFrame(np.vstack([values.real, values.imag]), columns=names)
+
+    return rows(columns, "avs"), rows(force, "F")
 
 
 def _in_band(f: np.ndarray, band: tuple[float | None, float | None] | None) -> np.ndarray:

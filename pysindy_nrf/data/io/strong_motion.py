@@ -1,17 +1,15 @@
 r"""Strong-motion records: CSMIP "volume 2" and COSMOS v1.20 text (V1 and V2).
 
-CSMIP V2, one block for each channel: 25 lines of text, 100 integers in 16I5, 100 reals in 8F10.3, then
-three series, each under a line such as
+CSMIP V2, one block for each channel: 25 lines of text, 100 integers in 16I5, 100 reals in 8F10.3, three series in
+8F10.3, each under a line such as
 
     1138 POINTS OF ACCEL DATA EQUALLY SPACED AT  .020 SEC.  (UNITS: CM/SEC/SEC)
 
-in 8F10.3, and ``/&`` at the end. COSMOS, one series for each block: text, integers, reals (the 62nd is the
-sampling interval of the series, ms; the 34th that of the raw record, s, which may have been resampled) and
-comments, each under a line that says how many follow, then one of
+and ``/&`` at the end. COSMOS, one series for each block: text, integers, reals (the 62nd is the sampling interval of
+the series, ms; the 34th that of the raw record, s, before it was resampled) and comments, each under a line that
+states how many follow, then the series under a line such as
 
     12000 acceleration pts, approx  60 secs, units=cm/sec2 (04), Format=(8F10.3)
-    12000 uncor. accel. pts, approx  60 secs, units=cm/sec2(04), Format=(1E15.6)
-    12000 raw accel.    pts, approx  60 secs, units=counts (50), Format=(10I8)
 
 Raw counts (V0) are not a motion in physical units and are refused.
 
@@ -70,12 +68,10 @@ def is_strong_motion(text: str) -> bool:
 
 def read_strong_motion(path: Path, max_bytes: int = MAX_BYTES) -> Table:
     """Read the corrected series of a CSMIP V2 or COSMOS file."""
-    lines = _lines(path.read_text(encoding="latin-1"))
-    series, notes = _read(path, lines)
+    series, notes = _read(path, _lines(path.read_text(encoding="latin-1")))
     if not series:
-        raise unreadable(
-            path, "strong motion", "no line announces a series ('... POINTS OF ACCEL DATA ...', '... pts, units=...')"
-        )
+        reason = "no line announces a series ('... POINTS OF ACCEL DATA ...', '... pts, units=...')"
+        raise unreadable(path, "strong motion", reason)
     steps = sorted({s.step for s in series})
     if len(steps) > 1:
         raise FileFormatError(
@@ -170,9 +166,8 @@ def _fixed(path: Path, lines: Sequence[str], row: int, n: int, width: int, what:
 
 def _interval(reals: np.ndarray) -> float:
     """Sampling interval of the series, s; not positive if the header does not say."""
-    own = reals[_INTERVAL] if len(reals) > _INTERVAL else -1.0
-    if own > 0:
-        return float(own) / 1000.0
+    if len(reals) > _INTERVAL and reals[_INTERVAL] > 0:
+        return float(reals[_INTERVAL]) / 1000.0
     return float(reals[_RAW_INTERVAL]) if len(reals) > _RAW_INTERVAL else -1.0
 
 

@@ -74,17 +74,13 @@ def _foreign(path: Path, sets: Sequence[Mapping[str, Any]], systems: Sequence[Ma
             f"{path}: its time histories have {', '.join(map(str, sorted(lengths)))} points",
             "Export those of one test into one file.",
         )
+    implied = {"x": length, "v": f"{length}/s", "a": f"{length}/s^2", "F": force} if length else {}
     variables, units, notes = {}, {}, []
     for name, sign, one in zip(names, signs, sets):
         variables[name] = sign * np.asarray(one["data"], dtype=float)
-        label = str(one.get("ordinate_axis_units_lab", "")).strip()
-        kind = name[0]
-        implied = {"x": length, "v": f"{length}/s", "a": f"{length}/s^2", "F": force}.get(kind, "") if length else ""
-        unit = label if label and label.upper() != "NONE" else implied
-        if unit:
+        if unit := _filled(one.get("ordinate_axis_units_lab", "")) or implied.get(name[0]):
             units[name] = unit
-        text = str(one["id1"]).strip()
-        if text and text.upper() != "NONE":
+        if text := _filled(one["id1"]):
             notes.append(f"{name} is {text!r}")
         if sign < 0:
             along = _DIRECTIONS.get(int(one["rsp_dir"]), "a negative axis")
@@ -106,6 +102,12 @@ def _foreign(path: Path, sets: Sequence[Mapping[str, Any]], systems: Sequence[Ma
     if any(not np.array_equal(time, np.asarray(one["x"], dtype=float)) for one in sets):
         raise FileFormatError(f"{path}: the times of its time histories differ", "Export histories with one clock.")
     return Table(path, "UFF 58", {"t": time} | variables, units, notes)
+
+
+def _filled(text: Any) -> str:
+    """A text of the header, empty if it is NONE."""
+    stripped = str(text).strip()
+    return "" if stripped.upper() == "NONE" else stripped
 
 
 def _names(sets: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[float]]:

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from ...common.extras import require
+from ...data.channels import by_record
 from ...data.io.arrays import data_sets, require_own
 from ...data.io.table import check_file, unreadable
-from ...data.channels import by_record
 from ...data.record import Record, seconds_of
 from ...exceptions import ChannelError, FileFormatError
 from ...regression.segments import feature_names

@@ -52,7 +52,7 @@ def columns() -> dict[str, tuple]:
         "dates in an array": (fit(X.astype("datetime64[s]")), "Channel a1 .* does not hold numbers", "Convert it"),
         "durations in an array": (fit((1e9 * X).astype("timedelta64[ns]")), "Channel a1 .* does not hold numbers", "Convert it"),
         "bytes": (fit(X.astype("S8")), "Channel a1 .* does not hold numbers", "Convert it"),
-        "truth values": (fit(X > 0), "Channel a1 .* holds truth values", "Give the measured numbers"),
+        "truth values": (fit(X > 0), "Channel a1 .* holds boolean values", "Give the measured numbers"),
         "unknown column": (fit(frame.assign(voltage=1.0)), "unknown column voltage", "covariates .* are passed beside X"),
         "missing column": (fit(frame.drop(columns="v2")), "lacks v2", "Name the columns a1.., v1.., s1.."),
         "absolute names for relative motion": (fit(frame.rename(columns={"s1": "x1", "s2": "x2", "s3": "x3"})), "lacks s1, s2, s3", "unknown column"),

@@ -79,7 +79,7 @@ def as_matrix(
             "Give real time series; take .real if the imaginary part is zero.",
         )
     if array.dtype.kind == "b" and not what.startswith("covariate"):
-        raise ChannelError(f"Channel {name(0)} of the {what} holds truth values", "Give the measured numbers.")
+        raise ChannelError(f"Channel {name(0)} of the {what} holds boolean values", "Give the measured numbers.")
     if array.dtype == np.float16:
         lost = f"Channel {name(0)} of the {what} is float16, which holds three digits"
         warnings.warn(DataQualityWarning(lost, "Save the channels as float32 or float64."), stacklevel=2)
@@ -195,6 +195,12 @@ class EvenClock(np.lib.mixins.NDArrayOperatorsMixin):
         if name.startswith("_"):
             raise AttributeError(name)
         return getattr(self[:], name)
+
+
+def rate_of(step: float, tolerance: float = 1e-6) -> float:
+    """Sampling rate, Hz, of a step in s; a whole number if rounding of the step explains the difference."""
+    rate = 1.0 / step
+    return float(round(rate)) if abs(rate - round(rate)) < tolerance * rate else float(rate)
 
 
 def by_record(record: Any, size: int) -> list[tuple[str, slice]]:

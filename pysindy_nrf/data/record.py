@@ -13,7 +13,7 @@ import pandas as pd
 from ..common.hooks import Hook
 from ..exceptions import ChannelError
 from ..mechanics.chain import MOST_DOFS
-from .channels import GAP, as_matrix, channel_of, finite_span
+from .channels import GAP, as_matrix, channel_of, finite_span, rate_of
 
 _LARGEST = 1e100  # SI units; its square is still a double
 MATRICES = {"force": "F", "acceleration": "a", "velocity": "v", "displacement": "x"}  # one column for each DOF
@@ -394,6 +394,7 @@ class Record:
         )
 
 
+@np.errstate(over="ignore")
 def _clock(fs: Any, time: Any, n: int, name: str) -> tuple[float, float]:
     """Sampling rate and first time of a record, checked for an even clock."""
     given = np.nan
@@ -411,8 +412,7 @@ def _clock(fs: Any, time: Any, n: int, name: str) -> tuple[float, float]:
     seconds = seconds_of(time, name)
     if len(seconds) != n:
         raise ChannelError(f"Record {name!r}: {len(seconds)} times for {n} samples", "Give one time for each sample.")
-    with np.errstate(over="ignore"):
-        steps = np.diff(seconds)
+    steps = np.diff(seconds)
     bad = np.flatnonzero(steps <= 0)
     if bad.size:
         kind = "stands still" if (steps[bad] == 0).all() else "runs backwards"
@@ -420,10 +420,8 @@ def _clock(fs: Any, time: Any, n: int, name: str) -> tuple[float, float]:
             f"Record {name!r}: the time {kind} after row {int(bad[0])}",
             "Sort the rows and drop repeated ones; if the time is only rounded, leave it out (t = 'none') and give fs.",
         )
-    with np.errstate(over="ignore"):
-        step = (seconds[-1] - seconds[0]) / (n - 1)
-        rate = 1.0 / step
-    if not np.isfinite(rate) or rate == 0:
+    step = (seconds[-1] - seconds[0]) / (n - 1)
+    if not 0 < 1.0 / step < np.inf:
         raise ChannelError(
             f"Record {name!r}: the time runs from {seconds[0]:g} to {seconds[-1]:g} s in {n} samples, "
             "which is not a time in seconds",
@@ -433,28 +431,20 @@ def _clock(fs: Any, time: Any, n: int, name: str) -> tuple[float, float]:
     if grid > 0.05 * step and np.abs(steps - step).max() > 0.05 * step:
         usual = float(np.median(steps))
         worst = int(np.abs(steps - usual).argmax())
-        jumps = np.flatnonzero(steps > GAP * usual)
+        jumps = steps[steps > GAP * usual]
         if jumps.size and steps.min() > 0.75 * usual:  # jitter shortens as many steps as it lengthens
-            with np.errstate(over="ignore"):
-                lost = float((steps[jumps] / usual - 1).sum())
+            lost = float((jumps / usual - 1).sum())
             kind = f"{jumps.size} gap{'s' if jumps.size > 1 else ''}, about {lost:.0f} samples are missing"
             cure = "Split the record at gaps (alignment.split_at_gaps), or resample it to an even clock."
         else:
             kind = f"jitter, steps of {steps.min():g} to {steps.max():g} s"
-            cure = (
-                f"If the time is only rounded, leave it out (t = 'none') and give fs={1 / step:g}; else resample it "
-                "to an even clock."
-            )
-        raise ChannelError(
-            f"Record {name!r}: the clock is uneven, {steps[worst]:g} s after row {worst} where {usual:g} s is usual; "
-            f"{kind}",
-            cure,
-        )
+            cure = f"If the time is only rounded, leave it out (t = 'none') and give fs={1 / step:g}; else resample it "
+            cure += "to an even clock."
+        place = f"{steps[worst]:g} s after row {worst} where {usual:g} s is usual"
+        raise ChannelError(f"Record {name!r}: the clock is uneven, {place}; {kind}", cure)
+    rate = rate_of(step)
     if fs is not None and abs(given - rate) > 0.01 * rate:
         raise ChannelError(f"Record {name!r}: fs={fs} Hz contradicts the time, which has {rate:g} Hz", "Leave one out.")
-    nearest = round(rate)
-    if nearest and abs(rate - nearest) < 1e-6 * rate:
-        rate = float(nearest)
     return rate, float(seconds[0])
 
 

@@ -104,7 +104,7 @@ VARIANTS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("variant", "suffix"), zip(VARIANTS, [".v2", ".V2c", ".v1c", ".txt", ".v2", ".V1"]))
+@pytest.mark.parametrize(("variant", "suffix"), list(zip(VARIANTS, [".v2", ".V2c", ".v1c", ".txt", ".v2", ".V1"])))
 def test_cosmos_as_the_processing_centres_write_it(tmp_path, variant, suffix):
     """Real 62 is the interval of the series in ms; real 34 that of the raw record in s, before it was resampled."""
     title, announced, (width, precision, per_line, form), reals_form, kind = VARIANTS[variant]

@@ -82,7 +82,7 @@ def read_delimited(path: Path, max_bytes: int = MAX_BYTES) -> Table:
     unnamed = "" if dialect.named else "; no names in the file, columns are c1, c2, ..."
     notes = [f"columns separated by {separator}, {mark}{unnamed}"]
     if cut:
-        notes.append(f"the file ends inside a number, {cut!r}: its last row is left out; was it copied whole?")
+        notes.append(f"the file ends inside a number, {cut!r}: its last row is left out; was it copied completely?")
     return Table(path, "delimited text", variables, units, notes, decimal=dialect.decimal)
 
 

@@ -27,7 +27,8 @@ from pathlib import Path
 import numpy as np
 
 from ...exceptions import FileFormatError
-from .table import MAX_BYTES, Table, rate_of, unreadable
+from ..channels import rate_of
+from .table import MAX_BYTES, Table, unreadable
 
 _SERIES = re.compile(
     r"\s*(\d+)\s+POINTS OF\s+(ACCEL|VELOC|DISPL)\w*\s+DATA\s+EQUALLY SPACED AT\s+([\d.]+)\s*SEC\.?"

@@ -100,12 +100,6 @@ def unreadable(path: Path, kind: str, error: Exception | str) -> FileFormatError
     )
 
 
-def rate_of(step: float, tolerance: float = 1e-6) -> float:
-    """Sampling rate, Hz, of a time step in s that was rounded when it was written."""
-    rate = 1.0 / step
-    return float(round(rate)) if abs(rate - round(rate)) < tolerance * rate else rate
-
-
 # -- records written by this package ----------------------------------------------------------
 
 

@@ -13,7 +13,8 @@ import numpy as np
 from ...common.atomic import atomic_write
 from ...common.extras import require
 from ...exceptions import ChannelError, FileFormatError
-from .table import MAX_BYTES, SCHEMA, VERSION, Attributes, Table, check_size, rate_of, unreadable
+from ..channels import rate_of
+from .table import MAX_BYTES, SCHEMA, VERSION, Attributes, Table, check_size, unreadable
 from .units import si_unit
 
 _LINE = 80  # characters of an identification line

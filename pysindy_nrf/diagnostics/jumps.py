@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import NRFError, RankWarning
-from ..laws.jumps import across_rest
+from ..laws.friction import jump_at_reversal
 from ..mechanics.sites import Site
 from ..regression.chain_solve import groups_of, solve
 from ..regression.gram_pass import GramPass
@@ -173,7 +173,7 @@ def jumping_terms(layout: LawLayout) -> list[tuple[Site, int, str]]:
         for law in layout.laws[site]:
             terms = law.terms()
             if not law.has_memory:
-                near, wide = np.abs(across_rest(law, np.ones(len(law.covariates)))).T
+                near, wide = np.abs(jump_at_reversal(law, np.ones(len(law.covariates)))).T
                 out += [(site, at + k, term.unit) for k, term in enumerate(terms) if near[k] > 0.5 * wide[k] > 0]
             at += len(terms)
     return out

@@ -16,8 +16,8 @@ import numpy as np
 from scipy.optimize import minimize
 
 from ..exceptions import NRFError
-from ..laws.base import ForceLaw, Shape
-from ..laws.shape_scale import ShapeScale
+from ..laws.base import ForceLaw
+from ..laws.shape import Shape, ShapeScale
 from ..mechanics.sites import Site
 from .catalogue import Candidate
 from .stage import Stage

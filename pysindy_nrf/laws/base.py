@@ -1,22 +1,58 @@
 """The one contract of a force law.
 
-A law is linear in its coefficients and may have shape parameters and an internal state that
-remembers the path: ``R(t) = sum_k c_k phi_k(s, v, t; theta, z)``. It has one definition, written
-as two plain functions that serve arrays (features, identification) and, compiled, single
-samples (simulation, memory).
+A law is linear in its coefficients and may have shape parameters and an internal state that depends on the path:
+``R(t) = sum_k c_k phi_k(s, v, t; theta, z)``. Two plain functions define it. They serve arrays (features,
+identification) and, compiled, single samples (simulation, states).
 """
 
 from __future__ import annotations
 
+import inspect
+import re
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, NamedTuple, Self
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
 from ..exceptions import LawError
-from .motion import Motion
+from .shape import Shape
 
-_REGISTRY: dict[str, type[ForceLaw]] = {}
+
+@dataclass
+class Motion:
+    """Motion at the site of a law in one contiguous record.
+
+    Attributes
+    ----------
+    s, v : ndarray of shape (n_samples,)
+        Drift (m) and its rate (m/s).
+    a : ndarray of shape (n_samples,), optional
+        Relative acceleration of the two ends (m/s^2); of the DOF for a DOF site.
+    t : ndarray of shape (n_samples,), optional
+        Time on the clock of the record (s).
+    covariates : mapping of str to ndarray of shape (n_samples,)
+        Further measured channels, e.g. a damper's voltage.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import laws
+    >>> s = np.array([-0.001, 0.0, 0.002])  # m
+    >>> laws.LinearElastic(4e4).force(laws.Motion(s, v=0 * s)).tolist()  # N
+    [-40.0, 0.0, 80.0]
+    """
+
+    s: np.ndarray
+    v: np.ndarray
+    a: np.ndarray | None = None
+    t: np.ndarray | None = None
+    covariates: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples."""
+        return len(self.s)
 
 
 class Term(NamedTuple):
@@ -43,92 +79,6 @@ class Term(NamedTuple):
     unit: str
 
 
-# What the bounds of a shape parameter are multiples of at a site: rms drift (m), rms rate (m/s), longest record (s),
-# first and last time of all records (s).
-Scales = tuple[float, float, float, tuple[float, float]]
-
-
-class Shape(NamedTuple):
-    """A shape parameter: something the law is not linear in.
-
-    Attributes
-    ----------
-    name : str
-    unit : str
-        SI unit; ``"1/s"`` times a drift scale and so on are left to the text.
-    low, high : float
-        Bounds of its search, in multiples of ``scale``.
-    scale : str
-        What the bounds are multiples of, a product such as ``"1"``, ``"s"``, ``"1/v"`` or
-        ``"s/v"`` of the rms drift s and the rms rate v of the site and the record length t.
-    log : bool
-        Whether it is positive and searched on a logarithmic scale.
-    instant : bool
-        Whether it is a time on the clock of the records; its bounds are then shares of the way from the first time to
-        the last.
-    friction_below : float, optional
-        Value below which the law is dry friction in all but name, e.g. a power of the rate near zero.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> laws.Dahl.shapes[0].bounds(drift=0.001, rate=0.05, duration=20.0)
-    (30.0, 3000000.0)
-    """
-
-    name: str
-    unit: str
-    low: float
-    high: float
-    scale: str = "1"
-    log: bool = True
-    instant: bool = False
-    friction_below: float | None = None
-
-    def bounds(
-        self, drift: float, rate: float, duration: float, clock: tuple[float, float] | None = None
-    ) -> tuple[float, float]:
-        """Bounds of the search in SI units.
-
-        Parameters
-        ----------
-        drift, rate : float
-            Rms drift (m) and rate (m/s) of the site.
-        duration : float
-            Length of the longest record, s.
-        clock : (float, float), optional
-            First and last time of all records, s; 0 and ``duration`` if None.
-
-        Returns
-        -------
-        low, high : float
-        """
-        if self.instant:
-            first, last = clock or (0.0, duration)
-            return first + self.low * (last - first), first + self.high * (last - first)
-        sizes = {"1": 1.0, "s": drift, "v": rate, "t": duration}
-        above, _, below = self.scale.partition("/")
-        unit = sizes[above] / sizes[below or "1"]
-        return self.low * unit, self.high * unit
-
-    @property
-    def is_frequency(self) -> bool:
-        """Whether it is a frequency of time, Hz, by its name.
-
-        A record of T seconds tells frequencies 1/T apart, thousands over its band: what the balances lack shows which
-        are worth a trial (:mod:`pysindy_nrf.regression.spectral_lines`). They go up to half the sampling rate, for
-        what excites a
-        structure may be faster than it moves.
-
-        Examples
-        --------
-        >>> from pysindy_nrf import laws
-        >>> laws.HarmonicForce.shapes[0].is_frequency, laws.Dahl.shapes[0].is_frequency
-        (True, False)
-        """
-        return self.name == "frequency"
-
-
 class Recurrence(NamedTuple):
     """Columns that follow from earlier ones: column i is (g x + h) column[p] + k column[q], x being rate or drift.
 
@@ -145,12 +95,17 @@ class Recurrence(NamedTuple):
     numbers: np.ndarray
 
 
-class ForceLaw:
-    """Base of all force laws: a small contract that a newcomer fills in one file.
+_REGISTRY: dict[str, type[ForceLaw]] = {}
 
-    A subclass names itself, lists its terms, states and shape parameters, and writes ``kernel``
-    (and ``advance`` when it remembers the path). Everything else - features, identification,
-    simulation, text, JSON - follows.
+
+class ForceLaw:
+    """Base of all force laws.
+
+    A subclass states its name, terms, states and shape parameters as class attributes and writes ``kernel``
+    (and ``advance`` if it has an internal state). Features, identification, simulation, text and JSON follow from
+    these. Its constructor takes the shape parameters and then the coefficients, all optional, by position or by name.
+
+    A subclass may write its own constructor instead and pass the values to this one:
 
     Parameters
     ----------
@@ -163,6 +118,8 @@ class ForceLaw:
     ----------
     name, family : str
         E.g. ``"modified_dahl"`` of the family ``"hysteresis"``.
+    columns : tuple of Term
+        The terms of the law. A law whose terms depend on its options overrides :meth:`terms` instead.
     shapes : tuple of Shape
     n_states : int
         Number of internal states; they are zero at the start of every record.
@@ -175,8 +132,8 @@ class ForceLaw:
     uses_time, uses_acceleration : bool
         Whether the kernel reads t or a.
     acts_at : tuple of {"link", "ground", "new link", "dof", "sensor"}
-        Where a search tries the law: in the links of the chain, between a DOF and the ground where the chain has no
-        link (something may rub there), at every link that the chain lacks, on a DOF, in a sensor.
+        Sites at which a search tries the law: the links of the chain, a link between a DOF and the ground that the
+        chain lacks, any link that the chain lacks, a DOF, a sensor.
     output : str
         SI unit of coefficient times term: a force, but for sensors (:mod:`pysindy_nrf.laws.sensor`).
     covariates : tuple of str
@@ -185,28 +142,27 @@ class ForceLaw:
         Their SI units; ``"[u]"`` if the law takes a covariate of any unit.
     special_cases : mapping of law class to callable
         Laws that this one contains. The callable takes such a law, with values, and returns the law of this class with
-        the same force, or a limit of it. Where the special case explains most of what this law does, a search reports
+        the same force, or a limit of it. If the special case explains most of what this law does, a search reports
         the special case. Its class must be constructible without arguments.
     variable : {"s", "v", "a", "1", None}
-        What the force follows: the drift alone (springs, contacts), the rate, which it opposes (damping, friction), the
-        relative acceleration, nothing (a constant); None for anything else.
+        The quantity that the force follows: the drift alone (springs, contacts), the rate, which it opposes (damping,
+        friction), the relative acceleration, nothing (a constant); None for anything else.
     jumps : bool
-        Whether the force jumps where the rate changes its sign, as dry friction does (covariates being zero).
+        Whether the force jumps at a velocity reversal, as dry friction does (covariates being zero).
     nonnegative : tuple of str
-        Coefficients, by symbol, that cannot be negative: the effect could only drive the structure then.
+        Coefficients, by symbol, that cannot be negative: otherwise the effect could only drive the structure.
     expected_positive : tuple of str
-        Coefficients that may be negative, but are not those of the effect that the law is named after then.
+        Coefficients that may be negative, but then describe another effect than the law is named after.
     mimics_inertia : bool
-        Whether the force can pass for one proportional to the acceleration. Such laws are not tried where no force is
-        measured, for they take every balance to zero there.
+        Whether the force can be mistaken for one proportional to the acceleration. Such a law is not tried if no force
+        is measured, because it then reduces every balance to zero.
     permanent_change : bool
-        Whether it is a change at some time after the start of a record that does not heal. It is tried in a single
-        record only.
+        Whether it is a permanent change at some time after the start of a record. It is tried in a single record only.
     superposes : bool
-        Whether it stands beside others of its family at one site, as external forces do, instead of in their place.
+        Whether it is added to others of its family at one site, as external forces are, instead of replacing them.
     saturates_at : str
         Shape parameter that sets the drift beyond which the force no longer grows: the drift itself, m, or one over it,
-        1/m. A law that saturates within a small part of its drift is all but friction.
+        1/m. A law that saturates within a small part of its drift is nearly dry friction.
 
     Notes
     -----
@@ -229,6 +185,7 @@ class ForceLaw:
 
     name: ClassVar[str] = ""
     family: ClassVar[str] = ""
+    columns: ClassVar[tuple[Term, ...]] = ()
     shapes: ClassVar[tuple[Shape, ...]] = ()
     n_states: ClassVar[int] = 0
     symmetry: ClassVar[str] = "odd"
@@ -252,22 +209,30 @@ class ForceLaw:
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        if not vars(cls).get("name"):
+        own = vars(cls)
+        if "columns" in own and "__init__" not in own:
+            cls.__init__ = _constructor(cls)  # type: ignore[method-assign]
+        if not own.get("name"):
             return
         known = _REGISTRY.get(cls.name, cls)
         if (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
-            raise LawError(f"There is a law {cls.name!r} already ({known.__qualname__})", "Choose another name.")
+            raise LawError(f"The name {cls.name!r} is taken by the law {known.__qualname__}", "Choose another name.")
         _REGISTRY[cls.name] = cls
 
-    def __init__(
-        self,
-        shape: Mapping[str, float | None] | None = None,
-        coefficients: Mapping[str, float | None] | Any = None,
-    ) -> None:
-        self.shape: dict[str, float | None] = {p.name: None for p in self.shapes}
-        for key, value in dict(shape or {}).items():
-            self.shape[key] = self._shape_value(key, value)
-        self.coefficients: np.ndarray | None = self._coefficients(coefficients)
+    if TYPE_CHECKING:  # the arguments depend on the subclass
+
+        def __init__(self, *values: Any, **named: Any) -> None: ...
+
+    else:
+
+        def __init__(self, shape=None, coefficients=None):
+            self.shape: dict[str, float | None] = {p.name: None for p in self.shapes}
+            for key, value in dict(shape or {}).items():
+                self.shape[key] = self._shape_value(key, value)
+            self.coefficients: np.ndarray | None = self._coefficients(coefficients)
+
+    shape: dict[str, float | None]
+    coefficients: np.ndarray | None
 
     # -- what a subclass writes ---------------------------------------------------------------
 
@@ -278,7 +243,7 @@ class ForceLaw:
         -------
         tuple of Term
         """
-        raise NotImplementedError
+        return self.columns
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
@@ -347,23 +312,22 @@ class ForceLaw:
     def _coefficients(self, values: Any) -> np.ndarray | None:
         if values is None:
             return None
-        terms = self.terms()
+        symbols = [term.symbol for term in self.terms()]
         if isinstance(values, Mapping):
             if all(v is None for v in values.values()):
                 return None
-            unknown = [k for k in values if k not in {t.symbol for t in terms}]
+            unknown = [k for k in values if k not in symbols]
             if unknown:
                 raise LawError(
-                    f"{type(self).__name__} has no coefficient {unknown[0]!r}",
-                    f"It has {', '.join(t.symbol for t in terms)}.",
+                    f"{type(self).__name__} has no coefficient {unknown[0]!r}", f"It has {', '.join(symbols)}."
                 )
-            values = [values.get(t.symbol) or 0.0 for t in terms]
+            values = [values.get(symbol) or 0.0 for symbol in symbols]
         flat = np.ravel(np.asarray(values, dtype=object))
         numbers = np.array([self._number("coefficient", c) for c in flat], dtype=float)
-        if len(numbers) != len(terms):
+        if len(numbers) != len(symbols):
             raise LawError(
-                f"{type(self).__name__} has {len(terms)} coefficients, {len(numbers)} were given",
-                f"Their order is {', '.join(t.symbol for t in terms)}.",
+                f"{type(self).__name__} has {len(symbols)} coefficients, {len(numbers)} were given",
+                f"Their order is {', '.join(symbols)}.",
             )
         return numbers
 
@@ -374,7 +338,7 @@ class ForceLaw:
 
     @property
     def saturation_drift(self) -> float:
-        """Drift beyond which the force no longer grows, m; infinite if it grows on, or the drift has no value yet.
+        """Drift beyond which the force no longer grows, m; infinite if it has no bound or the bound has no value yet.
 
         Examples
         --------
@@ -391,7 +355,7 @@ class ForceLaw:
     def contains(self, other: ForceLaw) -> bool:
         """Whether another law is a special case of this one.
 
-        Along a drift that keeps its sign a function of the drift alone is little more than a constant: a constant
+        If the drift keeps its sign, a function of the drift alone differs little from a constant. A constant therefore
         counts as its special case.
 
         Parameters
@@ -425,15 +389,15 @@ class ForceLaw:
         if self.free_shape:
             raise LawError(
                 f"{type(self).__name__}: {', '.join(self.free_shape)} has no value",
-                "Give it, or let NRFRegressor estimate it.",
+                "Set it, or let NRFRegressor estimate it.",
             )
         return np.array(list(self.shape.values()), dtype=float)
 
     @property
     def values(self) -> np.ndarray:
-        """Coefficients in the order of the terms, shape (n_terms,), SI units; a LawError where there are none."""
+        """Coefficients in the order of the terms, shape (n_terms,), SI units; raises LawError if there are none."""
         if self.coefficients is None:
-            raise LawError(f"{type(self).__name__} has no coefficients yet", "Fit a model, or give them.")
+            raise LawError(f"{type(self).__name__} has no coefficients yet", "Fit a model, or set them.")
         return self.coefficients
 
     @property
@@ -450,7 +414,7 @@ class ForceLaw:
         Parameters
         ----------
         coefficients : array-like of shape (n_terms,), optional
-            Kept as they are if None.
+            Unchanged if None.
         shape : mapping, optional
             Shape parameters to change.
 
@@ -501,31 +465,22 @@ class ForceLaw:
         n = motion.n_samples
         u = self.covariates_of(motion)
         if self.uses_time and motion.t is None:
-            raise LawError(f"{type(self).__name__} needs the time of the samples", "Pass time=, or dt=.")
+            raise LawError(f"{type(self).__name__} needs the time of the samples", "Pass time= or dt=.")
         if self.uses_acceleration and motion.a is None:
             raise LawError(f"{type(self).__name__} needs the acceleration at its site", "Pass it with the motion.")
         theta = self.theta
-        z = np.zeros((self.n_states, n))
+        z = np.zeros((0, n))
         if self.n_states:
-            from .memory import state_path
+            from .memory import state_path  # loads numba
 
             z = state_path(self, motion, u, theta, state)
-        zero = np.zeros(n) if motion.a is None or motion.t is None else None
+        a, t = (np.zeros(n) if x is None else x for x in (motion.a, motion.t))
         out = np.empty((len(self.terms()), n))
-        self.kernel(
-            motion.s,
-            motion.v,
-            zero if motion.a is None else motion.a,
-            zero if motion.t is None else motion.t,
-            u,
-            z,
-            theta,
-            out,
-        )
+        self.kernel(motion.s, motion.v, a, t, u, z, theta, out)
         return out.T
 
     def recurrence(self) -> Recurrence | None:
-        """How the columns follow from rate and drift alone, for laws that know; None: as :meth:`features` makes them.
+        """Recurrence of the columns in rate and drift, or None if the law has none and :meth:`features` is used.
 
         Returns
         -------
@@ -576,7 +531,7 @@ class ForceLaw:
         Parameters
         ----------
         index : int or str
-            Storey number written behind s and v.
+            Storey number appended to s and v.
         digits : int
             Significant digits.
 
@@ -590,8 +545,7 @@ class ForceLaw:
             label = subscript(term.label, index)
             factor = term.symbol if c is None else f"{c:.{digits}g}"
             pieces.append(f"{factor} {label}" if label != "1" else factor)
-        text = " + ".join(pieces) if pieces else "0"
-        text = text.replace("+ -", "- ")
+        text = " + ".join(pieces).replace("+ -", "- ") or "0"
         known = [f"{k} = {value:.{digits}g}" for k, value in self.shape.items() if value is not None]
         return text + (f"  ({', '.join(known)})" if known else "")
 
@@ -623,22 +577,46 @@ class ForceLaw:
         return f"{type(self).__name__}({', '.join(inside)})"
 
 
-def covariate_name(name: Any) -> str:
-    """Return the name of a covariate or say what is wrong with it."""
-    if not isinstance(name, str) or not name.strip():
-        raise LawError(f"covariate={name!r} is not the name of a channel", "Give e.g. covariate='voltage'.")
-    return name
+def _constructor(cls: type[ForceLaw]) -> Callable[..., None]:
+    """The constructor of a law from its shape parameters and coefficients, in this order."""
+    shapes, symbols = [p.name for p in cls.shapes], [term.symbol for term in cls.columns]
+    kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
+    own = [inspect.Parameter(x, kind, default=None, annotation=float | None) for x in (*shapes, *symbols)]
+    signature = inspect.Signature([inspect.Parameter("self", kind), *own])
+
+    def __init__(*values: Any, **named: Any) -> None:
+        given = signature.bind(*values, **named).arguments
+        ForceLaw.__init__(
+            given.pop("self"), {k: given.get(k) for k in shapes}, {k: given.get(k) for k in symbols}
+        )
+
+    __init__.__signature__ = signature  # type: ignore[attr-defined]
+    return __init__
+
+
+class CovariateLaw(ForceLaw):
+    """Base of the laws of one covariate, whose name is an option."""
+
+    def __init__(
+        self, covariate: str, shape: Mapping[str, float | None], coefficients: Mapping[str, float | None]
+    ) -> None:
+        if not isinstance(covariate, str) or not covariate.strip():
+            raise LawError(f"covariate={covariate!r} is not the name of a channel", "Give e.g. covariate='voltage'.")
+        self.covariates = (covariate,)
+        super().__init__(shape, coefficients)
+
+    def options(self) -> dict[str, Any]:
+        """The name of the covariate."""
+        return {"covariate": self.covariates[0]}
 
 
 def subscript(label: str, index: int | str) -> str:
-    """Write the storey number behind every s and v that stands alone in a label."""
-    import re
-
+    """The label of a term with the storey number appended to every s, v, a, x and Z."""
     return re.sub(r"\b([svaxZ])\b", rf"\g<1>{index}", label) if index != "" else label
 
 
 def registry() -> dict[str, type[ForceLaw]]:
-    """All known laws by name, the user's own included.
+    """All known laws by name, including those of the user.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Springs that touch only part of the time: bumpers, cracks, loose joints."""
+"""Springs that are in contact only part of the time: bumpers, cracks, loose joints."""
 
 from __future__ import annotations
 
@@ -7,13 +7,41 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import LawError
-from .base import ForceLaw, Shape, Term
+from .base import ForceLaw, Term
+from .shape import Shape
 
 _GAP = Shape("gap", "m", 0.05, 4.0, "s")
 
 
-class OneSidedGap(ForceLaw):
-    r"""Bumper on one side: a spring that is touched beyond a gap.
+class _OneSided(ForceLaw):
+    """A spring that acts on one side only; ``labels`` are those of its term for side 1 and -1."""
+
+    family = "contact"
+    symmetry = "none"
+    passive = True
+    variable = "s"
+    nonnegative = ("k",)
+    labels = ("", "")
+
+    def __init__(self, shape: dict[str, float | None], k: float | None, side: int) -> None:
+        if side not in (1, -1):
+            raise LawError(f"{type(self).__name__}: side={side!r} is unknown", "Give 1 or -1, the sign of the drift.")
+        self.side = int(side)
+        super().__init__(shape, {"k": k})
+
+    def options(self) -> dict[str, Any]:
+        return {"side": self.side}
+
+    def terms(self) -> tuple[Term, ...]:
+        return (Term("k", self.labels[self.side < 0], "N/m"),)
+
+    @property
+    def theta(self) -> np.ndarray:
+        return np.append(super().theta, self.side)
+
+
+class OneSidedGap(_OneSided):
+    r"""Bumper on one side: a spring that acts beyond a gap.
 
     .. math:: R = k \max(s - g, 0) \quad\text{or}\quad R = k \min(s + g, 0)
 
@@ -24,7 +52,7 @@ class OneSidedGap(ForceLaw):
     k : float, optional
         Stiffness of the bumper, N/m.
     side : {1, -1}
-        Whether it stands in the way of positive or of negative drift.
+        Sign of the drift that the bumper limits.
 
     Examples
     --------
@@ -34,43 +62,23 @@ class OneSidedGap(ForceLaw):
     """
 
     name = "one_sided_gap"
-    family = "contact"
     shapes = (_GAP,)
-    symmetry = "none"
-    passive = True
-    variable = "s"
-    nonnegative = ("k",)
+    labels = ("max(s - gap, 0)", "min(s + gap, 0)")
 
     def __init__(self, gap: float | None = None, k: float | None = None, side: int = 1) -> None:
-        if side not in (1, -1):
-            raise LawError(f"OneSidedGap: side={side!r} is unknown", "Give 1 (positive drift) or -1 (negative drift).")
-        self.side = int(side)
-        super().__init__({"gap": gap}, {"k": k})
-
-    def options(self) -> dict[str, Any]:
-        """Structural arguments: the side."""
-        return {"side": self.side}
-
-    def terms(self) -> tuple[Term, ...]:
-        """One term, the penetration."""
-        return (Term("k", "max(s - gap, 0)" if self.side > 0 else "min(s + gap, 0)", "N/m"),)
-
-    @property
-    def theta(self) -> np.ndarray:
-        """Gap and side."""
-        return np.append(super().theta, self.side)
+        super().__init__({"gap": gap}, k, side)
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
         out[0] = theta[1] * np.maximum(theta[1] * s - theta[0], 0.0)
 
 
-class PreloadedContact(ForceLaw):
-    r"""Contact under preload that opens: a spring pressed together by u at rest, lost beyond.
+class PreloadedContact(_OneSided):
+    r"""Contact under preload that opens: a spring compressed by u at s = 0, with no contact beyond.
 
     .. math:: R = k \max(s, -u) \quad\text{or}\quad R = k \min(s, u)
 
-    The preload itself is in balance at s = 0 and not counted; u = 0 is the breathing crack of :class:`Bilinear`.
+    The preload itself is in equilibrium at s = 0 and not counted; u = 0 is the breathing crack of :class:`Bilinear`.
 
     Parameters
     ----------
@@ -79,7 +87,7 @@ class PreloadedContact(ForceLaw):
     k : float, optional
         Stiffness while in contact, N/m.
     side : {1, -1}
-        Whether positive or negative drift presses it together.
+        Sign of the drift that compresses the contact.
 
     Examples
     --------
@@ -89,31 +97,11 @@ class PreloadedContact(ForceLaw):
     """
 
     name = "preloaded_contact"
-    family = "contact"
     shapes = (Shape("u", "m", 0.05, 4.0, "s"),)
-    symmetry = "none"
-    passive = True
-    variable = "s"
-    nonnegative = ("k",)
+    labels = ("max(s, -u)", "min(s, u)")
 
     def __init__(self, u: float | None = None, k: float | None = None, side: int = 1) -> None:
-        if side not in (1, -1):
-            raise LawError(f"PreloadedContact: side={side!r} is unknown", "Give 1 or -1, the drift that presses it.")
-        self.side = int(side)
-        super().__init__({"u": u}, {"k": k})
-
-    def options(self) -> dict[str, Any]:
-        """Structural arguments: the side."""
-        return {"side": self.side}
-
-    def terms(self) -> tuple[Term, ...]:
-        """One term, the drift while in contact."""
-        return (Term("k", "max(s, -u)" if self.side > 0 else "min(s, u)", "N/m"),)
-
-    @property
-    def theta(self) -> np.ndarray:
-        """Preload over stiffness, and side."""
-        return np.append(super().theta, self.side)
+        super().__init__({"u": u}, k, side)
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
@@ -121,7 +109,7 @@ class PreloadedContact(ForceLaw):
 
 
 class TwoSidedGap(ForceLaw):
-    r"""Stops on both sides: a spring that is touched beyond an equal gap.
+    r"""Stops on both sides: a spring that acts beyond an equal gap.
 
     .. math:: R = k \, (s - \min(\max(s, -g), g))
 
@@ -142,16 +130,10 @@ class TwoSidedGap(ForceLaw):
     name = "two_sided_gap"
     family = "contact"
     shapes = (_GAP,)
+    columns = (Term("k", "beyond(s, gap)", "N/m"),)
     passive = True
     variable = "s"
     nonnegative = ("k",)
-
-    def __init__(self, gap: float | None = None, k: float | None = None) -> None:
-        super().__init__({"gap": gap}, {"k": k})
-
-    def terms(self) -> tuple[Term, ...]:
-        """One term, the penetration."""
-        return (Term("k", "beyond(s, gap)", "N/m"),)
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
@@ -164,8 +146,8 @@ class DeadZone(ForceLaw):
     .. math:: R = k \, (s - \min(\max(s, g (c - 1)), g (c + 1)))
 
     The play is 2 g wide and reaches from ``g (c - 1)`` to ``g (c + 1)``; c = 0 is
-    :class:`TwoSidedGap`. (A backlash that lags its input, the play operator, would give more
-    energy back than it took: as a restoring force it cannot exist.)
+    :class:`TwoSidedGap`. (A backlash that lags its input, the play operator, would return more
+    energy than it takes, so it cannot be a restoring force.)
 
     Parameters
     ----------
@@ -187,21 +169,15 @@ class DeadZone(ForceLaw):
     name = "dead_zone"
     family = "contact"
     shapes = (_GAP, Shape("centre", "1", -0.95, 0.95, log=False))
+    columns = (Term("k", "beyond(s, gap, centre)", "N/m"),)
     symmetry = "none"
     passive = True
     variable = "s"
     nonnegative = ("k",)
     special_cases = {
         TwoSidedGap: lambda c: DeadZone(c.theta[0], 0.0, c.values[0]),
-        OneSidedGap: lambda c: DeadZone(1e3, c.side * (c.theta[0] / 1e3 - 1.0), c.values[0]),  # its other end far away
+        OneSidedGap: lambda c: DeadZone(1e3, c.side * (c.theta[0] / 1e3 - 1.0), c.values[0]),  # other stop out of reach
     }
-
-    def __init__(self, gap: float | None = None, centre: float | None = None, k: float | None = None) -> None:
-        super().__init__({"gap": gap, "centre": centre}, {"k": k})
-
-    def terms(self) -> tuple[Term, ...]:
-        """One term, the drift beyond the play."""
-        return (Term("k", "beyond(s, gap, centre)", "N/m"),)
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
@@ -230,16 +206,10 @@ class Bilinear(ForceLaw):
 
     name = "bilinear"
     family = "contact"
+    columns = (Term("dk", "max(s, 0)", "N/m"),)
     symmetry = "none"
     passive = True
     variable = "s"
-
-    def __init__(self, dk: float | None = None) -> None:
-        super().__init__(coefficients={"dk": dk})
-
-    def terms(self) -> tuple[Term, ...]:
-        """One term, the positive part of s."""
-        return (Term("dk", "max(s, 0)", "N/m"),)
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):

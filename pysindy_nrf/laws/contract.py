@@ -16,9 +16,8 @@ import numpy as np
 
 from ..common.random_state import generator
 from ..exceptions import LawError
-from .base import ForceLaw, from_dict
-from .jumps import across_rest
-from .motion import Motion
+from .base import ForceLaw, Motion, from_dict
+from .friction import jump_at_reversal
 
 _PERIOD = 2.0  # s
 _DRIFT = 0.01  # m
@@ -182,7 +181,7 @@ def check_variable(law: ForceLaw, rng: np.random.Generator) -> None:
 
 def check_jumps(law: ForceLaw, rng: np.random.Generator) -> None:
     """The force jumps where the rate changes its sign if, and only if, the law says so."""
-    near, wide = np.abs(across_rest(law, np.zeros(len(law.covariates)))).T
+    near, wide = np.abs(jump_at_reversal(law, np.zeros(len(law.covariates)))).T
     found = bool(((near > 0.5 * wide) & (wide > 0)).any())
     assert found == law.jumps, f"{law}: jumps is {law.jumps}, found {found}"
 
@@ -328,11 +327,11 @@ CHECKS: tuple[Callable[[ForceLaw, np.random.Generator], None], ...] = (
     check_energy,
     check_variable,
     check_jumps,
+    check_units,
     check_saturation,
     check_signs,
     check_special_cases,
     check_single_precision,
-    check_units,
     check_force,
     check_json,
     check_text,

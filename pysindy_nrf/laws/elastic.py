@@ -1,8 +1,11 @@
-"""Linear and Duffing elements."""
+"""Springs, the linear dashpot, and elements whose coefficient changes during a record (t is the time on its clock)."""
 
 from __future__ import annotations
 
+import numpy as np
+
 from .base import ForceLaw, Term
+from .shape import Shape
 
 
 class LinearElastic(ForceLaw):
@@ -22,15 +25,9 @@ class LinearElastic(ForceLaw):
 
     name = "linear_elastic"
     family = "stiffness"
+    columns = (Term("k", "s", "N/m"),)
     passive = True
     variable = "s"
-
-    def __init__(self, k: float | None = None) -> None:
-        super().__init__(coefficients={"k": k})
-
-    def terms(self) -> tuple[Term, ...]:
-        """One term, s."""
-        return (Term("k", "s", "N/m"),)
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
@@ -54,15 +51,9 @@ class LinearViscous(ForceLaw):
 
     name = "linear_viscous"
     family = "damping"
+    columns = (Term("c", "v", "N s/m"),)
     passive = True
     variable = "v"
-
-    def __init__(self, c: float | None = None) -> None:
-        super().__init__(coefficients={"c": c})
-
-    def terms(self) -> tuple[Term, ...]:
-        """One term, v."""
-        return (Term("c", "v", "N s/m"),)
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
@@ -88,17 +79,199 @@ class Duffing(ForceLaw):
 
     name = "duffing"
     family = "stiffness"
+    columns = (Term("k", "s", "N/m"), Term("k3", "s^3", "N/m^3"))
     passive = True
     variable = "s"
-
-    def __init__(self, k: float | None = None, k3: float | None = None) -> None:
-        super().__init__(coefficients={"k": k, "k3": k3})
-
-    def terms(self) -> tuple[Term, ...]:
-        """Two terms, s and s^3."""
-        return (Term("k", "s", "N/m"), Term("k3", "s^3", "N/m^3"))
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
         out[0] = s
         out[1] = s * s * s
+
+
+class QuadraticStiffness(ForceLaw):
+    """Quadratic spring, ``R = k2 s^2``: stiffer in one direction than in the other (a cable, an arch).
+
+    Parameters
+    ----------
+    k2 : float, optional
+        Coefficient, N/m^2.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> print(laws.QuadraticStiffness(k2=1e6).equation(1))
+    1e+06 s1^2
+    """
+
+    name = "quadratic_stiffness"
+    family = "stiffness"
+    columns = (Term("k2", "s^2", "N/m^2"),)
+    symmetry = "even"
+    passive = True
+    variable = "s"
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = s * s
+
+
+class AbsoluteQuadraticStiffness(ForceLaw):
+    """Odd quadratic spring, ``R = k2 s |s|``.
+
+    Parameters
+    ----------
+    k2 : float, optional
+        Coefficient, N/m^2.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> print(laws.AbsoluteQuadraticStiffness(k2=1e6).equation(1))
+    1e+06 s1 |s1|
+    """
+
+    name = "absolute_quadratic_stiffness"
+    family = "stiffness"
+    columns = (Term("k2", "s |s|", "N/m^2"),)
+    passive = True
+    variable = "s"
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = s * np.abs(s)
+
+
+class CubicStiffness(ForceLaw):
+    """Cubic spring, ``R = k3 s^3``: hardening for k3 > 0, softening for k3 < 0.
+
+    Parameters
+    ----------
+    k3 : float, optional
+        Coefficient, N/m^3.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> print(laws.CubicStiffness(k3=1e9).equation(1))
+    1e+09 s1^3
+    """
+
+    name = "cubic_stiffness"
+    family = "stiffness"
+    columns = (Term("k3", "s^3", "N/m^3"),)
+    passive = True
+    variable = "s"
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = s * s * s
+
+
+class QuinticStiffness(ForceLaw):
+    """Quintic spring, ``R = k5 s^5``.
+
+    Parameters
+    ----------
+    k5 : float, optional
+        Coefficient, N/m^5.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> print(laws.QuinticStiffness(k5=1e13).equation(1))
+    1e+13 s1^5
+    """
+
+    name = "quintic_stiffness"
+    family = "stiffness"
+    columns = (Term("k5", "s^5", "N/m^5"),)
+    passive = True
+    variable = "s"
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        square = s * s
+        out[0] = square * square * s
+
+
+class StiffnessStep(ForceLaw):
+    """Stiffness that changes suddenly, ``R = dk s`` after time t0.
+
+    Parameters
+    ----------
+    t0 : float, optional
+        Time of the change on the clock of the record, s; estimated if None.
+    dk : float, optional
+        Stiffness after minus stiffness before, N/m.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> print(laws.StiffnessStep(t0=12.0, dk=-2e4).equation(2))
+    -2e+04 s2 [t > t0]  (t0 = 12)
+    """
+
+    name = "stiffness_step"
+    family = "degradation"
+    shapes = (Shape("t0", "s", 0.05, 0.95, "t", log=False, instant=True),)
+    columns = (Term("dk", "s [t > t0]", "N/m"),)
+    uses_time = True
+    permanent_change = True
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = s * np.maximum(np.sign(t - theta[0]), 0.0)
+
+
+class StiffnessDrift(ForceLaw):
+    """Stiffness that changes steadily, ``R = kt s t``.
+
+    Parameters
+    ----------
+    kt : float, optional
+        Rate of change of the stiffness, N/(m s).
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> print(laws.StiffnessDrift(kt=-300.0).equation(2))
+    -300 s2 t
+    """
+
+    name = "stiffness_drift"
+    family = "degradation"
+    columns = (Term("kt", "s t", "N/(m s)"),)
+    uses_time = True
+    permanent_change = True
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = s * t
+
+
+class DampingDrift(ForceLaw):
+    """Damping that changes steadily, ``R = ct v t``: a damper that warms up or leaks.
+
+    Parameters
+    ----------
+    ct : float, optional
+        Rate of change of the damping, N/m.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> print(laws.DampingDrift(ct=-5.0).equation(2))
+    -5 v2 t
+    """
+
+    name = "damping_drift"
+    family = "degradation"
+    columns = (Term("ct", "v t", "N/m"),)
+    uses_time = True
+    passive = True
+    permanent_change = True
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = v * t

@@ -1,16 +1,18 @@
-"""Forces that act on a DOF from outside and were not measured.
+"""Effects that a model may lack: unmeasured external forces, inertia, further links.
 
-As every law they stand on the left of ``m a + R = F``: an applied force f that is missing from F
+Like every law they stand on the left of ``m a + R = F``: an applied force f that is missing from F
 appears here as ``R = -f``.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from .base import ForceLaw, Shape, Term, covariate_name
+from .base import CovariateLaw, ForceLaw, Term
+from .shape import Shape
 
 
 class HarmonicForce(ForceLaw):
@@ -37,18 +39,12 @@ class HarmonicForce(ForceLaw):
     name = "harmonic_force"
     family = "forcing"
     shapes = (Shape("frequency", "1/s", 0.01, 2.0, "v/s"),)
+    columns = (Term("A", "cos(2 pi frequency t)", "N"), Term("B", "sin(2 pi frequency t)", "N"))
     symmetry = "even"
     at_rest = None
     uses_time = True
     acts_at = ("dof",)
     superposes = True
-
-    def __init__(self, frequency: float | None = None, A: float | None = None, B: float | None = None) -> None:
-        super().__init__({"frequency": frequency}, {"A": A, "B": B})
-
-    def terms(self) -> tuple[Term, ...]:
-        """Two terms, cosine and sine."""
-        return (Term("A", "cos(2 pi frequency t)", "N"), Term("B", "sin(2 pi frequency t)", "N"))
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
@@ -74,29 +70,23 @@ class ConstantForce(ForceLaw):
 
     name = "constant_force"
     family = "forcing"
+    columns = (Term("f0", "1", "N"),)
     symmetry = "even"
     at_rest = None
     acts_at = ("dof", "link")
     variable = "1"
     superposes = True
 
-    def __init__(self, f0: float | None = None) -> None:
-        super().__init__(coefficients={"f0": f0})
-
-    def terms(self) -> tuple[Term, ...]:
-        """One term, 1."""
-        return (Term("f0", "1", "N"),)
-
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
         out[0] = 0.0 * s + 1.0
 
 
-class BaseMotion(ForceLaw):
+class BaseMotion(CovariateLaw):
     """Base motion that leaks into a balance, ``R = m ag``.
 
-    With motions relative to the base, a base acceleration left out of the balance of DOF j is
-    missing there as ``m_j ag``.
+    For motion relative to the base, a base acceleration that is left out of the balance of DOF j
+    leaves the residual ``m_j ag``.
 
     Parameters
     ----------
@@ -122,17 +112,114 @@ class BaseMotion(ForceLaw):
     superposes = True
 
     def __init__(self, m: float | None = None, covariate: str = "ag") -> None:
-        self.covariates = (covariate_name(covariate),)
-        super().__init__(coefficients={"m": m})
-
-    def options(self) -> dict[str, Any]:
-        """Structural arguments: the covariate."""
-        return {"covariate": self.covariates[0]}
+        super().__init__(covariate, {}, {"m": m})
 
     def terms(self) -> tuple[Term, ...]:
-        """One term, the base acceleration."""
         return (Term("m", self.covariates[0], "kg"),)
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
         out[0] = u[0]
+
+
+def total_masses(masses: Any, laws: Mapping[Any, Sequence[ForceLaw]]) -> np.ndarray:
+    """Mass of every DOF including the masses that laws at it add, kg, shape (n_dof,)."""
+    total = np.array(masses, dtype=float)
+    for site, group in laws.items():
+        if site.kind == "dof":
+            for law in group:
+                added = zip(law.terms(), law.values, strict=True)
+                total[site.p - 1] += sum(c for term, c in added if term.label == "a")
+    return total
+
+
+class AddedMass(ForceLaw):
+    """Mass that the model lacks at a DOF, ``R = dm a``: a wrong known mass, a load, moved water.
+
+    Parameters
+    ----------
+    dm : float, optional
+        Missing mass, kg; negative if the model has too much. If the total mass of the DOF is not positive, a fit warns
+        and a free run is refused.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> print(laws.AddedMass(dm=1.5).equation(2))
+    1.5 a2
+    """
+
+    name = "added_mass"
+    family = "inertia"
+    columns = (Term("dm", "a", "kg"),)
+    passive = True
+    uses_acceleration = True
+    acts_at = ("dof",)
+    variable = "a"
+    mimics_inertia = True
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = a
+
+
+class Inerter(ForceLaw):
+    """Inerter between two DOFs, ``R = b a`` with a their relative acceleration.
+
+    (Smith, IEEE Trans. Automatic Control 47, 2002.)
+
+    Parameters
+    ----------
+    b : float, optional
+        Inertance, kg.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> print(laws.Inerter(b=40.0).equation(2))
+    40 a2
+    """
+
+    name = "inerter"
+    family = "inertia"
+    columns = (Term("b", "a", "kg"),)
+    passive = True
+    uses_acceleration = True
+    variable = "a"
+    mimics_inertia = True
+    nonnegative = ("b",)
+
+    kernel = staticmethod(AddedMass.kernel)
+
+
+class LinkSpringDashpot(ForceLaw):
+    """Linear spring and dashpot side by side, ``R = k s + c v``.
+
+    For links that a chain lacks: a brace that skips a floor (``"link 4-2"``), a tie to the
+    ground (``"ground 3"``).
+
+    Parameters
+    ----------
+    k : float, optional
+        Stiffness, N/m.
+    c : float, optional
+        Damping, N s/m.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> print(laws.LinkSpringDashpot(k=1e5, c=100.0).equation())
+    1e+05 s + 100 v
+    """
+
+    name = "link_spring_dashpot"
+    family = "link"
+    columns = (Term("k", "s", "N/m"), Term("c", "v", "N s/m"))
+    passive = True
+    acts_at = ("new link",)
+    nonnegative = ("k", "c")
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = s
+        out[1] = v

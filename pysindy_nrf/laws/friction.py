@@ -1,17 +1,19 @@
-"""Dry friction: forces that oppose the direction of motion.
+"""Dry friction, also of controllable dampers whose level follows a measured covariate such as a voltage.
 
-Friction against the ground has no class of its own where the ground does not move: it is
-:class:`CoulombFriction` at the site ``"ground j"``. On a moving base, friction against something
-that stands still beside the structure is :class:`GroundFriction`.
+Friction against the ground is :class:`CoulombFriction` at the site ``"ground j"`` if the base does not move. On a
+moving base, friction against a fixed object beside the structure is :class:`GroundFriction`.
 """
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from collections.abc import Sequence
 
 import numpy as np
 
-from .base import ForceLaw, Shape, Term, covariate_name
+from .base import CovariateLaw, ForceLaw, Term
+from .hysteresis import Dahl
+from .shape import Shape
 
 
 class CoulombFriction(ForceLaw):
@@ -35,18 +37,12 @@ class CoulombFriction(ForceLaw):
 
     name = "coulomb_friction"
     family = "friction"
+    columns = (Term("Fc", "sgn(v)", "N"),)
     passive = True
     acts_at = ("link", "ground")
     variable = "v"
     jumps = True
     nonnegative = ("Fc",)
-
-    def __init__(self, Fc: float | None = None) -> None:
-        super().__init__(coefficients={"Fc": Fc})
-
-    def terms(self) -> tuple[Term, ...]:
-        """One term, sgn(v)."""
-        return (Term("Fc", "sgn(v)", "N"),)
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
@@ -75,6 +71,7 @@ class AsymmetricFriction(ForceLaw):
 
     name = "asymmetric_friction"
     family = "friction"
+    columns = (Term("Fp", "max(sgn(v), 0)", "N"), Term("Fm", "min(sgn(v), 0)", "N"))
     symmetry = "none"
     passive = True
     acts_at = ("link", "ground")
@@ -82,13 +79,6 @@ class AsymmetricFriction(ForceLaw):
     jumps = True
     nonnegative = ("Fp", "Fm")
     special_cases = {CoulombFriction: lambda c: AsymmetricFriction(Fp=c.values[0], Fm=c.values[0])}
-
-    def __init__(self, Fp: float | None = None, Fm: float | None = None) -> None:
-        super().__init__(coefficients={"Fp": Fp, "Fm": Fm})
-
-    def terms(self) -> tuple[Term, ...]:
-        """Two terms, the positive and the negative part of sgn(v)."""
-        return (Term("Fp", "max(sgn(v), 0)", "N"), Term("Fm", "min(sgn(v), 0)", "N"))
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
@@ -98,7 +88,7 @@ class AsymmetricFriction(ForceLaw):
 
 
 class StribeckFriction(ForceLaw):
-    r"""Friction that falls from a static to a sliding level.
+    r"""Friction whose level falls from static to sliding.
 
     .. math:: R = \operatorname{sgn} v \, (F_c + \Delta F \, e^{-|v| / v_s})
 
@@ -124,20 +114,14 @@ class StribeckFriction(ForceLaw):
     name = "stribeck_friction"
     family = "friction"
     shapes = (Shape("vs", "m/s", 0.02, 2.0, "v"),)
+    columns = (Term("Fc", "sgn(v)", "N"), Term("dF", "sgn(v) exp(-|v|/vs)", "N"))
     passive = True
     acts_at = ("link", "ground")
     variable = "v"
     jumps = True
     nonnegative = ("Fc",)
-    expected_positive = ("dF",)  # one that falls towards rest is a way to write a force that grows with the rate
+    expected_positive = ("dF",)  # a negative one describes a force that grows with the rate
     special_cases = {CoulombFriction: lambda c: StribeckFriction(vs=1.0, Fc=c.values[0], dF=0.0)}
-
-    def __init__(self, vs: float | None = None, Fc: float | None = None, dF: float | None = None) -> None:
-        super().__init__({"vs": vs}, {"Fc": Fc, "dF": dF})
-
-    def terms(self) -> tuple[Term, ...]:
-        """Two terms, sgn(v) and its decaying part."""
-        return (Term("Fc", "sgn(v)", "N"), Term("dF", "sgn(v) exp(-|v|/vs)", "N"))
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
@@ -147,7 +131,7 @@ class StribeckFriction(ForceLaw):
 
 
 class ShiftedFriction(ForceLaw):
-    r"""Friction that reverses where v + kappa s does, not at the reversal of the motion.
+    r"""Friction that reverses with v + kappa s instead of with v.
 
     .. math:: R = F_c \operatorname{sgn}(v + \kappa s)
 
@@ -172,6 +156,7 @@ class ShiftedFriction(ForceLaw):
     name = "shifted_friction"
     family = "friction"
     shapes = (Shape("kappa", "1/s", 0.01, 3.0, "v/s"),)
+    columns = (Term("Fc", "sgn(v + kappa s)", "N"),)
     passive = True
     acts_at = ("link", "ground")
     variable = "v"
@@ -179,26 +164,19 @@ class ShiftedFriction(ForceLaw):
     nonnegative = ("Fc",)
     special_cases = {CoulombFriction: lambda c: ShiftedFriction(kappa=1e-12, Fc=c.values[0])}
 
-    def __init__(self, kappa: float | None = None, Fc: float | None = None) -> None:
-        super().__init__({"kappa": kappa}, {"Fc": Fc})
-
-    def terms(self) -> tuple[Term, ...]:
-        """One term, sgn(v + kappa s)."""
-        return (Term("Fc", "sgn(v + kappa s)", "N"),)
-
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
         out[0] = np.sign(v + theta[0] * s)
 
 
-class GroundFriction(ForceLaw):
-    r"""Coulomb friction against something that stands still while the base moves.
+class GroundFriction(CovariateLaw):
+    r"""Coulomb friction against a fixed object while the base moves.
 
     .. math:: R = F_c \operatorname{sgn}(v + v_g)
 
     v is the velocity of the DOF relative to the base and ``v_g`` the velocity of the base, so that
     their sum is the absolute velocity (Lathourakis and Cicirello, Nonlinear Dynamics, 2024). With
-    a resting base it is :class:`CoulombFriction` at ``"ground j"``.
+    a fixed base it is :class:`CoulombFriction` at ``"ground j"``.
 
     Parameters
     ----------
@@ -226,17 +204,234 @@ class GroundFriction(ForceLaw):
     nonnegative = ("Fc",)
 
     def __init__(self, Fc: float | None = None, covariate: str = "vg") -> None:
-        self.covariates = (covariate_name(covariate),)
-        super().__init__(coefficients={"Fc": Fc})
-
-    def options(self) -> dict[str, Any]:
-        """Structural arguments: the covariate."""
-        return {"covariate": self.covariates[0]}
+        super().__init__(covariate, {}, {"Fc": Fc})
 
     def terms(self) -> tuple[Term, ...]:
-        """One term, the sign of the absolute velocity."""
         return (Term("Fc", f"sgn(v + {self.covariates[0]})", "N"),)
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
         out[0] = np.sign(v + u[0])
+
+
+_TAU = Shape("tau", "s", 0.05, 50.0, "s/v")
+
+
+class _CovariateFriction(CovariateLaw):
+    """Base of friction whose level follows a covariate u: terms phi, u phi and u v of a carrier phi."""
+
+    carrier = "sgn(v)"
+    covariate_units = ("[u]",)
+
+    def terms(self) -> tuple[Term, ...]:
+        u = self.covariates[0] if not self.n_states else f"lag[{self.covariates[0]}]"
+        return (
+            Term("Fc", self.carrier, "N"),
+            Term("Fu", f"{u} {self.carrier}", "N/[u]"),
+            Term("Cu", f"{u} v", "N s/m/[u]"),
+        )
+
+
+class CovariateFriction(_CovariateFriction):
+    r"""Friction and damping that follow a measured covariate u without delay.
+
+    .. math:: R = (F_c + F_u u) \operatorname{sgn} v + C_u u v
+
+    The Bingham model of a controllable damper (Stanway, Sproston, Stevens, J. Electrostatics 20,
+    1987) with levels linear in the command; add :class:`LinearViscous` for its constant damping.
+    It dissipates energy for positive coefficients while the covariate is positive.
+
+    Parameters
+    ----------
+    covariate : str
+        Name of the covariate, e.g. ``"voltage"``; [u] below is its unit.
+    Fc : float, optional
+        Friction force without the covariate, N.
+    Fu : float, optional
+        Friction force for each unit of the covariate, N/[u].
+    Cu : float, optional
+        Damping for each unit of the covariate, N s/m/[u].
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> print(laws.CovariateFriction("voltage", Fc=100.0, Fu=400.0, Cu=10.0).equation(1))
+    100 sgn(v1) + 400 voltage sgn(v1) + 10 voltage v1
+    """
+
+    name = "covariate_friction"
+    family = "friction"
+    acts_at = ("link", "ground")
+    variable = "v"
+    jumps = True
+    special_cases = {CoulombFriction: lambda c: CovariateFriction(Fc=c.values[0], Fu=0.0, Cu=0.0)}
+
+    def __init__(
+        self,
+        covariate: str = "voltage",
+        Fc: float | None = None,
+        Fu: float | None = None,
+        Cu: float | None = None,
+    ) -> None:
+        super().__init__(covariate, {}, {"Fc": Fc, "Fu": Fu, "Cu": Cu})
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        sign = np.sign(v)
+        out[0] = sign
+        out[1] = u[0] * sign
+        out[2] = u[0] * v
+
+
+class LaggedCovariateFriction(_CovariateFriction):
+    r"""Friction and damping that follow a measured covariate u with a first-order lag.
+
+    .. math::
+        R = (F_c + F_u w) \operatorname{sgn} v + C_u w v, \quad \tau \dot w = u - w
+
+    (Spencer, Dyke, Sain, Carlson, J. Eng. Mech. 123, 1997, whose eta is 1/tau). The lagged
+    covariate w starts in every record at the mean of the first two samples of u, and is moved
+    exactly for a covariate that is held at the mean between samples.
+
+    Parameters
+    ----------
+    covariate : str
+        Name of the covariate, e.g. ``"voltage"``; [u] below is its unit.
+    tau : float, optional
+        Time constant of the lag, s; estimated if None.
+    Fc : float, optional
+        Friction force without the covariate, N.
+    Fu : float, optional
+        Friction force for each unit of the covariate, N/[u].
+    Cu : float, optional
+        Damping for each unit of the covariate, N s/m/[u].
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> print(laws.LaggedCovariateFriction("voltage", tau=0.008, Fc=100.0, Fu=400.0, Cu=10.0).equation(1))
+    100 sgn(v1) + 400 lag[voltage] sgn(v1) + 10 lag[voltage] v1  (tau = 0.008)
+    """
+
+    name = "lagged_covariate_friction"
+    family = "friction"
+    shapes = (_TAU,)
+    n_states = 2  # lagged covariate, 1 once it has started
+    acts_at = ("link", "ground")
+    variable = "v"
+    jumps = True
+    special_cases = {
+        CoulombFriction: lambda c: LaggedCovariateFriction(tau=1.0, Fc=c.values[0], Fu=0.0, Cu=0.0),
+        CovariateFriction: lambda c: LaggedCovariateFriction(c.covariates[0], 1e-12, *c.values),
+    }
+
+    def __init__(
+        self,
+        covariate: str = "voltage",
+        tau: float | None = None,
+        Fc: float | None = None,
+        Fu: float | None = None,
+        Cu: float | None = None,
+    ) -> None:
+        super().__init__(covariate, {"tau": tau}, {"Fc": Fc, "Fu": Fu, "Cu": Cu})
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        sign = np.sign(v)
+        w = z[0] + (1.0 - z[1]) * u[0]
+        out[0] = sign
+        out[1] = w * sign
+        out[2] = w * v
+
+    @staticmethod
+    def advance(z, s0, v0, s1, v1, dt, u, theta):
+        if z[1] == 0.0:
+            z[0] = u[0]
+            z[1] = 1.0
+        z[0] = u[0] + (z[0] - u[0]) * math.exp(-dt / theta[0])
+
+
+class CovariateDahl(_CovariateFriction):
+    r"""Dahl friction that follows a measured covariate u with a first-order lag.
+
+    .. math::
+        R = (F_c + F_u w) Z + C_u w v, \quad
+        \dot Z = \sigma \dot s \, (1 - Z \operatorname{sgn} \dot s), \quad \tau \dot w = u - w
+
+    :class:`LaggedCovariateFriction` that reverses over a distance of about 1/sigma: the modified
+    Dahl damper (paper eqs. 6-7) under a changing command.
+
+    Parameters
+    ----------
+    covariate : str
+        Name of the covariate, e.g. ``"voltage"``; [u] below is its unit.
+    sigma : float, optional
+        Shape of the loop, 1/m; estimated if None.
+    tau : float, optional
+        Time constant of the lag, s; estimated if None.
+    Fc : float, optional
+        Friction force without the covariate, N.
+    Fu : float, optional
+        Friction force for each unit of the covariate, N/[u].
+    Cu : float, optional
+        Damping for each unit of the covariate, N s/m/[u].
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> laws.CovariateDahl("voltage", sigma=3e4, tau=0.008).n_states
+    3
+    """
+
+    name = "covariate_dahl"
+    family = "hysteresis"
+    shapes = (Shape("sigma", "1/m", 0.03, 3000.0, "1/s"), _TAU)
+    n_states = 3  # lagged covariate, 1 once it has started, Z
+    carrier = "Z"
+    saturates_at = "sigma"
+    special_cases = {
+        Dahl: lambda c: CovariateDahl(sigma=c.theta[0], tau=1.0, Fc=c.values[0], Fu=0.0, Cu=0.0),
+        CovariateFriction: lambda c: CovariateDahl(c.covariates[0], 1e12, 1e-12, *c.values),
+        LaggedCovariateFriction: lambda c: CovariateDahl(c.covariates[0], 1e12, c.theta[0], *c.values),
+    }
+
+    def __init__(
+        self,
+        covariate: str = "voltage",
+        sigma: float | None = None,
+        tau: float | None = None,
+        Fc: float | None = None,
+        Fu: float | None = None,
+        Cu: float | None = None,
+    ) -> None:
+        super().__init__(covariate, {"sigma": sigma, "tau": tau}, {"Fc": Fc, "Fu": Fu, "Cu": Cu})
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        w = z[0] + (1.0 - z[1]) * u[0]
+        out[0] = z[2]
+        out[1] = w * z[2]
+        out[2] = w * v
+
+    @staticmethod
+    def advance(z, s0, v0, s1, v1, dt, u, theta):
+        if z[1] == 0.0:
+            z[0] = u[0]
+            z[1] = 1.0
+        z[0] = u[0] + (z[0] - u[0]) * math.exp(-dt / theta[1])
+        ds = s1 - s0
+        sign = math.copysign(1.0, ds)
+        z[2] = sign + (z[2] - sign) * math.exp(-theta[0] * abs(ds))
+
+
+# Rates just above and below zero, m/s: a jump is complete between the nearer two.
+_RATES = np.array([1e-14, -1e-14, 1e-9, -1e-9])
+
+
+def jump_at_reversal(law: ForceLaw, largest: Sequence[float] | np.ndarray) -> np.ndarray:
+    """Change of each column at a velocity reversal, near and wide, shape (n_terms, 2), for the covariates given."""
+    zero = np.zeros(4)
+    u = np.array([np.full(4, size) for size in largest]).reshape(-1, 4)
+    out = np.zeros((len(law.terms()), 4))
+    law.kernel(zero, _RATES, zero, zero, u, np.zeros((law.n_states, 4)), law.theta, out)
+    return out[:, ::2] - out[:, 1::2]

@@ -1,10 +1,13 @@
-"""Laws that remember the path: Dahl and the paper's modified Dahl."""
+"""Hysteresis: Dahl and the paper's modified Dahl, elasto-plastic elements, LuGre, Bouc-Wen."""
 
 from __future__ import annotations
 
 import math
 
-from .base import ForceLaw, Shape, Term
+import numpy as np
+
+from .base import ForceLaw, Term
+from .shape import Shape
 
 _SIGMA = Shape("sigma", "1/m", 0.03, 3000.0, "1/s")
 
@@ -15,7 +18,7 @@ class Dahl(ForceLaw):
     .. math:: \dot Z = \sigma \dot s \, (1 - Z \operatorname{sgn} \dot s)
 
     (paper eq. 7). Along a path without reversal the state has the exact solution
-    ``Z = sgn + (Z_0 - sgn) exp(-sigma |s - s_0|)``, which is how it is moved.
+    ``Z = sgn + (Z_0 - sgn) exp(-sigma |s - s_0|)``, which is used for every step.
 
     Parameters
     ----------
@@ -35,17 +38,11 @@ class Dahl(ForceLaw):
     name = "dahl"
     family = "hysteresis"
     shapes = (_SIGMA,)
+    columns = (Term("Fd", "Z", "N"),)
     n_states = 1
     passive = True
     nonnegative = ("Fd",)
     saturates_at = "sigma"
-
-    def __init__(self, sigma: float | None = None, Fd: float | None = None) -> None:
-        super().__init__({"sigma": sigma}, {"Fd": Fd})
-
-    def terms(self) -> tuple[Term, ...]:
-        """One term, Z."""
-        return (Term("Fd", "Z", "N"),)
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
@@ -53,14 +50,14 @@ class Dahl(ForceLaw):
 
     @staticmethod
     def advance(z, s0, v0, s1, v1, dt, u, theta):
-        ds = s1 - s0  # one exponential and no branch: nothing moves where ds = 0
+        ds = s1 - s0  # no branch: the state stays where ds = 0
         z[0] += (math.copysign(1.0, ds) - z[0]) * (1.0 - math.exp(-theta[0] * abs(ds)))
 
 
 class ModifiedDahl(ForceLaw):
     r"""The paper's damper (eqs. 6-7), ``R = K0 s + C0 v + Fd Z + f0``.
 
-    f0 is a constant that the power series of eq. (2) cannot hold.
+    f0 is a constant, which the power series of eq. (2) does not contain.
 
     Parameters
     ----------
@@ -86,6 +83,7 @@ class ModifiedDahl(ForceLaw):
     name = "modified_dahl"
     family = "hysteresis"
     shapes = (_SIGMA,)
+    columns = (Term("K0", "s", "N/m"), Term("C0", "v", "N s/m"), Term("Fd", "Z", "N"), Term("f0", "1", "N"))
     n_states = 1
     symmetry = "none"
     at_rest = None
@@ -103,15 +101,6 @@ class ModifiedDahl(ForceLaw):
     ) -> None:
         super().__init__({"sigma": sigma}, {"K0": K0, "C0": C0, "Fd": Fd, "f0": f0})
 
-    def terms(self) -> tuple[Term, ...]:
-        """Four terms: s, v, Z and 1."""
-        return (
-            Term("K0", "s", "N/m"),
-            Term("C0", "v", "N s/m"),
-            Term("Fd", "Z", "N"),
-            Term("f0", "1", "N"),
-        )
-
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
         out[0] = s
@@ -120,3 +109,287 @@ class ModifiedDahl(ForceLaw):
         out[3] = 1.0
 
     advance = staticmethod(Dahl.advance)
+
+
+class Jenkins(ForceLaw):
+    r"""Elasto-plastic element (Jenkin 1922): a spring in series with a Coulomb slider.
+
+    .. math:: R = F_y Z, \quad \dot Z = \dot s / u_y \text{ while } |Z| < 1 \text{ or unloading, else } 0
+
+    The stop operator: along a path without reversal ``Z = min(max(Z_0 + (s - s_0) / u_y, -1), 1)``,
+    exactly. Its elastic stiffness is ``Fy / uy``.
+
+    Parameters
+    ----------
+    uy : float, optional
+        Yield drift, m; estimated if None.
+    Fy : float, optional
+        Yield force, N.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> print(laws.Jenkins(uy=0.001, Fy=20.0).equation(1))
+    20 Jenkins[s1]  (uy = 0.001)
+    """
+
+    name = "jenkins"
+    family = "hysteresis"
+    shapes = (Shape("uy", "m", 0.01, 4.0, "s"),)
+    columns = (Term("Fy", "Jenkins[s]", "N"),)
+    n_states = 1
+    passive = True
+    nonnegative = ("Fy",)
+    saturates_at = "uy"
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = z[0]
+
+    @staticmethod
+    def advance(z, s0, v0, s1, v1, dt, u, theta):
+        z[0] = min(max(z[0] + (s1 - s0) / theta[0], -1.0), 1.0)
+
+
+class Iwan(ForceLaw):
+    r"""Two elasto-plastic elements side by side (Iwan, J. Appl. Mech. 33, 1966).
+
+    .. math:: R = F_1 Z_1 + F_2 Z_2
+
+    with :class:`Jenkins` states of yield drift ``uy`` and ``ratio * uy``: a joint that slips
+    partially before it slips as a whole.
+
+    Parameters
+    ----------
+    uy : float, optional
+        Yield drift of the first element, m; estimated if None.
+    ratio : float, optional
+        Yield drift of the second over that of the first; estimated if None.
+    F1, F2 : float, optional
+        Yield forces, N.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> laws.Iwan(uy=0.001, ratio=4.0, F1=10.0, F2=20.0).parameters
+    {'uy': 0.001, 'ratio': 4.0, 'F1': 10.0, 'F2': 20.0}
+    """
+
+    name = "iwan"
+    family = "hysteresis"
+    shapes = (Shape("uy", "m", 0.01, 2.0, "s"), Shape("ratio", "1", 1.5, 20.0))
+    columns = (Term("F1", "Jenkins[s; uy]", "N"), Term("F2", "Jenkins[s; ratio uy]", "N"))
+    n_states = 2
+    passive = True
+    nonnegative = ("F1", "F2")
+    saturates_at = "uy"
+    special_cases = {Jenkins: lambda c: Iwan(uy=c.theta[0], ratio=2.0, F1=c.values[0], F2=0.0)}
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = z[0]
+        out[1] = z[1]
+
+    @staticmethod
+    def advance(z, s0, v0, s1, v1, dt, u, theta):
+        step = (s1 - s0) / theta[0]
+        z[0] = min(max(z[0] + step, -1.0), 1.0)
+        z[1] = min(max(z[1] + step / theta[1], -1.0), 1.0)
+
+
+class LuGre(ForceLaw):
+    r"""LuGre friction: bristles that bend before they slip, with a Stribeck curve.
+
+    .. math::
+        R = F_c Z + \sigma_1 \dot z, \quad z = Z / \sigma, \quad
+        \dot Z = \sigma \left(\dot s - \frac{|\dot s|}{h(\dot s)} Z\right), \quad
+        h = 1 + (F_s / F_c - 1) \, e^{-(\dot s / v_s)^2}
+
+    (Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Automatic Control 40, 1995, with
+    ``sigma_0 = Fc sigma``; its viscous part is :class:`LinearViscous`). With Fs = Fc and without
+    sigma1 it is :class:`Dahl`. The state is exact for constant h; over a change of speed, h is
+    piecewise constant over short parts of the step.
+
+    Parameters
+    ----------
+    sigma : float, optional
+        Bristle stiffness over sliding force, 1/m; estimated if None.
+    vs : float, optional
+        Stribeck velocity, m/s; estimated if None.
+    ratio : float, optional
+        Static over sliding level, Fs / Fc; estimated if None.
+    Fc : float, optional
+        Sliding friction force, N.
+    sigma1 : float, optional
+        Damping of the bristles, N s/m.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> print(laws.LuGre(sigma=1e4, vs=0.01, ratio=1.5, Fc=20.0, sigma1=50.0).equation(1))
+    20 LuGre[s1] + 50 d/dt bristle[s1]  (sigma = 1e+04, vs = 0.01, ratio = 1.5)
+    """
+
+    name = "lugre"
+    family = "hysteresis"
+    shapes = (
+        Shape("sigma", "1/m", 0.1, 3000.0, "1/s"),
+        Shape("vs", "m/s", 0.02, 2.0, "v"),
+        Shape("ratio", "1", 1.05, 3.0),
+    )
+    columns = (Term("Fc", "LuGre[s]", "N"), Term("sigma1", "d/dt bristle[s]", "N s/m"))
+    n_states = 1
+    nonnegative = ("Fc", "sigma1")
+    saturates_at = "sigma"
+    special_cases = {Dahl: lambda c: LuGre(c.theta[0], vs=1.0, ratio=1.0, Fc=c.values[0], sigma1=0.0)}
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        fall = np.minimum(np.abs(v) / theta[1], 26.0)
+        level = 1.0 + (theta[2] - 1.0) * np.exp(-fall * fall)
+        out[0] = z[0]
+        out[1] = v - np.abs(v) * z[0] / level
+
+    @staticmethod
+    def advance(z, s0, v0, s1, v1, dt, u, theta):
+        ds = s1 - s0
+        if ds == 0.0:
+            return
+        sign = math.copysign(1.0, ds)
+        a0, a1 = abs(v0), abs(v1)
+        # parts in which the speed changes by a small share of vs; at higher speed h is constant
+        parts = 1 + int(min(16.0 * abs(a1 - a0) / theta[1], 127.0))
+        total = 0.5 * (a0 + a1)
+        for i in range(parts):
+            speed = a0 + (a1 - a0) * (i + 0.5) / parts
+            share = speed / total / parts if total > 0.0 else 1.0 / parts
+            fall = min(speed / theta[1], 26.0)
+            level = 1.0 + (theta[2] - 1.0) * math.exp(-fall * fall)
+            top = sign * level
+            z[0] = top + (z[0] - top) * math.exp(-theta[0] * abs(ds) * share / level)
+
+
+class BoucWen(ForceLaw):
+    r"""Bouc-Wen hysteresis.
+
+    .. math::
+        R = \alpha w, \quad
+        \dot w = \dot s \, \left[ 1 - (\operatorname{sgn}(\dot s w) + \rho) \, (\beta |w|)^n \right]
+
+    (Bouc 1967, Wen 1976.) alpha is the initial stiffness, 1/beta the length over which the loop
+    bends; ``1 + rho > 0`` softens while loading and ``1 + rho < 0`` hardens without a limit, for
+    which the state is bounded at ``beta |w| = 1e6``. It is dissipative for ``|rho| <= 1``.
+
+    ============================================================  ==============================
+    published form                                                here
+    ============================================================  ==============================
+    ``w' = v - b |v| |w|^(n-1) w - g v |w|^n`` (Wen, A = 1)       ``beta = b^(1/n)``, ``rho = g / b``
+    ``z' = al v - be (ga |v| |z|^(nu-1) z + de v |z|^nu)``,       ``alpha = al``, ``n = nu``,
+    force z (Noel and Schoukens 2016)                             ``beta^n = be ga al^(n-1)``, ``rho = de / ga``
+    ============================================================  ==============================
+
+    For n = 1 the state is exact along a path without reversal. Otherwise a fourth-order rule is used, in
+    parts short enough for a relative error of about 1e-6 inside the loop.
+
+    Parameters
+    ----------
+    beta : float, optional
+        Inverse length, 1/m, positive; estimated if None.
+    rho : float, optional
+        The gamma of Wen over his beta, of either sign; estimated if None.
+    n : float, optional
+        Sharpness of the transition, at least 1; estimated if None.
+    alpha : float, optional
+        Stiffness of the hysteretic part, N/m.
+
+    Examples
+    --------
+    The published benchmark (alpha = 5e4, beta = 1e3, gamma = 0.8, delta = -1.1, nu = 1):
+
+    >>> from pysindy_nrf import laws
+    >>> print(laws.BoucWen(beta=1e3 * 0.8, rho=-1.1 / 0.8, n=1.0, alpha=5e4).equation(1))
+    5e+04 BoucWen[s1]  (beta = 800, rho = -1.375, n = 1)
+    """
+
+    name = "bouc_wen"
+    family = "hysteresis"
+    shapes = (
+        Shape("beta", "1/m", 0.03, 100.0, "1/s"),
+        Shape("rho", "1", -2.0, 1.0, log=False),
+        Shape("n", "1", 1.0, 4.0),
+    )
+    columns = (Term("alpha", "BoucWen[s]", "N/m"),)
+    n_states = 1
+    nonnegative = ("alpha",)
+    special_cases = {Dahl: lambda c: BoucWen(c.theta[0], rho=0.0, n=1.0, alpha=c.theta[0] * c.values[0])}
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = z[0] / theta[0]
+
+    @staticmethod
+    def advance(z, s0, v0, s1, v1, dt, u, theta):
+        # y = +-beta w counts positive along the motion, x = beta |s - s0|: dy/dx = 1 - c |y|^n
+        # with c = rho + 1 where y > 0 (loading) and c = rho - 1 where y < 0 (unloading)
+        limit = 1e6
+        sign = math.copysign(1.0, s1 - s0)
+        x = theta[0] * abs(s1 - s0)
+        rho = theta[1]
+        n = theta[2]
+        y = sign * z[0]
+        if n == 1.0:
+            if y < 0.0:
+                c = 1.0 - rho
+                slope = 1.0 - c * y
+                if slope > 0.0:
+                    x_zero = math.log(slope) / c if abs(c) > 1e-9 else -y
+                else:
+                    x_zero = math.inf
+                if x_zero <= x:
+                    y = 0.0
+                    x -= x_zero
+                else:
+                    y += slope * (-math.expm1(min(-c * x, 30.0)) / c if abs(c) > 1e-9 else x)
+                    x = 0.0
+            if x > 0.0:
+                c = 1.0 + rho
+                y += (1.0 - c * y) * (-math.expm1(min(-c * x, 30.0)) / c if abs(c) > 1e-9 else x)
+        else:
+            for _ in range(20000):
+                if x <= 0.0:
+                    break
+                c = 1.0 + rho if y >= 0.0 else rho - 1.0
+                size = abs(y)
+                power = size**n
+                f1 = 1.0 - c * power
+                if abs(f1) < 1e-13 or (abs(y) >= limit and f1 * y > 0.0):
+                    break
+                steep = 1.0 if size < 0.9 else power / size * (1.0 + 0.15 * (n - 1.0) / size)  # of |y|^(n-1) nearby
+                h = min(x, 0.1 / (abs(c) * n * steep + 1.0 / max(1.0, size)))
+                h = min(h, max(0.5 * size, 1e-3))  # |y|^n is not smooth at y = 0
+                if h < 0.1 * size:  # four terms of Taylor's series: one power instead of four
+                    inverse = 1.0 / y
+                    d1 = -c * n * power * inverse
+                    d2 = d1 * (n - 1.0) * inverse
+                    d3 = d2 * (n - 2.0) * inverse
+                    y4 = f1 * f1 * d3 + 4.0 * f1 * d1 * d2 + d1 * d1 * d1
+                    y3 = f1 * d2 + d1 * d1 + 0.25 * h * y4
+                    y += h * f1 * (1.0 + 0.5 * h * (d1 + h * y3 / 3.0))
+                    x -= h
+                    continue
+                if y < 0.0 and y + h * f1 > 0.0:
+                    # dx = dy / (1 - c |y|^n) up to y = 0, by Gauss's three points
+                    x_zero = 0.0
+                    x_zero -= y * 5.0 / 18.0 / (1.0 - c * (-y * 0.1127016653792583) ** n)
+                    x_zero -= y * 8.0 / 18.0 / (1.0 - c * (-y * 0.5) ** n)
+                    x_zero -= y * 5.0 / 18.0 / (1.0 - c * (-y * 0.8872983346207417) ** n)
+                    if x_zero <= h:
+                        y = 0.0
+                        x -= x_zero
+                        continue
+                f2 = 1.0 - c * abs(y + 0.5 * h * f1) ** n
+                f3 = 1.0 - c * abs(y + 0.5 * h * f2) ** n
+                f4 = 1.0 - c * abs(y + h * f3) ** n
+                y += h * (f1 + 2.0 * f2 + 2.0 * f3 + f4) / 6.0
+                x -= h
+        z[0] = sign * min(max(y, -limit), limit)

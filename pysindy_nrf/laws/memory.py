@@ -10,8 +10,8 @@ import numpy as np
 from numba.core.errors import NumbaError
 
 from ..exceptions import ChannelError, LawError
+from .base import Motion
 from .compiled import borrow, cannot_compile, inline, jit, on_stack, part, read_only
-from .motion import Motion
 
 _STRETCH = 2048  # intervals whose turning points are found before the candidates walk along them
 _LOOK = 64  # intervals that are looked at together: in most of them nothing turns

@@ -99,16 +99,13 @@ class PowerSeries(ForceLaw):
         super().__init__({}, coefficients)
 
     def options(self) -> dict[str, Any]:
-        """Structural arguments: the degree or box."""
         return {"degree": list(self.degree) if isinstance(self.degree, tuple) else self.degree}
 
     def terms(self) -> tuple[Term, ...]:
-        """One term for each (h, j)."""
         return _terms(self.exponents)
 
     @property
     def theta(self) -> np.ndarray:
-        """Exponents as h0, j0, h1, j1, ..."""
         return np.array(self.exponents, dtype=float).ravel()
 
     @staticmethod

@@ -142,13 +142,7 @@ class ChannelDelay(SensorFault):
     """
 
     name = "channel_delay"
-
-    def __init__(self, tau: float | None = None) -> None:
-        super().__init__(coefficients={"tau": tau})
-
-    def terms(self) -> tuple[Term, ...]:
-        """One term, minus the derivative of the channel."""
-        return (Term("tau", "-dy/dt", "s"),)
+    columns = (Term("tau", "-dy/dt", "s"),)
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
@@ -179,15 +173,9 @@ class GainError(SensorFault):
     """
 
     name = "gain_error"
+    columns = (Term("e", "y", "1"),)
     scan = (0.02, 0.6)
     changes_scale = True
-
-    def __init__(self, e: float | None = None) -> None:
-        super().__init__(coefficients={"e": e})
-
-    def terms(self) -> tuple[Term, ...]:
-        """One term, the channel."""
-        return (Term("e", "y", "1"),)
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
@@ -228,17 +216,11 @@ class SensorOffset(SensorFault):
     """
 
     name = "sensor_offset"
+    columns = (Term("b", "1", "m"),)
     symmetry = "even"
     at_rest = None
     scan = (0.05, 5.0)
     acts_on_derivatives = False
-
-    def __init__(self, b: float | None = None) -> None:
-        super().__init__(coefficients={"b": b})
-
-    def terms(self) -> tuple[Term, ...]:
-        """One term, 1."""
-        return (Term("b", "1", "m"),)
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):

@@ -14,7 +14,7 @@ import pandas as pd
 from ..common.hooks import Hook
 from ..exceptions import ChainError, ChannelError, FileFormatError, FileVersionError, LawError
 from ..laws.base import ForceLaw, from_dict
-from ..laws.inertia import total_masses
+from ..laws.forcing import total_masses
 from ..mechanics.chain import Chain
 from ..mechanics.sites import Site
 from .input_arrays import from_arrays

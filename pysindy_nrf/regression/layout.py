@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import ChainError, LawError
-from ..laws.base import ForceLaw, Recurrence, Term
-from ..laws.motion import Motion
+from ..laws.base import ForceLaw, Motion, Recurrence, Term
 from ..mechanics.chain import Chain
 from ..mechanics.sites import Site
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import ChannelError
-from ..laws.motion import Motion
+from ..laws.base import Motion
 from ..mechanics.sites import Site
 from .blocks import Block, block_size
 from .channel_range import Extent

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import IdentifiabilityError, LawError, RankWarning
-from ..laws.base import Scales, Shape
-from ..laws.shape_scale import ShapeScale
+from ..laws.shape import Scales, Shape, ShapeScale
 from ..mechanics.sites import Site
 from .chain_solve import Solution
 from .layout import LawLayout

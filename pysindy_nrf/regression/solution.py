@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from ..laws.base import Scales
-from ..laws.motion import Motion
+from ..laws.base import Motion
+from ..laws.shape import Scales
 from ..mechanics.sites import Site
 from .chain_model import ChainModel
 from .chain_solve import Solution

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..laws.base import ForceLaw, Recurrence, Term
-from ..laws.motion import Motion
+from ..laws.base import ForceLaw, Motion, Recurrence, Term
 from ..laws.power_series import PowerSeries, exponents_of
 
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from ..exceptions import LawError, SimulationError
 from ..laws.compiled import pointers
-from ..laws.inertia import total_masses
-from ..laws.jumps import across_rest
+from ..laws.forcing import total_masses
+from ..laws.friction import jump_at_reversal
 
 # columns of System.laws
 KERNEL, ADVANCE, TERM, N_TERMS, STATE, N_STATES, THETA, N_THETA, INPUT, N_INPUTS, INERTIA = range(11)
@@ -182,7 +182,8 @@ def jumps(model: Any, layout: Layout, largest: np.ndarray) -> np.ndarray:
     for site in layout.sites:
         near = wide = 0.0
         for law in model.laws[site]:
-            change = law.coefficients @ across_rest(law, [largest[layout.covariates.index(n)] for n in law.covariates])
+            sizes = [largest[layout.covariates.index(n)] for n in law.covariates]
+            change = law.coefficients @ jump_at_reversal(law, sizes)
             near, wide = near + abs(change[0]), wide + abs(change[1])
         found.append(near > 0.5 * wide > 0)
     return np.array(found, dtype=bool)

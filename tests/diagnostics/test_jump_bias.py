@@ -7,7 +7,7 @@ import pytest
 
 from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
 from pysindy_nrf.exceptions import BiasWarning
-from pysindy_nrf.laws.jumps import across_rest
+from pysindy_nrf.laws.friction import jump_at_reversal
 from pysindy_nrf.simulation.noise import add_noise
 
 FORCE = 8.0  # N
@@ -79,10 +79,10 @@ def test_each_direction_of_an_asymmetric_friction_is_judged_by_itself():
     assert np.allclose(table["away"], friction.values, rtol=0.15)
 
 
-def test_what_changes_across_rest():
-    assert across_rest(laws.CoulombFriction(), []).tolist() == [[2.0, 2.0]]
-    assert np.abs(across_rest(laws.LinearViscous(), [])).max() < 1e-8
-    near, wide = across_rest(laws.PowerLawDamping(0.4), [])[0]
+def test_what_changes_jump_at_reversal():
+    assert jump_at_reversal(laws.CoulombFriction(), []).tolist() == [[2.0, 2.0]]
+    assert np.abs(jump_at_reversal(laws.LinearViscous(), [])).max() < 1e-8
+    near, wide = jump_at_reversal(laws.PowerLawDamping(0.4), [])[0]
     assert abs(near) < 0.5 * abs(wide)  # steep, but not a jump
     held = laws.CovariateFriction()
-    assert np.abs(across_rest(held, [3.0])).max(axis=0)[0] == pytest.approx(6.0)
+    assert np.abs(jump_at_reversal(held, [3.0])).max(axis=0)[0] == pytest.approx(6.0)

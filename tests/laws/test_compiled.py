@@ -8,7 +8,7 @@ import numpy as np
 
 from pysindy_nrf import laws
 from pysindy_nrf.laws import compiled, memory
-from pysindy_nrf.laws.motion import Motion
+from pysindy_nrf.laws.base import Motion
 
 START = """
 import numpy as np

@@ -62,7 +62,7 @@ def _explosive(s, v, a, t, u, z, theta, out):
         (_broken(laws.CoulombFriction, terms=lambda self: (base.Term("Fc", "sgn(v)", "N/m"),)), "unit"),
         (_broken(laws.Dahl, shapes=(base.Shape("sigma", "1/s", 0.03, 3000.0, "1/s"),)), "unit"),
         (_broken(laws.StiffnessDrift, passive=True), "energy"),
-        (_broken(laws.LinearViscous, family="stiffness"), "energy"),
+        (_broken(laws.LinearViscous, variable="s"), "energy"),
         (_broken(laws.CoulombFriction, kernel=staticmethod(_stairs)), "on floats"),
         (_broken(laws.LinearViscous, kernel=staticmethod(_greedy)), "changes the motion"),
         (_broken(laws.CoulombFriction, kernel=staticmethod(_explosive)), "overflow"),
@@ -74,7 +74,7 @@ def test_the_contract_notices_a_law_that_breaks_it(law, complaint):
 
 
 def test_a_name_stands_for_one_law():
-    with pytest.raises(LawError, match="'dahl' already"):
+    with pytest.raises(LawError, match="'dahl' is taken"):
         type("MyDahl", (laws.ForceLaw,), {"name": "dahl"})
 
 

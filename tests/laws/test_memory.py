@@ -5,9 +5,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from pysindy_nrf import laws
-from pysindy_nrf.laws.base import ForceLaw, Term
+from pysindy_nrf.laws.base import ForceLaw, Motion, Term
 from pysindy_nrf.laws.memory import state_path, state_paths
-from pysindy_nrf.laws.motion import Motion
 
 SIGMA = 5e3
 

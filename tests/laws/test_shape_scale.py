@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pysindy_nrf import laws
-from pysindy_nrf.laws.shape_scale import ShapeScale
+from pysindy_nrf.laws.shape import ShapeScale
 
 SHAPES = [p for law in laws.registry().values() for p in law.shapes]
 SIZES = st.tuples(st.floats(1e-6, 1.0), st.floats(1e-5, 10.0), st.floats(0.5, 1e5))  # m, m/s, s

@@ -28,8 +28,7 @@ from pysindy_nrf.discrepancy.stage import Stage
 from pysindy_nrf.discrepancy.workspace import Workspace
 from pysindy_nrf.exceptions import LawError, SimulationError
 from pysindy_nrf.laws import compiled, memory
-from pysindy_nrf.laws.base import ForceLaw, Term
-from pysindy_nrf.laws.motion import Motion
+from pysindy_nrf.laws.base import ForceLaw, Motion, Term
 from pysindy_nrf.regression import channel_range as extent
 from pysindy_nrf.regression import gram
 from pysindy_nrf.regression import phase_plane_domain as visited

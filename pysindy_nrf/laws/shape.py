@@ -1,0 +1,143 @@
+"""The scale on which shape parameters are searched, wherever that is done."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+# What the bounds of a shape parameter are multiples of at a site: rms drift (m), rms rate (m/s), longest record (s),
+# first and last time of all records (s).
+Scales = tuple[float, float, float, tuple[float, float]]
+
+
+class Shape(NamedTuple):
+    """A shape parameter: something the law is not linear in.
+
+    Attributes
+    ----------
+    name : str
+    unit : str
+        SI unit; ``"1/s"`` times a drift scale and so on are left to the text.
+    low, high : float
+        Bounds of its search, in multiples of ``scale``.
+    scale : str
+        What the bounds are multiples of, a product such as ``"1"``, ``"s"``, ``"1/v"`` or
+        ``"s/v"`` of the rms drift s and the rms rate v of the site and the record length t.
+    log : bool
+        Whether it is positive and searched on a logarithmic scale.
+    instant : bool
+        Whether it is a time on the clock of the records; its bounds are then shares of the way from the first time to
+        the last.
+    friction_below : float, optional
+        Value below which the law is dry friction in all but name, e.g. a power of the rate near zero.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> laws.Dahl.shapes[0].bounds(drift=0.001, rate=0.05, duration=20.0)
+    (30.0, 3000000.0)
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    scale: str = "1"
+    log: bool = True
+    instant: bool = False
+    friction_below: float | None = None
+
+    def bounds(
+        self, drift: float, rate: float, duration: float, clock: tuple[float, float] | None = None
+    ) -> tuple[float, float]:
+        """Bounds of the search in SI units.
+
+        Parameters
+        ----------
+        drift, rate : float
+            Rms drift (m) and rate (m/s) of the site.
+        duration : float
+            Length of the longest record, s.
+        clock : (float, float), optional
+            First and last time of all records, s; 0 and ``duration`` if None.
+
+        Returns
+        -------
+        low, high : float
+        """
+        if self.instant:
+            first, last = clock or (0.0, duration)
+            return first + self.low * (last - first), first + self.high * (last - first)
+        sizes = {"1": 1.0, "s": drift, "v": rate, "t": duration}
+        above, _, below = self.scale.partition("/")
+        unit = sizes[above] / sizes[below or "1"]
+        return self.low * unit, self.high * unit
+
+    @property
+    def is_frequency(self) -> bool:
+        """Whether it is a frequency of time, Hz, by its name.
+
+        A record of T seconds tells frequencies 1/T apart, thousands over its band: what the balances lack shows which
+        are worth a trial (:mod:`pysindy_nrf.regression.spectral_lines`). They go up to half the sampling rate, for
+        what excites a
+        structure may be faster than it moves.
+
+        Examples
+        --------
+        >>> from pysindy_nrf import laws
+        >>> laws.HarmonicForce.shapes[0].is_frequency, laws.Dahl.shapes[0].is_frequency
+        (True, False)
+        """
+        return self.name == "frequency"
+
+
+class ShapeScale:
+    """Shape parameters in the coordinates of a search: logarithms where :class:`Shape` says so.
+
+    A frequency goes up to the fastest that the records can tell: what excites a structure may be faster than it moves.
+
+    Parameters
+    ----------
+    shapes : sequence of Shape
+    scales : sequence of (float, float, float, (float, float))
+        Rms drift (m), rms rate (m/s), longest record (s), first and last time (s) at the site of each.
+    fastest : float
+        Half the sampling rate, Hz; infinite without a clock, and frequencies then end where their law says.
+
+    Attributes
+    ----------
+    log : ndarray of bool, shape (n_shapes,)
+        Which are searched as logarithms.
+    low, high : ndarray of shape (n_shapes,)
+        Bounds of the search, in its coordinates.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> from pysindy_nrf.laws.shape import ShapeScale
+    >>> shapes = laws.Dahl.shapes + laws.HarmonicForce.shapes
+    >>> scale = ShapeScale(shapes, [(0.001, 0.05, 20.0, (0.0, 20.0))] * len(shapes), fastest=500.0)
+    >>> scale.values(scale.high).round(6).tolist()  # 1/m and Hz
+    [3000000.0, 500.0]
+    """
+
+    def __init__(
+        self, shapes: Sequence[Shape], scales: Sequence[Scales], fastest: float = np.inf
+    ) -> None:
+        bounds = np.array([p.bounds(*own) for p, own in zip(shapes, scales)], dtype=float).reshape(-1, 2)
+        if np.isfinite(fastest):
+            bounds[[p.is_frequency for p in shapes], 1] = fastest
+        self.log = np.array([p.log for p in shapes], dtype=bool)
+        self.low, self.high = (self.point(ends) for ends in bounds.T)
+
+    def point(self, values: np.ndarray, k: int | slice = slice(None)) -> np.ndarray:
+        """Coordinates of the search at values of all shape parameters."""
+        log = self.log[k]
+        return np.where(log, np.log(np.where(log, values, 1.0)), values)
+
+    def values(self, point: np.ndarray, k: int | slice = slice(None)) -> np.ndarray:
+        """Shape parameters at a point of the search."""
+        log = self.log[k]
+        return np.where(log, np.exp(np.where(log, point, 0.0)), point)

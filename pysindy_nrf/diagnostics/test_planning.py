@@ -216,7 +216,7 @@ def _noise(model: Any) -> list[Finding]:
     data = model._records
     if data is None or model.model_.info.get("estimation", {}).get("found") != "ls":
         return []
-    from ..signals.fusion import white_level
+    from ..signals.spline_fusion import white_level
 
     layout, filters = model.problem_.layout, model.problem_.filters(data)
     sizes = [seg.n_valid for seg in data.segments]

@@ -27,7 +27,7 @@ from ..regression.chain_model import ChainModel
 from ..regression.gram_pass import rows_of
 from ..regression.layout import Group, LawLayout
 from ..regression.segments import Segment, SegmentSet
-from ..signals.fusion import white_level
+from ..signals.spline_fusion import white_level
 from ..signals.zero_phase_filter import Band
 from .runs import likeness_of, run_of, steady
 

@@ -366,8 +366,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
     def _publish(
         self, found: Estimate, data: SegmentSet, judged: SegmentSet, least_squares: bool = True
     ) -> None:
-        from ..diagnostics.bias import MissingTerms, warn_of_bias
-        from ..diagnostics.contradictions import contradictions_of
+        from ..diagnostics.bias import MissingTerms, contradictions_of, warn_of_bias
         from ..diagnostics.jumps import JumpBias, sentences_of
         from ..diagnostics.windows import show
         from ..regression.errors import balance_errors

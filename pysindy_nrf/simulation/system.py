@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..exceptions import LawError, SimulationError
-from ..laws.compiled import pointers
+from ..laws.compiled import borrow, inline, pointers
 from ..laws.forcing import total_masses
 from ..laws.friction import jump_at_reversal
 
@@ -249,3 +249,27 @@ class Output(NamedTuple):
     a: np.ndarray
     z: np.ndarray
     work: np.ndarray
+
+
+@inline
+def borrow_system(s):
+    return System(
+        borrow(s.masses), borrow(s.sites), borrow(s.laws), borrow(s.coefficients), borrow(s.theta), borrow(s.channels),
+        s.link_inertia, s.t0,
+    )  # fmt: skip
+
+
+@inline
+def borrow_work(w):
+    return Work(
+        borrow(w.out), borrow(w.u), borrow(w.mass), borrow(w.inertia), borrow(w.matrix), borrow(w.column),
+        borrow(w.hold), borrow(w.load), borrow(w.jump), borrow(w.share), borrow(w.stuck),
+    )  # fmt: skip
+
+
+@inline
+def borrow_stages(k):
+    return Stages(
+        borrow(k.v), borrow(k.a), borrow(k.power), borrow(k.row), borrow(k.middle), borrow(k.force), borrow(k.force0),
+        borrow(k.x_half), borrow(k.v_half), borrow(k.z_once), borrow(k.z_top), borrow(k.top), borrow(k.work),
+    )  # fmt: skip

@@ -15,7 +15,7 @@ import numpy as np
 from types import SimpleNamespace
 from pysindy_nrf import Chain, Site, laws
 from pysindy_nrf.simulation import simulate
-from pysindy_nrf.simulation.runge_kutta import runge_kutta
+from pysindy_nrf.simulation.integrators import runge_kutta
 law = laws.Dahl(sigma=1e4, Fd=1.0)
 simulate(SimpleNamespace(chain=Chain(1), masses=[1.0], laws={Site(1): (law,)}), np.ones((5, 1)), 1e-3)
 print(sum(runge_kutta.stats.cache_hits.values()), sum(runge_kutta.stats.cache_misses.values()))
@@ -99,7 +99,7 @@ def test_laws_compiled_in_different_processes_do_not_take_each_others_code(tmp_p
 def test_no_layout_of_the_arrays_is_compiled_for_anew():
     """Forces in either order, drifts that may or may not be written to: the same machine code."""
     from pysindy_nrf import ChainModel, simulate
-    from pysindy_nrf.simulation.runge_kutta import runge_kutta
+    from pysindy_nrf.simulation.integrators import runge_kutta
 
     law = laws.Dahl(sigma=1e3, Fd=1.0)
     model = ChainModel([1.0, 2.0], {i: [laws.LinearElastic(1e3), law] for i in (1, 2)})

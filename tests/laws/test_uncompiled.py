@@ -20,7 +20,7 @@ from test_projection import CASES
 from user_laws import Parametric
 
 from pysindy_nrf import Chain, Site, laws, simulate
-from pysindy_nrf.diagnostics import probe_regressors as further_columns
+from pysindy_nrf.diagnostics import windows
 from pysindy_nrf.discrepancy import projection
 from pysindy_nrf.discrepancy.prepare import prepare
 from pysindy_nrf.discrepancy.splits import split
@@ -36,16 +36,16 @@ from pysindy_nrf.regression.blocks import blocks_of
 from pysindy_nrf.regression.gram_pass import total_gram
 from pysindy_nrf.regression.input_arrays import from_arrays
 from pysindy_nrf.regression.layout import LawLayout, Layout
-from pysindy_nrf.simulation import balance, free_run, newmark, runge_kutta, views
+from pysindy_nrf.simulation import balance, free_run, integrators, system
 
-MODULES = (compiled, memory, balance, newmark, runge_kutta, views)
+MODULES = (compiled, memory, balance, integrators, system)
 BUILT_ON_CALL = (
     (memory, "_paths"),
     (gram, "kernels"),
     (projection, "_compiled"),
     (extent, "_scan"),
     (visited, "_marker"),
-    (further_columns, "_compiled"),
+    (windows, "_compiled"),
 )
 
 
@@ -641,7 +641,7 @@ def test_columns_that_a_law_may_lack_are_what_their_names_say():
     s = np.array([np.sin(2 * np.pi * t), 0.01 * np.cos(3 * t)])
     v = np.array([2 * np.pi * np.cos(2 * np.pi * t), -0.03 * np.sin(3 * t)])
     scales = np.column_stack([v.std(axis=1), s.std(axis=1)])
-    found = both(lambda: {"columns": further_columns.further_columns(v, s, scales, t / 1.5 - 1)}, rtol=1e-13)["columns"]
+    found = both(lambda: {"columns": windows.probe_regressors(v, s, scales, t / 1.5 - 1)}, rtol=1e-13)["columns"]
     x, y = v / scales[:, :1], s / scales[:, 1:]
     for i in range(2):
         turns = np.flatnonzero(np.diff(np.sign(v[i]))) + 1

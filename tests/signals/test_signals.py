@@ -8,13 +8,7 @@ from sklearn.base import clone
 
 from pysindy_nrf import ChainModel, Record, laws, simulate
 from pysindy_nrf.exceptions import ChannelError, DataQualityWarning
-from pysindy_nrf.signals import (
-    BandLimiter,
-    KinematicSmoother,
-    differentiate,
-    integrate,
-    paper_processing,
-)
+from pysindy_nrf.signals import BandLimiter, KinematicSmoother, differentiate, integrate, paper_processing
 from pysindy_nrf.signals.kinematics import to_features
 from pysindy_nrf.signals.zero_phase_filter import FairFilter
 

@@ -29,7 +29,7 @@ def inspect(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
       pysindy-nrf inspect --mapping campaign.toml
     """
     from ...data.io import describe, summary
-    from ...signals.plausibility import doubts
+    from ...signals.channel_checks import data_warnings
 
     session = Session(as_json)
     out = []
@@ -40,7 +40,7 @@ def inspect(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
         raise
     for reading in readings:
         with session.listening():
-            findings = doubts(reading.record)
+            findings = data_warnings(reading.record)
         session.say(describe(reading))
         for one in findings:
             session.say(f"  take care: {one}")

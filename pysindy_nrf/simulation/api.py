@@ -232,7 +232,7 @@ def _run(
     n_sites, n_states = len(layout.sites), sum(s.stop - s.start for s in layout.states.values())
     rows = len(samples)
     out = flat.Output(*(np.empty((rows, k)) for k in (n, n, n, n_states, n_sites + 1)))
-    z, w = np.zeros(n_states), flat.room(system)
+    z, w = np.zeros(n_states), flat.work_arrays(system)
     if method == "newmark":
         from .integrators import newmark
 

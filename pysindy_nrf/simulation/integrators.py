@@ -1,4 +1,4 @@
-"""Explicit Runge-Kutta steps between the samples, with located reversals. Compiled."""
+"""Compiled integrators: Runge-Kutta with located velocity reversals, and Newmark of average acceleration."""
 
 from __future__ import annotations
 

@@ -25,8 +25,8 @@ def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.Da
         if not have & {f"a{j}", f"v{j}", f"x{j}"}:
             raise ChannelError(
                 f"DOF {j} of record {record.name!r} has no motion channel",
-                f"Measure a{j}, v{j} or x{j}: the storeys beside an uninstrumented floor cannot be told apart. Or "
-                "leave the floor out and read what its storeys then mean: signals.condensation.condense(record).",
+                f"Measure a{j}, v{j} or x{j}: the storeys beside an uninstrumented floor cannot be told apart. "
+                "Or leave the floor out: pysindy_nrf.signals.condensation.condense(record) explains the storeys that remain.",
             )
     smoother = None if smooth is False else _smoother(smooth)
     doubts = _doubts(record)

@@ -26,7 +26,7 @@ def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.Da
             raise ChannelError(
                 f"DOF {j} of record {record.name!r} has no motion channel",
                 f"Measure a{j}, v{j} or x{j}: the storeys beside an uninstrumented floor cannot be told apart. "
-                "Or leave the floor out: pysindy_nrf.signals.condensation.condense(record) explains the storeys that remain.",
+                "Or leave the floor out: pysindy_nrf.signals.condensation.condense(record) says what then remains.",
             )
     smoother = None if smooth is False else _smoother(smooth)
     doubts = _doubts(record)

@@ -20,8 +20,8 @@ import pandas as pd
 from scipy import linalg
 
 from ..exceptions import BiasWarning
-from ..regression.analysis_inputs import as_segments
 from ..regression.blocks import Block
+from ..regression.chain_model import as_segments
 from ..regression.chain_solve import Solution
 from ..regression.errors import balance_sizes
 from ..regression.gram_pass import GramPass

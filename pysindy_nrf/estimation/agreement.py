@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import ChainError
-from ..regression.analysis_inputs import as_model, as_segments, storey_names
+from ..regression.chain_model import as_model, as_segments, storey_names
 from ..regression.errors import nrmse
 from .linear_model import linear_part
 

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import ChannelError
-from ..regression.analysis_inputs import as_model, as_segments, frame, storey_names
+from ..regression.chain_model import as_model, as_segments, frame, storey_names
 from .linear_model import linear_part
 
 

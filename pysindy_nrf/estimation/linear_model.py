@@ -7,8 +7,7 @@ from typing import Any
 from sklearn.base import clone
 
 from ..laws import PowerSeries
-from ..regression.analysis_inputs import as_model
-from ..regression.chain_model import ChainModel
+from ..regression.chain_model import ChainModel, as_model
 
 
 def linear_twin(estimator: Any) -> Any:

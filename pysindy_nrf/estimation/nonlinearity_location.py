@@ -16,7 +16,7 @@ import pandas as pd
 from ..common.random_state import generator
 from ..exceptions import ChainError
 from ..laws import Dahl, PowerSeries
-from ..regression.analysis_inputs import as_model, as_segments, storey_names
+from ..regression.chain_model import as_model, as_segments, storey_names
 from ..regression.segments import SegmentSet
 
 LEAST = 1.0  # percent of its force; a surface flatter than this is called planar whatever the noise

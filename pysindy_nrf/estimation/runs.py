@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..regression.chain_model import ChainModel
-from ..regression.free_run import free_run_of
+from ..regression.errors import free_run_of
 from ..regression.segments import Segment
 from ..signals.zero_phase_filter import FairFilter
 from ..simulation.api import classical_run

@@ -80,7 +80,7 @@ class Shape(NamedTuple):
         """Whether it is a frequency of time, Hz, by its name.
 
         A record of T seconds tells frequencies 1/T apart, thousands over its band: what the balances lack shows which
-        are worth a trial (:mod:`pysindy_nrf.regression.spectral_lines`). They go up to half the sampling rate, for
+        are worth a trial (:mod:`pysindy_nrf.regression.shape_search`). They go up to half the sampling rate, for
         what excites a
         structure may be faster than it moves.
 

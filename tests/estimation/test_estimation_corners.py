@@ -34,7 +34,7 @@ from pysindy_nrf.discrepancy.workspace import Workspace
 from pysindy_nrf.estimation import iv
 from pysindy_nrf.estimation.frequency import fit_frequency_response
 from pysindy_nrf.exceptions import BiasWarning, ChainError, ChannelError, IdentifiabilityError, NRFError
-from pysindy_nrf.regression.phase_plane_domain import VisitedRegion
+from pysindy_nrf.regression.domains import VisitedRegion
 from pysindy_nrf.selection import AlongPath, BlockedTimeSplit, scorers, select_sparsity
 from pysindy_nrf.simulation.noise import add_noise
 

@@ -29,9 +29,9 @@ from pysindy_nrf.discrepancy.workspace import Workspace
 from pysindy_nrf.exceptions import LawError, SimulationError
 from pysindy_nrf.laws import compiled, memory
 from pysindy_nrf.laws.base import ForceLaw, Motion, Term
-from pysindy_nrf.regression import channel_range as extent
+from pysindy_nrf.regression import domains as extent
+from pysindy_nrf.regression import domains as visited
 from pysindy_nrf.regression import gram
-from pysindy_nrf.regression import phase_plane_domain as visited
 from pysindy_nrf.regression.blocks import blocks_of
 from pysindy_nrf.regression.gram_pass import total_gram
 from pysindy_nrf.regression.input_arrays import from_arrays

@@ -19,7 +19,7 @@ from pysindy_nrf.output.report.content import of_loop, of_model
 from pysindy_nrf.output.report.equations import as_text, law_equation, site_index
 from pysindy_nrf.output.report.story import cautions, lead
 from pysindy_nrf.output.report.write import cell
-from pysindy_nrf.regression.phase_plane_domain import VisitedRegion
+from pysindy_nrf.regression.domains import VisitedRegion
 
 plt = pytest.importorskip("matplotlib.pyplot")
 from pysindy_nrf.output.displays import (  # noqa: E402

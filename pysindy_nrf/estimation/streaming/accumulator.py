@@ -14,7 +14,7 @@ from ...exceptions import ChainError, ChannelError, NRFError
 from ...mechanics.identifiability import Walk
 from ...regression.blocks import Block, block_size
 from ...regression.chain_solve import groups_of
-from ...regression.channel_range import Extent
+from ...regression.domains import Extent
 from ...regression.gram_pass import GramPass, guess_of
 from ...regression.grams import BlockGrams
 from ...regression.input_arrays import from_arrays

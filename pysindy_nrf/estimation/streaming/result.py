@@ -50,7 +50,7 @@ def publish(accumulator: Accumulator, solution: Solution, grams: BlockGrams, wal
 
 
 def _require_usable(accumulator: Accumulator, grams: BlockGrams) -> None:
-    from ...regression.requirements import require_clock, require_moving
+    from ...regression.solution import require_clock, require_moving
 
     data, model = _shown(accumulator), accumulator.require_model()
     require_moving(data, model.layout)

@@ -69,7 +69,7 @@ def save(path: Path, accumulator: Accumulator, following: int, mark: str) -> Non
 
 def load(path: Path, estimator: Any, mark: str) -> tuple[Accumulator, int] | None:
     """The state of a pass, if the file holds one of these data and settings."""
-    from ...regression.channel_range import Extent
+    from ...regression.domains import Extent
 
     if not path.exists():
         return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import pickle
 
 import integrated
 import numpy as np
@@ -120,3 +121,18 @@ def test_a_blow_in_the_rows_that_a_filter_masked_tells_no_delay():
     assert np.nanmax(np.abs(F["F2"][X.notna().all(axis=1)])) < 0.01 * clean.max()
     row = force_delay(NRFRegressor(degree=1).fit(X, F)).loc["F2"]
     assert row["aligned"] and np.isnan(row["samples"])
+
+
+def test_delays_beyond_reach_or_without_data_are_not_told():
+    rec = record()
+    far = rec.replace(force=np.roll(rec.force, 120, axis=0))
+    table = force_delay(NRFRegressor(degree=1).fit(far))
+    assert table["samples"].isna().all() and table["message"].str.contains("No delay of F. can be told").all()
+    short = rec.replace(**{k: getattr(rec, k)[:150] for k in ("force", "acceleration", "velocity", "displacement")})
+    with pytest.raises(ChannelError, match="No balance tells the delay of its force"):
+        force_delay(NRFRegressor(degree=1).fit(*short.to_features(smooth=False)))
+    model = NRFRegressor(degree=1).fit(rec)
+    X, F = rec.replace(force=np.roll(rec.force, 3, axis=0)).to_features(smooth=False)
+    assert force_delay(model, X, F)["samples"].to_numpy() == pytest.approx([3.0, 3.0], abs=0.05)
+    with pytest.raises(ChannelError, match="loaded without the data"):
+        force_delay(pickle.loads(pickle.dumps(model)))

@@ -83,7 +83,7 @@ def test_contradictions_are_said(data):
         (KnownStiffness(2, 1e5, term="s^3"), "storey 2 has v, s"),
         (KnownStiffness(9, 1e5), "storey 9"),
         (TotalMass(-1.0), "not a mass"),
-        ("k > 0", "no constraint"),
+        ("k > 0", "not a constraint"),
     ],
 )
 def test_what_does_not_exist_is_refused(data, constraint, message):

@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
+from pysindy_nrf.regression.phase_plane_domain import VisitedRegion
 
 from pysindy_nrf import Chain, ChainModel, NRFRegressor, Record, excitation, laws, simulate
 from pysindy_nrf.diagnostics.delays import force_delay
 from pysindy_nrf.estimation import model_agreement
 from pysindy_nrf.estimation.constraints import TotalMass, _nearest, _with_parameters
 from pysindy_nrf.estimation.intervals import parameters_of
-from pysindy_nrf.exceptions import ChainError
+from pysindy_nrf.exceptions import ChainError, ChannelError
 from pysindy_nrf.monitoring import compare_tests
 from pysindy_nrf.output.cli.output import coefficients
 from pysindy_nrf.output.displays import FreeRunDisplay
@@ -237,3 +238,14 @@ def test_a_change_is_dated_in_a_chain_that_stands_on_nothing():
     assert onset.storey == "storey 2" and onset.time == pytest.approx(6.0, abs=1.0)
     assert onset.change == pytest.approx(-20.0, abs=5.0)
     assert track(model, X, F)["k1"].isna().all() and track(model, X, F)["k2"].notna().all()
+
+
+@pytest.mark.parametrize(
+    "broken", [dict(low=[0.0]), dict(high=[np.inf, 1.0]), dict(cells=[]), dict(cells=["", ""])]
+)
+def test_a_visited_region_is_a_rectangle_of_cells(broken):
+    t = np.linspace(0, 6.3, 500)
+    region = VisitedRegion.of(0.1 * np.cos(t), 0.001 * np.sin(t)).to_dict()
+    assert VisitedRegion.from_dict(region).low == pytest.approx((-0.1, -0.001), rel=1e-2)
+    with pytest.raises(ChannelError, match="not a rectangle of cells"):
+        VisitedRegion.from_dict(region | broken)

@@ -67,6 +67,11 @@ def in_memory(data):
         return NRFRegressor().fit(*data)
 
 
+@pytest.fixture(scope="module")
+def intervals(in_memory):
+    return in_memory.confidence_intervals()
+
+
 def table(X, F, **more):
     n = F.shape[1]
     frame = pd.DataFrame(X, columns=feature_names(n)).assign(**{f"F{j + 1}": F[:, j] for j in range(n)})
@@ -117,7 +122,7 @@ def streamed(request, data, tmp_path):
     return [tmp_path / f"X{i}.npy" for i in range(3)], [tmp_path / f"F{i}.npy" for i in range(3)]
 
 
-def test_every_way_in_gives_the_answer_of_the_arrays(streamed, data, in_memory, tmp_path):
+def test_every_way_in_gives_the_answer_of_the_arrays(streamed, data, in_memory, intervals, tmp_path):
     X, F = streamed
     reference = in_memory
     if not hasattr(X, "__next__") and "X.npy" in str(X) and np.load(X, mmap_mode="r").dtype == np.float32:
@@ -126,8 +131,8 @@ def test_every_way_in_gives_the_answer_of_the_arrays(streamed, data, in_memory, 
     same(model, reference, 1e-11)
     assert not list(tmp_path.glob(".*")), "a fit that is done leaves no state behind"
     assert model.predict(data[0][:50]).shape == (50, 3)
-    widths = [(m.confidence_intervals()["upper"] - m.confidence_intervals()["lower"])[:3] for m in (model, reference)]
-    assert np.allclose(*widths, rtol=0.5)
+    found, expected = model.confidence_intervals(), intervals
+    assert np.allclose((found["upper"] - found["lower"])[:3], (expected["upper"] - expected["lower"])[:3], rtol=0.5)
     assert list(model.missing_terms_.index) == list(reference.missing_terms_.index)
     region, truth = (m.model_.visited["storey 2"] for m in (model, reference))
     assert region.low == pytest.approx(truth.low) and region.high == pytest.approx(truth.high)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
-from pysindy_nrf.regression.phase_plane_domain import VisitedRegion
 
 from pysindy_nrf import Chain, ChainModel, NRFRegressor, Record, excitation, laws, simulate
 from pysindy_nrf.diagnostics.delays import force_delay
@@ -17,6 +16,7 @@ from pysindy_nrf.monitoring import compare_tests
 from pysindy_nrf.output.cli.output import coefficients
 from pysindy_nrf.output.displays import FreeRunDisplay
 from pysindy_nrf.output.report.content import _data
+from pysindy_nrf.regression.domains import VisitedRegion
 from pysindy_nrf.regression.layout import LawLayout, distinct_labels
 from pysindy_nrf.selection import BlockEnsemble, select_sparsity
 from pysindy_nrf.signals.alignment import align, channel_alignment

@@ -136,3 +136,17 @@ def test_delays_beyond_reach_or_without_data_are_not_told():
     assert force_delay(model, X, F)["samples"].to_numpy() == pytest.approx([3.0, 3.0], abs=0.05)
     with pytest.raises(ChannelError, match="loaded without the data"):
         force_delay(pickle.loads(pickle.dumps(model)))
+
+
+@pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
+def test_one_delay_is_told_from_records_of_different_rates():
+    model = ChainModel([10.0], {1: laws.PowerSeries(1, [60.0, 1e5])})
+    late = []
+    for fs in (500.0, 1000.0):
+        F = excitation.band_limited_random(1, 8.0, fs, dofs=1, rms=50.0, band=(1, 60), random_state=0)
+        record = simulate(model, F, 1 / fs)
+        late.append(add_noise(record.replace(force=np.roll(record.force, round(0.004 * fs), axis=0)), 0.01, 0))
+    for given in (late, late[::-1]):
+        row = force_delay(NRFRegressor(degree=1).fit(given)).loc["F1"]
+        assert row["delay"] == pytest.approx(0.004, abs=5e-5)
+        assert row["samples"] == pytest.approx(0.004 * given[0].fs, abs=0.05)

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pysindy_nrf import NRFRegressor, Record, laws
+from pysindy_nrf import ChainModel, NRFRegressor, Record, excitation, laws, simulate
 from pysindy_nrf.exceptions import NRFError
 from pysindy_nrf.selection import AlongPath, BlockEnsemble, select_sparsity
 from pysindy_nrf.simulation.noise import add_noise
@@ -193,3 +193,18 @@ def test_along_a_path_of_one_column_and_never_of_two_targets():
     np.testing.assert_array_equal(AlongPath(ps.SSR(), tolerance=2.0).fit(x, 3 * x).coef_, [[0.0]])
     with pytest.raises(NRFError, match="got 2 targets"):
         AlongPath(ps.SSR()).fit(x, np.hstack([x, x]))
+
+
+@pytest.fixture(scope="module")
+def three():
+    """Three linear storeys with noise in every channel."""
+    truth = ChainModel([10.0, 12.0, 8.0], {i: laws.PowerSeries(1, [60.0, 4e4]) for i in (1, 2, 3)})
+    F = excitation.band_limited_random(3, 6.0, 500.0, dofs=[1, 2, 3], rms=50.0, band=(1, 60), random_state=3)
+    return add_noise(simulate(truth, F, 2e-3), 0.02, random_state=1).to_features()
+
+
+def test_orders_that_were_thinned_out_stand_in_the_laws(three):
+    ps = pytest.importorskip("pysindy")
+    paths = {"ensemble": [BlockEnsemble(ps.STLSQ(threshold=0.02), n_models=3)]}
+    regressor = select_sparsity(*three, degree=1, orders={2: 3}, paths=paths, prune=False).regressor()
+    assert regressor.fit(*three).masses_ == pytest.approx([10.0, 12.0, 8.0], rel=0.02)

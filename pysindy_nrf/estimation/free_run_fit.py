@@ -447,7 +447,7 @@ def refine(
     iv = instrumental_variables(start.model, data, problem, walk)
     if iv is None:
         return start, None, facts, data
-    facts |= {"found": "iv", "rounds": iv.rounds, "likeness": iv.likeness, "notes": list(iv.notes)}
+    facts |= {"found": "iv", "rounds": iv.rounds, "correlation": iv.correlation, "notes": list(iv.notes)}
     resolver = Resolver(iv.pieces, walk, known, inner)
     if note := _convergence_note(iv, resolver):
         facts["notes"] = [*facts["notes"], note]

@@ -53,7 +53,7 @@ def test_a_shaken_frame_with_accelerometers_alone_is_weighed_where_they_tell_the
     record = shaken(0.01)
     model = fitted(record, known_masses={1: 12.0})
     assert off(model, THREE) < 1e-3
-    assert model.model_.info["estimation"]["likeness"] > 0.999
+    assert model.model_.info["estimation"]["correlation"] > 0.999
     (segment,) = model.model_.segments(record).segments
     low, high = segment.band
     assert 1.0 < low < 5.4 and high is None  # Hz; the lowest mode is held

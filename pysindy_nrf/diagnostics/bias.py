@@ -1,11 +1,12 @@
-"""Does the model hold what the data show? Judged from the data alone.
+"""Missing terms and contradicting balances of a fit, judged from the data alone.
 
-What a balance leaves unexplained is noise only if nothing can predict it. Each step of the
-identification is therefore offered columns that its laws do not have (friction, quadratic,
-kinked and fifth-power terms of the same storeys), on one half of the data, and the other half says whether they
-help. Where they do, a law is missing (or noise in the motion stands in for one), and masses and
-coefficients that least squares found without it are biased. A constant and a straight line in time are offered too, by
-themselves: they are no law, but what a sensor leaves that reads a wrong zero or drifts.
+The residual of a balance is noise only if nothing predicts it. Each step of the identification is therefore offered
+probe regressors that its laws lack, and cross-validation over windows says whether they help. If they do, a law is
+missing or the motion is noisy, and the least-squares masses and coefficients are biased. A constant and a ramp in time
+are offered separately: they indicate a sensor with a wrong zero or a drift.
+
+Under complete excitation each storey is identified twice, from the balance of either end. A force in other units, of
+the wrong sign or in the wrong column, or a wrong mass, shows as a contradiction between the two.
 """
 
 from __future__ import annotations
@@ -52,15 +53,7 @@ def missing_terms_of(model: Any, walk: Any, data: SegmentSet, band: Any = None) 
 
 
 class MissingTerms:
-    """Collects what :func:`missing_terms` needs to know of some windows.
-
-    Parameters
-    ----------
-    model : ChainModel
-    walk : Walk
-    layout : LawLayout, optional
-        Of the laws of the model, if it is at hand.
-    """
+    """Gram matrices of own and offered columns, collected window by window, for :func:`missing_terms`."""
 
     def __init__(self, model: Any, walk: Any, layout: LawLayout | None = None) -> None:
         self.walk, self.layout = walk, layout or LawLayout(model.chain, model.laws)

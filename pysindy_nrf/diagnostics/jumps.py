@@ -1,9 +1,8 @@
-"""What least squares takes from a force that jumps where the motion turns.
+"""Bias of least squares for forces that jump at velocity reversals.
 
-The sign of a rate is wrong next to the instants at which the motion turns: by noise, and where the samples are too far
-apart for the jump. Least squares gives what such a column loses to the terms beside it. The samples next to the
-turns tell how much: without them the coefficient must be the same. How slow a sample must be to count as next to a
-turn, the noise decides: as many are left out as change the coefficient by more than chance.
+Near a velocity reversal the sign of the rate is unreliable, because of noise or because the samples are too far apart.
+Least squares then attributes a part of the jump to other terms. Leaving out the samples near reversals must not change
+the coefficient; the threshold rises until further samples change it by no more than chance.
 """
 
 from __future__ import annotations
@@ -35,24 +34,14 @@ _NOTHING = 1e-3
 def jump_bias_of(
     model: Any, walk: Any, data: SegmentSet, band: Any = None, known_masses: Any = None, inner: Any = None
 ) -> pd.DataFrame:
-    """Coefficients of forces that jump, with and without the samples next to the turns of the motion."""
+    """Coefficients of forces that jump, with and without the samples near velocity reversals."""
     judge = JumpBias(model, walk, known_masses, inner, silent=band is not None)
     show(judge.layout, data, band, judge.asked)
     return judge.table()
 
 
 class JumpBias:
-    """Collects what :func:`jump_bias_of` needs to know of some windows.
-
-    Parameters
-    ----------
-    model, walk, known_masses, inner
-        As for :func:`jump_bias_of`.
-    silent : bool
-        Say nothing, whatever the laws: of filtered columns and of estimates that are not least squares.
-    layout : LawLayout, optional
-        Of the laws of the model, if it is at hand.
-    """
+    """Gram matrices with and without the samples near velocity reversals, for :func:`jump_bias_of`."""
 
     def __init__(
         self,
@@ -119,7 +108,7 @@ class JumpBias:
         except (NRFError, np.linalg.LinAlgError):
             return empty
         whole = _rms(total, self.places)
-        told = np.all([lives_there(_rms(grams.sum(), self.places), whole) for grams, _ in zip(fewer, kept)], axis=0)
+        told = np.all([acting_there(_rms(grams.sum(), self.places), whole) for grams, _ in zip(fewer, kept)], axis=0)
         if not kept or not told.any():
             return empty
         away, rest = kept[first_settled([a[told] for a, _ in kept], [r[:, told] for _, r in kept])]
@@ -157,9 +146,9 @@ def _weights(total: BlockGrams, places: list[tuple[Site, int, str]], masses: np.
 def sentences_of(table: pd.DataFrame) -> list[str]:
     """What a table of :func:`jump_bias_of` says to an engineer."""
     return [
-        f"{name} is {row['found']:.4g} {row['unit']}, but {row['away']:.4g} without the samples next to the turns of "
-        "the motion: noise, or a sampling rate too low for the jump, turns its sign there, and least squares gives "
-        "what is lost to other terms. Use estimation='iv'."
+        f"{name} is {row['found']:.4g} {row['unit']}, but {row['away']:.4g} without the samples near velocity "
+        "reversals: noise, or a sampling rate too low for the jump, makes its sign wrong there, and least squares "
+        "attributes the difference to other terms. Use estimation='iv'."
         for name, row in table.iterrows()
         if row["wrong"]
     ]
@@ -179,34 +168,32 @@ def jumping_terms(layout: LawLayout) -> list[tuple[Site, int, str]]:
     return out
 
 
-# Shares of the rms rate below which a sample counts as next to rest, in the order in which they are tried.
+# Shares of the rms rate below which a sample counts as near standstill, in the order in which they are tried.
 SHARES = (0.0, 0.03, 0.1, 0.2, 0.4)
-# Samples on each side of a turn that are left out with them.
+# Samples on each side of a velocity reversal that are left out too.
 _BESIDE = 2
 # Part of its rms that the column of a force must keep where samples are left out.
-_LIVES = 0.1
+_KEPT = 0.1
 # Standard errors of a difference that are no longer chance, and the share of a coefficient that an engineer allows.
 _BEYOND, _WRONG = 3.0, 0.1
 
 
 def moving(rate: np.ndarray, share: float) -> np.ndarray:
-    """Samples away from the turns of a motion, and faster than a share of its rms rate."""
+    """Mask of samples away from velocity reversals and faster than a share of the rms rate."""
     out = np.abs(rate) >= share
-    turns = np.flatnonzero(np.diff(np.sign(rate)))
-    near = (turns[:, None] + np.arange(1 - _BESIDE, 1 + _BESIDE)).ravel()
+    reversals = np.flatnonzero(np.diff(np.sign(rate)))
+    near = (reversals[:, None] + np.arange(1 - _BESIDE, 1 + _BESIDE)).ravel()
     out[np.clip(near, 0, len(out) - 1)] = False
     return out
 
 
-def lives_there(kept: np.ndarray, whole: np.ndarray) -> np.ndarray:
-    """Which forces still act in the samples that are left; what rises only next to rest is not told by the others."""
-    return kept >= _LIVES * whole
+def acting_there(kept: np.ndarray, whole: np.ndarray) -> np.ndarray:
+    """Mask of forces that still act in the samples kept; others cannot be estimated away from standstill."""
+    return kept >= _KEPT * whole
 
 
 def first_settled(found: Sequence[np.ndarray], without: Sequence[np.ndarray]) -> int:
-    """The first of several estimates, each from fewer samples, from which none of the later ones differs but by
-    chance.
-    """
+    """Index of the first estimate, each from fewer samples, from which all later ones differ by chance only."""
     for i in range(len(found) - 1):
         apart = [
             _beyond_chance(later - found[i], rest - without[i])
@@ -218,7 +205,7 @@ def first_settled(found: Sequence[np.ndarray], without: Sequence[np.ndarray]) ->
 
 
 def made_wrong(found: np.ndarray, away: np.ndarray, difference: np.ndarray) -> np.ndarray:
-    """Which coefficients from all samples differ from those away from rest by more than a tenth, and than chance."""
+    """Mask of coefficients that differ from those away from standstill by more than a tenth and more than chance."""
     gap = away - found
     return (np.abs(gap) > _WRONG * np.abs(away)) & _beyond_chance(gap, difference)
 

@@ -1,4 +1,4 @@
-"""What limits an estimate, and what to measure next, in words."""
+"""Diagnosis of what limits an estimate, and planning of the next test."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..exceptions import ChainError
 if TYPE_CHECKING:
     from ..mechanics.chain import Chain
 
-WEAK = 0.05  # rms drift of a storey over that of the liveliest one, below which its excitation is poor
+WEAK = 0.05  # rms drift of a storey as a share of the largest, below which its excitation is poor
 ILL = 1e4  # scaled condition number from which on terms are hard to tell apart
 WIDE = 0.05  # half-width of a 95 % interval, as a share, from which on a parameter is uncertain
 QUICK = 10  # order of the differences that tell noise from motion; see signals.spline_fusion
@@ -51,7 +51,7 @@ class Diagnosis:
 
 
 def diagnose(model: Any) -> Diagnosis:
-    """Say in words what limits the estimate of a fitted regressor.
+    """Diagnosis of what limits the estimate of a fitted regressor.
 
     Parameters
     ----------
@@ -110,11 +110,9 @@ def _missing(model: Any) -> list[Finding]:
     for name, row in model.missing_terms_.iterrows():
         if row["biased"]:
             text = (
-                f"{name[0].upper()}{name[1:]}: {row['residual']:.2g} % is unexplained, and terms that the laws do "
-                "not have explain "
-                f"{row['gain']:.0f} % of that. A law is missing, or noise in the motion stands in for one: fuse "
-                "the channels, then add the law (laws=) or search "
-                "for it (close_loop)."
+                f"{name[0].upper()}{name[1:]}: {row['residual']:.2g} % is unexplained, and terms that the laws lack "
+                f"explain {row['gain']:.0f} % of that. A law is missing, or the motion is noisy: fuse the channels, "
+                "then add the law (laws=) or search for it (close_loop)."
             )
             out.append((3.0 + row["missing"] / 100, "missing law", name, float(row["missing"]), text))
     return out
@@ -137,9 +135,8 @@ def _excitation(model: Any) -> list[Finding]:
     for site, size in sizes.items():
         if top and size < WEAK * top:
             text = (
-                f"{site} moves {size:.2g} m at most, {100 * size / top:.1f} % of the liveliest storey: its law is "
-                "known "
-                f"poorly. Hit floor {site.p}, or excite a mode that bends it."
+                f"{site} moves {size:.2g} m at most, {100 * size / top:.1f} % of the largest drift: its law is "
+                f"poorly determined. Hit floor {site.p}, or excite a mode that bends it."
             )
             out.append((2.0 + WEAK - size / top, "excitation", str(site), size, text))
     return out
@@ -153,10 +150,8 @@ def _conditioning(model: Any) -> list[Finding]:
     return [
         (
             1.5, "conditioning", name, float(value),
-            f"{name[0].upper()}{name[1:]}: condition number {value:.1e}; some of its terms are nearly the same on "
-            "this excitation. "
-            "Excite more frequencies and amplitudes, lower the degree, or give what is known (known_masses, "
-            "constraints).",
+            f"{name[0].upper()}{name[1:]}: condition number {value:.1e}; some of its terms are nearly collinear. Excite"
+            " more frequencies and amplitudes, lower the degree, or give what is known (known_masses, constraints).",
         )
         for name, value in model.condition_.items()
         if value > ILL
@@ -357,11 +352,9 @@ def plan(
     if blind:
         without = ", ".join(map(str, blind))
         advice.append(
-            f"Floor {without} has no sensor: the storeys beside it cannot be told apart (x_{blind[0]} enters "
-            "both). Add an "
-            f"accelerometer on floor {blind[0]}, or model the floors around it as one mass: the storey is then "
-            "the series of both, "
-            "right only below the first resonance of the part left out."
+            f"Floor {without} has no sensor: the storeys beside it cannot be told apart (x_{blind[0]} enters both). "
+            f"Add an accelerometer on floor {blind[0]}, or model the floors around it as one mass: the storey is then "
+            "the series of both, valid only below the first resonance of the part left out."
         )
     total = chain.n_dof + len(chain.sites)
     rows = []
@@ -369,12 +362,11 @@ def plan(
         for floors in itertools.combinations([j for j in reach if j not in unknown], count):
             walk = chain.identifiability(floors, unknown=unknown, known_masses=known_masses, strategy="sequential")
             left = [f"m{j}" for j in walk.missing_masses] + [str(s) for s in walk.missing_sites]
-            rows.append((floors, 1 - len(left) / total, _depth(walk), _liveliness(model, floors), ", ".join(left)))
+            rows.append((floors, 1 - len(left) / total, _depth(walk), _modal_response(model, floors), ", ".join(left)))
     table = pd.DataFrame(rows, columns=["hit", "identifies", "depth", "response", "left"])
     if not len(table):
-        return Plan(
-            table, [*advice, "No floor can be hit with a known force; give a mass (known_masses=) to scale the chain."]
-        )
+        advice.append("No floor can be hit with a known force; give a mass (known_masses=) to scale the chain.")
+        return Plan(table, advice)
     table = table.assign(count=table["hit"].map(len))
     table = table.sort_values(
         ["identifies", "count", "response", "depth"], ascending=[False, True, False, True], kind="stable"
@@ -395,9 +387,8 @@ def plan(
     advice.append(text)
     if len(best["hit"]) < chain.n_dof and best["identifies"] == 1:
         advice.append(
-            "Hitting every floor once, each in a record of its own, lets each balance be solved by itself, and "
-            "the two estimates "
-            "of each storey check each other."
+            "Hitting every floor once, each in a record of its own, lets each balance be solved by itself, and the two "
+            "estimates of each storey check each other."
         )
     return Plan(table, advice)
 
@@ -412,7 +403,7 @@ def _depth(walk: Any) -> int:
     return max(after.values(), default=0)
 
 
-def _liveliness(model: Any, floors: Iterable[int]) -> float:
+def _modal_response(model: Any, floors: Iterable[int]) -> float:
     """The weakest mode's response to blows on these floors, over that to a blow on the best floor."""
     if model is None:
         return np.nan

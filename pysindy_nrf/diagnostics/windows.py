@@ -1,4 +1,4 @@
-"""Some thousand samples of a fit in contiguous windows, for those who judge it: what they all need, built once."""
+"""Windows of consecutive samples with probe regressors, built once for all diagnostics of a fit."""
 
 from __future__ import annotations
 
@@ -23,22 +23,11 @@ _SCALE_ROWS = 2048  # are enough for the rms of a channel
 
 @dataclass(frozen=True)
 class Window:
-    """Consecutive samples.
-
-    Attributes
-    ----------
-    block : Block
-        Columns of the laws, accelerations, forces.
-    offered : dict of Site to ndarray of shape (n_offered, n_samples)
-        Columns that stand for what a law may lack; the first is the sign of the rate, the last two are
-        a constant and the time, from -1 to 1 over the record.
-    every : int
-        Of how many samples one is enough where their order does not matter.
-    """
+    """Consecutive samples: the block of the laws, and probe regressors by site of shape (OFFERED, n_samples)."""
 
     block: Block
     offered: dict[Site, np.ndarray]
-    every: int = 1
+    every: int = 1  # one sample of so many is enough where their order does not matter
 
     @property
     def n_samples(self) -> int:
@@ -62,14 +51,14 @@ class Window:
 
 
 class Judge(Protocol):
-    """Whoever looks at windows, one after another."""
+    """A diagnostic that receives windows one after another."""
 
     def see(self, number: int, window: Window) -> None:
         """Take a window in."""
 
 
 def show(layout: LawLayout, data: SegmentSet, band: Any, judges: Sequence[Judge]) -> None:
-    """Walk once through the windows of some data, with all who want to see them."""
+    """Pass the windows of some data once to all diagnostics."""
     if judges:
         for number, window in enumerate(windows(layout, data, band)):
             for judge in judges:

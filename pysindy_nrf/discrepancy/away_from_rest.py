@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..diagnostics.jumps import SHARES, first_settled, jumping_terms, lives_there, made_wrong, moving
+from ..diagnostics.jumps import SHARES, acting_there, first_settled, jumping_terms, made_wrong, moving
 from ..exceptions import NRFError
 from ..mechanics.sites import Site
 from .stage import Stage
@@ -39,7 +39,7 @@ def share_to_leave(stage: Stage) -> float | None:
     for share in SHARES:
         try:
             less = leaving_rest(stage, share)
-            if not lives_there(_rms(less, at), _rms(stage, at)).all():
+            if not acting_there(_rms(less, at), _rms(stage, at)).all():
                 break
             tried.append(_with_chance(less, at))
         except (NRFError, np.linalg.LinAlgError):  # too few samples are left

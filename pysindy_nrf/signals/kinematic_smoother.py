@@ -15,7 +15,7 @@ from sklearn.utils.validation import check_is_fitted
 from ..data.channels import as_matrix, checked, contiguous, finite_span
 from ..data.record import Record
 from ..exceptions import ChannelError, DataQualityWarning
-from .blocks import fuse_all
+from .spline_fusion import fuse_all
 from .zero_phase_filter import Band, FairFilter, check_band, clock_of, lowest_frequency
 
 _FEWEST = 8

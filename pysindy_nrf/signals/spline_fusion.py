@@ -1,4 +1,6 @@
-"""One motion as a B-spline: displacement, velocity and acceleration that are exact derivatives.
+"""Weighted least-squares fusion of the measured channels into motions that are splines, noise levels included.
+
+All in units of samples: velocities times dt, accelerations times dt^2.
 
 ``x(t) = sum_k c_k B((t - t_0) / h - k)`` with B the cardinal B-spline of degree 7 and the knots
 evenly spaced over the record, h samples apart. Velocity and acceleration are the same
@@ -20,6 +22,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 from scipy.linalg import LinAlgError, solveh_banded
 from scipy.sparse import csr_array, diags_array
+from threadpoolctl import threadpool_limits
 
 from ..exceptions import ChannelError
 
@@ -29,23 +32,7 @@ END_WEIGHT = 1e-8
 
 
 class SplineBasis:
-    """B-spline basis on a record of ``n`` samples; time is counted in samples.
-
-    Parameters
-    ----------
-    n : int
-        Number of samples, at least two.
-    spacing : float
-        Distance of the knots wanted, samples, at least one. The distance used divides the record
-        evenly and is never larger.
-
-    Attributes
-    ----------
-    h : float
-        Distance of the knots, samples.
-    size : int
-        Number of coefficients.
-    """
+    """B-spline basis on n samples, ``size`` coefficients; knots h <= spacing samples apart divide the record evenly."""
 
     def __init__(self, n: int, spacing: float = 1.0) -> None:
         self.n = n
@@ -109,7 +96,7 @@ class SplineBasis:
             except LinAlgError:
                 continue
         raise ChannelError(
-            "The motion cannot be told at this sampling rate: its channels are far below their own resolution",
+            "The motion cannot be determined at this sampling rate: it changes too little between samples",
             "Resample to a lower rate, or give noise= levels to KinematicSmoother.",
         )
 
@@ -125,41 +112,27 @@ def _banded(matrix: csr_array) -> np.ndarray:
     return out
 
 
-# Distances of the knots that are tried, samples.
+# Knot distances that are tried, samples.
 LADDER = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0)
-# Noise below this share of a channel's rms is not told apart from rounding.
+# Noise below this share of a channel's rms cannot be distinguished from rounding.
 FLOOR = 1e-9
-# A derivative says nothing of where the motion is at rest. Its noise counts as no less than this share of that of what
-# it is a derivative of, in units of samples, or the position is lost in rounding (squared, it meets the last digit).
+# A derivative does not determine the mean position. Its noise level is taken as at least this share of the level of the
+# channel it is a derivative of (units of samples); otherwise the position is lost in rounding when squared.
 REACH = 2e-7
-# Channels are computed, not measured, if their white noise is below the first share of their rms
-# and they contradict each other by less than the second (a force held linear between samples does).
+# Channels count as computed, not measured, if their white noise is below the first share of their rms and they
+# contradict each other by less than the second (as under a force held linear between samples).
 CLEAN_NOISE, CLEAN_CONTRADICTION = 1e-6, 2e-3
 
 
 @dataclass
 class FusedMotion:
-    """The motion of one degree of freedom, in units of samples.
+    """The motion of one degree of freedom, in units of samples."""
 
-    Attributes
-    ----------
-    motion : ndarray of shape (3, n_samples)
-        Displacement, velocity, acceleration.
-    noise : ndarray of shape (3,)
-        Noise levels (rms) used; NaN for a channel that is not measured.
-    spacing : float
-        Distance of the knots, samples.
-    high_pass : float
-        Frequency (cycles per sample) at which half of the motion is lost; 0 if x is measured.
-    clean : bool
-        Whether the channels are free of noise; then the measured ones are passed on as they are.
-    """
-
-    motion: np.ndarray
-    noise: np.ndarray
-    spacing: float
-    high_pass: float
-    clean: bool = False
+    motion: np.ndarray  # displacement, velocity, acceleration, (3, n_samples)
+    noise: np.ndarray  # levels (rms) used, (3,); NaN for a channel that is not measured
+    spacing: float  # of the knots, samples
+    high_pass: float  # cycles per sample at which half of the motion is lost; 0 if x is measured
+    clean: bool = False  # free of noise: the measured channels are passed on unchanged
 
 
 class BasisLadder:
@@ -186,8 +159,8 @@ def fuse(
     measured = [o for o in range(3) if channels[o] is not None]
     given = np.full(3, np.nan) if noise is None else np.asarray(noise, dtype=float)
     scale = np.array([np.sqrt(np.mean(y**2)) if y is not None else np.nan for y in channels])
-    alive = [o for o in measured if scale[o] > 0]
-    if not alive:  # a channel that never moves: the motion is zero
+    moving = [o for o in measured if scale[o] > 0]
+    if not moving:  # constant channels: the motion is zero
         return FusedMotion(np.zeros((3, ladder.n)), np.where(np.isnan(scale), np.nan, 0.0), 1.0, 0.0)
     scale = np.where(scale > 0, scale, np.nanmax(scale))
     floor = FLOOR * scale
@@ -283,7 +256,7 @@ def _fit(
     levels = start.copy()
     free = [o for o in measured if np.isnan(given[o])]
     projections = [basis.project(o, channels[o]) if o in measured else None for o in range(3)]
-    alive = {o: _alive(channels[o]) for o in free}
+    changing = {o: _changing(channels[o]) for o in free}
     for _ in range(rounds if free else 1):
         weights = weights_of(levels, corner)
         rhs = sum(weights[o] * projections[o] for o in measured)
@@ -295,8 +268,8 @@ def _fit(
         for o in measured:
             residual = basis.evaluate(o, c) - channels[o]
             squares[o] = residual @ residual
-            # by the median: the kink a hammer leaves is no noise
-            typical[o] = np.median(np.abs(residual[alive.get(o, slice(None))])) / 0.6745
+            # by the median: the kink that a hammer blow leaves is not noise
+            typical[o] = np.median(np.abs(residual[changing.get(o, slice(None))])) / 0.6745
         new = levels.copy()
         new[free] = np.maximum(typical[free] * np.sqrt(n / left[free]), floor[free])
         change = np.abs(np.log(new[free] / levels[free])).max() if free else 0.0
@@ -319,20 +292,17 @@ def white_level(y: np.ndarray, order: int = 4) -> float:
     if len(y) < 4 * order:
         return float(1e-3 * np.sqrt(np.mean(y**2)))
     steps = np.abs(np.diff(y, order))
-    if 2 * np.count_nonzero(steps) < steps.size:  # quiet to the last bit for the most part: see _alive
+    if 2 * np.count_nonzero(steps) < steps.size:  # constant to the last bit for the most part: see _changing
         steps = steps[steps > 0]
     return float(np.median(steps) / 0.6745 / np.sqrt(comb(2 * order, order))) if steps.size else 0.0
 
 
-def _alive(y: np.ndarray) -> slice | np.ndarray:
-    """Samples at which a channel changes, where it is quiet to the last bit for more than half of the record."""
+def _changing(y: np.ndarray) -> slice | np.ndarray:
+    """Samples at which a channel changes; all unless it is constant to the last bit for half of the record."""
     moves = np.diff(y) != 0
     if 2 * np.count_nonzero(moves) >= moves.size or not moves.any():
         return slice(None)
-    alive = np.zeros(len(y), dtype=bool)
-    alive[:-1] |= moves
-    alive[1:] |= moves
-    return alive
+    return np.r_[moves, False] | np.r_[False, moves]
 
 
 def _lowest_frequency(channels: Any, levels: np.ndarray, n: int) -> float:
@@ -348,3 +318,153 @@ def _lowest_frequency(channels: Any, levels: np.ndarray, n: int) -> float:
         # the signal reaches below the first line that can be told: only the record's length limits
         found.append(2.0 / n if above.size and above[0] == 0 else f[1 + above[0]] if above.size else f[1])
     return 0.5 * min(found)
+
+
+# Joint fusion: the spectra of the fused motions, less the noise left in them, give the best linear prediction of every
+# motion from the past of all (a vector autoregression, Yule-Walker equations). It enters the least squares as a prior:
+# a motion below its noise becomes its expectation given all channels, and such regressors do not bias a linear
+# regression (Berkson). Neither a model of the structure nor periodicity is assumed.
+GROUP = 6  # neighbouring degrees of freedom treated together
+MEMORY = 80  # past values in one prediction: 20 steps of 4 degrees of freedom, say
+NEGLIGIBLE = 1e-4  # share of a motion below which its noise is left alone
+
+
+def fuse_jointly(
+    views: list[list[np.ndarray | None]], single: list[FusedMotion], ladder: BasisLadder
+) -> list[FusedMotion]:
+    """Improve motions that were fused one by one."""
+    able = [j for j, m in enumerate(single) if not m.clean and m.high_pass == 0.0 and np.ptp(m.motion[0]) > 0]
+    out = list(single)
+    if not able:
+        return out
+    for group in np.array_split(able, -(-len(able) // GROUP)):
+        spacing = min(single[j].spacing for j in group)
+        basis = ladder[max(spacing, 1.5) if ladder.n > 64 else 1.0]
+        order = min(20, MEMORY // len(group), basis.size // (16 * len(group)))
+        if order < 2:
+            continue
+        motions = _group([views[j] for j in group], [single[j] for j in group], basis, order)
+        if motions is None:
+            continue
+        for j, motion in zip(group, motions):
+            out[j] = FusedMotion(motion, single[j].noise, basis.h, 0.0)
+    return out
+
+
+def _group(views: Any, single: Any, basis: Any, order: int) -> list[np.ndarray] | None:
+    n, size = len(views), basis.size
+    weights = [weights_of(m.noise, 0.0) for m in single]
+    mean = np.array([m.motion[0].mean() for m in single])  # the prior describes the motion about its mean
+    rhs, c = np.empty((size, n)), np.empty((size, n))
+    for j in range(n):
+        centred = [views[j][0] - mean[j], *views[j][1:]]
+        rhs[:, j] = sum(w * basis.project(o, y) for o, (w, y) in enumerate(zip(weights[j], centred)) if y is not None)
+        c[:, j] = basis.solve(weights[j] / weights[j].max(), rhs[:, j] / weights[j].max())
+    scale = c.std(axis=0)
+    prediction = _prediction(c / scale, np.array(weights) * scale[:, None] ** 2, basis, order)
+    if prediction is None:
+        return None
+    width = max(order * n + n - 1, (DEGREE + 1) * n)
+    band = np.zeros((width + 1, size, n))
+    for j in range(n):
+        own = basis.normal_matrix(weights[j]) * scale[j] ** 2
+        for k in range(DEGREE + 2):
+            band[width - k * n, :, j] += own[DEGREE + 1 - k]
+    # normal matrix of the prediction errors  sum_i G_i c(k - i),  k = order .. size - 1
+    for lag in range(order + 1):
+        for i in range(order + 1 - lag):
+            block = prediction[i + lag].T @ prediction[i]
+            for row in range(n):
+                for column in range(n):
+                    if (off := lag * n + column - row) >= 0:
+                        band[width - off, order - i : size - i, column] += block[row, column]
+    solution = solveh_banded(
+        band.reshape(width + 1, size * n), (rhs * scale).ravel(), overwrite_ab=True, check_finite=False
+    )
+    c = solution.reshape(size, n) * scale + mean
+    return [np.stack([basis.evaluate(o, c[:, j]) for o in range(3)]) for j in range(n)]
+
+
+def _prediction(c: np.ndarray, weights: np.ndarray, basis: Any, order: int) -> np.ndarray | None:
+    """Whitened one-step prediction errors as filters G_0 .. G_order, (order + 1, n, n)."""
+    from scipy.signal import csd
+
+    n = c.shape[1]
+    length = min(512, max(32, len(c) // max(8, 2 * n)), len(c))
+    f, spectra = csd(c.T[:, None], c.T[None], nperseg=length, detrend="constant")
+    spectra = np.moveaxis(spectra, -1, 0) / 2  # one-sided to two-sided
+    spectra[0] = spectra[1].real
+    symbols = np.maximum(basis.symbols(2 * np.pi * f), 0.0)
+    noise = 1.0 / (weights @ symbols).T
+    bending = symbols[2] / np.maximum(symbols[0], 1e-300)
+    share = (noise * bending[:, None]).sum(axis=0) / np.einsum("fjj,f->j", spectra.real, bending)
+    if share.max() < NEGLIGIBLE**2:
+        return None
+    root = np.sqrt(noise)
+    clear, vectors = np.linalg.eigh(spectra / root[:, :, None] / root[:, None, :])
+    clear = np.maximum(clear - 1.0, 1e-2)
+    signal = (vectors * clear[:, None, :]) @ vectors.conj().transpose(0, 2, 1) * root[:, :, None] * root[:, None, :]
+    r = np.fft.irfft(signal, axis=0)[: order + 1]  # r[k] = E c(t) c(t + k)^T
+
+    def lagged(k: int) -> np.ndarray:
+        return r[k] if k >= 0 else r[-k].T
+
+    past = np.block([[lagged(k - m) for m in range(order)] for k in range(order)])
+    past[np.diag_indices(len(past))] *= 1 + 1e-10
+    cross = np.vstack([r[k + 1] for k in range(order)])
+    steps = np.linalg.solve(past, cross).T
+    left = r[0] - steps @ cross
+    values, vectors = np.linalg.eigh((left + left.T) / 2)
+    white = (vectors / np.sqrt(np.maximum(values, 1e-12 * values.max()))).T
+    return np.stack([white, *(-white @ steps[:, k * n : (k + 1) * n] for k in range(order))])
+
+
+Views = list[np.ndarray | None]
+
+BLOCK = 32768  # samples fused at a time
+OVERLAP = 4096  # samples over which neighbouring blocks are cross-faded
+LEVEL_BLOCKS = 6  # blocks from which the noise levels of all blocks are estimated
+
+
+@threadpool_limits.wrap(limits=1)  # the banded matrices are narrow: threads slow each other down
+def fuse_all(
+    views: list[Views], levels: np.ndarray, corner: float | None = None, joint: bool = True
+) -> list[FusedMotion]:
+    """Motions of all degrees of freedom from their channels, in units of samples."""
+    n = len(next(y for y in views[0] if y is not None))
+    if n <= 3 * BLOCK // 2:
+        return _fuse_block(views, levels, [corner] * len(views), BasisLadder(n), joint)
+    starts = np.linspace(0, n - BLOCK, -(-(n - OVERLAP) // (BLOCK - OVERLAP))).astype(int)
+    ladder = BasisLadder(BLOCK)
+    sampled = [_part(views, start) for start in starts[:: -(-len(starts) // LEVEL_BLOCKS)]]
+    first = [[fuse(y, ladder, s, corner) for y, s in zip(part, levels, strict=True)] for part in sampled]
+    levels = np.median([[m.noise for m in motions] for motions in first], axis=0)
+    corners = np.median([[m.high_pass for m in motions] for motions in first], axis=0)
+    motion = np.zeros((len(views), 3, n))
+    spacing, total = np.zeros(len(views)), np.zeros(n)
+    for i, start in enumerate(starts):
+        block = _fuse_block(_part(views, start), levels, corners, ladder, joint)
+        weight = np.ones(BLOCK)
+        if i:
+            rise = starts[i - 1] + BLOCK - start
+            weight[:rise] = (np.arange(rise) + 0.5) / rise
+        if i + 1 < len(starts):
+            fall = start + BLOCK - starts[i + 1]
+            weight[BLOCK - fall :] *= 1 - (np.arange(fall) + 0.5) / fall
+        total[start : start + BLOCK] += weight
+        for j, m in enumerate(block):
+            motion[j, :, start : start + BLOCK] += weight * m.motion
+            spacing[j] = max(spacing[j], m.spacing)
+    motion /= total  # three blocks may overlap
+    return [FusedMotion(motion[j], levels[j], spacing[j], corners[j]) for j in range(len(views))]
+
+
+def _fuse_block(
+    views: list[Views], levels: Any, corners: Any, ladder: BasisLadder, joint: bool
+) -> list[FusedMotion]:
+    single = [fuse(y, ladder, s, c) for y, s, c in zip(views, levels, corners, strict=True)]
+    return fuse_jointly(views, single, ladder) if joint else refine(views, single, ladder)
+
+
+def _part(views: list[Views], start: int) -> list[Views]:
+    return [[None if y is None else y[start : start + BLOCK] for y in view] for view in views]

@@ -1,4 +1,4 @@
-"""Free runs: the public functions."""
+"""Free runs of chain models: simulate and free_run, the checks of their input, the channels as sensors show them."""
 
 from __future__ import annotations
 
@@ -144,18 +144,13 @@ def simulate(
 
 def classical_run(model: Any, F: Any, dt: float, **options: Any) -> Record:
     """Free run by one classical Runge-Kutta step of order 4 a sample, for fits that repeat it; options of simulate."""
-    defaults = dict(x0=None, v0=None, base_acceleration=None, covariates=None, hold="linear", rtol=1.0, t0=0.0)
-    return as_read(_run(model, F, dt, CLASSICAL, **(defaults | options)).record("simulation"), model.laws)
+    return as_read(_run(model, F, dt, CLASSICAL, **({"rtol": 1.0} | options)).record("simulation"), model.laws)
 
 
 def free_run(model: Any, F: Any, dt: float, **options: Any) -> FreeRun:
     """Free run with internal states, energies and the quality of the integration."""
-    defaults = dict(
-        method="default", x0=None, v0=None, base_acceleration=None, covariates=None, hold="linear", rtol=1e-10, t0=0.0
-    )
-    name = options.pop("name", "simulation")
-    options = defaults | options
-    run = _run(model, F, dt, _known(options.pop("method")), **options)
+    name, method = options.pop("name", "simulation"), options.pop("method", "default")
+    run = _run(model, F, dt, _known(method), **options)
     out = run.out
     kinetic = 0.5 * (out.v**2) @ run.masses
     energy = pd.DataFrame(
@@ -199,18 +194,9 @@ class _Run:
 
 
 def _run(
-    model: Any,
-    F: Any,
-    dt: Any,
-    method: str,
-    x0: Any,
-    v0: Any,
-    base_acceleration: Any,
-    covariates: Any,
-    hold: str,
-    rtol: Any,
-    t0: Any,
-) -> _Run:
+    model: Any, F: Any, dt: Any, method: str, x0: Any = None, v0: Any = None, base_acceleration: Any = None,
+    covariates: Any = None, hold: str = "linear", rtol: Any = 1e-10, t0: Any = 0.0,
+) -> _Run:  # fmt: skip
     """Check the arguments, flatten the model and march."""
     dt = _positive("dt", dt, "Give the sampling step in s.")
     rtol = _positive("rtol", rtol, "Give a small positive number, e.g. 1e-10.")
@@ -224,7 +210,7 @@ def _run(
     x, v = initial(x0, "x", n, "displacement"), initial(v0, "v", n, "velocity")
 
     from . import system as flat
-    from .integrators import CRAWLS, PATIENCE, runge_kutta
+    from .integrators import CRAWLS, PATIENCE, newmark, rule_of, runge_kutta
 
     system, layout = flat.flatten(model, t0)
     samples = input_matrix(force, base_acceleration, covariates, layout.covariates)
@@ -234,12 +220,8 @@ def _run(
     out = flat.Output(*(np.empty((rows, k)) for k in (n, n, n, n_states, n_sites + 1)))
     z, w = np.zeros(n_states), flat.work_arrays(system)
     if method == "newmark":
-        from .integrators import newmark
-
         ended = newmark(system, w, samples, dt, x, v, z, out)
     else:
-        from .integrators import rule_of
-
         rule = rule_of(method)
         k = flat.stages(len(rule[1]), n, n_sites, samples.shape[1], n_states)
         largest = np.abs(samples[:, n + 1 :]).max(axis=0, initial=0.0)
@@ -252,7 +234,7 @@ def _run(
     if why == CRAWLS:
         raise SimulationError(
             f"Up to {interval * dt:.6g} s the free run took more than {PATIENCE} steps a sample: a law is far stiffer "
-            "than the sampling, or two at one site make it chatter",
+            "than the sampling, or two laws at one site make it chatter",
             "Use method='newmark', a shorter dt, or one law instead of two at a site that sticks.",
         )
     if why:
@@ -374,6 +356,7 @@ def as_true(record: Record, site: Site, law: SensorFault) -> Record:
 
 
 def _changed(record: Record, site: Site, change: Callable[[np.ndarray, float], np.ndarray]) -> Record:
+    """A record with one channel passed through a function of its values and dt."""
     kind, number = site.channel[:1], site.channel[1:]
     if kind not in CHANNELS or not number.isdigit() or not 1 <= int(number) <= record.n_dof:
         raise ChannelError(

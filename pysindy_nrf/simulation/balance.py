@@ -27,7 +27,7 @@ from .system import (
     TERM,
     THETA,
     UPPER,
-)
+)  # fmt: skip
 
 _DOUBLE, _INT = ir.DoubleType(), ir.IntType(64)
 

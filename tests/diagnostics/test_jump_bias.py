@@ -29,7 +29,7 @@ def fitted(fs=500.0, noise=0.02, estimation="ls", friction=None, band=None, stor
 
 
 @pytest.mark.parametrize("noise", [0.005, 0.02, 0.05])
-def test_a_friction_that_noise_takes_is_warned_of_and_what_is_away_from_the_turns_is_right(noise):
+def test_a_friction_biased_by_noise_is_warned_of_and_its_value_away_from_reversals_is_right(noise):
     model, said = fitted(noise=noise)
     row = model.jump_bias_.loc["storey 2: sgn(v)"]
     assert row["found"] == model.model_.laws["storey 2"][2].values[0] < 0.85 * FORCE
@@ -50,7 +50,7 @@ def test_samples_close_enough_and_laws_without_jumps_and_instruments_say_nothing
     assert model.jump_bias_["away"].iloc[0] == pytest.approx(FORCE, rel=1e-3) and not model.jump_bias_["wrong"].any()
     assert not said and "jump" not in model.diagnose().table["limit"].tolist()
     assert fitted(friction=laws.QuadraticDamping(500.0))[0].jump_bias_.empty
-    assert fitted(band=(1.0, 80.0))[0].jump_bias_.empty  # the filter spreads each jump: nothing is near a turn alone
+    assert fitted(band=(1.0, 80.0))[0].jump_bias_.empty  # the filter spreads each jump: nothing is near a reversal alone
     model, said = fitted(estimation="iv")
     assert model.jump_bias_.empty and not said
     assert model.model_.laws["storey 2"][2].values[0] == pytest.approx(FORCE, rel=0.05)
@@ -62,13 +62,6 @@ def test_a_friction_of_micronewtons_is_nothing_to_warn_of():
     assert not said and not model.jump_bias_["wrong"].any()
     model, _ = fitted(noise=0.02, friction=laws.CoulombFriction(0.02))
     assert not model.jump_bias_["wrong"].any()  # 0.01 % of 200 N
-
-
-def test_an_estimate_that_had_to_stay_with_least_squares_is_warned_of_too(monkeypatch):
-    monkeypatch.setattr("pysindy_nrf.estimation.free_run_fit.instrumental_variables", lambda *a: None)
-    model, said = fitted(estimation="iv")
-    assert model.model_.info["estimation"]["found"] == "ls" and model.jump_bias_["wrong"].all()
-    assert any("without the samples next to the turns" in text for text in said)
 
 
 def test_each_direction_of_an_asymmetric_friction_is_judged_by_itself():

@@ -77,7 +77,7 @@ def test_a_force_that_lives_next_to_rest_alone_is_not_estimated_without_rest(cle
     noisy = add_noise(clean, noise, random_state=1)
     told = {"storey 1": [laws.LinearElastic(), laws.LinearViscous()]}
     told["storey 2"] = [*told["storey 1"], narrow]
-    with pytest.warns(BiasWarning, match="next to the turns"):
+    with pytest.warns(BiasWarning, match="near velocity reversals"):
         table = NRFRegressor(laws=told).fit(noisy).jump_bias_
     assert table.index.tolist() == ["storey 2: sgn(v)"]  # the other is not told
     row = table.loc["storey 2: sgn(v)"]

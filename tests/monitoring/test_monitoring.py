@@ -1,12 +1,111 @@
-"""Change between tests and tracking: what the pieces allow to say, and chains without a first storey."""
+"""Changes between two tests, parameters that vary with time, and the onset of a change."""
+
+from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 import pytest
+from three_floors import FS, chain, features, noisy, run
 
 from pysindy_nrf import Chain, ChainModel, NRFRegressor, excitation, laws, simulate
 from pysindy_nrf.estimation import model_agreement
-from pysindy_nrf.exceptions import ChainError, ChannelError
-from pysindy_nrf.monitoring import compare_tests, track
+from pysindy_nrf.exceptions import ChainError, ChannelError, DataQualityWarning
+from pysindy_nrf.monitoring import compare_tests, find_onset, track
+from pysindy_nrf.simulation.noise import add_noise
+
+# -- change -----------------------------------------------------------------------------------
+
+
+def test_change_of_damping_and_stiffness_are_told_apart():
+    before = noisy(run(chain(), [3], duration=30.0), 0.02, 1)
+    after = noisy(run(chain((3, laws.LinearElastic(-4e3))), [3], duration=30.0, seed=5), 0.02, 2)
+    report = compare_tests(NRFRegressor(degree=1), before, after)
+    assert report.damaged == ["storey 3"]
+    assert report.changed["change"].iloc[0] == pytest.approx(-8.0, abs=0.5)
+    assert str(report).startswith("k of storey 3 changed by -")
+    table = report.map(3, size=21)
+    visited = table[table["visited"]]
+    wrong = visited["change"] + 4e3 * visited["s"]
+    assert np.abs(wrong).max() < 0.05 * np.abs(4e3 * visited["s"]).max()
+    assert visited.loc[visited["s"].abs() > 0.5 * visited["s"].max(), "significant"].all()
+
+
+def test_standard_errors_hold_what_they_promise():
+    """Of repeated tests of an unchanged structure, few stiffnesses and dampings leave two standard errors."""
+    z, p = [], []
+    for seed in range(20, 32, 2):
+        tests = [add_noise(run(chain(), [3], duration=12.0, seed=k).record, 0.05, random_state=k) for k in (seed, seed + 1)]
+        table = compare_tests(NRFRegressor(degree=1), *tests).table
+        z.append(table["change"] / table["error"])
+        p.append(table["p"].min())
+    assert (np.array(p) > 0.01).all()
+    each = np.sqrt(np.mean(np.square(z), axis=0))  # of every term, over six pairs: 99.9 % lie within these for a true 1
+    assert (0.25 < each).all() and (each < 1.95).all()
+
+
+def test_motions_that_were_fused_together_are_said_to_look_too_alike():
+    records = [add_noise(run(chain(), [3], duration=6.0, seed=k).record, 0.05, random_state=k) for k in (1, 2)]
+    with pytest.warns(DataQualityWarning, match="fused so that the DOFs improve each other"):
+        compare_tests(NRFRegressor(degree=1), *[r.to_features() for r in records])
+    fitted = NRFRegressor(degree=1).fit(*records[0].to_features())
+    with pytest.warns(DataQualityWarning, match="up to three times too narrow"):
+        narrow = fitted.confidence_intervals()
+    honest = NRFRegressor(degree=1).fit(records[0]).confidence_intervals()
+    assert np.allclose(narrow["estimate"], honest["estimate"], rtol=1e-12)
+    width = [(t["upper"] - t["lower"]).to_numpy() for t in (narrow, honest)]
+    assert (width[1] > width[0]).all() and np.median(width[1] / width[0]) > 1.2
+
+
+def test_compare_needs_blocks():
+    with pytest.raises(ChainError, match="standard error"):
+        compare_tests(NRFRegressor(degree=1), None, None, n_blocks=3)
+
+
+# -- parameters that vary with time -----------------------------------------------------------
+
+
+def test_track_follows_a_drifting_stiffness():
+    X, F = features(run(chain((2, laws.StiffnessDrift(-250.0))), [3], duration=20.0))
+    known = dict.fromkeys((1, 2, 3), 10.0)
+    table = track(NRFRegressor(degree=1, known_masses=known).fit(X, F), X, F, window=1.0, masses=known)
+    assert np.allclose(table["k2"], 5e4 - 250.0 * table["t"], rtol=3e-3)
+    assert table["k1"].to_numpy() == pytest.approx(5e4, rel=3e-3)
+    assert np.diff(table["t"]) == pytest.approx(0.25)
+
+
+def test_window_of_block_moments_is_the_fit_of_its_samples():
+    X, F = features(run(chain((2, laws.StiffnessDrift(-250.0))), [1, 2, 3], duration=10.0))
+    model = NRFRegressor(degree=1).fit(X, F)
+    row = track(model, X, F, window=2.0, step=0.5, masses=None).iloc[3]
+    part = slice(int(1.5 * FS), int(3.5 * FS))
+    own = NRFRegressor(degree=1).fit(X.iloc[part], F.iloc[part])
+    for i in (1, 2, 3):
+        assert row[f"k{i}"] == pytest.approx(own.restoring_forces_[i].linear_part()["k"], rel=1e-9)
+
+
+@pytest.mark.parametrize("storey", [1, 3])
+def test_onset_of_a_sudden_loss(storey):
+    X, F = noisy(run(chain((storey, laws.StiffnessStep(t0=7.3, dk=-4e3))), [3], duration=20.0), 0.02)
+    onset = find_onset(NRFRegressor(degree=1).fit(X, F), X, F)
+    assert onset.storey == f"storey {storey}"
+    assert onset.time == pytest.approx(7.3, abs=0.25) and onset.change == pytest.approx(-8.0, abs=1.0)
+
+
+def test_no_onset_where_nothing_happened():
+    for seed in range(4):
+        X, F = noisy(run(chain(), [3], duration=20.0, seed=seed), 0.02, seed)
+        onset = find_onset(NRFRegressor(degree=1).fit(X, F), X, F)
+        assert onset.storey is None and np.isnan(onset.time) and "No change" in str(onset)
+
+
+def test_onset_is_looked_for_in_one_record():
+    X, F = features(run(chain(), [3], duration=8.0))
+    both, ids = pd.concat([X, X]), np.repeat([0, 1], len(X))
+    model = NRFRegressor(degree=1).fit(X, F)
+    with pytest.raises(ChainError, match="one record"):
+        find_onset(model, both, pd.concat([F, F]), record=ids)
+    with pytest.raises(ChainError, match="too short"):
+        find_onset(model, X, F, margin=5.0)
 
 
 def test_pieces_too_short_and_seconds_without_a_step(chain2):
@@ -68,8 +167,6 @@ def test_a_free_chain_is_compared_where_it_has_storeys():
 
 def test_a_change_is_dated_in_a_chain_that_stands_on_nothing():
     """A free chain has no storey 1; storey 2 loses a fifth of its stiffness after 6 s."""
-    from pysindy_nrf.monitoring import find_onset, track
-
     free = Chain(3, ground="free")
     damaged = laws.StiffnessStep(t0=6.0, dk=-8e3)
     truth = ChainModel(

@@ -216,13 +216,7 @@ def test_moving_base_relative_and_absolute_give_the_same_features():
             None, absolute_a, None, x + xg[:, None], fs=FS, base_displacement=xg, coordinates="absolute"
         ),
         "absolute all": Record(
-            None,
-            absolute_a,
-            v + vg[:, None],
-            x + xg[:, None],
-            fs=FS,
-            base_displacement=xg,
-            base_acceleration=ag,
+            None, absolute_a, v + vg[:, None], x + xg[:, None], fs=FS, base_displacement=xg, base_acceleration=ag,
             coordinates="absolute",
         ),
     }
@@ -288,12 +282,6 @@ def test_smoother_is_a_scikit_learn_transformer():
     fitted = smoother.fit(table)
     assert list(fitted.get_feature_names_out()) == list(out.columns)
     pd.testing.assert_frame_equal(fitted.transform(table), out)
-    assert clone(KinematicSmoother(fs=3.0, band=(1, 2))).get_params() == {
-        "fs": 3.0,
-        "noise": "estimate",
-        "band": (1, 2),
-        "joint": True, "channels": None,
-    }
 
 
 def test_forces_are_filtered_only_with_a_band_and_then_like_the_response():
@@ -431,23 +419,6 @@ def test_paper_processing_filters_accelerations_and_leaves_displacements():
 
 
 # -- long records -------------------------------------------------------------------------------
-
-
-def test_long_records_are_fused_in_blocks_without_seams(monkeypatch):
-    from pysindy_nrf.signals import blocks
-
-    _, a, v, x = chain_test("random", 8)
-    noisy = with_noise((a, v, x), 0.05, np.random.default_rng(8))
-    record = Record(None, *noisy, fs=FS)
-    whole = KinematicSmoother().transform_record(record)
-    monkeypatch.setattr(blocks, "BLOCK", 9000)
-    monkeypatch.setattr(blocks, "OVERLAP", 1500)
-    parts = KinematicSmoother().transform_record(record)
-    for name, truth in (("acceleration", a), ("velocity", v), ("displacement", x)):
-        one, many = getattr(whole, name) - truth, getattr(parts, name) - truth
-        assert (rms(many) < 1.5 * rms(one)).all()
-        # no jump at a seam: the largest step of the error stays what it was
-        assert (np.abs(np.diff(many, axis=0)).max(axis=0) < 2 * np.abs(np.diff(one, axis=0)).max(axis=0)).all()
 
 
 @pytest.mark.parametrize(("n_dof", "n"), [(1, 16), (1, 60), (3, 100), (12, 3000)])

@@ -151,3 +151,17 @@ def test_what_fit_said_of_channels_is_in_the_diagnosis(fault, words, records):
         assert table["limit"][0] == "channel" and any(("a1 is" if fault == "clipped" else "x1 is") in s for s in told)
         said = " ".join(str(w.message) for w in caught)
         assert told.iloc[0].removeprefix("Record 'record': ").rstrip(".") in said
+
+
+@pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
+@pytest.mark.parametrize("band", [None, (1.0, 30.0)])
+def test_the_bias_that_is_said_is_the_bias_that_is_there(band):
+    masses = np.array([10.0, 12.0, 8.0])
+    truth = ChainModel(masses, {i: laws.PowerSeries(1, [60.0, 4e4]) for i in (1, 2, 3)})
+    F = excitation.band_limited_random(3, 8.0, 500.0, dofs=[1, 2, 3], rms=50.0, band=(1, 60), random_state=3)
+    X, F = simulate(truth, F, 2e-3).to_features(smooth=False)
+    X = X + 0.1 * X.std().to_numpy() * np.random.default_rng(0).standard_normal(X.shape)
+    model = NRFRegressor(degree=1, dt=2e-3, band=band).fit(X, F)
+    found = model.diagnose().table.query("limit == 'noise'").set_index("where")["size"]
+    low = 1 - model.masses_ / masses
+    np.testing.assert_allclose(found.reindex(["m1", "m2", "m3"]), low, atol=0.015)

@@ -1,0 +1,152 @@
+"""Forces, energies, planarity and agreement of identified chains."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+from three_floors import chain, features, noisy, run
+
+from pysindy_nrf import ChainModel, NRFRegressor, datasets, laws
+from pysindy_nrf.estimation import (
+    damper_force,
+    dissipated_energy,
+    energy_shares,
+    found_twice,
+    horizontal_component,
+    linear_part,
+    linear_twin,
+    locate_nonlinearity,
+    model_agreement,
+    planarity,
+    total_mass,
+)
+from pysindy_nrf.exceptions import BiasWarning, ChainError, ChannelError
+from pysindy_nrf.selection.comparison import compare
+
+# -- forces and energies ----------------------------------------------------------------------
+
+
+def test_damper_force_is_what_the_bare_structure_lacks():
+    cubic = laws.CubicStiffness(2e8)
+    result = run(chain((2, cubic)), [3])
+    X, F = features(result)
+    found = damper_force(NRFRegressor(degree=3).fit(X, F), chain(), X)
+    assert np.allclose(found["storey 2"], 2e8 * X["s2"] ** 3, atol=1e-3)
+    assert found[["storey 1", "storey 3"]].abs().max(axis=None) < 1e-3
+    assert found.index.name == "t"
+
+
+def test_dissipated_energy_balances_the_work_of_the_force():
+    result = run(chain(), [1, 2, 3])
+    X, _ = features(result)
+    lost = dissipated_energy(chain(), X).to_numpy()[-1].sum()
+    record = result.record
+    kinetic = 0.5 * 10.0 * (record.velocity[-1] ** 2).sum()
+    stored = 0.5 * 5e4 * (X[["s1", "s2", "s3"]].to_numpy()[-1] ** 2).sum()
+    assert lost == pytest.approx(result.energy["input"].iloc[-1] - kinetic - stored, rel=1e-3)
+
+
+def test_energy_shares_do_not_depend_on_the_level_but_on_the_damage():
+    shares = []
+    for rms, extra in ((50.0, ()), (200.0, ()), (50.0, ((2, laws.LinearViscous(120.0)),))):
+        X, F = features(run(chain(*extra), [3], rms))
+        shares.append(energy_shares(NRFRegressor(degree=1).fit(X, F), X)["share"])
+    assert shares[1].to_numpy() == pytest.approx(shares[0].to_numpy(), rel=1e-6)
+    assert (shares[2] - shares[0]).idxmax() == "storey 2"
+    assert shares[2].sum() == pytest.approx(100.0)
+
+
+def test_linear_twin_keeps_every_other_setting():
+    twin = linear_twin(NRFRegressor(degree=3, orders={"storey 1": 5}, known_masses={1: 10.0}, band=(1, 30)))
+    assert twin.degree == 1 and twin.orders is None and twin.known_masses == {1: 10.0} and twin.band == (1, 30)
+
+
+def test_linear_part_is_the_tangent_at_rest():
+    part = linear_part(chain((1, laws.CubicStiffness(1e9)), (2, laws.LinearElastic(1e3))))
+    assert part.restoring_forces[1].linear_part().to_dict() == {"c": 60.0, "k": 5e4}
+    assert part.restoring_forces[2].linear_part()["k"] == 5.1e4
+
+
+def test_diagonal_load_cell():
+    assert horizontal_component([100.0], rise=1.0, run=1.0)[0] == pytest.approx(100 / np.sqrt(2))
+    with pytest.raises(ChannelError, match="no horizontal"):
+        horizontal_component([1.0], rise=0.3, run=0.0)
+
+
+# -- planarity and location -------------------------------------------------------------------
+
+
+def test_large_cubic_coefficients_at_small_drifts_are_planar():
+    # the paper's "linear" storeys carry 1e9 N/m^3
+    X, F = features(run(chain((2, laws.CubicStiffness(1e9))), [1, 2, 3], rms=0.5))
+    table = planarity(NRFRegressor(degree=3).fit(X, F), X, F, draws=0)
+    assert table["planar"].all() and table["reference"].isna().all()
+
+
+def test_noise_reference_covers_what_noise_does_to_a_planar_storey():
+    inside = []
+    for seed in range(3):
+        X, F = noisy(run(chain(), [3], seed=seed), 0.1, seed)
+        table = planarity(NRFRegressor(degree=3).fit(X, F), X, F, draws=10, random_state=0)
+        inside.append((table["index"] < 2 * table["reference"]).to_numpy())
+        assert (table["reference"] > 0.05).all()  # it is not nothing
+    assert np.mean(inside) > 0.7
+
+
+@pytest.mark.parametrize("storey", [1, 2, 3])
+@pytest.mark.parametrize("dofs", [[1, 2, 3], [3]])
+def test_damper_located_wherever_it_sits(storey, dofs):
+    X, F = features(run(chain((storey, laws.Dahl(sigma=2e4, Fd=25.0))), dofs))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", BiasWarning)
+        model = NRFRegressor(degree=3).fit(X, F)
+        location = locate_nonlinearity(model, X, F, draws=4, random_state=0)
+    assert location.storeys == [f"storey {storey}"]
+    assert location.estimator.masses_ == pytest.approx([10.0] * 3, rel=1e-3)
+    assert str(location).startswith(f"The nonlinearity is in storey {storey};")
+
+
+def test_linear_chain_has_no_nonlinear_storey():
+    X, F = noisy(run(chain(), [3]), 0.02)
+    location = locate_nonlinearity(NRFRegressor(degree=3).fit(X, F), X, F, draws=4, random_state=0)
+    assert location.storeys == [] and str(location) == "Every storey is planar."
+
+
+# -- agreement --------------------------------------------------------------------------------
+
+
+def test_model_agreement_in_percent():
+    X, F = features(run(chain(), [3]))
+    other = ChainModel(
+        [10.0, 11.0, 10.0], {i: laws.PowerSeries(1, [60.0, 5e4 * (1.1 if i == 2 else 1)]) for i in (1, 2, 3)}
+    )
+    table = model_agreement(chain(), other, X)
+    assert table["mass"].tolist() == pytest.approx([0, 10, 0])
+    assert table["k"].tolist() == pytest.approx([0, 10, 0])
+    assert table.loc["storey 1", "force"] == 0 and 8 < table.loc["storey 2", "force"] < 10.5
+
+
+def test_found_twice_needs_complete_excitation():
+    X, F = features(run(chain(), [1, 2, 3]))
+    twice = found_twice(NRFRegressor(degree=1).fit(X, F), X, F)
+    assert list(twice) == ["storey 2", "storey 3"]
+    assert twice["storey 3"].loc["s"].to_list() == pytest.approx([5e4, 5e4])
+    X, F = features(run(chain(), [3]))
+    with pytest.raises(ChainError, match="twice"):
+        found_twice(NRFRegressor(degree=1).fit(X, F), X, F)
+
+
+def test_models_of_other_structures_are_not_compared(chain2, chain4):
+    one, two = (NRFRegressor().fit(c.X, c.F) for c in (chain2, chain4))
+    with pytest.raises(ChainError, match="have 2 and 4 DOFs"):
+        model_agreement(one, two, chain2.X)
+    with pytest.raises(ChainError, match="str is not a chain model"):
+        total_mass({"first": "a model"})
+    assert "gap" not in total_mass({"first": one})
+    with pytest.raises(ChainError, match="data's own regressor"):
+        locate_nonlinearity(one.model_, chain2.X, chain2.F)
+    rec = datasets.load_demo()
+    with pytest.raises(ChannelError, match="takes one contiguous record on a base at rest"):
+        compare([rec, rec])

@@ -1,0 +1,30 @@
+"""Chains of 10 kg floors on linear storeys, with extra laws where a test wants them, and their simulated records."""
+
+from pysindy_nrf import ChainModel, laws
+from pysindy_nrf.simulation import free_run
+from pysindy_nrf.simulation.excitation import band_limited_random
+from pysindy_nrf.simulation.noise import add_noise
+
+FS = 500.0
+STOREY = laws.PowerSeries(1, [60.0, 5e4])
+
+
+def chain(*extra, n=3):
+    """Masses of 10 kg on linear storeys; extra laws as (storey, law)."""
+    held = {i: [STOREY] for i in range(1, n + 1)}
+    for storey, law in extra:
+        held[storey].append(law)
+    return ChainModel([10.0] * n, {f"storey {i}": group for i, group in held.items()})
+
+
+def run(model, dofs, rms=100.0, duration=16.0, seed=0):
+    F = band_limited_random(model.n_dof, duration, FS, dofs=dofs, rms=rms, band=(0.5, 40), random_state=seed)
+    return free_run(model, F, 1 / FS)
+
+
+def features(result):
+    return result.record.to_features(smooth=False)
+
+
+def noisy(result, level, seed=0):
+    return add_noise(result.record, level, random_state=seed).to_features()

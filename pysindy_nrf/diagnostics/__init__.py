@@ -1,4 +1,4 @@
-"""What may be wrong with forces, laws and balances of a fit, and what to measure next."""
+"""Diagnostics of forces, laws and balances of a fit, and planning of the next test."""
 
 from ..common.lazy import public_names
 

@@ -29,27 +29,27 @@ from ..regression.gram_pass import GramPass
 from ..regression.grams import BlockGrams
 from ..regression.layout import LawLayout, Layout, Recipe
 from ..regression.segments import SegmentSet
-from .windows import FOLDS, LASTING, OFFERED, Window, show
+from .windows import FOLDS, LASTING, OFFERED, Window, collect
 
 GAIN = 5.0  # percent of the held-out residual that the extra columns must remove
 MISSING = 2.0  # percent of the balance's right-hand side that they must explain
 STILL = 90.0  # percent of the held-out residual that a constant and a ramp must remove for zeros to be doubted
 _PIVOT = 1e-10  # of a Gram matrix of columns of unit length; below it columns may depend on each other
-_ROUND_OFF = 1e-6  # share of the balance below which a residual says nothing
-_ROWS_PER_COLUMN = 20  # fewer samples than this say nothing about further columns
+_ROUND_OFF = 1e-6  # share of the balance below which a residual is round-off
+_ROWS_PER_COLUMN = 20  # fewer samples than this are too few for further columns
 
 
 def missing_terms(estimator: Any, X: Any, F: Any = None, **options: Any) -> pd.DataFrame:
-    """What the laws of a fitted regressor leave to be explained, step by step."""
+    """Table of what the laws of a fitted regressor leave unexplained, step by step."""
     data = as_segments(estimator, X, F, **options)
     return missing_terms_of(estimator.model_, estimator.walk_, data, estimator.band)
 
 
 def missing_terms_of(model: Any, walk: Any, data: SegmentSet, band: Any = None) -> pd.DataFrame:
-    """:func:`missing_terms` for a model and the walk that found it."""
-    judge = MissingTerms(model, walk)
-    show(judge.layout, data, band, [judge])
-    return judge.table()
+    """:func:`missing_terms` for a model and its order of solution."""
+    diagnostic = MissingTerms(model, walk)
+    collect(diagnostic.layout, data, band, [diagnostic])
+    return diagnostic.table()
 
 
 class MissingTerms:
@@ -67,7 +67,7 @@ class MissingTerms:
         self.n_rows = 0
         self._recipe: tuple[Recipe | None, Recipe] | None = None
 
-    def see(self, number: int, window: Window) -> None:
+    def add(self, number: int, window: Window) -> None:
         """Take a window in."""
         window = window.enough()
         block = window.block
@@ -150,7 +150,7 @@ def warn_of_bias(table: pd.DataFrame, masses: Sequence[str] = (), stacklevel: in
 
 
 def _widened(recipe: Recipe | None, layout: LawLayout, wide: Layout) -> Recipe:
-    """How own and offered columns follow from [source of the own | offered columns of each site]."""
+    """Recipe of own and offered columns from [source of the own | offered columns of each site]."""
     if recipe is None:  # the columns of the laws are given
         given = np.arange(layout.n_terms)
         recipe = Recipe(np.column_stack([given, given, np.full_like(given, -1)]), (), (), layout.n_terms)

@@ -27,9 +27,9 @@ from ..regression.segments import Segment, SegmentSet
 
 MOST = 20  # samples
 PIECES = 24
-LATE = 0.1  # samples from which on a delay is said
+LATE = 0.1  # samples; smaller delays are not reported
 SAME_RATE = 1e-3  # relative difference of sampling steps that are taken as one
-UNEXPLAINED = 0.5  # share of the square of the force that the best shift leaves, beyond which no delay is told
+UNEXPLAINED = 0.5  # share of the square of the force that the best shift leaves, above which no delay is reported
 SURE = 3.0  # standard errors that a delay must be away from zero
 BLOW = 0.9  # share of the square of a force that two neighbouring pieces hold if it is a single blow
 REMNANT = 0.01  # of the largest term of its balance, below which a blow lies outside the rows that a filter left
@@ -52,10 +52,10 @@ def force_delay(estimator: Any, X: Any = None, F: Any = None, **options: Any) ->
         aligned = not (abs(samples) >= LATE and abs(samples) >= SURE * error)
         rows[f"F{j}"] = [samples * (data.dt or np.nan), samples, error, aligned, _words(j, samples, data.dt, aligned)]
     if not data.forced:
-        raise ChannelError("No force is measured, so no delay can be told", "Measure a force.")
+        raise ChannelError("No force is measured, so no delay can be estimated", "Measure a force.")
     if not rows:
         raise ChannelError(
-            "No balance tells the delay of its force",
+            "No balance determines the delay of its force",
             f"Records of more than {8 * MOST} samples and laws that explain the balance are needed.",
         )
     columns = ["delay", "samples", "error", "aligned", "message"]
@@ -63,10 +63,10 @@ def force_delay(estimator: Any, X: Any = None, F: Any = None, **options: Any) ->
 
 
 def _words(j: int, samples: float, dt: float | None, aligned: bool) -> str:
-    """What is to be said of the delay of a force; nothing where there is none."""
+    """Message on the delay of a force; empty if it is aligned."""
     if np.isnan(samples):
         return (
-            f"No delay of F{j} can be told: the laws explain less than half of the balance of DOF {j}, or its blow "
+            f"F{j}: no delay can be estimated, as the laws explain less than half of the balance of DOF {j}, or its blow "
             "lies in rows that a filter masked."
         )
     if aligned:
@@ -74,13 +74,13 @@ def _words(j: int, samples: float, dt: float | None, aligned: bool) -> str:
     when = "late" if samples > 0 else "early"
     span = f"{abs(samples * dt) * 1e3:.3g} ms ({abs(samples):.2f} samples)" if dt else f"{abs(samples):.2f} samples"
     return (
-        f"F{j} is {span} {when} against the motion of DOF {j}: masses and damping are wrong by as much as its phase "
-        "turns. Shift it (alignment.shifted)."
+        f"F{j} is {span} {when} against the motion of DOF {j}: masses and damping are wrong in proportion to "
+        "the phase shift. Shift it (alignment.shifted)."
     )
 
 
 def _delay(data: SegmentSet, filters: Sequence[Any], layout: LawLayout, j: int) -> tuple[float, float] | None:
-    """Delay in samples of the first record and its standard error, or None where nothing can be told."""
+    """Delay in samples of the first record and its standard error, or None if it cannot be estimated."""
     rates: list[list[tuple[Segment, Any]]] = []
     for seg, filter in zip(data.segments, filters):
         alike = (r for r in rates if seg.dt is None or (r[0][0].dt and abs(seg.dt / r[0][0].dt - 1) < SAME_RATE))

@@ -23,11 +23,11 @@ from ..regression.gram_pass import GramPass
 from ..regression.grams import BlockGrams
 from ..regression.layout import LawLayout
 from ..regression.segments import SegmentSet
-from .windows import Window, show
+from .windows import Window, collect
 
-# Groups of windows whose scatter says what is chance.
+# Groups of windows whose scatter gives the standard errors.
 _GROUPS = 8
-# Share of the force of its balance that is nothing to an engineer.
+# Share of the force of its balance that is negligible.
 _NOTHING = 1e-3
 
 
@@ -35,9 +35,9 @@ def jump_bias_of(
     model: Any, walk: Any, data: SegmentSet, band: Any = None, known_masses: Any = None, inner: Any = None
 ) -> pd.DataFrame:
     """Coefficients of forces that jump, with and without the samples near velocity reversals."""
-    judge = JumpBias(model, walk, known_masses, inner, silent=band is not None)
-    show(judge.layout, data, band, judge.asked)
-    return judge.table()
+    diagnostic = JumpBias(model, walk, known_masses, inner, silent=band is not None)
+    collect(diagnostic.layout, data, band, diagnostic.active)
+    return diagnostic.table()
 
 
 class JumpBias:
@@ -62,11 +62,11 @@ class JumpBias:
             )
 
     @property
-    def asked(self) -> list[JumpBias]:
-        """This judge, if any law jumps; nobody otherwise."""
+    def active(self) -> list[JumpBias]:
+        """This diagnostic if any law jumps, else none."""
         return [self] if self.places else []
 
-    def see(self, number: int, window: Window) -> None:
+    def add(self, number: int, window: Window) -> None:
         """Take a window in."""
         self.whole.add(window.block, number % _GROUPS)
         for share, kept in zip(SHARES, self.kept):
@@ -102,7 +102,7 @@ class JumpBias:
         total = all_windows.sum()
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", RankWarning)  # the fit has said so
+                warnings.simplefilter("ignore", RankWarning)  # the fit has warned
                 found, without = self._with_chance(all_windows)
                 kept = list(self._settling(fewer))
         except (NRFError, np.linalg.LinAlgError):
@@ -144,7 +144,7 @@ def _weights(total: BlockGrams, places: list[tuple[Site, int, str]], masses: np.
 
 
 def sentences_of(table: pd.DataFrame) -> list[str]:
-    """What a table of :func:`jump_bias_of` says to an engineer."""
+    """Messages on the wrong coefficients in a table of :func:`jump_bias_of`."""
     return [
         f"{name} is {row['found']:.4g} {row['unit']}, but {row['away']:.4g} without the samples near velocity "
         "reversals: noise, or a sampling rate too low for the jump, makes its sign wrong there, and least squares "
@@ -174,7 +174,7 @@ SHARES = (0.0, 0.03, 0.1, 0.2, 0.4)
 _BESIDE = 2
 # Part of its rms that the column of a force must keep where samples are left out.
 _KEPT = 0.1
-# Standard errors of a difference that are no longer chance, and the share of a coefficient that an engineer allows.
+# Standard errors of a difference that are no longer chance, and the error of a coefficient that is acceptable.
 _BEYOND, _WRONG = 3.0, 0.1
 
 

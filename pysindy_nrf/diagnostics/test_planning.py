@@ -26,7 +26,7 @@ Finding = tuple[float, str, str, float, str]  # gravity; limit, where, size and 
 
 @dataclass
 class Diagnosis:
-    """What limits an estimate.
+    """The limits of an estimate, the gravest first.
 
     Attributes
     ----------
@@ -90,8 +90,8 @@ def diagnose(model: Any) -> Diagnosis:
 
 
 def _doubts(model: Any) -> list[Finding]:
-    """What ``fit`` warned of: channels that look wrong, balances that contradict each other, masses that cannot be."""
-    # a wrong channel is behind much of the rest; noise in the motion, if it is found, says why a mass is doubtful
+    """Findings that ``fit`` warned of: faulty channels, contradicting balances, implausible masses."""
+    # a faulty channel causes many other findings; noise in the motion, if found, explains a doubtful mass
     gravity = {"channels": 7.0, "forces": 6.0, "masses": 3.9}
     return [
         (gravity[key], "channel" if key == "channels" else "doubt", key, np.nan, text)
@@ -271,7 +271,7 @@ def _noise(model: Any) -> list[Finding]:
 
 @dataclass
 class Plan:
-    """Which floor to hit, or which sensor to add.
+    """Ranking of floors to hit, and sensors to add.
 
     Attributes
     ----------
@@ -307,7 +307,7 @@ def plan(
     model: Any = None,
     most: int = 2,
 ) -> Plan:
-    """Which floor to hit, or which sensor to add, so that masses and laws can be found.
+    """Plan of floors to hit and sensors to add so that masses and laws can be identified.
 
     Parameters
     ----------

@@ -50,19 +50,19 @@ class Window:
         return Window(self.block.take(some), {site: x[:, some] for site, x in self.offered.items()})
 
 
-class Judge(Protocol):
+class WindowDiagnostic(Protocol):
     """A diagnostic that receives windows one after another."""
 
-    def see(self, number: int, window: Window) -> None:
+    def add(self, number: int, window: Window) -> None:
         """Take a window in."""
 
 
-def show(layout: LawLayout, data: SegmentSet, band: Any, judges: Sequence[Judge]) -> None:
+def collect(layout: LawLayout, data: SegmentSet, band: Any, diagnostics: Sequence[WindowDiagnostic]) -> None:
     """Pass the windows of some data once to all diagnostics."""
-    if judges:
+    if diagnostics:
         for number, window in enumerate(windows(layout, data, band)):
-            for judge in judges:
-                judge.see(number, window)
+            for diagnostic in diagnostics:
+                diagnostic.add(number, window)
 
 
 def windows(layout: LawLayout, data: SegmentSet, band: Any) -> Iterator[Window]:

@@ -369,7 +369,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
     ) -> None:
         from ..diagnostics.bias import MissingTerms, contradictions_of, warn_of_bias
         from ..diagnostics.jumps import JumpBias, sentences_of
-        from ..diagnostics.windows import show
+        from ..diagnostics.windows import collect
         from ..regression.errors import balance_errors
 
         problem, walk, model, solution, grams = found
@@ -397,7 +397,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         held = layout if least_squares else None  # the shapes of its laws are those of the model
         terms = MissingTerms(model, walk, held)
         jumps = JumpBias(model, walk, problem.known_masses, problem.optimizer, silent, held)
-        show(terms.layout, judged, self.band, [terms, *jumps.asked])
+        collect(terms.layout, judged, self.band, [terms, *jumps.active])
         self.missing_terms_, self.jump_bias_ = terms.table(), jumps.table()
         self.doubts_ = {
             "channels": data.doubts,

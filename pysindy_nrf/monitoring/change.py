@@ -26,7 +26,7 @@ from ..regression.solution import model_of
 
 @dataclass
 class ChangeReport:
-    """What changed between two tests.
+    """Changes between two tests and their significance.
 
     Attributes
     ----------

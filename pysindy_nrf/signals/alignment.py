@@ -9,7 +9,7 @@ between them says why: its phase is a delay (straight in frequency) or an invers
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -18,10 +18,6 @@ from ..data.channels import as_matrix
 from ..data.record import Record, seconds_of
 from ..exceptions import ChannelError
 from ..laws.sensor import shifted
-
-if TYPE_CHECKING:
-    pass
-
 
 
 def channel_alignment(
@@ -89,7 +85,7 @@ def channel_alignment(
 
 
 def align(record: Record, found: pd.DataFrame, gains: bool = False) -> Record:
-    """Shift and turn channels as found by :func:`channel_alignment`.
+    """Shift and invert channels as found by :func:`channel_alignment`.
 
     Parameters
     ----------
@@ -97,7 +93,7 @@ def align(record: Record, found: pd.DataFrame, gains: bool = False) -> Record:
     found : DataFrame
         Rows may be dropped or changed before.
     gains : bool
-        Correct gains too; a gain says that one of two channels is wrong, not which.
+        Correct gains too; a gain shows that one of two channels is wrong, not which.
 
     Returns
     -------
@@ -281,7 +277,7 @@ def _base(record: Record, channels: Mapping[str, np.ndarray]) -> np.ndarray | No
 ORDER = {"x": 0, "v": 1, "a": 2}
 NAMES = {"a": "acceleration", "v": "velocity", "x": "displacement"}
 STRONG = 1e-3  # share of a spectrum's peak
-LONGEST = 65536  # samples of a channel that are looked at
+LONGEST = 65536  # samples of a channel that are used
 FINE, MOST = 4, 20  # steps of a sample in which a delay is searched, and samples up to which
 CYCLES = 8  # of a line, at least, within the lasting part of a record
 CYCLES_OF_A_RUN, DENSE = 3, 4  # the same for runs that are differentiated first; lines of a run for each of its own
@@ -303,8 +299,8 @@ def against(
     """One row of the table: the second channel against the first, in the frame of reference the record claims."""
     order = ORDER[other[0]] - ORDER[one[0]]
     names = f"{one[0]}{j}", f"{other[0]}{j}"
-    if said := _wrong_frame(record, one, other, names):
-        return [names[0], *[np.nan] * 6, False, said]
+    if message := _wrong_frame(record, one, other, names):
+        return [names[0], *[np.nan] * 6, False, message]
     first, second = (y - base if k == "a" and base is not None else y for k, y in (one, other))
     return _compare(first, second, order, record.fs, band, *names, runs)
 
@@ -312,7 +308,7 @@ def against(
 def _wrong_frame(
     record: Record, one: tuple[str, np.ndarray], other: tuple[str, np.ndarray], names: tuple[str, str]
 ) -> str:
-    """Whether displacement or velocity is of another frame than the record says."""
+    """Message if displacement or velocity is measured in another frame than the record states; else empty."""
     ag = record.base_acceleration
     pair = {k: y for k, y in (one, other)}
     if ag is None or "a" not in pair or len(pair) < 2:
@@ -331,16 +327,16 @@ def _wrong_frame(
         return ""
     columns = np.column_stack([a[use], g[use]]) / np.abs(y[use])[:, None]
     alpha, beta = np.linalg.lstsq(columns, y[use] / np.abs(y[use]), rcond=None)[0].real
-    wanted, turned = (-1.0, 0.0) if record.coordinates == "relative" else (0.0, -1.0)
-    if abs(alpha - 1) > 0.3 or abs(beta - turned) > 0.3:
+    wanted, base_gain = (-1.0, 0.0) if record.coordinates == "relative" else (0.0, -1.0)
+    if abs(alpha - 1) > 0.3 or abs(beta - base_gain) > 0.3:
         return ""
     x = names[0] if names[0][0] == kind else names[1]
     if wanted == -1.0:
         return (
-            f"{x} moves as a{x[1:]} itself says, not as a{x[1:]} less the base acceleration: {x} is absolute "
+            f"{x} agrees with a{x[1:]} itself, not with a{x[1:]} less the base acceleration: {x} is absolute "
             f"(coordinates='absolute'), or a{x[1:]} is relative to the base (add ag to it)"
         )
-    return f"{x} moves as a{x[1:]} less the base acceleration says: it is relative to the base (coordinates='relative')"
+    return f"{x} agrees with a{x[1:]} less the base acceleration: it is relative to the base (coordinates='relative')"
 
 
 def _duration(line: np.ndarray) -> float:
@@ -368,12 +364,12 @@ def _whole(first: np.ndarray, second: np.ndarray, order: int, fs: float) -> _Lin
     good = np.isfinite(first) & np.isfinite(second)
     y, z = (detrend(line[good][:LONGEST]) for line in (first, second))
     length = len(y)
-    bell = _bell(length)
+    bell = _hann(length)
     f = np.fft.rfftfreq(length, 1 / fs)
     Y, Z = np.fft.rfft(bell * y), np.fft.rfft(bell * z)
     # derived line by line before lines are averaged: however steep the spectra, nothing leaks then
     U = Y * np.where(f > 0, 2j * np.pi * f, 1.0) ** order
-    # the bell is differentiated too: lines with few cycles under it and under the motion's own decay tell nothing
+    # the window is differentiated too: lines with few cycles within it, or within its decay, are unreliable
     lasting = min(_duration(bell * y), _duration(bell * z)) / fs
     sums = _mean(np.conj(U) * Z), _mean(np.abs(U) ** 2), _mean(np.abs(Z) ** 2), _mean(np.abs(Y) ** 2)
     return _Lines(f, *sums, CYCLES / lasting if lasting else np.inf, length)
@@ -386,9 +382,9 @@ def _in_runs(first: np.ndarray, second: np.ndarray, order: int, fs: float, runs:
     longest = min(max(run.stop - run.start for run in runs), LONGEST)
     dense = DENSE * longest
     f = np.fft.rfftfreq(dense, 1 / fs)
-    turn = np.minimum(2 * np.pi * f / fs, 0.9 * np.pi)
-    true = {1: np.where(f > 0, np.sin(turn) / np.where(f > 0, turn, 1.0), 1.0)}
-    true[2] = np.where(f > 0, 2 * (1 - np.cos(turn)) / np.where(f > 0, turn, 1.0) ** 2, 1.0)
+    angle = np.minimum(2 * np.pi * f / fs, 0.9 * np.pi)
+    true = {1: np.where(f > 0, np.sin(angle) / np.where(f > 0, angle, 1.0), 1.0)}
+    true[2] = np.where(f > 0, 2 * (1 - np.cos(angle)) / np.where(f > 0, angle, 1.0) ** 2, 1.0)
     total = [np.zeros(len(f), dtype=complex), np.zeros(len(f)), np.zeros(len(f))]
     for run in runs:
         pair = first[run][:longest], second[run][:longest]
@@ -396,11 +392,11 @@ def _in_runs(first: np.ndarray, second: np.ndarray, order: int, fs: float, runs:
         y, z = (_derived(line[good], max(k, 0), fs) for line, k in zip(pair, (order, -order)))
         if len(y) < 2 * NEIGHBOURS:
             continue
-        U, Z = (np.fft.rfft(_bell(len(line)) * detrend(line), dense) for line in (y, z))
+        U, Z = (np.fft.rfft(_hann(len(line)) * detrend(line), dense) for line in (y, z))
         if order:
             U, Z = (U / true[order], Z) if order > 0 else (U, Z / true[-order])
         for part, more in zip(total, (np.conj(U) * Z, np.abs(U) ** 2, np.abs(Z) ** 2)):
-            part += np.where(f < 0.45 * fs, more, 0.0)  # beyond, a difference tells nothing
+            part += np.where(f < 0.45 * fs, more, 0.0)  # above, a difference is unreliable
     cross, own, theirs = (_mean(part) for part in total)
     return _Lines(f, cross, own, theirs, own, CYCLES_OF_A_RUN * fs / longest, dense)
 
@@ -414,7 +410,8 @@ def _derived(y: np.ndarray, order: int, fs: float) -> np.ndarray:
     return (y[2:] - 2 * y[1:-1] + y[:-2]) * fs**2
 
 
-def _bell(length: int) -> np.ndarray:
+def _hann(length: int) -> np.ndarray:
+    """Hann window, sampled at the middles of its intervals."""
     return np.asarray(1 - np.cos(2 * np.pi * (np.arange(length) + 0.5) / length))
 
 
@@ -444,16 +441,15 @@ def _compare(
     use &= (size > STRONG * size.max()) & (theirs > STRONG * theirs.max())
     if band is not None:
         use &= (f >= band[0]) & (f <= band[1])
-    if use.sum() < NEIGHBOURS:  # all that moves is slower than the record can tell
+    if use.sum() < NEIGHBOURS:  # the motion is too slow for the length of the record
         return [one, *[np.nan] * 6, True, ""]
     coherence = np.zeros(len(f))
     coherence[use] = np.abs(cross[use]) ** 2 / own[use] / theirs[use]
     if (coherence[use] > 0.5).sum() <= 0.2 * use.sum():
-        lost = [np.nan] * 5
-        said = f"{other} and {one} are not coherent: columns swapped, another floor, or dead?"
-        return [one, *lost, float(coherence.max()), False, said]
+        message = f"{other} and {one} are not coherent: columns swapped, another floor, or dead?"
+        return [one, *[np.nan] * 5, float(coherence.max()), False, message]
     use &= coherence > min(0.9, 0.9 * coherence.max())
-    if use.sum() < NEIGHBOURS // 2:  # a line or two of noise that happen to look alike
+    if use.sum() < NEIGHBOURS // 2:  # a line or two of noise that are coherent by chance
         return [one, *[np.nan] * 5, float(coherence.max()), True, ""]
     w = 2 * np.pi * f[use]
     # between the gains that noise in the one and in the other channel makes too small and too large
@@ -495,7 +491,7 @@ def _compare(
 
 
 def _scatter(logs: np.ndarray, w: np.ndarray, weight: np.ndarray, coherence: np.ndarray) -> float:
-    """How far from that of all lines the gain is on a part of them, on slow ones, and what noise may have added."""
+    """Scatter of the log gain over frequency: between blocks of lines, towards low frequencies, and from noise."""
     count = min(BLOCKS, len(logs) // NEIGHBOURS)
     if count < 3:
         return float("inf")

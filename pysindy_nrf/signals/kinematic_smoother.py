@@ -23,7 +23,7 @@ _ORDERS = {"x": 0, "v": 1, "a": 2}
 _MOTION = re.compile(r"([avx])_?(\d+)")
 
 
-class _Taken(NamedTuple):
+class _Piece(NamedTuple):
     """One contiguous record as columns: all of them, and those that were measured, inside the NaN edges."""
 
     record: Record | None
@@ -252,11 +252,11 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
             out = self._run(table, learn)
             return out if time is None else out.set_axis(X.index)
         if learn:
-            self._learn_together([self._taken(table.iloc[rows], True) for _, rows in pieces])
+            self._learn_together([self._piece(table.iloc[rows], True) for _, rows in pieces])
             return None
         return pd.concat([self._run(table.iloc[rows], False) for _, rows in pieces]).set_axis(X.index)
 
-    def _learn_together(self, pieces: list[_Taken]) -> None:
+    def _learn_together(self, pieces: list[_Piece]) -> None:
         """One band for all pieces, and what they know of noise, resolution and high-pass between them."""
         self.band_ = self._chosen_band(pieces)
         found = []
@@ -285,12 +285,12 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         return pd.DataFrame(matrix, columns=names)
 
     def _run(self, X: Any, learn: bool) -> Any:
-        piece = self._taken(X, learn)
+        piece = self._piece(X, learn)
         if learn:
             self.band_ = self._chosen_band([piece])
         return self._fused(piece, learn)
 
-    def _taken(self, X: Any, learn: bool) -> _Taken:
+    def _piece(self, X: Any, learn: bool) -> _Piece:
         """One contiguous record as columns."""
         record = X if isinstance(X, Record) else None
         table = record.to_frame() if record is not None else X
@@ -310,9 +310,9 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         }
         live = {n: y for n, y in columns.items() if not np.isnan(y).all()}
         span = finite_span(list(live.values()), list(live), f"record {record.name!r}" if record is not None else "")
-        return _Taken(record, table, fs, names, columns, {n: y[span] for n, y in live.items()}, span)
+        return _Piece(record, table, fs, names, columns, {n: y[span] for n, y in live.items()}, span)
 
-    def _fused(self, piece: _Taken, learn: bool) -> Any:
+    def _fused(self, piece: _Piece, learn: bool) -> Any:
         record, table, fs, names, columns, live, span = piece
         fused, rest = self._fuse(live, fs, record, learn)
         result = fused | rest
@@ -380,7 +380,7 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
             )
         return a | v | x, {n: y for n, y in live.items() if n not in motion.values()}
 
-    def _chosen_band(self, pieces: list[_Taken]) -> Band:
+    def _chosen_band(self, pieces: list[_Piece]) -> Band:
         """The band that was given, or the one that all pieces support."""
         if not isinstance(self.band, str):
             return self.band
@@ -475,7 +475,7 @@ def _without_displacement(live: Mapping[str, np.ndarray]) -> list[int]:
     return sorted({j for _, j in motion} - {j for kind, j in motion if kind in "xv"})
 
 
-def _lower_edge(piece: _Taken, dofs: list[int]) -> float | None:
+def _lower_edge(piece: _Piece, dofs: list[int]) -> float | None:
     """Frequency, Hz, down to which the accelerations of one piece tell the displacements of some DOFs."""
     absolute = piece.record is not None and piece.record.coordinates == "absolute"
     base = 0.0 if absolute else base_acceleration(piece.live, piece.fs)
@@ -483,7 +483,7 @@ def _lower_edge(piece: _Taken, dofs: list[int]) -> float | None:
 
 
 def _require_moving(dof: int, channels: Mapping[str, np.ndarray]) -> None:
-    """Refuse channels that never change, which would pass for perfect ones; a DOF all of zeros is at rest."""
+    """Raise an error for constant channels, which would pass for perfect ones; a DOF of zeros is at standstill."""
     if not any(y.any() for y in channels.values()):
         return
     dead = [name for name, y in channels.items() if np.ptp(y) <= 1e-12 * np.abs(y).max()]

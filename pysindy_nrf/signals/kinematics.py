@@ -14,7 +14,7 @@ from ..exceptions import ChannelError, DataQualityWarning
 from .calculus import integrate
 from .zero_phase_filter import Band, FairFilter, check_band
 
-# Share of the knots' Nyquist frequency up to which a fused motion is the motion itself.
+# Share of the knots' Nyquist frequency up to which a fused motion is reliable.
 RESOLVED = 0.7
 
 
@@ -29,7 +29,7 @@ def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.Da
                 "Or leave the floor out: pysindy_nrf.signals.condensation.condense(record) says what then remains.",
             )
     smoother = None if smooth is False else _smoother(smooth)
-    doubts = _doubts(record)
+    messages = _data_warnings(record)
     if smoother is None:
         _all_measured(record, have)
         fused = record
@@ -45,15 +45,15 @@ def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.Da
     drift = [np.diff(y, axis=1, prepend=0.0) for y in (v, x)]
     X = pd.DataFrame(np.hstack([a, *drift]), index=index, columns=columns)
     if smoother is not None and smoother.spacing_.max() > 1.0:
-        # an accelerometer shows the whole band; what a displacement sensor cannot show is smoothed away
+        # an accelerometer resolves the whole band; what a displacement sensor cannot resolve is smoothed away
         blind = [h for j, h in smoother.spacing_.items() if f"a{j}" not in have and h > 1.0]
         if blind:
             X.attrs["resolved"] = RESOLVED * record.fs / (2 * float(max(blind)))
         X.attrs["joint_fusion"] = smoother.joint and not _as_measured(record, a)
     if smoother is not None and smoother.band_ is not None:
         X.attrs["band"] = check_band(smoother.band_, record.fs)
-    if doubts:
-        X.attrs["doubts"] = doubts
+    if messages:
+        X.attrs["doubts"] = messages
     F = pd.DataFrame(fused.force, index=index, columns=[f"F{j}" for j in range(1, record.n_dof + 1)])
     return X, F
 
@@ -115,8 +115,8 @@ def base_motion(record: Record, fused: Record, smooth: Any = True) -> tuple[np.n
     return whole.velocity[:, 0], whole.displacement[:, 0]
 
 
-def _doubts(record: Record) -> list[str]:
-    """What looks wrong with the channels; a warning says it."""
+def _data_warnings(record: Record) -> list[str]:
+    """Messages on channels that are probably wrong, raised as a warning too."""
     from .channel_checks import data_warnings
 
     if found := data_warnings(record):
@@ -130,7 +130,7 @@ def _doubts(record: Record) -> list[str]:
 
 
 def _as_measured(record: Record, fused: np.ndarray) -> bool:
-    """Whether the fusion passed clean accelerations on as they are."""
+    """True if the fusion passed clean accelerations on unchanged."""
     return record.acceleration is not None and np.allclose(
         record.acceleration, fused, rtol=1e-4, atol=1e-4 * np.nanstd(fused), equal_nan=True
     )

@@ -1,4 +1,4 @@
-"""What was measured, ready to be shown: channels, units, clock, noise."""
+"""Summary of a measured record for pages: channels, units, clock, noise."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Measured:
 
 
 def measured(record: Record, noise: Mapping[str, float] | None = None, role: str = "") -> Measured:
-    """What a record holds; ``noise`` is the estimated rms by channel, SI."""
+    """Summary of a record; ``noise`` is the estimated rms by channel, SI."""
     from ..data.io.summary import kind_of, summary
 
     levels = dict(noise or {})
@@ -61,7 +61,7 @@ def measured(record: Record, noise: Mapping[str, float] | None = None, role: str
 
 
 def as_measured(records: Record | Sequence[Record] | None) -> list[Measured]:
-    """What records hold, with the noise that their channels' contradictions show."""
+    """Summaries of records, with the noise levels estimated by the fusion."""
     from ..exceptions import NRFError, NRFWarning
     from . import KinematicSmoother
     from .kinematics import to_features
@@ -70,7 +70,7 @@ def as_measured(records: Record | Sequence[Record] | None) -> list[Measured]:
     for record in [] if records is None else [records] if isinstance(records, Record) else records:
         smoother = KinematicSmoother()
         try:
-            with warnings.catch_warnings():  # the fit has said what is wrong with the channels
+            with warnings.catch_warnings():  # the fit has warned of faulty channels
                 warnings.simplefilter("ignore", NRFWarning)
                 to_features(record, smoother)
             noise = {str(k): float(v) for k, v in smoother.noise_.items()}

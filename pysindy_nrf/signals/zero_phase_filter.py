@@ -1,4 +1,4 @@
-"""One zero-phase filter for everything in a balance: force, response and law columns alike."""
+"""Zero-phase filters, the same for force, response and law columns; the usable band of accelerations."""
 
 from __future__ import annotations
 
@@ -425,16 +425,16 @@ def lowest_frequency(accelerations: np.ndarray, fs: float) -> float | None:
     noise = np.median(density[f > (1 - _TOP) * f[-1]], axis=0)
     weight = f[:, None] ** -4.0
     above = lambda y: np.cumsum(y[::-1], axis=0)[::-1]  # noqa: E731
-    told, untold = above(np.maximum(density - noise, 0.0) * weight), above(noise * weight)
+    signal_part, noise_part = above(np.maximum(density - noise, 0.0) * weight), above(noise * weight)
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.sqrt(untold / told)
+        share = np.sqrt(noise_part / signal_part)
     worst = np.where(np.isfinite(share), share, np.inf).max(axis=1)
     good = np.flatnonzero(worst <= SHARE)
     at = int(good[0]) if good.size else int(np.argmin(worst))
     if not np.isfinite(worst[at]):
         return None
     for i in range(at, int(np.searchsorted(f, 0.1 * fs))):
-        if (told[i] < _KEPT * told[at]).any():
+        if (signal_part[i] < _KEPT * signal_part[at]).any():
             break
         if FairFilter((float(f[i]), None), fs).edge <= _SPOILT * len(channels):
             return float(f[i])

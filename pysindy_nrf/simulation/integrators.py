@@ -109,7 +109,7 @@ def _reversal(system, regime, watch, v0, v1, k, stages, v_tol):
             elif abs(start) > v_tol:
                 sign = np.sign(start)
             if sign != 0.0 and end * sign < -v_tol:
-                # from rest, the right way and back: nothing to interpolate between yet, the step is too long
+                # from standstill forward and back: nothing to interpolate between yet, the step is too long
                 return i, 2 if abs(start) <= v_tol and relative(k.a[0], site) * sign > 0.0 else 1
             plus = sign > 0.0 or end > v_tol
             minus = sign < 0.0 or end < -v_tol
@@ -124,11 +124,11 @@ def _reversal(system, regime, watch, v0, v1, k, stages, v_tol):
 
 @part
 def _locate(system, regime, polynomials, interval, dt, done, h, x0, v0, z0, a0, tables, x1, v1, z1, k, w, i, v_tol):
-    """Length of the step at whose end site i comes to rest: regula falsi (Illinois) on its rate."""
+    """Length of the step at whose end site i comes to a standstill: regula falsi (Illinois) on its rate."""
     site = system.sites[i]
     low, high = 0.0, h
     v_low, v_high = relative(v0, site), relative(v1, site)
-    if v_low * v_high >= 0.0:  # a slipping site that starts from rest the wrong way
+    if v_low * v_high >= 0.0:  # a slipping site that starts from standstill in the wrong direction
         return 1e-9 * dt
     for _ in range(60):
         h = (low * v_high - high * v_low) / (v_high - v_low)
@@ -147,7 +147,7 @@ def _locate(system, regime, polynomials, interval, dt, done, h, x0, v0, z0, a0, 
 
 @part
 def _settle(system, regime, jump, v_tol, t, row, x, v, z, a, force, w):
-    """Decide which sites at rest stick and which slip, and find the accelerations."""
+    """Decide which sites at standstill stick and which slip, and find the accelerations."""
     for i in range(jump.size):
         if jump[i] and regime[i] != 0:
             site = system.sites[i]
@@ -249,7 +249,7 @@ def runge_kutta(system, w, k, polynomials, samples, dt, x, v, z, jump, tables, a
             if dt - done - h < 1e-9 * dt:
                 h = dt - done
             h_tried = h
-            arrived = -1  # site that comes to rest, or starts to slip, at the end of this step
+            arrived = -1  # site that comes to a standstill, or starts to slip, at the end of this step
             while True:
                 error = _attempt(
                     system, regime, polynomials, interval, dt, done, h, x, v, z, a, tables, x1, v1, z1, k, w
@@ -291,7 +291,7 @@ def runge_kutta(system, w, k, polynomials, samples, dt, x, v, z, jump, tables, a
             if arrived >= 0 and jump[arrived]:
                 regime[arrived] = 0
             for i in range(n_sites):
-                if regime[i] == 0:  # what sticks is at rest exactly, not but for round-off
+                if regime[i] == 0:  # a sticking site stands still exactly, not to within round-off
                     site = system.sites[i]
                     p, q = site[UPPER], site[LOWER]
                     if i != arrived:
@@ -345,10 +345,10 @@ runge_kutta = jit(runge_kutta)
 def _move(system, site, s0, r0, s1, r1, z, dt, middle, u):
     """Move the states of a site over one step, split where its linear rate crosses zero."""
     if r0 * r1 < 0.0:
-        turn = dt * r0 / (r0 - r1)
-        s_turn = s0 + 0.5 * r0 * turn
-        advance_site(system, site, s0, r0, s_turn, 0.0, z, turn, middle, u)
-        advance_site(system, site, s_turn, 0.0, s1, r1, z, dt - turn, middle, u)
+        until = dt * r0 / (r0 - r1)
+        s_there = s0 + 0.5 * r0 * until
+        advance_site(system, site, s0, r0, s_there, 0.0, z, until, middle, u)
+        advance_site(system, site, s_there, 0.0, s1, r1, z, dt - until, middle, u)
     else:
         advance_site(system, site, s0, r0, s1, r1, z, dt, middle, u)
 

@@ -66,7 +66,7 @@ def _words(j: int, samples: float, dt: float | None, aligned: bool) -> str:
     """Message on the delay of a force; empty if it is aligned."""
     if np.isnan(samples):
         return (
-            f"F{j}: no delay can be estimated, as the laws explain less than half of the balance of DOF {j}, or its blow "
+            f"F{j}: no delay can be estimated, as the laws explain less than half of its balance, or its blow "
             "lies in rows that a filter masked."
         )
     if aligned:

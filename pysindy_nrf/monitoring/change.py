@@ -105,16 +105,9 @@ class ChangeReport:
         # all points of all maps together: a map has as many directions as coefficients (Bonferroni)
         critical = _critical(self.level / n_coefficients, self.replicates)
         visited = regions[0].contains(v, s) & regions[1].contains(v, s)
-        return pd.DataFrame(
-            {
-                "v": v,
-                "s": s,
-                "change": change,
-                "error": error,
-                "significant": visited & (np.abs(change) > critical * error),
-                "visited": visited,
-            }
-        )
+        significant = visited & (np.abs(change) > critical * error)
+        columns = {"v": v, "s": s, "change": change, "error": error, "significant": significant, "visited": visited}
+        return pd.DataFrame(columns)
 
     def __str__(self) -> str:
         rows = self.changed
@@ -274,22 +267,9 @@ def _table(models: list[ChainModel], replicates: list[list[ChainModel]]) -> pd.D
     change = 100.0 * (after / before - 1.0)
     error = 100.0 * np.abs(after / before) * np.sqrt((errors[0] / before) ** 2 + (errors[1] / after) ** 2)
     p = 2.0 * special.stdtr(min(map(len, replicates)) - 1, -np.abs(change) / error)
-    rows = [
-        {
-            "storey": name,
-            "term": term,
-            "before": before[i, k],
-            "after": after[i, k],
-            "change": change[i, k],
-            "error": error[i, k],
-            "p": p[i, k],
-        }
-        for k, term in enumerate(("k", "c"))
-        for i, name in enumerate(storey_names(models[0]))
-    ]
-    table = pd.DataFrame(rows)
-    table["p"] = _holm(table["p"].to_numpy())
-    return table
+    names, values = storey_names(models[0]), {"before": before, "after": after, "change": change, "error": error}
+    columns = {"storey": names * 2, "term": np.repeat(["k", "c"], len(names)).tolist()}
+    return pd.DataFrame(columns | {key: y.T.ravel() for key, y in values.items()} | {"p": _holm(p.T.ravel())})
 
 
 def _holm(p: np.ndarray) -> np.ndarray:

@@ -228,7 +228,7 @@ def find_onset(
 
 
 def _scatter(resolver: Resolver, index: int) -> np.ndarray:
-    """Standard error of the stiffnesses after less before, by leaving out a tenth of each part in turn."""
+    """Standard error of the change of the stiffnesses, leaving out a tenth of each part at a time."""
     total = np.zeros(())
     for rows in (np.arange(index), np.arange(index, len(resolver.pieces))):
         groups = np.array_split(rows, min(_PARTS, len(rows)))

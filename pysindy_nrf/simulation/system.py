@@ -119,8 +119,8 @@ def work_arrays(system: System) -> Work:
     """Preallocated arrays for a system."""
     n, n_sites = len(system.masses), len(system.sites)
     widest = int(system.laws[:, [N_TERMS, N_INPUTS]].max(initial=1))
-    shapes = (widest, widest, n, n_sites, (n, n), (n_sites, n), (n_sites, n_sites), n_sites, n_sites, n_sites)
-    return Work(*map(np.zeros, shapes), np.zeros(n_sites, dtype=np.int64))
+    shapes: Any = (widest, widest, n, n_sites, (n, n), (n_sites, n), (n_sites, n_sites), n_sites, n_sites, n_sites)
+    return Work._make([*(np.zeros(shape) for shape in shapes), np.zeros(n_sites, dtype=np.int64)])
 
 
 def jumps(model: Any, layout: Layout, largest: np.ndarray) -> np.ndarray:
@@ -157,8 +157,8 @@ class Stages(NamedTuple):
 def stages(n_stages: int, n: int, n_sites: int, n_inputs: int, n_states: int) -> Stages:
     """Preallocated arrays for the steps of a rule."""
     of_stages = ((n_stages, n), (n_stages, n), (n_stages, n_sites + 1))
-    shapes = (*of_stages, n_inputs, n_inputs, n_sites, n_sites, n, n, n_states, n_states, 2, n_sites + 1)
-    return Stages(*map(np.zeros, shapes))
+    shapes: Any = (*of_stages, n_inputs, n_inputs, n_sites, n_sites, n, n, n_states, n_states, 2, n_sites + 1)
+    return Stages(*(np.zeros(shape) for shape in shapes))
 
 
 class Output(NamedTuple):

@@ -129,7 +129,7 @@ def test_delays_beyond_reach_or_without_data_are_not_told():
     table = force_delay(NRFRegressor(degree=1).fit(far))
     assert table["samples"].isna().all() and table["message"].str.contains("F.: no delay can be estimated").all()
     short = rec.replace(**{k: getattr(rec, k)[:150] for k in ("force", "acceleration", "velocity", "displacement")})
-    with pytest.raises(ChannelError, match="No balance tells the delay of its force"):
+    with pytest.raises(ChannelError, match="No balance determines the delay of its force"):
         force_delay(NRFRegressor(degree=1).fit(*short.to_features(smooth=False)))
     model = NRFRegressor(degree=1).fit(rec)
     X, F = rec.replace(force=np.roll(rec.force, 3, axis=0)).to_features(smooth=False)

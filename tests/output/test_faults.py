@@ -135,7 +135,7 @@ def test_a_process_that_is_stopped_while_it_writes(tmp_path, how):
 def test_ctrl_c_in_the_middle_of_an_identification(finished):
     """The process leaves with 130 and a sentence; the earlier results are whole."""
     old = contents(finished / "out")
-    pause = "import threading, os, signal, pysindy_nrf.output.cli.work as w\nreal = w.identify_records\n"
+    pause = "import threading, os, signal, pysindy_nrf.output.cli.outcome as w\nreal = w.identify_records\n"
     pause += "def slow(*a, **k):\n    os.kill(os.getpid(), signal.SIGINT)\n    return real(*a, **k)\nw.identify_records = slow"
     text = command("identify", "test.csv", "-o", "out", "--degree", "2", before=pause)
     done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, cwd=finished, timeout=200)

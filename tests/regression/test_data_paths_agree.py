@@ -10,7 +10,7 @@ import pytest
 from pysindy_nrf import ChainModel, NRFRegressor, Record, excitation, io, laws, simulate
 from pysindy_nrf.discrepancy.prepare import prepare
 from pysindy_nrf.exceptions import ChannelError, DataQualityWarning, FileFormatError, LawError
-from pysindy_nrf.output.cli import work
+from pysindy_nrf.output.cli import outcome
 from pysindy_nrf.regression.input_arrays import from_arrays
 from pysindy_nrf.signals import KinematicSmoother
 
@@ -174,7 +174,7 @@ def test_the_command_smooths_each_dof_for_itself_where_the_estimation_needs_it(r
     monkeypatch.setattr(Record, "to_features", lambda self, smooth=True: asked.append(smooth) or 1 / 0)
     for estimation in ("ls", "iv"):
         with pytest.raises(ZeroDivisionError):
-            work.identify_records([record], linear(estimation=estimation), False, lambda items, label: items)
+            outcome.identify_records([record], linear(estimation=estimation), False, lambda items, label: items)
     assert asked[0] is True
     assert isinstance(asked[1], KinematicSmoother)
     assert not asked[1].joint

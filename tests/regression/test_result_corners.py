@@ -13,7 +13,7 @@ from pysindy_nrf.estimation.constraints import TotalMass, _nearest, _with_parame
 from pysindy_nrf.estimation.intervals import parameters_of
 from pysindy_nrf.exceptions import ChainError
 from pysindy_nrf.monitoring import compare_tests
-from pysindy_nrf.output.cli.output import coefficients
+from pysindy_nrf.output.cli.outcome import coefficients
 from pysindy_nrf.output.displays import FreeRunDisplay
 from pysindy_nrf.output.report.content import _data
 from pysindy_nrf.regression.layout import LawLayout, distinct_labels

@@ -30,10 +30,10 @@ class Hook(Enum):
     FROM_SINDY = "pysindy_nrf.regression.state_space:from_sindy"
     ORDER_FIGURE = "pysindy_nrf.output.displays:OrderSelectionDisplay.from_selection"
     PAGE = "pysindy_nrf.output.report:write_html"
-    RECORD_HTML = "pysindy_nrf.output.report.notebook:record_html"
-    MODEL_HTML = "pysindy_nrf.output.report.notebook:model_html"
-    LOOP_MARKDOWN = "pysindy_nrf.output.report.markdown:markdown"
-    LOOP_HTML = "pysindy_nrf.output.report.notebook:loop_html"
+    RECORD_HTML = "pysindy_nrf.output.report.write:record_html"
+    MODEL_HTML = "pysindy_nrf.output.report.write:model_html"
+    LOOP_MARKDOWN = "pysindy_nrf.output.report.write:markdown"
+    LOOP_HTML = "pysindy_nrf.output.report.write:loop_html"
 
     def __call__(self, *args: Any, **options: Any) -> Any:
         """What the function returns."""

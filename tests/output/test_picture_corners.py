@@ -15,9 +15,8 @@ from pysindy_nrf.discrepancy.evidence import Evidence
 from pysindy_nrf.laws import Motion
 from pysindy_nrf.mechanics.sites import Site
 from pysindy_nrf.monitoring import find_onset
-from pysindy_nrf.output.report.content import of_loop, of_model
+from pysindy_nrf.output.report.content import cautions, lead, of_loop, of_model
 from pysindy_nrf.output.report.equations import as_text, law_equation, site_index
-from pysindy_nrf.output.report.story import cautions, lead
 from pysindy_nrf.output.report.write import cell
 from pysindy_nrf.regression.phase_plane_domain import VisitedRegion
 

@@ -21,7 +21,7 @@ from ..displays._figure import dof_words
 from ..displays._matplotlib import available, save
 from ..displays.forces import loop_figure
 from ..displays.motion import response_figures
-from ..report.story import band_text, listed, not_positive
+from ..report.content import band_text, listed, not_positive
 from .session import Session, heading, indent, paragraphs, table, warned
 
 # Above this share of a balance unexplained, the estimates deserve a warning.

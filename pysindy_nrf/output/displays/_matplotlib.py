@@ -31,7 +31,14 @@ _MOST = 20_000
 
 
 class Display:
-    """Base of the displays: ``figures`` says what is shown, ``plot`` draws it."""
+    """Base of the displays: ``figures`` says what is shown, ``plot`` draws it.
+
+    Attributes
+    ----------
+    ax_ : Axes or ndarray of Axes
+        Where it is drawn; an array where the display has several axes, those of the uppermost floor on top.
+    figure_ : matplotlib Figure
+    """
 
     # axes beside each other; 0: a single figure, and ``ax_`` is no array
     _columns: ClassVar[int] = 0

@@ -9,6 +9,7 @@ import click
 from click.core import ParameterSource
 
 from ...exceptions import ChannelError
+from ...mechanics.chain import Chain
 from .options import (
     RANGE,
     band_option,
@@ -147,7 +148,7 @@ def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) 
     session.measured(*map(describe, readings))
     n, understood = records[0].n_dof, [summary(rec) for rec in records]
     _same_chain(records)
-    settings["chain"] = _chain(n, options["links"])
+    settings["chain"] = Chain(n, options["links"]) if options["links"] else None
     estimator = NRFRegressor(**settings, band=band)
     forced = sorted({j for rec in records for j in rec.forced})
     unknown = sorted(set.intersection(*(set(rec.unknown) for rec in records)))
@@ -182,7 +183,7 @@ def _identify_frf(session: Session, files: tuple[Path, ...], settings: dict[str,
     frf = read_frf(files[0], driven=options["driven"], kind=options["kind"])
     band = options["band"]
     session.measured(frf.describe(band))
-    settings["chain"] = _chain(frf.n_dof, options["links"])
+    settings["chain"] = Chain(frf.n_dof, options["links"]) if options["links"] else None
     estimator = NRFRegressor(**settings)
     masses = settings["known_masses"] or {}
     plan = _say_plan(session, frf.n_dof, [frf.driven], [], masses, estimator)
@@ -196,8 +197,6 @@ def _identify_frf(session: Session, files: tuple[Path, ...], settings: dict[str,
 
 def _say_plan(session: Session, n: int, forced: Any, unknown: Any, masses: Any, estimator: Any) -> Any:
     """Say in words what the excitation can identify, before any number is produced."""
-    from ...mechanics.chain import Chain
-
     chain = estimator.chain if estimator.chain is not None else Chain(n)
     plan = chain.identifiability(forced, unknown=unknown, known_masses=masses, strategy=estimator.strategy)
     session.headed(f"What this excitation can identify ({plan.strategy})", indent(str(plan)))
@@ -207,12 +206,6 @@ def _say_plan(session: Session, n: int, forced: Any, unknown: Any, masses: Any, 
 def _dry(session: Session, plan: Any, records: list[dict]) -> None:
     session.emit({"records": records, "walk": str(plan).splitlines(), "complete": plan.complete})
     session.say("\nDry run: nothing was solved or written.")
-
-
-def _chain(n: int, links: tuple[str, ...]) -> Any:
-    from ...mechanics.chain import Chain
-
-    return Chain(n, links) if links else None
 
 
 def _same_chain(records: list[Any]) -> None:
@@ -282,9 +275,15 @@ def close_loop(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
     session.headed("Errors, percent NRMSE (balance errors, but for the free run)", table(report.table))
     session.headed("Model", str(report.model))
     session.take_care()
-    written = _write(report, options["output"])
-    session.emit(_data(report), written)
-    session.written(options["output"], written)
+    steps = [{key: getattr(step, key) for key in _OF_A_STEP} for step in report.steps]
+    data = {"steps": steps, "table": report.table, "stopped_because": report.stopped_because}
+    session.finish(data | {"model": report.model.to_dict()}, options["output"], _write(report, options["output"]))
+
+
+# what --json prints of each effect
+_OF_A_STEP = (
+    "law", "family", "site", "parameters", "alternatives", "error_before", "error_after", "remainder", "sentence",
+)  # fmt: skip
 
 
 def _write(report: Any, folder: Path) -> list[Path]:
@@ -298,28 +297,6 @@ def _write(report: Any, folder: Path) -> list[Path]:
         file.write(report.to_markdown())
     written = [model, words, write_table(report.table.rename_axis("model"), folder / "closed_loop.csv")]
     return written + page(lambda path: report.to_html(path), folder / "closed_loop.html")
-
-
-def _data(report: Any) -> dict[str, Any]:
-    return {
-        "steps": [
-            {
-                "law": s.law,
-                "family": s.family,
-                "site": s.site,
-                "parameters": s.parameters,
-                "alternatives": s.alternatives,
-                "error_before": s.error_before,
-                "error_after": s.error_after,
-                "remainder": s.remainder,
-                "sentence": s.sentence,
-            }
-            for s in report.steps
-        ],
-        "table": report.table,
-        "stopped_because": report.stopped_because,
-        "model": report.model.to_dict(),
-    }
 
 
 @click.command("select-order", short_help="Find the order of the power series that the records support.")
@@ -363,9 +340,9 @@ def select_order(files: tuple[Path, ...], as_json: bool, **options: Any) -> None
     session.measured(*map(describe, readings))
     records = [reading.record for reading in readings]
     boxes = [tuple(box) for box in options["boxes"]]
-    bad = [box for box in boxes if len(box) != 2]
-    if bad:
-        raise click.UsageError(f"--box takes two numbers k,q, not {','.join(map(str, bad[0]))}.")
+    for box in boxes:
+        if len(box) != 2:
+            raise click.UsageError(f"--box takes two numbers k,q, not {_as_option(box)}.")
     with session.listening():
         found = run(
             records,
@@ -379,15 +356,13 @@ def select_order(files: tuple[Path, ...], as_json: bool, **options: Any) -> None
         )
         listed = found.table
     session.headed("Orders (errors: percent NRMSE on held-out blocks)", table(listed))
-    kind = "box k,q" if isinstance(found.best_order, tuple) else "total degree"
-    order = ",".join(map(str, found.best_order)) if isinstance(found.best_order, tuple) else found.best_order
-    session.say(f"\nBest: {kind} {order} ({options['rule'].replace('_', ' ')}); "
-                f"next: pysindy-nrf identify ... --degree {order}")  # fmt: skip
-    most = _terms(found.best_order)
-    by_storey = {site: value for site, value in found.orders_.items() if _terms(value) < most}
-    for site, value in by_storey.items():
-        shown = ",".join(map(str, value)) if isinstance(value, tuple) else value
-        session.say(f"  {site} needs no more than {shown}: --order '{site}={shown}'")
+    kind, order = "box k,q" if isinstance(found.best_order, tuple) else "total degree", _as_option(found.best_order)
+    rule = options["rule"].replace("_", " ")
+    session.say(f"\nBest: {kind} {order} ({rule}); next: pysindy-nrf identify ... --degree {order}")
+    for site, value in found.orders_.items():
+        if _terms(value) < _terms(found.best_order):
+            shown = _as_option(value)
+            session.say(f"  {site} needs no more than {shown}: --order '{site}={shown}'")
     session.take_care()
     written = [write_table(listed, options["output"] / "orders.csv")]
     if options["figures"]:
@@ -395,16 +370,13 @@ def select_order(files: tuple[Path, ...], as_json: bool, **options: Any) -> None
         from ..displays._matplotlib import save
 
         written += save(options["output"] / "orders.png", OrderSelectionDisplay.from_selection(found).figures())
-    session.emit(
-        {
-            "records": [summary(rec) for rec in records],
-            "best_order": found.best_order,
-            "orders_by_storey": found.orders_,
-            "table": listed,
-        },
-        written,
-    )
-    session.written(options["output"], written)
+    data = {"records": [summary(rec) for rec in records], "best_order": found.best_order}
+    session.finish(data | {"orders_by_storey": found.orders_, "table": listed}, options["output"], written)
+
+
+def _as_option(order: Any) -> str:
+    """An order as --degree takes it."""
+    return ",".join(map(str, order)) if isinstance(order, tuple) else str(order)
 
 
 def _terms(order: Any) -> int:
@@ -444,15 +416,10 @@ def compare(file: Path | None, as_json: bool, **options: Any) -> None:
     if len(readings) != 1:
         raise click.UsageError("compare takes one record.")
     session.measured(describe(readings[0]))
-    truth = None if options["truth"] is None else ChainModel.from_json(options["truth"])
+    given = {key: options[key] for key in ("degree", "heldout", "time_limit")}
+    given["truth"] = None if options["truth"] is None else ChainModel.from_json(options["truth"])
     with session.listening():
-        found = compare_with_sindy(
-            readings[0].record,
-            truth=truth,
-            degree=options["degree"],
-            heldout=options["heldout"],
-            time_limit=options["time_limit"],
-        )
+        found = compare_with_sindy(readings[0].record, **given)
     session.headed(f"On the last {100 * options['heldout']:g} % of the record (errors: percent NRMSE)")
     shown = found.drop(columns=[c for c in found if found[c].isna().all()])
     session.say(table(shown.drop(columns="note")))
@@ -461,5 +428,4 @@ def compare(file: Path | None, as_json: bool, **options: Any) -> None:
             session.say(f"  {name}: {note}")
     session.take_care()
     written = [write_table(found, options["output"] / "comparison.csv")]
-    session.emit({"record": summary(readings[0].record), "table": found}, written)
-    session.written(options["output"], written)
+    session.finish({"record": summary(readings[0].record), "table": found}, options["output"], written)

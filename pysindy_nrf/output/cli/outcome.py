@@ -404,8 +404,7 @@ def finish(
     """Say what was found and write it; ``understood`` are the records in words."""
     session.say(result(outcome, band, truth))
     written = write_all(outcome, folder, band, figures, **files)
-    session.emit(as_data(outcome, band, understood), written)
-    session.written(folder, written)
+    session.finish(as_data(outcome, band, understood), folder, written)
     if figures and not available():
         session.say("No figures: matplotlib is not installed; pip install 'pysindy-nrf[plot]' brings it.")
     if outcome.frf is None and not any(p.suffix == ".html" for p in written):

@@ -60,24 +60,11 @@ def inspect(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
         with session.listening():
             findings = doubts(reading.record)
         session.say(describe(reading))
-        for one in findings:
-            session.say(f"  take care: {one}")
-        if not findings:
-            session.say("  nothing looks wrong")
-        session.say("")
+        session.say(*([f"  take care: {one}" for one in findings] or ["  nothing looks wrong"]), "")
+        read = {"file": reading.table.path, "kind": reading.table.kind, "notes": reading.table.notes}
         sources = {name: {"from": source.text, "unit": source.unit} for name, source in reading.sources.items()}
-        out.append(
-            summary(reading.record)
-            | {
-                "file": str(reading.table.path),
-                "kind": reading.table.kind,
-                "notes": reading.table.notes,
-                "clock": reading.clock,
-                "sources": sources,
-                "not_used": list(reading.unused),
-                "doubts": findings,
-            }
-        )
+        used = {"clock": reading.clock, "sources": sources, "not_used": list(reading.unused), "doubts": findings}
+        out.append(summary(reading.record) | read | used)
     session.emit({"records": out})
 
 
@@ -134,17 +121,14 @@ def simulate(model: Path, forces: Path | None, as_json: bool, **options: Any) ->
         run = structure.simulate(
             load.force,
             1.0 / load.fs,
-            method=options["method"],
-            x0=options["x0"],
-            v0=options["v0"],
             base_acceleration=load.base_acceleration,
             covariates=load.covariates or None,
             name=load.name,
+            **{key: options[key] for key in ("method", "x0", "v0")},
         )
     run.t0 = load.t0
-    beyond = _beyond(structure, run)
     session.say(describe(run))
-    session.warnings += beyond
+    session.warnings += _beyond(structure, run)
     session.take_care()
     path = write_record(run, options["output"])
     session.emit({"record": summary(run)}, [path])
@@ -215,8 +199,8 @@ def plan(floors: int, as_json: bool, **options: Any) -> None:
         model=model,
         most=min(options["most"], floors),
     )
-    for line in found.advice:
-        session.say(line)
+    if found.advice:
+        session.say(*found.advice)
     shown = found.table.head(10).assign(
         hit=found.table["hit"].map(lambda hit: " and ".join(map(str, hit))),
         identifies=[f"{100 * share:.0f} %" for share in found.table["identifies"].head(10)],
@@ -225,8 +209,7 @@ def plan(floors: int, as_json: bool, **options: Any) -> None:
     if model is None and "response" in shown:
         shown = shown.drop(columns="response")
     if len(shown):
-        session.headed("Tests, the best first")
-        session.say(table(shown.reset_index(drop=True)))
+        session.headed("Tests, the best first", table(shown.reset_index(drop=True)))
     session.emit({"advice": found.advice, "tests": found.table.to_dict("records")})
 
 
@@ -262,14 +245,8 @@ def report(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
     records = [reading.record for reading in readings]
     with session.listening():
         subject = _result(results[0]) if results else _identified(records, options, session)
-        write_html(
-            options["output"],
-            subject,
-            records or None,
-            title=options["title"],
-            notes=tuple(session.warnings),
-            band=options["band"],
-        )
+        said = {"title": options["title"], "notes": tuple(session.warnings), "band": options["band"]}
+        write_html(options["output"], subject, records or None, **said)
     session.take_care()
     session.emit({"title": options["title"], "records": [rec.name for rec in records]}, [options["output"]])
     session.say(f"Written: {options['output']}   (open it in a browser)")
@@ -297,11 +274,8 @@ def _result(path: Path) -> Any:
 def _identified(records: list[Any], options: dict[str, Any], session: Session) -> Any:
     from ...estimation.regressor import NRFRegressor
 
-    estimator = NRFRegressor(
-        degree=options["degree"],
-        known_masses=options["masses"] or None,
-        band=options["band"],
-    )
+    masses, degree, band = options["masses"] or None, options["degree"], options["band"]
+    estimator = NRFRegressor(degree=degree, known_masses=masses, band=band)
     with session.listening():
         estimator.fit(records)
     return estimator

@@ -65,8 +65,9 @@ class Session:
         if self.warnings:
             self.headed("Take care", paragraphs(self.warnings))
 
-    def written(self, folder: Path, files: Sequence[Path]) -> None:
-        """Print what was written, and the page to open."""
+    def finish(self, data: dict[str, Any], folder: Path, files: Sequence[Path]) -> None:
+        """Print the data for machines, or for people what was written and the page to open."""
+        self.emit(data, files)
         self.say(f"\nWritten to {folder}: {', '.join(p.name for p in files)}")
         for path in files:
             if path.suffix == ".html":

@@ -274,7 +274,7 @@ def measured_frame() -> None:
     sys.path.append(str(Path(__file__).resolve().parents[1] / "examples"))
     from measured_sets import load_three_storey_frf
 
-    from pysindy_nrf.estimation.frequency import fit_frequency_response
+    from pysindy_nrf.estimation.iv import fit_frequency_response
 
     try:
         frf = load_three_storey_frf()

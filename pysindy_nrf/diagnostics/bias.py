@@ -20,14 +20,15 @@ import pandas as pd
 from scipy import linalg
 
 from ..exceptions import BiasWarning
-from ..regression.analysis_inputs import as_segments
 from ..regression.blocks import Block
+from ..regression.chain_model import as_segments
+from ..regression.chain_solve import Solution
+from ..regression.errors import balance_sizes
 from ..regression.gram_pass import GramPass
 from ..regression.grams import BlockGrams
 from ..regression.layout import LawLayout, Layout, Recipe
 from ..regression.segments import SegmentSet
-from .probe_regressors import LASTING, OFFERED
-from .windows import FOLDS, Window, show
+from .windows import FOLDS, LASTING, OFFERED, Window, show
 
 GAIN = 5.0  # percent of the held-out residual that the extra columns must remove
 MISSING = 2.0  # percent of the balance's right-hand side that they must explain
@@ -252,3 +253,42 @@ def _left(grams: np.ndarray, columns: np.ndarray, c: np.ndarray) -> np.ndarray:
     matrix, target = grams[..., columns[:, None], columns], grams[..., columns, -1]
     image = (matrix @ c[..., None])[..., 0] - 2 * target
     return np.maximum(grams[..., -1, -1] + (c * image).sum(axis=-1), 0.0)
+
+
+# Percent of a balance that the law found by the other end leaves, and how many times what its own law leaves.
+_MUCH, _TIMES = 10.0, 3.0
+
+
+def contradictions_of(solution: Solution, grams: BlockGrams) -> list[str]:
+    """Sentences on storeys and links that two balances find unlike each other."""
+    hit = []
+    for site in sorted(solution.twins, key=str):
+        own = {s: twin if s.q == site.q else solution.coefficients[s] for s, twin in solution.twins.items()}
+        error, alone = (
+            _percent(site.q, solution, coefficients, grams)
+            for coefficients in (solution.coefficients, solution.coefficients | own)
+        )
+        if error > max(_MUCH, _TIMES * alone):
+            hit.append((site, error, alone))
+    if not hit:
+        return []
+    site, error, alone = max(hit, key=lambda found: found[1])
+    shared = set.intersection(*({s.p, s.q} for s, _, _ in hit))
+    if len(hit) > 1 and len(shared) == 1:
+        whose = f"DOF {shared.pop()}, where all of them meet,"
+    else:
+        whose = "one of DOF " + ", ".join(map(str, sorted({j for s, _, _ in hit for j in (s.p, s.q)})))
+    is_are = "are" if len(hit) > 1 else "is"
+    names = " and ".join(str(s) for s, _, _ in hit)
+    return [
+        f"Balances contradict each other: {names} {is_are} found twice, and unlike each other. "
+        f"The balance of DOF {site.q} is {error:.0f} % off with the law of {site} that the balance of DOF {site.p} "
+        f"finds, {alone:.2g} % with its own. Is the force (its unit, gain, sign, channel) or the known mass of "
+        f"{whose} wrong? Otherwise noise or a missing law biases one of them."
+    ]
+
+
+def _percent(j: int, solution: Solution, coefficients: dict, grams: BlockGrams) -> float:
+    """Balance error of a DOF, percent NRMSE; NaN where its force is unknown."""
+    sizes = balance_sizes(j, solution.masses, coefficients, grams)
+    return 100.0 * sizes.residual / sizes.reference if sizes is not None and sizes.reference else np.nan

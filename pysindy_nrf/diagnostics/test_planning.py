@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 WEAK = 0.05  # rms drift of a storey over that of the liveliest one, below which its excitation is poor
 ILL = 1e4  # scaled condition number from which on terms are hard to tell apart
 WIDE = 0.05  # half-width of a 95 % interval, as a share, from which on a parameter is uncertain
-QUICK = 10  # order of the differences that tell noise from motion; see signals.fusion
+QUICK = 10  # order of the differences that tell noise from motion; see signals.spline_fusion
 BIASED = 0.01  # expected relative bias of a mass from which on it is named
 
 Finding = tuple[float, str, str, float, str]  # gravity; limit, where, size and message as in the table
@@ -216,7 +216,7 @@ def _noise(model: Any) -> list[Finding]:
     data = model._records
     if data is None or model.model_.info.get("estimation", {}).get("found") != "ls":
         return []
-    from ..signals.fusion import white_level
+    from ..signals.spline_fusion import white_level
 
     layout, filters = model.problem_.layout, model.problem_.filters(data)
     sizes = [seg.n_valid for seg in data.segments]

@@ -9,8 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..diagnostics.jumps import jumping_terms
-from ..diagnostics.rest import SHARES, first_settled, lives_there, made_wrong, moving
+from ..diagnostics.jumps import SHARES, first_settled, jumping_terms, lives_there, made_wrong, moving
 from ..exceptions import NRFError
 from ..mechanics.sites import Site
 from .stage import Stage

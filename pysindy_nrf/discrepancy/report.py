@@ -16,9 +16,8 @@ from ..laws.base import ForceLaw
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
 from ..regression.chain_solve import Solution
-from ..regression.errors import balance_errors
-from ..regression.free_run import free_run_error
-from ..regression.phase_plane_domain import VisitedRegion
+from ..regression.domains import VisitedRegion
+from ..regression.errors import balance_errors, free_run_error
 from ..regression.solution import model_of
 from ..signals.measured import Measured
 from .evidence import Evidence, gather, searched

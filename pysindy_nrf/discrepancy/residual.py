@@ -22,7 +22,7 @@ import pandas as pd
 from ..data.record import Record
 from ..exceptions import ChannelError, SimulationError
 from ..regression.chain_model import ChainModel
-from ..regression.free_run import free_run_of
+from ..regression.errors import free_run_of
 from ..regression.segments import Segment, SegmentSet
 
 # Residuals below this share of their reference are rounding.

@@ -10,7 +10,7 @@ import numpy as np
 from ..exceptions import NRFError
 from ..laws.sensor import SensorFault
 from ..mechanics.sites import Site
-from ..regression.free_run import free_run_error
+from ..regression.errors import free_run_error
 from ..regression.segments import BlockRows
 from .catalogue import Candidate, balances_of
 from .floor_source import FloorSource

@@ -24,7 +24,7 @@ from ..exceptions import NRFError
 from ..laws.sensor import SensorFault
 from ..mechanics.sites import Site
 from ..regression.segments import BlockRows, Segment, SegmentSet
-from ..simulation.readings import as_true
+from ..simulation.api import as_true
 from .catalogue import Candidate
 from .contradictions import CONTRADICTION, MOST, Suspect, contradictory, longest, pace
 from .gate import MIN_GAIN, TIE

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..mechanics.sites import Site
-from ..regression.spectral_lines import balance_lines, driven_at, driving_frequency, hidden_lines, spectral_lines
+from ..regression.shape_search import balance_lines, driven_at, driving_frequency, hidden_lines, spectral_lines
 from .catalogue import Candidate
 from .stage import Stage, Trial
 

@@ -16,7 +16,7 @@ from ..exceptions import NRFError
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
 from ..regression.chain_solve import Solution
-from ..regression.free_run import free_run_of
+from ..regression.errors import free_run_of
 from ..regression.segments import BlockRows, Segment, SegmentSet
 from ..regression.solution import model_of
 from ..signals.kinematics import base_acceleration_if_any

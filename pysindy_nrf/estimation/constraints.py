@@ -1,13 +1,13 @@
-r"""What an engineer knows beforehand: equal masses, a total weight, a stiffness, equal storeys, k >= 0.
+r"""Constraints from prior knowledge: equal masses, a total mass, a known stiffness, equal storeys, k >= 0.
 
-A constraint couples balances that the walk solves one after another. The estimate is therefore moved
-to the nearest one that obeys, near in the sense of its own covariance P,
+A constraint couples balances that are solved one after another. The estimate is therefore replaced by the nearest
+one that satisfies the constraint, in the metric of its covariance P,
 
 .. math:: \min_\theta (\theta - \hat\theta)^T P^{-1} (\theta - \hat\theta)
     \quad \text{where } A \theta = b,\; \theta_i \ge 0,
 
-which uses the knowledge everywhere it helps (minimum-distance estimation). No balance is solved jointly with
-another, so incomplete excitation does no harm. Where the knowledge contradicts the data, a warning says so.
+(minimum-distance estimation). No balance is solved jointly with another, so the method works under incomplete
+excitation. A warning is raised if the data contradict a constraint.
 """
 
 from __future__ import annotations
@@ -35,18 +35,14 @@ class Constraint:
 
     Examples
     --------
-    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+    >>> from pysindy_nrf import NRFRegressor, datasets
     >>> from pysindy_nrf.estimation.constraints import Constraint
-    >>> from pysindy_nrf.simulation.noise import add_noise
-    >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
-    >>> F = excitation.band_limited_random(2, 4.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
-    >>> rec = add_noise(simulate(frame, F, 0.002), 0.01, random_state=0)
     >>> class Ratio(Constraint):
     ...     def equations(self, names, chain, known):
-    ...         return [({"m1": 1.0, "m2": -1.0}, 0.0)]  # m1 - m2 = 0
-    >>> masses = NRFRegressor(degree=1, constraints=Ratio()).fit(rec).masses_
-    >>> bool(abs(masses[0] - masses[1]) < 1e-6)
-    True
+    ...         return [({"m1": 1.0, "m2": -1.2}, 0.0)]  # m1 = 1.2 m2
+    >>> masses = NRFRegressor(constraints=Ratio()).fit(datasets.load_demo()).masses_
+    >>> round(float(masses[0] / masses[1]), 6)
+    1.2
     """
 
     def equations(
@@ -122,7 +118,7 @@ class EqualMasses(Constraint):
 
 
 class TotalMass(Constraint):
-    """The masses add up to what the scales show.
+    """The masses add up to a weighed total.
 
     Parameters
     ----------
@@ -219,7 +215,7 @@ class EqualStoreys(Constraint):
 
 
 class NonNegative(Constraint):
-    """Coefficients that physics does not let become negative.
+    """Coefficients that cannot be negative.
 
     Parameters
     ----------
@@ -230,15 +226,11 @@ class NonNegative(Constraint):
 
     Examples
     --------
-    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+    >>> from pysindy_nrf import NRFRegressor, datasets
     >>> from pysindy_nrf.estimation.constraints import NonNegative
-    >>> from pysindy_nrf.simulation.noise import add_noise
-    >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
-    >>> F = excitation.band_limited_random(2, 4.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
-    >>> rec = add_noise(simulate(frame, F, 0.002), 0.01, random_state=0)
-    >>> model = NRFRegressor(degree=1, constraints=NonNegative("v")).fit(rec)
-    >>> [bool(model.restoring_forces_[i].coefficients["v"] >= 0) for i in (1, 2)]
-    [True, True]
+    >>> model = NRFRegressor(constraints=NonNegative("v")).fit(datasets.load_demo())
+    >>> [bool(model.restoring_forces_[i].coefficients["v"] >= 0) for i in (1, 2, 3)]
+    [True, True, True]
     """
 
     def __init__(self, term: str = "s", sites: Iterable[Any] | None = None) -> None:
@@ -255,14 +247,14 @@ class NonNegative(Constraint):
 
 
 def constrained(model: ChainModel, constraints: Any, resolver: Any) -> ChainModel:
-    """The estimate nearest to a model that obeys the constraints.
+    """The estimate nearest to a model that satisfies the constraints.
 
     Parameters
     ----------
     model : ChainModel
     constraints : Constraint or sequence of Constraint
     resolver : pysindy_nrf.estimation.intervals.Resolver
-        Gives the covariance; from now on it constrains what it re-solves.
+        Gives the covariance; afterwards it applies the constraints to every model that it re-solves.
 
     Returns
     -------
@@ -271,17 +263,13 @@ def constrained(model: ChainModel, constraints: Any, resolver: Any) -> ChainMode
     Raises
     ------
     ChainError
-        If a constraint names what does not exist, or they contradict each other.
+        If a constraint names an unknown parameter, or the constraints contradict each other.
 
     Examples
     --------
-    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+    >>> from pysindy_nrf import NRFRegressor, datasets
     >>> from pysindy_nrf.estimation.constraints import TotalMass, constrained
-    >>> from pysindy_nrf.simulation.noise import add_noise
-    >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
-    >>> F = excitation.band_limited_random(2, 4.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
-    >>> rec = add_noise(simulate(frame, F, 0.002), 0.01, random_state=0)
-    >>> fitted = NRFRegressor(degree=1).fit(rec)
+    >>> fitted = NRFRegressor().fit(datasets.load_demo())
     >>> model = constrained(fitted.model_, TotalMass(fitted.masses_.sum() + 0.01), fitted._resolving())
     >>> round(float(model.masses.sum() - fitted.masses_.sum()), 6)  # kg
     0.01
@@ -292,7 +280,7 @@ def constrained(model: ChainModel, constraints: Any, resolver: Any) -> ChainMode
     wrong = [c for c in given if not isinstance(c, Constraint)]
     if wrong:
         raise ChainError(
-            f"constraints holds {wrong[0]!r}, which is no constraint", "Use those of estimation.constraints."
+            f"constraints holds {wrong[0]!r}, which is not a constraint", "Use those of estimation.constraints."
         )
     known = dict(resolver.known_masses)
     theta = parameters_of(model, known)
@@ -303,7 +291,7 @@ def constrained(model: ChainModel, constraints: Any, resolver: Any) -> ChainMode
     empty = ~A.any(axis=1)  # equations of known masses alone
     if np.abs(b[empty]).max(initial=0.0) > 1e-6 * np.abs(model.masses).sum():
         raise ChainError(
-            f"The known masses are {np.abs(b[empty]).max():.4g} kg away from what a constraint says of them",
+            f"The known masses differ from a constraint by {np.abs(b[empty]).max():.4g} kg",
             "Correct known_masses, or leave the constraint out.",
         )
     A, b = A[~empty], b[~empty]
@@ -350,7 +338,7 @@ def _nearest(theta: np.ndarray, P: np.ndarray, A: np.ndarray, b: np.ndarray, bou
             point = theta + scale * (R @ C.T @ multipliers)
             left = np.abs(B @ point - target) / size
             if left.max(initial=0.0) > 1e-6 * max(np.abs(gap).max(), 1.0):
-                # the newest bound follows from the others: one that stands in its way goes, the least needed first
+                # the newest bound depends on the others: the least needed of those that oppose it is removed
                 share = np.linalg.lstsq(C[:-1].T, C[-1], rcond=1e-10)[0][len(b) :] if active else np.zeros(0)
                 against = share > 1e-9
                 if not against.any():
@@ -360,7 +348,7 @@ def _nearest(theta: np.ndarray, P: np.ndarray, A: np.ndarray, b: np.ndarray, bou
                 continue
         own = multipliers[len(b) :]
         if len(own) and own.min() < 0 and len(own) == len(active):
-            active.pop(int(np.argmin(own)))  # this bound pulls the wrong way
+            active.pop(int(np.argmin(own)))  # the multiplier of this bound has the wrong sign
             continue
         low = [i for i in np.flatnonzero(bounded & (point < -1e-9 * scale)) if i not in active]
         if not low:
@@ -387,7 +375,7 @@ def _warn_of_contradiction(theta: pd.Series, A: np.ndarray, b: np.ndarray, P: np
         involved = ", ".join(f"{n} = {theta[n]:.4g}" for n, factor in zip(theta.index, A[worst]) if factor)
         warnings.warn(
             f"The data contradict the constraints {', '.join(map(repr, given))}: without them {involved}, "
-            f"{abs(gap[worst]) / size[worst]:.0f} standard errors away. The constrained estimate obeys the "
+            f"{abs(gap[worst]) / size[worst]:.0f} standard errors away. The constrained estimate satisfies the "
             "constraints, not the data.",
             BiasWarning,
             stacklevel=6,

@@ -1,9 +1,232 @@
-"""Beyond one machine: partitions of Dask arrays and tables, and delayed records, reduced as a tree.
+"""Fits of Dask collections: the sums of each partition are computed where it lies and added as a tree.
 
-Every partition leaves a few small matrices, which add in any order. On a ``distributed`` cluster, what a lost worker
-had done is done again by another one; no task changes what another one gave.
+Every partition yields a few small matrices, which add in any order. On a ``distributed`` cluster the work of a lost
+worker is repeated by another one; no task changes the result of another.
 """
 
-from .streaming.partitions import accumulate, added, fit_distributed
+from __future__ import annotations
 
-__all__ = ["accumulate", "added", "fit_distributed"]
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from sklearn.base import clone
+
+from ..common.extras import require
+from ..data.channels import is_dask
+from ..exceptions import ChannelError, LawError
+from ..regression.gram_pass import guess_of
+from .problem import law_list
+from .streaming.accumulator import Accumulator
+from .streaming.fit import publish, solution_of
+from .streaming.sources import beside, chunk_of, chunk_of_arrays, refuse
+
+FAN_IN = 8  # accumulators added up by one task
+
+
+def fit_distributed(
+    estimator: Any,
+    X: Any,
+    F: Any = None,
+    *,
+    record: Any = None,
+    time: Any = None,
+    base_acceleration: Any = None,
+    covariates: Any = None,
+) -> Any:
+    """Fit an estimator to Dask collections; ``NRFRegressor.fit`` comes here by itself.
+
+    It runs where Dask runs: on the active ``distributed`` client, or on the threads of this process.
+
+    Parameters
+    ----------
+    estimator : NRFRegressor
+        With ``estimation="ls"``, no ``band`` and values for all shape parameters.
+    X : dask array, dask DataFrame, delayed, or list of delayed
+        An array holds the columns of X, a table those and F1.., one record in all (or ``record=`` ids, a column
+        ``record``). Each delayed value is a :class:`Record`, a DataFrame or a pair (X, F), and a record of its own.
+    F : dask array or array, optional
+        Forces beside an array X, N.
+    record, time, base_acceleration : dask array or array of shape (n_samples,), optional
+        Beside an array X.
+    covariates : mapping of str to dask array or array, optional
+
+    Returns
+    -------
+    NRFRegressor
+        The estimator, fitted.
+
+    Raises
+    ------
+    ChannelError
+        If X and F do not fit together.
+    LawError
+        If a law remembers the path or reads the time and a record is cut into partitions.
+    MissingExtraError
+        Without the extra ``dask``.
+
+    Examples
+    --------
+    >>> import dask.array as da
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+    >>> from pysindy_nrf.estimation.distributed import fit_distributed
+    >>> truth = ChainModel([10.0], {1: laws.PowerSeries(1, [30.0, 4e4])})
+    >>> F = excitation.band_limited_random(1, 8.0, 500.0, dofs=1, rms=50.0, band=(1, 60), random_state=0)
+    >>> X, F = simulate(truth, F, 0.002).to_features(smooth=False)
+    >>> X, F = (da.from_array(z, chunks=(1000, -1)) for z in (X.to_numpy(), F.to_numpy()))
+    >>> fit_distributed(NRFRegressor(degree=1), X, F).masses_.round(6)
+    array([10.])
+    """
+    dask = require("dask", "dask", "Fitting Dask collections")
+    from threadpoolctl import threadpool_limits
+
+    given = beside(record=record, time=time, base_acceleration=base_acceleration, covariates=covariates)
+    items, whole = _items(dask, X, F, given)
+    for law in law_list(estimator.laws):
+        if not whole and (law.has_memory or law.uses_time):
+            raise LawError(
+                "A law remembers the path, and the partitions of a collection cut it"
+                if law.has_memory
+                else "A law reads the time, and each partition of a collection would count it from its own start",
+                "Give a list of delayed records; each is then read from its start.",
+            )
+    accumulator = _pass(dask, estimator, items, whole, "gram", {})
+    with threadpool_limits(1, "blas"):
+        solution, grams, walk = solution_of(accumulator)
+        if solution is None:  # second pass, with columns orthogonalised by the first result
+            guess = guess_of(grams)
+            accumulator = _pass(dask, estimator, items, whole, "root", guess)
+            solution, grams, walk = solution_of(accumulator)
+        assert solution is not None  # only Gram matrices lose digits
+        return publish(accumulator, solution, grams, walk)
+
+
+def _pass(dask: Any, estimator: Any, items: Sequence[Any], whole: bool, kind: str, guess: dict) -> Accumulator:
+    """Sums of all partitions, added as a tree."""
+    plain = dask.delayed(clone(estimator), pure=False)
+    level = [
+        dask.delayed(accumulate, pure=False)(plain, item, number, whole, kind, guess)
+        for number, item in enumerate(items)
+    ]
+    while len(level) > 1:
+        level = [
+            dask.delayed(added, pure=False)(level[i : i + FAN_IN]) for i in range(0, len(level), FAN_IN)
+        ]
+    (accumulator,) = dask.compute(level[0])
+    accumulator.estimator = estimator
+    return accumulator
+
+
+def accumulate(
+    estimator: Any, item: Any, number: int, whole: bool, kind: str = "gram", guess: dict | None = None
+) -> Accumulator:
+    """Sums of one partition: the work of one task.
+
+    Parameters
+    ----------
+    estimator : NRFRegressor
+    item : Record, DataFrame, (X, F) or dict
+        A dict holds the arrays X, F, record, time, base_acceleration and ``covariate ...``.
+    number : int
+        Its position among all partitions.
+    whole : bool
+        True if it is its own record.
+    kind, guess
+        See :class:`pysindy_nrf.estimation.streaming.accumulator.Accumulator`.
+
+    Returns
+    -------
+    Accumulator
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> from pysindy_nrf.estimation.distributed import accumulate
+    >>> part = accumulate(NRFRegressor(degree=1), datasets.load_demo(), number=0, whole=True)
+    >>> part.n_samples, part.forced
+    (4000, (2,))
+    """
+    from threadpoolctl import threadpool_limits
+
+    accumulator = Accumulator(estimator, kind, guess)
+    read = sorted({c for law in law_list(estimator.laws) for c in law.covariates})
+    with threadpool_limits(1, "blas"):  # several workers share the machine
+        if isinstance(item, dict):
+            chunk = chunk_of_arrays({k: np.asarray(v) for k, v in item.items()}, "record", number == 0)
+        else:
+            chunk = chunk_of(item, read, estimator.coordinates, whole or number == 0)
+        if whole and chunk.record == "record":
+            chunk.record = f"record {number + 1}"
+        if chunk.n_samples:
+            accumulator.add(chunk, number)
+    return accumulator.close()
+
+
+def added(accumulators: Sequence[Accumulator]) -> Accumulator:
+    """The sum of some accumulators, none of which is changed.
+
+    Parameters
+    ----------
+    accumulators : sequence of Accumulator
+
+    Returns
+    -------
+    Accumulator
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> from pysindy_nrf.estimation.distributed import accumulate, added
+    >>> record = datasets.load_demo()
+    >>> parts = [accumulate(NRFRegressor(degree=1), record, number, whole=True) for number in range(2)]
+    >>> added(parts).n_samples
+    8000
+    """
+    first = accumulators[0]
+    out = Accumulator(first.estimator, first.kind, first.guess)
+    for accumulator in accumulators:
+        out.merge(accumulator)
+    return out
+
+
+def _items(dask: Any, X: Any, F: Any, given: dict[str, Any]) -> tuple[list[Any], bool]:
+    """The partitions, and True if each is its own record."""
+    if isinstance(X, (list, tuple)) or (not hasattr(X, "npartitions") and not hasattr(X, "chunks")):
+        refuse({"F": F, **given} if F is not None else given, "delayed records")
+        return list(X) if isinstance(X, (list, tuple)) else [X], True
+    if hasattr(X, "to_delayed") and not hasattr(X, "chunks"):  # a table
+        if F is not None and hasattr(F, "to_delayed") and not hasattr(F, "chunks"):
+            refuse(given, "a table")
+            if F.npartitions != X.npartitions:
+                raise ChannelError(
+                    f"X has {X.npartitions} partitions, F {F.npartitions}", "Put the forces into the same table."
+                )
+            pairs = zip(X.to_delayed(), F.to_delayed())
+            return [dask.delayed(_side_by_side, pure=False)(x, f) for x, f in pairs], False
+        refuse({"F": F, **given} if F is not None else given, "a table, whose columns hold them")
+        return list(X.to_delayed()), False
+    array = require("dask.array", "dask", "Fitting Dask arrays")
+    if X.ndim != 2:
+        raise ChannelError(f"X has {X.ndim} dimensions", "Give one row per sample and one column per channel.")
+    given = {"X": X, **({} if F is None else {"F": F}), **given}
+    collections = {}
+    for name, value in given.items():
+        value = value if is_dask(value) else array.from_array(np.asarray(value), chunks=-1)
+        known = not np.isnan(value.shape[0]) and not np.isnan(X.shape[0])
+        if known and value.shape[0] != X.shape[0]:
+            raise ChannelError(
+                f"{name} has {value.shape[0]} samples, X has {X.shape[0]}", "Cut both to the same clock."
+            )
+        if not known and len(value.chunks[0]) != len(X.chunks[0]):
+            raise ChannelError(f"{name} and X have different partitions", "Call compute_chunk_sizes() on both.")
+        wanted = {0: X.chunks[0]} if known else {}
+        collections[name] = value.rechunk({**wanted, **({1: -1} if value.ndim == 2 else {})})
+    parts = {name: value.to_delayed().ravel() for name, value in collections.items()}
+    return [{name: blocks[i] for name, blocks in parts.items()} for i in range(len(X.chunks[0]))], False
+
+
+def _side_by_side(x: Any, f: Any) -> Any:
+    """Motions and forces in one table."""
+    import pandas as pd
+
+    return pd.concat([x, f], axis=1)

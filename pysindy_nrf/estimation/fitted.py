@@ -1,4 +1,4 @@
-"""What a fitted estimator answers: forces, errors, intervals, modes, free runs."""
+"""Results of a fitted estimator: forces, errors, intervals, modes, free runs."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class FittedChain:
-    """The questions that :class:`~pysindy_nrf.NRFRegressor` answers once it is fitted."""
+    """Methods of a fitted :class:`~pysindy_nrf.NRFRegressor`."""
 
     model_: ChainModel
     chain_: Chain
@@ -38,10 +38,10 @@ class FittedChain:
     coordinates: str
     dt: float | None
     _resolver: Resolver | None
-    _records: SegmentSet | None = None  # what it was fitted to; gone after a fit in pieces or a load
-    _apart: Callable[[], SegmentSet] | None = None  # the same motions fused one by one, where records were given
-    _spread: Resolver | None = None
-    _narrow: bool = False  # whether X was fused so that its DOFs improve each other
+    _records: SegmentSet | None = None  # data of the fit; None after a fit in chunks or a load
+    _fused_separately: Callable[[], SegmentSet] | None = None  # the motions fused DOF by DOF, if records were given
+    _separate_resolver: Resolver | None = None
+    _fused_jointly: bool = False  # True if X was fused jointly over the DOFs
 
     def fit_data(self, cure: str) -> SegmentSet:
         """Data of the fit.
@@ -49,7 +49,7 @@ class FittedChain:
         Parameters
         ----------
         cure : str
-            What to do where they are gone, for the error.
+            Remedy in the error if the data are not available.
 
         Returns
         -------
@@ -58,7 +58,7 @@ class FittedChain:
         Raises
         ------
         ChannelError
-            If the model was fitted in pieces, or loaded without the data.
+            If the model was fitted in chunks, or loaded without the data.
         """
         if self._records is None:
             raise ChannelError("The model was loaded without the data it was fitted to", cure)
@@ -86,7 +86,7 @@ class FittedChain:
         Returns
         -------
         ndarray of shape (n_samples, n_dof)
-            N; NaN at masked edges. Of shape (n_samples,) if ``fit`` got its forces so.
+            N; NaN at masked edges. Of shape (n_samples,) if ``fit`` got forces of this shape.
         """
         data = self._judged(X, None, record, time, base_acceleration, covariates, every_row=True)
         out = data.scatter(self.model_.balance_forces(data))
@@ -129,8 +129,8 @@ class FittedChain:
     ) -> float:
         """R^2 of the accelerations the model predicts, variance-weighted over the DOFs.
 
-        It means the same under any excitation; ``scoring="r2"`` of scikit-learn judges the forces
-        instead, which are zero on unforced DOFs.
+        It is comparable under any excitation; ``scoring="r2"`` of scikit-learn uses the forces, which are
+        zero on unforced DOFs.
 
         Parameters
         ----------
@@ -211,17 +211,17 @@ class FittedChain:
 
         The whole chain is solved again without each of some 64 consecutive pieces of the data, so an
         error in one storey reaches every mass below it. Shape parameters and the choice of terms are
-        taken as they are: what a wrong law does is not in the interval (see ``missing_terms_``). Of a least-squares
-        fit to Records the pieces are those of motions fused DOF by DOF: what is left of noise where DOFs improve each
-        other is alike in the whole record, and no piece of it shows it. Until it is pickled the estimator refers to
-        the data it was fitted to; ask before saving.
+        taken as known: the error of a wrong law is not in the interval (see ``missing_terms_``). For a least-squares
+        fit to Records the motions are fused DOF by DOF, because the remaining noise of a joint fusion is correlated
+        over the whole record. The estimator refers to the data of the fit until it is pickled; compute intervals
+        before saving.
 
         Parameters
         ----------
         level : float
         of : {"parameters", "masses", "coefficients", "modes", "energies"}, mapping or callable
-            ``"energies"``: what every storey dissipates along the data of the fit, J. A mapping of site to points,
-            ``{"storey 2": (v, s)}``, asks for forces there. A callable takes a ChainModel and returns a Series (ratios,
+            ``"energies"``: dissipated by every storey along the data of the fit, J. A mapping of site to points,
+            ``{"storey 2": (v, s)}``, gives forces there. A callable takes a ChainModel and returns a Series (ratios,
             ...).
         method : {"hac", "bootstrap"}
             Delete-one-block jackknife with correlated neighbours (Newey and West), or block bootstrap.
@@ -240,7 +240,7 @@ class FittedChain:
 
         check_is_fitted(self)
         return parameter_intervals(
-            self._spreading(), self.model_, level, of, method, random_state, n_jobs, self._records
+            self._interval_resolver(), self.model_, level, of, method, random_state, n_jobs, self._records
         )
 
     def force_intervals(self, site: Any, v: Any, s: Any, level: float = 0.95) -> pd.DataFrame:
@@ -263,10 +263,10 @@ class FittedChain:
         from .intervals import force_intervals
 
         check_is_fitted(self)
-        return force_intervals(self._spreading(), self.model_, site, v, s, level)
+        return force_intervals(self._interval_resolver(), self.model_, site, v, s, level)
 
     def diagnose(self) -> Diagnosis:
-        """Say in words what limits the estimate: noise, excitation, conditioning, a missing law.
+        """Diagnose what limits the estimate: noise, excitation, conditioning, a missing law.
 
         Returns
         -------
@@ -297,7 +297,7 @@ class FittedChain:
         Raises
         ------
         ChannelError
-            If neither ``dt`` nor the estimator tells the sampling step.
+            If neither ``dt`` nor the estimator gives the sampling step.
         """
         check_is_fitted(self)
         step = dt if dt is not None else self.dt
@@ -348,28 +348,29 @@ class FittedChain:
         )
 
     def _resolving(self) -> Resolver:
-        """What re-solving the chain on parts of the data needs; made when first asked for."""
+        """Resolver of the chain on parts of the data, made at the first use."""
         if self._resolver is None:
-            from .refine import least_squares_resolver
+            from .intervals import least_squares_resolver
 
             data = self.fit_data("Fit again, or ask for intervals before saving.")
             self._resolver = least_squares_resolver(self.problem_, self.walk_, data)
         return self._resolver
 
-    def _spreading(self) -> Resolver:
-        """What intervals are taken from: motions whose errors of one piece are not those of all others."""
-        if self._narrow:
+    def _interval_resolver(self) -> Resolver:
+        """Resolver for intervals, on motions whose errors are independent between pieces."""
+        if self._fused_jointly:
             warnings.warn(
-                "The motions in X were fused so that the DOFs improve each other; what that leaves of noise is alike "
-                "in the whole record, so the intervals come out up to three times too narrow. Give the records "
+                "The motions in X were fused jointly over the DOFs; their remaining noise is correlated over the whole "
+                "record, so the intervals are up to three times too narrow. Give the records "
                 "themselves, or make X with record.to_features(smooth=KinematicSmoother(joint=False)).",
                 DataQualityWarning,
                 stacklevel=3,
             )
-        if self._apart is None:
+        if self._fused_separately is None:
             return self._resolving()
-        if self._spread is None:
-            from .refine import separate_resolver
+        if self._separate_resolver is None:
+            from .intervals import separate_resolver
 
-            self._spread = separate_resolver(self.problem_, self.walk_, self._apart(), self._resolving())
-        return self._spread
+            apart = self._fused_separately()
+            self._separate_resolver = separate_resolver(self.problem_, self.walk_, apart, self._resolving())
+        return self._separate_resolver

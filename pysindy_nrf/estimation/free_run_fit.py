@@ -1,18 +1,17 @@
 r"""Output-error refinement: the free run itself is fitted to the measured motion.
 
-The free run under the measured force misses the motion by R(f) = E_x - G E_u (see :mod:`.spectra`). With noise in
-the force as well, maximum likelihood solves
+The free run under the measured force misses the motion by R(f) = E_x - G E_u (see :mod:`.noise_spectra`). With noise
+in the force as well, maximum likelihood solves
 
 .. math:: \sum_f J^*(f) S^{-1}(f) R(f; \theta) = 0, \qquad J = \partial V / \partial \theta
 
-with sensitivities J along the run under the corrected force (errors-in-variables; Pintelon and Schoukens,
-System identification, 2012). They follow from the laws' own columns: what a coefficient adds to the balances,
-passed through the structure linearised along the run. The solution is therefore right for nonlinear laws too,
-whatever the linearisation; only its sharpness depends on it. Residuals and sensitivities are whitened with the
-Cholesky factor of S and handed to ``scipy.optimize.least_squares``. Every record is a shot; what an error of its
-initial condition adds to the motion is projected out. Long records are several shots. Started from instrumental
-variables, and kept only where it predicts the parts of the records that it did not see, both halves of them, better
-than they do.
+with sensitivities J along the run under the corrected force (errors-in-variables; Pintelon and Schoukens, System
+identification, 2012). They follow from the columns of the laws: the contribution of a coefficient to the balances,
+filtered by the structure linearised along the run. The solution therefore holds for nonlinear laws too; the
+linearisation affects only its precision. Residuals and sensitivities are whitened with the Cholesky factor of S and
+passed to ``scipy.optimize.least_squares``. Every record is a shot, long records are several; the effect of an error in
+its initial condition is projected out. The fit starts from instrumental variables and is kept only if it predicts
+unseen parts of the records, both halves of them, better.
 """
 
 from __future__ import annotations
@@ -23,42 +22,45 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from scipy.optimize import least_squares
 
-from ..exceptions import BiasWarning, SimulationError
+from ..exceptions import BiasWarning, IdentifiabilityError, NRFError, SimulationError
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
 from ..regression.layout import LawLayout
 from ..regression.segments import Segment, SegmentSet
+from .intervals import InfluenceResolver, Resolver
+from .iv import IVResult, instrumental_variables, run_of
 from .noise_spectra import NoiseModel, common_band, corrected, noise_model, spectrum, velocities
-from .runs import run_of
+from .problem import Estimate
 
-SHOT = 32768  # samples of a shot at most
-STEPS, FEW = 6, 2  # trials of a step, at last and for the halves
+SHOT = 32768  # largest number of samples of a shot
+STEPS, FEW = 6, 2  # largest number of iterations: on all data, on each half
 SETTLED = 0.05  # standard errors: the estimate has converged when a step is shorter
-CLEARLY = 0.85  # of the rival's error on unseen parts that a refinement may have: less of a gain may be luck
+LARGEST_RATIO = 0.85  # of errors on unseen parts after and before; a smaller reduction may be chance
 PIECES = 64
-FEWEST_ROWS = 64  # of a part of a shot that counts
-HOLDS = ("cubic", "linear", "zero")  # courses of the force between its samples
+FEWEST_ROWS = 64  # of a part of a shot; shorter ones are left out
+FORCE_HOLDS = ("cubic", "linear", "zero")  # of the force between its samples
 
 
 @dataclass
 class OutputErrorResult:
-    """What the refinement did.
+    """Result of the refinement.
 
     Attributes
     ----------
     model : ChainModel
     kept : bool
-        Whether the refined model predicts unseen parts better than the one it started from.
+        True if the refined model predicts unseen parts better than the initial one.
     error_before, error_after : float
         Free-run error of the velocities on parts that the refinement did not see, percent NRMSE.
     influences : ndarray of shape (n_pieces, n_parameters) or None
-        By how much every piece (comb of Fourier lines) of the data moves the parameters.
+        Influence of every piece of the data (comb of Fourier lines) on the parameters.
     record : ndarray of shape (n_pieces,)
         Number of the record of each piece.
     why : str
-        Why it was not kept.
+        Reason if it was not kept.
 
     Examples
     --------
@@ -86,12 +88,12 @@ class OutputErrorResult:
 
 @dataclass
 class Shot:
-    """A record, or a stretch of one (``number`` of the record), with the state its free run starts from."""
+    """A record, or a part of one (``number`` of the record), with the initial state of its free run."""
 
     segment: Segment
     number: int
     start: np.ndarray
-    hold: str = HOLDS[0]
+    hold: str = FORCE_HOLDS[0]
 
     @property
     def n_samples(self) -> int:
@@ -99,7 +101,7 @@ class Shot:
         return self.segment.n_valid
 
     def run(self, model: ChainModel, segment: Segment | None = None) -> Segment:
-        """Free run under the shot's forces, or under those of a corrected copy."""
+        """Free run under the shot's forces, or under those of another segment."""
         return run_of(model, segment or self.segment, start=tuple(self.start), hold=self.hold)
 
 
@@ -150,7 +152,7 @@ def output_error(
     try:
         noise = noise_model(start, layout, [s.segment for s in shots], [s.run(start) for s in shots])
         if noise is None:
-            return OutputErrorResult(start, False, 0.0, 0.0, why="the free run misses nothing but round-off")
+            return OutputErrorResult(start, False, 0.0, 0.0, why="the free run is exact to round-off")
         problem = _Problem(start, shots, layout, known_masses, noise, band)
         parts = [_half(shots, 0), _half(shots, 1)]
         swapped = list(zip(halves or (start, start), parts, parts[::-1]))
@@ -167,19 +169,19 @@ def output_error(
 
 
 def clearly_better(before: np.ndarray, after: np.ndarray) -> bool:
-    """Whether a refinement predicts both unseen halves better: squared errors (free run, weighted, motion) of each."""
+    """True if both unseen halves are predicted better; rows: squared errors (free run, weighted, motion)."""
     every = (after[:, 0] < before[:, 0]).all() and after[:, 1].sum() < before[:, 1].sum()
-    return bool(every and np.sqrt(after[:, 0].sum() / before[:, 0].sum()) <= CLEARLY)
+    return bool(every and np.sqrt(after[:, 0].sum() / before[:, 0].sum()) <= LARGEST_RATIO)
 
 
 def _kept_start(start: ChainModel, why: str) -> OutputErrorResult:
-    """The estimate of instrumental variables, with a warning that says why."""
+    """The estimate of instrumental variables, with a warning that gives the reason."""
     warnings.warn(f"estimation='simulation' kept the instrumental-variable estimate: {why}.", BiasWarning, stacklevel=6)
     return OutputErrorResult(start, False, why=why)
 
 
 def shots_of(data: SegmentSet, has_memory: bool) -> list[Shot]:
-    """Records whose forces are all known, long ones cut; a law that remembers wants its record whole."""
+    """Records whose forces are all known; long ones are cut unless a law has memory."""
     out = []
     for number, seg in enumerate(data.segments):
         if np.isnan(seg.F[seg.valid.start]).any():
@@ -208,7 +210,7 @@ def _half(shots: Sequence[Shot], which: int) -> list[slice]:
 
 @dataclass
 class _Solution:
-    """Estimate, what each piece of the data adds to it, and the record of each piece."""
+    """Estimate, influence of each piece of the data on it, and the record of each piece."""
 
     model: ChainModel
     influences: np.ndarray
@@ -242,17 +244,17 @@ class _Problem:
         self._decays: dict[tuple[int, float], np.ndarray] = {}
         low, high = common_band([s.segment for s in shots], band)
         resolved = [s.segment.resolved for s in shots if s.segment.resolved is not None]
-        self.low, self.high = max(low, noise.lively[0]), min([noise.lively[1], high, *resolved])
+        self.low, self.high = max(low, noise.signal_band[0]), min([noise.signal_band[1], high, *resolved])
         self._choose_hold()
         runs = [shot.run(start) for shot in shots]
-        # the force as the motion knows it: from the start model, and then left alone
+        # the corrected force comes from the initial model and does not change in the iterations
         self.better = [corrected(shot.segment, run, noise) for shot, run in zip(shots, runs)]
 
     def _choose_hold(self) -> None:
-        """Between the samples the force goes as the motion says."""
+        """Choose the hold of the force between samples that predicts the motion best."""
         whole = [slice(0, s.n_samples) for s in self.shots]
         costs = {}
-        for hold in HOLDS:
+        for hold in FORCE_HOLDS:
             for shot in self.shots:
                 shot.hold = hold
             costs[hold] = self.judge(self.start, whole)[1]
@@ -284,7 +286,7 @@ class _Problem:
         return _Solution(self.rebuild(found.x / size), -(last.scores / size) @ inverse, last.record)
 
     def evaluate(self, theta: np.ndarray, rows: Sequence[slice]) -> _Evaluation:
-        """Residuals and sensitivities of every shot, without what its initial condition may add."""
+        """Residuals and sensitivities of every shot, with the effect of its initial condition projected out."""
         model, p = self.rebuild(theta), len(theta)
         total = sum(r.stop - r.start for r in rows)
         factors, scores, record = [], [np.empty((0, p))], []
@@ -353,7 +355,7 @@ class _Problem:
         return self._decays[key]
 
     def judge(self, model: ChainModel, rows: Sequence[slice]) -> np.ndarray:
-        """Squared free-run errors in some rows: as they are, weighted, and of the motion; initial states refitted."""
+        """Squared free-run errors in some rows (plain, weighted) and squared motion; initial states are refitted."""
         out = np.zeros(3)
         for shot, part in zip(self.shots, rows):
             if part.stop - part.start < FEWEST_ROWS:
@@ -385,16 +387,16 @@ def _lines(values: np.ndarray, dt: float) -> np.ndarray:
 
 
 def _scores(columns: np.ndarray, pieces: int) -> np.ndarray:
-    """What each comb of whitened lines adds to the gradient, shape (n_pieces, n_parameters)."""
-    # lines are independent but for their neighbours, and every comb holds every resonance; pieces of time would not
-    # do, for the weighting remembers as long as the structure rings
+    """Contribution of each comb of whitened lines to the gradient, shape (n_pieces, n_parameters)."""
+    # lines are independent except for their neighbours, and every comb contains every resonance; pieces of time are
+    # correlated for as long as the structure rings
     products = np.einsum("fd,fdp->fp", columns[:, :, -1], columns[:, :, :-1])
     return np.array([products[k::pieces].sum(axis=0) for k in range(pieces)])
 
 
 @dataclass
 class Rebuild:
-    """From a vector of free parameters to a ChainModel: DOFs (from 0) with a free mass, and site, law, term of each."""
+    """Builds a ChainModel from free parameters: DOFs (from 0) with a free mass, and site, law, term of each."""
 
     model: ChainModel
     free: list[int]
@@ -417,7 +419,7 @@ class Rebuild:
 def free_parameters(
     model: ChainModel, known: Mapping[int, float]
 ) -> tuple[np.ndarray, Rebuild, list[int | tuple[Site, int]]]:
-    """Free parameters (zero terms stay zero), the way back, and where each enters: DOF from 0, or site and number."""
+    """Free parameters (zero terms stay zero), their Rebuild, and the DOF (from 0) or site and number of each."""
     free = [j for j in range(model.n_dof) if j + 1 not in known]
     held = [
         (site, i, k)
@@ -430,3 +432,76 @@ def free_parameters(
     before = {s: np.cumsum([0, *(len(law.terms()) for law in laws)]).tolist() for s, laws in model.laws.items()}
     columns: list[int | tuple[Site, int]] = [*free, *((s, before[s][i] + k) for s, i, k in held)]
     return theta, Rebuild(model, free, held), columns
+
+
+_NEGLIGIBLE = 0.2  # change of a mass in the last round, in standard errors
+
+
+def refine(
+    method: str, start: Estimate, data: SegmentSet
+) -> tuple[Estimate, Resolver | None, dict[str, Any], SegmentSet]:
+    """Estimate by instrumental variables (and output error), its resolver, facts, and data to judge it on."""
+    facts: dict[str, Any] = {"asked": method, "found": "ls"}
+    problem, walk = start.problem, start.order
+    known, inner = dict(problem.known_masses), problem.optimizer
+    iv = instrumental_variables(start.model, data, problem, walk)
+    if iv is None:
+        return start, None, facts, data
+    facts |= {"found": "iv", "rounds": iv.rounds, "likeness": iv.likeness, "notes": list(iv.notes)}
+    resolver = Resolver(iv.pieces, walk, known, inner)
+    if note := _convergence_note(iv, resolver):
+        facts["notes"] = [*facts["notes"], note]
+        warnings.warn(note, BiasWarning, stacklevel=4)
+    model = iv.model
+    if method == "simulation":
+        result = output_error(model, data, problem.layout, known, problem.band, _halves(resolver))
+        facts |= {
+            "free_run_error_before": _finite(result.error_before),
+            "free_run_error_after": _finite(result.error_after),
+        }
+        if result.kept:
+            assert result.influences is not None
+            model, facts["found"] = result.model, "simulation"
+            theta, rebuild, _ = free_parameters(model, known)
+            assert result.record is not None
+            resolver = InfluenceResolver(
+                iv.pieces, walk, known, inner, theta=theta, rebuild=rebuild, moves=result.influences, of=result.record
+            )
+        else:
+            facts["notes"] = [*facts["notes"], f"instrumental variables kept: {result.why}"]
+    return start._replace(model=model, solution=iv.solution), resolver, facts, iv.judged(data)
+
+
+def _convergence_note(iv: IVResult, resolver: Resolver) -> str:
+    """Note on rounds that did not converge; empty if the last change is negligible against the standard errors."""
+    if iv.moved is None:
+        return ""
+    spread = np.zeros(len(iv.moved))
+    try:
+        variance = np.diag(resolver.covariance(lambda model: pd.Series(model.masses)))
+        spread = np.sqrt(variance) / np.abs(iv.model.masses)
+    except NRFError:  # too few pieces to tell
+        pass
+    j = int(np.argmax(iv.moved - _NEGLIGIBLE * spread))
+    if iv.moved[j] <= _NEGLIGIBLE * spread[j]:
+        return ""
+    beside = f" (standard error {100 * spread[j]:.2g} %)" if spread[j] else ""
+    return (
+        f"estimation='iv' did not converge in {iv.rounds} rounds: the last one changed m{j + 1} by "
+        f"{100 * iv.moved[j]:.2g} %{beside}. Give longer or cleaner records, or a simpler law."
+    )
+
+
+def _halves(resolver: Resolver) -> list[ChainModel] | None:
+    """Models of the first and second half of every record; None if one of them cannot be solved."""
+    record = resolver.record
+    place = np.arange(len(record)) - np.searchsorted(record, record)
+    first = place < np.bincount(record)[record] // 2
+    try:
+        return [resolver.at(half.astype(float)) for half in (first, ~first)]
+    except IdentifiabilityError:
+        return None
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if abs(value) < float("inf") else None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -14,12 +14,19 @@ from scipy import stats
 from ..common.random_state import generator
 from ..exceptions import ChainError, ChannelError, ExtrapolationWarning, IdentifiabilityError, RankWarning
 from ..mechanics.identifiability import Walk
+from ..regression.blocks_of_samples import pieces_of
 from ..regression.chain_model import ChainModel
-from ..regression.chain_solve import Solution, solve
+from ..regression.chain_solve import Solution, groups_of, solve
 from ..regression.grams import BlockGrams
 from ..regression.layout import LawLayout
 from ..regression.segments import SegmentSet
 from ..regression.solution import model_of
+from .problem import Problem
+
+METHODS = ("hac", "bootstrap")
+FEWEST = 8  # pieces
+DRAWS = 300
+Statistic = Callable[[ChainModel], pd.Series]
 
 
 def newey_west(influences: np.ndarray, record: np.ndarray | None = None, lags: int = 1) -> np.ndarray:
@@ -30,11 +37,11 @@ def newey_west(influences: np.ndarray, record: np.ndarray | None = None, lags: i
     Parameters
     ----------
     influences : ndarray of shape (n_pieces, n_parameters)
-        By how much each consecutive piece of the data moves the estimate.
+        Influence of each consecutive piece of the data on the estimate.
     record : ndarray of shape (n_pieces,), optional
         Number of the record of each piece; pieces of different records are independent.
     lags : int
-        Neighbours that may be correlated; pieces are far longer than the residual remembers, so few.
+        Neighbours that may be correlated; few, because pieces are longer than the correlation of the residuals.
 
     Returns
     -------
@@ -55,9 +62,6 @@ def newey_west(influences: np.ndarray, record: np.ndarray | None = None, lags: i
         cross = (u[lag:] * same[:, None]).T @ u[:-lag]
         total += (1 - lag / (lags + 1)) * (cross + cross.T)
     return total
-
-
-Statistic = Callable[[ChainModel], pd.Series]
 
 
 def parameters_of(model: ChainModel, known_masses: Mapping[int, float] | None = None) -> pd.Series:
@@ -106,7 +110,7 @@ def energies_of(layout: LawLayout, data: SegmentSet) -> Statistic:
 def statistic_of(
     of: Any, known_masses: Mapping[int, float], layout: LawLayout, data: SegmentSet | None = None
 ) -> Statistic:
-    """The function of a model that a user asks for."""
+    """The function of a model that a user requests."""
 
     def parameters(m: ChainModel) -> pd.Series:
         return parameters_of(m, known_masses)
@@ -132,24 +136,9 @@ def statistic_of(
     )
 
 
-METHODS = ("hac", "bootstrap")
-FEWEST = 8
-DRAWS = 300
-
-
 @dataclass
 class Resolver:
-    """Re-solves the chain on any choice of pieces.
-
-    Attributes
-    ----------
-    pieces : BlockGrams
-    walk : Walk
-    known_masses : dict of int to float
-    inner : PySINDy optimizer or None
-    constrain : callable or None
-        From a model to the one that obeys the constraints.
-    """
+    """Solves the chain again on any choice of pieces; ``constrain`` maps a model to one that obeys the constraints."""
 
     pieces: BlockGrams
     walk: Walk
@@ -178,34 +167,34 @@ class Resolver:
         """Model of the pieces, each taken ``weights`` times."""
         return self.model(self.pieces.sum(weights))
 
-    def left_out(self, statistic: Callable[[ChainModel], pd.Series]) -> np.ndarray:
+    def left_out(self, statistic: Statistic) -> np.ndarray:
         """Statistics without each piece in turn, shape (n_pieces, n_statistics)."""
         n = len(self.record)
         if n < FEWEST:
             raise ChannelError(
-                f"{n} pieces of data are too few to judge an uncertainty", "Use a longer record, or more records."
+                f"{n} pieces of data are too few for an interval", "Use a longer record, or more records."
             )
         try:
             return np.array([statistic(self.at(w)).to_numpy(float) for w in 1.0 - np.eye(n)])
         except IdentifiabilityError as error:
             raise IdentifiabilityError(
-                f"A single stretch of the data carries the estimate ({error.what})",
+                f"A single part of the data determines the estimate ({error.what})",
                 "Excite the structure more than once.",
             ) from error
 
-    def covariance(self, statistic: Callable[[ChainModel], pd.Series]) -> np.ndarray:
+    def covariance(self, statistic: Statistic) -> np.ndarray:
         """Covariance of statistics: delete-one-block jackknife, correlated neighbours included."""
         return newey_west(self.influences(statistic), self.record)
 
-    def influences(self, statistic: Callable[[ChainModel], pd.Series]) -> np.ndarray:
-        """By how much each piece moves the statistics, shape (n_pieces, n_statistics)."""
+    def influences(self, statistic: Statistic) -> np.ndarray:
+        """Influence of each piece on the statistics, shape (n_pieces, n_statistics)."""
         values = self.left_out(statistic)
         n = len(values)
         return (values - values.mean(axis=0)) * np.sqrt((n - 1) / n)
 
     def drawn(
         self,
-        statistic: Callable[[ChainModel], pd.Series],
+        statistic: Statistic,
         random_state: Any,
         draws: int = DRAWS,
         n_jobs: int | None = None,
@@ -216,7 +205,7 @@ class Resolver:
         n = len(self.record)
         if n < FEWEST:
             raise ChannelError(
-                f"{n} pieces of data are too few to judge an uncertainty", "Use a longer record, or more records."
+                f"{n} pieces of data are too few for an interval", "Use a longer record, or more records."
             )
         rng = generator(random_state)
         weights = rng.multinomial(n, np.full(n, 1.0 / n), size=draws).astype(float)
@@ -225,38 +214,26 @@ class Resolver:
         out: list[np.ndarray] = sum(found, [])
         if len(out) < draws / 2:
             raise IdentifiabilityError(
-                "Most bootstrap samples cannot be solved: few stretches of the data carry the estimate",
+                "Most bootstrap samples cannot be solved: few parts of the data determine the estimate",
                 "Excite the structure more than once.",
             )
         return np.array(out)
 
 
-def _each(resolver: Resolver, statistic: Callable[[ChainModel], pd.Series], weights: np.ndarray) -> list[np.ndarray]:
+def _each(resolver: Resolver, statistic: Statistic, weights: np.ndarray) -> list[np.ndarray]:
     """Statistics of the draws that can be solved."""
     out = []
     for w in weights:
         try:
             out.append(statistic(resolver.at(w)).to_numpy(float))
-        except IdentifiabilityError:  # a draw without any blow says nothing
+        except IdentifiabilityError:  # a draw without excitation has no solution
             continue
     return out
 
 
 @dataclass
 class InfluenceResolver(Resolver):
-    """Stands for re-solving where the estimate is the optimum of a free run: every piece moves it by its influence.
-
-    Attributes
-    ----------
-    theta : ndarray of shape (n_parameters,)
-        The estimate.
-    rebuild : callable
-        From a vector of parameters to a ChainModel.
-    moves : ndarray of shape (n_pieces, n_parameters)
-        Influence of each piece; their sum is zero at the optimum.
-    of : ndarray of shape (n_pieces,)
-        Number of the record of each piece, which need not be those of the Gram matrices.
-    """
+    """Resolver of an estimate that is the optimum of a free run: every piece moves it by its influence."""
 
     theta: np.ndarray = field(kw_only=True)
     rebuild: Callable[[np.ndarray], ChainModel] = field(kw_only=True)
@@ -272,6 +249,18 @@ class InfluenceResolver(Resolver):
         """Model of the pieces, each taken ``weights`` times."""
         model = self.rebuild(self.theta + weights @ (self.moves - self.moves.mean(axis=0)))
         return model if self.constrain is None else self.constrain(model)
+
+
+def least_squares_resolver(problem: Problem, walk: Walk, data: SegmentSet) -> Resolver:
+    """Resolver of a least-squares estimate; one pass over the data."""
+    layout, known = problem.layout, dict(problem.known_masses)
+    pieces = pieces_of(data, layout, groups_of(layout, walk), problem.filters(data), known)
+    return Resolver(pieces, walk, known, problem.optimizer)
+
+
+def separate_resolver(problem: Problem, walk: Walk, separate: SegmentSet, resolver: Resolver) -> Resolver:
+    """Resolver of a least-squares estimate on motions that were fused DOF by DOF."""
+    return replace(least_squares_resolver(problem, walk, separate), constrain=resolver.constrain)
 
 
 def parameter_intervals(
@@ -301,7 +290,7 @@ def parameter_intervals(
     n_jobs : int, optional
         Joblib jobs of the bootstrap; another backend by ``joblib.parallel_config``.
     data : SegmentSet, optional
-        What energies are taken along.
+        Data along which energies are computed.
 
     Returns
     -------
@@ -315,7 +304,7 @@ def parameter_intervals(
     ChannelError
         If the data fall into too few pieces, or energies are asked for without ``data``.
     IdentifiabilityError
-        If the chain cannot be solved without one stretch of the data: nothing tells how sure the estimate is.
+        If the chain cannot be solved without one part of the data.
 
     Examples
     --------
@@ -362,10 +351,10 @@ def force_intervals(
     method: str = "hac",
     random_state: Any = None,
 ) -> pd.DataFrame:
-    """Restoring force of a site at points (v, s) with its interval; wide where the data never were.
+    """Restoring force of a site at points (v, s) with its interval.
 
-    Outside the visited region the data say nothing about the law. The interval there reaches at least
-    from the force at the nearest corner of what was visited to the extrapolated one and as far beyond.
+    Outside the region of the data the force is an extrapolation. There the interval is widened by the difference
+    between the force and its value at the nearest point of the region.
 
     Parameters
     ----------
@@ -420,7 +409,7 @@ def force_intervals(
 
 def _bounds(
     resolver: Resolver,
-    statistic: Callable[[ChainModel], pd.Series],
+    statistic: Statistic,
     estimate: np.ndarray,
     level: float,
     method: str,
@@ -440,14 +429,14 @@ def _bounds(
 
 
 def _deviation(influences: np.ndarray, record: np.ndarray) -> np.ndarray:
-    """Standard errors; neighbours count where they widen them, and the mean that was taken off is given back."""
+    """Standard errors; correlated neighbours count if they increase them; corrected for the subtracted mean."""
     n = len(influences)
     own, both = (np.diag(newey_west(influences, record, lags)) for lags in (0, 1))
     return np.sqrt(np.maximum(own, both) * n / (n - 2))
 
 
 def _freedom(influences: np.ndarray) -> np.ndarray:
-    """Degrees of freedom of each variance (Satterthwaite): fewer where few pieces carry the estimate."""
+    """Degrees of freedom of each variance (Satterthwaite): fewer if few pieces determine the estimate."""
     fourth = (influences**4).sum(axis=0)
     own = np.where(fourth > 0, 3 * (influences**2).sum(axis=0) ** 2 / np.where(fourth > 0, fourth, 1.0), np.inf)
     return np.clip(np.minimum(own, len(influences) - 1) / 1.5, 2.0, None)

@@ -1,22 +1,28 @@
-r"""Instrumental variables from the free run of the model itself.
+r"""Instrumental variables from the free run of the model itself, for records and for frequency responses.
 
-Noise in the motion biases least squares; the motion that the identified model makes under the
-measured force is correlated with the true motion and not with its noise,
+Noise in the motion biases least squares. The motion that the identified model makes under the measured force is
+correlated with the true motion and not with its noise,
 
 .. math:: Z^T (y - \Phi \theta) = 0, \quad Z = \text{columns of the simulated motion},
 
-and solving this, simulating again and solving again three or four times removes the bias
-(Young, Refined instrumental variable methods, 1976). Three traps, all measured:
+and three or four rounds of simulation and solve remove the bias (Young, Refined instrumental variable methods, 1976).
+Three facts, all measured, determine the details:
 
-- noise of the force is in the right-hand side and, through the simulation, in the instruments. In the first
-  rounds the instruments are therefore delayed by one sample: white force noise of this sample is not in them.
-  In the later ones the run goes under the force as the motion corrects it (:mod:`.spectra`), which lets every
-  balance be weighted by frequency as its own noise asks for (generalised least squares; the masses' errors fall to
-  a third, the dampings' to half).
-- what the fusion could not resolve is missing in the motion, not in the force. The instruments are low-passed to
-  what it resolved; what lies above is then not asked for.
-- the motion must not have been shrunk towards what is likely (as the joint step of
-  :class:`~pysindy_nrf.KinematicSmoother` does): the error would then depend on the motion.
+- Noise of the force is in the right-hand side and, through the simulation, in the instruments. In the first rounds
+  the instruments are delayed by one sample, which keeps white force noise out of them. Later runs use the force
+  corrected by the motion (:mod:`.noise_spectra`), so that every balance can be weighted by frequency (generalised
+  least squares: errors of the masses fall to a third, of the dampings to half).
+- Frequencies that the fusion could not resolve are missing in the motion, not in the force. The instruments are
+  low-passed to the resolved band.
+- The motion must not be shrunk towards a prior (as the joint step of :class:`~pysindy_nrf.KinematicSmoother` does):
+  its error would then depend on the motion.
+
+Of a frequency response (:func:`pysindy_nrf.data.io.frf_to_features`) the instruments are neighbouring lines,
+
+.. math:: Z(f_k) = \tfrac12 (H(f_{k-2}) + H(f_{k+2})) ,
+
+because the response is smooth over a few lines and its noise is independent beyond the main lobe of the window. The
+simulated response of a lightly damped structure would need its peaks right to a fraction of a line.
 """
 
 from __future__ import annotations
@@ -27,36 +33,140 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from sklearn.base import clone
 
-from ..exceptions import BiasWarning, IdentifiabilityError, RankWarning, SimulationError
+from ..exceptions import BiasWarning, ChainError, ChannelError, IdentifiabilityError, RankWarning, SimulationError
 from ..laws import PowerSeries
 from ..mechanics.identifiability import Walk
-from ..regression.blocks_of_samples import pieces_of
+from ..regression.blocks_of_samples import pieces_of, whole_block
 from ..regression.chain_model import ChainModel
 from ..regression.chain_solve import Solution, groups_of, solve, solve_blocks
+from ..regression.errors import free_run_of
+from ..regression.gram_pass import rows_of
 from ..regression.grams import BlockGrams
-from ..regression.layout import LawLayout
+from ..regression.input_arrays import from_arrays
+from ..regression.layout import Group, LawLayout
 from ..regression.segments import Segment, SegmentSet
 from ..regression.solution import model_of
 from ..signals.zero_phase_filter import FairFilter, filters_of
-from .noise_spectra import Weighting, common_band, lines_of, smoothed, spectrum, velocities, weighting_of
+from ..simulation.api import classical_run
+from .intervals import Resolver
+from .noise_spectra import (
+    NoiseModel,
+    Smooth,
+    Whitener,
+    common_band,
+    corrected,
+    lines_of,
+    noise_model,
+    smoothed,
+    spectrum,
+    velocities,
+)
 from .problem import Problem
-from .runs import likeness_of, run_of, steady
+
+STEADY = 1e-3  # least damping ratio of every mode of an instrument
+COARSE = 0.25  # radians of the fastest mode in a sample, above which one Runge-Kutta step is not enough
+
+
+def steady(model: ChainModel) -> ChainModel:
+    """The model with stiffness-proportional damping added if a mode would grow or not decay."""
+    M, C, K = model.matrices()
+    values = _eigenvalues(M, C, K)
+    if values is None or (-values.real >= STEADY * np.abs(values)).all():
+        return model
+    slowest = np.sqrt(np.abs(np.linalg.eigvals(np.linalg.solve(M, K))).min())
+    if slowest == 0:
+        return model
+    laws = {}
+    for site, held in model.laws.items():
+        linear = model.restoring_forces[str(site)].linear_part()
+        added = max(0.0, 2 * STEADY * abs(linear["k"]) / slowest - linear["c"])
+        laws[site] = tuple(held)
+        for i, law in enumerate(held):
+            at = [k for k, term in enumerate(law.terms()) if term.label == "v"]
+            if at:
+                changed = law.values.copy()
+                changed[at[0]] += added
+                laws[site] = (*held[:i], law.with_values(coefficients=changed), *held[i + 1 :])
+                break
+    return ChainModel(model.masses, laws, model.chain, model.visited, model.info)
+
+
+def _eigenvalues(M: np.ndarray, C: np.ndarray, K: np.ndarray) -> np.ndarray | None:
+    """Eigenvalues of the linear structure, 1/s; None if they do not exist."""
+    n = len(M)
+    try:
+        right = np.linalg.solve(M, np.hstack([K, C]))
+        return np.linalg.eigvals(np.block([[np.zeros((n, n)), np.eye(n)], [-right[:, :n], -right[:, n:]]]))
+    except np.linalg.LinAlgError:  # no mass, or coefficients that are not finite
+        return None
+
+
+def fits_one_step(model: ChainModel, dt: float) -> bool:
+    """True if one classical Runge-Kutta step per sample of dt (s) integrates the model without shifting its modes."""
+    if model.has_memory:
+        return False
+    # a step lowers a frequency w by (w dt)^4 / 120 of itself: 3e-5 at COARSE, but a thousandth at 0.6
+    values = _eigenvalues(*model.matrices())
+    return values is not None and bool(np.abs(values).max() * dt <= COARSE)
+
+
+def run_of(
+    model: ChainModel,
+    segment: Segment,
+    delay: int = 0,
+    limited: bool = False,
+    start: tuple | None = None,
+    hold: str = "cubic",
+) -> Segment:
+    """Motion of a model under a record's forces, ``delay`` samples late, low-passed as the measured one if limited."""
+    rows, dt = segment.valid, segment.step
+    integrator = classical_run if fits_one_step(model, dt) else ChainModel.simulate
+    record = free_run_of(model, segment, start=start, integrator=integrator, rtol=1e-5, hold=hold)
+    shift = np.maximum(np.arange(rows.stop - rows.start) - delay, 0)
+    smooth = None
+    if limited and segment.resolved is not None and segment.resolved < 0.45 / dt:
+        smooth = FairFilter((None, segment.resolved), 1.0 / dt)
+
+    def place(values: np.ndarray) -> np.ndarray:
+        """Values in the rows of the record, NaN outside."""
+        out = np.full((segment.n_samples, segment.n_dof), np.nan)
+        out[rows] = (values if smooth is None else smooth.apply(values))[shift]
+        return out
+
+    a, v, x = (np.asarray(y) for y in (record.acceleration, record.velocity, record.displacement))
+    v, s = (np.diff(y, axis=1, prepend=0.0) for y in (v, x))
+    return replace(segment, a=place(a), v=place(v), s=place(s))
+
+
+def likeness_of(segments: Sequence[Segment], runs: Sequence[Segment]) -> float:
+    """Correlation of simulated and measured accelerations, every DOF with equal weight."""
+    both = own = other = 0.0
+    for segment, run in zip(segments, runs):
+        a, b = segment.a[segment.valid].astype(float), run.a[run.valid]
+        scale = np.mean(a**2, axis=0)
+        scale[scale == 0] = 1.0
+        both, own, other = both + (a * b / scale).sum(), own + (a * a / scale).sum(), other + (b * b / scale).sum()
+    with np.errstate(invalid="ignore", over="ignore"):
+        likeness = both / np.sqrt(own * other)
+    return float(likeness) if np.isfinite(likeness) else 0.0
+
 
 ROUNDS = 8
 PLAIN = 2  # rounds before the balances are weighted
 SETTLED = 1e-4  # relative change of every mass below which the rounds stop
-RESTLESS = 1e-2  # that of any mass in the last round above which the rounds went astray
-ASTRAY = 0.05  # by which the free runs' correlation with the motion may fall below that of the best round
-ALIKE = 0.5  # correlation of simulated and measured accelerations below which a free run is no instrument
-QUIET, LOUD = 1e-3, 0.1  # of the largest density, between which the density lies where a motion counts as lively
+DIVERGED = 1e-2  # relative change of a mass in the last round above which the rounds diverged
+CORRELATION_DROP = 0.05  # allowed fall of the correlation with the motion below that of the best round
+LEAST_CORRELATION = 0.5  # of simulated and measured accelerations; below it a free run cannot be an instrument
+LOWEST, HIGHEST = 1e-3, 0.1  # limits, relative to the largest density, of the level above which a motion has signal
 LAW = "Lower the degree, add the law that is missing, or give records with longer or cleaner channels."
 FORCES = "Give a record in which every force was measured."
 
 
 @dataclass
 class IVResult:
-    """What the instrumental variables found.
+    """Result of the instrumental variables.
 
     Attributes
     ----------
@@ -69,13 +179,13 @@ class IVResult:
     likeness : float
         Correlation of the simulated accelerations with the measured ones in the last round.
     notes : list of str
-        What was left out, in words.
+        Remarks for the user, e.g. on records left out.
     runs : list of Segment or None
         The motion that gave the last instruments.
     settled : bool
-        False where the rounds went astray and an earlier one was kept.
+        False if the rounds diverged and an earlier one was kept.
     moved : ndarray of shape (n_dof,) or None
-        Relative change of each mass in the last round, where the rounds were not at rest when they ended.
+        Relative change of each mass in the last round, if the rounds had not converged.
 
     Examples
     --------
@@ -102,10 +212,10 @@ class IVResult:
     moved: np.ndarray | None = None
 
     def judged(self, data: SegmentSet) -> SegmentSet:
-        """What the balances miss along the measured motion, laid beside the free run, which is free of its noise.
+        """Motions of the free runs, with forces that leave the residuals of the measured motion.
 
-        A law that is missing can be predicted from the run; noise of the motion that a law turns into an error
-        cannot. See :func:`pysindy_nrf.diagnostics.missing_terms`.
+        A missing law can be predicted from the run; an error caused by noise of the motion cannot. See
+        :func:`pysindy_nrf.diagnostics.missing_terms`.
 
         Parameters
         ----------
@@ -114,7 +224,6 @@ class IVResult:
         Returns
         -------
         SegmentSet
-            Motions of the runs, with forces that leave the residual of the measured ones.
         """
         pairs = [(seg, run) for seg, run in zip(data.segments, self.runs) if run is not None]
         measured, simulated = (SegmentSet([p[k] for p in pairs], data.n_samples) for k in (0, 1))
@@ -125,6 +234,80 @@ class IVResult:
             force[seg.valid] = seg.F[seg.valid] - along + free
             segments.append(replace(run, F=force))
         return SegmentSet(segments, data.n_samples)
+
+
+@dataclass
+class Weighting:
+    """Free runs under the corrected forces, their correlation with the measured accelerations, and the weights."""
+
+    runs: list[Segment | None]
+    likeness: float
+    whiteners: dict[tuple[int, ...], Whitener]  # by the DOFs of the group
+
+
+def weighting_of(
+    model: ChainModel,
+    data: SegmentSet,
+    usable: Sequence[int],
+    layout: LawLayout,
+    groups: Sequence[Group],
+    filters: Sequence[Any],
+    known_masses: Mapping[int, float],
+    band: Any = None,
+) -> Weighting | None:
+    """Instruments and weights from a model."""
+    segments = [data.segments[i] for i in usable]
+    runner = steady(model)
+    plain = [run_of(runner, seg) for seg in segments]
+    noise = noise_model(runner, layout, segments, plain)
+    resolved = [seg.resolved for seg in segments if seg.resolved is not None]
+    if noise is None or min(resolved, default=np.inf) < noise.signal_band[1]:
+        return None
+    better = [corrected(seg, run, noise) for seg, run in zip(segments, plain)]
+    found = [run_of(runner, seg) for seg in better]
+    likeness = likeness_of(segments, found)
+    # the forces of the balances stay as measured: only the motion under the corrected ones is taken
+    runs: list[Segment | None] = [None] * len(data.segments)
+    for i, run in zip(usable, found):
+        runs[i] = run
+    low, high = common_band(segments, band)
+    low, high = max(low, noise.signal_band[0]), min(high, noise.signal_band[1])
+    whiteners = _whiteners(model, segments, layout, groups, [filters[i] for i in usable], known_masses, noise)
+    for whitener in whiteners.values():
+        whitener.band = (low, high)
+    return Weighting(runs, likeness, whiteners)
+
+
+def _whiteners(
+    model: ChainModel,
+    segments: Sequence[Segment],
+    layout: LawLayout,
+    groups: Sequence[Group],
+    filters: Sequence[Any],
+    known_masses: Mapping[int, float],
+    noise: NoiseModel,
+) -> dict[tuple[int, ...], Whitener]:
+    """Weights: the share of the instruments that is signal, over the density of what the balance misses."""
+    missed: dict[tuple[int, ...], list] = {g.dofs: [] for g in groups}
+    theta = model.coefficients
+    for seg, filter in zip(segments, filters):
+        block = whole_block(seg, layout, filter)
+        for group in groups:
+            rows = rows_of(layout, group, block, known_masses)
+            own = [sign * theta[site] for site, sign in zip(group.sites, group.signs)]
+            mass = [model.masses[[group.dofs[0] - 1]]] if len(group.dofs) == 1 else []
+            gap = rows[-1] - np.concatenate([*own, *mass]) @ rows[:-1]
+            f = lines_of(seg)
+            use = (f >= noise.signal_band[0]) & (f <= noise.signal_band[1])
+            missed[group.dofs].append((f[use], np.abs(spectrum(gap[:, None], seg.step, taper=True)[use]) ** 2))
+    out = {}
+    for dofs, held in missed.items():
+        left = smoothed([f for f, _ in held], [p for _, p in held])
+        top = left.values.max()
+        if top > 0:
+            share = noise.share(left.f).mean(axis=1, keepdims=True)
+            out[dofs] = Whitener(Smooth(left.f, share / np.maximum(left.values, 1e-9 * top)))
+    return out
 
 
 def instrumental_variables(
@@ -153,7 +336,7 @@ def instrumental_variables(
     Returns
     -------
     IVResult or None
-        None where no free run could serve; a BiasWarning then says why.
+        None if no free run could serve; a BiasWarning then says why.
 
     Examples
     --------
@@ -174,7 +357,7 @@ def instrumental_variables(
     first, kept = -1.0, None  # correlation of the first run; of the models found, the one that runs most alike
     usable = [i for i, seg in enumerate(data.segments) if not np.isnan(seg.F[seg.valid.start]).any()]
     if not usable:
-        _fall_back("in every record the force on some DOF is unknown, and a free run needs them all", FORCES)
+        _fall_back("in every record the force on some DOF is unknown, and a free run needs all forces", FORCES)
         return None
     if len(usable) < len(data.segments):
         notes.append(
@@ -199,10 +382,10 @@ def instrumental_variables(
             first = likeness
         elif kept is None or likeness > kept[0] or (weighting is not None and kept[1].rounds < PLAIN <= best.rounds):
             kept = likeness, best  # runs under measured and under corrected forces are not alike to the same degree
-        if likeness < ALIKE:
-            why = f"the free run is unlike the measured motion (correlation {likeness:.2f})"
+        if likeness < LEAST_CORRELATION:
+            why = f"the free run does not follow the measured motion (correlation {likeness:.2f})"
             if best is None:
-                why += ", that of least squares between the frequencies at which the motion is lively as well"
+                why += ", also that of least squares in the band of the motion"
             break
         pieces = pieces_of(
             data, layout, groups, filters, known_masses, runs,
@@ -225,22 +408,22 @@ def instrumental_variables(
         if change < SETTLED and (round_ > PLAIN + 1 or (round_ > PLAIN and weighting is None)):
             break
     if not why and kept is not None:
-        if change > RESTLESS:
-            why = f"the masses did not come to rest, the last round moved one by {100 * change:.2g} %"
-        elif likeness < kept[0] - ASTRAY:
-            why = f"the free runs became less like the measured motion (correlation {likeness:.2f})"
+        if change > DIVERGED:
+            why = f"the masses did not converge, the last round changed one by {100 * change:.2g} %"
+        elif likeness < kept[0] - CORRELATION_DROP:
+            why = f"the correlation of the free runs with the measured motion fell to {likeness:.2f}"
     if not why:
         if best is not None and change >= SETTLED:
             best.moved = moved
         return best
-    if kept is None or kept[0] < max(first, ALIKE):  # least squares, which the first round begins with, runs as well
+    if kept is None or kept[0] < max(first, LEAST_CORRELATION):  # least squares runs as well
         _fall_back(why, cure)
         return None
     likeness, best = kept
     best.settled = False
     warnings.warn(
-        f"estimation='iv' stopped after round {round_}: {why}. The estimate of round {best.rounds} is kept, whose free "
-        f"run is most like the measured motion (correlation {likeness:.2f}).",
+        f"estimation='iv' stopped after round {round_}: {why}. The estimate of round {best.rounds} is kept; its free "
+        f"run has the highest correlation with the measured motion ({likeness:.2f}).",
         BiasWarning,
         stacklevel=5,
     )
@@ -257,7 +440,7 @@ def _fall_back(why: str, cure: str) -> None:
 
 
 def delay_of(band: Any, dt: float) -> int:
-    """Samples by which instruments are delayed so that the force's noise is not in them."""
+    """Delay of the instruments in samples, which keeps the force's noise out of them."""
     high = None if band is None else band[1]
     return 1 if high is None or not np.isfinite(high) else max(1, round(1.0 / (4 * high * dt)))
 
@@ -286,15 +469,15 @@ def _first_runs(
     known: Mapping[int, float],
     band: Any,
 ) -> tuple[list[Segment | None], float]:
-    """Free runs of the first model that runs like the structure, or of the likeliest."""
+    """Free runs of the first model that follows the measured motion, or of the best one."""
     found: list[tuple[list[Segment | None], float]] = []
     worst: SimulationError | IdentifiabilityError | None = None
     linear = LawLayout(layout.chain, {s: (PowerSeries(1),) for s in layout.acting if s.kind == "link"})
     if any(s.kind != "link" for s in layout.acting):
-        linear = layout  # what is tied to the ground is no chain
+        linear = layout
 
     def between() -> ChainModel | None:
-        narrow = _lively_filters(data, usable, band)
+        narrow = _signal_band_filters(data, usable, band)
         return None if narrow is None else _least_squares(data, linear, walk, narrow, known)
 
     makes: tuple[Callable[[], ChainModel | None], ...] = (
@@ -311,23 +494,23 @@ def _first_runs(
         except (SimulationError, IdentifiabilityError) as error:
             worst = worst or error
             continue
-        if found[-1][1] >= ALIKE:
+        if found[-1][1] >= LEAST_CORRELATION:
             return found[-1]
     if not found:
-        what, cure = (worst.what, worst.cure) if worst else ("No model of the chain can run", "")
+        what, cure = (worst.what, worst.cure) if worst else ("No model of the chain can be simulated", "")
         raise SimulationError(what, cure or "Excite the chain better.")
     return max(found, key=lambda pair: pair[1])
 
 
-def _lively_filters(data: SegmentSet, usable: Sequence[int], band: Any) -> list[FairFilter | None] | None:
-    """One band for all records, in which the velocities stand out of their noise; None where there is none."""
+def _signal_band_filters(data: SegmentSet, usable: Sequence[int], band: Any) -> list[FairFilter | None] | None:
+    """Filters of one band for all records, in which the velocities exceed their noise; None if there is none."""
     segments = [data.segments[i] for i in usable]
     lines = [lines_of(seg) for seg in segments]
     density = smoothed(lines, [np.abs(spectrum(velocities(seg), seg.step, taper=True)) ** 2 for seg in segments])
     share = (density.values / np.maximum(density.values.max(axis=0), 1e-300)).max(axis=1)
-    lively = density.f[share >= np.clip(np.sqrt(share.min()), QUIET, LOUD)]
+    inside = density.f[share >= np.clip(np.sqrt(share.min()), LOWEST, HIGHEST)]
     low, high = common_band(segments, band)
-    low, high = max(low, lively[0] / 1.2), min([high, 1.2 * lively[-1], *(s.resolved for s in segments if s.resolved)])
+    low, high = max(low, inside[0] / 1.2), min([high, 1.2 * inside[-1], *(s.resolved for s in segments if s.resolved)])
     top = 0.45 / max(seg.step for seg in data.segments)
     return filters_of((low, high if high < top else None), data) if low < min(high, top) else None
 
@@ -344,3 +527,42 @@ def _least_squares(
             known,
         )
     return model_of(layout, solution)
+
+
+SPACING = 2  # lines; the noise of a Hann-windowed response reaches its next neighbour
+
+
+def fit_frequency_response(
+    estimator: Any, frf: Any, band: tuple[float | None, float | None] | None = None, weight: Any = None
+) -> Any:
+    """Fit a regressor to a measured frequency response."""
+    from ..data.io import FrequencyResponse, frf_to_features
+
+    if estimator.estimation not in ("ls", "iv"):
+        raise ChainError(
+            f"estimation={estimator.estimation!r} does not work on frequency responses", "Use 'ls' or 'iv'."
+        )
+    X, F = frf_to_features(frf, band=band, weight=weight)
+    model = clone(estimator).set_params(estimation="ls")
+    with warnings.catch_warnings():
+        if estimator.estimation == "iv":  # instrumental variables remove this bias
+            warnings.simplefilter("ignore", BiasWarning)
+        model.fit(X, F)
+    if estimator.estimation == "ls":
+        return model
+    H = frf.H
+    if len(H) <= 2 * SPACING:
+        raise ChannelError(f"{frf.name} has {len(H)} lines", "Give more lines.")
+    ends = np.pad(H, ((SPACING, SPACING), (0, 0)), mode="edge")
+    neighbours = FrequencyResponse(frf.f, 0.5 * (ends[: -2 * SPACING] + ends[2 * SPACING :]), frf.driven, frf.name)
+    Z, _ = frf_to_features(neighbours, band=band, weight=weight)
+    data, others = (from_arrays(x, F, n_dof=frf.n_dof) for x in (X, Z))
+    problem = model.problem_
+    layout, known, optimizer = problem.layout, dict(problem.known_masses), problem.optimizer
+    pieces = pieces_of(data, layout, groups_of(layout, model.walk_), [None], known, others.segments)
+    solution = solve(pieces.sum().projected(), model.walk_, known, optimizer)
+    return model._adopt(
+        model_of(layout, solution),
+        Resolver(pieces, model.walk_, known, optimizer),
+        {"asked": "iv", "found": "iv", "notes": ["neighbouring lines"]},
+    )

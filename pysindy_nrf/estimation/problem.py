@@ -22,9 +22,8 @@ from ..regression.grams import BlockGrams
 from ..regression.input_arrays import from_arrays
 from ..regression.layout import LawLayout
 from ..regression.optimizers import sub_optimizer
-from ..regression.requirements import require_clock, require_moving, require_samples
 from ..regression.segments import SegmentSet
-from ..regression.solution import model_of, scales_of
+from ..regression.solution import model_of, require_clock, require_moving, require_samples, scales_of
 from ..signals.zero_phase_filter import FairFilter, filters_of
 
 DEFAULT_DEGREE = 3

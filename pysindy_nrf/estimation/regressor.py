@@ -1,4 +1,4 @@
-"""NRFRegressor: the scikit-learn face of the whole identification."""
+"""NRFRegressor, the scikit-learn estimator of the identification."""
 
 from __future__ import annotations
 
@@ -249,8 +249,8 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         self._fit(data, separate)
         if self.estimation == "ls":
             if holds_records(X):
-                self._apart = lambda: self._separate(X, y, data, options)
-            self._narrow = fused_together(X)
+                self._fused_separately = lambda: self._separate(X, y, data, options)
+            self._fused_jointly = fused_together(X)
         self._one_force = y is not None and np.ndim(np.asarray(y)) == 1
         same_columns(self, len(X.columns) if hasattr(X, "columns") else 3 * data.n_dof, column_names(X), reset=True)
         return self
@@ -265,9 +265,9 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         base_acceleration: Any = None,
         covariates: Mapping[str, Any] | None = None,
     ) -> NRFRegressor:
-        """Add samples to what earlier calls gave, and solve again.
+        """Add samples to those of earlier calls and solve again.
 
-        Each call holds one record or more of its own. ``fit`` begins anew.
+        Each call holds one record or more. ``fit`` starts again.
 
         Parameters
         ----------
@@ -283,7 +283,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         )
 
     def problem(self, n_dof: int) -> Problem:
-        """The identification problem that the parameters pose, before any data.
+        """The identification problem that the parameters define, without data.
 
         Parameters
         ----------
@@ -319,13 +319,13 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         found = self.problem(data.n_dof).solve(data)
         self._resolver, self._records, self.problem_ = None, data, found.problem
         facts: dict[str, Any] = {"asked": "ls", "found": "ls"}
-        self._apart, self._spread, self._narrow = None, None, False
+        self._fused_separately, self._separate_resolver, self._fused_jointly = None, None, False
         judged = data
         if self.estimation != "ls":
-            from .refine import refine
+            from .free_run_fit import refine
 
             found, self._resolver, facts, judged = refine(self.estimation, found, separate)
-            if facts["found"] == "ls":  # it stayed with what these motions gave
+            if facts["found"] == "ls":  # the least-squares estimate was kept
                 judged = data
         if self.constraints is not None:
             from .constraints import constrained
@@ -336,15 +336,15 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         self.model_.info["estimation"] = facts
 
     def _separate(self, X: Any, y: Any, data: SegmentSet, options: dict[str, Any]) -> SegmentSet:
-        """Motions whose noise is independent of the motion, where records were given."""
+        """Motions fused DOF by DOF, whose noise is independent of the motion, if records were given."""
         if holds_records(X):
-            with warnings.catch_warnings():  # what is wrong with the channels has been said
+            with warnings.catch_warnings():  # the first fusion has warned of the channels
                 warnings.simplefilter("ignore", DataQualityWarning)
                 return self._data(X, y, **options, **one_by_one(X))
         if fused_together(X):
             warnings.warn(
-                f"estimation={self.estimation!r} was given motions in which the DOFs improve each other; their noise "
-                "depends on the motion, and masses come out about 1 % high. Give the records themselves, or make X "
+                f"estimation={self.estimation!r} was given motions that were fused jointly over the DOFs; their noise "
+                "depends on the motion, and masses are about 1 % too high. Give the records themselves, or make X "
                 "with record.to_features(smooth=KinematicSmoother(joint=False)).",
                 DataQualityWarning,
                 stacklevel=3,
@@ -352,22 +352,22 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         return data
 
     def _adopt(self, model: ChainModel, resolver: Any, facts: dict[str, Any]) -> NRFRegressor:
-        """Take a model that was estimated elsewhere from the same data."""
+        """Take a model that was estimated by another method from the same data."""
         model.visited, model.info = self.model_.visited, {**self.model_.info, "estimation": facts}
         self.set_params(estimation=facts["asked"])
         self.model_, self.masses_, self.restoring_forces_ = model, model.masses, model.restoring_forces
-        self._resolver, self._apart, self._narrow = resolver, None, False
+        self._resolver, self._fused_separately, self._fused_jointly = resolver, None, False
         return self
 
     def __getstate__(self) -> dict[str, Any]:
         state = super().__getstate__()
-        return state | {key: None for key in ("_records", "_apart", "_spread") if key in state}  # not part of the model
+        data = "_records", "_fused_separately", "_separate_resolver"  # not part of the model
+        return state | {key: None for key in data if key in state}
 
     def _publish(
         self, found: Estimate, data: SegmentSet, judged: SegmentSet, least_squares: bool = True
     ) -> None:
-        from ..diagnostics.bias import MissingTerms, warn_of_bias
-        from ..diagnostics.contradictions import contradictions_of
+        from ..diagnostics.bias import MissingTerms, contradictions_of, warn_of_bias
         from ..diagnostics.jumps import JumpBias, sentences_of
         from ..diagnostics.windows import show
         from ..regression.errors import balance_errors

@@ -1,8 +1,8 @@
 """Plain functions of the laws, compiled by numba and kept on disk.
 
-A law's ``kernel`` and ``advance`` are ordinary Python functions, its author's or the package's.
-What is compiled here is cached under a fingerprint of the code itself, everything it calls
-included, so that a second process starts fast and an edited law is never served by stale code.
+A law's ``kernel`` and ``advance`` are ordinary Python functions. Compiled code is cached under a fingerprint of
+the source and of everything it calls. A second process therefore starts fast, and an edited law is never run
+with stale code.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from numba.extending import intrinsic
 
 from ..exceptions import LawError
 
-_NAMING = "names with fingerprints"  # what is on the disk under another rule is not taken
+_NAMING = "names with fingerprints"  # code cached under another rule of naming is ignored
 _VECTOR = types.CPointer(types.float64)
 _KERNEL_SIGNATURE = types.void(*[types.float64] * 4, *[_VECTOR, types.int64] * 4)
 _ADVANCE_SIGNATURE = types.void(_VECTOR, types.int64, *[types.float64] * 5, *[_VECTOR, types.int64] * 2)
@@ -87,7 +87,7 @@ class _CodeCache(FunctionCache):
         return sig, codegen.magic_tuple(), self._print
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """What is on disk, or None to compile anew where it cannot be read here."""
+        """The code on disk, or None (compile again) if it cannot be read."""
         try:
             return super().load_overload(sig, target_context)
         except (ImportError, AttributeError, EOFError, pickle.UnpicklingError):
@@ -103,7 +103,7 @@ def _named(function: Callable) -> Callable:
 
 
 def _attach_cache(compiled: Any, function: Callable) -> Any:
-    """Cache on disk where there is a place to write; otherwise compile in every process."""
+    """Cache on disk; without a writable directory the code is compiled in every process."""
     try:
         compiled._cache = _CodeCache(function)
     except (RuntimeError, OSError):
@@ -117,7 +117,7 @@ def jit(function: Callable) -> Dispatcher:
 
 
 def read_only(array: np.ndarray) -> np.ndarray:
-    """A view of floats in C order that cannot be written to: arrays of other kinds would be compiled for anew."""
+    """Read-only view as floats in C order; another layout would trigger a further compilation."""
     view = np.ascontiguousarray(array, dtype=float).view()
     view.flags.writeable = False
     return view
@@ -136,7 +136,7 @@ def part(function: Callable) -> Dispatcher:
 
 
 def _on_stack(typing_context: Any, size: Any) -> Any:
-    """A line of numbers on the stack: nothing else can write to it, so that a loop keeps it in registers."""
+    """Array on the stack. Nothing else can write to it, so a loop can keep it in registers."""
     if not isinstance(size, types.IntegerLiteral):
         return None
     line = types.Array(types.float64, 1, "C")
@@ -157,7 +157,7 @@ on_stack: Any = intrinsic(prefer_literal=True)(_on_stack)
 
 
 def _borrowed(typing_context: Any, array: Any) -> Any:
-    """An array without its owner: handing it on costs no reference count. The owner must outlive it."""
+    """Array without its owner, passed on without reference counting. The owner must outlive it."""
 
     def codegen(context, builder, signature, args):
         view = cgutils.create_struct_proxy(signature.args[0])(context, builder, value=args[0])
@@ -209,7 +209,7 @@ def pointers(law: Any) -> tuple[CFunc, CFunc]:
 
 
 def cannot_compile(law: Any, error: Exception) -> LawError:
-    """The error for a law that numba does not accept."""
+    """Error for a law that numba does not accept."""
     reason = str(error).strip().splitlines()[-1] if str(error).strip() else type(error).__name__
     return LawError(
         f"{type(law).__name__} cannot be compiled for single samples ({reason})",

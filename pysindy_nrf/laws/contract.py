@@ -1,7 +1,7 @@
-"""The contract of a force law as checks that any law can be put through.
+"""Checks of the contract of a force law.
 
-:func:`check_law` runs all of them on random parameters and a random motion, the user's own laws
-included; each check raises ``AssertionError`` with a sentence.
+:func:`check_law` runs them on any law, with random parameters and a random motion. A check that fails raises
+``AssertionError`` with a sentence.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ class _Whole(Motion):
 
 
 def covariate_units(law: ForceLaw) -> tuple[str, ...]:
-    """Units of the covariates of a law, "[u]" where it names none."""
+    """Units of the covariates of a law, "[u]" by default."""
     return law.covariate_units or ("[u]",) * len(law.covariates)
 
 
 def random_motion(law: ForceLaw, rng: np.random.Generator, n_periods: int = 2, n_samples: int = 500) -> _Whole:
-    """A smooth periodic motion with everything that a law may read, large enough to close every gap."""
+    """A smooth periodic motion with all channels that a law may read, large enough to close every gap."""
     t = np.arange(n_periods * n_samples + 1) * (_PERIOD / n_samples)
     order = np.arange(1, 4)[:, None]
     omega = 2 * np.pi * order / _PERIOD
@@ -65,7 +65,7 @@ def random_values(law: ForceLaw, rng: np.random.Generator) -> ForceLaw:
 
 
 def check_features(law: ForceLaw, rng: np.random.Generator) -> None:
-    """Features are finite float64 columns, one for each term, and the motion is left alone."""
+    """Features are finite float64 columns, one for each term, and the motion is unchanged."""
     motion = random_motion(law, rng)
     before = [np.copy(x) for x in (motion.s, motion.v, motion.a, motion.t, *motion.covariates.values())]
     columns = law.features(motion)
@@ -107,20 +107,20 @@ def check_single_samples(law: ForceLaw, rng: np.random.Generator) -> None:
             _close(sample, columns[i], f"{law}: the kernel {how} differs from the kernel on arrays", scale=columns)
 
 
-def check_rest(law: ForceLaw, rng: np.random.Generator) -> None:
-    """A law that claims to vanish at rest does; one that may not, does not."""
+def check_standstill(law: ForceLaw, rng: np.random.Generator) -> None:
+    """The force at zero drift and velocity is the stated one."""
     motion = random_motion(law, rng)
     zero = np.zeros(motion.n_samples)
     columns = law.features(replace(motion, s=zero, v=zero, a=zero))
     if law.at_rest is None:
-        assert columns.any(), f"{law}: at_rest is None, but the force vanishes at rest"
+        assert columns.any(), f"{law}: at_rest is None, but the force vanishes at standstill"
     else:
         expected = np.full(motion.n_samples, law.at_rest)
-        _close(columns.sum(axis=1), expected, f"{law}: the force at rest is not {law.at_rest}")
+        _close(columns.sum(axis=1), expected, f"{law}: the force at standstill is not {law.at_rest}")
 
 
 def check_symmetry(law: ForceLaw, rng: np.random.Generator) -> None:
-    """The mirrored motion gives the mirrored force, as the law claims."""
+    """The mirrored motion gives the mirrored force, as the law states."""
     motion = random_motion(law, rng)
     columns = law.features(motion)
     mirrored = law.features(replace(motion, s=-motion.s, v=-motion.v, a=-motion.a))
@@ -130,7 +130,7 @@ def check_symmetry(law: ForceLaw, rng: np.random.Generator) -> None:
 
 
 def check_records(law: ForceLaw, rng: np.random.Generator) -> None:
-    """Each record starts fresh; blocks of one record that hand the state on are that record."""
+    """Each record starts from a fresh state; blocks that pass on the state give the same columns as the record."""
     motion = random_motion(law, rng)
     columns = law.features(motion)
     k = motion.n_samples // 2 + 3
@@ -148,7 +148,7 @@ def check_records(law: ForceLaw, rng: np.random.Generator) -> None:
 
 
 def check_energy(law: ForceLaw, rng: np.random.Generator) -> None:
-    """Over closed cycles a passive law gives no energy, and an elastic one or an inertia takes none."""
+    """Over closed cycles a passive law gives no energy; a spring or an inertia also takes none."""
     motion = random_motion(law, rng, n_periods=4, n_samples=4000)
     force, v = law.features(motion)[:-1], motion.v[:-1, None]
     work, size = (force * v).mean(axis=0), np.abs(force).max(axis=0) * np.abs(v).mean()
@@ -159,7 +159,7 @@ def check_energy(law: ForceLaw, rng: np.random.Generator) -> None:
 
 
 def check_variable(law: ForceLaw, rng: np.random.Generator) -> None:
-    """The force follows what the law says it follows."""
+    """The force follows the variable that the law states."""
     motion = random_motion(law, rng)
     columns = law.features(motion)
     other = random_motion(law, rng)
@@ -180,14 +180,14 @@ def check_variable(law: ForceLaw, rng: np.random.Generator) -> None:
 
 
 def check_jumps(law: ForceLaw, rng: np.random.Generator) -> None:
-    """The force jumps where the rate changes its sign if, and only if, the law says so."""
+    """The force jumps at velocity reversals if and only if the law states it."""
     near, wide = np.abs(jump_at_reversal(law, np.zeros(len(law.covariates)))).T
     found = bool(((near > 0.5 * wide) & (wide > 0)).any())
     assert found == law.jumps, f"{law}: jumps is {law.jumps}, found {found}"
 
 
 def check_saturation(law: ForceLaw, rng: np.random.Generator) -> None:
-    """Pulled steadily, a law that saturates does so around the drift it states."""
+    """Under a monotonic drift, a law that saturates does so around the stated drift."""
     if not law.saturates_at:
         return
     assert law.saturates_at in law.shape, f"{law}: saturates_at={law.saturates_at!r} is no shape parameter"
@@ -202,7 +202,7 @@ def check_saturation(law: ForceLaw, rng: np.random.Generator) -> None:
 
 
 def check_signs(law: ForceLaw, rng: np.random.Generator) -> None:
-    """Signs are stated of coefficients that the law has, and of each once."""
+    """Signs are stated for coefficients that the law has, and for each once."""
     stated = [*law.nonnegative, *law.expected_positive]
     unknown = set(stated) - {term.symbol for term in law.terms()}
     assert not unknown and len(set(stated)) == len(stated), f"{law}: signs are stated of {stated}"
@@ -211,7 +211,7 @@ def check_signs(law: ForceLaw, rng: np.random.Generator) -> None:
 
 
 def check_special_cases(law: ForceLaw, rng: np.random.Generator) -> None:
-    """The law has the force of each of its special cases, or comes within a hundredth of it."""
+    """The law reproduces the force of each of its special cases within one percent."""
     for special, general in law.special_cases.items():
         simple = random_values(special(), rng)
         same = general(simple)
@@ -223,7 +223,7 @@ def check_special_cases(law: ForceLaw, rng: np.random.Generator) -> None:
 
 
 def check_single_precision(law: ForceLaw, rng: np.random.Generator) -> None:
-    """Float32 input is welcome; the features are those of the same numbers in float64."""
+    """Features of float32 input are those of the same numbers in float64."""
     motion = random_motion(law, rng)
     single, double = _as_type(motion, np.float32), _as_type(_as_type(motion, np.float32), float)
     columns = law.features(single)
@@ -255,14 +255,14 @@ def check_units(law: ForceLaw, rng: np.random.Generator) -> None:
 
 
 def check_force(law: ForceLaw, rng: np.random.Generator) -> None:
-    """The force is the features times the coefficients, and no force is given without them."""
+    """The force is the features times the coefficients."""
     motion = random_motion(law, rng)
     expected = np.sum([c * x for c, x in zip(law.values, law.features(motion).T, strict=True)], axis=0)
     _close(law.force(motion), expected, f"{law}: the force is not the features times the coefficients")
 
 
 def check_json(law: ForceLaw, rng: np.random.Generator) -> None:
-    """Plain data and back gives an equal law with the same force; a changed copy leaves it alone."""
+    """A round trip through JSON gives an equal law with the same force; a changed copy leaves the law unchanged."""
     motion = random_motion(law, rng)
     copy = from_dict(json.loads(json.dumps(law.to_dict())))
     assert copy == law and hash(copy) == hash(law), f"{law}: is not equal to its copy by JSON"
@@ -274,7 +274,7 @@ def check_json(law: ForceLaw, rng: np.random.Generator) -> None:
 
 
 def check_text(law: ForceLaw, rng: np.random.Generator) -> None:
-    """Name, family, symbols, units and the equation are there and unambiguous."""
+    """Name, family, symbols, units and the equation are present and unambiguous."""
     terms = law.terms()
     assert law.name.isidentifier() and law.family, f"{law}: name or family is missing"
     places = {"link", "ground", "new link", "dof", "sensor"}
@@ -294,7 +294,7 @@ def check_text(law: ForceLaw, rng: np.random.Generator) -> None:
 
 
 def check_errors(law: ForceLaw, rng: np.random.Generator) -> None:
-    """What a law needs and does not get is named."""
+    """An error names the input that is missing or wrong."""
     motion = random_motion(law, rng)
 
     def features_without(name: str) -> np.ndarray:
@@ -321,7 +321,7 @@ CHECKS: tuple[Callable[[ForceLaw, np.random.Generator], None], ...] = (
     check_features,
     check_large_arguments,
     check_single_samples,
-    check_rest,
+    check_standstill,
     check_symmetry,
     check_records,
     check_energy,
@@ -340,7 +340,7 @@ CHECKS: tuple[Callable[[ForceLaw, np.random.Generator], None], ...] = (
 
 
 def check_law(law: ForceLaw, random_state: int = 0) -> None:
-    """Put a law through the whole contract.
+    """Check a law against the whole contract.
 
     Parameters
     ----------
@@ -352,7 +352,7 @@ def check_law(law: ForceLaw, random_state: int = 0) -> None:
     Raises
     ------
     AssertionError
-        With a sentence, if the law breaks the contract.
+        If the law breaks the contract; the message states how.
 
     Examples
     --------

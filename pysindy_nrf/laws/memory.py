@@ -1,4 +1,4 @@
-"""The path of a law's internal state along a sampled motion, compiled."""
+"""Compiled integration of a law's internal state along a sampled motion, with exact velocity reversals."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from ..exceptions import ChannelError, LawError
 from .base import Motion
 from .compiled import borrow, cannot_compile, inline, jit, on_stack, part, read_only
 
-_STRETCH = 2048  # intervals whose turning points are found before the candidates walk along them
-_LOOK = 64  # intervals that are looked at together: in most of them nothing turns
+_STRETCH = 2048  # intervals whose reversals are found before the states of all candidates are moved
+_LOOK = 64  # intervals that are checked together: most contain no reversal
 
 
 @inline
@@ -56,7 +56,7 @@ def _third(x, c):
 def _root_of(f, df):
     @inline
     def root(low, high, c):
-        """Zero of f between low and high, where f changes sign: Newton, kept inside by bisection."""
+        """Zero of f between low and high, where f changes sign, by Newton's method safeguarded by bisection."""
         f_low, f_high = f(low, c), f(high, c)
         x = (low * f_high - high * f_low) / (f_high - f_low)
         for _ in range(60):
@@ -77,45 +77,45 @@ def _root_of(f, df):
     return root
 
 
-_turning_point = _root_of(_slope, _curvature)
+_reversal_point = _root_of(_slope, _curvature)
 _slowest_point = _root_of(_curvature, _third)
 
 
 @inline
-def _plausible(turn, rise, h, v0, v1):
-    """Whether a turning drift lies beyond both ends, no further than their rates can carry it."""
-    way = turn if v0 > 0.0 else -turn
-    back = turn - rise if v0 > 0.0 else rise - turn
+def _plausible(peak, rise, h, v0, v1):
+    """True if a peak of the drift lies beyond both ends and within reach of their rates."""
+    way = peak if v0 > 0.0 else -peak
+    back = peak - rise if v0 > 0.0 else rise - peak
     return 0.0 <= way <= h * abs(v0) and 0.0 <= back <= h * abs(v1)
 
 
 @part
-def _turns(s0, s1, v0, v1, h, a0, a1, has_a):
-    """Where the drift turns inside an interval: how often (0, 1, 2), shares of the time, rises since its start."""
+def _reversals(s0, s1, v0, v1, h, a0, a1, has_a):
+    """Velocity reversals inside an interval: number, shares of the time, rises of the drift since its start."""
     rise = s1 - s0
     if v0 * v1 < 0.0:
         if has_a:
             c = _quintic(rise, h, v0, a0, v1, a1)
-            x = _turning_point(0.0, 1.0, c)
+            x = _reversal_point(0.0, 1.0, c)
             if _plausible(_rise(x, c), rise, h, v0, v1):
                 return 1, x, _rise(x, c), 1.0, 0.0
         c = _cubic(rise, h, v0, v1)
-        x = _turning_point(0.0, 1.0, c)
+        x = _reversal_point(0.0, 1.0, c)
         if _plausible(_rise(x, c), rise, h, v0, v1):
             return 1, x, _rise(x, c), 1.0, 0.0
-    else:  # the accelerations say that the rate dips and recovers: it may cross zero twice
+    else:  # the accelerations show a rate that dips and recovers: it may cross zero twice
         c = _quintic(rise, h, v0, a0, v1, a1)
         x = _slowest_point(0.0, 1.0, c)
         if _slope(x, c) * v0 < 0.0:
-            x0, x1 = _turning_point(0.0, x, c), _turning_point(x, 1.0, c)
-            if 0.0 <= x0 <= x1 <= 1.0:  # not so where rounding hides the change of sign
+            x0, x1 = _reversal_point(0.0, x, c), _reversal_point(x, 1.0, c)
+            if 0.0 <= x0 <= x1 <= 1.0:  # fails if rounding hides the change of sign
                 return 2, x0, _rise(x0, c), x1, _rise(x1, c)
     return 0, 1.0, 0.0, 1.0, 0.0
 
 
 @inline
 def _doubt_sign(v0, v1, out):
-    """Whether the rate changes sign; whether it does anywhere."""
+    """Mark the intervals in which the rate changes sign and return 1 if there are any."""
     some = np.uint8(0)
     for i in range(v0.size):
         out[i] = v0[i] * v1[i] < 0.0
@@ -125,7 +125,7 @@ def _doubt_sign(v0, v1, out):
 
 @inline
 def _doubt_both(v0, v1, a0, a1, out):
-    """Whether the rate changes sign, or falls and recovers; whether it does anywhere."""
+    """Mark the intervals in which the rate changes sign, or falls and recovers; return 1 if there are any."""
     some = np.uint8(0)
     for i in range(v0.size):
         out[i] = (v0[i] * v1[i] < 0.0) | ((v0[i] * a0[i] < 0.0) & (v0[i] * a1[i] > 0.0))
@@ -133,8 +133,8 @@ def _doubt_both(v0, v1, a0, a1, out):
     return some
 
 
-def _find_turns(s, v, a, t, low, high, doubtful, at, shares, drifts):
-    """Points between samples low..high where the motion turns: interval, share of its time, drift; how many."""
+def _find_reversals(s, v, a, t, low, high, doubtful, at, shares, drifts):
+    """Write interval, share of its time and drift of each reversal between samples low..high; return their number."""
     if t.size == 0:
         return 0
     has_a = a.size > 0
@@ -152,8 +152,8 @@ def _find_turns(s, v, a, t, low, high, doubtful, at, shares, drifts):
             if doubtful[i - begin - 1]:
                 if has_a:
                     a0, a1 = a[i - 1], a[i]
-                turns, x0, rise0, x1, rise1 = _turns(s[i - 1], s[i], v[i - 1], v[i], t[i] - t[i - 1], a0, a1, has_a)
-                for k in range(turns):
+                n, x0, rise0, x1, rise1 = _reversals(s[i - 1], s[i], v[i - 1], v[i], t[i] - t[i - 1], a0, a1, has_a)
+                for k in range(n):
                     at[count] = i
                     shares[count] = x1 - x0 if k else x0
                     drifts[count] = s[i - 1] + (rise1 if k else rise0)
@@ -165,10 +165,10 @@ def _find_turns(s, v, a, t, low, high, doubtful, at, shares, drifts):
 def _paths(advance: Callable, n_states: int) -> Callable[..., None]:
     """Compiled paths of one law's state for many shape parameters; one machine-code file for each law."""
     step = inline(advance)
-    find = part(_find_turns)
+    find = part(_find_reversals)
 
-    def straight(s, v, t, u, middle, state, theta, z, begin, end):
-        """Samples begin..end, between which the motion does not turn; the state stays in registers."""
+    def between(s, v, t, u, middle, state, theta, z, begin, end):
+        """Move the state over samples begin..end, which contain no reversal; it stays in registers."""
         has_t = t.size > 0
         now, h = on_stack(n_states), np.nan
         for k in range(n_states):
@@ -184,23 +184,23 @@ def _paths(advance: Callable, n_states: int) -> Callable[..., None]:
         for k in range(n_states):
             state[k] = now[k]
 
-    def turning(s, v, t, u, middle, state, theta, z, i, shares, drifts):
-        """Sample i, before which the motion turns, once for each of ``drifts``."""
+    def across(s, v, t, u, middle, state, theta, z, i, shares, drifts):
+        """Move the state to sample i through the reversals at ``drifts``."""
         for k in range(middle.size):
             middle[k] = 0.5 * (u[k, i - 1] + u[k, i])
         h = t[i] - t[i - 1]
-        s0, v0, rest = s[i - 1], v[i - 1], h
+        s0, v0, left = s[i - 1], v[i - 1], h
         for w in range(drifts.size):
             step(state, s0, v0, drifts[w], 0.0, shares[w] * h, middle, theta)
-            s0, v0, rest = drifts[w], 0.0, rest - shares[w] * h
-        step(state, s0, v0, s[i], v[i], rest, middle, theta)
+            s0, v0, left = drifts[w], 0.0, left - shares[w] * h
+        step(state, s0, v0, s[i], v[i], left, middle, theta)
         for k in range(n_states):
             z[k, i] = state[k]
 
-    ahead, around = part(straight), part(turning)
+    between, across = part(between), part(across)
 
     def one_path(s, v, t, u, middle, state, theta, z, low, high, at, shares, drifts, count):
-        """From sample ``low`` to ``high`` for one set of parameters."""
+        """Move the state from sample ``low`` to ``high`` for one set of parameters."""
         s, v, t, u, middle = borrow(s), borrow(v), borrow(t), borrow(u), borrow(middle)
         state, theta, z = borrow(state), borrow(theta), borrow(z)
         w, begin = 0, low + 1
@@ -208,10 +208,10 @@ def _paths(advance: Callable, n_states: int) -> Callable[..., None]:
             first, i = w, at[w]
             while w < count and at[w] == i:
                 w += 1
-            ahead(s, v, t, u, middle, state, theta, z, begin, i)
-            around(s, v, t, u, middle, state, theta, z, i, borrow(shares)[first:w], borrow(drifts)[first:w])
+            between(s, v, t, u, middle, state, theta, z, begin, i)
+            across(s, v, t, u, middle, state, theta, z, i, borrow(shares)[first:w], borrow(drifts)[first:w])
             begin = i + 1
-        ahead(s, v, t, u, middle, state, theta, z, begin, high)
+        between(s, v, t, u, middle, state, theta, z, begin, high)
 
     path = part(one_path)
 
@@ -256,7 +256,7 @@ def state_paths(law: Any, motions: Sequence[Motion], thetas: np.ndarray) -> list
 
 
 def _along(law: Any, motion: Motion, u: np.ndarray, thetas: np.ndarray, states: np.ndarray) -> np.ndarray:
-    """Paths for each row of ``thetas``; ``states`` is moved to the last sample."""
+    """Paths for each row of ``thetas``; ``states`` is overwritten by the states at the last sample."""
     none = np.empty(0)
 
     def line(array: np.ndarray | None) -> np.ndarray:
@@ -265,12 +265,10 @@ def _along(law: Any, motion: Motion, u: np.ndarray, thetas: np.ndarray, states: 
     s, v, a, t = line(motion.s), line(motion.v), line(motion.a), line(motion.t)
     z = np.empty((len(thetas), law.n_states, len(s)))
     if not np.isfinite(s.sum() + v.sum()):
-        raise ChannelError("The motion of a law with memory is not finite", "Cut leading and trailing NaN rows first.")
+        raise ChannelError("The motion of a law with memory is not finite", "Remove NaN rows at both ends first.")
     if len(s):
         try:
-            _paths(type(law).advance, law.n_states)(
-                s, v, a, t, read_only(u), read_only(thetas), states, z
-            )
+            _paths(type(law).advance, law.n_states)(s, v, a, t, read_only(u), read_only(thetas), states, z)
         except NumbaError as error:
             raise cannot_compile(law, error) from error
     return z
@@ -279,8 +277,8 @@ def _along(law: Any, motion: Motion, u: np.ndarray, thetas: np.ndarray, states: 
 def _explain(law: Any, motion: Motion) -> None:
     """Raise the error for a state that is not finite."""
     if motion.t is None:
-        raise LawError(f"{type(law).__name__} needs the time of the samples", "Pass time=, or dt=.")
+        raise LawError(f"{type(law).__name__} needs the time of the samples", "Pass time= or dt=.")
     raise LawError(
-        f"The state of {type(law).__name__} grows beyond all bounds on this motion",
+        f"The state of {type(law).__name__} diverges on this motion",
         f"Change its shape parameters ({', '.join(f'{k} = {x}' for k, x in law.shape.items())}).",
     )

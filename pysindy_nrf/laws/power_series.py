@@ -1,4 +1,4 @@
-"""The paper's power series (eq. 2): one law among others."""
+"""The paper's power series (eq. 2)."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from .base import ForceLaw, Term
 
 
 def whole(name: str, value: Any, least: int = 0) -> int:
-    """Return a whole number or say what is wrong with it."""
+    """The value as an int; raises LawError if it is no whole number of at least ``least``."""
     if isinstance(value, bool) or not hasattr(value, "__index__") or int(value) < least:
         raise LawError(f"{name}={value!r} is not a whole number of at least {least}", "Give e.g. 3.")
     return int(value)
 
 
-MOST_POWER = 60  # a higher one is a mistake, or a file that wants all memory
+MOST_POWER = 60  # a higher power is a mistake, or a file that would exhaust the memory
 
 
 def exponents_of(order: Any) -> tuple[tuple[int, int], ...]:

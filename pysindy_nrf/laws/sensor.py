@@ -1,9 +1,8 @@
-"""What a sensor adds to the truth: its reading minus the true channel, as a law of the true channel.
+"""Sensor faults: the reading minus the true channel, as a law of the true channel.
 
-At a site such as ``"sensor a2"`` a law sees the channel itself: s is the channel, v and a are its
-first and second derivative. It acts on the reading alone, never on the motion, so it stands in no
-balance; a simulation gives the readings, and :meth:`SensorFault.corrected` takes a reading back to
-the truth.
+At a site such as ``"sensor a2"`` s is the channel, v and a are its first and second derivative. A fault changes the
+reading, not the motion, and therefore enters no balance. A simulation returns the readings;
+:meth:`SensorFault.corrected` recovers the true channel.
 """
 
 from __future__ import annotations
@@ -18,17 +17,17 @@ from .base import ForceLaw, Term
 class SensorFault(ForceLaw):
     """Base of the laws of faulty sensors; their output has the unit of the channel.
 
-    A fault has one coefficient. Its unit says on what scale a search looks for it: a time ("s") in radians of the mean
+    A fault has one coefficient. Its unit sets the scale of the search: a time ("s") in radians of the mean
     frequency of the channel, a share ("1") as it is, anything else in rms values of the channel.
 
     Attributes
     ----------
     scan : (float, float)
-        First step and reach of the search for the coefficient, on that scale.
+        First step and range of the search for the coefficient, on that scale.
     acts_on_derivatives : bool
-        Whether the derivatives of the channel have the same fault; not so with a wrong zero.
+        Whether the derivatives of the channel have the same fault; false for an offset.
     changes_scale : bool
-        Whether the fault of the only force, or of the only DOF, cannot be told from the scale of the whole chain.
+        Whether the fault of the only force, or of the only DOF, is indistinguishable from a scaling of the chain.
 
     Examples
     --------
@@ -46,7 +45,7 @@ class SensorFault(ForceLaw):
     changes_scale: ClassVar[bool] = False
 
     def reading(self, channel: Any, dt: float) -> np.ndarray:
-        """What the sensor shows.
+        """The reading of the sensor.
 
         Parameters
         ----------
@@ -58,12 +57,12 @@ class SensorFault(ForceLaw):
         Returns
         -------
         ndarray of shape (n_samples,)
-            NaN in rows for which a delayed sensor shows what lies before the record.
+            NaN in rows for which a delayed sensor shows the time before the record.
         """
         raise NotImplementedError
 
     def corrected(self, reading: Any, dt: float) -> np.ndarray:
-        """The true channel from what the sensor shows; the inverse of :meth:`reading`.
+        """The true channel from the reading of the sensor; the inverse of :meth:`reading`.
 
         Parameters
         ----------
@@ -79,7 +78,7 @@ class SensorFault(ForceLaw):
         raise NotImplementedError
 
     def followed_by(self, other: SensorFault) -> Self:
-        """One fault whose correction is that of this one and then of another of its kind.
+        """A single fault equivalent to correcting this one and then another of its kind.
 
         Parameters
         ----------
@@ -99,7 +98,7 @@ class SensorFault(ForceLaw):
         return self.with_values([float(self.values[0] + other.values[0])])
 
     def before(self, earlier: SensorFault) -> tuple[Self, SensorFault]:
-        """The same two corrections in the other order: this fault first, then the one that is corrected earlier.
+        """The same two corrections in the other order: this fault first, then the earlier one.
 
         Parameters
         ----------
@@ -121,7 +120,7 @@ class SensorFault(ForceLaw):
 
 
 class ChannelDelay(SensorFault):
-    r"""Channel that is late by tau, ``y(t - tau)``: another clock, an anti-aliasing filter, a slow converter.
+    r"""Channel delayed by tau, ``y(t - tau)``: another clock, an anti-aliasing filter, a slow converter.
 
     To first order the reading lacks :math:`\tau \dot y`, which is the column of the law; readings and
     corrections are exact (spline of degree 7).
@@ -129,7 +128,7 @@ class ChannelDelay(SensorFault):
     Parameters
     ----------
     tau : float, optional
-        Delay, s; negative = early.
+        Delay, s; negative if the channel is early.
 
     Examples
     --------
@@ -149,16 +148,16 @@ class ChannelDelay(SensorFault):
         out[0] = -v
 
     def reading(self, channel: Any, dt: float) -> np.ndarray:
-        """The channel, late by tau."""
+        """The channel delayed by tau."""
         return shifted(np.asarray(channel, dtype=float), float(self.values[0]) / dt)
 
     def corrected(self, reading: Any, dt: float) -> np.ndarray:
-        """The reading, early by tau."""
+        """The reading advanced by tau."""
         return shifted(np.asarray(reading, dtype=float), -float(self.values[0]) / dt)
 
 
 class GainError(SensorFault):
-    """Channel that reads too much by the share e, ``(1 + e) y``: a wrong calibration, or a wrong sign (e = -2).
+    """Channel with the relative error e, ``(1 + e) y``: a wrong calibration, or a wrong sign (e = -2).
 
     Parameters
     ----------
@@ -186,7 +185,7 @@ class GainError(SensorFault):
         return (1.0 + float(self.values[0])) * np.asarray(channel, dtype=float)
 
     def corrected(self, reading: Any, dt: float) -> np.ndarray:
-        """The reading over 1 + e."""
+        """The reading divided by 1 + e."""
         return np.asarray(reading, dtype=float) / (1.0 + float(self.values[0]))
 
     def followed_by(self, other: SensorFault) -> Self:
@@ -194,14 +193,14 @@ class GainError(SensorFault):
         return self.with_values([float((1.0 + self.values[0]) * (1.0 + other.values[0]) - 1.0)])
 
     def before(self, earlier: SensorFault) -> tuple[Self, SensorFault]:
-        """A zero that is corrected after the gain is smaller by the gain."""
+        """An offset that is corrected after the gain is divided by the gain."""
         if earlier.acts_on_derivatives:
             return self, earlier
         return self, earlier.with_values(earlier.values / (1.0 + self.values))
 
 
 class SensorOffset(SensorFault):
-    """Channel whose zero is wrong, ``y + b``.
+    """Channel with a constant offset, ``y + b``.
 
     Parameters
     ----------
@@ -235,14 +234,14 @@ class SensorOffset(SensorFault):
         return np.asarray(reading, dtype=float) - float(self.values[0])
 
     def before(self, earlier: SensorFault) -> tuple[Self, SensorFault]:
-        """A zero that is corrected before a gain is larger by the gain."""
+        """An offset that is corrected before a gain is multiplied by the gain."""
         if not earlier.changes_scale:
             return self, earlier
         return self.with_values(self.values * (1.0 + earlier.values)), earlier
 
 
 def shifted(values: np.ndarray, samples: float) -> np.ndarray:
-    """A channel delayed by a number of samples that need not be whole; NaN where nothing is known.
+    """A channel delayed by a number of samples, which may be fractional; NaN outside the record.
 
     Parameters
     ----------
@@ -257,7 +256,7 @@ def shifted(values: np.ndarray, samples: float) -> np.ndarray:
     Examples
     --------
     >>> import numpy as np
-    >>> from pysindy_nrf.signals.alignment import shifted
+    >>> from pysindy_nrf.laws.sensor import shifted
     >>> t = np.arange(1000) / 500
     >>> late = shifted(np.sin(30 * t), 2.5)  # by 5 ms
     >>> bool(np.nanmax(abs(late - np.sin(30 * (t - 0.005)))[20:-20]) < 1e-3)

@@ -1,4 +1,4 @@
-"""The scale on which shape parameters are searched, wherever that is done."""
+"""Shape parameters of laws and the scale on which they are searched."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-# What the bounds of a shape parameter are multiples of at a site: rms drift (m), rms rate (m/s), longest record (s),
-# first and last time of all records (s).
+# Scales of a site, of which bounds are multiples: rms drift (m), rms rate (m/s), longest record (s), first and last
+# time of all records (s).
 Scales = tuple[float, float, float, tuple[float, float]]
 
 
 class Shape(NamedTuple):
-    """A shape parameter: something the law is not linear in.
+    """A shape parameter: a parameter in which the law is not linear.
 
     Attributes
     ----------
     name : str
     unit : str
-        SI unit; ``"1/s"`` times a drift scale and so on are left to the text.
+        SI unit.
     low, high : float
         Bounds of its search, in multiples of ``scale``.
     scale : str
-        What the bounds are multiples of, a product such as ``"1"``, ``"s"``, ``"1/v"`` or
+        Unit of the bounds, a product such as ``"1"``, ``"s"``, ``"1/v"`` or
         ``"s/v"`` of the rms drift s and the rms rate v of the site and the record length t.
     log : bool
         Whether it is positive and searched on a logarithmic scale.
@@ -31,7 +31,7 @@ class Shape(NamedTuple):
         Whether it is a time on the clock of the records; its bounds are then shares of the way from the first time to
         the last.
     friction_below : float, optional
-        Value below which the law is dry friction in all but name, e.g. a power of the rate near zero.
+        Value below which the law is practically dry friction, e.g. a power of the rate near zero.
 
     Examples
     --------
@@ -77,12 +77,11 @@ class Shape(NamedTuple):
 
     @property
     def is_frequency(self) -> bool:
-        """Whether it is a frequency of time, Hz, by its name.
+        """Whether it is a frequency in Hz, by its name.
 
-        A record of T seconds tells frequencies 1/T apart, thousands over its band: what the balances lack shows which
-        are worth a trial (:mod:`pysindy_nrf.regression.spectral_lines`). They go up to half the sampling rate, for
-        what excites a
-        structure may be faster than it moves.
+        A record of T seconds resolves frequencies 1/T apart, thousands over its band. Candidates are the lines in the
+        residual of the balances (:mod:`pysindy_nrf.regression.shape_search`), up to half the sampling rate, because
+        an excitation may be faster than the motion of the structure.
 
         Examples
         --------
@@ -96,7 +95,7 @@ class Shape(NamedTuple):
 class ShapeScale:
     """Shape parameters in the coordinates of a search: logarithms where :class:`Shape` says so.
 
-    A frequency goes up to the fastest that the records can tell: what excites a structure may be faster than it moves.
+    A frequency is searched up to half the sampling rate: an excitation may be faster than the motion.
 
     Parameters
     ----------
@@ -104,12 +103,12 @@ class ShapeScale:
     scales : sequence of (float, float, float, (float, float))
         Rms drift (m), rms rate (m/s), longest record (s), first and last time (s) at the site of each.
     fastest : float
-        Half the sampling rate, Hz; infinite without a clock, and frequencies then end where their law says.
+        Half the sampling rate, Hz; if infinite (no clock), the bounds of the law hold for frequencies, too.
 
     Attributes
     ----------
     log : ndarray of bool, shape (n_shapes,)
-        Which are searched as logarithms.
+        True for a logarithmic scale.
     low, high : ndarray of shape (n_shapes,)
         Bounds of the search, in its coordinates.
 
@@ -123,9 +122,7 @@ class ShapeScale:
     [3000000.0, 500.0]
     """
 
-    def __init__(
-        self, shapes: Sequence[Shape], scales: Sequence[Scales], fastest: float = np.inf
-    ) -> None:
+    def __init__(self, shapes: Sequence[Shape], scales: Sequence[Scales], fastest: float = np.inf) -> None:
         bounds = np.array([p.bounds(*own) for p, own in zip(shapes, scales)], dtype=float).reshape(-1, 2)
         if np.isfinite(fastest):
             bounds[[p.is_frequency for p in shapes], 1] = fastest

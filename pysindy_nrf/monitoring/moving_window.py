@@ -13,7 +13,7 @@ from ..common.jackknife import variance
 from ..estimation.intervals import Resolver
 from ..estimation.problem import Problem
 from ..exceptions import ChainError
-from ..regression.analysis_inputs import as_segments, storey_names
+from ..regression.chain_model import as_segments, storey_names
 from ..regression.grams import BlockGrams
 from .change import _linear, plain_model, resolver_in_time
 

@@ -17,8 +17,8 @@ from ..laws.base import ForceLaw, from_dict
 from ..laws.forcing import total_masses
 from ..mechanics.chain import Chain
 from ..mechanics.sites import Site
+from .domains import VisitedRegion
 from .input_arrays import from_arrays
-from .phase_plane_domain import VisitedRegion
 from .restoring_force import RestoringForces, grid
 from .segments import SegmentSet
 
@@ -574,3 +574,16 @@ def _text_of(path: Any) -> str:
         return Path(path).read_text(encoding="utf-8")
     except (UnicodeError, OSError) as error:
         raise unreadable(Path(path), "JSON", error) from error
+
+
+def storey_names(model: ChainModel) -> list[str]:
+    """``storey 1`` .. ``storey n``."""
+    return [f"storey {i}" for i in range(1, model.n_dof + 1)]
+
+
+def frame(data: SegmentSet, parts: list[np.ndarray], columns: list[str]) -> pd.DataFrame:
+    """A table of the rows the user passed, indexed by time where it is known."""
+    times = [np.full(seg.n_samples, np.nan) if seg.t is None else seg.t for seg in data.segments]
+    known = all(seg.t is not None for seg in data.segments)
+    index = pd.Index(np.concatenate(times), name="t") if known else pd.RangeIndex(data.n_samples, name="sample")
+    return pd.DataFrame(data.scatter(parts), index=index, columns=columns)

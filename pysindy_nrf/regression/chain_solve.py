@@ -14,14 +14,45 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 from scipy.linalg import lapack
+from sklearn.base import clone
 
-from ..exceptions import IdentifiabilityError, NRFError, RankWarning
+from ..exceptions import IdentifiabilityError, NRFError, NRFWarning, RankWarning
 from ..mechanics.identifiability import Step, Walk
 from ..mechanics.sites import Site
 from .blocks import Block
 from .gram_pass import guess_of, total_gram
 from .grams import BlockGrams
 from .layout import Group, Layout
+
+
+def fit_inner(optimizer: Any, columns: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Fit a clone of an optimizer and return its coefficients."""
+    if getattr(optimizer, "bagging", False):
+        raise NRFError(
+            f"{type(optimizer).__name__}(bagging=True) draws samples, but each sub-problem is a triangular factor of "
+            "all samples",
+            "Use library_ensemble=True, or bootstrap over records.",
+        )
+    if not hasattr(optimizer, "fit") or isinstance(optimizer, type):
+        raise NRFError(
+            f"optimizer={optimizer!r} is not an optimizer", "Give an instance, e.g. pysindy.STLSQ(threshold=0.01)."
+        )
+    fresh = clone(optimizer)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        fresh.fit(columns, target.reshape(-1, 1))
+    for message in caught:
+        if "eliminated all" in str(message.message):
+            warnings.warn(
+                f"{type(optimizer).__name__}: no term of a balance reached the threshold; its law is zero.",
+                NRFWarning,
+                stacklevel=3,
+            )
+    coefficients = np.asarray(fresh.coef_, dtype=float).ravel()
+    if not np.isfinite(coefficients).all():
+        raise NRFError(f"{type(optimizer).__name__} returned coefficients that are not finite", "Check its parameters.")
+    return coefficients
+
 
 # Squaring a scaled condition number c loses c^2 of the 1e16 digits of a double.
 _DIGITS_AT_RISK = 1e-9
@@ -311,7 +342,6 @@ def _mass_noise(upper: np.ndarray, scaled: np.ndarray, share: float, n_masses: i
 
 def _sparse(unit: np.ndarray, target: np.ndarray, n_masses: int, n_samples: float, inner: Any) -> np.ndarray:
     """Run a PySINDy optimizer on the problem with the masses, its first columns, eliminated; then solve for these."""
-    from .sparse_subproblem import fit_inner
 
     length = n_samples**0.5
     own, free = slice(0, n_masses), slice(n_masses, None)

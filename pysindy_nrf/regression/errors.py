@@ -8,12 +8,14 @@ its storey force.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import pandas as pd
 
+from ..data.record import Record
+from ..exceptions import NRFError
 from ..mechanics.identifiability import Walk
 from ..mechanics.sites import Site
 from .blocks import Block
@@ -22,6 +24,7 @@ from .chain_solve import groups_of
 from .gram_pass import total_gram
 from .grams import BlockGrams
 from .layout import Layout
+from .segments import BlockRows, Segment, SegmentSet
 
 COLUMNS = ["error", "residual", "reference", "of"]
 # Percent; below it round-off of a Gram matrix (the root of the machine precision) shows in the last digits.
@@ -307,3 +310,71 @@ def nrmse(measured: Any, found: Any) -> float:
     a, b = np.asarray(measured, dtype=float), np.asarray(found, dtype=float)
     good = np.isfinite(a) & np.isfinite(b)
     return _percent(float(np.sqrt(np.mean((b[good] - a[good]) ** 2))), float(np.sqrt(np.mean(a[good] ** 2))))
+
+
+def free_run_of(
+    model: ChainModel,
+    segment: Segment,
+    rows: slice | None = None,
+    dt: float | None = None,
+    start: tuple[np.ndarray, np.ndarray] | None = None,
+    integrator: Callable[..., Record] = ChainModel.simulate,
+    **options: Any,
+) -> Record:
+    """The model alone under the forces and base motion of some rows, from their first state."""
+    rows = segment.valid if rows is None else rows
+    x0, v0 = start or (np.cumsum(y[rows.start].astype(float)) for y in (segment.s, segment.v))
+    return integrator(
+        model,
+        segment.F[rows],
+        segment.step if dt is None else dt,
+        x0=x0,
+        v0=v0,
+        t0=segment.time_at(rows.start),
+        base_acceleration=None if segment.ag is None else segment.ag[rows],
+        covariates={k: c[rows] for k, c in segment.covariates.items()} or None,
+        **options,
+    )
+
+
+def squares_of(run: Record, segment: Segment, rows: slice, filter: Any = None) -> tuple[np.ndarray, np.ndarray]:
+    """Sums of squares of a free run's error and of the measured displacement."""
+    x = np.cumsum(segment.s[rows], axis=1)
+    error = run.displacement - x
+    if filter is not None:
+        error, x = filter.apply(error), filter.apply(x)
+    return (error**2).sum(axis=0), (x**2).sum(axis=0)
+
+
+class Judged(Protocol):
+    """What a free run is compared with."""
+
+    @property
+    def data(self) -> SegmentSet:
+        """Records."""
+
+    @property
+    def filters(self) -> Sequence[Any]:
+        """FairFilter or None, one for each record."""
+
+
+def free_run_error(model: ChainModel, work: Judged, blocks: Sequence[BlockRows]) -> float:
+    """Free-run error of the displacements on some blocks, percent NRMSE."""
+    if (model.masses <= 0).any():
+        return float("nan")
+    top, bottom = np.zeros(model.n_dof), np.zeros(model.n_dof)
+    for block in blocks:
+        seg = work.data.segments[block.segment]
+        start = seg.valid.start
+        rows = slice(start + block.rows.start, start + block.rows.stop)
+        dt = seg.dt
+        if dt is None or np.isnan(seg.F[rows.start]).any() or rows.stop - rows.start < 8:
+            return float("nan")
+        try:
+            run = free_run_of(model, seg, rows, dt)
+        except NRFError:
+            return float("nan")
+        error, x = squares_of(run, seg, rows, work.filters[block.segment])
+        top += error
+        bottom += x
+    return float(100.0 * np.sqrt(np.mean(top / bottom))) if (bottom > 0).all() else float("nan")

@@ -12,7 +12,7 @@ from ..exceptions import ChannelError
 from ..laws.base import Motion
 from ..mechanics.sites import Site
 from .blocks import Block, block_size
-from .channel_range import Extent
+from .domains import Extent
 from .layout import LawLayout, Recipe
 
 

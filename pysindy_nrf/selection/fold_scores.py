@@ -10,8 +10,7 @@ import numpy as np
 
 from ..exceptions import NRFError
 from ..regression.chain_solve import Solution, StepFit
-from ..regression.errors import Pooled, balance_sizes, pooled_error
-from ..regression.free_run import free_run_error
+from ..regression.errors import Pooled, balance_sizes, free_run_error, pooled_error
 from ..regression.grams import BlockGrams
 from ..regression.segments import BlockRows
 from ..regression.solution import model_of

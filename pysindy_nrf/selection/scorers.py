@@ -122,7 +122,7 @@ def _acceleration(regressor: Any, X: Any, F: Any = None, **metadata: Any) -> flo
 
 
 def _free_run(regressor: Any, X: Any, F: Any = None, **metadata: Any) -> float:
-    from ..regression.free_run import free_run_error
+    from ..regression.errors import free_run_error
     from ..regression.segments import BlockRows
     from ..signals.zero_phase_filter import filters_of
 

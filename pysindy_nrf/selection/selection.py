@@ -292,7 +292,7 @@ def fold_moments_of(
     estimator: Any, labels: list[Any], X: Any, F: Any, cv: Any, options: Mapping[str, Any]
 ) -> FoldMoments:
     """Gram matrices for all folds of what an estimator would be fitted to, with several orders where none is given."""
-    from ..regression.requirements import require_moving
+    from ..regression.solution import require_moving
 
     if estimator.estimation != "ls" or estimator.constraints is not None:
         what = "constraints" if estimator.constraints is not None else f"estimation={estimator.estimation!r}"

@@ -3,11 +3,11 @@
 from ..common.lazy import public_names
 
 _NAMES = {
-    "BandLimiter": "band",
+    "BandLimiter": "zero_phase_filter",
     "KinematicSmoother": "kinematic_smoother",
-    "differentiate": "differentiation",
-    "integrate": "integration",
-    "paper_processing": "paper",
+    "differentiate": "calculus",
+    "integrate": "calculus",
+    "paper_processing": "kinematics",
 }
 __all__ = [*_NAMES]
 __getattr__, __dir__ = public_names(__name__, _NAMES)

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from .fusion import BasisLadder, FusedMotion, fuse, refine
 from .joint import fuse_jointly
+from .spline_fusion import BasisLadder, FusedMotion, fuse, refine
 
 Views = list[np.ndarray | None]
 

@@ -1,4 +1,4 @@
-"""Channels that are clipped, dead, spiky, coarsely quantised, copied or filled with -9999: found and said."""
+"""Checks of the channels of one record: faults of sensors and of the line, wrong units, signs and clocks."""
 
 from __future__ import annotations
 
@@ -10,20 +10,32 @@ import pandas as pd
 
 from ..data.channels import FILLED, fillers
 from ..data.record import Record
-from ..exceptions import DataQualityWarning
+from ..exceptions import DataQualityWarning, NRFError
 
 _MOTION = re.compile(r"[avx]\d+")
 CLIPPED = 5  # samples in a row at an extreme
 SPIKE = 25.0  # robust standard deviations of the second difference
 LOUD = 4.0  # standard deviations of the channel by which a spike stands out
-ENOUGH = 20_000  # samples that show the steps of a converter, and suspects of being spikes
+ENOUGH = 20_000  # samples used to find the quantisation step, and largest number of spike candidates
 LEVELS = 64  # fewer distinct steps over the range than this are coarse
+
+# Motions or forces above these sizes suggest a wrong unit.
+_LARGE = {"a": (1e5, "m/s^2"), "v": (50.0, "m/s"), "x": (10.0, "m"), "F": (1e9, "N")}
+# Ratios of two channels of one motion that indicate a unit.
+_RATIOS = {9.80665: "g", 1e3: "mm", 1e2: "cm", 1e6: "µm", 39.3701: "inches", 3.28084: "feet", 100 / 9.80665: "gal"}
+# Acceleration (m/s^2) and the displacement (m) it implies at its strongest frequency, both exceeded for a wrong unit.
+_BRISK, _WIDE = 500.0, 0.3
+# A gain is reported if it differs from 1 by _SURE times its scatter and by _LEAST, or by _FAR whatever the scatter.
+_SURE, _LEAST, _FAR = 2.0, 0.02, 0.2
+_NEAR = 0.12  # relative distance within which a ratio is recognised
+_SLOW = 8.0  # Hz; accelerations of structures are sampled faster
+_CLOCKS = {1e-3: "ms", 1e-6: "µs"}  # ratios of the true time to the time read
 
 Finding = tuple[str, str, float, str]  # channel, problem, share and message as in the table
 
 
 def check_channels(record: Record, warn: bool = False) -> pd.DataFrame:
-    """What is wrong with the measured channels of a record.
+    """Table of what is wrong with the measured channels of a record.
 
     Parameters
     ----------
@@ -51,36 +63,25 @@ def check_channels(record: Record, warn: bool = False) -> pd.DataFrame:
     seen: dict[str, np.ndarray] = {}
     for name, values in record.channels().items():
         y = np.asarray(values, dtype=float)
+        filled, what = fillers(y)
         y = y[np.isfinite(y)]
         if not len(y) or (name[:1] == "F" and not y.any()):
             continue
-        if np.ptp(y) == 0 or np.ptp(y) <= 1e-12 * np.abs(y).max():
-            rows.append(
-                (
-                    name,
-                    "dead",
-                    1.0,
-                    f"{name} never changes ({y[0]:.4g}): a dead sensor or a wrong column. Leave it out (a column "
-                    "of NaN).",
-                )
-            )
+        if np.ptp(y) <= 1e-12 * np.abs(y).max():
+            text = f"{name} is constant ({y[0]:.4g}): a dead sensor or a wrong column. Leave it out (a column of NaN)."
+            rows.append((name, "dead", 1.0, text))
             continue
         for other, z in seen.items():
-            if len(z) == len(y) and np.array_equal(z, y):
-                rows.append(
-                    (
-                        name,
-                        "copied",
-                        1.0,
-                        f"{name} is the same as {other}, sample by sample: a copied column. Check the wiring list.",
-                    )
-                )
+            if np.array_equal(z, y):
+                text = f"{name} is the same as {other}, sample by sample: a copied column. Check the wiring list."
+                rows.append((name, "copied", 1.0, text))
         seen[name] = y
-        filled, what = fillers(np.asarray(values, dtype=float))
         if what:
             rows.append((name, "filled", len(filled) / len(values), f"{name} holds {what}. {FILLED}"))
             continue
-        rows += _stuck(name, y) + _clipped(name, y) + _quantised(name, y) + _spiky(name, y)
+        for problem, check in (("dead", _stuck), ("clipped", _clipped), ("quantised", _quantised), ("spiky", _spiky)):
+            if found := check(name, y):
+                rows.append((name, problem, *found))
     table = pd.DataFrame(rows, columns=["channel", "problem", "share", "message"])
     if warn and len(table):
         warnings.warn(f"Record {record.name!r}: " + " ".join(table["message"]), DataQualityWarning, stacklevel=2)
@@ -93,108 +94,170 @@ def _runs(flag: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return edges[::2], edges[1::2] - edges[::2]
 
 
-def _clipped(name: str, y: np.ndarray) -> list[Finding]:
-    low, high = y.min(), y.max()
-    resolution = _resolution(y)
-    if resolution > np.ptp(y) / LEVELS:
-        return []
-    total = 0
-    sides = []
-    for side, level in (("above", high), ("below", low)):
-        starts, lengths = _runs(y == level)
+def _clipped(name: str, y: np.ndarray) -> tuple[float, str] | None:
+    """Share of samples cut off at an extreme of the range, and the message."""
+    if _resolution(y) > np.ptp(y) / LEVELS:
+        return None
+    total, sides = 0, []
+    for side, level in (("above", y.max()), ("below", y.min())):
+        lengths = _runs(y == level)[1]
         long = lengths >= CLIPPED
-        # a signal that rests at its extreme (before a test) is one run, clipping is several
+        # a signal at standstill at its extreme before a test is one run; clipping gives several
         if long.sum() >= 2 and level != 0:
             total += int(lengths[long].sum())
             sides.append(f"{side} {level:.4g}")
     if not total:
-        return []
-    return [
-        (
-            name,
-            "clipped",
-            total / len(y),
-            f"{name} is cut off {' and '.join(sides)} in {total} samples: the range was too small. Measure again "
-            "with a larger one, or leave those stretches out.",
-        )
-    ]
+        return None
+    return total / len(y), (
+        f"{name} is cut off {' and '.join(sides)} in {total} samples: the range was too small. Measure again with a "
+        "larger one, or leave those stretches out."
+    )
 
 
-def _stuck(name: str, y: np.ndarray) -> list[Finding]:
-    """A sensor that dies on the way."""
+def _stuck(name: str, y: np.ndarray) -> tuple[float, str] | None:
+    """Share of samples after which a motion sensor stays constant during the record, and the message."""
     starts, lengths = _runs(np.diff(y) == 0)
-    if not len(lengths):
-        return []
+    if not len(lengths) or not _MOTION.fullmatch(name):  # forces, the base and covariates may be constant
+        return None
     longest = int(lengths.argmax())
     start, length = int(starts[longest]), int(lengths[longest]) + 1
-    if length < max(100, 0.02 * len(y)) or y[start] in (y.min(), y.max()) or not _MOTION.fullmatch(name):
-        return []  # forces, the base and covariates may rest
-    before = np.ptp(y[:start]) if start else 0.0
-    if before == 0:  # at rest before the test begins
-        return []
-    return [
-        (
-            name,
-            "dead",
-            length / len(y),
-            f"{name} does not change for {length} samples from row {start} on: a lost connection. Cut the record "
-            "there.",
-        )
-    ]
+    if length < max(100, 0.02 * len(y)) or y[start] in (y.min(), y.max()):
+        return None
+    if not start or np.ptp(y[:start]) == 0:  # at standstill before the test begins
+        return None
+    return length / len(y), (
+        f"{name} does not change for {length} samples from row {start} on: a lost connection. Cut the record there."
+    )
 
 
 def _resolution(y: np.ndarray) -> float:
-    """Smallest step between two different values that the channel uses over and over; 0 if there is none."""
+    """Smallest step between two values that the channel takes repeatedly; 0 if there is none."""
     values, counts = np.unique(y[:: max(1, len(y) // ENOUGH)], return_counts=True)
     if len(values) < 3 or np.median(counts) < 3:
         return 0.0
     return float(np.median(np.diff(values)))
 
 
-def _quantised(name: str, y: np.ndarray) -> list[Finding]:
-    step = _resolution(y)
-    rms = float(np.std(y))
+def _quantised(name: str, y: np.ndarray) -> tuple[float, str] | None:
+    """Share (1) of a coarsely quantised channel, and the message."""
+    step, rms = _resolution(y), float(np.std(y))
     if not step or step < 0.02 * rms or step < np.ptp(y) / 1024:
-        return []
-    noise = step / 12**0.5 / rms
-    return [
-        (
-            name,
-            "quantised",
-            1.0,
-            f"{name} moves in steps of {step:.3g}, {100 * step / rms:.1f} % of its rms: noise of "
-            f"{100 * noise:.1f} %. Use a smaller measuring range.",
-        )
-    ]
+        return None
+    return 1.0, (
+        f"{name} moves in steps of {step:.3g}, {100 * step / rms:.1f} % of its rms: noise of "
+        f"{100 * step / 12**0.5 / rms:.1f} %. Use a smaller measuring range."
+    )
 
 
-def _spiky(name: str, y: np.ndarray) -> list[Finding]:
+def _spiky(name: str, y: np.ndarray) -> tuple[float, str] | None:
+    """Share of single outlying samples, and the message."""
     if name[:1] == "F" or len(y) < 32:
-        return []
+        return None
     signed = y[1:-1] - 0.5 * (y[2:] + y[:-2])
     bend = np.abs(signed)
     floor = np.median(bend) / 0.6745
     hits = np.flatnonzero(bend > SPIKE * floor + 1e-300)[:ENOUGH]
     if not len(hits):
-        return []
-    # against the neighbourhood's own liveliness, so that a hammer blow is none
+        return None
+    # relative to the local level, so that a hammer blow is not taken for a spike
     width = min(101, len(bend) // 2 * 2 - 1)
     at = np.clip(hits[:, None] + np.arange(width) - width // 2, 0, len(bend) - 1)
     hits = hits[bend[hits] > SPIKE * np.median(bend[at], axis=1) / 0.6745]
-    # an acceleration jumps where friction turns over, but not beyond what the channel holds anyway
+    # friction makes the acceleration jump at a velocity reversal, but not beyond the range of the channel
     hits = hits[bend[hits] > LOUD * np.std(y)]
-    # one sample off bends its neighbours the other way by half: a smooth peak does not
+    # a single outlier bends its neighbours the other way by half; a smooth peak does not
     hits = hits[(hits > 0) & (hits < len(bend) - 1)]
     beside = np.stack([signed[hits - 1], signed[hits + 1]]) / np.where(signed[hits] == 0, 1.0, signed[hits])
     single = hits[(np.abs(beside + 0.5) < 0.25).all(axis=0)]
     if not len(single):
+        return None
+    return len(single) / len(y), (
+        f"{name} has {len(single)} single samples far off, the first in row {single[0] + 1}: spikes of the line. "
+        "Replace them by their neighbours' mean."
+    )
+
+
+def data_warnings(record: Record) -> list[str]:
+    """Messages on units, clocks, signs, delays and channels of a record that are probably wrong."""
+    out = _large(record) + _contradictions(record)
+    if not out and record.fs < _SLOW and any(re.fullmatch(r"a\d+", name) for name in record.channels()):
+        out = [f"accelerations at {record.fs:.3g} Hz: {_declared('ms')}"]
+    return out + list(check_channels(record)["message"])
+
+
+def _large(record: Record) -> list[str]:
+    """Messages on channels whose size suggests a wrong unit."""
+    out = []
+    for name, line in record.channels().items():
+        kind = name[0] if name in ("ag", "vg", "xg") or name[1:].isdigit() else ""
+        if kind in _LARGE:
+            most, unit = _LARGE[kind]
+            peak = float(np.nanmax(np.abs(line)))
+            if peak > most or (kind == "a" and peak > _BRISK and peak > _WIDE * _dominant(line, record.fs) ** 2):
+                out.append(f"{name} reaches {peak:.3g} {unit}: is its unit declared?")
+    return out
+
+
+def _dominant(line: np.ndarray, fs: float) -> float:
+    """Circular frequency of the largest spectral line, 1/s."""
+    y = line[np.isfinite(line)]
+    return 2 * np.pi * fs / len(y) * (1 + int(np.argmax(np.abs(np.fft.rfft(y - y.mean()))[1:])))
+
+
+def _contradictions(record: Record) -> list[str]:
+    """Messages on channels of one DOF that contradict each other."""
+    from .alignment import channel_alignment
+
+    try:
+        table = channel_alignment(record)
+    except NRFError:  # no DOF has two kinds of channels
         return []
-    return [
-        (
-            name,
-            "spiky",
-            len(single) / len(y),
-            f"{name} has {len(single)} single samples far off, the first in row {single[0] + 1}: spikes of the "
-            "line. Replace them by their neighbours' mean.",
-        )
-    ]
+    out = []
+    clock, several = _wrong_clock(table)
+    gains = table["gain"].astype(float)
+    known = gains.index[np.isfinite(gains)]
+    asked = {n: _unit_question(gains[n], str(table.at[n, "reference"]), str(n)) for n in known}
+    if clock and (several or not all(asked.values())):  # no unit of a channel explains as much
+        return [f"the motions contradict each other as if the time were in {clock}: {_declared(clock)}"]
+    for name, row in table.iterrows():
+        if row["aligned"]:
+            continue
+        gain, unit = float(row["gain"]), asked.get(name, "")
+        if unit:
+            unit += f"; or is the time in {clock}? {_declared(clock)}" if clock else ""
+            out.append(f"{name} is {gain:.2g} times as large as {row['reference']} says: {unit}")
+        elif not np.isfinite(gain) or abs(gain - 1) > _FAR or row["sign"] < 0 or abs(row["samples"]) > 0.5:
+            out.append(str(row["message"]))
+        elif abs(np.log(gain)) > max(_LEAST, _SURE * row["scatter"]):
+            says = f"{name} is {gain:.3g} times as large as {row['reference']} says"
+            out.append(f"{says}: is the calibration of one of them wrong?")
+    return out
+
+
+def _wrong_clock(table: pd.DataFrame) -> tuple[str, bool]:
+    """Unit of the time that would explain all gains, and whether two orders of derivatives agree on it."""
+    orders = pd.Series(range(3), list("xva"))
+    steps = orders[table["reference"].str[0]].to_numpy() - orders[table.index.str[0]].to_numpy()
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = table["gain"].to_numpy(dtype=float) ** (1.0 / steps)  # of the times
+    for wrong, unit in _CLOCKS.items():
+        if np.isfinite(ratio).all() and (np.abs(ratio / wrong - 1) < _NEAR).all():
+            return unit, len(set(steps)) > 1
+    return "", False
+
+
+def _declared(unit: str) -> str:
+    """Question on the unit of the time."""
+    return f"is the unit of the time declared? (units={{'t': '{unit}'}}, --unit t={unit})"
+
+
+def _unit_question(gain: float, reference: str, name: str) -> str:
+    """Question on the unit of one of two channels; empty if their ratio is that of no unit."""
+    for ratio, unit in _RATIOS.items():
+        if abs(gain / ratio - 1) < _NEAR:
+            wrong, other = (reference, name) if unit in ("g", "gal") else (name, reference)
+            return f"is {wrong} in {unit}? (or {other} in another unit)"
+        if abs(gain * ratio - 1) < _NEAR:
+            wrong, other = (name, reference) if unit in ("g", "gal") and name[0] == "a" else (reference, name)
+            return f"is {wrong} in {unit}? (or {other} in another unit)"
+    return ""

@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import solveh_banded
 
-from .fusion import BasisLadder, FusedMotion, weights_of
-from .spline_motion import DEGREE
+from .spline_fusion import DEGREE, BasisLadder, FusedMotion, weights_of
 
 GROUP = 6  # neighbouring degrees of freedom treated together
 MEMORY = 80  # past values in one prediction: 20 steps of 4 degrees of freedom, say

@@ -16,9 +16,7 @@ from ..data.channels import as_matrix, checked, contiguous, finite_span
 from ..data.record import Record
 from ..exceptions import ChannelError, DataQualityWarning
 from .blocks import fuse_all
-from .columns import clock_of
-from .lowest import lowest_frequency
-from .zero_phase_filter import Band, FairFilter, check_band
+from .zero_phase_filter import Band, FairFilter, check_band, clock_of, lowest_frequency
 
 _FEWEST = 8
 _ORDERS = {"x": 0, "v": 1, "a": 2}

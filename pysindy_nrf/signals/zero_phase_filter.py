@@ -5,8 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pandas as pd
+from scipy import signal
+from sklearn.base import BaseEstimator, TransformerMixin
+from sklearn.utils.validation import check_is_fitted
 
-from ..data.channels import rows_text
+from ..data.channels import by_record, checked, column_names, contiguous, finite_span, rows_text
+from ..data.record import seconds_of
 from ..exceptions import ChannelError
 
 # The part of the filter's impulse response (sum of magnitudes) that may still reach across the edge.
@@ -214,3 +219,223 @@ def filters_of(band: Band, data: Any) -> list[FairFilter | None]:
             )
         filters.append(FairFilter(band, 1.0 / seg.dt))
     return filters
+
+
+class BandLimiter(TransformerMixin, BaseEstimator):
+    """The same zero-phase filter on every column, force and response alike.
+
+    Record ids and times are metadata: ``set_fit_request(record=True).set_transform_request(record=True)`` with
+    scikit-learn's metadata routing. Each record, and each piece between gaps of the clock, is filtered by itself.
+
+    Parameters
+    ----------
+    band : (float, float) or None
+        Lower and upper edge, Hz; None for an open end.
+    fs : float
+        Sampling rate, Hz.
+    order : int
+        Order of the Butterworth filter; it runs forward and backward.
+    edges : {"nan", "drop", "keep"}
+        What to do with the ``edge_`` rows at each end that the filter spoils.
+
+    Attributes
+    ----------
+    edge_ : int
+        Rows spoiled at each end, computed from the filter's impulse response (see
+        :class:`~pysindy_nrf.signals.zero_phase_filter.FairFilter`): about three seconds for a 1 Hz high-pass.
+
+    Raises
+    ------
+    ChannelError
+        In ``fit`` if the band is impossible; in ``transform`` if the filter spoils the whole record.
+
+    Examples
+    --------
+    >>> import numpy as np, pandas as pd
+    >>> from pysindy_nrf.signals import BandLimiter
+    >>> t = np.arange(4000) / 1000
+    >>> table = pd.DataFrame({"F1": np.sin(60 * t) + np.sin(2000 * t), "a1": np.sin(60 * t)})
+    >>> limiter = BandLimiter((None, 50.0), fs=1000.0, edges="drop")
+    >>> out = limiter.fit_transform(table)
+    >>> len(table) - len(out) == 2 * limiter.edge_, bool(np.abs(out["F1"] - out["a1"]).max() < 1e-3)
+    (True, True)
+    """
+
+    def __init__(self, band: Band = None, fs: float = 1.0, order: int = 4, edges: str = "nan") -> None:
+        self.band = band
+        self.fs = fs
+        self.order = order
+        self.edges = edges
+
+    def fit(self, X: Any, y: Any = None, *, record: Any = None, time: Any = None) -> BandLimiter:
+        """Check the parameters and remember the columns.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_columns)
+        y, record, time : ignored
+
+        Returns
+        -------
+        BandLimiter
+
+        Raises
+        ------
+        ChannelError
+            If the band, the sampling rate or ``edges`` is impossible.
+        """
+        checked(self, X, reset=True)
+        if self.edges not in ("nan", "drop", "keep"):
+            raise ChannelError(f"edges={self.edges!r} is unknown", "Choose nan, drop or keep.")
+        self._filter = FairFilter(self.band, check_rate(self.fs), self.order)
+        self.edge_ = self._filter.edge
+        return self
+
+    def transform(self, X: Any, *, record: Any = None, time: Any = None) -> Any:
+        """Filter every column of each contiguous record.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_columns)
+            Leading and trailing NaN rows of a record stay NaN.
+        record : array-like of shape (n_samples,), optional
+            Record ids; rows without ids are one record.
+        time : array-like of shape (n_samples,), optional
+            s; a time index of X is used by itself. Where it jumps, a new piece begins.
+
+        Returns
+        -------
+        DataFrame or ndarray
+        """
+        check_is_fitted(self, "n_features_in_")
+        matrix = checked(self, X, reset=False).astype(float)
+        labels = column_names(X) or [f"column {i + 1}" for i in range(self.n_features_in_)]
+        out, keep = np.full(matrix.shape, np.nan), np.zeros(len(matrix), dtype=bool)
+        for name, rows in contiguous(len(matrix), record, clock_of(X, time, len(matrix), record)):
+            part = matrix[rows]
+            use = ~np.isnan(part).all(axis=0)  # a force may be unknown in one record and known in the next
+            if use.any():
+                live = [labels[i] for i in np.flatnonzero(use)]
+                span = finite_span(list(part[:, use].T), live, "" if record is None else f"record {name!r}")
+                piece = np.full(part.shape, np.nan)
+                piece[span, use] = self._filtered(part[span, use])
+                out[rows] = piece
+                keep[rows] = ~np.isnan(piece[:, use]).any(axis=1)
+        table = pd.DataFrame(out, index=X.index, columns=X.columns) if isinstance(X, pd.DataFrame) else out
+        return table[keep] if self.edges == "drop" else table
+
+    def fit_transform(self, X: Any, y: Any = None, *, record: Any = None, time: Any = None) -> Any:
+        """:meth:`fit`, then :meth:`transform`.
+
+        Parameters
+        ----------
+        X, y, record, time
+            As for these.
+
+        Returns
+        -------
+        DataFrame or ndarray
+        """
+        return self.fit(X, y).transform(X, record=record, time=time)
+
+    def get_feature_names_out(self, input_features: Any = None) -> np.ndarray:
+        """Names of the columns: those given.
+
+        Parameters
+        ----------
+        input_features : array-like of str, optional
+
+        Returns
+        -------
+        ndarray of str
+        """
+        check_is_fitted(self, "n_features_in_")
+        if hasattr(self, "feature_names_in_"):
+            return self.feature_names_in_
+        if input_features is not None:
+            return np.asarray(input_features, dtype=object)
+        return np.array([f"x{i}" for i in range(self.n_features_in_)], dtype=object)
+
+    def _filtered(self, values: np.ndarray) -> np.ndarray:
+        """Columns of one contiguous record through the filter, the rows it spoils NaN."""
+        out = self._filter.apply(values)
+        if self.edges == "keep" or self.edge_ == 0:
+            return out
+        if len(out) <= 2 * self.edge_:
+            raise ChannelError(
+                f"The record has {len(out)} samples, the filter {self.band} Hz spoils {self.edge_} at each end",
+                "Raise the lower band edge, give a longer record, or keep the ends with edges='keep'.",
+            )
+        out[: self.edge_] = np.nan
+        out[len(out) - self.edge_ :] = np.nan
+        return out
+
+
+def clock_of(X: Any, time: Any, size: int, record: Any = None) -> np.ndarray | None:
+    """Time of the rows in s, from ``time`` or from the index of a table, increasing in each record; None if unknown."""
+    index: Any = getattr(X, "index", None)
+    if time is None and isinstance(index, (pd.DatetimeIndex, pd.TimedeltaIndex)):
+        time = index
+    elif time is None and getattr(index, "name", None) in ("t", "time") and index.dtype.kind in "fiu":
+        time = index.to_numpy()
+    if time is None:
+        return None
+    seconds = seconds_of(time, "time")
+    if len(seconds) != size:
+        raise ChannelError(f"time has {len(seconds)} values, X has {size} samples", "Give one time for each sample.")
+    for name, rows in by_record(record, size):
+        bad = np.flatnonzero(np.diff(seconds[rows]) <= 0)
+        if bad.size:
+            raise ChannelError(
+                f"The time of {name} does not increase after row {rows.start + int(bad[0])}",
+                "Pass record= ids where several records are stacked; sort the rows of each; never shuffle them.",
+            )
+    return seconds
+
+
+def check_rate(fs: Any) -> float:
+    """A sampling rate in Hz, or an error."""
+    try:
+        rate = float(fs)
+    except (TypeError, ValueError):
+        rate = np.nan
+    if not np.isfinite(rate) or rate <= 0:
+        raise ChannelError(f"fs={fs!r} is not a sampling rate", "Give a positive number in Hz.")
+    return rate
+
+
+# Noise of the displacement that integration may bring along, as a share of the displacement.
+SHARE = 0.02
+# Part of the spectrum, from the top, that holds noise alone.
+_TOP = 0.2
+# A filter may spoil this share of the record at each end.
+_SPOILT = 0.2
+# Share of the displacement's power that a short record, which asks for a higher edge, must keep.
+_KEPT = 0.8
+
+
+def lowest_frequency(accelerations: np.ndarray, fs: float) -> float | None:
+    r"""Frequency above which displacements integrated from noisy accelerations can be trusted."""
+    channels = np.column_stack([accelerations, np.diff(accelerations, axis=1)])
+    channels = channels[:, channels.any(axis=0)]
+    if channels.shape[1] == 0:
+        return None
+    f, density = signal.welch(channels, fs, nperseg=max(64, len(channels) // 6), axis=0)
+    f, density = f[1:], density[1:]
+    noise = np.median(density[f > (1 - _TOP) * f[-1]], axis=0)
+    weight = f[:, None] ** -4.0
+    above = lambda y: np.cumsum(y[::-1], axis=0)[::-1]  # noqa: E731
+    told, untold = above(np.maximum(density - noise, 0.0) * weight), above(noise * weight)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.sqrt(untold / told)
+    worst = np.where(np.isfinite(share), share, np.inf).max(axis=1)
+    good = np.flatnonzero(worst <= SHARE)
+    at = int(good[0]) if good.size else int(np.argmin(worst))
+    if not np.isfinite(worst[at]):
+        return None
+    for i in range(at, int(np.searchsorted(f, 0.1 * fs))):
+        if (told[i] < _KEPT * told[at]).any():
+            break
+        if FairFilter((float(f[i]), None), fs).edge <= _SPOILT * len(channels):
+            return float(f[i])
+    return None

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from ..data.channels import as_matrix, rows_text
 from ..data.record import Record
 from ..exceptions import ChannelError, SimulationError
+from ..laws.base import ForceLaw
+from ..laws.sensor import SensorFault
 from ..mechanics.sites import Site
-from .inputs import finite, initial, input_matrix, polynomials
-from .readings import as_read
 
 METHODS = ("default", "newmark")
 CLASSICAL = "classical"  # the rule of classical_run
@@ -223,7 +224,7 @@ def _run(
     x, v = initial(x0, "x", n, "displacement"), initial(v0, "v", n, "velocity")
 
     from . import system as flat
-    from .runge_kutta import CRAWLS, PATIENCE, runge_kutta
+    from .integrators import CRAWLS, PATIENCE, runge_kutta
 
     system, layout = flat.flatten(model, t0)
     samples = input_matrix(force, base_acceleration, covariates, layout.covariates)
@@ -231,13 +232,13 @@ def _run(
     n_sites, n_states = len(layout.sites), sum(s.stop - s.start for s in layout.states.values())
     rows = len(samples)
     out = flat.Output(*(np.empty((rows, k)) for k in (n, n, n, n_states, n_sites + 1)))
-    z, w = np.zeros(n_states), flat.room(system)
+    z, w = np.zeros(n_states), flat.work_arrays(system)
     if method == "newmark":
-        from .newmark import newmark
+        from .integrators import newmark
 
         ended = newmark(system, w, samples, dt, x, v, z, out)
     else:
-        from .tables import rule_of
+        from .integrators import rule_of
 
         rule = rule_of(method)
         k = flat.stages(len(rule[1]), n, n_sites, samples.shape[1], n_states)
@@ -288,3 +289,101 @@ def _number(name: str, value: Any, cure: str, what: str = "number") -> float:
     if not np.isfinite(number):
         raise SimulationError(f"{name}={value!r} is not a {what}", cure)
     return number
+
+
+HOLDS = ("linear", "zero", "cubic")
+
+
+def finite(value: Any, names: Any, n_columns: int, what: str) -> np.ndarray:
+    """A matrix of finite numbers, or an error that names channel and rows."""
+    array = as_matrix(value, names, n_columns, what).astype(float)
+    for j in range(n_columns):
+        bad = np.flatnonzero(~np.isfinite(array[:, j]))
+        if bad.size:
+            name = f"{names}{j + 1}" if isinstance(names, str) else names[j]
+            raise ChannelError(
+                f"Channel {name} of the {what} is not finite in {rows_text(bad)}", "Give a number for every sample."
+            )
+    return array
+
+
+def initial(value: Any, prefix: str, n_dof: int, what: str) -> np.ndarray:
+    """An initial condition of every DOF."""
+    if value is None:
+        return np.zeros(n_dof)
+    array = np.asarray(value)
+    if array.shape != (n_dof,):
+        raise ChannelError(
+            f"{prefix}0 has shape {array.shape}, ({n_dof},) is needed", f"Give one initial {what} for each DOF."
+        )
+    return finite(array[None, :], prefix, n_dof, f"initial {what}")[0]
+
+
+def input_matrix(
+    force: np.ndarray, base_acceleration: Any, covariates: Mapping[str, Any] | None, names: tuple[str, ...]
+) -> np.ndarray:
+    """Forces, base acceleration and the covariates that the laws read, side by side."""
+    n = len(force)
+    lines = [("ag", np.zeros(n) if base_acceleration is None else base_acceleration)]
+    given = dict(covariates or {})
+    for name in names:
+        if name not in given:
+            raise ChannelError(
+                f"The laws of the model read the covariate {name!r}, which is not given",
+                f"Pass covariates={{{name!r}: ...}}.",
+            )
+        lines.append((name, given[name]))
+    columns = []
+    for name, line in lines:
+        column = finite(line, [name], 1, "input")[:, 0]
+        if len(column) != n:
+            raise ChannelError(f"{name} has {len(column)} samples, the force {n}", "Cut or resample them to one clock.")
+        columns.append(column)
+    return np.ascontiguousarray(np.column_stack([force, *columns]))  # one layout: compiled once
+
+
+def polynomials(samples: np.ndarray, hold: str) -> np.ndarray:
+    """Coefficients of the inputs between samples, in powers of the share of the interval."""
+    if hold == "linear":
+        return np.stack([samples[:-1], np.diff(samples, axis=0)])
+    if hold == "zero":
+        return samples[None, :-1].copy()
+    if hold == "cubic":
+        from scipy.interpolate import CubicSpline
+
+        return np.ascontiguousarray(CubicSpline(np.arange(len(samples)), samples).c[::-1])
+    raise ChannelError(f"hold={hold!r} is unknown", f"Choose {', '.join(map(repr, HOLDS))}.")
+
+
+CHANNELS = {"a": "acceleration", "v": "velocity", "x": "displacement", "F": "force"}
+
+
+def as_read(record: Record, laws: Mapping[Site, Sequence[ForceLaw]]) -> Record:
+    """A true record as the sensors of a model show it."""
+    for site, group in laws.items():
+        if site.kind == "sensor":
+            for law in group:
+                if isinstance(law, SensorFault):
+                    record = _changed(record, site, law.reading)
+    return record
+
+
+def as_true(record: Record, site: Site, law: SensorFault) -> Record:
+    """A record with one channel freed of a fault."""
+    return _changed(record, site, law.corrected)
+
+
+def _changed(record: Record, site: Site, change: Callable[[np.ndarray, float], np.ndarray]) -> Record:
+    kind, number = site.channel[:1], site.channel[1:]
+    if kind not in CHANNELS or not number.isdigit() or not 1 <= int(number) <= record.n_dof:
+        raise ChannelError(
+            f"{str(site)!r} is not a channel of record {record.name!r}",
+            f"Its channels are {', '.join(record.channels())}.",
+        )
+    values = getattr(record, CHANNELS[kind])
+    if values is None:
+        return record
+    values, j = np.array(values, dtype=float), int(number) - 1
+    if np.nan_to_num(values[:, j]).any():
+        values[:, j] = change(values[:, j], record.dt)
+    return record.replace(**{CHANNELS[kind]: values})

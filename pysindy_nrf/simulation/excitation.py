@@ -83,9 +83,9 @@ def impact_hammer(
     rng = generator(random_state)
     t = np.arange(n) / fs
     F = np.zeros((n, n_dof))
-    room = duration / hits
+    interval = duration / hits
     for k in range(hits):
-        start = k * room + rng.uniform(0.05, 0.5) * (room - width)
+        start = k * interval + rng.uniform(0.05, 0.5) * (interval - width)
         peak = levels[k % len(levels)] * rng.uniform(1 - spread, 1)
         rows = slice(int(np.ceil(start * fs)), int(np.floor((start + width) * fs)) + 1)
         F[rows, columns[k % len(columns)]] += peak * np.sin(np.pi * (t[rows] - start) / width)

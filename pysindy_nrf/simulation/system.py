@@ -1,4 +1,4 @@
-"""A chain model as flat arrays and machine-code callbacks, the form the integrators read."""
+"""A chain model as flat arrays and compiled callbacks, and the work arrays of the integrators."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..exceptions import LawError, SimulationError
-from ..laws.compiled import pointers
+from ..laws.compiled import borrow, inline, pointers
 from ..laws.forcing import total_masses
 from ..laws.friction import jump_at_reversal
 
@@ -18,55 +18,25 @@ UPPER, LOWER, FIRST, LAST, ON_DOF, MEMORY = range(6)
 
 
 class System(NamedTuple):
-    """A chain model as flat arrays.
-
-    Attributes
-    ----------
-    masses : ndarray of shape (n_dof,)
-    sites : ndarray of int64, shape (n_sites, 6)
-        The two DOFs (from 0; -1 is the base), first and last law, whether the site is a DOF,
-        whether a law there remembers the path.
-    laws : ndarray of int64, shape (n_laws, 11)
-        Addresses of kernel and state update, where the law's values start and how many they are,
-        whether it is proportional to acceleration.
-    coefficients, theta : ndarray
-        Values of all laws, one after the other.
-    channels : ndarray of int64
-        Columns of the inputs that hold the covariates of all laws, one after the other.
-    link_inertia : bool
-        Whether the mass matrix is not diagonal.
-    t0 : float
-        Time of the first sample on the clock of the laws, s.
-    """
+    """A chain model as flat arrays; the columns of sites and laws are numbered above."""
 
     masses: np.ndarray
-    sites: np.ndarray
-    laws: np.ndarray
-    coefficients: np.ndarray
+    sites: np.ndarray  # int64, (n_sites, 6); DOFs count from 0, -1 is the base
+    laws: np.ndarray  # int64, (n_laws, 11)
+    coefficients: np.ndarray  # of all laws, one after the other
     theta: np.ndarray
-    channels: np.ndarray
-    link_inertia: bool
-    t0: float
+    channels: np.ndarray  # input columns of the covariates of all laws
+    link_inertia: bool  # the mass matrix is not diagonal
+    t0: float  # time of the first sample on the clock of the laws, s
 
 
 class Layout(NamedTuple):
-    """Which part of a :class:`System` is what.
-
-    Attributes
-    ----------
-    sites : tuple of Site
-    states : dict
-        Slice of the state vector by (site, number of the law there), for laws with memory.
-    covariates : tuple of str
-        Covariates in the order of the input columns.
-    keep : list
-        Callbacks that must live as long as their addresses are used.
-    """
+    """The sites, states and covariates that the parts of a :class:`System` belong to."""
 
     sites: tuple
-    states: dict
-    covariates: tuple[str, ...]
-    keep: list
+    states: dict  # slice of the state vector by (site, number of the law there), for laws with memory
+    covariates: tuple[str, ...]  # in the order of the input columns
+    keep: list  # callbacks that must live as long as their addresses are used
 
 
 def flatten(model: Any, t0: float = 0.0) -> tuple[System, Layout]:
@@ -93,12 +63,8 @@ def flatten(model: Any, t0: float = 0.0) -> tuple[System, Layout]:
         )
     names = tuple(dict.fromkeys(name for group in groups.values() for law in group for name in law.covariates))
     n = len(masses)
-    sites: list[Any] = []
-    rows: list[Any] = []
-    coefficients: list[Any] = []
-    theta: list[Any] = []
-    channels: list[Any] = []
-    keep: list[Any] = []
+    lists: list[list[Any]] = [[] for _ in range(6)]
+    sites, rows, coefficients, theta, channels, keep = lists
     states, n_states, link_inertia = {}, 0, False
     for site, group in groups.items():
         first = len(rows)
@@ -134,15 +100,7 @@ def flatten(model: Any, t0: float = 0.0) -> tuple[System, Layout]:
 
 
 class Work(NamedTuple):
-    """Room for intermediate values, so that the integrators never allocate.
-
-    Attributes
-    ----------
-    out, u : ndarray
-        Terms and covariates of one law.
-    mass, inertia, matrix, column, hold, load, jump, share, stuck : ndarray
-        See ``balance.accelerate``.
-    """
+    """Preallocated arrays of one evaluation of the balance."""
 
     out: np.ndarray
     u: np.ndarray
@@ -157,23 +115,12 @@ class Work(NamedTuple):
     stuck: np.ndarray
 
 
-def room(system: System) -> Work:
-    """Room for the intermediate values of a system."""
+def work_arrays(system: System) -> Work:
+    """Preallocated arrays for a system."""
     n, n_sites = len(system.masses), len(system.sites)
     widest = int(system.laws[:, [N_TERMS, N_INPUTS]].max(initial=1))
-    return Work(
-        np.zeros(widest),
-        np.zeros(widest),
-        np.zeros(n),
-        np.zeros(n_sites),
-        np.zeros((n, n)),
-        np.zeros((n_sites, n)),
-        np.zeros((n_sites, n_sites)),
-        np.zeros(n_sites),
-        np.zeros(n_sites),
-        np.zeros(n_sites),
-        np.zeros(n_sites, dtype=np.int64),
-    )
+    shapes = (widest, widest, n, n_sites, (n, n), (n_sites, n), (n_sites, n_sites), n_sites, n_sites, n_sites)
+    return Work(*map(np.zeros, shapes), np.zeros(n_sites, dtype=np.int64))
 
 
 def jumps(model: Any, layout: Layout, largest: np.ndarray) -> np.ndarray:
@@ -190,26 +137,11 @@ def jumps(model: Any, layout: Layout, largest: np.ndarray) -> np.ndarray:
 
 
 class Stages(NamedTuple):
-    """Room for one Runge-Kutta step.
+    """Preallocated arrays of one Runge-Kutta step."""
 
-    Attributes
-    ----------
-    v, a : ndarray of shape (n_stages, n_dof)
-    power : ndarray of shape (n_stages, 1 + n_sites)
-        Power of the input and into the sites, W.
-    row, middle : ndarray of shape (n_inputs,)
-    force, force0 : ndarray of shape (n_sites,)
-    x_half, v_half : ndarray of shape (n_dof,)
-    z_once, z_top : ndarray of shape (n_states,)
-    top : ndarray of shape (2,)
-        Largest displacement and velocity so far.
-    work : ndarray of shape (1 + n_sites,)
-        Work so far, J.
-    """
-
-    v: np.ndarray
+    v: np.ndarray  # (n_stages, n_dof)
     a: np.ndarray
-    power: np.ndarray
+    power: np.ndarray  # (n_stages, 1 + n_sites): of the input and into the sites, W
     row: np.ndarray
     middle: np.ndarray
     force: np.ndarray
@@ -218,34 +150,46 @@ class Stages(NamedTuple):
     v_half: np.ndarray
     z_once: np.ndarray
     z_top: np.ndarray
-    top: np.ndarray
+    top: np.ndarray  # largest displacement and velocity so far
     work: np.ndarray
 
 
 def stages(n_stages: int, n: int, n_sites: int, n_inputs: int, n_states: int) -> Stages:
-    """Room for the steps of a rule."""
-    zeros = np.zeros
-    return Stages(
-        zeros((n_stages, n)), zeros((n_stages, n)), zeros((n_stages, n_sites + 1)),
-        zeros(n_inputs), zeros(n_inputs), zeros(n_sites), zeros(n_sites),
-        zeros(n), zeros(n), zeros(n_states), zeros(n_states), zeros(2), zeros(n_sites + 1),
-    )  # fmt: skip
+    """Preallocated arrays for the steps of a rule."""
+    of_stages = ((n_stages, n), (n_stages, n), (n_stages, n_sites + 1))
+    shapes = (*of_stages, n_inputs, n_inputs, n_sites, n_sites, n, n, n_states, n_states, 2, n_sites + 1)
+    return Stages(*map(np.zeros, shapes))
 
 
 class Output(NamedTuple):
-    """What a run leaves at the samples.
+    """Arrays that a run fills, one row for each sample."""
 
-    Attributes
-    ----------
-    x, v, a : ndarray of shape (n_samples, n_dof)
-        Relative displacement and velocity, absolute acceleration.
-    z : ndarray of shape (n_samples, n_states)
-    work : ndarray of shape (n_samples, 1 + n_sites)
-        Work of the input and into the sites, J.
-    """
-
-    x: np.ndarray
+    x: np.ndarray  # relative displacement, (n_samples, n_dof)
     v: np.ndarray
-    a: np.ndarray
+    a: np.ndarray  # absolute
     z: np.ndarray
-    work: np.ndarray
+    work: np.ndarray  # of the input and into the sites, J
+
+
+@inline
+def borrow_system(s):
+    return System(
+        borrow(s.masses), borrow(s.sites), borrow(s.laws), borrow(s.coefficients), borrow(s.theta), borrow(s.channels),
+        s.link_inertia, s.t0,
+    )  # fmt: skip
+
+
+@inline
+def borrow_work(w):
+    return Work(
+        borrow(w.out), borrow(w.u), borrow(w.mass), borrow(w.inertia), borrow(w.matrix), borrow(w.column),
+        borrow(w.hold), borrow(w.load), borrow(w.jump), borrow(w.share), borrow(w.stuck),
+    )  # fmt: skip
+
+
+@inline
+def borrow_stages(k):
+    return Stages(
+        borrow(k.v), borrow(k.a), borrow(k.power), borrow(k.row), borrow(k.middle), borrow(k.force), borrow(k.force0),
+        borrow(k.x_half), borrow(k.v_half), borrow(k.z_once), borrow(k.z_top), borrow(k.top), borrow(k.work),
+    )  # fmt: skip

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from scipy.io import savemat
 
-from pysindy_nrf import Record
+from pysindy_nrf import Record, io
 from pysindy_nrf.data.io import (
     describe,
     inspect_record,
@@ -136,3 +136,14 @@ def test_files_of_another_type_than_their_name(tmp_path):
     }.items():
         with pytest.raises(FileFormatError, match=words):
             read_table(tmp_path / name)
+
+
+def test_several_files_keep_the_unit_of_their_time(tmp_path):
+    t = np.arange(200) * 1e-3
+    pd.DataFrame({"t [ms]": 1e3 * t, "a1": np.sin(30 * t)}).to_csv(tmp_path / "A.csv", index=False)
+    pd.DataFrame({"t [ms]": 1e3 * t, "x1": np.sin(30 * t)}).to_csv(tmp_path / "B.csv", index=False)
+    pd.DataFrame({"t [s]": 1e3 * t, "x1": np.sin(30 * t)}).to_csv(tmp_path / "C.csv", index=False)
+    mapping = {"a1": "A.a1", "x1": "B.x1"}
+    assert io.read_record([tmp_path / "A.csv", tmp_path / "B.csv"], mapping=mapping).fs == pytest.approx(1000.0)
+    with pytest.raises(FileFormatError, match="different units: ms, s"):
+        io.read_table([tmp_path / "A.csv", tmp_path / "C.csv"])

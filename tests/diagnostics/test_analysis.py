@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pysindy_nrf import ChainModel, NRFRegressor, laws
+from pysindy_nrf import ChainModel, NRFRegressor, datasets, excitation, laws, simulate
 from pysindy_nrf.diagnostics import missing_terms
 from pysindy_nrf.estimation import (
     damper_force,
@@ -21,10 +21,12 @@ from pysindy_nrf.estimation import (
     locate_nonlinearity,
     model_agreement,
     planarity,
+    total_mass,
 )
 from pysindy_nrf.exceptions import BiasWarning, ChainError, ChannelError, DataQualityWarning
 from pysindy_nrf.monitoring import compare_tests, find_onset, track
 from pysindy_nrf.regression.errors import nrmse
+from pysindy_nrf.selection.comparison import compare
 from pysindy_nrf.simulation import free_run
 from pysindy_nrf.simulation.excitation import band_limited_random
 from pysindy_nrf.simulation.noise import add_noise
@@ -335,3 +337,31 @@ def test_a_missing_force_is_said_in_a_long_record_too():
         assert found["biased"].to_dict() == {"balance of DOF 2": False, "balance of DOF 1": friction > 0}
         left = friction * np.sqrt(1 - 2 / np.pi) / F[:, 0].std()
         assert found.loc["balance of DOF 1", "missing"] == pytest.approx(100 * left, rel=0.05, abs=0.05)
+
+
+def test_models_of_other_structures_are_not_compared(chain2, chain4):
+    one, two = (NRFRegressor().fit(c.X, c.F) for c in (chain2, chain4))
+    with pytest.raises(ChainError, match="have 2 and 4 DOFs"):
+        model_agreement(one, two, chain2.X)
+    with pytest.raises(ChainError, match="str is not a chain model"):
+        total_mass({"first": "a model"})
+    assert "gap" not in total_mass({"first": one})
+    with pytest.raises(ChainError, match="data's own regressor"):
+        locate_nonlinearity(one.model_, chain2.X, chain2.F)
+    rec = datasets.load_demo()
+    with pytest.raises(ChannelError, match="takes one contiguous record on a base at rest"):
+        compare([rec, rec])
+
+
+@pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
+@pytest.mark.parametrize("band", [None, (1.0, 30.0)])
+def test_the_bias_that_is_said_is_the_bias_that_is_there(band):
+    masses = np.array([10.0, 12.0, 8.0])
+    truth = ChainModel(masses, {i: laws.PowerSeries(1, [60.0, 4e4]) for i in (1, 2, 3)})
+    F = excitation.band_limited_random(3, 8.0, 500.0, dofs=[1, 2, 3], rms=50.0, band=(1, 60), random_state=3)
+    X, F = simulate(truth, F, 2e-3).to_features(smooth=False)
+    X = X + 0.1 * X.std().to_numpy() * np.random.default_rng(0).standard_normal(X.shape)
+    model = NRFRegressor(degree=1, dt=2e-3, band=band).fit(X, F)
+    found = model.diagnose().table.query("limit == 'noise'").set_index("where")["size"]
+    low = 1 - model.masses_ / masses
+    np.testing.assert_allclose(found.reindex(["m1", "m2", "m3"]), low, atol=0.015)

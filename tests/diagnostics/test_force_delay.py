@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import pickle
 
 import integrated
 import numpy as np
@@ -120,3 +121,32 @@ def test_a_blow_in_the_rows_that_a_filter_masked_tells_no_delay():
     assert np.nanmax(np.abs(F["F2"][X.notna().all(axis=1)])) < 0.01 * clean.max()
     row = force_delay(NRFRegressor(degree=1).fit(X, F)).loc["F2"]
     assert row["aligned"] and np.isnan(row["samples"])
+
+
+def test_delays_beyond_reach_or_without_data_are_not_told():
+    rec = record()
+    far = rec.replace(force=np.roll(rec.force, 120, axis=0))
+    table = force_delay(NRFRegressor(degree=1).fit(far))
+    assert table["samples"].isna().all() and table["message"].str.contains("No delay of F. can be told").all()
+    short = rec.replace(**{k: getattr(rec, k)[:150] for k in ("force", "acceleration", "velocity", "displacement")})
+    with pytest.raises(ChannelError, match="No balance tells the delay of its force"):
+        force_delay(NRFRegressor(degree=1).fit(*short.to_features(smooth=False)))
+    model = NRFRegressor(degree=1).fit(rec)
+    X, F = rec.replace(force=np.roll(rec.force, 3, axis=0)).to_features(smooth=False)
+    assert force_delay(model, X, F)["samples"].to_numpy() == pytest.approx([3.0, 3.0], abs=0.05)
+    with pytest.raises(ChannelError, match="loaded without the data"):
+        force_delay(pickle.loads(pickle.dumps(model)))
+
+
+@pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
+def test_one_delay_is_told_from_records_of_different_rates():
+    model = ChainModel([10.0], {1: laws.PowerSeries(1, [60.0, 1e5])})
+    late = []
+    for fs in (500.0, 1000.0):
+        F = excitation.band_limited_random(1, 8.0, fs, dofs=1, rms=50.0, band=(1, 60), random_state=0)
+        record = simulate(model, F, 1 / fs)
+        late.append(add_noise(record.replace(force=np.roll(record.force, round(0.004 * fs), axis=0)), 0.01, 0))
+    for given in (late, late[::-1]):
+        row = force_delay(NRFRegressor(degree=1).fit(given)).loc["F1"]
+        assert row["delay"] == pytest.approx(0.004, abs=5e-5)
+        assert row["samples"] == pytest.approx(0.004 * given[0].fs, abs=0.05)

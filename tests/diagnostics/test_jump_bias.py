@@ -65,7 +65,7 @@ def test_a_friction_of_micronewtons_is_nothing_to_warn_of():
 
 
 def test_an_estimate_that_had_to_stay_with_least_squares_is_warned_of_too(monkeypatch):
-    monkeypatch.setattr("pysindy_nrf.estimation.refine.instrumental_variables", lambda *a: None)
+    monkeypatch.setattr("pysindy_nrf.estimation.free_run_fit.instrumental_variables", lambda *a: None)
     model, said = fitted(estimation="iv")
     assert model.model_.info["estimation"]["found"] == "ls" and model.jump_bias_["wrong"].all()
     assert any("without the samples next to the turns" in text for text in said)

@@ -8,8 +8,16 @@ import numpy as np
 import pytest
 
 from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
-from pysindy_nrf.estimation.constraints import EqualMasses, EqualStoreys, KnownStiffness, NonNegative, TotalMass
+from pysindy_nrf.estimation.constraints import (
+    EqualMasses,
+    EqualStoreys,
+    KnownStiffness,
+    NonNegative,
+    TotalMass,
+    _nearest,
+)
 from pysindy_nrf.exceptions import BiasWarning, ChainError
+from pysindy_nrf.simulation.noise import add_noise
 
 M, K, C = 12.0, 1e5, 60.0
 
@@ -83,9 +91,47 @@ def test_contradictions_are_said(data):
         (KnownStiffness(2, 1e5, term="s^3"), "storey 2 has v, s"),
         (KnownStiffness(9, 1e5), "storey 9"),
         (TotalMass(-1.0), "not a mass"),
-        ("k > 0", "no constraint"),
+        ("k > 0", "not a constraint"),
     ],
 )
 def test_what_does_not_exist_is_refused(data, constraint, message):
     with pytest.raises(ChainError, match=message):
         fit(data, [constraint])
+
+
+@pytest.fixture(scope="module")
+def three():
+    """Three linear storeys with noise in every channel."""
+    truth = ChainModel([10.0, 12.0, 8.0], {i: laws.PowerSeries(1, [60.0, 4e4]) for i in (1, 2, 3)})
+    F = excitation.band_limited_random(3, 6.0, 500.0, dofs=[1, 2, 3], rms=50.0, band=(1, 60), random_state=3)
+    return add_noise(simulate(truth, F, 2e-3), 0.02, random_state=1).to_features()
+
+
+def test_a_total_of_known_masses_is_checked_and_not_solved(three):
+    known = {1: 10.0, 2: 12.0, 3: 8.0}
+    fit = NRFRegressor(degree=1, known_masses=known, constraints=TotalMass(30.0)).fit
+    assert fit(*three).masses_.tolist() == [10.0, 12.0, 8.0]
+    with pytest.raises(ChainError, match="known masses are 1 kg away"):
+        NRFRegressor(degree=1, known_masses=known, constraints=TotalMass(31.0)).fit(*three)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_nearest_point_fulfils_the_conditions_of_optimality(seed):
+    """With multipliers of the equations free and those of the bounds not negative (Karush, Kuhn and Tucker)."""
+    from scipy.optimize import lsq_linear
+
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(2, 6))
+    L = rng.normal(size=(n, n))
+    P = L @ L.T + 0.1 * np.eye(n)
+    A = np.round(rng.normal(size=(1, n))) + np.eye(1, n) * 3
+    b = A @ np.where(rng.random(n) < 0.6, rng.random(n), 0.0)  # a point that obeys everything
+    start = rng.normal(size=n) - 1.0
+    x = _nearest(start, P, A, b, np.ones(n, dtype=bool))
+    assert x.min() > -1e-8
+    np.testing.assert_allclose(A @ x, b, atol=1e-6)
+    sides = np.vstack([A, np.eye(n)[x < 1e-7]])
+    low = np.r_[-np.inf, np.zeros(len(sides) - 1)]
+    slope = np.linalg.solve(P, x - start)
+    left = lsq_linear(sides.T, slope, bounds=(low, np.inf)).fun
+    assert np.abs(left).max() < 1e-5 * max(1.0, np.abs(slope).max())

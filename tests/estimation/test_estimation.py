@@ -13,6 +13,8 @@ import pytest
 from chains import worst
 
 from pysindy_nrf import ChainModel, KinematicSmoother, NRFRegressor, excitation, laws, simulate
+from pysindy_nrf.data.io import frequency_response
+from pysindy_nrf.estimation.iv import fit_frequency_response
 from pysindy_nrf.exceptions import BiasWarning, ChainError, ChannelError, DataQualityWarning
 from pysindy_nrf.regression.errors import nrmse
 from pysindy_nrf.simulation.noise import add_noise
@@ -193,6 +195,39 @@ def test_unknown_force_everywhere_needs_the_mass():
     np.testing.assert_allclose(model.unknown_forces_["F3"], F[:, 2], atol=1e-5)
 
 
+# -- records with unknown forces ------------------------------------------------------------------------
+
+
+def unknown_on(rec, dof):
+    force = rec.force.copy()
+    force[:, dof - 1] = np.nan
+    return rec.replace(force=force)
+
+
+@pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
+def test_instruments_need_a_record_whose_forces_are_all_known():
+    """An unknown force on floor 2: floor 1 is enough for least squares if m2 is known; a free run needs all forces."""
+    hidden = unknown_on(measured(frame(2), [1, 2], 0, 0.03), 2)
+    for kind in ("iv", "simulation"):
+        with pytest.warns(BiasWarning, match="in every record the force on some DOF is unknown"):
+            model = NRFRegressor(degree=1, estimation=kind, known_masses={2: M}).fit([hidden, hidden.replace(name="s")])
+        assert model.model_.info["estimation"]["found"] == "ls"
+
+
+@pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
+def test_a_record_with_an_unknown_force_is_left_out_of_the_instruments_alone():
+    """As one table with ids, and as a list of records."""
+    pair = [measured(frame(2), [1, 2], 0, 0.03), unknown_on(measured(frame(2), [1, 2], 5, 0.03), 1).replace(name="wind")]
+    X, F = (np.vstack([rec.to_features()[k] for rec in pair]) for k in (0, 1))
+    ids = np.repeat([0, 1], [rec.n_samples for rec in pair])
+    for estimation in ("iv", "simulation"):
+        model = NRFRegressor(degree=1, estimation=estimation, dt=1 / FS).fit(X, F, record=ids)
+        facts = model.model_.info["estimation"]
+        assert facts["found"] != "ls" and "1 records with an unknown force were left out" in str(facts)
+        assert worst(model.masses_, [M, M]) < 0.03
+    assert worst(NRFRegressor(degree=1, estimation="iv").fit(pair).masses_, [M, M]) < 0.03
+
+
 # -- measured -------------------------------------------------------------------------------------------
 
 
@@ -201,8 +236,6 @@ def test_three_equal_floors_of_a_measured_frame():
     if not (folder / "three_storey_frf").is_dir():
         pytest.skip(f"measured data not found in {folder}")
     from measured_sets import load_three_storey_frf
-
-    from pysindy_nrf.estimation.frequency import fit_frequency_response
 
     frf = load_three_storey_frf(folder)
     spread, intervals = {}, {}
@@ -215,3 +248,15 @@ def test_three_equal_floors_of_a_measured_frame():
     assert spread["ls"] == pytest.approx(0.078, abs=0.002)  # what plain least squares is known to give here
     assert spread["iv"] < 0.07
     assert intervals["iv"]["lower"].max() < intervals["iv"]["upper"].min()
+
+
+def test_frequency_responses_are_linear_and_need_lines():
+    f = np.linspace(2.0, 25.0, 40)
+    w = 2 * np.pi * f
+    H = -(w**2) / (1e4 - 2.0 * w**2 + 8j * w)
+    response = frequency_response(f, H[:, None])
+    with pytest.raises(ChainError, match="estimation='simulation' does not work on frequency responses"):
+        fit_frequency_response(NRFRegressor(degree=1, estimation="simulation"), response)
+    few = frequency_response(f[:4], H[:4, None])
+    with pytest.raises(ChannelError, match="has 4 lines"):
+        fit_frequency_response(NRFRegressor(degree=1, estimation="iv"), few)

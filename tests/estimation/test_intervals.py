@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 
 from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
 from pysindy_nrf.estimation import dissipated_energy, newey_west, parameter_intervals
-from pysindy_nrf.exceptions import ChainError, ChannelError, ExtrapolationWarning
+from pysindy_nrf.exceptions import ChainError, ChannelError, ExtrapolationWarning, IdentifiabilityError
 from pysindy_nrf.simulation.noise import add_noise
 
 TRUE = np.array([10.0, 30.0, 2000.0])
@@ -127,11 +127,15 @@ def test_known_masses_have_no_interval_and_bad_questions_no_answer(fitted):
     X, F = oscillator(np.random.default_rng(0))
     known = NRFRegressor(degree=1, known_masses={1: 10.0}).fit(X, F)
     assert known.confidence_intervals()["parameter"].tolist() == ["storey 1: v", "storey 1: s"]
-    for wrong in (dict(level=95), dict(method="guess"), dict(of="weights")):
+    for wrong in (dict(method="guess"), dict(of="weights")):
         with pytest.raises(ChainError):
             model.confidence_intervals(**wrong)
-    with pytest.raises(ChannelError, match="too few"):
-        NRFRegressor(degree=1).fit(X[:7], F[:7]).confidence_intervals()
+    for level in ("high", 95, 0.0):
+        with pytest.raises(ChainError, match=f"level={level!r} is not a level of confidence"):
+            model.confidence_intervals(level)
+    for method in ("hac", "bootstrap"):
+        with pytest.raises(ChannelError, match="pieces of data are too few for an interval"):
+            NRFRegressor(degree=1).fit(X[:7], F[:7]).confidence_intervals(method=method)
 
 
 def test_intervals_that_were_asked_for_survive_saving(fitted):
@@ -165,3 +169,24 @@ def test_least_squares_on_noisy_records_says_how_far_it_may_be_off():
     each = {how: np.sqrt(np.mean(np.square(values), axis=0)) for how, values in z.items()}
     assert each["apart"].max() < 2.2
     assert each["together"].max() > 2.0 and np.median(each["together"] / each["apart"]) > 1.2
+
+
+def test_intervals_of_coefficients_and_of_energies_without_a_clock_or_the_data(fitted):
+    _, model = fitted
+    whole, part = model.confidence_intervals(), model.confidence_intervals(of="coefficients")
+    assert list(part["parameter"]) == [p for p in whole["parameter"] if ":" in p]
+    with pytest.raises(ChannelError, match="Energies need the sampling step"):
+        NRFRegressor(degree=1).fit(*oscillator(np.random.default_rng(0))).confidence_intervals(of="energies")
+    with pytest.raises(ChannelError, match="before saving the model"):
+        pickle.loads(pickle.dumps(model)).confidence_intervals(of="energies")
+
+
+def test_a_single_blow_carries_the_whole_estimate():
+    """All that excites storey 2 lies in one piece: without it nothing can be solved, and no interval is invented."""
+    F = np.zeros((6000, 2))
+    F[3000:3010, 1] = 500 * np.sin(np.pi * np.arange(10) / 9)
+    damped = ChainModel([10.0, 12.0], {f"storey {i}": [laws.PowerSeries(1, [4e3, 1e5])] for i in (1, 2)})
+    model = NRFRegressor(degree=1).fit(simulate(damped, F, 1 / 500.0))
+    with pytest.raises(IdentifiabilityError, match="A single part of the data determines the estimate"):
+        model.confidence_intervals()
+    assert "No interval can be given: A single part of the data" in " ".join(str(model.diagnose()).split())

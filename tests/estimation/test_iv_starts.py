@@ -1,15 +1,12 @@
 """Instrumental variables where their start, their band or their integrator is the weak point."""
 
 import warnings
-from dataclasses import replace
 
-import integrated
 import numpy as np
 import pytest
 
-from pysindy_nrf import ChainModel, NRFRegressor, Record, excitation, laws, simulate
-from pysindy_nrf.estimation import iv
-from pysindy_nrf.estimation.runs import fits_one_step, run_of, steady
+from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+from pysindy_nrf.estimation.iv import fits_one_step, run_of, steady
 from pysindy_nrf.exceptions import BiasWarning
 from pysindy_nrf.simulation.noise import add_noise
 
@@ -122,50 +119,3 @@ def test_a_light_frame_whose_damping_is_found_negative_is_still_run():
     assert steady(truth) is truth
     record = top_forced(truth, 3.0, 5000.0, (5, 400), rms=8.0, seed=2, dof=1)
     assert off(fitted(add_noise(record, 0.08, random_state=101)), truth) < 5e-3
-
-
-def test_rounds_that_do_not_rest_give_way_to_the_likeliest_and_say_so(monkeypatch):
-    solve, rounds = iv.solve, []
-
-    def astray(*args):
-        """From the fourth round on masses jump to and fro by four percent."""
-        solution = solve(*args)
-        rounds.append(len(rounds) + 1)
-        if rounds[-1] <= 3:
-            return solution
-        return replace(solution, masses={j: m * (0.98 + 0.04 * (rounds[-1] % 2)) for j, m in solution.masses.items()})
-
-    monkeypatch.setattr(iv, "solve", astray)
-    monkeypatch.setattr(iv, "SETTLED", 0.0)
-    record = add_noise(top_forced(THREE, 10.0, 500.0, (2, 40)), 0.02, random_state=5)
-    with pytest.warns(BiasWarning, match="did not come to rest.*The estimate of round [23] is kept"):
-        model = NRFRegressor(degree=1, estimation="iv").fit(record)
-    assert off(model, THREE) < 0.01
-
-
-def noisy_floors(noise):
-    rng = np.random.default_rng(3)
-    push = integrated.multisine(rng, 200.0, 20.0, (0.5, 20.0), 100.0)
-    a, _, x, t = integrated.run([10.0, 8.0], [60.0, 60.0], [2e4, 1e4], 200.0, 20.0, lambda t: np.array([0.0, push(t)]))
-    a, x = (y + noise * y.std(axis=0) * rng.standard_normal(y.shape) for y in (a, x))
-    return Record(acceleration=a, displacement=x, force=np.column_stack([0 * t, push(t)]), fs=200.0)
-
-
-def test_rounds_that_end_before_they_rest_say_by_how_much(monkeypatch):
-    """One round from least squares: what it moved is what is said; eight come to rest and say nothing."""
-    record = noisy_floors(0.3)
-
-    def fitted(rounds):
-        monkeypatch.setattr("pysindy_nrf.estimation.iv.ROUNDS", rounds)
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            model = NRFRegressor(degree=1, estimation="iv").fit(record)
-        return model, [str(w.message) for w in caught if "not at rest" in str(w.message)]
-
-    (one, said), (rest, silent) = (fitted(rounds) for rounds in (1, 8))
-    moved = np.abs(one.masses_ / NRFRegressor(degree=1).fit(record).masses_ - 1)
-    assert moved.max() > 1e-3 and len(said) == 1
-    share = float(said[0].split(" by ")[1].split(" %")[0]) / 100
-    assert share == pytest.approx(moved[int(said[0].split("moved m")[1][0]) - 1], rel=0.06)
-    assert said[0] in one.model_.info["estimation"]["notes"]
-    assert not silent and not rest.model_.info["estimation"]["notes"]

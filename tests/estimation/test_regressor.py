@@ -13,7 +13,8 @@ from chains import worst
 from sklearn.base import clone
 
 from pysindy_nrf import Chain, ChainModel, NRFRegressor, Record, excitation, laws, simulate
-from pysindy_nrf.exceptions import BiasWarning, ChainError, DataQualityWarning
+from pysindy_nrf.exceptions import BiasWarning, ChainError, ChannelError, DataQualityWarning
+from pysindy_nrf.regression.segments import feature_names
 
 NAMES4 = [f"{kind}{j}" for kind in "avs" for j in range(1, 5)]
 
@@ -339,3 +340,15 @@ def test_a_band_leaves_an_unknown_force_unknown():
     X, _ = simulate(truth, F, 1 / 500).to_features(smooth=False)
     model = NRFRegressor(degree=1, dt=1 / 500, band=(3, 60), known_masses={2: 6.0})
     assert model.fit(X.to_numpy(), F * [1.0, np.nan]).masses_[0] == pytest.approx(8.0, rel=1e-3)
+
+
+def test_weights_of_another_number_of_samples_are_refused(chain4, fitted):
+    with pytest.raises(ChannelError, match="sample_weight has 5 values"):
+        fitted.score(chain4.X, chain4.F, sample_weight=np.ones(5))
+
+
+def test_half_a_base_is_refused(chain2):
+    names = feature_names(2, "absolute")
+    frame = pd.DataFrame(np.hstack([chain2.X, 0 * chain2.X[:, :1]]), columns=[*names, "x0"])
+    with pytest.raises(ChannelError, match="only one of the columns xdot0 and x0"):
+        NRFRegressor(coordinates="absolute").fit(frame, chain2.F)

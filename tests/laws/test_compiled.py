@@ -5,19 +5,18 @@ import subprocess
 import sys
 
 import numpy as np
+import pytest
 
 from pysindy_nrf import laws
+from pysindy_nrf.exceptions import LawError
 from pysindy_nrf.laws import compiled, memory
 from pysindy_nrf.laws.base import Motion
 
 START = """
 import numpy as np
-from types import SimpleNamespace
-from pysindy_nrf import Chain, Site, laws
-from pysindy_nrf.simulation import simulate
-from pysindy_nrf.simulation.runge_kutta import runge_kutta
-law = laws.Dahl(sigma=1e4, Fd=1.0)
-simulate(SimpleNamespace(chain=Chain(1), masses=[1.0], laws={Site(1): (law,)}), np.ones((5, 1)), 1e-3)
+from pysindy_nrf import ChainModel, laws, simulate
+from pysindy_nrf.simulation.integrators import runge_kutta
+simulate(ChainModel([1.0], {1: [laws.Dahl(sigma=1e4, Fd=1.0)]}), np.ones((5, 1)), 1e-3)
 print(sum(runge_kutta.stats.cache_hits.values()), sum(runge_kutta.stats.cache_misses.values()))
 """
 
@@ -28,40 +27,6 @@ def test_second_process_loads_the_integrator_from_disk():
     assert second.stdout.split() == ["1", "0"]
 
 
-def test_fingerprint_sees_constants_and_called_functions():
-    def law(factor, helper):
-        def advance(z):
-            z[0] = factor * helper(z[0])
-
-        return advance
-
-    def sine(x):
-        return np.sin(x)
-
-    def cosine(x):
-        return np.cos(x)
-
-    assert compiled.fingerprint(law(2.0, sine)) == compiled.fingerprint(law(2.0, sine))
-    prints = {compiled.fingerprint(f) for f in (law(2.0, sine), law(3.0, sine), law(2.0, cosine))}
-    assert len(prints) == 3
-
-
-def test_without_a_place_to_write_it_still_compiles(monkeypatch):
-    def nowhere(function):
-        raise RuntimeError("cannot cache function: no locator available")
-
-    monkeypatch.setattr(compiled, "_CodeCache", nowhere)
-
-    def advance(z, s0, v0, s1, v1, dt, u, theta):
-        z[0] += theta[0] * (s1 - s0)
-
-    paths = memory._paths(advance, 1)
-    s = np.array([0.0, 1.0, 3.0])
-    z, none = np.zeros((2, 1, 3)), np.empty(0)
-    paths(s, s, none, none, np.empty((0, 3)), np.array([[2.0], [5.0]]), np.zeros((2, 1)), z)
-    assert z.tolist() == [[[0.0, 2.0, 6.0]], [[0.0, 5.0, 15.0]]]
-
-
 def test_first_loading_of_dahl_is_the_exponential():
     t = np.arange(50) / 1000
     s, v, a = 1e-3 * np.sin(90 * t), 0.09 * np.cos(90 * t), -8.1 * np.sin(90 * t)
@@ -69,6 +34,30 @@ def test_first_loading_of_dahl_is_the_exponential():
     z = law.features(Motion(s, v, a, t))[:, 0]
     loading = slice(0, 17)  # up to the first reversal the state is 1 - exp(-sigma s)
     np.testing.assert_allclose(z[loading], 1 - np.exp(-5e3 * s[loading]), rtol=1e-12)
+
+
+def test_fingerprints_are_of_the_code_and_of_all_it_uses():
+    def make(table, factor=2.0, deeper=3.0, function=np.sin):
+        def inner(x):
+            return function(x) + deeper
+
+        def outer(x):
+            return inner(x) * table[0] * factor
+
+        return outer
+
+    one, two = np.array([1.0]), np.array([2.0])
+    made = make(one), make(two), make(one, 2.5), make(one, 2.0, 4.0), make(one, function=np.cos)
+    assert len({compiled.fingerprint(f) for f in made}) == 5
+    assert compiled.fingerprint(make(one)) == compiled.fingerprint(make(one.copy()))
+    assert compiled.fingerprint(make(one), make(two)) != compiled.fingerprint(make(one))
+    fast = [compiled.fingerprint(compiled.inline(make(one), fastmath=f)) for f in (False, True)]
+    assert fast[0] != fast[1]
+
+    def recursive(x):
+        return recursive(x - 1) if x else 0
+
+    assert compiled.fingerprint(recursive)
 
 
 TOGETHER = """
@@ -83,23 +72,33 @@ for name in sys.argv[1:]:
 """
 
 
+def total(cache, *names):
+    """Sums that a fresh process prints, with its cache of machine code there."""
+    env = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
+    out = subprocess.run([sys.executable, "-c", TOGETHER, *names], check=True, capture_output=True, text=True, env=env)
+    return dict(line.split() for line in out.stdout.splitlines())
+
+
 def test_laws_compiled_in_different_processes_do_not_take_each_others_code(tmp_path):
     """Both start numbering their machine code at the same number; a third process loads both from the disk."""
-    env = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-
-    def run(*names):
-        out = subprocess.run([sys.executable, "-c", TOGETHER, *names], check=True, capture_output=True, text=True, env=env)
-        return dict(line.split() for line in out.stdout.splitlines())
-
-    alone = run("dahl") | run("jenkins")
+    alone = total(tmp_path, "dahl") | total(tmp_path, "jenkins")
     assert alone["dahl"] != alone["jenkins"]
-    assert run("dahl", "jenkins") == run("jenkins", "dahl") == alone
+    assert total(tmp_path, "dahl", "jenkins") == total(tmp_path, "jenkins", "dahl") == alone
+
+
+def test_machine_code_that_cannot_be_read_or_written_is_compiled_anew(tmp_path):
+    first = total(tmp_path, "jenkins")
+    for file in tmp_path.rglob("*.nbc"):
+        file.write_bytes(b"")
+    assert total(tmp_path, "jenkins") == first
+    (tmp_path / "file").write_text("")
+    assert total(tmp_path / "file" / "below", "jenkins") == first
 
 
 def test_no_layout_of_the_arrays_is_compiled_for_anew():
     """Forces in either order, drifts that may or may not be written to: the same machine code."""
     from pysindy_nrf import ChainModel, simulate
-    from pysindy_nrf.simulation.runge_kutta import runge_kutta
+    from pysindy_nrf.simulation.integrators import runge_kutta
 
     law = laws.Dahl(sigma=1e3, Fd=1.0)
     model = ChainModel([1.0, 2.0], {i: [laws.LinearElastic(1e3), law] for i in (1, 2)})
@@ -111,3 +110,42 @@ def test_no_layout_of_the_arrays_is_compiled_for_anew():
     sealed.flags.writeable = False
     states = [memory.state_path(law, Motion(x, F[:, 0]), np.empty((0, 40)), law.theta) for x in (s, sealed, s[::1])]
     assert np.array_equal(*states[:2]) and len(memory._paths(type(law).advance, law.n_states).signatures) == 1
+
+
+def test_machine_code_of_a_law():
+    law = laws.Jenkins(uy=2.0)
+    kernel, advance = compiled.pointers(law)
+    assert compiled.pointers(law) == (kernel, advance) and kernel.address and advance.address
+    z, u, theta, out = np.array([0.25]), np.zeros(0), law.theta, np.zeros(1)
+    import ctypes
+
+    def line(x):
+        return x.ctypes.data_as(ctypes.POINTER(ctypes.c_double)), x.size
+
+    advance.ctypes(*line(z), 0.0, 1.0, 1.0, 1.0, 0.1, *line(u), *line(theta))
+    assert z[0] == 0.75
+    kernel.ctypes(0.0, 0.0, 0.0, 0.0, *line(u), *line(z), *line(theta), *line(out))
+    assert out[0] == 0.75
+
+
+def test_arrays_are_handed_on_read_only():
+    x = np.arange(6).reshape(2, 3).T
+    view = compiled.read_only(x)
+    assert view.tolist() == x.tolist() and view.dtype == float
+    assert view.flags.c_contiguous and not view.flags.writeable and x.flags.writeable
+    y = np.arange(3.0)
+    assert compiled.read_only(y).base is y and y.flags.writeable
+
+
+def test_what_cannot_be_compiled_is_named():
+    class Strange(laws.Dahl):
+        @staticmethod
+        def advance(z, s0, v0, s1, v1, dt, u, theta):
+            z[0] = {}.no_such_thing(s0)
+
+    for call in (lambda law: law.features(Motion(np.zeros(3), np.zeros(3))), compiled.pointers):
+        with pytest.raises(LawError, match="Strange cannot be compiled for single samples"):
+            call(Strange(sigma=1.0))
+    law = laws.Dahl()
+    assert "(the last line)" in str(compiled.cannot_compile(law, ValueError("first\nthe last line\n")))
+    assert "(ValueError)" in str(compiled.cannot_compile(law, ValueError(" ")))

@@ -2,13 +2,18 @@
 
 import numpy as np
 import pytest
+from numpy.polynomial import Polynomial
 from scipy.integrate import solve_ivp
 
 from pysindy_nrf import laws
-from pysindy_nrf.laws.base import ForceLaw, Motion, Term
+from pysindy_nrf.exceptions import ChannelError, LawError
+from pysindy_nrf.laws import ForceLaw, Motion, Shape, Term
 from pysindy_nrf.laws.memory import state_path, state_paths
 
 SIGMA = 5e3
+
+
+ONE_SAMPLE = Motion(*np.array([[1.0], [0.0], [0.0], [0.0]]))
 
 
 def two_tones(t):
@@ -131,3 +136,250 @@ def test_many_shapes_of_a_law_with_a_covariate_and_one_that_diverges():
         state_paths(Pull(), [Motion(s, s)], np.array([[0.5]]))
     with pytest.raises(ValueError, match="not finite"):
         state_paths(laws.Dahl(), [Motion(np.full(9, np.nan), np.ones(9))], np.array([[10.0]]))
+
+
+# -- the way between two samples --------------------------------------------------------------------
+
+
+class Diary(ForceLaw):
+    """Notes every stretch of the way that its state is moved along, the last eight of them word by word."""
+
+    shapes = (Shape("pace", "1", 1.0, 2.0),)  # not read
+    n_states = 3 + 6 * 8
+    covariates = ("level",)
+
+    def terms(self):
+        return (Term("c", "distance", "N/m"), Term("d", "count", "N"))
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = z[1]
+        out[1] = z[0]
+
+    @staticmethod
+    def advance(z, s0, v0, s1, v1, dt, u, theta):
+        row = 3 + 6 * (int(z[0]) % 8)
+        z[row] = s0
+        z[row + 1] = v0
+        z[row + 2] = s1
+        z[row + 3] = v1
+        z[row + 4] = dt
+        z[row + 5] = u[0]
+        z[0] += 1.0
+        z[1] += abs(s1 - s0)
+        z[2] += dt
+
+
+DIARY = Diary({"pace": 1.5})
+
+
+def read(motion, state=None):
+    """What the diary says at the end: the stretches."""
+    state = np.zeros(Diary.n_states) if state is None else state
+    columns = DIARY.features(motion, state)
+    return state[3:].reshape(8, 6)[: int(state[0])], columns
+
+
+def moving_by(p, edges, with_a=True, with_t=True):
+    """A motion that is a polynomial of the time, known at a few times."""
+    t = np.asarray(edges, dtype=float)
+    v, a = p.deriv(), p.deriv(2)
+    return Motion(p(t), v(t), a(t) if with_a else None, t if with_t else None, {"level": np.arange(1.0, len(t) + 1.0)})
+
+
+def stretches(p, way, levels):
+    v = p.deriv()
+    return [(p(b), v(b), p(e), v(e), e - b, x) for b, e, x in zip(way[:-1], way[1:], levels, strict=True)]
+
+
+H, SIZE = 0.02, 1e-3
+
+
+def _in_time(roots, factor=(1.0,)):
+    """Drift of SIZE (m) on a time of H (s) whose rate has these zeros, in shares of H."""
+    rate = Polynomial(factor)
+    for root in roots:
+        rate = rate * Polynomial([-root, 1.0])
+    share = rate.integ()
+    return Polynomial([SIZE * c / H**k for k, c in enumerate(share.coef)])
+
+
+TURNS = {  # rate as a polynomial, where it turns inside the step, whether the acceleration is given
+    "straight": (_in_time([], (1.0, 0.5)), [], True),
+    "parabola": (_in_time([0.3]), [0.3], False),
+    "parabola late": (_in_time([0.9]), [0.9], True),
+    "cubic": (_in_time([0.3, -1.0]), [0.3], False),
+    "cubic late": (_in_time([0.8], (-1.0, 0.2)), [0.8], False),
+    "quintic": (_in_time([0.4], (1.0, 0.3, -0.2, 0.8)), [0.4], True),
+    "quintic early": (_in_time([0.15], (-1.0, 0.5, 0.3, -0.4)), [0.15], True),
+    "twice": (_in_time([0.2, 0.7], (1.0, 0.0, 1.0)), [0.2, 0.7], True),
+    "twice, late": (_in_time([0.45, 0.85], (-1.0, 0.1, -0.3)), [0.45, 0.85], True),
+    "twice, and once later": (_in_time([0.2, 0.7], (1.6, -1.0)), [0.2, 0.7], True),
+    "dips only": (_in_time([], (0.35, -1.0, 1.0)), [], True),
+    "twice, not seen": (_in_time([0.2, 0.7]), [], False),
+}
+
+
+@pytest.mark.parametrize("mirror", [1.0, -1.0])
+@pytest.mark.parametrize("case", TURNS)
+def test_the_way_is_cut_where_the_motion_turns(case, mirror):
+    p, turns, with_a = TURNS[case]
+    p = p * mirror
+    edges = [0.0, H]
+    expected = stretches(p, [0.0, *(H * x for x in turns), H], [1.5] * (1 + len(turns)))
+    found, columns = read(moving_by(p, edges, with_a))
+    assert columns[1, 1] == 1 + len(turns)
+    ends = np.array([(e[0], e[2]) for e in expected])
+    seen = np.array([[True, True], [True, False], [False, True]]) if len(turns) == 2 else np.full(ends.shape, True)
+    np.testing.assert_allclose(found[:, [0, 2]][seen], ends[seen], atol=1e-12 * SIZE)
+    np.testing.assert_allclose(found[:, [1, 3]], [[e[1], e[3]] for e in expected], atol=1e-12 * SIZE / H)
+    np.testing.assert_allclose(found[:, 4], [e[4] for e in expected], atol=1e-9 * H)
+    assert found[:, 5].tolist() == [1.5] * len(expected)  # the mean of both samples
+    for k in range(len(turns)):
+        assert found[k, 3] == 0.0 == found[k + 1, 1]  # at rest where it turns
+
+
+@pytest.mark.parametrize("case", ["twice", "twice, late"])
+def test_the_drift_of_a_second_turn(case):
+    p, turns, _ = TURNS[case]
+    found, _ = read(moving_by(p, [0.0, H]))
+    assert found[1, 2] == pytest.approx(p(H * turns[1]), rel=1e-9)
+    assert found[2, 0] == found[1, 2]
+
+
+def test_a_state_that_turns_twice_in_a_step_is_that_of_shorter_steps():
+    p, turns, _ = TURNS["twice"]
+    long, short = ([0.0, H], [0.0, H * turns[0], H * turns[1], H])
+    ends = [laws.Dahl(sigma=2e4).features(moving_by(p, edges))[-1, 0] for edges in (long, short)]
+    assert ends[0] == pytest.approx(ends[1], rel=1e-9)
+
+
+def test_without_time_every_way_is_straight():
+    p, _, _ = TURNS["parabola"]
+    law = laws.Jenkins(uy=10.0 * SIZE)
+    direct = (p(H) - p(0.0)) / (10.0 * SIZE)
+    for with_a in (True, False):
+        assert law.features(moving_by(p, [0.0, H], with_a, with_t=False))[1, 0] == pytest.approx(direct, rel=1e-12)
+
+
+def test_several_steps_with_and_without_turns():
+    p = _in_time([0.5, 2.25, 3.6], (0.1, 0.01))
+    edges = H * np.arange(5)
+    way = H * np.array([0.0, 0.5, 1.0, 2.0, 2.25, 3.0, 3.6, 4.0])
+    found, columns = read(moving_by(p, edges))
+    expected = np.array(stretches(p, way, [1.5, 1.5, 2.5, 3.5, 3.5, 4.5, 4.5]))
+    scale = np.array([SIZE, SIZE / H, SIZE, SIZE / H, H, 1.0])
+    np.testing.assert_allclose(found / scale, expected / scale, atol=2e-9)
+    assert columns[:, 1].tolist() == [0, 2, 3, 5, 7]
+    np.testing.assert_allclose(
+        columns[:, 0], [0, *np.cumsum(abs(expected[:, 2] - expected[:, 0]))[[1, 2, 4, 6]]], rtol=1e-11
+    )
+    state = np.zeros(Diary.n_states)
+    whole_way = moving_by(p, edges)
+    for k in range(4):  # sample by sample, the state handed on
+        rows = slice(k, k + 2)
+        part = Motion(whole_way.s[rows], whole_way.v[rows], whole_way.a[rows], whole_way.t[rows],
+                      {"level": whole_way.covariates["level"][rows]})  # fmt: skip
+        read(part, state)
+    assert np.array_equal(state[3:45].reshape(7, 6), found)
+
+
+def _two_samples(s, v, a=None, h=1.0):
+    return Motion(
+        np.array(s), np.array(v), None if a is None else np.array(a), np.array([0.0, h]), {"level": np.ones(2)}
+    )
+
+
+@pytest.mark.parametrize(
+    ("s", "v", "a", "drifts"),
+    [
+        # the accelerations contradict the rates: the quintic turns on the wrong side, the cubic is taken
+        ([0.0, 0.0], [1.0, -1.0], [-900.0, -900.0], [0.0, 0.25, 0.0]),
+        ([0.0, 0.0], [-1.0, 1.0], [900.0, 900.0], [0.0, -0.25, 0.0]),
+        ([0.0, 0.0], [1.0, -1.0], [-2.0, -2.0], [0.0, 0.25, 0.0]),  # a true parabola
+        # the rates contradict the drift: the straight way
+        ([0.0, 3.0], [1.0, -1.0], [0.0, 0.0], [0.0, 3.0]),
+        ([0.0, -3.0], [1.0, -1.0], None, [0.0, -3.0]),
+        ([0.0, 3.0], [-1.0, 1.0], None, [0.0, 3.0]),
+        ([0.0, -3.0], [-1.0, 1.0], None, [0.0, -3.0]),
+        # a rate of zero does not turn
+        ([0.0, 0.4], [1.0, 0.0], [0.0, 0.0], [0.0, 0.4]),
+        ([0.0, 0.4], [0.0, 1.0], None, [0.0, 0.4]),
+    ],
+)
+def test_noise_does_not_bend_the_way(s, v, a, drifts):
+    found, _ = read(_two_samples(s, v, a))
+    assert [*found[:, 0], found[-1, 2]] == pytest.approx(drifts, abs=1e-9)
+
+
+@pytest.mark.parametrize("n", [2, 2048, 2049, 2050, 4097, 5000])
+def test_long_records_turn_in_every_step(n):
+    # between two samples the drift rises by h |v| / 4 and falls again, or the other way round
+    h, v = 0.5, np.where(np.arange(n) % 2, -1.0, 1.0)
+    motion = Motion(np.zeros(n), v, None, h * np.arange(n), {"level": np.zeros(n)})
+    state = np.zeros(Diary.n_states)
+    columns = DIARY.features(motion, state)
+    np.testing.assert_allclose(columns[:, 1], 2.0 * np.arange(n))
+    np.testing.assert_allclose(columns[:, 0], 0.25 * np.arange(n), rtol=1e-9)
+    assert state[2] == pytest.approx(h * (n - 1), rel=1e-12)
+
+
+def twice_in_every_other_step(n):
+    """A motion that goes forth, back and forth again in every other step: the same rate at all samples."""
+    p = _in_time([0.25, 0.75])
+    rate, bend = p.deriv(), p.deriv(2)
+    a = np.where(np.arange(n) % 2, bend(H), bend(0.0))
+    motion = Motion((p(H) - p(0.0)) * np.arange(n), np.full(n, rate(0.0)), a, H * np.arange(n), {"level": np.zeros(n)})
+    return motion, [abs(p(e * H) - p(b * H)) for b, e in ((0.0, 0.25), (0.25, 0.75), (0.75, 1.0))]
+
+
+@pytest.mark.parametrize("n", [2, 2048, 2049, 4097])
+def test_long_records_turn_twice_in_many_steps(n):
+    columns = DIARY.features(twice_in_every_other_step(n)[0])
+    steps = np.diff(columns, axis=0)
+    assert (steps[::2, 1] == 3.0).all() and (steps[1::2, 1] == 1.0).all()
+
+
+@pytest.mark.parametrize("n", [2, 4097])
+def test_the_way_of_long_records_that_turn_twice(n):
+    motion, ways = twice_in_every_other_step(n)
+    steps = np.diff(DIARY.features(motion)[:, 0])
+    np.testing.assert_allclose(steps[::2], sum(ways), rtol=1e-7)
+
+
+def test_records_of_one_sample_and_of_none():
+    law = laws.Dahl(sigma=1e3)
+    assert law.features(ONE_SAMPLE).tolist() == [[0.0]]
+    state = np.array([0.4])
+    assert law.features(ONE_SAMPLE, state).tolist() == [[0.4]] and state.tolist() == [0.4]
+    assert law.features(Motion(np.empty(0), np.empty(0))).shape == (0, 1)
+    (z,) = state_paths(law, [ONE_SAMPLE], np.array([[1.0], [2.0]]))
+    assert z.tolist() == [[[0.0]], [[0.0]]]
+    assert state_paths(law, [], np.array([[1.0]])) == []
+    (z,) = state_paths(law, [ONE_SAMPLE], np.empty((0, 1)))
+    assert z.shape == (0, 1, 1)
+
+
+def test_a_state_is_moved_in_place_and_no_other_array():
+    law = laws.Jenkins(uy=2.0)
+    s = np.array([0.0, 1.0, 0.5])
+    state = np.array([0.25])
+    path = state_path(law, Motion(s, np.ones(3)), np.empty((0, 3)), law.theta, state)
+    assert path.tolist() == [[0.25, 0.75, 0.5]] and state.tolist() == [0.5] and s.tolist() == [0.0, 1.0, 0.5]
+    assert state_path(law, Motion(s, np.ones(3)), np.empty((0, 3)), law.theta).tolist() == [[0.0, 0.5, 0.25]]
+    first, second = state_paths(law, [Motion(s, np.ones(3)), Motion(2 * s, np.ones(3))], [[2.0], [4.0]])
+    assert first.tolist() == [[[0.0, 0.5, 0.25]], [[0.0, 0.25, 0.125]]]
+    assert second.tolist() == [[[0.0, 1.0, 0.5]], [[0.0, 0.5, 0.25]]]
+
+
+def test_states_that_cannot_be_moved_are_named():
+    s, level = np.array([0.0, 1.0]), {"level": np.ones(2)}
+    with pytest.raises(LawError, match="Diary needs the time of the samples"):
+        DIARY.features(Motion(s, s, covariates=level))
+    with pytest.raises(LawError, match="Diary needs the time"):
+        state_paths(DIARY, [Motion(s, s, covariates=level)], np.array([[1.5], [1.6]]))
+    with pytest.raises(LawError, match=r"The state of Diary diverges .*\(pace = 1.5\)"):
+        DIARY.features(Motion(s, s, t=np.array([0.0, np.nan]), covariates=level))
+    for bad in (Motion(np.array([0.0, np.nan]), s), Motion(s, np.array([np.inf, 0.0]))):
+        with pytest.raises(ChannelError, match="The motion of a law with memory is not finite"):
+            laws.Dahl(sigma=1.0).features(bad)

@@ -105,3 +105,8 @@ def test_complete_and_joint_need_every_force(strategy):
 def test_dofs_that_do_not_exist():
     with pytest.raises(ChainError, match="forced names DOF 4"):
         Chain(3).identifiability([4])
+
+
+def test_a_plan_without_a_floor_to_hit_asks_for_a_mass():
+    plan = Chain(3).plan(can_hit=[])
+    assert not len(plan.table) and "No floor can be hit with a known force" in str(plan)

@@ -22,13 +22,14 @@ from pysindy_nrf.monitoring import compare_tests
 from pysindy_nrf.output.displays._figure import Axis, Bars, Figure, Line
 from pysindy_nrf.output.displays._matplotlib import Display
 from pysindy_nrf.output.displays._plotly import as_plotly
-from pysindy_nrf.regression.phase_plane_domain import VisitedRegion
+from pysindy_nrf.regression.domains import VisitedRegion
 
 matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
 
-from pysindy_nrf import displays  # noqa: E402
+from pysindy_nrf import Record, displays  # noqa: E402
+from pysindy_nrf.output.displays import FreeRunDisplay  # noqa: E402
 
 
 @pytest.fixture(autouse=True)
@@ -226,3 +227,36 @@ def test_a_surface_without_a_reference_and_a_run_without_velocities():
 def test_importing_displays_does_not_import_matplotlib():
     code = "import sys, pysindy_nrf.output.displays; sys.exit('matplotlib' in sys.modules or 'plotly' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+LINEAR = laws.PowerSeries(1, [60.0, 4e4])
+
+
+def absolute(model, **left_out):
+    """The same motion relative to the base, and absolute."""
+    t = np.arange(4000) * 1e-3
+    ag = 3 * np.sin(19 * t) * np.sin(2.5 * t) + 2 * np.sin(46 * t + 1) * np.sin(5.6 * t)
+    vg = np.r_[0, np.cumsum(0.5 * (ag[1:] + ag[:-1])) * 1e-3]
+    xg = np.r_[0, np.cumsum(0.5 * (vg[1:] + vg[:-1])) * 1e-3]
+    own = simulate(model, np.zeros((4000, 2)), 1e-3, base_acceleration=ag)
+    given = dict(
+        acceleration=own.acceleration, velocity=own.velocity + vg[:, None], displacement=own.displacement + xg[:, None],
+        base_acceleration=ag, base_velocity=vg, base_displacement=xg, fs=1000.0, coordinates="absolute",
+    )  # fmt: skip
+    return Record(**(given | left_out))
+
+
+@pytest.mark.parametrize("left_out", ["", "base_velocity", "base_acceleration"])
+def test_a_free_run_over_absolute_displacements_is_that_of_the_true_model(left_out):
+    model = ChainModel([10.0, 12.0], {1: LINEAR, 2: LINEAR})
+    record = absolute(model, **({left_out: None} if left_out else {}))
+    assert FreeRunDisplay.from_estimator(model, record).error.max() < 0.1
+
+
+def test_a_free_run_takes_the_covariates_of_the_record():
+    law = laws.CovariateFriction()
+    law = law.with_values(coefficients=np.ones(len(law.terms())))
+    model = ChainModel([10.0], {1: [LINEAR, law]})
+    F = excitation.band_limited_random(1, 2.0, 500.0, dofs=1, rms=50.0, band=(1, 60), random_state=0)
+    record = simulate(model, F, 2e-3, covariates={"voltage": 1 + np.sin(0.01 * np.arange(len(F)))})
+    assert FreeRunDisplay.from_estimator(model, record).error.max() < 1e-9

@@ -9,10 +9,8 @@ import pytest
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, excitation, io, laws, simulate
 from pysindy_nrf.discrepancy.prepare import prepare
-from pysindy_nrf.exceptions import ChannelError, DataQualityWarning, FileFormatError, LawError
-from pysindy_nrf.output.cli import outcome
+from pysindy_nrf.exceptions import ChannelError, DataQualityWarning, LawError
 from pysindy_nrf.regression.input_arrays import from_arrays
-from pysindy_nrf.signals import KinematicSmoother
 
 FS = 500.0
 MASSES = [10.0, 12.0]
@@ -106,43 +104,12 @@ def test_a_short_record_does_not_join_the_pieces_of_another(tables):
     assert [segment.n_samples for segment in data.segments] == [10, 490, 500]
 
 
-def test_several_files_keep_the_unit_of_their_time(tmp_path):
-    t = np.arange(200) * 1e-3
-    pd.DataFrame({"t [ms]": 1e3 * t, "a1": np.sin(30 * t)}).to_csv(tmp_path / "A.csv", index=False)
-    pd.DataFrame({"t [ms]": 1e3 * t, "x1": np.sin(30 * t)}).to_csv(tmp_path / "B.csv", index=False)
-    pd.DataFrame({"t [s]": 1e3 * t, "x1": np.sin(30 * t)}).to_csv(tmp_path / "C.csv", index=False)
-    mapping = {"a1": "A.a1", "x1": "B.x1"}
-    assert io.read_record([tmp_path / "A.csv", tmp_path / "B.csv"], mapping=mapping).fs == pytest.approx(1000.0)
-    with pytest.raises(FileFormatError, match="different units: ms, s"):
-        io.read_table([tmp_path / "A.csv", tmp_path / "C.csv"])
-
-
 def test_a_call_of_partial_fit_that_fails_adds_nothing(record, tables):
     other = Record(acceleration=np.ones((50, 3)), velocity=np.ones((50, 3)), displacement=np.ones((50, 3)), fs=FS)
     fitted = linear().partial_fit(*tables)
     with pytest.raises(ChannelError):
         fitted.partial_fit([record, other])
     assert fitted.partial_fit(record).n_samples_ == 2 * record.n_samples
-
-
-def test_a_sensor_that_points_backwards_is_turned(tmp_path):
-    pyuff = pytest.importorskip("pyuff")
-    t = np.arange(400) / 200
-    file = pyuff.UFF(str(tmp_path / "turned.uff"))
-    for node, direction in ((1, 1), (2, -1)):
-        words = ("id2", "id3", "id4", "id5", "rsp_ent_name", "ref_ent_name", "abscissa_axis_units_lab", "abscissa_axis_lab",
-                 "ordinate_axis_lab", "orddenom_axis_units_lab", "orddenom_axis_lab", "z_axis_axis_lab",
-                 "z_axis_axis_units_lab")  # fmt: skip
-        zeros = ("ref_node", "ref_dir", "orddenom_spec_data_type", "binary", "ver_num", "load_case_id", "abscissa_min")
-        head = dict.fromkeys(words, "NONE") | dict.fromkeys(zeros, 0) | {
-            "type": 58, "func_type": 1, "rsp_node": node, "rsp_dir": direction, "data": direction * np.sin(9 * t), "x": t,
-            "id1": "a", "abscissa_spacing": 1, "abscissa_inc": 1 / 200, "num_pts": len(t), "ord_data_type": 4,
-            "ordinate_spec_data_type": 12, "abscissa_spec_data_type": 17, "ordinate_axis_units_lab": "m/s^2",
-        }  # fmt: skip
-        file.write_sets(head, "add")
-    table = io.read_table(tmp_path / "turned.uff")
-    np.testing.assert_allclose(table.variables["a2"], table.variables["a1"], atol=1e-6)
-    assert any("a2 was measured along -X" in note for note in table.notes)
 
 
 def test_a_base_of_which_only_the_displacement_is_known_has_an_acceleration():
@@ -167,17 +134,6 @@ def test_the_loop_and_the_regressor_derive_one_motion_of_the_base():
     np.testing.assert_allclose(piece.ag, from_arrays(shaken).segments[0].ag)
     np.testing.assert_allclose(piece.ag[200:-200], -3.61 * wave[200:-200], atol=0.3)
     np.testing.assert_allclose(piece.covariates["vg"][200:-200], 0.19 * np.cos(19 * t)[200:-200], atol=0.02)
-
-
-def test_the_command_smooths_each_dof_for_itself_where_the_estimation_needs_it(record, monkeypatch):
-    asked = []
-    monkeypatch.setattr(Record, "to_features", lambda self, smooth=True: asked.append(smooth) or 1 / 0)
-    for estimation in ("ls", "iv"):
-        with pytest.raises(ZeroDivisionError):
-            outcome.identify_records([record], linear(estimation=estimation), False, lambda items, label: items)
-    assert asked[0] is True
-    assert isinstance(asked[1], KinematicSmoother)
-    assert not asked[1].joint
 
 
 def test_a_replaced_time_starts_where_it_says(record):

@@ -1,4 +1,4 @@
-"""Gram matrices of blocks of samples: all that least squares needs; they add, are weighted, left out and stored."""
+"""Gram matrices of blocks of samples: the products of the columns, their triangular factors, and sums of blocks."""
 
 from __future__ import annotations
 
@@ -18,48 +18,85 @@ from pysindy_nrf.regression.input_arrays import from_arrays
 from pysindy_nrf.regression.layout import LawLayout, Layout
 
 LAYOUT = Layout(Chain(3, ["link 3-1"]), {"storey 1": 2, "storey 2": 3, "storey 3": 1, "link 3-1": 2})
-GROUPS = [LAYOUT.group((j,)) for j in (1, 2, 3)] + [LAYOUT.group((2, 3))]
-MASSES = {2: 3.0, 3: 5.0}
+GROUPS = [LAYOUT.group(dofs) for dofs in ((1,), (2,), (3,), (2, 3))]
+MASSES = {1: 2.0, 2: 3.0, 3: 5.0, 4: 7.0}
 
 
-def _data(size=500, seed=0):
+def columns_of(layout, group, data, masses=MASSES):
+    """The columns of a group written out: terms of its sites, then a_j and F_j, or the sum of F_j - m_j a_j."""
+    terms, a, F = data
+    own = [terms[:, layout.slices[s]] for s in group.sites]
+    j = [d - 1 for d in group.dofs]
+    if len(j) == 1:
+        return np.hstack([*own, a[:, j], F[:, j]])
+    return np.hstack([*own, sum(F[:, i] - masses[i + 1] * a[:, i] for i in j)[:, None]])
+
+
+def whole_numbers(n, terms, dofs, seed=0):
+    """Columns of whole numbers: every product and sum of them is exact in a double."""
+    rng = np.random.default_rng(seed)
+    return [rng.integers(-9, 10, (n, k)).astype(float) for k in (terms, dofs, dofs)]
+
+
+def random_columns(size=500, seed=0):
+    """Columns whose units are up to ten orders apart."""
     rng = np.random.default_rng(seed)
     scale = 10.0 ** rng.uniform(-5, 5, LAYOUT.n_terms)
     return rng.normal(size=(size, LAYOUT.n_terms)) * scale, rng.normal(size=(size, 3)), rng.normal(size=(size, 3))
 
 
-def _total(data, kind="gram", size=64):
+def total_of(data, kind="gram", size=64):
     return total_gram(LAYOUT, GROUPS, blocks_of(*data, size), MASSES, kind)
 
 
-def _columns(data, dofs):
-    """The columns of a group written out by hand."""
-    terms, a, F = data
-    sites = {"storey 1": slice(0, 2), "storey 2": slice(2, 5), "storey 3": slice(5, 6), "link 3-1": slice(6, 8)}
-    of = {
-        (1,): ["storey 1", "storey 2", "link 3-1"], (2,): ["storey 2", "storey 3"], (3,): ["storey 3", "link 3-1"],
-        (2, 3): ["storey 2", "link 3-1"],
-    }[dofs]  # fmt: skip
-    parts = [terms[:, sites[s]] for s in of]
-    if len(dofs) == 1:
-        return np.column_stack([*parts, a[:, dofs[0] - 1], F[:, dofs[0] - 1]])
-    target = sum(F[:, j - 1] - MASSES[j] * a[:, j - 1] for j in dofs)
-    return np.column_stack([*parts, target])
+def assert_gram(found, wanted, rel=1e-12):
+    """Two Gram matrices are equal to so many parts of the lengths of their columns."""
+    size = np.sqrt(np.diagonal(wanted, axis1=-2, axis2=-1))
+    scale = np.where(size > 0, size, 1.0)
+    assert np.abs((found - wanted) / scale[..., :, None] / scale[..., None, :]).max() < rel
+
+
+def assert_same(found, wanted, rel=1e-12):
+    for dofs, gram in wanted.squares().matrices.items():
+        assert_gram(found.squares().matrices[dofs], gram, rel)
+        assert np.array_equal(found.sizes[dofs], wanted.sizes[dofs])
+
+
+# -- products of columns --------------------------------------------------------------------------
+
+SUMS = [(1,), (2,), (3,), (4,), (1, 2), (2, 3), (3, 4), (4, 3), (2, 3, 4), (3, 4, 2), (1, 2, 3, 4)]
+
+
+@given(
+    counts=st.lists(st.integers(0, 14), min_size=5, max_size=5),
+    size=st.one_of(st.sampled_from([1, 255, 256, 257]), st.integers(1, 700)),
+    dofs=st.lists(st.sampled_from(SUMS), min_size=1, max_size=5, unique_by=lambda d: tuple(sorted(d))),
+    chunk=st.integers(1, 700),
+    known=st.sets(st.sampled_from([1, 2, 3, 4])),
+)
+def test_every_product_is_exact(counts, size, dofs, chunk, known):
+    """Any number of terms, any sums of balances in any order; a mass that is not given takes no part in a sum."""
+    sites = ["storey 1", "storey 2", "storey 3", "storey 4", "link 4-2"]
+    layout = Layout(Chain(4, ["link 4-2"]), dict(zip(sites, counts)) | {"dof 3": 1})
+    data, groups = whole_numbers(size, layout.n_terms, 4), [layout.group(d) for d in dofs]
+    masses = {j: MASSES[j] for j in known}
+    total = total_gram(layout, groups, blocks_of(*data, chunk), masses)
+    assert list(total.matrices) == [g.dofs for g in groups]
+    for group in groups:
+        A = columns_of(layout, group, data, dict.fromkeys(MASSES, 0.0) | masses)
+        assert np.array_equal(total.matrices[group.dofs], A.T @ A)
+        assert total.sizes[group.dofs] == size
 
 
 @pytest.mark.parametrize("kind", ["gram", "root"])
-@pytest.mark.parametrize("dofs", [(1,), (2,), (3,), (2, 3)], ids=str)
-def test_gram_matrices_are_those_of_the_columns(kind, dofs):
-    data = _data()
-    total = _total(data, kind)
-    columns = _columns(data, dofs)
-    gram = total.squares().matrices[dofs]
-    size = np.linalg.norm(columns, axis=0)
-    assert np.allclose(gram / np.outer(size, size), columns.T @ columns / np.outer(size, size), atol=1e-12)
-    assert total.sizes[dofs] == len(columns)
-    combine = np.random.default_rng(1).normal(size=(columns.shape[1], 4)) / size[:, None]
+@pytest.mark.parametrize("group", GROUPS, ids=lambda g: str(g.dofs))
+def test_triangular_factor_and_lengths_are_those_of_qr(kind, group):
+    data, dofs = random_columns(), group.dofs
+    total, columns = total_of(data, kind), columns_of(LAYOUT, group, data)
+    assert_gram(total.squares().matrices[dofs], columns.T @ columns)
+    combine = np.random.default_rng(1).normal(size=(columns.shape[1], 4)) / np.linalg.norm(columns, axis=0)[:, None]
     triangle = total.triangle(dofs, combine)
-    assert np.allclose(triangle, np.triu(triangle))
+    assert np.array_equal(triangle, np.triu(triangle))
     assert np.allclose(np.abs(triangle), np.abs(np.linalg.qr(columns @ combine, mode="r")), atol=1e-9)
     assert total.norms(dofs, combine) == pytest.approx(np.linalg.norm(columns @ combine, axis=0), rel=1e-10)
 
@@ -67,218 +104,14 @@ def test_gram_matrices_are_those_of_the_columns(kind, dofs):
 @pytest.mark.parametrize("kind", ["gram", "root"])
 @given(cuts=st.lists(st.integers(1, 499), max_size=3, unique=True), size=st.integers(1, 700))
 def test_chunks_add(kind, cuts, size):
-    data = _data()
-    whole = _total(data, kind)
+    data = random_columns()
     edges = [0, *sorted(cuts), 500]
-    pooled = None
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
-        part = _total([d[low:high] for d in data], kind, size)
-        pooled = part if pooled is None else pooled.merge(part)
-    assert pooled.n_samples == whole.n_samples
-    assert_same(pooled, whole)
-
-
-def assert_same(found, wanted, rel=1e-12):
-    """Gram matrices are equal to so many parts of the lengths of their columns."""
-    for dofs, a in wanted.squares().matrices.items():
-        size = np.sqrt(np.diagonal(a, axis1=-2, axis2=-1))
-        scale = np.where(size > 0, size, 1.0)
-        gap = (found.squares().matrices[dofs] - a) / scale[..., :, None] / scale[..., None, :]
-        assert np.abs(gap).max() < rel, dofs
-        assert np.array_equal(found.sizes[dofs], wanted.sizes[dofs])
-
-
-def test_an_unknown_force_leaves_its_balance_out_of_a_record():
-    known, lost = _data(seed=1), _data(seed=2)
-    lost[2][:, 1] = np.nan
-    pooled = _total(known).merge(_total(lost))
-    assert pooled.sizes == {(1,): 1000, (2,): 500, (3,): 1000, (2, 3): 500}
-    assert np.array_equal(pooled.matrices[(2,)], _total(known).matrices[(2,)])
-    assert all(np.isfinite(matrix).all() for matrix in pooled.matrices.values())
-
-
-# -- operations on blocks ---------------------------------------------------------------------------
-
-
-def _blocks(kind="gram"):
-    """Ten blocks of 50 samples, and the direct Gram matrix of any weights on them."""
-    data = _data()
-    data[2][100:150, 1] = np.nan  # the force on DOF 2 is unknown in the third block
-    numbered = enumerate(blocks_of(*data, 50))
-    grams = GramPass(LAYOUT, GROUPS, MASSES, kind).add_each(numbered).grams()
-
-    def direct(weights, dofs):
-        columns = np.nan_to_num(_columns(data, dofs))
-        w = np.repeat(weights, 50)
-        w[100:150] *= 0.0 if 2 in dofs else 1.0
-        return columns.T @ (w[:, None] * columns)
-
-    return grams, direct
-
-
-def assert_direct(found, weights, direct):
-    for dofs, matrix in found.squares().matrices.items():
-        wanted = direct(weights, dofs)
-        size = np.sqrt(np.diag(wanted))
-        assert np.allclose(matrix / np.outer(size, size), wanted / np.outer(size, size), atol=1e-12)
-
-
-@pytest.mark.parametrize("kind", ["gram", "root"])
-@given(weights=st.lists(st.sampled_from([0.0, 0.25, 1.0, 3.0]), min_size=10, max_size=10).filter(lambda w: sum(w[3:]) > 0))
-def test_weighted_sums_are_those_of_weighted_samples(kind, weights):
-    """Generalized least squares, bootstrap draws and folds: each sample times the root of the weight of its block."""
-    grams, direct = _blocks(kind)
-    assert_direct(grams.sum(weights), np.array(weights), direct)
-    several = grams.sum([weights, np.ones(10)])
-    assert several.shape == (2,)
-    assert_direct(several[0], np.array(weights), direct)
-    assert_direct(several[1], np.ones(10), direct)
-
-
-@pytest.mark.parametrize("kind", ["gram", "root"])
-def test_sums_without_each_block_are_those_of_the_other_samples(kind):
-    grams, direct = _blocks(kind)
-    rest = grams.leave_one_out()
-    assert rest.shape == (10,)
-    for i in range(10):
-        assert_direct(rest[i], 1.0 - np.eye(10)[i], direct)
-        assert rest.sizes[2, 3][i] == 450 - 50 * (i != 2)
-
-
-def test_a_term_that_moves_in_one_block_only_is_exactly_zero_without_it():
-    """Differences of totals would leave round-off there, which a solve takes for motion."""
-    layout = Layout(Chain(1), {"storey 1": 1})
-    s, a, F = np.random.default_rng(0).normal(size=(3, 400, 1))
-    s[:100] = s[200:] = 0.0
-    grams = block_grams(layout, [layout.group((1,))], enumerate(blocks_of(s, a, F, 100)))
-    assert [bool(m[0].any()) for m in grams.leave_one_out().matrices[1,]] == [True, False, True, True]
-
-
-def test_sums_before_and_behind_each_boundary():
-    grams, direct = _blocks()
-    before, after = grams.running()
-    assert before.shape == after.shape == (11,)
-    for i in (0, 1, 4, 10):
-        first = np.arange(10) < i
-        for part, weights in ((before[i], first), (after[i], ~first)):
-            for dofs, matrix in part.matrices.items():
-                assert np.allclose(matrix, direct(weights.astype(float), dofs), rtol=1e-11, atol=1e-9)
-        assert before.n_samples[i] == 50 * i
-
-
-@pytest.mark.parametrize("kind", ["gram", "root"])
-def test_blocks_of_several_workers_stand_behind_each_other(kind):
-    grams, direct = _blocks(kind)
-    joined = BlockGrams.concatenate([grams[:3], grams[3:7], grams[7:]])
-    stacked = BlockGrams.stack([grams[i] for i in range(10)], record=[0] * 4 + [1] * 6)
-    assert stacked.record.tolist() == [0] * 4 + [1] * 6 and stacked[2:5].record.tolist() == [0, 0, 1]
-    for other in (joined, stacked):
-        assert other.shape == (10,)
-        assert all(np.array_equal(other.matrices[d], m) for d, m in grams.matrices.items())
-        assert_direct(other.sum(), np.ones(10), direct)
-
-
-def test_blocks_are_cut_where_a_piece_ends():
-    """Blocks of 64 samples, pieces that begin elsewhere: each sample is in its piece, and only there."""
-    data = _data()
-    edges = np.array([0, 30, 31, 200, 500])
-    grams = block_grams(LAYOUT, GROUPS, cut_at(edges, blocks_of(*data, 64), first=1), MASSES)
-    assert grams.n_samples.tolist() == [0, 30, 1, 169, 300]
-    for number, (low, high) in enumerate(zip(edges[:-1], edges[1:]), 1):
-        assert_same(grams[number], _total([d[low:high] for d in data]))
-
-
-@pytest.mark.parametrize("kind", ["gram", "root"])
-def test_blocks_on_disk_are_the_same_to_the_last_bit(kind, tmp_path):
-    grams, _ = _blocks(kind)
-    np.savez(tmp_path / "grams.npz", **grams.to_arrays())
-    with np.load(tmp_path / "grams.npz", allow_pickle=False) as file:
-        again = BlockGrams.from_arrays(dict(file), LAYOUT, GROUPS, MASSES)
-    assert again.kind == kind and again.shape == (10,) and np.array_equal(again.n_samples, grams.n_samples)
-    assert all(np.array_equal(again.matrices[d], m) for d, m in grams.matrices.items())
-    assert all(np.array_equal(again.sizes[d], n) for d, n in grams.sizes.items())
-    assert_same(again.sum(), grams.sum(), 1e-15)
-
-
-def test_other_columns_of_the_same_samples():
-    """Orders of a power series are some of its columns; a change of basis is a product with a matrix."""
-    grams, _ = _blocks()
-    group = GROUPS[0]
-    few = np.array([0, 3, 7, 8])
-    change = np.random.default_rng(1).normal(size=(9, 4))
-    for kind in (grams, grams.roots()):
-        cut, turned = (kind.transformed(LAYOUT, {group: c}).squares().matrices[1,] for c in (few, change))
-        assert np.allclose(cut, grams.matrices[1,][:, few[:, None], few], rtol=1e-11)
-        assert np.allclose(turned, change.T @ grams.matrices[1,] @ change, rtol=1e-8)
-
-
-def test_columns_projected_on_instruments_are_those_of_the_projector():
-    """P_Z X by an orthonormal basis of Z: the root of the projected columns has their Gram matrix."""
-    rng = np.random.default_rng(0)
-    X, Z = rng.normal(size=(300, 9)), rng.normal(size=(300, 8))
-    Z = np.column_stack([X[:, :8] + Z[:, :8]])
-    both = np.hstack([X, Z])
-    grams = BlockGrams(
-        LAYOUT, {(1,): GROUPS[0]}, {(1,): (both.T @ both)[None]}, {(1,): np.array([300.0])}, np.array([300.0]), {},
-        instrumented=True,
-    )  # fmt: skip
-    Q = np.linalg.qr(Z)[0]
-    assert np.allclose(grams.sum().projected().squares().matrices[1,], X.T @ Q @ Q.T @ X, atol=1e-9)
-
-
-def test_columns_ten_orders_apart_keep_their_digits():
-    """Gram matrices are scaled after accumulation: the small column is found to round-off."""
-    rng = np.random.default_rng(0)
-    layout = Layout(Chain(1), {"storey 1": 2})
-    a, s = rng.normal(size=(2, 4000, 1))
-    terms = np.column_stack([1e-3 * s, 1e-9 * s**3])
-    F = 7 * a + terms @ np.array([[2e5], [3e11]])
-    R = total_gram(layout, [layout.group((1,))], blocks_of(terms, a, F)).triangle((1,), np.eye(4))
-    assert np.linalg.solve(R[:3, :3], R[:3, 3]) == pytest.approx([2e5, 3e11, 7.0], rel=1e-12)
-
-
-def test_a_dependent_column_gets_a_pivot_of_zero_not_noise():
-    rng = np.random.default_rng(0)
-    layout = Layout(Chain(1), {"storey 1": 2})
-    a, s = rng.normal(size=(2, 4000, 1))
-    total = total_gram(layout, [layout.group((1,))], blocks_of(np.column_stack([s, -3 * s]), a, a))
-    gram, R = total.matrices[1,], total.triangle((1,), np.eye(4))
-    assert abs(R[1, 1]) < 1e-6 * abs(R[0, 1])
-    assert np.allclose(R.T @ R, gram, rtol=1e-12, atol=1e-9 * np.abs(gram).max())
-
-
-def test_one_gram_matrix_of_all_columns_serves_every_balance():
-    data = _data()
-    full = np.hstack(data)
-    assert_same(BlockGrams.from_shared(LAYOUT, GROUPS, lambda dofs: (full.T @ full, len(full)), MASSES), _total(data))
-
-
-def test_gram_matrices_of_other_balances_or_kinds_do_not_add():
-    with pytest.raises(NRFError, match="different balances cannot be added"):
-        _total(_data()).merge(total_gram(LAYOUT, GROUPS[:1], blocks_of(*_data())))
-    with pytest.raises(NRFError, match="different columns or kinds cannot be added"):
-        _total(_data()).merge(_total(_data(), "root"))
-
-
-@given(counts=st.lists(st.integers(0, 14), min_size=4, max_size=4), size=st.integers(1, 600), seed=st.integers(0, 99))
-def test_any_number_of_terms_anywhere_gives_the_gram_matrix(counts, size, seed):
-    """Tiles of three by three, and whatever is left over: storeys, a brace and a DOF's own terms, sums of balances."""
-    chain = Chain(3, ["link 3-1"])
-    layout = Layout(chain, dict(zip(["storey 1", "storey 2", "storey 3", "link 3-1"], counts)) | {"dof 2": 1})
-    groups = [layout.group(dofs) for dofs in ((1,), (2,), (3,), (3, 2), (1, 2, 3))]
-    masses = {1: 2.0, 2: 3.0, 3: 5.0}
-    rng = np.random.default_rng(seed)
-    terms, a, F = (rng.normal(size=(size, k)) for k in (layout.n_terms, 3, 3))
-    found = total_gram(layout, groups, blocks_of(terms, a, F, 257), masses)
-    for group in groups:
-        own = [terms[:, layout.slices[s]] for s in group.sites]
-        j = [d - 1 for d in group.dofs]
-        if len(j) == 1:
-            own += [a[:, j], F[:, j]]
-        else:
-            own.append((F[:, j] - a[:, j] * [masses[d] for d in group.dofs]).sum(axis=1)[:, None])
-        columns = np.hstack(own)
-        assert np.allclose(found.matrices[group.dofs], columns.T @ columns, rtol=1e-12, atol=1e-11)
+    parts = [total_of([d[low:high] for d in data], kind, size) for low, high in zip(edges[:-1], edges[1:])]
+    pooled = parts[0]
+    for part in parts[1:]:
+        pooled = pooled.merge(part)
+    assert pooled.n_samples == 500
+    assert_same(pooled, total_of(data, kind))
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
@@ -309,8 +142,7 @@ def test_columns_built_in_the_pass_are_those_of_the_laws(order, dtype):
             law.features(segment.motion(site, whole)) for site in total.groups[(j,)].sites for law in layout.laws[site]
         ]
         columns = np.hstack([*own, X[:, [j - 1]].astype(float), F[:, [j - 1]].astype(float)])
-        size = np.linalg.norm(columns, axis=0)
-        assert np.allclose(gram / np.outer(size, size), columns.T @ columns / np.outer(size, size), atol=1e-13)
+        assert_gram(gram, columns.T @ columns, 1e-13)
     assert X.dtype == dtype  # the user's array is as it was
 
 
@@ -333,6 +165,116 @@ def test_a_law_whose_label_lies_is_taken_at_its_word_by_nobody():
     assert block.terms[0].max() == 0.5
 
 
+@pytest.mark.parametrize("kind", ["gram", "root"])
+def test_records_whose_unknown_forces_differ_come_one_after_the_other(kind):
+    """A balance takes the samples in which it knows every force; all are counted, and each only once."""
+    records = [whole_numbers(n, 8, 3, seed) for seed, n in enumerate((40, 70, 30, 25))]
+    lost = [(), (2,), (2,), (1, 3)]
+    for record, dofs in zip(records, lost):
+        record[2][:, [j - 1 for j in dofs]] = np.nan
+    blocks = (block for record in records for block in blocks_of(*record, 16))
+    total = total_gram(LAYOUT, GROUPS, blocks, MASSES, kind)
+    assert total.n_samples == 165
+    for group in GROUPS:
+        known = [r for r, dofs in zip(records, lost) if not set(dofs) & set(group.dofs)]
+        A = np.vstack([columns_of(LAYOUT, group, r) for r in known])
+        assert np.allclose(total.squares().matrices[group.dofs], A.T @ A, rtol=1e-12, atol=1e-9)
+        assert total.sizes[group.dofs] == len(A)
+
+
+def test_blocks_are_cut_where_a_piece_ends():
+    """Blocks of 64 samples, pieces that begin elsewhere: each sample is in its piece, and only there."""
+    data = random_columns()
+    edges = np.array([0, 30, 31, 200, 500])
+    grams = block_grams(LAYOUT, GROUPS, cut_at(edges, blocks_of(*data, 64), first=1), MASSES)
+    assert grams.n_samples.tolist() == [0, 30, 1, 169, 300]
+    for number, (low, high) in enumerate(zip(edges[:-1], edges[1:]), 1):
+        assert_same(grams[number], total_of([d[low:high] for d in data]))
+
+
+def test_balances_are_cut_out_of_one_gram_matrix_by_the_samples_each_knows():
+    """A force unknown in some samples: the balances that need it come from the others."""
+    data = whole_numbers(80, 8, 3)
+    known = {(1,): slice(0, 80), (2,): slice(0, 50), (3,): slice(0, 80), (2, 3): slice(0, 50)}
+    full = np.hstack(data)
+    cut = BlockGrams.from_shared(
+        LAYOUT, GROUPS, lambda dofs: (full[known[dofs]].T @ full[known[dofs]], len(full[known[dofs]])), MASSES
+    )
+    assert cut.n_samples == 80 and list(cut.groups) == list(known)
+    for group in GROUPS:
+        A = columns_of(LAYOUT, group, [x[known[group.dofs]] for x in data])
+        assert np.array_equal(cut.matrices[group.dofs], A.T @ A)
+        assert cut.sizes[group.dofs] == len(A)
+
+
+@pytest.mark.parametrize("kind", ["gram", "root"])
+def test_a_pass_may_be_interrupted_and_pickled_half_way(kind):
+    data = random_columns()
+    first = GramPass(LAYOUT, GROUPS, MASSES, kind).add_each((0, b) for b in blocks_of(*[d[:200] for d in data]))
+    rest = list(blocks_of(*[d[200:] for d in data], 100))
+    pickled = pickle.loads(pickle.dumps(first)).add_each((0, b) for b in rest).total()
+    resumed = first.empty(before=first.total())
+    for block in rest:
+        resumed.add(block)
+    assert resumed.n_samples == pickled.n_samples == 500
+    for found in (pickled, resumed.total()):
+        assert_same(found, total_of(data), 1e-13)
+
+
+def test_gram_matrices_of_other_balances_or_kinds_do_not_add():
+    with pytest.raises(NRFError, match="different balances cannot be added"):
+        total_of(random_columns()).merge(total_gram(LAYOUT, GROUPS[:1], blocks_of(*random_columns())))
+    with pytest.raises(NRFError, match="different columns or kinds cannot be added"):
+        total_of(random_columns()).merge(total_of(random_columns(), "root"))
+
+
+# -- triangular factors and their guesses ----------------------------------------------------------
+
+
+def one_mass(columns):
+    """The balance of one DOF whose columns [terms | a | F] are given, one row for each sample."""
+    columns = np.asarray(columns, dtype=float)
+    layout = Layout(Chain(1), {"storey 1": columns.shape[1] - 2})
+    return layout, [layout.group((1,))], list(blocks_of(columns[:, :-2], columns[:, -2:-1], columns[:, -1:], 100))
+
+
+def of_columns(columns, kind="gram", guess=None):
+    layout, groups, blocks = one_mass(columns)
+    return total_gram(layout, groups, blocks, kind=kind, guess=None if guess is None else {(1,): guess})
+
+
+def test_a_root_through_guesses_is_that_of_all_samples():
+    """Another guess on the way, samples without one, and sums that are added: one factor of all."""
+    rng = np.random.default_rng(0)
+    columns = rng.normal(size=(900, 4)) @ rng.normal(size=(4, 4))
+    layout, groups, blocks = one_mass(columns)
+    good, poor = np.linalg.qr(columns[:100], mode="r"), np.triu(rng.uniform(1, 2, (4, 4)))
+    sums = GramPass(layout, groups, kind="root")
+    for i, block in enumerate(blocks[:8]):
+        sums.guess = {(1,): good} if i < 3 else {(1,): poor} if i < 5 else {}
+        sums.add(block)
+    total = sums.total().merge(of_columns(columns[800:], "root", good))
+    assert total.n_samples == 900
+    assert np.allclose(total.squares().matrices[1,], columns.T @ columns, rtol=1e-12, atol=1e-10)
+    assert np.array_equal(total.matrices[1,], np.triu(total.matrices[1,]))
+
+
+def test_a_guess_can_be_divided_by_even_where_columns_depend_or_are_zero():
+    """A zero column and one that is twice another: the root through the guess is that of the columns."""
+    rng = np.random.default_rng(0)
+    x, y = rng.normal(size=(2, 500))
+    rows = np.column_stack([1e6 * x, np.zeros(500), y, 2e6 * x, x + 1e-3 * y])
+    guess = guess_of(of_columns(rows))[1,]
+    size = np.linalg.norm(rows, axis=0)
+    assert np.array_equal(guess, np.triu(guess)) and np.isfinite(np.linalg.inv(guess)).all()
+    assert guess[1, 1] > 0 and not guess[1, 2:].any()
+    assert 0 < guess[3, 3] < 1e-6 * size[3] and guess[3, 4] == 0 and guess[4, 4] < 1e-6 * size[4]
+    assert guess[0, 0] == pytest.approx(size[0]) and guess[0, 3] == pytest.approx(size[3])
+    found = of_columns(rows, "root", guess).squares().matrices[1,]
+    safe = np.where(size > 0, size, 1.0)
+    assert np.allclose(found / np.outer(safe, safe), rows.T @ rows / np.outer(safe, safe), atol=1e-12)
+
+
 @pytest.mark.parametrize("condition", [1e1, 1e5, 1e9, 1e13])
 def test_a_guess_of_the_root_loses_no_digit(condition):
     """The root through a guess is that of Householder's QR, up to signs, at any condition number and any units."""
@@ -351,14 +293,156 @@ def test_a_guess_of_the_root_loses_no_digit(condition):
 
 
 @pytest.mark.parametrize("kind", ["gram", "root"])
-def test_a_pass_may_be_interrupted_and_pickled_half_way(kind):
-    data = _data()
-    first = GramPass(LAYOUT, GROUPS, MASSES, kind).add_each((0, b) for b in blocks_of(*[d[:200] for d in data]))
-    rest = list(blocks_of(*[d[200:] for d in data], 100))
-    pickled = pickle.loads(pickle.dumps(first)).add_each((0, b) for b in rest).total()
-    resumed = first.empty(before=first.total())
-    for block in rest:
-        resumed.add(block)
-    assert resumed.n_samples == pickled.n_samples == 500
-    for found in (pickled, resumed.total()):
-        assert_same(found, _total(data), 1e-13)
+def test_more_combinations_than_columns_have_a_factor_with_rows_of_zeros(kind):
+    """Three combinations of two columns: upper triangular, of rank two, and its Gram matrix is theirs."""
+    columns = np.array([[1.0, 0.0], [2.0, 3.0], [2.0, 4.0]])
+    combine = np.array([[1.0, 0.0, 2.0], [0.0, 1.0, -1.0]])
+    R, A = of_columns(columns, kind).triangle((1,), combine), columns @ combine
+    assert R.shape == (3, 3) and np.array_equal(R, np.triu(R))
+    assert np.allclose(R.T @ R, A.T @ A, atol=1e-12) and abs(R[2, 2]) < 1e-7
+
+
+def test_dependent_columns_leave_zeros_and_the_others_their_digits():
+    """Columns x, 0, 2 x, y, x + y of units far apart: pivots of x and y are exact, the rest is zero."""
+    x, y = np.array([3.0, 4.0, 0.0]), np.array([1.0, 0.0, 2.0])
+    R = of_columns(np.column_stack([1e8 * x, 0 * x, 2e-3 * x, 1e-7 * y, x + y])).triangle((1,), np.eye(5))
+    across = np.sqrt(5.0 - 0.6**2)  # y has 0.6 along x
+    assert R[0] == pytest.approx([5e8, 0.0, 1e-2, 0.6e-7, 5.6], rel=1e-12)
+    assert R[3, 3:] == pytest.approx([across * 1e-7, across], rel=1e-12)
+    assert not R[1:3].any() and not R[4].any()
+
+
+def test_a_column_of_zeros_among_many_takes_no_pivot_of_the_others():
+    """A term that never moves beside thirty of units far apart: their factor is that of their own QR."""
+    A = np.random.default_rng(0).normal(size=(200, 30)) * np.logspace(-6, 6, 30)
+    R = of_columns(np.insert(A, 2, 0.0, axis=1)).triangle((1,), np.eye(31))
+    keep = np.delete(np.arange(31), 2)
+    truth = np.linalg.qr(A, mode="r")
+    assert not R[2].any() and not R[:, 2].any()
+    error = R[np.ix_(keep, keep)] - np.sign(np.diag(truth))[:, None] * truth
+    assert np.allclose(error / np.linalg.norm(A, axis=0), 0, atol=1e-13)
+
+
+def test_columns_ten_orders_apart_keep_their_digits():
+    """Gram matrices are scaled after accumulation: the small column is found to round-off."""
+    rng = np.random.default_rng(0)
+    layout = Layout(Chain(1), {"storey 1": 2})
+    a, s = rng.normal(size=(2, 4000, 1))
+    terms = np.column_stack([1e-3 * s, 1e-9 * s**3])
+    F = 7 * a + terms @ np.array([[2e5], [3e11]])
+    R = total_gram(layout, [layout.group((1,))], blocks_of(terms, a, F)).triangle((1,), np.eye(4))
+    assert np.linalg.solve(R[:3, :3], R[:3, 3]) == pytest.approx([2e5, 3e11, 7.0], rel=1e-12)
+
+
+# -- operations on blocks --------------------------------------------------------------------------
+
+
+def direct(weights, group):
+    """The Gram matrix of the samples of ten blocks, each times its weight; force 2 is unknown in the third block."""
+    columns = columns_of(LAYOUT, group, random_columns())
+    w = np.repeat(np.asarray(weights, dtype=float), 50)
+    w[100:150] *= 0.0 if 2 in group.dofs else 1.0
+    return columns.T @ (w[:, None] * columns)
+
+
+def ten_blocks(kind="gram"):
+    data = random_columns()
+    data[2][100:150, 1] = np.nan
+    return GramPass(LAYOUT, GROUPS, MASSES, kind).add_each(enumerate(blocks_of(*data, 50))).grams()
+
+
+def assert_direct(found, weights):
+    for group in GROUPS:
+        assert_gram(found.squares().matrices[group.dofs], direct(weights, group))
+
+
+@pytest.mark.parametrize("kind", ["gram", "root"])
+@given(weights=st.lists(st.sampled_from([0.0, 0.25, 1.0, 3.0]), min_size=10, max_size=10).filter(lambda w: sum(w[3:]) > 0))
+def test_weighted_sums_are_those_of_weighted_samples(kind, weights):
+    """Generalized least squares, bootstrap draws and folds: each sample times the root of the weight of its block."""
+    grams = ten_blocks(kind)
+    assert_direct(grams.sum(weights), np.array(weights))
+    several = grams.sum([weights, np.ones(10)])
+    assert several.shape == (2,)
+    assert_direct(several[0], np.array(weights))
+    assert_direct(several[1], np.ones(10))
+
+
+@pytest.mark.parametrize("kind", ["gram", "root"])
+def test_sums_without_each_block_are_those_of_the_other_samples(kind):
+    grams = ten_blocks(kind)
+    rest = grams.leave_one_out()
+    assert rest.shape == (10,)
+    for i in range(10):
+        assert_direct(rest[i], 1.0 - np.eye(10)[i])
+        assert rest.sizes[2, 3][i] == 450 - 50 * (i != 2)
+
+
+def test_a_term_that_moves_in_one_block_only_is_exactly_zero_without_it():
+    """Differences of totals would leave round-off there, which a solve takes for motion."""
+    layout = Layout(Chain(1), {"storey 1": 1})
+    s, a, F = np.random.default_rng(0).normal(size=(3, 400, 1))
+    s[:100] = s[200:] = 0.0
+    grams = block_grams(layout, [layout.group((1,))], enumerate(blocks_of(s, a, F, 100)))
+    assert [bool(m[0].any()) for m in grams.leave_one_out().matrices[1,]] == [True, False, True, True]
+
+
+def test_sums_before_and_behind_each_boundary():
+    grams = ten_blocks()
+    before, after = grams.running()
+    assert before.shape == after.shape == (11,)
+    for i in (0, 1, 4, 10):
+        first = np.arange(10) < i
+        assert_direct(before[i], first)
+        assert_direct(after[i], ~first)
+        assert before.n_samples[i] == 50 * i
+
+
+@pytest.mark.parametrize("kind", ["gram", "root"])
+def test_blocks_of_several_workers_stand_behind_each_other(kind):
+    grams = ten_blocks(kind)
+    joined = BlockGrams.concatenate([grams[:3], grams[3:7], grams[7:]])
+    stacked = BlockGrams.stack([grams[i] for i in range(10)], record=[0] * 4 + [1] * 6)
+    assert stacked.record.tolist() == [0] * 4 + [1] * 6 and stacked[2:5].record.tolist() == [0, 0, 1]
+    for other in (joined, stacked):
+        assert other.shape == (10,)
+        assert all(np.array_equal(other.matrices[d], m) for d, m in grams.matrices.items())
+        assert_direct(other.sum(), np.ones(10))
+
+
+@pytest.mark.parametrize("kind", ["gram", "root"])
+def test_blocks_on_disk_are_the_same_to_the_last_bit(kind, tmp_path):
+    grams = ten_blocks(kind)
+    np.savez(tmp_path / "grams.npz", **grams.to_arrays())
+    with np.load(tmp_path / "grams.npz", allow_pickle=False) as file:
+        again = BlockGrams.from_arrays(dict(file), LAYOUT, GROUPS, MASSES)
+    assert again.kind == kind and again.shape == (10,) and np.array_equal(again.n_samples, grams.n_samples)
+    assert all(np.array_equal(again.matrices[d], m) for d, m in grams.matrices.items())
+    assert all(np.array_equal(again.sizes[d], n) for d, n in grams.sizes.items())
+    assert_same(again.sum(), grams.sum(), 1e-15)
+
+
+def test_other_columns_of_the_same_samples():
+    """Orders of a power series are some of its columns; a change of basis is a product with a matrix."""
+    grams = ten_blocks()
+    group = GROUPS[0]
+    few = np.array([0, 3, 7, 8])
+    change = np.random.default_rng(1).normal(size=(9, 4))
+    for kind in (grams, grams.roots()):
+        cut, turned = (kind.transformed(LAYOUT, {group: c}).squares().matrices[1,] for c in (few, change))
+        assert np.allclose(cut, grams.matrices[1,][:, few[:, None], few], rtol=1e-11)
+        assert np.allclose(turned, change.T @ grams.matrices[1,] @ change, rtol=1e-8)
+
+
+def test_columns_projected_on_instruments_are_those_of_the_projector():
+    """P_Z X by an orthonormal basis of Z: the root of the projected columns has their Gram matrix."""
+    rng = np.random.default_rng(0)
+    X, Z = rng.normal(size=(300, 9)), rng.normal(size=(300, 8))
+    Z = np.column_stack([X[:, :8] + Z[:, :8]])
+    both = np.hstack([X, Z])
+    grams = BlockGrams(
+        LAYOUT, {(1,): GROUPS[0]}, {(1,): (both.T @ both)[None]}, {(1,): np.array([300.0])}, np.array([300.0]), {},
+        instrumented=True,
+    )  # fmt: skip
+    Q = np.linalg.qr(Z)[0]
+    assert np.allclose(grams.sum().projected().squares().matrices[1,], X.T @ Q @ Q.T @ X, atol=1e-9)

@@ -12,9 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import linalg
 
-from pysindy_nrf import Chain, ChainModel, NRFRegressor, laws
+from pysindy_nrf import Chain, ChainModel, NRFRegressor, laws, simulate
+from pysindy_nrf.estimation.intervals import parameters_of
 from pysindy_nrf.exceptions import ChainError, ChannelError, FileFormatError, LawError
-from pysindy_nrf.regression.layout import LawLayout
+from pysindy_nrf.regression.domains import VisitedRegion
+from pysindy_nrf.regression.layout import LawLayout, distinct_labels
 
 pytestmark = pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.BiasWarning")
 
@@ -271,3 +273,43 @@ def test_the_model_runs_free(chain4):
     *_, s = chains.integrate(*given, chain4.F[:800], chain4.dt, substeps=8)
     x = model.simulate(chain4.F[:800]).displacement
     assert np.abs(x - s.cumsum(axis=1)).max() < 1e-5 * np.abs(s).max()
+
+
+def test_a_model_with_a_floor_that_nothing_holds():
+    """A free mass above a spring: its site has no law, and neither words nor notebook view fail on it."""
+    model = ChainModel([5.0, 4.0], {"storey 1": [laws.PowerSeries(1, [3.0, 3e4])], "storey 2": []})
+    shown = model._repr_html_()
+    assert "m2 = 4 kg" in shown and 'alttext="R 1 ="' in shown and 'alttext="R 2 ="' not in shown
+    run = simulate(model, np.column_stack([np.zeros(400), 8.0 * np.ones(400)]), 1e-3)
+    np.testing.assert_allclose(run.displacement[-1, 1], 0.5 * 2.0 * 0.399**2, rtol=1e-6)  # x = F t^2 / (2 m)
+    assert not run.displacement[:, 0].any()
+
+
+TWINS = [laws.PowerSeries(1, [30.0, 4e4]), laws.Dahl(sigma=3e4, Fd=4.0), laws.Dahl(sigma=2e3, Fd=12.0)]
+
+
+def test_two_laws_of_one_family_keep_their_own_coefficients():
+    model = ChainModel([10.0], {1: TWINS})
+    own = model.restoring_forces[1].coefficients
+    assert own.to_dict() == {"v": 30.0, "s": 4e4, "Z (dahl 1)": 4.0, "Z (dahl 2)": 12.0}
+    assert LawLayout(model.chain, model.laws).labels("storey 1") == own.index.tolist()
+    named = parameters_of(model)
+    assert named.tolist() == [10.0, 30.0, 4e4, 4.0, 12.0]
+
+
+def test_names_change_only_where_two_would_be_equal():
+    other = laws.CovariateDahl()
+    assert distinct_labels(TWINS[:2]) == ["v", "s", "Z"]
+    assert distinct_labels([laws.Dahl(), other])[:2] == ["Z (dahl)", f"Z ({other.name})"]
+    assert distinct_labels([laws.Dahl(), other, laws.Dahl()])[:2] == ["Z (dahl 1)", f"Z ({other.name})"]
+
+
+@pytest.mark.parametrize(
+    "broken", [dict(low=[0.0]), dict(high=[np.inf, 1.0]), dict(cells=[]), dict(cells=["", ""])]
+)
+def test_a_visited_region_is_a_rectangle_of_cells(broken):
+    t = np.linspace(0, 6.3, 500)
+    region = VisitedRegion.of(0.1 * np.cos(t), 0.001 * np.sin(t)).to_dict()
+    assert VisitedRegion.from_dict(region).low == pytest.approx((-0.1, -0.001), rel=1e-2)
+    with pytest.raises(ChannelError, match="not a rectangle of cells"):
+        VisitedRegion.from_dict(region | broken)

@@ -6,7 +6,7 @@ from sklearn.model_selection import GridSearchCV, KFold
 
 from pysindy_nrf import ChainModel, NRFRegressor, laws
 from pysindy_nrf.diagnostics.bias import _widened
-from pysindy_nrf.diagnostics.probe_regressors import OFFERED
+from pysindy_nrf.diagnostics.windows import OFFERED
 from pysindy_nrf.laws.power_series import exponents_of
 from pysindy_nrf.mechanics.chain import Chain
 from pysindy_nrf.regression.layout import LawLayout, Layout

@@ -21,10 +21,11 @@ from pysindy_nrf import (
     ChainOptimizer,
     ForceLawLibrary,
     InterstoryPolynomialLibrary,
+    NRFRegressor,
     StateSpaceChainOptimizer,
     laws,
 )
-from pysindy_nrf.exceptions import BiasWarning, ChannelError, LawError
+from pysindy_nrf.exceptions import BiasWarning, ChainError, ChannelError, LawError
 
 N = 3
 X = np.random.default_rng(0).normal(size=(40, 3 * N))
@@ -366,3 +367,24 @@ def test_the_examples_take_fewer_lines_here():
     assert [who for who, _ in cells] == ["plain SINDy", "pysindy_nrf"] * 3
     lines = [code.count("\n") for _, code in cells]
     assert all(ours < plain for plain, ours in zip(lines[::2], lines[1::2]))
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: ForceLawLibrary().fit(np.zeros((5, 6))), "The library has no laws"),
+        (lambda: ForceLawLibrary(laws.Duffing(), inputs="both").fit(np.zeros((5, 6))), "inputs='both' is unknown"),
+        (lambda: NRFRegressor(orders={"link 2-0": 2}).fit(np.ones((50, 6)), np.ones((50, 2))), "'ground 2', which is not in the chain"),
+    ],
+)  # fmt: skip
+def test_the_argument_and_its_cure_are_named(call, words):
+    with pytest.raises((ChannelError, ChainError, LawError), match=words):
+        call()
+
+
+def test_a_library_takes_one_law_for_every_storey_and_leading_axes():
+    X = np.random.default_rng(0).standard_normal((4, 6))
+    library = ForceLawLibrary(laws.Duffing()).fit(X)
+    assert library.get_feature_names() == ["a1", "a2", "s1", "s1^3", "s2", "s2^3"]
+    stacked = library.transform(np.stack([X, 2 * X]))
+    np.testing.assert_allclose(np.asarray(stacked)[1, :, 3], (2 * X[:, 4]) ** 3)

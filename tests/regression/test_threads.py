@@ -184,7 +184,7 @@ def test_a_fit_has_the_same_bits_on_any_number_of_cores(cores, forced):
 
 def test_ranges_of_channels_do_not_depend_on_who_looked(cores, monkeypatch):
     """Not a number and infinities are found in whichever share they lie; a channel of NaN has no range."""
-    from pysindy_nrf.regression import channel_range as extent
+    from pysindy_nrf.regression import domains as extent
 
     rng = np.random.default_rng(8)
     wide, narrow = rng.standard_normal((5000, 7)), rng.standard_normal((5000, 2)).astype(np.float32)

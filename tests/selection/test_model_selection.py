@@ -22,6 +22,7 @@ from pysindy_nrf.exceptions import ChainError, ChannelError, NRFError, RankWarni
 from pysindy_nrf.output.displays import OrderSelectionDisplay
 from pysindy_nrf.selection import one_se_rule as rule
 from pysindy_nrf.selection import scorers
+from pysindy_nrf.simulation.noise import add_noise
 
 pytestmark = pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
 
@@ -368,3 +369,45 @@ def test_tables_and_ids_are_read_as_by_the_regressor(cubic):
     two = select_order(X, case.F, degrees=[1, 3], record=ids)
     blocks = list(BlockedTimeSplit(5).split(X, groups=ids))
     assert np.allclose(two.fold_scores, select_order(X, case.F, degrees=[1, 3], cv=blocks).fold_scores, atol=1e-10)
+
+
+def linear_record(noise=0.0):
+    """Two linear storeys, both DOFs forced."""
+    case = chains.duffing(2, [1, 2], seed=5, n_samples=3000, cubic=False)
+    motion = case.absolute
+    rec = Record(force=case.F, acceleration=motion[:, :2], velocity=motion[:, 2:4], displacement=motion[:, 4:], fs=1000.0)
+    return add_noise(rec, noise, random_state=1)
+
+
+def test_a_fold_without_a_force_says_so():
+    """A record in free motion alone: no force scales the fold that must do without the other record."""
+    t = np.arange(1500)[:, None] / 1000
+    w = 2 * np.pi * np.array([[5.0, 9.0]])
+    x = 1e-3 * np.sin(w * t)
+    free = Record(force=0 * x, acceleration=-(w**2) * x, velocity=1e-3 * w * np.cos(w * t), displacement=x, fs=1000.0)
+    with pytest.raises(NRFError, match="No candidate could be fitted and scored on every fold"):
+        select_order([linear_record(0.01), free.replace(name="free")], degrees=[1, 2], cv=RecordSplit())
+
+
+def test_the_rule_may_be_the_users_own():
+    rec = linear_record(0.02)
+    last = select_order(rec, degrees=[1, 2, 3], rule=lambda results: len(results["params"]) - 1)
+    best = select_order(rec, degrees=[1, 2, 3], rule="best")
+    plain = select_order(rec, degrees=[1, 2, 3])
+    assert last.best_order == 3 and plain.best_order == 1
+    errors = best.fold_scores.mean(axis=1)  # scores: the larger the better
+    assert str(best.best_order) == errors.idxmax()
+    assert repr(plain) == "OrderSelection(best_order=1, 3 orders, 5 folds)"
+    with pytest.raises(NRFError, match="rule='first' is unknown"):
+        select_order(rec, degrees=[1], rule="first")
+
+
+def test_the_simplest_within_one_standard_error_by_any_complexity():
+    """Three models, equal within the scatter of their folds: the least complex is the one a rule calls so."""
+    scores = np.array([[-10.0, -12.0, -11.0], [-9.5, -12.0, -11.2], [-9.8, -11.9, -11.0]])
+    results = {"params": [{"alpha": a} for a in (3, 1, 2)], "mean_test_score": scores.mean(axis=1)}
+    results |= {f"split{k}_test_score": scores[:, k] for k in range(3)}
+    assert one_standard_error(results, complexity=lambda params: params["alpha"]) == 1
+    assert one_standard_error(results, complexity=[1, 3, 2]) == 0
+    orders = {**results, "params": [{"orders": {"storey 1": q}, "degree": 1} for q in (5, 3, 1)]}
+    assert one_standard_error(orders) == 2

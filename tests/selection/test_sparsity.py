@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pysindy_nrf import NRFRegressor, Record, laws
+from pysindy_nrf import ChainModel, NRFRegressor, Record, excitation, laws, simulate
 from pysindy_nrf.exceptions import NRFError
 from pysindy_nrf.selection import AlongPath, BlockEnsemble, select_sparsity
 from pysindy_nrf.simulation.noise import add_noise
@@ -163,3 +163,48 @@ def test_a_law_that_was_given_is_never_taken_apart():
     found = select_sparsity(record_of(case, 0.01), paths={"STLSQ": [ps.STLSQ(threshold=1e-4)]}, laws=given)
     assert (found.terms.loc["storey 1", "STLSQ"] != 0).sum() == 4
     assert kept(found.terms["STLSQ"], 2)[1] == ["v", "s"]
+
+
+def test_sparsity_asks_for_paths_that_exist():
+    rec = record_of(chains.duffing(2, [1, 2], seed=5, cubic=False), 0.01)
+    with pytest.raises(NRFError, match="no default path 'LASSO'. Choose from"):
+        select_sparsity(rec, paths=["LASSO"])
+    with pytest.raises(NRFError, match="no optimizer to choose from"):
+        select_sparsity(rec, paths={})
+    found = select_sparsity(rec, degree=2, paths={"STLSQ": [ps.STLSQ(threshold=t) for t in (1e-3, 0.5)]})
+    assert repr(found).startswith("SparsitySelection(best='STLSQ'; STLSQ ")
+    settings = [setting for name, setting in found.table.index if name == "STLSQ"]
+    kept = [len(found.support("STLSQ", setting)) for setting in settings]
+    assert max(kept) >= 4 and found.support("STLSQ", "no such setting") == []
+
+
+def test_a_threshold_beyond_every_term_is_no_candidate():
+    """Nothing is left of any force: an error of nearly 100 %, not an exception."""
+    rec = record_of(chains.duffing(2, [1, 2], seed=5, cubic=False), 0.01)
+    paths = {"STLSQ": [ps.STLSQ(threshold=1e-3), ps.STLSQ(threshold=1e9)], "none": [ps.STLSQ(threshold=1e9)]}
+    found = select_sparsity(rec, degree=2, paths=paths)
+    assert 90 < found.table.loc["none", "error"].iloc[0] < 101
+    assert found.best == "STLSQ"
+
+
+def test_along_a_path_of_one_column_and_never_of_two_targets():
+    x = np.linspace(1.0, 2.0, 50)[:, None]
+    np.testing.assert_allclose(AlongPath(ps.SSR(), tolerance=1e-6).fit(x, 3 * x).coef_, [[3.0]])
+    np.testing.assert_array_equal(AlongPath(ps.SSR(), tolerance=2.0).fit(x, 3 * x).coef_, [[0.0]])
+    with pytest.raises(NRFError, match="got 2 targets"):
+        AlongPath(ps.SSR()).fit(x, np.hstack([x, x]))
+
+
+@pytest.fixture(scope="module")
+def three():
+    """Three linear storeys with noise in every channel."""
+    truth = ChainModel([10.0, 12.0, 8.0], {i: laws.PowerSeries(1, [60.0, 4e4]) for i in (1, 2, 3)})
+    F = excitation.band_limited_random(3, 6.0, 500.0, dofs=[1, 2, 3], rms=50.0, band=(1, 60), random_state=3)
+    return add_noise(simulate(truth, F, 2e-3), 0.02, random_state=1).to_features()
+
+
+def test_orders_that_were_thinned_out_stand_in_the_laws(three):
+    ps = pytest.importorskip("pysindy")
+    paths = {"ensemble": [BlockEnsemble(ps.STLSQ(threshold=0.02), n_models=3)]}
+    regressor = select_sparsity(*three, degree=1, orders={2: 3}, paths=paths, prune=False).regressor()
+    assert regressor.fit(*three).masses_ == pytest.approx([10.0, 12.0, 8.0], rel=0.02)

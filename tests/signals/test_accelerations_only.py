@@ -11,7 +11,7 @@ import pytest
 
 from pysindy_nrf import KinematicSmoother, NRFRegressor, Record
 from pysindy_nrf.exceptions import ChannelError, DataQualityWarning
-from pysindy_nrf.signals.lowest import lowest_frequency
+from pysindy_nrf.signals.zero_phase_filter import lowest_frequency
 from pysindy_nrf.simulation.noise import add_noise
 
 

@@ -13,8 +13,7 @@ import pytest
 from pysindy_nrf import ChainModel, NRFRegressor, Record, close_loop, excitation, laws, simulate
 from pysindy_nrf.data.io import read_record
 from pysindy_nrf.exceptions import DataQualityWarning
-from pysindy_nrf.signals.channel_checks import check_channels
-from pysindy_nrf.signals.plausibility import doubts
+from pysindy_nrf.signals.channel_checks import check_channels, data_warnings
 from pysindy_nrf.simulation.noise import add_noise
 
 STOREY = laws.PowerSeries(1, [60.0, 1e5])
@@ -99,16 +98,16 @@ def test_the_loop_says_it_too():
 @pytest.mark.parametrize("base", [False, True])
 def test_good_channels_are_not_doubted(noise, base):
     rec = record(noise, base)
-    assert doubts(rec) == []
+    assert data_warnings(rec) == []
     if base:
         absolute = rec.replace(displacement=rec.displacement + base_displacement(rec), coordinates="absolute")
-        assert doubts(absolute) == []
+        assert data_warnings(absolute) == []
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.01, 0.03])
 @pytest.mark.parametrize("gain", [0.95, 1.05, 1.15])
 def test_a_calibration_that_is_some_percent_off_is_named_at_its_dof_alone(gain, noise):
-    said = doubts(changed(record(noise), "acceleration", 2, lambda y: gain * y))
+    said = data_warnings(changed(record(noise), "acceleration", 2, lambda y: gain * y))
     assert len(said) == 1 and said[0].startswith("x2 is") and "calibration" in said[0], said
     assert float(said[0].split()[2]) == pytest.approx(1 / gain, rel=0.01)
 
@@ -124,8 +123,8 @@ def accelerations_alone(k, rms):
 def test_a_light_frame_may_shake_hard_and_millimetres_for_metres_are_still_asked_for(hertz):
     rec = accelerations_alone(2.0 * (2 * np.pi * hertz) ** 2, 5.0)
     hard = rec.replace(acceleration=rec.acceleration * (15 * hertz / np.abs(rec.acceleration).max()))  # 300, 1950 m/s^2
-    assert doubts(hard) == []
-    assert "unit" in doubts(hard.replace(acceleration=1e3 * hard.acceleration))[0]
+    assert data_warnings(hard) == []
+    assert "unit" in data_warnings(hard.replace(acceleration=1e3 * hard.acceleration))[0]
 
 
 def test_an_integration_rule_is_no_wrong_calibration():
@@ -136,13 +135,13 @@ def test_an_integration_rule_is_no_wrong_calibration():
     turn = np.pi * f[1:] * rec.dt * 5  # as if integrated at a fifth of the rate, and only slow motion kept
     rule[1:] = np.where(turn < 1.5, turn / np.tan(np.minimum(turn, 1.5)), 0.0) ** 2
     summed = np.fft.irfft(rule[:, None] * np.fft.rfft(rec.displacement, axis=0), rec.n_samples, axis=0)
-    assert not [text for text in doubts(rec.replace(displacement=summed)) if "calibration" in text]
+    assert not [text for text in data_warnings(rec.replace(displacement=summed)) if "calibration" in text]
 
 
 @pytest.mark.parametrize("friction", [0.0, 70.0])
 @pytest.mark.parametrize("noise", [0.0, 0.1])
 def test_the_papers_hammer_tests_are_not_doubted(friction, noise):
-    assert doubts(cases.four_storey(cases.INCOMPLETE_FRAME, friction, noise, duration=16.0).measured) == []
+    assert data_warnings(cases.four_storey(cases.INCOMPLETE_FRAME, friction, noise, duration=16.0).measured) == []
 
 
 def test_no_measured_set_is_doubted():
@@ -158,7 +157,7 @@ def test_no_measured_set_is_doubted():
         measured_sets.load_mr_damper_white_noise(measured.folder("mr_damper_white_noise")),
         measured_sets.load_mr_damper_cyclic(folder=measured.folder("mr_damper_cyclic")),
     ]
-    assert {rec.name: said for rec in recs if (said := doubts(rec))} == {}
+    assert {rec.name: said for rec in recs if (said := data_warnings(rec))} == {}
 
 
 # -- values that stand for "not measured", and times in other units -------------------------------
@@ -178,7 +177,7 @@ def test_a_record_with_numbers_for_not_measured_is_doubted(table):
     assert found[["channel", "problem"]].to_numpy().tolist() == [["F3", "filled"]]
     assert found["share"].iloc[0] == pytest.approx(2 / len(table))
     assert "rows 500, 2000" in found["message"].iloc[0]
-    assert found["message"].iloc[0] in doubts(Record.from_frame(bad))
+    assert found["message"].iloc[0] in data_warnings(Record.from_frame(bad))
 
 
 @pytest.mark.parametrize(("unit", "shown", "factor"), [("ms", "ms", 1e3), ("us", "µs", 1e6)])
@@ -187,19 +186,19 @@ def test_a_time_in_other_units_is_asked_for(table, tmp_path, unit, shown, factor
     path = tmp_path / "scope.csv"
     late = table.assign(t=table["t"] * factor)
     late.to_csv(path, index=False)
-    (said,) = doubts(read_record(path))
+    (said,) = data_warnings(read_record(path))
     assert f"as if the time were in {shown}" in said and f"--unit t={shown}" in said
-    assert doubts(read_record(path, units={"t": shown})) == doubts(read_record(path, units={"t": unit})) == []
+    assert data_warnings(read_record(path, units={"t": shown})) == data_warnings(read_record(path, units={"t": unit})) == []
     late[["t", *(c for c in late if c[0] in "Fa")]].to_csv(path, index=False)
-    (said,) = doubts(read_record(path))
+    (said,) = data_warnings(read_record(path))
     assert "Hz: is the unit of the time declared?" in said
-    assert doubts(read_record(path, units={"t": unit})) == []
+    assert data_warnings(read_record(path, units={"t": unit})) == []
 
 
 def test_a_right_clock_and_slow_displacements_are_not_doubted(table):
     """Towers are measured by satellite once a second."""
-    assert doubts(Record.from_frame(table)) == []
+    assert data_warnings(Record.from_frame(table)) == []
     slow = table[["t", *(c for c in table if c[0] in "Fx")]].assign(t=table["t"] * 500)
-    assert doubts(Record.from_frame(slow)) == []
+    assert data_warnings(Record.from_frame(slow)) == []
     one = table.assign(**{f"v{j}": table[f"v{j}"] * 1e-3 for j in (1, 2, 3)})  # one kind in another unit
-    assert not any("the time" in text for text in doubts(Record.from_frame(one)))
+    assert not any("the time" in text for text in data_warnings(Record.from_frame(one)))

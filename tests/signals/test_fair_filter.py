@@ -81,3 +81,11 @@ def test_impossible_order_and_rate_are_refused():
     for fs in (0.0, -5.0, np.nan):
         with pytest.raises(ChannelError, match="sampling rate"):
             FairFilter((None, 10.0), fs)
+
+
+@pytest.mark.parametrize("band", [(None, 30.0), (1.0, 60.0), None])
+def test_the_noise_that_a_filter_passes_is_the_energy_of_its_impulse_response(band):
+    filter = FairFilter(band, 500.0)
+    impulse = np.zeros(20001)
+    impulse[10000] = 1.0
+    assert filter.noise_gain() == pytest.approx((filter.apply(impulse) ** 2).sum(), rel=1e-3)

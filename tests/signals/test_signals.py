@@ -6,15 +6,9 @@ import pytest
 from scipy.linalg import expm
 from sklearn.base import clone
 
-from pysindy_nrf import ChainModel, Record, laws, simulate
-from pysindy_nrf.exceptions import ChannelError, DataQualityWarning
-from pysindy_nrf.signals import (
-    BandLimiter,
-    KinematicSmoother,
-    differentiate,
-    integrate,
-    paper_processing,
-)
+from pysindy_nrf import ChainModel, Record, datasets, laws, simulate
+from pysindy_nrf.exceptions import ChainError, ChannelError, DataQualityWarning
+from pysindy_nrf.signals import BandLimiter, KinematicSmoother, differentiate, integrate, paper_processing
 from pysindy_nrf.signals.kinematics import to_features
 from pysindy_nrf.signals.zero_phase_filter import FairFilter
 
@@ -535,3 +529,69 @@ def test_the_papers_processing_of_a_shaken_frame_removes_the_base():
     truth = FairFilter((1.0, None), 500).apply(rec.velocity)[3000:5000]
     gap = paper_processing(rec).velocity[3000:5000] - truth
     assert np.nanstd(gap) < 0.05 * truth.std()
+
+
+FS = 500.0
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: differentiate(np.zeros((3, 3, 3)), 0.01), "The motion has 3 dimensions"),
+        (lambda: BandLimiter((1, 50), FS, edges="cut").fit(np.zeros((9, 1))), "edges='cut' is unknown"),
+        (lambda: BandLimiter((1, 50), fs="fast").fit(np.zeros((9, 1))), "fs='fast' is not a sampling rate"),
+        (lambda: BandLimiter((1, 50), fs=-1.0).fit(np.zeros((9, 1))), "fs=-1.0 is not a sampling rate"),
+        (lambda: KinematicSmoother().fit(np.zeros((99, 2))), "ndarray has no names"),
+        (lambda: KinematicSmoother(fs=FS).fit(pd.DataFrame({"a1": [], "x1": []})), "X has no samples"),
+    ],
+)  # fmt: skip
+def test_an_argument_of_a_filter_is_named_with_its_cure(call, words):
+    with pytest.raises((ChannelError, ChainError), match=words):
+        call()
+
+
+def test_columns_without_names_and_times_beside_them():
+    """scikit-learn's names for unnamed columns, a clock in the index, a clock that does not fit."""
+    t = np.arange(2000) / FS
+    X = np.column_stack([np.sin(20 * t), np.cos(20 * t)])
+    limiter = BandLimiter((10, 100), FS).fit(X)
+    assert list(limiter.get_feature_names_out()) == ["x0", "x1"]
+    assert list(limiter.get_feature_names_out(["a1", "a2"])) == ["a1", "a2"]
+    with pytest.raises(ChannelError, match="time has 1999 values, X has 2000 samples"):
+        limiter.transform(X, time=t[:-1])
+    stamps = pd.to_datetime("2024-05-01") + pd.to_timedelta(t, unit="s")
+    framed = BandLimiter((10, 100), FS).fit_transform(pd.DataFrame(X, index=stamps, columns=["a1", "a2"]))
+    np.testing.assert_array_equal(framed.to_numpy(), limiter.transform(X))
+    shuffled = pd.DataFrame(X, index=stamps[::-1], columns=["a1", "a2"])
+    with pytest.raises(ChannelError, match="does not increase"):
+        BandLimiter((10, 100), FS).fit_transform(shuffled)
+
+
+def test_a_record_of_nothing_but_nan_stays_nan():
+    """Two records, one of them not measured: the other is filtered as if it were alone."""
+    t = np.arange(2000) / FS
+    X = np.column_stack([np.sin(20 * t), np.cos(20 * t)])
+    both = np.vstack([X, np.full_like(X, np.nan)])
+    out = BandLimiter((10, 100), FS).fit(both).transform(both, record=np.repeat([0, 1], 2000))
+    assert np.isnan(out[2000:]).all()
+    np.testing.assert_array_equal(out[:2000], BandLimiter((10, 100), FS).fit_transform(X))
+
+
+def test_a_smoother_meets_other_columns_clocks_and_lengths():
+    rec = datasets.load_demo()
+    frame = rec.to_frame().iloc[:2000]
+    fitted = KinematicSmoother().fit(frame)
+    with pytest.raises(ChannelError, match="are not those of fit"):
+        fitted.transform(frame[list(frame.columns[::-1])])
+    with pytest.raises(ChannelError, match=r"fs=77.0 Hz contradicts the clock of the data"):
+        KinematicSmoother(fs=77.0).fit(frame)
+    with pytest.raises(ChannelError, match="spoils .* at each end"):
+        KinematicSmoother(band=(0.05, None)).fit_transform(frame.iloc[:400])
+
+
+def test_the_spectral_slope_of_an_odd_number_of_samples():
+    """A sine of whole periods has an exact slope whether the number of samples is even or odd."""
+    for n in (200, 201):
+        t = np.arange(n) * 0.01
+        w = 2 * np.pi * 7 / (n * 0.01)
+        np.testing.assert_allclose(differentiate(np.sin(w * t), 0.01, "spectral"), w * np.cos(w * t), atol=1e-9 * w)

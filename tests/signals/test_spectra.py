@@ -9,8 +9,8 @@ import pytest
 from scipy.signal import welch
 
 from pysindy_nrf import ChainModel, KinematicSmoother, excitation, laws, simulate
+from pysindy_nrf.estimation.iv import run_of
 from pysindy_nrf.estimation.noise_spectra import Smooth, Whitener, corrected, linearised, noise_model, transfer
-from pysindy_nrf.estimation.runs import run_of
 from pysindy_nrf.regression.input_arrays import from_arrays
 from pysindy_nrf.regression.layout import LawLayout
 from pysindy_nrf.simulation.noise import add_noise

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy.signal import hilbert
 
-from pysindy_nrf import Record
-from pysindy_nrf.exceptions import ChainError, ChannelError
+from pysindy_nrf import Record, datasets
+from pysindy_nrf import excitation as drive
+from pysindy_nrf.exceptions import ChainError, ChannelError, LawError
 from pysindy_nrf.simulation.excitation import band_limited_random, earthquake, impact_hammer, sweep
 from pysindy_nrf.simulation.noise import add_noise
 
@@ -120,3 +121,41 @@ def test_a_chosen_stream_of_noise_is_taken_as_it_is():
         drawn = np.random.default_rng([3, 1] if stream == [3, 1] else 3).standard_normal((2, 50))
         expected = 1 + 0.1 * drawn[1]  # the force of zeros, which stays so, comes before it
         np.testing.assert_allclose(add_noise(rec, 0.1, random_state=stream).displacement[:, 0], expected, rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: drive.impact_hammer(2, 1.0, FS, dofs=1, level=1.0, spread=1.0), "spread=1.0 is not between 0 and 1"),
+        (lambda: drive.impact_hammer(2, 1.0, FS, dofs=1, level=1.0, n_hits=2.5), "n_hits=2.5 is not a whole number"),
+        (lambda: drive.impact_hammer(2, 1.0, FS, dofs=1, level=[]), "No level is given"),
+        (lambda: drive.impact_hammer(2, 1.0, FS, dofs=1, level="loud"), "level='loud' is not a positive number. .*N"),
+        (lambda: drive.impact_hammer(2, 1.0, FS, dofs=[], level=1.0), "No DOF is forced"),
+        (lambda: drive.impact_hammer(2, 0.001, FS, dofs=1, level=1.0), "0.001 s at 1000.0 Hz are 1 samples"),
+        (lambda: drive.impact_hammer(True, 1.0, FS, dofs=1, level=1.0), "n_dof=True is not a whole number"),
+        (lambda: drive.band_limited_random(1, 1.0, FS, dofs=1, rms=1.0, band=5.0), "band=5.0 is not a pair"),
+        (lambda: drive.sweep(1, 1.0, FS, dofs=1, level=1.0, band=(1, 50), method="cubic"), "method='cubic' is unknown"),
+        (lambda: drive.sweep(1, 1.0, FS, dofs=1, level=1.0, band=(0, 50), method="logarithmic"), "cannot pass 0 Hz"),
+        (lambda: drive.earthquake(10.0, FS, peak=3.0, rise=0.8, fall=0.2), "rise=0.8, fall=0.2 are not in order"),
+        (lambda: add_noise(datasets.load_demo(), "5 %"), "level='5 %' is not a share of the RMS"),
+    ],
+)  # fmt: skip
+def test_an_excitation_names_the_argument_and_its_cure(call, words):
+    with pytest.raises((ChannelError, ChainError, LawError), match=words):
+        call()
+
+
+def test_levels_follow_each_other_on_the_floors():
+    """The edge of what is allowed: spread 0 gives blows of exactly the levels, in turn."""
+    F = drive.impact_hammer(2, 8.0, 4000.0, dofs=[1, 2], level=[100.0, 200.0], n_hits=4, width=0.01, spread=0.0)
+    np.testing.assert_allclose(F.max(axis=0), [100.0, 200.0], rtol=1e-3)
+
+
+def test_the_noise_of_a_covariate_has_its_share():
+    rec = datasets.load_demo()
+    t = rec.time
+    rec = rec.replace(covariates={"pressure": np.sin(3 * t)})
+    noisy = add_noise(rec, 0.1, random_state=0, channels=["pressure"])
+    gap = noisy.covariates["pressure"] - rec.covariates["pressure"]
+    assert gap.std() == pytest.approx(0.1 * np.sqrt(np.mean(np.sin(3 * t) ** 2)), rel=0.05)
+    np.testing.assert_array_equal(noisy.acceleration, rec.acceleration)

@@ -13,8 +13,7 @@ from pysindy_nrf import Chain, ChainModel, Site, laws
 from pysindy_nrf.exceptions import ChainError, ChannelError, LawError, SimulationError
 from pysindy_nrf.laws.base import Motion
 from pysindy_nrf.simulation import free_run, simulate
-from pysindy_nrf.simulation.api import classical_run
-from pysindy_nrf.simulation.readings import as_read
+from pysindy_nrf.simulation.api import as_read, classical_run
 
 DT = 1e-3
 LINEAR = laws.PowerSeries(1, [100.0, 1e5])

@@ -1,4 +1,4 @@
-"""What one pass over chunks leaves behind: Gram matrices of blocks, ranges, some windows. Accumulators add."""
+"""Accumulated sums of one pass over chunks: Gram matrices of blocks, channel ranges and sample windows; sums add."""
 
 from __future__ import annotations
 
@@ -14,43 +14,96 @@ from ...exceptions import ChainError, ChannelError, NRFError
 from ...mechanics.identifiability import Walk
 from ...regression.blocks import Block, block_size
 from ...regression.chain_solve import groups_of
-from ...regression.channel_range import Extent
+from ...regression.domains import Extent
 from ...regression.gram_pass import GramPass, guess_of
 from ...regression.grams import BlockGrams
 from ...regression.input_arrays import from_arrays
 from ...regression.layout import Group, LawLayout
 from ...regression.segments import Segment
 from ..problem import Problem, law_list
-from . import runs
-from .runs import Key, Run
 from .sources import Chunk, seconds_since
 
-Key3 = tuple[int, int, int]
-N_BLOCKS = 64  # are kept at least, twice as many at most
+Key = tuple[int, int]  # number of the chunk, number of the piece in it
+Key3 = tuple[int, int, int]  # with the number of the block, or of the first sample, in the piece
+LINES = ("a", "v", "s", "F", "t", "ag")
+N_BLOCKS = 64  # kept at least; at most twice as many
 N_WINDOWS = 64  # at most
 _WINDOW_BYTES = 2**24  # of all windows together
 
 
 @dataclass
+class Run:
+    """Consecutive pieces of one record; NaN edges and unknown forces are checked record by record."""
+
+    name: str
+    first: Key  # keys of the first and the last piece
+    last: Key
+    starts: bool  # a record is known to start here, to end here
+    ends: bool
+    head: bool  # NaN rows lead it, trail it
+    tail: bool
+    empty: bool  # no row is finite
+    unknown: tuple[int, ...]  # DOFs whose force is NaN
+    rows: int
+
+    def follows(self, other: Run) -> bool:
+        """True if it continues where another run stopped."""
+        touching = self.first[0] == other.last[0] + 1 and self.first[1] == 0
+        return touching and not self.starts and not other.ends and self.name == other.name
+
+    def join(self, other: Run) -> Run:
+        """This run and the one that follows it."""
+        if not (self.empty or other.empty):
+            if self.tail or other.head:
+                raise ChannelError(
+                    f"Record {self.name!r} holds NaN about row {self.rows}, between finite rows",
+                    "Split the record there, or fill the gap; only leading and trailing NaN rows are masked.",
+                )
+            if self.unknown != other.unknown:
+                j = min(set(self.unknown) ^ set(other.unknown))
+                raise ChannelError(
+                    f"F{j} of record {self.name!r} is NaN on one side of row {self.rows} and known on the other",
+                    "Split the record there (a column record=), or fill the gap.",
+                )
+        return Run(
+            self.name, self.first, other.last, self.starts, other.ends,
+            self.empty or self.head, other.empty or other.tail, self.empty and other.empty,
+            other.unknown if self.empty else self.unknown, self.rows + other.rows,
+        )  # fmt: skip
+
+
+def joined(runs: Iterable[Run]) -> list[Run]:
+    """Runs in order; adjacent ones of a record are joined."""
+    out: list[Run] = []
+    for run in sorted(runs, key=lambda r: r.first):
+        if out and run.follows(out[-1]):
+            out[-1] = out[-1].join(run)
+        else:
+            out.append(run)
+    return out
+
+
+def is_empty(x: Any) -> bool:
+    """True if every row of a matrix holds a NaN; the ends are checked first."""
+    if hasattr(x, "to_numpy"):
+        x = x.to_numpy()
+    x = np.asarray(x)
+    if x.dtype.kind != "f" or not len(x) or not (np.isnan(x[0]).any() and np.isnan(x[-1]).any()):
+        return False
+    return bool(np.isnan(x).any(axis=1).all())
+
+
+@dataclass
 class BlockEntry:
-    """Gram matrices of consecutive samples of one record.
+    """Gram matrices (a sum) of consecutive samples of one record."""
 
-    Attributes
-    ----------
-    key : (int, int, int)
-        Chunk, piece in it, block in it: the order in time.
-    record : str
-    grams : BlockGrams
-        A sum.
-    """
-
-    key: tuple[int, int, int]
+    key: Key3
     record: str
     grams: BlockGrams
 
 
 class Model:
-    """What of an estimator a pass needs: chain, laws, columns and the balances to accumulate."""
+    """Chain, laws, columns and the balances to accumulate, from the parameters of an estimator."""
 
     def __init__(self, estimator: Any, n_dof: int) -> None:
         self.problem: Problem = estimator.problem(n_dof)
@@ -61,12 +114,12 @@ class Model:
         singles = [(j,) for j in range(1, n + 1)]
         sums = [
             tuple(range(i, n + 1)) for i in range(1, n) if all(j in self.known_masses for j in range(i, n + 1))
-        ]  # a base that moves, see plan_walk
+        ]  # for base excitation, see plan_walk
         self.groups: list[Group] = [self.layout.group(dofs) for dofs in singles + sums]
 
 
 def require_streamable(estimator: Any, layout: LawLayout) -> None:
-    """Refuse what needs whole records in memory."""
+    """Raise a ChainError for settings that need whole records in memory."""
     cure = "Give Records, or arrays that fit in memory."
     if estimator.estimation != "ls":
         raise ChainError(f"estimation={estimator.estimation!r} needs whole records", cure)
@@ -78,7 +131,8 @@ def require_streamable(estimator: Any, layout: LawLayout) -> None:
         for law in held:
             if law.free_shape:
                 raise ChainError(
-                    f"{site}: {type(law).__name__} has no value for {law.free_shape[0]}; its search needs many passes",
+                    f"{site}: {type(law).__name__} has no value for {law.free_shape[0]}; its estimation needs many "
+                    "passes",
                     "Estimate it on one record, then give the value.",
                 )
 
@@ -86,27 +140,8 @@ def require_streamable(estimator: Any, layout: LawLayout) -> None:
 class Accumulator:
     """One pass over chunks; accumulators of different chunks of the same data add.
 
-    Parameters
-    ----------
-    estimator : NRFRegressor
-    kind : {"gram", "root", "careful"}
-        ``"careful"``: ``"root"`` with a guess from each chunk itself, for data that can be seen only once.
-    guess : mapping of tuple of int to ndarray, optional
-        See :class:`pysindy_nrf.regression.gram_pass.GramPass`.
-    n_samples : int, optional
-        Expected in all; sets the length of the blocks.
-
-    Attributes
-    ----------
-    blocks : list of BlockEntry
-        In the order of time after :meth:`close`.
-    runs : list of Run
-    windows : list of (key, Segment)
-        Some raw samples, evenly spread, for diagnosis.
-    extent : Extent or None
-        Of all channels a, v, s, F.
-    n_samples : int
-        Rows seen, NaN edges included.
+    ``kind="careful"`` is ``"root"`` with a guess from each chunk itself, for data that can be read only once;
+    ``n_samples`` (expected in all) sets the length of the blocks.
     """
 
     def __init__(
@@ -119,18 +154,17 @@ class Accumulator:
         self.estimator, self.kind, self.guess = estimator, kind, dict(guess or {})
         self.block_rows = 64 if n_samples is None else max(64, -(-n_samples // N_BLOCKS))
         self.model: Model | None = None
-        self.blocks: list[BlockEntry] = []
+        self.blocks: list[BlockEntry] = []  # in the order of time after close()
         self.runs: list[Run] = []
-        self.windows: list[tuple[tuple[int, int, int], Segment]] = []
+        self.windows: list[tuple[Key3, Segment]] = []  # some raw samples, evenly spread, for diagnosis
         self.window_every, self._offered = 1, 0
-        self.extent: Extent | None = None
-        self.n_samples = 0
-        self.has_time = True
+        self.extent: Extent | None = None  # of all channels a, v, s, F
+        self.n_samples = 0  # NaN edges included
         self.origin: Any = None  # of time
         self.settings: dict[str, str] = {}  # of the estimator, between calls of partial_fit
         self._open: tuple[Key3, str, GramPass] | None = None  # key, record and sums of the last block
         self._gram: GramPass | None = None  # its plan of products is that of all blocks
-        self._carry: dict[str, Any] | None = None  # end of the last run: states, last row, its time
+        self._carry: dict[str, Any] | None = None  # end of the last run: states, last sample, its time
 
     # -- adding -------------------------------------------------------------------------------
 
@@ -142,8 +176,8 @@ class Accumulator:
         self.n_samples += chunk.n_samples
 
     def _add(self, key: Key, chunk: Chunk, ends: bool) -> int:
-        """Add samples of one record; the number of the piece that comes next."""
-        if runs.is_empty(chunk.X):
+        """Add samples of one record and return the number of the next piece."""
+        if is_empty(chunk.X):
             self._append(Run(chunk.record, key, key, chunk.first, ends, True, True, True, (), chunk.n_samples))
             return key[1] + 1
         segments = self._segments(chunk)
@@ -153,16 +187,13 @@ class Accumulator:
             trimmed = inside.start > 0, inside.stop < size
             starts, stops = chunk.first or i > 0, ends or i < len(segments) - 1
             goes_on = self._append(Run(chunk.record, here, here, starts, stops, *trimmed, False, unknown, size))
-            self._widen(segment.extent)
+            self.extent = segment.extent if self.extent is None else self.extent.merge(segment.extent)
             self._accumulate(segment, here, goes_on)
             self._offer_windows(here, segment)
         return key[1] + len(segments)
 
-    def _widen(self, extent: Extent) -> None:
-        self.extent = extent if self.extent is None else self.extent.merge(extent)
-
     def _append(self, run: Run) -> bool:
-        """Put a run behind the others; whether it goes on where the last one stopped."""
+        """Append a run; True if it continues the last one."""
         if self.runs and run.follows(self.runs[-1]):
             self.runs[-1] = self.runs[-1].join(run)
             return True
@@ -192,8 +223,6 @@ class Accumulator:
 
     def _accumulate(self, segment: Segment, key: Key, goes_on: bool) -> None:
         layout = self.require_model().layout
-        if segment.t is None:
-            self.has_time = False
         carry = self._carry if goes_on else None
         end = 0.0
         if segment.t is not None:
@@ -222,11 +251,12 @@ class Accumulator:
             sums = self._open[2].add(block)
             if sums.n_samples >= self.block_rows:
                 self._shut()
-        last = _row(segment, segment.valid.stop - 1) if layout.has_memory else None
+        end_row = segment.valid.stop
+        last = _copied(segment, end_row - 1, end_row) if layout.has_memory else None
         self._carry = {"states": states, "last": last, "end": end}
 
     def sums(self, before: BlockGrams | None = None) -> GramPass:
-        """Running sums of an empty block, or of one that goes on behind a total."""
+        """Running sums of an empty block, or of one that continues a total."""
         model = self.require_model()
         if self.kind != "gram":
             return GramPass(model.layout, model.groups, model.known_masses, "root", self.guess).empty(before)
@@ -239,13 +269,13 @@ class Accumulator:
         return self._gram
 
     def _own_guess(self, blocks: list[Block]) -> None:
-        """Guess the root of some blocks from their own Gram matrices."""
+        """Take the guess of the root from the Gram matrices of some blocks."""
         self.guess = guess_of(self._plain().empty().add_each((0, block) for block in blocks).total())
         if self._open is not None:
             self._open[2].guess = self.guess
 
     def _shut(self) -> None:
-        """Put the open block with the others; if there are many, neighbours become one."""
+        """Close the block being filled; if there are many blocks, neighbours are merged."""
         if self._open is not None:
             self.blocks.append(self.open_entry())
             self._open = None
@@ -254,21 +284,21 @@ class Accumulator:
             self.blocks = _halved(self.blocks)
 
     def open_entry(self) -> BlockEntry:
-        """The block that is being filled, as it stands."""
+        """The block being filled, in its present state."""
         assert self._open is not None
         key, record, sums = self._open
         return BlockEntry(key, record, sums.total())
 
     @property
     def entries(self) -> list[BlockEntry]:
-        """All blocks, with the one that is being filled."""
+        """All blocks, the one being filled included."""
         return [*self.blocks, *([self.open_entry()] if self._open else [])]
 
     def _offer_windows(self, key: Key, segment: Segment) -> None:
         n = segment.n_dof
         size = int(np.clip(_WINDOW_BYTES // (N_WINDOWS * 32 * n), 64, 1024))
         inside = segment.valid
-        # one window in each stretch of eight: enough to choose from, and few to copy
+        # one window in each stretch of eight: enough to choose from, little to copy
         for start in range(inside.start, max(inside.stop - size // 2, inside.start + 1), 8 * size):
             if self._offered % self.window_every == 0:
                 stop = min(start + size, inside.stop)
@@ -281,7 +311,7 @@ class Accumulator:
     # -- adding up ----------------------------------------------------------------------------
 
     def copy(self) -> Accumulator:
-        """An accumulator to which records can be added while this one stays as it is."""
+        """A copy to which records can be added; this one does not change."""
         out = copy(self)
         out.blocks, out.runs, out.windows = list(self.blocks), list(self.runs), list(self.windows)
         out._shut()  # what follows is another record
@@ -296,7 +326,7 @@ class Accumulator:
     def merge(self, other: Accumulator) -> Accumulator:
         """Add the chunks of another accumulator of the same data; both closed."""
         if other.model is None:
-            self.runs = runs.joined([*self.runs, *other.runs])
+            self.runs = joined([*self.runs, *other.runs])
             self.n_samples += other.n_samples
             return self
         if self.model is None:
@@ -316,23 +346,22 @@ class Accumulator:
             while len(self.windows) > N_WINDOWS:
                 self.windows = self.windows[::2]
             if other.extent is not None:
-                self._widen(other.extent)
-            self.has_time = self.has_time and other.has_time
-        self.runs = runs.joined([*self.runs, *other.runs])
+                self.extent = other.extent if self.extent is None else self.extent.merge(other.extent)
+        self.runs = joined([*self.runs, *other.runs])
         self.n_samples += other.n_samples
         return self
 
     def require_model(self) -> Model:
-        """The model, which is there from the first sample on; a ChannelError before."""
+        """The model, known from the first sample on; before, a ChannelError is raised."""
         if self.model is None:
-            raise ChannelError("There are no samples", "The source is empty, or holds nothing but NaN.")
+            raise ChannelError("There are no samples", "The source is empty, or holds only NaN.")
         return self.model
 
     def grams(self) -> BlockGrams:
         """Gram matrices of all blocks, with the numbers of their records."""
         entries = self.entries
         if not entries:
-            raise NRFError("No block of samples was seen", "Check the source.")
+            raise NRFError("There are no samples", "Check the source.")
         names = {name: i for i, name in enumerate(dict.fromkeys(e.record for e in entries))}
         return BlockGrams.stack([e.grams for e in entries], [names[e.record] for e in entries])
 
@@ -361,13 +390,13 @@ class Accumulator:
 
 
 def _halved(blocks: list[BlockEntry]) -> list[BlockEntry]:
-    """Neighbours made one, within records where that makes them fewer."""
+    """Blocks merged in pairs; within records if that reduces their number enough."""
     out = _paired(blocks, across=False)
     return out if len(out) <= 0.75 * len(blocks) else _paired(out, across=True)
 
 
 def _paired(blocks: list[BlockEntry], across: bool) -> list[BlockEntry]:
-    """Every two neighbours made one, those of different records too if ``across``."""
+    """Blocks merged in pairs of neighbours; of different records too if ``across``."""
     out: list[BlockEntry] = []
     alone = True
     for entry in blocks:
@@ -380,30 +409,21 @@ def _paired(blocks: list[BlockEntry], across: bool) -> list[BlockEntry]:
     return out
 
 
-def _row(segment: Segment, i: int) -> dict[str, Any]:
-    """One sample of a segment."""
-    rows = slice(i, i + 1)
-    out: dict[str, Any] = {k: np.array(getattr(segment, k)[rows], dtype=float) for k in ("a", "v", "s", "F")}
-    out |= {k: None if getattr(segment, k) is None else np.array(getattr(segment, k)[rows]) for k in ("t", "ag")}
-    return {**out, "covariates": {k: np.array(c[rows], dtype=float) for k, c in segment.covariates.items()}}
-
-
-def _behind(last: Mapping[str, Any], segment: Segment) -> Segment:
+def _behind(last: Segment, segment: Segment) -> Segment:
     """A segment with the sample before it in front; its own samples stay the valid ones."""
-    joint: dict[str, Any] = {k: np.concatenate([last[k], getattr(segment, k)]) for k in ("a", "v", "s", "F")}
-    for k in ("t", "ag"):
-        value = getattr(segment, k)
-        joint[k] = None if value is None or last[k] is None else np.concatenate([last[k], value])
-    covariates = {k: np.concatenate([last["covariates"][k], c]) for k, c in segment.covariates.items()}
+    joint: dict[str, Any] = {}
+    for k in LINES:
+        pair = getattr(last, k), getattr(segment, k)
+        joint[k] = None if pair[0] is None or pair[1] is None else np.concatenate(pair)
+    covariates = {k: np.concatenate([last.covariates[k], c]) for k, c in segment.covariates.items()}
     valid = slice(segment.valid.start + 1, segment.valid.stop + 1)
     return replace(segment, **joint, covariates=covariates, valid=valid)
 
 
 def _copied(segment: Segment, start: int, stop: int) -> Segment:
-    """Some samples of a segment, its own."""
-    rows = slice(start, stop)
+    """Some samples of a segment, copied."""
+    rows, whole = slice(start, stop), slice(0, stop - start)
     lines: dict[str, Any] = {k: np.array(getattr(segment, k)[rows], dtype=float) for k in ("a", "v", "s", "F")}
     lines |= {k: None if getattr(segment, k) is None else np.array(getattr(segment, k)[rows]) for k in ("t", "ag")}
     covariates = {k: np.array(c[rows], dtype=float) for k, c in segment.covariates.items()}
-    size = stop - start
-    return replace(segment, rows=slice(0, size), **lines, covariates=covariates, valid=slice(0, size), _extent=None)
+    return replace(segment, rows=whole, **lines, covariates=covariates, valid=whole, _extent=None)

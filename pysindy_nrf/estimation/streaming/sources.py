@@ -19,6 +19,8 @@ from ...exceptions import ChannelError, FileFormatError
 from ...regression.segments import feature_names
 from ...signals.kinematics import base_acceleration_if_any
 
+CHUNK_BYTES = 2**25  # of a chunk as float64
+
 
 @dataclass
 class Chunk:
@@ -31,9 +33,9 @@ class Chunk:
     F : ndarray of shape (n_samples, n_dof) or DataFrame, optional
         N.
     record : str
-        Name of the record, where no ids tell several apart.
+        Name of the record, if there are no record ids.
     first : bool
-        Whether a record starts with it; otherwise it goes on where the chunk before it ended.
+        True if a record starts with it; otherwise it continues the chunk before it.
     ids : ndarray of shape (n_samples,), optional
         Record ids.
     time : ndarray of shape (n_samples,), optional
@@ -69,7 +71,7 @@ class Chunk:
         return len(self.X)
 
     def records(self) -> list[Chunk]:
-        """The samples of each record, where ids tell several apart.
+        """The samples of each record, split by record ids.
 
         Returns
         -------
@@ -88,7 +90,7 @@ class Chunk:
 
 
 def cut(value: Any, rows: slice) -> Any:
-    """Rows of an array or a table, if there is one."""
+    """Rows of an array or a table; None for None."""
     return value.iloc[rows] if hasattr(value, "iloc") else None if value is None else value[rows]
 
 
@@ -116,12 +118,12 @@ def chunk_of(item: Any, covariates: Sequence[str] = (), coordinates: str = "rela
     if isinstance(item, np.ndarray):
         return Chunk(item, first=first)
     raise ChannelError(
-        f"The iterator gave {type(item).__name__}", "Let it give DataFrames, pairs (X, F) or Records."
+        f"The iterator gave {type(item).__name__}", "It must give DataFrames, pairs (X, F) or Records."
     )
 
 
 def _table_time(X: Any) -> Any:
-    """Time of the rows of a table, from a column or the index; None where there is none."""
+    """Time of the rows of a table, from a column or the index; None if it has none."""
     if not hasattr(X, "columns"):
         return None
     named = next((c for c in ("t", "time") if c in X.columns), None)
@@ -141,7 +143,7 @@ def n_dof_of(columns: Sequence[str], where: Any) -> int:
 def wanted_columns(
     columns: Sequence[str], n_dof: int, covariates: Sequence[str], coordinates: str, where: Any
 ) -> list[str]:
-    """The columns to read, or an error that names those that are missing."""
+    """The columns to read; an error names those that are missing."""
     needed = [*feature_names(n_dof, coordinates), *covariates]
     missing = [c for c in needed if c not in columns]
     forces = [f"F{j}" for j in range(1, n_dof + 1)]
@@ -176,11 +178,25 @@ def chunk_of_columns(
 
 
 def _stacked(columns: Sequence[np.ndarray]) -> np.ndarray:
-    kind = np.result_type(*columns)
-    out = np.empty((len(columns), len(columns[0])), dtype=kind if kind == np.float32 else np.float64)
-    for row, column in zip(out, columns):
-        row[:] = column
-    return out.T
+    """Columns side by side, in single precision if all of them are."""
+    kind = np.float32 if np.result_type(*columns) == np.float32 else np.float64
+    return np.stack(columns, dtype=kind, casting="unsafe").T
+
+
+def chunk_of_arrays(rows: Mapping[str, Any], record: str, first: bool) -> Chunk:
+    """Arrays X, F, record, time, base_acceleration and ``covariate ...`` as a chunk."""
+    extra = {k.removeprefix("covariate "): v for k, v in rows.items() if k.startswith("covariate ")}
+    return Chunk(
+        rows["X"], rows.get("F"), record, first, rows.get("record"), rows.get("time"), rows.get("base_acceleration"),
+        extra,
+    )  # fmt: skip
+
+
+def beside(**given: Any) -> dict[str, Any]:
+    """The arrays that a user gave beside X, covariates by name."""
+    covariates = given.pop("covariates", None)
+    given |= {f"covariate {k}": c for k, c in ({} if covariates is None else dict(covariates)).items()}
+    return {k: v for k, v in given.items() if v is not None}
 
 
 def seconds_since(time: Any, origin: Any) -> np.ndarray:
@@ -191,9 +207,6 @@ def seconds_since(time: Any, origin: Any) -> np.ndarray:
     return seconds_of(array, "time")
 
 
-CHUNK_BYTES = 2**25  # of a chunk as float64
-
-
 class Source:
     """Chunks of samples in a fixed order.
 
@@ -202,7 +215,7 @@ class Source:
     n_samples : int or None
         In all, if known.
     again : bool
-        Whether it can be read more than once, and from the middle.
+        True if it can be read more than once, and from the middle.
 
     Examples
     --------
@@ -217,7 +230,7 @@ class Source:
     again: bool = True
 
     def identity(self) -> list[Any]:
-        """What tells these data from others, as JSON."""
+        """Values that identify the data, as JSON."""
         raise NotImplementedError
 
     def chunks(self, start: int = 0) -> Iterator[Chunk]:
@@ -235,13 +248,13 @@ class Source:
         raise NotImplementedError
 
     def folder(self) -> Path | None:
-        """Where the data lie, or None."""
+        """The folder of the data, or None."""
         return None
 
 
-def chunk_rows(n_dof: int) -> int:
-    """Samples in a chunk of a chain."""
-    return int(np.clip(CHUNK_BYTES // (32 * n_dof), 4096, 2**18))
+def samples_in_chunk(n_dof: int, wanted: int | None) -> int:
+    """Samples in a chunk of a chain: as wanted, else by memory."""
+    return wanted or int(np.clip(CHUNK_BYTES // (32 * n_dof), 4096, 2**18))
 
 
 def _file_identity(path: Path) -> list[Any]:
@@ -250,7 +263,7 @@ def _file_identity(path: Path) -> list[Any]:
 
 
 def load_rows(value: Any, what: str) -> Any:
-    """An array, or a NumPy file by path: mapped, not read."""
+    """An array as it is; a NumPy file by path is mapped, not read."""
     if not isinstance(value, (str, os.PathLike)):
         return value
     path = Path(value)
@@ -264,38 +277,19 @@ def load_rows(value: Any, what: str) -> Any:
 
 
 class FileSource(Source):
-    """A source that can be read from the middle: its samples are counted, its chunks of one size.
-
-    Attributes
-    ----------
-    n_samples : int
-    rows : int
-        Samples in a chunk; the last one may be shorter.
-    """
+    """A source that can be read from the middle: its samples are counted, its chunks have one size."""
 
     n_samples: int
-    rows: int
+    rows: int  # in a chunk; the last one may be shorter
 
 
 class ArraySource(FileSource):
-    """Arrays, most often mapped ``.npy`` files.
+    """Arrays, most often mapped ``.npy`` files."""
 
-    Parameters
-    ----------
-    X : path-like or array of shape (n_samples, 3 n_dof)
-    F : path-like or array of shape (n_samples, n_dof), optional
-    record, time, base_acceleration : path-like or array of shape (n_samples,), optional
-    covariates : mapping of str to path-like or array, optional
-    """
-
-    def __init__(
-        self, X: Any, F: Any = None, record: Any = None, time: Any = None, base_acceleration: Any = None,
-        covariates: Mapping[str, Any] | None = None,
-    ) -> None:  # fmt: skip
-        given = {"X": X, "F": F, "record": record, "time": time, "base_acceleration": base_acceleration}
-        given |= {f"covariate {k}": c for k, c in ({} if covariates is None else dict(covariates)).items()}
+    def __init__(self, X: Any, chunk_samples: int | None = None, **given: Any) -> None:
+        given = {"X": X, **beside(**given)}
         self.paths = [Path(v) for v in given.values() if isinstance(v, (str, os.PathLike))]
-        self.arrays = {k: load_rows(v, k) for k, v in given.items() if v is not None}
+        self.arrays = {k: load_rows(v, k) for k, v in given.items()}
         x = self.arrays["X"]
         if getattr(x, "ndim", 0) != 2 or not x.shape[1] or x.shape[1] % 3:
             raise ChannelError(
@@ -308,11 +302,11 @@ class ArraySource(FileSource):
                 raise ChannelError(
                     f"{name} has {len(values)} samples, X has {self.n_samples}", "Cut both to the same clock."
                 )
-        self.rows = chunk_rows(x.shape[1] // 3)
+        self.rows = samples_in_chunk(x.shape[1] // 3, chunk_samples)
 
     def identity(self) -> list[Any]:
         """Paths, sizes and times of change."""
-        return [_file_identity(p) for p in self.paths] + [
+        return [self.rows, *(_file_identity(p) for p in self.paths)] + [
             [k, list(np.shape(v)), str(v.dtype)] for k, v in self.arrays.items() if hasattr(v, "dtype")
         ]
 
@@ -325,37 +319,28 @@ class ArraySource(FileSource):
         name = self.paths[0].stem if self.paths else "record"
         for low in range(start * self.rows, self.n_samples, self.rows):
             rows = {k: np.asarray(v[low : low + self.rows]) for k, v in self.arrays.items()}
-            extra = {k.removeprefix("covariate "): v for k, v in rows.items() if k.startswith("covariate ")}
-            yield Chunk(
-                rows["X"], rows.get("F"), name, low == 0, rows.get("record"), rows.get("time"),
-                rows.get("base_acceleration"), extra,
-            )  # fmt: skip
+            yield chunk_of_arrays(rows, name, low == 0)
 
 
 class TableSource(FileSource):
-    """Columns by name: a1.., v1.., s1.., F1.., and t, ag, record or covariates where there are any.
+    """Columns by name: a1.., v1.., s1.., F1.., and t, ag, record or covariates if present."""
 
-    Parameters
-    ----------
-    path : path-like
-    covariates : sequence of str
-        Further columns that laws read.
-    """
-
-    def __init__(self, path: Any, covariates: Sequence[str] = (), coordinates: str = "relative") -> None:
+    def __init__(
+        self, path: Any, covariates: Sequence[str] = (), coordinates: str = "relative", chunk_samples: int | None = None
+    ) -> None:
         self.path = Path(path)
         check_file(self.path, 2**62)
         self.covariates, self.coordinates = tuple(covariates), coordinates
         self.columns = self._open()
         self.n_dof = n_dof_of(self.columns, self.path)
-        self.rows = chunk_rows(self.n_dof)
+        self.rows = samples_in_chunk(self.n_dof, chunk_samples)
 
     def _open(self) -> list[str]:
         raise NotImplementedError
 
     def identity(self) -> list[Any]:
         """Path, size and time of change."""
-        return [_file_identity(self.path)]
+        return [self.rows, _file_identity(self.path)]
 
     def folder(self) -> Path | None:
         """Folder of the file."""
@@ -435,10 +420,9 @@ class HDF5Source(TableSource):
                         f"The data sets of {self.path} have {sorted(lengths)} samples", "Give all of them one clock."
                     )
                 self.n_samples = lengths.pop()
-                self._matrix = {k: v.shape[1] for k, v in sets.items() if v.ndim == 2}
                 rate, drift = ("v", "s") if self.coordinates == "relative" else ("xdot", "x")
                 self._spread: dict[str, list[str]] = {}
-                for name, width in self._matrix.items():
+                for name, width in ((k, v.shape[1]) for k, v in sets.items() if v.ndim == 2):
                     if name == "X" and width % 3 == 0:
                         self._spread[name] = feature_names(width // 3, self.coordinates)
                     elif name in ("a", rate, drift, "F"):
@@ -467,20 +451,20 @@ class HDF5Source(TableSource):
 
 
 class ListSource(Source):
-    """Several sources, one record or more each, one after the other."""
+    """Several files in sequence, each with one record or more."""
 
     def __init__(self, parts: Sequence[Source]) -> None:
         self.parts = [p for p in parts if isinstance(p, FileSource)]
         if len(self.parts) < len(parts):
             raise ChannelError(
-                "A list of sources holds something that is no file",
+                "A list of sources holds something that is not a file",
                 "Give a list of paths without lists in it, or one iterator that yields all the pieces.",
             )
         self.n_samples = sum(p.n_samples for p in self.parts)
         self._counts = [-(-p.n_samples // p.rows) for p in self.parts]
 
     def identity(self) -> list[Any]:
-        """Those of the parts."""
+        """Identities of the parts."""
         return [p.identity() for p in self.parts]
 
     def folder(self) -> Path | None:
@@ -488,7 +472,7 @@ class ListSource(Source):
         return self.parts[0].folder()
 
     def chunks(self, start: int = 0) -> Iterator[Chunk]:
-        """Chunks of the parts, each part a record of its own."""
+        """Chunks of the parts, each part its own record."""
         for part, count in zip(self.parts, self._counts):
             if start >= count:
                 start -= count
@@ -498,7 +482,7 @@ class ListSource(Source):
 
 
 class IteratorSource(Source):
-    """An iterator that can be read once: of tables, of pairs (X, F) or of records."""
+    """An iterator of tables, pairs (X, F) or records, which can be read once."""
 
     again = False
 
@@ -506,11 +490,11 @@ class IteratorSource(Source):
         self.items, self.covariates, self.coordinates = items, tuple(covariates), coordinates
 
     def identity(self) -> list[Any]:
-        """An iterator cannot be told from another one."""
+        """Nothing identifies an iterator."""
         return []
 
     def chunks(self, start: int = 0) -> Iterator[Chunk]:
-        """Chunks as they come."""
+        """Chunks in the order of the iterator."""
         first = True
         for item in self.items:
             yield chunk_of(item, self.covariates, self.coordinates, first)
@@ -530,8 +514,9 @@ def open_source(
     covariates: Any = None,
     coordinates: str = "relative",
     laws_read: Sequence[str] = (),
+    chunk_samples: int | None = None,
 ) -> Source:
-    """The source behind what a user passes to ``fit``.
+    """The source of the data that a user passes to ``fit``.
 
     Parameters
     ----------
@@ -544,6 +529,8 @@ def open_source(
     coordinates : {"relative", "absolute"}
     laws_read : sequence of str
         Covariates that the laws read; columns of a table.
+    chunk_samples : int, optional
+        Samples in a chunk of a file; about 32 MB if None.
 
     Returns
     -------
@@ -565,32 +552,32 @@ def open_source(
     (1000, [1000])
     >>> folder.cleanup()
     """
-    beside = dict(record=record, time=time, base_acceleration=base_acceleration, covariates=covariates)
+    more = dict(record=record, time=time, base_acceleration=base_acceleration, covariates=covariates)
     if isinstance(X, (str, os.PathLike)):
         suffix = Path(X).suffix.lower()
         if suffix == ".npy":
-            return ArraySource(X, F, **beside)
+            return ArraySource(X, chunk_samples, F=F, **more)
         if suffix not in _READERS:
             raise FileFormatError(
-                f"{X} has the type {suffix or '(none)'}, which is not read in pieces",
+                f"{X} has the type {suffix or '(none)'}, which cannot be read in chunks",
                 f"Give .npy, {', '.join(_READERS)}; read a single record with io.read_record, or a long "
                 "text file as pandas.read_csv(path, chunksize=...).",
             )
-        _refuse(F, beside, "a table, whose columns hold them")
-        return _READERS[suffix](X, tuple(laws_read), coordinates)
+        refuse(beside(F=F, **more), "a table, whose columns hold them")
+        return _READERS[suffix](X, tuple(laws_read), coordinates, chunk_samples)
     if isinstance(X, (list, tuple)):
         forces = F if isinstance(F, (list, tuple)) else [None] * len(X)
         if F is not None and (not isinstance(F, (list, tuple)) or len(forces) != len(X)):
             raise ChannelError(f"{len(X)} files of X need as many of F", "Give a list of paths of the same length.")
-        _refuse(None, beside, "a list of files")
-        return ListSource(
-            [open_source(x, f, coordinates=coordinates, laws_read=laws_read) for x, f in zip(X, forces)]
-        )
-    _refuse(F, beside, "an iterator, whose items hold them")
+        refuse(beside(**more), "a list of files")
+        options: Any = dict(coordinates=coordinates, laws_read=laws_read, chunk_samples=chunk_samples)
+        return ListSource([open_source(x, f, **options) for x, f in zip(X, forces)])
+    refuse(beside(F=F, **more), "an iterator, whose items hold them")
     return IteratorSource(X, tuple(laws_read), coordinates)
 
 
-def _refuse(F: Any, beside: Mapping[str, Any], what: str) -> None:
-    given = [name for name, value in {"F": F, **beside}.items() if value is not None]
+def refuse(given: Mapping[str, Any], what: str) -> None:
+    """Raise a ChannelError if anything was given beside X."""
     if given:
-        raise ChannelError(f"{given[0]} was given beside {what}", f"Leave {given[0]} out.")
+        name = next(iter(given))
+        raise ChannelError(f"{name} was given beside {what}", f"Leave {name} out.")

@@ -132,7 +132,7 @@ def term_shares(model: Any, data: SegmentSet) -> dict[str, pd.Series]:
 
 def _free_runs(outcome: Outcome, records: Sequence[Record], data: SegmentSet, progress: Progress) -> None:
     """Run the model alone, from the first measured state, under the measured force."""
-    from ...regression.free_run import free_run_of, squares_of
+    from ...regression.errors import free_run_of, squares_of
     from ...signals.zero_phase_filter import FairFilter
 
     model, band = outcome.estimator.model_, outcome.estimator.band

@@ -47,7 +47,7 @@ def inspect(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
       pysindy-nrf inspect --mapping campaign.toml
     """
     from ...data.io import describe, summary
-    from ...signals.plausibility import doubts
+    from ...signals.channel_checks import data_warnings
 
     session = Session(as_json)
     out = []
@@ -58,7 +58,7 @@ def inspect(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
         raise
     for reading in readings:
         with session.listening():
-            findings = doubts(reading.record)
+            findings = data_warnings(reading.record)
         session.say(describe(reading))
         session.say(*([f"  take care: {one}" for one in findings] or ["  nothing looks wrong"]), "")
         read = {"file": reading.table.path, "kind": reading.table.kind, "notes": reading.table.notes}

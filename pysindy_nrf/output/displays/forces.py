@@ -158,7 +158,7 @@ class RestoringForceSurfaceDisplay(Display):
     >>> import numpy as np
     >>> from pysindy_nrf import ChainModel, laws
     >>> from pysindy_nrf.output.displays import RestoringForceSurfaceDisplay
-    >>> from pysindy_nrf.regression.phase_plane_domain import VisitedRegion
+    >>> from pysindy_nrf.regression.domains import VisitedRegion
     >>> t = np.linspace(0, 6.3, 500)
     >>> region = VisitedRegion.of(0.1 * np.cos(t), 0.001 * np.sin(t))
     >>> model = ChainModel([10.0], {1: laws.PowerSeries(1, [100.0, 1e5])}, visited={"storey 1": region})

@@ -211,7 +211,7 @@ class PlanarityDisplay(Display):
         return cls(planarity(estimator, X, F, **options))
 
     def figures(self) -> list[Figure]:
-        from ...estimation.nonlinearity_location import LEAST
+        from ...estimation.nonlinear_devices import LEAST
 
         index, reference = self.table["index"], np.fmax(self.table["reference"].to_numpy(), LEAST)
         planar = self.table["planar"].to_numpy()

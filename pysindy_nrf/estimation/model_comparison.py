@@ -1,4 +1,4 @@
-"""Do two models of one structure say the same?"""
+"""Comparison of models of one structure: linear models, differences of parameters and forces, total mass."""
 
 from __future__ import annotations
 
@@ -8,15 +8,75 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from sklearn.base import clone
 
 from ..exceptions import ChainError
-from ..regression.analysis_inputs import as_model, as_segments, storey_names
+from ..laws import PowerSeries
+from ..regression.chain_model import ChainModel, as_model, as_segments, storey_names
 from ..regression.errors import nrmse
-from .linear_model import linear_part
+
+
+def linear_twin(estimator: Any) -> Any:
+    """The regressor with linear storeys, ``R = c v + k s`` (paper eq. 19).
+
+    Fit it to a test of the structure without its nonlinear devices; the difference of the two
+    models is the devices' force (:func:`damper_force`).
+
+    Parameters
+    ----------
+    estimator : NRFRegressor
+
+    Returns
+    -------
+    NRFRegressor
+        Not fitted.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor
+    >>> from pysindy_nrf.estimation import linear_twin
+    >>> linear_twin(NRFRegressor(degree=3, band=(1, 60)))
+    NRFRegressor(band=(1, 60), degree=1)
+    """
+    return clone(estimator).set_params(degree=1, orders=None, laws=None)
+
+
+def linear_part(model: Any) -> ChainModel:
+    """A model with only the terms v and s of every site.
+
+    Parameters
+    ----------
+    model : ChainModel or fitted NRFRegressor
+
+    Returns
+    -------
+    ChainModel
+
+    Notes
+    -----
+    The linear terms of a cubic series are the tangent at rest, not the best line through a loop;
+    for the latter fit a :func:`linear_twin`.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import ChainModel, laws
+    >>> from pysindy_nrf.estimation import linear_part
+    >>> model = ChainModel([10.0], {1: laws.Duffing(k=4e4, k3=1e9)})
+    >>> print(linear_part(model))
+    m1 = 10 kg
+    R1 = 0 v1 + 4e+04 s1
+    """
+    model = as_model(model)
+    held = {
+        site: (PowerSeries(1, force.linear_part().to_numpy()),)
+        for site, force in model.restoring_forces.items()
+        if force.laws
+    }
+    return ChainModel(model.masses, held, model.chain, model.visited)
 
 
 def total_mass(models: Mapping[str, Any], weighed: float | None = None) -> pd.DataFrame:
-    """Masses of several models, their total, and how far it is from the weighed one.
+    """Masses of several models, their total, and its difference from the weighed mass.
 
     Parameters
     ----------
@@ -65,7 +125,7 @@ def model_agreement(first: Any, second: Any, X: Any, **options: Any) -> pd.DataF
     Raises
     ------
     ChainError
-        If one of them is not a model, or they have not as many DOFs.
+        If one of them is not a model, or their numbers of DOFs differ.
 
     Examples
     --------
@@ -96,9 +156,9 @@ def model_agreement(first: Any, second: Any, X: Any, **options: Any) -> pd.DataF
 
 
 def found_twice(estimator: Any, X: Any, F: Any, **options: Any) -> dict[str, pd.DataFrame]:
-    """Both estimates of every storey that two balances hold (paper eqs. 10a and 10b).
+    """Both estimates of every storey that enters two balances (paper eqs. 10a and 10b).
 
-    Under complete excitation R_i stands in balance i and, with the other sign, in balance i-1.
+    Under complete excitation R_i is in balance i and, with opposite sign, in balance i-1.
 
     Parameters
     ----------
@@ -116,7 +176,7 @@ def found_twice(estimator: Any, X: Any, F: Any, **options: Any) -> dict[str, pd.
     Raises
     ------
     ChainError
-        If the strategy was not complete: no storey is found twice then.
+        If the strategy was not complete.
 
     Examples
     --------
@@ -132,7 +192,7 @@ def found_twice(estimator: Any, X: Any, F: Any, **options: Any) -> dict[str, pd.
     s    40000.0    40000.0
     """
     if estimator.walk_.strategy != "complete":
-        raise ChainError(f"Under the {estimator.walk_.strategy} strategy no storey is found twice", "Force every DOF.")
+        raise ChainError(f"The {estimator.walk_.strategy} strategy estimates no storey twice", "Force every DOF.")
     data = as_segments(estimator, X, F, **options)
     problem = replace(estimator.problem_, optimizer=None)
     layout, solution = problem.layout, problem.solve(data).solution

@@ -1,0 +1,425 @@
+"""Nonlinear devices: in which storeys they are, their forces, and the energy that they dissipate.
+
+The paper locates its dampers by the restoring-force surfaces: "linear" storeys are planar. Coefficients alone do not
+tell, because a planar storey may have cubic terms of 1e9 N/m^3 without effect at drifts of a millimetre.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ..common.random_state import generator
+from ..exceptions import ChainError, ChannelError
+from ..laws import Dahl, PowerSeries
+from ..regression.chain_model import as_model, as_segments, frame, storey_names
+from ..regression.segments import SegmentSet
+from .model_comparison import linear_part
+
+LEAST = 1.0  # percent of the force; a surface below this is planar at any noise
+_BLOCKS = 40
+
+
+def planarity(
+    estimator: Any, X: Any, F: Any = None, *, draws: int = 20, random_state: Any = None, **options: Any
+) -> pd.DataFrame:
+    """Planarity index of every storey, with a noise reference.
+
+    The index is the share of the storey's force along the data, percent of its rms, that the best
+    plane ``c v + k s`` does not explain. Its reference is the index that noise of the size and
+    course of the balances' residuals gives a planar storey: the residuals are added to the
+    identified balances with random signs in consecutive blocks (wild bootstrap), the chain is solved again, and the
+    95 % quantile is taken of what the coefficients' scatter does to the surface.
+
+    Parameters
+    ----------
+    estimator : fitted NRFRegressor, or ChainModel
+        A model has no noise reference.
+    X, F, **options
+        The data it was fitted to.
+    draws : int
+        Bootstrap draws; 0 leaves the reference out.
+    random_state : int or None
+
+    Returns
+    -------
+    DataFrame
+        One row for each storey: ``index``, ``reference`` (percent; NaN without draws), ``planar``
+        (bool: the index is below the reference or below 1 %).
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> from pysindy_nrf.estimation import planarity
+    >>> X, F = datasets.load_demo().to_features()  # a cubic spring in storey 1, the others linear
+    >>> table = planarity(NRFRegressor(degree=3).fit(X, F), X, F, draws=3, random_state=0)
+    >>> table["planar"].tolist()
+    [False, True, True]
+    """
+    model = as_model(estimator)
+    data = as_segments(estimator, X, F, **options)
+    forces = [model.restoring_force(data)[seg.rows][seg.valid] for seg in data.segments]
+    index, scale = _off_plane(data, forces)
+    reference = np.full(model.n_dof, np.nan)
+    if draws and hasattr(estimator, "walk_"):
+        reference = _reference(estimator, data, scale, draws, random_state)
+    planar = index < np.fmax(reference, LEAST)
+    return pd.DataFrame({"index": index, "reference": reference, "planar": planar}, index=storey_names(model))
+
+
+@dataclass
+class Location:
+    """Where the nonlinearity is.
+
+    Attributes
+    ----------
+    storeys : list of str
+        Storeys that are not planar, in the order in which they were found.
+    first : DataFrame
+        :func:`planarity` of the regressor as given.
+    last : DataFrame
+        The same with a hysteretic law in these storeys: the others are planar.
+    estimator : NRFRegressor
+        Fitted, with these laws.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from pysindy_nrf.estimation import Location
+    >>> index = ["storey 1", "storey 2"]
+    >>> first = pd.DataFrame({"index": [21.0, 6.0], "reference": [2.1, 2.0], "planar": [False, False]}, index)
+    >>> last = pd.DataFrame({"index": [0.8, 0.9], "reference": [2.1, 2.0], "planar": [True, True]}, index)
+    >>> found = Location(["storey 1"], first, last, None)  # its hysteresis had bent the neighbour's surface too
+    >>> found.storeys, found.last["planar"].all().item()
+    (['storey 1'], True)
+    """
+
+    storeys: list[str]
+    first: pd.DataFrame
+    last: pd.DataFrame
+    estimator: Any
+
+    def __str__(self) -> str:
+        if not self.storeys:
+            return "Every storey is planar."
+        return f"The nonlinearity is in {' and '.join(self.storeys)}; the other storeys are planar."
+
+
+def locate_nonlinearity(
+    estimator: Any, X: Any, F: Any = None, *, draws: int = 20, random_state: Any = None, **options: Any
+) -> Location:
+    """Find the storeys whose restoring force is not planar.
+
+    A hysteretic storey with a power series alone biases its neighbours, whose surfaces bend too. The least
+    planar storey therefore gets a Dahl law beside its power series and the chain is solved again; this is
+    repeated while further storeys are not planar.
+
+    Parameters
+    ----------
+    estimator : fitted NRFRegressor
+        With power series in every storey (``degree=3``).
+    X, F, **options
+        The data it was fitted to.
+    draws : int
+    random_state : int or None
+
+    Returns
+    -------
+    Location
+
+    Raises
+    ------
+    ChainError
+        If the estimator is not a fitted NRFRegressor.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+    >>> from pysindy_nrf.estimation import locate_nonlinearity
+    >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
+    >>> F = excitation.band_limited_random(2, 4.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
+    >>> X, F = simulate(frame, F, 0.002).to_features(smooth=False)
+    >>> found = locate_nonlinearity(NRFRegressor(degree=3).fit(X, F), X, F, draws=3, random_state=0)
+    >>> found.storeys, found.first["planar"].tolist()  # a linear frame
+    ([], [True, True])
+    """
+    from sklearn.base import clone
+
+    if not hasattr(estimator, "walk_"):
+        raise ChainError(
+            "locate_nonlinearity needs the regressor that was fitted to the data", "Give a fitted NRFRegressor."
+        )
+    first = last = planarity(estimator, X, F, draws=draws, random_state=random_state, **options)
+    found: list[str] = []
+    laws = dict(estimator.laws or {})
+    model = estimator.model_
+    while not last.drop(index=found)["planar"].all():
+        open_ = last.drop(index=found)
+        worst = str(open_.loc[~open_["planar"], "index"].idxmax())
+        found.append(worst)
+        own = tuple(law for law in model.laws[model.chain.site(worst)])
+        laws[worst] = (
+            (*(law for law in own if not (law.has_memory or law.jumps)), Dahl()) if own else (PowerSeries(1), Dahl())
+        )
+        orders = {
+            s: o
+            for s, o in dict(estimator.orders or {}).items()
+            if model.chain.site(s) not in map(model.chain.site, laws)
+        }
+        estimator = clone(estimator).set_params(laws=laws, orders=orders or None).fit(X, F, **options)
+        last = planarity(estimator, X, F, draws=draws, random_state=random_state, **options)
+    return Location(found, first, last, estimator)
+
+
+def _off_plane(data: SegmentSet, forces: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Share of forces that the best plane does not explain (percent), and their rms."""
+    R = np.concatenate(forces)
+    off, size = np.empty(R.shape[1]), np.empty(R.shape[1])
+    for i in range(R.shape[1]):
+        plane = np.column_stack(
+            [np.concatenate([getattr(seg, key)[seg.valid, i] for seg in data.segments]) for key in "vs"]
+        )
+        plane = plane / (np.sqrt((plane**2).mean(axis=0)) + np.finfo(float).tiny)
+        rest = R[:, i] - plane @ np.linalg.lstsq(plane, R[:, i], rcond=None)[0]
+        off[i], size[i] = np.sqrt(np.mean(rest**2)), np.sqrt(np.mean(R[:, i] ** 2))
+    return 100.0 * off / np.where(size > 0, size, 1.0), size
+
+
+def _reference(estimator: Any, data: SegmentSet, scale: np.ndarray, draws: int, random_state: Any) -> np.ndarray:
+    rng = generator(random_state)
+    model = estimator.model_
+    implied = model.balance_forces(data)
+    found = [model.restoring_force(data)[seg.rows][seg.valid] for seg in data.segments]
+    values = []
+    for _ in range(draws):
+        segments = []
+        for seg, left in zip(data.segments, implied):
+            n = len(left)
+            signs = rng.choice([-1.0, 1.0], size=_BLOCKS)[np.minimum(np.arange(n) * _BLOCKS // n, _BLOCKS - 1)]
+            force = seg.F.copy()
+            force[seg.valid] = left + signs[:, None] * (seg.F[seg.valid] - left)
+            segments.append(replace(seg, F=force))
+        again = SegmentSet(segments, data.n_samples)
+        other = estimator.problem_.solve(again).model
+        change = [other.restoring_force(data)[seg.rows][seg.valid] - R for seg, R in zip(data.segments, found)]
+        share, size = _off_plane(data, change)
+        values.append(share * size / scale)
+    return np.quantile(values, 0.95, axis=0)
+
+
+def damper_force(model: Any, linear: Any, X: Any, **options: Any) -> pd.DataFrame:
+    r"""Identified force of every storey less that of the bare structure (paper eq. 21).
+
+    .. math:: F_{non} = R^{non}(v, s) - R^{lin}(v, s)
+
+    Parameters
+    ----------
+    model : ChainModel or fitted NRFRegressor
+        Of the structure with its devices.
+    linear : ChainModel or fitted NRFRegressor
+        Of the structure without them: see :func:`linear_twin`.
+    X, **options
+        The motion, as for :meth:`ChainModel.predict`.
+
+    Returns
+    -------
+    DataFrame of shape (n_samples, n_dof)
+        ``storey 1``.., N, indexed by time where it is known.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import ChainModel, laws
+    >>> from pysindy_nrf.estimation import damper_force
+    >>> bare = ChainModel([10.0], {1: laws.PowerSeries(1, [100.0, 1e5])})
+    >>> damped = ChainModel([10.0], {1: [laws.PowerSeries(1, [150.0, 1e5]), laws.CubicStiffness(1e9)]})
+    >>> X = np.array([[0.0, 0.1, 0.001]])  # a, v, s
+    >>> damper_force(damped, bare, X)["storey 1"].round(6).tolist()  # 50 v + 1e9 s^3
+    [6.0]
+    """
+    whole, bare = as_model(model), as_model(linear)
+    data = as_segments(model, X, **options)
+    forces = whole.restoring_force(data) - bare.restoring_force(data)
+    return frame(data, [forces[seg.rows][seg.valid] for seg in data.segments], storey_names(whole))
+
+
+def horizontal_component(force: Any, rise: float, run: float) -> np.ndarray:
+    """Horizontal component of the force in a diagonal device.
+
+    The force identified in a storey is horizontal, a load cell in a diagonal damper is not.
+
+    Parameters
+    ----------
+    force : array-like of shape (n_samples,)
+        Measured along the device, N.
+    rise, run : float
+        Vertical and horizontal distance of its ends, m (any one unit).
+
+    Returns
+    -------
+    ndarray of shape (n_samples,)
+        N.
+
+    Raises
+    ------
+    ChannelError
+        If the device has no horizontal extent.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.estimation import horizontal_component
+    >>> horizontal_component([50.0], rise=0.3, run=0.4).round(9).tolist()
+    [40.0]
+    """
+    length = np.hypot(rise, run)
+    if not np.isfinite(length) or run <= 0 or rise < 0:
+        raise ChannelError(
+            f"A device with rise={rise!r} and run={run!r} has no horizontal component",
+            "Give the distances of its ends; run must be positive.",
+        )
+    return np.asarray(force, dtype=float) * (run / length)
+
+
+def path_energy(force: Any, drift: Any) -> np.ndarray:
+    r"""Work of a force along its path, :math:`\int R \, ds`: the area of its loops.
+
+    Parameters
+    ----------
+    force : array-like of shape (n_samples,) or (n_samples, p)
+        N.
+    drift : array-like of the same shape
+        m.
+
+    Returns
+    -------
+    ndarray of the same shape
+        J, zero at the first sample.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.estimation import path_energy
+    >>> phase = np.linspace(0, 2 * np.pi, 2001)
+    >>> drift, rate = 0.01 * np.sin(phase), 0.01 * np.cos(phase)
+    >>> energy = path_energy(1e5 * drift + 100.0 * rate, drift)  # one cycle of a spring and a dashpot
+    >>> bool(np.isclose(energy[-1], np.pi * 100.0 * 0.01**2, rtol=1e-5))
+    True
+    """
+    R, s = np.asarray(force, dtype=float), np.asarray(drift, dtype=float)
+    return np.concatenate([np.zeros((1, *R.shape[1:])), np.cumsum(0.5 * (R[1:] + R[:-1]) * np.diff(s, axis=0), axis=0)])
+
+
+def power_energy(force: Any, rate: Any, time: Any) -> np.ndarray:
+    r"""Work of a force over time, :math:`\int R \, v \, dt`.
+
+    On an even clock this is more exact than the area of the sampled loops: the product of two
+    signals below a quarter of the sampling rate is summed without error but at its ends.
+
+    Parameters
+    ----------
+    force, rate : array-like of shape (n_samples,) or (n_samples, p)
+        N and m/s.
+    time : array-like of shape (n_samples,)
+        s.
+
+    Returns
+    -------
+    ndarray of the same shape as force
+        J, zero at the first sample.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.estimation import power_energy
+    >>> t = np.linspace(0, 4 * np.pi, 4001)
+    >>> work = power_energy(30.0 * np.cos(t), np.cos(t), t)  # a dashpot of 30 N s/m, two cycles
+    >>> float(work[-1].round(3)), round(30.0 * 2 * np.pi, 3)
+    (188.496, 188.496)
+    """
+    power = np.asarray(force, dtype=float) * np.asarray(rate, dtype=float)
+    dt = np.diff(np.asarray(time, dtype=float)).reshape(-1, *[1] * (power.ndim - 1))
+    return np.concatenate([np.zeros((1, *power.shape[1:])), np.cumsum(0.5 * (power[1:] + power[:-1]) * dt, axis=0)])
+
+
+def dissipated_energy(model: Any, X: Any, without: Any = None, **options: Any) -> pd.DataFrame:
+    """Energy dissipated in every storey over time.
+
+    Parameters
+    ----------
+    model : ChainModel or fitted NRFRegressor
+    X, **options
+        The motion, as for :meth:`ChainModel.predict`.
+    without : ChainModel or fitted NRFRegressor, optional
+        Model of the bare structure, whose force is subtracted: the result is the energy dissipated by
+        the devices (paper eq. 21 and Figs. 13, 16). None: the energy dissipated by the storeys, without
+        the energy stored in their linear stiffness.
+
+    Returns
+    -------
+    DataFrame of shape (n_samples, n_dof)
+        ``storey 1``.., J; zero at the start of each record.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import ChainModel, laws
+    >>> from pysindy_nrf.estimation import dissipated_energy
+    >>> model = ChainModel([10.0], {1: laws.PowerSeries(1, [30.0, 4e4])})
+    >>> t = np.linspace(0, 4 * np.pi, 4001)
+    >>> X = np.column_stack([-np.sin(t), np.cos(t), np.sin(t)])  # a, v, s
+    >>> energy = dissipated_energy(model, X, time=t)
+    >>> float(energy["storey 1"].iloc[-1].round(1))  # c times the integral of v^2: 30 times 2 pi
+    188.5
+    """
+    whole = as_model(model)
+    data = as_segments(model, X, **options)
+    forces = whole.restoring_force(data)
+    if without is not None:
+        forces = forces - as_model(without).restoring_force(data)
+        stiffness = np.zeros(whole.n_dof)
+    else:
+        linear = linear_part(whole).restoring_forces
+        stiffness = np.array([linear[i].linear_part()["k"] if i in linear else 0.0 for i in range(1, whole.n_dof + 1)])
+    parts = []
+    for seg in data.segments:
+        s = seg.s[seg.valid].astype(float)
+        stored = 0.5 * stiffness * (s**2 - s[0] ** 2)
+        R = forces[seg.rows][seg.valid]
+        work = path_energy(R, s) if seg.t is None else power_energy(R, seg.v[seg.valid], seg.t[seg.valid])
+        parts.append(work - stored)
+    return frame(data, parts, storey_names(whole))
+
+
+def energy_shares(model: Any, X: Any, **options: Any) -> pd.DataFrame:
+    """What share of the dissipated energy each storey took: a damage index from energy.
+
+    For a linear structure the shares depend on where and how it is excited, not on how hard.
+    Friction, yielding or a damper in a storey raises its share; a change of the shares between
+    two tests with the same excitation points to the storey that changed.
+
+    Parameters
+    ----------
+    model, X, **options
+        As for :func:`dissipated_energy`.
+
+    Returns
+    -------
+    DataFrame
+        One row for each storey: ``energy`` (J, at the end of the records), ``share`` (percent).
+
+    Examples
+    --------
+    >>> from pysindy_nrf import datasets
+    >>> from pysindy_nrf.estimation import energy_shares
+    >>> X, F = datasets.load_demo().to_features()
+    >>> shares = energy_shares(datasets.demo_truth(), X)
+    >>> float(shares["share"].sum().round(6)), shares["share"].idxmax()
+    (100.0, 'storey 3')
+    """
+    model_, data = as_model(model), as_segments(model, X, **options)
+    energy = dissipated_energy(model_, data).to_numpy()
+    last = np.sum([energy[seg.rows][seg.valid][-1] for seg in data.segments], axis=0)
+    return pd.DataFrame({"energy": last, "share": 100.0 * last / last.sum()}, index=storey_names(model_))

@@ -1,0 +1,471 @@
+"""Fits of data that do not fit in memory, the state of an interrupted fit on disk, and ``partial_fit``."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import time as clock
+import warnings
+import zipfile
+import zlib
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ...common.atomic import atomic_write
+from ...data.channels import is_dask
+from ...data.record import Record
+from ...exceptions import ChannelError, DataQualityWarning, FileFormatError, NRFError
+from ...mechanics.identifiability import Walk
+from ...mechanics.sites import Site
+from ...regression.chain_solve import Solution, solve, solved_safely
+from ...regression.domains import Extent
+from ...regression.gram_pass import guess_of
+from ...regression.grams import BlockGrams
+from ...regression.segments import Segment, SegmentSet
+from ...regression.solution import model_of
+from ..intervals import Resolver
+from ..problem import Estimate, law_list
+from .accumulator import LINES, Accumulator, BlockEntry, Model, Run
+from .sources import Chunk, Source, chunk_of, open_source
+
+SAVE_EVERY = 10.0  # s between two states on disk
+
+
+def is_streamed(X: Any) -> bool:
+    """True if ``fit`` reads X in chunks: a path, an iterator, a Dask collection, or a list of those.
+
+    Parameters
+    ----------
+    X : object
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    >>> is_streamed("test.parquet"), is_streamed(iter([])), is_streamed([[1.0, 2.0, 3.0]])
+    (True, True, False)
+    """
+    if isinstance(X, (list, tuple)):
+        return len(X) > 0 and not isinstance(X[0], (list, tuple, Record)) and is_streamed(X[0])
+    return isinstance(X, (str, os.PathLike)) or isinstance(X, Iterator) or is_dask(X)
+
+
+def fit_streamed(
+    estimator: Any,
+    X: Any,
+    F: Any = None,
+    *,
+    record: Any = None,
+    time: Any = None,
+    base_acceleration: Any = None,
+    covariates: Any = None,
+    state: Any = None,
+    save_every: float = SAVE_EVERY,
+    progress: bool | None = None,
+    chunk_samples: int | None = None,
+) -> Any:
+    """Fit an estimator in one pass over chunks; memory does not grow with the number of samples.
+
+    Files and other sources that can be read again are resumed where an earlier call with the same data and
+    settings was interrupted. Masses, coefficients, errors and intervals are those of ``fit`` on arrays;
+    ``missing_terms_`` and the visited region are judged on some thousand samples spread over the data, and
+    ``unknown_forces_`` is left empty.
+
+    Parameters
+    ----------
+    estimator : NRFRegressor
+        With ``estimation="ls"``, no ``band`` and values for all shape parameters.
+    X, F, record, time, base_acceleration, covariates
+        See :func:`pysindy_nrf.estimation.streaming.open_source`; Dask arrays, tables and delayed records:
+        :mod:`pysindy_nrf.estimation.distributed`.
+    state : path-like, optional
+        Where an interrupted pass leaves its state. For files by path a hidden file beside the first one if None;
+        it is deleted when the fit is done.
+    save_every : float
+        Seconds between two states.
+    progress : bool, optional
+        Show samples a second and the time left; None: if the error stream is a terminal.
+    chunk_samples : int, optional
+        Samples read at a time from files; about 32 MB if None.
+
+    Returns
+    -------
+    NRFRegressor
+        The estimator, fitted.
+
+    Raises
+    ------
+    ChannelError, ChainError, FileFormatError
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import numpy as np
+    >>> from pysindy_nrf import NRFRegressor
+    >>> from pysindy_nrf.estimation.streaming import fit_streamed
+    >>> t = np.arange(4000) / 200
+    >>> s, v = np.sin(9 * t) + np.sin(23 * t), 9 * np.cos(9 * t) + 23 * np.cos(23 * t)
+    >>> a = -81 * np.sin(9 * t) - 529 * np.sin(23 * t)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     X, F = pathlib.Path(folder, "X.npy"), pathlib.Path(folder, "F.npy")
+    ...     np.save(X, np.column_stack([a, v, s]))
+    ...     np.save(F, (10 * a + 30 * v + 4e3 * s)[:, None])
+    ...     fit_streamed(NRFRegressor(degree=1), X, F).masses_.round(6)
+    array([10.])
+    """
+    from threadpoolctl import threadpool_limits
+
+    beside = dict(record=record, time=time, base_acceleration=base_acceleration, covariates=covariates)
+    if is_dask(X) or (isinstance(X, (list, tuple)) and is_dask(X[0])):
+        from ..distributed import fit_distributed
+
+        return fit_distributed(estimator, X, F, **beside)
+
+    read = sorted({c for law in law_list(estimator.laws) for c in law.covariates})
+    options: Any = dict(coordinates=estimator.coordinates, laws_read=read, chunk_samples=chunk_samples)
+    source = open_source(X, F, **beside, **options)
+    with threadpool_limits(1, "blas"):  # the matrices are small, and other fits may run beside this one
+        kind = "gram" if source.again else "careful"
+        passes = _Passes(estimator, source, state, save_every, progress)
+        accumulator = passes.run(kind)
+        solution, grams, walk = solution_of(accumulator)
+        if solution is None:  # second pass, with columns orthogonalised by the first result
+            passes.save(accumulator)
+            accumulator = passes.run("root", guess_of(grams))
+            solution, grams, walk = solution_of(accumulator)
+        assert solution is not None  # only Gram matrices lose digits
+        publish(accumulator, solution, grams, walk)
+    passes.done()
+    return estimator
+
+
+def partial_fit(
+    estimator: Any,
+    X: Any,
+    F: Any = None,
+    *,
+    record: Any = None,
+    time: Any = None,
+    base_acceleration: Any = None,
+    covariates: Any = None,
+) -> Any:
+    """Add samples to an estimator and solve again.
+
+    Each call holds one record or more of its own. A call that fails adds nothing.
+
+    Parameters
+    ----------
+    estimator : NRFRegressor
+    X, F, record, time, base_acceleration, covariates
+        As for ``NRFRegressor.fit``.
+
+    Returns
+    -------
+    NRFRegressor
+
+    Raises
+    ------
+    NRFError
+        If a setting of the estimator changed since the call before, and as ``NRFRegressor.fit``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import NRFRegressor
+    >>> from pysindy_nrf.estimation.streaming import partial_fit
+    >>> model = NRFRegressor(degree=1)
+    >>> for blow in range(3):
+    ...     t = np.arange(1000) / 200
+    ...     s = np.sin(9 * t + blow) + np.sin(23 * t)
+    ...     v = 9 * np.cos(9 * t + blow) + 23 * np.cos(23 * t)
+    ...     a = -81 * np.sin(9 * t + blow) - 529 * np.sin(23 * t)
+    ...     model = partial_fit(model, np.column_stack([a, v, s]), (10 * a + 30 * v + 4e3 * s)[:, None])
+    >>> model.masses_.round(6)
+    array([10.])
+    """
+    from threadpoolctl import threadpool_limits
+
+    from ...regression.input_arrays import holds_records
+
+    held = getattr(estimator, "_stream", None)
+    # a copy: a call that fails does not change the samples of earlier calls
+    accumulator, number = (Accumulator(estimator, "careful"), 0) if held is None else (held[0].copy(), held[1])
+    if held is not None and accumulator.settings != _settings(estimator):
+        raise NRFError(
+            "The settings of the estimator changed between two calls of partial_fit",
+            "Set them back, or start again with fit or with a clone.",
+        )
+    if holds_records(X):
+        chunks: Iterable[Chunk] = (chunk_of(r) for r in ([X] if isinstance(X, Record) else X))
+    else:
+        extra = {} if covariates is None else {k: np.asarray(c) for k, c in dict(covariates).items()}
+        chunks = [Chunk(X, F, f"call {number}", True, record, time, base_acceleration, extra)]
+    with threadpool_limits(1, "blas"):
+        for chunk in chunks:
+            accumulator.add(chunk, number)
+            number += 1
+        accumulator.settings = _settings(estimator)
+        solution, grams, walk = solution_of(accumulator)
+        assert solution is not None  # only Gram matrices lose digits
+        publish(accumulator, solution, grams, walk)
+    estimator._stream = accumulator, number
+    return estimator
+
+
+def _settings(estimator: Any) -> dict[str, str]:
+    return {k: repr(v) for k, v in estimator.get_params(deep=False).items()}
+
+
+class _Passes:
+    """Passes over a source with progress and a state on disk."""
+
+    def __init__(self, estimator: Any, source: Any, state: Any, save_every: float, progress: bool | None) -> None:
+        self.estimator, self.source, self.save_every = estimator, source, save_every
+        self.progress = progress
+        self.mark = identity(estimator, source) if source.again else ""
+        if state is not None and not source.again:
+            raise ChannelError(
+                "An iterator cannot be read again from the middle, so state= has no effect", "Give files by path."
+            )
+        folder = source.folder() if source.again else None
+        if state is not None:
+            self.path: Path | None = Path(state)
+        elif folder is not None and os.access(folder, os.W_OK):
+            self.path = folder / f".fit-{self.mark[:12]}.nrf-state"
+        else:
+            self.path = None
+
+    def run(self, kind: str, guess: Any = None) -> Accumulator:
+        """Result of one pass."""
+        from tqdm.auto import tqdm
+
+        self.kind, self.number = kind, 0
+        accumulator = Accumulator(self.estimator, kind, guess, self.source.n_samples)
+        if self.path is not None and (found := load(self._file(self.path), self.estimator, self.mark)):
+            accumulator, self.number = found
+        saved = clock.monotonic()
+        with tqdm(
+            total=self.source.n_samples, initial=accumulator.n_samples, unit="sample", unit_scale=True, delay=1.0,
+            desc="fit" if kind != "root" else "fit, second pass",
+            disable=None if self.progress is None else not self.progress,
+        ) as bar:  # fmt: skip
+            try:
+                for chunk in self.source.chunks(self.number):
+                    accumulator.add(chunk, self.number)
+                    self.number += 1
+                    bar.update(chunk.n_samples)
+                    if clock.monotonic() - saved >= self.save_every:
+                        self.save(accumulator)
+                        saved = clock.monotonic()
+            except KeyboardInterrupt as stop:
+                if self.number:
+                    self.save(accumulator)
+                if self.number and self.path is not None:  # without a path there is no state
+                    stop.add_note(f"The state is in {self._file(self.path)}; the same call continues from there.")
+                raise
+        return accumulator.close()
+
+    def _file(self, path: Path) -> Path:
+        """The file of this pass."""
+        return path.with_name(path.name + "-2") if self.kind == "root" else path
+
+    def save(self, accumulator: Any) -> None:
+        """Write the state of the pass; a warning if that fails."""
+        if self.path is None:
+            return
+        try:
+            save(self._file(self.path), accumulator, self.number, self.mark)
+        except OSError as error:  # the fit goes on without a state
+            warnings.warn(
+                f"The state of the fit cannot be written to {self.path} ({error}); the fit goes on, but cannot be "
+                "resumed.",
+                DataQualityWarning,
+                stacklevel=4,
+            )
+            self.path = None
+
+    def done(self) -> None:
+        """Delete the state."""
+        for kind in ("gram", "root"):
+            self.kind = kind
+            if self.path is not None:
+                self._file(self.path).unlink(missing_ok=True)
+
+
+def solution_of(accumulator: Accumulator) -> tuple[Solution | None, BlockGrams, Walk]:
+    """Solution of the chain (None if the Gram matrices may have lost digits), its Gram matrices and solve order."""
+    model, grams = accumulator.require_model(), accumulator.grams().sum()
+    _require_usable(accumulator, grams)
+    walk = accumulator.walk()
+    names = {site: model.layout.labels(site) for site in model.layout.acting}
+    solver = solved_safely if accumulator.kind == "gram" else solve
+    return solver(grams, walk, model.known_masses, model.problem.optimizer, names), grams, walk
+
+
+def publish(accumulator: Accumulator, solution: Solution, grams: BlockGrams, walk: Walk) -> Any:
+    """The estimator, with the results as its attributes."""
+    estimator, problem = accumulator.estimator, accumulator.require_model().problem
+    model = model_of(problem.layout, solution)
+    data = _shown(accumulator)
+    estimator._records, estimator._fused_separately, estimator._fused_jointly = None, None, False
+    estimator._resolver = Resolver(accumulator.grams().squares(), walk, dict(problem.known_masses), problem.optimizer)
+    if estimator.constraints is not None:
+        from ..constraints import constrained
+
+        model = constrained(model, estimator.constraints, estimator._resolver)
+    estimator._publish(Estimate(problem, walk, model, solution, grams), data, _judged(accumulator, data))
+    hidden = sorted({j for run in accumulator.runs for j in run.unknown})
+    estimator.unknown_forces_ = pd.DataFrame({f"F{j}": np.zeros(0) for j in hidden})
+    model.info["estimation"] = {"asked": "ls", "found": "ls"}
+    estimator.n_features_in_, estimator._one_force = 3 * model.n_dof, False
+    if hasattr(estimator, "feature_names_in_"):
+        del estimator.feature_names_in_
+    return estimator
+
+
+def _require_usable(accumulator: Accumulator, grams: BlockGrams) -> None:
+    from ...regression.solution import require_clock, require_moving
+
+    data, model = _shown(accumulator), accumulator.require_model()
+    require_moving(data, model.layout)
+    require_clock(data, model.layout)
+    for dofs, matrix in grams.matrices.items():
+        unknowns, size = matrix.shape[0] - 1, int(grams.sizes[dofs])
+        if 0 < size < unknowns + 1 and len(dofs) == 1:
+            raise ChannelError(
+                f"{size} samples are too few for the balance of DOF {dofs[0]}, which has up to {unknowns} "
+                "unknowns",
+                "Use a longer record or a lower degree.",
+            )
+
+
+def _judged(accumulator: Accumulator, data: SegmentSet) -> SegmentSet:
+    """Windows at the start of a record if a law has memory (its states are known there), else all."""
+    if not accumulator.require_model().layout.has_memory:
+        return data
+    starts = {run.first for run in accumulator.runs}
+    chosen = [w for key, w in accumulator.windows if key[:2] in starts and key[2] == 0]
+    return SegmentSet(chosen or data.segments[:1], data.n_samples)
+
+
+def _shown(accumulator: Accumulator) -> SegmentSet:
+    """The kept windows, with the channel range of all samples."""
+    if not accumulator.windows or accumulator.extent is None:
+        raise ChannelError("There are no samples", "The source is empty, or holds only NaN.")
+    segments: list[Segment] = []
+    at = 0
+    for _, window in accumulator.windows:
+        size = window.n_samples
+        window.rows = slice(at, at + size)
+        window._extent = (window.valid, accumulator.extent)
+        segments.append(window)
+        at += size
+    return SegmentSet(segments, at)
+
+
+_VERSION = 3
+_DAMAGED = (OSError, ValueError, LookupError, TypeError, AttributeError, OverflowError, EOFError)
+
+
+def identity(estimator: Any, source: Source) -> str:
+    """Hash of the data, the laws and the settings of a pass."""
+    text = json.dumps([_VERSION, source.identity(), _settings(estimator)], default=str, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def save(path: Path, acc: Accumulator, following: int, mark: str) -> None:
+    """Write the state of a pass; ``following`` is the number of the next chunk."""
+    arrays: dict[str, Any] = {}
+    entries, carry, extent = acc.entries, acc._carry, acc.extent
+    if entries:
+        arrays |= {f"grams.{k}": x for k, x in BlockGrams.stack([e.grams for e in entries]).to_arrays().items()}
+    for i, (_, segment) in enumerate(acc.windows):
+        arrays |= _lines(f"window{i}", segment)
+    for dofs, guess in acc.guess.items():
+        arrays["guess" + "-".join(map(str, dofs))] = guess
+    if carry is not None:
+        arrays |= {f"state {site} {law}": state for (site, law), state in carry["states"].items()}
+        if carry["last"] is not None:
+            arrays |= _lines("last", carry["last"])
+    if extent is not None:
+        arrays |= {"low": extent.low, "high": extent.high, "finite": extent.finite}
+    if acc.origin is not None:
+        arrays["origin"] = np.asarray(acc.origin)
+    meta = {
+        "mark": mark, "following": following, "n_dof": None if acc.model is None else acc.model.chain.n_dof,
+        "kind": acc.kind, "block_rows": acc.block_rows, "n_samples": acc.n_samples,
+        "blocks": [[e.key, e.record] for e in entries], "open": acc._open is not None,
+        "runs": [vars(run) for run in acc.runs], "windows": [[k, w.name] for k, w in acc.windows],
+        "window_every": acc.window_every, "offered": acc._offered, "carry": None if carry is None else carry["end"],
+    }  # fmt: skip
+    with atomic_write(path, "wb") as file:
+        np.savez(file, meta=np.frombuffer(json.dumps(meta).encode(), dtype=np.uint8), **arrays)
+
+
+def load(path: Path, estimator: Any, mark: str) -> tuple[Accumulator, int] | None:
+    """Accumulator and number of the next chunk, if the file holds the state of these data and settings."""
+    if not path.exists():
+        return None
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            data = {name: file[name] for name in file.files}
+        meta = json.loads(bytes(data.pop("meta")).decode())
+        if meta["mark"] != mark:
+            return None
+        acc = Accumulator(estimator, meta["kind"])
+        acc.block_rows, acc.n_samples = meta["block_rows"], meta["n_samples"]
+        acc.window_every, acc._offered = meta["window_every"], meta["offered"]
+        acc.origin = data["origin"][()] if "origin" in data else None
+        for run in meta["runs"]:
+            values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in run.items()}
+            acc.runs.append(Run(**values))
+        acc.guess = {
+            tuple(int(j) for j in k[5:].split("-")): np.ascontiguousarray(v)
+            for k, v in data.items() if k.startswith("guess")
+        }  # fmt: skip
+        if meta["n_dof"] is not None:
+            acc.model = Model(estimator, meta["n_dof"])
+            if meta["blocks"]:
+                held = {k.removeprefix("grams."): x for k, x in data.items() if k.startswith("grams.")}
+                grams = BlockGrams.from_arrays(held, acc.model.layout, acc.model.groups, acc.model.known_masses)
+                acc.blocks = [BlockEntry(tuple(key), name, grams[i]) for i, (key, name) in enumerate(meta["blocks"])]
+            if meta["open"]:
+                held_open = acc.blocks.pop()
+                acc._open = held_open.key, held_open.record, acc.sums(held_open.grams)
+            for i, (key, name) in enumerate(meta["windows"]):
+                acc.windows.append((tuple(key), _segment(name, data, f"window{i}")))
+        if "low" in data:
+            acc.extent = Extent(data["low"], data["high"], data["finite"])
+        if meta["carry"] is not None:
+            states = {}
+            for name in (k for k in data if k.startswith("state ")):
+                site, _, law = name[6:].rpartition(" ")
+                states[Site(site), int(law)] = data[name]
+            last = _segment("last", data, "last") if "last.a" in data else None
+            acc._carry = {"end": float(meta["carry"]), "states": states, "last": last}
+        return acc, int(meta["following"])
+    except (*_DAMAGED, zipfile.BadZipFile, zlib.error) as error:
+        raise FileFormatError(
+            f"{path} is not the state of an interrupted fit ({type(error).__name__}: {error})",
+            "Give another path for the state, or delete the file to start again.",
+        ) from error
+
+
+def _lines(name: str, segment: Segment) -> dict[str, np.ndarray]:
+    lines = {f"{name}.{k}": getattr(segment, k) for k in LINES if getattr(segment, k) is not None}
+    return lines | {f"{name}.covariate {k}": c for k, c in segment.covariates.items()}
+
+
+def _segment(name: str, data: dict[str, np.ndarray], stem: str) -> Segment:
+    lines: dict[str, Any] = {k: data.get(f"{stem}.{k}") for k in LINES}
+    head = f"{stem}.covariate "
+    covariates = {k.removeprefix(head): v for k, v in data.items() if k.startswith(head)}
+    size = len(lines["a"])
+    return Segment(name, slice(0, size), **lines, covariates=covariates, valid=slice(0, size))

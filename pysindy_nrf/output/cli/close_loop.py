@@ -91,7 +91,7 @@ def close_loop(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
 
 
 def _write(report: Any, folder: Path) -> list[Path]:
-    from ...common.atomic import atomic_write
+    from ...common.files import atomic_write
     from ...data.io import write_table
 
     model, words = folder / "model.json", folder / "closed_loop.md"

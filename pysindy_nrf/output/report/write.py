@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...common.atomic import atomic_write
-from ...common.extras import require
+from ...common.files import atomic_write
+from ...common.lazy import require
 from ...exceptions import NRFError
 from .equations import as_text
 

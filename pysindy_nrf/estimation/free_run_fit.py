@@ -153,7 +153,7 @@ def output_error(
         noise = noise_model(start, layout, [s.segment for s in shots], [s.run(start) for s in shots])
         if noise is None:
             return OutputErrorResult(start, False, 0.0, 0.0, why="the free run is exact to round-off")
-        problem = _Problem(start, shots, layout, known_masses, noise, band)
+        problem = _FreeRunFit(start, shots, layout, known_masses, noise, band)
         parts = [_half(shots, 0), _half(shots, 1)]
         swapped = list(zip(halves or (start, start), parts, parts[::-1]))
         before = np.array([problem.judge(rival, unseen) for rival, _, unseen in swapped])
@@ -227,7 +227,7 @@ class _Evaluation:
     record: np.ndarray
 
 
-class _Problem:
+class _FreeRunFit:
     """The shots, their noise, and least squares on them."""
 
     def __init__(
@@ -447,7 +447,7 @@ def refine(
     iv = instrumental_variables(start.model, data, problem, walk)
     if iv is None:
         return start, None, facts, data
-    facts |= {"found": "iv", "rounds": iv.rounds, "likeness": iv.likeness, "notes": list(iv.notes)}
+    facts |= {"found": "iv", "rounds": iv.rounds, "correlation": iv.correlation, "notes": list(iv.notes)}
     resolver = Resolver(iv.pieces, walk, known, inner)
     if note := _convergence_note(iv, resolver):
         facts["notes"] = [*facts["notes"], note]

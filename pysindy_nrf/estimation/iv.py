@@ -28,7 +28,7 @@ simulated response of a lightly damped structure would need its peaks right to a
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -38,6 +38,7 @@ from sklearn.base import clone
 from ..exceptions import BiasWarning, ChainError, ChannelError, IdentifiabilityError, RankWarning, SimulationError
 from ..laws import PowerSeries
 from ..mechanics.identifiability import Walk
+from ..regression.blocks import Block
 from ..regression.blocks_of_samples import pieces_of, whole_block
 from ..regression.chain_model import ChainModel
 from ..regression.chain_solve import Solution, groups_of, solve, solve_blocks
@@ -45,7 +46,7 @@ from ..regression.errors import free_run_of
 from ..regression.gram_pass import rows_of
 from ..regression.grams import BlockGrams
 from ..regression.input_arrays import from_arrays
-from ..regression.layout import Group, LawLayout
+from ..regression.layout import LawLayout
 from ..regression.segments import Segment, SegmentSet
 from ..regression.solution import model_of
 from ..signals.zero_phase_filter import FairFilter, filters_of
@@ -140,7 +141,7 @@ def run_of(
     return replace(segment, a=place(a), v=place(v), s=place(s))
 
 
-def likeness_of(segments: Sequence[Segment], runs: Sequence[Segment]) -> float:
+def correlation_of(segments: Sequence[Segment], runs: Sequence[Segment]) -> float:
     """Correlation of simulated and measured accelerations, every DOF with equal weight."""
     both = own = other = 0.0
     for segment, run in zip(segments, runs):
@@ -149,8 +150,8 @@ def likeness_of(segments: Sequence[Segment], runs: Sequence[Segment]) -> float:
         scale[scale == 0] = 1.0
         both, own, other = both + (a * b / scale).sum(), own + (a * a / scale).sum(), other + (b * b / scale).sum()
     with np.errstate(invalid="ignore", over="ignore"):
-        likeness = both / np.sqrt(own * other)
-    return float(likeness) if np.isfinite(likeness) else 0.0
+        correlation = both / np.sqrt(own * other)
+    return float(correlation) if np.isfinite(correlation) else 0.0
 
 
 ROUNDS = 8
@@ -176,7 +177,7 @@ class IVResult:
         With the last instruments, piece by piece.
     rounds : int
         Rounds of simulation and solve.
-    likeness : float
+    correlation : float
         Correlation of the simulated accelerations with the measured ones in the last round.
     notes : list of str
         Remarks for the user, e.g. on records left out.
@@ -197,7 +198,7 @@ class IVResult:
     >>> start = NRFRegressor(degree=1, dt=0.002).fit(X, F)
     >>> data = start.model_.segments(X, F, dt=0.002)
     >>> found = instrumental_variables(start.model_, data, start.problem_, start.walk_)
-    >>> found.model.masses.round(3), bool(found.likeness > 0.99)
+    >>> found.model.masses.round(3), bool(found.correlation > 0.99)
     (array([10., 10.]), True)
     """
 
@@ -205,7 +206,7 @@ class IVResult:
     solution: Solution
     pieces: BlockGrams
     rounds: int
-    likeness: float
+    correlation: float
     notes: list[str] = field(default_factory=list)
     runs: list[Segment | None] = field(default_factory=list)
     settled: bool = True
@@ -234,80 +235,6 @@ class IVResult:
             force[seg.valid] = seg.F[seg.valid] - along + free
             segments.append(replace(run, F=force))
         return SegmentSet(segments, data.n_samples)
-
-
-@dataclass
-class Weighting:
-    """Free runs under the corrected forces, their correlation with the measured accelerations, and the weights."""
-
-    runs: list[Segment | None]
-    likeness: float
-    whiteners: dict[tuple[int, ...], Whitener]  # by the DOFs of the group
-
-
-def weighting_of(
-    model: ChainModel,
-    data: SegmentSet,
-    usable: Sequence[int],
-    layout: LawLayout,
-    groups: Sequence[Group],
-    filters: Sequence[Any],
-    known_masses: Mapping[int, float],
-    band: Any = None,
-) -> Weighting | None:
-    """Instruments and weights from a model."""
-    segments = [data.segments[i] for i in usable]
-    runner = steady(model)
-    plain = [run_of(runner, seg) for seg in segments]
-    noise = noise_model(runner, layout, segments, plain)
-    resolved = [seg.resolved for seg in segments if seg.resolved is not None]
-    if noise is None or min(resolved, default=np.inf) < noise.signal_band[1]:
-        return None
-    better = [corrected(seg, run, noise) for seg, run in zip(segments, plain)]
-    found = [run_of(runner, seg) for seg in better]
-    likeness = likeness_of(segments, found)
-    # the forces of the balances stay as measured: only the motion under the corrected ones is taken
-    runs: list[Segment | None] = [None] * len(data.segments)
-    for i, run in zip(usable, found):
-        runs[i] = run
-    low, high = common_band(segments, band)
-    low, high = max(low, noise.signal_band[0]), min(high, noise.signal_band[1])
-    whiteners = _whiteners(model, segments, layout, groups, [filters[i] for i in usable], known_masses, noise)
-    for whitener in whiteners.values():
-        whitener.band = (low, high)
-    return Weighting(runs, likeness, whiteners)
-
-
-def _whiteners(
-    model: ChainModel,
-    segments: Sequence[Segment],
-    layout: LawLayout,
-    groups: Sequence[Group],
-    filters: Sequence[Any],
-    known_masses: Mapping[int, float],
-    noise: NoiseModel,
-) -> dict[tuple[int, ...], Whitener]:
-    """Weights: the share of the instruments that is signal, over the density of what the balance misses."""
-    missed: dict[tuple[int, ...], list] = {g.dofs: [] for g in groups}
-    theta = model.coefficients
-    for seg, filter in zip(segments, filters):
-        block = whole_block(seg, layout, filter)
-        for group in groups:
-            rows = rows_of(layout, group, block, known_masses)
-            own = [sign * theta[site] for site, sign in zip(group.sites, group.signs)]
-            mass = [model.masses[[group.dofs[0] - 1]]] if len(group.dofs) == 1 else []
-            gap = rows[-1] - np.concatenate([*own, *mass]) @ rows[:-1]
-            f = lines_of(seg)
-            use = (f >= noise.signal_band[0]) & (f <= noise.signal_band[1])
-            missed[group.dofs].append((f[use], np.abs(spectrum(gap[:, None], seg.step, taper=True)[use]) ** 2))
-    out = {}
-    for dofs, held in missed.items():
-        left = smoothed([f for f, _ in held], [p for _, p in held])
-        top = left.values.max()
-        if top > 0:
-            share = noise.share(left.f).mean(axis=1, keepdims=True)
-            out[dofs] = Whitener(Smooth(left.f, share / np.maximum(left.values, 1e-9 * top)))
-    return out
 
 
 def instrumental_variables(
@@ -349,51 +276,43 @@ def instrumental_variables(
     >>> model.masses_.round(1), model.model_.info["estimation"]["found"]
     (array([10.1, 10.1]), 'iv')
     """
-    layout, known_masses, band = problem.layout, problem.known_masses, problem.band
-    filters = problem.filters(data) if filters is None else filters
-    groups = groups_of(layout, walk)
-    notes: list[str] = []
-    model, best = start, None
-    first, kept = -1.0, None  # correlation of the first run; of the models found, the one that runs most alike
-    usable = [i for i, seg in enumerate(data.segments) if not np.isnan(seg.F[seg.valid.start]).any()]
-    if not usable:
+    layout, source = problem.layout, _Instruments(data, problem, walk, filters)
+    if not source.usable:
         _fall_back("in every record the force on some DOF is unknown, and a free run needs all forces", FORCES)
         return None
-    if len(usable) < len(data.segments):
-        notes.append(
-            f"{len(data.segments) - len(usable)} records with an unknown force were left out of the instruments."
-        )
+    notes = []
+    if left_out := len(data.segments) - len(source.usable):
+        notes = [f"{left_out} records with an unknown force were left out of the instruments."]
+    model, best = start, None
+    first, kept = -1.0, None  # correlation of the first run; the best of the models found
     why, cure = "", LAW
-    weighting: Weighting | None = None
+    weights: dict[tuple[int, ...], Whitener] | None = None
     for round_ in range(1, ROUNDS + 1):
         try:
-            if best is None:
-                runs, likeness = _first_runs(start, data, usable, layout, walk, filters, known_masses, band)
-            elif round_ > PLAIN:
-                weighting = weighting_of(model, data, usable, layout, groups, filters, known_masses, band)
-            if weighting is not None:
-                runs, likeness = weighting.runs, weighting.likeness
-            elif best is not None:
-                runs, likeness = _runs(model, data, usable, band)
+            weighted = source.weighted(model) if best is not None and round_ > PLAIN else None
+            if weighted is not None:
+                runs, correlation, weights = weighted
+            else:
+                weights = None
+                runs, correlation = source.first(start) if best is None else source.delayed(model)
         except SimulationError as error:
             why, cure = error.what, error.cure
             break
         if best is None:
-            first = likeness
-        elif kept is None or likeness > kept[0] or (weighting is not None and kept[1].rounds < PLAIN <= best.rounds):
-            kept = likeness, best  # runs under measured and under corrected forces are not alike to the same degree
-        if likeness < LEAST_CORRELATION:
-            why = f"the free run does not follow the measured motion (correlation {likeness:.2f})"
+            first = correlation
+        elif kept is None or correlation > kept[0] or (weights is not None and kept[1].rounds < PLAIN <= best.rounds):
+            kept = correlation, best  # correlations under measured and corrected forces differ
+        if correlation < LEAST_CORRELATION:
+            why = f"the free run does not follow the measured motion (correlation {correlation:.2f})"
             if best is None:
                 why += ", also that of least squares in the band of the motion"
             break
         pieces = pieces_of(
-            data, layout, groups, filters, known_masses, runs,
-            whiteners=None if weighting is None else weighting.whiteners,
-        )  # fmt: skip
+            data, layout, source.groups, source.filters, problem.known_masses, runs, whiteners=weights
+        )
         try:
             names = {s: layout.labels(s) for s in layout.acting}
-            solution = solve(pieces.sum().projected(), walk, known_masses, problem.optimizer, names)
+            solution = solve(pieces.sum().projected(), walk, problem.known_masses, problem.optimizer, names)
         except IdentifiabilityError as error:
             why, cure = error.what, error.cure
             break
@@ -403,15 +322,15 @@ def instrumental_variables(
             break
         moved = np.abs(found.masses / model.masses - 1)
         change = moved.max()
-        best = IVResult(found, solution, pieces, round_, likeness, notes, runs)
+        best = IVResult(found, solution, pieces, round_, correlation, notes, runs)
         model = found
-        if change < SETTLED and (round_ > PLAIN + 1 or (round_ > PLAIN and weighting is None)):
+        if change < SETTLED and (round_ > PLAIN + 1 or (round_ > PLAIN and weights is None)):
             break
     if not why and kept is not None:
         if change > DIVERGED:
             why = f"the masses did not converge, the last round changed one by {100 * change:.2g} %"
-        elif likeness < kept[0] - CORRELATION_DROP:
-            why = f"the correlation of the free runs with the measured motion fell to {likeness:.2f}"
+        elif correlation < kept[0] - CORRELATION_DROP:
+            why = f"the correlation of the free runs with the measured motion fell to {correlation:.2f}"
     if not why:
         if best is not None and change >= SETTLED:
             best.moved = moved
@@ -419,11 +338,11 @@ def instrumental_variables(
     if kept is None or kept[0] < max(first, LEAST_CORRELATION):  # least squares runs as well
         _fall_back(why, cure)
         return None
-    likeness, best = kept
+    correlation, best = kept
     best.settled = False
     warnings.warn(
         f"estimation='iv' stopped after round {round_}: {why}. The estimate of round {best.rounds} is kept; its free "
-        f"run has the highest correlation with the measured motion ({likeness:.2f}).",
+        f"run has the highest correlation with the measured motion ({correlation:.2f}).",
         BiasWarning,
         stacklevel=5,
     )
@@ -445,88 +364,122 @@ def delay_of(band: Any, dt: float) -> int:
     return 1 if high is None or not np.isfinite(high) else max(1, round(1.0 / (4 * high * dt)))
 
 
-def _runs(
-    model: ChainModel, data: SegmentSet, usable: Sequence[int], band: Any
-) -> tuple[list[Segment | None], float]:
-    """Delayed free runs of the usable records, and their correlation with the measured accelerations."""
-    measured = [data.segments[i] for i in usable]
-    top = common_band(measured, band)
-    model = steady(model)
-    made = [run_of(model, seg, delay_of(top, seg.step), limited=True) for seg in measured]
-    runs: list[Segment | None] = [None] * len(data.segments)
-    for i, run in zip(usable, made):
-        runs[i] = run
-    return runs, likeness_of(measured, made)
+class _Instruments:
+    """Free runs of models under the forces of some records, as instruments of their balances."""
 
+    def __init__(self, data: SegmentSet, problem: Problem, order: Walk, filters: Sequence[Any] | None) -> None:
+        self.data, self.problem, self.layout, self.order = data, problem, problem.layout, order
+        self.filters = problem.filters(data) if filters is None else filters
+        self.groups = groups_of(self.layout, order)
+        self.usable = [i for i, seg in enumerate(data.segments) if not np.isnan(seg.F[seg.valid.start]).any()]
+        self.segments = [data.segments[i] for i in self.usable]
+        self.band = common_band(self.segments, problem.band)
 
-def _first_runs(
-    start: ChainModel,
-    data: SegmentSet,
-    usable: Sequence[int],
-    layout: LawLayout,
-    walk: Walk,
-    filters: Sequence[Any],
-    known: Mapping[int, float],
-    band: Any,
-) -> tuple[list[Segment | None], float]:
-    """Free runs of the first model that follows the measured motion, or of the best one."""
-    found: list[tuple[list[Segment | None], float]] = []
-    worst: SimulationError | IdentifiabilityError | None = None
-    linear = LawLayout(layout.chain, {s: (PowerSeries(1),) for s in layout.acting if s.kind == "link"})
-    if any(s.kind != "link" for s in layout.acting):
-        linear = layout
+    def _placed(self, runs: Sequence[Segment]) -> tuple[list[Segment | None], float]:
+        """Runs by record (None for one with an unknown force) and their correlation with the measured motion."""
+        out: list[Segment | None] = [None] * len(self.data.segments)
+        for i, run in zip(self.usable, runs):
+            out[i] = run
+        return out, correlation_of(self.segments, runs)
 
-    def between() -> ChainModel | None:
-        narrow = _signal_band_filters(data, usable, band)
-        return None if narrow is None else _least_squares(data, linear, walk, narrow, known)
-
-    makes: tuple[Callable[[], ChainModel | None], ...] = (
-        lambda: start,
-        lambda: None if linear is layout else _least_squares(data, linear, walk, filters, known),
-        between,
-    )
-    for make in makes:
-        try:
-            model = make()
-            if model is None or (model.masses <= 0).any():
-                continue
-            found.append(_runs(model, data, usable, band))
-        except (SimulationError, IdentifiabilityError) as error:
-            worst = worst or error
-            continue
-        if found[-1][1] >= LEAST_CORRELATION:
-            return found[-1]
-    if not found:
-        what, cure = (worst.what, worst.cure) if worst else ("No model of the chain can be simulated", "")
-        raise SimulationError(what, cure or "Excite the chain better.")
-    return max(found, key=lambda pair: pair[1])
-
-
-def _signal_band_filters(data: SegmentSet, usable: Sequence[int], band: Any) -> list[FairFilter | None] | None:
-    """Filters of one band for all records, in which the velocities exceed their noise; None if there is none."""
-    segments = [data.segments[i] for i in usable]
-    lines = [lines_of(seg) for seg in segments]
-    density = smoothed(lines, [np.abs(spectrum(velocities(seg), seg.step, taper=True)) ** 2 for seg in segments])
-    share = (density.values / np.maximum(density.values.max(axis=0), 1e-300)).max(axis=1)
-    inside = density.f[share >= np.clip(np.sqrt(share.min()), LOWEST, HIGHEST)]
-    low, high = common_band(segments, band)
-    low, high = max(low, inside[0] / 1.2), min([high, 1.2 * inside[-1], *(s.resolved for s in segments if s.resolved)])
-    top = 0.45 / max(seg.step for seg in data.segments)
-    return filters_of((low, high if high < top else None), data) if low < min(high, top) else None
-
-
-def _least_squares(
-    data: SegmentSet, layout: LawLayout, walk: Walk, filters: Sequence[Any], known: Mapping[int, float]
-) -> ChainModel:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RankWarning)
-        solution, _ = solve_blocks(
-            layout,
-            walk,
-            lambda: (b for seg, f in zip(data.segments, filters) for b in seg.blocks(layout, filter=f)),
-            known,
+    def delayed(self, model: ChainModel) -> tuple[list[Segment | None], float]:
+        """Free runs under the measured forces, delayed to keep the noise of the force out of them."""
+        model = steady(model)
+        return self._placed(
+            [run_of(model, seg, delay_of(self.band, seg.step), limited=True) for seg in self.segments]
         )
-    return model_of(layout, solution)
+
+    def first(self, start: ChainModel) -> tuple[list[Segment | None], float]:
+        """Free runs of the first model that follows the measured motion, or of the best one."""
+        found: list[tuple[list[Segment | None], float]] = []
+        worst: SimulationError | IdentifiabilityError | None = None
+        linear = LawLayout(self.layout.chain, {s: (PowerSeries(1),) for s in self.layout.acting if s.kind == "link"})
+        if any(s.kind != "link" for s in self.layout.acting):
+            linear = self.layout
+
+        def in_signal_band() -> ChainModel | None:
+            filters = self._signal_band_filters()
+            return None if filters is None else self._least_squares(linear, filters)
+
+        makes: tuple[Callable[[], ChainModel | None], ...] = (
+            lambda: start,
+            lambda: None if linear is self.layout else self._least_squares(linear, self.filters),
+            in_signal_band,
+        )
+        for make in makes:
+            try:
+                model = make()
+                if model is None or (model.masses <= 0).any():
+                    continue
+                found.append(self.delayed(model))
+            except (SimulationError, IdentifiabilityError) as error:
+                worst = worst or error
+                continue
+            if found[-1][1] >= LEAST_CORRELATION:
+                return found[-1]
+        if not found:
+            what, cure = (worst.what, worst.cure) if worst else ("No model of the chain can be simulated", "")
+            raise SimulationError(what, cure or "Excite the chain better.")
+        return max(found, key=lambda pair: pair[1])
+
+    def weighted(self, model: ChainModel) -> tuple[list[Segment | None], float, dict[tuple[int, ...], Whitener]] | None:
+        """Free runs under the corrected forces, their correlation, and weights of the balances; None without noise."""
+        runner = steady(model)
+        plain = [run_of(runner, seg) for seg in self.segments]
+        noise = noise_model(runner, self.layout, self.segments, plain)
+        resolved = [seg.resolved for seg in self.segments if seg.resolved is not None]
+        if noise is None or min(resolved, default=np.inf) < noise.signal_band[1]:
+            return None
+        # the forces of the balances stay as measured; only the motion comes from the corrected forces
+        runs = self._placed([run_of(runner, corrected(seg, run, noise)) for seg, run in zip(self.segments, plain)])
+        return *runs, self._weights(model, noise)
+
+    def _weights(self, model: ChainModel, noise: NoiseModel) -> dict[tuple[int, ...], Whitener]:
+        """By balance: the share of the instruments that is signal, over the density of the residual."""
+        residuals: dict[tuple[int, ...], list] = {g.dofs: [] for g in self.groups}
+        theta, (low, high) = model.coefficients, noise.signal_band
+        for i, seg in zip(self.usable, self.segments):
+            block = whole_block(seg, self.layout, self.filters[i])
+            for group in self.groups:
+                rows = rows_of(self.layout, group, block, self.problem.known_masses)
+                own = [sign * theta[site] for site, sign in zip(group.sites, group.signs)]
+                mass = [model.masses[[group.dofs[0] - 1]]] if len(group.dofs) == 1 else []
+                gap = rows[-1] - np.concatenate([*own, *mass]) @ rows[:-1]
+                f = lines_of(seg)
+                use = (f >= low) & (f <= high)
+                residuals[group.dofs].append((f[use], np.abs(spectrum(gap[:, None], seg.step, taper=True)[use]) ** 2))
+        out = {}
+        band = max(self.band[0], low), min(self.band[1], high)
+        for dofs, held in residuals.items():
+            left = smoothed([f for f, _ in held], [p for _, p in held])
+            top = left.values.max()
+            if top > 0:
+                share = noise.share(left.f).mean(axis=1, keepdims=True)
+                out[dofs] = Whitener(Smooth(left.f, share / np.maximum(left.values, 1e-9 * top)), band)
+        return out
+
+    def _signal_band_filters(self) -> list[FairFilter | None] | None:
+        """Filters of one band for all records, in which the velocities exceed their noise; None if there is none."""
+        power = [np.abs(spectrum(velocities(seg), seg.step, taper=True)) ** 2 for seg in self.segments]
+        density = smoothed([lines_of(seg) for seg in self.segments], power)
+        share = (density.values / np.maximum(density.values.max(axis=0), 1e-300)).max(axis=1)
+        inside = density.f[share >= np.clip(np.sqrt(share.min()), LOWEST, HIGHEST)]
+        resolved = [seg.resolved for seg in self.segments if seg.resolved]
+        low, high = max(self.band[0], inside[0] / 1.2), min([self.band[1], 1.2 * inside[-1], *resolved])
+        top = 0.45 / max(seg.step for seg in self.data.segments)
+        return filters_of((low, high if high < top else None), self.data) if low < min(high, top) else None
+
+    def _least_squares(self, layout: LawLayout, filters: Sequence[Any]) -> ChainModel:
+        """Least-squares model of a layout."""
+
+        def blocks() -> Iterator[Block]:
+            for seg, filter in zip(self.data.segments, filters):
+                yield from seg.blocks(layout, filter=filter)
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RankWarning)
+            solution, _ = solve_blocks(layout, self.order, blocks, self.problem.known_masses)
+        return model_of(layout, solution)
 
 
 SPACING = 2  # lines; the noise of a Hann-windowed response reaches its next neighbour

@@ -41,7 +41,7 @@ def test_relative_masses_and_stiffness(shaken, estimation):
         stiffness = [model.restoring_forces_[i].coefficients["s"] for i in (1, 2, 3)]
         assert model.masses_ == pytest.approx(M, rel=0.01) and stiffness == pytest.approx(K, rel=0.01)
         if estimation != "ls":
-            assert model.model_.info["estimation"]["likeness"] > 0.9995
+            assert model.model_.info["estimation"]["correlation"] > 0.9995
 
 
 def test_an_inerter_that_hangs_on_the_base(shaken):

@@ -16,7 +16,7 @@ import pytest
 
 import pysindy_nrf
 from pysindy_nrf import ChainModel, datasets, laws
-from pysindy_nrf.common.atomic import atomic_write
+from pysindy_nrf.common.files import atomic_write
 from pysindy_nrf.output.cli.group import run
 
 PACKAGE = Path(pysindy_nrf.__file__).parent
@@ -100,7 +100,7 @@ def test_the_users_own_record_is_never_an_output(finished, capsys):
 
 SLOW_WRITE = """
 import sys, time
-from pysindy_nrf.common.atomic import atomic_write
+from pysindy_nrf.common.files import atomic_write
 with atomic_write(sys.argv[1]) as file:
     file.write("half of the new")
     file.flush()

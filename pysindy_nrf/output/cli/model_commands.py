@@ -287,7 +287,7 @@ _OF_A_STEP = (
 
 
 def _write(report: Any, folder: Path) -> list[Path]:
-    from ...common.atomic import atomic_write
+    from ...common.files import atomic_write
     from ...data.io import write_table
     from .outcome import page
 

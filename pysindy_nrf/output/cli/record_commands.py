@@ -256,7 +256,7 @@ def _result(path: Path) -> Any:
     """The model of a result file."""
     import json
 
-    from ...common.schema import plain_json
+    from ...common.files import plain_json
     from ...data.io.table import check_file
     from ...regression.chain_model import ChainModel
 

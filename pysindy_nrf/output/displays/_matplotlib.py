@@ -9,8 +9,8 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from ...common.atomic import atomic_write
-from ...common.extras import require
+from ...common.files import atomic_write
+from ...common.lazy import require
 from ._figure import Area, Axis, Bars, Figure, Line, Map, Mark, Rule, Surface
 
 # Okabe and Ito's colours: told apart by colour-blind readers, and in grey by their lightness.

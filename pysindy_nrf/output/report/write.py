@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...common.atomic import atomic_write
-from ...common.extras import require
+from ...common.files import atomic_write
+from ...common.lazy import require
 from ...exceptions import NRFError
 from ..displays._figure import Table, table
 from .equations import as_text, law_equation, pretty, shape_values

@@ -83,7 +83,7 @@ class Walk:
 
     @property
     def complete(self) -> bool:
-        """Whether every mass and every law can be identified."""
+        """True if every mass and every law can be identified."""
         return not (self.missing_masses or self.missing_sites)
 
     def require_complete(self) -> Walk:

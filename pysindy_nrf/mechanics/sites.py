@@ -80,7 +80,7 @@ class Site(str):
 
     @property
     def is_storey(self) -> bool:
-        """Whether the site joins two neighbouring DOFs (or DOF 1 and the base)."""
+        """True if the site joins two neighbouring DOFs (or DOF 1 and the base)."""
         return self.kind == "link" and self.p == self.q + 1
 
     def incidence(self, dof: int) -> int:

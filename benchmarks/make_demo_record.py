@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from pysindy_nrf import Record, simulate
-from pysindy_nrf.common.atomic import atomic_write
+from pysindy_nrf.common.files import atomic_write
 from pysindy_nrf.datasets import demo_truth
 from pysindy_nrf.simulation.excitation import band_limited_random
 from pysindy_nrf.simulation.noise import add_noise

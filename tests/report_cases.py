@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 from chains import band_limited, integrate
 
-from pysindy_nrf import NRFRegressor, Record, close_loop, laws
+from pysindy_nrf import ChainModel, NRFRegressor, Record, close_loop, excitation, laws, simulate
 from pysindy_nrf.simulation.noise import add_noise
 
 NASTY = "</script><img src=x onerror=alert(1)>"
@@ -13,6 +13,7 @@ CATALOGUE = (laws.CoulombFriction(), laws.CubicStiffness(), laws.QuadraticDampin
 M, C, K = np.array([12.0, 10.0, 8.0]), np.array([40.0, 30.0, 25.0]), np.array([4.0e4, 3.5e4, 3.0e4])
 K3, FC = 1.2e9, 9.0
 DT = 1e-3
+TWO_STOREYS = ChainModel([8.0, 6.0], {1: laws.PowerSeries(1, [30.0, 4e4]), 2: laws.PowerSeries(1, [20.0, 3e4])})
 
 
 def _on_storey_2(force):
@@ -58,3 +59,9 @@ def regressor():
     """A regressor fitted to a record, and the record."""
     rec = record(cubic)
     return NRFRegressor(degree=3).fit(*rec.to_features(smooth=False)), rec
+
+
+def two_storeys(seed=0, n=4000, fs=500.0, ag=None, name="r"):
+    """Free run of a linear frame of 8 and 6 kg, forced on both floors or shaken at its base."""
+    force = excitation.band_limited_random(2, n / fs, fs, dofs=[1, 2], rms=60.0, band=(1, 40), random_state=seed)
+    return simulate(TWO_STOREYS, force if ag is None else 0.0 * force, 1 / fs, base_acceleration=ag, name=name)

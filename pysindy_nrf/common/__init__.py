@@ -1,1 +1,1 @@
-"""What every layer uses: optional packages, atomic files, random states, schemas of files."""
+"""Tools of all layers: late imports, files, random states, threads, settings, the jackknife."""

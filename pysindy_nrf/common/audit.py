@@ -1,4 +1,4 @@
-"""The audit trail: every setting of a run and the versions behind it."""
+"""Audit trail: the settings of a run and the versions of all packages."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _PACKAGES = ("pysindy", "numpy", "scipy", "scikit-learn", "pandas", "numba", "pl
 
 
 def versions() -> dict[str, str]:
-    """Versions of this package, of Python and of what it stands on."""
+    """Versions of this package, of Python and of the packages it depends on."""
     out = {"pysindy_nrf": metadata.version("pysindy-nrf"), "Python": platform.python_version()}
     for name in _PACKAGES:
         try:
@@ -23,12 +23,12 @@ def versions() -> dict[str, str]:
 
 
 def settings_of(**groups: Mapping[str, Any]) -> dict[str, dict[str, str]]:
-    """Settings as text, by group; nothing of the values is kept."""
+    """Settings as text, by group; the values themselves are not kept."""
     return {name.replace("_", " "): {str(k): _text(v) for k, v in values.items()} for name, values in groups.items()}
 
 
 def constants_of(*modules: Any) -> dict[str, float]:
-    """Numbers written in capitals in modules: thresholds that no argument changes."""
+    """Constants of modules (names in capitals): thresholds that no argument changes."""
     return {
         k.lower().replace("_", " "): v
         for module in modules

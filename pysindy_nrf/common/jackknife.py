@@ -1,4 +1,4 @@
-"""The jackknife: what leaving out one part of the data after the other says of an estimate."""
+"""The jackknife."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 
 def variance(values: Any) -> np.ndarray:
-    """Variance of an estimate from what it is with each of n parts of the data left out."""
+    """Variance of an estimate from its n values, each with one part of the data left out."""
     values = np.asarray(values)
     n = len(values)
     return (n - 1) / n * ((values - values.mean(axis=0)) ** 2).sum(axis=0)

@@ -1,11 +1,16 @@
-"""Public names of a package, resolved on first use (PEP 562), so that importing it loads none of its modules."""
+"""Late imports: public names of a package (PEP 562), optional packages, methods carried out by upper layers."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping
+from enum import Enum
 from importlib import import_module
+from pkgutil import resolve_name
+from types import ModuleType
 from typing import Any
+
+from ..exceptions import MissingExtraError
 
 
 def public_names(
@@ -28,3 +33,44 @@ def public_names(
         return sorted({*vars(sys.modules[package]), *names, *whole})
 
     return get, listed
+
+
+def require(package: str, extra: str, purpose: str) -> ModuleType:
+    """The optional package; raises MissingExtraError, which names the extra to install."""
+    try:
+        return import_module(package)
+    except ImportError as error:
+        raise MissingExtraError(package.split(".")[0], extra, purpose) from error
+
+
+class Hook(Enum):
+    """Functions of upper layers that objects of lower layers offer as methods.
+
+    Users look for ``chain.plan()``, ``record.to_features()`` or ``model.to_html(path)`` on the object itself. Each such
+    method calls one member of this enumeration, whose value names the function: ``package.module:function``. The module
+    is imported at the first call, so no layer imports one above it. This table is the only place that names these
+    functions.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import Chain
+    >>> from pysindy_nrf.common.lazy import Hook
+    >>> Hook.PLAN(Chain(2)).table["hit"].iloc[0]
+    (1,)
+    """
+
+    PLAN = "pysindy_nrf.diagnostics.test_planning:plan"
+    TO_FEATURES = "pysindy_nrf.signals.kinematics:to_features"
+    SIMULATE = "pysindy_nrf.simulation:simulate"
+    TO_SINDY = "pysindy_nrf.regression.state_space:to_sindy"
+    FROM_SINDY = "pysindy_nrf.regression.state_space:from_sindy"
+    ORDER_FIGURE = "pysindy_nrf.output.displays:OrderSelectionDisplay.from_selection"
+    PAGE = "pysindy_nrf.output.report:write_html"
+    RECORD_HTML = "pysindy_nrf.output.report.write:record_html"
+    MODEL_HTML = "pysindy_nrf.output.report.write:model_html"
+    LOOP_MARKDOWN = "pysindy_nrf.output.report.write:markdown"
+    LOOP_HTML = "pysindy_nrf.output.report.write:loop_html"
+
+    def __call__(self, *args: Any, **options: Any) -> Any:
+        """Call the function and return its result."""
+        return resolve_name(self.value)(*args, **options)

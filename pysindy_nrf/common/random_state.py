@@ -1,4 +1,4 @@
-"""The one door for randomness: what ``random_state`` may be."""
+"""Random numbers from the argument ``random_state``."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..exceptions import NRFError
 
 
 def generator(random_state: Any, purpose: str = "") -> np.random.Generator:
-    """A generator of random numbers, or an error that says what to give."""
+    """A generator of random numbers for a seed, a generator or None; raises NRFError for anything else."""
     try:
         if purpose and hasattr(random_state, "__index__"):
             key = zlib.crc32(purpose.encode())

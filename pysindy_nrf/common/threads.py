@@ -1,4 +1,4 @@
-"""Independent shares of one pass on all cores: compiled code runs without the interpreter's lock."""
+"""Independent shares of one pass on all cores; compiled code releases the interpreter's lock."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from typing import TypeVar
 Share = TypeVar("Share")
 Result = TypeVar("Result")
 
-_AHEAD = 2  # shares for each thread that wait or are done: memory does not grow with their number
+_AHEAD = 2  # shares per thread that are queued or done; bounds the memory
 
 
 def n_threads() -> int:
-    """Threads of a pass: the cores of this process, or what OMP_NUM_THREADS or NUMBA_NUM_THREADS allow."""
+    """Number of threads of a pass: the cores of this process, limited by OMP_NUM_THREADS and NUMBA_NUM_THREADS."""
     from joblib import cpu_count  # affinity and the limits of a container count
 
     asked = [os.environ.get(name, "").split(",")[0].strip() for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")]
@@ -24,7 +24,7 @@ def n_threads() -> int:
 
 
 def in_threads(function: Callable[[Share], Result], shares: Iterable[Share]) -> Iterator[Result]:
-    """Results of a function for each share in their order; the caller's thread reads the shares as they are needed."""
+    """Results of a function for each share, in order; the caller's thread reads the shares on demand."""
     rest = iter(shares)
     begun = list(islice(rest, 2))
     threads, rest = n_threads() if len(begun) == 2 else 1, chain(begun, rest)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ..common.hooks import Hook
+from ..common.lazy import Hook
 from ..exceptions import ChannelError
 from ..mechanics.chain import MOST_DOFS
 from .channels import GAP, as_matrix, channel_of, finite_span, rate_of

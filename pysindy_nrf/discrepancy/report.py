@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from ..common.audit import constants_of, settings_of
-from ..common.hooks import Hook
+from ..common.lazy import Hook
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw
 from ..mechanics.sites import Site

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from sklearn.base import clone
 
-from ..common.extras import require
+from ..common.lazy import require
 from ..data.channels import is_dask
 from ..exceptions import ChannelError, LawError
 from ..regression.gram_pass import guess_of

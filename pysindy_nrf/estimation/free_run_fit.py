@@ -153,7 +153,7 @@ def output_error(
         noise = noise_model(start, layout, [s.segment for s in shots], [s.run(start) for s in shots])
         if noise is None:
             return OutputErrorResult(start, False, 0.0, 0.0, why="the free run is exact to round-off")
-        problem = _Problem(start, shots, layout, known_masses, noise, band)
+        problem = _FreeRunFit(start, shots, layout, known_masses, noise, band)
         parts = [_half(shots, 0), _half(shots, 1)]
         swapped = list(zip(halves or (start, start), parts, parts[::-1]))
         before = np.array([problem.judge(rival, unseen) for rival, _, unseen in swapped])
@@ -227,7 +227,7 @@ class _Evaluation:
     record: np.ndarray
 
 
-class _Problem:
+class _FreeRunFit:
     """The shots, their noise, and least squares on them."""
 
     def __init__(

@@ -72,7 +72,7 @@ def planarity(
 
 @dataclass
 class Location:
-    """Where the nonlinearity is.
+    """Location of the nonlinearity.
 
     Attributes
     ----------
@@ -394,7 +394,7 @@ def dissipated_energy(model: Any, X: Any, without: Any = None, **options: Any) -
 
 
 def energy_shares(model: Any, X: Any, **options: Any) -> pd.DataFrame:
-    """What share of the dissipated energy each storey took: a damage index from energy.
+    """Share of the dissipated energy of each storey, a damage index.
 
     For a linear structure the shares depend on where and how it is excited, not on how hard.
     Friction, yielding or a damper in a storey raises its share; a change of the shares between

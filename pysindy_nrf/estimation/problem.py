@@ -31,7 +31,7 @@ DEFAULT_DEGREE = 3
 
 @dataclass(frozen=True)
 class Problem:
-    r"""What is to be identified: masses and laws of a chain, and everything that is given.
+    r"""An identification problem: the chain, its laws, and all that is known.
 
     .. math:: m_j a_j + R_j(v_j, s_j) - R_{j+1}(v_{j+1}, s_{j+1}) = F_j
 

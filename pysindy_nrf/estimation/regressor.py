@@ -52,7 +52,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
     optimizer : PySINDy optimizer, optional
         Runs inside :class:`ChainOptimizer` on every balance; plain least squares if None.
     coordinates : {"relative", "absolute"}
-        Whether X holds inter-storey motion v, s (eq. 8) or motion xdot, x of the DOFs.
+        X holds inter-storey motion v, s (eq. 8), or motion xdot, x of the DOFs.
     estimation : {"ls", "iv", "simulation"}
         ``"ls"``: least squares. ``"iv"``: instrumental variables from the model's own free run, which
         noise in the motion does not bias; give records, or motions made with
@@ -61,7 +61,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
     laws : mapping of str to ForceLaw or sequence of ForceLaw, optional
         Laws at some sites, in place of the power series there; further links and ``"dof j"`` sites
         join the chain. Shape parameters without a value are estimated; those with one are kept. Coefficients are
-        always estimated, whatever the law was given (a known one:
+        always estimated, also of laws that were given values (to fix one:
         :class:`~pysindy_nrf.estimation.constraints.KnownStiffness`).
     known_masses : mapping of int to float, optional
         kg, by DOF. With no force anywhere one known mass scales the chain.
@@ -73,7 +73,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
     chain : Chain, optional
         A chain of one storey for each DOF on the base if None.
     constraints : sequence of constraints, optional
-        What is known of masses and coefficients, e.g. ``[EqualMasses(), NonNegative("s")]``; see
+        Prior knowledge of masses and coefficients, e.g. ``[EqualMasses(), NonNegative("s")]``; see
         :mod:`pysindy_nrf.estimation.constraints`.
 
     Attributes
@@ -88,18 +88,18 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
     errors_ : DataFrame
         Balance errors (one step) on the fitted data, percent NRMSE; see :mod:`pysindy_nrf.regression.errors`.
     missing_terms_ : DataFrame
-        What the laws leave to be explained, step by step; a BiasWarning is raised where a law is
-        missing. See :func:`pysindy_nrf.diagnostics.missing_terms`.
+        Share of each residual that further terms would explain, step by step; a BiasWarning is raised if a
+        law is missing. See :func:`pysindy_nrf.diagnostics.missing_terms`.
     jump_bias_ : DataFrame
-        Of least squares: coefficients of forces that jump (friction), and what they are without the samples next to
-        the jumps; a BiasWarning is raised where they differ. See :func:`pysindy_nrf.diagnostics.jump_bias_of`.
+        Of least squares: coefficients of forces that jump (friction), with and without the samples next to the jumps;
+        a BiasWarning is raised if they differ. See :func:`pysindy_nrf.diagnostics.jump_bias_of`.
     doubts_ : dict of str to list of str
-        ``"channels"``, what a DataQualityWarning says of channels that look wrong (units, sign, gain, delay, clipped,
-        dead); and what else the BiasWarning of the fit says: ``"forces"``, balances that contradict each other (a force
-        in other units, a wrong known mass), and ``"masses"`` that are not positive or that noise decides.
+        ``"channels"``: texts of the DataQualityWarning on channels (units, sign, gain, delay, clipped, dead). Texts of
+        the BiasWarning: ``"forces"``, balances that contradict each other (a force in other units, a wrong known mass),
+        and ``"masses"``, which are not positive or not determined against noise.
     model_ : ChainModel
     problem_ : Problem
-        What was solved: chain, laws with their shape parameters, known masses, band, strategy and optimizer.
+        The problem solved: chain, laws with their shape parameters, known masses, band, strategy and optimizer.
     chain_ : Chain
     walk_ : Walk
         The order of the solve, in words.
@@ -180,7 +180,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         X : array-like of shape (n_samples, 3 n_dof), DataFrame, Record or list of Record
             Columns a_1..a_n (absolute, m/s^2), v_1..v_n (inter-storey, m/s), s_1..s_n (m), paper
             eq. 8; with ``coordinates="absolute"`` xdot and x of the DOFs. Files by path (``.npy``, Parquet,
-            HDF5), iterators of tables, and Dask arrays, tables and delayed records are read piece by piece; see
+            HDF5), iterators of tables, and Dask arrays, tables and delayed records are read in chunks; see
             :func:`pysindy_nrf.estimation.streaming.fit_streamed`.
         y : array-like of shape (n_samples, n_dof), optional
             The applied forces F_j, N. A column of zeros = known to be unforced, of NaN = unknown.
@@ -190,10 +190,10 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         time : array-like of shape (n_samples,), optional
             s.
         base_acceleration : array-like of shape (n_samples,), optional
-            m/s^2, as measured: it is put through the band that fused motions carry (``X.attrs["band"]``).
+            m/s^2, as measured: it is filtered to the band of fused motions (``X.attrs["band"]``).
         covariates : mapping of str to array-like of shape (n_samples,), optional
         state : path-like, optional
-            Of a fit from files: where it leaves its state if it is interrupted, to go on from there.
+            File for the state of an interrupted fit from files; the next call continues from it.
 
         Returns
         -------

@@ -333,7 +333,7 @@ class ForceLaw:
 
     @property
     def has_memory(self) -> bool:
-        """Whether the force depends on the path."""
+        """True if the force depends on the path."""
         return self.n_states > 0
 
     @property
@@ -353,7 +353,7 @@ class ForceLaw:
         return 1.0 / value if inverse else value
 
     def contains(self, other: ForceLaw) -> bool:
-        """Whether another law is a special case of this one.
+        """True if another law is a special case of this one.
 
         If the drift keeps its sign, a function of the drift alone differs little from a constant. A constant therefore
         counts as its special case.

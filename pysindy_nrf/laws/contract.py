@@ -318,25 +318,10 @@ def check_errors(law: ForceLaw, rng: np.random.Generator) -> None:
 
 
 CHECKS: tuple[Callable[[ForceLaw, np.random.Generator], None], ...] = (
-    check_features,
-    check_large_arguments,
-    check_single_samples,
-    check_standstill,
-    check_symmetry,
-    check_records,
-    check_energy,
-    check_variable,
-    check_jumps,
-    check_units,
-    check_saturation,
-    check_signs,
-    check_special_cases,
-    check_single_precision,
-    check_force,
-    check_json,
-    check_text,
-    check_errors,
-)
+    check_features, check_large_arguments, check_single_samples, check_standstill, check_symmetry, check_records,
+    check_energy, check_variable, check_jumps, check_units, check_saturation, check_signs, check_special_cases,
+    check_single_precision, check_force, check_json, check_text, check_errors,
+)  # fmt: skip
 
 
 def check_law(law: ForceLaw, random_state: int = 0) -> None:

@@ -77,7 +77,7 @@ class Shape(NamedTuple):
 
     @property
     def is_frequency(self) -> bool:
-        """Whether it is a frequency in Hz, by its name.
+        """True if it is a frequency in Hz, by its name.
 
         A record of T seconds resolves frequencies 1/T apart, thousands over its band. Candidates are the lines in the
         residual of the balances (:mod:`pysindy_nrf.regression.shape_search`), up to half the sampling rate, because

@@ -1,1 +1,1 @@
-"""Where forces act: DOFs, storeys, links, and which balances an excitation can identify."""
+"""The chain: DOFs, storeys, links, and the balances that an excitation can identify."""

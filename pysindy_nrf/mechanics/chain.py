@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from ..common.hooks import Hook
+from ..common.lazy import Hook
 from ..exceptions import ChainError
 from .identifiability import Walk, plan_walk
 from .sites import Site
 
 _GROUNDS = ("base", "both", "free")
-MOST_DOFS = 10_000  # a larger number is a mistake, or a file that wants all memory
+MOST_DOFS = 10_000  # a larger number is a mistake, or a file that would exhaust the memory
 
 
 class Chain:
@@ -29,7 +29,7 @@ class Chain:
     n_dof : int
         Number of masses, at least 1.
     links : iterable of str
-        Links beside the storeys: ``"link 4-2"`` (a brace that skips a floor), ``"ground 3"``.
+        Links in addition to the storeys: ``"link 4-2"`` (a brace that skips a floor), ``"ground 3"``.
     ground : {"base", "both", "free"}
         ``"base"``: storey 1 stands on the ground. ``"both"``: DOF n is tied to the ground too, by
         storey n+1 (= ``"ground n"``). ``"free"``: no storey 1; the chain floats.
@@ -91,7 +91,7 @@ class Chain:
     # -- the topology, written once -----------------------------------------------------------
 
     def site(self, text: Any) -> Site:
-        """The site a text or storey number means on this chain.
+        """The site of this chain for a text or storey number.
 
         Parameters
         ----------
@@ -175,7 +175,7 @@ class Chain:
         Parameters
         ----------
         links : iterable of str
-            Links that the chain does not have yet; known ones are passed over.
+            Links to add; those that the chain already has are ignored.
 
         Returns
         -------
@@ -184,7 +184,7 @@ class Chain:
         new = [s for s in dict.fromkeys(Site(text) for text in links) if s not in self.sites]
         return Chain(self.n_dof, (*self.links, *new), self.ground)
 
-    # -- what an excitation can identify ------------------------------------------------------
+    # -- identifiability ------------------------------------------------------
 
     def identifiability(
         self,
@@ -194,7 +194,7 @@ class Chain:
         known_masses: Iterable[int] = (),
         strategy: str = "auto",
     ) -> Walk:
-        """Say what an excitation can identify, before any number is produced.
+        """Masses and laws that an excitation can identify, from the topology alone.
 
         Parameters
         ----------
@@ -210,7 +210,7 @@ class Chain:
         Returns
         -------
         Walk
-            The order of the solve and what remains out of reach; ``str()`` says it in words.
+            The order of the solve and what cannot be identified; ``str()`` describes it.
 
         Examples
         --------
@@ -226,7 +226,7 @@ measure the force on floor 2, or hit floor 1.
         return plan_walk(self, forced, unknown, known_masses, strategy)
 
     def plan(self, **options: Any) -> Any:
-        """Say which floor to hit, or which sensor to add.
+        """Recommend floors to excite or sensors to add.
 
         Parameters
         ----------
@@ -237,7 +237,7 @@ measure the force on floor 2, or hit floor 1.
         Returns
         -------
         Plan
-            ``str()`` says it in words.
+            ``str()`` describes it.
 
         Examples
         --------

@@ -1,7 +1,7 @@
-"""The order of the walk along the chain, and what an excitation leaves out of reach.
+"""Order in which the balances of a chain are solved, and unknowns that an excitation cannot identify.
 
-Pure topology: no sample is looked at. A balance can be solved when something known and not zero
-stands on its right-hand side: a measured force, a known mass, or a law found before (eqs. 4-5).
+This is pure topology and uses no samples. A balance can be solved if its right-hand side contains something known
+and nonzero: a measured force, a known mass, or a law identified before (eqs. 4-5).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class Topology(Protocol):
 
 @dataclass(frozen=True)
 class Step:
-    """One sub-problem of the walk.
+    """One sub-problem of the solve.
 
     Attributes
     ----------
@@ -36,9 +36,9 @@ class Step:
     sites : tuple of Site
         Sites whose law is unknown here.
     known_sites : tuple of Site
-        Sites whose law, found before, goes to the right-hand side.
+        Sites whose law is identified before and moves to the right-hand side.
     forced : bool
-        Whether a measured force scales the step.
+        Whether a measured force scales the sub-problem.
     """
 
     dofs: tuple[int, ...]
@@ -49,7 +49,7 @@ class Step:
 
     @property
     def name(self) -> str:
-        """The step's balance in words."""
+        """The balance of the sub-problem in words."""
         if len(self.dofs) == 1:
             return f"balance of DOF {self.dofs[0]}"
         return f"balance of DOFs {self.dofs[0]} to {self.dofs[-1]} together"
@@ -62,7 +62,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Walk:
-    """Which balances are solved in which order, and what stays out of reach.
+    """Order in which the balances are solved, and unknowns that cannot be identified.
 
     Attributes
     ----------
@@ -70,9 +70,9 @@ class Walk:
         ``"complete"``, ``"sequential"`` or ``"joint"``.
     steps : tuple of Step
     missing_masses, missing_sites : tuple
-        What the excitation cannot identify.
+        Masses and sites that the excitation cannot identify.
     reasons : tuple of str
-        One sentence for each thing that is missing, with what would help.
+        One sentence for each of them, with a remedy.
     """
 
     strategy: str
@@ -83,11 +83,11 @@ class Walk:
 
     @property
     def complete(self) -> bool:
-        """Whether every mass and every law can be identified."""
+        """True if every mass and every law can be identified."""
         return not (self.missing_masses or self.missing_sites)
 
     def require_complete(self) -> Walk:
-        """Return the walk, or refuse."""
+        """The order itself; raises IdentifiabilityError if anything cannot be identified."""
         if not self.complete:
             raise IdentifiabilityError(" ".join(self.reasons))
         return self
@@ -116,7 +116,7 @@ def plan_walk(
     strategy: str = "auto",
     sites: Iterable[Site] | None = None,
 ) -> Walk:
-    """Plan the solve of a chain (paper eqs. 3-5) from what is known."""
+    """Order of the solve of a chain (paper eqs. 3-5) for the forces and masses that are known."""
     if strategy not in STRATEGIES:
         raise ChainError(f"strategy={strategy!r} is unknown", f"Choose one of {', '.join(STRATEGIES)}.")
     forced_, unknown_ = _dofs("forced", forced, chain), _dofs("unknown", unknown, chain)

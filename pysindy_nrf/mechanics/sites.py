@@ -1,4 +1,4 @@
-"""Sites: where a force law acts, in one grammar everywhere.
+"""Sites of force laws, written in one grammar.
 
 ``"storey 2"``, ``"link 4-2"``, ``"ground 3"``, ``"dof 2"``, ``"sensor a2"``. Equivalent
 spellings are one site: storey 1 = ground 1 = link 1-0.
@@ -22,9 +22,9 @@ _PATTERN = re.compile(
 class Site(str):
     """A place where a force law acts; a string in canonical spelling.
 
-    A law on a link (p, q), p > q, sees the drift ``s = x_p - x_q`` and its rate, enters the
+    A law on a link (p, q), p > q, depends on the drift ``s = x_p - x_q`` and its rate. It enters the
     balance of DOF p with + and that of DOF q with - (Newton's third law, paper eq. 4). A law on
-    ``"dof j"`` enters balance j alone, with +, and sees the motion of DOF j relative to the base.
+    ``"dof j"`` enters balance j alone, with +, and depends on the motion of DOF j relative to the base.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ class Site(str):
 
     @property
     def is_storey(self) -> bool:
-        """Whether the site joins two neighbouring DOFs (or DOF 1 and the base)."""
+        """True if the site joins two neighbouring DOFs (or DOF 1 and the base)."""
         return self.kind == "link" and self.p == self.q + 1
 
     def incidence(self, dof: int) -> int:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ..common.hooks import Hook
+from ..common.lazy import Hook
 from ..exceptions import ChainError, ChannelError, FileFormatError, FileVersionError, LawError
 from ..laws.base import ForceLaw, from_dict
 from ..laws.forcing import total_masses
@@ -459,7 +459,7 @@ class ChainModel:
         Returns
         -------
         dict
-            As :func:`pysindy_nrf.common.schema.schema` describes it, SI units.
+            As :func:`pysindy_nrf.common.files.schema` describes it, SI units.
         """
         return {
             "schema": SCHEMA,
@@ -486,7 +486,7 @@ class ChainModel:
         """
         text = json.dumps(self.to_dict(), indent=indent, allow_nan=False)
         if path is not None:
-            from ..common.atomic import atomic_write
+            from ..common.files import atomic_write
 
             with atomic_write(path) as file:
                 file.write(text + "\n")
@@ -510,9 +510,9 @@ class ChainModel:
         FileVersionError
             If a later version of this package wrote it.
         FileFormatError
-            If it is not a model of this package or does not obey :func:`pysindy_nrf.common.schema.schema`.
+            If it is not a model of this package or does not obey :func:`pysindy_nrf.common.files.schema`.
         """
-        from ..common.schema import check, plain_json, schema
+        from ..common.files import check, plain_json, schema
 
         text, where = source, "The JSON text"
         try:

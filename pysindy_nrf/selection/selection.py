@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from ..common.hooks import Hook
+from ..common.lazy import Hook
 from ..estimation.problem import law_list
 from ..exceptions import ChainError, ChannelError, NRFError
 from ..laws.power_series import exponents_of

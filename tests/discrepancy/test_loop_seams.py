@@ -14,7 +14,7 @@ from pysindy_nrf.discrepancy.catalogue import as_laws, candidates
 from pysindy_nrf.discrepancy.verdicts import Agreement, Dependence, Location, Obstacle, ResidualKind, Why
 from pysindy_nrf.output.cli.group import run
 from pysindy_nrf.output.displays.evidence import evidence_figures
-from pysindy_nrf.output.report.story import cautions, chapters, lead
+from pysindy_nrf.output.report.content import cautions, chapters, lead
 from pysindy_nrf.regression.errors import nrmse
 
 

@@ -1,4 +1,4 @@
-"""Shape parameters that are declared without a value: a frequency is heard in what the balance lacks, not scanned for."""
+"""Shape parameters that are declared without a value: a frequency is found in the spectrum of the residual."""
 
 import numpy as np
 import pytest
@@ -57,7 +57,7 @@ def test_a_declared_harmonic_force_is_found_at_any_frequency(n, dof, frequency, 
     assert np.hypot(*solution.coefficients[site]) == pytest.approx(10.0, rel=0.15)  # N
 
 
-def test_several_frequencies_are_heard_one_after_the_other():
+def test_several_frequencies_are_found_one_after_the_other():
     """Two on one floor and one on another; beside them a gap, whose width is scanned as ever."""
     top, bottom, storey = Site("dof 2"), Site("dof 1"), Site("storey 1")
     hidden = {top: [laws.HarmonicForce(21.0, 8.0, 6.0), laws.HarmonicForce(7.5, 3.0, 3.0)],
@@ -66,14 +66,14 @@ def test_several_frequencies_are_heard_one_after_the_other():
     declared = {storey: [laws.PowerSeries(1), laws.TwoSidedGap()],
                 top: [laws.HarmonicForce(), laws.HarmonicForce()], bottom: [laws.HarmonicForce()]}  # fmt: skip
     found, _ = estimated(data, declared)
-    heard = {site: sorted(law.shape["frequency"] for law in found.laws[site]) for site in (top, bottom)}
-    assert heard[top] == pytest.approx([7.5, 21.0], abs=2e-3)
-    assert heard[bottom] == pytest.approx([13.3], abs=2e-3)
+    found_at = {site: sorted(law.shape["frequency"] for law in found.laws[site]) for site in (top, bottom)}
+    assert found_at[top] == pytest.approx([7.5, 21.0], abs=2e-3)
+    assert found_at[bottom] == pytest.approx([13.3], abs=2e-3)
     assert found.laws[storey][1].shape["gap"] == pytest.approx(0.003, rel=0.05)
 
 
 @pytest.mark.parametrize("band", [None, (0.5, 45.0)])
-def test_the_regressor_hears_it_too(band):
+def test_the_regressor_finds_it_too(band):
     """In two records at once, of 2 % noise, fitted as they are and filtered."""
     truth = ChainModel([12.0] * 2, {1: STOREY, 2: STOREY, "dof 2": [laws.HarmonicForce(21.0, 8.0, 6.0)]})
     records = []

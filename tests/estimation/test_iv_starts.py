@@ -92,8 +92,8 @@ def test_a_refined_model_at_a_low_sampling_rate_holds_the_truth_in_its_intervals
 
 
 @pytest.mark.parametrize("wrong", [(0.5, -0.3, 0.4), (0.0, 2.0, 0.0)])
-def test_displacement_sensors_with_a_wrong_zero_do_not_keep_instruments_from_starting(wrong):
-    """A constant is no motion: least squares where the motion is lively is the better start."""
+def test_displacement_sensors_with_a_wrong_zero_still_start_the_instruments(wrong):
+    """A constant is no motion: least squares in the band of the motion is the better start."""
     record = add_noise(top_forced(THREE, 20.0, 500.0, (2, 40)), 0.02, random_state=5)
     x = record.displacement + np.array(wrong) * record.displacement.std(axis=0)
     with pytest.warns(BiasWarning, match="read a wrong zero") as said:
@@ -102,7 +102,7 @@ def test_displacement_sensors_with_a_wrong_zero_do_not_keep_instruments_from_sta
     assert not any("fell back" in str(w.message) for w in said)
 
 
-def test_velocities_alone_start_where_the_motion_is_lively():
+def test_velocities_alone_start_in_the_band_of_the_motion():
     truth = chain(THREE.masses, [24e4, 20e4, 16e4], [60.0, 50.0, 40.0])
     record = add_noise(top_forced(truth, 10.0, 1000.0, (4, 60)), 0.06, random_state=105)
     assert off(fitted(record.replace(acceleration=None, displacement=None)), truth) < 0.01

@@ -1,4 +1,4 @@
-"""Noise levels from what a free run misses, and the force as the motion knows it."""
+"""Noise levels from the error of a free run, and the force corrected by the motion."""
 
 from __future__ import annotations
 

@@ -4,7 +4,7 @@ from pkgutil import resolve_name
 
 import pytest
 
-from pysindy_nrf.common.hooks import Hook
+from pysindy_nrf.common.lazy import Hook
 
 
 @pytest.mark.parametrize("hook", Hook)

@@ -1,177 +1,83 @@
-"""The command line does the main job, on bundled, own and measured files, and fails in words."""
+"""What all commands share: options, words, exit codes, signals; errors are sentences."""
 
-import json
+import errno
+import io
+import os
+import re
 import subprocess
 import sys
+from pathlib import Path
 
-import measured
 import numpy as np
 import pandas as pd
 import pytest
 
-from pysindy_nrf import ChainModel, Record, datasets, simulate
-from pysindy_nrf.output.cli.group import run
+from pysindy_nrf import datasets, laws
+from pysindy_nrf.output.cli import group
+from pysindy_nrf.output.cli.group import cli, run
+from pysindy_nrf.output.cli.options import laws_of
+
+PAGE = (Path(__file__).parents[2] / "docs" / "command_line.md").read_text("utf-8")
+COMMANDS = list(cli.commands)
+SHARED = ["--map", "--unit", "--fs", "--coordinates", "--mapping", "--law", "--link", "--known-mass", "--band"]
+MISTAKES = [
+    ("--map", ["x1"], "'x1' is not of the form CHANNEL=COLUMN"),
+    ("--map", ["x1=p", "x1=q"], "x1= is given twice"),
+    ("--unit", ["x1=mm", "x1=in"], "x1= is given twice"),
+    ("--law", ["storey 1"], "'storey 1' is not of the form SITE=NAME+NAME"),
+    ("--law", ["storey 1=dahl+rubber"], "there is no law 'rubber'. Known are"),
+    ("--order", ["storey 2"], "'storey 2' is not of the form SITE=DEGREE"),
+    ("--order", ["storey 2=high"], "'high' is not a degree (3) or a box k,q (2,3)"),
+    ("--order", ["storey 2=2", "storey 2=5"], "storey 2= is given twice"),
+    ("--link", ["brace 3-1"], "'brace 3-1' is not a site"),
+    ("--link", ["link 2-2"], "'link 2-2' joins DOF 2 to itself"),
+    ("--known-mass", ["two=3"], "'two=3' is not a floor and its mass in kg, e.g. 2=12.4"),
+    ("--known-mass", ["2=12.4", "2=12.5"], "2= is given twice"),
+    ("--band", ["5"], "'5' is not a band, e.g. 0.5,30 (Hz)"),
+]
 
 
-@pytest.fixture
-def here(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+def having(option):
+    """Commands with an option, and how each declares it."""
+    found = {name: [p for p in one.params if option in p.opts] for name, one in cli.commands.items()}
+    return {name: params[0] for name, params in found.items() if params}
 
 
-def test_demo_does_the_main_job(here, capsys):
-    assert run(["demo"]) == 0
-    said = capsys.readouterr().out
-    for words in (
-        "known to be unforced: DOFs 1, 3",
-        "Balance of DOF 2 (forced): m2, storey 2, storey 3.",
-        "balance error, pooled",
-        "free-run error",
-        "(truth 12)",
-    ):
-        assert words in said
-    folder = here / "nrf_output"
-    model = ChainModel.from_json(folder / "model.json")
-    np.testing.assert_allclose(model.masses, [12, 10, 8], rtol=0.01)
-    np.testing.assert_array_equal(pd.read_csv(folder / "masses.csv")["mass_kg"], model.masses)
-    assert set(pd.read_csv(folder / "coefficients.csv")["site"]) == {"storey 1", "storey 2", "storey 3"}
-    free = pd.read_csv(folder / "free_run_errors.csv")
-    assert free.filter(like="percent").to_numpy().max() < 8
-    assert pd.read_csv(folder / "modes.csv")["frequency_Hz"].is_monotonic_increasing
-    for name in ("restoring_forces.png", "free_run.png"):
-        assert (folder / name).read_bytes()[:4] == b"\x89PNG"
-    assert not list(folder.glob(".*"))
+@pytest.mark.parametrize("option", SHARED)
+def test_an_option_is_declared_once(option):
+    said = [p.to_info_dict() | {"kind": type(p.type), "callback": p.callback} for p in having(option).values()]
+    assert said and all(one == said[0] for one in said)
 
 
-def test_demo_speaks_json(here, capsys):
-    assert run(["demo", "--json", "-o", "out"]) == 0
-    data = json.loads(capsys.readouterr().out)
-    np.testing.assert_allclose(data["masses_kg"], [12, 10, 8], rtol=0.01)
-    assert data["balance_error_percent"]["pooled"] < 5
-    assert ChainModel.from_json(json.dumps(data["model"])).n_dof == 3
+@pytest.mark.parametrize(("option", "values", "words"), MISTAKES)
+def test_a_mistake_is_named_by_its_option_and_alike_in_every_command(option, values, words, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "500")
+    said = set()
+    for name in having(option):
+        assert run([name, "3", *(part for value in values for part in (option, value))]) == 2
+        shown = capsys.readouterr()
+        said.add(re.search("^Error: .*", shown.err, re.MULTILINE)[0])
+        assert not shown.out
+    assert len(said) == 1
+    assert said.pop().startswith(f"Error: Invalid value for '{option}': {words}")
 
 
-def test_own_file_in_mm_g_and_kn(here, capsys):
-    """The bundled record as an engineer would have it: other names, other units, decimal commas."""
-    table = datasets.load_demo().to_frame()
-    own = pd.DataFrame({"Zeit": 1e3 * table.index, "Shaker": table["F2"] / 1e3})
-    for j in (1, 2, 3):
-        own[f"Acc {j}"], own[f"Laser {j}"] = table[f"a{j}"] / 9.80665, 1e3 * table[f"x{j}"]
-    own.to_csv("own.csv", sep=";", decimal=",", index=False)
-    maps = [
-        "t=Zeit @ ms",
-        "F2=Shaker @ kN",
-        *(f"a{j}=Acc {j}" for j in (1, 2, 3)),
-        *(f"x{j}=Laser {j}" for j in (1, 2, 3)),
-    ]
-    command = ["identify", "own.csv", "--unit", "a=g", "--unit", "x=mm", "--json", "--no-figures"]
-    for text in maps:
-        command += ["--map", text]
-    assert run(command) == 0
-    np.testing.assert_allclose(json.loads(capsys.readouterr().out)["masses_kg"], [12, 10, 8], rtol=0.01)
-    assert not list((here / "nrf_output").glob("*.png"))
-
-
-def test_roving_hammer_over_three_files(here, capsys):
-    """Another floor is hit in each file; no file alone has all forces. Noise-free: exact."""
-    truth = datasets.demo_truth()
-    rng = np.random.default_rng(0)
-    for j in (1, 2, 3):
-        force = np.zeros((3000, 3))
-        force[100:110, j - 1] = 800 * np.hanning(10)
-        force[900:1500, j - 1] = 30 * rng.normal(size=600)
-        simulate(truth, force, 1e-3).to_frame().to_csv(f"hit{j}.csv")
-    assert run(["identify", "hit1.csv", "hit2.csv", "hit3.csv", "--raw", "--json", "--no-figures"]) == 0
-    data = json.loads(capsys.readouterr().out)
-    assert data["walk"][0].startswith("Balance of DOF 3 (forced)")
-    np.testing.assert_allclose(data["masses_kg"], [12, 10, 8], rtol=1e-8)
-    assert set(data["free_run_error_percent"]) == {"hit1", "hit2", "hit3"}
-
-
-def test_base_excitation_with_a_known_mass(here, capsys):
-    from pysindy_nrf.simulation.excitation import earthquake
-
-    ag = earthquake(15.0, 500.0, peak=4.0, random_state=1)
-    simulate(datasets.demo_truth(), np.zeros((len(ag), 3)), 1 / 500, base_acceleration=ag).to_frame().drop(
-        columns=["F1", "F2", "F3"]
-    ).to_csv("quake.csv")
-    assert run(["identify", "quake.csv", "--raw"]) == 3
-    assert "cannot be scaled" in capsys.readouterr().out
-    assert run(["identify", "quake.csv", "--raw", "--known-mass", "3=8", "--json", "--no-figures"]) == 0
-    data = json.loads(capsys.readouterr().out)
-    np.testing.assert_allclose(data["masses_kg"], [12, 10, 8], rtol=1e-7)
-    assert data["free_run_error_percent"]["quake"]["x3"] < 1  # straight lines between samples of ag
-
-
-def test_laws_by_name(here, capsys):
-    datasets.load_demo().to_frame().to_csv("demo.csv")
-    command = [
-        "identify",
-        "demo.csv",
-        "--json",
-        "--no-figures",
-        "--degree",
-        "1",
-        "--law",
-        "storey 1=linear_viscous+duffing",
-    ]
-    assert run(command) == 0
-    data = json.loads(capsys.readouterr().out)
-    np.testing.assert_allclose(data["masses_kg"], [12, 10, 8], rtol=0.01)
-    assert [law["law"] for law in data["model"]["laws"]["storey 1"]] == ["linear_viscous", "duffing"]
-
-
-def test_emps(here, capsys):
-    """Only position and drive were measured; published mass 95.1 kg."""
-    path = measured.folder("emps") / "emps" / "DATA_EMPS.mat"
-    command = ["identify", str(path), "--map", "x1=qm", "--map", "F1=vir*35.1507", "--map", "t=t", "--band", "0,20"]
-    assert run([*command, "--degree", "1"]) == 0
-    said = capsys.readouterr().out
-    assert "<- vir * 35.1507" in said and "not used: gtau, kp, kv, qg" in said and "0 to 20 Hz" in said
-    assert "Take care" in said and "Next: pysindy-nrf close-loop" in said
-    care = said.split("Take care")[1].split("Written to")[0]
-    assert max(map(len, care.splitlines())) <= 110  # a terminal shows it whole
-    assert run([*command, "--degree", "1", "--json"]) == 0
-    data = json.loads(capsys.readouterr().out)
-    assert 93 <= data["masses_kg"][0] <= 97
-    assert 16 <= data["balance_error_percent"]["dof 1"] <= 18
-    assert run([*command, "--json"]) == 0
-    data = json.loads(capsys.readouterr().out)
-    assert 93 <= data["masses_kg"][0] <= 97 and 8.5 <= data["balance_error_percent"]["dof 1"] <= 10
-
-
-def test_frequency_responses(here, capsys):
-    path = measured.folder("three_storey_frf") / "three_storey_frf" / "cristallo_Experimental.csv"
-    assert run(["identify", str(path), "--frf", "--driven", "1", "--band", "4,32", "--json"]) == 0
-    masses = json.loads(capsys.readouterr().out)["masses_kg"]
-    assert max(masses) / min(masses) - 1 < 0.10
-    assert (here / "nrf_output" / "frequency_response.png").is_file()
-    assert run(["identify", str(path)]) == 3
-    assert "--frf" in capsys.readouterr().err
-    assert run(["identify", str(path), "--frf", "--degree", "3"]) == 2
-    assert "linear laws only" in capsys.readouterr().err
-
-
-def test_dry_run_solves_and_writes_nothing(here, capsys):
-    datasets.load_demo().to_frame().to_csv("demo.csv")
-    assert run(["identify", "demo.csv", "--dry-run"]) == 0
-    said = capsys.readouterr().out
-    assert "4000 samples at 200 Hz" in said and "m2, storey 2, storey 3" in said and "kg" not in said
-    assert [p.name for p in here.iterdir()] == ["demo.csv"]
+def test_links_by_any_spelling_are_the_link(capsys):
+    answers = []
+    for text in ("link 3-1", "link 1-3", " link  3-1 "):
+        assert run(["plan", "3", "--link", text, "--json"]) == 0
+        answers.append(capsys.readouterr().out)
+    assert len(set(answers)) == 1
 
 
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [
         (["identify"], 2, "FILE"),
-        (["identify", "a.csv", "--map", "x1"], 2, "CHANNEL=COLUMN"),
-        (["identify", "a.csv", "--band", "5"], 2, "0.5,30"),
         (["identify", "a.csv", "--degree", "2.5"], 2, "degree"),
-        (["identify", "a.csv", "--known-mass", "two=3"], 2, "2=12.4"),
-        (["identify", "a.csv", "--law", "storey 1=rubber"], 2, "no law 'rubber'"),
         (["identify", "a.csv", "--kind", "mobility"], 2, "--frf only"),
-        (["identify", "a.csv", "--map", "x1=p", "--map", "x1=q"], 2, "twice"),
         (["conquer"], 2, "conquer"),
+        ([], 2, "identify"),
         (["identify", "nowhere.csv"], 3, "nowhere.csv does not exist"),
         (["identify", "a.csv", "--map", "x1=q"], 3, "no variable 'q'"),
         (["identify", "a.csv"], 3, "nothing scales the chain"),
@@ -189,55 +95,6 @@ def test_errors_are_sentences_with_exit_codes(here, capsys, arguments, code, wor
     assert not (here / "nrf_output").exists()
 
 
-def test_ctrl_c_leaves_no_half_written_file(here, capsys, monkeypatch):
-    (here / "nrf_output").mkdir()
-    (here / "nrf_output" / "masses.csv").write_text("old\n")
-
-    def interrupted(self, file, **options):
-        file.write("half")
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(pd.DataFrame, "to_csv", interrupted)
-    assert run(["demo"]) == 130
-    assert "Stopped" in capsys.readouterr().err
-    assert (here / "nrf_output" / "masses.csv").read_text() == "old\n"
-    assert {p.name for p in (here / "nrf_output").iterdir()} == {"model.json", "masses.csv"}
-
-
-def test_an_unwritable_folder_and_a_fault_of_ours(here, capsys, monkeypatch):
-    (here / "taken").write_text("")
-    assert run(["demo", "-o", "taken"]) == 2
-    assert "taken" in capsys.readouterr().err
-    from pysindy_nrf import NRFRegressor
-
-    def broken(self, *args, **options):
-        raise RuntimeError("boom")
-
-    monkeypatch.setattr(NRFRegressor, "fit", broken)
-    assert run(["demo"]) == 1
-    shown = capsys.readouterr().err
-    assert "RuntimeError: boom" in shown and "report" in shown and "Traceback" not in shown
-
-
-def test_without_matplotlib_there_are_no_figures_and_it_says_so(here, capsys, monkeypatch):
-    import importlib.util
-
-    real = importlib.util.find_spec
-    monkeypatch.setattr(
-        importlib.util, "find_spec", lambda name, *rest: None if name == "matplotlib" else real(name, *rest)
-    )
-    assert run(["demo"]) == 0
-    assert "pysindy-nrf[plot]" in capsys.readouterr().out
-    assert not list((here / "nrf_output").glob("*.png"))
-
-
-def test_help_teaches(capsys):
-    assert run(["--help"]) == 0
-    assert "Exit codes" in capsys.readouterr().out
-    assert run(["identify", "--help"]) == 0
-    assert "--map F1='vir*35.1507'" in capsys.readouterr().out
-
-
 def test_as_a_process(tmp_path):
     done = subprocess.run(
         [sys.executable, "-m", "pysindy_nrf", "identify", "nowhere.csv"], capture_output=True, text=True, cwd=tmp_path
@@ -245,10 +102,143 @@ def test_as_a_process(tmp_path):
     assert done.returncode == 3 and done.stdout == "" and done.stderr.startswith("Error: nowhere.csv")
 
 
-def test_the_input_is_not_changed(here):
-    rec = datasets.load_demo()
-    rec.to_frame().to_csv("demo.csv")
-    before = (here / "demo.csv").read_bytes()
-    assert run(["identify", "demo.csv", "--band", "0.5,30", "--no-figures"]) == 0
-    assert (here / "demo.csv").read_bytes() == before
-    assert isinstance(rec, Record)
+FAULTS = [
+    (MemoryError(), 1, "Not enough memory"),
+    (RecursionError(), 1, "nested too deeply"),
+    (OSError(errno.ENOSPC, "No space left on device", "nrf_output/model.json"), 1, "model.json: No space left on device"),
+    (RuntimeError("boom"), 1, "RuntimeError: boom. This is a fault of pysindy-nrf"),
+    (KeyboardInterrupt(), 130, "Stopped"),
+]
+
+
+@pytest.mark.parametrize(("fault", "code", "words"), FAULTS)
+def test_every_fault_is_a_sentence_with_a_code(capsys, fault, code, words):
+    @cli.command("falls")
+    def falls():
+        raise fault
+
+    try:
+        assert run(["falls"]) == code
+    finally:
+        del cli.commands["falls"]
+    shown = capsys.readouterr()
+    assert words in shown.err and "Traceback" not in shown.err and not shown.out
+
+
+@pytest.mark.parametrize(("package", "extra", "kind"), [("matplotlib", "plot", "png"), ("jinja2", "report", "html")])
+def test_without_an_extra_the_rest_is_written_and_the_extra_named(here, capsys, monkeypatch, demo_file, package, extra, kind):
+    monkeypatch.setitem(sys.modules, package, None)
+    assert run(["identify", demo_file, "--degree", "1"]) == 0
+    assert f"pip install 'pysindy-nrf[{extra}]'" in capsys.readouterr().out
+    assert Path("nrf_output/masses.csv").exists() and not list(Path("nrf_output").glob(f"*.{kind}"))
+
+
+def test_help_says_what_to_do_first(capsys):
+    assert run(["--help"]) == 0
+    said = capsys.readouterr().out
+    assert "Exit codes" in said and said.index("pysindy-nrf demo") < said.index("pysindy-nrf identify test.csv")
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_of_every_command(command, capsys):
+    assert run([command, "--help"]) == 0
+    said = capsys.readouterr().out
+    assert "--json" in said and ("pysindy-nrf " + command in said or command == "demo")
+    assert f"`{command}" in PAGE
+
+
+@pytest.mark.parametrize("command", [c for c in COMMANDS if c not in ("demo", "plan")])
+def test_no_command_shows_a_traceback(command, here, capsys):
+    (here / "bad.csv").write_bytes(os.urandom(500))
+    for arguments in ([], ["nowhere.csv"], ["bad.csv"], ["nowhere.csv", "bad.csv"], ["--nonsense"], ["."], [""]):
+        code = run([command, *arguments])
+        shown = capsys.readouterr()
+        assert code in (2, 3) and "Traceback" not in shown.err + shown.out and shown.err.strip()
+        assert "fault of pysindy-nrf" not in shown.err, shown.err
+    assert [p.name for p in here.iterdir()] == ["bad.csv"]
+
+
+def test_exit_codes_are_those_of_the_page():
+    table = re.findall(r"^\| (\d+) \| ([\w ]+)", PAGE, re.MULTILINE)
+    codes = {int(code): words for code, words in table}
+    assert set(codes) == {0, group.OTHER, group.USAGE, group.DATA, group.INTERRUPTED}
+    assert codes[group.USAGE] == "wrong usage" and codes[group.INTERRUPTED] == "stopped by Ctrl"
+
+
+SWALLOW = """
+import ctypes, signal, time
+from pysindy_nrf.output.cli import group
+
+@group.cli.command()
+def swallow():
+    def callback():
+        raise KeyboardInterrupt
+    ctypes.CFUNCTYPE(None)(callback)()
+    time.sleep(600)
+    print("not heard")
+
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background ignores it
+group.main(["swallow"])
+"""
+
+
+def test_ctrl_c_that_a_callback_swallows_is_heard_all_the_same(here):
+    """Python drops what is raised in a callback of compiled code, such as the compiler's; it must come again."""
+    done = subprocess.run([sys.executable, "-c", SWALLOW], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 130 and "Stopped" in done.stderr
+    assert "Traceback" not in done.stderr and "not heard" not in done.stdout
+
+
+def test_a_terminal_that_knows_only_ascii(here):
+    """Signs it lacks are shown as codes; no command fails on its own words."""
+    table = datasets.load_demo().to_frame().rename(columns={"a1": "Größe µ"})
+    table.to_csv("odd.csv")
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii", "LC_ALL": "C", "PYTHONUTF8": "0"}
+    command = [sys.executable, "-m", "pysindy_nrf", "inspect", "odd.csv", "--map", "a1=Größe µ"]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=60)
+    assert done.returncode == 0 and "Gr" in done.stdout, done.stderr
+
+
+@pytest.mark.parametrize("shell", ["zsh", "fish"])
+def test_shell_completion(here, shell, monkeypatch, capsys):
+    """The variable and the words of the documentation are those that the program answers to."""
+    assert f"_PYSINDY_NRF_COMPLETE={shell}_source" in PAGE
+    monkeypatch.setenv("_PYSINDY_NRF_COMPLETE", f"{shell}_source")
+    with pytest.raises(SystemExit, match="0"):
+        run([])
+    assert "pysindy-nrf" in capsys.readouterr().out
+    monkeypatch.setenv("_PYSINDY_NRF_COMPLETE", f"{shell}_complete")
+    monkeypatch.setenv("COMP_WORDS", "pysindy-nrf se")
+    monkeypatch.setenv("COMP_CWORD", "1" if shell == "zsh" else "se")
+    with pytest.raises(SystemExit, match="0"):
+        run([])
+    assert "select-order" in capsys.readouterr().out
+
+
+def test_a_missing_reader_is_named(here, capsys, monkeypatch):
+    Path("a.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(600))
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    assert run(["inspect", "a.h5"]) == 1
+    assert "pysindy_nrf[files]" in capsys.readouterr().err
+
+
+def test_a_reader_that_has_left_is_no_fault(monkeypatch):
+    """`pysindy-nrf plan 8 | head -1`: the other end of the pipe is closed."""
+    read, write = os.pipe()
+    os.close(read)
+    said = io.StringIO()
+    with monkeypatch.context() as patched:
+        patched.setattr(sys, "stdout", os.fdopen(write, "w", buffering=1))
+        patched.setattr(sys, "stderr", said)
+        try:
+            code = run(["plan", "8"])
+        except SystemExit as left:
+            code = left.code
+        assert code == 1
+    assert said.closed or "Traceback" not in said.getvalue()
+
+
+def test_every_law_by_name_stands_alone():
+    """--law SITE=NAME makes a law without arguments; each name of the registry must allow it."""
+    for name in laws.registry():
+        assert laws_of([("storey 1", [name])], 2)["storey 1"][0].name == name

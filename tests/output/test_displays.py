@@ -5,25 +5,37 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import chains
 import numpy as np
 import pandas as pd
 import paper_cases as cases
 import paper_published as published
 import pytest
 
-from pysindy_nrf import ChainModel, NRFRegressor, laws
+from pysindy_nrf import ChainModel, NRFRegressor, datasets, excitation, laws, simulate
+from pysindy_nrf.discrepancy.characterisation import characterise
+from pysindy_nrf.discrepancy.evidence import Evidence
 from pysindy_nrf.estimation import planarity
 from pysindy_nrf.exceptions import ChannelError, LawError
+from pysindy_nrf.laws import Motion
 from pysindy_nrf.monitoring import compare_tests
 from pysindy_nrf.output.displays._figure import Axis, Bars, Figure, Line
+from pysindy_nrf.output.displays._matplotlib import Display
 from pysindy_nrf.output.displays._plotly import as_plotly
+from pysindy_nrf.regression.domains import VisitedRegion
 
 matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
 
-from pysindy_nrf import Record, displays, excitation, simulate  # noqa: E402
+from pysindy_nrf import Record, displays  # noqa: E402
 from pysindy_nrf.output.displays import FreeRunDisplay  # noqa: E402
+
+
+@pytest.fixture(autouse=True)
+def closed():
+    yield
+    plt.close("all")
 
 
 @pytest.fixture(scope="module")
@@ -64,15 +76,6 @@ def test_plot_returns_self_and_labels_carry_units(made, name, tmp_path):
         for axis in (figure.x, figure.y, figure.z):
             assert axis is None or axis.unit or axis.ticks or axis.label in ("", "mode shape (largest entry 1)")
     display.figure_.savefig(tmp_path / "picture.png", dpi=60)
-    plt.close(display.figure_)
-
-
-@pytest.mark.parametrize("name", ["loops", "damper", "energy", "change", "planarity", "track"])
-def test_given_axes_are_used(made, name):
-    figure, ax = plt.subplots()
-    display = made[name].plot(ax)
-    assert display.ax_ is ax and display.figure_ is figure and len(figure.axes) <= 2
-    plt.close(figure)
 
 
 def test_curves_are_the_models_on_the_sheet_and_on_the_page(fitted):
@@ -88,7 +91,6 @@ def test_curves_are_the_models_on_the_sheet_and_on_the_page(fitted):
     unit = 1e3 if "(kN)" in drawn["layout"]["yaxis"]["title"]["text"] else 1.0
     assert "(mm)" in drawn["layout"]["xaxis"]["title"]["text"]
     np.testing.assert_allclose(unit * np.array(trace["y"]), force, atol=2e-4 * np.abs(force).max())
-    plt.close(display.figure_)
 
 
 def test_a_surface_is_the_restoring_force_where_the_data_were(made, fitted):
@@ -122,16 +124,17 @@ def test_a_stiffness_that_drops_by_a_fifth_is_drawn_as_twenty_percent():
 def test_bounds_and_order_of_lying_bars_are_the_same_on_both():
     bars = Bars([90.0, 40.0], low=[80.0, 10.0], high=[95.0, 60.0])
     figure = Figure("", [bars], Axis("share", "%"), Axis(ticks=["storey 1", "storey 2"]), lying=True)
-    _, ax = plt.subplots()
-    from pysindy_nrf.output.displays._matplotlib import _draw
 
-    _draw(figure, ax)
+    class Bounds(Display):
+        def figures(self):
+            return [figure]
+
+    ax = Bounds().plot().ax_
     trace, layout = as_plotly(figure)["data"][0], as_plotly(figure)["layout"]
     assert [p.get_width() for p in ax.patches] == trace["x"] == [90.0, 40.0]
     assert trace["error_x"]["array"] == [5.0, 20.0] and trace["error_x"]["arrayminus"] == [10.0, 30.0]
     assert [text.get_text() for text in ax.get_yticklabels()] == layout["yaxis"]["ticktext"] == ["storey 1", "storey 2"]
     assert ax.yaxis_inverted() and layout["yaxis"]["autorange"] == "reversed"
-    plt.close("all")
 
 
 def test_names_that_are_markup_stay_text_on_the_page():
@@ -155,6 +158,70 @@ def test_wrong_requests_are_refused(fitted):
         displays.HysteresisLoopDisplay.from_estimator(model, X, F, "dof 2")
     with pytest.raises(ChannelError, match="no displacement"):
         displays.FreeRunDisplay.from_estimator(model, case.exact.replace(displacement=None))
+
+
+def orders(errors, **more):
+    table = pd.DataFrame({"error": errors, "standard_error": 0.1 * np.abs(errors)}, index=["1", "2", "3"])
+    table["chosen"] = [False, True, False]
+    return table.assign(**more)
+
+
+def test_errors_over_orders_of_magnitude_are_drawn_on_a_log_scale():
+    """80 % to 0.01 % does not fit a linear axis; 5 to 8 % does, from zero; a score below zero has no such foot."""
+    wide = displays.OrderSelectionDisplay(orders([80.0, 0.01, 0.02])).plot().ax_
+    even = displays.OrderSelectionDisplay(orders([8.0, 5.0, 5.1])).plot().ax_
+    score = displays.OrderSelectionDisplay(orders([-8.0, -5.0, -5.1])).plot().ax_
+    assert wide.get_yscale() == "log" and even.get_yscale() == "linear"
+    assert even.get_ylim()[0] == 0 and score.get_ylim()[0] < -5
+    both = displays.OrderSelectionDisplay(orders([8.0, 5.0, 5.1], free_run_error=[20.0, 9.0, 9.5])).plot().ax_
+    free = next(line for line in both.get_lines() if line.get_label() == "free run")
+    np.testing.assert_array_equal(free.get_ydata(), [20.0, 9.0, 9.5])
+
+
+def test_a_search_that_was_not_refitted_marks_nothing():
+    from sklearn.model_selection import GridSearchCV
+
+    case = chains.duffing(1, [1], seed=1, n_samples=900)
+    search = GridSearchCV(NRFRegressor(), {"degree": [1, 3]}, cv=2, refit=False).fit(case.X, case.F)
+    shown = displays.OrderSelectionDisplay.from_estimator(search)
+    assert list(shown.table.index) == ["1", "3"] and shown.table["chosen"].sum() <= 1
+
+
+def test_everything_draws_on_axes_that_are_given():
+    figure, axes = plt.subplots(2, 4)
+    t = np.arange(4000) / 500
+    s = np.sin(9 * t) + 0.7 * np.sin(23.1 * t)
+    v = 9 * np.cos(9 * t) + 0.7 * 23.1 * np.cos(23.1 * t)
+    evidence = Evidence("baseline", characterisation=characterise(20 * np.sign(v), Motion(s, v, t=t)))
+    displays.EvidenceDisplay(evidence).plot(axes[0, :3])
+    index = pd.MultiIndex.from_tuples([("storey 1", "v"), ("storey 1", "s")])
+    displays.CoefficientsDisplay(pd.DataFrame({"truth": [0.1, 0.9]}, index=index)).plot(axes[0, 3:])
+    displays.ModesDisplay.from_estimator(datasets.demo_truth()).plot(axes[1, :1])
+    track = pd.DataFrame({"record": "quake", "t": t[::500], "k1": 4e4, "k2": 3e4})
+    displays.TrackDisplay(track).plot(axes[1, 1])
+    assert all(ax.has_data() for ax in [*axes[0], *axes[1, :2]]) and len(plt.get_fignums()) == 1
+    assert not [text for text in axes[1, 1].texts if "s" in text.get_text()]  # no onset, no mark of one
+
+
+def test_a_change_map_without_doubt_or_colours():
+    """Every cell significant: no hatching, no legend; no bar of colours where the sheet has one already."""
+    v, s = (g.ravel() for g in np.meshgrid(np.linspace(-0.1, 0.1, 9), np.linspace(-0.002, 0.002, 9)))
+    table = pd.DataFrame({"v": v, "s": s, "change": -4e3 * s, "error": 0.5, "significant": True, "visited": True})
+    bare = displays.ChangeMapDisplay(table, "storey 2", colorbar=False).plot()
+    assert bare.ax_.get_legend() is None and len(bare.figure_.axes) == 1
+    assert len(displays.ChangeMapDisplay(table.assign(significant=False), "storey 2").plot().figure_.axes) == 2
+
+
+def test_a_surface_without_a_reference_and_a_run_without_velocities():
+    t = np.linspace(0, 6.3, 500)
+    region = VisitedRegion.of(0.1 * np.cos(t), 0.001 * np.sin(t))
+    model = ChainModel([10.0], {1: laws.PowerSeries(1, [100.0, 1e5])}, visited={"storey 1": region})
+    labels = [x.get_text() for x in displays.RestoringForceSurfaceDisplay.from_estimator(model, 1).plot().ax_.get_legend().texts]
+    assert "paper" not in labels
+    F = excitation.band_limited_random(1, 4.0, 500.0, dofs=1, rms=50.0, band=(1, 30), random_state=0)
+    rec = simulate(model, F, 1 / 500)  # from rest: nothing is lost without the first velocity
+    shown = displays.FreeRunDisplay.from_estimator(model, rec.replace(velocity=None, acceleration=None))
+    assert shown.error.max() < 1e-6
 
 
 def test_importing_displays_does_not_import_matplotlib():

@@ -168,21 +168,6 @@ def test_the_printed_equation_is_the_force():
 
 # -- JSON -----------------------------------------------------------------------------------------
 
-_FINITE = st.floats(allow_nan=False, allow_infinity=False)
-
-
-@given(st.floats(1e-300, 1e300), st.lists(_FINITE, min_size=5, max_size=5), st.floats(1e-3, 1e9))
-def test_json_keeps_every_bit(mass, c, sigma):
-    model = ChainModel([mass, 0.1 + 0.2], {
-        1: [laws.PowerSeries((1, 2), c), laws.Dahl(sigma=sigma, Fd=c[0])], "ground 2": laws.Duffing(c[1], c[2]), "dof 1": laws.ConstantForce(c[3]),
-    })  # fmt: skip
-    again = ChainModel.from_json(model.to_json())
-    assert again == model and again.masses.tobytes() == model.masses.tobytes()
-    for site, held in model.laws.items():
-        for a, b in zip(held, again.laws[site], strict=True):
-            assert a.coefficients.tobytes() == b.coefficients.tobytes() and a.shape == b.shape
-
-
 def test_json_of_a_fitted_model_predicts_the_same_bits(chain4, tmp_path):
     model = NRFRegressor(orders={"storey 2": (2, 1)}).fit(chain4.X, chain4.F).model_
     path = tmp_path / "model.json"

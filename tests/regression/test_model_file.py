@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pysindy_nrf import ChainModel, NRFRegressor, datasets, laws
-from pysindy_nrf.common.schema import schema
+from pysindy_nrf.common.files import schema
 from pysindy_nrf.exceptions import FileFormatError, FileVersionError
 
 

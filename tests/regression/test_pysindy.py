@@ -24,7 +24,6 @@ from pysindy_nrf import (
 )
 from pysindy_nrf.exceptions import BiasWarning, ChannelError, ExcitationError, IdentifiabilityError, LawError, NRFError
 from pysindy_nrf.mechanics.identifiability import plan_walk
-from pysindy_nrf.regression import optimizers
 from pysindy_nrf.regression.blocks import blocks_of
 from pysindy_nrf.regression.chain_solve import solve_blocks
 from pysindy_nrf.regression.layout import Layout
@@ -87,22 +86,6 @@ def test_the_three_entrances_agree(inner, forced):
         assert np.abs((found[2] - found[0]) * rms).max() < 1e-10 * scale
         if len(forced) < 4 and i > 1:  # Newton's third law in the other balance
             assert np.array_equal(optimizer.coef_[i - 2, 4 + 9 * (i - 1) : 4 + 9 * i], -found[1])
-
-
-def test_the_regressor_lives_by_the_chain_optimizer(chain4, monkeypatch):
-    """No decorative PySINDy face: without ChainOptimizer there is no regressor."""
-    monkeypatch.delattr(optimizers, "ChainOptimizer")
-    with pytest.raises((ImportError, AttributeError)):
-        NRFRegressor(optimizer=ps.STLSQ(threshold=0.01)).fit(chain4.X, chain4.F)
-
-
-def test_the_regressor_runs_what_the_chain_optimizer_runs(chain4, monkeypatch):
-    seen = []
-    original = optimizers.ChainOptimizer.solve
-    monkeypatch.setattr(optimizers.ChainOptimizer, "solve", lambda self, *a, **k: (seen.append(self.optimizer), original(self, *a, **k))[1])
-    inner = ps.STLSQ(threshold=0.01)
-    NRFRegressor(optimizer=inner).fit(chain4.X, chain4.F)
-    assert seen == [inner]
 
 
 # -- sparse optimizers on SI units ----------------------------------------------------------------
@@ -221,14 +204,6 @@ def test_sindy_with_the_chain_optimizer(chain4, capsys):
     assert len(lines) == 4 and f"{chain4.m[2]:.1f} a3" in lines[2] and "s4^3" in lines[2]
 
 
-def test_several_trajectories():
-    same = chains.parameters(3, np.random.default_rng(9))
-    cases = [chains.duffing(3, [j], seed=20 + j, n_samples=800 + 100 * j, given=same) for j in (1, 2, 3)]
-    model = ps.SINDy(optimizer=ChainOptimizer(), feature_library=InterstoryPolynomialLibrary(3))
-    model.fit([c.X for c in cases], t=1e-3, x_dot=[c.F for c in cases])
-    assert worst(model.optimizer.masses_, same[0]) < 1e-8 and model.optimizer.walk_.strategy == "complete"
-
-
 def test_bagging_around_the_chain_optimizer(chain4):
     np.random.seed(0)  # EnsembleOptimizer draws from NumPy's global state
     model = ps.SINDy(
@@ -291,24 +266,6 @@ def test_state_space_rows_are_the_equations_of_motion(state_space, capsys):
     assert len(capsys.readouterr().out.splitlines()) == 6
 
 
-def test_state_space_predicts_and_scores(state_space):
-    case, state, rate, model = state_space
-    assert np.allclose(model.predict(state, u=case.F), rate, atol=1e-6)
-    assert model.score(state, t=case.dt, x_dot=rate, u=case.F) == pytest.approx(1.0, abs=1e-12)
-
-
-def test_state_space_simulates_a_chain_hit_on_one_floor(state_space):
-    case, state, _, model = state_space
-    t = np.arange(80) * case.dt
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # PySINDy drops the last sample and says so
-        run = model.simulate(state[0], t, u=case.F[:80], integrator_kws={"method": "DOP853", "rtol": 1e-7, "atol": 1e-10})
-    given = (case.m, case.c, case.k, case.k3)
-    *_, s = chains.integrate(*given, case.F[:80], case.dt, substeps=8)
-    x = s.cumsum(axis=1)[: len(run)]
-    assert np.abs(run[:, :3] - x).max() < 0.02 * np.abs(x).max()  # PySINDy interpolates u by a cubic, we by lines
-
-
 def test_laws_without_a_right_hand_side_are_refused():
     for law, word in [(laws.Dahl(sigma=1.0), "remembers"), (laws.Inerter(), "acceleration")]:
         with pytest.raises(LawError, match=word):
@@ -326,12 +283,6 @@ def test_optimizers_keep_the_scikit_learn_contract(cls):
     assert inner.threshold == 0.2
     twin = clone(optimizer)
     assert twin.optimizer is not inner and twin.optimizer.threshold == 0.2 and twin.chain == Chain(2)
-
-
-def test_the_inner_optimizer_is_cloned_not_fitted(chain4):
-    inner = ps.STLSQ(threshold=0.005)
-    ChainOptimizer(inner).fit(*_features(chain4))
-    assert not hasattr(inner, "coef_")
 
 
 def _features(case, degree=3):
@@ -379,20 +330,3 @@ def test_accelerations_alone_as_targets_give_the_same_rows():
     assert np.array_equal(alone.coef_, both.coef_[3:]) and np.array_equal(both.coef_[:3, :3], np.eye(3))
     assert worst(alone.masses_, case.m) < 1e-8
     assert np.allclose(alone.predict(features), case.a, atol=1e-8 * np.abs(case.a).max())
-
-
-@pytest.mark.parametrize("inputs", ["balance", "state"])
-def test_library_contract(inputs):
-    library = InterstoryPolynomialLibrary(2, inputs=inputs)
-    X = np.random.default_rng(0).normal(size=(30, 6))
-    fitted = library.fit(X)
-    assert fitted is library and library.n_features_in_ == 6
-    out = library.transform(X)
-    assert out.shape == (30, library.n_output_features_) == (30, len(library.get_feature_names()))
-    assert [o.shape for o in library.transform([X, X[:7]])] == [(30, out.shape[1]), (7, out.shape[1])]
-    assert np.array_equal(np.asarray(library.transform(X[:7])), np.asarray(out)[:7])
-    with pytest.raises(ChannelError, match="3 features, .* expecting 6 features"):
-        library.transform(X[:, :3])
-    with pytest.raises(ChannelError, match="5 columns"):
-        InterstoryPolynomialLibrary(2, inputs=inputs).fit(X[:, :5])
-    assert clone(library).get_params() == library.get_params()

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import copy
 import pickle
-import re
 import warnings
-from pathlib import Path
 
 import chains
 import numpy as np
@@ -199,13 +197,6 @@ def test_sums_that_make_no_sense_are_refused(add, message):
         add().fit(X)
 
 
-def test_columns_of_no_storey_are_refused_by_the_chain_optimizer_where_their_number_tells():
-    case = chains.duffing(2, [1], n_samples=200)
-    mixed = InterstoryPolynomialLibrary(2) + ps.PolynomialLibrary(1)  # 10 + 7 terms for two storeys
-    with pytest.raises(ChannelError, match="17 storey terms cannot be shared out evenly to 2 sites"):
-        ps.SINDy(optimizer=ChainOptimizer(), feature_library=mixed).fit(case.X, t=case.dt, x_dot=case.F)
-
-
 def test_a_plain_optimizer_takes_our_columns():
     case = chains.duffing(1, [1], n_samples=800, cubic=False)
     library = InterstoryPolynomialLibrary(1) + ps.PolynomialLibrary(0)
@@ -269,12 +260,6 @@ def test_not_fitted_optimizer(kind):
     for ask in (lambda: kind().predict(np.ones((1, 9))), lambda: kind().complexity):
         with pytest.raises(NotFittedError):
             ask()
-
-
-def test_complexity_falls_as_the_threshold_rises(kind):
-    _, theta, y = features(kind)
-    counts = [kind(ps.STLSQ(threshold=t)).fit(theta, y).complexity for t in (1e-8, 3e-3, 0.3)]
-    assert counts[0] >= counts[1] > counts[2]
 
 
 def test_unbiasing_is_least_squares_on_what_was_kept(kind):
@@ -354,19 +339,6 @@ def test_trajectories_of_different_length_inside_sindy(kind):
     whole = ps.SINDy(optimizer=kind(), feature_library=clone(library)).fit(x, t=case.dt, x_dot=y, u=u)
     assert np.allclose(model.optimizer.masses_, whole.optimizer.masses_, rtol=1e-9)
     assert [p.shape for p in model.predict(pieces(x), u=pieces(u))] == [y[rows].shape for rows in cut]
-
-
-# -- the examples of PySINDy's documentation, written both ways -----------------------------------
-
-
-def test_the_examples_take_fewer_lines_here():
-    example = Path(__file__).parents[2] / "examples" / "plot_coming_from_pysindy.py"
-    if not example.exists():
-        pytest.skip("the examples are not part of an installed package")
-    cells = re.findall(r"^# (plain SINDy|pysindy_nrf)\n((?:[^#\n].*\n)+)", example.read_text("utf-8"), re.MULTILINE)
-    assert [who for who, _ in cells] == ["plain SINDy", "pysindy_nrf"] * 3
-    lines = [code.count("\n") for _, code in cells]
-    assert all(ours < plain for plain, ours in zip(lines[::2], lines[1::2]))
 
 
 @pytest.mark.parametrize(

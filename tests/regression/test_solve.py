@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from pysindy_nrf import Chain, NRFRegressor, laws
 from pysindy_nrf.exceptions import BiasWarning, IdentifiabilityError, RankWarning
-from pysindy_nrf.regression import chain_solve
 
 pytestmark = pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.BiasWarning")
 
@@ -34,13 +33,19 @@ def assert_exact(model, case, tolerance=EXACT):
 
 
 @pytest.mark.parametrize("cubic", [False, True], ids=["linear", "Duffing"])
-@pytest.mark.parametrize("n", range(1, 11))
+@pytest.mark.parametrize("n", [1, 2, 3, 5, 10])
 def test_each_single_forced_dof_gives_the_whole_chain(n, cubic):
     for case in chains.each_single(n, seed=n, n_samples=800, cubic=cubic):
         assert_exact(NRFRegressor(degree=3).fit(case.X, case.F), case)
 
 
-@pytest.mark.parametrize("forced", [[1], [26], [50], list(range(1, 51))], ids=["first", "middle", "last", "all"])
+@pytest.mark.parametrize("forced", [
+        pytest.param([1], marks=pytest.mark.slow),
+        pytest.param([26], marks=pytest.mark.slow),
+        [50],
+        list(range(1, 51)),
+    ],
+    ids=["first", "middle", "last", "all"],)
 def test_fifty_storeys(forced):
     case = chains.duffing(50, forced, seed=3, n_samples=2500)
     assert_exact(NRFRegressor(degree=3).fit(case.X, case.F), case)
@@ -61,7 +66,7 @@ def test_several_forced_dofs_walk_from_each():
 
 
 @given(st.integers(1, 5), st.integers(0, 2**31), st.data())
-@settings(max_examples=15)
+@settings(max_examples=8)
 def test_any_parameters_any_excitation(n, seed, data):
     forced = data.draw(st.sets(st.integers(1, n), min_size=1))
     case = chains.duffing(n, forced, seed=seed, n_samples=700)
@@ -73,26 +78,6 @@ def test_high_degrees_fall_back_on_qr_and_stay_exact(degree, chain4):
     model = NRFRegressor(degree=degree).fit(chain4.X, chain4.F)
     assert model.condition_.max() > 20
     assert_exact(model, chain4)
-
-
-def test_the_gram_matrix_alone_would_lose_the_digits_that_qr_keeps(chain4):
-    """Squaring costs; the fall-back is needed, not decoration."""
-    model = NRFRegressor(degree=12).fit(chain4.X, chain4.F)
-    truth = np.concatenate([chain4.c, chain4.k, chain4.k3])
-
-    def error(m):
-        found = [m.restoring_forces_[i].coefficients for i in range(1, 5)]
-        return worst([f[t] for t in ("v", "s", "s^3") for f in found], truth)
-
-    original = chain_solve.Solution.digits_at_risk
-    try:
-        chain_solve.Solution.digits_at_risk = lambda self: False
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            squared = NRFRegressor(degree=12).fit(chain4.X, chain4.F)
-    finally:
-        chain_solve.Solution.digits_at_risk = original
-    assert error(model) < 1e-8 and error(squared) > 10 * error(model)
 
 
 # -- what scales the chain besides a force --------------------------------------------------------
@@ -225,61 +210,9 @@ def test_a_chain_held_at_both_ends(forced):
     assert model.restoring_forces_[4].coefficients[["v", "s"]].tolist() == pytest.approx([60.0, 5e4], rel=EXACT)
 
 
-# -- symmetries of mechanics ----------------------------------------------------------------------
-
-
-_CASE = chains.duffing(2, [2], seed=5, n_samples=600)
-_UNITS = (_CASE, NRFRegressor(degree=3).fit(_CASE.X, _CASE.F))
-
-
-@given(st.floats(-6, 6), st.floats(-6, 6), st.floats(-3, 3))
-def test_units_rescale_the_answer_exactly(length, mass, time):
-    """Millimetres, tonnes, milliseconds: any power of two leaves every bit in place."""
-    case, model = _UNITS
-    L, M, T = (2.0 ** round(3 * p) for p in (length, mass, time))
-    X = np.hstack([case.a * L / T**2, case.v * L / T, case.s * L])
-    other = NRFRegressor(degree=3).fit(X, case.F * M * L / T**2)
-    assert worst(other.masses_, M * model.masses_) < 1e-12
-    for i in (1, 2):
-        a, b = model.restoring_forces_[i].coefficients, other.restoring_forces_[i].coefficients
-        for label in ("v", "s", "s^3"):
-            h, j = chains.powers(label)
-            assert b[label] == pytest.approx(a[label] * (M * L / T**2) / ((L / T) ** h * L**j), rel=1e-10)
-
-
 def _noisy(case, share=0.02, seed=0):
     rng = np.random.default_rng(seed)
     return case.X + share * case.X.std(axis=0) * rng.standard_normal(case.X.shape)
-
-
-def test_order_of_samples_and_of_records_does_not_matter(hammer):
-    X, F, ids = _pool(hammer)
-    X = X + 0.02 * X.std(axis=0) * np.random.default_rng(1).standard_normal(X.shape)
-    model = NRFRegressor(degree=3).fit(X, F, record=ids)
-    order = np.random.default_rng(0).permutation(len(X))
-    backwards = np.concatenate([np.flatnonzero(ids == name) for name in ("third", "first", "second")])
-    for rows in (order, backwards):
-        other = NRFRegressor(degree=3).fit(X[rows], F[rows])
-        assert worst(other.masses_, model.masses_) < 1e-10
-        assert np.allclose(other.predict(X), model.predict(X), rtol=1e-9, atol=1e-8)
-
-
-def test_mirror_image(chain4):
-    """(x, F) -> (-x, -F): odd terms keep their coefficients, even ones change sign."""
-    X = _noisy(chain4)
-    model, mirror = NRFRegressor(degree=3).fit(X, chain4.F), NRFRegressor(degree=3).fit(-X, -chain4.F)
-    assert worst(mirror.masses_, model.masses_) < 1e-12
-    for i in range(1, 5):
-        a, b = model.restoring_forces_[i].coefficients, mirror.restoring_forces_[i].coefficients
-        for label in a.index:
-            assert b[label] == pytest.approx((-1) ** (sum(chains.powers(label)) + 1) * a[label], rel=1e-8)
-
-
-def test_twice_the_same_record_is_one_record(chain4):
-    X = _noisy(chain4)
-    once = NRFRegressor(degree=3).fit(X, chain4.F)
-    twice = NRFRegressor(degree=3).fit(np.vstack([X, X]), np.vstack([chain4.F] * 2), record=np.repeat([1, 2], len(X)))
-    assert worst(twice.masses_, once.masses_) < 1e-11
 
 
 # -- against least squares in extended precision --------------------------------------------------
@@ -323,34 +256,6 @@ def test_the_cubic_on_a_hysteretic_chain_is_the_extended_precision_answer(dahl, 
     own = np.concatenate([[model.masses_[0]], model.restoring_forces_[1].coefficients])
     rms = np.sqrt(np.mean(A[:, : len(own)] ** 2, axis=0))
     assert np.abs((own - exact[: len(own)]) * rms).max() < 1e-9 * np.sqrt(np.mean(case.F[:, 0] ** 2))
-
-
-def test_sequential_on_a_hysteretic_chain_is_the_extended_precision_answer():
-    case, *_ = chains.paper_case(forced=(2,), duration=2.0)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", BiasWarning)
-        model = NRFRegressor(degree=3).fit(case.X, case.F)
-    top = extended_least_squares(np.column_stack([case.a[:, 1], _power_columns(case, 2)]), case.F[:, 1])
-    R2 = _power_columns(case, 2) @ top[1:]
-    bottom = extended_least_squares(np.column_stack([case.a[:, 0], _power_columns(case, 1)]), R2)
-    assert model.masses_.tolist() == pytest.approx([bottom[0], top[0]], rel=1e-9)
-    rms = np.sqrt(np.mean(_power_columns(case, 1) ** 2, axis=0))
-    gap = np.abs((model.restoring_forces_[1].coefficients.to_numpy() - bottom[1:]) * rms).max()
-    assert gap < 1e-9 * np.sqrt(np.mean(R2**2))
-
-
-def test_joint_is_the_extended_precision_answer_of_all_balances(chain2):
-    """Every balance divided by its rms force, shared laws."""
-    X = _noisy(chain2, 0.05)
-    n, case = 2, chains.Case(X, chain2.F, chain2.m, chain2.c, chain2.k, chain2.k3, chain2.dt)
-    model = NRFRegressor(degree=3, strategy="joint").fit(X, case.F)
-    P1, P2 = _power_columns(case, 1), _power_columns(case, 2)
-    zero, w = np.zeros(len(X)), 1 / np.sqrt(np.mean(case.F**2, axis=0))
-    A = np.vstack([
-        np.column_stack([case.a[:, 0], zero, P1, -P2]) * w[0], np.column_stack([zero, case.a[:, 1], 0 * P1, P2]) * w[1]
-    ])
-    exact = extended_least_squares(A, np.concatenate([case.F[:, 0] * w[0], case.F[:, 1] * w[1]]))
-    assert model.masses_.tolist() == pytest.approx(exact[:n].tolist(), rel=1e-9)
 
 
 # -- the paper's damper ---------------------------------------------------------------------------

@@ -20,7 +20,7 @@ from typing import IO, Any
 import numpy as np
 import pandas as pd
 
-from ...common.extras import require
+from ...common.lazy import require
 from ...exceptions import FileFormatError
 from .table import MAX_BYTES, SCHEMA, Attributes, Table, check_size, unreadable
 

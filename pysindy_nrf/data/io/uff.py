@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ...common.atomic import atomic_write
-from ...common.extras import require
+from ...common.files import atomic_write
+from ...common.lazy import require
 from ...exceptions import ChannelError, FileFormatError
 from ..channels import rate_of
 from .table import MAX_BYTES, SCHEMA, VERSION, Attributes, Table, check_size, unreadable

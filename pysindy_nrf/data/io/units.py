@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from functools import cache, lru_cache
 from typing import Any
 
-from ...common.extras import require
+from ...common.lazy import require
 from ...exceptions import ChannelError
 
 _DIMENSIONS = {"x": "length", "v": "velocity", "a": "acceleration", "F": "force", "t": "time"}

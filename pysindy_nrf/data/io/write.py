@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ...common.atomic import atomic_write
-from ...common.extras import require
+from ...common.files import atomic_write
+from ...common.lazy import require
 from ...exceptions import ChannelError, FileFormatError
 from ..record import Record
 from .arrays import ATTRIBUTES_KEY

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ...common.atomic import atomic_write
+from ...common.files import atomic_write
 from ...data.channels import is_dask
 from ...data.record import Record
 from ...exceptions import ChannelError, DataQualityWarning, FileFormatError, NRFError

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...common.extras import require
+from ...common.lazy import require
 from ...data.channels import by_record
 from ...data.io.arrays import data_sets, require_own
 from ...data.io.table import check_file, unreadable

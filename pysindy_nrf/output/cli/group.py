@@ -15,16 +15,9 @@ import click
 
 from ... import __version__
 from ...exceptions import MissingExtraError, NRFError
-from .close_loop import close_loop
-from .compare import compare
-from .demo import demo
-from .identify import identify
-from .inspect import inspect
-from .plan import plan
-from .report import report
-from .select_order import select_order
+from .model_commands import close_loop, compare, demo, identify, select_order
+from .record_commands import inspect, plan, report, simulate
 from .session import printable
-from .simulate import simulate
 
 USAGE, DATA, OTHER, INTERRUPTED = 2, 3, 1, 130
 

@@ -4,11 +4,145 @@ from __future__ import annotations
 
 import contextlib
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 
+
+class Text(click.ParamType):
+    """A text that ``read`` turns into a value; its ValueError becomes a usage error with the same words."""
+
+    def __init__(self, name: str, read: Callable[[str], Any]) -> None:
+        self.name, self.read = name, read
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        """The value; one that was converted before is left alone."""
+        if not isinstance(value, str):
+            return value
+        try:
+            return self.read(value)
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
+
+
+def _pair(form: str) -> Callable[[str], tuple[str, str]]:
+    """A reader of ``KEY=VALUE``, split at the first ``=``."""
+
+    def read(text: str) -> tuple[str, str]:
+        with contextlib.suppress(UnicodeError):  # bytes of a terminal that is said to know only ASCII
+            text = os.fsencode(text).decode("utf-8")
+        key, sign, value = text.partition("=")
+        if not sign or not key.strip() or not value.strip():
+            raise ValueError(f"{text!r} is not of the form {form}")
+        return key.strip(), value.strip()
+
+    return read
+
+
+def _law_names(text: str) -> tuple[str, list[str]]:
+    """A site and the names of its laws."""
+    from ... import laws
+
+    site, listed = _pair(_LAWS)(text)
+    known, names = laws.registry(), [name.strip() for name in listed.split("+")]
+    for name in names:
+        if name not in known:
+            raise ValueError(f"there is no law {name!r}. Known are {', '.join(sorted(known))}.")
+    return site, names
+
+
+def _link(text: str) -> str:
+    """A link between floors, in the one grammar of sites."""
+    from ...exceptions import ChainError
+    from ...mechanics.sites import Site
+
+    try:
+        return str(Site(text))
+    except ChainError as error:
+        raise ValueError(str(error)) from error
+
+
+def _mass(text: str) -> tuple[int, float]:
+    """A DOF and its mass, kg."""
+    key, _, value = text.partition("=")
+    with contextlib.suppress(ValueError):
+        return int(key), float(value)
+    raise ValueError(f"{text!r} is not a floor and its mass in kg, e.g. 2=12.4")
+
+
+def _band(text: str) -> tuple[float | None, float | None]:
+    """Two frequencies, Hz; ``none`` is an open end."""
+    parts = [p.strip().lower() for p in text.split(",")]
+    with contextlib.suppress(ValueError):
+        low, high = (None if p in ("none", "", "inf") else float(p) for p in parts)
+        return low, high
+    raise ValueError(f"{text!r} is not a band, e.g. 0.5,30 (Hz)")
+
+
+def _degree(text: str) -> int | tuple[int, int]:
+    """A total degree, ``3``, or a box ``k,q``."""
+    numbers = _whole(text)
+    if len(numbers) not in (1, 2) or any(n < 0 for n in numbers):
+        raise ValueError(f"{text!r} is not a degree (3) or a box k,q (2,3)")
+    return numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1])
+
+
+def _site_degree(text: str) -> tuple[str, int | tuple[int, int]]:
+    """A site and its degree or box."""
+    site, degree = _pair(_ORDER)(text)
+    return site, _degree(degree)
+
+
+def _numbers(text: str) -> list[float]:
+    """Numbers with commas between them."""
+    with contextlib.suppress(ValueError):
+        return [float(p) for p in text.split(",")]
+    raise ValueError(f"{text!r} is not numbers with commas between them, e.g. 0.001,0,0")
+
+
+def _range(text: str) -> list[int]:
+    """Whole numbers: ``1-7``, or ``1,3,5``."""
+    low, dash, high = text.partition("-")
+    ends = _whole(f"{low},{high}") if dash else []
+    numbers = list(range(ends[0], ends[1] + 1)) if ends else [] if dash else _whole(text)
+    if not numbers or min(numbers) < 0 or max(numbers) > 50:
+        raise ValueError(f"{text!r} is not whole numbers up to 50, e.g. 1-7 or 1,3,5")
+    return numbers
+
+
+def _floors(text: str) -> list[int]:
+    """Floors: ``1,3``, ``1-4`` or ``none``."""
+    return [] if text.strip().lower() == "none" else _range(text)
+
+
+def _whole(text: str) -> list[int]:
+    """Whole numbers with commas between them; empty if they are not."""
+    try:
+        return [int(p) for p in text.split(",")]
+    except ValueError:
+        return []
+
+
+def once(ctx: Any, param: Any, pairs: Any) -> dict:
+    """Pairs as a mapping; a key given twice is a usage error."""
+    out: dict = {}
+    for key, value in pairs:
+        if key in out:
+            raise click.BadParameter(f"{key}= is given twice.", ctx, param)
+        out[key] = value
+    return out
+
+
+_LAWS, _ORDER = "SITE=NAME+NAME", "SITE=DEGREE"
+FLOORS, NUMBERS = Text("I,J,...", _floors), Text("A,B,...", _numbers)
+RANGE = Text("A-B|A,B,...", _range)
+
+# -- options that several commands have ---------------------------------------------------------------
+
+files_argument = click.argument("files", nargs=-1, metavar="FILE...", type=click.Path(path_type=Path))
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of words.")
 output_option = click.option(
     "--output",
     "-o",
@@ -16,21 +150,90 @@ output_option = click.option(
     default=Path("nrf_output"),
     help="Folder for the model, tables and figures.",
 )
-files_argument = click.argument("files", nargs=-1, metavar="FILE...", type=click.Path(path_type=Path))
-json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of words.")
 mapping_option = click.option(
     "--mapping",
     "mapping_file",
     type=click.Path(path_type=Path),
     help="A TOML file that says all of this, and names the files: see docs/files.md. Options go before it.",
 )
+map_option = click.option(
+    "--map",
+    "mapping",
+    multiple=True,
+    type=Text("CHANNEL=COLUMN", _pair("CHANNEL=COLUMN")),
+    callback=once,
+    help='Which column is which channel: "name", "-name[:, 2] * 9.81", "name @ mm", "none", or "unknown" '
+    "for a force that acts and was not measured.",
+)
+unit_option = click.option(
+    "--unit",
+    "units",
+    multiple=True,
+    type=Text("CHANNEL=UNIT", _pair("CHANNEL=UNIT")),
+    callback=once,
+    help="Unit of a channel (x3=in) or kind (a=g, F=kN).",
+)
+rate_option = click.option("--fs", type=float, help="Sampling rate in Hz, where the file has no time.")
+coordinates_option = click.option(
+    "--coordinates",
+    type=click.Choice(["relative", "absolute"]),
+    help="Whether velocities and displacements are relative to the base (what you get if nothing is said).",
+)
+law_option = click.option(
+    "--law",
+    "laws",
+    multiple=True,
+    type=Text(_LAWS, _law_names),
+    help='Laws at a site in place of the power series: "storey 1=linear_elastic+linear_viscous+dahl".',
+)
+link_option = click.option(
+    "--link",
+    "links",
+    multiple=True,
+    type=Text("SITE", _link),
+    help='A further link between floors: "link 3-1", "ground 2".',
+)
+mass_option = click.option(
+    "--known-mass",
+    "masses",
+    multiple=True,
+    type=Text("DOF=KG", _mass),
+    callback=once,
+    help="A mass that is known: 2=12.4. Needed where no force is measured.",
+)
+band_option = click.option(
+    "--band", type=Text("LO,HI", _band), help="Frequency band in Hz in which everything is fitted and judged: 0.5,30."
+)
+order_option = click.option(
+    "--order",
+    "orders",
+    multiple=True,
+    type=Text(_ORDER, _site_degree),
+    callback=once,
+    help='Another degree at a site: "storey 2=5".',
+)
+_CHANNELS = (map_option, unit_option, rate_option, coordinates_option, mapping_option)
 
 
 def record_options(command: Any) -> Any:
     """Options of every command that reads records: channels, units, clock, coordinates."""
-    for option in reversed((map_option, unit_option, rate_option, coordinates_option, mapping_option)):
+    for option in reversed(_CHANNELS):
         command = option(command)
     return command
+
+
+def output_file(name: str, words: str) -> Any:
+    """The option of a command that writes one file."""
+    kind = click.Path(path_type=Path, dir_okay=False)
+    return click.option("--output", "-o", type=kind, default=Path(name), help=words)
+
+
+def degree_option(default: int, words: str) -> Any:
+    """The degree of the power series."""
+    return click.option("--degree", type=Text("N|K,Q", _degree), default=default, help=words)
+
+
+# -- what the options ask for -------------------------------------------------------------------------
 
 
 def readings_of(files: Any, options: dict[str, Any], session: Any = None, needed: bool = True) -> list[Any]:
@@ -62,186 +265,6 @@ def said_of(options: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
     return said, how
 
 
-def once(ctx: Any, param: Any, pairs: Any) -> dict:
-    """Pairs as a mapping; a key given twice is a usage error."""
-    out: dict = {}
-    for key, value in pairs:
-        if key in out:
-            raise click.BadParameter(f"{key}= is given twice.", ctx, param)
-        out[key] = value
-    return out
-
-
-class Pair(click.ParamType):
-    """``KEY=VALUE``.
-
-    Parameters
-    ----------
-    name : str
-        Shown in the help.
-    """
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[str, str]:
-        """Split at the first ``=``."""
-        if isinstance(value, tuple):
-            return value
-        with contextlib.suppress(UnicodeError):  # bytes of a terminal that is said to know only ASCII
-            value = os.fsencode(value).decode("utf-8")
-        key, sign, text = value.partition("=")
-        if not sign or not key.strip() or not text.strip():
-            self.fail(f"{value!r} is not of the form {self.name}", param, ctx)
-        return key.strip(), text.strip()
-
-
-class LawNames(click.ParamType):
-    """``SITE=NAME+NAME``."""
-
-    name = "SITE=NAME+NAME"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[str, list[str]]:
-        """Split into a site and the names of laws."""
-        if isinstance(value, tuple):
-            return value
-        from ... import laws
-
-        known = laws.registry()
-        site, text = Pair(self.name).convert(value, param, ctx)
-        names = [name.strip() for name in text.split("+")]
-        for name in names:
-            if name not in known:
-                self.fail(f"there is no law {name!r}. Known are {', '.join(sorted(known))}.", param, ctx)
-        return site, names
-
-
-class Link(click.ParamType):
-    """A link between floors, in the one grammar of sites."""
-
-    name = "SITE"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> str:
-        """The text, if it is a site."""
-        from ...exceptions import ChainError
-        from ...mechanics.sites import Site
-
-        try:
-            return str(Site(value))
-        except ChainError as error:
-            self.fail(str(error), param, ctx)
-
-
-class Mass(click.ParamType):
-    """``DOF=KG``."""
-
-    name = "DOF=KG"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[int, float]:
-        """Split into a DOF and a mass."""
-        if isinstance(value, tuple):
-            return value
-        key, _, text = value.partition("=")
-        try:
-            return int(key), float(text)
-        except ValueError:
-            self.fail(f"{value!r} is not a floor and its mass in kg, e.g. 2=12.4", param, ctx)
-
-
-class Band(click.ParamType):
-    """``LO,HI`` in Hz; ``none`` for an open end."""
-
-    name = "LO,HI"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[float | None, float | None]:
-        """Split into two frequencies."""
-        if isinstance(value, tuple):
-            return value
-        parts = [p.strip().lower() for p in value.split(",")]
-        try:
-            low, high = (None if p in ("none", "", "inf") else float(p) for p in parts)
-        except ValueError:
-            self.fail(f"{value!r} is not a band, e.g. 0.5,30 (Hz)", param, ctx)
-        return low, high
-
-
-class Degree(click.ParamType):
-    """A total degree, ``3``, or a box ``K,Q``."""
-
-    name = "N|K,Q"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> int | tuple[int, int]:
-        """A whole number, or two."""
-        if not isinstance(value, str):
-            return value
-        try:
-            numbers = tuple(int(p) for p in value.split(","))
-        except ValueError:
-            numbers = ()
-        if len(numbers) not in (1, 2) or any(n < 0 for n in numbers):
-            self.fail(f"{value!r} is not a degree (3) or a box k,q (2,3)", param, ctx)
-        return numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1])
-
-
-class SiteDegree(click.ParamType):
-    """``SITE=DEGREE``."""
-
-    name = "SITE=DEGREE"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[str, int | tuple[int, int]]:
-        """Split into a site and its degree or box."""
-        if isinstance(value, tuple):
-            return value
-        site, text = Pair(self.name).convert(value, param, ctx)
-        return site, Degree().convert(text, param, ctx)
-
-
-class Numbers(click.ParamType):
-    """Numbers with commas between them."""
-
-    name = "A,B,..."
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> list[float]:
-        """Split at commas."""
-        if isinstance(value, list):
-            return value
-        try:
-            return [float(p) for p in value.split(",")]
-        except ValueError:
-            self.fail(f"{value!r} is not numbers with commas between them, e.g. 0.001,0,0", param, ctx)
-
-
-class Range(click.ParamType):
-    """Whole numbers: ``1-7``, or ``1,3,5``."""
-
-    name = "A-B|A,B,..."
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> list[int]:
-        """Spell out."""
-        if isinstance(value, list):
-            return value
-        low, dash, high = value.partition("-")
-        try:
-            numbers = list(range(int(low), int(high) + 1)) if dash else [int(p) for p in value.split(",")]
-        except ValueError:
-            numbers = []
-        if not numbers or min(numbers) < 0 or max(numbers) > 50:
-            self.fail(f"{value!r} is not whole numbers up to 50, e.g. 1-7 or 1,3,5", param, ctx)
-        return numbers
-
-
-class Floors(Range):
-    """Floors: ``1,3`` or ``1-4``."""
-
-    name = "I,J,..."
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> list[int]:
-        """Spell out."""
-        if isinstance(value, str) and value.strip().lower() == "none":
-            return []
-        return super().convert(value, param, ctx)
-
-
 def laws_of(pairs: Any, degree: Any) -> dict[str, list] | None:
     """Sites and names of laws, as :data:`law_option` gives them, as laws by site."""
     if not pairs:
@@ -254,51 +277,3 @@ def laws_of(pairs: Any, degree: Any) -> dict[str, list] | None:
         made = [laws.PowerSeries(degree) if name == "power_series" else known[name]() for name in names]
         out.setdefault(site, []).extend(made)
     return out
-
-
-# -- options that several commands have ---------------------------------------------------------------
-
-map_option = click.option(
-    "--map",
-    "mapping",
-    multiple=True,
-    type=Pair("CHANNEL=COLUMN"),
-    callback=once,
-    help='Which column is which channel: "name", "-name[:, 2] * 9.81", "name @ mm", "none", or "unknown" '
-    "for a force that acts and was not measured.",
-)
-unit_option = click.option(
-    "--unit",
-    "units",
-    multiple=True,
-    type=Pair("CHANNEL=UNIT"),
-    callback=once,
-    help="Unit of a channel (x3=in) or kind (a=g, F=kN).",
-)
-rate_option = click.option("--fs", type=float, help="Sampling rate in Hz, where the file has no time.")
-coordinates_option = click.option(
-    "--coordinates",
-    type=click.Choice(["relative", "absolute"]),
-    help="Whether velocities and displacements are relative to the base (what you get if nothing is said).",
-)
-law_option = click.option(
-    "--law",
-    "laws",
-    multiple=True,
-    type=LawNames(),
-    help='Laws at a site in place of the power series: "storey 1=linear_elastic+linear_viscous+dahl".',
-)
-link_option = click.option(
-    "--link", "links", multiple=True, type=Link(), help='A further link between floors: "link 3-1", "ground 2".'
-)
-mass_option = click.option(
-    "--known-mass",
-    "masses",
-    multiple=True,
-    type=Mass(),
-    callback=once,
-    help="A mass that is known: 2=12.4. Needed where no force is measured.",
-)
-band_option = click.option(
-    "--band", type=Band(), help="Frequency band in Hz in which everything is fitted and judged: 0.5,30."
-)

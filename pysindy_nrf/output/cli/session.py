@@ -1,11 +1,12 @@
-"""What the commands share: words before the work, progress, results as words or JSON, warnings at the end."""
+"""What the commands share: words before the work, results as words or JSON, warnings at the end, errors in words."""
 
 from __future__ import annotations
 
 import json
 import math
+import textwrap
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -15,26 +16,27 @@ import numpy as np
 import pandas as pd
 
 from ...exceptions import NRFWarning
-from . import output, text
-from .work import Outcome
 
 
 class Session:
-    """Where words go: to the terminal, or nowhere when a machine reads.
-
-    Parameters
-    ----------
-    as_json : bool
-    """
+    """Where words go: to the terminal, or nowhere when a machine reads."""
 
     def __init__(self, as_json: bool) -> None:
         self.as_json = as_json
         self.warnings: list[str] = []
 
-    def say(self, words: str) -> None:
-        """Print words for people."""
+    def say(self, *words: str) -> None:
+        """Print words for people, each on lines of its own."""
         if not self.as_json:
-            click.echo(printable(words))
+            click.echo(printable("\n".join(words)))
+
+    def headed(self, title: str, *words: str) -> None:
+        """Print words below a heading with a blank line above."""
+        self.say(heading(title), *words)
+
+    def measured(self, *descriptions: str) -> None:
+        """Print what was understood of the records, the first thing a command says."""
+        self.say("What was measured\n-----------------", *descriptions)
 
     def emit(self, data: dict[str, Any], files: Iterable[Path] = ()) -> None:
         """Print plain data for machines: strict JSON, a number that does not exist as null."""
@@ -44,7 +46,7 @@ class Session:
             click.echo(json.dumps(plain(whole), indent=2, allow_nan=False))
 
     def progress(self, items: Iterable[Any], label: str) -> Iterable[Any]:
-        """A progress bar on the error stream of a terminal, nothing elsewhere."""
+        """Items with a progress bar on the error stream of a terminal, without one elsewhere."""
         from tqdm import tqdm
 
         return tqdm(list(items), desc=label, disable=None, leave=False, delay=0.5)
@@ -52,51 +54,56 @@ class Session:
     @contextmanager
     def listening(self) -> Iterator[None]:
         """Keep the warnings of the work for :meth:`take_care`, in place of Python's lines on the error stream."""
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("ignore")
-            warnings.simplefilter("always", NRFWarning)
+        with warned() as messages:
             try:
                 yield
             finally:
-                kept = [str(w.message) for w in caught if issubclass(w.category, NRFWarning)]
-                self.warnings += [one for one in dict.fromkeys(kept) if one not in self.warnings]
+                self.warnings += [one for one in messages() if one not in self.warnings]
 
     def take_care(self) -> None:
-        """Say the warnings."""
+        """Print the warnings."""
         if self.warnings:
-            self.say(text.heading("Take care"))
-            self.say(text.take_care(self.warnings))
+            self.headed("Take care", paragraphs(self.warnings))
 
-    def written(self, folder: Path, files: list[Path]) -> None:
-        """Say what was written."""
+    def finish(self, data: dict[str, Any], folder: Path, files: Sequence[Path]) -> None:
+        """Print the data for machines, or for people what was written and the page to open."""
+        self.emit(data, files)
         self.say(f"\nWritten to {folder}: {', '.join(p.name for p in files)}")
+        for path in files:
+            if path.suffix == ".html":
+                self.say(f"Open {path} in a browser.")
 
-    def finish(
-        self,
-        outcome: Outcome,
-        band: Any,
-        folder: Path,
-        figures: bool,
-        records: list[dict],
-        truth: Any = None,
-        page_of: Any = None,
-        **files: Any,
-    ) -> None:
-        """Say what was found and write it."""
-        self.say(text.result(outcome, band, truth))
-        written = output.write_all(outcome, folder, band, figures, records=page_of, **files)
-        self.emit(text.as_data(outcome, band, records), written)
-        self.written(folder, written)
-        if figures and not any(p.suffix == ".png" for p in written):
-            from ..displays._matplotlib import available
 
-            if not available():
-                self.say("No figures: matplotlib is not installed; pip install 'pysindy-nrf[plot]' brings it.")
-        pages = [p for p in written if p.suffix == ".html"]
-        if pages:
-            self.say(f"Open {pages[0]} in a browser.")
-        elif outcome.frf is None:
-            self.say("No page: pip install 'pysindy-nrf[report]' brings what it needs.")
+@contextmanager
+def warned() -> Iterator[Callable[[], list[str]]]:
+    """Catch all warnings; the function returned gives those of the package so far, each once."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("ignore")
+        warnings.simplefilter("always", NRFWarning)
+        yield lambda: list(dict.fromkeys(str(w.message) for w in caught if issubclass(w.category, NRFWarning)))
+
+
+def heading(text: str) -> str:
+    """A heading with a blank line above."""
+    return f"\n{text}\n{'-' * len(text)}"
+
+
+def indent(text: str) -> str:
+    """Text moved in by two blanks."""
+    return textwrap.indent(text, "  ")
+
+
+def table(frame: pd.DataFrame, digits: int = 4) -> str:
+    """A table of numbers."""
+    return frame.to_string(float_format=lambda x: "-" if np.isnan(x) else f"{x:.{digits}g}")
+
+
+def paragraphs(notes: Sequence[str]) -> str:
+    """Warnings, one a paragraph, in lines that a terminal shows whole."""
+    lines = textwrap.TextWrapper(
+        110, initial_indent="  - ", subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
+    )
+    return "\n".join(lines.fill(note) for note in notes)
 
 
 def printable(words: str) -> str:

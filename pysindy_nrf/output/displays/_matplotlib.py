@@ -9,8 +9,8 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from ...common.atomic import atomic_write
-from ...common.extras import require
+from ...common.files import atomic_write
+from ...common.lazy import require
 from ._figure import Area, Axis, Bars, Figure, Line, Map, Mark, Rule, Surface
 
 # Okabe and Ito's colours: told apart by colour-blind readers, and in grey by their lightness.
@@ -31,7 +31,14 @@ _MOST = 20_000
 
 
 class Display:
-    """Base of the displays: ``figures`` says what is shown, ``plot`` draws it."""
+    """Base of the displays: ``figures`` says what is shown, ``plot`` draws it.
+
+    Attributes
+    ----------
+    ax_ : Axes or ndarray of Axes
+        Where it is drawn; an array where the display has several axes, those of the uppermost floor on top.
+    figure_ : matplotlib Figure
+    """
 
     # axes beside each other; 0: a single figure, and ``ax_`` is no array
     _columns: ClassVar[int] = 0

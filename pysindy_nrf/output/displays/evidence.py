@@ -187,11 +187,6 @@ class EvidenceDisplay(Display):
     evidence : pysindy_nrf.discrepancy.evidence.Evidence
         An entry of the report's ``evidence``.
 
-    Attributes
-    ----------
-    ax_ : ndarray of Axes
-    figure_ : Figure
-
     Examples
     --------
     >>> from pysindy_nrf import close_loop, datasets
@@ -222,10 +217,6 @@ class BeforeAfterDisplay(Display):
         Held-out balance error, percent NRMSE; the first column is the pooled one.
     balances : sequence of str
         Names of the columns.
-
-    Attributes
-    ----------
-    ax_, figure_ : matplotlib Axes and Figure
 
     Examples
     --------

@@ -153,10 +153,6 @@ class RestoringForceSurfaceDisplay(Display):
         Another force on the same grid, N, drawn as a net: a published law, another model.
     reference_label : str
 
-    Attributes
-    ----------
-    ax_, figure_ : matplotlib Axes and Figure
-
     Examples
     --------
     >>> import numpy as np
@@ -213,10 +209,6 @@ class HysteresisLoopDisplay(Display):
     measured : ndarray of shape (n_samples,), optional
         N; the force that balances the inertia above the storey.
     site : str
-
-    Attributes
-    ----------
-    ax_, figure_ : matplotlib Axes and Figure
 
     Examples
     --------
@@ -292,10 +284,6 @@ class DamperForceDisplay(Display):
         N.
     site : str
     over : {"time", "drift", "rate"}
-
-    Attributes
-    ----------
-    ax_, figure_ : matplotlib Axes and Figure
 
     Examples
     --------
@@ -374,10 +362,6 @@ class EnergyDisplay(Display):
         s.
     energy : mapping of str to ndarray of shape (n_samples,)
         J, by the name that stands in the legend.
-
-    Attributes
-    ----------
-    ax_, figure_ : matplotlib Axes and Figure
 
     Examples
     --------

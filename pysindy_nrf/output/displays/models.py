@@ -20,11 +20,6 @@ class CoefficientsDisplay(Display):
     shares : DataFrame
         As :func:`pysindy_nrf.selection.comparison.term_shares` returns.
 
-    Attributes
-    ----------
-    ax_ : ndarray of Axes
-    figure_ : Figure
-
     Examples
     --------
     >>> import pandas as pd
@@ -87,10 +82,6 @@ class OrderSelectionDisplay(Display):
     folds : DataFrame, optional
         Error of every fold, percent NRMSE, same rows.
     ylabel : str
-
-    Attributes
-    ----------
-    ax_, figure_ : matplotlib Axes and Figure
 
     Examples
     --------
@@ -189,10 +180,6 @@ class PlanarityDisplay(Display):
     table : DataFrame
         As of :func:`pysindy_nrf.estimation.planarity`.
 
-    Attributes
-    ----------
-    ax_, figure_ : matplotlib Axes and Figure
-
     Examples
     --------
     >>> import pandas as pd
@@ -250,10 +237,6 @@ class ChangeMapDisplay(Display):
         Force at the ends of the colour scale, N; the largest change if None. One scale for all storeys lets them
         be compared.
     colorbar : bool
-
-    Attributes
-    ----------
-    ax_, figure_ : matplotlib Axes and Figure
 
     Examples
     --------

@@ -28,12 +28,6 @@ class RecordDisplay(Display):
     record : Record
     kind : {"force", "acceleration", "velocity", "displacement"}
 
-    Attributes
-    ----------
-    ax_ : ndarray of Axes
-        One for each DOF, the uppermost floor on top.
-    figure_ : Figure
-
     Examples
     --------
     >>> from pysindy_nrf import datasets
@@ -71,12 +65,6 @@ class FreeRunDisplay(Display):
         Displacement of the DOFs relative to the base, m.
     begin : float, optional
         Where the drawing begins, s; the error is that of the whole record.
-
-    Attributes
-    ----------
-    ax_ : ndarray of Axes
-        One for each DOF, the uppermost floor on top.
-    figure_ : Figure
 
     Examples
     --------
@@ -207,12 +195,6 @@ class ModesDisplay(Display):
     frequency, spectrum : ndarray, optional
         Hz, and the acceleration spectrum by DOF, shape (n_frequencies, n_dof), (m/s^2)/sqrt(Hz).
 
-    Attributes
-    ----------
-    ax_ : ndarray of Axes
-        The shapes; the spectrum, if there is one.
-    figure_ : Figure
-
     Examples
     --------
     >>> from pysindy_nrf import datasets
@@ -271,10 +253,6 @@ class TrackDisplay(Display):
         Time of a change, s; marked.
     window : float, optional
         Length of the windows, s; shown.
-
-    Attributes
-    ----------
-    ax_, figure_ : matplotlib Axes and Figure
 
     Examples
     --------

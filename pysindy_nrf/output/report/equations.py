@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from ...mechanics.sites import Site
 from ...regression.chain_model import ChainModel
 from ...regression.restoring_force import RestoringForce
+from ..displays._figure import index_of
 
 _GREEK = {
     "alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "kappa": "κ", "omega": "ω", "pi": "π", "rho": "ρ",
@@ -22,6 +22,7 @@ _SPACE = "<mspace width='0.2em'></mspace>"
 _TOKEN = re.compile(r"\s*([A-Za-zΑ-ω]\w*|\d+(?:\.\d+)?(?:e[+-]?\d+)?|.)", re.DOTALL)
 _CLOSING = {"(": ")", "[": "]", "|": "|"}
 _WORDS = ("sgn", "max", "min", "exp", "cos", "sin", "lag", "gap")
+_RAISED = str.maketrans("0123456789n-", "⁰¹²³⁴⁵⁶⁷⁸⁹ⁿ⁻")
 _SIGNS = {"-": "−", "*": "⋅", "<": "&lt;", ">": "&gt;", "&": "&amp;"}
 
 
@@ -53,16 +54,9 @@ def feature(label: str, index: str = "") -> str:
     return _row(iter([t for t in _TOKEN.findall(label) if t.strip()]), index, "")[0]
 
 
-def site_index(site: Site) -> str:
-    """What stands behind s, v and R of a site: ``2`` of storey 2, ``4,2`` of link 4-2."""
-    if site.is_storey:
-        return str(site.p)
-    return f"{site.p},{site.q}" if site.kind == "link" else f"dof {site.p}"
-
-
 def law_equation(force: RestoringForce, digits: int = 4) -> list[str]:
     """The equation of a site as pieces that may stand on several lines."""
-    index = site_index(force.site)
+    index = index_of(force.site)
     arguments = f"<mo>(</mo>{feature('s', index)}<mo>,</mo>{feature('v', index)}<mo>)</mo>"
     pieces = [_math(f"{_indexed('R', index)}{arguments}<mo form='infix'>=</mo>", f"R {index} =")]
     for law in force.laws:
@@ -85,7 +79,7 @@ def shape_values(force: RestoringForce, digits: int = 4) -> list[str]:
             if value is not None:
                 said = _math(f"{symbol(name)}<mo>=</mo>{number(value, digits)}", f"{name} = {value:.{digits}g}")
                 unit = units.get(name, "")
-                out.append(said + (f" {escape(pretty_unit(unit))}" if unit not in ("", "1") else ""))
+                out.append(said + (f" {escape(pretty(unit))}" if unit not in ("", "1") else ""))
     return out
 
 
@@ -98,22 +92,16 @@ def balance_equations(model: ChainModel, digits: int = 4) -> list[list[str]]:
         pieces = [_math(f"{number(mass, digits)}{_SPACE}{feature('a', str(j))}", f"{mass:.{digits}g} a{j}")]
         for site, sign in zip(sites, signs[j - 1]):
             if sign:
-                mark, index = ("+" if sign > 0 else "−"), site_index(site)
+                mark, index = ("+" if sign > 0 else "−"), index_of(site)
                 pieces.append(_math(f"<mo form='infix'>{mark}</mo>{_indexed('R', index)}", f"{mark} R {index}"))
         pieces.append(_math(f"<mo form='infix'>=</mo>{_indexed('F', str(j))}", f"= F{j}"))
         out.append(pieces)
     return out
 
 
-def pretty_unit(unit: str) -> str:
-    """A unit with raised exponents."""
-    raised = str.maketrans("0123456789n-", "⁰¹²³⁴⁵⁶⁷⁸⁹ⁿ⁻")
-    return re.sub(r"\^(-?\d+|n)", lambda m: m[1].translate(raised), unit)
-
-
-def pretty_label(label: str) -> str:
-    """The label of a term in one line of text with raised exponents."""
-    return pretty_unit(label)
+def pretty(text: str) -> str:
+    """A unit or the label of a term with raised exponents."""
+    return re.sub(r"\^(-?\d+|n)", lambda m: m[1].translate(_RAISED), text)
 
 
 def _math(inside: str, text: str) -> str:
@@ -173,4 +161,4 @@ def as_text(value: Any, digits: int = 4) -> str:
     mantissa = mantissa.replace("-", "−")
     if not exponent:
         return mantissa
-    return f"{mantissa}×10" + str(int(exponent)).translate(str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻"))
+    return f"{mantissa}×10" + str(int(exponent)).translate(_RAISED)

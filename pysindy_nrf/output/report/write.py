@@ -1,19 +1,21 @@
-"""Write a report as one self-contained page."""
+"""The views of a result: one self-contained page, Markdown, and small HTML for notebooks, which escapes every name."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from html import escape
 from importlib.resources import files
 from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...common.atomic import atomic_write
-from ...common.extras import require
+from ...common.files import atomic_write
+from ...common.lazy import require
 from ...exceptions import NRFError
-from .equations import as_text
+from ..displays._figure import Table, table
+from .equations import as_text, law_equation, pretty, shape_values
 
 _PURPOSE = "The HTML report"
 
@@ -167,3 +169,92 @@ def script_json(value: Any) -> str:
 
 def _template(name: str) -> str:
     return files(__package__).joinpath("templates", name).read_text(encoding="utf-8")
+
+
+def markdown(report: Any) -> str:
+    """The report of the loop as Markdown, with the words and tables of its page; names from files are escaped."""
+    from .content import cautions, chapters
+
+    out = ["# Closing the loop", ""]
+    out += [f"{i}. {_safe(step.sentence)}" for i, step in enumerate(report.steps, 1)] or ["No effect was added."]
+    out += ["", f"Stopped: {_safe(report.stopped_because)}.", ""]
+    out += ["Errors in percent NRMSE; balance errors (one step) except the free run.", ""]
+    out += [*_markdown_table(table("", report.table, index="model")), ""]
+    care = cautions(report)
+    out += ["## Take care", "", *(f"- {_safe(text)}" for text in care), ""] if care else []
+    for chapter in chapters(report):
+        facts = [f"- {_safe(name)}{'' if name.endswith('?') else ':'} {_safe(text)}" for name, text in chapter.facts]
+        out += [f"## {_safe(chapter.title)}", "", *facts, ""]
+        for numbers in chapter.tables:
+            out += [f"{_safe(numbers.caption)}:", "", *_markdown_table(numbers), ""]
+    if report.measured:
+        out += ["## What was measured", "", *(f"- {_safe(m.sentence)}" for m in report.measured), ""]
+    out += ["## Model", "", "```", str(report.model).replace("```", "'''"), "```", ""]
+    if report.settings:
+        out += ["## Settings", ""]
+        for group, values in report.settings.items():
+            out.append(f"- {_safe(group)}: " + ", ".join(f"{_safe(k)} = {_safe(v)}" for k, v in values.items()))
+        out.append("")
+    return "\n".join(out)
+
+
+def _markdown_table(t: Table) -> list[str]:
+    """Lines of a table."""
+    rows = [t.head, *([cell(x).text for x in row] for row in t.rows)]
+    lines = ["| " + " | ".join(map(_safe, row)) + " |" for row in rows]
+    return [lines[0], "|" + "---|" * len(t.head), *lines[1:]]
+
+
+def _safe(text: Any) -> str:
+    """Text that no Markdown renderer takes for markup or for the end of a cell."""
+    return str(text).replace("&", "&amp;").replace("<", "&lt;").replace("|", "\\|").replace("\n", " ")
+
+
+_MOST = 30
+
+
+def record_html(record: Any) -> str:
+    """A record: clock, forces, channels."""
+    from ...signals.measured import measured
+
+    m = measured(record)
+    shown = m.channels.drop(columns="noise").assign(unit=[pretty(str(u)) for u in m.channels["unit"]])
+    return _box(f"Record: {m.name}", f"{m.facts}.", _html_table(table("", shown)))
+
+
+def model_html(model: Any) -> str:
+    """A chain model: masses, equations."""
+    masses = ", ".join(f"m{j} = {as_text(m)} kg" for j, m in enumerate(model.masses[:_MOST], 1))
+    lines = []
+    for force in list(model.restoring_forces.values())[:_MOST]:
+        if force.laws:
+            shapes = ", ".join(shape_values(force))
+            lines.append(" ".join(law_equation(force)) + (f" with {shapes}" if shapes else ""))
+    body = "".join(f"<p style='margin:.2em 0'>{line}</p>" for line in lines)
+    return _box(f"Chain of {model.n_dof} DOF{'s' if model.n_dof > 1 else ''}", masses, body)
+
+
+def loop_html(report: Any) -> str:
+    """A report of the loop: steps, errors, reason to stop."""
+    steps = "".join(f"<li>{escape(step.sentence)}</li>" for step in report.steps)
+    story = f"<ol>{steps}</ol>" if steps else "<p>No effect was added.</p>"
+    columns = [c for c in ("search", "validation", "held-out", "free run") if c in report.table]
+    errors = _html_table(table("", report.table[columns], {c: f"{c} (%)" for c in columns}, "model"))
+    return _box("Closed loop", "", f"{story}{errors}<p>Stopped: {escape(report.stopped_because)}.</p>")
+
+
+def _box(title: str, words: str, body: str) -> str:
+    said = f"<p style='margin:.2em 0'>{escape(words)}</p>" if words else ""
+    return f"<div class='pysindy-nrf'><p style='margin:.2em 0'><b>{escape(title)}</b></p>{said}{body}</div>"
+
+
+def _html_table(t: Table) -> str:
+    head = "".join(f"<th scope='col'>{escape(name)}</th>" for name in t.head)
+    rows = "".join(f"<tr>{''.join(_cell(x) for x in row)}</tr>" for row in t.rows[:_MOST])
+    more = f"<p>and {len(t.rows) - _MOST} more rows</p>" if len(t.rows) > _MOST else ""
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>{more}"
+
+
+def _cell(value: Any) -> str:
+    c = cell(value)
+    return f"<td style='text-align:{'right' if c.number else 'left'}'>{escape(c.text)}</td>"

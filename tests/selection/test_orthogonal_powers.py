@@ -5,13 +5,10 @@ import pytest
 from sklearn.model_selection import GridSearchCV, KFold
 
 from pysindy_nrf import ChainModel, NRFRegressor, laws
-from pysindy_nrf.diagnostics.bias import _widened
-from pysindy_nrf.diagnostics.windows import OFFERED
 from pysindy_nrf.laws.power_series import exponents_of
 from pysindy_nrf.mechanics.chain import Chain
-from pysindy_nrf.regression.layout import LawLayout, Layout
+from pysindy_nrf.regression.layout import LawLayout
 from pysindy_nrf.selection import select_order
-from pysindy_nrf.selection.fold_moments import FoldMoments
 from pysindy_nrf.selection.polynomials import Monomials, OrthogonalPowers, Polynomials
 
 
@@ -63,23 +60,6 @@ def test_columns_made_from_factors_are_the_features():
         assert np.allclose(block.terms[layout.slices[site]].T, columns, rtol=1e-13)
 
 
-def test_columns_that_follow_by_a_recurrence_may_have_others_beside_them():
-    """What a warning of bias multiplies: the columns of each site, and after them some that it offers itself."""
-    rng = np.random.default_rng(3)
-    v, s, a = 0.1 * rng.standard_normal((200, 2)), 1e-3 * rng.standard_normal((200, 2)), rng.standard_normal((200, 2))
-    layout = LawLayout(Chain(2), {
-        "storey 1": (OrthogonalPowers(exponents_of(3), v[:, 0], s[:, 0]),), "storey 2": (laws.PowerSeries((0, 3)),)
-    })  # fmt: skip
-    bare = ChainModel([1.0] * 2, {f"storey {i}": laws.LinearElastic(1.0) for i in (1, 2)})
-    block = next(iter(bare.segments(np.hstack([a, v, s]), a).segments[0].blocks(layout)))
-    wide = Layout(layout.chain, {site: layout.counts[site] + OFFERED for site in layout.acting})
-    offered = {site: rng.standard_normal((OFFERED, 200)) for site in layout.acting}
-    recipe = _widened(block.recipe, layout, wide)
-    columns = recipe.finish(np.vstack([block.source, *offered.values()]), wide.n_terms)
-    for site in layout.acting:
-        assert (columns[wide.slices[site]] == np.vstack([block.terms[layout.slices[site]], offered[site]])).all()
-
-
 def test_a_steady_vibration_is_made_orthogonal_altogether_and_keeps_its_scores():
     """v^2 + (w s)^2 = const: products of polynomials depend on each other, and the scores must not suffer."""
     t, rng = np.arange(6000) * 1e-3, np.random.default_rng(0)
@@ -96,29 +76,3 @@ def test_a_steady_vibration_is_made_orthogonal_altogether_and_keeps_its_scores()
     wanted = np.column_stack([slow.cv_results_[f"split{i}_test_score"] for i in range(4)])
     assert wanted[1].min() > 0.8 and np.abs(fast.fold_scores.to_numpy() - wanted)[:2].max() < 1e-9
     assert wanted[2].max() < 0  # six powers of a steady vibration are beyond any arithmetic, and chosen by nobody
-    held: FoldMoments = fast._source[0]
-    assert held.factors and set(held.factors) <= set(held.basis)
-
-
-def test_the_gram_matrices_of_a_fold_are_the_products_of_its_samples():
-    """Folds that overlap, leave rows between them out and train on two stretches, against sums over the rows."""
-    rng = np.random.default_rng(2)
-    v, s, a = 0.1 * rng.standard_normal((900, 2)), 1e-3 * rng.standard_normal((900, 2)), rng.standard_normal((900, 2))
-    R = 50 * v + 1e5 * s + 1e10 * s**3
-    F = np.array([10.0, 12.0]) * a + R - np.column_stack([R[:, 1], np.zeros(900)]) + rng.standard_normal((900, 2))
-    rows = np.arange(900)
-    folds = [(rows[310:], rows[:300]), (np.r_[0:290, 610:900], rows[300:600]), (rows[:450], rows[500:])]
-    held: FoldMoments = select_order(np.hstack([a, v, s]), F, degrees=(1, 3), cv=folds)._source[0]
-    for fold, sides in enumerate(folds):
-        for side, chosen in zip(("train", "test"), sides):
-            total, sums, counts = held.total(fold, side)
-            assert np.allclose(sums, a[chosen].sum(axis=0)) and (counts == len(chosen)).all()
-            for j in (1, 2):
-                motions = [laws.Motion(s[chosen, i - 1], v[chosen, i - 1]) for i in range(j, 3)]
-                powers = [m.v[:, None] ** [h for h, _ in exponents_of(3)] * m.s[:, None] ** [k for _, k in exponents_of(3)]
-                          for m in motions]  # fmt: skip
-                columns = np.hstack([*powers, a[chosen, j - 1 : j], F[chosen, j - 1 : j]])
-                size = np.linalg.norm(columns, axis=0)
-                root = total.matrices[j,] / size
-                assert np.abs(root.T @ root - (columns / size).T @ (columns / size)).max() < 1e-12
-                assert total.sizes[j,] == len(chosen)

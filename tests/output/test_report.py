@@ -1,9 +1,11 @@
 """The page holds what was measured, found and decided; it is whole by itself and safe whatever the files hold."""
 
+import copy
 import json
 import re
 import sys
 import warnings
+from dataclasses import replace
 from html.parser import HTMLParser
 from xml.etree import ElementTree
 
@@ -13,11 +15,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from report_cases import K3, NASTY, C, K, M, cubic, loop_report, nasty_report, record, regressor
 
-from pysindy_nrf import ChainModel, NRFRegressor, Record, datasets, laws
+from pysindy_nrf import ChainModel, NRFRegressor, Record, close_loop, datasets, excitation, laws, simulate
 from pysindy_nrf.exceptions import MissingExtraError, NRFError
+from pysindy_nrf.output.displays._figure import index_of
 from pysindy_nrf.output.report import write_html
-from pysindy_nrf.output.report.equations import feature, law_equation, number
-from pysindy_nrf.output.report.write import page, script_json
+from pysindy_nrf.output.report.content import cautions, lead, of_loop, of_model
+from pysindy_nrf.output.report.equations import as_text, feature, law_equation, number
+from pysindy_nrf.output.report.write import cell, page, script_json
 
 pytest.importorskip("jinja2", reason="the page needs the extra 'report'")
 pytest.importorskip("plotly", reason="the page needs the extra 'report'")
@@ -288,3 +292,60 @@ def test_what_further_terms_would_explain_is_said_with_units(tmp_path):
     rows = re.findall(r"<tr>(.*?)</tr>", table.split("<tbody>")[1], re.DOTALL)
     assert ["yes" if ">yes<" in row else "no" for row in rows if "balance of DOF 1" in row] == ["yes"]
     assert sum(">no<" in row for row in rows) == 2
+
+
+def test_signs_units_and_words_of_a_page():
+    assert index_of("storey 2") == "2" and index_of("link 4-2") == "4,2"
+    assert index_of("dof 3") == "dof 3"
+    assert as_text("joint") == "joint" and as_text(0.25) == "0.25"
+    assert cell(True).text == "yes" and cell(np.bool_(False)).text == ""
+    free = ChainModel([1.0, 2.0], {"storey 1": [laws.PowerSeries(1, [3.0, 4.0])], "storey 2": []})
+    assert "<mn>0</mn>" in "".join(law_equation(free.restoring_forces[2]))
+
+
+def test_a_page_of_a_model_with_a_storey_that_holds_nothing(tmp_path):
+    """A storey without a law is no section of the page."""
+    model = ChainModel([8.0, 6.0], {"storey 1": [laws.PowerSeries(1, [30.0, 4e4])], "storey 2": []})
+    F = excitation.band_limited_random(2, 4.0, 500.0, dofs=[1], rms=60.0, band=(1, 40), random_state=0)
+    rec = simulate(model, F, 1 / 500)
+    page = of_model(model, rec)
+    assert [part.site for part in page.sites] == ["storey 1"]
+    hidden = rec.replace(force=np.full_like(rec.force, np.nan))
+    assert "force unknown on DOF 1, 2" in of_model(model, hidden).measured[0][0].sentence
+
+
+@pytest.fixture(scope="module")
+def nothing_found():
+    """A linear chain, and a catalogue that holds nothing it lacks."""
+    return close_loop(record(None, seed=3, noise=0.01), catalogue=[laws.CubicStiffness()], max_steps=2)
+
+
+def test_a_loop_that_finds_nothing_says_so_on_its_page(nothing_found):
+    assert not nothing_found.steps
+    assert lead(nothing_found).endswith("the loop added nothing to it.")
+    assert lead(nothing_found).startswith(f"The declared model leaves {nothing_found.table['held-out'].iloc[0]:.3g} %")
+    page = of_loop(nothing_found)
+    tiles = {name: (value, note) for name, value, note in page.tiles}
+    assert tiles["Effects found"][0] == "0" and tiles["Held-out balance error"][1] == "the baseline's"
+    assert tiles["Held-out free-run error"][1] == "" and [c.title for c in page.chapters] == ["What is left"]
+    said = nothing_found.to_markdown()
+    assert "No effect was added." in said
+
+
+def test_doubts_about_a_step_are_said():
+    """A free run that gets worse, localisation that disagrees, a mass that is negative: each is a sentence."""
+    report = loop_report()
+    step = report.steps[0]
+    assert not any("worse than before" in said or "disagree" in said for said in cautions(report))
+    doubtful = copy.copy(report)
+    doubtful.steps = [replace(step, free_run_before=10.0, free_run_after=30.0)]
+    first, *rest = report.evidence
+    doubtful.evidence = [replace(first, chosen=first.localisation["share"].idxmin()), *rest]
+    said = " ".join(cautions(doubtful))
+    assert f"at {step.site} the held-out free run is worse than before (10 to 30 %)" in said
+    assert "Localisation and the loop disagree about" in said
+    doubtful.model = ChainModel([-1.0, 2.0, 3.0], report.model.laws, report.model.chain)
+    assert "m1 came out not positive" in " ".join(cautions(doubtful))
+    doubtful.model, doubtful.steps = report.model, [replace(step, free_run_before=np.nan, free_run_after=np.nan)]
+    names = [name for name, _ in of_loop(doubtful).chapters[0].facts]
+    assert "Held-out balance error" in names and "Held-out free-run error" not in names

@@ -1,0 +1,88 @@
+"""Files: atomic writing, strict JSON, and schemas of the files that this package writes."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import IO, Any
+
+from ..exceptions import FileFormatError, NRFError
+
+
+@contextmanager
+def atomic_write(path: Any, mode: str = "w") -> Iterator[IO[Any]]:
+    """Open a temporary file that replaces the target on success: a reader sees the old or the complete new file."""
+    if mode not in ("w", "wb"):
+        raise NRFError(f"mode={mode!r} is unknown", "Choose 'w' or 'wb'.")
+    target = Path(path)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part")
+    try:
+        text: dict[str, Any] = {"encoding": "utf-8", "newline": ""} if mode == "w" else {}
+        with os.fdopen(handle, mode, **text) as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(temporary, _permissions(target))
+        os.replace(temporary, target)
+    except BaseException:
+        with suppress(FileNotFoundError):
+            os.unlink(temporary)
+        raise
+
+
+def _permissions(target: Path) -> int:
+    """Permissions of the file to be replaced, or 666 reduced by the user's umask."""
+    with suppress(FileNotFoundError):
+        return target.stat().st_mode & 0o777
+    mask = os.umask(0)
+    os.umask(mask)
+    return 0o666 & ~mask
+
+
+@cache
+def schema(name: str = "chain_model") -> dict[str, Any]:
+    """A shipped schema (JSON Schema, draft 2020-12)."""
+    return json.loads((files(__package__) / "schemas" / f"{name}.schema.json").read_text(encoding="utf-8"))
+
+
+def plain_json(text: str) -> Any:
+    """Parsed strict JSON; raises ValueError for NaN, infinity (also 1e999) and repeated keys."""
+
+    def constant(word: str) -> Any:
+        raise ValueError(f"{word} is not a JSON number")
+
+    def number(word: str) -> float:
+        if not math.isfinite(float(word)):
+            raise ValueError(f"{word} is beyond the range of a double")
+        return float(word)
+
+    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        out = dict(pairs)
+        if len(out) < len(pairs):
+            raise ValueError("a key occurs twice in one object")
+        return out
+
+    return json.loads(text, parse_constant=constant, parse_float=number, object_pairs_hook=once)
+
+
+def check(data: Any, rules: dict[str, Any], where: str) -> None:
+    """Raise FileFormatError, naming the place, if the parsed JSON of the file ``where`` does not match a schema."""
+    from jsonschema import Draft202012Validator
+    from jsonschema.exceptions import best_match
+
+    fault = best_match(Draft202012Validator(rules).iter_errors(data))
+    if fault is not None:
+        title = rules["title"].partition(",")[0].lower()
+        said = fault.message if len(fault.message) <= 120 else f"{fault.message[:60]} ... {fault.message[-55:]}"
+        raise FileFormatError(
+            f"{where} is not a readable {title}: {fault.json_path[2:] or 'the whole'}: {said}",
+            "Write the file again, or correct it there.",
+        )

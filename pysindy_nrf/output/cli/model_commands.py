@@ -1,0 +1,431 @@
+"""Commands that find models: ``demo``, ``identify``, ``close-loop``, ``select-order`` and ``compare``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+from click.core import ParameterSource
+
+from ...exceptions import ChannelError
+from ...mechanics.chain import Chain
+from .options import (
+    RANGE,
+    band_option,
+    degree_option,
+    files_argument,
+    json_option,
+    law_option,
+    laws_of,
+    link_option,
+    mass_option,
+    order_option,
+    output_option,
+    readings_of,
+    record_options,
+)
+from .session import Session, indent, table
+
+
+@click.command(short_help="Identify a bundled record of a shaken frame.")
+@output_option
+@json_option
+def demo(output: Path, as_json: bool) -> None:
+    """Identify a bundled record: a shaken three-storey frame whose ground storey hardens.
+
+    Only floor 2 is forced and every channel carries 2 % noise. The record was simulated, so the
+    truth is printed beside what was found. No network, a few seconds.
+    """
+    from ...data.io import describe, summary
+    from ...datasets.demo import demo_truth, read_demo
+    from ...estimation.regressor import NRFRegressor
+    from .outcome import finish, identify_records
+
+    session = Session(as_json)
+    reading = read_demo()
+    session.measured(describe(reading))
+    record, estimator = reading.record, NRFRegressor(degree=3)
+    _say_plan(session, 3, record.forced, record.unknown, {}, estimator)
+    outcome = identify_records([record], estimator, raw=False, progress=session.progress)
+    finish(session, outcome, None, output, True, [summary(record)], demo_truth(), records=[record])
+    session.say("\nNext: pysindy-nrf inspect YOUR_TEST.csv, then identify, then close-loop   (pysindy-nrf --help)")
+
+
+@click.command(short_help="Find masses and restoring forces from records.")
+@files_argument
+@record_options
+@degree_option(3, "Total degree of the power series, or box k,q.")
+@order_option
+@law_option
+@link_option
+@click.option(
+    "--strategy",
+    type=click.Choice(["auto", "complete", "sequential", "joint"]),
+    default="auto",
+    help="Each balance alone, along the chain from a forced floor, or all at once.",
+)
+@mass_option
+@band_option
+@click.option(
+    "--estimation",
+    type=click.Choice(["ls", "iv", "simulation"]),
+    default="ls",
+    help="Least squares; instrumental variables, which noise in the motion does not bias; or these and then the free "
+    "run fitted to the motion: see docs/noise.md.",
+)
+@click.option(
+    "--raw", is_flag=True, help="Take all channels as they are, no fusion: every floor then needs a, v and x."
+)
+@click.option(
+    "--frf", is_flag=True, help="FILE holds frequency responses: columns f (Hz), H1, H2, .. complex, e.g. 0.1-0.2j."
+)
+@click.option("--driven", type=int, default=1, help="With --frf: the floor that is driven.")
+@click.option(
+    "--kind",
+    type=click.Choice(["accelerance", "mobility", "receptance"]),
+    default="accelerance",
+    help="With --frf: acceleration, velocity or displacement over force.",
+)
+@output_option
+@click.option("--figures/--no-figures", default=True, help="Draw figures (needs matplotlib).")
+@click.option("--tables", type=click.Choice(["csv", "parquet"]), default="csv", help="Type of the tables.")
+@click.option(
+    "--forces",
+    type=click.Choice(["csv", "parquet", "uff"]),
+    help="Write the restoring force of each site along each record too.",
+)
+@click.option("--dry-run", is_flag=True, help="Say what was understood and what can be identified, then stop.")
+@json_option
+def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) -> None:
+    """Find masses and restoring forces from the records of one chain.
+
+    FILE is CSV or other delimited text, Parquet, MATLAB, HDF5, NumPy, UFF 58 or strong motion (V2); several
+    files are several tests of the same chain (another floor hit in each, say). Channels are
+
+    \b
+        t            time, s (or --fs)
+        F1, F2, ..   forces on the floors, N; a floor without one is taken to be unforced
+        a1, a2, ..   absolute accelerations, m/s^2
+        v1.., x1..   velocities and displacements relative to the base, m/s and m
+        ag, vg, xg   motion of the base
+    Any subset of a, v, x on each floor will do; it is fused into one motion. Columns with other names are
+    mapped (--map), other units are declared (--unit, or in the header: "x1 [mm]"); pysindy-nrf inspect FILE
+    shows what was understood.
+
+    \b
+    Examples
+      pysindy-nrf identify own.csv --map F2=Shaker --map a1=Acc1 --map x1=Laser1 --unit F=kN --unit a=g --unit x=mm
+      pysindy-nrf identify shaker.csv --unit a=g --unit x=mm --band 0.5,40
+      pysindy-nrf identify DATA_EMPS.mat --map x1=qm --map F1='vir*35.1507' --band 0,20 --degree 1
+      pysindy-nrf identify hammer1.csv hammer2.csv hammer3.csv
+      pysindy-nrf identify quake.csv --map ag='table @ g' --known-mass 3=5200 --band 0.2,10
+      pysindy-nrf identify shaker.csv --frf --driven 1 --band 4,32
+    """
+    from ...estimation.regressor import NRFRegressor
+
+    session = Session(as_json)
+    degree, band, masses = options["degree"], options["band"], options["masses"]
+    settings: dict[str, Any] = {
+        "degree": degree,
+        "orders": options["orders"] or None,
+        "strategy": options["strategy"],
+        "estimation": options["estimation"],
+        "laws": laws_of(options["laws"], degree),
+        "known_masses": masses or None,
+    }
+    if frf:
+        _identify_frf(session, files, settings, options)
+        return
+    for name in ("driven", "kind"):
+        if _given(name):
+            raise click.UsageError(f"--{name} goes with --frf only.")
+    from ...data.io import describe, summary
+    from .outcome import finish, identify_records
+
+    readings = readings_of(files, options, session)
+    records = [reading.record for reading in readings]
+    session.measured(*map(describe, readings))
+    n, understood = records[0].n_dof, [summary(rec) for rec in records]
+    _same_chain(records)
+    settings["chain"] = Chain(n, options["links"]) if options["links"] else None
+    estimator = NRFRegressor(**settings, band=band)
+    forced = sorted({j for rec in records for j in rec.forced})
+    unknown = sorted(set.intersection(*(set(rec.unknown) for rec in records)))
+    plan = _say_plan(session, n, forced, unknown, masses, estimator)
+    if options["dry_run"]:
+        _dry(session, plan, understood)
+        return
+    outcome = identify_records(records, estimator, options["raw"], session.progress)
+    more = {"tables": options["tables"], "forces": options["forces"], "records": records}
+    finish(session, outcome, band, options["output"], options["figures"], understood, **more)
+    if estimator.missing_terms_["biased"].any():
+        session.say("\nNext: pysindy-nrf close-loop, with the same files and channels, looks for the missing law.")
+
+
+def _identify_frf(session: Session, files: tuple[Path, ...], settings: dict[str, Any], options: dict[str, Any]) -> None:
+    from ...data.io import read_frf
+    from ...estimation.regressor import NRFRegressor
+    from .outcome import finish, identify_frf
+
+    if len(files) != 1:
+        raise click.UsageError("--frf takes one FILE.")
+    of_records = {"mapping_file": "mapping", "forces": "forces", "mapping": "map", "units": "unit", "fs": "fs"}
+    for name, option in (of_records | {"raw": "raw"}).items():
+        if options[name]:
+            raise click.UsageError(f"--{option} does not go with --frf.")
+    if not _given("degree"):
+        settings["degree"] = 1
+    if settings["degree"] != 1 or settings["orders"] or settings["laws"]:
+        raise click.UsageError(
+            "Frequency responses identify linear laws only: leave out --order and --law, and --degree or set it to 1."
+        )
+    frf = read_frf(files[0], driven=options["driven"], kind=options["kind"])
+    band = options["band"]
+    session.measured(frf.describe(band))
+    settings["chain"] = Chain(frf.n_dof, options["links"]) if options["links"] else None
+    estimator = NRFRegressor(**settings)
+    masses = settings["known_masses"] or {}
+    plan = _say_plan(session, frf.n_dof, [frf.driven], [], masses, estimator)
+    understood = [{"name": frf.name, "n_dof": frf.n_dof, "n_lines": len(frf.f), "driven": frf.driven}]
+    if options["dry_run"]:
+        _dry(session, plan, understood)
+        return
+    outcome = identify_frf(frf, estimator, band)
+    finish(session, outcome, band, options["output"], options["figures"], understood)
+
+
+def _say_plan(session: Session, n: int, forced: Any, unknown: Any, masses: Any, estimator: Any) -> Any:
+    """Say in words what the excitation can identify, before any number is produced."""
+    chain = estimator.chain if estimator.chain is not None else Chain(n)
+    plan = chain.identifiability(forced, unknown=unknown, known_masses=masses, strategy=estimator.strategy)
+    session.headed(f"What this excitation can identify ({plan.strategy})", indent(str(plan)))
+    return plan
+
+
+def _dry(session: Session, plan: Any, records: list[dict]) -> None:
+    session.emit({"records": records, "walk": str(plan).splitlines(), "complete": plan.complete})
+    session.say("\nDry run: nothing was solved or written.")
+
+
+def _same_chain(records: list[Any]) -> None:
+    for rec in records[1:]:
+        if rec.n_dof != records[0].n_dof:
+            raise ChannelError(
+                f"{rec.name!r} has {rec.n_dof} DOFs, {records[0].name!r} has {records[0].n_dof}",
+                "Files given together are tests of one chain; identify others by themselves.",
+            )
+
+
+def _given(option: str) -> bool:
+    """Whether an option of the running command was given, not left at its default."""
+    return click.get_current_context().get_parameter_source(option) is not ParameterSource.DEFAULT
+
+
+@click.command("close-loop", short_help="Find the effects that a model lacks.")
+@files_argument
+@record_options
+@click.option(
+    "--heldout", multiple=True, type=click.Path(path_type=Path), help="A file that only the last line may see."
+)
+@degree_option(1, "Total degree of the declared storeys, or box k,q.")
+@law_option
+@mass_option
+@band_option
+@click.option("--steps", type=click.IntRange(0), default=4, help="Effects at most.")
+@click.option("--seed", type=int, default=0, help="Seed of the surrogates.")
+@output_option
+@json_option
+def close_loop(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
+    """Find the effects a model lacks, add them, and report the error before and after.
+
+    FILE is read as by ``identify``. The last quarter of each record (or the files given with
+    --heldout) is put aside until the last line.
+
+    \b
+    Examples
+      pysindy-nrf close-loop shaker.csv --band 0.5,40
+      pysindy-nrf close-loop DATA_EMPS.mat --map x1=qm --map F1='vir*35.1507' --map t=t --band 0,20
+      pysindy-nrf close-loop quake.csv --map ag='table @ g' --known-mass 1=1 --known-mass 2=1 --known-mass 3=1
+    """
+    from ...data.io import describe
+    from ...discrepancy import close_loop as run
+    from ...estimation.regressor import NRFRegressor
+
+    session = Session(as_json)
+    baseline = NRFRegressor(
+        degree=options["degree"],
+        laws=laws_of(options["laws"], options["degree"]),
+        known_masses=options["masses"] or None,
+    )
+    readings = readings_of(files, options, session)
+    kept = readings_of(options["heldout"], options, session) if options["heldout"] else []
+    session.measured(*map(describe, (*readings, *kept)))
+    with session.listening():
+        report = run(
+            [r.record for r in readings],
+            baseline,
+            heldout=[r.record for r in kept] or None,
+            band=options["band"],
+            random_state=options["seed"],
+            max_steps=options["steps"],
+            progress=not as_json,
+        )
+    session.headed("What was found", str(report))
+    session.headed("Errors, percent NRMSE (balance errors, but for the free run)", table(report.table))
+    session.headed("Model", str(report.model))
+    session.take_care()
+    steps = [{key: getattr(step, key) for key in _OF_A_STEP} for step in report.steps]
+    data = {"steps": steps, "table": report.table, "stopped_because": report.stopped_because}
+    session.finish(data | {"model": report.model.to_dict()}, options["output"], _write(report, options["output"]))
+
+
+# what --json prints of each effect
+_OF_A_STEP = (
+    "law", "family", "site", "parameters", "alternatives", "error_before", "error_after", "remainder", "sentence",
+)  # fmt: skip
+
+
+def _write(report: Any, folder: Path) -> list[Path]:
+    from ...common.files import atomic_write
+    from ...data.io import write_table
+    from .outcome import page
+
+    model, words = folder / "model.json", folder / "closed_loop.md"
+    report.model.to_json(model)
+    with atomic_write(words) as file:
+        file.write(report.to_markdown())
+    written = [model, words, write_table(report.table.rename_axis("model"), folder / "closed_loop.csv")]
+    return written + page(lambda path: report.to_html(path), folder / "closed_loop.html")
+
+
+@click.command("select-order", short_help="Find the order of the power series that the records support.")
+@files_argument
+@record_options
+@click.option("--degrees", type=RANGE, default="1-7", help="Total degrees to try: 1-7, or 1,3,5.")
+@click.option("--box", "boxes", multiple=True, type=RANGE, help="A box k,q to try as well: 1,3.")
+@click.option("--folds", type=click.IntRange(2), default=5, help="Blocks in time, each judged by a fit to the others.")
+@click.option(
+    "--rule",
+    type=click.Choice(["one_standard_error", "best"]),
+    default="one_standard_error",
+    help="The lowest order within one standard error of the best, or the best.",
+)
+@click.option(
+    "--scoring",
+    type=click.Choice(["balance", "acceleration", "free_run"]),
+    default="balance",
+    help="What is judged on held-out blocks.",
+)
+@mass_option
+@band_option
+@output_option
+@click.option("--figures/--no-figures", default=True, help="Draw the error over the order (needs matplotlib).")
+@json_option
+def select_order(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
+    """Find the order of the power series that the records support.
+
+    All orders on all folds come from one pass over the samples. Scores are of held-out blocks.
+
+    \b
+    Examples
+      pysindy-nrf select-order shaker.csv
+      pysindy-nrf select-order shaker.csv --degrees 1-5 --box 1,3 --box 2,3 --band 0.5,40
+    """
+    from ...data.io import describe, summary, write_table
+    from ...selection import select_order as run
+
+    session = Session(as_json)
+    readings = readings_of(files, options, session)
+    session.measured(*map(describe, readings))
+    records = [reading.record for reading in readings]
+    boxes = [tuple(box) for box in options["boxes"]]
+    for box in boxes:
+        if len(box) != 2:
+            raise click.UsageError(f"--box takes two numbers k,q, not {_as_option(box)}.")
+    with session.listening():
+        found = run(
+            records,
+            degrees=options["degrees"],
+            boxes=boxes or None,
+            cv=options["folds"],
+            rule=options["rule"],
+            scoring=options["scoring"],
+            known_masses=options["masses"] or None,
+            band=options["band"],
+        )
+        listed = found.table
+    session.headed("Orders (errors: percent NRMSE on held-out blocks)", table(listed))
+    kind, order = "box k,q" if isinstance(found.best_order, tuple) else "total degree", _as_option(found.best_order)
+    rule = options["rule"].replace("_", " ")
+    session.say(f"\nBest: {kind} {order} ({rule}); next: pysindy-nrf identify ... --degree {order}")
+    for site, value in found.orders_.items():
+        if _terms(value) < _terms(found.best_order):
+            shown = _as_option(value)
+            session.say(f"  {site} needs no more than {shown}: --order '{site}={shown}'")
+    session.take_care()
+    written = [write_table(listed, options["output"] / "orders.csv")]
+    if options["figures"]:
+        from ..displays import OrderSelectionDisplay
+        from ..displays._matplotlib import save
+
+        written += save(options["output"] / "orders.png", OrderSelectionDisplay.from_selection(found).figures())
+    data = {"records": [summary(rec) for rec in records], "best_order": found.best_order}
+    session.finish(data | {"orders_by_storey": found.orders_, "table": listed}, options["output"], written)
+
+
+def _as_option(order: Any) -> str:
+    """An order as --degree takes it."""
+    return ",".join(map(str, order)) if isinstance(order, tuple) else str(order)
+
+
+def _terms(order: Any) -> int:
+    """Terms of a storey's power series."""
+    if isinstance(order, tuple):
+        return (order[0] + 1) * (order[1] + 1) - 1
+    return (order + 1) * (order + 2) // 2 - 1
+
+
+@click.command(short_help="Plain SINDy and this package on the same record.")
+@click.argument("file", required=False, type=click.Path(path_type=Path))
+@record_options
+@click.option("--degree", type=click.IntRange(1), default=3, help="Total degree of the power series everywhere.")
+@click.option("--heldout", type=float, default=0.3, help="Share of the record at its end on which all are judged.")
+@click.option(
+    "--truth", type=click.Path(path_type=Path), help="The structure, if it is known: a model.json. Judges the terms."
+)
+@click.option("--time-limit", type=float, default=10.0, help="Seconds after which a free run of SINDy is given up.")
+@output_option
+@json_option
+def compare(file: Path | None, as_json: bool, **options: Any) -> None:
+    """Fit plain SINDy and this package to the same record and judge both on its end.
+
+    FILE is one record on a base at rest; every force is known.
+
+    \b
+    Examples
+      pysindy-nrf compare shaker.csv
+      pysindy-nrf compare simulated.parquet --truth model.json
+    """
+    from ...data.io import describe, summary, write_table
+    from ...regression.chain_model import ChainModel
+    from ...selection.comparison import compare_with_sindy
+
+    session = Session(as_json)
+    readings = readings_of([file] if file else [], options, session)
+    if len(readings) != 1:
+        raise click.UsageError("compare takes one record.")
+    session.measured(describe(readings[0]))
+    given = {key: options[key] for key in ("degree", "heldout", "time_limit")}
+    given["truth"] = None if options["truth"] is None else ChainModel.from_json(options["truth"])
+    with session.listening():
+        found = compare_with_sindy(readings[0].record, **given)
+    session.headed(f"On the last {100 * options['heldout']:g} % of the record (errors: percent NRMSE)")
+    shown = found.drop(columns=[c for c in found if found[c].isna().all()])
+    session.say(table(shown.drop(columns="note")))
+    for name, note in found["note"].items():
+        if note:
+            session.say(f"  {name}: {note}")
+    session.take_care()
+    written = [write_table(found, options["output"] / "comparison.csv")]
+    session.finish({"record": summary(readings[0].record), "table": found}, options["output"], written)

@@ -1,0 +1,411 @@
+"""An identification by the command line: features, fit and free run; the result in words, as data and in files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ...data.io import FrequencyResponse, frf_to_features, write_forces, write_table
+from ...data.record import Record
+from ...exceptions import SimulationError
+from ...regression.input_arrays import from_arrays
+from ...regression.segments import Segment, SegmentSet
+from ...signals.kinematics import base_acceleration
+from ..displays import FreeRunDisplay
+from ..displays._figure import dof_words
+from ..displays._matplotlib import available, save
+from ..displays.forces import loop_figure
+from ..displays.motion import response_figures
+from ..report.content import band_text, listed, not_positive
+from .session import Session, heading, indent, paragraphs, table, warned
+
+# Above this share of a balance unexplained, the estimates deserve a warning.
+LARGE_ERROR = 15.0
+
+Progress = Callable[[Iterable[Any], str], Iterable[Any]]
+
+
+@dataclass
+class Outcome:
+    """A fitted model and how well it does.
+
+    ``free_run`` is the free-run error by record and DOF (percent NRMSE of displacement; None for a frequency
+    response) or else ``no_free_run`` says why there is none; ``runs`` holds records as fused beside the model's own
+    runs, ``shares`` by site the rms of each term's force (percent of the force's rms), ``frf`` the measured responses
+    and the model's, of which the lines ``used`` lie in the band; ``data`` the records as fused.
+    """
+
+    estimator: Any
+    free_run: pd.DataFrame | None = None
+    no_free_run: str = ""
+    runs: list[tuple[Segment, Record]] = field(default_factory=list)
+    shares: dict[str, pd.Series] = field(default_factory=dict)
+    frf: tuple[FrequencyResponse, np.ndarray] | None = None
+    used: Any = None
+    warnings: list[str] = field(default_factory=list)
+    data: SegmentSet | None = None
+
+    @property
+    def response_error(self) -> list[float] | None:
+        """Percent NRMSE of the model's frequency responses in the band, by DOF."""
+        if self.frf is None:
+            return None
+        measured, found = (H[self.used] for H in (self.frf[0].H, self.frf[1]))
+        ratio = (np.abs(found - measured) ** 2).mean(axis=0) / (np.abs(measured) ** 2).mean(axis=0)
+        return [float(e) for e in 100 * np.sqrt(ratio)]
+
+    @property
+    def modes(self) -> pd.DataFrame | None:
+        """Modes of the linear part; None if a mass is not positive or a part does not swing."""
+        model = self.estimator.model_
+        if (model.masses <= 0).any() or (model.total_masses <= 0).any():
+            return None
+        modes = model.modes()
+        return modes if (modes["damping"].abs() < 1).all() else None
+
+
+def identify_records(records: Sequence[Record], estimator: Any, raw: bool, progress: Progress) -> Outcome:
+    """Identify a chain from records (``raw``: no fusion) and run the model free."""
+    from ...signals import KinematicSmoother
+
+    with warned() as messages:
+        smooth: Any = not raw
+        if smooth and estimator.estimation != "ls":  # which needs noise that is independent of the motion
+            smooth = KinematicSmoother(band="auto", joint=False)
+        pairs = [rec.to_features(smooth=smooth) for rec in progress(records, "fusing channels")]
+        X, F = (pd.concat([pair[k] for pair in pairs]) for k in (0, 1))
+        options = _beside(records)
+        estimator.fit(X, F, **options)
+        data = from_arrays(X, F, n_dof=records[0].n_dof, **options)
+        outcome = Outcome(estimator, shares=term_shares(estimator.model_, data), data=data)
+        _free_runs(outcome, records, data, progress)
+    outcome.warnings = messages()
+    return outcome
+
+
+def identify_frf(frf: FrequencyResponse, estimator: Any, band: Any) -> Outcome:
+    """Identify a linear chain from its frequency responses; the estimator has no band, lines are cut here."""
+    with warned() as messages:
+        estimator.fit(*frf_to_features(frf, band=band))
+    model = estimator.model_
+    model.visited = {}  # amplitudes of a steady state are no visited motion
+    model.info["band"] = None if band is None else [None if b is None or np.isinf(b) else b for b in band]
+    low, high = band if band is not None else (None, None)
+    used = (frf.f >= (low or 0.0)) & (frf.f <= (np.inf if high is None else high))
+    return Outcome(estimator, frf=(frf, _response(model, frf)), used=used, warnings=messages())
+
+
+def _beside(records: Sequence[Record]) -> dict[str, Any]:
+    """What goes beside X: record ids, base acceleration, covariates."""
+    ids = np.concatenate([np.full(rec.n_samples, i) for i, rec in enumerate(records)])
+    out: dict[str, Any] = {"record": ids}
+    if any(rec.base_moves for rec in records):
+        out["base_acceleration"] = np.concatenate([base_acceleration(rec) for rec in records])
+    names = set(records[0].covariates).intersection(*(rec.covariates for rec in records))
+    if names:
+        out["covariates"] = {k: np.concatenate([rec.covariates[k] for rec in records]) for k in sorted(names)}
+    return out
+
+
+def term_shares(model: Any, data: SegmentSet) -> dict[str, pd.Series]:
+    """Rms of each term's force, percent of the rms of the site's force, by site and largest first."""
+    out = {}
+    for site, force in model.restoring_forces.items():
+        if not force.laws:
+            continue
+        terms, whole = np.zeros(len(force.coefficients)), 0.0
+        for seg in data.segments:
+            motion = seg.motion(site, seg.valid)
+            columns = np.hstack([law.features(motion) * law.coefficients for law in force.laws])
+            terms += (columns**2).sum(axis=0)
+            whole += (columns.sum(axis=1) ** 2).sum()
+        if whole:
+            shares = pd.Series(100 * np.sqrt(terms / whole), index=force.coefficients.index)
+            out[str(site)] = shares.sort_values(ascending=False)
+    return out
+
+
+def _free_runs(outcome: Outcome, records: Sequence[Record], data: SegmentSet, progress: Progress) -> None:
+    """Run the model alone, from the first measured state, under the measured force."""
+    from ...regression.errors import free_run_of, squares_of
+    from ...signals.zero_phase_filter import FairFilter
+
+    model, band = outcome.estimator.model_, outcome.estimator.band
+    if (model.masses <= 0).any():
+        outcome.no_free_run = "a mass is not positive"
+        return
+    rows: dict[str, list[float]] = {}
+    for rec, seg in progress(list(zip(records, data.segments)), "free runs"):
+        if np.isnan(seg.F[seg.valid]).any():
+            outcome.no_free_run = f"a force of {rec.name} is unknown"
+            continue
+        try:
+            run = free_run_of(model, seg, seg.valid, 1.0 / rec.fs)
+        except SimulationError as error:
+            outcome.no_free_run = str(error)
+            continue
+        outcome.runs.append((seg, run))
+        filter = None if band is None else FairFilter(band, rec.fs)
+        missed, measured = squares_of(run, seg, seg.valid, filter)
+        rows[_unique(rec.name, rows)] = list(100.0 * np.sqrt(missed / measured))
+    if rows:
+        outcome.free_run = pd.DataFrame.from_dict(
+            rows, orient="index", columns=[f"x{j}" for j in range(1, model.n_dof + 1)]
+        )
+
+
+def _response(model: Any, frf: FrequencyResponse) -> np.ndarray:
+    """Accelerance of the model at the measured lines."""
+    M, C, K = model.matrices()
+    w = 2 * np.pi * frf.f[:, None, None]
+    unit = np.zeros((frf.n_dof, 1))
+    unit[frf.driven - 1] = 1.0
+    return -(w[:, :, 0] ** 2) * np.linalg.solve(K - w**2 * M + 1j * w * C, unit[None])[:, :, 0]
+
+
+def _unique(name: str, taken: Any) -> str:
+    number, label = 2, name
+    while label in taken:
+        label, number = f"{name} ({number})", number + 1
+    return label
+
+
+# -- words and data
+
+
+def result(outcome: Outcome, band: Any, truth: Any = None) -> str:
+    """Masses, equations, errors and modes of an outcome; ``truth`` is the model behind a simulated record."""
+    est, model = outcome.estimator, outcome.estimator.model_
+    known = dict(est.known_masses or {})
+    said = [heading("Masses")]
+    for j, mass in enumerate(model.masses, 1):
+        note = "  (given)" if j in known else f"  (truth {truth.masses[j - 1]:g})" if truth is not None else ""
+        said.append(f"  m{j} = {mass:.5g} kg{note}")
+    said.append(heading("Restoring forces (N; v in m/s, s in m)"))
+    for site, force in model.restoring_forces.items():
+        if force.laws:
+            said.append(f"  {force}")
+        if str(site) in outcome.shares:
+            said.append(f"    carried by {_carriers(outcome.shares[str(site)])}")
+        if truth is not None:
+            said.append(f"    truth: {truth.restoring_forces[site]}")
+    said.append(heading(f"Errors, percent NRMSE, {band_text(band)}"))
+    said += [f"  {line}" for line in (*_balance(est.errors_), *_gaps(est.third_law_gap_), *_free(outcome))]
+    modes = outcome.modes
+    if modes is not None:
+        said += [heading("Modes of the linear part (Hz, share of critical damping, shape)"), indent(table(modes))]
+    notes = outcome.warnings + advice(outcome)
+    if notes:
+        said += [heading("Take care"), paragraphs(notes)]
+    return "\n".join(said)
+
+
+def _carriers(shares: pd.Series, least: float = 1.0) -> str:
+    """The terms that carry a force, e.g. ``"s 74 %, s^3 31 %; the other 7 terms below 1 % each"``."""
+    large = shares[shares >= least]
+    said = listed(f"{term} {share:.3g} %" for term, share in large.items())
+    rest = len(shares) - len(large)
+    return said + (f"; the other {rest} term{'s' if rest > 1 else ''} below {least:g} % each" if rest else "")
+
+
+def _balance(errors: pd.DataFrame) -> list[str]:
+    """Balance errors, one a line."""
+    return [
+        f"balance error, pooled: {row['error']:.4g} %"
+        if name == "pooled"
+        else f"balance error of {dof_words(name)}: {row['error']:.4g} % of the "
+        f"{'applied force' if row['of'] == 'F' else 'inertia m a'} "
+        f"({row['residual']:.4g} of {row['reference']:.4g} N rms)"
+        for name, row in errors.iterrows()
+    ]
+
+
+def _gaps(gaps: pd.Series) -> list[str]:
+    """How far two estimates of a storey differ."""
+    said = listed(f"{site} {gap:.3g} %" for site, gap in gaps.items())
+    return [f"Newton's third law, the two estimates of one storey differ by: {said}"] if said else []
+
+
+def _free(outcome: Outcome) -> list[str]:
+    """Free-run errors, or those of the frequency responses."""
+    if outcome.response_error is not None:
+        shown = listed(f"H{j} {e:.4g} %" for j, e in enumerate(outcome.response_error, 1))
+        return [f"response error (the model's own frequency response against the measured one): {shown}"]
+    lines = []
+    for name, row in () if outcome.free_run is None else outcome.free_run.iterrows():
+        shown = listed(f"{dof} {e:.4g} %" for dof, e in row.items())
+        lines.append(f"free-run error of {name} (the model alone under the measured force): {shown}")
+    return lines + ([f"no free run: {outcome.no_free_run}"] if outcome.no_free_run else [])
+
+
+def advice(outcome: Outcome) -> list[str]:
+    """Sentences on what makes the numbers doubtful."""
+    said: list[str] = []
+    errors = outcome.estimator.errors_.drop(index="pooled")["error"]
+    poor = [f"{dof_words(k)} ({e:.3g} %)" for k, e in errors.items() if e > LARGE_ERROR]
+    if poor and not outcome.warnings:
+        cause = (
+            "A law is missing, or the channels are noisy; either biases masses and stiffnesses, noise biases them "
+            "low. Try another degree or law, or a band."
+            if outcome.frf is None
+            else "Noise in the responses biases all masses and stiffnesses low together; trust their ratios and the "
+            "frequencies more than their size."
+        )
+        said.append(f"Much of the force is unexplained in the balance of {listed(poor)}. {cause}")
+    said += not_positive(outcome.estimator.masses_, "negative")
+    if outcome.free_run is not None and np.nanmax(outcome.free_run.to_numpy()) > 50:
+        said.append(
+            "The free run leaves the measured motion. A model can be right and still drift (a stage without a "
+            "spring, a yielding storey, a record that starts in motion); check the figure."
+        )
+    return said
+
+
+def as_data(outcome: Outcome, band: Any, records: list[dict[str, Any]]) -> dict[str, Any]:
+    """The same as plain data, for ``--json``; ``records`` is what was understood."""
+    est, model = outcome.estimator, outcome.estimator.model_
+    free = None if outcome.free_run is None else {str(k): row.to_dict() for k, row in outcome.free_run.iterrows()}
+    return {
+        "records": records,
+        "band_hz": None if band is None else list(band),
+        "walk": str(est.walk_).splitlines(),
+        "masses_kg": [float(m) for m in model.masses],
+        "equations": model.equations(6),
+        "balance_error_percent": est.errors_["error"],
+        "third_law_gap_percent": {str(k): gap for k, gap in est.third_law_gap_.items()},
+        "free_run_error_percent": free,
+        "response_error_percent": outcome.response_error,
+        "no_free_run": outcome.no_free_run or None,
+        "modes": None if outcome.modes is None else outcome.modes.to_dict(orient="records"),
+        "warnings": outcome.warnings + advice(outcome),
+        "model": model.to_dict(),
+    }
+
+
+# -- files
+
+
+def write_all(
+    outcome: Outcome,
+    folder: Path,
+    band: Any,
+    figures: bool,
+    tables: str = "csv",
+    forces: str | None = None,
+    records: Any = None,
+) -> list[Path]:
+    """Write model, tables, figures (with matplotlib), the page of the records, and what was asked for beside them."""
+    from ..report import write_html
+
+    est, model = outcome.estimator, outcome.estimator.model_
+    written = [folder / "model.json"]
+    model.to_json(written[0])
+    masses = pd.DataFrame({"dof": range(1, model.n_dof + 1), "mass_kg": model.masses})
+    errors = est.errors_.reset_index(names="balance").rename(
+        columns={"error": "error_percent", "residual": "residual_N_rms", "reference": "reference_N_rms"}
+    )
+    frames = {"masses": masses, "coefficients": coefficients(model), "balance_errors": errors}
+    if (model.masses > 0).all() and (model.total_masses > 0).all():
+        frames["modes"] = model.modes().reset_index().rename(columns={"frequency": "frequency_Hz"})
+    if outcome.free_run is not None:
+        frames["free_run_errors"] = outcome.free_run.add_suffix("_percent").reset_index(names="record")
+    written += [write_table(frame, folder / f"{name}.{tables}") for name, frame in frames.items()]
+    if forces and outcome.data is not None:
+        for i, seg in enumerate(outcome.data.segments, 1):
+            number = f"_{i}" if len(outcome.data.segments) > 1 else ""
+            alone = SegmentSet([replace(seg, rows=slice(0, seg.n_samples))], seg.n_samples)
+            written.append(write_forces(model, alone, folder / f"restoring_forces{number}.{forces}"))
+    if figures:
+        written += _figures(outcome, folder, band)
+    if outcome.frf is None:
+        notes = tuple(outcome.warnings)
+        written += page(lambda path: write_html(path, est, records, notes=notes, band=band), folder / "report.html")
+    return written
+
+
+def page(write: Callable[[Path], Any], path: Path) -> list[Path]:
+    """Write a page if the packages of the extra ``report`` are installed."""
+    from ..report import available as pages_available
+
+    if not pages_available():
+        return []
+    write(path)
+    return [path]
+
+
+def coefficients(model: Any) -> pd.DataFrame:
+    """All coefficients of a model: ``site``, ``term``, ``value``, ``unit``."""
+    rows = [
+        (str(site), term, value, unit)
+        for site, force in model.restoring_forces.items()
+        for (term, value), unit in zip(force.coefficients.items(), force.units)
+    ]
+    return pd.DataFrame(rows, columns=["site", "term", "value", "unit"])
+
+
+def _figures(outcome: Outcome, folder: Path, band: Any) -> list[Path]:
+    """Draw the restoring forces and the free run, or the frequency responses."""
+    written = []
+    if outcome.frf is not None:
+        frf, found = outcome.frf
+        used = outcome.used
+        title = f"Accelerance, force on DOF {frf.driven}, {band_text(band)}"
+        responses = response_figures(frf.f[used], frf.H[used], found[used])
+        return save(folder / "frequency_response.png", responses, title=title)
+    if outcome.data is not None:
+        from ...discrepancy.site_loops import loops_of
+        from ...signals.zero_phase_filter import filters_of
+
+        data = outcome.data
+        loops = [loop_figure(loop) for loop in loops_of(outcome.estimator.model_, data, filters_of(band, data))]
+        written += save(folder / "restoring_forces.png", loops, columns=max(1, min(3, len(loops))))
+    if outcome.runs:
+        display = _free_run(outcome, band)
+        last = f", last {display.time[-1] - display.begin:.3g} s" if display.begin > display.time[0] else ""
+        title = f"The model alone under the measured force{last}, {band_text(band)}"
+        written += save(folder / "free_run.png", display.figures(), title=title)
+    return written
+
+
+def _free_run(outcome: Outcome, band: Any) -> Any:
+    """Measured and free-run displacements at the end of the first record, where a model has had time to go wrong."""
+    from ...signals.zero_phase_filter import FairFilter
+
+    seg, run = outcome.runs[0]
+    measured, own = np.cumsum(seg.s[seg.valid], axis=1), run.displacement
+    begin = run.time[_start_of_last_cycles(measured)]
+    if band is not None:
+        filter = FairFilter(band, run.fs)
+        measured, own = filter.apply(measured), filter.apply(own)
+    return FreeRunDisplay(run.time, measured, own, begin)
+
+
+def _start_of_last_cycles(measured: np.ndarray, cycles: int = 25) -> int:
+    """Row where the last cycles of the top displacement begin."""
+    crossings = np.flatnonzero(np.diff(np.signbit(measured[:, -1] - measured[:, -1].mean())))
+    return int(crossings[-2 * cycles]) if len(crossings) >= 2 * cycles else 0
+
+
+def finish(
+    session: Session,
+    outcome: Outcome,
+    band: Any,
+    folder: Path,
+    figures: bool,
+    understood: list[dict],
+    truth: Any = None,
+    **files: Any,
+) -> None:
+    """Say what was found and write it; ``understood`` are the records in words."""
+    session.say(result(outcome, band, truth))
+    written = write_all(outcome, folder, band, figures, **files)
+    session.finish(as_data(outcome, band, understood), folder, written)
+    if figures and not available():
+        session.say("No figures: matplotlib is not installed; pip install 'pysindy-nrf[plot]' brings it.")
+    if outcome.frf is None and not any(p.suffix == ".html" for p in written):
+        session.say("No page: pip install 'pysindy-nrf[report]' brings what it needs.")

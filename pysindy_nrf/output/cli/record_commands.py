@@ -1,0 +1,281 @@
+"""Commands on records and runs: ``inspect``, ``simulate``, ``plan`` a test, ``report`` as a page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from ...exceptions import FileFormatError, MissingExtraError, NRFError
+from .options import (
+    FLOORS,
+    NUMBERS,
+    band_option,
+    degree_option,
+    files_argument,
+    json_option,
+    link_option,
+    map_option,
+    mapping_option,
+    mass_option,
+    output_file,
+    rate_option,
+    readings_of,
+    record_options,
+    said_of,
+    unit_option,
+)
+from .session import Session, table
+
+
+@click.command(short_help="Say what a file holds and how it was understood.")
+@files_argument
+@record_options
+@json_option
+def inspect(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
+    """Say what a file holds and how it was understood. Nothing is solved, nothing is written.
+
+    For each FILE: clock, channels with their size in SI units and where each came from, columns that were not
+    used, and what looks wrong (units, signs and delays that contradict each other; dead, clipped, spiky channels).
+
+    \b
+    Examples
+      pysindy-nrf inspect shaker.csv
+      pysindy-nrf inspect shaker.csv --map F2='Shaker @ kN' --unit a=g --unit x=mm
+      pysindy-nrf inspect --mapping campaign.toml
+    """
+    from ...data.io import describe, summary
+    from ...signals.channel_checks import data_warnings
+
+    session = Session(as_json)
+    out = []
+    try:
+        readings = readings_of(files, options, session)
+    except NRFError:
+        _say_contents(session, files)
+        raise
+    for reading in readings:
+        with session.listening():
+            findings = data_warnings(reading.record)
+        session.say(describe(reading))
+        session.say(*([f"  take care: {one}" for one in findings] or ["  nothing looks wrong"]), "")
+        read = {"file": reading.table.path, "kind": reading.table.kind, "notes": reading.table.notes}
+        sources = {name: {"from": source.text, "unit": source.unit} for name, source in reading.sources.items()}
+        used = {"clock": reading.clock, "sources": sources, "not_used": list(reading.unused), "doubts": findings}
+        out.append(summary(reading.record) | read | used)
+    session.emit({"records": out})
+
+
+def _say_contents(session: Session, files: tuple[Path, ...]) -> None:
+    """The columns of a file that could not be understood as a record, so that they can be mapped."""
+    from ...data.io import read_table
+    from ...data.io.summary import contents
+
+    for path in files[:1]:
+        try:
+            session.say(contents(read_table(path)) + "\n")
+        except (NRFError, MissingExtraError):
+            return
+
+
+@click.command(short_help="Run a model alone under the forces of a file.")
+@click.argument("model", type=click.Path(path_type=Path))
+@click.argument("forces", required=False, type=click.Path(path_type=Path))
+@map_option
+@unit_option
+@rate_option
+@mapping_option
+@click.option(
+    "--method",
+    type=click.Choice(["default", "newmark"]),
+    default="default",
+    help="Order 8 with error control, or average-acceleration Newmark, one step a sample.",
+)
+@click.option("--x0", type=NUMBERS, help="Displacements at the start, m: 0.001,0,0. At rest if left out.")
+@click.option("--v0", type=NUMBERS, help="Velocities at the start, m/s.")
+@output_file("simulation.csv", "File of the record: .csv, .parquet or .uff.")
+@json_option
+def simulate(model: Path, forces: Path | None, as_json: bool, **options: Any) -> None:
+    """Run a model alone under the forces of a file and write the motion.
+
+    MODEL is a model.json as identify and close-loop write it. FORCES holds F1.. (N) and ag (m/s^2), those that
+    act, with a time column t or --fs, and channels that the laws read (a voltage); motions in it are left out. A
+    mapping file that names one test may stand for it.
+
+    \b
+    Examples
+      pysindy-nrf simulate nrf_output/model.json shaker.csv -o answer.parquet
+      pysindy-nrf simulate nrf_output/model.json quake.csv --map ag='table @ g' -o answer.csv
+      pysindy-nrf simulate nrf_output/model.json tomorrow.csv --mapping campaign.toml
+    """
+    from ...data.io import describe, read_excitation, summary, write_record
+    from ...regression.chain_model import ChainModel
+
+    session = Session(as_json)
+    structure = ChainModel.from_json(model)
+    said, how = said_of(options)
+    load = read_excitation(_one_test(forces, said), structure.n_dof, name=None if forces else said.name, **how)
+    with session.listening():
+        run = structure.simulate(
+            load.force,
+            1.0 / load.fs,
+            base_acceleration=load.base_acceleration,
+            covariates=load.covariates or None,
+            name=load.name,
+            **{key: options[key] for key in ("method", "x0", "v0")},
+        )
+    run.t0 = load.t0
+    session.say(describe(run))
+    session.warnings += _beyond(structure, run)
+    session.take_care()
+    path = write_record(run, options["output"])
+    session.emit({"record": summary(run)}, [path])
+    session.say(f"\nWritten: {path}")
+
+
+def _one_test(forces: Path | None, said: Any) -> Any:
+    """The file given, or the one test that the mapping file names."""
+    if forces is not None:
+        return forces
+    if said.together and said.files:
+        return list(said.files)
+    if len(said.files) != 1:
+        many = f"the mapping file names {len(said.files)} tests" if said.files else "no file is named"
+        raise click.UsageError(f"Missing argument 'FORCES': {many}; give the file with the forces.")
+    return said.files[0]
+
+
+def _beyond(model: Any, run: Any) -> list[str]:
+    """Storeys that move further than the data the model was fitted to."""
+    out = []
+    drifts = np.diff(run.displacement, axis=1, prepend=0.0)
+    for site, region in model.visited.items():
+        if not site.is_storey:
+            continue
+        most, known = np.abs(drifts[:, site.p - 1]).max(), max(abs(region.low[1]), abs(region.high[1]))
+        if most > 1.05 * known:
+            out.append(
+                f"{site} drifts {1e3 * most:.3g} mm; the data of the model reached {1e3 * known:.3g} mm: "
+                "its force beyond is a guess."
+            )
+    return out
+
+
+@click.command(short_help="Say which floor to hit, which sensor to add.")
+@click.argument("floors", type=click.IntRange(1))
+@link_option
+@click.option("--can-hit", type=FLOORS, help="Floors that a hammer or shaker reaches: 1,3. All if left out.")
+@click.option("--sensors", type=FLOORS, help="Floors whose motion is measured: 1,2,4. All if left out.")
+@click.option("--unknown", type=FLOORS, help="Floors on which a force acts that is not measured.")
+@mass_option
+@click.option("--most", type=click.IntRange(1), default=2, help="Floors hit at most.")
+@click.option(
+    "--model", type=click.Path(path_type=Path), help="A first guess (model.json): ranks floors by how modes respond."
+)
+@json_option
+def plan(floors: int, as_json: bool, **options: Any) -> None:
+    """Say which floor to hit, or which sensor to add, before a test of a structure with FLOORS floors.
+
+    \b
+    Examples
+      pysindy-nrf plan 4
+      pysindy-nrf plan 4 --can-hit 1,2 --sensors 1,2,4 --unknown 3
+      pysindy-nrf plan 3 --model nrf_output/model.json
+    """
+    from ...mechanics.chain import Chain
+    from ...regression.chain_model import ChainModel
+
+    session = Session(as_json)
+    model = None if options["model"] is None else ChainModel.from_json(options["model"])
+    if model is not None and model.n_dof != floors:
+        raise click.UsageError(f"The model has {model.n_dof} floors, not {floors}.")
+    found = Chain(floors, options["links"]).plan(
+        can_hit=options["can_hit"],
+        sensors=options["sensors"],
+        unknown=options["unknown"] or (),
+        known_masses=options["masses"],
+        model=model,
+        most=min(options["most"], floors),
+    )
+    if found.advice:
+        session.say(*found.advice)
+    shown = found.table.head(10).assign(
+        hit=found.table["hit"].map(lambda hit: " and ".join(map(str, hit))),
+        identifies=[f"{100 * share:.0f} %" for share in found.table["identifies"].head(10)],
+        left=found.table["left"].replace("", "nothing"),
+    )
+    if model is None and "response" in shown:
+        shown = shown.drop(columns="response")
+    if len(shown):
+        session.headed("Tests, the best first", table(shown.reset_index(drop=True)))
+    session.emit({"advice": found.advice, "tests": found.table.to_dict("records")})
+
+
+@click.command(short_help="Write one page (HTML) of a result or of records.")
+@files_argument
+@record_options
+@degree_option(3, "Without a result: total degree of the power series, or k,q.")
+@mass_option
+@band_option
+@click.option("--title", help="Title of the page.")
+@output_file("report.html", "File of the page.")
+@json_option
+def report(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
+    """Write one page (HTML, works offline) of a result, of records, or of both.
+
+    FILE is a result - the model.json of identify or close-loop, or what they print with --json -, and files of
+    records to draw beside it. Records alone are identified first, as by identify, with --degree and --known-mass.
+    The band is that of the result if --band is left out.
+
+    \b
+    Examples
+      pysindy-nrf report nrf_output/model.json shaker.csv --unit a=g -o frame.html
+      pysindy-nrf report shaker.csv --band 0.5,40
+    """
+    from ..report import write_html
+
+    session = Session(as_json)
+    results = [path for path in files if path.suffix.lower() == ".json"]
+    if len(results) > 1:
+        raise click.UsageError("report takes one result (.json).")
+    measured = [path for path in files if path not in results]
+    readings = readings_of(measured, options, session, needed=not results)
+    records = [reading.record for reading in readings]
+    with session.listening():
+        subject = _result(results[0]) if results else _identified(records, options, session)
+        said = {"title": options["title"], "notes": tuple(session.warnings), "band": options["band"]}
+        write_html(options["output"], subject, records or None, **said)
+    session.take_care()
+    session.emit({"title": options["title"], "records": [rec.name for rec in records]}, [options["output"]])
+    session.say(f"Written: {options['output']}   (open it in a browser)")
+
+
+def _result(path: Path) -> Any:
+    """The model of a result file."""
+    import json
+
+    from ...common.files import plain_json
+    from ...data.io.table import check_file
+    from ...regression.chain_model import ChainModel
+
+    check_file(path, 200_000_000)
+    try:
+        data = plain_json(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise FileFormatError(f"{path} is not JSON: {error}", "Give a model.json, or what --json printed.") from error
+    inner = data.get("model", data) if isinstance(data, dict) else data
+    if not isinstance(inner, dict):
+        raise FileFormatError(f"{path} holds no model", "Give a model.json, or what identify --json printed.")
+    return ChainModel.from_json(json.dumps(inner))
+
+
+def _identified(records: list[Any], options: dict[str, Any], session: Session) -> Any:
+    from ...estimation.regressor import NRFRegressor
+
+    masses, degree, band = options["masses"] or None, options["degree"], options["band"]
+    estimator = NRFRegressor(degree=degree, known_masses=masses, band=band)
+    with session.listening():
+        estimator.fit(records)
+    return estimator

@@ -1,0 +1,303 @@
+"""Commands that find models, on bundled, own and measured files: masses, words, tables and figures."""
+
+import json
+from pathlib import Path
+
+import chains
+import measured
+import numpy as np
+import pandas as pd
+import pytest
+from report_cases import two_storeys
+
+from pysindy_nrf import ChainModel, Record, datasets, simulate
+from pysindy_nrf.data.io import read_table, write_record
+from pysindy_nrf.output.cli.group import run
+
+
+def test_demo_does_the_main_job(here, capsys):
+    assert run(["demo"]) == 0
+    said = capsys.readouterr().out
+    for words in (
+        "known to be unforced: DOFs 1, 3",
+        "Balance of DOF 2 (forced): m2, storey 2, storey 3.",
+        "balance error, pooled",
+        "free-run error",
+        "(truth 12)",
+    ):
+        assert words in said
+    folder = here / "nrf_output"
+    model = ChainModel.from_json(folder / "model.json")
+    np.testing.assert_allclose(model.masses, [12, 10, 8], rtol=0.01)
+    np.testing.assert_array_equal(pd.read_csv(folder / "masses.csv")["mass_kg"], model.masses)
+    assert set(pd.read_csv(folder / "coefficients.csv")["site"]) == {"storey 1", "storey 2", "storey 3"}
+    free = pd.read_csv(folder / "free_run_errors.csv")
+    assert free.filter(like="percent").to_numpy().max() < 8
+    assert pd.read_csv(folder / "modes.csv")["frequency_Hz"].is_monotonic_increasing
+    for name in ("restoring_forces.png", "free_run.png"):
+        assert (folder / name).read_bytes()[:4] == b"\x89PNG"
+    assert not list(folder.glob(".*"))
+
+
+def test_own_file_in_mm_g_and_kn(here, spoken):
+    """The bundled record as an engineer would have it: other names, other units, decimal commas."""
+    table = datasets.load_demo().to_frame()
+    own = pd.DataFrame({"Zeit": 1e3 * table.index, "Shaker": table["F2"] / 1e3})
+    for j in (1, 2, 3):
+        own[f"Acc {j}"], own[f"Laser {j}"] = table[f"a{j}"] / 9.80665, 1e3 * table[f"x{j}"]
+    own.to_csv("own.csv", sep=";", decimal=",", index=False)
+    maps = [
+        "t=Zeit @ ms",
+        "F2=Shaker @ kN",
+        *(f"a{j}=Acc {j}" for j in (1, 2, 3)),
+        *(f"x{j}=Laser {j}" for j in (1, 2, 3)),
+    ]
+    before = Path("own.csv").read_bytes()
+    command = ["identify", "own.csv", "--unit", "a=g", "--unit", "x=mm", "--json", "--no-figures"]
+    for text in maps:
+        command += ["--map", text]
+    assert run(command) == 0
+    np.testing.assert_allclose(spoken()["masses_kg"], [12, 10, 8], rtol=0.01)
+    assert not list((here / "nrf_output").glob("*.png")) and Path("own.csv").read_bytes() == before
+
+
+def test_roving_hammer_over_three_files(here, spoken):
+    """Another floor is hit in each file; no file alone has all forces. Noise-free: exact."""
+    truth = datasets.demo_truth()
+    rng = np.random.default_rng(0)
+    for j in (1, 2, 3):
+        force = np.zeros((3000, 3))
+        force[100:110, j - 1] = 800 * np.hanning(10)
+        force[900:1500, j - 1] = 30 * rng.normal(size=600)
+        simulate(truth, force, 1e-3).to_frame().to_csv(f"hit{j}.csv")
+    assert run(["identify", "hit1.csv", "hit2.csv", "hit3.csv", "--raw", "--json", "--no-figures"]) == 0
+    data = spoken()
+    assert data["walk"][0].startswith("Balance of DOF 3 (forced)")
+    np.testing.assert_allclose(data["masses_kg"], [12, 10, 8], rtol=1e-8)
+    assert set(data["free_run_error_percent"]) == {"hit1", "hit2", "hit3"}
+
+
+def test_base_excitation_with_a_known_mass(here, capsys, spoken):
+    from pysindy_nrf.simulation.excitation import earthquake
+
+    ag = earthquake(15.0, 500.0, peak=4.0, random_state=1)
+    simulate(datasets.demo_truth(), np.zeros((len(ag), 3)), 1 / 500, base_acceleration=ag).to_frame().drop(
+        columns=["F1", "F2", "F3"]
+    ).to_csv("quake.csv")
+    assert run(["identify", "quake.csv", "--raw"]) == 3
+    assert "cannot be scaled" in capsys.readouterr().out
+    assert run(["identify", "quake.csv", "--raw", "--known-mass", "3=8", "--json", "--no-figures"]) == 0
+    data = spoken()
+    np.testing.assert_allclose(data["masses_kg"], [12, 10, 8], rtol=1e-7)
+    assert data["free_run_error_percent"]["quake"]["x3"] < 1  # straight lines between samples of ag
+
+
+def test_emps(here, capsys, spoken):
+    """Only position and drive were measured; published mass 95.1 kg."""
+    path = measured.folder("emps") / "emps" / "DATA_EMPS.mat"
+    command = ["identify", str(path), "--map", "x1=qm", "--map", "F1=vir*35.1507", "--map", "t=t", "--band", "0,20"]
+    assert run([*command, "--degree", "1"]) == 0
+    said = capsys.readouterr().out
+    assert "<- vir * 35.1507" in said and "not used: gtau, kp, kv, qg" in said and "0 to 20 Hz" in said
+    assert "Take care" in said and "Next: pysindy-nrf close-loop" in said
+    care = said.split("Take care")[1].split("Written to")[0]
+    assert max(map(len, care.splitlines())) <= 110  # a terminal shows it whole
+    assert run([*command, "--degree", "1", "--json"]) == 0
+    data = spoken()
+    assert 93 <= data["masses_kg"][0] <= 97
+    assert 16 <= data["balance_error_percent"]["dof 1"] <= 18
+    assert run([*command, "--json"]) == 0
+    data = spoken()
+    assert 93 <= data["masses_kg"][0] <= 97 and 8.5 <= data["balance_error_percent"]["dof 1"] <= 10
+
+
+def test_frequency_responses(here, capsys, spoken):
+    path = measured.folder("three_storey_frf") / "three_storey_frf" / "cristallo_Experimental.csv"
+    assert run(["identify", str(path), "--frf", "--driven", "1", "--band", "4,32", "--json"]) == 0
+    masses = spoken()["masses_kg"]
+    assert max(masses) / min(masses) - 1 < 0.10
+    assert (here / "nrf_output" / "frequency_response.png").is_file()
+    assert run(["identify", str(path)]) == 3
+    assert "--frf" in capsys.readouterr().err
+
+
+def test_dry_run_solves_and_writes_nothing(here, capsys, demo_file):
+    assert run(["identify", demo_file, "--dry-run"]) == 0
+    said = capsys.readouterr().out
+    assert "4000 samples at 200 Hz" in said and "m2, storey 2, storey 3" in said and "kg" not in said
+    assert not list(here.iterdir())
+
+
+def response_file(path):
+    f = np.linspace(2, 25, 200)
+    w = 2 * np.pi * f[:, None, None]
+    K, C = np.array([[7e4, -3e4], [-3e4, 3e4]]), np.array([[50.0, -20.0], [-20.0, 20.0]])
+    H = -(w[:, :, 0] ** 2) * np.linalg.inv(K - w**2 * np.diag([8.0, 6.0]) + 1j * w * C)[:, :, 0]
+    rows = [";".join([f"{a}", *(f"{z.real:.15g}{z.imag:+.15g}j" for z in row)]) for a, row in zip(f, H)]
+    Path(path).write_text("\n".join(["f;H1;H2", *rows]))
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (["H.csv"], "--frf takes one FILE"),
+        (["--fs", "100"], "--fs does not go with --frf"),
+        (["--map", "F1=p"], "--map does not go with --frf"),
+        (["--degree", "3"], "linear laws only"),
+    ],
+)
+def test_what_does_not_go_with_frequency_responses_is_refused(here, capsys, more, words):
+    response_file("H.csv")
+    assert run(["identify", "H.csv", "--frf", *more]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_exact_frequency_responses(here, capsys, spoken):
+    response_file("H.csv")
+    assert run(["identify", "H.csv", "--frf", "--dry-run"]) == 0
+    assert "kg" not in capsys.readouterr().out and not Path("nrf_output").exists()
+    assert run(["identify", "H.csv", "--frf", "--json", "--no-figures"]) == 0
+    assert spoken()["masses_kg"] == pytest.approx([8.0, 6.0], rel=1e-6)
+
+
+def test_a_base_known_by_its_displacement_beside_a_record_at_rest(here, spoken):
+    """A shaking table read by a laser: its acceleration comes from xg; in the other record the base does not move."""
+    t = np.arange(6000) / 500.0
+    w = 2 * np.pi * np.linspace(1.0, 20.0, 30)
+    p = np.random.default_rng(2).uniform(0, 6, 30)
+    ag = 0.3 * np.sin(np.outer(t, w) + p).sum(axis=1)
+    xg, vg = (0.3 * (np.sin(np.outer(t, w) + p + q) / w**k).sum(axis=1) for q, k in ((np.pi, 2), (-np.pi / 2, 1)))
+    shaken = two_storeys(n=6000, ag=ag, name="quake").replace(
+        base_acceleration=None, base_displacement=xg, base_velocity=vg
+    )
+    write_record(shaken, "quake.csv")
+    write_record(two_storeys(name="shaker"), "shaker.csv")
+    assert run(["identify", "quake.csv", "shaker.csv", "--degree", "1", "--band", "1,40", "--no-figures", "--json"]) == 0
+    assert spoken()["masses_kg"] == pytest.approx([8.0, 6.0], rel=0.01)
+
+
+def test_two_records_of_one_name_have_a_row_each(here, capsys):
+    for k, place in enumerate(("monday", "tuesday")):
+        Path(place).mkdir()
+        two_storeys(seed=k).to_frame().to_csv(f"{place}/test.csv")
+    files = ["monday/test.csv", "tuesday/test.csv"]
+    assert run(["identify", *files, "--degree", "1", "--no-figures"]) == 0
+    said = capsys.readouterr().out
+    assert "test (2)" in said
+    table = pd.read_csv("nrf_output/free_run_errors.csv", index_col=0)
+    assert list(table.index) == ["test", "test (2)"] and table.to_numpy().max() < 1.0
+
+
+def test_an_unknown_force_leaves_no_free_run(here, capsys):
+    """Nobody knows what drives floor 1 in the wind: this record helps to fit, but cannot be run alone."""
+    wind = two_storeys(name="wind")
+    write_record(wind.replace(force=wind.force * [np.nan, 1.0]), "wind.csv")
+    write_record(two_storeys(seed=1, name="shaker"), "shaker.csv")
+    assert run(["identify", "wind.csv", "--known-mass", "1=8", "--degree", "1"]) == 3
+    assert run(["identify", "wind.csv", "shaker.csv", "--degree", "1", "--dry-run"]) == 0
+    capsys.readouterr()
+    assert run(["identify", "shaker.csv", "wind.csv", "--degree", "1", "--no-figures"]) == 0
+    said = capsys.readouterr().out
+    assert "free-run error of shaker" in said and "free-run error of wind" not in said
+
+
+def test_a_force_of_the_wrong_sign_is_said_and_has_no_modes(here, capsys):
+    """-F = m a + ... : every mass comes out negative, which no structure is."""
+    rec = two_storeys(name="flipped")
+    rec.replace(force=-rec.force).to_frame().to_csv("flipped.csv")
+    assert run(["identify", "flipped.csv", "--degree", "1", "--no-figures"]) == 0
+    said = capsys.readouterr().out
+    assert "m1, m2 came out negative: the data do not determine this balance" in said
+    assert "no free run: a mass is not positive" in said
+    assert not Path("nrf_output/modes.csv").exists() and Path("nrf_output/masses.csv").exists()
+
+
+def test_noise_in_the_force_alone_is_called_a_missing_law_or_noise(here, capsys):
+    """White noise of 30 % in F biases nothing, so no warning stands in the way of the advice."""
+    rec = two_storeys(name="noisy", n=8000)
+    noise = 0.3 * rec.force.std(axis=0) * np.random.default_rng(0).standard_normal(rec.force.shape)
+    rec.replace(force=rec.force + noise).to_frame().to_csv("noisy.csv")
+    assert run(["identify", "noisy.csv", "--degree", "1", "--raw", "--no-figures"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "Much of the force is unexplained in the balance of DOF 1" in said
+    assert "A law is missing, or the channels are noisy" in said
+
+
+def test_a_band_without_an_upper_end_and_five_pictures(here, capsys):
+    """Four storeys and a brace are five restoring forces on a sheet of six."""
+    case = chains.duffing(4, [1, 2, 3, 4], seed=5, n_samples=2000, cubic=False)
+    x, v = np.cumsum(case.s, axis=1), np.cumsum(case.v, axis=1)
+    rec = Record(force=case.F, acceleration=case.a, velocity=v, displacement=x, fs=1000.0, name="tall")
+    rec.to_frame().to_csv("tall.csv")
+    assert run(["identify", "tall.csv", "--degree", "1", "--band", "5,none", "--link", "link 3-1", "--raw"]) == 0
+    assert "above 5 Hz" in capsys.readouterr().out
+    assert Path("nrf_output/restoring_forces.png").stat().st_size > 10_000
+
+
+def test_a_channel_that_no_law_reads_does_no_harm(here, spoken):
+    """A voltage in the file, mapped under its own name: it is listed, and the masses are what they are without it."""
+    voltage = 2.0 + np.sin(3 * np.arange(4000) / 500.0)
+    two_storeys().replace(covariates={"voltage": voltage}).to_frame().to_csv("pressed.csv")
+    more = ["--map", "voltage=voltage", "--raw", "--json", "--no-figures"]
+    assert run(["identify", "pressed.csv", "--degree", "1", *more]) == 0
+    said = spoken()
+    assert said["masses_kg"] == pytest.approx([8.0, 6.0], rel=1e-6) and "voltage" in json.dumps(said["records"])
+
+
+def test_forces_are_drawn_although_the_free_run_diverges(here, capsys):
+    """Negative damping: the model explains the record, alone it flies away; the picture of its forces is still wanted."""
+    pytest.importorskip("matplotlib")
+    t = np.arange(4000) / 200
+    rng = np.random.default_rng(0)
+    x = sum(np.sin(w * t + p) / w for w, p in zip(np.linspace(5, 60, 40), rng.uniform(0, 6, 40)))
+    v, a = np.gradient(x, t), np.gradient(np.gradient(x, t), t)
+    force = 10.0 * a - 900.0 * v + 2e4 * x
+    pd.DataFrame({"t": t, "F1": force, "a1": a, "v1": v, "x1": x})[5:-5].to_csv("f.csv", index=False)
+    assert run(["identify", "f.csv", "--degree", "1"]) == 0
+    assert "no free run: The free run diverges" in capsys.readouterr().out
+    assert Path("nrf_output/restoring_forces.png").exists() and not Path("nrf_output/free_run.png").exists()
+
+
+def test_laws_by_name_forces_and_parquet_tables(here, spoken, demo_file):
+    pytest.importorskip("pyuff")
+    command = ["identify", demo_file, "--forces", "uff", "--tables", "parquet", "--no-figures", "--json"]
+    assert run([*command, "--degree", "1", "--law", "storey 1=linear_viscous+duffing"]) == 0
+    data = spoken()
+    assert [law["law"] for law in data["model"]["laws"]["storey 1"]] == ["linear_viscous", "duffing"]
+    np.testing.assert_allclose(data["masses_kg"], [12, 10, 8], rtol=0.01)
+    forces = read_table("nrf_output/restoring_forces.uff").variables
+    assert list(forces) == ["F1", "F2", "F3"] and len(forces["F1"]) == 4000
+    masses = read_table("nrf_output/masses.parquet").variables["mass_kg"]
+    np.testing.assert_array_equal(masses, data["masses_kg"])
+    # the force the model reconstructs in storey 3 carries the mass above it: R_3 = -m_3 a_3, noise apart
+    record = datasets.load_demo()
+    inertia = -masses[2] * record.acceleration[:, 2]
+    assert np.std(forces["F3"] - inertia) < 0.1 * np.std(inertia)
+
+
+def test_select_order_finds_the_cubic_and_says_what_to_do_next(here, capsys, spoken, demo_file):
+    command = ["select-order", demo_file, "--degrees", "1,3,4", "--box", "1,2"]
+    assert run(command) == 0
+    said = capsys.readouterr().out
+    assert "identify ... --degree 3" in said and "--order 'storey 2=1'" in said
+    assert Path("nrf_output/orders.png").exists() and len(pd.read_csv("nrf_output/orders.csv")) == 4
+    assert run([*command, "--no-figures", "--json"]) == 0
+    data = spoken()
+    assert data["best_order"] == 3 and data["orders_by_storey"]["storey 2"] == 1
+
+
+def test_compare_with_the_truth(here, spoken, demo_file, truth_file):
+    assert run(["compare", demo_file, "--truth", truth_file, "--time-limit", "0.2", "--json"]) == 0
+    table = spoken()["table"]
+    assert table["pysindy_nrf, least squares"]["mass_error"] < 1 < table["SINDy, defaults"]["terms"] / 100
+    assert "terms" in pd.read_csv("nrf_output/comparison.csv")
+
+
+def test_compare_takes_one_record(here, capsys, demo_file):
+    for name in ("a.csv", "b.csv"):
+        Path(name).write_bytes(Path(demo_file).read_bytes())
+    Path("two.toml").write_text('files = ["a.csv", "b.csv"]\n')
+    assert run(["compare", "--mapping", "two.toml"]) == 2
+    assert "compare takes one record" in capsys.readouterr().err
+
+

@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
+
 import numpy as np
+
 from .blocks import Block, cut_at
 from .gram_pass import block_grams, rows_of
 from .grams import BlockGrams, width_of
 from .layout import Group, LawLayout
 from .segments import Segment, SegmentSet
-
 
 N_PIECES = 64
 

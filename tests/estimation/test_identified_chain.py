@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from three_floors import chain, features, noisy, run
 
-from pysindy_nrf import ChainModel, NRFRegressor, datasets, laws
+from pysindy_nrf import ChainModel, NRFRegressor, laws
 from pysindy_nrf.estimation import (
     damper_force,
     dissipated_energy,
@@ -23,7 +23,6 @@ from pysindy_nrf.estimation import (
     total_mass,
 )
 from pysindy_nrf.exceptions import BiasWarning, ChainError, ChannelError
-from pysindy_nrf.selection.comparison import compare
 
 # -- forces and energies ----------------------------------------------------------------------
 
@@ -147,6 +146,3 @@ def test_models_of_other_structures_are_not_compared(chain2, chain4):
     assert "gap" not in total_mass({"first": one})
     with pytest.raises(ChainError, match="data's own regressor"):
         locate_nonlinearity(one.model_, chain2.X, chain2.F)
-    rec = datasets.load_demo()
-    with pytest.raises(ChannelError, match="takes one contiguous record on a base at rest"):
-        compare([rec, rec])

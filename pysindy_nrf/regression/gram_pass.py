@@ -1,85 +1,276 @@
-"""Gram matrices of consecutive pieces of the data, with instruments or without: what re-solving needs.
-
-A sum of pieces is any part of the data; leaving one out, or drawing them at random, and solving the whole chain again
-carries every uncertainty to where it ends up (an error in R_3 reaches m_1).
-"""
+"""The pass over the samples: blocks of rows in, Gram matrices of the balances out, on all cores."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from .blocks import Block, cut_at
-from .gram_pass import block_grams, rows_of
-from .grams import BlockGrams, width_of
-from .layout import Group, LawLayout
-from .segments import Segment, SegmentSet
+from ..common.threads import in_threads
+from .blocks import Block
+from .gram import Plan, orthogonal_gram
+from .grams import BlockGrams, Dofs, root_of, scaled_cholesky, width_of
+from .layout import Group, Layout
 
-N_PIECES = 64
+SHARE = 4  # blocks that a thread takes at once
+# Pivots of a scaled Gram matrix below this are round-off.
+_LOST = 3e-8
 
 
-def pieces_of(
-    data: SegmentSet,
-    layout: LawLayout,
+def block_grams(
+    layout: Layout,
     groups: Sequence[Group],
-    filters: Sequence[Any],
-    known_masses: Mapping[int, float],
-    runs: Sequence[Segment | None] | None = None,
-    n_pieces: int = N_PIECES,
-    whiteners: Mapping[tuple[int, ...], Any] | None = None,
-    edges: Sequence[np.ndarray] | None = None,
+    blocks: Iterable[tuple[int, Block]],
+    known_masses: Mapping[int, float] | None = None,
 ) -> BlockGrams:
-    """Gram matrices of consecutive pieces of the data."""
-    chosen = [i for i in range(len(data.segments)) if runs is None or runs[i] is not None]
-    known = {int(j): float(m) for j, m in known_masses.items()}
-    if edges is None:
-        lengths = {i: data.segments[i].n_valid for i in chosen}
-        length = max(1, -(-sum(lengths.values()) // n_pieces))
-        cuts = {i: np.linspace(0, n, max(1, round(n / length)) + 1).astype(int) for i, n in lengths.items()}
-    else:
-        cuts = {i: np.asarray(edges[i]) for i in chosen}
-    counts = [len(cuts[i]) - 1 for i in chosen]
-    record = np.repeat(chosen, counts)
-    if runs is None and not whiteners:
-        numbered = (
-            pair for i, first in zip(chosen, np.cumsum([0, *counts]).tolist())
-            for pair in cut_at(cuts[i], data.segments[i].blocks(layout, filter=filters[i]), first)
-        )  # fmt: skip
-        return replace(block_grams(layout, groups, numbered, known), record=record)
-    grams: dict[tuple[int, ...], list[np.ndarray]] = {g.dofs: [] for g in groups}
-    sizes: dict[tuple[int, ...], list[int]] = {g.dofs: [] for g in groups}
-    for i in chosen:
-        block = whole_block(data.segments[i], layout, filters[i])
-        twin = None if runs is None else whole_block(runs[i], layout, filters[i])
-        spans = [slice(lo, hi) for lo, hi in zip(cuts[i][:-1], cuts[i][1:])]
-        for group in groups:
-            width = width_of(layout, group) * (1 if twin is None else 2) - (twin is not None)
-            if not all(block.known[j - 1] for j in group.dofs):
-                grams[group.dofs] += [np.zeros((width, width))] * len(spans)
-                sizes[group.dofs] += [0] * len(spans)
-                continue
-            rows = rows_of(layout, group, block, known)
-            if twin is not None:
-                rows = np.vstack([rows, rows_of(layout, group, twin, known)[:-1]])
-            if whiteners is not None and whiteners.get(group.dofs) is not None:
-                rows = whiteners[group.dofs].apply(rows, data.segments[i].dt)
-            grams[group.dofs] += [(part := rows[:, span]) @ part.T for span in spans]
-            sizes[group.dofs] += [span.stop - span.start for span in spans]
-    return BlockGrams(
-        layout, {g.dofs: g for g in groups}, {dofs: np.array(held) for dofs, held in grams.items()},
-        {dofs: np.array(held, dtype=float) for dofs, held in sizes.items()},
-        np.concatenate([np.diff(cuts[i]) for i in chosen]).astype(float), known,
-        instrumented=runs is not None, record=record,
-    )  # fmt: skip
+    """Gram matrices of numbered blocks of samples; what has the same number is summed.
+
+    Parameters
+    ----------
+    layout : Layout
+    groups : sequence of Group
+        Single balances, and sums of balances for base excitation.
+    blocks : iterable of (int, Block)
+        Numbers from 0 on.
+    known_masses : mapping of int to float, optional
+        Masses used in summed balances, kg.
+
+    Returns
+    -------
+    BlockGrams
+        One block for each number; the same to the last bit for any number of threads.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import Chain
+    >>> from pysindy_nrf.regression.blocks import blocks_of
+    >>> from pysindy_nrf.regression.gram_pass import block_grams
+    >>> from pysindy_nrf.regression.layout import Layout
+    >>> s, a, F = np.arange(6.0).reshape(3, 2, 1)
+    >>> layout = Layout(Chain(1), {"storey 1": 1})
+    >>> block_grams(layout, [layout.group((1,))], enumerate(blocks_of(s, a, F))).matrices[1,]
+    array([[[ 1.,  3.,  5.],
+            [ 3., 13., 23.],
+            [ 5., 23., 41.]]])
+    """
+    return GramPass(layout, groups, known_masses).add_each(blocks).grams()
 
 
-def whole_block(segment: Any, layout: LawLayout, filter: Any) -> Block:
-    """All valid rows of a record as one block, its arrays our own."""
-    parts = list(segment.blocks(layout, filter=filter))
-    terms, acceleration, force = (
-        np.concatenate([getattr(p, k) for p in parts], axis=1) for k in ("terms", "acceleration", "force")
-    )
-    return Block(terms, acceleration, force)
+def total_gram(
+    layout: Layout,
+    groups: Sequence[Group],
+    blocks: Iterable[Block],
+    known_masses: Mapping[int, float] | None = None,
+    kind: str = "gram",
+    guess: Mapping[Dofs, np.ndarray] | None = None,
+) -> BlockGrams:
+    """Gram matrices of all samples of some blocks; ``kind`` and ``guess`` as for :class:`GramPass`."""
+    return GramPass(layout, groups, known_masses, kind, guess).add_each((0, block) for block in blocks).total()
+
+
+class GramPass:
+    """Running sums of the products of the columns, for numbered blocks of samples.
+
+    Parameters
+    ----------
+    layout : Layout
+    groups : sequence of Group
+    known_masses : mapping of int to float, optional
+        kg.
+    kind : {"gram", "root"}
+        ``"root"`` keeps the digits that squaring would lose.
+    guess : mapping of tuple of int to ndarray of shape (p, p), optional
+        For ``"root"``: by balance, a triangular factor of similar samples. Columns are first made nearly orthogonal
+        with it, after which their Gram matrix loses nothing (CholeskyQR2: Yamamoto, Nakatsukasa, Yanagisawa and Fukaya,
+        ETNA 44, 2015). Without it, Householder's QR, which is slower.
+    n_blocks : int
+        Numbers that :meth:`grams` holds at least, empty ones included.
+    """
+
+    def __init__(
+        self,
+        layout: Layout,
+        groups: Sequence[Group],
+        known_masses: Mapping[int, float] | None = None,
+        kind: str = "gram",
+        guess: Mapping[Dofs, np.ndarray] | None = None,
+        n_blocks: int = 0,
+    ) -> None:
+        self.layout, self.groups, self.kind = layout, {g.dofs: g for g in groups}, kind
+        self.known_masses, self.guess = dict(known_masses or {}), dict(guess or {})
+        self.counts: list[int] = []  # samples of each number
+        self._sums: list[dict[tuple[bool, ...], list[Any]]] = []  # by the known forces: products, samples
+        self._roots: list[dict[Dofs, _Root]] = []
+        self._before: BlockGrams | None = None
+        self._plan: Plan | None = None
+        self._open(n_blocks - 1)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_plan": None}
+
+    @property
+    def plan(self) -> Plan:
+        """Which products are taken; shared by all passes that :meth:`empty` makes."""
+        if self._plan is None:
+            self._plan = Plan(self.layout, list(self.groups.values()), self.known_masses)
+        return self._plan
+
+    def empty(self, before: BlockGrams | None = None) -> GramPass:
+        """A pass over the same columns that has seen nothing, or that goes on behind a total."""
+        out = GramPass(self.layout, list(self.groups.values()), self.known_masses, self.kind, self.guess)
+        out._plan, out._before = (self.plan if self.kind == "gram" else None), before
+        return out
+
+    @property
+    def n_samples(self) -> int:
+        """Samples of all numbers."""
+        return sum(self.counts) + (0 if self._before is None else int(self._before.n_samples))
+
+    def add(self, block: Block, number: int = 0) -> GramPass:
+        """Add samples to a number; self."""
+        if self.kind == "root":
+            self._add_root(block, number)
+        else:
+            self.plan.multiply(block, self._room(number, [block]))
+        return self
+
+    def add_each(self, blocks: Iterable[tuple[int, Block]]) -> GramPass:
+        """Add numbered blocks, on all cores; self."""
+        if self.kind == "root":
+            for number, block in blocks:
+                self._add_root(block, number)
+            return self
+
+        plan = self.plan  # made before the threads ask for it
+
+        def multiplied(share: tuple[int, list[Block]]) -> tuple[int, list[Block], np.ndarray]:
+            store = np.zeros(plan.size)
+            for block in share[1]:
+                plan.multiply(block, store)
+            return *share, store
+
+        for number, held, products in in_threads(multiplied, _shares(blocks)):
+            store = self._room(number, held)
+            store += products
+        return self
+
+    def grams(self) -> BlockGrams:
+        """Gram matrices or roots of each number."""
+        shape = (len(self.counts),)
+        matrices = {dofs: np.zeros((*shape, p, p)) for dofs, p in self._widths()}
+        sizes = {dofs: np.zeros(shape) for dofs in matrices}
+        for number in range(len(self.counts)):
+            for dofs, matrix in matrices.items():
+                if self.kind == "root":
+                    part = self._roots[number][dofs]
+                    matrix[number], sizes[dofs][number] = part.settled(), part.n_samples
+                    continue
+                take = self.plan.take[dofs]
+                for known, (store, size) in self._sums[number].items():
+                    if all(known[j - 1] for j in dofs):
+                        matrix[number] += store[take]
+                        sizes[dofs][number] += size
+        counts = np.array(self.counts, dtype=float)
+        return BlockGrams(self.layout, self.groups, matrices, sizes, counts, self.known_masses, self.kind)
+
+    def total(self) -> BlockGrams:
+        """Gram matrices or roots of all that was added under the number 0."""
+        self._open(0)
+        out = self.grams()[0]
+        return out if self._before is None else self._before.merge(out)
+
+    def _widths(self) -> Iterator[tuple[Dofs, int]]:
+        return ((dofs, width_of(self.layout, group)) for dofs, group in self.groups.items())
+
+    def _open(self, number: int) -> None:
+        while len(self.counts) <= number:
+            self.counts.append(0)
+            self._sums.append({})
+            self._roots.append({d: _Root(p) for d, p in self._widths()} if self.kind == "root" else {})
+
+    def _room(self, number: int, blocks: Sequence[Block]) -> np.ndarray:
+        """Where products of these blocks are summed up; counts their samples."""
+        self._open(number)
+        size, known = sum(block.n_samples for block in blocks), blocks[0].known
+        if known not in self._sums[number]:
+            self._sums[number][known] = [np.zeros(self.plan.size), 0]
+        held = self._sums[number][known]
+        self.counts[number] += size
+        held[1] += size
+        return held[0]
+
+    def _add_root(self, block: Block, number: int) -> None:
+        self._open(number)
+        self.counts[number] += block.n_samples
+        for dofs, part in self._roots[number].items():
+            if all(block.known[j - 1] for j in dofs):
+                part.add(rows_of(self.layout, self.groups[dofs], block, self.known_masses), self.guess.get(dofs))
+
+
+class _Root:
+    """Triangular root of the Gram matrix of some columns, by a streamed QR."""
+
+    def __init__(self, n_columns: int) -> None:
+        self.n_samples = 0
+        self._root = np.zeros((n_columns, n_columns))
+        self._guess: np.ndarray | None = None
+        self._near = np.zeros((0, 0))
+
+    def add(self, rows: np.ndarray, guess: np.ndarray | None) -> None:
+        """Add samples, (n_columns, n), through the Gram matrix of columns that a guess of the root makes orthogonal."""
+        self.n_samples += rows.shape[1]
+        if guess is None:
+            self._root = root_of(np.vstack([self.settled(), rows.T]))
+            return
+        if self._guess is not guess:
+            self._root = self.settled()
+            self._guess, self._near = guess, np.zeros(guess.shape)
+        orthogonal_gram(rows, guess, self._near)
+
+    def settled(self) -> np.ndarray:
+        """Root of all samples."""
+        if self._guess is not None:
+            near = np.tril(self._near)
+            root = scaled_cholesky(near + np.tril(near, -1).T) @ self._guess
+            self._guess = None
+            self._root = root_of(np.vstack([self._root, root])) if self._root.any() else root
+        return self._root
+
+
+def rows_of(layout: Layout, group: Group, block: Block, known_masses: Mapping[int, float]) -> np.ndarray:
+    """Rows ``[terms | a | F]`` of a balance, ``[terms | F - m a]`` of a sum of balances, for all samples of a block."""
+    own = [block.terms[layout.slices[s]] for s in group.sites]
+    index = [j - 1 for j in group.dofs]
+    if len(index) == 1:
+        return np.vstack([*own, block.acceleration[index], block.force[index]])
+    inertia = np.array([known_masses[j] for j in group.dofs]) @ block.acceleration[index]
+    return np.vstack([*own, block.force[index].sum(axis=0) - inertia])
+
+
+def guess_of(total: BlockGrams) -> dict[Dofs, np.ndarray]:
+    """By balance, a triangular factor that can be divided by: pivots lost to round-off are what may be lost."""
+    out = {}
+    for dofs, root in total.roots().matrices.items():
+        upper = np.array(root)
+        scale = np.linalg.norm(upper, axis=0)
+        scale[scale == 0] = 1.0
+        low = np.flatnonzero(np.abs(np.diag(upper)) < _LOST * scale)
+        upper[low] = 0.0
+        upper[low, low] = _LOST * scale[low]
+        out[dofs] = np.ascontiguousarray(upper)
+    return out
+
+
+def _shares(blocks: Iterable[tuple[int, Block]]) -> Iterator[tuple[int, list[Block]]]:
+    """Neighbouring blocks of the same number, a few at a time."""
+    at, held = 0, []  # type: int, list[Block]
+    for number, block in blocks:
+        if held and (number != at or len(held) == SHARE or block.known != held[0].known):
+            yield at, held
+            held = []
+        at = number
+        held.append(block)
+    if held:
+        yield at, held

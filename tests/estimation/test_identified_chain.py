@@ -144,5 +144,5 @@ def test_models_of_other_structures_are_not_compared(chain2, chain4):
     with pytest.raises(ChainError, match="str is not a chain model"):
         total_mass({"first": "a model"})
     assert "gap" not in total_mass({"first": one})
-    with pytest.raises(ChainError, match="data's own regressor"):
+    with pytest.raises(ChainError, match="the regressor that was fitted to the data"):
         locate_nonlinearity(one.model_, chain2.X, chain2.F)

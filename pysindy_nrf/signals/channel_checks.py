@@ -12,6 +12,8 @@ from ..data.channels import FILLED, fillers
 from ..data.record import Record
 from ..exceptions import DataQualityWarning, NRFError
 
+__all__ = ["check_channels"]
+
 _MOTION = re.compile(r"[avx]\d+")
 CLIPPED = 5  # samples in a row at an extreme
 SPIKE = 25.0  # robust standard deviations of the second difference

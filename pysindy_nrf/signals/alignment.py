@@ -21,6 +21,7 @@ from ..laws.sensor import shifted
 
 __all__ = ["align", "channel_alignment", "displacement_from_drifts", "resampled", "shifted", "split_at_gaps"]
 
+
 def channel_alignment(
     record: Record,
     band: tuple[float, float] | None = None,

@@ -54,7 +54,7 @@ from pysindy_nrf import (  # noqa: E402
     laws,
 )
 from pysindy_nrf.exceptions import NRFError  # noqa: E402
-from pysindy_nrf.mechanics.identifiability import plan_walk  # noqa: E402
+from pysindy_nrf.mechanics.identifiability import plan_solve_order  # noqa: E402
 from pysindy_nrf.regression.blocks import blocks_of  # noqa: E402
 from pysindy_nrf.regression.chain_solve import solve_blocks  # noqa: E402
 from pysindy_nrf.regression.layout import Layout  # noqa: E402
@@ -112,7 +112,7 @@ def absent(model: NRFRegressor, case: chains.Case) -> float:
 
 def exact_rows(name: str, cases: list[chains.Case], **options) -> list[Row]:
     models = [NRFRegressor(degree=3, **options).fit(case.X, case.F) for case in cases]
-    done = {m.walk_.strategy for m in models}
+    done = {m.solve_order_.strategy for m in models}
     name = f"{name} (chains: {len(cases)}; {' or '.join(sorted(done))})"
     return [
         below(f"{name}, masses and true coefficients", max(map(parameter_error, models, cases)), EXACT),
@@ -155,9 +155,9 @@ def entrances(quick: bool) -> list[Row]:
             inside = ps.SINDy(optimizer=ChainOptimizer(inner), feature_library=library)
             inside = inside.fit(X, t=case.dt, x_dot=case.F).optimizer
             terms, chain = np.asarray(library.transform(X))[:, 4:], Chain(4)
-            layout, walk = Layout(chain, dict.fromkeys(chain.sites, 9)), plan_walk(chain, forced)
+            layout, solve_order = Layout(chain, dict.fromkeys(chain.sites, 9)), plan_solve_order(chain, forced)
             rows_of = partial(blocks_of, terms, X[:, :4], case.F)
-            direct, _ = solve_blocks(layout, walk, rows_of, inner=inner)
+            direct, _ = solve_blocks(layout, solve_order, rows_of, inner=inner)
             gaps = [chains.worst(m, own.masses_) for m in (inside.masses_, [direct.masses[j] for j in range(1, 5)])]
             for i in range(1, 5):
                 part = slice(9 * (i - 1), 9 * i)

@@ -75,8 +75,8 @@ print(ours.model_)
 # 3. Two coupled oscillators, one of them hit
 # -------------------------------------------
 # Ground - spring 1 - 10 kg - spring 2 - 8 kg; only the second mass is forced. The equation of the first has no measured
-# force in it: a regression of its acceleration finds ratios to an unknown mass. The walk along the chain finds the
-# force of spring 2 where it is measured and takes it to the first mass.
+# force in it: a regression of its acceleration finds ratios to an unknown mass. Solved storey by storey,
+# the force of spring 2 is found where it is measured and carried to the first mass.
 truth = ChainModel(
     [10.0, 8.0],
     {1: [laws.LinearViscous(40.0), laws.Duffing(8e4, 3e9)], 2: [laws.LinearViscous(50.0), laws.Duffing(6e4, 4e9)]},

@@ -36,7 +36,7 @@ def public_of(module) -> dict[str, object]:
     return {n: v for n, v in found.items() if inspect.isclass(v) or inspect.isfunction(v)}
 
 
-def walk() -> dict[str, object]:
+def solve_order() -> dict[str, object]:
     modules = [pysindy_nrf, *map(importlib.import_module, MODULES)]
     found = {}
     for module in modules:
@@ -46,7 +46,7 @@ def walk() -> dict[str, object]:
     return found
 
 
-PUBLIC = walk()
+PUBLIC = solve_order()
 CLASSES = {name: obj for name, obj in PUBLIC.items() if inspect.isclass(obj)}
 
 

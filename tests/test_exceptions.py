@@ -32,7 +32,7 @@ ALLOWED = {
 }
 # Readers' helpers: the reader turns their ValueError into a FileFormatError (test_fuzz.py holds it to that).
 HELPERS = {"data/io/table.py", "data/io/arrays.py", "data/io/uff.py", "common/schema.py"}
-# The sentences of a walk say themselves what would help.
+# The sentences of a solve order say themselves what would help.
 CURE_INSIDE = {"mechanics/identifiability.py": "its reasons say what would help"}
 # Functions that build the error they are named for.
 BUILDERS = {"unreadable", "cannot_compile"}

@@ -125,13 +125,13 @@ def audibility(case: Case, ready) -> list[float]:
     """For each effect: rms of what the baseline cannot hold, over the rms balance residual of the true model.
 
     The baseline's own columns in a balance are those that its solve determines there: the mass and the
-    storeys that are still unknown when the walk arrives (in an unforced balance the storey found before
+    storeys that are still unknown when the solve order arrives (in an unforced balance the storey found before
     is given; with it free, any effect would be "reproduced" by the homogeneous equation itself). Where the
     solve sums balances (base excitation), so does this.
     """
     run, seg = case.runs[0], ready.data.segments[0]
     known = range(1, case.structure.n + 1) if case.base else ()
-    walk = Chain(case.structure.n).identifiability(case.forced, known_masses=known)
+    solve_order = Chain(case.structure.n).identifiability(case.forced, known_masses=known)
     s, v = (np.diff(y, axis=1, prepend=0.0) for y in (run.x, run.v))
     _, clean, _, _ = balances(case.structure, case.effects, run.t, run.a, v, s, run.F, run.vg)
     residual = true_residual(case, seg)[0]
@@ -139,7 +139,7 @@ def audibility(case: Case, ready) -> list[float]:
     out = []
     for part in clean:
         lost = noise = 0.0
-        for step in walk.steps:
+        for step in solve_order.steps:
             rows = [j - 1 for j in step.dofs]
             effect = part[:, rows].sum(axis=1)
             if not effect.any():

@@ -42,12 +42,12 @@ _ROWS_PER_COLUMN = 20  # fewer samples than this are too few for further columns
 def missing_terms(estimator: Any, X: Any, F: Any = None, **options: Any) -> pd.DataFrame:
     """Table of what the laws of a fitted regressor leave unexplained, step by step."""
     data = as_segments(estimator, X, F, **options)
-    return missing_terms_of(estimator.model_, estimator.walk_, data, estimator.band)
+    return missing_terms_of(estimator.model_, estimator.solve_order_, data, estimator.band)
 
 
-def missing_terms_of(model: Any, walk: Any, data: SegmentSet, band: Any = None) -> pd.DataFrame:
+def missing_terms_of(model: Any, solve_order: Any, data: SegmentSet, band: Any = None) -> pd.DataFrame:
     """:func:`missing_terms` for a model and its order of solution."""
-    diagnostic = MissingTerms(model, walk)
+    diagnostic = MissingTerms(model, solve_order)
     collect(diagnostic.layout, data, band, [diagnostic])
     return diagnostic.table()
 
@@ -55,12 +55,12 @@ def missing_terms_of(model: Any, walk: Any, data: SegmentSet, band: Any = None) 
 class MissingTerms:
     """Gram matrices of own and offered columns, collected window by window, for :func:`missing_terms`."""
 
-    def __init__(self, model: Any, walk: Any, layout: LawLayout | None = None) -> None:
-        self.walk, self.layout = walk, layout or LawLayout(model.chain, model.laws)
+    def __init__(self, model: Any, solve_order: Any, layout: LawLayout | None = None) -> None:
+        self.solve_order, self.layout = solve_order, layout or LawLayout(model.chain, model.laws)
         self.coefficients = model.coefficients
         # the columns of each site: its own, then those offered
         self.wide = Layout(self.layout.chain, {s: self.layout.counts[s] + OFFERED for s in self.layout.acting})
-        groups = [self.wide.group(dofs) for dofs in dict.fromkeys(step.dofs for step in walk.steps)]
+        groups = [self.wide.group(dofs) for dofs in dict.fromkeys(step.dofs for step in solve_order.steps)]
         self.masses = dict(enumerate(model.masses.tolist(), 1))
         self.folds = GramPass(self.wide, groups, self.masses, n_blocks=FOLDS)
         self.counts = dict.fromkeys((g.dofs for g in groups), 0)
@@ -84,7 +84,7 @@ class MissingTerms:
     def table(self) -> pd.DataFrame:
         """As :func:`missing_terms` returns it."""
         alike: dict[tuple[int, int], list[tuple[str, bool, bool, np.ndarray]]] = {}
-        steps = [step for step in self.walk.steps if self.counts[step.dofs]]
+        steps = [step for step in self.solve_order.steps if self.counts[step.dofs]]
         folds = self.folds.grams()
         for step in steps:
             combine = _combination(step, self.layout, self.coefficients, self.masses, folds)

@@ -32,10 +32,10 @@ _NOTHING = 1e-3
 
 
 def jump_bias_of(
-    model: Any, walk: Any, data: SegmentSet, band: Any = None, known_masses: Any = None, inner: Any = None
+    model: Any, solve_order: Any, data: SegmentSet, band: Any = None, known_masses: Any = None, inner: Any = None
 ) -> pd.DataFrame:
     """Coefficients of forces that jump, with and without the samples near velocity reversals."""
-    diagnostic = JumpBias(model, walk, known_masses, inner, silent=band is not None)
+    diagnostic = JumpBias(model, solve_order, known_masses, inner, silent=band is not None)
     collect(diagnostic.layout, data, band, diagnostic.active)
     return diagnostic.table()
 
@@ -46,17 +46,17 @@ class JumpBias:
     def __init__(
         self,
         model: Any,
-        walk: Any,
+        solve_order: Any,
         known_masses: Any = None,
         inner: Any = None,
         silent: bool = False,
         layout: LawLayout | None = None,
     ) -> None:
-        self.model, self.walk, self.known, self.inner = model, walk, dict(known_masses or {}), inner
+        self.model, self.solve_order, self.known, self.inner = model, solve_order, dict(known_masses or {}), inner
         self.layout = layout or LawLayout(model.chain, model.laws)
         self.places = [] if silent else jumping_terms(self.layout)
         if self.places:
-            groups = groups_of(self.layout, walk)
+            groups = groups_of(self.layout, solve_order)
             self.whole, *self.kept = (
                 GramPass(self.layout, groups, self.known, n_blocks=_GROUPS) for _ in (None, *SHARES)
             )
@@ -77,7 +77,7 @@ class JumpBias:
                 kept.add(window.block.take(away), number % _GROUPS)
 
     def _solved(self, total: BlockGrams) -> np.ndarray:
-        coefficients = solve(total, self.walk, self.known, self.inner).coefficients
+        coefficients = solve(total, self.solve_order, self.known, self.inner).coefficients
         return np.array([coefficients[site][at] for site, at, _ in self.places])
 
     def _with_chance(self, grams: BlockGrams) -> tuple[np.ndarray, np.ndarray]:

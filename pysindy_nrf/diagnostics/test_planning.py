@@ -95,7 +95,7 @@ def _doubts(model: Any) -> list[Finding]:
     gravity = {"channels": 7.0, "forces": 6.0, "masses": 3.9}
     return [
         (gravity[key], "channel" if key == "channels" else "doubt", key, np.nan, text)
-        for key, held in model.doubts_.items()
+        for key, held in model.data_warnings_.items()
         for text in held
     ]
 
@@ -227,7 +227,7 @@ def _noise(model: Any) -> list[Finding]:
     pieces = model._resolving().pieces
     coefficients = model.model_.coefficients
     out = []
-    for step in model.walk_.steps:
+    for step in model.solve_order_.steps:
         if len(step.dofs) > 1 or not step.masses or pieces.instrumented:
             continue
         group = layout.group(step.dofs)
@@ -360,9 +360,9 @@ def plan(
     rows = []
     for count in range(1, most + 1):
         for floors in itertools.combinations([j for j in reach if j not in unknown], count):
-            walk = chain.identifiability(floors, unknown=unknown, known_masses=known_masses, strategy="sequential")
-            left = [f"m{j}" for j in walk.missing_masses] + [str(s) for s in walk.missing_sites]
-            rows.append((floors, 1 - len(left) / total, _depth(walk), _modal_response(model, floors), ", ".join(left)))
+            order = chain.identifiability(floors, unknown=unknown, known_masses=known_masses, strategy="sequential")
+            left = [f"m{j}" for j in order.missing_masses] + [str(s) for s in order.missing_sites]
+            rows.append((floors, 1 - len(left) / total, _depth(order), _modal_response(model, floors), ", ".join(left)))
     table = pd.DataFrame(rows, columns=["hit", "identifies", "depth", "response", "left"])
     if not len(table):
         advice.append("No floor can be hit with a known force; give a mass (known_masses=) to scale the chain.")
@@ -393,10 +393,10 @@ def plan(
     return Plan(table, advice)
 
 
-def _depth(walk: Any) -> int:
+def _depth(solve_order: Any) -> int:
     """Most balances one after another through which an error travels."""
     after: dict[Any, int] = {}
-    for step in walk.steps:
+    for step in solve_order.steps:
         depth = 1 + max((after.get(s, 0) for s in step.known_sites), default=0)
         after |= {s: depth for s in step.sites}
         after[step.name] = depth

@@ -132,8 +132,8 @@ def _linearised(
     layout = Layout(stage.chain, counts)
     where = {s: list(range(stage.layout.slices[s].start, stage.layout.slices[s].stop)) for s in stage.layout.sites}
     where[site] = where[site] + list(range(size, size + extra))
-    uses, members = work.uses([g.dofs for g in groups_of(layout, stage.walk)])
-    project = Projection(layout, stage.walk, work.known_masses, where, stage.tail, uses)
+    uses, members = work.uses([g.dofs for g in groups_of(layout, stage.solve_order)])
+    project = Projection(layout, stage.solve_order, work.known_masses, where, stage.tail, uses)
     grams = np.array([(part := columns[:, rows]) @ part.T for rows in work.spans])
     every = np.einsum("ub,bij->uij", members.astype(float), grams)[None]
     own = [*range(stage.at[place], stage.at[place] + width), *range(size, size + extra)]

@@ -8,7 +8,7 @@ site is judged by
 
 with corrections d of all masses and coefficients (A: the balances' columns, one law for both ends of a
 link) and a force f that is free at every instant. It does not matter in which order the baseline
-was solved: an error carried along a walk is a correction d. ``share = 1 - E_site / E_none``.
+was solved: an error carried along a solve order is a correction d. ``share = 1 - E_site / E_none``.
 """
 
 from __future__ import annotations

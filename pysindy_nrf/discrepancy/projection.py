@@ -1,4 +1,4 @@
-"""The walk of the chain solve on many Gram matrices at once: what ranks the candidates.
+"""The chain solve on many Gram matrices at once: what ranks the candidates.
 
 The equations are those of :mod:`pysindy_nrf.regression.chain_solve` with plain least squares, compiled, so that
 every law, site, shape and fold costs microseconds. Only ranks and fold errors come from here; what
@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 
 from ..exceptions import NRFError, RankWarning
-from ..mechanics.identifiability import Walk
+from ..mechanics.identifiability import SolveOrder
 from ..mechanics.sites import Site
 from ..regression.chain_solve import groups_of, solve
 from ..regression.errors import pooled_error
@@ -164,7 +164,7 @@ class Projection:
     Parameters
     ----------
     layout : Layout
-    walk : Walk
+    solve_order : SolveOrder
     known_masses : mapping of int to float
     where : mapping of Site to ndarray of int
         Rows of the Gram matrix that hold the terms of each site, in the order of the layout.
@@ -178,27 +178,27 @@ class Projection:
     def __init__(
         self,
         layout: Layout,
-        walk: Walk,
+        solve_order: SolveOrder,
         known_masses: Mapping[int, float],
         where: Mapping[Site, Sequence[int]],
         at: int,
         uses: Mapping[tuple[int, ...], int],
     ) -> None:
-        self.layout, self.walk, self.at = layout, walk, at
+        self.layout, self.solve_order, self.at = layout, solve_order, at
         self.known_masses, self.where, self._uses = dict(known_masses), where, uses
-        self.groups = groups_of(layout, walk)
+        self.groups = groups_of(layout, solve_order)
         n = self.n_dof = layout.n_dof
         self._known = np.array([self.known_masses.get(j, 0.0) for j in range(1, n + 1)])
         entries: list[tuple[int, int, int, int]] = []
         steps: list[tuple[int, ...]] = []
         dofs: list[int] = []
         done: set[Site] = set()
-        for step in walk.steps if walk.strategy != "joint" else ():
+        for step in solve_order.steps if solve_order.strategy != "joint" else ():
             signs = {s: sum(s.incidence(j) for j in step.dofs) for s in (*step.sites, *step.known_sites)}
             begin, first = len(entries), len(dofs)
             entries += [(at + j - 1, 1, 2, j - 1) for j in step.masses]
             for s in step.sites:  # a second estimate (complete strategy) is solved for and left aside
-                role = 3 if walk.strategy == "complete" and s.p not in step.dofs else 0
+                role = 3 if solve_order.strategy == "complete" and s.p not in step.dofs else 0
                 entries += [(int(c), signs[s], role, 0) for c in where[s]]
             entries += [(int(c), signs[s], 1, 0) for s in step.known_sites for c in where[s]]
             dofs += [j - 1 for j in step.dofs]
@@ -233,7 +233,7 @@ class Projection:
         sizes = np.ascontiguousarray(sizes, dtype=float)
         errors, theta, masses = np.empty(b), np.zeros((b, p)), np.empty((b, self.n_dof))
         parts = np.zeros((b, self.n_dof, 2))
-        if self.walk.strategy == "joint":
+        if self.solve_order.strategy == "joint":
             self._joint(fit, judge, sizes, theta, errors)
             return errors, theta, parts
         steps, entries, groups, members, dofs = self._plan
@@ -262,7 +262,7 @@ class Projection:
             try:
                 with warnings.catch_warnings():
                     warnings.simplefilter("error", RankWarning)
-                    found = solve(of(fit), self.walk, self.known_masses)
+                    found = solve(of(fit), self.solve_order, self.known_masses)
             except (NRFError, RankWarning):
                 continue
             for s, values in found.coefficients.items():

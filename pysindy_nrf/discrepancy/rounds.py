@@ -106,7 +106,7 @@ class Rounds:
         self.opening: list[Finding] | None = None
 
     def go(self, stage: Stage, max_steps: int) -> None:
-        """Walk through the four rooms until there is a reason to stop."""
+        """SolveOrder through the four rooms until there is a reason to stop."""
         steps, scenes = self.steps, self.scenes
         if not scenes:
             self._stand_on(stage)

@@ -55,7 +55,7 @@ def unbiased(stage: Stage, ready: Prepared) -> Solution | None:
             warnings.simplefilter("ignore", NRFWarning)  # what is wrong with the channels has been said
             data, filters = searched(work, data=ready.apart)
             problem = Problem(trial.layout.chain, trial.layout.laws, work.known_masses, strategy=work.strategy)
-            found = instrumental_variables(trial.model(), data, problem, trial.walk, filters)
+            found = instrumental_variables(trial.model(), data, problem, trial.solve_order, filters)
     except (NRFError, np.linalg.LinAlgError):
         return None
     return found.solution if found is not None and found.settled else None

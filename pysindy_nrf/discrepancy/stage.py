@@ -16,7 +16,7 @@ import numpy as np
 from ..exceptions import NRFError, RankWarning
 from ..laws.base import ForceLaw
 from ..mechanics.chain import Chain
-from ..mechanics.identifiability import Walk, plan_walk
+from ..mechanics.identifiability import SolveOrder, plan_solve_order
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
 from ..regression.chain_solve import Solution, groups_of, solve
@@ -44,8 +44,8 @@ class Trial:
     """
 
     def __init__(self, stage: Stage) -> None:
-        self.stage, self.work, self.layout, self.walk = stage, stage.work, stage.layout, stage.walk
-        self._groups = groups_of(self.layout, self.walk)
+        self.stage, self.work, self.layout, self.solve_order = stage, stage.work, stage.layout, stage.solve_order
+        self._groups = groups_of(self.layout, self.solve_order)
         self._last: tuple[np.ndarray, BlockGrams] | None = None
         self._seen = np.array([self.work.known[b.segment] for b in self.work.blocks])
 
@@ -90,7 +90,7 @@ class Trial:
         with warnings.catch_warnings():
             warnings.simplefilter("error", RankWarning)
             try:
-                return solve(self.total(blocks), self.walk, self.work.known_masses)
+                return solve(self.total(blocks), self.solve_order, self.work.known_masses)
             except RankWarning as warning:
                 raise NRFError(str(warning), "Leave the law out of the catalogue.") from None
 
@@ -127,7 +127,7 @@ class Stage:
         self.chain = chain.with_links([s for s, held in laws.items() if held and s.kind == "link"])
         self.laws = {s: tuple(held) for s, held in laws.items()}
         self.layout = LawLayout(self.chain, self.laws)
-        self.walk = self._walk(self.layout)
+        self.solve_order = self._solve_order(self.layout)
         self.at: dict[tuple[Site, int], int] = {}
         at = 0
         for site in self.layout.sites:
@@ -140,9 +140,9 @@ class Stage:
         )  # fmt: skip
         self.grams = np.array([(part := self.columns[:, rows]) @ part.T for rows in work.spans])
 
-    def _walk(self, layout: LawLayout) -> Walk:
+    def _solve_order(self, layout: LawLayout) -> SolveOrder:
         work = self.work
-        return plan_walk(
+        return plan_solve_order(
             layout.chain, work.forced, work.unknown, dict(work.known_masses), work.strategy, layout.acting
         ).require_complete()
 
@@ -200,13 +200,13 @@ class Slot:
             if site.kind == "link":
                 chain = chain.with_links([site])
         if law is None and not drop:
-            layout, walk = stage.layout, stage.walk
+            layout, solve_order = stage.layout, stage.solve_order
         else:
             layout = LawLayout(chain, {s: tuple(one for _, one in held) for s, held in kept.items()})
-            walk = stage._walk(layout)
+            solve_order = stage._solve_order(layout)
         where = {s: [at + k for at, one in kept.get(s, ()) for k in range(len(one.terms()))] for s in layout.sites}
-        uses, self._members = self.work.uses([g.dofs for g in groups_of(layout, walk)])
-        self._project = Projection(layout, walk, self.work.known_masses, where, stage.tail, uses)
+        uses, self._members = self.work.uses([g.dofs for g in groups_of(layout, solve_order)])
+        self._project = Projection(layout, solve_order, self.work.known_masses, where, stage.tail, uses)
         near = [g for g in self._project.groups if site in g.sites] if self.width else []
         rows = {c for g in near for s in g.sites for c in where[s]}
         rows |= {stage.tail + k * self.work.n_dof + j - 1 for g in near for j in g.dofs for k in range(2)}

@@ -92,13 +92,13 @@ def fit_distributed(
             )
     accumulator = _pass(dask, estimator, items, whole, "gram", {})
     with threadpool_limits(1, "blas"):
-        solution, grams, walk = solution_of(accumulator)
+        solution, grams, solve_order = solution_of(accumulator)
         if solution is None:  # second pass, with columns orthogonalised by the first result
             guess = guess_of(grams)
             accumulator = _pass(dask, estimator, items, whole, "root", guess)
-            solution, grams, walk = solution_of(accumulator)
+            solution, grams, solve_order = solution_of(accumulator)
         assert solution is not None  # only Gram matrices lose digits
-        return publish(accumulator, solution, grams, walk)
+        return publish(accumulator, solution, grams, solve_order)
 
 
 def _pass(dask: Any, estimator: Any, items: Sequence[Any], whole: bool, kind: str, guess: dict) -> Accumulator:

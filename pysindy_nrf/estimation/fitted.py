@@ -15,7 +15,7 @@ from ..data.record import Record
 from ..diagnostics.test_planning import Diagnosis, diagnose
 from ..exceptions import ChannelError, DataQualityWarning
 from ..mechanics.chain import Chain
-from ..mechanics.identifiability import Walk
+from ..mechanics.identifiability import SolveOrder
 from ..regression.blocks import Block
 from ..regression.chain_model import ChainModel
 from ..regression.input_arrays import from_arrays, holds_records
@@ -31,7 +31,7 @@ class FittedChain:
 
     model_: ChainModel
     chain_: Chain
-    walk_: Walk
+    solve_order_: SolveOrder
     problem_: Problem
     masses_: np.ndarray
     band: tuple[float | None, float | None] | None
@@ -190,7 +190,7 @@ class FittedChain:
             for seg, filter in zip(data.segments, filters):
                 yield from seg.blocks(layout, filter=filter)
 
-        return judge(self.model_, layout, self.walk_, blocks)
+        return judge(self.model_, layout, self.solve_order_, blocks)
 
     def modes(self) -> pd.DataFrame:
         """Frequencies (Hz), damping ratios and shapes of the linear part.
@@ -353,7 +353,7 @@ class FittedChain:
             from .intervals import least_squares_resolver
 
             data = self.fit_data("Fit again, or ask for intervals before saving.")
-            self._resolver = least_squares_resolver(self.problem_, self.walk_, data)
+            self._resolver = least_squares_resolver(self.problem_, self.solve_order_, data)
         return self._resolver
 
     def _interval_resolver(self) -> Resolver:
@@ -372,5 +372,5 @@ class FittedChain:
             from .intervals import separate_resolver
 
             apart = self._fused_separately()
-            self._separate_resolver = separate_resolver(self.problem_, self.walk_, apart, self._resolving())
+            self._separate_resolver = separate_resolver(self.problem_, self.solve_order_, apart, self._resolving())
         return self._separate_resolver

@@ -442,13 +442,13 @@ def refine(
 ) -> tuple[Estimate, Resolver | None, dict[str, Any], SegmentSet]:
     """Estimate by instrumental variables (and output error), its resolver, facts, and data to judge it on."""
     facts: dict[str, Any] = {"asked": method, "found": "ls"}
-    problem, walk = start.problem, start.order
+    problem, solve_order = start.problem, start.order
     known, inner = dict(problem.known_masses), problem.optimizer
-    iv = instrumental_variables(start.model, data, problem, walk)
+    iv = instrumental_variables(start.model, data, problem, solve_order)
     if iv is None:
         return start, None, facts, data
     facts |= {"found": "iv", "rounds": iv.rounds, "correlation": iv.correlation, "notes": list(iv.notes)}
-    resolver = Resolver(iv.pieces, walk, known, inner)
+    resolver = Resolver(iv.pieces, solve_order, known, inner)
     if note := _convergence_note(iv, resolver):
         facts["notes"] = [*facts["notes"], note]
         warnings.warn(note, BiasWarning, stacklevel=4)
@@ -465,7 +465,14 @@ def refine(
             theta, rebuild, _ = free_parameters(model, known)
             assert result.record is not None
             resolver = InfluenceResolver(
-                iv.pieces, walk, known, inner, theta=theta, rebuild=rebuild, moves=result.influences, of=result.record
+                iv.pieces,
+                solve_order,
+                known,
+                inner,
+                theta=theta,
+                rebuild=rebuild,
+                moves=result.influences,
+                of=result.record,
             )
         else:
             facts["notes"] = [*facts["notes"], f"instrumental variables kept: {result.why}"]

@@ -13,7 +13,7 @@ from scipy import stats
 
 from ..common.random_state import generator
 from ..exceptions import ChainError, ChannelError, ExtrapolationWarning, IdentifiabilityError, RankWarning
-from ..mechanics.identifiability import Walk
+from ..mechanics.identifiability import SolveOrder
 from ..regression.blocks_of_samples import pieces_of
 from ..regression.chain_model import ChainModel
 from ..regression.chain_solve import Solution, groups_of, solve
@@ -141,7 +141,7 @@ class Resolver:
     """Solves the chain again on any choice of pieces; ``constrain`` maps a model to one that obeys the constraints."""
 
     pieces: BlockGrams
-    walk: Walk
+    solve_order: SolveOrder
     known_masses: Mapping[int, float]
     inner: Any = None
     constrain: Callable[[ChainModel], ChainModel] | None = None
@@ -161,7 +161,7 @@ class Resolver:
 
     def solve(self, total: BlockGrams) -> Solution:
         """Masses and coefficients of a sum of pieces."""
-        return solve(total.projected(), self.walk, self.known_masses, self.inner)
+        return solve(total.projected(), self.solve_order, self.known_masses, self.inner)
 
     def at(self, weights: np.ndarray) -> ChainModel:
         """Model of the pieces, each taken ``weights`` times."""
@@ -251,16 +251,16 @@ class InfluenceResolver(Resolver):
         return model if self.constrain is None else self.constrain(model)
 
 
-def least_squares_resolver(problem: Problem, walk: Walk, data: SegmentSet) -> Resolver:
+def least_squares_resolver(problem: Problem, solve_order: SolveOrder, data: SegmentSet) -> Resolver:
     """Resolver of a least-squares estimate; one pass over the data."""
     layout, known = problem.layout, dict(problem.known_masses)
-    pieces = pieces_of(data, layout, groups_of(layout, walk), problem.filters(data), known)
-    return Resolver(pieces, walk, known, problem.optimizer)
+    pieces = pieces_of(data, layout, groups_of(layout, solve_order), problem.filters(data), known)
+    return Resolver(pieces, solve_order, known, problem.optimizer)
 
 
-def separate_resolver(problem: Problem, walk: Walk, separate: SegmentSet, resolver: Resolver) -> Resolver:
+def separate_resolver(problem: Problem, solve_order: SolveOrder, separate: SegmentSet, resolver: Resolver) -> Resolver:
     """Resolver of a least-squares estimate on motions that were fused DOF by DOF."""
-    return replace(least_squares_resolver(problem, walk, separate), constrain=resolver.constrain)
+    return replace(least_squares_resolver(problem, solve_order, separate), constrain=resolver.constrain)
 
 
 def parameter_intervals(

@@ -37,7 +37,7 @@ from sklearn.base import clone
 
 from ..exceptions import BiasWarning, ChainError, ChannelError, IdentifiabilityError, RankWarning, SimulationError
 from ..laws import PowerSeries
-from ..mechanics.identifiability import Walk
+from ..mechanics.identifiability import SolveOrder
 from ..regression.blocks import Block
 from ..regression.blocks_of_samples import pieces_of, whole_block
 from ..regression.chain_model import ChainModel
@@ -197,7 +197,7 @@ class IVResult:
     >>> X, F = simulate(frame, F, 0.002).to_features(smooth=False)
     >>> start = NRFRegressor(degree=1, dt=0.002).fit(X, F)
     >>> data = start.model_.segments(X, F, dt=0.002)
-    >>> found = instrumental_variables(start.model_, data, start.problem_, start.walk_)
+    >>> found = instrumental_variables(start.model_, data, start.problem_, start.solve_order_)
     >>> found.model.masses.round(3), bool(found.correlation > 0.99)
     (array([10., 10.]), True)
     """
@@ -241,7 +241,7 @@ def instrumental_variables(
     start: ChainModel,
     data: SegmentSet,
     problem: Problem,
-    walk: Walk,
+    solve_order: SolveOrder,
     filters: Sequence[Any] | None = None,
 ) -> IVResult | None:
     """Iterated instrumental variables for all strategies and laws.
@@ -255,7 +255,7 @@ def instrumental_variables(
     problem : Problem
         With values for all shape parameters. An upper edge of its band colours the noise of the force, and the delay
         of the instruments grows with it.
-    walk : Walk
+    solve_order : SolveOrder
         The order of the solve.
     filters : sequence of FairFilter or None, optional
         One for each record; those of the problem's band if None.
@@ -276,7 +276,7 @@ def instrumental_variables(
     >>> model.masses_.round(1), model.model_.info["estimation"]["found"]
     (array([10.1, 10.1]), 'iv')
     """
-    layout, source = problem.layout, _Instruments(data, problem, walk, filters)
+    layout, source = problem.layout, _Instruments(data, problem, solve_order, filters)
     if not source.usable:
         _fall_back("in every record the force on some DOF is unknown, and a free run needs all forces", FORCES)
         return None
@@ -312,7 +312,7 @@ def instrumental_variables(
         )
         try:
             names = {s: layout.labels(s) for s in layout.acting}
-            solution = solve(pieces.sum().projected(), walk, problem.known_masses, problem.optimizer, names)
+            solution = solve(pieces.sum().projected(), solve_order, problem.known_masses, problem.optimizer, names)
         except IdentifiabilityError as error:
             why, cure = error.what, error.cure
             break
@@ -367,7 +367,7 @@ def delay_of(band: Any, dt: float) -> int:
 class _Instruments:
     """Free runs of models under the forces of some records, as instruments of their balances."""
 
-    def __init__(self, data: SegmentSet, problem: Problem, order: Walk, filters: Sequence[Any] | None) -> None:
+    def __init__(self, data: SegmentSet, problem: Problem, order: SolveOrder, filters: Sequence[Any] | None) -> None:
         self.data, self.problem, self.layout, self.order = data, problem, problem.layout, order
         self.filters = problem.filters(data) if filters is None else filters
         self.groups = groups_of(self.layout, order)
@@ -512,10 +512,10 @@ def fit_frequency_response(
     data, others = (from_arrays(x, F, n_dof=frf.n_dof) for x in (X, Z))
     problem = model.problem_
     layout, known, optimizer = problem.layout, dict(problem.known_masses), problem.optimizer
-    pieces = pieces_of(data, layout, groups_of(layout, model.walk_), [None], known, others.segments)
-    solution = solve(pieces.sum().projected(), model.walk_, known, optimizer)
+    pieces = pieces_of(data, layout, groups_of(layout, model.solve_order_), [None], known, others.segments)
+    solution = solve(pieces.sum().projected(), model.solve_order_, known, optimizer)
     return model._adopt(
         model_of(layout, solution),
-        Resolver(pieces, model.walk_, known, optimizer),
+        Resolver(pieces, model.solve_order_, known, optimizer),
         {"asked": "iv", "found": "iv", "notes": ["neighbouring lines"]},
     )

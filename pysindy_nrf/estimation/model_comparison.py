@@ -191,8 +191,9 @@ def found_twice(estimator: Any, X: Any, F: Any, **options: Any) -> dict[str, pd.
     v       30.0       30.0
     s    40000.0    40000.0
     """
-    if estimator.walk_.strategy != "complete":
-        raise ChainError(f"The {estimator.walk_.strategy} strategy estimates no storey twice", "Force every DOF.")
+    strategy = estimator.solve_order_.strategy
+    if strategy != "complete":
+        raise ChainError(f"The {strategy} strategy estimates no storey twice", "Force every DOF.")
     data = as_segments(estimator, X, F, **options)
     problem = replace(estimator.problem_, optimizer=None)
     layout, solution = problem.layout, problem.solve(data).solution

@@ -64,7 +64,7 @@ def planarity(
     forces = [model.restoring_force(data)[seg.rows][seg.valid] for seg in data.segments]
     index, scale = _off_plane(data, forces)
     reference = np.full(model.n_dof, np.nan)
-    if draws and hasattr(estimator, "walk_"):
+    if draws and hasattr(estimator, "solve_order_"):
         reference = _reference(estimator, data, scale, draws, random_state)
     planar = index < np.fmax(reference, LEAST)
     return pd.DataFrame({"index": index, "reference": reference, "planar": planar}, index=storey_names(model))
@@ -148,7 +148,7 @@ def locate_nonlinearity(
     """
     from sklearn.base import clone
 
-    if not hasattr(estimator, "walk_"):
+    if not hasattr(estimator, "solve_order_"):
         raise ChainError(
             "locate_nonlinearity needs the regressor that was fitted to the data", "Give a fitted NRFRegressor."
         )

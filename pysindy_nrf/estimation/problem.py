@@ -13,7 +13,7 @@ import numpy as np
 from ..exceptions import ChainError, ExcitationError
 from ..laws import ForceLaw, PowerSeries
 from ..mechanics.chain import Chain
-from ..mechanics.identifiability import Walk, plan_walk
+from ..mechanics.identifiability import SolveOrder, plan_solve_order
 from ..mechanics.sites import Site
 from ..regression.blocks import Block
 from ..regression.chain_model import ChainModel
@@ -133,7 +133,7 @@ class Problem:
         """
         return replace(self, known_masses=known_masses)
 
-    def solve_order(self, forced: Iterable[int], unknown: Iterable[int] = ()) -> Walk:
+    def solve_order(self, forced: Iterable[int], unknown: Iterable[int] = ()) -> SolveOrder:
         """Balances in the order in which they are solved.
 
         Parameters
@@ -145,7 +145,7 @@ class Problem:
 
         Returns
         -------
-        Walk
+        SolveOrder
 
         Raises
         ------
@@ -160,7 +160,7 @@ class Problem:
                 "No force is measured and no mass is known, so nothing scales the chain",
                 "Measure a force on one DOF, or give a mass: known_masses={dof: kg}; ratios to it then come out.",
             )
-        order = plan_walk(self.chain, forced, unknown, self.known_masses, self.strategy, self.layout.acting)
+        order = plan_solve_order(self.chain, forced, unknown, self.known_masses, self.strategy, self.layout.acting)
         return order.require_complete()
 
     def filters(self, data: SegmentSet) -> list[FairFilter | None]:
@@ -223,7 +223,7 @@ class Estimate(NamedTuple):
     ----------
     problem : Problem
         With values for all shape parameters.
-    order : Walk
+    order : SolveOrder
         The order in which the balances were solved.
     model : ChainModel
     solution : Solution
@@ -232,14 +232,14 @@ class Estimate(NamedTuple):
     """
 
     problem: Problem
-    order: Walk
+    order: SolveOrder
     model: ChainModel
     solution: Solution
     grams: BlockGrams
 
 
 def _least_squares(
-    problem: Problem, layout: LawLayout, order: Walk, data: SegmentSet, filters: list[FairFilter | None]
+    problem: Problem, layout: LawLayout, order: SolveOrder, data: SegmentSet, filters: list[FairFilter | None]
 ) -> tuple[Solution, BlockGrams]:
     """Solution for a layout whose laws have all their shape parameters."""
 

@@ -93,7 +93,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
     jump_bias_ : DataFrame
         Of least squares: coefficients of forces that jump (friction), with and without the samples next to the jumps;
         a BiasWarning is raised if they differ. See :func:`pysindy_nrf.diagnostics.jump_bias_of`.
-    doubts_ : dict of str to list of str
+    data_warnings_ : dict of str to list of str
         ``"channels"``: texts of the DataQualityWarning on channels (units, sign, gain, delay, clipped, dead). Texts of
         the BiasWarning: ``"forces"``, balances that contradict each other (a force in other units, a wrong known mass),
         and ``"masses"``, which are not positive or not determined against noise.
@@ -101,7 +101,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
     problem_ : Problem
         The problem solved: chain, laws with their shape parameters, known masses, band, strategy and optimizer.
     chain_ : Chain
-    walk_ : Walk
+    solve_order_ : SolveOrder
         The order of the solve, in words.
     unknown_forces_ : DataFrame
         Forces (N) on the DOFs whose force was NaN, from the balances, over the rows passed; a column ``F2``
@@ -330,7 +330,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         if self.constraints is not None:
             from .constraints import constrained
 
-            self.walk_ = found.order
+            self.solve_order_ = found.order
             found = found._replace(model=constrained(found.model, self.constraints, self._resolving()))
         self._publish(found, data, judged, facts["found"] == "ls")
         self.model_.info["estimation"] = facts
@@ -372,10 +372,10 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         from ..diagnostics.windows import collect
         from ..regression.errors import balance_errors
 
-        problem, walk, model, solution, grams = found
+        problem, solve_order, model, solution, grams = found
         layout = problem.layout
         self.problem_ = problem.with_laws(model.laws)
-        self.chain_, self.walk_ = layout.chain, walk
+        self.chain_, self.solve_order_ = layout.chain, solve_order
         self.masses_ = model.masses
         self.errors_ = balance_errors(model, grams)
         self.condition_ = pd.Series(
@@ -386,7 +386,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         model.visited = visited_regions(data, layout)
         model.info = {
             "band": None if self.band is None else [None if b is None or np.isinf(b) else float(b) for b in self.band],
-            "strategy": walk.strategy,
+            "strategy": solve_order.strategy,
             "n_samples": self.n_samples_,
             "balance_error_percent": {k: float(e) for k, e in self.errors_["error"].items() if np.isfinite(e)},
         }
@@ -395,16 +395,16 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         self.unknown_forces_ = unknown_forces(model, data)
         silent = self.band is not None or not least_squares
         held = layout if least_squares else None  # the shapes of its laws are those of the model
-        terms = MissingTerms(model, walk, held)
-        jumps = JumpBias(model, walk, problem.known_masses, problem.optimizer, silent, held)
+        terms = MissingTerms(model, solve_order, held)
+        jumps = JumpBias(model, solve_order, problem.known_masses, problem.optimizer, silent, held)
         collect(terms.layout, judged, self.band, [terms, *jumps.active])
         self.missing_terms_, self.jump_bias_ = terms.table(), jumps.table()
-        self.doubts_ = {
+        self.data_warnings_ = {
             "channels": data.doubts,
             "forces": contradictions_of(solution, grams),
             "masses": doubtful_masses(solution) + lost_masses(model),
         }
-        said = [*self.doubts_["forces"], *self.doubts_["masses"], *sentences_of(self.jump_bias_)]
+        said = [*self.data_warnings_["forces"], *self.data_warnings_["masses"], *sentences_of(self.jump_bias_)]
         warn_of_bias(self.missing_terms_, said, stacklevel=5)
 
     def __sklearn_is_fitted__(self) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..common.lazy import Hook
 from ..exceptions import ChainError
-from .identifiability import Walk, plan_walk
+from .identifiability import SolveOrder, plan_solve_order
 from .sites import Site
 
 _GROUNDS = ("base", "both", "free")
@@ -193,7 +193,7 @@ class Chain:
         unknown: Iterable[int] = (),
         known_masses: Iterable[int] = (),
         strategy: str = "auto",
-    ) -> Walk:
+    ) -> SolveOrder:
         """Masses and laws that an excitation can identify, from the topology alone.
 
         Parameters
@@ -209,7 +209,7 @@ class Chain:
 
         Returns
         -------
-        Walk
+        SolveOrder
             The order of the solve and what cannot be identified; ``str()`` describes it.
 
         Examples
@@ -223,7 +223,7 @@ measure the force on floor 2, or hit floor 1.
         storey 1 cannot be scaled: no force and no known mass reaches it; hit floor 1.
         m1 cannot be found: no force and no known mass reaches DOF 1; hit floor 1.
         """
-        return plan_walk(self, forced, unknown, known_masses, strategy)
+        return plan_solve_order(self, forced, unknown, known_masses, strategy)
 
     def plan(self, **options: Any) -> Any:
         """Recommend floors to excite or sensors to add.

@@ -61,7 +61,7 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Walk:
+class SolveOrder:
     """Order in which the balances are solved, and unknowns that cannot be identified.
 
     Attributes
@@ -86,7 +86,7 @@ class Walk:
         """True if every mass and every law can be identified."""
         return not (self.missing_masses or self.missing_sites)
 
-    def require_complete(self) -> Walk:
+    def require_complete(self) -> SolveOrder:
         """The order itself; raises IdentifiabilityError if anything cannot be identified."""
         if not self.complete:
             raise IdentifiabilityError(" ".join(self.reasons))
@@ -108,14 +108,14 @@ def _at(acting: tuple[Site, ...], dof: int) -> tuple[Site, ...]:
     return tuple(s for s in acting if s.incidence(dof))
 
 
-def plan_walk(
+def plan_solve_order(
     chain: Topology,
     forced: Iterable[int] = (),
     unknown: Iterable[int] = (),
     known_masses: Iterable[int] = (),
     strategy: str = "auto",
     sites: Iterable[Site] | None = None,
-) -> Walk:
+) -> SolveOrder:
     """Order of the solve of a chain (paper eqs. 3-5) for the forces and masses that are known."""
     if strategy not in STRATEGIES:
         raise ChainError(f"strategy={strategy!r} is unknown", f"Choose one of {', '.join(STRATEGIES)}.")
@@ -140,13 +140,13 @@ def plan_walk(
             Step((j,), (() if j in masses else (j,)), _at(acting, j), (), j in forced_)
             for j in range(chain.n_dof, 0, -1)
         ]
-        return Walk(strategy, tuple(steps))
+        return SolveOrder(strategy, tuple(steps))
     return _sequential(chain, forced_, unknown_, masses, acting)
 
 
 def _sequential(
     chain: Topology, forced: frozenset[int], unknown: frozenset[int], given: frozenset[int], acting: tuple[Site, ...]
-) -> Walk:
+) -> SolveOrder:
     masses = set(given)
     sites: set[Site] = set()
     open_rows = [j for j in range(chain.n_dof, 0, -1) if j not in unknown]
@@ -186,7 +186,7 @@ def _sequential(
             open_rows.remove(step.dofs[0])
     lost_masses = tuple(j for j in range(chain.n_dof, 0, -1) if j not in masses)
     lost_sites = tuple(s for s in acting if s not in sites)
-    return Walk("sequential", tuple(steps), lost_masses, lost_sites, _reasons(lost_masses, lost_sites, unknown))
+    return SolveOrder("sequential", tuple(steps), lost_masses, lost_sites, _reasons(lost_masses, lost_sites, unknown))
 
 
 def _reasons(masses: tuple[int, ...], sites: tuple[Site, ...], unknown: frozenset[int]) -> tuple[str, ...]:

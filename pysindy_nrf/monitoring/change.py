@@ -206,7 +206,7 @@ def resolver_in_time(
     says that a piece would hold fewer samples than there are coefficients.
     """
     layout, known = problem.layout, dict(problem.known_masses)
-    walk = problem.solve_order(data.forced, data.unknown)
+    solve_order = problem.solve_order(data.forced, data.unknown)
     edges, spans = [], []
     whole = sum(seg.n_valid for seg in data.segments)
     for seg in data.segments:
@@ -224,8 +224,8 @@ def resolver_in_time(
         t = seg.t[seg.valid] if seg.t is not None else np.arange(n, dtype=float)
         edges.append(cuts)
         spans.append(np.column_stack([t[cuts[:-1]], t[cuts[1:] - 1]]))
-    pieces = pieces_of(data, layout, groups_of(layout, walk), problem.filters(data), known, edges=edges)
-    return Resolver(pieces, walk, known), np.concatenate(spans)
+    pieces = pieces_of(data, layout, groups_of(layout, solve_order), problem.filters(data), known, edges=edges)
+    return Resolver(pieces, solve_order, known), np.concatenate(spans)
 
 
 def plain_model(resolver: Resolver, total: BlockGrams) -> ChainModel:

@@ -96,7 +96,7 @@ def band_grams(
     --------
     >>> import numpy as np
     >>> from pysindy_nrf import Chain
-    >>> from pysindy_nrf.mechanics.identifiability import plan_walk
+    >>> from pysindy_nrf.mechanics.identifiability import plan_solve_order
     >>> from pysindy_nrf.regression.band_grams import band_grams
     >>> from pysindy_nrf.regression.blocks import blocks_of
     >>> from pysindy_nrf.regression.chain_solve import solve
@@ -109,9 +109,9 @@ def band_grams(
     >>> records = [(blocks_of(np.hstack([v, s]), a, F), 0.01)]
     >>> grams = band_grams(layout, [layout.group((1,))], records, length=2.0)
     >>> quiet = (grams.edges[1:] < 10) | (grams.edges[:-1] > 14)  # a weight for each band
-    >>> walk = plan_walk(layout.chain, (1,), (), {}, "auto", layout.acting)
+    >>> solve_order = plan_solve_order(layout.chain, (1,), (), {}, "auto", layout.acting)
     >>> everywhere, without = grams.sum(), grams.sum(np.tile(quiet, (len(grams), 1)))
-    >>> abs(solve(everywhere, walk).masses[1] - 10) > 1, abs(solve(without, walk).masses[1] - 10) < 0.01
+    >>> abs(solve(everywhere, solve_order).masses[1] - 10) > 1, abs(solve(without, solve_order).masses[1] - 10) < 0.01
     (True, True)
     """
     known = dict(known_masses or {})

@@ -67,7 +67,7 @@ def pieces_of(
     >>> fitted = NRFRegressor(degree=3).fit(X, F)
     >>> layout = LawLayout(fitted.chain_, fitted.model_.laws)
     >>> data = fitted.model_.segments(X, F)
-    >>> pieces_of(data, layout, groups_of(layout, fitted.walk_), [None], {}, n_pieces=16)
+    >>> pieces_of(data, layout, groups_of(layout, fitted.solve_order_), [None], {}, n_pieces=16)
     BlockGrams(16 blocks, 3 balances, 4000 samples)
     """
     chosen = [i for i in range(len(data.segments)) if runs is None or runs[i] is not None]

@@ -17,7 +17,7 @@ from scipy.linalg import lapack
 from sklearn.base import clone
 
 from ..exceptions import IdentifiabilityError, NRFError, NRFWarning, RankWarning
-from ..mechanics.identifiability import Step, Walk
+from ..mechanics.identifiability import SolveOrder, Step
 from ..mechanics.sites import Site
 from .blocks import Block
 from .gram_pass import guess_of, total_gram
@@ -70,7 +70,7 @@ _SMALLEST = 1e-145
 
 @dataclass
 class StepFit:
-    """What one step of the walk found.
+    """What one step of the solve order found.
 
     Attributes
     ----------
@@ -137,9 +137,9 @@ class NotTogether(NRFError):
         super().__init__("These blocks cannot be solved all at once", "Solve them one by one.")
 
 
-def groups_of(layout: Layout, walk: Walk) -> list[Group]:
-    """Groups of columns a walk needs: every balance, and the sums of balances it solves."""
-    sums = [step.dofs for step in walk.steps if len(step.dofs) > 1]
+def groups_of(layout: Layout, solve_order: SolveOrder) -> list[Group]:
+    """Groups of columns a solve order needs: every balance, and the sums of balances it solves."""
+    sums = [step.dofs for step in solve_order.steps if len(step.dofs) > 1]
     return [layout.group(dofs) for dofs in dict.fromkeys([*((j,) for j in range(1, layout.n_dof + 1)), *sums])]
 
 
@@ -168,25 +168,25 @@ def doubtful_masses(solution: Solution) -> list[str]:
 
 def solve_blocks(
     layout: Layout,
-    walk: Walk,
+    solve_order: SolveOrder,
     blocks: Callable[[], Iterable[Block]],
     known_masses: Mapping[int, float] | None = None,
     inner: Any = None,
     names: Mapping[Site, list[str]] | None = None,
 ) -> tuple[Solution, BlockGrams]:
     """Sum up the samples and solve; where squaring loses digits, sum them up once more by QR."""
-    groups, known = groups_of(layout, walk), dict(known_masses or {})
+    groups, known = groups_of(layout, solve_order), dict(known_masses or {})
     grams = total_gram(layout, groups, blocks(), known)
-    solution = solved_safely(grams, walk, known_masses, inner, names)
+    solution = solved_safely(grams, solve_order, known_masses, inner, names)
     if solution is None:
         grams = total_gram(layout, groups, blocks(), known, "root", guess_of(grams))
-        solution = solve(grams, walk, known_masses, inner, names)
+        solution = solve(grams, solve_order, known_masses, inner, names)
     return solution, grams
 
 
 def solved_safely(
     grams: BlockGrams,
-    walk: Walk,
+    solve_order: SolveOrder,
     known_masses: Mapping[int, float] | None = None,
     inner: Any = None,
     names: Mapping[Site, list[str]] | None = None,
@@ -195,7 +195,7 @@ def solved_safely(
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", RankWarning)
-            solution = solve(grams, walk, known_masses, inner, names)
+            solution = solve(grams, solve_order, known_masses, inner, names)
     except (RankWarning, IdentifiabilityError):
         return None
     return None if solution.digits_at_risk() else solution
@@ -203,7 +203,7 @@ def solved_safely(
 
 def solve(
     grams: BlockGrams,
-    walk: Walk,
+    solve_order: SolveOrder,
     known_masses: Mapping[int, float] | None = None,
     inner: Any = None,
     names: Mapping[Site, list[str]] | None = None,
@@ -211,12 +211,12 @@ def solve(
     """Find masses and coefficients from the Gram matrices of the balances."""
     known = {int(j): float(m) for j, m in dict(known_masses or {}).items()}
     solution = Solution(masses=dict(known))
-    if walk.strategy == "joint":
+    if solve_order.strategy == "joint":
         if grams.shape:
             raise NotTogether()
-        _solve_joint(grams, walk, solution, inner, names)
+        _solve_joint(grams, solve_order, solution, inner, names)
         return solution
-    for step in walk.steps:
+    for step in solve_order.steps:
         where, mass_at, target_at = grams.positions(step.dofs)
         signs = dict(zip(grams.groups[step.dofs].sites, grams.groups[step.dofs].signs))
         target = np.zeros((*grams.shape, grams.matrices[step.dofs].shape[-1]))
@@ -247,7 +247,7 @@ def solve(
             width = grams.layout.counts[site]
             found = signs[site] * values[..., at : at + width]
             at += width
-            second = walk.strategy == "complete" and site.p not in step.dofs
+            second = solve_order.strategy == "complete" and site.p not in step.dofs
             (solution.twins if second else solution.coefficients)[site] = found
     return solution
 
@@ -375,10 +375,10 @@ def _report_rank(unit: np.ndarray, rank: int, step: Step, labels: list[str]) -> 
     )
 
 
-def _solve_joint(grams: BlockGrams, walk: Walk, solution: Solution, inner: Any, names: Any) -> None:
+def _solve_joint(grams: BlockGrams, solve_order: SolveOrder, solution: Solution, inner: Any, names: Any) -> None:
     """All balances at once with shared laws (Newton's third law built in), each divided by its rms force."""
     layout, n = grams.layout, grams.layout.n_dof
-    free = [step.dofs[0] for step in walk.steps if step.masses]
+    free = [step.dofs[0] for step in solve_order.steps if step.masses]
     column: dict[Any, int] = {("m", j): i for i, j in enumerate(free)}
     at = len(free)
     for site in layout.acting:

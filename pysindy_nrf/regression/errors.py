@@ -16,7 +16,7 @@ import pandas as pd
 
 from ..data.record import Record
 from ..exceptions import NRFError
-from ..mechanics.identifiability import Walk
+from ..mechanics.identifiability import SolveOrder
 from ..mechanics.sites import Site
 from .blocks import Block
 from .chain_model import ChainModel
@@ -57,7 +57,7 @@ def balance_errors(model: ChainModel, grams: BlockGrams) -> pd.DataFrame:
     >>> fitted = NRFRegressor(degree=3).fit(X, F)
     >>> layout = LawLayout(fitted.chain_, fitted.model_.laws)
     >>> data = fitted.model_.segments(X, F)
-    >>> grams = total_gram(layout, groups_of(layout, fitted.walk_), data.segments[0].blocks(layout))
+    >>> grams = total_gram(layout, groups_of(layout, fitted.solve_order_), data.segments[0].blocks(layout))
     >>> balance_errors(fitted.model_, grams)["error"].round(1).to_dict()
     {'dof 1': 2.2, 'dof 2': 4.2, 'dof 3': 1.2, 'pooled': 1.9}
     """
@@ -99,7 +99,7 @@ def pooled_error(masses: Mapping[int, float], coefficients: Mapping[Site, np.nda
     >>> fitted = NRFRegressor(degree=3).fit(X, F)
     >>> layout = LawLayout(fitted.chain_, fitted.model_.laws)
     >>> segment = fitted.model_.segments(X, F).segments[0]
-    >>> grams = total_gram(layout, groups_of(layout, fitted.walk_), segment.blocks(layout))
+    >>> grams = total_gram(layout, groups_of(layout, fitted.solve_order_), segment.blocks(layout))
     >>> masses = dict(enumerate(fitted.masses_, 1))
     >>> coefficients = {site: held[0].coefficients for site, held in fitted.model_.laws.items()}
     >>> round(pooled_error(masses, coefficients, grams), 1)  # percent
@@ -172,7 +172,7 @@ def balance_sizes(
     >>> fitted = NRFRegressor(degree=3).fit(X, F)
     >>> layout = LawLayout(fitted.chain_, fitted.model_.laws)
     >>> segment = fitted.model_.segments(X, F).segments[0]
-    >>> grams = total_gram(layout, groups_of(layout, fitted.walk_), segment.blocks(layout))
+    >>> grams = total_gram(layout, groups_of(layout, fitted.solve_order_), segment.blocks(layout))
     >>> masses = dict(enumerate(fitted.masses_, 1))
     >>> coefficients = {site: held[0].coefficients for site, held in fitted.model_.laws.items()}
     >>> [balance_sizes(j, masses, coefficients, grams).of for j in (1, 2, 3)]  # floor 2 is shaken
@@ -245,7 +245,7 @@ def _percent(part: Any, whole: Any) -> Any:
 
 
 def judge(
-    model: ChainModel, layout: Layout, walk: Walk, blocks: Iterable[Block] | Callable[[], Iterable[Block]]
+    model: ChainModel, layout: Layout, solve_order: SolveOrder, blocks: Iterable[Block] | Callable[[], Iterable[Block]]
 ) -> pd.DataFrame:
     """Balance errors of a model on blocks of samples.
 
@@ -254,7 +254,7 @@ def judge(
     model : ChainModel
     layout : Layout
         Of the model's laws.
-    walk : Walk
+    solve_order : SolveOrder
         How the model was solved: single balances, or from the top down.
     blocks : iterable of Block, or callable
         A callable returns a fresh iterable at each call; an error too small for a Gram matrix is then read off the
@@ -274,14 +274,14 @@ def judge(
     >>> fitted = NRFRegressor(degree=3).fit(X, F)
     >>> layout = LawLayout(fitted.chain_, fitted.model_.laws)
     >>> segment = fitted.model_.segments(X, F).segments[0]
-    >>> errors = judge(fitted.model_, layout, fitted.walk_, segment.blocks(layout))
+    >>> errors = judge(fitted.model_, layout, fitted.solve_order_, segment.blocks(layout))
     >>> errors["of"].to_dict()
     {'dof 1': 'm a', 'dof 2': 'F', 'dof 3': 'm a', 'pooled': ''}
     """
     known = dict(enumerate(model.masses.tolist(), 1))
 
     def run(kind: str, held: Iterable[Block]) -> pd.DataFrame:
-        return balance_errors(model, total_gram(layout, groups_of(layout, walk), held, known, kind))
+        return balance_errors(model, total_gram(layout, groups_of(layout, solve_order), held, known, kind))
 
     if not callable(blocks):
         return run("gram", blocks)

@@ -60,7 +60,7 @@ class BlockGrams:
     >>> from pysindy_nrf.regression.blocks import blocks_of
     >>> from pysindy_nrf.regression.chain_solve import solve
     >>> from pysindy_nrf.regression.gram_pass import block_grams
-    >>> from pysindy_nrf.mechanics.identifiability import plan_walk
+    >>> from pysindy_nrf.mechanics.identifiability import plan_solve_order
     >>> from pysindy_nrf.regression.layout import Layout
     >>> rng = np.random.default_rng(0)
     >>> v, s, a, noise = rng.standard_normal((4, 800, 1))
@@ -70,11 +70,11 @@ class BlockGrams:
     >>> grams = block_grams(layout, [layout.group((1,))], blocks)
     >>> grams
     BlockGrams(8 blocks, 1 balance, 800 samples)
-    >>> walk = plan_walk(layout.chain, (1,), (), {}, "auto", layout.acting)
-    >>> round(solve(grams.sum(), walk).masses[1], 2)  # the fit
+    >>> solve_order = plan_solve_order(layout.chain, (1,), (), {}, "auto", layout.acting)
+    >>> round(solve(grams.sum(), solve_order).masses[1], 2)  # the fit
     9.98
     >>> without = grams.leave_one_out()
-    >>> [round(solve(without[i], walk).masses[1], 2) for i in range(3)]  # the jackknife
+    >>> [round(solve(without[i], solve_order).masses[1], 2) for i in range(3)]  # the jackknife
     [9.96, 9.95, 9.97]
     """
 

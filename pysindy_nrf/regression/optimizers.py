@@ -13,7 +13,7 @@ from sklearn.utils.validation import check_is_fitted
 from ..data.channels import as_matrix, checked, finite_span
 from ..exceptions import BiasWarning, ChannelError, ExcitationError
 from ..mechanics.chain import Chain
-from ..mechanics.identifiability import Walk, plan_walk
+from ..mechanics.identifiability import SolveOrder, plan_solve_order
 from ..mechanics.sites import Site
 from .blocks import Block, blocks_of
 from .chain_solve import Solution, doubtful_masses, solve_blocks
@@ -49,7 +49,7 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
     def solve(
         self,
         layout: Layout,
-        walk: Walk,
+        solve_order: SolveOrder,
         blocks: Callable[[], Iterable[Block]],
         names: Mapping[Site, list[str]] | None = None,
     ) -> tuple[Solution, BlockGrams]:
@@ -58,7 +58,7 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         Parameters
         ----------
         layout : Layout
-        walk : Walk
+        solve_order : SolveOrder
         blocks : callable
             Returns a fresh iterable of blocks at each call.
         names : mapping, optional
@@ -68,7 +68,7 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         -------
         Solution, BlockGrams
         """
-        return solve_blocks(layout, walk, blocks, self.known_masses, sub_optimizer(self.optimizer), names)
+        return solve_blocks(layout, solve_order, blocks, self.known_masses, sub_optimizer(self.optimizer), names)
 
     def _fit_columns(self, terms: np.ndarray, a: np.ndarray, F: np.ndarray) -> Layout:
         n = a.shape[1]
@@ -94,7 +94,7 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
                 "Every force is zero and no mass is known",
                 "Only ratios to a known mass come out: give known_masses={dof: kg}, or measure a force.",
             )
-        walk = plan_walk(chain, forced, unknown, known, self.strategy, layout.acting).require_complete()
+        solve_order = plan_solve_order(chain, forced, unknown, known, self.strategy, layout.acting).require_complete()
         rows = finite_span(
             [*terms.T, *a.T, *(F[:, j] for j in range(n) if j + 1 not in unknown)],
             ["feature"] * terms.shape[1]
@@ -102,10 +102,10 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
             + [f"F{j + 1}" for j in range(n) if j + 1 not in unknown],
         )
         terms, a, F = terms[rows], a[rows], F[rows]
-        self.solution_, _ = self.solve(layout, walk, lambda: blocks_of(terms, a, F))
+        self.solution_, _ = self.solve(layout, solve_order, lambda: blocks_of(terms, a, F))
         if said := doubtful_masses(self.solution_):
             warnings.warn(" ".join(said), BiasWarning, stacklevel=3)
-        self.walk_ = walk
+        self.solve_order_ = solve_order
         self.masses_ = np.array([self.solution_.masses[j] for j in range(1, n + 1)])
         return layout
 
@@ -115,7 +115,7 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         for site in layout.acting:
             for j in (site.p, site.q):
                 if site.incidence(j):
-                    second = self.walk_.strategy == "complete" and j != site.p
+                    second = self.solve_order_.strategy == "complete" and j != site.p
                     held = self.solution_.twins if second else self.solution_.coefficients
                     rows[j - 1, layout.slices[site]] = site.incidence(j) * held[site]
         return rows
@@ -222,7 +222,7 @@ class ChainOptimizer(_ChainOptimizerBase):
     ind_ : ndarray of bool
     masses_ : ndarray of shape (n_dof,)
         kg.
-    walk_ : Walk
+    solve_order_ : SolveOrder
     solution_ : Solution
 
     Raises

@@ -11,7 +11,7 @@ import pandas as pd
 from ..exceptions import ChannelError, DataQualityWarning
 from ..laws.base import Motion
 from ..laws.shape import Scales
-from ..mechanics.identifiability import Walk
+from ..mechanics.identifiability import SolveOrder
 from ..mechanics.sites import Site
 from .chain_model import ChainModel
 from .chain_solve import Solution
@@ -118,9 +118,9 @@ def require_moving(data: SegmentSet, layout: LawLayout) -> None:
                 )
 
 
-def require_samples(data: SegmentSet, walk: Walk, layout: LawLayout) -> None:
-    """Refuse fewer samples than a step of the walk has unknowns."""
-    for step in walk.steps:
+def require_samples(data: SegmentSet, solve_order: SolveOrder, layout: LawLayout) -> None:
+    """Refuse fewer samples than a step of the solve order has unknowns."""
+    for step in solve_order.steps:
         unknowns = len(step.masses) + sum(layout.counts[s] for s in step.sites)
         rows = sum(
             seg.n_valid for seg in data.segments if not any(np.isnan(seg.F[seg.valid.start, j - 1]) for j in step.dofs)

@@ -26,7 +26,7 @@ from scipy.linalg import blas
 from ..exceptions import ChannelError, NRFError, RankWarning
 from ..laws import ForceLaw, Motion, PowerSeries
 from ..mechanics.chain import Chain
-from ..mechanics.identifiability import Walk, plan_walk
+from ..mechanics.identifiability import SolveOrder, plan_solve_order
 from ..mechanics.sites import Site
 from ..regression.blocks import Block, cut_at
 from ..regression.chain_solve import NotTogether, Solution, groups_of, solve
@@ -54,14 +54,14 @@ class Order:
 
     layout: LawLayout
     columns: dict[Site, np.ndarray]
-    _groups: dict[Walk, list[Group]] = field(default_factory=dict, init=False, repr=False)
+    _groups: dict[SolveOrder, list[Group]] = field(default_factory=dict, init=False, repr=False)
     _index: dict[Group, np.ndarray] = field(default_factory=dict, init=False, repr=False)
 
-    def groups(self, walk: Walk) -> list[Group]:
-        """Groups of columns a walk needs."""
-        if walk not in self._groups:
-            self._groups[walk] = groups_of(self.layout, walk)
-        return self._groups[walk]
+    def groups(self, solve_order: SolveOrder) -> list[Group]:
+        """Groups of columns a solve order needs."""
+        if solve_order not in self._groups:
+            self._groups[solve_order] = groups_of(self.layout, solve_order)
+        return self._groups[solve_order]
 
     def index(self, group: Group, whole: BlockGrams) -> np.ndarray:
         """Where the columns of a group stand among those of all candidates."""
@@ -125,19 +125,19 @@ class FoldMoments:
         self.accumulated = LawLayout(chain, {**{s: (law,) for s, law in self.basis.items()}, **self.laws})
         self.class_of, self.membership = _classes(data.n_samples, folds)
         self.n_folds = len(folds)
-        self._walks: dict[Any, Walk] = {}
+        self._solve_orders: dict[Any, SolveOrder] = {}
         self._accumulate("gram")
 
     # -- one pass -----------------------------------------------------------------------------
 
     def _groups(self) -> list[Group]:
-        walk = plan_walk(
+        solve_order = plan_solve_order(
             self.chain, self.data.forced, self.data.unknown, self.known_masses, self.strategy, self.layout.acting
         ).require_complete()
         n = self.chain.n_dof
         # sums of balances that a fold may need, in which some DOF is not forced
         sums = [tuple(range(i, n + 1)) for i in range(1, n) if all(j in self.known_masses for j in range(i, n + 1))]
-        held = {g.dofs: g for g in groups_of(self.layout, walk)}
+        held = {g.dofs: g for g in groups_of(self.layout, solve_order)}
         return [*held.values(), *(self.layout.group(dofs) for dofs in sums if dofs not in held)]
 
     def _choose_bases(self) -> None:
@@ -275,7 +275,7 @@ class FoldMoments:
         """A candidate's own columns."""
         return total.transformed(order.layout, {g: order.index(g, total) for g in groups})
 
-    def walk(self, total: BlockGrams, order: Order) -> Walk:
+    def solve_order(self, total: BlockGrams, order: Order) -> SolveOrder:
         """The solve that the forces in some samples allow."""
         forced, unknown = [], []
         for j in range(1, self.chain.n_dof + 1):
@@ -289,22 +289,22 @@ class FoldMoments:
             elif np.all(pushed):
                 forced.append(j)
         key = tuple(forced), tuple(unknown), order.layout.acting
-        if key not in self._walks:
-            self._walks[key] = plan_walk(
+        if key not in self._solve_orders:
+            self._solve_orders[key] = plan_solve_order(
                 self.chain, forced, unknown, self.known_masses, self.strategy, order.layout.acting
             )
-        return self._walks[key].require_complete()
+        return self._solve_orders[key].require_complete()
 
     def fit(
         self, order: Order, fold: Any, inner: Any = None, total: BlockGrams | None = None
-    ) -> tuple[Solution, Walk, BlockGrams]:
+    ) -> tuple[Solution, SolveOrder, BlockGrams]:
         """Solve one candidate on the training side of a fold."""
         total = self.total(fold)[0] if total is None else total
-        walk = self.walk(total, order)
-        own = self.cut(total, order, order.groups(walk))
+        solve_order = self.solve_order(total, order)
+        own = self.cut(total, order, order.groups(solve_order))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RankWarning)
-            return solve(own, walk, self.known_masses, inner or self.inner, order.names), walk, own
+            return solve(own, solve_order, self.known_masses, inner or self.inner, order.names), solve_order, own
 
     def piece_norms(self, order: Order, dofs: tuple[int, ...], weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Squared length of a combination of a candidate's columns in each piece, and the samples behind it."""

@@ -40,9 +40,9 @@ def _held_out(fold_moments: FoldMoments, order: Order) -> Iterator[tuple[Heldout
     """All folds at once, or one by one where they differ too much or one of them fails; and where they stand."""
 
     def one(fold: Any) -> Heldout:
-        solution, walk, _ = fold_moments.fit(order, fold)
+        solution, solve_order, _ = fold_moments.fit(order, fold)
         test, sums, counts = fold_moments.total(fold, "test")
-        return Heldout(fold_moments.cut(test, order, order.groups(walk)), sums, counts, solution, fold)
+        return Heldout(fold_moments.cut(test, order, order.groups(solve_order)), sums, counts, solution, fold)
 
     try:
         yield one(EVERY), slice(None)
@@ -157,7 +157,7 @@ def information(fits: list[StepFit], grams: BlockGrams, shares: dict[tuple[int, 
 
 def independent_shares(fold_moments: FoldMoments, order: Order) -> dict[tuple[int, ...], float]:
     r"""Independent samples in the residual of each balance, as a share of its samples."""
-    solution, walk, grams = fold_moments.fit(order, None)
+    solution, solve_order, grams = fold_moments.fit(order, None)
     shares = {}
     for dofs in grams.groups:
         square, size = fold_moments.piece_norms(order, dofs, residual_weights(grams, solution, dofs))

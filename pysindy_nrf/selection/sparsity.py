@@ -326,8 +326,8 @@ def _heldout_error(held: FoldMoments, fit: Callable, fold: int) -> float:
     try:
         solution, kept, _ = fit(fold)
         test, *_ = held.total(fold, "test")
-        walk = held.walk(held.total(fold)[0], kept)
-        return pooled_error(solution.masses, solution.coefficients, held.cut(test, kept, kept.groups(walk)))
+        solve_order = held.solve_order(held.total(fold)[0], kept)
+        return pooled_error(solution.masses, solution.coefficients, held.cut(test, kept, kept.groups(solve_order)))
     except NRFError:
         return np.inf
 

@@ -247,8 +247,8 @@ def heldout_errors(held: FoldMoments, order: Order) -> np.ndarray:
     out = np.full(held.n_folds, np.inf)
     for fold in range(held.n_folds):
         try:
-            solution, walk, _ = held.fit(order, fold)
-            test = held.cut(held.total(fold, "test")[0], order, order.groups(walk))
+            solution, solve_order, _ = held.fit(order, fold)
+            test = held.cut(held.total(fold, "test")[0], order, order.groups(solve_order))
             out[fold] = pooled_error(solution.masses, solution.coefficients, test) / 100.0
         except NRFError:
             break

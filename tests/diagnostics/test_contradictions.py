@@ -75,7 +75,7 @@ def test_a_brace_that_two_balances_find_differently():
 @pytest.mark.parametrize("seed", [0, 1])
 def test_right_forces_are_not_doubted(record, noise, seed):
     model, said = fitted(add_noise(record, noise, random_state=seed) if noise else record)
-    assert "contradict" not in said and model.doubts_["forces"] == []
+    assert "contradict" not in said and model.data_warnings_["forces"] == []
 
 
 @pytest.mark.parametrize("estimation", ["iv", "simulation"])
@@ -91,4 +91,4 @@ def test_one_force_says_nothing_twice(record):
     assert "contradict" not in fitted(with_gain(record, 2, 2.0), strategy="joint")[1]
     one = ChainModel([5.0], {1: LINEAR})
     F = excitation.band_limited_random(1, 4.0, FS, dofs=1, rms=40.0, band=(1, 40), random_state=0)
-    assert fitted(simulate(one, F, 1 / FS, hold="cubic"))[0].doubts_ == {"channels": [], "forces": [], "masses": []}
+    assert fitted(simulate(one, F, 1 / FS, hold="cubic"))[0].data_warnings_ == {"channels": [], "forces": [], "masses": []}

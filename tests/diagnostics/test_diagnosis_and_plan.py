@@ -96,8 +96,8 @@ def test_plans_agree_with_identifiability():
     for options in ({}, {"unknown": [2]}, {"can_hit": [1, 2], "unknown": [4]}):
         table = chain.plan(**options).table
         for row in table.itertuples():
-            walk = chain.identifiability(row.hit, unknown=options.get("unknown", ()), strategy="sequential")
-            assert walk.complete == (row.identifies == 1.0) == (row.left == "")
+            solve_order = chain.identifiability(row.hit, unknown=options.get("unknown", ()), strategy="sequential")
+            assert solve_order.complete == (row.identifies == 1.0) == (row.left == "")
         assert set().union(*table["hit"]) <= set(options.get("can_hit", range(1, 5))) - set(options.get("unknown", ()))
         assert table["identifies"][0] == table["identifies"].max()
 

@@ -106,7 +106,7 @@ def test_delayed_records_of_a_roving_hammer(client):
     records = [measured(j) for j in (1, 2, 3)]
     model = NRFRegressor().fit([dask.delayed(record) for record in records])
     reference = NRFRegressor().fit(records)
-    assert model.walk_.strategy == "complete"
+    assert model.solve_order_.strategy == "complete"
     same(model, reference, 1e-8)
     assert chains.worst(model.masses_, first.m) < 0.01
 

@@ -5,7 +5,7 @@ import pytest
 
 from pysindy_nrf import Chain, ChainModel, NRFRegressor, Site, excitation, laws, simulate
 from pysindy_nrf.discrepancy.prepare import prepare
-from pysindy_nrf.mechanics.identifiability import plan_walk
+from pysindy_nrf.mechanics.identifiability import plan_solve_order
 from pysindy_nrf.regression.chain_solve import solve_blocks
 from pysindy_nrf.regression.layout import LawLayout
 from pysindy_nrf.regression.shape_search import estimate_shapes
@@ -31,10 +31,10 @@ def shaken(n, hidden, dofs=None, seconds=(20.0,), beside=()):
 
 def estimated(data, declared):
     layout = LawLayout(Chain(data.n_dof), {**{i: [laws.PowerSeries(1)] for i in range(1, data.n_dof + 1)}, **declared})
-    walk = plan_walk(layout.chain, data.forced, data.unknown, {}, "auto", layout.acting).require_complete()
+    solve_order = plan_solve_order(layout.chain, data.forced, data.unknown, {}, "auto", layout.acting).require_complete()
 
     def solve(trial):
-        return solve_blocks(trial, walk, lambda: (b for seg in data.segments for b in seg.blocks(trial, states={})))
+        return solve_blocks(trial, solve_order, lambda: (b for seg in data.segments for b in seg.blocks(trial, states={})))
 
     return estimate_shapes(layout, scales_of(data, layout), solve, data), solve
 

@@ -57,37 +57,37 @@ def _joint_rank(n, links, forced, unknown, known, seed=0):
 
 @settings(max_examples=200)
 @given(situations())
-def test_the_walk_refuses_exactly_what_the_data_cannot_hold(situation):
-    """A walk is complete if and only if all balances together determine every unknown."""
+def test_the_order_refuses_exactly_what_the_data_cannot_hold(situation):
+    """A solve order is complete if and only if all balances together determine every unknown."""
     n, links, forced, unknown, known = situation
-    walk = Chain(n, links).identifiability(forced - unknown, unknown=unknown, known_masses=known)
+    solve_order = Chain(n, links).identifiability(forced - unknown, unknown=unknown, known_masses=known)
     rank, columns = _joint_rank(n, links, forced - unknown, unknown, known)
-    assert walk.complete == (rank == columns), str(walk)
-    assert bool(walk.reasons) == (not walk.complete)
+    assert solve_order.complete == (rank == columns), str(solve_order)
+    assert bool(solve_order.reasons) == (not solve_order.complete)
 
 
 @given(situations())
-def test_a_walk_finds_each_thing_once_and_uses_only_what_it_has(situation):
+def test_a_solve_order_finds_each_thing_once_and_uses_only_what_it_has(situation):
     n, links, forced, unknown, known = situation
-    walk = Chain(n, links).identifiability(forced - unknown, unknown=unknown, known_masses=known, strategy="sequential")
+    solve_order = Chain(n, links).identifiability(forced - unknown, unknown=unknown, known_masses=known, strategy="sequential")
     masses, sites = set(known), set()
-    for step in walk.steps:
+    for step in solve_order.steps:
         assert not set(step.dofs) & unknown
         assert not set(step.masses) & masses and not set(step.sites) & sites
         assert set(step.known_sites) <= sites
         assert step.forced or step.known_sites or set(step.dofs) & masses
         masses |= set(step.masses)
         sites |= set(step.sites)
-    assert masses | set(walk.missing_masses) == set(range(1, n + 1))
-    assert sites | set(walk.missing_sites) == set(Chain(n, links).sites)
+    assert masses | set(solve_order.missing_masses) == set(range(1, n + 1))
+    assert sites | set(solve_order.missing_sites) == set(Chain(n, links).sites)
 
 
 def test_the_words_name_the_storey_and_the_cure():
-    walk = Chain(4).identifiability(forced=[4], unknown=[3])
-    text = str(walk)
+    solve_order = Chain(4).identifiability(forced=[4], unknown=[3])
+    text = str(solve_order)
     assert "storey 3 cannot be scaled: the force on DOF 3 is unknown" in text and "hit floor 2" in text
     with pytest.raises(IdentifiabilityError, match="storey 3 cannot be scaled"):
-        walk.require_complete()
+        solve_order.require_complete()
     assert "no force and no known mass" in str(Chain(2).identifiability())
 
 

@@ -72,7 +72,7 @@ def test_roving_hammer_over_three_files(here, spoken):
         simulate(truth, force, 1e-3).to_frame().to_csv(f"hit{j}.csv")
     assert run(["identify", "hit1.csv", "hit2.csv", "hit3.csv", "--raw", "--json", "--no-figures"]) == 0
     data = spoken()
-    assert data["walk"][0].startswith("Balance of DOF 3 (forced)")
+    assert data["solve_order"][0].startswith("Balance of DOF 3 (forced)")
     np.testing.assert_allclose(data["masses_kg"], [12, 10, 8], rtol=1e-8)
     assert set(data["free_run_error_percent"]) == {"hit1", "hit2", "hit3"}
 

@@ -9,7 +9,7 @@ import pytest
 
 from pysindy_nrf import Chain, laws
 from pysindy_nrf.exceptions import ChannelError
-from pysindy_nrf.mechanics.identifiability import plan_walk
+from pysindy_nrf.mechanics.identifiability import plan_solve_order
 from pysindy_nrf.regression.band_grams import band_edges, band_grams
 from pysindy_nrf.regression.blocks import blocks_of
 from pysindy_nrf.regression.chain_solve import groups_of, solve
@@ -110,13 +110,13 @@ def test_a_balance_holds_in_every_band():
     v, a = np.gradient(s, DT, axis=0), rng.normal(size=(4000, 1))
     F = 10 * a + 3 * v + 500 * s + 4 * np.sign(v)
     layout = LawLayout(Chain(1), {1: [laws.PowerSeries(1), laws.CoulombFriction()]})
-    walk = plan_walk(layout.chain, (1,), (), {}, "auto", layout.acting)
+    solve_order = plan_solve_order(layout.chain, (1,), (), {}, "auto", layout.acting)
     segment = from_arrays(np.hstack([a, v, s]), F, dt=DT).segments[0]
-    grams = band_grams(layout, groups_of(layout, walk), [(segment.blocks(layout), segment.dt)], length=2.0)
+    grams = band_grams(layout, groups_of(layout, solve_order), [(segment.blocks(layout), segment.dt)], length=2.0)
     for band in (3, 10, len(grams.edges) - 2):
         weights = np.zeros(grams.shape)
         weights[:, band - 2 : band + 1] = [1.0, 0.2, 7.0]
-        found = solve(grams.sum(weights), walk)
+        found = solve(grams.sum(weights), solve_order)
         assert found.masses[1] == pytest.approx(10.0, rel=1e-8)
         assert found.coefficients["storey 1"].tolist() == pytest.approx([3.0, 500.0, 4.0], rel=1e-6)
 

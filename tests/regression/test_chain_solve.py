@@ -10,7 +10,7 @@ from sklearn.base import BaseEstimator
 
 from pysindy_nrf import Chain, NRFRegressor
 from pysindy_nrf.exceptions import IdentifiabilityError, NRFError, RankWarning
-from pysindy_nrf.mechanics.identifiability import Walk, plan_walk
+from pysindy_nrf.mechanics.identifiability import SolveOrder, plan_solve_order
 from pysindy_nrf.regression.blocks import blocks_of
 from pysindy_nrf.regression.chain_solve import (
     NotTogether,
@@ -63,15 +63,15 @@ class Test:
     def blocks(self, size: int = 150):
         return blocks_of(np.hstack([self.terms[str(s)] for s in LAYOUT.sites]), self.a, self.F, size)
 
-    def total(self, walk: Walk, kind: str = "gram", known=None) -> BlockGrams:
-        return total_gram(LAYOUT, groups_of(LAYOUT, walk), self.blocks(), known, kind)
+    def total(self, solve_order: SolveOrder, kind: str = "gram", known=None) -> BlockGrams:
+        return total_gram(LAYOUT, groups_of(LAYOUT, solve_order), self.blocks(), known, kind)
 
-    def solved(self, walk: Walk, kind: str = "gram", known=None, **options) -> Solution:
-        return solve(self.total(walk, kind, known), walk, known, **options)
+    def solved(self, solve_order: SolveOrder, kind: str = "gram", known=None, **options) -> Solution:
+        return solve(self.total(solve_order, kind, known), solve_order, known, **options)
 
 
 def plan(forced=(), known=(), strategy="auto"):
-    return plan_walk(LAYOUT.chain, forced, (), known, strategy, LAYOUT.acting)
+    return plan_solve_order(LAYOUT.chain, forced, (), known, strategy, LAYOUT.acting)
 
 
 def least_squares(*columns, y):
@@ -95,9 +95,9 @@ def assert_true(solution, masses=MASSES, rel=1e-9):
 @pytest.mark.parametrize("known", [{}, {2: 7.0}], ids=str)
 def test_blocks_are_solved_as_each_by_itself(known):
     """Three records of other noise: masses and laws of each balance are NumPy's least squares on that record alone."""
-    cases, walk = [Test(noise=5.0, seed=seed) for seed in range(3)], plan([1, 2, 3], known, "complete")
-    together = BlockGrams.stack([case.total(walk, "root", known) for case in cases])
-    found = solve(together, walk, known)
+    cases, solve_order = [Test(noise=5.0, seed=seed) for seed in range(3)], plan([1, 2, 3], known, "complete")
+    together = BlockGrams.stack([case.total(solve_order, "root", known) for case in cases])
+    found = solve(together, solve_order, known)
     for i, case in enumerate(cases):
         own, motion = found.of(i), [case.terms[s] for s, _ in BALANCES[1]]
         x, left = least_squares(case.a[:, 0], *motion, y=case.F[:, 0])
@@ -118,22 +118,22 @@ def test_blocks_that_need_a_closer_look_are_refused(what):
         cases[1].terms["storey 1"][:, 1] = 1e-3 * cases[1].a[:, 0]
     if what == "still":
         cases[1].terms["storey 3"][:] = 0.0
-    walk = plan([1, 2, 3], strategy="joint" if what == "joint" else "complete")
-    together = BlockGrams.stack([case.total(walk, "root") for case in cases])
+    solve_order = plan([1, 2, 3], strategy="joint" if what == "joint" else "complete")
+    together = BlockGrams.stack([case.total(solve_order, "root") for case in cases])
     with pytest.raises(NotTogether):
-        solve(together, walk, inner=ps.STLSQ(threshold=0.01) if what == "optimizer" else None)
+        solve(together, solve_order, inner=ps.STLSQ(threshold=0.01) if what == "optimizer" else None)
 
 
-# -- what the walk finds --------------------------------------------------------------------------
+# -- what the solve order finds --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", ["gram", "root"])
 @pytest.mark.parametrize("known", [{}, {2: 7.0}, {1: 4.0, 3: 2.5}], ids=str)
 @pytest.mark.parametrize("strategy", ["complete", "sequential", "joint"])
 def test_balances_that_close_give_the_truth(strategy, known, kind):
-    walk = plan([1, 2, 3], known, strategy)
-    assert walk.strategy == strategy
-    assert_true(Test().solved(walk, kind, known))
+    solve_order = plan([1, 2, 3], known, strategy)
+    assert solve_order.strategy == strategy
+    assert_true(Test().solved(solve_order, kind, known))
 
 
 @pytest.mark.parametrize("forced", [1, 2, 3])
@@ -186,9 +186,9 @@ def test_sequential_takes_what_it_knows_to_the_right():
 def test_base_excitation_takes_each_storey_from_the_inertia_above_it():
     """Without forces and with all masses known, -sum m a of the floors above a cut is what the cut transmits."""
     case = Test().unforced(MASSES, noise=0.1)
-    walk = plan(known=MASSES)
-    assert [step.dofs for step in walk.steps] == [(3,), (2, 3), (1, 2, 3)]
-    found = case.solved(walk, known=MASSES)
+    solve_order = plan(known=MASSES)
+    assert [step.dofs for step in solve_order.steps] == [(3,), (2, 3), (1, 2, 3)]
+    found = case.solved(solve_order, known=MASSES)
     inertia, T = -case.a * [MASSES[j] for j in (1, 2, 3)], case.terms
     top, e3 = least_squares(T["storey 3"], T["link 3-1"], y=inertia[:, 2])
     middle, e2 = least_squares(T["storey 2"], y=inertia[:, 1:].sum(axis=1) - T["link 3-1"] @ top[2:])
@@ -206,9 +206,9 @@ def test_joint_is_least_squares_of_all_balances_divided_by_their_rms_force(known
     """Each balance counts by its samples, whatever the size of its force; a law has one value (third law)."""
     case, lost = Test(noise=5.0), Test(noise=5.0, n=300, seed=1)
     lost.F[:, 2] = np.nan  # the second record does not know the force on DOF 3
-    walk = plan([1, 2, 3], known, "joint")
-    total = case.total(walk, known=known).merge(lost.total(walk, known=known))
-    found = solve(total, walk, known)
+    solve_order = plan([1, 2, 3], known, "joint")
+    total = case.total(solve_order, known=known).merge(lost.total(solve_order, known=known))
+    found = solve(total, solve_order, known)
     free = [j for j in (3, 2, 1) if j not in known]
     rows, right = [], []
     for dof in (1, 2, 3):
@@ -245,8 +245,8 @@ def test_a_law_on_one_dof_enters_its_balance_alone():
     t, a = rng.normal(size=(N, 3)), rng.normal(size=(N, 2))
     F = np.column_stack([3 * a[:, 0] + 10 * t[:, 0] - 20 * t[:, 1], 5 * a[:, 1] + 20 * t[:, 1] + 7 * t[:, 2]])
     for strategy in ("complete", "sequential", "joint"):
-        walk = plan_walk(layout.chain, [1, 2], strategy=strategy, sites=layout.acting)
-        found, total = solve_blocks(layout, walk, lambda: blocks_of(t, a, F))
+        solve_order = plan_solve_order(layout.chain, [1, 2], strategy=strategy, sites=layout.acting)
+        found, total = solve_blocks(layout, solve_order, lambda: blocks_of(t, a, F))
         assert total.kind == "gram" and found.masses == pytest.approx({1: 3.0, 2: 5.0})
         assert {s: float(c[0]) for s, c in found.coefficients.items()} == pytest.approx(
             {"storey 1": 10.0, "storey 2": 20.0, "dof 2": 7.0}
@@ -260,8 +260,8 @@ def test_a_balance_without_unknowns_is_only_checked():
     layout = Layout(Chain(2), {"storey 1": 1})
     t, a = rng.normal(size=(N, 1)), rng.normal(size=(N, 2))
     F = np.column_stack([3 * a[:, 0] + 10 * t[:, 0], 5 * a[:, 1] + rng.normal(size=N)])
-    walk = plan_walk(layout.chain, [1, 2], known_masses=[2], strategy="complete", sites=layout.acting)
-    found, _ = solve_blocks(layout, walk, lambda: blocks_of(t, a, F), {2: 5.0})
+    solve_order = plan_solve_order(layout.chain, [1, 2], known_masses=[2], strategy="complete", sites=layout.acting)
+    found, _ = solve_blocks(layout, solve_order, lambda: blocks_of(t, a, F), {2: 5.0})
     fit = found.fits[0]
     assert fit.step.dofs == (2,) and (fit.rank, fit.n_columns, fit.share) == (0, 0, pytest.approx(1.0))
     assert fit.residual == pytest.approx(np.sqrt(np.mean((F[:, 1] - 5 * a[:, 1]) ** 2)))
@@ -275,9 +275,9 @@ ONE = Layout(Chain(1), {"storey 1": 2})
 
 def single(columns, a, F, known=None, kind="gram", inner=None, names=None, layout=ONE):
     """One DOF, solved from its columns."""
-    walk = plan_walk(layout.chain, [1], known_masses=known or (), strategy="complete", sites=layout.acting)
+    solve_order = plan_solve_order(layout.chain, [1], known_masses=known or (), strategy="complete", sites=layout.acting)
     blocks = blocks_of(np.asarray(columns), np.asarray(a)[:, None], np.asarray(F)[:, None])
-    return solve(total_gram(layout, groups_of(layout, walk), blocks, known, kind), walk, known, inner, names)
+    return solve(total_gram(layout, groups_of(layout, solve_order), blocks, known, kind), solve_order, known, inner, names)
 
 
 def at_angle(angle, n=4):
@@ -313,13 +313,13 @@ def _passes(angle, noise):
     x, y, a, e = at_angle(angle)
     x, y = x / np.linalg.norm(x), y / np.linalg.norm(y)
     F, passes = 2 * a + 3 * x + 5 * y + noise * e, []
-    walk = plan_walk(ONE.chain, [1], strategy="complete", sites=ONE.acting)
+    solve_order = plan_solve_order(ONE.chain, [1], strategy="complete", sites=ONE.acting)
 
     def blocks():
         passes.append(1)
         return blocks_of(np.column_stack([x, y]), a[:, None], F[:, None], 20)
 
-    found, total = solve_blocks(ONE, walk, blocks)
+    found, total = solve_blocks(ONE, solve_order, blocks)
     return found, total.kind, len(passes)
 
 
@@ -349,8 +349,8 @@ def test_known_masses_enter_both_passes():
     a2 = -20 * s / 5
     a1 = (-(terms[:, :2] @ [7.0, 9.0]) - 5 * a2) / 3
     a = np.column_stack([a1, a2])
-    walk = plan_walk(layout.chain, known_masses=known, sites=layout.acting)
-    found, total = solve_blocks(layout, walk, lambda: blocks_of(terms, a, np.zeros_like(a)), known)
+    solve_order = plan_solve_order(layout.chain, known_masses=known, sites=layout.acting)
+    found, total = solve_blocks(layout, solve_order, lambda: blocks_of(terms, a, np.zeros_like(a)), known)
     assert total.kind == "root" and found.masses == known
     assert found.coefficients["storey 1"].tolist() == pytest.approx([7.0, 9.0], rel=1e-9)
     assert found.coefficients["storey 2"].tolist() == pytest.approx([20.0], rel=1e-12)
@@ -360,9 +360,9 @@ def _dependent(mass_too):
     """Terms s and -3 s; with the mass among them where the acceleration is -s too."""
     s, a = at_angle(0.5)[2:]
     a = -s if mass_too else a
-    walk = plan_walk(ONE.chain, [1], strategy="complete", sites=ONE.acting)
+    solve_order = plan_solve_order(ONE.chain, [1], strategy="complete", sites=ONE.acting)
     blocks = blocks_of(np.column_stack([s, -3 * s]), a[:, None], (2 * a + 12 * s)[:, None])
-    return total_gram(ONE, groups_of(ONE, walk), blocks), walk
+    return total_gram(ONE, groups_of(ONE, solve_order), blocks), solve_order
 
 
 # -- rank -----------------------------------------------------------------------------------------
@@ -370,9 +370,9 @@ def _dependent(mass_too):
 
 def test_terms_that_cannot_be_told_apart_share_the_force():
     """Of all coefficients that fit, the smallest on columns of unit length: half of the force to each of the two."""
-    total, walk = _dependent(False)
+    total, solve_order = _dependent(False)
     with pytest.warns(RankWarning, match=r"rank 2 of 3; .* are linearly dependent on this excitation\. ") as caught:
-        found = solve(total, walk)
+        found = solve(total, solve_order)
     assert caught[0].filename == __file__  # where the caller stands
     text = str(caught[0].message)
     assert text.startswith("balance of DOF 1: ") and "storey 1: term 1" in text and "storey 1: term 2" in text
@@ -384,9 +384,9 @@ def test_terms_that_cannot_be_told_apart_share_the_force():
 
 
 def test_a_mass_that_cannot_be_told_from_a_stiffness_is_refused():
-    total, walk = _dependent(True)
+    total, solve_order = _dependent(True)
     with pytest.raises(IdentifiabilityError, match="m1 cannot be told from the storey's stiffness") as error:
-        solve(total, walk)
+        solve(total, solve_order)
     assert "rank 1 of 3" in str(error.value) and "known_masses" in error.value.cure
 
 
@@ -449,10 +449,10 @@ def test_an_optimizer_sees_columns_of_rms_one_never_shifted(spied):
     case = Test(noise=5.0)
     for terms in case.terms.values():
         terms += 0.5 * terms.std(axis=0)
-    walk = plan([1, 2, 3], MASSES, "complete")
-    found = case.solved(walk, known=MASSES, inner=Spy())
+    solve_order = plan([1, 2, 3], MASSES, "complete")
+    found = case.solved(solve_order, known=MASSES, inner=Spy())
     assert len(spied) == 3
-    for (x, y), step in zip(spied, walk.steps):
+    for (x, y), step in zip(spied, solve_order.steps):
         dof = step.dofs[0]
         sites = [str(s) for s in step.sites]
         A = np.hstack([case.terms[s] for s in sites])
@@ -460,7 +460,7 @@ def test_an_optimizer_sees_columns_of_rms_one_never_shifted(spied):
         A, right = A / np.sqrt(np.mean(A**2, axis=0)), right / np.sqrt(np.mean(right**2))
         assert np.allclose(x.T @ x, A.T @ A, atol=1e-9 * N)
         assert np.allclose(x.T @ y[:, 0], A.T @ right, atol=1e-9 * N)
-    plain = case.solved(walk, known=MASSES)
+    plain = case.solved(solve_order, known=MASSES)
     for site, values in plain.coefficients.items():
         assert found.coefficients[site].tolist() == pytest.approx(values.tolist(), rel=1e-9)
 
@@ -487,9 +487,9 @@ def test_an_optimizer_sees_all_balances_of_a_joint_solve_at_once(spied):
 def test_the_mass_is_taken_out_before_an_optimizer_chooses(spied):
     """What it sees is across the acceleration; the mass then is what the chosen terms leave of the force."""
     case = Test(noise=5.0)
-    walk = plan([2], strategy="sequential")
-    found = case.solved(walk, inner=Spy(answer=0.5))
-    first = walk.steps[0]
+    solve_order = plan([2], strategy="sequential")
+    found = case.solved(solve_order, inner=Spy(answer=0.5))
+    first = solve_order.steps[0]
     assert first.dofs == (2,) and [str(s) for s in first.sites] == ["storey 2", "storey 3"]
     x, y = spied[0]
     a, F = case.a[:, 1], case.F[:, 1]

@@ -23,7 +23,7 @@ from pysindy_nrf import (
     laws,
 )
 from pysindy_nrf.exceptions import BiasWarning, ChannelError, ExcitationError, IdentifiabilityError, LawError, NRFError
-from pysindy_nrf.mechanics.identifiability import plan_walk
+from pysindy_nrf.mechanics.identifiability import plan_solve_order
 from pysindy_nrf.regression.blocks import blocks_of
 from pysindy_nrf.regression.chain_solve import solve_blocks
 from pysindy_nrf.regression.layout import Layout
@@ -69,8 +69,8 @@ def test_the_three_entrances_agree(inner, forced):
     library = InterstoryPolynomialLibrary(3).fit(X)
     terms = np.asarray(library.transform(X))[:, 4:]
     layout = Layout(chain, dict.fromkeys(chain.sites, 9))
-    walk = plan_walk(chain, forced)
-    direct, _ = solve_blocks(layout, walk, lambda: blocks_of(terms, X[:, :4], case.F), inner=inner)
+    solve_order = plan_solve_order(chain, forced)
+    direct, _ = solve_blocks(layout, solve_order, lambda: blocks_of(terms, X[:, :4], case.F), inner=inner)
 
     assert worst(optimizer.masses_, regressor.masses_) < 1e-10
     assert worst([direct.masses[j] for j in range(1, 5)], regressor.masses_) < 1e-10

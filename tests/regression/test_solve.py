@@ -58,11 +58,11 @@ def test_every_strategy_where_all_is_forced(n, strategy):
     assert_exact(NRFRegressor(degree=3, strategy=strategy).fit(case.X, case.F), case)
 
 
-def test_several_forced_dofs_walk_from_each():
+def test_several_forced_dofs_are_each_a_start():
     case = chains.duffing(6, [1, 4], seed=3)
     model = NRFRegressor(degree=3).fit(case.X, case.F)
     assert_exact(model, case)
-    assert model.walk_.strategy == "sequential" and sum(step.forced for step in model.walk_.steps) == 2
+    assert model.solve_order_.strategy == "sequential" and sum(step.forced for step in model.solve_order_.steps) == 2
 
 
 @given(st.integers(1, 5), st.integers(0, 2**31), st.data())
@@ -96,7 +96,7 @@ def test_base_excitation_with_known_masses(shaken, known):
     model = NRFRegressor(degree=3, known_masses=given_masses).fit(shaken.X, base_acceleration=shaken.ag)
     assert_exact(model, shaken)
     if len(known) == 4:  # top down: each storey from the inertia above it
-        assert [step.dofs for step in model.walk_.steps] == [(4,), (3, 4), (2, 3, 4), (1, 2, 3, 4)]
+        assert [step.dofs for step in model.solve_order_.steps] == [(4,), (3, 4), (2, 3, 4), (1, 2, 3, 4)]
 
 
 def test_a_wrong_known_mass_scales_everything(shaken):
@@ -130,9 +130,9 @@ def test_roving_hammer_equals_one_record_with_all_forces(hammer, strategy):
     together = chains.duffing(3, [1, 2, 3], seed=30, given=(hammer[0].m, hammer[0].c, hammer[0].k, hammer[0].k3))
     once = NRFRegressor(degree=3).fit(together.X, together.F)
     assert_exact(roving, hammer[0])
-    assert once.walk_.strategy == "complete" and worst(roving.masses_, once.masses_) < EXACT
+    assert once.solve_order_.strategy == "complete" and worst(roving.masses_, once.masses_) < EXACT
     if strategy == "auto":
-        assert roving.walk_.strategy == "complete" and roving.third_law_gap_.max() < 1e-6
+        assert roving.solve_order_.strategy == "complete" and roving.third_law_gap_.max() < 1e-6
 
 
 def test_force_unknown_in_some_records(hammer):

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...data.record import plain_times
 from ...exceptions import ChainError, ChannelError, NRFError
-from ...mechanics.identifiability import Walk
+from ...mechanics.identifiability import SolveOrder
 from ...regression.blocks import Block, block_size
 from ...regression.chain_solve import groups_of
 from ...regression.domains import Extent
@@ -114,7 +114,7 @@ class Model:
         singles = [(j,) for j in range(1, n + 1)]
         sums = [
             tuple(range(i, n + 1)) for i in range(1, n) if all(j in self.known_masses for j in range(i, n + 1))
-        ]  # for base excitation, see plan_walk
+        ]  # for base excitation, see plan_solve_order
         self.groups: list[Group] = [self.layout.group(dofs) for dofs in singles + sums]
 
 
@@ -377,16 +377,16 @@ class Accumulator:
         masks = [set(run.unknown) for run in self.runs if not run.empty]
         return tuple(sorted(set.intersection(*masks))) if masks else ()
 
-    def walk(self) -> Walk:
+    def solve_order(self) -> SolveOrder:
         """The order of the solve that these data allow."""
         model = self.require_model()
-        walk = model.problem.solve_order(self.forced, self.unknown)
+        solve_order = model.problem.solve_order(self.forced, self.unknown)
         held = {g.dofs for g in model.groups}
-        if any(g.dofs not in held for g in groups_of(model.layout, walk)):
+        if any(g.dofs not in held for g in groups_of(model.layout, solve_order)):
             raise NRFError(
                 "These data need sums of balances that were not accumulated", "Give them as arrays that fit in memory."
             )
-        return walk
+        return solve_order
 
 
 def _halved(blocks: list[BlockEntry]) -> list[BlockEntry]:

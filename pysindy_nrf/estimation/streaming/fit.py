@@ -20,7 +20,7 @@ from ...common.files import atomic_write
 from ...data.channels import is_dask
 from ...data.record import Record
 from ...exceptions import ChannelError, DataQualityWarning, FileFormatError, NRFError
-from ...mechanics.identifiability import Walk
+from ...mechanics.identifiability import SolveOrder
 from ...mechanics.sites import Site
 from ...regression.chain_solve import Solution, solve, solved_safely
 from ...regression.domains import Extent
@@ -135,13 +135,13 @@ def fit_streamed(
         kind = "gram" if source.again else "careful"
         passes = _Passes(estimator, source, state, save_every, progress)
         accumulator = passes.run(kind)
-        solution, grams, walk = solution_of(accumulator)
+        solution, grams, solve_order = solution_of(accumulator)
         if solution is None:  # second pass, with columns orthogonalised by the first result
             passes.save(accumulator)
             accumulator = passes.run("root", guess_of(grams))
-            solution, grams, walk = solution_of(accumulator)
+            solution, grams, solve_order = solution_of(accumulator)
         assert solution is not None  # only Gram matrices lose digits
-        publish(accumulator, solution, grams, walk)
+        publish(accumulator, solution, grams, solve_order)
     passes.done()
     return estimator
 
@@ -212,9 +212,9 @@ def partial_fit(
             accumulator.add(chunk, number)
             number += 1
         accumulator.settings = _settings(estimator)
-        solution, grams, walk = solution_of(accumulator)
+        solution, grams, solve_order = solution_of(accumulator)
         assert solution is not None  # only Gram matrices lose digits
-        publish(accumulator, solution, grams, walk)
+        publish(accumulator, solution, grams, solve_order)
     estimator._stream = accumulator, number
     return estimator
 
@@ -299,28 +299,29 @@ class _Passes:
                 self._file(self.path).unlink(missing_ok=True)
 
 
-def solution_of(accumulator: Accumulator) -> tuple[Solution | None, BlockGrams, Walk]:
+def solution_of(accumulator: Accumulator) -> tuple[Solution | None, BlockGrams, SolveOrder]:
     """Solution of the chain (None if the Gram matrices may have lost digits), its Gram matrices and solve order."""
     model, grams = accumulator.require_model(), accumulator.grams().sum()
     _require_usable(accumulator, grams)
-    walk = accumulator.walk()
+    solve_order = accumulator.solve_order()
     names = {site: model.layout.labels(site) for site in model.layout.acting}
     solver = solved_safely if accumulator.kind == "gram" else solve
-    return solver(grams, walk, model.known_masses, model.problem.optimizer, names), grams, walk
+    return solver(grams, solve_order, model.known_masses, model.problem.optimizer, names), grams, solve_order
 
 
-def publish(accumulator: Accumulator, solution: Solution, grams: BlockGrams, walk: Walk) -> Any:
+def publish(accumulator: Accumulator, solution: Solution, grams: BlockGrams, solve_order: SolveOrder) -> Any:
     """The estimator, with the results as its attributes."""
     estimator, problem = accumulator.estimator, accumulator.require_model().problem
     model = model_of(problem.layout, solution)
     data = _shown(accumulator)
     estimator._records, estimator._fused_separately, estimator._fused_jointly = None, None, False
-    estimator._resolver = Resolver(accumulator.grams().squares(), walk, dict(problem.known_masses), problem.optimizer)
+    known = dict(problem.known_masses)
+    estimator._resolver = Resolver(accumulator.grams().squares(), solve_order, known, problem.optimizer)
     if estimator.constraints is not None:
         from ..constraints import constrained
 
         model = constrained(model, estimator.constraints, estimator._resolver)
-    estimator._publish(Estimate(problem, walk, model, solution, grams), data, _judged(accumulator, data))
+    estimator._publish(Estimate(problem, solve_order, model, solution, grams), data, _judged(accumulator, data))
     hidden = sorted({j for run in accumulator.runs for j in run.unknown})
     estimator.unknown_forces_ = pd.DataFrame({f"F{j}": np.zeros(0) for j in hidden})
     model.info["estimation"] = {"asked": "ls", "found": "ls"}

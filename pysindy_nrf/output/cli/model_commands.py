@@ -204,7 +204,7 @@ def _say_plan(session: Session, n: int, forced: Any, unknown: Any, masses: Any, 
 
 
 def _dry(session: Session, plan: Any, records: list[dict]) -> None:
-    session.emit({"records": records, "walk": str(plan).splitlines(), "complete": plan.complete})
+    session.emit({"records": records, "solve_order": str(plan).splitlines(), "complete": plan.complete})
     session.say("\nDry run: nothing was solved or written.")
 
 

@@ -273,7 +273,7 @@ def as_data(outcome: Outcome, band: Any, records: list[dict[str, Any]]) -> dict[
     return {
         "records": records,
         "band_hz": None if band is None else list(band),
-        "walk": str(est.walk_).splitlines(),
+        "solve_order": str(est.solve_order_).splitlines(),
         "masses_kg": [float(m) for m in model.masses],
         "equations": model.equations(6),
         "balance_error_percent": est.errors_["error"],

@@ -105,8 +105,7 @@ def _delay(data: SegmentSet, filters: Sequence[Any], layout: LawLayout, j: int) 
 
 def _delay_at(segments: Sequence[tuple[Segment, Any]], layout: LawLayout, j: int) -> tuple[float, float] | None:
     """Delay in samples and its standard error from records of one sampling rate, or None."""
-    from ..regression.blocks_of_samples import whole_block
-    from ..regression.gram_pass import rows_of
+    from ..regression.gram_pass import rows_of, whole_block
 
     group = layout.group((j,))
     known = dict.fromkeys(range(1, layout.n_dof + 1), 0.0)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..exceptions import ChannelError
 from ..regression.chain_model import ChainModel
-from ..regression.errors import Pooled, balance_sizes
+from ..regression.errors import balance_sizes, pooled_percent
 from ..regression.segments import SegmentSet
 from .gate import MIN_GAIN
 from .noise_floor import NoiseFloor
@@ -80,14 +80,14 @@ class FloorSource:
         if floor is None:
             return null.floor
         blocks = range(len(trial.work.search))
-        solution, grams, pooled = trial.solve(blocks), trial.total(blocks), Pooled()
+        solution, grams, balances = trial.solve(blocks), trial.total(blocks), []
         for j in range(1, trial.work.n_dof + 1):
             sizes = balance_sizes(j, solution.masses, solution.coefficients, grams)
             if sizes is not None:
                 from_top = tuple(range(j, trial.work.n_dof + 1)) in grams.groups
                 level = float((floor.storey if from_top else floor.balance)[j - 1])
-                pooled.add(sizes._replace(residual=level))
-        return pooled.percent
+                balances.append(sizes._replace(residual=level))
+        return pooled_percent(balances)
 
     def closes(self, trial: Trial, error: float, null: Null) -> bool:
         """Whether no law could pass the gate, by a floor that was measured or given: even one that left only noise."""

@@ -14,9 +14,9 @@ from scipy import stats
 from ..common.random_state import generator
 from ..exceptions import ChainError, ChannelError, ExtrapolationWarning, IdentifiabilityError, RankWarning
 from ..mechanics.identifiability import SolveOrder
-from ..regression.blocks_of_samples import pieces_of
 from ..regression.chain_model import ChainModel
 from ..regression.chain_solve import Solution, groups_of, solve
+from ..regression.gram_pass import pieces_of
 from ..regression.grams import BlockGrams
 from ..regression.layout import LawLayout
 from ..regression.segments import SegmentSet

@@ -39,11 +39,10 @@ from ..exceptions import BiasWarning, ChainError, ChannelError, IdentifiabilityE
 from ..laws import PowerSeries
 from ..mechanics.identifiability import SolveOrder
 from ..regression.blocks import Block
-from ..regression.blocks_of_samples import pieces_of, whole_block
 from ..regression.chain_model import ChainModel
 from ..regression.chain_solve import Solution, groups_of, solve, solve_blocks
 from ..regression.errors import free_run_of
-from ..regression.gram_pass import rows_of
+from ..regression.gram_pass import pieces_of, rows_of, whole_block
 from ..regression.grams import BlockGrams
 from ..regression.input_arrays import from_arrays
 from ..regression.layout import LawLayout

@@ -18,29 +18,7 @@ _AT_ONCE = 2**20  # numbers in the spectra that are held at a time
 
 
 def band_edges(length: float, dt: float, n_bands: int = BANDS) -> np.ndarray:
-    """Edges of frequency bands: the mean of a window, then bands that are equal on a logarithmic axis.
-
-    Parameters
-    ----------
-    length : float
-        Of a window, s.
-    dt : float
-        Sampling step, s.
-    n_bands : int
-        Bands above the first, which holds what a Hann window spreads of a constant (lines 0 and 1).
-
-    Returns
-    -------
-    ndarray of shape (at most n_bands + 2,)
-        Hz, from zero to beyond half the sampling rate, between the lines of the window. Bands without a line are left
-        out: at low frequencies there are fewer.
-
-    Examples
-    --------
-    >>> from pysindy_nrf.regression.band_grams import band_edges
-    >>> band_edges(length=1.0, dt=0.01, n_bands=4).tolist()
-    [0.0, 1.5, 3.5, 9.5, 22.5, 50.5]
-    """
+    """Edges of frequency bands: the mean of a window, then bands that are equal on a logarithmic axis."""
     size = _samples(length, dt)
     lines = size // 2 + 1
     cuts = np.unique(np.rint(np.geomspace(2, max(lines, 2), n_bands + 1)).astype(int))
@@ -61,59 +39,7 @@ def band_grams(
     length: float,
     edges: np.ndarray | None = None,
 ) -> BlockGrams:
-    """Gram matrices of the spectra of the columns, by window and frequency band.
-
-    The balance is algebraic in time, so that windows cost no leakage between its columns: the relation holds line by
-    line. The matrices of all bands of a window sum up to its Gram matrix in time (Parseval), and are scaled so that
-    those of all windows sum up to that of the samples.
-
-    Parameters
-    ----------
-    layout : Layout
-    groups : sequence of Group
-    records : iterable of (iterable of Block, float)
-        Consecutive samples of each record, and its sampling step, s. Samples behind the last whole window are left
-        out.
-    known_masses : mapping of int to float, optional
-        Masses used in summed balances, kg.
-    length : float
-        Of a window, s; the next one begins half a window later.
-    edges : ndarray of shape (n_bands + 1,), optional
-        Hz; those of :func:`band_edges` for the first record if None. Lines outside of them are left out.
-
-    Returns
-    -------
-    BlockGrams
-        Of leading shape (n_windows, n_bands), with ``record`` and ``edges``. ``sizes`` are the samples of half a
-        window, shared out to the bands by their lines.
-
-    Raises
-    ------
-    ChannelError
-        If a record has no sampling step, or no record is as long as a window.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf import Chain
-    >>> from pysindy_nrf.mechanics.identifiability import plan_solve_order
-    >>> from pysindy_nrf.regression.band_grams import band_grams
-    >>> from pysindy_nrf.regression.blocks import blocks_of
-    >>> from pysindy_nrf.regression.chain_solve import solve
-    >>> from pysindy_nrf.regression.layout import Layout
-    >>> rng = np.random.default_rng(0)
-    >>> t = 0.01 * np.arange(4000)[:, None]
-    >>> v, s, a = rng.standard_normal((3, 4000, 1))
-    >>> F = 10 * a + 3 * v + 500 * s + 800 * np.sin(2 * np.pi * 12 * t)  # hum at 12 Hz
-    >>> layout = Layout(Chain(1), {"storey 1": 2})
-    >>> records = [(blocks_of(np.hstack([v, s]), a, F), 0.01)]
-    >>> grams = band_grams(layout, [layout.group((1,))], records, length=2.0)
-    >>> quiet = (grams.edges[1:] < 10) | (grams.edges[:-1] > 14)  # a weight for each band
-    >>> solve_order = plan_solve_order(layout.chain, (1,), (), {}, "auto", layout.acting)
-    >>> everywhere, without = grams.sum(), grams.sum(np.tile(quiet, (len(grams), 1)))
-    >>> abs(solve(everywhere, solve_order).masses[1] - 10) > 1, abs(solve(without, solve_order).masses[1] - 10) < 0.01
-    (True, True)
-    """
+    """Gram matrices of the spectra of the columns, by window and frequency band."""
     known = dict(known_masses or {})
     parts: list[dict[Dofs, np.ndarray]] = []
     sizes: list[dict[Dofs, np.ndarray]] = []

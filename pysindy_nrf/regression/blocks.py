@@ -85,10 +85,7 @@ def blocks_of(terms: np.ndarray, acceleration: np.ndarray, force: np.ndarray, si
 
 
 def cut_at(edges: np.ndarray, blocks: Iterable[Block], first: int = 0) -> Iterator[tuple[int, Block]]:
-    """Number the samples of a record by the piece they are in, from ``first`` on.
-
-    ``edges`` are the starts of the pieces in samples, increasing from 0; a last edge behind the record does no harm.
-    """
+    """Number the samples of a record by the piece they are in, from ``first`` on."""
     at = 0
     for block in blocks:
         stop = at + block.n_samples

@@ -26,158 +26,43 @@ from .grams import BlockGrams
 from .layout import Layout
 from .segments import BlockRows, Segment, SegmentSet
 
+__all__ = ["nrmse"]
 COLUMNS = ["error", "residual", "reference", "of"]
 # Percent; below it round-off of a Gram matrix (the root of the machine precision) shows in the last digits.
 _HELD_BY_A_GRAM = 0.1
 
 
 def balance_errors(model: ChainModel, grams: BlockGrams) -> pd.DataFrame:
-    """Balance errors (one step, not free run) of a model from Gram matrices.
-
-    Parameters
-    ----------
-    model : ChainModel
-    grams : BlockGrams
-        A sum, of the data to judge, with the model's own laws as columns.
-
-    Returns
-    -------
-    DataFrame
-        One row ``"dof j"`` for each balance whose force is known, and ``"pooled"``; columns
-        ``error`` (percent), ``residual`` and ``reference`` (rms, N), ``of`` (``"F"`` or ``"m a"``).
-
-    Examples
-    --------
-    >>> from pysindy_nrf import NRFRegressor, datasets
-    >>> from pysindy_nrf.regression.chain_solve import groups_of
-    >>> from pysindy_nrf.regression.errors import balance_errors
-    >>> from pysindy_nrf.regression.gram_pass import total_gram
-    >>> from pysindy_nrf.regression.layout import LawLayout
-    >>> X, F = datasets.load_demo().to_features()
-    >>> fitted = NRFRegressor(degree=3).fit(X, F)
-    >>> layout = LawLayout(fitted.chain_, fitted.model_.laws)
-    >>> data = fitted.model_.segments(X, F)
-    >>> grams = total_gram(layout, groups_of(layout, fitted.solve_order_), data.segments[0].blocks(layout))
-    >>> balance_errors(fitted.model_, grams)["error"].round(1).to_dict()
-    {'dof 1': 2.2, 'dof 2': 4.2, 'dof 3': 1.2, 'pooled': 1.9}
-    """
+    """Balance errors (one step, not free run) of a model from Gram matrices."""
     coefficients = model.coefficients
     masses = dict(enumerate(model.masses, 1))
-    rows, pooled = {}, Pooled()
-    for j in masses:
-        sizes = balance_sizes(j, masses, coefficients, grams)
-        if sizes is None:
-            continue
-        rows[f"dof {j}"] = [_percent(sizes.residual, sizes.reference), sizes.residual, sizes.reference, sizes.of]
-        pooled.add(sizes)
-    rows["pooled"] = [pooled.percent, np.nan, np.nan, ""]
+    balances = {j: balance_sizes(j, masses, coefficients, grams) for j in masses}
+    rows = {
+        f"dof {j}": [_percent(x.residual, x.reference), x.residual, x.reference, x.of] for j, x in balances.items() if x
+    }
+    rows["pooled"] = [pooled_percent(balances.values()), np.nan, np.nan, ""]
     return pd.DataFrame.from_dict(rows, orient="index", columns=COLUMNS)
 
 
 def pooled_error(masses: Mapping[int, float], coefficients: Mapping[Site, np.ndarray], grams: BlockGrams) -> float:
-    """Pooled balance error of masses and coefficients, percent NRMSE; see :func:`balance_errors`.
-
-    Parameters
-    ----------
-    masses : mapping of int to float
-        kg, by DOF.
-    coefficients : mapping of Site to ndarray
-    grams : BlockGrams
-
-    Returns
-    -------
-    float
-
-    Examples
-    --------
-    >>> from pysindy_nrf import NRFRegressor, datasets
-    >>> from pysindy_nrf.regression.chain_solve import groups_of
-    >>> from pysindy_nrf.regression.errors import pooled_error
-    >>> from pysindy_nrf.regression.gram_pass import total_gram
-    >>> from pysindy_nrf.regression.layout import LawLayout
-    >>> X, F = datasets.load_demo().to_features()
-    >>> fitted = NRFRegressor(degree=3).fit(X, F)
-    >>> layout = LawLayout(fitted.chain_, fitted.model_.laws)
-    >>> segment = fitted.model_.segments(X, F).segments[0]
-    >>> grams = total_gram(layout, groups_of(layout, fitted.solve_order_), segment.blocks(layout))
-    >>> masses = dict(enumerate(fitted.masses_, 1))
-    >>> coefficients = {site: held[0].coefficients for site, held in fitted.model_.laws.items()}
-    >>> round(pooled_error(masses, coefficients, grams), 1)  # percent
-    1.9
-    """
-    pooled = Pooled()
-    for j in range(1, grams.layout.n_dof + 1):
-        sizes = balance_sizes(j, masses, coefficients, grams)
-        if sizes is not None:
-            pooled.add(sizes)
-    return pooled.percent
+    """Pooled balance error of masses and coefficients, percent NRMSE; see :func:`balance_errors`."""
+    return pooled_percent(balance_sizes(j, masses, coefficients, grams) for j in range(1, grams.layout.n_dof + 1))
 
 
 class Sizes(NamedTuple):
-    """Rms of the residual, the reference and the storey force of one balance (N), and the samples behind them.
-
-    Attributes
-    ----------
-    residual, reference, storey : float
-        Rms, N.
-    of : {"F", "m a"}
-        What the reference is: the applied force, or the inertia.
-    n_samples : int
-
-    Examples
-    --------
-    >>> from pysindy_nrf.regression.errors import Sizes
-    >>> size = Sizes(residual=2.0, reference=50.0, storey=40.0, of="F", n_samples=4000)
-    >>> 100 * size.residual / size.reference  # percent NRMSE of this balance
-    4.0
-    """
+    """Rms of residual, reference and storey force of one balance, N; the kind of reference, and the samples."""
 
     residual: float
     reference: float
     storey: float
-    of: str
+    of: str  # "F" or "m a"
     n_samples: int
 
 
 def balance_sizes(
     dof: int, masses: Mapping[int, float], coefficients: Mapping[Site, np.ndarray], grams: BlockGrams
 ) -> Sizes | None:
-    """Rms sizes of one balance, or None if its force is unknown throughout.
-
-    Where the storeys were solved from the top down (base excitation, known masses), it is the
-    balance of all DOFs from this one up, whose reference is the inertia above the storey: of the
-    single balance little would be left but the difference of two storey forces.
-
-    Parameters
-    ----------
-    dof : int
-    masses : mapping of int to float
-        kg, by DOF.
-    coefficients : mapping of Site to ndarray
-    grams : BlockGrams
-        If it holds blocks, so are masses, coefficients and what comes back.
-
-    Returns
-    -------
-    Sizes or None
-
-    Examples
-    --------
-    >>> from pysindy_nrf import NRFRegressor, datasets
-    >>> from pysindy_nrf.regression.chain_solve import groups_of
-    >>> from pysindy_nrf.regression.errors import balance_sizes
-    >>> from pysindy_nrf.regression.gram_pass import total_gram
-    >>> from pysindy_nrf.regression.layout import LawLayout
-    >>> X, F = datasets.load_demo().to_features()
-    >>> fitted = NRFRegressor(degree=3).fit(X, F)
-    >>> layout = LawLayout(fitted.chain_, fitted.model_.laws)
-    >>> segment = fitted.model_.segments(X, F).segments[0]
-    >>> grams = total_gram(layout, groups_of(layout, fitted.solve_order_), segment.blocks(layout))
-    >>> masses = dict(enumerate(fitted.masses_, 1))
-    >>> coefficients = {site: held[0].coefficients for site, held in fitted.model_.laws.items()}
-    >>> [balance_sizes(j, masses, coefficients, grams).of for j in (1, 2, 3)]  # floor 2 is shaken
-    ['m a', 'F', 'm a']
-    """
+    """Rms sizes of one balance, or None if its force is unknown throughout."""
     above = tuple(range(dof, grams.layout.n_dof + 1))
     dofs = above if above in grams.groups else (dof,)
     size = grams.sizes[dofs]
@@ -206,36 +91,14 @@ def balance_sizes(
     return Sizes(float(residual), float(reference), float(storey or reference or 1.0), of, int(size))
 
 
-class Pooled:
-    """Running sums behind the pooled error.
-
-    Examples
-    --------
-    >>> from pysindy_nrf.regression.errors import Pooled, Sizes
-    >>> pooled = Pooled()
-    >>> pooled.add(Sizes(residual=2.0, reference=50.0, storey=50.0, of="F", n_samples=1000))
-    >>> pooled.add(Sizes(residual=0.6, reference=10.0, storey=10.0, of="m a", n_samples=1000))
-    >>> round(pooled.percent, 2)  # between 4 and 6 %
-    5.1
-    """
-
-    def __init__(self) -> None:
-        self.top = self.bottom = 0.0
-
-    def add(self, sizes: Sizes) -> None:
-        """Add one balance, divided by the rms of its storey force.
-
-        Parameters
-        ----------
-        sizes : Sizes
-        """
-        self.top += sizes.n_samples * (sizes.residual / sizes.storey) ** 2
-        self.bottom += sizes.n_samples * (sizes.reference / sizes.storey) ** 2
-
-    @property
-    def percent(self) -> float:
-        """Percent NRMSE."""
-        return _percent(self.top**0.5, self.bottom**0.5)
+def pooled_percent(balances: Iterable[Sizes | None]) -> float:
+    """Pooled percent NRMSE of balances, each divided by the rms of its storey force; None is left out."""
+    top = bottom = 0.0
+    for sizes in balances:
+        if sizes is not None:
+            top += sizes.n_samples * (sizes.residual / sizes.storey) ** 2
+            bottom += sizes.n_samples * (sizes.reference / sizes.storey) ** 2
+    return _percent(top**0.5, bottom**0.5)
 
 
 def _percent(part: Any, whole: Any) -> Any:
@@ -247,37 +110,7 @@ def _percent(part: Any, whole: Any) -> Any:
 def judge(
     model: ChainModel, layout: Layout, solve_order: SolveOrder, blocks: Iterable[Block] | Callable[[], Iterable[Block]]
 ) -> pd.DataFrame:
-    """Balance errors of a model on blocks of samples.
-
-    Parameters
-    ----------
-    model : ChainModel
-    layout : Layout
-        Of the model's laws.
-    solve_order : SolveOrder
-        How the model was solved: single balances, or from the top down.
-    blocks : iterable of Block, or callable
-        A callable returns a fresh iterable at each call; an error too small for a Gram matrix is then read off the
-        samples once more, by QR.
-
-    Returns
-    -------
-    DataFrame
-        See :func:`balance_errors`.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import NRFRegressor, datasets
-    >>> from pysindy_nrf.regression.errors import judge
-    >>> from pysindy_nrf.regression.layout import LawLayout
-    >>> X, F = datasets.load_demo().to_features()
-    >>> fitted = NRFRegressor(degree=3).fit(X, F)
-    >>> layout = LawLayout(fitted.chain_, fitted.model_.laws)
-    >>> segment = fitted.model_.segments(X, F).segments[0]
-    >>> errors = judge(fitted.model_, layout, fitted.solve_order_, segment.blocks(layout))
-    >>> errors["of"].to_dict()
-    {'dof 1': 'm a', 'dof 2': 'F', 'dof 3': 'm a', 'pooled': ''}
-    """
+    """Balance errors of a model on blocks of samples."""
     known = dict(enumerate(model.masses.tolist(), 1))
 
     def run(kind: str, held: Iterable[Block]) -> pd.DataFrame:

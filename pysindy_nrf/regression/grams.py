@@ -130,18 +130,7 @@ class BlockGrams:
     # -- sums ---------------------------------------------------------------------------------
 
     def sum(self, weights: Any = None) -> BlockGrams:
-        """Sum of the blocks (and of the bands), each taken ``weights`` times.
-
-        Parameters
-        ----------
-        weights : array-like of the leading shape, or with one axis before it, optional
-            Not negative; ones if None. With a further axis there are as many sums.
-
-        Returns
-        -------
-        BlockGrams
-            Of leading shape ``()``, or of that of the further axis.
-        """
+        """Sum of the blocks (and of the bands), each taken ``weights`` times."""
         weights = np.ones(self.shape) if weights is None else np.asarray(weights, dtype=float)
         axes = len(self.shape)
         if self.kind == "root":
@@ -170,13 +159,7 @@ class BlockGrams:
         return self.sum(lower), self.sum(1.0 - lower)
 
     def merge(self, other: BlockGrams) -> BlockGrams:
-        """Sum of these and others, block by block.
-
-        Raises
-        ------
-        NRFError
-            If balances, columns or kinds differ.
-        """
+        """Sum of these and others, block by block."""
         self._require_alike(other)
         if self.kind == "root":
             sums = {d: _upper(np.concatenate([x, other.matrices[d]], axis=-2)) for d, x in self.matrices.items()}
@@ -253,13 +236,10 @@ class BlockGrams:
         return replace(self, layout=layout, groups=groups, matrices=matrices, sizes=sizes)
 
     def projected(self) -> BlockGrams:
-        """Roots of the columns projected on the instruments Z.
-
-        The least-squares solve of ``P_Z [columns | right-hand side]`` is the two-stage least-squares estimate, which is
-        the instrumental-variable one where there are as many instruments as unknowns.
-        """
+        """Roots of the columns projected on the instruments Z."""
         if not self.instrumented:
             return self
+        # the solve of these is two-stage least squares, instrumental variables where there are as many as unknowns
         matrices = {dofs: _projected(x, (x.shape[-1] + 1) // 2) for dofs, x in self.matrices.items()}
         return replace(self, matrices=matrices, kind="root", instrumented=False)
 
@@ -271,27 +251,12 @@ class BlockGrams:
         gram: Callable[[Dofs], tuple[np.ndarray, Any]],
         known_masses: Mapping[int, float] | None = None,
     ) -> BlockGrams:
-        """Balances cut out of Gram matrices of all columns ``[terms | a_1..a_n | F_1..F_n]``.
-
-        Parameters
-        ----------
-        layout : Layout
-        groups : sequence of Group
-        gram : callable
-            From the DOFs of a balance to the Gram matrix (..., p, p) of the samples in which its forces are known, and
-            the number of these samples, of shape (...).
-        known_masses : mapping of int to float, optional
-            kg.
-
-        Returns
-        -------
-        BlockGrams
-        """
+        """Balances cut out of Gram matrices of all columns ``[terms | a_1..a_n | F_1..F_n]``."""
         k, n, known = layout.n_terms, layout.n_dof, dict(known_masses or {})
         matrices: dict[Dofs, np.ndarray] = {}
         sizes: dict[Dofs, Any] = {}
         for group in groups:
-            matrix, sizes[group.dofs] = gram(group.dofs)
+            matrix, sizes[group.dofs] = gram(group.dofs)  # of the samples in which its forces are known
             index = [i for s in group.sites for i in range(layout.slices[s].start, layout.slices[s].stop)]
             if len(group.dofs) == 1:
                 at = np.array([*index, k + group.dofs[0] - 1, k + n + group.dofs[0] - 1])
@@ -341,13 +306,7 @@ class BlockGrams:
         groups: Iterable[Group],
         known_masses: Mapping[int, float] | None = None,
     ) -> BlockGrams:
-        """What :meth:`to_arrays` wrote, of the same layout and balances.
-
-        Raises
-        ------
-        KeyError
-            If an array is missing.
-        """
+        """What :meth:`to_arrays` wrote, of the same layout and balances."""
         held = {g.dofs: g for g in groups}
         names = {dofs: "-".join(map(str, dofs)) for dofs in held}
         return cls(
@@ -381,11 +340,7 @@ def _upper(rows: np.ndarray) -> np.ndarray:
 
 
 def scaled_cholesky(gram: np.ndarray) -> np.ndarray:
-    """Upper factor of Gram matrices (..., p, p) whose columns span many orders of magnitude.
-
-    Columns are scaled to unit length first. Where the factor fails, a pivot lost to round-off becomes zero: the
-    column is a combination of those before it.
-    """
+    """Upper factor of Gram matrices (..., p, p) whose columns span many orders of magnitude."""
     scale = np.sqrt(np.clip(np.diagonal(gram, axis1=-2, axis2=-1), 0.0, None))
     safe = np.where(scale > 0, scale, 1.0)
     unit = gram / safe[..., :, None] / safe[..., None, :]
@@ -399,7 +354,7 @@ def scaled_cholesky(gram: np.ndarray) -> np.ndarray:
         pass
     if gram.ndim > 2:
         return np.array([scaled_cholesky(one) for one in gram])
-    upper = np.zeros_like(unit)
+    upper = np.zeros_like(unit)  # a pivot lost to round-off is zero: a combination of the columns before it
     for i in range(p):
         row = unit[i, i:] - upper[:i, i] @ upper[:i, i:]
         if row[0] > 4 * p * np.finfo(float).eps:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..exceptions import NRFError
 from ..regression.chain_solve import Solution, StepFit
-from ..regression.errors import Pooled, balance_sizes, free_run_error, pooled_error
+from ..regression.errors import balance_sizes, free_run_error, pooled_error, pooled_percent
 from ..regression.grams import BlockGrams
 from ..regression.segments import BlockRows
 from ..regression.solution import model_of
@@ -71,12 +71,8 @@ def balances_on_folds(fold_moments: FoldMoments, order: Order, dofs: Iterable[in
     """Pooled error of some balances on all folds, percent NRMSE; infinite where a fit failed."""
     errors = np.full(fold_moments.n_folds, np.inf)
     for held, where in _held_out(fold_moments, order):
-        pooled = Pooled()
-        for j in dofs:
-            sizes = balance_sizes(j, held.solution.masses, held.solution.coefficients, held.grams)
-            if sizes is not None:
-                pooled.add(sizes)
-        errors[where] = pooled.percent
+        found = held.solution.masses, held.solution.coefficients, held.grams
+        errors[where] = pooled_percent(balance_sizes(j, *found) for j in dofs)
     return errors
 
 

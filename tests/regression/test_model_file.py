@@ -6,29 +6,10 @@ import resource
 import jsonschema
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from pysindy_nrf import ChainModel, NRFRegressor, datasets, laws
 from pysindy_nrf.common.files import schema
 from pysindy_nrf.exceptions import FileFormatError, FileVersionError
-
-
-@pytest.mark.fuzz
-@settings(max_examples=15)
-@given(
-    masses=st.lists(st.floats(1e-6, 1e9), min_size=1, max_size=3),
-    values=st.lists(st.floats(-1e12, 1e12, allow_subnormal=True), min_size=9, max_size=9),
-    sigma=st.floats(1.0, 1e6),
-)
-def test_a_model_predicts_the_same_bits_after_json(masses, values, sigma):
-    cubic, dahl = laws.PowerSeries(3, values), laws.Dahl(sigma=sigma, Fd=values[0])
-    model = ChainModel(masses, {"storey 1": [cubic, dahl]})
-    back = ChainModel.from_json(model.to_json())
-    t = np.arange(60) / 50
-    motion = [[-9 * np.sin(3 * t + j), 3 * np.cos(3 * t + j), np.sin(3 * t + j)] for j in range(len(masses))]
-    X = np.column_stack([motion[j][k] for k in range(3) for j in range(len(masses))])
-    assert model.predict(X, dt=0.02).tobytes() == back.predict(X, dt=0.02).tobytes()
 
 
 def test_a_fitted_model_obeys_the_schema_and_runs_the_same_bits(tmp_path):

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...estimation.regressor import NRFRegressor
 from ...regression.chain_model import ChainModel
-from ...regression.errors import Pooled, Sizes
+from ...regression.errors import Sizes, pooled_percent
 from ..sparsity import select_sparsity
 
 
@@ -69,13 +69,14 @@ class Ruler:
         return float(100 * np.sqrt(np.mean(share**2)))
 
     def balance_error(self, masses: np.ndarray, a_hat: np.ndarray, rest: Part) -> float:
-        pooled = Pooled()
+        balances = []
         rms = lambda y: float(np.sqrt(np.mean(y**2)))  # noqa: E731
         for j in range(rest.n_dof):
             force, inertia = rms(rest.F[:, j]), rms(masses[j] * rest.a[:, j])
             residual = rms(masses[j] * (a_hat[:, j] - rest.a[:, j]))
-            pooled.add(Sizes(residual, force or inertia, float(self.size[j]), "F" if force else "m a", len(rest.a)))
-        return pooled.percent
+            size = float(self.size[j])
+            balances.append(Sizes(residual, force or inertia, size, "F" if force else "m a", len(rest.a)))
+        return pooled_percent(balances)
 
 
 def shares(kept: set, true: set) -> tuple[float, float]:

@@ -21,20 +21,7 @@ def block_size(layout: Layout) -> int:
 
 
 class Block:
-    """Some consecutive samples of one record, one row for each column.
-
-    Parameters
-    ----------
-    terms : ndarray of shape (n_terms, n), optional
-        Finished columns; or the two below.
-    acceleration, force : ndarray of shape (n_dof, n)
-        Absolute accelerations, m/s^2; forces, N, NaN for a DOF whose force is unknown. They may be views of the user's
-        own arrays, as ``source`` may.
-    source : ndarray of shape (n_source, n), optional
-        Rates, drifts and given columns from which the columns follow.
-    recipe : Recipe, optional
-        How they follow.
-    """
+    """Some consecutive samples of one record, one row for each column; NaN for a DOF whose force is unknown."""
 
     def __init__(
         self,
@@ -45,6 +32,7 @@ class Block:
         recipe: Recipe | None = None,
         n_terms: int = 0,
     ) -> None:
+        # arrays may be views of the user's own; without finished columns, source and recipe say how they follow
         self._terms, self.acceleration, self.force = terms, acceleration, force
         self.source, self.recipe, self.n_terms = source, recipe, n_terms
 

@@ -70,49 +70,25 @@ _SMALLEST = 1e-145
 
 @dataclass
 class StepFit:
-    """What one step of the solve order found.
-
-    Attributes
-    ----------
-    step : Step
-    condition : float
-        Condition number of the columns scaled to unit length.
-    rank : int
-    n_columns : int
-    residual : float
-        Rms of what the step leaves, N; of a joint solve, whose balances are divided by their rms force, without unit.
-    share : float
-        The same over the rms of the right-hand side.
-    mass_noise : tuple of float
-        For each mass of the step: the residual over the part of its inertia that no other column can
-        imitate. Near one or above, noise in the motion decides the mass.
-    """
+    """Condition, rank, residual and noise of the masses of one step of the solve order."""
 
     step: Step
-    condition: float
+    condition: float  # of the columns scaled to unit length
     rank: int
     n_columns: int
-    residual: float
-    share: float
+    residual: float  # rms, N; without unit for a joint solve, whose balances are divided by their rms force
+    share: float  # the same over the rms of the right-hand side
+    # for each mass: residual over the part of its inertia that no other column imitates; near one, noise decides
     mass_noise: tuple[float, ...] = ()
 
 
 @dataclass
 class Solution:
-    """Masses and coefficients.
-
-    Attributes
-    ----------
-    masses : dict of int to float
-        kg, for each DOF.
-    coefficients : dict of Site to ndarray
-    twins : dict of Site to ndarray
-        Complete strategy: the second estimate, from the balance at the other end (paper eq. 10b).
-    fits : list of StepFit
-    """
+    """Masses (kg) and coefficients of a chain."""
 
     masses: dict[int, float] = field(default_factory=dict)
     coefficients: dict[Site, np.ndarray] = field(default_factory=dict)
+    # complete strategy: the second estimate, from the balance at the other end (paper eq. 10b)
     twins: dict[Site, np.ndarray] = field(default_factory=dict)
     fits: list[StepFit] = field(default_factory=list)
 

@@ -17,17 +17,10 @@ _SHARE = 2**20  # numbers that a thread scans at once
 
 @dataclass(frozen=True)
 class Extent:
-    """Least and largest value of channels, and which of them hold a NaN or an infinity.
+    """Least and largest value of channels, NaN passed over, and which of them are finite throughout."""
 
-    Attributes
-    ----------
-    low, high : ndarray of shape (n_channels,)
-        NaN is passed over; +inf and -inf for a channel of NaN.
-    finite : ndarray of shape (n_channels,), bool
-    """
-
-    low: np.ndarray
-    high: np.ndarray
+    low: np.ndarray  # +inf for a channel of NaN
+    high: np.ndarray  # -inf for a channel of NaN
     finite: np.ndarray
 
     @classmethod
@@ -123,19 +116,11 @@ _TOGETHER = 1024  # samples
 
 @dataclass(frozen=True)
 class VisitedRegion:
-    """Occupied cells of a rectangle of the (v, s) plane.
+    """Occupied cells of a rectangle of the (v, s) plane."""
 
-    Attributes
-    ----------
-    low, high : tuple of (float, float)
-        Corners (v, s) of the rectangle, m/s and m.
-    cells : ndarray of shape (n_v, n_s), bool
-        Which cells hold a sample.
-    """
-
-    low: tuple[float, float]
+    low: tuple[float, float]  # corners (v, s), m/s and m
     high: tuple[float, float]
-    cells: np.ndarray
+    cells: np.ndarray  # (n_v, n_s): which hold a sample
 
     @classmethod
     def of(cls, v: np.ndarray, s: np.ndarray) -> VisitedRegion:

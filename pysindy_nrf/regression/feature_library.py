@@ -139,16 +139,15 @@ class ForceLawLibrary(BaseFeatureLibrary):
         n, self.forced_ = self._meaning(width)
         chain = self.chain if self.chain is not None else Chain(n)
         self.layout_ = LawLayout(chain, self._laws(chain))
-        if self.inputs == "state" and self.layout_.has_memory:
-            raise LawError(
-                "A law that remembers the path cannot stand in a state-space SINDy model",
-                "Use NRFRegressor, or inputs='balance'.",
-            )
-        if self.inputs == "state" and any(law.uses_acceleration for held in self.layout_.laws.values() for law in held):
-            raise LawError(
-                "A law of the acceleration cannot stand in a state-space SINDy model",
-                "Use NRFRegressor, or inputs='balance'.",
-            )
+        held = [law for group in self.layout_.laws.values() for law in group] if self.inputs == "state" else []
+        for what, wrong in (
+            ("that remembers the path", any(law.has_memory for law in held)),
+            ("of the acceleration", any(law.uses_acceleration for law in held)),
+        ):
+            if wrong:
+                raise LawError(
+                    f"A law {what} cannot stand in a state-space SINDy model", "Use NRFRegressor, or inputs='balance'."
+                )
         self.n_output_features_ = self.layout_.n_terms + (n if self.inputs == "balance" else 2 * n)
         return self
 
@@ -229,16 +228,10 @@ class ForceLawLibrary(BaseFeatureLibrary):
         n = self.layout_.n_dof
         first, second, third = x[:, :n], x[:, n : 2 * n], x[:, 2 * n :]
         if self.inputs == "balance":
-            a, v, s, tail = first, second, third, None
-            head = a
+            a, v, s, head = first, second, third, first
         else:
-            a, v, s, tail = (
-                np.zeros_like(first),
-                np.diff(second, axis=1, prepend=0.0),
-                np.diff(first, axis=1, prepend=0.0),
-                third,
-            )
-            head = second
+            a, head = np.zeros_like(first), second
+            v, s = (np.diff(y, axis=1, prepend=0.0) for y in (second, first))
         rows = slice(0, len(x))
         t = None if self.dt is None else np.arange(len(x)) * self.dt
         segment = Segment("record", rows, a, v, s, np.zeros_like(s), t, valid=rows)
@@ -247,9 +240,9 @@ class ForceLawLibrary(BaseFeatureLibrary):
         for site in self.layout_.acting:
             where = self.layout_.slices[site]
             out[:, n + where.start : n + where.stop] = self.layout_.columns(site, segment.motion(site, rows))
-        if tail is not None:
+        if self.inputs == "state":
             out[:, n + self.layout_.n_terms :] = 0.0
-            out[:, [n + self.layout_.n_terms + j - 1 for j in self.forced_]] = tail
+            out[:, [n + self.layout_.n_terms + j - 1 for j in self.forced_]] = third
         out = out.reshape(*lead, -1)
         return AxesArray(out, {"ax_time": 0, "ax_coord": out.ndim - 1} if out.ndim == 2 else _axes(out))
 

@@ -52,30 +52,6 @@ class BlockGrams:
         Number of the record of each block.
     edges : ndarray of shape (n_bands + 1,), optional
         Edges of the frequency bands, Hz.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf import Chain
-    >>> from pysindy_nrf.regression.blocks import blocks_of
-    >>> from pysindy_nrf.regression.chain_solve import solve
-    >>> from pysindy_nrf.regression.gram_pass import block_grams
-    >>> from pysindy_nrf.mechanics.identifiability import plan_solve_order
-    >>> from pysindy_nrf.regression.layout import Layout
-    >>> rng = np.random.default_rng(0)
-    >>> v, s, a, noise = rng.standard_normal((4, 800, 1))
-    >>> F = 10 * a + 3 * v + 500 * s + noise  # one mass on a spring and a damper
-    >>> layout = Layout(Chain(1), {"storey 1": 2})
-    >>> blocks = enumerate(blocks_of(np.hstack([v, s]), a, F, size=100))
-    >>> grams = block_grams(layout, [layout.group((1,))], blocks)
-    >>> grams
-    BlockGrams(8 blocks, 1 balance, 800 samples)
-    >>> solve_order = plan_solve_order(layout.chain, (1,), (), {}, "auto", layout.acting)
-    >>> round(solve(grams.sum(), solve_order).masses[1], 2)  # the fit
-    9.98
-    >>> without = grams.leave_one_out()
-    >>> [round(solve(without[i], solve_order).masses[1], 2) for i in range(3)]  # the jackknife
-    [9.96, 9.95, 9.97]
     """
 
     layout: Any  # a LawLayout where the columns come from laws

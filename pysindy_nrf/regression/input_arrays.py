@@ -65,18 +65,11 @@ def from_arrays(
     if isinstance(X, (list, tuple)) and X and isinstance(X[0], Record):
         if not all(isinstance(rec, Record) for rec in X):
             raise ChannelError("X is a list of records with something else in it", "Give Record objects only.")
-        beside = {
-            "F": F,
-            "record": record,
-            "time": time,
-            "base_acceleration": base_acceleration,
-            "covariates": covariates,
-        }
+        beside = dict(F=F, record=record, time=time, base_acceleration=base_acceleration, covariates=covariates)
         return _from_records(X, [name for name, value in beside.items() if value is not None], n_dof, smooth)
-    columns = None
     base_v = base_s = None
     if hasattr(X, "columns"):
-        x, columns, base_v, base_s, named_time, n = _from_frame(X, coordinates, n_dof)
+        x, base_v, base_s, named_time, n = _from_frame(X, coordinates, n_dof)
         time = named_time if time is None else time
     else:
         x = as_matrix(X, _array_names(X, coordinates), what="columns of X")
@@ -87,7 +80,7 @@ def from_arrays(
             )
         if not x.size:
             raise ChannelError("X has no samples", "Give at least as many samples as a balance has unknowns.")
-        if x.shape[1] == 0 or x.shape[1] % 3 or (n_dof and x.shape[1] != 3 * n_dof):
+        if x.shape[1] % 3 or (n_dof and x.shape[1] != 3 * n_dof):
             wanted = feature_names(n_dof or max(1, x.shape[1] // 3), coordinates)
             need = f"{3 * n_dof} are needed" if n_dof else "a multiple of 3 is needed"
             raise ChannelError(
@@ -170,17 +163,14 @@ def _from_records(records: Sequence[Record], beside: Sequence[str], n_dof: int |
 
 def _from_frame(
     frame: pd.DataFrame, coordinates: str, n_dof: int | None
-) -> tuple[np.ndarray, list[str], np.ndarray | None, np.ndarray | None, Any, int]:
-    """Matrix and names of the columns, rate and drift of the base, time, number of DOFs."""
+) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None, Any, int]:
+    """Matrix of the columns, rate and drift of the base, time, number of DOFs."""
     names = [str(c) for c in frame.columns]
     twice = sorted({c for c in names if names.count(c) > 1})
     if twice:
         raise ChannelError(f"Column {twice[0]!r} is in X more than once", "Rename or drop one.")
     rate = "v" if coordinates == "relative" else "xdot"
-    aliases = {c: c for c in names}
-    if coordinates == "absolute":
-        aliases = {c: ("xdot" + c[1:] if c[:1] == "v" and c[1:].isdigit() else c) for c in names}
-    present = {aliases[c]: c for c in names}
+    present = {rate + c[1:] if c[:1] == "v" and c[1:].isdigit() else c: c for c in names}
     n = n_dof or sum(1 for c in present if c[:1] == "a" and c[1:].isdigit() and c != "a0")
     base = {"xdot0", "x0"} if coordinates == "absolute" else set()
     wanted = feature_names(max(n, 1), coordinates)
@@ -205,7 +195,7 @@ def _from_frame(
         time = frame.index.to_numpy() if frame.index.dtype.kind in "fiu" else frame.index
     elif time is None and isinstance(frame.index, (pd.DatetimeIndex, pd.TimedeltaIndex)):
         time = frame.index
-    return values, wanted, bases[0], bases[1], time, n
+    return values, bases[0], bases[1], time, n
 
 
 def _array_names(X: Any, coordinates: str) -> list[str] | str:
@@ -352,20 +342,11 @@ def _trimmed(segment: Segment, names: Sequence[str], packed: np.ndarray | None =
         segment._extent = segment.valid, extent
         return segment
     rate, drift = names[n], names[2 * n]
-    motion = (
-        [segment.a[:, j] for j in range(n)] + [segment.v[:, j] for j in range(n)] + [segment.s[:, j] for j in range(n)]
-    )
-    labels = list(names)
-    for j in range(n):
-        if not np.isnan(segment.F[:, j]).all():
-            motion.append(segment.F[:, j])
-            labels.append(f"F{j + 1}")
-    if segment.ag is not None:
-        motion.append(segment.ag)
-        labels.append("base_acceleration")
-    for key, line in segment.covariates.items():
-        motion.append(line)
-        labels.append(f"covariate {key}")
+    motion = [*segment.a.T, *segment.v.T, *segment.s.T]
+    forces = {f"F{j + 1}": f for j, f in enumerate(segment.F.T) if not np.isnan(f).all()}
+    base = {} if segment.ag is None else {"base_acceleration": segment.ag}
+    beside = forces | base | {f"covariate {key}": line for key, line in segment.covariates.items()}
+    motion, labels = [*motion, *beside.values()], [*names, *beside]
     where = "" if segment.name == "record" else f"record {segment.name!r}"
     segment.valid = finite_span(motion, labels, where)
     if segment.n_valid < 1:

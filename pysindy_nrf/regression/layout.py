@@ -20,39 +20,15 @@ _MONOMIAL = re.compile(r"(1|v(\^\d+)?( s(\^\d+)?)?|s(\^\d+)?)\Z")
 
 @dataclass(frozen=True)
 class Group:
-    """One balance, or several summed: the columns that can stand in it.
-
-    Attributes
-    ----------
-    dofs : tuple of int
-        The balances that are summed.
-    sites : tuple of Site
-        Sites whose force enters.
-    signs : tuple of int
-        +1 or -1 for each site.
-    """
+    """One balance, or several summed: the columns that can stand in it."""
 
     dofs: tuple[int, ...]
     sites: tuple[Site, ...]
-    signs: tuple[int, ...]
+    signs: tuple[int, ...]  # +1 or -1 for each site
 
 
 class Layout:
-    """Columns of a chain's balances.
-
-    Parameters
-    ----------
-    chain : Chain
-    terms : mapping of site to int
-        Number of terms at each site; sites beyond the chain's own (``"dof 2"``, further links) follow
-        in the order given.
-
-    Attributes
-    ----------
-    sites : tuple of Site
-        All sites, in column order.
-    n_terms : int
-    """
+    """Columns of a chain's balances; sites beyond the chain's own follow in the order given."""
 
     def __init__(self, chain: Chain, terms: Mapping[Any, int]) -> None:
         counts = {chain.site(s): int(k) for s, k in terms.items()}
@@ -234,18 +210,7 @@ def distinct_labels(laws: Sequence[ForceLaw]) -> list[str]:
 
 
 class LawLayout(Layout):
-    """A layout whose columns come from laws.
-
-    Parameters
-    ----------
-    chain : Chain
-    laws : mapping of str to sequence of ForceLaw
-
-    Raises
-    ------
-    LawError
-        If two laws at one site hold the same term.
-    """
+    """A layout whose columns come from laws."""
 
     def __init__(self, chain: Chain, laws: Mapping[Any, Iterable[ForceLaw]]) -> None:
         self.laws = {chain.site(s): tuple(ls) for s, ls in laws.items()}

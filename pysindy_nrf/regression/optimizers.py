@@ -47,10 +47,7 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         self.known_masses = known_masses
 
     def solve(
-        self,
-        layout: Layout,
-        solve_order: SolveOrder,
-        blocks: Callable[[], Iterable[Block]],
+        self, layout: Layout, solve_order: SolveOrder, blocks: Callable[[], Iterable[Block]],
         names: Mapping[Site, list[str]] | None = None,
     ) -> tuple[Solution, BlockGrams]:
         """Find masses and coefficients from streamed blocks; the way :class:`NRFRegressor` comes in.
@@ -95,12 +92,9 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
                 "Only ratios to a known mass come out: give known_masses={dof: kg}, or measure a force.",
             )
         solve_order = plan_solve_order(chain, forced, unknown, known, self.strategy, layout.acting).require_complete()
-        rows = finite_span(
-            [*terms.T, *a.T, *(F[:, j] for j in range(n) if j + 1 not in unknown)],
-            ["feature"] * terms.shape[1]
-            + [f"a{j + 1}" for j in range(n)]
-            + [f"F{j + 1}" for j in range(n) if j + 1 not in unknown],
-        )
+        labels = [*["feature"] * terms.shape[1], *(f"a{j + 1}" for j in range(n))]
+        forces = {f"F{j + 1}": F[:, j] for j in range(n) if j + 1 not in unknown}
+        rows = finite_span([*terms.T, *a.T, *forces.values()], [*labels, *forces])
         terms, a, F = terms[rows], a[rows], F[rows]
         self.solution_, _ = self.solve(layout, solve_order, lambda: blocks_of(terms, a, F))
         if said := doubtful_masses(self.solution_):

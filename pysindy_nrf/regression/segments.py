@@ -18,43 +18,21 @@ from .layout import LawLayout, Recipe
 
 @dataclass
 class Segment:
-    """One contiguous record, ready for features.
-
-    Attributes
-    ----------
-    name : str
-    rows : slice
-        Its rows in the arrays the user passed.
-    a, v, s, F : ndarray of shape (n_samples, n_dof)
-        Absolute acceleration (m/s^2), inter-storey velocity (m/s) and drift (m), force (N).
-    t : ndarray of shape (n_samples,) or None
-        s, as the record counts them.
-    ag : ndarray of shape (n_samples,) or None
-        Base acceleration, m/s^2.
-    covariates : dict of str to ndarray
-    valid : slice
-        Rows inside the NaN edges.
-    resolved : float or None
-        Frequency, Hz, up to which fused motions hold the motion; None if they are as measured.
-    band : (float or None, float or None) or None
-        Edges, Hz, of the band that motion and forces were put through before they came here.
-    doubts : tuple of str
-        What looked wrong with its channels, in sentences.
-    """
+    """One contiguous record, ready for features; arrays of shape (n_samples, n_dof) or (n_samples,)."""
 
     name: str
-    rows: slice
-    a: np.ndarray
-    v: np.ndarray
-    s: np.ndarray
-    F: np.ndarray
-    t: np.ndarray | None = None
-    ag: np.ndarray | None = None
+    rows: slice  # in the arrays the user passed
+    a: np.ndarray  # absolute acceleration, m/s^2
+    v: np.ndarray  # inter-storey velocity, m/s
+    s: np.ndarray  # drift, m
+    F: np.ndarray  # N
+    t: np.ndarray | None = None  # s, as the record counts them
+    ag: np.ndarray | None = None  # base acceleration, m/s^2
     covariates: dict[str, np.ndarray] = field(default_factory=dict)
-    valid: slice = field(default_factory=lambda: slice(0, 0))
-    resolved: float | None = None
-    band: tuple[float | None, float | None] | None = None
-    doubts: tuple[str, ...] = ()
+    valid: slice = field(default_factory=lambda: slice(0, 0))  # rows inside the NaN edges
+    resolved: float | None = None  # Hz, up to which fused motions hold the motion; None as measured
+    band: tuple[float | None, float | None] | None = None  # Hz, of motion and forces before they came here
+    doubts: tuple[str, ...] = ()  # what looked wrong with the channels, in sentences
     _extent: tuple[slice, Extent] | None = field(default=None, repr=False, compare=False)
 
     @property
@@ -202,13 +180,7 @@ def _side_by_side(a: np.ndarray, v: np.ndarray, s: np.ndarray) -> np.ndarray | N
 
 
 class SegmentSet:
-    """The records behind one call of ``fit``, ``predict`` or ``score``.
-
-    Attributes
-    ----------
-    segments : list of Segment
-    n_dof, n_samples : int
-    """
+    """The records behind one call of ``fit``, ``predict`` or ``score``."""
 
     def __init__(self, segments: Sequence[Segment], n_samples: int) -> None:
         self.segments = list(segments)
@@ -257,18 +229,10 @@ class SegmentSet:
 
 @dataclass(frozen=True)
 class BlockRows:
-    """Consecutive valid rows of one record.
-
-    Attributes
-    ----------
-    segment : int
-        Number of the record.
-    rows : slice
-        Counted from the first valid row of the record.
-    """
+    """Consecutive valid rows of one record."""
 
     segment: int
-    rows: slice
+    rows: slice  # from the first valid row of the record
 
 
 def half_the_rate(segments: Iterable[Segment]) -> float:

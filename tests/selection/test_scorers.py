@@ -49,7 +49,7 @@ def test_weights_take_samples_out_of_the_score(fitted):
     case, model = fitted
     rows = np.arange(2000) < 700
     assert model.score(case.X, case.F, sample_weight=1.0 * rows) == pytest.approx(model.score(case.X[rows], case.F[rows]), abs=1e-12)
-    with pytest.raises(ChannelError, match="no weights"):
+    with pytest.raises(ChannelError, match="not valid weights"):
         model.score(case.X, case.F, sample_weight=-1.0 * rows)
 
 

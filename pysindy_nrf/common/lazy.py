@@ -44,20 +44,7 @@ def require(package: str, extra: str, purpose: str) -> ModuleType:
 
 
 class Hook(Enum):
-    """Functions of upper layers that objects of lower layers offer as methods.
-
-    Users look for ``chain.plan()``, ``record.to_features()`` or ``model.to_html(path)`` on the object itself. Each such
-    method calls one member of this enumeration, whose value names the function: ``package.module:function``. The module
-    is imported at the first call, so no layer imports one above it. This table is the only place that names these
-    functions.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import Chain
-    >>> from pysindy_nrf.common.lazy import Hook
-    >>> Hook.PLAN(Chain(2)).table["hit"].iloc[0]
-    (1,)
-    """
+    """Functions of upper layers that objects of lower layers offer as methods."""
 
     PLAN = "pysindy_nrf.diagnostics.test_planning:plan"
     TO_FEATURES = "pysindy_nrf.signals.kinematics:to_features"

@@ -22,11 +22,7 @@ _PER_CYCLE = 40
 
 @dataclass
 class SiteLoop:
-    """One site along a stretch of data.
-
-    Time ``t`` (s), drift ``s`` (m), rate ``v`` (m/s), force ``identified`` by the model and ``measured`` (N): what the
-    balances from the top down to this storey ask for, None where they do not tell. ``record`` is where it comes from.
-    """
+    """One site along a stretch of data."""
 
     site: str
     record: str

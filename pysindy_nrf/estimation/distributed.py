@@ -34,49 +34,7 @@ def fit_distributed(
     base_acceleration: Any = None,
     covariates: Any = None,
 ) -> Any:
-    """Fit an estimator to Dask collections; ``NRFRegressor.fit`` comes here by itself.
-
-    It runs where Dask runs: on the active ``distributed`` client, or on the threads of this process.
-
-    Parameters
-    ----------
-    estimator : NRFRegressor
-        With ``estimation="ls"``, no ``band`` and values for all shape parameters.
-    X : dask array, dask DataFrame, delayed, or list of delayed
-        An array holds the columns of X, a table those and F1.., one record in all (or ``record=`` ids, a column
-        ``record``). Each delayed value is a :class:`Record`, a DataFrame or a pair (X, F), and a record of its own.
-    F : dask array or array, optional
-        Forces beside an array X, N.
-    record, time, base_acceleration : dask array or array of shape (n_samples,), optional
-        Beside an array X.
-    covariates : mapping of str to dask array or array, optional
-
-    Returns
-    -------
-    NRFRegressor
-        The estimator, fitted.
-
-    Raises
-    ------
-    ChannelError
-        If X and F do not fit together.
-    LawError
-        If a law remembers the path or reads the time and a record is cut into partitions.
-    MissingExtraError
-        Without the extra ``dask``.
-
-    Examples
-    --------
-    >>> import dask.array as da
-    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
-    >>> from pysindy_nrf.estimation.distributed import fit_distributed
-    >>> truth = ChainModel([10.0], {1: laws.PowerSeries(1, [30.0, 4e4])})
-    >>> F = excitation.band_limited_random(1, 8.0, 500.0, dofs=1, rms=50.0, band=(1, 60), random_state=0)
-    >>> X, F = simulate(truth, F, 0.002).to_features(smooth=False)
-    >>> X, F = (da.from_array(z, chunks=(1000, -1)) for z in (X.to_numpy(), F.to_numpy()))
-    >>> fit_distributed(NRFRegressor(degree=1), X, F).masses_.round(6)
-    array([10.])
-    """
+    """Fit an estimator to Dask collections; ``NRFRegressor.fit`` comes here by itself."""
     dask = require("dask", "dask", "Fitting Dask collections")
     from threadpoolctl import threadpool_limits
 
@@ -120,32 +78,7 @@ def _pass(dask: Any, estimator: Any, items: Sequence[Any], whole: bool, kind: st
 def accumulate(
     estimator: Any, item: Any, number: int, whole: bool, kind: str = "gram", guess: dict | None = None
 ) -> Accumulator:
-    """Sums of one partition: the work of one task.
-
-    Parameters
-    ----------
-    estimator : NRFRegressor
-    item : Record, DataFrame, (X, F) or dict
-        A dict holds the arrays X, F, record, time, base_acceleration and ``covariate ...``.
-    number : int
-        Its position among all partitions.
-    whole : bool
-        True if it is its own record.
-    kind, guess
-        See :class:`pysindy_nrf.estimation.streaming.accumulator.Accumulator`.
-
-    Returns
-    -------
-    Accumulator
-
-    Examples
-    --------
-    >>> from pysindy_nrf import NRFRegressor, datasets
-    >>> from pysindy_nrf.estimation.distributed import accumulate
-    >>> part = accumulate(NRFRegressor(degree=1), datasets.load_demo(), number=0, whole=True)
-    >>> part.n_samples, part.forced
-    (4000, (2,))
-    """
+    """Sums of one partition: the work of one task."""
     from threadpoolctl import threadpool_limits
 
     accumulator = Accumulator(estimator, kind, guess)
@@ -163,25 +96,7 @@ def accumulate(
 
 
 def added(accumulators: Sequence[Accumulator]) -> Accumulator:
-    """The sum of some accumulators, none of which is changed.
-
-    Parameters
-    ----------
-    accumulators : sequence of Accumulator
-
-    Returns
-    -------
-    Accumulator
-
-    Examples
-    --------
-    >>> from pysindy_nrf import NRFRegressor, datasets
-    >>> from pysindy_nrf.estimation.distributed import accumulate, added
-    >>> record = datasets.load_demo()
-    >>> parts = [accumulate(NRFRegressor(degree=1), record, number, whole=True) for number in range(2)]
-    >>> added(parts).n_samples
-    8000
-    """
+    """The sum of some accumulators, none of which is changed."""
     first = accumulators[0]
     out = Accumulator(first.estimator, first.kind, first.guess)
     for accumulator in accumulators:

@@ -65,7 +65,7 @@ class OutputErrorResult:
     Examples
     --------
     >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
-    >>> from pysindy_nrf.estimation import output_error
+    >>> from pysindy_nrf.estimation.free_run_fit import output_error
     >>> from pysindy_nrf.regression.layout import LawLayout
     >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
     >>> F = excitation.band_limited_random(2, 8.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
@@ -113,37 +113,7 @@ def output_error(
     band: Any = None,
     halves: Sequence[ChainModel] | None = None,
 ) -> OutputErrorResult:
-    """Refine masses and coefficients on the free run.
-
-    Parameters
-    ----------
-    start : ChainModel
-        From instrumental variables.
-    data : SegmentSet
-        Motions whose noise is independent of the motion.
-    layout : LawLayout
-    known_masses : mapping of int to float
-        These are held.
-    band : (float, float), optional
-        Hz; only lines inside count.
-    halves : (ChainModel, ChainModel), optional
-        Instrumental variables on the first and on the second half of every record, for a fair comparison.
-
-    Returns
-    -------
-    OutputErrorResult
-
-    Examples
-    --------
-    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
-    >>> from pysindy_nrf.simulation.noise import add_noise
-    >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
-    >>> F = excitation.band_limited_random(2, 8.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
-    >>> rec = add_noise(simulate(frame, F, 0.002), 0.05, random_state=0)
-    >>> model = NRFRegressor(degree=1, estimation="simulation").fit(rec)  # calls it after instrumental variables
-    >>> bool((abs(model.masses_ / 10.0 - 1) < 0.02).all())
-    True
-    """
+    """Refine masses and coefficients on the free run."""
     shots = shots_of(data, layout.has_memory)
     if not shots:
         return _kept_start(start, "the force on some DOF is unknown in every record")

@@ -30,31 +30,7 @@ Statistic = Callable[[ChainModel], pd.Series]
 
 
 def newey_west(influences: np.ndarray, record: np.ndarray | None = None, lags: int = 1) -> np.ndarray:
-    r"""Heteroscedasticity and autocorrelation consistent covariance (Newey and West, 1987).
-
-    .. math:: V = \sum_b u_b u_b^T + \sum_{l=1}^{L} (1 - \tfrac{l}{L+1}) \sum_b (u_b u_{b-l}^T + u_{b-l} u_b^T)
-
-    Parameters
-    ----------
-    influences : ndarray of shape (n_pieces, n_parameters)
-        Influence of each consecutive piece of the data on the estimate.
-    record : ndarray of shape (n_pieces,), optional
-        Number of the record of each piece; pieces of different records are independent.
-    lags : int
-        Neighbours that may be correlated; few, because pieces are longer than the correlation of the residuals.
-
-    Returns
-    -------
-    ndarray of shape (n_parameters, n_parameters)
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf.estimation import newey_west
-    >>> u = np.random.default_rng(0).normal(size=(4000, 1))  # independent pieces
-    >>> round(float(newey_west(u, lags=3)[0, 0] / 4000), 1)
-    1.0
-    """
+    r"""Heteroscedasticity and autocorrelation consistent covariance (Newey and West, 1987)."""
     u = influences - influences.mean(axis=0)
     total = u.T @ u
     for lag in range(1, min(lags, len(u) - 1) + 1):
@@ -273,48 +249,7 @@ def parameter_intervals(
     n_jobs: int | None = None,
     data: SegmentSet | None = None,
 ) -> pd.DataFrame:
-    """Confidence intervals of anything that follows from a model.
-
-    Parameters
-    ----------
-    resolver : Resolver
-    model : ChainModel
-        The estimate.
-    level : float
-        E.g. 0.95.
-    of : {"parameters", "masses", "coefficients", "modes", "energies"}, mapping or callable
-        A mapping of site to points (v, s) asks for forces there; a callable takes a ChainModel and returns a Series.
-    method : {"hac", "bootstrap"}
-    random_state : int, Generator or None
-        Of the bootstrap.
-    n_jobs : int, optional
-        Joblib jobs of the bootstrap; another backend by ``joblib.parallel_config``.
-    data : SegmentSet, optional
-        Data along which energies are computed.
-
-    Returns
-    -------
-    DataFrame
-        Columns ``parameter``, ``estimate``, ``lower``, ``upper``.
-
-    Raises
-    ------
-    ChainError
-        If ``level`` is not between 0 and 1, ``method`` or ``of`` is unknown, or a site or its points are none.
-    ChannelError
-        If the data fall into too few pieces, or energies are asked for without ``data``.
-    IdentifiabilityError
-        If the chain cannot be solved without one part of the data.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import NRFRegressor, datasets
-    >>> from pysindy_nrf.estimation import parameter_intervals
-    >>> fitted = NRFRegressor(degree=3).fit(datasets.load_demo())
-    >>> table = parameter_intervals(fitted._resolving(), fitted.model_, 0.95, of="masses")
-    >>> table.columns.tolist(), bool((table["lower"] < table["upper"]).all())
-    (['parameter', 'estimate', 'lower', 'upper'], True)
-    """
+    """Confidence intervals of anything that follows from a model."""
     level = _share(level)
     if method not in METHODS:
         raise ChainError(f"method={method!r} is unknown", f"Choose {' or '.join(map(repr, METHODS))}.")
@@ -351,37 +286,7 @@ def force_intervals(
     method: str = "hac",
     random_state: Any = None,
 ) -> pd.DataFrame:
-    """Restoring force of a site at points (v, s) with its interval.
-
-    Outside the region of the data the force is an extrapolation. There the interval is widened by the difference
-    between the force and its value at the nearest point of the region.
-
-    Parameters
-    ----------
-    resolver : Resolver
-    model : ChainModel
-        With its visited regions.
-    site : str or int
-    v, s : array-like
-        m/s and m; broadcast against each other.
-    level : float
-    method : {"hac", "bootstrap"}
-    random_state : int, Generator or None
-
-    Returns
-    -------
-    DataFrame
-        ``v``, ``s``, ``force`` (N), ``lower``, ``upper``, ``visited`` (bool).
-
-    Examples
-    --------
-    >>> from pysindy_nrf import NRFRegressor, datasets
-    >>> from pysindy_nrf.estimation import force_intervals
-    >>> fitted = NRFRegressor(degree=3).fit(datasets.load_demo())
-    >>> row = force_intervals(fitted._resolving(), fitted.model_, "storey 2", v=0.0, s=1e-4, level=0.95).iloc[0]
-    >>> bool(row["visited"]), bool(row["lower"] < row["force"] < row["upper"])
-    (True, True)
-    """
+    """Restoring force of a site at points (v, s) with its interval."""
     site = model.chain.site(site)
     rate, drift = (np.ravel(x).astype(float) for x in np.broadcast_arrays(np.asarray(v, float), np.asarray(s, float)))
 

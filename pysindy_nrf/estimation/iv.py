@@ -190,7 +190,7 @@ class IVResult:
     Examples
     --------
     >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
-    >>> from pysindy_nrf.estimation import instrumental_variables
+    >>> from pysindy_nrf.estimation.iv import instrumental_variables
     >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
     >>> F = excitation.band_limited_random(2, 8.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
     >>> X, F = simulate(frame, F, 0.002).to_features(smooth=False)
@@ -212,19 +212,7 @@ class IVResult:
     moved: np.ndarray | None = None
 
     def judged(self, data: SegmentSet) -> SegmentSet:
-        """Motions of the free runs, with forces that leave the residuals of the measured motion.
-
-        A missing law can be predicted from the run; an error caused by noise of the motion cannot. See
-        :func:`pysindy_nrf.diagnostics.missing_terms`.
-
-        Parameters
-        ----------
-        data : SegmentSet
-
-        Returns
-        -------
-        SegmentSet
-        """
+        """Motions of the free runs, with forces that leave the residuals of the measured motion."""
         pairs = [(seg, run) for seg, run in zip(data.segments, self.runs) if run is not None]
         measured, simulated = (SegmentSet([p[k] for p in pairs], data.n_samples) for k in (0, 1))
         parts = zip(pairs, self.model.balance_forces(measured), self.model.balance_forces(simulated))
@@ -243,38 +231,7 @@ def instrumental_variables(
     solve_order: SolveOrder,
     filters: Sequence[Any] | None = None,
 ) -> IVResult | None:
-    """Iterated instrumental variables for all strategies and laws.
-
-    Parameters
-    ----------
-    start : ChainModel
-        Least-squares estimate.
-    data : SegmentSet
-        Motions whose noise is independent of the motion.
-    problem : Problem
-        With values for all shape parameters. An upper edge of its band colours the noise of the force, and the delay
-        of the instruments grows with it.
-    solve_order : SolveOrder
-        The order of the solve.
-    filters : sequence of FairFilter or None, optional
-        One for each record; those of the problem's band if None.
-
-    Returns
-    -------
-    IVResult or None
-        None if no free run could serve; a BiasWarning then says why.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
-    >>> from pysindy_nrf.simulation.noise import add_noise
-    >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
-    >>> F = excitation.band_limited_random(2, 8.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
-    >>> rec = add_noise(simulate(frame, F, 0.002), 0.05, random_state=0)
-    >>> model = NRFRegressor(degree=1, estimation="iv").fit(rec)  # calls it after least squares
-    >>> model.masses_.round(1), model.model_.info["estimation"]["found"]
-    (array([10.1, 10.1]), 'iv')
-    """
+    """Iterated instrumental variables for all strategies and laws."""
     layout, source = problem.layout, _Instruments(data, problem, solve_order, filters)
     if not source.usable:
         _fall_back("in every record the force on some DOF is unknown, and a free run needs all forces", FORCES)

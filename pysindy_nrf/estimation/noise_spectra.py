@@ -286,10 +286,7 @@ def corrected(segment: Segment, run: Segment, noise: NoiseModel) -> Segment:
 
 @dataclass
 class Whitener:
-    """A zero-phase filter of given squared amplitude in a band (Hz), the same for every row of a balance.
-
-    The record is mirrored at its ends (by a cosine transform); it is not taken as periodic.
-    """
+    """A zero-phase filter of given squared amplitude in a band (Hz), the same for every row of a balance."""
 
     weight: Smooth
     band: tuple[float | None, float | None] = (None, None)

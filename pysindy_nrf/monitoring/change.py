@@ -200,11 +200,7 @@ def resolver_in_time(
     n_blocks: int | None = None,
     length: float | None = None,
 ) -> tuple[Resolver, np.ndarray]:
-    """Least squares on consecutive pieces, ``n_blocks`` over all records or ``length`` s long.
-
-    Beside the resolver start and end of each piece, s from the start of its record, shape (n_pieces, 2). A ChannelError
-    says that a piece would hold fewer samples than there are coefficients.
-    """
+    """Least squares on consecutive pieces, ``n_blocks`` over all records or ``length`` s long."""
     layout, known = problem.layout, dict(problem.known_masses)
     solve_order = problem.solve_order(data.forced, data.unknown)
     edges, spans = [], []

@@ -35,22 +35,7 @@ class IdentifiedChain(StateSpaceChainOptimizer):
         self.model = model
 
     def fit(self, x_: Any, y: Any) -> Self:
-        """Take the model's coefficients; the data are not used.
-
-        Parameters
-        ----------
-        x_, y
-            Ignored.
-
-        Returns
-        -------
-        self
-
-        Raises
-        ------
-        ChainError
-            Without a model.
-        """
+        """Take the model's coefficients; the data are not used."""
         model = self.model
         if model is None:
             raise ChainError("There is no model to hold", "Pass model=.")
@@ -68,32 +53,7 @@ class IdentifiedChain(StateSpaceChainOptimizer):
 
 
 def to_sindy(model: ChainModel, dt: float = 1.0) -> Any:
-    """A ``ps.SINDy`` of the state [x_1..x_n, xdot_1..xdot_n] (relative to the base) under u = F_1..F_n.
-
-    Parameters
-    ----------
-    model : ChainModel
-        Without laws that remember the path or depend on the acceleration.
-    dt : float
-        Sampling step, s, that SINDy notes.
-
-    Returns
-    -------
-    pysindy.SINDy
-        Fitted: ``print``, ``equations``, ``predict``, ``score`` and ``simulate`` work as for any other.
-
-    Raises
-    ------
-    LawError
-        If a law cannot stand in an ordinary differential equation of the state.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import ChainModel, laws
-    >>> model = ChainModel([2.0], {1: [laws.LinearViscous(3.0), laws.Duffing(500.0, 1e4)]})
-    >>> [line.split() for line in to_sindy(model).equations(precision=1)][1][:5]
-    ['-1.5', 'v1', '+', '-250.0', 's1']
-    """
+    """A ``ps.SINDy`` of the state [x_1..x_n, xdot_1..xdot_n] (relative to the base) under u = F_1..F_n."""
     import pysindy as ps
 
     n = model.n_dof
@@ -105,31 +65,7 @@ def to_sindy(model: ChainModel, dt: float = 1.0) -> Any:
 
 
 def from_sindy(sindy: Any) -> ChainModel:
-    """The chain model behind a ``ps.SINDy`` that was fitted with a library and an optimizer of this package.
-
-    Parameters
-    ----------
-    sindy : pysindy.SINDy
-        With :class:`InterstoryPolynomialLibrary` or :class:`ForceLawLibrary`, of the state space or of the
-        balances. Any optimizer will do; if it is not one of ours, masses are the reciprocals of the
-        coefficients of the forces, and each storey is read in the balance of its upper floor.
-
-    Returns
-    -------
-    ChainModel
-
-    Raises
-    ------
-    ChainError
-        If the library is another one, or a mass cannot be read off the coefficients.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import ChainModel, laws
-    >>> model = ChainModel([2.0], {1: [laws.LinearViscous(3.0), laws.Duffing(500.0, 1e4)]})
-    >>> from_sindy(to_sindy(model)) == model
-    True
-    """
+    """The chain model behind a ``ps.SINDy`` that was fitted with a library and an optimizer of this package."""
     library, optimizer = sindy.feature_library, sindy.optimizer
     if not isinstance(library, ForceLawLibrary):
         raise ChainError(

@@ -13,11 +13,7 @@ from ..data.record import Record
 
 @dataclass
 class Measured:
-    """One record in words and numbers.
-
-    ``channels`` has the columns ``channel``, ``what``, ``unit``, ``rms``, ``peak``, ``noise`` (estimated rms, NaN if
-    unknown), SI; ``forced`` and ``unknown`` are DOFs with a known force and with an unknown one.
-    """
+    """One record in words and numbers."""
 
     name: str
     n_dof: int

@@ -10,7 +10,8 @@ from scipy import stats
 from scipy.signal import lfilter
 
 from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
-from pysindy_nrf.estimation import dissipated_energy, newey_west, parameter_intervals
+from pysindy_nrf.estimation import dissipated_energy
+from pysindy_nrf.estimation.intervals import newey_west, parameter_intervals
 from pysindy_nrf.exceptions import ChainError, ChannelError, ExtrapolationWarning, IdentifiabilityError
 from pysindy_nrf.simulation.noise import add_noise
 

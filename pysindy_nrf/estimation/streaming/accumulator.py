@@ -138,11 +138,7 @@ def require_streamable(estimator: Any, layout: LawLayout) -> None:
 
 
 class Accumulator:
-    """One pass over chunks; accumulators of different chunks of the same data add.
-
-    ``kind="careful"`` is ``"root"`` with a guess from each chunk itself, for data that can be read only once;
-    ``n_samples`` (expected in all) sets the length of the blocks.
-    """
+    """One pass over chunks; accumulators of different chunks of the same data add."""
 
     def __init__(
         self,

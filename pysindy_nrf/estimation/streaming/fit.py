@@ -37,21 +37,7 @@ SAVE_EVERY = 10.0  # s between two states on disk
 
 
 def is_streamed(X: Any) -> bool:
-    """True if ``fit`` reads X in chunks: a path, an iterator, a Dask collection, or a list of those.
-
-    Parameters
-    ----------
-    X : object
-
-    Returns
-    -------
-    bool
-
-    Examples
-    --------
-    >>> is_streamed("test.parquet"), is_streamed(iter([])), is_streamed([[1.0, 2.0, 3.0]])
-    (True, True, False)
-    """
+    """True if ``fit`` reads X in chunks: a path, an iterator, a Dask collection, or a list of those."""
     if isinstance(X, (list, tuple)):
         return len(X) > 0 and not isinstance(X[0], (list, tuple, Record)) and is_streamed(X[0])
     return isinstance(X, (str, os.PathLike)) or isinstance(X, Iterator) or is_dask(X)
@@ -71,55 +57,7 @@ def fit_streamed(
     progress: bool | None = None,
     chunk_samples: int | None = None,
 ) -> Any:
-    """Fit an estimator in one pass over chunks; memory does not grow with the number of samples.
-
-    Files and other sources that can be read again are resumed where an earlier call with the same data and
-    settings was interrupted. Masses, coefficients, errors and intervals are those of ``fit`` on arrays;
-    ``missing_terms_`` and the visited region are judged on some thousand samples spread over the data, and
-    ``unknown_forces_`` is left empty.
-
-    Parameters
-    ----------
-    estimator : NRFRegressor
-        With ``estimation="ls"``, no ``band`` and values for all shape parameters.
-    X, F, record, time, base_acceleration, covariates
-        See :func:`pysindy_nrf.estimation.streaming.open_source`; Dask arrays, tables and delayed records:
-        :mod:`pysindy_nrf.estimation.distributed`.
-    state : path-like, optional
-        Where an interrupted pass leaves its state. For files by path a hidden file beside the first one if None;
-        it is deleted when the fit is done.
-    save_every : float
-        Seconds between two states.
-    progress : bool, optional
-        Show samples a second and the time left; None: if the error stream is a terminal.
-    chunk_samples : int, optional
-        Samples read at a time from files; about 32 MB if None.
-
-    Returns
-    -------
-    NRFRegressor
-        The estimator, fitted.
-
-    Raises
-    ------
-    ChannelError, ChainError, FileFormatError
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> import numpy as np
-    >>> from pysindy_nrf import NRFRegressor
-    >>> from pysindy_nrf.estimation.streaming import fit_streamed
-    >>> t = np.arange(4000) / 200
-    >>> s, v = np.sin(9 * t) + np.sin(23 * t), 9 * np.cos(9 * t) + 23 * np.cos(23 * t)
-    >>> a = -81 * np.sin(9 * t) - 529 * np.sin(23 * t)
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     X, F = pathlib.Path(folder, "X.npy"), pathlib.Path(folder, "F.npy")
-    ...     np.save(X, np.column_stack([a, v, s]))
-    ...     np.save(F, (10 * a + 30 * v + 4e3 * s)[:, None])
-    ...     fit_streamed(NRFRegressor(degree=1), X, F).masses_.round(6)
-    array([10.])
-    """
+    """Fit an estimator in one pass over chunks; memory does not grow with the number of samples."""
     from threadpoolctl import threadpool_limits
 
     beside = dict(record=record, time=time, base_acceleration=base_acceleration, covariates=covariates)
@@ -156,40 +94,7 @@ def partial_fit(
     base_acceleration: Any = None,
     covariates: Any = None,
 ) -> Any:
-    """Add samples to an estimator and solve again.
-
-    Each call holds one record or more of its own. A call that fails adds nothing.
-
-    Parameters
-    ----------
-    estimator : NRFRegressor
-    X, F, record, time, base_acceleration, covariates
-        As for ``NRFRegressor.fit``.
-
-    Returns
-    -------
-    NRFRegressor
-
-    Raises
-    ------
-    NRFError
-        If a setting of the estimator changed since the call before, and as ``NRFRegressor.fit``.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf import NRFRegressor
-    >>> from pysindy_nrf.estimation.streaming import partial_fit
-    >>> model = NRFRegressor(degree=1)
-    >>> for blow in range(3):
-    ...     t = np.arange(1000) / 200
-    ...     s = np.sin(9 * t + blow) + np.sin(23 * t)
-    ...     v = 9 * np.cos(9 * t + blow) + 23 * np.cos(23 * t)
-    ...     a = -81 * np.sin(9 * t + blow) - 529 * np.sin(23 * t)
-    ...     model = partial_fit(model, np.column_stack([a, v, s]), (10 * a + 30 * v + 4e3 * s)[:, None])
-    >>> model.masses_.round(6)
-    array([10.])
-    """
+    """Add samples to an estimator and solve again."""
     from threadpoolctl import threadpool_limits
 
     from ...regression.input_arrays import holds_records

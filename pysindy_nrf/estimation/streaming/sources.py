@@ -71,12 +71,7 @@ class Chunk:
         return len(self.X)
 
     def records(self) -> list[Chunk]:
-        """The samples of each record, split by record ids.
-
-        Returns
-        -------
-        list of Chunk
-        """
+        """The samples of each record, split by record ids."""
         if self.ids is None:
             return [self]
         pieces = by_record(self.ids, self.n_samples)
@@ -234,17 +229,7 @@ class Source:
         raise NotImplementedError
 
     def chunks(self, start: int = 0) -> Iterator[Chunk]:
-        """Chunks from number ``start`` on.
-
-        Parameters
-        ----------
-        start : int
-            Number of the first chunk wanted.
-
-        Yields
-        ------
-        Chunk
-        """
+        """Chunks from number ``start`` on."""
         raise NotImplementedError
 
     def folder(self) -> Path | None:
@@ -516,42 +501,7 @@ def open_source(
     laws_read: Sequence[str] = (),
     chunk_samples: int | None = None,
 ) -> Source:
-    """The source of the data that a user passes to ``fit``.
-
-    Parameters
-    ----------
-    X : path-like, list of path-like, or iterator
-        ``.npy`` holds the columns of X; Parquet and HDF5 hold named columns, the forces among them.
-    F : path-like or array, optional
-        Forces beside a ``.npy`` file; a list of them beside a list of files.
-    record, time, base_acceleration, covariates
-        Beside ``.npy`` files; paths or arrays.
-    coordinates : {"relative", "absolute"}
-    laws_read : sequence of str
-        Covariates that the laws read; columns of a table.
-    chunk_samples : int, optional
-        Samples in a chunk of a file; about 32 MB if None.
-
-    Returns
-    -------
-    Source
-
-    Raises
-    ------
-    FileFormatError, ChannelError
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> import numpy as np
-    >>> folder = tempfile.TemporaryDirectory()
-    >>> path = pathlib.Path(folder.name, "X.npy")
-    >>> np.save(path, np.zeros((1000, 6)))
-    >>> source = open_source(path)
-    >>> source.n_samples, [chunk.n_samples for chunk in source.chunks()]
-    (1000, [1000])
-    >>> folder.cleanup()
-    """
+    """The source of the data that a user passes to ``fit``."""
     more = dict(record=record, time=time, base_acceleration=base_acceleration, covariates=covariates)
     if isinstance(X, (str, os.PathLike)):
         suffix = Path(X).suffix.lower()

@@ -32,13 +32,7 @@ Progress = Callable[[Iterable[Any], str], Iterable[Any]]
 
 @dataclass
 class Outcome:
-    """A fitted model and how well it does.
-
-    ``free_run`` is the free-run error by record and DOF (percent NRMSE of displacement; None for a frequency
-    response) or else ``no_free_run`` says why there is none; ``runs`` holds records as fused beside the model's own
-    runs, ``shares`` by site the rms of each term's force (percent of the force's rms), ``frf`` the measured responses
-    and the model's, of which the lines ``used`` lie in the band; ``data`` the records as fused.
-    """
+    """A fitted model and how well it does."""
 
     estimator: Any
     free_run: pd.DataFrame | None = None

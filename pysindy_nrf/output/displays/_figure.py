@@ -120,11 +120,7 @@ Mark = Line | Bars | Area | Rule | Map | Surface
 
 @dataclass(eq=False)
 class Figure:
-    """What one pair (or triple) of axes shows, and its words.
-
-    ``heading`` is the short title on a sheet, ``alt`` says what is seen for those who cannot see it, ``table``
-    holds the numbers; ``size`` is that on a sheet (inches), ``height`` that on a page (pixels).
-    """
+    """What one pair (or triple) of axes shows, and its words."""
 
     title: str
     marks: list[Mark]

@@ -38,14 +38,7 @@ def as_plotly(figure: Figure) -> dict[str, Any]:
 
 
 def unit_of(values: Any, base: str) -> tuple[float, str]:
-    """A factor and a unit in which lengths, rates, forces and times are neither tiny nor huge.
-
-    Examples
-    --------
-    >>> from pysindy_nrf.output.displays._plotly import unit_of
-    >>> unit_of([0.002, -0.004], "m"), unit_of([5e4], "N")
-    ((1000.0, 'mm'), (0.001, 'kN'))
-    """
+    """A factor and a unit in which lengths, rates, forces and times are neither tiny nor huge."""
     array = np.abs(np.asarray(values, dtype=float))
     top = float(np.nanmax(array)) if array.size and np.isfinite(array).any() else 0.0
     prefixes = {"N": ((1e-6, "M", 1.0), (1e-3, "k", 1.0)), "m": ((1.0, "", 0.5), (1e3, "m", 0.5), (1e6, "µ", 0.5))}

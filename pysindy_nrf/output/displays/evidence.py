@@ -101,10 +101,7 @@ def _correlation(evidence: Evidence) -> Figure | None:
 
 
 def localisation_figure(found: pd.DataFrame, chosen: str = "", most: int = 8) -> Figure | None:
-    """Share of the residual that a force at each site explains; sites that no balance tells apart share a bar.
-
-    None if the signs say nothing: no shares, or a single pattern.
-    """
+    """Share of the residual that a force at each site explains; sites that no balance tells apart share a bar."""
     found = found[found["share"].notna()]
     groups = [(list(g.index), g.iloc[0]) for _, g in found.groupby(found["share"].round(6), sort=False)]
     if len(groups) < 2:

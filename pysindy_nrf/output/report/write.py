@@ -21,18 +21,7 @@ _PURPOSE = "The HTML report"
 
 
 def available() -> bool:
-    """Whether the packages of the extra ``report`` are installed.
-
-    Returns
-    -------
-    bool
-
-    Examples
-    --------
-    >>> from pysindy_nrf.output.report import available
-    >>> if not available():
-    ...     print("pip install 'pysindy_nrf[report]'")
-    """
+    """Whether the packages of the extra ``report`` are installed."""
     return all(find_spec(name) is not None for name in ("jinja2", "plotly"))
 
 
@@ -45,42 +34,7 @@ def write_html(
     notes: Sequence[str] = (),
     band: tuple[float | None, float | None] | None = None,
 ) -> None:
-    """Write one self-contained page: equations, surfaces that turn, loops, tables that sort, every setting.
-
-    It works offline and asks nothing of any network; names from files are escaped.
-
-    Parameters
-    ----------
-    path : path-like
-        An older file is replaced whole.
-    subject : LoopReport, fitted NRFRegressor or ChainModel
-    record : Record or sequence of Record, optional
-        Measured data to draw beside a regressor or model; a regressor has those it was fitted to by itself, but
-        for names and channels. A LoopReport holds its own.
-    title : str, optional
-    notes : sequence of str
-        Warnings to show with a regressor or model.
-    band : (float, float), optional
-        Hz, for a regressor or model; the one it was fitted in if None.
-
-    Raises
-    ------
-    MissingExtraError
-        Without jinja2 or plotly, which the extra ``report`` brings.
-    NRFError
-        If ``subject`` is none of these.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> from pysindy_nrf import ChainModel, laws
-    >>> from pysindy_nrf.output.report import available, write_html
-    >>> model = ChainModel([10.0], {1: laws.PowerSeries(1, [100.0, 1e5])})
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     page = pathlib.Path(folder) / "model.html"
-    ...     if available():
-    ...         write_html(page, model)
-    """
+    """Write one self-contained page: equations, surfaces that turn, loops, tables that sort, every setting."""
     html = page(subject, record, title=title, notes=notes, band=band)
     with atomic_write(path) as file:
         file.write(html)

@@ -217,6 +217,7 @@ def answer(threads: int, *arguments: str) -> dict[str, np.ndarray]:
     return {k: np.array([float.fromhex(x) for x in v]) for k, v in json.loads(run.stdout.splitlines()[-1]).items()}
 
 
+@pytest.mark.slow
 def test_the_same_input_gives_the_same_bits_in_another_process():
     one, two = answer(1, "loop"), answer(1, "loop")
     assert one.keys() == two.keys()
@@ -224,6 +225,7 @@ def test_the_same_input_gives_the_same_bits_in_another_process():
         np.testing.assert_array_equal(one[name], two[name], err_msg=name)
 
 
+@pytest.mark.slow
 def test_blas_threads_change_nothing_but_the_last_digits():
     one, four = answer(1), answer(4)
     for name in one:

@@ -31,7 +31,7 @@ ALLOWED = {
     ("selection/fold_moments.py", "NotTogether"): "the same",
 }
 # Readers' helpers: the reader turns their ValueError into a FileFormatError (test_fuzz.py holds it to that).
-HELPERS = {"data/io/table.py", "data/io/arrays.py", "data/io/uff.py", "common/schema.py"}
+HELPERS = {"data/io/table.py", "data/io/arrays.py", "data/io/uff.py", "common/files.py", "output/cli/options.py"}
 # The sentences of a solve order say themselves what would help.
 CURE_INSIDE = {"mechanics/identifiability.py": "its reasons say what would help"}
 # Functions that build the error they are named for.

@@ -67,8 +67,8 @@ def of_laws() -> dict[str, tuple]:
         "a JSON file that is not there": (lambda: ChainModel.from_json("no_such_model.json"), "no_such_model.json does not exist", "path"),
         "a JSON file that is a folder": (lambda: ChainModel.from_json("."), "is not a file", "Give one file"),
         "a number for a JSON file": (lambda: ChainModel.from_json(0), "neither JSON text nor a path", "to_json"),
-        "JSON with a region of text": (lambda: ChainModel.from_json(with_region('{"low": "ab", "high": [1, 2], "cells": ["x"]}')), "not a readable chain model: .*low", "to_json|anew"),
-        "JSON with a law that wants all memory": (lambda: ChainModel.from_json(with_degree(10**9)), "not a readable chain model: .*(degree|highest power)", "to_json|anew"),
+        "JSON with a region of text": (lambda: ChainModel.from_json(with_region('{"low": "ab", "high": [1, 2], "cells": ["x"]}')), "not a readable chain model: .*low", "Write the file again"),
+        "JSON with a law that wants all memory": (lambda: ChainModel.from_json(with_degree(10**9)), "not a readable chain model: .*(degree|highest power)", "Write the file again"),
         "JSON nested a hundred thousand deep": (lambda: ChainModel.from_json('{"a":' + "[" * 100_000), "not a readable chain model", "to_json"),
         "JSON with a billion DOFs": (lambda: ChainModel.from_json(chain_model().to_json().replace('"n_dof": 3', '"n_dof": 1000000000')), "3 masses for 1000000000 DOFs", "to_json"),
     }  # fmt: skip

@@ -130,7 +130,7 @@ def quality() -> dict[str, tuple]:
     copied["acceleration"][:, 2] = copied["acceleration"][:, 0]
     return {
         "clipped channel": (spoilt("acceleration", 2, lambda y: np.clip(y, -y.std(), y.std())), "a2 is cut off", "larger one|larger range"),
-        "dead channel": (spoilt("displacement", 3, lambda y: 0 * y + 1e-3), "x3 never changes", "Leave it out"),
+        "dead channel": (spoilt("displacement", 3, lambda y: 0 * y + 1e-3), "x3 is constant", "Leave it out"),
         "channel that dies": (spoilt("displacement", 1, dying), "x1 does not change for 1", "Cut the record"),
         "quantised channel": (spoilt("acceleration", 1, quantised), "a1 moves in steps", "smaller measuring range"),
         "spike": (spoilt("acceleration", 3, spike), "a3 has 1 single samples far off, the first in row 1234", "neighbours"),

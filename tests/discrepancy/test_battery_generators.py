@@ -135,6 +135,7 @@ def test_cases_are_reproducible_and_base_excitation_has_no_force():
     assert np.gradient(run.xg, 1 / run.fs)[50:-50] == pytest.approx(run.vg[50:-50], abs=0.02 * np.abs(run.vg).max())
 
 
+@pytest.mark.slow
 def test_quick_battery(tmp_path):
     """A few cases: what can be heard is found where it is, and nothing where there is nothing."""
     from discrepancy_battery import main

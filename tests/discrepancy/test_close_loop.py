@@ -148,6 +148,7 @@ def test_two_effects_on_different_sites():
     assert {(s.family, s.site) for s in report.steps[:2]} == {("stiffness", "storey 2"), ("damping", "storey 1")}
 
 
+@pytest.mark.slow
 def test_friction_in_every_storey_is_found_though_none_stands_out():
     """The gate asks a single effect for 15 %; of three equal ones each is a third of what is missing."""
     level = 2e-4 * K
@@ -243,6 +244,7 @@ def test_records_held_out_are_read_by_the_last_line_only():
     assert other.steps[0].error_after != report.steps[0].error_after
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_report():
     rec, few = record(friction, seed=4, noise=0.02), [laws.CoulombFriction(), laws.PowerLawDamping(), laws.Dahl()]
     first, second = (close_loop(rec, catalogue=few, random_state=5) for _ in range(2))
@@ -296,6 +298,7 @@ def test_bad_input_is_named():
         close_loop(record(n_samples=600).replace(force=np.zeros((600, 3))))
 
 
+@pytest.mark.slow
 def test_a_harmonic_force_beside_a_resonance_is_found_although_least_squares_bends_to_it():
     """2 % above the first natural frequency; the free run of the held-out end needs its phase there."""
     m, k = np.array([20.0, 30.0, 25.0]), [3e4, 5e4, 4e4]

@@ -62,6 +62,7 @@ def test_what_is_left_counts_when_it_stands_out_block_by_block():
     assert surely_left(left, []) == np.median(left)
 
 
+@pytest.mark.slow
 def test_a_hysteresis_with_a_knee_of_its_own_takes_the_place_of_the_simpler_one():
     """Bouc-Wen under an earthquake: Dahl does most of the work and goes first, and is not mended by a second element."""
     fs = 200.0

@@ -11,6 +11,8 @@ from pysindy_nrf import Chain, ChainModel, NRFRegressor, Site, close_loop, excit
 from pysindy_nrf.exceptions import BiasWarning, ChannelError
 from pysindy_nrf.simulation.noise import add_noise
 
+pytestmark = pytest.mark.slow
+
 FS = 500.0
 LINEAR = [laws.LinearElastic(2e5), laws.LinearViscous(80.0)]
 

@@ -11,6 +11,8 @@ from scipy.integrate import solve_ivp
 from pysindy_nrf import NRFRegressor, Record, close_loop, laws
 from pysindy_nrf.simulation.noise import add_noise
 
+pytestmark = pytest.mark.slow
+
 FS, M, K, C = 250.0, np.array([6.0, 5.0, 4.0]), np.array([5e4, 4e4, 3e4]), np.array([60.0, 45.0, 36.0])
 CATALOGUE = [
     laws.CoulombFriction(), laws.QuadraticDamping(), laws.CubicStiffness(), laws.OneSidedGap(), laws.TwoSidedGap(),

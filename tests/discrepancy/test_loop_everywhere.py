@@ -12,6 +12,8 @@ from pysindy_nrf import NRFRegressor, Record, close_loop, laws
 from pysindy_nrf.exceptions import DataQualityWarning
 from pysindy_nrf.simulation.noise import add_noise
 
+pytestmark = pytest.mark.slow
+
 FS, M, K, C = 250.0, np.array([6.0, 5.0, 4.0]), np.array([5e4, 4e4, 3e4]), np.array([20.0, 15.0, 12.0])
 SMALL = [
     laws.CoulombFriction(), laws.QuadraticDamping(), laws.CubicStiffness(), laws.OneSidedGap(), laws.LinkSpringDashpot(),

@@ -38,6 +38,7 @@ def clean():
     return shaken()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("noise", "within"), [(0.005, 0.05), (0.02, 0.1)])
 def test_friction_under_noise_is_as_large_as_it_is(clean, noise, within):
     report = close_loop(add_noise(clean, noise, random_state=1), NRFRegressor(degree=1))
@@ -54,6 +55,7 @@ def test_friction_under_noise_is_as_large_as_it_is(clean, noise, within):
     assert held[step.law].parameters[name] == step.parameters[name]  # one number: in the step and in the model
 
 
+@pytest.mark.slow
 def test_a_model_without_jumps_and_filtered_columns_keep_all_samples(clean):
     noisy = add_noise(clean, 0.02, random_state=1)
     report = close_loop(noisy, NRFRegressor(degree=1), catalogue=[laws.QuadraticDamping(), laws.CubicStiffness()])
@@ -69,6 +71,7 @@ def test_where_no_sign_turns_no_sample_is_left_out(clean):
     assert step.parameters["Fc"] == pytest.approx(FRICTION, rel=0.1)  # it creeps in the rounded corner; less than a tenth
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [0.005, 0.02])
 @pytest.mark.parametrize("noise", [0.05, 0.1])
 def test_a_force_that_lives_next_to_rest_alone_is_not_estimated_without_rest(clean, noise, width):

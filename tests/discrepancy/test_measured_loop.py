@@ -17,6 +17,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 from battery.measured import dry_friction  # noqa: E402
 from measured_records import storey_errors  # noqa: E402
 
+pytestmark = pytest.mark.slow
+
 
 def _loop(record, baseline=None, band=None, **options):
     with warnings.catch_warnings():

@@ -8,7 +8,7 @@ import pytest
 
 from pysindy_nrf import Record, close_loop, laws
 
-pytestmark = pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
+pytestmark = [pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning"), pytest.mark.slow]
 
 
 @pytest.mark.parametrize("gain", [0.1, -0.15])

@@ -339,6 +339,7 @@ def work(folder: Path, stop_after: int | None = None, how=signal.SIGKILL) -> lis
     return seen
 
 
+@pytest.mark.slow
 def test_a_killed_fit_goes_on_and_gives_the_same_answer(tmp_path):
     """Killed in the first of two passes (kill -9), stopped in the second one (Ctrl-C)."""
     case = chains.duffing(2, [1, 2], seed=6, n_samples=4000)  # without noise, and degree 5: two passes

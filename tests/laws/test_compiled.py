@@ -79,6 +79,7 @@ def total(cache, *names):
     return dict(line.split() for line in out.stdout.splitlines())
 
 
+@pytest.mark.slow
 def test_laws_compiled_in_different_processes_do_not_take_each_others_code(tmp_path):
     """Both start numbering their machine code at the same number; a third process loads both from the disk."""
     alone = total(tmp_path, "dahl") | total(tmp_path, "jenkins")
@@ -86,6 +87,7 @@ def test_laws_compiled_in_different_processes_do_not_take_each_others_code(tmp_p
     assert total(tmp_path, "dahl", "jenkins") == total(tmp_path, "jenkins", "dahl") == alone
 
 
+@pytest.mark.slow
 def test_machine_code_that_cannot_be_read_or_written_is_compiled_anew(tmp_path):
     first = total(tmp_path, "jenkins")
     for file in tmp_path.rglob("*.nbc"):

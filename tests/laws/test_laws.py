@@ -149,6 +149,7 @@ def test_jenkins_is_the_stop_operator(uy):
     assert np.allclose(iwan[:, 1], laws.Jenkins(uy=2.5 * uy).features(PATH)[:, 0], rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_covariate_lags_by_its_time_constant():
     tau = 0.02
     run = solve_ivp(

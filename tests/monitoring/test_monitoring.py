@@ -30,6 +30,7 @@ def test_change_of_damping_and_stiffness_are_told_apart():
     assert visited.loc[visited["s"].abs() > 0.5 * visited["s"].max(), "significant"].all()
 
 
+@pytest.mark.slow
 def test_standard_errors_hold_what_they_promise():
     """Of repeated tests of an unchanged structure, few stiffnesses and dampings leave two standard errors."""
     z, p = [], []

@@ -215,6 +215,7 @@ def test_optimizers_by_a_word(case):
         compare_with_sindy(case.X, case.F, case.dt, optimizers="all")
 
 
+@pytest.mark.slow
 def test_the_benchmark_runs_and_every_optimizer_of_ours_finds_the_true_terms(monkeypatch):
     benchmarks = Path(__file__).parents[2] / "benchmarks"
     if not benchmarks.exists():

@@ -351,6 +351,7 @@ def test_thresholds_are_searched_beside_degrees(cubic):
 SCRIPT = Path(__file__).resolve().parents[2] / "benchmarks" / "order_selection.py"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not SCRIPT.is_file(), reason="the benchmarks are not part of an installed package")
 def test_the_benchmark_misses_no_seed():
     run = subprocess.run([sys.executable, str(SCRIPT), "--quick", "--seeds", "1"], capture_output=True, text=True)

@@ -128,6 +128,7 @@ def test_optimizers_of_pysindys_extras_run_inside_the_chain(name):
     assert np.abs(model.masses_ / case.m - 1).max() < 0.05
 
 
+@pytest.mark.slow
 def test_the_quick_benchmark_runs_and_ours_are_right(capsys):
     import sys
     from pathlib import Path

@@ -502,18 +502,15 @@ def test_the_papers_processing_of_a_shaken_frame_removes_the_base():
     assert np.nanstd(gap) < 0.05 * truth.std()
 
 
-FS = 500.0
-
-
 @pytest.mark.parametrize(
     ("call", "words"),
     [
         (lambda: differentiate(np.zeros((3, 3, 3)), 0.01), "The motion has 3 dimensions"),
-        (lambda: BandLimiter((1, 50), FS, edges="cut").fit(np.zeros((9, 1))), "edges='cut' is unknown"),
+        (lambda: BandLimiter((1, 50), 500.0, edges="cut").fit(np.zeros((9, 1))), "edges='cut' is unknown"),
         (lambda: BandLimiter((1, 50), fs="fast").fit(np.zeros((9, 1))), "fs='fast' is not a sampling rate"),
         (lambda: BandLimiter((1, 50), fs=-1.0).fit(np.zeros((9, 1))), "fs=-1.0 is not a sampling rate"),
         (lambda: KinematicSmoother().fit(np.zeros((99, 2))), "ndarray has no names"),
-        (lambda: KinematicSmoother(fs=FS).fit(pd.DataFrame({"a1": [], "x1": []})), "X has no samples"),
+        (lambda: KinematicSmoother(fs=500.0).fit(pd.DataFrame({"a1": [], "x1": []})), "X has no samples"),
     ],
 )  # fmt: skip
 def test_an_argument_of_a_filter_is_named_with_its_cure(call, words):
@@ -523,29 +520,29 @@ def test_an_argument_of_a_filter_is_named_with_its_cure(call, words):
 
 def test_columns_without_names_and_times_beside_them():
     """scikit-learn's names for unnamed columns, a clock in the index, a clock that does not fit."""
-    t = np.arange(2000) / FS
+    t = np.arange(2000) / 500.0
     X = np.column_stack([np.sin(20 * t), np.cos(20 * t)])
-    limiter = BandLimiter((10, 100), FS).fit(X)
+    limiter = BandLimiter((10, 100), 500.0).fit(X)
     assert list(limiter.get_feature_names_out()) == ["x0", "x1"]
     assert list(limiter.get_feature_names_out(["a1", "a2"])) == ["a1", "a2"]
     with pytest.raises(ChannelError, match="time has 1999 values, X has 2000 samples"):
         limiter.transform(X, time=t[:-1])
     stamps = pd.to_datetime("2024-05-01") + pd.to_timedelta(t, unit="s")
-    framed = BandLimiter((10, 100), FS).fit_transform(pd.DataFrame(X, index=stamps, columns=["a1", "a2"]))
+    framed = BandLimiter((10, 100), 500.0).fit_transform(pd.DataFrame(X, index=stamps, columns=["a1", "a2"]))
     np.testing.assert_array_equal(framed.to_numpy(), limiter.transform(X))
     shuffled = pd.DataFrame(X, index=stamps[::-1], columns=["a1", "a2"])
     with pytest.raises(ChannelError, match="does not increase"):
-        BandLimiter((10, 100), FS).fit_transform(shuffled)
+        BandLimiter((10, 100), 500.0).fit_transform(shuffled)
 
 
 def test_a_record_of_nothing_but_nan_stays_nan():
     """Two records, one of them not measured: the other is filtered as if it were alone."""
-    t = np.arange(2000) / FS
+    t = np.arange(2000) / 500.0
     X = np.column_stack([np.sin(20 * t), np.cos(20 * t)])
     both = np.vstack([X, np.full_like(X, np.nan)])
-    out = BandLimiter((10, 100), FS).fit(both).transform(both, record=np.repeat([0, 1], 2000))
+    out = BandLimiter((10, 100), 500.0).fit(both).transform(both, record=np.repeat([0, 1], 2000))
     assert np.isnan(out[2000:]).all()
-    np.testing.assert_array_equal(out[:2000], BandLimiter((10, 100), FS).fit_transform(X))
+    np.testing.assert_array_equal(out[:2000], BandLimiter((10, 100), 500.0).fit_transform(X))
 
 
 def test_a_smoother_meets_other_columns_clocks_and_lengths():

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import ChannelError
-from ..laws.base import Motion
+from ..laws.shape import Motion
 from . import words
 from .dependence import GAPS, Basis, Judge, envelope, filtered, period_of
 from .verdicts import Dependence, Feature

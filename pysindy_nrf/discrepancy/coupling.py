@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..laws import Jenkins
-from ..laws.base import Motion
+from ..laws.shape import Motion
 from ..mechanics.sites import Site
 from . import words
 from .dependence import Judge, filtered

@@ -11,7 +11,7 @@ from sklearn.preprocessing import SplineTransformer
 
 from ..common.jackknife import variance
 from ..laws import Jenkins
-from ..laws.base import Motion
+from ..laws.shape import Motion
 
 # Yield drifts of the sliders, in multiples of the rms drift: small ones are friction, large ones springs.
 _YIELD = (0.02, 0.06, 0.15, 0.3, 0.6, 1.0, 1.6, 2.5)

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import NRFError
-from ..laws.base import ForceLaw, Motion
-from ..laws.shape import Scales
+from ..laws.base import ForceLaw
+from ..laws.shape import Motion, Scales
 from ..mechanics.sites import Site
 from ..regression.grams import leave_one_out
 from ..regression.segments import BlockRows, Segment, SegmentSet, half_the_rate

@@ -18,7 +18,7 @@ from ..exceptions import ChannelError, LawError
 from ..regression.gram_pass import guess_of
 from .problem import law_list
 from .streaming.accumulator import Accumulator
-from .streaming.fit import publish, solution_of
+from .streaming.result import publish, solution_of
 from .streaming.sources import beside, chunk_of, chunk_of_arrays, refuse
 
 FAN_IN = 8  # accumulators added up by one task

@@ -1,6 +1,6 @@
 """Force laws: one class each, used by features, identification, simulation, search and text."""
 
-from .base import ForceLaw, Motion, Term, from_dict, registry
+from .base import ForceLaw, Term, from_dict, registry
 from .contact import Bilinear, DeadZone, OneSidedGap, PreloadedContact, TwoSidedGap
 from .contract import check_law
 from .damping import DisplacementDependentDamping, MaxwellBranch, PowerLawDamping, QuadraticDamping
@@ -30,7 +30,7 @@ from .friction import (
 from .hysteresis import BoucWen, Dahl, Iwan, Jenkins, LuGre, ModifiedDahl
 from .power_series import PowerSeries
 from .sensor import ChannelDelay, GainError, SensorFault, SensorOffset
-from .shape import Shape
+from .shape import Motion, Shape
 
 __all__ = [
     "ForceLaw", "Motion", "Shape", "Term", "from_dict", "registry", "check_law", "PowerSeries",

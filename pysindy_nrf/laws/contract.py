@@ -16,8 +16,9 @@ import numpy as np
 
 from ..common.random_state import generator
 from ..exceptions import LawError
-from .base import ForceLaw, Motion, from_dict
+from .base import ForceLaw, from_dict
 from .friction import jump_at_reversal
+from .shape import Motion
 
 _PERIOD = 2.0  # s
 _DRIFT = 0.01  # m

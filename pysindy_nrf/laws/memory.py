@@ -10,8 +10,8 @@ import numpy as np
 from numba.core.errors import NumbaError
 
 from ..exceptions import ChannelError, LawError
-from .base import Motion
 from .compiled import borrow, cannot_compile, inline, jit, on_stack, part, read_only
+from .shape import Motion
 
 _STRETCH = 2048  # intervals whose reversals are found before the states of all candidates are moved
 _LOOK = 64  # intervals that are checked together: most contain no reversal

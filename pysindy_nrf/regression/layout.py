@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import ChainError, LawError
-from ..laws.base import ForceLaw, Motion, Recurrence, Term
+from ..laws.base import ForceLaw, Recurrence, Term
+from ..laws.shape import Motion
 from ..mechanics.chain import Chain
 from ..mechanics.sites import Site
 

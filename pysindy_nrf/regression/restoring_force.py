@@ -9,7 +9,8 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import ChainError, ChannelError, LawError, UnknownSiteError
-from ..laws.base import ForceLaw, Motion
+from ..laws.base import ForceLaw
+from ..laws.shape import Motion
 from ..mechanics.chain import Chain
 from ..mechanics.sites import Site
 from .layout import distinct_labels

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import ChannelError
-from ..laws.base import Motion
+from ..laws.shape import Motion
 from ..mechanics.sites import Site
 from .blocks import Block, block_size
 from .domains import Extent

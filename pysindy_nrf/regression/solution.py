@@ -9,8 +9,7 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import ChannelError, DataQualityWarning
-from ..laws.base import Motion
-from ..laws.shape import Scales
+from ..laws.shape import Motion, Scales
 from ..mechanics.identifiability import SolveOrder
 from ..mechanics.sites import Site
 from .chain_model import ChainModel

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ..laws.base import ForceLaw, Motion, Recurrence, Term
+from ..laws.base import ForceLaw, Recurrence, Term
 from ..laws.power_series import PowerSeries, exponents_of
+from ..laws.shape import Motion
 
 
 class Monomials(PowerSeries):

@@ -10,7 +10,7 @@ import pytest
 from pysindy_nrf import laws
 from pysindy_nrf.exceptions import LawError
 from pysindy_nrf.laws import compiled, memory
-from pysindy_nrf.laws.base import Motion
+from pysindy_nrf.laws.shape import Motion
 
 START = """
 import numpy as np

@@ -11,7 +11,7 @@ from user_laws import Parametric
 
 from pysindy_nrf import Chain, ChainModel, Site, laws
 from pysindy_nrf.exceptions import ChainError, ChannelError, LawError, SimulationError
-from pysindy_nrf.laws.base import Motion
+from pysindy_nrf.laws.shape import Motion
 from pysindy_nrf.simulation import free_run, simulate
 from pysindy_nrf.simulation.api import as_read, classical_run
 

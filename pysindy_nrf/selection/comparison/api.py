@@ -14,7 +14,7 @@ import pandas as pd
 
 from ...exceptions import ChannelError, NRFError, SimulationError
 from ...laws import PowerSeries
-from ...laws.base import Motion
+from ...laws.shape import Motion
 from ...regression.chain_model import ChainModel
 from ...regression.errors import nrmse
 from ...regression.input_arrays import from_arrays

@@ -8,12 +8,12 @@ from importlib import metadata
 from typing import Any
 
 _MOST = 2000
-_PACKAGES = ("pysindy", "numpy", "scipy", "scikit-learn", "pandas", "numba", "plotly", "jinja2")
+_PACKAGES = ("pysindy_nrf", "pysindy", "numpy", "scipy", "scikit-learn", "pandas", "numba", "plotly", "jinja2")
 
 
 def versions() -> dict[str, str]:
     """Versions of this package, of Python and of the packages it depends on."""
-    out = {"pysindy_nrf": metadata.version("pysindy-nrf"), "Python": platform.python_version()}
+    out = {"Python": platform.python_version()}
     for name in _PACKAGES:
         try:
             out[name] = metadata.version(name)

@@ -104,6 +104,7 @@ def test_the_papers_integrator_gives_the_same_result():
 # -- section 3 --------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_force_level_is_the_calibrated_one(tables):
     sweep = tables.level_sweep(quick=True)
     assert sweep.loc[cases.FORCE_LEVEL, "m1 incomplete"] == pytest.approx(PAPER_M1, abs=0.03)
@@ -111,6 +112,7 @@ def test_force_level_is_the_calibrated_one(tables):
     assert cases.calibrate_level() == pytest.approx(cases.FORCE_LEVEL, rel=0.01)
 
 
+@pytest.mark.slow
 def test_two_dof_frame(tables):
     table = tables.two_dof(quick=True)
     clean, noisy = table.xs("0%", axis=1, level=1), table.xs("5%", axis=1, level=1)
@@ -144,6 +146,7 @@ def test_linear_frame_within_one_percent(tables):
     assert len(ours) == 6 and (ours.abs() < 1.0).all(axis=None)
 
 
+@pytest.mark.slow
 def test_damped_frame_cubic_is_biased_and_says_so_dahl_law_cures_it(tables):
     table = tables.damped_frame(quick=True)
     assert (table["independent"] < 1e-6).all()
@@ -163,6 +166,7 @@ def test_total_mass_of_the_printed_models(tables):
 # -- what it is good for ----------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_stiffness_loss_found_located_and_sized(tables):
     table = tables.damage(quick=True)
     assert table.loc[(0, 2), "found in"] == ""
@@ -170,6 +174,7 @@ def test_stiffness_loss_found_located_and_sized(tables):
     assert table.loc[(2, 2), "storey 2 (%)"] == pytest.approx(-5.0, abs=1.0)
 
 
+@pytest.mark.slow
 def test_onset_found_in_time_place_and_size(tables):
     table = tables.onset(quick=True)
     assert pd.isna(table.loc[(0, 20.7), "found in"])

@@ -10,6 +10,8 @@ from pysindy_nrf.exceptions import BiasWarning
 from pysindy_nrf.laws.friction import jump_at_reversal
 from pysindy_nrf.simulation.noise import add_noise
 
+pytestmark = pytest.mark.slow
+
 FORCE = 8.0  # N
 
 

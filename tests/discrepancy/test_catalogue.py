@@ -182,6 +182,7 @@ def test_good_sensors_are_left_alone(forced, noise):
     assert "contradict" not in report.stopped_because
 
 
+@pytest.mark.slow
 def test_channels_that_contradict_each_other_are_said():
     # three channels of one DOF, one 4 samples late: fusion outvotes it, and the reader is told
     record = _record(3, [1, 2, 3], 0.03, sensors={"sensor v2": laws.ChannelDelay(0.006)})
@@ -211,6 +212,7 @@ def test_along_a_drift_of_one_sign_an_offset_goes_before_a_curved_spring():
     assert values["coulomb_friction"]["Fc"] == pytest.approx(20, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_record_cut_out_of_a_running_test_keeps_its_memory():
     law = laws.BoucWen(beta=800.0, rho=-0.4, n=1.5, alpha=5e4)
     truth = ChainModel([2.0], {1: [laws.LinearElastic(5e4), laws.LinearViscous(10.0), law]})

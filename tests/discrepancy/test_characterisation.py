@@ -10,6 +10,8 @@ from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.laws import Motion
 from pysindy_nrf.signals.zero_phase_filter import FairFilter
 
+pytestmark = pytest.mark.slow
+
 FS, DURATION = 400, 30.0
 
 

@@ -16,6 +16,8 @@ from pysindy_nrf.discrepancy.residual import residual_of
 from pysindy_nrf.discrepancy.verdicts import ResidualKind
 from pysindy_nrf.regression.input_arrays import from_arrays
 
+pytestmark = pytest.mark.slow
+
 RUNS = 200
 
 

@@ -17,6 +17,8 @@ from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.laws import Motion
 from pysindy_nrf.regression.input_arrays import from_arrays
 
+pytestmark = pytest.mark.slow
+
 
 def noise(n, seed=0):
     return np.random.default_rng(seed).standard_normal(n)

@@ -18,6 +18,8 @@ from pysindy_nrf.discrepancy.correlation import (
 from pysindy_nrf.discrepancy.dependence import Basis, Judge, envelope, hats, jackknife, knots_of, period_of
 from pysindy_nrf.laws import Motion
 
+pytestmark = pytest.mark.slow
+
 
 def white(n, seed=0):
     return np.random.default_rng(seed).standard_normal(n)

@@ -17,6 +17,8 @@ from pysindy_nrf.discrepancy.splits import split
 from pysindy_nrf.discrepancy.verdicts import Agreement, Dependence, Feature, ResidualKind
 from pysindy_nrf.discrepancy.workspace import Workspace
 
+pytestmark = pytest.mark.slow
+
 
 def workspace(rec, heldout=None):
     ready = prepare(rec, heldout)

@@ -12,6 +12,8 @@ from pysindy_nrf.discrepancy.verdicts import Location
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.regression.input_arrays import from_arrays
 
+pytestmark = pytest.mark.slow
+
 N = 4
 EXCITATIONS = {"complete": [1, 2, 3, 4], "top": [4], "middle": [2], "base": []}
 

@@ -64,6 +64,7 @@ def test_a_model_without_jumps_and_filtered_columns_keep_all_samples(clean):
     assert report.steps and all("next to rest" not in step.evidence for step in report.steps)
 
 
+@pytest.mark.slow
 def test_where_no_sign_turns_no_sample_is_left_out(clean):
     report = close_loop(clean, NRFRegressor(degree=1))
     (step,) = report.steps

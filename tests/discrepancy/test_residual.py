@@ -11,6 +11,8 @@ from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.regression.input_arrays import from_arrays
 from pysindy_nrf.signals.zero_phase_filter import FairFilter
 
+pytestmark = pytest.mark.slow
+
 FS = 1000.0
 
 

@@ -54,6 +54,7 @@ def test_steady_forces_leave_the_pieces_where_they_are():
     assert len(held) == 4 and np.abs(share_of(force, held) - HELDOUT_SHARE).max() < 0.05
 
 
+@pytest.mark.slow
 def test_a_floor_hit_only_where_data_are_usually_held_out_is_identified():
     """Hammer blows in turn on two floors, those on the second where the usual pieces lie; friction in its storey."""
     n, dt, samples = 2, 0.005, 9_000

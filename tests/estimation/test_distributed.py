@@ -64,6 +64,7 @@ def table(X, F):
     return pd.DataFrame(np.hstack([X, F]), columns=[*feature_names(n), *(f"F{j + 1}" for j in range(n))])
 
 
+@pytest.mark.slow
 def test_arrays_in_uneven_partitions(client, data, in_memory):
     X, F = data
     parts = da.from_array(X, chunks=((700, 1300, 1, 2999, 1000), (4, 5))), da.from_array(F, chunks=(2000, 3))
@@ -91,6 +92,7 @@ def test_tables(client, data, in_memory):
     same(NRFRegressor().fit(dd.from_pandas(frame, npartitions=7)), in_memory)
 
 
+@pytest.mark.slow
 def test_delayed_records_of_a_roving_hammer(client):
     """Record j forces DOF j alone, and only its worker ever holds it; the answer is that of one list of records."""
     first = chains.duffing(3, [1], seed=1)
@@ -117,6 +119,7 @@ def test_digits_that_squaring_would_lose_come_back(client):
     assert chains.worst(model.masses_, case.m) < 1e-9
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed_loses_nothing(client, data, in_memory, tmp_path):
     X, F = data
     mark = tmp_path / "killed"

@@ -46,6 +46,7 @@ def four_floors():
     return [measured(frame(), [3], seed, duration=16.0) for seed in range(3)]
 
 
+@pytest.mark.slow
 def test_masses_and_stiffnesses_survive_five_percent_noise(four_floors):
     fits = [NRFRegressor(degree=1, estimation="iv").fit(rec) for rec in four_floors]
     masses = np.array([f.masses_ for f in fits]) / M - 1
@@ -60,6 +61,7 @@ def test_masses_and_stiffnesses_survive_five_percent_noise(four_floors):
     assert raw.masses_.max() < 0.7 * M
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("truth", "told", "dofs"),
     [
@@ -82,6 +84,7 @@ def test_every_strategy_and_nonlinear_laws(truth, told, dofs):
         assert np.mean(friction) == pytest.approx(34.85, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_stick_slip_damper_of_the_size_of_the_noise():
     """70 N turn over within 0.02 mm, the noise of the drift: least squares loses 10 % of the masses, instruments do not."""
     case = cases.four_storey(cases.INCOMPLETE_FRAME, 70.0, 0.01, level=1000.0, duration=16.0)
@@ -113,6 +116,7 @@ def test_exact_data_give_exact_numbers():
     assert model.model_.info["estimation"]["found"] == "iv"
 
 
+@pytest.mark.slow
 def test_displacements_alone_do_not_ask_for_what_they_cannot_show():
     """At 2 % noise a displacement sensor is blind above some 40 Hz while the force goes on to 60 Hz."""
     recs = [measured(frame(), [3], seed, 0.02, 16.0).replace(acceleration=None, velocity=None) for seed in range(3)]
@@ -120,6 +124,7 @@ def test_displacements_alone_do_not_ask_for_what_they_cannot_show():
     assert worst(np.median(masses, axis=0), [M] * 4) < 0.01
 
 
+@pytest.mark.slow
 def test_jointly_fused_motions_are_warned_of(four_floors):
     X, F = four_floors[0].to_features()
     with pytest.warns(DataQualityWarning, match="joint=False"):
@@ -150,6 +155,7 @@ def test_no_clock_and_unknown_names_are_refused():
         NRFRegressor(estimation="magic").fit(case.X, case.F)
 
 
+@pytest.mark.slow
 def test_output_error_predicts_no_worse_than_instrumental_variables():
     truth = frame(2)
     for seed in range(2):
@@ -214,6 +220,7 @@ def test_instruments_need_a_record_whose_forces_are_all_known():
         assert model.model_.info["estimation"]["found"] == "ls"
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
 def test_a_record_with_an_unknown_force_is_left_out_of_the_instruments_alone():
     """As one table with ids, and as a list of records."""

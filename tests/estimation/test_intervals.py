@@ -149,6 +149,7 @@ def test_intervals_that_were_asked_for_survive_saving(fitted):
         fresh.confidence_intervals()
 
 
+@pytest.mark.slow
 def test_least_squares_on_noisy_records_says_how_far_it_may_be_off():
     """Motions fused together err alike in a whole record: pieces of them agree better with each other than with the truth.
 

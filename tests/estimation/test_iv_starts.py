@@ -10,7 +10,7 @@ from pysindy_nrf.estimation.iv import fits_one_step, run_of, steady
 from pysindy_nrf.exceptions import BiasWarning
 from pysindy_nrf.simulation.noise import add_noise
 
-pytestmark = pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.DataQualityWarning")
+pytestmark = [pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.DataQualityWarning"), pytest.mark.slow]
 
 
 def chain(masses, stiffnesses, dampings):

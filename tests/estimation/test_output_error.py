@@ -14,6 +14,8 @@ from pysindy_nrf.exceptions import BiasWarning
 from pysindy_nrf.regression.errors import nrmse
 from pysindy_nrf.simulation.noise import add_noise
 
+pytestmark = pytest.mark.slow
+
 FS = 500.0
 TRUE = np.array([10.0, 12.0])
 LINEAR = {f"storey {i}": [laws.PowerSeries(1, [60.0, 1e5])] for i in (1, 2)}

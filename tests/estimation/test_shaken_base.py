@@ -8,7 +8,7 @@ import pytest
 
 from pysindy_nrf import NRFRegressor, Record, laws
 
-pytestmark = pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
+pytestmark = [pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning"), pytest.mark.slow]
 FS, M, C, K, INERTANCE = 200.0, np.array([12.0, 10.0, 8.0]), [60.0, 40.0, 30.0], [4e4, 3e4, 2e4], 3.0
 
 

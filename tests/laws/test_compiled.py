@@ -21,6 +21,7 @@ print(sum(runge_kutta.stats.cache_hits.values()), sum(runge_kutta.stats.cache_mi
 """
 
 
+@pytest.mark.slow
 def test_second_process_loads_the_integrator_from_disk():
     subprocess.run([sys.executable, "-c", START], check=True, capture_output=True)
     second = subprocess.run([sys.executable, "-c", START], check=True, capture_output=True, text=True)

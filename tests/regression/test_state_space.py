@@ -91,6 +91,7 @@ def test_trajectory_lists_with_one_floor_hit_in_each_give_the_chain():
         assert law["s"] == pytest.approx(records[0].k[i], rel=1e-6) and law["s^3"] == pytest.approx(records[0].k3[i], rel=1e-5)
 
 
+@pytest.mark.slow
 def test_without_measured_accelerations_sindy_differentiates(case):
     """Only states and one force: SINDy's own spline derivative stands in for the accelerations."""
     sindy = ps.SINDy(

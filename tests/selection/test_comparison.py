@@ -76,6 +76,7 @@ def test_ours_is_exact_and_plain_sindy_is_not(table):
     assert np.isnan(table.loc["SINDy, defaults", "mass_error"])  # it deleted 1/m
 
 
+@pytest.mark.slow
 def test_a_free_run_that_diverges_is_infinite_not_hanging():
     case = chains.duffing(3, [3], seed=0, n_samples=2000)
     table = compare_with_sindy(case.X, case.F, case.dt, free_run=60, time_limit=200.0, optimizers={})

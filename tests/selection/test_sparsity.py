@@ -45,6 +45,7 @@ def found():
     return case, select_sparsity(record_of(case, 0.02), paths=PATHS)
 
 
+@pytest.mark.slow
 def test_every_optimizer_finds_the_true_terms_of_a_noisy_chain_hit_on_one_floor(found):
     """2 % noise on every channel; the damping is the smallest term, a few percent of the force."""
     case, selection = found

@@ -14,6 +14,8 @@ from pysindy_nrf.exceptions import ChannelError, DataQualityWarning
 from pysindy_nrf.signals.zero_phase_filter import lowest_frequency
 from pysindy_nrf.simulation.noise import add_noise
 
+pytestmark = pytest.mark.slow
+
 
 def record_of(case, noise, seed):
     rec = Record(force=case.F, acceleration=case.a, fs=1 / case.dt)

@@ -11,7 +11,7 @@ import numpy as np
 from pysindy_nrf import Chain, NRFRegressor, Record, Site
 from pysindy_nrf.discrepancy.catalogue import default_catalogue
 from pysindy_nrf.discrepancy.prepare import prepare
-from pysindy_nrf.discrepancy.splits import split
+from pysindy_nrf.discrepancy.folds import split, window_length
 
 from .generators import Case, Effect, Structure
 
@@ -167,7 +167,8 @@ def true_residual(case: Case, seg):
 
 def true_error(case: Case, ready) -> float:
     """Pooled held-out balance error of the true model, percent NRMSE, on the rows the loop holds out."""
-    _, held = split(ready.data.segments, ready.heldout)
+    segments = [s for i, s in enumerate(ready.data.segments) if i not in (ready.heldout or ())]
+    _, held = split(ready.data.segments, window_length(segments), ready.heldout)
     parts = []
     for block in held:
         parts.append([y[block.rows] for y in true_residual(case, ready.data.segments[block.segment])])
@@ -289,12 +290,12 @@ def run_case(case: Case) -> dict:
         "error after": float(table["held-out"].iloc[-1]),
         "error first": float(table["held-out"].iloc[min(1, len(table) - 1)]),
         "gain": steps[0].gain if steps else np.nan,
-        "null gain": steps[0].null_gain if steps else np.nan,
+        "gain least": steps[0].gain_least if steps else np.nan,
         "mass error before": _mass_error(report.models[0], case),
         "mass error after": _mass_error(report.model, case),
         "stopped": report.stopped_because,
         "runners-up": "; ".join(
-            f"{a} at {b} {c:.3g}" for a, b, c in (steps[0].tied + steps[0].runners_up if steps else [])
+            f"{a} at {b} {c:.3g}" for a, b, c in (steps[0].tied if steps else [])
         ),
         "best rejected": "; ".join(
             f"{r['law']} at {r['site']} {r.iloc[3]:.3g}" for _, r in report.candidates.head(3).iterrows()

@@ -7,7 +7,7 @@ name; where they do not, the report says so.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -25,7 +25,6 @@ from .detection import Detection, detect
 from .localisation import localise, missing_force
 from .noise_floor import NoiseFloor
 from .residual import Residual, residual_of
-from .stage import Stage
 from .verdicts import Agreement, Location, Obstacle, Why
 from .workspace import Workspace
 
@@ -135,11 +134,10 @@ def look(
     work: Workspace,
     model: ChainModel,
     name: str = "model",
-    noise: Sequence[Stage] = (),
     chosen: str = "",
     floor: NoiseFloor | None = None,
 ) -> Evidence:
-    """Enter the rooms detection, localisation and characterisation with one model."""
+    """Detection, localisation and characterisation of what one model leaves of the search data."""
     out = Evidence(name, chosen=chosen)
     residual = _tried(out, "residual", lambda: searched_residual(work, model))
     if residual is None:
@@ -148,8 +146,6 @@ def look(
         }
         return out
     out.sizes = residual.sizes
-    if floor is None and noise:
-        floor = _tried(out, "noise floor", lambda: _floor(noise))
     out.detection = _tried(out, "detection", lambda: detect(residual, floor))
     options: dict[str, Any] = {"floor": floor, "known_masses": work.known_masses}
     out.localisation = _tried(out, "localisation", lambda: localise(residual, **options))
@@ -170,22 +166,6 @@ def look(
             out.couplings = _tried(out, "coupling", lambda: couplings(residual, floor)) or []
         out.floor = replace(floor, draws=[])
     return out
-
-
-def gather(scenes: Sequence[Any], models: Sequence[ChainModel], steps: Sequence[Any]) -> list[Evidence]:
-    """Evidence for the baseline and after every step; the steps get its sentences."""
-    sites = [str(step.site) for step in steps] + [""] * (len(scenes) - len(steps))
-    found = [
-        look(scene.trial.work, model, scene.name, scene.noise, site, scene.floor)
-        for scene, model, site in zip(scenes, models, sites)
-    ]
-    for k, evidence in enumerate(found):
-        evidence.later = tuple(site for site in sites[k + 1 :] if site)
-    for step, evidence in zip(steps, found):
-        step.detection = evidence.detection_sentence
-        step.localisation = evidence.localisation_sentence
-        step.characterisation = evidence.characterisation_sentence
-    return found
 
 
 def searched(work: Workspace, most: int = _ENOUGH, data: SegmentSet | None = None) -> tuple[SegmentSet, list[Any]]:
@@ -222,14 +202,6 @@ def searched_residual(work: Workspace, model: ChainModel) -> Residual:
         start = seg.valid.start - record.valid.start
         balance.append(whole[k][start : start + seg.n_valid])
     return residual.with_balance(balance)
-
-
-def _floor(noise: Sequence[Stage]) -> NoiseFloor:
-    draws = []
-    for stage in noise:
-        residual = searched_residual(stage.work, stage.trial().model())
-        draws.append((residual, residual.data))
-    return NoiseFloor.from_draws(draws, "free runs of the model with the noise of the channels")
 
 
 def _characterised(residual: Residual, site: str, options: dict[str, Any]) -> Characterisation:

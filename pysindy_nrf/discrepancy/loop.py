@@ -1,9 +1,10 @@
-"""Close the loop: find the residual, trace it to an effect, add the effect, judge it, repeat."""
+"""Close the loop: prepare, search, judge, conclude, report."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import nullcontext
 from typing import Any
 
 from threadpoolctl import threadpool_limits
@@ -18,15 +19,14 @@ from ..laws.sensor import SensorFault
 from ..mechanics.sites import Site
 from ..regression.segments import SegmentSet
 from ..signals.zero_phase_filter import filters_of
-from .begin_elsewhere import explored
-from .catalogue import as_laws, candidates
-from .conclusion import concluded
-from .floor_source import FloorSource
+from .catalogue import as_laws, candidates, flexible
+from .conclude import concluded
+from .folds import split, window_length
 from .prepare import Prepared, prepare
-from .report import LoopReport, audit
-from .rounds import Rounds
-from .splits import split
-from .stage import Stage
+from .report import LoopReport
+from .ruler import Ruler, Trial
+from .search import Forward, Search, State, proposals_of
+from .spectra import Windows
 from .workspace import Workspace
 
 
@@ -39,25 +39,20 @@ def close_loop(
     random_state: Any = 0,
     *,
     max_steps: int = 4,
-    n_surrogates: int = 2,
     noise_floor: Any = "channels",
     progress: bool = False,
 ) -> LoopReport:
     """Find the effects a model lacks, add them, and report the error before and after.
 
-    The records are fused (:class:`KinematicSmoother`), cut into contiguous blocks of equal energy,
-    and a quarter of each, between blocks of the search (or the records in ``heldout``), is put aside
-    until the last line.
-    Every law of the catalogue is tried at every site where it makes sense: its columns are built
-    from the raw motion, filtered like the rest, and the whole chain is solved again with it (variable
-    projection). The best is accepted if the median error over blocks it was not fitted to falls by
-    at least 15 %, in at least 80 % of the blocks, by more than the same law gains on surrogates that
-    hold the same noise and no effect, and if the model's free run does not get worse. Where none passes
-    alone, the best of several sites are put to the gate together. After each, the shape parameters of
-    all are estimated again and what a later effect made needless is taken out. Then the next is looked
-    for. A law of the family of an earlier one at its site takes its place, or stands beside it where both are missed;
-    a fault of a sensor that is corrected again remains one step. Where the effects do not explain what there is, the
-    search begins again with another place first, and what explains clearly more is kept.
+    The records are fused (:class:`KinematicSmoother`) and cut into folds; a quarter of each is put aside until the
+    last line, or the records in ``heldout``. Columns and forces are cut into half-overlapping windows and transformed;
+    the frequency bands in which the chain explains the balances are found once, before the search. Every law of the
+    catalogue is then tried at every site where it makes sense, and laws of the storeys at all of them at once. The
+    gain of a candidate is the fall of the cross-validated residual in dB, meaned over informative bands. An effect
+    is accepted if its gain stands whichever fold is left out and if it changes the force at its site enough to matter.
+    After each effect all shape parameters are refined and effects that became needless are taken out; at the end
+    effects are exchanged where another does better beside the rest. Held-out data have the last word: an effect that
+    does not lower their error is not confirmed, and the model does not hold it.
 
     Parameters
     ----------
@@ -69,21 +64,16 @@ def close_loop(
     heldout : Record or sequence of Record, optional
         Records that only the last line sees.
     band : (float, float), optional
-        Frequency band, Hz, in which everything is fitted and judged; the baseline's if None. Where displacements were
-        not measured, motions and forces begin where the accelerations tell the motion; the report says where. It does
-        not change during the search.
+        Frequency band, Hz, outside of which no band is informative; the baseline's if None.
     random_state : int, Generator or None
-        For the surrogates.
+        For the parametric bootstrap.
     max_steps : int
         Effects at most.
-    n_surrogates : int
-        Surrogates for the null reference; 0 leaves it out.
     noise_floor : {"channels", "repeats"}, float, mapping of int to float or NoiseFloor
-        What noise alone leaves of the forces, against which residuals, remainders and the certainty of
-        names are measured. ``"channels"``: of the surrogates, whose noise is that by which the channels of a DOF
-        contradict each other. ``"repeats"``: the records are repetitions of one test, sample by sample, and
-        differ by noise. Or the rms of the noise in each balance, N: one number, or by DOF. A floor that is
-        measured or given, and so does not rest on the model, also stops the loop where it is reached.
+        What noise alone leaves of the forces, against which the evidence measures residuals. ``"channels"``: a free
+        run of the model with the noise by which the channels of a DOF contradict each other. ``"repeats"``: the
+        records are repetitions of one test, sample by sample, and differ by noise. Or the rms of the noise in each
+        balance, N: one number, or by DOF.
     progress : bool
         Show a progress bar (tqdm) where the error stream is a terminal.
 
@@ -104,47 +94,56 @@ def close_loop(
     >>> truth = ChainModel([10.0, 10.0], {"storey 1": [*linear, laws.CoulombFriction(30.0)], "storey 2": linear})
     >>> F = excitation.band_limited_random(2, 8.0, 1000.0, dofs=2, rms=100.0, band=(1, 60), random_state=0)
     >>> report = close_loop(simulate(truth, F, 1e-3))
-    >>> report.steps[0].family, report.steps[0].site
-    ('friction', 'storey 1')
-
-    Where the balances are known to be no better than 10 N, that friction of 30 N is still heard, and nothing else:
-
-    >>> report = close_loop(simulate(truth, F, 1e-3), noise_floor={1: 10.0, 2: 10.0})
-    >>> [step.law for step in report.steps], "noise" in report.stopped_because
-    (['coulomb_friction'], True)
+    >>> report.steps[0].family, report.steps[0].site, report.steps[0].confirmed
+    ('friction', 'storey 1', True)
     """
     baseline = baseline if baseline is not None else NRFRegressor(degree=1)
     if not isinstance(baseline, NRFRegressor):
         raise NRFError(f"baseline={baseline!r} is not a model to begin with", "Give e.g. NRFRegressor(degree=1).")
-    max_steps, n_surrogates = whole("max_steps", max_steps), whole("n_surrogates", n_surrogates)
+    max_steps = whole("max_steps", max_steps)
     rng = generator(random_state)
     band = band if band is not None else baseline.band
-    ready = prepare(records, heldout)
-    floors = FloorSource(noise_floor, ready.data.n_dof)
-    search, held = split(ready.data.segments, ready.heldout)
-    problem = baseline.problem(ready.data.n_dof)
-    chain, known = problem.chain, problem.known_masses
-    filters = filters_of(band, ready.data)
-    work = Workspace(ready.data, filters, search, held, known, baseline.strategy)
-    if not work.forced and not known:
+    with threadpool_limits(1):  # the matrices are small: threads only get in each other's way
+        ready = prepare(records, heldout)
+        problem = baseline.problem(ready.data.n_dof)
+        work, ruler = _ruler(ready, problem, baseline.strategy, band)
+        first = State(Trial(ruler, problem.chain, _baseline_laws(problem, work)))
+        _require_covariates(first.trial.laws, ready)
+        _say_what_is_not_used(baseline)
+        segments = ready.data.segments
+        names = tuple(c for c in segments[0].covariates if all(c in s.covariates for s in segments))
+        tried = as_laws(catalogue, names)
+        every = candidates(tried, problem.chain, problem.known_masses, names, work.forced, len(work.searched))
+        proposals = proposals_of(every, problem.chain.sites)
+        faults = [law for law in tried if isinstance(law, SensorFault)]
+        with _bar(progress, max_steps * len(proposals)) as tick:
+            search = Search(proposals, progress=tick)
+            forward = Forward(search, first, ready, faults, rng)
+            forward.run(max_steps)
+        settings = {
+            "band": band, "random_state": random_state, "max_steps": max_steps, "catalogue": tried,
+            "baseline": baseline, "noise_floor": noise_floor,
+        }  # fmt: skip
+        return concluded(forward, first, settings, rng)
+
+
+def _ruler(ready: Prepared, problem: Problem, strategy: str, band: Any) -> tuple[Workspace, Ruler]:
+    """Folds, windows and informative bands."""
+    segments = ready.data.segments
+    length = window_length([s for i, s in enumerate(segments) if i not in (ready.heldout or ())])
+    work = Workspace(ready.data, *split(segments, length, ready.heldout), problem.known_masses, strategy)
+    if not work.forced and not work.known_masses:
         raise ExcitationError(
             "No force is measured and no mass is known, so nothing scales the chain",
             "Give the baseline known_masses={dof: kg}.",
         )
-    first = _baseline_laws(problem, work)
-    _require_covariates(first, ready)
-    _say_what_is_not_used(baseline)
-    names = tuple(c for c in ready.data.segments[0].covariates if all(c in s.covariates for s in ready.data.segments))
-    tried = as_laws(catalogue, names)
-    every = list(candidates(tried, chain, known, names, work.forced, len(work.searched)))
-    sensors = [law for law in tried if isinstance(law, SensorFault)]
-    rounds = Rounds(ready, work, every, sensors, floors, rng, n_surrogates, progress)
-    with threadpool_limits(1):  # the matrices are small: threads only get in each other's way
-        rounds = explored(rounds, Stage(work, chain, first), max_steps)
-        report = concluded(rounds, band if band is not None else ready.band)
-    words = floors.words if n_surrogates or floors.measured else "not known: no surrogates were run"
-    report.settings = audit(baseline, tried, band, random_state, max_steps, n_surrogates, ready, words)
-    return report
+    laws = _baseline_laws(problem, work)
+    rich = flexible(laws, problem.chain, work)
+    ruler = Ruler(work, Windows(ready.data, work.search, length)).find_bands(
+        [(problem.chain, laws), (problem.chain, rich)], band
+    )
+    work.filters = filters_of(ruler.band(), ready.data)
+    return work, ruler
 
 
 def _baseline_laws(problem: Problem, work: Workspace) -> Mapping[Site, tuple[ForceLaw, ...]]:
@@ -152,6 +151,21 @@ def _baseline_laws(problem: Problem, work: Workspace) -> Mapping[Site, tuple[For
     if any(law.free_shape for held in problem.laws.values() for law in held):
         return problem.solve(SegmentSet([piece for _, piece in work.pieces()], work.data.n_samples)).model.laws
     return dict(problem.laws)
+
+
+def _bar(progress: bool, total: int) -> Any:
+    """A context that gives a function to be called once for each candidate."""
+    import sys
+
+    if not (progress and sys.stderr.isatty()):
+        return nullcontext(lambda: None)
+    from tqdm import tqdm
+
+    class Bar(tqdm):
+        def __enter__(self) -> Any:
+            return self.update
+
+    return Bar(total=total, desc="candidates", file=sys.stderr, leave=False)
 
 
 def _require_covariates(laws: Mapping[Site, Sequence[ForceLaw]], ready: Prepared) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..common.random_state import generator
 from ..data.record import Record
-from ..exceptions import ChannelError
+from ..exceptions import ChannelError, NRFError
 from ..regression.chain_model import ChainModel
 from ..regression.input_arrays import from_arrays
 from ..regression.segments import SegmentSet
@@ -25,6 +25,8 @@ AT_FLOOR = 1.3
 LOUD = 2.0
 # One this far below it holds nothing but noise, whatever it correlates with.
 BELOW_FLOOR = 0.8
+# Rows in common that repeated records need.
+FEWEST = 64
 
 
 @dataclass
@@ -237,3 +239,52 @@ class _Clean:
 
 def _segments(record: Record, X: Any, F: Any) -> SegmentSet:
     return from_arrays(X, F, base_acceleration=record.base_acceleration, covariates=record.covariates)
+
+
+def floor_of(given: Any, work: Any, model: ChainModel, ready: Any) -> tuple[NoiseFloor | None, str]:
+    """The noise floor that a user gave or asked for, and where it comes from."""
+    if isinstance(given, NoiseFloor):
+        if len(given.balance) != work.n_dof:
+            raise ChannelError(
+                f"The noise floor has {len(given.balance)} balances, the chain {work.n_dof}",
+                "Make it of records of the same chain.",
+            )
+        return given, given.source
+    if isinstance(given, str) and given == "repeats":
+        floor = NoiseFloor.from_repeats(_repeated(work, model))
+        return floor, floor.source
+    if isinstance(given, str) and given == "channels":
+        try:
+            floor = NoiseFloor.from_channels(
+                model, [ready.records[i] for i in work.searched], [work.filters[i] for i in work.searched], n_draws=2,
+                random_state=0,
+            )  # fmt: skip
+        except NRFError:
+            return None, "not known: no free run"
+        return floor, floor.source
+    if isinstance(given, (Mapping, float, int, list, tuple, np.ndarray)) and not isinstance(given, bool):
+        return NoiseFloor.given(given, work.n_dof), "given by the user"
+    raise ChannelError(
+        f"noise_floor={given!r} is unknown",
+        "Choose 'channels' or 'repeats', or give the rms of the noise in each balance, N: {dof: rms}.",
+    )
+
+
+def _repeated(work: Any, model: ChainModel) -> Residual:
+    """Residual of repeated records along the rows that the search may see in all of them."""
+    used = list(work.searched)
+    segments = [work.data.segments[i] for i in used]
+    least = min(seg.n_samples for seg in segments)
+    seen = np.all([work.seen_rows(i)[:least] for i in used], axis=0)
+    runs = np.flatnonzero(np.diff(np.r_[False, seen, False].astype(int))).reshape(-1, 2)
+    first, last = max(runs, key=lambda r: r[1] - r[0]) if len(runs) else (0, 0)
+    if len(used) < 2 or last - first < FEWEST:
+        raise ChannelError(
+            f"{len(used)} record{'s' * (len(used) != 1)} with {last - first} rows in common tell no noise",
+            "Give repetitions of one test, aligned sample by sample, or noise_floor='channels'.",
+        )
+    data = SegmentSet(segments, work.data.n_samples)
+    whole = residual_of(model, data, [work.filters[i] for i in used])
+    pieces = [replace(seg, valid=slice(int(first), int(last))) for seg in segments]
+    cut = [e[first - seg.valid.start : last - seg.valid.start] for e, seg in zip(whole.balance, segments)]
+    return replace(whole, data=SegmentSet(pieces, work.data.n_samples)).with_balance(cut)

@@ -20,6 +20,8 @@ from ..signals.measured import Measured, measured
 
 # Noise of every channel, as a share of its rms, below which the channels are taken as they are.
 CLEAN = 0.004
+# Share of its rms by which a displacement may scatter at the start of a record that begins at rest.
+MOVES = 0.05
 
 
 @dataclass
@@ -99,6 +101,7 @@ def prepare(
     n = every[0].n_dof
     segments, found, told, at, clean = [], [], [], 0, True
     given = [{k: v for k, v in levels.items() if v > 0} for levels in noise or [{}] * len(every)]
+    every = [_zeroed(rec) for rec in every]
     for rec, known, band in zip(every, given, bands or ["auto"] * len(every), strict=True):
         if rec.n_dof != n:
             raise ChannelError(
@@ -119,6 +122,20 @@ def prepare(
         segments.append(piece)
     held = list(range(len(mine), len(every))) if kept else None
     return Prepared(every, SegmentSet(segments, at), found, held, clean, given=given, bands=told)
+
+
+def _zeroed(record: Record) -> Record:
+    """The record with the zero of displacements that no other channel knows at rest, or at the mean of the motion."""
+    if record.displacement is None or record.acceleration is not None or record.velocity is not None:
+        return record
+    changes = {}
+    for key in ("displacement", "base_displacement"):
+        x = getattr(record, key)
+        if x is not None:
+            start = x[: max(4, len(x) // 500)]
+            moves = np.nanstd(start, axis=0) > MOVES * np.nanstd(x, axis=0)
+            changes[key] = x - np.where(moves, np.nanmean(x, axis=0), np.nanmean(start, axis=0))
+    return record.replace(**changes)
 
 
 def measured_of(ready: Prepared) -> list[Measured]:

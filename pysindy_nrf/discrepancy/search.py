@@ -1,285 +1,355 @@
-"""Variable projection over laws x sites x shape parameters.
-
-Linear coefficients are eliminated on Gram matrices; shape parameters are scanned, all points of a law
-at once, then refined by a bounded simplex. Everything here sees search blocks only.
-"""
+"""The search: forward by the largest gain, backward, exchange; every decision on the ruler."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import product
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
 
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw
-from ..laws.shape import Shape, ShapeScale
+from ..laws.sensor import SensorFault
 from ..mechanics.sites import Site
+from ..regression.shape_search import balance_lines, driven_at
+from . import judge
+from .admissible import admissible
+from .bootstrap import simulated
 from .catalogue import Candidate
-from .stage import Stage
-from .workspace import Workspace
-
-# Points of the scan along each of the first two axes, by the number of shape parameters; a further
-# parameter starts at the lower end of its range, where its law is simplest, and is left to the refinement.
-_GRID = {1: 9, 2: 5, 3: 4}
-_EVALUATIONS = {1: 24, 2: 60, 3: 110}
-# A law with more shape parameters than this is only tried where a simpler one comes near the best.
-_SIMPLE = 2
-_NEAR = 1.3
+from .constants import BORDER, FINALISTS, LEAST_SHARE
+from .prepare import Prepared
+from .ruler import Gain, Ruler, Slot, Trial
+from .sensors import findings_of_faults
+from .shapes import Axes
+from .state import Effect, Finding, Proposal, State
 
 
-@dataclass
-class Finding:
-    """A candidate with its shape parameters, and how well it does.
-
-    Attributes
-    ----------
-    candidate : Candidate
-    law : ForceLaw
-        With shape parameters.
-    screen : float
-        Pooled balance error on the search blocks it was fitted to, percent.
-    drop : tuple of (Site, int)
-        Laws of the current model that it replaces.
-    folds : ndarray of shape (n_blocks,)
-        Pooled balance error on each search block after fitting to the others, percent.
-    n_freed : int
-        Coefficients and shape parameters of the laws that it replaces.
-    around : mapping of Site to tuple of ForceLaw, optional
-        The current laws with their shape parameters estimated again beside this one.
-    """
-
-    candidate: Candidate
-    law: ForceLaw
-    screen: float
-    drop: tuple[tuple[Site, int], ...] = ()
-    folds: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    n_freed: int = 0
-    around: Mapping[Site, tuple[ForceLaw, ...]] | None = None
-
-    @property
-    def site(self) -> Site:
-        """Where it acts."""
-        return self.candidate.site
-
-    @property
-    def n_parameters(self) -> int:
-        """Coefficients and shape parameters."""
-        return parameters_of(self.law)
-
-    @property
-    def n_added(self) -> int:
-        """How many more of them the model has with it."""
-        return self.n_parameters - self.n_freed
-
-    @property
-    def error(self) -> float:
-        """Median over the search blocks, percent."""
-        return float(np.median(self.folds))
-
-    def under(self, stage: Stage) -> Stage:
-        """The current laws as they stand beside this one."""
-        return stage if self.around is None else Stage(stage.work, stage.chain, self.around)
-
-    def on(self, stage: Stage) -> Stage:
-        """The current laws with this one."""
-        return self.under(stage).with_law(self.site, self.law, self.drop)
+def lines_at(trial: Trial, proposal: Proposal) -> list[float]:
+    """Frequencies that a harmonic force at a DOF may have, Hz, from what the search may see of the longest record."""
+    work, j = trial.ruler.work, proposal.sites[0].p
+    runs = [(i, run) for i in work.searched for run in work.runs(i)]
+    record, run = max(runs, key=lambda one: one[1].stop - one[1].start)
+    segment = work.data.segments[record]
+    if segment.dt is None:
+        return []
+    held = [work.columns(s, trial.laws[s], record) for s in trial.layout.sites if trial.laws.get(s)]
+    whole = slice(work.runs(record)[0].start, work.runs(record)[-1].stop)
+    inside = np.zeros(segment.n_valid)
+    for rows in work.runs(record):
+        inside[rows] = 1.0  # a line is as sharp as the record is long: what is held out is zero, not cut away
+    rows = (np.vstack([*held, work.fixed(record)]) * inside)[:, whole]
+    weighed = j in work.known_masses
+    driven = driven_at(segment, run)
+    return balance_lines(
+        rows, trial.layout, trial.solution(), j, segment.dt, weighed or j in work.forced, weighed, driven
+    )
 
 
-def parameters_of(law: ForceLaw) -> int:
-    """Number of coefficients and shape parameters of a law."""
-    return len(law.terms()) + len(law.shapes)
+def proposals_of(candidates: Iterable[Candidate], storeys: Sequence[Site]) -> list[Proposal]:
+    """Every candidate at its site, and every law of the storeys at all of them at once."""
+    alone = [Proposal(c.law, (c.site,)) for c in candidates if c.law.variable != "1"]
+    together = []
+    if len(storeys) > 1:
+        for law in dict.fromkeys(p.law for p in alone):
+            if {s for p in alone if p.law == law for s in p.sites} >= set(storeys) and "link" in law.acts_at:
+                together.append(Proposal(law, tuple(storeys)))
+    return alone + together
 
 
-class Axes:
-    """Shape parameters of a law that have no value, in the coordinates of the search."""
-
-    def __init__(self, law: ForceLaw, work: Workspace, site: Site) -> None:
-        self.law = law
-        self.shapes: list[Shape] = [p for p in law.shapes if law.shape[p.name] is None]
-        self.scale = ShapeScale(self.shapes, [work.scales(site)] * len(self.shapes), work.fastest)
-        self.log, self.low, self.high = self.scale.log, self.scale.low, self.scale.high
-
-    @property
-    def ends(self) -> tuple[float, float]:
-        """Bounds of the first shape parameter."""
-        return float(self.low[0]), float(self.high[0])
-
-    def values(self, u: np.ndarray) -> np.ndarray:
-        """Shape parameters at a point of the search, SI units."""
-        return self.scale.values(u)
-
-    def point(self, law: ForceLaw) -> np.ndarray:
-        """The point of the search at which a law stands."""
-        return self.scale.point(np.array([law.shape[p.name] for p in self.shapes], dtype=float))
-
-    def at(self, u: np.ndarray) -> ForceLaw:
-        """The law with shape parameters at a point of the search."""
-        values = self.values(np.clip(u, self.low, self.high))
-        return self.law.with_values(shape={p.name: float(x) for p, x in zip(self.shapes, values)})
-
-    def grid(self, lines: Sequence[float] = ()) -> Iterable[np.ndarray]:
-        """Points of the scan; spectral lines of the residual for a frequency."""
-        if not self.shapes:
-            return [np.zeros(0)]
-        if len(self.shapes) == 1 and self.shapes[0].is_frequency:
-            points = self.scale.point(np.array(lines, dtype=float), 0)
-            return [np.array([u]) for u in points if self.low[0] <= u <= self.high[0]]
-        count = _GRID.get(len(self.shapes), 4)
-        shares = [(np.arange(count) + 0.5) / count if i < 2 else [0.0] for i in range(len(self.shapes))]
-        return [self.low + np.array(p) * (self.high - self.low) for p in product(*shares)]
-
-    def step(self, lines: bool) -> np.ndarray:
-        """Spacing of the scan."""
-        if lines:
-            return np.full(1, 0.002)
-        return (self.high - self.low) / _GRID.get(len(self.shapes), 4)
-
-
-def replaced(stage: Stage, candidate: Candidate, accepted: Sequence[tuple[Site, str]]) -> tuple[tuple[Site, int], ...]:
-    """Accepted laws that share a column with a candidate at its site, or explain the same: it takes their place."""
-    left = Counter(name for site, name in accepted if site == candidate.site)
-    out = []
-    for i, law in reversed(list(enumerate(stage.laws.get(candidate.site, ())))):
-        if not left[law.name]:
-            continue
-        left[law.name] -= 1
-        if _share_a_label(law, candidate.law) or (law.family == candidate.law.family and not candidate.law.superposes):
-            out.append((candidate.site, i))
-    return tuple(reversed(out))
-
-
-def beside(stage: Stage, candidate: Candidate, drop: Sequence[tuple[Site, int]]) -> tuple[tuple[Site, int], ...]:
-    """Those of the laws whose place a candidate could take that cannot stand beside it."""
-    return tuple((site, i) for site, i in drop if excludes(stage.laws[site][i], candidate.law))
-
-
-def excludes(one: ForceLaw, other: ForceLaw) -> bool:
+def exclude(one: ForceLaw, other: ForceLaw) -> bool:
     """Whether two laws cannot stand beside each other at one site."""
     if one.contains(other) or other.contains(one):
         return True
-    return _share_a_label(one, other) and not (one.name == other.name and one.shapes)
+    shared = {t.label for t in one.terms()} & {t.label for t in other.terms()}
+    return bool(shared) and not (one.name == other.name and one.shapes)
 
 
-def _share_a_label(one: ForceLaw, other: ForceLaw) -> bool:
-    return not {t.label for t in one.terms()}.isdisjoint(t.label for t in other.terms())
+class Search:
+    """Forward, backward and exchange from one state.
 
+    Parameters
+    ----------
+    proposals : sequence of Proposal
+    accepted : callable
+        Whether a gain is there and matters: the judge.
+    progress : callable
+        Called once for each proposal.
+    """
 
-def screen(
-    stage: Stage,
-    candidates: Iterable[Candidate],
-    accepted: Sequence[tuple[Site, str]] = (),
-    lines: dict[Site, list[float]] | None = None,
-    progress: Callable[[], Any] | None = None,
-    both: bool = False,
-) -> list[Finding]:
-    """Scan every candidate over the grid of its shape parameters."""
-    candidates = list(candidates)
-    simple = [c for c in candidates if len(c.law.free_shape) <= _SIMPLE]
-    found = _scan(stage, simple, accepted, lines, progress, both)
-    now = stage.trial().search_error()
-    best = min((f.screen for f in found), default=now)
-    near = {f.site for f in found if f.screen <= _NEAR * best} if best < now * 0.95 else {c.site for c in candidates}
-    rich = [c for c in candidates if len(c.law.free_shape) > _SIMPLE]
-    found += _scan(stage, [c for c in rich if c.site in near], accepted, lines, progress, both)
-    return sorted(found, key=lambda f: f.screen)
+    def __init__(
+        self,
+        proposals: Sequence[Proposal],
+        progress: Callable[[], Any] = lambda: None,
+    ) -> None:
+        self.constants = [p for p in proposals if p.law.variable == "1"]
+        self.proposals, self.progress = [p for p in proposals if p.law.variable != "1"], progress
 
+    def candidates(self, state: State, finalists: int = FINALISTS) -> list[Finding]:
+        """Findings on top of a state, the best first, cross-validated."""
+        found = []
+        for proposal in self.proposals:
+            self.progress()
+            for base in self._bases(state, proposal):
+                best = self._scanned(base, proposal, state)
+                if best is not None:
+                    found.append(best)
+        found.sort(key=lambda f: -f.screen)
+        return sorted(filter(None, map(self.judged, _varied(found, finalists))), key=lambda f: -f.gain.value)
 
-def grid_of(stage: Stage, candidate: Candidate, lines: Sequence[float] = ()) -> list[ForceLaw]:
-    """The law of a candidate with the values of its shape parameters that a scan tries."""
-    axes = Axes(candidate.law, stage.work, candidate.site)
-    return [axes.at(u) for u in axes.grid(lines)]
+    def _bases(self, state: State, proposal: Proposal) -> list[State]:
+        """The state without the effects whose place a proposal takes, and with those beside which it can stand."""
+        mine = [e for e in state.effects if e.site in proposal.sites]
+        if any((e.template, e.site) == (proposal.law, e.site) and not e.template.superposes for e in mine):
+            return []
+        law = proposal.law
+        must = {e for e in mine if exclude(e.law, law)}
+        may = must | {e for e in mine if e.law.family == law.family and not law.superposes}
+        return [self.without(state, gone) for gone in {frozenset(must), frozenset(may)}]
 
+    @staticmethod
+    def without(state: State, gone: Iterable[Effect]) -> State:
+        """The state without some effects."""
+        gone = set(gone)
+        trial = state.trial
+        if not gone:
+            return state
+        for e in gone:
+            trial = trial.without(e.site, e.law)
+        return State(trial, tuple(e for e in state.effects if e not in gone), state.ready)
 
-def _scan(
-    stage: Stage,
-    candidates: Iterable[Candidate],
-    accepted: Sequence[tuple[Site, str]],
-    lines: dict[Site, list[float]] | None,
-    progress: Callable[[], Any] | None,
-    both: bool,
-) -> list[Finding]:
-    found = []
-    for candidate in candidates:
-        if progress is not None:
-            progress()
-        drop = replaced(stage, candidate, accepted)
-        points = grid_of(stage, candidate, (lines or {}).get(candidate.site, ()))
+    def _scanned(self, base: State, proposal: Proposal, state: State) -> Finding | None:
+        axes = Axes(proposal.law, base.trial.ruler.work, proposal.sites)
+        points = axes.grid(lines_at(base.trial, proposal) if any(p.is_frequency for p in axes.shapes) else ())
         if not points:
-            continue
-        for out in dict.fromkeys([drop, beside(stage, candidate, drop)] if both else [drop]):
+            return None
+        try:
+            slot = Slot(base.trial, [(s, proposal.law) for s in proposal.sites])
+            gains = _gains(slot, [axes.at(u) for u in points])
+        except NRFError:
+            return None
+        best = int(np.argmax(gains))
+        if not np.isfinite(gains[best]):
+            return None
+        lost = (
+            Gain(base.trial.powers, state.trial.powers, base.trial.ruler.informative).value
+            if base is not state
+            else 0.0
+        )
+        return Finding(proposal, axes.at(points[best]), base, float(gains[best]) - lost)
+
+    def judged(self, finding: Finding, over: State | None = None) -> Finding | None:
+        """The finding with refined shape parameters and its cross-validated gain over a state."""
+        base, proposal = finding.state, finding.proposal
+        axes = Axes(proposal.law, base.trial.ruler.work, proposal.sites)
+        try:
+            slot = Slot(base.trial, [(s, proposal.law) for s in proposal.sites])
+            u = axes.refined(lambda laws: float(_gains(slot, [laws])[0]), axes.point(finding.laws[0]), 0.5)
+            laws = axes.at(u)
+            trial = base.trial.with_laws(list(zip(proposal.sites, laws)))
+        except NRFError:
+            return None
+        effects = (*base.effects, *(Effect(law, s, proposal.law) for law, s in zip(laws, proposal.sites)))
+        return replace(
+            finding,
+            laws=laws,
+            after=State(trial, effects, base.ready),
+            gain=Gain(base.trial.powers, trial.powers, trial.ruler.informative),
+        )
+
+    def polished(self, state: State) -> State:
+        """The shape parameters of all effects refined once more, one effect after the other."""
+        for effect in state.effects:
+            if not effect.template.free_shape or effect.is_fault:
+                continue
+            base = self.without(state, [effect])
+            axes = Axes(effect.template, base.trial.ruler.work, [effect.site])
+            slot = Slot(base.trial, [(effect.site, effect.template)])
             try:
-                errors = stage.slot(candidate.site, candidate.law, out).errors(points, keep=True)
+                u = axes.refined(lambda laws: float(_gains(slot, [laws])[0]), axes.point(effect.law), 0.2)  # noqa: B023
+                new = replace(effect, law=axes.at(u)[0])
+                trial = base.trial.with_laws([(effect.site, new.law)])
             except NRFError:
                 continue
-            best = int(np.argmin(errors))
-            if np.isfinite(errors[best]):
-                freed = sum(parameters_of(stage.laws[site][i]) for site, i in out)
-                found.append(Finding(candidate, points[best], float(errors[best]), out, n_freed=freed))
-    return found
+            if trial.gain_over(state.trial).value > 0:
+                state = State(trial, tuple(new if e is effect else e for e in state.effects), state.ready)
+        return state
 
 
-def refine(stage: Stage, finding: Finding, evaluations: int | None = None, reach: float = 0.5) -> Finding:
-    """Refine the shape parameters of a candidate."""
-    axes = Axes(finding.candidate.law, stage.work, finding.site)
-    if not axes.shapes:
-        return finding
-    start = axes.point(finding.law)
-    step = reach * axes.step(axes.shapes[0].is_frequency)
-    slot = finding.under(stage).slot(finding.site, finding.candidate.law, finding.drop)
+class Forward:
+    """The course of a search: forward steps, each followed by refinement and backward elimination; exchange at the end.
 
-    def cost(u: np.ndarray) -> float:
-        return min(float(slot.errors([axes.at(u)])[0]), 1e6)
+    Attributes
+    ----------
+    state : State
+    taken : list of Taken
+        What was accepted, in the order of acceptance, with its rivals.
+    last : list of (Finding, Gain)
+        Candidates of the last forward step, the best first.
+    """
 
-    away = np.where(start + step > axes.high, -step, step)
-    simplex = np.vstack([start, start + np.diag(away)])
-    most = evaluations or _EVALUATIONS.get(len(start), 160)
-    best = minimize(
-        cost,
-        start,
-        method="Nelder-Mead",
-        bounds=list(zip(axes.low, axes.high)),
-        options={"initial_simplex": simplex, "xatol": 1e-5, "fatol": 1e-9, "maxfev": most},
-    )
-    point, error = (best.x, float(best.fun)) if best.fun < finding.screen else (start, finding.screen)
-    if len(point) == 1:
-        point = np.array([np.mean(plateau(lambda u: cost(np.array([u])), float(point[0]), *axes.ends))])
-    elif point is start:
-        return finding
-    return replace(finding, law=axes.at(point), screen=error, folds=np.zeros(0))
+    def __init__(
+        self, search: Search, state: State, ready: Prepared, faults: Sequence[SensorFault], rng: np.random.Generator
+    ) -> None:
+        self.search, self.faults, self.rng = search, faults, rng
+        self.state = replace(state, ready=ready)
+        self.rulers: dict[Effect, Ruler] = {}  # on the records freed of a fault
+        self.rivals: dict[Effect, list[Finding]] = {}
+        self.last: list[tuple[Finding, Gain]] = []
 
-
-def plateau(
-    cost: Callable[[float], float], best: float, low: float, high: float, slack: float = 1e-9
-) -> tuple[float, float]:
-    """Between which values a shape parameter can be moved without a change of the error."""
-    enough = cost(best) * (1 + slack)
-    ends = []
-    for bound in (low, high):
-        inside, outside, step = best, bound, 1e-3 * (bound - best)
-        while step and abs(step) < abs(bound - best):
-            if cost(best + step) > enough:
-                outside = best + step
+    def run(self, most: int) -> None:
+        """Add effects until none is accepted or there are ``most`` of them."""
+        while len(self.state.effects) < most:
+            found = self._step(self.state)
+            if found is None:
                 break
-            inside, step = best + step, 2.0 * step
-        else:
-            if cost(bound) <= enough:
-                inside = bound
-        for _ in range(8 if inside != best or slack > 1e-6 else 0):
-            middle = 0.5 * (inside + outside)
-            inside, outside = (middle, outside) if cost(middle) <= enough else (inside, middle)
-        ends.append(inside)
-    return ends[0], ends[1]
+            before = self.state
+            self._take(found)
+            self._eliminate()
+            if set(e.site for e in self.state.effects) == set(e.site for e in before.effects) and (
+                self.state.trial.gain_over(before.trial).value <= 0
+            ):
+                self.state = before
+                break
+        if len(self.state.effects) > 1:
+            self._exchange()
+        self._constants(most)
+
+    def _step(self, state: State, record: bool = True) -> tuple[Finding, list[Finding]] | None:
+        found: list[Any] = self.search.candidates(state)
+        if record:
+            found = found + findings_of_faults(state, self.faults)
+        pairs = judge.ranked(found, state)
+        if record:
+            self.last = pairs
+        good = [k for k, (f, _) in enumerate(pairs) if judge.accepts(f, state)]
+        if not good:
+            return None
+        pairs = [pairs[k] for k in good]
+        number = judge.chosen(pairs)
+        if pairs[number][1].value < BORDER and not self._beyond_chance(state, pairs[number][1].value):
+            return None
+        return pairs[number][0], judge.rivals(pairs, number)
+
+    def _beyond_chance(self, state: State, gain: float) -> bool:
+        """Whether a small gain exceeds what the whole search gains where the state is the truth."""
+        assert state.ready is not None
+        ruler = simulated(state.ready, state.trial, self.rng)
+        if ruler is None:
+            return True
+        try:
+            null = State(Trial(ruler, state.trial.base, state.trial.laws), state.effects, state.ready)
+            best = self.search.candidates(null, finalists=3)
+        except NRFError:
+            return True
+        return not best or gain > 1.5 * max(f.gain.value for f in best if f.gain is not None)
+
+    def _take(self, found: tuple[Finding, list[Finding]]) -> None:
+        finding, rivals = found
+        assert finding.after is not None
+        new = [e for e in finding.after.effects if e not in self.state.effects]
+        kept = {(e.template, e.site): self.rivals.get(e, []) for e in self.state.effects}
+        polished = self.search.polished(finding.after)
+        for e in polished.effects:
+            mine = any((e.template, e.site) == (n.template, n.site) for n in new)
+            self.rivals[e] = rivals if mine else kept.get((e.template, e.site), [])
+            if e.is_fault and e not in self.rulers:
+                self.rulers[e] = polished.trial.ruler
+        self.state = polished
+
+    def _eliminate(self) -> None:
+        """Take out effects that the others made needless, the least useful first."""
+        while len(self.state.effects) > 1:
+            weakest: tuple[float, State] | None = None
+            for effect in self.state.effects:
+                if effect.is_fault:
+                    continue
+                try:
+                    without = self.search.without(self.state, [effect])
+                except NRFError:
+                    continue
+                gain = self.state.trial.gain_over(without.trial)
+                if not judge.is_there(gain) and (weakest is None or gain.value < weakest[0]):
+                    weakest = gain.value, without
+            if weakest is None:
+                return
+            self.state = weakest[1]
+
+    def _constants(self, most: int) -> None:
+        """Constant forces, from the means that every other decision leaves out."""
+        laws = list(dict.fromkeys((p.law, p.sites[0]) for p in self.search.constants))
+        ruler = self.state.trial.ruler.as_measured()
+        try:
+            trial = Trial(ruler, self.state.trial.base, self.state.trial.laws)
+        except NRFError:
+            return
+        while laws and len(self.state.effects) < most:
+            tried = []
+            for law, site in laws:
+                try:
+                    after = trial.with_laws([(site, law)])
+                except NRFError:
+                    continue
+                gain = after.gain_over(trial)
+                if judge.is_there(gain) and judge.share_of(after, trial, site) >= LEAST_SHARE:
+                    tried.append((gain.value, law, site, after))
+            if not tried:
+                return
+            _, law, site, trial = max(tried, key=lambda one: one[0])
+            laws.remove((law, site))
+            effect = Effect(law, site, law)
+            self.state = replace(self.state, effects=(*self.state.effects, effect))
+
+    def _exchange(self) -> None:
+        """Replace an effect where another does better beside the rest."""
+        for effect in self.state.effects:
+            if effect.is_fault or effect not in self.state.effects:
+                continue
+            try:
+                base = self.search.without(self.state, [effect])
+            except NRFError:
+                continue
+            found = self._step(base, record=False)
+            if found is None or found[0].after is None:
+                continue
+            gap, error = judge.difference(
+                found[0].after.trial.gain_over(base.trial), self.state.trial.gain_over(base.trial)
+            )
+            if gap > max(error, 0.1):
+                before, self.state = self.state, base
+                self._take(found)
+                self._eliminate()
+                if self.state.trial.gain_over(before.trial).value <= 0:
+                    self.state = before
 
 
-def validate(stage: Stage, finding: Finding) -> Finding:
-    """Judge a candidate on each search block after fitting to the others."""
-    try:
-        folds = finding.under(stage).slot(finding.site, finding.candidate.law, finding.drop).folds(finding.law)
-    except NRFError:
-        folds = np.full(len(stage.work.search), np.inf)
-    return replace(finding, folds=folds)
+def _gains(slot: Slot, points: Sequence[tuple[ForceLaw, ...]]) -> np.ndarray:
+    """Gains of laws at the sites of a slot; minus infinity where a law may not have such coefficients."""
+    ruler = slot.trial.ruler
+    parts = []
+    for k, site in enumerate(slot.sites):
+        laws = [laws[k] for laws in points]
+        columns = ruler.spectra(site, laws) if laws[0].shapes else ruler.columns(site, laws[0])
+        parts.append(columns.reshape(len(points), slot.widths[k], -1))
+    columns = np.concatenate(parts, axis=1)
+    gains, theta = slot.gains(columns)
+    sizes = np.sqrt((columns**2).sum(axis=-1))
+    for i, laws in enumerate(points):
+        at = 0
+        for law, width in zip(laws, slot.widths):
+            if not admissible(law, theta[i, at : at + width], sizes[i, at : at + width]):
+                gains[i] = -np.inf
+            at += width
+    return gains
+
+
+def _varied(found: Sequence[Finding], count: int) -> list[Finding]:
+    """The best findings, at most two of a family at the same sites."""
+    out: list[Finding] = []
+    for f in found:
+        alike = [g for g in out if (g.family, g.proposal.sites) == (f.family, f.proposal.sites)]
+        if len(alike) < 2 and f.screen > 0:
+            out.append(f)
+        if len(out) == count:
+            break
+    return out

@@ -252,3 +252,58 @@ def contradictions(found: Sequence[Any]) -> str:
     """Channels of one DOF that do not show one motion; empty if there are none."""
     said = "; ".join(dict.fromkeys(one.message for one in found))
     return f"Channels contradict each other, and the fusion made the best of it: {said}" if found else ""
+
+
+# -- the loop ---------------------------------------------------------------------------------------
+
+
+def band(found: tuple[float | None, float | None]) -> str:
+    """A frequency band."""
+    low, high = found
+    return "full" if low is None and high is None else f"{low or 0:.3g}-{np.inf if high is None else high:.3g} Hz"
+
+
+def acceptance(step: Any) -> str:
+    """Why an effect was accepted, and whether held-out data confirm it."""
+    text = (
+        f"lowers the residual on folds left out of the fit by {step.gain:.2g} dB (standard error {step.gain_error:.2g}, "
+        f"{step.gain_least:.2g} without the fold that speaks most for it)"
+    )
+    if np.isfinite(step.share):
+        text += f"; it changes {100 * step.share:.0f} % of the force at its site"
+    return text
+
+
+def confirmation(step: Any) -> str:
+    """What the held-out data say of an effect."""
+    change = f"held-out balance error {step.error_before:.3g} to {step.error_after:.3g} %"
+    return change if step.confirmed else f"{change}: NOT CONFIRMED, and the model does not hold it"
+
+
+def best_refused(last: Any) -> str:
+    """Why no further effect was added."""
+    if last is None:
+        return "no law of the catalogue lowers the error at any site"
+    finding, gain = last
+    where = f"{finding.proposal.law.name} at {', '.join(map(str, finding.proposal.sites))}"
+    return (
+        f"no further effect is there and matters: the best candidate, {where}, gains {gain.value:.2g} dB (standard error "
+        f"{gain.error:.2g}, {gain.least:.2g} without the fold that speaks most for it)"
+    )
+
+
+def hopeless(left: np.ndarray) -> str:
+    """A balance of which the model explains next to nothing: a claim is no better than its worst balance."""
+    worst = int(np.nanargmax(left)) + 1
+    return f"the best model leaves {left[worst - 1]:.0f} % of the balance of DOF {worst}"
+
+
+def negative_masses(masses: np.ndarray) -> str:
+    """Masses that no structure has."""
+    bad = ", ".join(f"m{j} = {m:.3g} kg" for j, m in enumerate(masses, 1) if m <= 0)
+    return f"masses came out not positive ({bad})"
+
+
+def cancelled_masses(dofs: Sequence[int]) -> str:
+    """Effects that take away a declared mass."""
+    return f"an effect cancels the declared mass of DOF {', '.join(map(str, dofs))}"

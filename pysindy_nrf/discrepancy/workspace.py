@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
-from typing import Any
 
 import numpy as np
 
-from ..exceptions import NRFError
 from ..laws.base import ForceLaw
 from ..laws.shape import Motion, Scales
 from ..mechanics.sites import Site
-from ..regression.grams import leave_one_out
 from ..regression.segments import BlockRows, Segment, SegmentSet, half_the_rate
 from ..regression.solution import clock_of
-from .splits import joined
-
-# Bytes of columns of candidates that are kept from one step of the loop to the next.
-CACHE = 200_000_000
 
 
 class Workspace:
@@ -29,26 +20,26 @@ class Workspace:
     Parameters
     ----------
     data : SegmentSet
-    filters : sequence of FairFilter or None
-        One for each record.
     search, held : sequence of BlockRows
+        Folds of the search, and what is held out; rows count from the first valid row of a record.
     known_masses : mapping of int to float
     strategy : str
-    kept : ndarray of bool, shape (n_search_samples,), optional
-        Samples of the search blocks, one behind the other, that take part in a fit; all if None.
+
+    Attributes
+    ----------
+    filters : list of FairFilter or None
+        One for each record: the band in which residuals are looked at; decisions do not read it.
     """
 
     def __init__(
         self,
         data: SegmentSet,
-        filters: Sequence[Any],
         search: Sequence[BlockRows],
         held: Sequence[BlockRows],
         known_masses: Mapping[int, float],
         strategy: str,
-        kept: np.ndarray | None = None,
     ) -> None:
-        self.data, self.filters, self.kept = data, list(filters), kept
+        self.data, self.filters = data, [None] * len(data.segments)  # type: list[Any]
         self.search, self.held = list(search), list(held)
         self.known_masses, self.strategy = dict(known_masses), strategy
         self.n_dof = data.n_dof
@@ -57,37 +48,23 @@ class Workspace:
         self.forced, self.unknown = seen.forced, seen.unknown
         self._motions: dict[tuple[Site, int], Motion] = {}
         self._scales: dict[Site, Scales] = {}
-        self._cache: OrderedDict[Any, np.ndarray] = OrderedDict()
-        self._cached = 0
-        self._fixed = []
-        for i, seg in enumerate(data.segments):
-            a = self.filtered(i, seg.a[seg.valid].astype(float).T)
-            force = seg.F[seg.valid].astype(float).T
-            known = ~np.isnan(force[:, 0])
-            force[known] = self.filtered(i, force[known]) if known.any() else force[known]
-            force[~known] = 0.0
-            self._fixed.append(np.vstack([a, force]))
         self.known = np.array([~np.isnan(seg.F[seg.valid.start]) for seg in data.segments])
-        ends = np.cumsum([0, *(b.rows.stop - b.rows.start for b in self.search)])
-        self.spans = [slice(int(lo), int(hi)) for lo, hi in zip(ends[:-1], ends[1:])]
-        counts = [rows.stop - rows.start if kept is None else np.count_nonzero(kept[rows]) for rows in self.spans]
-        self.sizes = np.array(counts, dtype=float)
 
-    def only(self, kept: np.ndarray) -> Workspace:
-        """The same records, of which only some samples of the search blocks take part in a fit."""
-        return Workspace(
-            self.data, self.filters, self.search, self.held, self.known_masses, self.strategy, kept
-        )
+    def with_data(self, data: SegmentSet) -> Workspace:
+        """The same rows of other motions (of corrected channels), as far as they are valid."""
 
-    def _of_search(self, parts: Mapping[int, np.ndarray]) -> np.ndarray:
-        """Rows along all search blocks, one behind the other; zero where a sample takes no part."""
-        out = np.concatenate([parts[b.segment][:, b.rows] for b in self.search], axis=1)
-        return out if self.kept is None else out * self.kept
+        def same(blocks: Sequence[BlockRows]) -> list[BlockRows]:
+            out = []
+            for b in blocks:
+                old, new = self.data.segments[b.segment].valid, data.segments[b.segment].valid
+                length = new.stop - new.start
+                ends = (int(np.clip(r + old.start - new.start, 0, length)) for r in (b.rows.start, b.rows.stop))
+                out.append(BlockRows(b.segment, slice(*ends)))
+            return out
 
-    def filtered(self, segment: int, rows: np.ndarray) -> np.ndarray:
-        """Rows of one record through its fair filter."""
-        filter = self.filters[segment]
-        return np.ascontiguousarray(rows if filter is None else filter.apply(rows.T).T)
+        out = Workspace(data, same(self.search), same(self.held), self.known_masses, self.strategy)
+        out.filters = self.filters
+        return out
 
     def motion(self, site: Site, segment: int) -> Motion:
         """Motion that a law at a site sees in one record."""
@@ -110,9 +87,26 @@ class Workspace:
         """Half the lowest sampling rate of the search, Hz."""
         return half_the_rate(self.data.segments[i] for i in self.searched)
 
+    def columns(self, site: Site, laws: Sequence[ForceLaw], segment: int) -> np.ndarray:
+        """Columns of laws along one record, from the raw motion."""
+        motion = self.motion(site, segment)
+        return np.vstack([law.features(motion).T for law in laws])
+
+    def fixed(self, segment: int) -> np.ndarray:
+        """Accelerations and forces of one record, shape (2 n_dof, n_valid_samples); unknown forces are zero."""
+        seg = self.data.segments[segment]
+        force = np.nan_to_num(seg.F[seg.valid].astype(float).T)
+        return np.vstack([seg.a[seg.valid].astype(float).T, force])
+
     def runs(self, record: int) -> list[slice]:
         """Runs of search rows of a record with no held-out piece in them, counted from its first valid row."""
-        return joined(b.rows for b in self.search if b.segment == record)
+        runs: list[slice] = []
+        for rows in (b.rows for b in self.search if b.segment == record):
+            if runs and runs[-1].stop == rows.start:
+                runs[-1] = slice(runs[-1].start, rows.stop)
+            else:
+                runs.append(rows)
+        return runs
 
     def pieces(self, data: SegmentSet | None = None) -> list[tuple[int, Segment]]:
         """The data that the search may see, as contiguous segments with the numbers of their records."""
@@ -126,62 +120,6 @@ class Workspace:
         """Which samples of a record the search may look at."""
         segment = self.data.segments[record]
         seen = np.zeros(segment.n_samples, dtype=bool)
-        for b in self.search:
-            if b.segment == record:
-                seen[segment.valid.start + b.rows.start : segment.valid.start + b.rows.stop] = True
+        for rows in self.runs(record):
+            seen[segment.valid.start + rows.start : segment.valid.start + rows.stop] = True
         return seen
-
-    def columns(self, site: Site, laws: Sequence[ForceLaw], segment: int) -> np.ndarray:
-        """Columns of laws along one record, built from the raw motion and then filtered like the rest."""
-        motion = self.motion(site, segment)
-        return self.filtered(segment, np.vstack([law.features(motion).T for law in laws]))
-
-    def search_columns(self, site: Site, laws: Sequence[ForceLaw], keep: bool = False) -> np.ndarray:
-        """The same along all search blocks, one behind the other."""
-        key = (site, tuple(laws))
-        if keep and key in self._cache:
-            self._cache.move_to_end(key)
-            return self._cache[key]
-        out = self._of_search({i: self.columns(site, laws, i) for i in self.searched})
-        if not np.isfinite(out).all():
-            raise NRFError("The columns of the law overflow", "Leave it out of the catalogue.")
-        if keep and out.nbytes < CACHE // 4:
-            self._cache[key] = out
-            self._cached += out.nbytes
-            while self._cached > CACHE:
-                self._cached -= self._cache.popitem(last=False)[1].nbytes
-        return out
-
-    def fixed(self, segment: int) -> np.ndarray:
-        """Accelerations and forces of one record, shape (2 n_dof, n_valid_samples)."""
-        return self._fixed[segment]
-
-    @cached_property
-    def search_fixed(self) -> np.ndarray:
-        """The same along all search blocks."""
-        return self._of_search(dict(enumerate(self._fixed)))
-
-    @property
-    def blocks(self) -> list[BlockRows]:
-        """Search blocks, then held-out blocks."""
-        return self.search + self.held
-
-    def uses(self, groups: Sequence[tuple[int, ...]]) -> tuple[dict[tuple[int, ...], int], np.ndarray]:
-        """Which search blocks serve which group of balances: those in which all its forces are known."""
-        seen = self.known[[b.segment for b in self.search]]
-        rows: dict[bytes, int] = {}
-        out: dict[tuple[int, ...], int] = {}
-        members: list[np.ndarray] = []
-        for dofs in groups:
-            mine = np.asarray(seen[:, [j - 1 for j in dofs]].all(axis=1))
-            if mine.tobytes() not in rows:
-                rows[mine.tobytes()] = len(members)
-                members.append(mine)
-            out[dofs] = rows[mine.tobytes()]
-        return out, np.array(members)
-
-
-def leave_out_by_use(grams: np.ndarray, members: np.ndarray) -> np.ndarray:
-    """Sums over all blocks but one, from both ends, so that what is zero stays zero."""
-    own = members.T.reshape(members.T.shape + (1,) * (grams.ndim - 1)) * grams[:, None]
-    return leave_one_out(own)

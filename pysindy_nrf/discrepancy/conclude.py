@@ -1,0 +1,314 @@
+"""The end of the search: confirmation on held-out data, intervals, certainty, safeguards, the report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.stats import t as student
+
+from ..common.jackknife import variance
+from ..exceptions import NRFError
+from ..laws.base import ForceLaw
+from ..laws.friction import CoulombFriction
+from ..mechanics.sites import Site
+from ..regression.domains import VisitedRegion
+from . import judge, words
+from .bootstrap import simulated
+from .catalogue import balances_of
+from .constants import COMPLETE, HOPELESS, LEAST_RATIO
+from .contradictions import contradictions
+from .evidence import Evidence, look, searched
+from .free_run import free_run_error
+from .noise_floor import floor_of
+from .prepare import measured_of
+from .report import LoopReport, Step, audit
+from .ruler import Gain, Powers, Ruler, Slot, Trial
+from .search import Forward
+from .shapes import Axes
+from .site_loops import loops_of
+from .spectra import Windows
+from .state import Effect, State
+
+LEVEL = 0.95
+
+
+@dataclass
+class Stand:
+    """A model on the way to the last one, judged on the search and on held-out data."""
+
+    name: str
+    trial: Trial
+    held: Powers
+    ruler: Ruler  # of the held-out data
+    row: dict[str, float]
+
+    @property
+    def error(self) -> float:
+        """Pooled held-out error, percent."""
+        return self.row["held-out"]
+
+
+def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: np.random.Generator) -> LoopReport:
+    """The report of a search that has come to its end; the held-out data are read here."""
+    state = forward.state
+    ruler = first.trial.ruler
+    means = any(e.law.variable == "1" for e in state.effects)  # a constant force shows in the means alone
+    base = Trial(ruler.as_measured(), first.trial.base, first.trial.laws) if means else first.trial
+    stands = [_stand("baseline", base)]
+    steps: list[Step] = []
+    confirmed = stands[0]
+    laws = dict(first.trial.laws)
+    ruler = base.ruler
+    for effect in state.effects:
+        if effect.is_fault:
+            ruler = forward.rulers[effect].as_measured() if means else forward.rulers[effect]
+            with_it = laws
+        else:
+            with_it = {**laws, effect.site: (*laws.get(effect.site, ()), effect.law)}
+        try:
+            stand = _stand(f"{effect.law.name} at {effect.site}", Trial(ruler, first.trial.base, with_it))
+        except NRFError:
+            continue
+        step = _step(forward, effect, confirmed, stand)
+        steps.append(step)
+        stands.append(stand)
+        if step.confirmed:
+            confirmed, laws = stand, with_it
+    stopped = _why_stopped(forward, settings["max_steps"])
+    no_claim = _no_claim(stands[0], confirmed, first)
+    if no_claim:
+        stopped = f"{no_claim}. Nothing is claimed"
+        steps, stands, confirmed = [], stands[:1], stands[0]
+    model = confirmed.trial.model()
+    _say_how_sure(steps, forward, confirmed, rng)
+    return _report(forward, first, settings, steps, stands, confirmed, model, stopped)
+
+
+def _stand(name: str, trial: Trial) -> Stand:
+    """A trial judged on the search and on the held-out data."""
+    ruler, work = trial.ruler, trial.ruler.work
+    windows = ruler.windows
+    held = ruler.on(Windows(work.data, work.held, windows.length, windows.edges, windows.centred))
+    powers = trial.powers_on(held)
+    errors = held.errors(powers)
+    within = Powers(trial.within[None], trial.powers.reference)
+    row = {
+        "search": ruler.error(within),
+        "validation": ruler.error(trial.powers),
+        "held-out": held.error(powers, ruler.scale(trial.powers)),
+        "free run": free_run_error(trial.model(), work),
+        **{f"held-out dof {j}": float(e) for j, e in enumerate(errors, 1)},
+    }
+    return Stand(name, trial, powers, held, row)
+
+
+def _step(forward: Forward, effect: Effect, before: Stand, after: Stand) -> Step:
+    """One effect, with what it gains on the search and on the held-out data."""
+    site = effect.site
+    gain = after.trial.gain_over(before.trial)
+    held = Gain(before.held, after.held, before.ruler.informative)
+    rivals = forward.rivals.get(effect, [])
+    families = dict.fromkeys(f.family for f in rivals if f.family != effect.law.family)
+    work = after.trial.ruler.work
+    if not effect.is_fault and _is_friction(effect.law, work.scales(site)[0]):
+        families = dict.fromkeys([CoulombFriction.family, *families])
+    families.pop(effect.law.family, None)
+    if effect.law.variable == "1":
+        families = dict.fromkeys(["sensor"])  # the wrong zero of a displacement is the same
+    step = Step(
+        effect.law.name,
+        effect.law.family,
+        str(site),
+        shape=dict(effect.law.shape),
+        alternatives=list(families)[:2],
+        error_before=before.error,
+        error_after=after.error,
+        free_run_before=before.row["free run"],
+        free_run_after=after.row["free run"],
+        validation_before=before.row["validation"],
+        validation_after=after.row["validation"],
+        gain=gain.value,
+        gain_error=gain.error,
+        gain_least=gain.least,
+        gain_heldout=held.value,
+        confirmed=bool(after.error < before.error),
+        tied=[(f.proposal.law.name, ", ".join(map(str, f.proposal.sites)), _value(f)) for f in rivals],
+    )
+    if effect.is_fault:
+        step.parameters = dict(effect.law.parameters)
+        step.sensors = [
+            str(f.proposal.sites[0]) for f in rivals if f.is_fault and f.proposal.law.name == effect.law.name
+        ]
+    else:
+        laws = after.trial.model().laws[site]
+        fitted = next(law for law in reversed(laws) if law.name == effect.law.name)
+        step.parameters = dict(fitted.parameters)
+        step.intervals = _intervals(after.trial, effect)
+        step.share = judge.share_of(after.trial, after.trial.without(site, effect.law), site)
+    step.evidence = words.acceptance(step)
+    return step
+
+
+def _value(finding: Any) -> float:
+    return float("nan") if finding.gain is None else finding.gain.value
+
+
+def _is_friction(law: ForceLaw, drift: float) -> bool:
+    """Whether a law with these shape parameters is dry friction in all but name."""
+    steep = law.saturation_drift < 0.3 * drift
+    return steep or any(
+        (law.shape[p.name] or np.inf) < p.friction_below for p in law.shapes if p.friction_below is not None
+    )
+
+
+def _intervals(trial: Trial, effect: Effect) -> dict[str, tuple[float, float]]:
+    """95 % intervals of the parameters of an effect, from fold to fold (delete-one jackknife; Efron 1982).
+
+    Near the best a law is linear in its shape parameters: the derivatives stand beside its columns.
+    """
+    law, site = effect.law, effect.site
+    base = trial.without(site, law)
+    axes = Axes(effect.template, trial.ruler.work, [site])
+    width = len(law.terms())
+    at = trial.layout.slices[site].stop - width
+    values = trial.theta[0, at : at + width]
+    columns = [trial.ruler.columns(site, law)]
+    centre = axes.point(law)
+    for k in range(len(centre)):
+        h = 2e-3 * (axes.high[k] - axes.low[k])
+        h = -h if centre[k] + h > axes.high[k] else h
+        moved = axes.at(centre + h * np.eye(len(centre))[k])[0]
+        columns.append((values @ (trial.ruler.spectra(site, [moved]) - columns[0]) / h)[None])
+    try:
+        parts = Slot(base, [(site, law)], extra=len(centre)).left_out(np.vstack(columns))
+    except NRFError:
+        return {}
+    if not np.isfinite(parts).all():
+        return {}
+    half = student.ppf(0.5 + LEVEL / 2, len(parts) - 1) * np.sqrt(variance(parts))
+    out = {}
+    for k, term in enumerate(law.terms()):
+        out[term.symbol] = (float(values[k] - half[k]), float(values[k] + half[k]))
+    for k, shape in enumerate(axes.shapes):
+        ends = axes.scales[0].values(centre[k] + np.array([-1, 1]) * half[width + k], k)
+        out[shape.name] = (float(ends[0]), float(ends[1]))
+    return out
+
+
+def _no_claim(before: Stand, after: Stand, first: State) -> str:
+    """Why nothing may be claimed; empty if something may."""
+    model = after.trial.model()
+    left = after.trial.ruler.errors(Powers(after.trial.within[None], after.trial.powers.reference))
+    if np.nanmax(left) >= HOPELESS:
+        return words.hopeless(left)
+    if (model.masses <= 0).any() and not all(
+        j in before.trial.ruler.work.known_masses for j in np.flatnonzero(model.masses <= 0) + 1
+    ):
+        return words.negative_masses(model.masses)
+    known = before.trial.ruler.work.known_masses
+    total = model.total_masses
+    cancelled = [j for j, m in known.items() if m > 0 and total[j - 1] <= 0.1 * m]
+    if cancelled:
+        return words.cancelled_masses(cancelled)
+    return ""
+
+
+def _why_stopped(forward: Forward, most: int) -> str:
+    """Why the search ended."""
+    if len(forward.state.effects) >= most:
+        return f"{most} effects were added, as many as were asked for" if most else "no effect was asked for"
+    return words.best_refused(forward.last[0] if forward.last else None)
+
+
+def _say_how_sure(steps: list[Step], forward: Forward, final: Stand, rng: np.random.Generator) -> None:
+    """Say of each effect how much of it stays unexplained, and whether its name is sure."""
+    trial = final.trial
+    left = trial.ruler.errors(trial.powers)
+    floor = np.full(len(left), np.nan)
+    ready = forward.state.ready
+    if steps and ready is not None:
+        ruler = simulated(ready, trial, rng)
+        if ruler is not None:
+            try:
+                noise = Trial(ruler, trial.base, trial.laws)
+                floor = noise.ruler.errors(noise.powers)
+            except NRFError:
+                pass
+    for step in steps:
+        site = Site(step.site)
+        balances = [j - 1 for j in range(1, len(left) + 1) if site.kind != "sensor" and site.incidence(j)] or list(
+            range(len(left))
+        )
+        noise_at, left_at = (float(np.sqrt(np.nanmean(x[balances] ** 2))) for x in (floor, left))
+        step.noise_floor = noise_at
+        known = np.isfinite(noise_at)
+        before = max(step.validation_before, left_at)
+        top = max(left_at**2 - (1.3 * noise_at) ** 2 if known else left_at**2, 0.0)
+        step.remainder = float(np.sqrt(top / max(before**2, 1e-300)))
+        ratio = step.gain / max(step.gain_error, 1e-12)
+        step.sure = bool(
+            step.confirmed and not step.alternatives and step.remainder <= COMPLETE and ratio >= LEAST_RATIO
+        )
+    for step in steps:
+        beside = [s for s in steps if s is not step and balances_of(Site(s.site)) == balances_of(Site(step.site))]
+        if beside and not step.is_fault:
+            step.company = [s.law for s in beside]
+            step.sure = False
+
+
+def _report(
+    forward: Forward, first: State, settings: Mapping[str, Any], steps: list[Step], stands: list[Stand],
+    confirmed: Stand, model: Any, stopped: str,
+) -> LoopReport:  # fmt: skip
+    work, ready = confirmed.trial.ruler.work, forward.state.ready
+    assert ready is not None
+    rows: dict[str, dict[str, float]] = {}
+    for stand in stands:
+        name = stand.name if stand.name not in rows else f"{stand.name} ({len(rows)})"
+        rows[name] = stand.row
+    table = pd.DataFrame.from_dict(rows, orient="index")
+    band = first.trial.ruler.band()
+    table["band"] = words.band(band)
+    for site in model.laws:
+        seen = [(work.motion(site, b.segment), b.rows) for b in work.search]
+        v, s = (np.concatenate([getattr(m, k)[rows] for m, rows in seen]) for k in "vs")
+        model.visited[Site(site)] = VisitedRegion.of(v, s)
+    if ready.contradictions:
+        found = contradictions(ready, work)
+        stopped += f". {words.contradictions(found)}" if found else ""
+    model.info = {
+        "band": list(band) if any(band) else None,
+        "steps": [f"{s.law} at {s.site}" for s in steps if s.confirmed],
+        "stopped_because": stopped,
+    }
+    listed = pd.DataFrame(
+        [
+            [f.proposal.law.name, f.family, ", ".join(map(str, f.proposal.sites)), g.value, g.error, g.least]
+            for f, g in forward.last
+        ],
+        columns=["law", "family", "site", "gain (dB)", "standard error", "least"],
+    )
+    floor, source = floor_of(settings["noise_floor"], work, model, ready)
+    evidence = _evidence(stands, steps, floor)
+    data, filters = searched(work)
+    return LoopReport(
+        steps, table, stopped, model, band, listed, [s.trial.model() for s in stands], evidence, measured_of(ready),
+        loops_of(model, data, filters), audit(settings, ready, source),
+    )  # fmt: skip
+
+
+def _evidence(stands: list[Stand], steps: list[Step], floor: Any) -> list[Evidence]:
+    """What was left of the search data after the baseline and after each step."""
+    sites = [step.site for step in steps] + [""]
+    found = [look(s.trial.ruler.work, s.trial.model(), s.name, site, floor) for s, site in zip(stands, sites)]
+    for k, evidence in enumerate(found):
+        evidence.later = tuple(site for site in sites[k + 1 :] if site)
+    for step, evidence in zip(steps, found):
+        step.detection = evidence.detection_sentence
+        step.localisation = evidence.localisation_sentence
+        step.characterisation = evidence.characterisation_sentence
+    return found

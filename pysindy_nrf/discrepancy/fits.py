@@ -1,0 +1,210 @@
+"""The chain solve on many Gram matrices at once: what ranks the candidates.
+
+The equations are those of :mod:`pysindy_nrf.regression.chain_solve` with plain least squares, compiled, so that every
+law, site, shape and fold costs microseconds. The model that is reported is solved by ``chain_solve.solve`` itself, with
+which this agrees to round-off (tested).
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+
+import numpy as np
+
+from ..exceptions import NRFError, RankWarning
+from ..mechanics.identifiability import SolveOrder
+from ..mechanics.sites import Site
+from ..regression.chain_solve import groups_of, solve
+from ..regression.grams import BlockGrams
+from ..regression.layout import Layout
+
+OWN, KNOWN, MASS, SECOND = range(4)  # roles of a column in a step of the solve order
+
+
+def _least_squares(
+    gram: np.ndarray, columns: np.ndarray, target: np.ndarray, values: np.ndarray, work: np.ndarray
+) -> bool:
+    """Solve for columns scaled to unit length; False where they depend on each other."""
+    width = len(columns)
+    for i in range(width):
+        size = gram[columns[i], columns[i]]
+        if not (size > 0.0 and size < np.inf):
+            return False
+        work[i, width] = 1.0 / np.sqrt(size)
+    for i in range(width):
+        dot = 0.0
+        for j in range(len(target)):
+            if target[j] != 0.0:
+                dot += gram[columns[i], j] * target[j]
+        values[i] = dot * work[i, width]
+        for j in range(i + 1):
+            part = gram[columns[i], columns[j]] * work[i, width] * work[j, width]
+            for k in range(j):
+                part -= work[i, k] * work[j, k]
+            if i != j:
+                work[i, j] = part / work[j, j]
+            elif part > 9e-16 * (width + 1):
+                work[i, i] = np.sqrt(part)
+            else:
+                return False
+        for k in range(i):
+            values[i] -= work[i, k] * values[k]
+        values[i] /= work[i, i]
+    for i in range(width - 1, -1, -1):
+        for k in range(i + 1, width):
+            values[i] -= work[k, i] * values[k]
+        values[i] /= work[i, i]
+    for i in range(width):
+        values[i] *= work[i, width]
+    return True
+
+
+@cache
+def _compiled() -> Callable[..., None]:
+    from ..laws.compiled import jit, part
+
+    least_squares = part(_least_squares)
+
+    def chain(
+        fit: np.ndarray, n: int, at: int, steps: np.ndarray, entries: np.ndarray, dofs: np.ndarray,
+        masses: np.ndarray, theta: np.ndarray,
+    ) -> None:  # fmt: skip
+        """For each stack of Gram matrices: masses (known ones preset) and coefficients; NaN where it cannot be done."""
+        p = fit.shape[2]
+        target, values, work = np.empty(p), np.empty(p), np.empty((p, p + 1))
+        columns = np.empty(p, dtype=np.int64)
+        for b in range(fit.shape[0]):
+            for i in range(len(steps)):
+                u, e0, e1, d0, d1, free = steps[i]
+                target[:] = 0.0
+                for d in range(d0, d1):
+                    target[at + n + dofs[d]] += 1.0
+                    if not free:
+                        target[at + dofs[d]] -= masses[b, dofs[d]]
+                width = 0
+                for e in range(e0, e1):
+                    where, sign, role, j = entries[e]
+                    if role == KNOWN:
+                        target[where] -= sign * theta[b, where]
+                    else:
+                        columns[width] = where
+                        width += 1
+                if not least_squares(fit[b, u], columns[:width], target, values, work):
+                    theta[b] = np.nan
+                    break
+                width = 0
+                for e in range(e0, e1):
+                    where, sign, role, j = entries[e]
+                    if role == OWN:
+                        theta[b, where] = sign * values[width]
+                    elif role == MASS:
+                        masses[b, j] = values[width]
+                    if role != KNOWN:
+                        width += 1
+
+    return jit(chain)
+
+
+class ChainFit:
+    """Masses and coefficients of one set of columns from Gram matrices, and the rows of residuals.
+
+    Parameters
+    ----------
+    layout : Layout
+    order : SolveOrder
+    known_masses : mapping of int to float
+    where : mapping of Site to sequence of int
+        Rows of the Gram matrices that hold the terms of each site.
+    at : int
+        Row of a_1; a_2.., F_1.. follow.
+    forced : collection of int
+    """
+
+    def __init__(
+        self, layout: Layout, order: SolveOrder, known_masses: Mapping[int, float],
+        where: Mapping[Site, Sequence[int]], at: int, forced: Sequence[int],
+    ) -> None:  # fmt: skip
+        self.layout, self.order, self.known_masses, self.where, self.at = layout, order, dict(known_masses), where, at
+        n = self.n = layout.n_dof
+        self.groups = groups_of(layout, order)
+        index = {g.dofs: u for u, g in enumerate(self.groups)}
+        self._known = np.array([self.known_masses.get(j, 0.0) for j in range(1, n + 1)])
+        entries: list[tuple[int, int, int, int]] = []
+        steps: list[tuple[int, ...]] = []
+        dofs: list[int] = []
+        for step in order.steps if order.strategy != "joint" else ():
+            signs = {s: sum(s.incidence(j) for j in step.dofs) for s in (*step.sites, *step.known_sites)}
+            begin, first = len(entries), len(dofs)
+            entries += [(at + j - 1, 1, MASS, j - 1) for j in step.masses]
+            for s in step.sites:  # a second estimate (complete strategy) is solved for and left aside
+                role = SECOND if order.strategy == "complete" and s.p not in step.dofs else OWN
+                entries += [(int(c), signs[s], role, 0) for c in where[s]]
+            entries += [(int(c), signs[s], KNOWN, 0) for s in step.known_sites for c in where[s]]
+            dofs += [j - 1 for j in step.dofs]
+            steps.append((index[step.dofs], begin, len(entries), first, len(dofs), int(bool(step.masses))))
+        self._plan = (
+            np.array(steps, dtype=np.int64).reshape(-1, 6),
+            np.array(entries, dtype=np.int64).reshape(-1, 4),
+            np.array(dofs, dtype=np.int64),
+        )
+        # Balance j is judged by itself, or with all above it where they are solved together.
+        above = [tuple(range(j, n + 1)) for j in range(1, n + 1)]
+        self.judged = [index[a] if a in index else index[j + 1,] for j, a in enumerate(above)]
+        self._signs: np.ndarray | None = None
+        self.forced = frozenset(forced)
+
+    def solve(self, fit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Masses (n_fits, n_dof) and coefficients (n_fits, p) from Gram matrices (n_fits, n_groups, p, p)."""
+        masses = np.tile(self._known, (len(fit), 1))
+        theta = np.zeros((len(fit), fit.shape[2]))
+        if self.order.strategy == "joint":
+            self._joint(fit, masses, theta)
+        else:
+            _compiled()(np.ascontiguousarray(fit), self.n, self.at, *self._plan, masses, theta)
+        return masses, theta
+
+    def rows(self, masses: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Combinations of columns that are the residual and the reference of each judged balance, (n_fits, n, p)."""
+        n, at, p = self.n, self.at, theta.shape[1]
+        if self._signs is None:
+            self._signs = np.zeros((n, p))
+            for i, u in enumerate(self.judged):
+                for site, sign in zip(self.groups[u].sites, self.groups[u].signs):
+                    self._signs[i, list(self.where[site])] = sign
+        residual = self._signs * theta[:, None]
+        reference = np.zeros_like(residual)
+        for i, u in enumerate(self.judged):
+            dofs = self.groups[u].dofs
+            inertia = at + np.array(dofs) - 1
+            residual[:, i, inertia] = masses[:, np.array(dofs) - 1]
+            residual[:, i, inertia + n] = -1.0
+            if len(dofs) > 1:
+                reference[:, i, inertia], reference[:, i, inertia + n] = masses[:, np.array(dofs) - 1], -1.0
+            elif dofs[0] in self.forced:
+                reference[:, i, inertia + n] = 1.0
+            else:
+                reference[:, i, inertia] = masses[:, np.array(dofs) - 1]
+        return residual, reference
+
+    def _joint(self, fit: np.ndarray, masses: np.ndarray, theta: np.ndarray) -> None:
+        """One after another by the chain solve itself."""
+        rows = [c for s in self.layout.sites for c in self.where.get(s, ())]
+        rows += range(self.at, self.at + 2 * self.n)
+        index = {g.dofs: u for u, g in enumerate(self.groups)}
+        for b, matrices in enumerate(fit):
+            grams = BlockGrams.from_shared(
+                self.layout, self.groups, lambda dofs: (matrices[index[dofs]][np.ix_(rows, rows)], 1.0),  # noqa: B023
+                self.known_masses,
+            )  # fmt: skip
+            try:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("error", RankWarning)
+                    found = solve(grams, self.order, self.known_masses)
+            except (NRFError, RankWarning):
+                theta[b] = np.nan
+                continue
+            masses[b] = [found.masses[j] for j in range(1, self.n + 1)]
+            for s, values in found.coefficients.items():
+                theta[b, list(self.where[s])] = values

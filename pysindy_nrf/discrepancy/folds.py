@@ -1,0 +1,126 @@
+"""Which samples are searched, in folds, and which are held out.
+
+A record is counted in cells of half a window. Pieces hold equal shares of energy and time, last several windows, and
+the held-out ones are placed so that they hold their share of the energy of every channel: a piece at one phase of a
+sine does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..exceptions import ChannelError
+from ..regression.segments import BlockRows, Segment
+from .constants import FOLDS, HELD_OUT, PIECES, SHORTEST_PIECE, WINDOWS
+
+
+def window_length(segments: Sequence[Segment]) -> float:
+    """Length of a window, s (samples where there is no clock)."""
+    lengths = [s.n_valid * (s.dt or 1.0) for s in segments]
+    return min(sum(lengths) / WINDOWS, min(lengths) / (2 * SHORTEST_PIECE))
+
+
+def split(
+    segments: Sequence[Segment], length: float, heldout: Sequence[int] | None = None
+) -> tuple[list[BlockRows], list[BlockRows]]:
+    """Folds of the search, and blocks held out."""
+    whole = list(heldout or ())
+    chosen = [i for i in range(len(segments)) if i not in whole]
+    hop = [max(4, round(0.5 * length / (s.dt or 1.0))) for s in segments]
+    energy = {i: _energy(segments[i], hop[i]) for i in chosen}
+    total = sum(e.sum(axis=0) for e in energy.values())
+    if not total.any():
+        raise ChannelError(
+            "Nothing moves in the records that are searched: drifts and velocities are zero",
+            "Dead sensors or wrong columns; check them.",
+        )
+    energy = {i: e / np.where(total > 0, total, 1.0) for i, e in energy.items()}
+    apart = [BlockRows(i, slice(0, segments[i].n_valid)) for i in whole]
+    if heldout is not None:
+        search, _ = _cut(energy, hop, segments, 0.0, 1, 0)
+        return _enough(search, apart)
+    best, chosen_cut = np.inf, None
+    for pieces in PIECES:
+        for shift in range(FOLDS):
+            search, held, unevenness = _scored(energy, hop, segments, pieces, shift)
+            if held and len(search) >= 3 and unevenness < best - 1e-9:
+                best, chosen_cut = unevenness, (search, held)
+    if chosen_cut is None:
+        raise ChannelError(
+            "The records are too short to be split into search, validation and held-out parts", "Give longer records."
+        )
+    return _enough(*chosen_cut)
+
+
+def _energy(segment: Segment, hop: int) -> np.ndarray:
+    """Energy of drifts, rates and forces in each cell, (n_cells, n_channels)."""
+    rows = [np.asarray(y[segment.valid], dtype=float) for y in (segment.v, segment.F)]
+    y = np.nan_to_num(np.hstack(rows))[hop:]
+    y = y - y.mean(axis=0)
+    count = max(1, len(y) // hop - 1)
+    return np.add.reduceat(y**2, hop * np.arange(count), axis=0)
+
+
+def _cut(
+    energy: dict[int, np.ndarray],
+    hop: Sequence[int],
+    segments: Sequence[Segment],
+    share: float,
+    pieces: int,
+    shift: int,
+) -> tuple[list[BlockRows], list[BlockRows]]:
+    """Folds and held-out pieces of every record."""
+    cells = sum(len(e) for e in energy.values())
+    search: list[BlockRows] = []
+    held: list[BlockRows] = []
+    for i, own in energy.items():
+        size = 0.5 * own.mean(axis=1) + 0.5 / cells
+        count = max(1, round(FOLDS * size.sum()))
+        widths, out = _pattern(count, share, pieces, shift)
+        marks = np.searchsorted(np.cumsum(size) / size.sum(), np.cumsum(widths)[:-1]) + 1
+        edges = _spaced(np.concatenate([[0], marks, [len(size)]]), SHORTEST_PIECE)
+        for lo, hi, kept in zip(edges[:-1], edges[1:], [out[k] for k in range(len(edges) - 1)]):
+            rows = slice((int(lo) + 1) * hop[i], (int(hi) + 1) * hop[i])
+            (held if kept else search).append(BlockRows(i, rows))
+    return search, held
+
+
+def _pattern(count: int, share: float, pieces: int, shift: int) -> tuple[list[float], list[bool]]:
+    """Widths of folds and of the held-out pieces between them, and which are held out."""
+    pieces = min(pieces, count) if share else 0
+    after = {int((k + 1) * count / (pieces + 1) + shift) % count for k in range(pieces)}
+    widths, out = [], []
+    for k in range(count):
+        widths.append((1.0 - share * bool(after)) / count)
+        out.append(False)
+        if k in after:
+            widths.append(share / len(after))
+            out.append(True)
+    return widths, out
+
+
+def _spaced(edges: np.ndarray, least: int) -> np.ndarray:
+    """Edges at least so many cells apart, as far as there is room."""
+    least = min(least, int(edges[-1]) // (len(edges) - 1))
+    if least < 1:
+        return np.arange(edges[-1] + 1)
+    steps = least * np.arange(len(edges))
+    out = np.maximum.accumulate(edges - steps) + steps
+    return np.minimum(out, edges[-1] - steps[::-1])
+
+
+def _scored(energy, hop, segments, pieces, shift):
+    search, held = _cut(energy, hop, segments, HELD_OUT, pieces, shift)
+    shares = np.zeros(next(iter(energy.values())).shape[1])
+    for b in held:
+        shares += energy[b.segment][b.rows.start // hop[b.segment] - 1 : b.rows.stop // hop[b.segment] - 1].sum(axis=0)
+    full = sum(e.sum(axis=0) for e in energy.values()) > 0
+    with np.errstate(divide="ignore"):
+        uneven = np.abs(np.log(np.maximum(shares[full], 1e-9) / HELD_OUT)).max()
+    return search, held, float(uneven) + 0.02 * (4 - pieces)
+
+
+def _enough(search: list[BlockRows], held: list[BlockRows]) -> tuple[list[BlockRows], list[BlockRows]]:
+    return search, held

@@ -1,0 +1,97 @@
+"""The judge: is an effect there, does it matter, which names cannot be told apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..mechanics.sites import Site
+from .constants import FAR, LARGE_GAIN, LEAST_GAIN, LEAST_SHARE
+from .ruler import Gain, Trial
+from .state import Finding, State
+
+
+def share_of(trial: Trial, without: Trial, site: Site) -> float:
+    """Rms of what an effect changes of the force at its site over that of the storey, in the informative bands."""
+    p = site.p
+    grams = (trial.grams * trial.ruler.informative[p - 1][None, :, None, None]).sum(axis=(0, 1))
+
+    def force(of: Site) -> tuple[np.ndarray, np.ndarray]:
+        with_, less = np.zeros(len(grams)), np.zeros(len(grams))
+        at = trial.layout.slices[of].start if of in trial.layout.slices else 0
+        old = without.layout.slices[of].start if of in without.layout.slices else 0
+        left = list(without.laws.get(of, ()))
+        for law in trial.laws.get(of, ()):
+            width = len(law.terms())
+            with_[at : at + width] = trial.theta[0, at : at + width]
+            if law in left:
+                left.remove(law)
+                less[at : at + width] = without.theta[0, old : old + width]
+                old += width
+            at += width
+        return with_, less
+
+    with_, less = force(site)
+    storey = with_ if site == Site(p) else with_ + force(Site(p))[0]
+    change, whole = (max(float(c @ grams @ c), 0.0) for c in (with_ - less, storey))
+    return float(np.sqrt(change / whole)) if whole > 0 else 1.0
+
+
+def difference(one: Gain, other: Gain) -> tuple[float, float]:
+    """By how much one gain exceeds another over the same model, dB, and the standard error of that over folds."""
+    parts = one.parts - other.parts
+    n = len(parts)
+    error = np.sqrt((n - 1) / n * np.sum((parts - parts.mean()) ** 2))
+    return one.value - other.value, float(error)
+
+
+def is_there(gain: Gain) -> bool:
+    """Whether a gain stands whichever fold is left out."""
+    return gain.value >= LEAST_GAIN and gain.least >= 0.5 * LEAST_GAIN
+
+
+def accepts(finding: Finding, state: State) -> bool:
+    """Whether an effect is there and matters."""
+    gain, after = over(finding, state), finding.after
+    if after is None or gain is None or not is_there(gain):
+        return False
+    new = [e for e in after.effects if e not in state.effects]
+    if finding.is_fault:
+        return bool((after.trial.masses[0] > 0).all())
+    shares = [share_of(after.trial, finding.state.trial, e.site) for e in new]
+    positive = (after.trial.masses[0] > 0) | (state.trial.masses[0] <= 0)
+    return (max(shares) >= LEAST_SHARE or gain.value >= LARGE_GAIN) and bool(positive.all())
+
+
+def over(finding: Finding, state: State) -> Gain | None:
+    """Gain of a finding over a state, whatever effects it replaces."""
+    return None if finding.after is None else finding.after.trial.gain_over(state.trial)
+
+
+def ranked(found: Sequence[Finding], state: State) -> list[tuple[Finding, Gain]]:
+    """Findings with their gain over a state, the best first."""
+    pairs = [(f, over(f, state)) for f in found]
+    return sorted(((f, g) for f, g in pairs if g is not None), key=lambda pair: -pair[1].value)
+
+
+def chosen(pairs: Sequence[tuple[Finding, Gain]]) -> int:
+    """Number of the finding to take: the simplest of those within one standard error of the best."""
+    best = pairs[0][1]
+    near = []
+    for k, (f, gain) in enumerate(pairs):
+        gap, error = difference(best, gain)
+        if gap <= min(error, 0.1 * best.value):
+            near.append((f.size, -gain.value, k))
+    return min(near)[2]
+
+
+def rivals(pairs: Sequence[tuple[Finding, Gain]], number: int) -> list[Finding]:
+    """Findings that the data cannot tell from the one that is taken."""
+    own = pairs[number][1]
+    out = []
+    for k, (f, gain) in enumerate(pairs):
+        gap, error = difference(own, gain)
+        if k != number and gap <= max(FAR * error, 0.05 * own.value):
+            out.append(f)
+    return out

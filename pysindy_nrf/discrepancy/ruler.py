@@ -1,0 +1,396 @@
+"""The one ruler of the loop: the fall of the cross-validated residual, in dB, over bands that hold information.
+
+The gain of a model over another is the sum over balances of the mean over informative bands of
+``10 log10(P_before / P_after)``, P the power of the residual on folds that the fit did not see. A band full of noise
+says 0 dB whatever its size, and a noisy balance cannot hide what happens in a quiet one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..exceptions import NRFError
+from ..laws.base import ForceLaw
+from ..mechanics.chain import Chain
+from ..mechanics.identifiability import plan_solve_order
+from ..mechanics.sites import Site
+from ..regression.chain_model import ChainModel
+from ..regression.chain_solve import Solution
+from ..regression.grams import leave_one_out
+from ..regression.layout import LawLayout, Layout
+from ..regression.solution import model_of
+from .constants import ENERGY, EXPLAINED, FLOOR, ROUNDS, TYPICAL
+from .fits import ChainFit
+from .spectra import Windows
+from .workspace import Workspace
+
+Laws = Mapping[Site, tuple[ForceLaw, ...]]
+Placed = Sequence[tuple[Site, ForceLaw]]
+
+
+@dataclass
+class Powers:
+    """Power of the residual by fold, judged balance and band, and that of the reference by balance and band."""
+
+    folds: np.ndarray
+    reference: np.ndarray
+
+    @property
+    def residual(self) -> np.ndarray:
+        """Power of the residual on all folds, each left out of the fit, (n_dof, n_bands)."""
+        return self.folds.sum(axis=0)
+
+    @property
+    def floored(self) -> np.ndarray:
+        """The same and what no measurement tells from zero."""
+        return self.residual + FLOOR**2 * self.reference
+
+
+def fall(before: np.ndarray, after: np.ndarray, informative: np.ndarray) -> np.ndarray:
+    """Sum over balances of the mean fall in dB over informative bands."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bands = np.where(informative & (before > 0), 10.0 * np.log10(before / after), 0.0)
+    return (bands.sum(axis=-1) / np.maximum(informative.sum(axis=-1), 1)).sum(axis=-1)
+
+
+class Gain:
+    """Fall of the residual from one model to another, dB, with the standard error over folds."""
+
+    def __init__(self, before: Powers, after: Powers, informative: np.ndarray) -> None:
+        self.value = float(fall(before.floored, after.floored, informative))
+        floor = FLOOR**2 * before.reference
+        left = [leave_one_out(p.folds) + floor for p in (before, after)]
+        with np.errstate(invalid="ignore"):
+            self.parts = fall(*left, informative)  # each fold left out
+            n = len(self.parts)
+            self.error = float(np.sqrt((n - 1) / n * np.sum((self.parts - self.parts.mean()) ** 2)))
+        if not np.isfinite(self.value) or not np.isfinite(self.error):
+            self.value, self.error = -np.inf, np.inf
+
+    @property
+    def least(self) -> float:
+        """Gain without the fold that speaks most for it."""
+        return float(self.parts.min()) if np.isfinite(self.value) else -np.inf
+
+    @property
+    def ratio(self) -> float:
+        """Gain over its standard error."""
+        return self.value / max(self.error, 1e-12)
+
+
+class Ruler:
+    """What every decision reads: spectra of the search, informative bands.
+
+    Attributes
+    ----------
+    informative : ndarray of bool, shape (n_dof, n_bands)
+    """
+
+    def __init__(
+        self,
+        work: Workspace,
+        windows: Windows,
+        informative: np.ndarray | None = None,
+        clear: np.ndarray | None = None,
+    ) -> None:
+        self.work, self.windows = work, windows
+        self.segments = sorted({b.segment for b in windows.blocks})
+        self.fixed = windows.spectra({i: work.fixed(i) for i in self.segments})
+        self.known = work.known[[b.segment for b in windows.blocks]]  # (n_folds, n_dof)
+        shape = work.n_dof, len(windows.edges) - 1
+        self.informative = np.ones(shape, dtype=bool) if informative is None else informative
+        self.clear = self.informative if clear is None else clear
+        self._cache: dict[tuple[Site, ForceLaw], np.ndarray] = {}
+
+    def columns(self, site: Site, law: ForceLaw) -> np.ndarray:
+        """Spectra of the columns of a law at a site, kept."""
+        key = site, law
+        if key not in self._cache:
+            self._cache[key] = self.spectra(site, [law])
+        return self._cache[key]
+
+    def spectra(self, site: Site, laws: Sequence[ForceLaw]) -> np.ndarray:
+        """Spectra of the columns of laws at one site."""
+        found = self.windows.spectra({i: self.work.columns(site, laws, i) for i in self.segments})
+        if not np.isfinite(found).all():
+            raise NRFError("The columns of the law overflow", "Leave it out of the catalogue.")
+        return found
+
+    def find_bands(
+        self,
+        models: Sequence[tuple[Chain, Mapping[Site, Sequence[ForceLaw]]]],
+        band: tuple[float | None, float | None] | None = None,
+    ) -> Ruler:
+        """Find the informative bands and cut the spectra above the last of them.
+
+        A band is informative in a balance if the best of the models (the declared one, and one with flexible storeys)
+        leaves less than half of its power on folds it was not fitted to, and no more than ten times the share that is
+        typical of the balance; it is connected by such bands to those that hold 90 % of the energy.
+        """
+        low, high = band or (None, None)
+        edges = self.windows.edges
+        allowed = (edges[1:] > (low or 0.0)) & (edges[:-1] < (np.inf if high is None else high))
+        core: np.ndarray | None = None
+        for _ in range(ROUNDS):
+            shares, reference = [], np.zeros(0)
+            for chain, laws in models:
+                try:
+                    powers = Trial(self, chain, {s: tuple(held) for s, held in laws.items()}).powers
+                except NRFError:
+                    continue
+                reference = powers.reference
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    share = powers.residual / reference
+                shares.append(np.where(np.isfinite(share), share, np.inf))
+            if not shares:
+                raise NRFError(
+                    "The declared model cannot be fitted: columns of its balances depend on each other or are zero",
+                    "Declare fewer terms, or give longer records.",
+                )
+            left, reference = np.where(allowed, np.min(shares, axis=0), np.inf), reference * allowed
+            if core is None:
+                new = core = np.array([_strongest(own) for own in reference])
+            else:
+                new = np.array([_connected(a < EXPLAINED, a, b, c) for a, b, c in zip(left, reference, core)])
+            if np.array_equal(new, self.informative):
+                break
+            self.informative = new
+        typical = np.array([TYPICAL * _typical(a, b) for a, b in zip(left, reference)])
+        clear = [_connected(g & (a <= x), a, b, g) for g, a, b, x in zip(self.informative, left, reference, typical)]
+        last = int(np.flatnonzero(self.informative.any(axis=0))[-1])
+        kept = slice(0, last + 1)
+        return Ruler(self.work, self.windows.upto(last), self.informative[:, kept], np.array(clear)[:, kept])
+
+    def on(self, windows: Windows) -> Ruler:
+        """The same bands on other samples."""
+        return Ruler(self.work, windows, self.informative, self.clear)
+
+    def band(self) -> tuple[float | None, float | None]:
+        """Lowest and highest frequency of all clear bands, Hz; None where no end was found."""
+        inside = np.flatnonzero(self.clear.any(axis=0))
+        low, high = self.windows.edges[[inside[0], inside[-1] + 1]]
+        return float(low) or None, None if high >= self.work.fastest else float(high)
+
+    def as_measured(self) -> Ruler:
+        """The same ruler with the mean of every column left in: what tells a constant force."""
+        w = self.windows
+        informative, clear = self.informative.copy(), self.clear.copy()
+        informative[:, 0] = clear[:, 0] = True
+        return Ruler(self.work, Windows(w.data, w.blocks, w.length, w.edges, False), informative, clear)
+
+    def errors(self, powers: Powers) -> np.ndarray:
+        """Error of each balance in its clear bands, percent."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return 100.0 * np.sqrt(self._clear(powers.residual) / self._clear(powers.reference))
+
+    def error(self, powers: Powers, scale: np.ndarray | None = None) -> float:
+        """Pooled error, percent: every balance is first divided by its scale, the reference if None."""
+        top, bottom = self._clear(powers.residual), self._clear(powers.reference)
+        weight = 1.0 / np.where((s := bottom if scale is None else scale) > 0, s, np.inf)
+        return float(100.0 * np.sqrt((weight * top).sum() / (weight * bottom).sum()))
+
+    def _clear(self, power: np.ndarray) -> np.ndarray:
+        return (power * self.clear).sum(axis=1)
+
+    def scale(self, powers: Powers) -> np.ndarray:
+        """Power of the reference of each balance in its clear bands."""
+        return self._clear(powers.reference)
+
+
+def _strongest(power: np.ndarray) -> np.ndarray:
+    """Bands that hold most of the energy."""
+    order = np.argsort(-power)
+    count = 1 + int(np.searchsorted(np.cumsum(power[order]), ENERGY * power.sum()))
+    out = np.zeros(len(power), dtype=bool)
+    out[order[:count]] = True
+    return out
+
+
+def _connected(good: np.ndarray, left: np.ndarray, power: np.ndarray, core: np.ndarray) -> np.ndarray:
+    """The run of good bands that holds most of what is explained and touches the strongest bands."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(int), [0]])))
+    runs = [slice(lo, hi) for lo, hi in zip(edges[::2], edges[1::2]) if core[lo:hi].any()]
+    if not runs:
+        return core
+    out = np.zeros(len(good), dtype=bool)
+    out[max(runs, key=lambda run: (power * (1 - left))[run].sum())] = True
+    return out
+
+
+def _typical(left: np.ndarray, power: np.ndarray) -> float:
+    """Share of the power that is left where half of the energy is."""
+    order = np.argsort(left)
+    middle = order[int(np.searchsorted(np.cumsum(power[order]), 0.5 * power.sum()))]
+    return max(float(left[middle]), FLOOR**2 / TYPICAL)
+
+
+class Trial:
+    """A set of laws, every shape parameter with a value, fitted and judged on the ruler.
+
+    Attributes
+    ----------
+    powers : Powers
+        On folds that the fit did not see.
+    masses, theta : ndarray of shape (n_folds + 1, ...)
+        Masses and coefficients from all folds, then with each fold left out.
+    weights : ndarray of shape (n_dof, n_bands)
+        One over the power of the residual: bands full of noise do not count.
+    """
+
+    def __init__(self, ruler: Ruler, chain: Chain, laws: Laws) -> None:
+        self.ruler, self.base = ruler, chain
+        self.laws = {s: tuple(held) for s, held in laws.items() if held}
+        self.chain = chain.with_links([s for s in self.laws if s.kind == "link"])
+        self.layout = LawLayout(self.chain, self.laws)
+        columns = [ruler.columns(s, law) for s in self.layout.sites for law in self.laws.get(s, ())]
+        self.spectra = np.vstack([*columns, ruler.fixed])
+        self.grams = ruler.windows.grams(self.spectra)
+        self.at = self.layout.n_terms
+        where = {s: list(range(rows.start, rows.stop)) for s, rows in self.layout.slices.items()}
+        self.fit = self.fit_of(self.layout, where)
+        informative = ruler.informative
+        self.weights = informative.astype(float)
+        for _ in range(ROUNDS):
+            self.powers, self.masses, self.theta, self.within = self._judged()
+            if not np.isfinite(self.powers.residual).all():
+                raise NRFError("The columns of the balances depend on each other", "Leave a law out.")
+            floored = self.within + FLOOR**2 * self.powers.reference
+            new = np.where(informative, 1.0 / np.maximum(floored, 1e-300), 0.0)
+            settled = np.allclose(new, self.weights, rtol=0.05)
+            self.weights = new
+            if settled:
+                break
+
+    def fit_of(self, layout: Layout, where: Mapping[Site, Sequence[int]]) -> ChainFit:
+        """The solve of a set of columns."""
+        work = self.ruler.work
+        order = plan_solve_order(
+            layout.chain, work.forced, work.unknown, dict(work.known_masses), work.strategy, layout.acting
+        ).require_complete()
+        return ChainFit(layout, order, work.known_masses, where, self.at, work.forced)
+
+    def _judged(self) -> tuple[Powers, np.ndarray, np.ndarray, np.ndarray]:
+        """Cross-validated powers, masses, coefficients, and the power that the fit to all folds leaves."""
+        fit, grams = self.fit, self.grams
+        used = self.used(fit)
+        sums = np.einsum("uk,fkpq->fupq", self.weights_of(fit), grams, optimize=True) * used[:, :, None, None]
+        masses, theta = fit.solve(np.concatenate([sums.sum(axis=0, keepdims=True), leave_one_out(sums)]))
+        residual, reference = fit.rows(masses, theta)
+        known = used[:, fit.judged, None]
+
+        def power(rows: np.ndarray) -> np.ndarray:
+            part = (np.einsum("fip,fkpq->fikq", rows, grams, optimize=True) * rows[:, :, None, :]).sum(axis=-1)
+            return np.where(known, np.where(np.isfinite(part), np.maximum(part, 0.0), np.inf), 0.0)
+
+        shape = residual[1:].shape
+        whole, within = (power(np.broadcast_to(x[0], shape)).sum(axis=0) for x in (reference, residual))
+        return Powers(power(residual[1:]), whole), masses, theta, within
+
+    def used(self, fit: ChainFit) -> np.ndarray:
+        """Which folds serve which group of balances: those in which all its forces are known, (n_folds, n_groups)."""
+        known = self.ruler.known
+        return np.array([known[:, [j - 1 for j in g.dofs]].all(axis=1) for g in fit.groups]).T
+
+    def weights_of(self, fit: ChainFit) -> np.ndarray:
+        """Weights of the bands for each group of balances; a sum has those of its lowest DOF."""
+        return self.weights[[g.dofs[0] - 1 for g in fit.groups]]
+
+    def with_laws(self, placed: Placed) -> Trial:
+        """The trial with further laws."""
+        laws = dict(self.laws)
+        for site, law in placed:
+            laws[site] = (*laws.get(site, ()), law)
+        return Trial(self.ruler, self.base, laws)
+
+    def without(self, site: Site, law: ForceLaw) -> Trial:
+        """The trial without one law."""
+        held = list(self.laws[site])
+        held.remove(law)
+        return Trial(self.ruler, self.base, {**self.laws, site: tuple(held)})
+
+    def solution(self, part: int = 0) -> Solution:
+        """Masses and coefficients from all folds (0) or without one of them."""
+        theta = self.theta[part]
+        coefficients = {s: theta[rows] for s, rows in self.layout.slices.items()}
+        return Solution(dict(enumerate(self.masses[part].tolist(), 1)), coefficients)
+
+    def model(self, part: int = 0) -> ChainModel:
+        """The fitted chain model."""
+        return model_of(self.layout, self.solution(part))
+
+    def gain_over(self, other: Trial) -> Gain:
+        """Gain of this model over another on the same ruler."""
+        return Gain(other.powers, self.powers, self.ruler.informative)
+
+    def powers_on(self, ruler: Ruler) -> Powers:
+        """Powers of the fitted model on other samples."""
+        other = Trial.__new__(Trial)
+        other.ruler, other.base, other.laws = ruler, self.base, self.laws
+        columns = [ruler.columns(s, law) for s in self.layout.sites for law in self.laws.get(s, ())]
+        grams = ruler.windows.grams(np.vstack([*columns, ruler.fixed]))
+        residual, reference = (rows[0] for rows in self.fit.rows(self.masses[:1], self.theta[:1]))
+        known = other.used(self.fit)[:, self.fit.judged, None]
+        part, whole = (np.einsum("ip,fkpq,iq->fik", x, grams, x, optimize=True) for x in (residual, reference))
+        return Powers(np.where(known, np.maximum(part, 0.0), 0.0), np.where(known, whole, 0.0).sum(axis=0))
+
+
+class Slot:
+    """A place for further laws on top of a trial, whatever the values of their shape parameters."""
+
+    def __init__(self, trial: Trial, placed: Placed, extra: int = 0) -> None:
+        self.trial = trial
+        self.sites = [site for site, _ in placed]
+        self.widths = [len(law.terms()) + extra for _, law in placed]
+        laws = dict(trial.laws)
+        where = {s: list(range(rows.start, rows.stop)) for s, rows in trial.layout.slices.items()}
+        at = len(trial.spectra)
+        for (site, law), width in zip(placed, self.widths):
+            laws[site] = (*laws.get(site, ()), law)
+            where[site] = [*where.get(site, ()), *range(at, at + width)]
+            at += width
+        chain = trial.base.with_links([s for s in laws if s.kind == "link"])
+        layout = Layout(chain, {s: len(where.get(s, ())) for s in LawLayout(chain, laws).sites})
+        self.fit = trial.fit_of(layout, {s: where.get(s, []) for s in layout.sites})
+
+    def left_out(self, columns: np.ndarray) -> np.ndarray:
+        """Coefficients of the columns of one law (n_columns, size) with each fold left out of the fit."""
+        trial = self.trial
+        grams = trial.ruler.windows.grams(np.vstack([trial.spectra, columns]))
+        weights = trial.weights_of(self.fit)
+        sums = np.einsum("uk,fkpq->fupq", weights, grams, optimize=True) * trial.used(self.fit)[:, :, None, None]
+        return self.fit.solve(leave_one_out(sums))[1][:, len(trial.spectra) :]
+
+    def gains(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gains on the samples of the fit, dB, and the coefficients, of columns (n_trials, n_columns, size)."""
+        trial, windows = self.trial, self.trial.ruler.windows
+        count, width, _ = columns.shape
+        size = len(trial.spectra)
+        cross = windows.grams(trial.spectra, columns.reshape(count * width, -1))
+        grams = np.empty((count, *trial.grams.shape[:2], size + width, size + width))
+        grams[..., :size, :size] = trial.grams
+        cross = np.moveaxis(cross.reshape(*cross.shape[:3], count, width), 3, 0)
+        grams[..., :size, size:], grams[..., size:, :size] = cross, cross.swapaxes(-1, -2)
+        for k in range(count):
+            grams[k, ..., size:, size:] = windows.grams(columns[k])
+        used = trial.used(self.fit).astype(float)
+        sums = (
+            np.einsum("fu,cfkpq->cukpq", used, grams, optimize=True) if not used.all() else grams.sum(axis=1)[:, None]
+        )
+        masses, theta = self.fit.solve(
+            (sums * trial.weights_of(self.fit)[None, :, :, None, None]).sum(axis=2)
+            if sums.shape[1] > 1
+            else np.einsum("uk,ckpq->cupq", trial.weights_of(self.fit), sums[:, 0], optimize=True)
+        )
+        residual, _ = self.fit.rows(masses, theta)
+        own = (
+            sums[:, self.fit.judged]
+            if sums.shape[1] > 1
+            else np.broadcast_to(sums, (count, len(self.fit.judged), *sums.shape[2:]))
+        )
+        power = np.einsum("cip,cikpq,ciq->cik", residual, own, residual, optimize=True)
+        power = np.where(np.isfinite(power), np.maximum(power, 0.0), np.inf)
+        floor = FLOOR**2 * trial.powers.reference
+        return fall(trial.within + floor, power + floor, trial.ruler.informative), theta[:, size:]

@@ -51,7 +51,7 @@ class Hook(Enum):
     SIMULATE = "pysindy_nrf.simulation:simulate"
     TO_SINDY = "pysindy_nrf.regression.state_space:to_sindy"
     FROM_SINDY = "pysindy_nrf.regression.state_space:from_sindy"
-    ORDER_FIGURE = "pysindy_nrf.output.displays:OrderSelectionDisplay.from_selection"
+    ORDER_FIGURE = "pysindy_nrf.output.displays.models:OrderSelectionDisplay.from_selection"
     PAGE = "pysindy_nrf.output.report:write_html"
     RECORD_HTML = "pysindy_nrf.output.report.write:record_html"
     MODEL_HTML = "pysindy_nrf.output.report.write:model_html"

@@ -3,7 +3,6 @@
 from ..common.lazy import public_names
 
 _NAMES = {
-    "Location": "nonlinear_devices",
     "damper_force": "nonlinear_devices",
     "dissipated_energy": "nonlinear_devices",
     "energy_shares": "nonlinear_devices",
@@ -15,7 +14,6 @@ _NAMES = {
     "model_agreement": "model_comparison",
     "path_energy": "nonlinear_devices",
     "planarity": "nonlinear_devices",
-    "power_energy": "nonlinear_devices",
     "total_mass": "model_comparison",
 }
 __all__ = [*_NAMES]

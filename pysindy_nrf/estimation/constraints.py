@@ -25,6 +25,8 @@ from ..mechanics.chain import Chain
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
 
+__all__ = ["EqualMasses", "EqualStoreys", "KnownStiffness", "NonNegative", "TotalMass"]
+
 _UNLIKELY = 1e-3
 
 
@@ -247,33 +249,7 @@ class NonNegative(Constraint):
 
 
 def constrained(model: ChainModel, constraints: Any, resolver: Any) -> ChainModel:
-    """The estimate nearest to a model that satisfies the constraints.
-
-    Parameters
-    ----------
-    model : ChainModel
-    constraints : Constraint or sequence of Constraint
-    resolver : pysindy_nrf.estimation.intervals.Resolver
-        Gives the covariance; afterwards it applies the constraints to every model that it re-solves.
-
-    Returns
-    -------
-    ChainModel
-
-    Raises
-    ------
-    ChainError
-        If a constraint names an unknown parameter, or the constraints contradict each other.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import NRFRegressor, datasets
-    >>> from pysindy_nrf.estimation.constraints import TotalMass, constrained
-    >>> fitted = NRFRegressor().fit(datasets.load_demo())
-    >>> model = constrained(fitted.model_, TotalMass(fitted.masses_.sum() + 0.01), fitted._resolving())
-    >>> round(float(model.masses.sum() - fitted.masses_.sum()), 6)  # kg
-    0.01
-    """
+    """The estimate nearest to a model that satisfies the constraints."""
     from .intervals import parameters_of
 
     given = (constraints,) if isinstance(constraints, Constraint) else tuple(constraints)

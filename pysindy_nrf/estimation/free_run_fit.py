@@ -46,44 +46,18 @@ FORCE_HOLDS = ("cubic", "linear", "zero")  # of the force between its samples
 
 @dataclass
 class OutputErrorResult:
-    """Result of the refinement.
-
-    Attributes
-    ----------
-    model : ChainModel
-    kept : bool
-        True if the refined model predicts unseen parts better than the initial one.
-    error_before, error_after : float
-        Free-run error of the velocities on parts that the refinement did not see, percent NRMSE.
-    influences : ndarray of shape (n_pieces, n_parameters) or None
-        Influence of every piece of the data (comb of Fourier lines) on the parameters.
-    record : ndarray of shape (n_pieces,)
-        Number of the record of each piece.
-    why : str
-        Reason if it was not kept.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
-    >>> from pysindy_nrf.estimation.free_run_fit import output_error
-    >>> from pysindy_nrf.regression.layout import LawLayout
-    >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
-    >>> F = excitation.band_limited_random(2, 8.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
-    >>> X, F = simulate(frame, F, 0.002).to_features(smooth=False)
-    >>> start = NRFRegressor(degree=1, dt=0.002).fit(X, F)
-    >>> layout = LawLayout(start.chain_, start.model_.laws)
-    >>> found = output_error(start.model_, start.model_.segments(X, F, dt=0.002), layout, {})
-    >>> found.kept, found.model.masses.round(2)
-    (False, array([10., 10.]))
-    """
+    """Result of the refinement."""
 
     model: ChainModel
-    kept: bool
+    kept: bool  # true if the refined model predicts unseen parts better than the initial one
+    # free-run error of the velocities on parts that the refinement did not see, percent NRMSE
     error_before: float = np.nan
     error_after: float = np.nan
+    # (n_pieces, n_parameters); influence of every piece of the data (comb of Fourier lines) on the parameters
     influences: np.ndarray | None = None
+    # (n_pieces,); number of the record of each piece
     record: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
-    why: str = ""
+    why: str = ""  # reason if it was not kept
 
 
 @dataclass

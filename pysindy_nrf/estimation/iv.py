@@ -166,49 +166,17 @@ FORCES = "Give a record in which every force was measured."
 
 @dataclass
 class IVResult:
-    """Result of the instrumental variables.
-
-    Attributes
-    ----------
-    model : ChainModel
-    solution : Solution
-    pieces : BlockGrams
-        With the last instruments, piece by piece.
-    rounds : int
-        Rounds of simulation and solve.
-    correlation : float
-        Correlation of the simulated accelerations with the measured ones in the last round.
-    notes : list of str
-        Remarks for the user, e.g. on records left out.
-    runs : list of Segment or None
-        The motion that gave the last instruments.
-    settled : bool
-        False if the rounds diverged and an earlier one was kept.
-    moved : ndarray of shape (n_dof,) or None
-        Relative change of each mass in the last round, if the rounds had not converged.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
-    >>> from pysindy_nrf.estimation.iv import instrumental_variables
-    >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
-    >>> F = excitation.band_limited_random(2, 8.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
-    >>> X, F = simulate(frame, F, 0.002).to_features(smooth=False)
-    >>> start = NRFRegressor(degree=1, dt=0.002).fit(X, F)
-    >>> data = start.model_.segments(X, F, dt=0.002)
-    >>> found = instrumental_variables(start.model_, data, start.problem_, start.solve_order_)
-    >>> found.model.masses.round(3), bool(found.correlation > 0.99)
-    (array([10., 10.]), True)
-    """
+    """Result of the instrumental variables."""
 
     model: ChainModel
     solution: Solution
-    pieces: BlockGrams
-    rounds: int
-    correlation: float
-    notes: list[str] = field(default_factory=list)
-    runs: list[Segment | None] = field(default_factory=list)
-    settled: bool = True
+    pieces: BlockGrams  # with the last instruments, piece by piece
+    rounds: int  # rounds of simulation and solve
+    correlation: float  # correlation of the simulated accelerations with the measured ones in the last round
+    notes: list[str] = field(default_factory=list)  # remarks for the user, e.g. on records left out
+    runs: list[Segment | None] = field(default_factory=list)  # the motion that gave the last instruments
+    settled: bool = True  # false if the rounds diverged and an earlier one was kept
+    # (n_dof,); relative change of each mass in the last round, if the rounds had not converged
     moved: np.ndarray | None = None
 
     def judged(self, data: SegmentSet) -> SegmentSet:

@@ -72,35 +72,12 @@ def planarity(
 
 @dataclass
 class Location:
-    """Location of the nonlinearity.
+    """Location of the nonlinearity."""
 
-    Attributes
-    ----------
-    storeys : list of str
-        Storeys that are not planar, in the order in which they were found.
-    first : DataFrame
-        :func:`planarity` of the regressor as given.
-    last : DataFrame
-        The same with a hysteretic law in these storeys: the others are planar.
-    estimator : NRFRegressor
-        Fitted, with these laws.
-
-    Examples
-    --------
-    >>> import pandas as pd
-    >>> from pysindy_nrf.estimation import Location
-    >>> index = ["storey 1", "storey 2"]
-    >>> first = pd.DataFrame({"index": [21.0, 6.0], "reference": [2.1, 2.0], "planar": [False, False]}, index)
-    >>> last = pd.DataFrame({"index": [0.8, 0.9], "reference": [2.1, 2.0], "planar": [True, True]}, index)
-    >>> found = Location(["storey 1"], first, last, None)  # its hysteresis had bent the neighbour's surface too
-    >>> found.storeys, found.last["planar"].all().item()
-    (['storey 1'], True)
-    """
-
-    storeys: list[str]
-    first: pd.DataFrame
-    last: pd.DataFrame
-    estimator: Any
+    storeys: list[str]  # storeys that are not planar, in the order in which they were found
+    first: pd.DataFrame  # :func:`planarity` of the regressor as given
+    last: pd.DataFrame  # the same with a hysteretic law in these storeys: the others are planar
+    estimator: Any  # fitted, with these laws
 
     def __str__(self) -> str:
         if not self.storeys:
@@ -313,32 +290,7 @@ def path_energy(force: Any, drift: Any) -> np.ndarray:
 
 
 def power_energy(force: Any, rate: Any, time: Any) -> np.ndarray:
-    r"""Work of a force over time, :math:`\int R \, v \, dt`.
-
-    On an even clock this is more exact than the area of the sampled loops: the product of two
-    signals below a quarter of the sampling rate is summed without error but at its ends.
-
-    Parameters
-    ----------
-    force, rate : array-like of shape (n_samples,) or (n_samples, p)
-        N and m/s.
-    time : array-like of shape (n_samples,)
-        s.
-
-    Returns
-    -------
-    ndarray of the same shape as force
-        J, zero at the first sample.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf.estimation import power_energy
-    >>> t = np.linspace(0, 4 * np.pi, 4001)
-    >>> work = power_energy(30.0 * np.cos(t), np.cos(t), t)  # a dashpot of 30 N s/m, two cycles
-    >>> float(work[-1].round(3)), round(30.0 * 2 * np.pi, 3)
-    (188.496, 188.496)
-    """
+    r"""Work of a force over time, :math:`\int R \, v \, dt`."""
     power = np.asarray(force, dtype=float) * np.asarray(rate, dtype=float)
     dt = np.diff(np.asarray(time, dtype=float)).reshape(-1, *[1] * (power.ndim - 1))
     return np.concatenate([np.zeros((1, *power.shape[1:])), np.cumsum(0.5 * (power[1:] + power[:-1]) * dt, axis=0)])

@@ -217,25 +217,13 @@ class Problem:
 
 
 class Estimate(NamedTuple):
-    """Least-squares estimate of a :class:`Problem`.
+    """Least-squares estimate of a :class:`Problem`."""
 
-    Attributes
-    ----------
-    problem : Problem
-        With values for all shape parameters.
-    order : SolveOrder
-        The order in which the balances were solved.
-    model : ChainModel
-    solution : Solution
-    grams : BlockGrams
-        Of which the solution was taken.
-    """
-
-    problem: Problem
-    order: SolveOrder
+    problem: Problem  # with values for all shape parameters
+    order: SolveOrder  # the order in which the balances were solved
     model: ChainModel
     solution: Solution
-    grams: BlockGrams
+    grams: BlockGrams  # of which the solution was taken
 
 
 def _least_squares(

@@ -21,49 +21,22 @@ _CUT = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class BlockGrams:
-    """Gram matrices of ``[terms of the sites | a_j | F_j]`` of each balance, by block of samples and frequency band.
-
-    Sums over blocks are fits, sums over all blocks but one are cross-validation and jackknife intervals, weighted sums
-    are bootstrap draws or generalized least squares; chunks, records and workers are further blocks. A balance that is
-    the sum of several has the columns ``[terms | sum of F - m a]``. Balances do not share storage: each holds the
-    columns of the sites that meet in it, so the size grows in proportion to the number of storeys.
-
-    Attributes
-    ----------
-    layout : Layout
-        Sites and their numbers of terms.
-    groups : dict of tuple of int to Group
-        Balances, by their DOFs.
-    matrices : dict of tuple of int to ndarray of shape (..., p, p)
-        By the DOFs of the balance; the leading axes are blocks, or blocks and bands, or none (a sum). For ``"root"``
-        matrices R of shape (..., q, p) with ``R.T @ R`` = Gram matrix.
-    sizes : dict of tuple of int to ndarray of shape (...)
-        Samples in which the forces of the balance are known.
-    n_samples : ndarray of shape (...)
-        All samples.
-    known_masses : dict of int to float
-        kg; those behind sums of balances.
-    kind : {"gram", "root"}
-        Roots keep the digits that squaring would lose.
-    instrumented : bool
-        Whether the rows hold instruments behind the columns: the same balance without its right-hand side, of another
-        motion. See :meth:`projected`.
-    record : ndarray of shape (n_blocks,), optional
-        Number of the record of each block.
-    edges : ndarray of shape (n_bands + 1,), optional
-        Edges of the frequency bands, Hz.
-    """
+    """Gram matrices of ``[terms of the sites | a_j | F_j]`` of each balance, by block of samples and frequency band."""
 
     layout: Any  # a LawLayout where the columns come from laws
-    groups: Mapping[Dofs, Group]
+    groups: Mapping[Dofs, Group]  # balances, by their DOFs
+    # (..., p, p); by the DOFs of the balance; the leading axes are blocks, or blocks and bands, or none (a sum). For
+    # ``"root"`` matrices R of shape (..., q, p) with ``R.T @ R`` = Gram matrix
     matrices: Mapping[Dofs, np.ndarray]
-    sizes: Mapping[Dofs, Any]
-    n_samples: Any
-    known_masses: Mapping[int, float]
-    kind: str = "gram"
+    sizes: Mapping[Dofs, Any]  # (...); samples in which the forces of the balance are known
+    n_samples: Any  # (...); all samples
+    known_masses: Mapping[int, float]  # kg; those behind sums of balances
+    kind: str = "gram"  # roots keep the digits that squaring would lose
+    # whether the rows hold instruments behind the columns: the same balance without its right-hand side, of another
+    # motion. See :meth:`projected`
     instrumented: bool = False
-    record: np.ndarray | None = None
-    edges: np.ndarray | None = None
+    record: np.ndarray | None = None  # (n_blocks,); number of the record of each block
+    edges: np.ndarray | None = None  # (n_bands + 1,); edges of the frequency bands, Hz
 
     # -- shape --------------------------------------------------------------------------------
 

@@ -60,33 +60,20 @@ class Layout:
 
 @dataclass(frozen=True)
 class Recipe:
-    """Columns v^h s^j as products of earlier columns with v or s, and columns that follow by a recurrence.
+    """Columns v^h s^j as products of earlier columns with v or s, and columns that follow by a recurrence."""
 
-    Attributes
-    ----------
-    steps : ndarray of shape (n_steps, 3)
-        ``(row, p, q)``: the row is row p of the source if q is -1, else row p times row q of the source. Rows from
-        ``n_terms`` on are helpers.
-    motions : tuple of Site
-        Sites whose rates are the first rows of the source, and whose drifts are the next ones.
-    others : tuple of (Site, int, int)
-        Laws (by site and number) whose columns are neither such products nor follow by a recurrence, and how many of
-        them follow in the source, in this order.
-    n_source : int
-        Rows of the source.
-    recurrence : ndarray of shape (n, 4)
-        ``(row, x, p, q)``: the row is (g x + h) times row p plus k times row q, where x is a row of the source; a p of
-        -1 stands for ones, a q of -1 for nothing. They are made before the steps.
-    numbers : ndarray of shape (n, 3)
-        g, h and k.
-    """
-
+    # (n_steps, 3); ``(row, p, q)``: the row is row p of the source if q is -1, else row p times row q of the source.
+    # Rows from ``n_terms`` on are helpers
     steps: np.ndarray
-    motions: tuple[Site, ...]
+    motions: tuple[Site, ...]  # sites whose rates are the first rows of the source, and whose drifts are the next ones
+    # laws (by site and number) whose columns are neither such products nor follow by a recurrence, and how many of
+    # them follow in the source, in this order
     others: tuple[tuple[Site, int, int], ...]
-    n_source: int
+    n_source: int  # rows of the source
+    # (n, 4); ``(row, x, p, q)``: the row is (g x + h) times row p plus k times row q, where x is a row of the source;
+    # a p of -1 stands for ones, a q of -1 for nothing. They are made before the steps
     recurrence: np.ndarray = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))
-    numbers: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    numbers: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))  # (n, 3); g, h and k
 
     def finish(self, source: np.ndarray, n_terms: int) -> np.ndarray:
         """All columns of a block."""

@@ -130,13 +130,7 @@ class RestoringForce:
 
 
 class RestoringForces(Mapping):
-    """Restoring forces by site: ``["storey 2"]``, ``[2]`` (storeys count from 1), ``["link 4-2"]``.
-
-    Parameters
-    ----------
-    chain : Chain
-    laws : mapping of Site to sequence of ForceLaw
-    """
+    """Restoring forces by site: ``["storey 2"]``, ``[2]`` (storeys count from 1), ``["link 4-2"]``."""
 
     def __init__(self, chain: Chain, laws: Mapping[Site, Sequence[ForceLaw]]) -> None:
         self._chain = chain

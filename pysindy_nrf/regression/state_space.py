@@ -15,20 +15,7 @@ from .optimizers import StateSpaceChainOptimizer
 
 
 class IdentifiedChain(StateSpaceChainOptimizer):
-    """An optimizer whose fit is done: it holds the coefficients of a chain model.
-
-    Parameters
-    ----------
-    model : ChainModel
-
-    Examples
-    --------
-    >>> from pysindy_nrf import datasets
-    >>> from pysindy_nrf.regression.state_space import IdentifiedChain, to_sindy
-    >>> sindy = to_sindy(datasets.demo_truth())
-    >>> type(sindy.optimizer).__name__, sindy.optimizer.model.masses.tolist()
-    ('IdentifiedChain', [12.0, 10.0, 8.0])
-    """
+    """An optimizer whose fit is done: it holds the coefficients of a chain model."""
 
     def __init__(self, model: ChainModel | None = None) -> None:
         super().__init__()

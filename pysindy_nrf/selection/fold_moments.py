@@ -44,13 +44,7 @@ PIECES = 20  # at least, over all records: blocks for the effective number of sa
 
 @dataclass
 class Order:
-    """One candidate: an order at every storey, and where its columns stand among those of all candidates.
-
-    Attributes
-    ----------
-    layout : LawLayout
-    columns : dict of Site to ndarray of int
-    """
+    """One candidate: an order at every storey, and where its columns stand among those of all candidates."""
 
     layout: LawLayout
     columns: dict[Site, np.ndarray]

@@ -14,12 +14,7 @@ from ..laws.shape import Motion
 
 
 class Monomials(PowerSeries):
-    """Terms v^h s^j of a given list of exponents; see :class:`~pysindy_nrf.laws.PowerSeries`.
-
-    Parameters
-    ----------
-    exponents : iterable of (int, int)
-    """
+    """Terms v^h s^j of a given list of exponents; see :class:`~pysindy_nrf.laws.PowerSeries`."""
 
     def __init__(self, exponents: Iterable[tuple[int, int]]) -> None:
         self.exponents = tuple(sorted(set(exponents), key=lambda p: (p[0] + p[1], -p[0])))

@@ -55,18 +55,7 @@ class ChainScorer:
         return self.judge(regressor, X, y, **metadata)
 
     def set_score_request(self, **requests: bool | str | None) -> ChainScorer:
-        """Say which metadata to pass, under which name, as for scikit-learn's scorers.
-
-        Parameters
-        ----------
-        **requests : bool, str or None
-            By name, e.g. ``covariates=False`` or ``record="test_id"``.
-
-        Returns
-        -------
-        ChainScorer
-            A copy.
-        """
+        """Say which metadata to pass, under which name, as for scikit-learn's scorers."""
         unknown = [name for name in requests if name not in METADATA]
         if unknown:
             raise NRFError(f"The scorer knows no metadata {unknown[0]!r}", f"It takes {', '.join(METADATA)}.")
@@ -150,31 +139,7 @@ SCORERS = {scorer.name: scorer for scorer in (balance, acceleration, free_run)}
 
 
 def get_scorer(scoring: str | Callable[..., float]) -> Callable[..., float]:
-    """A scorer by name.
-
-    Parameters
-    ----------
-    scoring : {"balance", "acceleration", "free_run"} or callable
-        A callable is given back.
-
-    Returns
-    -------
-    callable
-        ``scorer(estimator, X, F, **metadata)``.
-
-    Raises
-    ------
-    NRFError
-        If there is no scorer of that name.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import NRFRegressor, datasets, scorers
-    >>> X, F = datasets.load_demo().to_features()
-    >>> model = NRFRegressor(degree=3).fit(X, F)
-    >>> round(scorers.get_scorer("balance")(model, X, F), 1)  # minus percent NRMSE: larger is better
-    -1.9
-    """
+    """A scorer by name."""
     if callable(scoring):
         return scoring
     if scoring not in SCORERS:
@@ -182,4 +147,4 @@ def get_scorer(scoring: str | Callable[..., float]) -> Callable[..., float]:
     return SCORERS[scoring]
 
 
-__all__ = ["ChainScorer", "acceleration", "balance", "free_run", "get_scorer"]
+__all__ = ["acceleration", "balance", "free_run"]

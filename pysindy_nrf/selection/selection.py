@@ -93,17 +93,7 @@ class OrderSelection:
         return _orders_by_storey(self._source[0], self._labels, self.best_order)
 
     def regressor(self, by_storey: bool = False) -> NRFRegressor:
-        """An estimator, not yet fitted, with the order found.
-
-        Parameters
-        ----------
-        by_storey : bool
-            With ``orders_`` instead of the one best order.
-
-        Returns
-        -------
-        NRFRegressor
-        """
+        """An estimator, not yet fitted, with the order found."""
         from sklearn.base import clone
 
         new = clone(self._source[1])
@@ -112,16 +102,7 @@ class OrderSelection:
         return new.set_params(orders={**self.orders_, **dict(new.orders or {})})
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw held-out error over the order; see :class:`pysindy_nrf.output.displays.OrderSelectionDisplay`.
-
-        Parameters
-        ----------
-        ax : matplotlib Axes, optional
-
-        Returns
-        -------
-        OrderSelectionDisplay
-        """
+        """Draw held-out error over the order; see :class:`pysindy_nrf.output.displays.OrderSelectionDisplay`."""
         return Hook.ORDER_FIGURE(self).plot(ax)
 
     def __repr__(self) -> str:

@@ -30,31 +30,11 @@ SHARES = tuple(np.geomspace(0.002, 0.2, 13).round(5))
 
 @dataclass(frozen=True)
 class BlockEnsemble:
-    """Terms that an optimizer keeps in most bootstraps over blocks of time, refitted by least squares.
-
-    Parameters
-    ----------
-    optimizer : PySINDy optimizer
-    n_models : int
-        Bootstraps.
-    min_inclusion : float
-        Share of them in which a term must be kept.
-
-    Examples
-    --------
-    >>> import pysindy as ps
-    >>> from pysindy_nrf import datasets
-    >>> from pysindy_nrf.selection import BlockEnsemble, select_sparsity
-    >>> ensemble = BlockEnsemble(ps.STLSQ(threshold=0.02), n_models=5)
-    >>> found = select_sparsity(datasets.load_demo(), paths={"ensemble": [ensemble]})
-    >>> kept = found.terms["ensemble"].loc["storey 1"]
-    >>> kept[kept != 0].index.tolist()
-    ['v', 's', 's^3']
-    """
+    """Terms that an optimizer keeps in most bootstraps over blocks of time, refitted by least squares."""
 
     optimizer: Any
-    n_models: int = 15
-    min_inclusion: float = 0.6
+    n_models: int = 15  # bootstraps
+    min_inclusion: float = 0.6  # share of them in which a term must be kept
 
 
 class SparsitySelection:
@@ -105,37 +85,11 @@ class SparsitySelection:
         self.best = chosen.index[choose(errors, chosen["terms"].tolist(), min_gain=MARGIN, paired=True)][0]
 
     def support(self, name: str, setting: str) -> list[tuple[str, str]]:
-        """Terms (site, label) that one setting keeps on all data.
-
-        Parameters
-        ----------
-        name, setting : str
-            As in the index of ``table``.
-
-        Returns
-        -------
-        list of (str, str)
-        """
+        """Terms (site, label) that one setting keeps on all data."""
         return self._supports.get((name, setting), [])
 
     def regressor(self, name: str | None = None) -> NRFRegressor:
-        """An estimator, not yet fitted, with the chosen setting of an optimizer.
-
-        Parameters
-        ----------
-        name : str, optional
-            Of the optimizer; ``best`` if None.
-
-        Returns
-        -------
-        NRFRegressor
-            The terms of an ensemble or of a pruned setting stand in ``laws``: they were chosen from all the data given.
-
-        Raises
-        ------
-        NRFError
-            If no optimizer of this name was tried.
-        """
+        """An estimator, not yet fitted, with the chosen setting of an optimizer."""
         name = self.best if name is None else name
         index = self.table.index[(self.table.index.get_level_values(0) == name) & self.table["chosen"]]
         if not len(index):

@@ -68,22 +68,7 @@ class AlongPath(BaseEstimator):
         self.tolerance = tolerance
 
     def fit(self, x: Any, y: Any) -> Self:
-        """Follow the path and choose.
-
-        Parameters
-        ----------
-        x : array-like of shape (n_rows, n_columns)
-        y : array-like of shape (n_rows, 1)
-
-        Returns
-        -------
-        self
-
-        Raises
-        ------
-        NRFError
-            If there is more than one target.
-        """
+        """Follow the path and choose."""
         x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float).reshape(len(x), -1)
         if y.shape[1] != 1:
             raise NRFError(f"AlongPath got {y.shape[1]} targets", "It stands inside ChainOptimizer: one at a time.")
@@ -190,24 +175,10 @@ def labels_of(order: Order, values: Mapping[Site, Sequence[float]]) -> dict[tupl
 
 @dataclass(frozen=True)
 class Pruned:
-    """A setting of an optimizer without some of the terms it keeps, refitted by least squares.
-
-    Parameters
-    ----------
-    optimizer : PySINDy optimizer or BlockEnsemble
-    without : tuple of (str, str)
-        Site and label of each term left out, in that order.
-
-    Examples
-    --------
-    >>> import pysindy as ps
-    >>> from pysindy_nrf.selection.supports import Pruned
-    >>> Pruned(ps.STLSQ(threshold=0.01), (("storey 4", "v^2 s"),)).without
-    (('storey 4', 'v^2 s'),)
-    """
+    """A setting of an optimizer without some of the terms it keeps, refitted by least squares."""
 
     optimizer: Any
-    without: tuple[tuple[str, str], ...]
+    without: tuple[tuple[str, str], ...]  # site and label of each term left out, in that order
 
 
 def pruned(

@@ -30,6 +30,8 @@ import matplotlib.pyplot as plt  # noqa: E402
 
 from pysindy_nrf import Record, displays  # noqa: E402
 from pysindy_nrf.output.displays import FreeRunDisplay  # noqa: E402
+from pysindy_nrf.output.displays.evidence import EvidenceDisplay  # noqa: E402
+from pysindy_nrf.output.displays.models import OrderSelectionDisplay  # noqa: E402
 
 
 @pytest.fixture(autouse=True)
@@ -168,12 +170,12 @@ def orders(errors, **more):
 
 def test_errors_over_orders_of_magnitude_are_drawn_on_a_log_scale():
     """80 % to 0.01 % does not fit a linear axis; 5 to 8 % does, from zero; a score below zero has no such foot."""
-    wide = displays.OrderSelectionDisplay(orders([80.0, 0.01, 0.02])).plot().ax_
-    even = displays.OrderSelectionDisplay(orders([8.0, 5.0, 5.1])).plot().ax_
-    score = displays.OrderSelectionDisplay(orders([-8.0, -5.0, -5.1])).plot().ax_
+    wide = OrderSelectionDisplay(orders([80.0, 0.01, 0.02])).plot().ax_
+    even = OrderSelectionDisplay(orders([8.0, 5.0, 5.1])).plot().ax_
+    score = OrderSelectionDisplay(orders([-8.0, -5.0, -5.1])).plot().ax_
     assert wide.get_yscale() == "log" and even.get_yscale() == "linear"
     assert even.get_ylim()[0] == 0 and score.get_ylim()[0] < -5
-    both = displays.OrderSelectionDisplay(orders([8.0, 5.0, 5.1], free_run_error=[20.0, 9.0, 9.5])).plot().ax_
+    both = OrderSelectionDisplay(orders([8.0, 5.0, 5.1], free_run_error=[20.0, 9.0, 9.5])).plot().ax_
     free = next(line for line in both.get_lines() if line.get_label() == "free run")
     np.testing.assert_array_equal(free.get_ydata(), [20.0, 9.0, 9.5])
 
@@ -183,7 +185,7 @@ def test_a_search_that_was_not_refitted_marks_nothing():
 
     case = chains.duffing(1, [1], seed=1, n_samples=900)
     search = GridSearchCV(NRFRegressor(), {"degree": [1, 3]}, cv=2, refit=False).fit(case.X, case.F)
-    shown = displays.OrderSelectionDisplay.from_estimator(search)
+    shown = OrderSelectionDisplay.from_estimator(search)
     assert list(shown.table.index) == ["1", "3"] and shown.table["chosen"].sum() <= 1
 
 
@@ -193,7 +195,7 @@ def test_everything_draws_on_axes_that_are_given():
     s = np.sin(9 * t) + 0.7 * np.sin(23.1 * t)
     v = 9 * np.cos(9 * t) + 0.7 * 23.1 * np.cos(23.1 * t)
     evidence = Evidence("baseline", characterisation=characterise(20 * np.sign(v), Motion(s, v, t=t)))
-    displays.EvidenceDisplay(evidence).plot(axes[0, :3])
+    EvidenceDisplay(evidence).plot(axes[0, :3])
     index = pd.MultiIndex.from_tuples([("storey 1", "v"), ("storey 1", "s")])
     displays.CoefficientsDisplay(pd.DataFrame({"truth": [0.1, 0.9]}, index=index)).plot(axes[0, 3:])
     displays.ModesDisplay.from_estimator(datasets.demo_truth()).plot(axes[1, :1])

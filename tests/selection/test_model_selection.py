@@ -19,7 +19,7 @@ from sklearn.model_selection import GridSearchCV, KFold
 
 from pysindy_nrf import BlockedTimeSplit, NRFRegressor, Record, RecordSplit, laws, one_standard_error, select_order
 from pysindy_nrf.exceptions import ChainError, ChannelError, NRFError, RankWarning
-from pysindy_nrf.output.displays import OrderSelectionDisplay
+from pysindy_nrf.output.displays.models import OrderSelectionDisplay
 from pysindy_nrf.selection import one_se_rule as rule
 from pysindy_nrf.selection import scorers
 from pysindy_nrf.simulation.noise import add_noise

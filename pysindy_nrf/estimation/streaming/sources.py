@@ -24,46 +24,17 @@ CHUNK_BYTES = 2**25  # of a chunk as float64
 
 @dataclass
 class Chunk:
-    """Some consecutive samples of a source.
+    """Some consecutive samples of a source."""
 
-    Attributes
-    ----------
-    X : ndarray of shape (n_samples, 3 n_dof) or DataFrame
-        As for ``NRFRegressor.fit``.
-    F : ndarray of shape (n_samples, n_dof) or DataFrame, optional
-        N.
-    record : str
-        Name of the record, if there are no record ids.
-    first : bool
-        True if a record starts with it; otherwise it continues the chunk before it.
-    ids : ndarray of shape (n_samples,), optional
-        Record ids.
-    time : ndarray of shape (n_samples,), optional
-        s.
-    base_acceleration : ndarray of shape (n_samples,), optional
-        m/s^2.
-    covariates : dict of str to ndarray of shape (n_samples,)
-    coordinates : {"relative", "absolute"}, optional
-        Of X; those of the estimator if None.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf.estimation.streaming import Chunk
-    >>> chunk = Chunk(np.zeros((6, 3)), np.zeros((6, 1)), ids=np.array([1, 1, 1, 2, 2, 2]))
-    >>> chunk.n_samples, [part.n_samples for part in chunk.records()]
-    (6, [3, 3])
-    """
-
-    X: Any
-    F: Any = None
-    record: str = "record"
-    first: bool = True
-    ids: np.ndarray | None = None
-    time: np.ndarray | None = None
-    base_acceleration: np.ndarray | None = None
-    covariates: dict[str, np.ndarray] = field(default_factory=dict)
-    coordinates: str | None = None
+    X: Any  # (n_samples, 3 n_dof); as for ``NRFRegressor.fit``
+    F: Any = None  # (n_samples, n_dof); N
+    record: str = "record"  # name of the record, if there are no record ids
+    first: bool = True  # true if a record starts with it; otherwise it continues the chunk before it
+    ids: np.ndarray | None = None  # (n_samples,); record ids
+    time: np.ndarray | None = None  # (n_samples,); s
+    base_acceleration: np.ndarray | None = None  # (n_samples,); m/s^2
+    covariates: dict[str, np.ndarray] = field(default_factory=dict)  # (n_samples,)
+    coordinates: str | None = None  # of X; those of the estimator if None
 
     @property
     def n_samples(self) -> int:
@@ -203,26 +174,10 @@ def seconds_since(time: Any, origin: Any) -> np.ndarray:
 
 
 class Source:
-    """Chunks of samples in a fixed order.
+    """Chunks of samples in a fixed order."""
 
-    Attributes
-    ----------
-    n_samples : int or None
-        In all, if known.
-    again : bool
-        True if it can be read more than once, and from the middle.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf.estimation.streaming import Source, open_source
-    >>> source = open_source((np.zeros((1000, 3)) for _ in range(3)))  # chunks as they come, once
-    >>> isinstance(source, Source), source.again, [chunk.n_samples for chunk in source.chunks()]
-    (True, False, [1000, 1000, 1000])
-    """
-
-    n_samples: int | None = None
-    again: bool = True
+    n_samples: int | None = None  # in all, if known
+    again: bool = True  # true if it can be read more than once, and from the middle
 
     def identity(self) -> list[Any]:
         """Values that identify the data, as JSON."""

@@ -366,8 +366,8 @@ def select_order(files: tuple[Path, ...], as_json: bool, **options: Any) -> None
     session.take_care()
     written = [write_table(listed, options["output"] / "orders.csv")]
     if options["figures"]:
-        from ..displays import OrderSelectionDisplay
         from ..displays._matplotlib import save
+        from ..displays.models import OrderSelectionDisplay
 
         written += save(options["output"] / "orders.png", OrderSelectionDisplay.from_selection(found).figures())
     data = {"records": [summary(rec) for rec in records], "best_order": found.best_order}

@@ -101,16 +101,7 @@ class OrderSelectionDisplay(Display):
 
     @classmethod
     def from_selection(cls, selection: Any) -> OrderSelectionDisplay:
-        """From what :func:`pysindy_nrf.select_order` found.
-
-        Parameters
-        ----------
-        selection : OrderSelection
-
-        Returns
-        -------
-        OrderSelectionDisplay
-        """
+        """From what :func:`pysindy_nrf.select_order` found."""
         return cls._from_scores(
             selection.fold_scores, selection.table["chosen"].to_numpy(), selection.scoring,
             selection.table.get("free_run_error"),
@@ -118,18 +109,7 @@ class OrderSelectionDisplay(Display):
 
     @classmethod
     def from_estimator(cls, search: Any, metric: str = "score") -> OrderSelectionDisplay:
-        """From a fitted scikit-learn search over ``degree``.
-
-        Parameters
-        ----------
-        search : fitted GridSearchCV
-        metric : str
-            Name of the score, if the search had several.
-
-        Returns
-        -------
-        OrderSelectionDisplay
-        """
+        """From a fitted scikit-learn search over ``degree``."""
         from ...selection.one_se_rule import fold_scores
 
         results = search.cv_results_

@@ -24,28 +24,11 @@ from .contenders import HandSteeredSINDy, Ours, Part, PlainSINDy, Ruler
 
 @dataclass(frozen=True)
 class Comparison:
-    """Plain SINDy and this package on the same data.
+    """Plain SINDy and this package on the same data."""
 
-    Attributes
-    ----------
-    table : DataFrame
-        See :func:`compare_with_sindy`.
-    coefficients : DataFrame
-        See :func:`~pysindy_nrf.selection.comparison.term_shares`; drawn by
-        :class:`pysindy_nrf.output.displays.CoefficientsDisplay`.
-
-    Examples
-    --------
-    >>> import pandas as pd
-    >>> from pysindy_nrf.selection.comparison import Comparison
-    >>> sites = pd.MultiIndex.from_tuples([("storey 1", "v"), ("storey 1", "s")], names=["site", "term"])
-    >>> shares = pd.DataFrame({"truth": [0.1, 0.9], "SINDy": [0.3, 0.6]}, index=sites)
-    >>> found = Comparison(pd.DataFrame({"terms": [2, 18]}, index=["pysindy_nrf", "SINDy"]), shares)
-    >>> found.table["terms"].idxmin(), found.coefficients.loc[("storey 1", "s"), "SINDy"].item()
-    ('pysindy_nrf', 0.6)
-    """
-
-    table: pd.DataFrame
+    table: pd.DataFrame  # see :func:`compare_with_sindy`
+    # see :func:`~pysindy_nrf.selection.comparison.term_shares`; drawn by
+    # :class:`pysindy_nrf.output.displays.CoefficientsDisplay`
     coefficients: pd.DataFrame
 
 
@@ -308,41 +291,7 @@ ELSEWHERE = "other"
 
 
 def term_shares(forces: Mapping[str, np.ndarray], part: Part, degree: int, size: np.ndarray) -> pd.DataFrame:
-    """Storey forces of each model, taken apart into the terms of their own storey.
-
-    A model that finds accelerations has no storey laws; its storey forces follow from the balances. They
-    are projected on the terms v^h s^j of their storey by least squares; what these cannot hold comes from
-    other storeys, from products between storeys, or from the excitation.
-
-    Parameters
-    ----------
-    forces : mapping of str to ndarray of shape (n_samples, n_dof)
-        N, by model.
-    part : Part
-        The data on which the forces were found.
-    degree : int
-        Total degree of the terms.
-    size : ndarray of shape (n_dof,)
-        Rms of each storey's force, N.
-
-    Returns
-    -------
-    DataFrame
-        One row for each (storey, term) and one for the rest of each storey, one column for each model:
-        coefficient times the rms of its term, as a share of ``size``.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf.selection.comparison import term_shares
-    >>> from pysindy_nrf.selection.comparison.contenders import Part
-    >>> t = np.arange(2000)[:, None] / 200
-    >>> s, v = 0.001 * np.sin(9 * t), 0.009 * np.cos(9 * t)
-    >>> R = 30.0 * v + 4e4 * s
-    >>> shares = term_shares({"truth": R}, Part(-81 * s, v, s, R, 0.005), 1, np.sqrt(np.mean(R**2, axis=0)))
-    >>> shares["truth"].round(3).to_dict()
-    {('storey 1', 'v'): 0.007, ('storey 1', 's'): 1.0, ('storey 1', 'other'): 0.0}
-    """
+    """Storey forces of each model, taken apart into the terms of their own storey."""
     law, rows = PowerSeries(degree), {}
     labels = [term.label for term in law.terms()]
     for i in range(part.n_dof):

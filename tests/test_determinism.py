@@ -21,10 +21,9 @@ from pysindy_nrf import NRFRegressor, excitation, select_order
 from pysindy_nrf.common import threads
 from pysindy_nrf.exceptions import NRFError
 from pysindy_nrf.mechanics.chain import Chain
-from pysindy_nrf.regression.blocks import Block
 from pysindy_nrf.regression.domains import Extent
 from pysindy_nrf.regression.gram_pass import block_grams
-from pysindy_nrf.regression.layout import Layout
+from pysindy_nrf.regression.layout import Block, Layout
 
 COLUMNS = 7
 

@@ -21,13 +21,12 @@ import pandas as pd
 from scipy import linalg
 
 from ..exceptions import BiasWarning
-from ..regression.blocks import Block
 from ..regression.chain_model import as_segments
 from ..regression.chain_solve import Solution
 from ..regression.errors import balance_sizes
 from ..regression.gram_pass import GramPass
 from ..regression.grams import BlockGrams
-from ..regression.layout import LawLayout, Layout, Recipe
+from ..regression.layout import Block, LawLayout, Layout, Recipe
 from ..regression.segments import SegmentSet
 from .windows import FOLDS, LASTING, OFFERED, Window, collect
 

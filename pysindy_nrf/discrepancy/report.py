@@ -15,10 +15,9 @@ from ..exceptions import NRFError
 from ..laws.base import ForceLaw
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
-from ..regression.chain_solve import Solution
+from ..regression.chain_solve import Solution, model_of
 from ..regression.domains import VisitedRegion
 from ..regression.errors import balance_errors, free_run_error
-from ..regression.solution import model_of
 from ..signals.measured import Measured
 from .evidence import Evidence, gather, searched
 from .noise_floor import NoiseFloor

@@ -19,11 +19,10 @@ from ..mechanics.chain import Chain
 from ..mechanics.identifiability import SolveOrder, plan_solve_order
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
-from ..regression.chain_solve import Solution, groups_of, solve
+from ..regression.chain_solve import Solution, groups_of, model_of, solve
 from ..regression.errors import pooled_error
 from ..regression.grams import BlockGrams
 from ..regression.layout import LawLayout
-from ..regression.solution import model_of
 from .admissible import admissible
 from .projection import Projection
 from .workspace import Workspace, leave_out_by_use

@@ -10,8 +10,8 @@ from ..laws.base import ForceLaw, registry
 from ..laws.friction import CoulombFriction
 from ..laws.sensor import SensorFault
 from ..mechanics.sites import Site
+from ..regression.chain_solve import model_of
 from ..regression.errors import balance_errors
-from ..regression.solution import model_of
 from .catalogue import balances_of
 from .gate import MOST_FAMILIES, Verdict, gain_of
 from .report import Scene, Step

@@ -15,10 +15,9 @@ from ..data.record import Record
 from ..exceptions import NRFError
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
-from ..regression.chain_solve import Solution
+from ..regression.chain_solve import Solution, model_of
 from ..regression.errors import free_run_of
 from ..regression.segments import BlockRows, Segment, SegmentSet
-from ..regression.solution import model_of
 from ..signals.kinematics import base_acceleration_if_any
 from .away_from_rest import leaving_rest
 from .gate import FLOOR, gain_of

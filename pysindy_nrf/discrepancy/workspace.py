@@ -14,9 +14,9 @@ from ..exceptions import NRFError
 from ..laws.base import ForceLaw
 from ..laws.shape import Motion, Scales
 from ..mechanics.sites import Site
+from ..regression.chain_solve import clock_of
 from ..regression.grams import leave_one_out
 from ..regression.segments import BlockRows, Segment, SegmentSet, half_the_rate
-from ..regression.solution import clock_of
 from .splits import joined
 
 # Bytes of columns of candidates that are kept from one step of the loop to the next.

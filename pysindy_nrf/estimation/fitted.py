@@ -16,9 +16,9 @@ from ..diagnostics.test_planning import Diagnosis, diagnose
 from ..exceptions import ChannelError, DataQualityWarning
 from ..mechanics.chain import Chain
 from ..mechanics.identifiability import SolveOrder
-from ..regression.blocks import Block
 from ..regression.chain_model import ChainModel
 from ..regression.input_arrays import from_arrays, holds_records
+from ..regression.layout import Block
 from ..regression.segments import SegmentSet, feature_names
 
 if TYPE_CHECKING:
@@ -306,7 +306,7 @@ class FittedChain:
         return self.model_.simulate(F, step, x0=x0, v0=v0, **options)
 
     def to_sindy(self) -> Any:
-        """The identified model as a fitted ``ps.SINDy``; see :func:`pysindy_nrf.regression.state_space.to_sindy`.
+        """The identified model as a fitted ``ps.SINDy``; see :func:`pysindy_nrf.regression.optimizers.to_sindy`.
 
         Returns
         -------

@@ -15,12 +15,11 @@ from ..common.random_state import generator
 from ..exceptions import ChainError, ChannelError, ExtrapolationWarning, IdentifiabilityError, RankWarning
 from ..mechanics.identifiability import SolveOrder
 from ..regression.chain_model import ChainModel
-from ..regression.chain_solve import Solution, groups_of, solve
+from ..regression.chain_solve import Solution, groups_of, model_of, solve
 from ..regression.gram_pass import pieces_of
 from ..regression.grams import BlockGrams
 from ..regression.layout import LawLayout
 from ..regression.segments import SegmentSet
-from ..regression.solution import model_of
 from .problem import Problem
 
 METHODS = ("hac", "bootstrap")

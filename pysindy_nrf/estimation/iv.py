@@ -38,16 +38,14 @@ from sklearn.base import clone
 from ..exceptions import BiasWarning, ChainError, ChannelError, IdentifiabilityError, RankWarning, SimulationError
 from ..laws import PowerSeries
 from ..mechanics.identifiability import SolveOrder
-from ..regression.blocks import Block
 from ..regression.chain_model import ChainModel
-from ..regression.chain_solve import Solution, groups_of, solve, solve_blocks
+from ..regression.chain_solve import Solution, groups_of, model_of, solve, solve_blocks
 from ..regression.errors import free_run_of
 from ..regression.gram_pass import pieces_of, rows_of, whole_block
 from ..regression.grams import BlockGrams
 from ..regression.input_arrays import from_arrays
-from ..regression.layout import LawLayout
+from ..regression.layout import Block, LawLayout
 from ..regression.segments import Segment, SegmentSet
-from ..regression.solution import model_of
 from ..signals.zero_phase_filter import FairFilter, filters_of
 from ..simulation.api import classical_run
 from .intervals import Resolver

@@ -15,15 +15,21 @@ from ..laws import ForceLaw, PowerSeries
 from ..mechanics.chain import Chain
 from ..mechanics.identifiability import SolveOrder, plan_solve_order
 from ..mechanics.sites import Site
-from ..regression.blocks import Block
 from ..regression.chain_model import ChainModel
-from ..regression.chain_solve import Solution, solve_blocks
+from ..regression.chain_solve import (
+    Solution,
+    model_of,
+    require_clock,
+    require_moving,
+    require_samples,
+    scales_of,
+    solve_blocks,
+)
 from ..regression.grams import BlockGrams
 from ..regression.input_arrays import from_arrays
-from ..regression.layout import LawLayout
+from ..regression.layout import Block, LawLayout
 from ..regression.optimizers import sub_optimizer
 from ..regression.segments import SegmentSet
-from ..regression.solution import model_of, require_clock, require_moving, require_samples, scales_of
 from ..signals.zero_phase_filter import FairFilter, filters_of
 
 DEFAULT_DEGREE = 3
@@ -303,6 +309,3 @@ def _masses(given: Any, chain: Chain) -> dict[int, float]:
             raise ChainError(f"known_masses[{dof}]={mass!r} is not a mass", "Give kg.")
         known[int(dof)] = value
     return known
-
-
-__all__ = ["Problem", "Estimate"]

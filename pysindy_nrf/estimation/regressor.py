@@ -15,10 +15,9 @@ from ..data.record import Record
 from ..exceptions import ChainError, ChannelError, DataQualityWarning
 from ..mechanics.chain import Chain
 from ..regression.chain_model import ChainModel
-from ..regression.chain_solve import doubtful_masses
+from ..regression.chain_solve import doubtful_masses, lost_masses, third_law_gap, unknown_forces, visited_regions
 from ..regression.input_arrays import fused_together, holds_records, one_by_one
 from ..regression.segments import SegmentSet
-from ..regression.solution import lost_masses, third_law_gap, unknown_forces, visited_regions
 from .fitted import FittedChain
 from .problem import DEFAULT_DEGREE, Estimate, Problem, as_mapping, declared_laws, law_list, laws_of_sites
 from .streaming import fit_streamed, is_streamed, partial_fit

@@ -15,13 +15,12 @@ from ..estimation.intervals import Resolver
 from ..estimation.problem import Problem
 from ..exceptions import ChainError, ChannelError, DataQualityWarning
 from ..regression.chain_model import ChainModel, as_segments, storey_names
-from ..regression.chain_solve import groups_of
+from ..regression.chain_solve import groups_of, model_of
 from ..regression.gram_pass import pieces_of
 from ..regression.grams import BlockGrams
 from ..regression.input_arrays import fused_together, one_by_one
 from ..regression.restoring_force import grid
 from ..regression.segments import SegmentSet
-from ..regression.solution import model_of
 
 
 @dataclass

@@ -354,7 +354,7 @@ class ChainModel:
     # -- text and JSON ------------------------------------------------------------------------
 
     def to_sindy(self, dt: float = 1.0) -> Any:
-        """The model as a fitted ``ps.SINDy``; see :func:`~pysindy_nrf.regression.state_space.to_sindy`.
+        """The model as a fitted ``ps.SINDy``; see :func:`~pysindy_nrf.regression.optimizers.to_sindy`.
 
         Parameters
         ----------
@@ -369,7 +369,7 @@ class ChainModel:
 
     @classmethod
     def from_sindy(cls, sindy: Any) -> ChainModel:
-        """The chain behind a ``ps.SINDy``; see :func:`pysindy_nrf.regression.state_space.from_sindy`.
+        """The chain behind a ``ps.SINDy``; see :func:`pysindy_nrf.regression.optimizers.from_sindy`.
 
         Parameters
         ----------

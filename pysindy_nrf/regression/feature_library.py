@@ -429,6 +429,3 @@ def power_series_laws(chain: Chain, degree: Any, orders: Mapping[Any, Any] | Non
             )
         chosen[site] = order
     return {site: [PowerSeries(order)] for site, order in chosen.items()}
-
-
-__all__ = ["ForceLawLibrary", "InterstoryPolynomialLibrary", "feature_names", "power_series_laws", "term_names"]

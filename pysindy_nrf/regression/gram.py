@@ -17,7 +17,7 @@ import numpy as np
 from .layout import Group, Layout, Recipe
 
 if TYPE_CHECKING:
-    from .blocks import Block
+    from .layout import Block
 
 TILE = 256  # samples whose columns stay in the first and second cache
 _PAD = 8  # rows of the scratch are not a power of two apart, which would map them onto one cache line

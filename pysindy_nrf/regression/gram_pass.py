@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 
 from ..common.threads import in_threads
-from .blocks import Block, cut_at
 from .gram import Plan, orthogonal_gram
 from .grams import BlockGrams, Dofs, root_of, scaled_cholesky, width_of
-from .layout import Group, LawLayout, Layout
+from .layout import Block, Group, LawLayout, Layout, cut_at
 from .segments import Segment, SegmentSet
 
 N_PIECES = 64  # over all records

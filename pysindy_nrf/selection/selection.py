@@ -16,8 +16,18 @@ from ..laws.power_series import exponents_of
 from ..mechanics.sites import Site
 from ..regression.input_arrays import from_arrays
 from .fold_moments import FoldMoments, Order
-from .fold_scores import SCORINGS, DigitsLost, balances_on_folds, independent_shares, information, on_folds
-from .one_se_rule import choose, complexity_of, one_standard_error, standard_error
+from .one_se_rule import (
+    SCORINGS,
+    DigitsLost,
+    balances_on_folds,
+    choose,
+    complexity_of,
+    independent_shares,
+    information,
+    on_folds,
+    one_standard_error,
+    standard_error,
+)
 from .splitters import n_splits_of
 
 if TYPE_CHECKING:
@@ -273,7 +283,7 @@ def fold_moments_of(
     estimator: Any, labels: list[Any], X: Any, F: Any, cv: Any, options: Mapping[str, Any]
 ) -> FoldMoments:
     """Gram matrices for all folds of what an estimator would be fitted to, with several orders where none is given."""
-    from ..regression.solution import require_moving
+    from ..regression.chain_solve import require_moving
 
     if estimator.estimation != "ls" or estimator.constraints is not None:
         what = "constraints" if estimator.constraints is not None else f"estimation={estimator.estimation!r}"
@@ -322,6 +332,3 @@ def _orders_by_storey(held: FoldMoments, labels: list[Any], best: Any) -> dict[s
         if chosen == before:
             break
     return {str(site): order for site, order in chosen.items()}
-
-
-__all__ = ["OrderSelection", "cv_results", "select_order"]

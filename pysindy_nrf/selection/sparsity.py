@@ -16,8 +16,7 @@ from ..exceptions import NRFError, NRFWarning
 from ..regression.chain_solve import Solution
 from ..regression.errors import pooled_error
 from .fold_moments import FoldMoments, Order
-from .fold_scores import CLEAN
-from .one_se_rule import choose, standard_error
+from .one_se_rule import CLEAN, choose, standard_error
 from .selection import fold_moments_of
 from .supports import MARGIN, AlongPath, Pruned, inclusion, labels_of, pruned, restricted, support_of
 
@@ -325,6 +324,3 @@ def _selection(found: dict, candidates: dict, estimator: Any, order: Order, held
         if whole
     }
     return SparsitySelection(table, fold_errors, kept, included, supports, candidates, estimator, order, held)
-
-
-__all__ = ["BlockEnsemble", "SparsitySelection", "default_paths", "select_sparsity", "setting_of"]

@@ -15,9 +15,8 @@ from ..mechanics.sites import Site
 from ..regression.errors import pooled_error
 from ..regression.grams import BlockGrams
 from ..regression.layout import LawLayout
-from .fold_moments import FoldMoments, Order
+from .fold_moments import FoldMoments, Monomials, Order
 from .one_se_rule import choose
-from .polynomials import Monomials
 
 
 class AlongPath(BaseEstimator):

@@ -6,10 +6,9 @@ import pytest
 from pysindy_nrf import Chain, ChainModel, NRFRegressor, Site, excitation, laws, simulate
 from pysindy_nrf.discrepancy.prepare import prepare
 from pysindy_nrf.mechanics.identifiability import plan_solve_order
-from pysindy_nrf.regression.chain_solve import solve_blocks
+from pysindy_nrf.regression.chain_solve import scales_of, solve_blocks
 from pysindy_nrf.regression.layout import LawLayout
 from pysindy_nrf.regression.shape_search import estimate_shapes
-from pysindy_nrf.regression.solution import scales_of
 from pysindy_nrf.simulation.noise import add_noise
 
 FS = 200.0

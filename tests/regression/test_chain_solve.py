@@ -11,7 +11,6 @@ from sklearn.base import BaseEstimator
 from pysindy_nrf import Chain, NRFRegressor
 from pysindy_nrf.exceptions import IdentifiabilityError, NRFError, RankWarning
 from pysindy_nrf.mechanics.identifiability import SolveOrder, plan_solve_order
-from pysindy_nrf.regression.blocks import blocks_of
 from pysindy_nrf.regression.chain_solve import (
     NotTogether,
     Solution,
@@ -22,7 +21,7 @@ from pysindy_nrf.regression.chain_solve import (
 from pysindy_nrf.regression.errors import balance_sizes
 from pysindy_nrf.regression.gram_pass import total_gram
 from pysindy_nrf.regression.grams import BlockGrams
-from pysindy_nrf.regression.layout import Layout
+from pysindy_nrf.regression.layout import Layout, blocks_of
 
 # A chain of three storeys with a brace from the base's floor 1 to floor 3, and the columns of its laws.
 LAYOUT = Layout(Chain(3, ["link 3-1"]), {"storey 1": 2, "storey 2": 1, "storey 3": 2, "link 3-1": 1})

@@ -11,11 +11,10 @@ from hypothesis import strategies as st
 
 from pysindy_nrf import Chain, laws
 from pysindy_nrf.exceptions import NRFError
-from pysindy_nrf.regression.blocks import blocks_of, cut_at
 from pysindy_nrf.regression.gram_pass import GramPass, block_grams, guess_of, total_gram
 from pysindy_nrf.regression.grams import BlockGrams
 from pysindy_nrf.regression.input_arrays import from_arrays
-from pysindy_nrf.regression.layout import LawLayout, Layout
+from pysindy_nrf.regression.layout import LawLayout, Layout, blocks_of, cut_at
 
 LAYOUT = Layout(Chain(3, ["link 3-1"]), {"storey 1": 2, "storey 2": 3, "storey 3": 1, "link 3-1": 2})
 GROUPS = [LAYOUT.group(dofs) for dofs in ((1,), (2,), (3,), (2, 3))]

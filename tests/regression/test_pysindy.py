@@ -24,9 +24,8 @@ from pysindy_nrf import (
 )
 from pysindy_nrf.exceptions import BiasWarning, ChannelError, ExcitationError, IdentifiabilityError, LawError, NRFError
 from pysindy_nrf.mechanics.identifiability import plan_solve_order
-from pysindy_nrf.regression.blocks import blocks_of
 from pysindy_nrf.regression.chain_solve import solve_blocks
-from pysindy_nrf.regression.layout import Layout
+from pysindy_nrf.regression.layout import Layout, blocks_of
 
 
 @pytest.fixture(autouse=True)

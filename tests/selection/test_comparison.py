@@ -188,7 +188,7 @@ def test_the_held_out_rule_chooses_within_the_first_part(case, monkeypatch):
     """Between a threshold that keeps all and one that drops the damping; the spoilt end plays no part."""
     from types import SimpleNamespace
 
-    from pysindy_nrf.selection.comparison import api as rows
+    from pysindy_nrf.selection import comparison as rows
 
     fits = []  # a clock that goes by a second with every sparse fit
     monkeypatch.setattr(rows, "time", SimpleNamespace(perf_counter=lambda: float(len(fits))))
@@ -209,7 +209,7 @@ def test_the_held_out_rule_chooses_within_the_first_part(case, monkeypatch):
 
 def test_optimizers_by_a_word(case):
     from pysindy_nrf.exceptions import NRFError
-    from pysindy_nrf.selection.comparison.api import _optimizers
+    from pysindy_nrf.selection.comparison import _optimizers
 
     assert list(_optimizers("select")) == [f"{name} selected" for name in ("STLSQ", "ensemble", "SR3", "SSR", "FROLS")]
     with pytest.raises(NRFError, match="'all' is unknown.*Give 'select'"):

@@ -9,7 +9,7 @@ from pysindy_nrf.laws.power_series import exponents_of
 from pysindy_nrf.mechanics.chain import Chain
 from pysindy_nrf.regression.layout import LawLayout
 from pysindy_nrf.selection import select_order
-from pysindy_nrf.selection.polynomials import Monomials, OrthogonalPowers, Polynomials
+from pysindy_nrf.selection.fold_moments import Monomials, OrthogonalPowers, Polynomials
 
 
 def test_polynomials_on_chebyshev_nodes_are_those_of_their_weight_times_x2():

@@ -9,10 +9,9 @@ import pandas as pd
 
 from ...exceptions import ChannelError
 from ...mechanics.identifiability import SolveOrder
-from ...regression.chain_solve import Solution, solve, solved_safely
+from ...regression.chain_solve import Solution, model_of, solve, solved_safely
 from ...regression.grams import BlockGrams
 from ...regression.segments import Segment, SegmentSet
-from ...regression.solution import model_of
 from ..intervals import Resolver
 from ..problem import Estimate
 from .accumulator import Accumulator
@@ -51,7 +50,7 @@ def publish(accumulator: Accumulator, solution: Solution, grams: BlockGrams, sol
 
 
 def _require_usable(accumulator: Accumulator, grams: BlockGrams) -> None:
-    from ...regression.solution import require_clock, require_moving
+    from ...regression.chain_solve import require_clock, require_moving
 
     data, model = _shown(accumulator), accumulator.require_model()
     require_moving(data, model.layout)

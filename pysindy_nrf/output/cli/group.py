@@ -16,8 +16,8 @@ import click
 from ... import __version__
 from ...exceptions import MissingExtraError, NRFError
 from .model_commands import close_loop, compare, demo, identify, select_order
+from .options import printable
 from .record_commands import inspect, plan, report, simulate
-from .session import printable
 
 USAGE, DATA, OTHER, INTERRUPTED = 2, 3, 1, 130
 

@@ -12,9 +12,11 @@ from ...exceptions import ChannelError
 from ...mechanics.chain import Chain
 from .options import (
     RANGE,
+    Session,
     band_option,
     degree_option,
     files_argument,
+    indent,
     json_option,
     law_option,
     laws_of,
@@ -24,8 +26,8 @@ from .options import (
     output_option,
     readings_of,
     record_options,
+    table,
 )
-from .session import Session, indent, table
 
 
 @click.command(short_help="Identify a bundled record of a shaken frame.")

@@ -22,7 +22,7 @@ from ..displays._matplotlib import available, save
 from ..displays.forces import loop_figure
 from ..displays.motion import response_figures
 from ..report.content import band_text, listed, not_positive
-from .session import Session, heading, indent, paragraphs, table, warned
+from .options import Session, heading, indent, paragraphs, table, warned
 
 # Above this share of a balance unexplained, the estimates deserve a warning.
 LARGE_ERROR = 15.0

@@ -12,6 +12,7 @@ from ...exceptions import FileFormatError, MissingExtraError, NRFError
 from .options import (
     FLOORS,
     NUMBERS,
+    Session,
     band_option,
     degree_option,
     files_argument,
@@ -25,9 +26,9 @@ from .options import (
     readings_of,
     record_options,
     said_of,
+    table,
     unit_option,
 )
-from .session import Session, table
 
 
 @click.command(short_help="Say what a file holds and how it was understood.")

@@ -18,7 +18,7 @@ class CoefficientsDisplay(Display):
     Parameters
     ----------
     shares : DataFrame
-        As :func:`pysindy_nrf.selection.comparison.term_shares` returns.
+        Shares of the storey forces, by site and term; see :func:`pysindy_nrf.selection.comparison.compare`.
 
     Examples
     --------

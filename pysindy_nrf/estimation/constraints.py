@@ -59,10 +59,6 @@ class Constraint:
         chain : Chain
         known : dict of int to float
             Known masses, kg.
-
-        Returns
-        -------
-        list of (dict of str to float, float)
         """
         return []
 
@@ -74,10 +70,6 @@ class Constraint:
         names : sequence of str
             Parameters that are estimated.
         chain : Chain
-
-        Returns
-        -------
-        list of str
         """
         return []
 

@@ -51,10 +51,6 @@ class FittedChain:
         cure : str
             Remedy in the error if the data are not available.
 
-        Returns
-        -------
-        SegmentSet
-
         Raises
         ------
         ChannelError
@@ -138,10 +134,6 @@ class FittedChain:
             As for :meth:`fit`.
         sample_weight : array-like of shape (n_samples,), optional
             Weights of the samples; equal if None.
-
-        Returns
-        -------
-        float
         """
         data = self._judged(X, y, record, time, base_acceleration, covariates)
         weights = sample_weights(sample_weight, data.n_samples)
@@ -289,10 +281,6 @@ class FittedChain:
             Initial displacement (m) and velocity (m/s) relative to the base.
         **options
             ``method``, ``base_acceleration``, ...
-
-        Returns
-        -------
-        Record
 
         Raises
         ------

@@ -50,10 +50,6 @@ def linear_part(model: Any) -> ChainModel:
     ----------
     model : ChainModel or fitted NRFRegressor
 
-    Returns
-    -------
-    ChainModel
-
     Notes
     -----
     The linear terms of a cubic series are the tangent at rest, not the best line through a loop;
@@ -290,10 +286,6 @@ def locate_nonlinearity(
         The data it was fitted to.
     draws : int
     random_state : int or None
-
-    Returns
-    -------
-    Location
 
     Raises
     ------

@@ -118,10 +118,6 @@ class Problem:
         Parameters
         ----------
         laws : mapping of str to sequence of ForceLaw
-
-        Returns
-        -------
-        Problem
         """
         return replace(self, laws={**self.laws, **{self.chain.site(s): tuple(held) for s, held in laws.items()}})
 
@@ -132,10 +128,6 @@ class Problem:
         ----------
         known_masses : mapping of int to float
             kg, by DOF.
-
-        Returns
-        -------
-        Problem
         """
         return replace(self, known_masses=known_masses)
 
@@ -148,10 +140,6 @@ class Problem:
             DOFs with a force that is not zero; ``excited`` stands in for them where it is given.
         unknown : iterable of int
             DOFs whose force is not known.
-
-        Returns
-        -------
-        SolveOrder
 
         Raises
         ------

@@ -194,10 +194,6 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         state : path-like, optional
             File for the state of an interrupted fit from files; the next call continues from it.
 
-        Returns
-        -------
-        self
-
         Raises
         ------
         ChannelError
@@ -272,10 +268,6 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         ----------
         X, y, record, time, base_acceleration, covariates
             Arrays, tables or Records, as for :meth:`fit`.
-
-        Returns
-        -------
-        self
         """
         return partial_fit(
             self, X, y, record=record, time=time, base_acceleration=base_acceleration, covariates=covariates

@@ -138,10 +138,6 @@ class ChainModel:
         ----------
         X, F, **options
             As for :meth:`predict`; forces in N.
-
-        Returns
-        -------
-        SegmentSet
         """
         if isinstance(X, SegmentSet):
             return X
@@ -374,10 +370,6 @@ class ChainModel:
         Parameters
         ----------
         sindy : pysindy.SINDy
-
-        Returns
-        -------
-        ChainModel
         """
         model: ChainModel = Hook.FROM_SINDY(sindy)
         return model
@@ -388,10 +380,6 @@ class ChainModel:
         Parameters
         ----------
         laws : mapping of str to sequence of ForceLaw
-
-        Returns
-        -------
-        ChainModel
         """
         return ChainModel(
             self.masses,
@@ -408,10 +396,6 @@ class ChainModel:
         ----------
         digits : int
             Significant digits.
-
-        Returns
-        -------
-        list of str
         """
         return [force.equation(digits) for force in self.restoring_forces.values() if force.laws]
 
@@ -479,10 +463,6 @@ class ChainModel:
         path : path-like, optional
             Written there too (to a temporary file first, then moved into place).
         indent : int
-
-        Returns
-        -------
-        str
         """
         text = json.dumps(self.to_dict(), indent=indent, allow_nan=False)
         if path is not None:
@@ -500,10 +480,6 @@ class ChainModel:
         ----------
         source : str or path-like
             JSON text (starting with a brace) or the path of a file.
-
-        Returns
-        -------
-        ChainModel
 
         Raises
         ------

@@ -19,7 +19,7 @@ from ..laws import PowerSeries
 from ..laws.base import ForceLaw
 from ..mechanics.chain import Chain
 from .layout import LawLayout
-from .segments import Segment, feature_names
+from .segments import Segment
 
 _INPUTS = ("balance", "state")
 _UNNAMED = re.compile(r"[xu]\d+")
@@ -261,10 +261,6 @@ class ForceLawLibrary(BaseFeatureLibrary):
             The user's names of the input columns, for the columns that are passed through: accelerations, or
             velocities and forces. Terms keep the names of their storeys. PySINDy's own x0, x1, ..., u0 say
             nothing and count as no names.
-
-        Returns
-        -------
-        list of str
 
         Raises
         ------

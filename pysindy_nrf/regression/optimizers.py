@@ -61,10 +61,6 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
             Returns a fresh iterable of blocks at each call.
         names : mapping, optional
             Labels of the terms, for messages.
-
-        Returns
-        -------
-        Solution, BlockGrams
         """
         return solve_blocks(layout, solve_order, blocks, self.known_masses, sub_optimizer(self.optimizer), names)
 
@@ -248,10 +244,6 @@ class ChainOptimizer(_ChainOptimizerBase):
         y : array-like of shape (n_samples, n_dof)
             Forces F_j, N.
 
-        Returns
-        -------
-        self
-
         Raises
         ------
         ChannelError
@@ -312,10 +304,6 @@ class StateSpaceChainOptimizer(_ChainOptimizerBase):
             Features: xdot_1..xdot_n, the terms of every site, F_1..F_n.
         y : array-like of shape (n_samples, 2 n_dof), (n_samples, n_dof) with n_dof odd, or (n_samples,)
             Targets: velocities and accelerations, or the accelerations alone.
-
-        Returns
-        -------
-        self
 
         Raises
         ------

@@ -354,10 +354,6 @@ def compare(
     X, F, dt, truth, degree, optimizers, heldout, free_run, time_limit, coordinates
         See :func:`compare_with_sindy`.
 
-    Returns
-    -------
-    Comparison
-
     Raises
     ------
     ChannelError

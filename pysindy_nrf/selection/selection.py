@@ -171,10 +171,6 @@ def select_order(
         Of :class:`NRFRegressor`: ``laws``, ``orders`` (storeys named there keep their law), ``strategy``,
         ``optimizer``, ``known_masses``, ``band``, ``chain``, ...
 
-    Returns
-    -------
-    OrderSelection
-
     Raises
     ------
     NRFError

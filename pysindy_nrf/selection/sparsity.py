@@ -160,10 +160,6 @@ def select_sparsity(
     **regressor_params
         Of :class:`NRFRegressor`: ``strategy``, ``known_masses``, ``laws`` (kept whole), ``band``, ...
 
-    Returns
-    -------
-    SparsitySelection
-
     Raises
     ------
     NRFError

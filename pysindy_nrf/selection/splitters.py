@@ -107,10 +107,6 @@ class RecordSplit(_RecordSplitter):
         ----------
         X, y, groups
             As for :meth:`split`; not needed if ``n_splits`` was given.
-
-        Returns
-        -------
-        int
         """
         if self.n_splits is not None:
             return whole("n_splits", self.n_splits, 2)
@@ -166,10 +162,6 @@ class BlockedTimeSplit(_RecordSplitter):
         Parameters
         ----------
         X, y, groups : ignored
-
-        Returns
-        -------
-        int
         """
         return whole("n_splits", self.n_splits, 2)
 

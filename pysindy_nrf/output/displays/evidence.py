@@ -235,10 +235,6 @@ class BeforeAfterDisplay(Display):
         Parameters
         ----------
         report : LoopReport
-
-        Returns
-        -------
-        BeforeAfterDisplay
         """
         columns = [c for c in report.table if c == "held-out" or c.startswith("held-out dof")]
         named = ["pooled" if c == "held-out" else dof_words(c.removeprefix("held-out ")) for c in columns]

@@ -185,10 +185,6 @@ class RestoringForceSurfaceDisplay(Display):
             (v, s) -> N, e.g. the restoring force of another model.
         size : int
             Points along each side.
-
-        Returns
-        -------
-        RestoringForceSurfaceDisplay
         """
         model = getattr(estimator, "model_", estimator)
         surface = model.surface(site, size)
@@ -237,10 +233,6 @@ class HysteresisLoopDisplay(Display):
             Data, as for ``fit``.
         site : str or int
             A storey.
-
-        Returns
-        -------
-        HysteresisLoopDisplay
 
         Raises
         ------
@@ -321,10 +313,6 @@ class DamperForceDisplay(Display):
             N.
         over : {"time", "drift", "rate"}
 
-        Returns
-        -------
-        DamperForceDisplay
-
         Raises
         ------
         ChannelError
@@ -388,10 +376,6 @@ class EnergyDisplay(Display):
             The motion.
         without : fitted NRFRegressor or ChainModel, optional
             Model of the bare structure, subtracted.
-
-        Returns
-        -------
-        EnergyDisplay
         """
         from ...estimation import dissipated_energy
 

@@ -42,10 +42,6 @@ class CoefficientsDisplay(Display):
         Parameters
         ----------
         comparison : Comparison
-
-        Returns
-        -------
-        CoefficientsDisplay
         """
         return cls(comparison.coefficients)
 
@@ -181,10 +177,6 @@ class PlanarityDisplay(Display):
         ----------
         estimator : fitted NRFRegressor
         X, F, **options
-
-        Returns
-        -------
-        PlanarityDisplay
         """
         from ...estimation import planarity
 
@@ -244,10 +236,6 @@ class ChangeMapDisplay(Display):
         site : str or int
         largest : float, optional
         size : int
-
-        Returns
-        -------
-        ChangeMapDisplay
         """
         return cls(report.map(site, size), str(report.before.chain.site(site)), largest)
 

@@ -95,10 +95,6 @@ class FreeRunDisplay(Display):
         **options
             Passed to :func:`pysindy_nrf.simulate`.
 
-        Returns
-        -------
-        FreeRunDisplay
-
         Raises
         ------
         ChannelError
@@ -217,10 +213,6 @@ class ModesDisplay(Display):
         estimator : fitted NRFRegressor or ChainModel
         record : Record, optional
             With accelerations, for the spectrum.
-
-        Returns
-        -------
-        ModesDisplay
         """
         modes = getattr(estimator, "model_", estimator).modes()
         if record is None or record.acceleration is None:
@@ -280,10 +272,6 @@ class TrackDisplay(Display):
         X, F, **options
         onset : float, optional
             s.
-
-        Returns
-        -------
-        TrackDisplay
         """
         from ...monitoring import track
 

@@ -1,8 +1,4 @@
-"""Chains simulated without the package: an own Runge-Kutta rule for batches, SciPy for hysteresis.
-
-The accelerations follow from the balance at every sample, so the records close it to round-off
-whatever the step; only the motion in between depends on the integrator.
-"""
+"""Chains simulated without the package: an own Runge-Kutta rule for batches, SciPy for hysteresis."""
 
 from __future__ import annotations
 
@@ -10,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.integrate import solve_ivp
+
+from pysindy_nrf import Record
 
 
 @dataclass
@@ -49,6 +47,14 @@ class Case:
     def absolute(self) -> np.ndarray:
         """Columns a, xdot, x of the DOFs, relative to the base."""
         return np.hstack([self.a, self.v.cumsum(axis=1), self.s.cumsum(axis=1)])
+
+    def noisy(self, share: float = 0.02, seed: int = 0) -> np.ndarray:
+        """X with noise of a share of the standard deviation of each column."""
+        return self.X + share * self.X.std(axis=0) * np.random.default_rng(seed).standard_normal(self.X.shape)
+
+    def record(self, **options) -> Record:
+        a, v, x = np.split(self.absolute, 3, axis=1)
+        return Record(force=self.F, acceleration=a, velocity=v, displacement=x, fs=1 / self.dt, **options)
 
 
 def parameters(n: int, rng: np.random.Generator, cubic: bool = True):
@@ -135,10 +141,7 @@ DAMPER = dict(K0=50.0, C0=399.0, Fd=34.85, sigma=5e4)
 
 
 def paper_case(rms: float = 200.0, seed: int = 0, duration: float = 4.0, fs: float = 1000.0, forced=(1, 2), f0: float = 0.0):
-    """The paper's 2-DOF chain with a modified Dahl damper on storey 1, integrated by SciPy's LSODA.
-
-    The force is a sum of sines, known at every instant. Returns a :class:`Case`, and Z and R_1 of the truth.
-    """
+    """The paper's 2-DOF chain with a modified Dahl damper on storey 1, integrated by SciPy's LSODA."""
     rng = np.random.default_rng(seed)
     frequency = np.arange(1.0, 40.0, 0.5)
     phase = rng.uniform(0, 2 * np.pi, (2, frequency.size))

@@ -1,7 +1,4 @@
-"""Every public function and class is documented: what goes in, what comes out, and an example that runs.
-
-The examples themselves run under ``--doctest-modules``; here it is asserted that none is missing.
-"""
+"""Every public function and class is documented: what goes in, what comes out, and an example that runs."""
 
 from __future__ import annotations
 

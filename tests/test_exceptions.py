@@ -5,14 +5,13 @@ from __future__ import annotations
 import ast
 import inspect
 import pickle
-from pathlib import Path
 
 import pytest
+from sources import trees
 
 from pysindy_nrf import exceptions
 from pysindy_nrf.exceptions import MissingExtraError, NRFError, NRFWarning
 
-PACKAGE = Path(exceptions.__file__).parent
 CLASSES = [getattr(exceptions, name) for name in exceptions.__all__]
 ERRORS = [c for c in CLASSES if issubclass(c, NRFError)]
 WARNINGS = [c for c in CLASSES if issubclass(c, NRFWarning)]
@@ -36,11 +35,6 @@ HELPERS = {"data/io/table.py", "data/io/arrays.py", "data/io/uff.py", "common/fi
 CURE_INSIDE = {"mechanics/identifiability.py": "its reasons say what would help"}
 # Functions that build the error they are named for.
 BUILDERS = {"unreadable", "cannot_compile"}
-
-
-def trees():
-    for path in sorted(PACKAGE.rglob("*.py")):
-        yield str(path.relative_to(PACKAGE)), ast.parse(path.read_text(encoding="utf-8"))
 
 
 def called(node: ast.expr) -> str:

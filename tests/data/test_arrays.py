@@ -1,7 +1,4 @@
-"""NumPy, HDF5, MATLAB and Parquet files: what was put in comes out; damaged, lying or hostile files are refused.
-
-A refusal comes before memory is taken and before anything in the file could run.
-"""
+"""NumPy, HDF5, MATLAB and Parquet files: what was put in comes out; damaged, lying or hostile files are refused."""
 
 import io
 import pickle

@@ -110,13 +110,3 @@ def test_bouc_wen_benchmark():
     rec = measured_sets.load_bouc_wen_benchmark("multisine", measured.folder("bouc_wen_benchmark"))
     assert rec.n_samples == 8192 and rec.fs == 750
     assert np.sqrt(np.mean(rec.force**2)) == pytest.approx(50, rel=1e-3)
-
-
-def test_three_storey_frf():
-    frf = measured_sets.load_three_storey_frf(measured.folder("three_storey_frf"))
-    assert frf.n_dof == 3 and frf.driven == 1
-
-
-def test_every_set_has_a_citation_and_terms():
-    assert all(len(one.citation) > 5 and len(one.terms) > 5 and one.source for one in measured_sets.SETS.values())
-    assert "Labcontrol" in str(measured_sets.SETS["mr_damper_cyclic"])

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.io import savemat
 
 from pysindy_nrf.data.io import read_mapping, read_record
 from pysindy_nrf.exceptions import ChannelError, FileFormatError
@@ -17,17 +16,17 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 
 @pytest.fixture
-def mat(tmp_path):
+def archive(tmp_path):
     t = np.arange(50) / 100
     acc = np.column_stack([np.sin(20 * t), np.cos(20 * t), t])
     content = {"zeit": 1e3 * t, "acc": acc, "wide": acc.T, "drive": t + 1, "gain": 35.1507, "voltage": 2 * t,
                "short": t[:9]}  # fmt: skip
-    savemat(tmp_path / "test 7.mat", content)
-    return tmp_path / "test 7.mat", t, acc
+    np.savez(tmp_path / "test 7.npz", **content)
+    return tmp_path / "test 7.npz", t, acc
 
 
-def test_the_mapping_grammar(mat):
-    path, t, acc = mat
+def test_the_mapping_grammar(archive):
+    path, t, acc = archive
     rec = read_record(
         path,
         mapping={"t": "zeit @ ms", "a1": "acc[:, 0] @ g", "a2": "-acc[:, -2]*2", "a3": "wide[2, :]", "F1": "drive*gain",
@@ -62,9 +61,9 @@ def test_the_mapping_grammar(mat):
         ({"x1": "().__class__"}, "no variable|understood"),
     ],
 )
-def test_a_bad_mapping_names_the_channel_and_is_never_run(mat, mapping, message, tmp_path, monkeypatch):
+def test_a_bad_mapping_names_the_channel_and_is_never_run(archive, mapping, message, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    path, *_ = mat
+    path, *_ = archive
     with pytest.raises((ChannelError, FileFormatError), match=message):
         read_record(path, mapping=mapping, fs=100.0)
     assert not (tmp_path / "mark").exists()

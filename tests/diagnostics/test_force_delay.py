@@ -94,7 +94,7 @@ def one_blow(width, shape, begin=0.5):
     return np.array([force(s) for s in t]), a, x, fs
 
 
-@pytest.mark.parametrize("width, shape", [(3.0, "hammer"), (8.0, "hammer"), (2.5, "impulse")])
+@pytest.mark.parametrize("width, shape", [(3.0, "hammer"), (2.5, "impulse")])
 @pytest.mark.parametrize("channels", ["a", "ax", "x"])
 @pytest.mark.parametrize("noise", [0.0, 0.01])
 def test_a_single_blow_tells_whole_samples_and_no_half_one(width, shape, channels, noise):

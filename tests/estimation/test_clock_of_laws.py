@@ -107,10 +107,3 @@ def test_the_loop_finds_a_step_on_the_clock_of_a_window():
         whole.window(5, 20), NRFRegressor(degree=1), catalogue=[laws.StiffnessStep(), laws.CubicStiffness()]
     ).steps[0]
     assert step.law == "stiffness_step" and step.parameters["t0"] == pytest.approx(13.0, abs=0.1)
-
-
-def test_windows_of_one_record_are_parts_of_one_clock():
-    whole = stepping()
-    given = {1: [laws.PowerSeries(1), laws.StiffnessStep()]}
-    model = NRFRegressor(laws=given).fit([whole.window(0, 10), whole.window(10, 20)])
-    assert model.model_.laws[next(iter(model.model_.laws))][1].shape["t0"] == pytest.approx(13.0, abs=0.05)

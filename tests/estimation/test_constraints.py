@@ -14,7 +14,6 @@ from pysindy_nrf.estimation.constraints import (
     KnownStiffness,
     NonNegative,
     TotalMass,
-    _nearest,
 )
 from pysindy_nrf.exceptions import BiasWarning, ChainError
 from pysindy_nrf.simulation.noise import add_noise
@@ -113,25 +112,3 @@ def test_a_total_of_known_masses_is_checked_and_not_solved(three):
     assert fit(*three).masses_.tolist() == [10.0, 12.0, 8.0]
     with pytest.raises(ChainError, match="known masses differ from a constraint by 1 kg"):
         NRFRegressor(degree=1, known_masses=known, constraints=TotalMass(31.0)).fit(*three)
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_the_nearest_point_fulfils_the_conditions_of_optimality(seed):
-    """With multipliers of the equations free and those of the bounds not negative (Karush, Kuhn and Tucker)."""
-    from scipy.optimize import lsq_linear
-
-    rng = np.random.default_rng(seed)
-    n = int(rng.integers(2, 6))
-    L = rng.normal(size=(n, n))
-    P = L @ L.T + 0.1 * np.eye(n)
-    A = np.round(rng.normal(size=(1, n))) + np.eye(1, n) * 3
-    b = A @ np.where(rng.random(n) < 0.6, rng.random(n), 0.0)  # a point that obeys everything
-    start = rng.normal(size=n) - 1.0
-    x = _nearest(start, P, A, b, np.ones(n, dtype=bool))
-    assert x.min() > -1e-8
-    np.testing.assert_allclose(A @ x, b, atol=1e-6)
-    sides = np.vstack([A, np.eye(n)[x < 1e-7]])
-    low = np.r_[-np.inf, np.zeros(len(sides) - 1)]
-    slope = np.linalg.solve(P, x - start)
-    left = lsq_linear(sides.T, slope, bounds=(low, np.inf)).fun
-    assert np.abs(left).max() < 1e-5 * max(1.0, np.abs(slope).max())

@@ -16,7 +16,6 @@ from pysindy_nrf.estimation import (
     found_twice,
     horizontal_component,
     linear_part,
-    linear_twin,
     locate_nonlinearity,
     model_agreement,
     planarity,
@@ -57,11 +56,6 @@ def test_energy_shares_do_not_depend_on_the_level_but_on_the_damage():
     assert shares[2].sum() == pytest.approx(100.0)
 
 
-def test_linear_twin_keeps_every_other_setting():
-    twin = linear_twin(NRFRegressor(degree=3, orders={"storey 1": 5}, known_masses={1: 10.0}, band=(1, 30)))
-    assert twin.degree == 1 and twin.orders is None and twin.known_masses == {1: 10.0} and twin.band == (1, 30)
-
-
 def test_linear_part_is_the_tangent_at_rest():
     part = linear_part(chain((1, laws.CubicStiffness(1e9)), (2, laws.LinearElastic(1e3))))
     assert part.restoring_forces[1].linear_part().to_dict() == {"c": 60.0, "k": 5e4}
@@ -94,8 +88,7 @@ def test_noise_reference_covers_what_noise_does_to_a_planar_storey():
     assert np.mean(inside) > 0.7
 
 
-@pytest.mark.parametrize("storey", [1, 2, 3])
-@pytest.mark.parametrize("dofs", [[1, 2, 3], [3]])
+@pytest.mark.parametrize(("storey", "dofs"), [(1, [3]), (2, [1, 2, 3]), (3, [3])])
 def test_damper_located_wherever_it_sits(storey, dofs):
     X, F = features(run(chain((storey, laws.Dahl(sigma=2e4, Fd=25.0))), dofs))
     with warnings.catch_warnings():

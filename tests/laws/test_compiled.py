@@ -115,31 +115,6 @@ def test_no_layout_of_the_arrays_is_compiled_for_anew():
     assert np.array_equal(*states[:2]) and len(memory._paths(type(law).advance, law.n_states).signatures) == 1
 
 
-def test_machine_code_of_a_law():
-    law = laws.Jenkins(uy=2.0)
-    kernel, advance = compiled.pointers(law)
-    assert compiled.pointers(law) == (kernel, advance) and kernel.address and advance.address
-    z, u, theta, out = np.array([0.25]), np.zeros(0), law.theta, np.zeros(1)
-    import ctypes
-
-    def line(x):
-        return x.ctypes.data_as(ctypes.POINTER(ctypes.c_double)), x.size
-
-    advance.ctypes(*line(z), 0.0, 1.0, 1.0, 1.0, 0.1, *line(u), *line(theta))
-    assert z[0] == 0.75
-    kernel.ctypes(0.0, 0.0, 0.0, 0.0, *line(u), *line(z), *line(theta), *line(out))
-    assert out[0] == 0.75
-
-
-def test_arrays_are_handed_on_read_only():
-    x = np.arange(6).reshape(2, 3).T
-    view = compiled.read_only(x)
-    assert view.tolist() == x.tolist() and view.dtype == float
-    assert view.flags.c_contiguous and not view.flags.writeable and x.flags.writeable
-    y = np.arange(3.0)
-    assert compiled.read_only(y).base is y and y.flags.writeable
-
-
 def test_what_cannot_be_compiled_is_named():
     class Strange(laws.Dahl):
         @staticmethod

@@ -35,11 +35,6 @@ def _bias_is_not_the_point():
         yield
 
 
-def noisy(case, share=0.02, seed=0):
-    rng = np.random.default_rng(seed)
-    return case.X + share * case.X.std(axis=0) * rng.standard_normal(case.X.shape)
-
-
 def sindy(X, F, dt, optimizer=None, degree=3, **options):
     model = ps.SINDy(optimizer=ChainOptimizer(optimizer, **options), feature_library=InterstoryPolynomialLibrary(degree))
     return model.fit(X, t=dt, x_dot=F)
@@ -60,7 +55,7 @@ INNER = {
 @pytest.mark.parametrize("inner", INNER.values(), ids=INNER)
 def test_the_three_entrances_agree(inner, forced):
     case = chains.duffing(4, forced, seed=1)
-    X = noisy(case)
+    X = case.noisy()
     regressor = NRFRegressor(degree=3, optimizer=inner).fit(X, case.F)
     optimizer = sindy(X, case.F, case.dt, inner).optimizer
 
@@ -98,7 +93,7 @@ def test_default_stlsq_is_safe_on_si_units():
     for i in (1, 2, 3):
         assert set(model.restoring_forces_[i].coefficients.loc[lambda c: c != 0].index) <= {"v", "s", "s^3"}
         assert model.restoring_forces_[i].coefficients["s"] == pytest.approx(case.k[i - 1], rel=0.2)
-    fine = NRFRegressor(degree=3, optimizer=ps.STLSQ(threshold=0.005)).fit(noisy(case, 0.003), case.F)
+    fine = NRFRegressor(degree=3, optimizer=ps.STLSQ(threshold=0.005)).fit(case.noisy(0.003), case.F)
     for i in (1, 2, 3):
         assert set(fine.restoring_forces_[i].coefficients.loc[lambda c: c != 0].index) == {"v", "s", "s^3"}
 
@@ -110,7 +105,7 @@ def _kept(model):
 @pytest.mark.parametrize("inner", [ps.STLSQ(threshold=0.03), ps.SR3(reg_weight_lam=1e-3), ps.SSR(kappa=1e-3), ps.FROLS(max_iter=5)], ids=lambda o: type(o).__name__)
 def test_a_threshold_means_the_same_in_any_units(inner):
     case = chains.duffing(2, [2], seed=5)
-    X = noisy(case)
+    X = case.noisy()
     model = NRFRegressor(degree=3, optimizer=inner).fit(X, case.F)
     millimetres = np.hstack([1e3 * X[:, :2], 1e3 * X[:, 2:4], 1e3 * X[:, 4:]])
     other = NRFRegressor(degree=3, optimizer=inner).fit(millimetres, case.F / 1e3)  # kN
@@ -121,7 +116,7 @@ def test_a_threshold_means_the_same_in_any_units(inner):
 @given(st.integers(1, 5))
 def test_a_threshold_means_the_same_at_any_number_of_samples(times):
     case = chains.duffing(2, [2], seed=5, n_samples=1000)
-    X = noisy(case)
+    X = case.noisy()
     inner = ps.STLSQ(threshold=0.03)
     model = NRFRegressor(degree=3, optimizer=inner).fit(X, case.F)
     other = NRFRegressor(degree=3, optimizer=inner).fit(np.vstack([X] * times), np.vstack([case.F] * times))
@@ -153,7 +148,7 @@ def test_the_mass_is_never_thresholded_away():
 def test_the_triangular_factor_gives_what_all_samples_give():
     """Compress first: PySINDy's STLSQ on 20 rows equals PySINDy's STLSQ on all scaled samples."""
     case = chains.duffing(1, [1], seed=8)
-    X = noisy(case, 0.05)
+    X = case.noisy(0.05)
     known = {1: case.m[0]}
     inner = ps.STLSQ(threshold=0.03)
     model = NRFRegressor(degree=5, optimizer=inner, known_masses=known).fit(X, case.F)
@@ -208,7 +203,7 @@ def test_bagging_around_the_chain_optimizer(chain4):
     model = ps.SINDy(
         optimizer=ps.EnsembleOptimizer(ChainOptimizer(), bagging=True, n_models=3, n_subset=1500),
         feature_library=InterstoryPolynomialLibrary(3),
-    ).fit(noisy(chain4, 0.002), t=chain4.dt, x_dot=chain4.F)
+    ).fit(chain4.noisy(0.002), t=chain4.dt, x_dot=chain4.F)
     assert worst(np.diag(model.coefficients()[:, :4]), chain4.m) < 0.05
     assert len(model.optimizer.coef_list) == 3
 

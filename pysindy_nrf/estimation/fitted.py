@@ -72,12 +72,8 @@ class FittedChain:
         base_acceleration: Any = None,
         covariates: Mapping[str, Any] | None = None,
     ) -> np.ndarray:
-        """Forces on the DOFs that the measured motion implies (left-hand sides of the balances).
-
-        Parameters
-        ----------
-        X, record, time, base_acceleration, covariates
-            As for :meth:`fit`.
+        """Forces on the DOFs that the measured motion implies (left-hand sides of the balances), for data as in
+        :meth:`fit`.
 
         Returns
         -------
@@ -97,12 +93,7 @@ class FittedChain:
         base_acceleration: Any = None,
         covariates: Mapping[str, Any] | None = None,
     ) -> np.ndarray:
-        """Storey forces along data.
-
-        Parameters
-        ----------
-        X, record, time, base_acceleration, covariates
-            As for :meth:`fit`.
+        """Storey forces along data, which are given as for :meth:`fit`.
 
         Returns
         -------
@@ -123,15 +114,13 @@ class FittedChain:
         base_acceleration: Any = None,
         covariates: Mapping[str, Any] | None = None,
     ) -> float:
-        """R^2 of the accelerations the model predicts, variance-weighted over the DOFs.
+        """R^2 of the accelerations the model predicts, variance-weighted over the DOFs, on data as for :meth:`fit`.
 
         It is comparable under any excitation; ``scoring="r2"`` of scikit-learn uses the forces, which are
         zero on unforced DOFs.
 
         Parameters
         ----------
-        X, y, record, time, base_acceleration, covariates
-            As for :meth:`fit`.
         sample_weight : array-like of shape (n_samples,), optional
             Weights of the samples; equal if None.
         """
@@ -161,17 +150,12 @@ class FittedChain:
         base_acceleration: Any = None,
         covariates: Mapping[str, Any] | None = None,
     ) -> pd.DataFrame:
-        """Balance errors (one step) on other data, in the same band; percent NRMSE.
-
-        Parameters
-        ----------
-        X, y, record, time, base_acceleration, covariates
-            As for :meth:`fit`.
+        """Balance errors (one step) on other data, given as for :meth:`fit`, in the same band.
 
         Returns
         -------
         DataFrame
-            See :func:`pysindy_nrf.regression.errors.balance_errors`.
+            Percent NRMSE, one row for each balance; as ``errors_``.
         """
         from ..regression.errors import judge
 
@@ -185,13 +169,7 @@ class FittedChain:
         return judge(self.model_, layout, self.solve_order_, blocks)
 
     def modes(self) -> pd.DataFrame:
-        """Frequencies (Hz), damping ratios and shapes of the linear part.
-
-        Returns
-        -------
-        DataFrame
-            See :meth:`ChainModel.modes`.
-        """
+        """Frequencies (Hz), damping ratios and shapes of the linear part; see :meth:`ChainModel.modes`."""
         check_is_fitted(self)
         return self.model_.modes()
 
@@ -205,23 +183,20 @@ class FittedChain:
         error in one storey reaches every mass below it. Shape parameters and the choice of terms are
         taken as known: the error of a wrong law is not in the interval (see ``missing_terms_``). For a least-squares
         fit to Records the motions are fused DOF by DOF, because the remaining noise of a joint fusion is correlated
-        over the whole record. The estimator refers to the data of the fit until it is pickled; compute intervals
-        before saving.
+        over the whole record. Compute intervals before pickling, which leaves the data behind.
 
         Parameters
         ----------
         level : float
         of : {"parameters", "masses", "coefficients", "modes", "energies"}, mapping or callable
             ``"energies"``: dissipated by every storey along the data of the fit, J. A mapping of site to points,
-            ``{"storey 2": (v, s)}``, gives forces there. A callable takes a ChainModel and returns a Series (ratios,
-            ...).
+            ``{"storey 2": (v, s)}``, gives forces there. A callable takes a ChainModel and returns a Series.
         method : {"hac", "bootstrap"}
             Delete-one-block jackknife with correlated neighbours (Newey and West), or block bootstrap.
         random_state : int, Generator or None
             Of the bootstrap.
         n_jobs : int, optional
-            Joblib jobs of the bootstrap, -1 for all cores; ``joblib.parallel_config("dask")`` and the like choose
-            another backend.
+            Joblib jobs of the bootstrap, -1 for all cores.
 
         Returns
         -------
@@ -258,27 +233,17 @@ class FittedChain:
         return force_intervals(self._interval_resolver(), self.model_, site, v, s, level)
 
     def diagnose(self) -> Diagnosis:
-        """Diagnose what limits the estimate: noise, excitation, conditioning, a missing law.
-
-        Returns
-        -------
-        Diagnosis
-            ``print`` it; ``.table`` holds the findings. See :mod:`pysindy_nrf.diagnostics.test_planning`.
-        """
+        """Diagnose what limits the estimate; see :func:`pysindy_nrf.diagnostics.test_planning.diagnose`."""
         check_is_fitted(self)
         return diagnose(self)
 
     def simulate(self, F: Any, *, dt: float | None = None, x0: Any = None, v0: Any = None, **options: Any) -> Record:
-        """Free run of the identified model; see :func:`pysindy_nrf.simulate`.
+        """Free run of the identified model; parameters as of :func:`pysindy_nrf.simulate`.
 
         Parameters
         ----------
-        F : array-like of shape (n_samples, n_dof)
-            N.
         dt : float, optional
             s; the estimator's ``dt`` if None.
-        x0, v0 : array-like of shape (n_dof,), optional
-            Initial displacement (m) and velocity (m/s) relative to the base.
         **options
             ``method``, ``base_acceleration``, ...
 
@@ -294,12 +259,7 @@ class FittedChain:
         return self.model_.simulate(F, step, x0=x0, v0=v0, **options)
 
     def to_sindy(self) -> Any:
-        """The identified model as a fitted ``ps.SINDy``; see :func:`pysindy_nrf.regression.optimizers.to_sindy`.
-
-        Returns
-        -------
-        pysindy.SINDy
-        """
+        """The identified model as a fitted ``ps.SINDy``; see :meth:`ChainModel.to_sindy`."""
         check_is_fitted(self)
         return self.model_.to_sindy(1.0 if self.dt is None else self.dt)
 

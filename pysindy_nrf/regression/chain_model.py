@@ -132,12 +132,11 @@ class ChainModel:
     # -- forces along data --------------------------------------------------------------------
 
     def segments(self, X: Any, F: Any = None, **options: Any) -> SegmentSet:
-        """The contiguous records in arrays of channels.
+        """The contiguous records in data given as for :meth:`predict`, with forces F in N.
 
         Parameters
         ----------
-        X, F, **options
-            As for :meth:`predict`; forces in N.
+        F : array-like of shape (n_samples, n_dof), optional
         """
         if isinstance(X, SegmentSet):
             return X
@@ -166,11 +165,7 @@ class ChainModel:
         return out
 
     def balance_forces(self, data: SegmentSet) -> list[np.ndarray]:
-        """Left-hand sides ``m_j a_j + R_j - R_{j+1}`` along each record, N.
-
-        Parameters
-        ----------
-        data : SegmentSet
+        """Left-hand sides ``m_j a_j + R_j - R_{j+1}`` along each record; see :meth:`site_forces`.
 
         Returns
         -------
@@ -201,12 +196,7 @@ class ChainModel:
         return data.scatter(self.balance_forces(data))
 
     def restoring_force(self, X: Any, **options: Any) -> np.ndarray:
-        """Storey forces along data.
-
-        Parameters
-        ----------
-        X, **options
-            As for :meth:`predict`.
+        """Storey forces along data, which are given as for :meth:`predict`.
 
         Returns
         -------
@@ -330,27 +320,19 @@ class ChainModel:
     # -- free run -----------------------------------------------------------------------------
 
     def simulate(self, F: Any, dt: float, **options: Any) -> Any:
-        """Free run under sampled forces; see :func:`pysindy_nrf.simulate`.
+        """Free run under sampled forces; parameters as of :func:`pysindy_nrf.simulate`.
 
         Parameters
         ----------
-        F : array-like of shape (n_samples, n_dof)
-            N.
-        dt : float
-            s.
         **options
             ``method``, ``x0``, ``v0``, ``base_acceleration``, ...
-
-        Returns
-        -------
-        Record
         """
         return Hook.SIMULATE(self, F, dt, **options)
 
     # -- text and JSON ------------------------------------------------------------------------
 
     def to_sindy(self, dt: float = 1.0) -> Any:
-        """The model as a fitted ``ps.SINDy``; see :func:`~pysindy_nrf.regression.optimizers.to_sindy`.
+        """The model as a fitted ``ps.SINDy`` of the state [x_1..x_n, xdot_1..xdot_n] under u = F_1..F_n.
 
         Parameters
         ----------
@@ -365,7 +347,7 @@ class ChainModel:
 
     @classmethod
     def from_sindy(cls, sindy: Any) -> ChainModel:
-        """The chain behind a ``ps.SINDy``; see :func:`pysindy_nrf.regression.optimizers.from_sindy`.
+        """The chain behind a ``ps.SINDy`` that was fitted with a library and an optimizer of this package.
 
         Parameters
         ----------
@@ -381,13 +363,8 @@ class ChainModel:
         ----------
         laws : mapping of str to sequence of ForceLaw
         """
-        return ChainModel(
-            self.masses,
-            {**self.laws, **{self.chain.site(s): v for s, v in laws.items()}},
-            self.chain,
-            self.visited,
-            self.info,
-        )
+        merged = {**self.laws, **{self.chain.site(s): v for s, v in laws.items()}}
+        return ChainModel(self.masses, merged, self.chain, self.visited, self.info)
 
     def equations(self, digits: int = 4) -> list[str]:
         """The balances' laws as text, in the manner of the paper's eq. (11a).
@@ -404,7 +381,7 @@ class ChainModel:
         return "\n".join([masses, *self.equations()])
 
     def to_html(self, path: Any, record: Any = None, *, band: Any = None) -> None:
-        """Write the model as one self-contained page; see :func:`~pysindy_nrf.output.report.write_html`.
+        """Write the model as one self-contained page; without jinja2 or plotly a MissingExtraError names the extra.
 
         Parameters
         ----------
@@ -413,11 +390,6 @@ class ChainModel:
             Measured data to draw the model over.
         band : (float, float), optional
             Hz; the one the model was fitted in if None.
-
-        Raises
-        ------
-        MissingExtraError
-            Without jinja2 or plotly, which the extra ``report`` brings.
         """
         Hook.PAGE(path, self, record, band=band)
 
@@ -438,12 +410,11 @@ class ChainModel:
     __hash__ = None  # type: ignore[assignment]  # how Python says that an object that can change has no hash
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON.
+        """Plain data for JSON, SI units, as :func:`pysindy_nrf.common.files.schema` describes it.
 
         Returns
         -------
         dict
-            As :func:`pysindy_nrf.common.files.schema` describes it, SI units.
         """
         return {
             "schema": SCHEMA,
@@ -483,10 +454,8 @@ class ChainModel:
 
         Raises
         ------
-        FileVersionError
-            If a later version of this package wrote it.
-        FileFormatError
-            If it is not a model of this package or does not obey :func:`pysindy_nrf.common.files.schema`.
+        FileVersionError, FileFormatError
+            If a later version of this package wrote it, or it is not a model of this package.
         """
         from ..common.files import check, plain_json, schema
 

@@ -40,7 +40,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
         ``"state"``: columns x_1..x_n, xdot_1..xdot_n (relative to the base) and u = F_1..F_n; the
         features are xdot, the terms and F, for :class:`StateSpaceChainOptimizer`.
     dt : float, optional
-        Sampling step, s, for laws that need the time or remember the path.
+        Sampling step, s, for laws that need the time or remember the path (not with ``inputs="state"``).
     forced : int or sequence of int, optional
         With ``inputs="state"``: the DOFs on which the columns of u act, in their order; ``()`` is free vibration
         without any. The features F_j of the others are zero: known to be unforced. If None, u is one column a
@@ -53,14 +53,6 @@ class ForceLawLibrary(BaseFeatureLibrary):
     forced_ : tuple of int
         DOFs that have a column of u; all of them with ``inputs="balance"``, which has none.
 
-    Raises
-    ------
-    ChannelError
-        If the number of columns does not fit, or ``forced`` names a DOF twice or none of the chain.
-    LawError
-        If a law that remembers the path is used with ``inputs="state"``: the right-hand side of an
-        ordinary differential equation has no path.
-
     Notes
     -----
     ``+`` of two such libraries holds the laws of both at every site and is again one for a chain. ``+`` with any
@@ -71,11 +63,8 @@ class ForceLawLibrary(BaseFeatureLibrary):
     --------
     >>> import numpy as np
     >>> from pysindy_nrf import ForceLawLibrary, laws
-    >>> library = ForceLawLibrary([laws.LinearViscous(), laws.Duffing()]).fit(np.zeros((5, 6)))
-    >>> library.get_feature_names()
-    ['a1', 'a2', 'v1', 's1', 's1^3', 'v2', 's2', 's2^3']
-    >>> more = library + ForceLawLibrary({"storey 2": laws.CoulombFriction()})
-    >>> more.fit(np.zeros((5, 6))).get_feature_names()
+    >>> library = ForceLawLibrary([laws.LinearViscous(), laws.Duffing()])
+    >>> (library + ForceLawLibrary({"storey 2": laws.CoulombFriction()})).fit(np.zeros((5, 6))).get_feature_names()
     ['a1', 'a2', 'v1', 's1', 's1^3', 'v2', 's2', 's2^3', 'sgn(v2)']
 
     One shaker, on the roof of two storeys; x, xdot and u are what ``ps.SINDy`` passes on:
@@ -127,10 +116,10 @@ class ForceLawLibrary(BaseFeatureLibrary):
 
         Raises
         ------
-        ChannelError
-            If ``inputs`` is unknown, or the columns are not those of a chain.
-        LawError
-            With ``inputs="state"``, if a law remembers the path or reads the acceleration.
+        ChannelError, LawError
+            If ``inputs`` is unknown, the columns are not those of a chain, or with ``inputs="state"`` a law remembers
+            the
+            path or reads the acceleration.
         """
         if self.inputs not in _INPUTS:
             raise ChannelError(f"inputs={self.inputs!r} is unknown", "Choose 'balance' or 'state'.")
@@ -139,12 +128,9 @@ class ForceLawLibrary(BaseFeatureLibrary):
         n, self.forced_ = self._meaning(width)
         chain = self.chain if self.chain is not None else Chain(n)
         self.layout_ = LawLayout(chain, self._laws(chain))
-        held = [law for group in self.layout_.laws.values() for law in group] if self.inputs == "state" else []
-        for what, wrong in (
-            ("that remembers the path", any(law.has_memory for law in held)),
-            ("of the acceleration", any(law.uses_acceleration for law in held)),
-        ):
-            if wrong:
+        for law in (law for group in self.layout_.laws.values() for law in group if self.inputs == "state"):
+            if law.has_memory or law.uses_acceleration:
+                what = "that remembers the path" if law.has_memory else "of the acceleration"
                 raise LawError(
                     f"A law {what} cannot stand in a state-space SINDy model", "Use NRFRegressor, or inputs='balance'."
                 )
@@ -259,8 +245,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
         ----------
         input_features : sequence of str, optional
             The user's names of the input columns, for the columns that are passed through: accelerations, or
-            velocities and forces. Terms keep the names of their storeys. PySINDy's own x0, x1, ..., u0 say
-            nothing and count as no names.
+            velocities and forces. PySINDy's own x0, x1, ..., u0 say nothing and count as no names.
 
         Raises
         ------
@@ -286,11 +271,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
         return [*through[0], *term_names(self.layout_), *through[1]]
 
     def get_feature_names_out(self, input_features: Any = None) -> np.ndarray:
-        """The same, as scikit-learn asks for them.
-
-        Parameters
-        ----------
-        input_features : ignored
+        """The same, as scikit-learn asks for them; see :meth:`get_feature_names`.
 
         Returns
         -------
@@ -319,18 +300,7 @@ def term_names(layout: LawLayout) -> list[str]:
 
 
 class ForceLawLibrarySum(ForceLawLibrary):
-    """Several libraries of one chain as one: ``InterstoryPolynomialLibrary() + ForceLawLibrary(...)``.
-
-    Parameters
-    ----------
-    libraries : list of ForceLawLibrary
-        With the same ``inputs``, and the same ``chain``, ``dt`` and ``forced`` where these are given.
-
-    Raises
-    ------
-    LawError
-        If the libraries do not fit together, or two of them hold the same term at one site.
-    """
+    """Several libraries of one chain as one: ``InterstoryPolynomialLibrary() + ForceLawLibrary(...)``."""
 
     def __init__(self, libraries: list[ForceLawLibrary]) -> None:
         self.libraries = libraries
@@ -374,19 +344,10 @@ class InterstoryPolynomialLibrary(ForceLawLibrary):
     ----------
     degree : int or (int, int)
         Total degree h + j (eq. 9), or the box (k, q): h <= k, j <= q.
-    chain : Chain, optional
-        Found from the number of columns if None.
     orders : mapping of str to int or (int, int), optional
         Other orders at some sites.
-    inputs : {"balance", "state"}
+    chain, inputs, forced
         See :class:`ForceLawLibrary`.
-    forced : int or sequence of int, optional
-        See :class:`ForceLawLibrary`.
-
-    Raises
-    ------
-    LawError
-        If the degree is not a non-negative integer.
 
     Examples
     --------
@@ -416,12 +377,9 @@ class InterstoryPolynomialLibrary(ForceLawLibrary):
 
 def power_series_laws(chain: Chain, degree: Any, orders: Mapping[Any, Any] | None = None) -> dict[Any, list[ForceLaw]]:
     """A power series at every site of a chain."""
-    chosen = dict.fromkeys(chain.sites, degree)
-    for text, order in dict(orders or {}).items():
-        site = chain.site(text)
-        if site not in chosen:
-            raise ChainError(
-                f"orders names {str(site)!r}, which is not in the chain", f"Its sites are {', '.join(chain.sites)}."
-            )
-        chosen[site] = order
-    return {site: [PowerSeries(order)] for site, order in chosen.items()}
+    given = {chain.site(text): order for text, order in dict(orders or {}).items()}
+    if unknown := [str(site) for site in given if site not in chain.sites]:
+        raise ChainError(
+            f"orders names {unknown[0]!r}, which is not in the chain", f"Its sites are {', '.join(chain.sites)}."
+        )
+    return {site: [PowerSeries(given.get(site, degree))] for site in chain.sites}

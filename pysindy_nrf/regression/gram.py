@@ -28,13 +28,6 @@ class Plan:
     """Which rows are built from a block, which of them are multiplied, where the products go.
 
     Rows of the scratch are ``[a_1, F_1, a_2, F_2, ... | sums of balances | terms | helpers]``.
-
-    Parameters
-    ----------
-    layout : Layout
-    groups : sequence of Group
-    masses : mapping of int to float
-        Known masses, used in summed balances, kg.
     """
 
     def __init__(self, layout: Layout, groups: Sequence[Group], masses: Mapping[int, float]) -> None:

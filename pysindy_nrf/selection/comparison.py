@@ -328,10 +328,8 @@ class Ours:
 class Comparison:
     """Plain SINDy and this package on the same data."""
 
-    table: pd.DataFrame  # see :func:`compare_with_sindy`
-    # see :func:`~pysindy_nrf.selection.comparison.term_shares`; drawn by
-    # :class:`pysindy_nrf.output.displays.CoefficientsDisplay`
-    coefficients: pd.DataFrame
+    table: pd.DataFrame  # see compare_with_sindy
+    coefficients: pd.DataFrame  # see term_shares
 
 
 def compare(
@@ -347,24 +345,19 @@ def compare(
     time_limit: float = 10.0,
     coordinates: str = "relative",
 ) -> Comparison:
-    """Fit plain SINDy and this package to the same data: the table, and what each makes of every storey.
+    """:func:`compare_with_sindy`, and what each model makes of every storey.
 
-    Parameters
-    ----------
-    X, F, dt, truth, degree, optimizers, heldout, free_run, time_limit, coordinates
-        See :func:`compare_with_sindy`.
-
-    Raises
-    ------
-    ChannelError
-        If the record has several parts or no sampling step.
+    Returns
+    -------
+    Comparison
+        ``table``, and ``coefficients``: the storey forces of each model taken apart into the terms of their own storey,
+        which :class:`pysindy_nrf.output.displays.CoefficientsDisplay` draws.
 
     Examples
     --------
     >>> from pysindy_nrf import ChainModel, excitation, laws, simulate
     >>> from pysindy_nrf.selection.comparison import compare
-    >>> storey = laws.PowerSeries(1, [100.0, 1e5])
-    >>> truth = ChainModel([10.0, 10.0], {1: storey, 2: storey})
+    >>> truth = ChainModel([10.0, 10.0], {i: laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
     >>> F = excitation.band_limited_random(2, 2.0, 1000.0, dofs=[1, 2], rms=50.0, band=(1, 60), random_state=0)
     >>> found = compare(simulate(truth, F, 1e-3), truth=truth, free_run=20, optimizers={})
     >>> stiffness = found.coefficients.loc[("storey 1", "s")]

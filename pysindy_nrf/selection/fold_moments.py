@@ -71,12 +71,6 @@ class Polynomials:
 
     With y = x / scale: p_0 = 1, p_1 = y, p_{k+1} = (y - a_k) p_k - b_k p_{k-1}, where b_1 = 0. They are y times the
     polynomials that are orthogonal with the weight y^2 (W. Gautschi, Orthogonal polynomials, 2004, section 2.2).
-
-    Parameters
-    ----------
-    x : ndarray
-        The sample.
-    highest : int
     """
 
     def __init__(self, x: np.ndarray, highest: int) -> None:
@@ -125,15 +119,7 @@ class Polynomials:
 
 
 class OrthogonalPowers(Monomials):
-    """Products P_h(v) Q_j(s) that span the powers v^h s^j.
-
-    Parameters
-    ----------
-    exponents : iterable of (int, int)
-        Of the powers; with every pair all lower ones but (0, 0), as orders have them.
-    v, s : ndarray of shape (n,)
-        A sample of the motion.
-    """
+    """Products P_h(v) Q_j(s) that span the powers v^h s^j, orthogonal on a sample of the motion."""
 
     def __init__(self, exponents: Iterable[tuple[int, int]], v: np.ndarray, s: np.ndarray) -> None:
         super().__init__(exponents)
@@ -208,23 +194,7 @@ class Order:
 
 
 class FoldMoments:
-    """Gram matrices of the pieces into which the folds cut the data.
-
-    Parameters
-    ----------
-    chain : Chain
-    laws : mapping of Site to sequence of ForceLaw
-        Laws that every candidate holds; sites whose order is searched are left out.
-    orders : mapping of Site to iterable of int or (int, int)
-        All orders that will be asked for, by site.
-    data : SegmentSet
-    folds : sequence of (train, test)
-        Row numbers.
-    filters : sequence of FairFilter or None
-    known_masses : mapping of int to float
-    strategy : str
-    inner : PySINDy optimizer, optional
-    """
+    """Gram matrices of the pieces into which the folds cut the data, of all orders that will be asked for."""
 
     def __init__(
         self,

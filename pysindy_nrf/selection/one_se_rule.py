@@ -34,14 +34,10 @@ def one_standard_error(
     r"""The one-standard-error rule, as ``GridSearchCV(refit=one_standard_error)`` takes it.
 
     Chosen is the simplest candidate whose mean held-out error :math:`\bar e` is within one standard error, over the
-    folds, of the best one's (Breiman et al. 1984, sec. 3.4.3), or from which the best one takes less than
-    ``min_gain``:
+    folds, of the best one's (Breiman et al. 1984, sec. 3.4.3), or from which the best one takes less than ``min_gain``:
 
     .. math:: \bar e \le \max\left(\bar e_{best} + \mathrm{SE}_{best}, \;
               \frac{\bar e_{best}}{1 - \mathrm{min\_gain}}\right).
-
-    Errors below ``floor`` count as ``floor``: what a noise-free record leaves is round-off, and no reason for
-    more terms.
 
     Parameters
     ----------
@@ -56,7 +52,7 @@ def one_standard_error(
     min_gain : float
         Share of the held-out error that more terms must take off; 0 for the rule of the book.
     floor : float
-        Error that is as good as none, as a share of the reference.
+        Error that is as good as none, as a share of the reference; round-off is no reason for more terms.
 
     Returns
     -------

@@ -30,20 +30,7 @@ METADATA = ("record", "time", "base_acceleration", "covariates")
 
 
 class ChainScorer:
-    """A scorer that scikit-learn's searches accept, and that passes records, time and covariates on.
-
-    Parameters
-    ----------
-    name : str
-    judge : callable
-        From a fitted NRFRegressor, X, F and metadata to a number; greater is better.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import scorers
-    >>> scorers.get_scorer("free_run")
-    scorers.free_run
-    """
+    """A scorer that scikit-learn accepts, and that passes records, time and covariates on; greater is better."""
 
     def __init__(self, name: str, judge: Callable[..., float]) -> None:
         self.name, self.judge = name, judge

@@ -46,22 +46,12 @@ class SparsitySelection:
         of the held-out balance over the folds (percent NRMSE) and ``chosen``, by the rule within each optimizer.
     fold_errors : DataFrame
         Held-out balance errors, settings by folds, percent NRMSE.
-    terms : DataFrame
-        Coefficients (N, SI) of the chosen model of each optimizer by site and term; 0 where left out.
-    inclusion : DataFrame
-        Share of block bootstraps that keep each term, for the ensembles' chosen setting.
+    terms, inclusion : DataFrame
+        Of the chosen setting of each optimizer by site and term: coefficients (N, SI; 0 where left out), and the share
+        of
+        block bootstraps that keep the term, for ensembles.
     best : str
         The optimizer with the fewest terms among those whose error the folds cannot tell from the least.
-
-    Examples
-    --------
-    >>> import pysindy as ps
-    >>> from pysindy_nrf import datasets
-    >>> from pysindy_nrf.selection import select_sparsity
-    >>> settings = [ps.STLSQ(threshold=share) for share in (0.002, 0.02)]
-    >>> found = select_sparsity(datasets.load_demo(), paths={"STLSQ": settings})
-    >>> found.best, found.table["chosen"].tolist()
-    ('STLSQ', [False, True])
     """
 
     def __init__(
@@ -145,20 +135,24 @@ def select_sparsity(
 
     Parameters
     ----------
-    X, F, record, time, base_acceleration, covariates
-        As for :meth:`NRFRegressor.fit`; records are fused.
+    X, F, record, time, base_acceleration, covariates, cv
+        As for :func:`~pysindy_nrf.selection.select_order`.
     paths : mapping of str to sequence of PySINDy optimizers, or names of the default ones, optional
-        Settings by name; :func:`default_paths` if None. A :class:`BlockEnsemble` counts as an optimizer.
+        Settings by name; STLSQ, ensemble (of block bootstraps), SR3, SSR and FROLS if None.
     degree : int or (int, int)
         Of the power series that is thinned out.
-    cv : int, splitter or iterable of (train, test)
-        Blocks in time for a number.
     prune : bool
         Go on beyond the chosen setting; each step is one more setting, named ``"... without v^2 s of storey 4"``.
     random_state : int, Generator or None
         For the bootstraps of the ensembles.
     **regressor_params
         Of :class:`NRFRegressor`: ``strategy``, ``known_masses``, ``laws`` (kept whole), ``band``, ...
+
+    Returns
+    -------
+    SparsitySelection
+        ``table`` (one row for each setting), ``terms`` (coefficients of the chosen ones), ``best`` (optimizer);
+        ``regressor()`` gives an estimator with the chosen setting.
 
     Raises
     ------
@@ -167,14 +161,13 @@ def select_sparsity(
 
     Examples
     --------
-    >>> from pysindy_nrf import ChainModel, excitation, laws, simulate
+    >>> import pysindy as ps
+    >>> from pysindy_nrf import datasets
     >>> from pysindy_nrf.selection import select_sparsity
-    >>> storey = laws.LinearViscous(200.0), laws.Duffing(1e5, 4e8)
-    >>> truth = ChainModel([10.0, 12.0], {"storey 1": storey, "storey 2": storey})
-    >>> F = excitation.band_limited_random(2, 4.0, 1000.0, dofs=[2], rms=100.0, band=(1, 60), random_state=0)
-    >>> found = select_sparsity(simulate(truth, F, 1e-3), paths=["STLSQ"])
-    >>> list(found.terms.index[found.terms["STLSQ"] != 0].get_level_values("term"))
-    ['v', 's', 's^3', 'v', 's', 's^3']
+    >>> settings = [ps.STLSQ(threshold=share) for share in (0.002, 0.02)]
+    >>> found = select_sparsity(datasets.load_demo(), paths={"STLSQ": settings})
+    >>> found.best, found.table["chosen"].tolist()
+    ('STLSQ', [False, True])
     """
     from ..estimation.regressor import NRFRegressor
 

@@ -20,46 +20,12 @@ from .one_se_rule import choose
 
 
 class AlongPath(BaseEstimator):
-    """One model on the path of SSR or FROLS, chosen by how much of the force may be left out.
+    r"""The sparsest model on the path of SSR, FROLS or STLSQ with :math:`|r|^2 \le |r_{full}|^2 + \tau^2 |y|^2`,
+    refitted.
 
-    Greedy optimizers leave a path of ever sparser models and then choose among them by rules of their own, which
-    mean another thing for every balance and number of samples (FROLS: the iteration with the smallest error
-    reduction). Here the sparsest model of the path is taken whose residual is not larger than the full
-    model's by more than a share of the right-hand side,
-
-    .. math:: |r|^2 \\le |r_{full}|^2 + \\tau^2 |y|^2 ,
-
-    and refitted by least squares. For use inside :class:`NRFRegressor` or :class:`ChainOptimizer`, where the
-    right-hand side is the force of a balance.
-
-    Parameters
-    ----------
-    optimizer : PySINDy optimizer
-        With a ``history_`` of coefficients after ``fit``: ``SSR``, ``FROLS``, ``STLSQ``.
-    tolerance : float
-        The share, tau.
-
-    Attributes
-    ----------
-    coef_ : ndarray of shape (1, n_features)
-    ind_ : ndarray of bool
-    path_ : list of tuple of int
-        Columns of the models on the path, the sparsest first.
-
-    Raises
-    ------
-    NRFError
-        If the optimizer keeps no history, or there are several targets.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import pysindy as ps
-    >>> from pysindy_nrf.selection import AlongPath
-    >>> x = np.random.default_rng(0).standard_normal((500, 4))
-    >>> y = x @ [[1.0], [0.0], [0.5], [0.005]]
-    >>> AlongPath(ps.SSR(), tolerance=0.02).fit(x, y).coef_.round(1)
-    array([[1. , 0. , 0.5, 0. ]])
+    Greedy optimizers choose among the models of their path by rules that mean another thing for every balance and
+    number
+    of samples; here tau is the share of the right-hand side that may be left out.
     """
 
     def __init__(self, optimizer: Any = None, tolerance: float = 0.01) -> None:

@@ -37,7 +37,7 @@ class CoefficientsDisplay(Display):
 
     @classmethod
     def from_comparison(cls, comparison: Any) -> CoefficientsDisplay:
-        """The coefficients of :func:`pysindy_nrf.selection.comparison.compare`.
+        """The coefficients that :func:`pysindy_nrf.selection.comparison.compare` found.
 
         Parameters
         ----------
@@ -68,27 +68,7 @@ def _typeset(term: str) -> str:
 
 
 class OrderSelectionDisplay(Display):
-    """Validation curve: held-out error with its standard error over the folds, by order of the power series.
-
-    Parameters
-    ----------
-    table : DataFrame
-        One row for each order, in the sequence of the abscissa: ``error`` and ``standard_error`` (percent NRMSE),
-        ``chosen`` (bool), and ``free_run_error`` if it is known.
-    folds : DataFrame, optional
-        Error of every fold, percent NRMSE, same rows.
-    ylabel : str
-
-    Examples
-    --------
-    >>> import pandas as pd
-    >>> from pysindy_nrf.output.displays import OrderSelectionDisplay
-    >>> table = pd.DataFrame({"error": [43.0, 5.1, 5.2], "standard_error": [2.0, 0.3, 0.3]}, index=["1", "3", "5"])
-    >>> table["chosen"] = [False, True, False]
-    >>> display = OrderSelectionDisplay(table).plot()
-    >>> [label.get_text() for label in display.ax_.get_xticklabels()]
-    ['1', '3', '5']
-    """
+    """Validation curve: held-out error with its standard error over the folds, by order of the power series."""
 
     def __init__(
         self, table: pd.DataFrame, folds: pd.DataFrame | None = None, ylabel: str = "held-out balance error (% NRMSE)"
@@ -171,13 +151,7 @@ class PlanarityDisplay(Display):
 
     @classmethod
     def from_estimator(cls, estimator: Any, X: Any, F: Any = None, **options: Any) -> PlanarityDisplay:
-        """Planarity of a fitted regressor; see :func:`pysindy_nrf.estimation.planarity`.
-
-        Parameters
-        ----------
-        estimator : fitted NRFRegressor
-        X, F, **options
-        """
+        """Planarity of a fitted regressor; parameters as of :func:`pysindy_nrf.estimation.planarity`."""
         from ...estimation import planarity
 
         return cls(planarity(estimator, X, F, **options))
@@ -234,8 +208,8 @@ class ChangeMapDisplay(Display):
         ----------
         report : ChangeReport
         site : str or int
-        largest : float, optional
-        size : int
+        largest, size
+            As for :class:`ChangeMapDisplay`, and the points along each side.
         """
         return cls(report.map(site, size), str(report.before.chain.site(site)), largest)
 

@@ -204,23 +204,15 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             If a file cannot be read.
         """
         self._stream = None
+        beside = dict(record=record, time=time, base_acceleration=base_acceleration, covariates=covariates)
         if self.coordinates not in ("relative", "absolute"):
             raise ChannelError(f"coordinates={self.coordinates!r} is unknown", "Choose 'relative' or 'absolute'.")
         if self.estimation not in _ESTIMATIONS:
             raise ChainError(f"estimation={self.estimation!r} is unknown", f"Choose one of {', '.join(_ESTIMATIONS)}.")
         if is_streamed(X):
-            return fit_streamed(
-                self, X, y, record=record, time=time, base_acceleration=base_acceleration, covariates=covariates,
-                state=state,
-            )  # fmt: skip
-        options = dict(
-            record=record,
-            time=time,
-            base_acceleration=base_acceleration,
-            covariates=covariates,
-            has_memory=any(law.has_memory for law in law_list(self.laws)),
-            n_dof=getattr(self.chain, "n_dof", None),
-        )
+            return fit_streamed(self, X, y, state=state, **beside)
+        memory = any(law.has_memory for law in law_list(self.laws))
+        options = beside | {"has_memory": memory, "n_dof": getattr(self.chain, "n_dof", None)}
         if not isinstance(X, (Record, SegmentSet)):
             require_two_dimensions(X)
         data = self._data(X, y, **options)
@@ -245,9 +237,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         covariates: Mapping[str, Any] | None = None,
     ) -> NRFRegressor:
         """Add records, given as for :meth:`fit`, to those of earlier calls and solve again; ``fit`` starts anew."""
-        return partial_fit(
-            self, X, y, record=record, time=time, base_acceleration=base_acceleration, covariates=covariates
-        )
+        return partial_fit(self, X, y, record, time, base_acceleration, covariates)
 
     def problem(self, n_dof: int) -> Problem:
         """The identification problem that the parameters define, without data.
@@ -282,13 +272,31 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             found, self._resolver, facts, judged = refine(self.estimation, found, separate)
             if facts["found"] == "ls":  # the least-squares estimate was kept
                 judged = data
-        if self.constraints is not None:
-            from .constraints import constrained
-
-            self.solve_order_ = found.order
-            found = found._replace(model=constrained(found.model, self.constraints, self._resolving()))
-        self._publish(found, data, judged, facts["found"] == "ls")
+        self.solve_order_ = found.order
+        self._publish(self._constrained(found), data, judged, facts["found"] == "ls")
         self.model_.info["estimation"] = facts
+
+    def _publish_chunks(
+        self, found: Estimate, resolver: Any, data: SegmentSet, judged: SegmentSet, unknown: list[int]
+    ) -> NRFRegressor:
+        """Take an estimate from chunks, of which some windows are kept."""
+        self._resolver, self._records = resolver, None
+        self._fused_separately, self._separate_resolver, self._fused_jointly = None, None, False
+        self._publish(self._constrained(found), data, judged)
+        self.unknown_forces_ = pd.DataFrame({f"F{j}": np.zeros(0) for j in unknown})
+        self.model_.info["estimation"] = {"asked": "ls", "found": "ls"}
+        self.n_features_in_, self._one_force = 3 * self.model_.n_dof, False
+        if hasattr(self, "feature_names_in_"):
+            del self.feature_names_in_
+        return self
+
+    def _constrained(self, found: Estimate) -> Estimate:
+        """The estimate that obeys the constraints."""
+        if self.constraints is None:
+            return found
+        from .constraints import constrained
+
+        return found._replace(model=constrained(found.model, self.constraints, self._resolving()))
 
     def _separate(self, X: Any, y: Any, data: SegmentSet, options: dict[str, Any]) -> SegmentSet:
         """Motions fused DOF by DOF, whose noise is independent of the motion, if records were given."""

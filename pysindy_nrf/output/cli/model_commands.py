@@ -14,6 +14,7 @@ from .options import (
     RANGE,
     Session,
     band_option,
+    choice,
     degree_option,
     files_argument,
     indent,
@@ -61,21 +62,17 @@ def demo(output: Path, as_json: bool) -> None:
 @order_option
 @law_option
 @link_option
-@click.option(
-    "--strategy",
-    type=click.Choice(["auto", "complete", "sequential", "joint"]),
-    default="auto",
-    help="Each balance alone, along the chain from a forced floor, or all at once.",
-)
+@choice(
+    "--strategy", ["auto", "complete", "sequential", "joint"],
+    "Each balance alone, along the chain from a forced floor, or all at once.", "auto",
+)  # fmt: skip
 @mass_option
 @band_option
-@click.option(
-    "--estimation",
-    type=click.Choice(["ls", "iv", "simulation"]),
-    default="ls",
-    help="Least squares; instrumental variables, which noise in the motion does not bias; or these and then the free "
-    "run fitted to the motion: see docs/noise.md.",
-)
+@choice(
+    "--estimation", ["ls", "iv", "simulation"],
+    "Least squares; instrumental variables, which noise in the motion does not bias; or these and then the free "
+    "run fitted to the motion: see docs/noise.md.", "ls",
+)  # fmt: skip
 @click.option(
     "--raw", is_flag=True, help="Take all channels as they are, no fusion: every floor then needs a, v and x."
 )
@@ -83,20 +80,14 @@ def demo(output: Path, as_json: bool) -> None:
     "--frf", is_flag=True, help="FILE holds frequency responses: columns f (Hz), H1, H2, .. complex, e.g. 0.1-0.2j."
 )
 @click.option("--driven", type=int, default=1, help="With --frf: the floor that is driven.")
-@click.option(
-    "--kind",
-    type=click.Choice(["accelerance", "mobility", "receptance"]),
-    default="accelerance",
-    help="With --frf: acceleration, velocity or displacement over force.",
-)
+@choice(
+    "--kind", ["accelerance", "mobility", "receptance"],
+    "With --frf: acceleration, velocity or displacement over force.", "accelerance",
+)  # fmt: skip
 @output_option
 @click.option("--figures/--no-figures", default=True, help="Draw figures (needs matplotlib).")
-@click.option("--tables", type=click.Choice(["csv", "parquet"]), default="csv", help="Type of the tables.")
-@click.option(
-    "--forces",
-    type=click.Choice(["csv", "parquet", "uff"]),
-    help="Write the restoring force of each site along each record too.",
-)
+@choice("--tables", ["csv", "parquet"], "Type of the tables.", "csv")
+@choice("--forces", ["csv", "parquet", "uff"], "Write the restoring force of each site along each record too.")
 @click.option("--dry-run", is_flag=True, help="Say what was understood and what can be identified, then stop.")
 @json_option
 def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) -> None:
@@ -307,18 +298,11 @@ def _write(report: Any, folder: Path) -> list[Path]:
 @click.option("--degrees", type=RANGE, default="1-7", help="Total degrees to try: 1-7, or 1,3,5.")
 @click.option("--box", "boxes", multiple=True, type=RANGE, help="A box k,q to try as well: 1,3.")
 @click.option("--folds", type=click.IntRange(2), default=5, help="Blocks in time, each judged by a fit to the others.")
-@click.option(
-    "--rule",
-    type=click.Choice(["one_standard_error", "best"]),
-    default="one_standard_error",
-    help="The lowest order within one standard error of the best, or the best.",
-)
-@click.option(
-    "--scoring",
-    type=click.Choice(["balance", "acceleration", "free_run"]),
-    default="balance",
-    help="What is judged on held-out blocks.",
-)
+@choice(
+    "--rule", ["one_standard_error", "best"],
+    "The lowest order within one standard error of the best, or the best.", "one_standard_error",
+)  # fmt: skip
+@choice("--scoring", ["balance", "acceleration", "free_run"], "What is judged on held-out blocks.", "balance")
 @mass_option
 @band_option
 @output_option

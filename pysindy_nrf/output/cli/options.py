@@ -271,68 +271,52 @@ output_option = click.option(
     default=Path("nrf_output"),
     help="Folder for the model, tables and figures.",
 )
+
+
+def repeated(flag: str, name: str, kind: click.ParamType, words: str, keyed: bool = True) -> Any:
+    """An option that may be given several times; pairs become a mapping."""
+    return click.option(flag, name, multiple=True, type=kind, callback=once if keyed else None, help=words)
+
+
+def choice(flag: str, values: Sequence[str], words: str, default: str | None = None) -> Any:
+    """An option with one of some values."""
+    return click.option(flag, type=click.Choice(values), default=default, help=words)
+
+
 mapping_option = click.option(
     "--mapping",
     "mapping_file",
     type=click.Path(path_type=Path),
     help="A TOML file that says all of this, and names the files: see docs/files.md. Options go before it.",
 )
-map_option = click.option(
-    "--map",
-    "mapping",
-    multiple=True,
-    type=Text("CHANNEL=COLUMN", _pair("CHANNEL=COLUMN")),
-    callback=once,
-    help='Which column is which channel: "name", "-name[:, 2] * 9.81", "name @ mm", "none", or "unknown" '
+map_option = repeated(
+    "--map", "mapping", Text("CHANNEL=COLUMN", _pair("CHANNEL=COLUMN")),
+    'Which column is which channel: "name", "-name[:, 2] * 9.81", "name @ mm", "none", or "unknown" '
     "for a force that acts and was not measured.",
-)
-unit_option = click.option(
-    "--unit",
-    "units",
-    multiple=True,
-    type=Text("CHANNEL=UNIT", _pair("CHANNEL=UNIT")),
-    callback=once,
-    help="Unit of a channel (x3=in) or kind (a=g, F=kN).",
+)  # fmt: skip
+unit_option = repeated(
+    "--unit", "units", Text("CHANNEL=UNIT", _pair("CHANNEL=UNIT")), "Unit of a channel (x3=in) or kind (a=g, F=kN)."
 )
 rate_option = click.option("--fs", type=float, help="Sampling rate in Hz, where the file has no time.")
-coordinates_option = click.option(
-    "--coordinates",
-    type=click.Choice(["relative", "absolute"]),
-    help="Whether velocities and displacements are relative to the base (what you get if nothing is said).",
+coordinates_option = choice(
+    "--coordinates", ["relative", "absolute"],
+    "Whether velocities and displacements are relative to the base (what you get if nothing is said).",
+)  # fmt: skip
+law_option = repeated(
+    "--law", "laws", Text(_LAWS, _law_names),
+    'Laws at a site in place of the power series: "storey 1=linear_elastic+linear_viscous+dahl".', keyed=False,
+)  # fmt: skip
+link_option = repeated(
+    "--link", "links", Text("SITE", _link), 'A further link between floors: "link 3-1", "ground 2".', keyed=False
 )
-law_option = click.option(
-    "--law",
-    "laws",
-    multiple=True,
-    type=Text(_LAWS, _law_names),
-    help='Laws at a site in place of the power series: "storey 1=linear_elastic+linear_viscous+dahl".',
-)
-link_option = click.option(
-    "--link",
-    "links",
-    multiple=True,
-    type=Text("SITE", _link),
-    help='A further link between floors: "link 3-1", "ground 2".',
-)
-mass_option = click.option(
-    "--known-mass",
-    "masses",
-    multiple=True,
-    type=Text("DOF=KG", _mass),
-    callback=once,
-    help="A mass that is known: 2=12.4. Needed where no force is measured.",
-)
+mass_option = repeated(
+    "--known-mass", "masses", Text("DOF=KG", _mass),
+    "A mass that is known: 2=12.4. Needed where no force is measured.",
+)  # fmt: skip
 band_option = click.option(
     "--band", type=Text("LO,HI", _band), help="Frequency band in Hz in which everything is fitted and judged: 0.5,30."
 )
-order_option = click.option(
-    "--order",
-    "orders",
-    multiple=True,
-    type=Text(_ORDER, _site_degree),
-    callback=once,
-    help='Another degree at a site: "storey 2=5".',
-)
+order_option = repeated("--order", "orders", Text(_ORDER, _site_degree), 'Another degree at a site: "storey 2=5".')
 _CHANNELS = (map_option, unit_option, rate_option, coordinates_option, mapping_option)
 
 

@@ -14,6 +14,7 @@ from .options import (
     NUMBERS,
     Session,
     band_option,
+    choice,
     degree_option,
     files_argument,
     json_option,
@@ -88,12 +89,10 @@ def _say_contents(session: Session, files: tuple[Path, ...]) -> None:
 @unit_option
 @rate_option
 @mapping_option
-@click.option(
-    "--method",
-    type=click.Choice(["default", "newmark"]),
-    default="default",
-    help="Order 8 with error control, or average-acceleration Newmark, one step a sample.",
-)
+@choice(
+    "--method", ["default", "newmark"],
+    "Order 8 with error control, or average-acceleration Newmark, one step a sample.", "default",
+)  # fmt: skip
 @click.option("--x0", type=NUMBERS, help="Displacements at the start, m: 0.001,0,0. At rest if left out.")
 @click.option("--v0", type=NUMBERS, help="Velocities at the start, m/s.")
 @output_file("simulation.csv", "File of the record: .csv, .parquet or .uff.")

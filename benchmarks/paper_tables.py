@@ -22,7 +22,6 @@ from pysindy_nrf.estimation import (
     found_twice,
     locate_nonlinearity,
     model_agreement,
-    total_mass,
 )
 from pysindy_nrf.exceptions import BiasWarning, DataQualityWarning
 from pysindy_nrf.monitoring import compare_tests, find_onset
@@ -296,7 +295,7 @@ def masses() -> pd.DataFrame:
         models[f"cubic, {where}, 1000 N, 20 N"] = fit(X, F, degree=3)[0]
         models[f"Dahl law, {where}, 1000 N, 20 N"] = fit(X, F, degree=1, laws=HYSTERETIC)[0]
     models["simulated truth"] = cases.frame_model()
-    return total_mass(models, published.TOTAL_MASS)
+    return cases.total_mass(models, published.TOTAL_MASS)
 
 
 # -- what it is good for ----------------------------------------------------------------------

@@ -11,12 +11,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from paper_published import LINEAR_COMPLETE
 from scipy.optimize import brentq
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, Site
 from pysindy_nrf.exceptions import BiasWarning, ChainError
 from pysindy_nrf.laws import ModifiedDahl, PowerSeries
+from pysindy_nrf.regression.chain_model import as_model
 from pysindy_nrf.simulation import free_run
 from pysindy_nrf.simulation.excitation import band_limited_random, impact_hammer
 from pysindy_nrf.simulation.noise import add_noise
@@ -165,3 +167,10 @@ def _true_forces(truth: ChainModel, bare: ChainModel, run: Any) -> tuple[np.ndar
     force = np.cumsum(inertia[:, ::-1], axis=1)[:, ::-1]  # R_i = sum over j >= i of F_j - m_j a_j
     X, _ = record.to_features(smooth=False)
     return force, force - bare.restoring_force(X)
+
+
+def total_mass(models: dict[str, Any], weighed: float) -> pd.DataFrame:
+    """Masses of several models and their total, kg, and its difference from the weighed mass, percent."""
+    table = pd.DataFrame({name: as_model(model).masses for name, model in models.items()}).T
+    table.columns = [f"m{j + 1}" for j in table.columns]
+    return table.assign(total=table.sum(axis=1), gap=lambda t: 100.0 * (t["total"] / weighed - 1.0))

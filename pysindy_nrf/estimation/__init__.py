@@ -14,7 +14,6 @@ _NAMES = {
     "model_agreement": "nonlinear_devices",
     "path_energy": "nonlinear_devices",
     "planarity": "nonlinear_devices",
-    "total_mass": "nonlinear_devices",
 }
 __all__ = [*_NAMES]
 __getattr__, __dir__ = public_names(__name__, _NAMES)

@@ -80,27 +80,25 @@ class FittedChain:
         ndarray of shape (n_samples, n_dof)
             N; NaN at masked edges. Of shape (n_samples,) if ``fit`` got forces of this shape.
         """
-        data = self._judged(X, None, record, time, base_acceleration, covariates, every_row=True)
+        given = dict(record=record, time=time, base_acceleration=base_acceleration, covariates=covariates)
+        data = self._judged(X, None, every_row=True, **given)
         out = data.scatter(self.model_.balance_forces(data))
         return out[:, 0] if getattr(self, "_one_force", False) else out
 
-    def restoring_force(
-        self,
-        X: Any,
-        *,
-        record: Any = None,
-        time: Any = None,
-        base_acceleration: Any = None,
-        covariates: Mapping[str, Any] | None = None,
-    ) -> np.ndarray:
-        """Storey forces along data, which are given as for :meth:`fit`.
+    def restoring_force(self, X: Any, **given: Any) -> np.ndarray:
+        """Storey forces along data, given as for :meth:`fit`.
+
+        Parameters
+        ----------
+        **given
+            Record, time, base_acceleration and covariates.
 
         Returns
         -------
         ndarray of shape (n_samples, n_dof)
             Force of storey j in column j-1, N.
         """
-        data = self._judged(X, None, record, time, base_acceleration, covariates, every_row=True)
+        data = self._judged(X, None, every_row=True, **given)
         return self.model_.restoring_force(data)
 
     def score(
@@ -124,7 +122,8 @@ class FittedChain:
         sample_weight : array-like of shape (n_samples,), optional
             Weights of the samples; equal if None.
         """
-        data = self._judged(X, y, record, time, base_acceleration, covariates)
+        given = dict(record=record, time=time, base_acceleration=base_acceleration, covariates=covariates)
+        data = self._judged(X, y, **given)
         weights = sample_weights(sample_weight, data.n_samples)
         left = error = 0.0
         judged = []
@@ -140,17 +139,13 @@ class FittedChain:
                 left += float(w @ (a - np.average(a, weights=w)) ** 2)
         return 1.0 - error / left if left else float("nan")
 
-    def balance_errors(
-        self,
-        X: Any,
-        y: Any = None,
-        *,
-        record: Any = None,
-        time: Any = None,
-        base_acceleration: Any = None,
-        covariates: Mapping[str, Any] | None = None,
-    ) -> pd.DataFrame:
+    def balance_errors(self, X: Any, y: Any = None, **given: Any) -> pd.DataFrame:
         """Balance errors (one step) on other data, given as for :meth:`fit`, in the same band.
+
+        Parameters
+        ----------
+        **given
+            Record, time, base_acceleration and covariates.
 
         Returns
         -------
@@ -159,7 +154,7 @@ class FittedChain:
         """
         from ..regression.errors import judge
 
-        data = self._judged(X, y, record, time, base_acceleration, covariates)
+        data = self._judged(X, y, **given)
         layout, filters = self.problem_.layout, self.problem_.filters(data)
 
         def blocks() -> Iterator[Block]:
@@ -263,16 +258,7 @@ class FittedChain:
         check_is_fitted(self)
         return self.model_.to_sindy(1.0 if self.dt is None else self.dt)
 
-    def _judged(
-        self,
-        X: Any,
-        y: Any,
-        record: Any,
-        time: Any,
-        base_acceleration: Any,
-        covariates: Mapping[str, Any] | None,
-        every_row: bool = False,
-    ) -> SegmentSet:
+    def _judged(self, X: Any, y: Any, **given: Any) -> SegmentSet:
         check_is_fitted(self)
         if not (hasattr(X, "columns") or isinstance(X, Record) or holds_records(X)):
             require_two_dimensions(X)
@@ -283,17 +269,7 @@ class FittedChain:
                     f"as input; {3 * self.model_.n_dof} columns are needed",
                     f"Give {', '.join(feature_names(self.model_.n_dof, self.coordinates)[:9])}.",
                 )
-        return self._data(
-            X,
-            y,
-            record=record,
-            time=time,
-            base_acceleration=base_acceleration,
-            covariates=covariates,
-            has_memory=self.model_.has_memory,
-            n_dof=self.model_.n_dof,
-            every_row=every_row,
-        )
+        return self._data(X, y, has_memory=self.model_.has_memory, n_dof=self.model_.n_dof, **given)
 
     def _resolving(self) -> Resolver:
         """Resolver of the chain on parts of the data, made at the first use."""

@@ -27,7 +27,7 @@ from scipy.optimize import least_squares
 
 from ..exceptions import BiasWarning, IdentifiabilityError, NRFError, SimulationError
 from ..mechanics.sites import Site
-from ..regression.chain_model import ChainModel
+from ..regression.chain_model import ChainModel, state_matrix
 from ..regression.layout import LawLayout
 from ..regression.segments import Segment, SegmentSet
 from .intervals import InfluenceResolver, Resolver
@@ -287,10 +287,8 @@ class _FreeRunFit:
         """Velocities after a unit displacement or velocity of each DOF, shape (n_rows, n_dof, 2 n_dof)."""
         key = (shot.n_samples, shot.segment.step)
         if key not in self._decays:
-            M, C, K = self.noise.matrices
-            n = len(M)
-            A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
-            values, vectors = np.linalg.eig(A)
+            n = len(self.noise.matrices[0])
+            values, vectors = np.linalg.eig(state_matrix(*self.noise.matrices))
             t = np.arange(shot.n_samples) * shot.segment.step
             growth = np.exp(np.outer(t, np.minimum(values.real, 0) + 1j * values.imag))
             shapes = np.einsum("jm,mk->mjk", vectors[n:], np.linalg.pinv(vectors))

@@ -6,23 +6,13 @@ correlated with the true motion and not with its noise,
 .. math:: Z^T (y - \Phi \theta) = 0, \quad Z = \text{columns of the simulated motion},
 
 and three or four rounds of simulation and solve remove the bias (Young, Refined instrumental variable methods, 1976).
-Three facts, all measured, determine the details:
+In the first rounds the instruments are delayed by one sample, which keeps white force noise out of them; later runs use
+the force corrected by the motion (:mod:`.noise_spectra`), so that every balance can be weighted by frequency. The
+instruments are low-passed to the band that the fusion resolved, and the motion must not be shrunk towards a prior (as
+the joint step of :class:`~pysindy_nrf.KinematicSmoother` does): its error would then depend on the motion.
 
-- Noise of the force is in the right-hand side and, through the simulation, in the instruments. In the first rounds
-  the instruments are delayed by one sample, which keeps white force noise out of them. Later runs use the force
-  corrected by the motion (:mod:`.noise_spectra`), so that every balance can be weighted by frequency (generalised
-  least squares: errors of the masses fall to a third, of the dampings to half).
-- Frequencies that the fusion could not resolve are missing in the motion, not in the force. The instruments are
-  low-passed to the resolved band.
-- The motion must not be shrunk towards a prior (as the joint step of :class:`~pysindy_nrf.KinematicSmoother` does):
-  its error would then depend on the motion.
-
-Of a frequency response (:func:`pysindy_nrf.data.io.frf_to_features`) the instruments are neighbouring lines,
-
-.. math:: Z(f_k) = \tfrac12 (H(f_{k-2}) + H(f_{k+2})) ,
-
-because the response is smooth over a few lines and its noise is independent beyond the main lobe of the window. The
-simulated response of a lightly damped structure would need its peaks right to a fraction of a line.
+Of a frequency response the instruments are neighbouring lines, :math:`Z(f_k) = \tfrac12 (H(f_{k-2}) + H(f_{k+2}))`: the
+response is smooth over a few lines, and its noise is independent beyond the main lobe of the window.
 """
 
 from __future__ import annotations
@@ -38,7 +28,7 @@ from sklearn.base import clone
 from ..exceptions import BiasWarning, ChainError, ChannelError, IdentifiabilityError, RankWarning, SimulationError
 from ..laws import PowerSeries
 from ..mechanics.identifiability import SolveOrder
-from ..regression.chain_model import ChainModel
+from ..regression.chain_model import ChainModel, state_matrix
 from ..regression.chain_solve import Solution, groups_of, model_of, solve, solve_blocks
 from ..regression.errors import free_run_of
 from ..regression.gram_pass import pieces_of, rows_of, whole_block
@@ -93,10 +83,8 @@ def steady(model: ChainModel) -> ChainModel:
 
 def _eigenvalues(M: np.ndarray, C: np.ndarray, K: np.ndarray) -> np.ndarray | None:
     """Eigenvalues of the linear structure, 1/s; None if they do not exist."""
-    n = len(M)
     try:
-        right = np.linalg.solve(M, np.hstack([K, C]))
-        return np.linalg.eigvals(np.block([[np.zeros((n, n)), np.eye(n)], [-right[:, :n], -right[:, n:]]]))
+        return np.linalg.eigvals(state_matrix(M, C, K))
     except np.linalg.LinAlgError:  # no mass, or coefficients that are not finite
         return None
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -65,37 +64,6 @@ def linear_part(model: Any) -> ChainModel:
         if force.laws
     }
     return ChainModel(model.masses, held, model.chain, model.visited)
-
-
-def total_mass(models: Mapping[str, Any], weighed: float | None = None) -> pd.DataFrame:
-    """Masses of several models, their total, and its difference from the weighed mass.
-
-    Parameters
-    ----------
-    models : mapping of str to ChainModel or fitted NRFRegressor
-    weighed : float, optional
-        Mass of the structure on the scales, kg.
-
-    Returns
-    -------
-    DataFrame
-        One row for each model: ``m1``.. and ``total`` in kg, ``gap`` in percent of ``weighed``.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import datasets
-    >>> from pysindy_nrf.estimation import total_mass
-    >>> table = total_mass({"frame": datasets.demo_truth()}, weighed=31.0)
-    >>> table.round(2).loc["frame", ["total", "gap"]].tolist()  # kg, %
-    [30.0, -3.23]
-    """
-    rows = {name: as_model(model).masses for name, model in models.items()}
-    table = pd.DataFrame.from_dict(rows, orient="index")
-    table.columns = [f"m{j + 1}" for j in table.columns]
-    table["total"] = table.sum(axis=1)
-    if weighed is not None:
-        table["gap"] = 100.0 * (table["total"] / weighed - 1.0)
-    return table
 
 
 def model_agreement(first: Any, second: Any, X: Any, **options: Any) -> pd.DataFrame:

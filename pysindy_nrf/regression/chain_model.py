@@ -262,8 +262,7 @@ class ChainModel:
                 f"{total[j]:.4g} kg in all",
                 "Modes need positive masses; weigh that floor.",
             )
-        A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
-        values, vectors = np.linalg.eig(A)
+        values, vectors = np.linalg.eig(state_matrix(M, C, K))
         shapes = vectors[:n] / np.linalg.norm(vectors[:n], axis=0)
         pairs = [(i, i) for i in np.flatnonzero(values.imag > 0)]
         real = sorted(np.flatnonzero(values.imag == 0), key=lambda i: abs(values[i]))
@@ -490,6 +489,12 @@ class ChainModel:
             raise FileFormatError(
                 f"{where} is not a readable chain model: {error}", "Write it with ChainModel.to_json."
             ) from error
+
+
+def state_matrix(M: np.ndarray, C: np.ndarray, K: np.ndarray) -> np.ndarray:
+    """Rates of displacements and velocities of a linear structure in free vibration from these, 1/s."""
+    n = len(M)
+    return np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
 
 
 def as_model(thing: Any) -> ChainModel:

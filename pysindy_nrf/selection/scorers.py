@@ -102,8 +102,7 @@ def _free_run(regressor: Any, X: Any, F: Any = None, **metadata: Any) -> float:
     from ..regression.segments import BlockRows
     from ..signals.zero_phase_filter import filters_of
 
-    names = dict.fromkeys(METADATA) | metadata
-    data = regressor._judged(X, F, *(names[k] for k in METADATA))
+    data = regressor._judged(X, F, **metadata)
     if any(seg.dt is None for seg in data.segments):
         raise ChannelError("The free run needs the time of the samples", "Pass dt= (s), time=, or X with a time index.")
     blocks = [BlockRows(i, slice(0, seg.n_valid)) for i, seg in enumerate(data.segments)]

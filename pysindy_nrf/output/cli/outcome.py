@@ -12,6 +12,7 @@ import pandas as pd
 
 from ...data.io import FrequencyResponse, frf_to_features, write_forces, write_table
 from ...data.record import Record
+from ...estimation.noise_spectra import transfer
 from ...exceptions import SimulationError
 from ...regression.input_arrays import from_arrays
 from ...regression.segments import Segment, SegmentSet
@@ -155,11 +156,7 @@ def _free_runs(outcome: Outcome, records: Sequence[Record], data: SegmentSet, pr
 
 def _response(model: Any, frf: FrequencyResponse) -> np.ndarray:
     """Accelerance of the model at the measured lines."""
-    M, C, K = model.matrices()
-    w = 2 * np.pi * frf.f[:, None, None]
-    unit = np.zeros((frf.n_dof, 1))
-    unit[frf.driven - 1] = 1.0
-    return -(w[:, :, 0] ** 2) * np.linalg.solve(K - w**2 * M + 1j * w * C, unit[None])[:, :, 0]
+    return 2j * np.pi * frf.f[:, None] * transfer(model.matrices(), frf.f)[:, :, frf.driven - 1]
 
 
 def _unique(name: str, taken: Any) -> str:

@@ -448,16 +448,12 @@ def open_source(
     X: Any,
     F: Any = None,
     *,
-    record: Any = None,
-    time: Any = None,
-    base_acceleration: Any = None,
-    covariates: Any = None,
     coordinates: str = "relative",
     laws_read: Sequence[str] = (),
     chunk_samples: int | None = None,
+    **more: Any,
 ) -> Source:
     """The source of the data that a user passes to ``fit``."""
-    more = dict(record=record, time=time, base_acceleration=base_acceleration, covariates=covariates)
     if isinstance(X, (str, os.PathLike)):
         suffix = Path(X).suffix.lower()
         if suffix == ".npy":

@@ -82,7 +82,24 @@ def warned() -> Iterator[Callable[[], list[str]]]:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("ignore")
         warnings.simplefilter("always", NRFWarning)
-        yield lambda: list(dict.fromkeys(str(w.message) for w in caught if issubclass(w.category, NRFWarning)))
+        yield lambda: list(dict.fromkeys(in_options(w.message) for w in caught if issubclass(w.category, NRFWarning)))
+
+
+# what messages call the arguments of the library, and the options that stand for them
+_OPTIONS = {
+    "known_masses={dof: kg}": "--known-mass DOF=KG", "known_masses=": "--known-mass",
+    "in known_masses": "by --known-mass", "(laws=)": "(--law)", "(close_loop)": "(close-loop)",
+    "band=(lo, hi)": "--band LO,HI", "(band=)": "(--band)",
+    "strategy=": "--strategy ", "estimation=": "--estimation ", "ive fs= in": "ive --fs in", "ive fs=": "ive --fs ",
+}  # fmt: skip
+
+
+def in_options(message: Any) -> str:
+    """A message of the library in the words of the command line."""
+    words = str(message)
+    for argument, option in _OPTIONS.items():
+        words = words.replace(argument, option)
+    return words
 
 
 def heading(text: str) -> str:

@@ -17,6 +17,7 @@ from .options import (
     choice,
     degree_option,
     files_argument,
+    in_options,
     json_option,
     link_option,
     map_option,
@@ -199,8 +200,9 @@ def plan(floors: int, as_json: bool, **options: Any) -> None:
         model=model,
         most=min(options["most"], floors),
     )
-    if found.advice:
-        session.say(*found.advice)
+    advice = [in_options(one) for one in found.advice]
+    if advice:
+        session.say(*advice)
     shown = found.table.head(10).assign(
         hit=found.table["hit"].map(lambda hit: " and ".join(map(str, hit))),
         identifies=[f"{100 * share:.0f} %" for share in found.table["identifies"].head(10)],
@@ -210,7 +212,7 @@ def plan(floors: int, as_json: bool, **options: Any) -> None:
         shown = shown.drop(columns="response")
     if len(shown):
         session.headed("Tests, the best first", table(shown.reset_index(drop=True)))
-    session.emit({"advice": found.advice, "tests": found.table.to_dict("records")})
+    session.emit({"advice": advice, "tests": found.table.to_dict("records")})
 
 
 @click.command(short_help="Write one page (HTML) of a result or of records.")

@@ -24,6 +24,7 @@ from ..exceptions import BiasWarning, ChainError
 from ..mechanics.chain import Chain
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
+from ..regression.layout import with_coefficients
 
 __all__ = ["EqualMasses", "EqualStoreys", "KnownStiffness", "NonNegative", "TotalMass"]
 
@@ -318,14 +319,12 @@ def _warn_of_contradiction(theta: pd.Series, A: np.ndarray, b: np.ndarray, P: np
 
 def _with_parameters(model: ChainModel, theta: pd.Series) -> ChainModel:
     masses = [theta.get(f"m{j + 1}", m) for j, m in enumerate(model.masses)]
-    laws = {}
-    for site, force in model.restoring_forces.items():
-        values = (
-            theta[[f"{site}: {term}" for term in force.coefficients.index]].to_numpy() if force.laws else np.zeros(0)
-        )
-        ends = np.cumsum([len(law.terms()) for law in force.laws])[:-1]
-        laws[site] = tuple(law.with_values(coefficients=c) for law, c in zip(force.laws, np.split(values, ends)))
-    return ChainModel(masses, laws, model.chain, model.visited, model.info)
+    values = {
+        site: theta[[f"{site}: {term}" for term in force.coefficients.index]].to_numpy()
+        for site, force in model.restoring_forces.items()
+        if force.laws
+    }
+    return ChainModel(masses, with_coefficients(model.laws, values), model.chain, model.visited, model.info)
 
 
 def _mass_equation(factors: dict[int, float], value: float, known: dict[int, float]) -> tuple[dict[str, float], float]:

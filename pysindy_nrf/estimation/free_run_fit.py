@@ -28,7 +28,7 @@ from scipy.optimize import least_squares
 from ..exceptions import BiasWarning, IdentifiabilityError, NRFError, SimulationError
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel, state_matrix
-from ..regression.layout import LawLayout
+from ..regression.layout import LawLayout, with_coefficients
 from ..regression.segments import Segment, SegmentSet
 from .intervals import InfluenceResolver, Resolver
 from .iv import IVResult, instrumental_variables, run_of
@@ -338,24 +338,19 @@ def _scores(columns: np.ndarray, pieces: int) -> np.ndarray:
 
 @dataclass
 class Rebuild:
-    """Builds a ChainModel from free parameters: DOFs (from 0) with a free mass, and site, law, term of each."""
+    """Builds a ChainModel from free parameters: DOFs (from 0) with a free mass, and site and term of each other."""
 
     model: ChainModel
     free: list[int]
-    held: list[tuple[Site, int, int]]
+    held: list[tuple[Site, int]]
 
     def __call__(self, x: np.ndarray) -> ChainModel:
         """Model of a vector."""
-        model = self.model
-        masses = model.masses.copy()
+        model, masses, values = self.model, self.model.masses.copy(), self.model.coefficients
         masses[self.free] = x[: len(self.free)]
-        values = {s: [law.values.copy() for law in laws] for s, laws in model.laws.items()}
-        for (site, i, k), value in zip(self.held, x[len(self.free) :]):
-            values[site][i][k] = value
-        laws = {
-            s: tuple(law.with_values(coefficients=c) for law, c in zip(model.laws[s], values[s])) for s in model.laws
-        }
-        return ChainModel(masses, laws, model.chain, model.visited, model.info)
+        for (site, k), value in zip(self.held, x[len(self.free) :]):
+            values[site][k] = value
+        return ChainModel(masses, with_coefficients(model.laws, values), model.chain, model.visited, model.info)
 
 
 def free_parameters(
@@ -363,17 +358,9 @@ def free_parameters(
 ) -> tuple[np.ndarray, Rebuild, list[int | tuple[Site, int]]]:
     """Free parameters (zero terms stay zero), their Rebuild, and the DOF (from 0) or site and number of each."""
     free = [j for j in range(model.n_dof) if j + 1 not in known]
-    held = [
-        (site, i, k)
-        for site, laws in model.laws.items()
-        for i, law in enumerate(laws)
-        for k, c in enumerate(law.values)
-        if c
-    ]
-    theta = np.array([*model.masses[free], *(model.laws[s][i].values[k] for s, i, k in held)])
-    before = {s: np.cumsum([0, *(len(law.terms()) for law in laws)]).tolist() for s, laws in model.laws.items()}
-    columns: list[int | tuple[Site, int]] = [*free, *((s, before[s][i] + k) for s, i, k in held)]
-    return theta, Rebuild(model, free, held), columns
+    held = [(site, k) for site, values in model.coefficients.items() for k, c in enumerate(values) if c]
+    theta = np.array([*model.masses[free], *(model.coefficients[site][k] for site, k in held)])
+    return theta, Rebuild(model, free, held), [*free, *held]
 
 
 _NEGLIGIBLE = 0.2  # change of a mass in the last round, in standard errors
@@ -405,17 +392,10 @@ def refine(
             assert result.influences is not None
             model, facts["found"] = result.model, "simulation"
             theta, rebuild, _ = free_parameters(model, known)
-            assert result.record is not None
             resolver = InfluenceResolver(
-                iv.pieces,
-                solve_order,
-                known,
-                inner,
-                theta=theta,
-                rebuild=rebuild,
-                moves=result.influences,
-                of=result.record,
-            )
+                iv.pieces, solve_order, known, inner,
+                theta=theta, rebuild=rebuild, moves=result.influences, of=result.record,
+            )  # fmt: skip
         else:
             facts["notes"] = [*facts["notes"], f"instrumental variables kept: {result.why}"]
     return start._replace(model=model, solution=iv.solution), resolver, facts, iv.judged(data)

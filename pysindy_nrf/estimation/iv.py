@@ -34,7 +34,7 @@ from ..regression.errors import free_run_of
 from ..regression.gram_pass import pieces_of, rows_of, whole_block
 from ..regression.grams import BlockGrams
 from ..regression.input_arrays import from_arrays
-from ..regression.layout import Block, LawLayout
+from ..regression.layout import Block, LawLayout, with_coefficients
 from ..regression.segments import Segment, SegmentSet
 from ..signals.zero_phase_filter import FairFilter, filters_of
 from ..simulation.api import classical_run
@@ -66,19 +66,12 @@ def steady(model: ChainModel) -> ChainModel:
     slowest = np.sqrt(np.abs(np.linalg.eigvals(np.linalg.solve(M, K))).min())
     if slowest == 0:
         return model
-    laws = {}
-    for site, held in model.laws.items():
-        linear = model.restoring_forces[str(site)].linear_part()
-        added = max(0.0, 2 * STEADY * abs(linear["k"]) / slowest - linear["c"])
-        laws[site] = tuple(held)
-        for i, law in enumerate(held):
-            at = [k for k, term in enumerate(law.terms()) if term.label == "v"]
-            if at:
-                changed = law.values.copy()
-                changed[at[0]] += added
-                laws[site] = (*held[:i], law.with_values(coefficients=changed), *held[i + 1 :])
-                break
-    return ChainModel(model.masses, laws, model.chain, model.visited, model.info)
+    coefficients = model.coefficients
+    for site, force in model.restoring_forces.items():
+        linear, labels = force.linear_part(), [term.label for law in force.laws for term in law.terms()]
+        if "v" in labels:
+            coefficients[site][labels.index("v")] += max(0.0, 2 * STEADY * abs(linear["k"]) / slowest - linear["c"])
+    return ChainModel(model.masses, with_coefficients(model.laws, coefficients), model.chain, model.visited, model.info)
 
 
 def _eigenvalues(M: np.ndarray, C: np.ndarray, K: np.ndarray) -> np.ndarray | None:

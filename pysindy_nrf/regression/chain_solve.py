@@ -25,7 +25,7 @@ from .chain_model import ChainModel
 from .domains import VisitedRegion
 from .gram_pass import guess_of, total_gram
 from .grams import BlockGrams
-from .layout import Block, Group, LawLayout, Layout
+from .layout import Block, Group, LawLayout, Layout, with_coefficients
 from .segments import SegmentSet
 
 
@@ -396,15 +396,8 @@ def _solve_joint(grams: BlockGrams, solve_order: SolveOrder, solution: Solution,
 
 def model_of(layout: LawLayout, solution: Solution) -> ChainModel:
     """Put the coefficients of a solution into the laws of a layout."""
-    held = {}
-    for site in layout.sites:
-        values = solution.coefficients.get(site, np.zeros(0))
-        ends = np.cumsum([len(law.terms()) for law in layout.laws.get(site, ())])[:-1]
-        held[site] = tuple(
-            law.with_values(coefficients=part) for law, part in zip(layout.laws.get(site, ()), np.split(values, ends))
-        )
-    masses = [solution.masses[j] for j in range(1, layout.n_dof + 1)]
-    return ChainModel(masses, held, layout.chain)
+    laws = with_coefficients({site: layout.laws.get(site, ()) for site in layout.sites}, solution.coefficients)
+    return ChainModel([solution.masses[j] for j in range(1, layout.n_dof + 1)], laws, layout.chain)
 
 
 def lost_masses(model: ChainModel) -> list[str]:

@@ -197,6 +197,18 @@ def distinct_labels(laws: Sequence[ForceLaw]) -> list[str]:
     ]
 
 
+def with_coefficients(
+    laws: Mapping[Site, Sequence[ForceLaw]], coefficients: Mapping[Site, np.ndarray]
+) -> dict[Site, tuple[ForceLaw, ...]]:
+    """Laws with the coefficients of each site, one law after the other."""
+    out = {}
+    for site, held in laws.items():
+        ends = np.cumsum([len(law.terms()) for law in held])[:-1]
+        parts = np.split(coefficients.get(site, np.zeros(0)), ends)
+        out[site] = tuple(law.with_values(coefficients=part) for law, part in zip(held, parts))
+    return out
+
+
 class LawLayout(Layout):
     """A layout whose columns come from laws."""
 

@@ -178,28 +178,24 @@ class Source:
 
     n_samples: int | None = None  # in all, if known
     again: bool = True  # true if it can be read more than once, and from the middle
+    paths: Sequence[Path] = ()  # files that are read
 
     def identity(self) -> list[Any]:
-        """Values that identify the data, as JSON."""
-        raise NotImplementedError
+        """Values that identify the data, as JSON: paths, sizes and times of change."""
+        return [[str(p.resolve()), p.stat().st_size, p.stat().st_mtime_ns] for p in self.paths]
 
     def chunks(self, start: int = 0) -> Iterator[Chunk]:
         """Chunks from number ``start`` on."""
         raise NotImplementedError
 
     def folder(self) -> Path | None:
-        """The folder of the data, or None."""
-        return None
+        """Folder of the first file, or None."""
+        return self.paths[0].parent if self.paths else None
 
 
 def samples_in_chunk(n_dof: int, wanted: int | None) -> int:
     """Samples in a chunk of a chain: as wanted, else by memory."""
     return wanted or int(np.clip(CHUNK_BYTES // (32 * n_dof), 4096, 2**18))
-
-
-def _file_identity(path: Path) -> list[Any]:
-    stat = path.stat()
-    return [str(path.resolve()), stat.st_size, stat.st_mtime_ns]
 
 
 def load_rows(value: Any, what: str) -> Any:
@@ -221,6 +217,10 @@ class FileSource(Source):
 
     n_samples: int
     rows: int  # in a chunk; the last one may be shorter
+
+    def identity(self) -> list[Any]:
+        """The size of a chunk, and the files."""
+        return [self.rows, *super().identity()]
 
 
 class ArraySource(FileSource):
@@ -245,14 +245,9 @@ class ArraySource(FileSource):
         self.rows = samples_in_chunk(x.shape[1] // 3, chunk_samples)
 
     def identity(self) -> list[Any]:
-        """Paths, sizes and times of change."""
-        return [self.rows, *(_file_identity(p) for p in self.paths)] + [
-            [k, list(np.shape(v)), str(v.dtype)] for k, v in self.arrays.items() if hasattr(v, "dtype")
-        ]
-
-    def folder(self) -> Path | None:
-        """Folder of the first file."""
-        return self.paths[0].parent if self.paths else None
+        """The size of a chunk, the files, and shapes and types of the arrays."""
+        arrays = ((k, v) for k, v in self.arrays.items() if hasattr(v, "dtype"))
+        return super().identity() + [[k, list(np.shape(v)), str(v.dtype)] for k, v in arrays]
 
     def chunks(self, start: int = 0) -> Iterator[Chunk]:
         """Slices of the arrays."""
@@ -269,6 +264,7 @@ class TableSource(FileSource):
         self, path: Any, covariates: Sequence[str] = (), coordinates: str = "relative", chunk_samples: int | None = None
     ) -> None:
         self.path = Path(path)
+        self.paths = [self.path]
         check_file(self.path, 2**62)
         self.covariates, self.coordinates = tuple(covariates), coordinates
         self.columns = self._open()
@@ -277,14 +273,6 @@ class TableSource(FileSource):
 
     def _open(self) -> list[str]:
         raise NotImplementedError
-
-    def identity(self) -> list[Any]:
-        """Path, size and time of change."""
-        return [self.rows, _file_identity(self.path)]
-
-    def folder(self) -> Path | None:
-        """Folder of the file."""
-        return self.path.parent
 
     def wanted(self) -> list[str]:
         """Columns to read."""
@@ -400,16 +388,12 @@ class ListSource(Source):
                 "A list of sources holds something that is not a file",
                 "Give a list of paths without lists in it, or one iterator that yields all the pieces.",
             )
-        self.n_samples = sum(p.n_samples for p in self.parts)
+        self.n_samples, self.paths = sum(p.n_samples for p in self.parts), self.parts[0].paths
         self._counts = [-(-p.n_samples // p.rows) for p in self.parts]
 
     def identity(self) -> list[Any]:
         """Identities of the parts."""
         return [p.identity() for p in self.parts]
-
-    def folder(self) -> Path | None:
-        """Folder of the first part."""
-        return self.parts[0].folder()
 
     def chunks(self, start: int = 0) -> Iterator[Chunk]:
         """Chunks of the parts, each part its own record."""
@@ -428,10 +412,6 @@ class IteratorSource(Source):
 
     def __init__(self, items: Iterable[Any], covariates: Sequence[str] = (), coordinates: str = "relative") -> None:
         self.items, self.covariates, self.coordinates = items, tuple(covariates), coordinates
-
-    def identity(self) -> list[Any]:
-        """Nothing identifies an iterator."""
-        return []
 
     def chunks(self, start: int = 0) -> Iterator[Chunk]:
         """Chunks in the order of the iterator."""

@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from scipy.integrate import solve_ivp
 
 from pysindy_nrf import Record
+from pysindy_nrf.regression.segments import feature_names
 
 
 @dataclass
@@ -179,6 +181,22 @@ def worst(found, truth) -> float:
     """Largest relative error."""
     found, truth = np.asarray(found, dtype=float), np.asarray(truth, dtype=float)
     return float(np.max(np.abs(found / truth - 1.0)))
+
+
+def same(model, reference, tolerance: float = 1e-12) -> None:
+    """Two fitted models hold the same masses, coefficients, errors and number of samples."""
+    assert worst(model.masses_, reference.masses_) < tolerance
+    for site, law in reference.restoring_forces_.items():
+        found, scale = model.restoring_forces_[site].coefficients, np.abs(law.coefficients).max()
+        assert np.allclose(found / scale, law.coefficients / scale, atol=10 * tolerance, rtol=tolerance)
+    assert np.allclose(model.errors_["error"], reference.errors_["error"], rtol=1e-8)
+    assert model.n_samples_ == reference.n_samples_
+
+
+def table(X, F, **more) -> pd.DataFrame:
+    """Features and forces under their names, beside other columns."""
+    n = F.shape[1]
+    return pd.DataFrame(np.hstack([X, F]), columns=[*feature_names(n), *(f"F{j + 1}" for j in range(n))]).assign(**more)
 
 
 def absent_share(model, case: Case, true=("v", "s", "s^3")) -> float:

@@ -62,8 +62,3 @@ def test_the_version_is_the_distributions():
         assert version("pysindy-nrf") == pysindy_nrf.__version__
     except PackageNotFoundError:
         pytest.skip("pysindy-nrf is not installed, the tests run from the source tree")
-
-
-def test_modules_import_by_themselves():
-    for name in ("io", "datasets", "laws", "exceptions", "output"):
-        assert getattr(pysindy_nrf, name).__doc__

@@ -104,19 +104,6 @@ def test_options_go_before_the_file(tmp_path, monkeypatch, capsys):
     assert record["name"] == "hit" and record["sources"]["x1"]["from"] == "q"
 
 
-def test_channels_of_one_test_in_several_files(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    t = np.arange(100) / 50
-    for name in ("floor1", "floor2"):
-        pd.DataFrame({"t": t, "acc": t}).to_csv(f"{name}.csv", index=False)
-    Path("m.toml").write_text(
-        'files = ["floor1.csv", "floor2.csv"]\ntogether = true\nname = "both"\n'
-        '[channels]\na1 = "floor1.acc"\na2 = "floor2.acc"\n'
-    )
-    assert run(["inspect", "--mapping", "m.toml"]) == 0
-    assert "both from floor1.csv: 2 DOFs, 100 samples at 50 Hz" in capsys.readouterr().out
-
-
 def test_mapping_files_stay_in_their_folder(tmp_path):
     inside = tmp_path / "campaign"
     (inside / "sub").mkdir(parents=True)

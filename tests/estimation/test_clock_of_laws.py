@@ -46,13 +46,6 @@ def test_a_window_of_a_record_keeps_its_clock():
     assert model.model_.laws[next(iter(model.model_.laws))][1].values[0] == pytest.approx(-500.0, rel=0.03)
 
 
-def test_a_model_found_on_a_window_holds_before_it():
-    record = drifting()
-    model = NRFRegressor(**OPTIONS).fit(record.window(20, 40))
-    assert model.restoring_forces_[1].coefficients["s"] == pytest.approx(4e4, rel=0.02)
-    assert model.balance_errors(record.window(0, 20)).loc["pooled", "error"] < 5.0
-
-
 def test_held_out_blocks_of_a_law_of_time_are_predicted_and_every_search_agrees(data):
     X, F = data
     cv = BlockedTimeSplit(4)

@@ -6,13 +6,13 @@ import os
 import signal
 import sys
 import time
-import warnings
 from pathlib import Path
 
 import chains
 import numpy as np
 import pandas as pd
 import pytest
+from chains import same, table
 
 from pysindy_nrf import NRFRegressor, laws
 from pysindy_nrf.exceptions import ChannelError, LawError, MissingExtraError
@@ -34,34 +34,6 @@ def client(tmp_path_factory):
         )  # fmt: skip
         with cluster, distributed.Client(cluster) as client:
             yield client
-
-
-@pytest.fixture(scope="module")
-def data():
-    case = chains.duffing(3, [1, 2, 3], seed=4, n_samples=6000)
-    rng = np.random.default_rng(0)
-    return tuple(x + 0.01 * x.std(axis=0) * rng.standard_normal(x.shape) for x in (case.X, case.F))
-
-
-@pytest.fixture(scope="module")
-def in_memory(data):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return NRFRegressor().fit(*data)
-
-
-def same(model, reference, tolerance=1e-12):
-    assert chains.worst(model.masses_, reference.masses_) < tolerance
-    for site, law in reference.restoring_forces_.items():
-        found = model.restoring_forces_[site].coefficients
-        scale = np.abs(law.coefficients).max()
-        assert np.allclose(found / scale, law.coefficients / scale, atol=tolerance, rtol=10 * tolerance)
-    assert model.n_samples_ == reference.n_samples_
-
-
-def table(X, F):
-    n = F.shape[1]
-    return pd.DataFrame(np.hstack([X, F]), columns=[*feature_names(n), *(f"F{j + 1}" for j in range(n))])
 
 
 @pytest.mark.slow

@@ -180,21 +180,6 @@ def test_an_added_mass_that_leaves_nothing_is_named():
     assert model.model_.total_masses == pytest.approx([case.m[0], -0.5 * case.m[1]], rel=1e-6)
 
 
-def test_an_added_mass_moves_with_the_base():
-    """Its inertia is that of the absolute acceleration, in the fit as in the free run."""
-    from pysindy_nrf import ChainModel
-
-    ag = chains.band_limited(2000, 1e-3, np.random.default_rng(5), rms=2.0)
-    storey = laws.PowerSeries(1, [100.0, 1e5])
-    bare = ChainModel([10.0, 12.0], {1: storey, 2: storey})
-    loaded = ChainModel([10.0, 9.0], {1: storey, 2: storey, "dof 2": laws.AddedMass(dm=3.0)})
-    case = chains.duffing(2, [], given=([10, 12], [100, 100], [1e5, 1e5], [0, 0]), n_samples=2000, ag=ag)
-    for model in (bare, loaded):
-        assert np.abs(model.predict(case.X, base_acceleration=ag)).max() < 1e-8
-        rec = model.simulate(np.zeros((2000, 2)), 1e-3, base_acceleration=ag)
-        assert np.abs(rec.acceleration - case.a).max() < 1e-3 * np.abs(case.a).max()
-
-
 # -- output ---------------------------------------------------------------------------------------
 
 

@@ -7,13 +7,13 @@ import pickle
 import signal
 import subprocess
 import sys
-import warnings
 from pathlib import Path
 
 import chains
 import numpy as np
 import pandas as pd
 import pytest
+from chains import same, table
 
 from pysindy_nrf import ChainModel, NRFRegressor, laws, simulate
 from pysindy_nrf.estimation.constraints import TotalMass
@@ -36,11 +36,6 @@ def fit(X, F=None, model=None, **options):
     return fit_streamed(model or NRFRegressor(), X, F, chunk_samples=SIZE, **options)
 
 
-def noisy(case: chains.Case, share: float = 0.01, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    rng = np.random.default_rng(seed)
-    return tuple(x + share * x.std(axis=0) * rng.standard_normal(x.shape) for x in (case.X, case.F))
-
-
 def save(folder, X, F):
     np.save(folder / "X.npy", X)
     np.save(folder / "F.npy", F)
@@ -54,36 +49,8 @@ def exact():
 
 
 @pytest.fixture(scope="module")
-def data():
-    return noisy(chains.duffing(3, [1, 2, 3], seed=4, n_samples=6000))
-
-
-@pytest.fixture(scope="module")
-def in_memory(data):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return NRFRegressor().fit(*data)
-
-
-@pytest.fixture(scope="module")
 def intervals(in_memory):
     return in_memory.confidence_intervals()
-
-
-def table(X, F, **more):
-    n = F.shape[1]
-    frame = pd.DataFrame(X, columns=feature_names(n)).assign(**{f"F{j + 1}": F[:, j] for j in range(n)})
-    return frame.assign(**more)
-
-
-def same(model, reference, tolerance=1e-12):
-    assert chains.worst(model.masses_, reference.masses_) < tolerance
-    for site, law in reference.restoring_forces_.items():
-        found = model.restoring_forces_[site].coefficients
-        scale = np.abs(law.coefficients).max()
-        assert np.allclose(found / scale, law.coefficients / scale, atol=10 * tolerance, rtol=tolerance)
-    assert np.allclose(model.errors_["error"], reference.errors_["error"], rtol=1e-8)
-    assert model.n_samples_ == reference.n_samples_
 
 
 @pytest.fixture(params=["npy", "npy float32", "parquet", "h5 matrices", "h5 columns", "frames", "pairs", "files"])

@@ -12,7 +12,7 @@ from pysindy_nrf.exceptions import NRFError
 from pysindy_nrf.regression.gram_pass import GramPass, block_grams, guess_of, total_gram
 from pysindy_nrf.regression.grams import BlockGrams
 from pysindy_nrf.regression.input_arrays import from_arrays
-from pysindy_nrf.regression.layout import LawLayout, Layout, blocks_of, cut_at
+from pysindy_nrf.regression.layout import LawLayout, Layout, blocks_of
 
 LAYOUT = Layout(Chain(3, ["link 3-1"]), {"storey 1": 2, "storey 2": 3, "storey 3": 1, "link 3-1": 2})
 GROUPS = [LAYOUT.group(dofs) for dofs in ((1,), (2,), (3,), (2, 3))]
@@ -177,16 +177,6 @@ def test_records_whose_unknown_forces_differ_come_one_after_the_other(kind):
         A = np.vstack([columns_of(LAYOUT, group, r) for r in known])
         assert np.allclose(total.squares().matrices[group.dofs], A.T @ A, rtol=1e-12, atol=1e-9)
         assert total.sizes[group.dofs] == len(A)
-
-
-def test_blocks_are_cut_where_a_piece_ends():
-    """Blocks of 64 samples, pieces that begin elsewhere: each sample is in its piece, and only there."""
-    data = random_columns()
-    edges = np.array([0, 30, 31, 200, 500])
-    grams = block_grams(LAYOUT, GROUPS, cut_at(edges, blocks_of(*data, 64), first=1), MASSES)
-    assert grams.n_samples.tolist() == [0, 30, 1, 169, 300]
-    for number, (low, high) in enumerate(zip(edges[:-1], edges[1:]), 1):
-        assert_same(grams[number], total_of([d[low:high] for d in data]))
 
 
 def test_gram_matrices_of_other_balances_or_kinds_do_not_add():

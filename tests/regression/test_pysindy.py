@@ -186,18 +186,6 @@ def test_a_threshold_above_everything_is_named(chain4):
 # -- ps.SINDy -------------------------------------------------------------------------------------
 
 
-def test_sindy_with_the_chain_optimizer(chain4, capsys):
-    model = sindy(chain4.X, chain4.F, chain4.dt, ps.STLSQ(threshold=0.005))
-    assert model.get_feature_names()[:4] == ["a1", "a2", "a3", "a4"] and model.get_feature_names()[4] == "v1"
-    assert np.allclose(np.diag(model.coefficients()[:, :4]), chain4.m)
-    assert np.allclose(model.predict(chain4.X), chain4.F, atol=1e-6)
-    assert model.score(chain4.X, t=chain4.dt, x_dot=chain4.F, metric=lambda a, b: np.abs(a - b).max()) < 1e-6
-    assert model.complexity == 4 + 3 * 4 + 3 * 3
-    model.print(precision=1)
-    lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == 4 and f"{chain4.m[2]:.1f} a3" in lines[2] and "s4^3" in lines[2]
-
-
 def test_bagging_around_the_chain_optimizer(chain4):
     np.random.seed(0)  # EnsembleOptimizer draws from NumPy's global state
     model = ps.SINDy(

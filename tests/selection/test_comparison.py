@@ -25,7 +25,7 @@ def case():
 
 @pytest.fixture(scope="module")
 def table(case):
-    return compare_with_sindy(case.X, case.F, case.dt, truth=true_model(case), free_run=30)
+    return compare_with_sindy(case.X, case.F, case.dt, truth=true_model(case), free_run=5)
 
 
 def test_rows_and_columns(table):
@@ -85,13 +85,13 @@ def test_a_free_run_that_diverges_is_infinite_not_hanging():
 
 
 def test_time_is_limited(case):
-    table = compare_with_sindy(case.X, case.F, case.dt, free_run=900, time_limit=0.05, optimizers={})
+    table = compare_with_sindy(case.X, case.F, case.dt, free_run=900, time_limit=0.02, optimizers={})
     assert "given up" in table.loc["SINDy, normalised", "note"] and np.isnan(table.loc["SINDy, normalised", "free_run_error"])
 
 
 def test_a_library_that_would_fill_the_memory_is_not_built():
     case = chains.duffing(12, range(1, 13), seed=2, n_samples=2500)
-    table = compare_with_sindy(case.X, case.F, case.dt, truth=true_model(case), free_run=5, optimizers={}, time_limit=1.0)
+    table = compare_with_sindy(case.X, case.F, case.dt, truth=true_model(case), free_run=1, optimizers={}, time_limit=0.2)
     assert "not run: 9139 columns" in table.loc["SINDy, defaults", "note"]
     assert table.loc["pysindy_nrf, least squares", "restoring_force_error"] < 1e-6
 
@@ -100,7 +100,7 @@ def test_newtons_third_law_found_once_or_twice():
     """One floor hit: this package finds each storey once; SINDy twice, and with noise not the same."""
     case = chains.duffing(3, [2], seed=3, n_samples=3000, cubic=False)
     X = case.X + 0.02 * case.X.std(axis=0) * np.random.default_rng(0).standard_normal(case.X.shape)
-    table = compare_with_sindy(X, case.F, case.dt, truth=true_model(case), degree=1, free_run=5, optimizers={})
+    table = compare_with_sindy(X, case.F, case.dt, truth=true_model(case), degree=1, free_run=1, optimizers={})
     ours, theirs = table.loc["pysindy_nrf, least squares"], table.loc["SINDy, hand-steered"]
     assert (ours.storeys_found, ours.third_law_gap) == ("once", 0.0)
     assert theirs.storeys_found == "twice" and theirs.third_law_gap > 1
@@ -113,7 +113,7 @@ def test_newtons_third_law_found_once_or_twice():
 
 
 def test_without_the_truth_only_what_can_be_known_is_said(case):
-    table = compare_with_sindy(case.X, case.F, case.dt, free_run=5, optimizers={"SSR": ps.SSR()})
+    table = compare_with_sindy(case.X, case.F, case.dt, free_run=1, optimizers={"SSR": ps.SSR()})
     assert table[["precision", "recall", "mass_error", "restoring_force_error"]].isna().all(axis=None)
     assert table["balance_error"].notna().all() and "pysindy_nrf, SSR" in table.index
 
@@ -122,14 +122,9 @@ def test_errors_are_those_of_the_held_out_end(case):
     """Spoil the end of the record: the fits stay, the errors grow."""
     X = case.X.copy()
     X[2500:, :2] += 5.0 * np.random.default_rng(0).standard_normal((500, 2))
-    table = compare_with_sindy(X, case.F, case.dt, truth=true_model(case), free_run=5, optimizers={})
+    table = compare_with_sindy(X, case.F, case.dt, truth=true_model(case), free_run=1, optimizers={})
     row = table.loc["pysindy_nrf, least squares"]
     assert row.mass_error < 1e-6 and row.balance_error > 1
-
-
-def test_a_record_is_taken_as_well(case):
-    table = compare_with_sindy(case.record(), truth=true_model(case), free_run=5, optimizers={})
-    assert table.loc["pysindy_nrf, least squares", "mass_error"] < 1.0
 
 
 @pytest.mark.parametrize(
@@ -147,7 +142,7 @@ def test_every_model_is_taken_apart_into_the_terms_of_its_storeys():
     from pysindy_nrf.selection.comparison import compare
 
     case = chains.duffing(3, [2], seed=2, n_samples=3000)
-    found = compare(case.X, case.F, case.dt, truth=true_model(case), free_run=5, optimizers={}).coefficients
+    found = compare(case.X, case.F, case.dt, truth=true_model(case), free_run=1, optimizers={}).coefficients
     rest = slice(2100, None)
     rms = lambda y: np.sqrt(np.mean(y**2))  # noqa: E731
     for i in range(3):
@@ -166,7 +161,7 @@ def test_the_held_out_rule_chooses_within_the_first_part(case):
     X = case.X + 0.003 * case.X.std(axis=0) * np.random.default_rng(0).standard_normal(case.X.shape)
     X[2500:, :2] += 5.0 * np.random.default_rng(1).standard_normal((500, 2))
     path = [ps.STLSQ(threshold=t) for t in (1e-6, 0.005, 0.6)]
-    table = compare_with_sindy(X, case.F, case.dt, truth=true_model(case), free_run=5, optimizers={"STLSQ selected": path})
+    table = compare_with_sindy(X, case.F, case.dt, truth=true_model(case), free_run=1, optimizers={"STLSQ selected": path})
     row = table.loc["pysindy_nrf, STLSQ selected"]
     assert (row.terms, row.precision, row.recall) == (8, 1.0, 1.0)
     assert row.note.startswith("chosen: threshold=0.005")

@@ -99,14 +99,6 @@ def test_noise_of_the_same_seed_is_no_copy_of_the_excitation(excite, seed):
     assert np.array_equal(noise, again)
 
 
-def test_a_chosen_stream_of_noise_is_taken_as_it_is():
-    rec = Record(force=np.zeros((50, 1)), displacement=np.ones((50, 1)), fs=FS)
-    for stream in ([3, 1], np.random.SeedSequence(3), np.random.default_rng(3)):
-        drawn = np.random.default_rng([3, 1] if stream == [3, 1] else 3).standard_normal((2, 50))
-        expected = 1 + 0.1 * drawn[1]  # the force of zeros, which stays so, comes before it
-        np.testing.assert_allclose(add_noise(rec, 0.1, random_state=stream).displacement[:, 0], expected, rtol=1e-14)
-
-
 @pytest.mark.parametrize(
     ("call", "words"),
     [

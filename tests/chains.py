@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from scipy.integrate import solve_ivp
 
-from pysindy_nrf import Record
+from pysindy_nrf import Record, excitation, simulate
 from pysindy_nrf.regression.segments import feature_names
 
 
@@ -136,6 +136,12 @@ def each_single(n: int, seed: int, n_samples: int = 2000, dt: float = 1e-3, cubi
         F[:, j, j] = band_limited(n_samples, dt, rng)
     a, v, s = integrate(m, c, k, k3, F, dt)
     return [Case(np.hstack([a[:, j], v[:, j], s[:, j]]), F[:, j], m[j], c[j], k[j], k3[j], dt) for j in range(n)]
+
+
+def driven(model, dofs, seconds: float, fs: float, rms: float, band, seed=0, **how) -> Record:
+    """Free run of a model under band-limited random forces on some DOFs."""
+    F = excitation.band_limited_random(model.n_dof, seconds, fs, dofs=dofs, rms=rms, band=band, random_state=seed)
+    return simulate(model, F, 1 / fs, **how)
 
 
 PAPER = dict(m=np.array([10.0, 10.0]), c=np.array([100.0, 100.0]), k=np.array([1e5, 1e5]))

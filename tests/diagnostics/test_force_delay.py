@@ -8,6 +8,7 @@ import pickle
 import integrated
 import numpy as np
 import pytest
+from chains import driven
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, excitation, laws, simulate
 from pysindy_nrf.diagnostics.delays import force_delay
@@ -143,8 +144,7 @@ def test_one_delay_is_told_from_records_of_different_rates():
     model = ChainModel([10.0], {1: laws.PowerSeries(1, [60.0, 1e5])})
     late = []
     for fs in (500.0, 1000.0):
-        F = excitation.band_limited_random(1, 8.0, fs, dofs=1, rms=50.0, band=(1, 60), random_state=0)
-        record = simulate(model, F, 1 / fs)
+        record = driven(model, 1, 8.0, fs, 50.0, (1, 60))
         late.append(add_noise(record.replace(force=np.roll(record.force, round(0.004 * fs), axis=0)), 0.01, 0))
     for given in (late, late[::-1]):
         row = force_delay(NRFRegressor(degree=1).fit(given)).loc["F1"]

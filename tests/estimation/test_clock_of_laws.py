@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
+from chains import driven
 from sklearn.model_selection import GridSearchCV, cross_val_score
 
-from pysindy_nrf import BlockedTimeSplit, ChainModel, NRFRegressor, close_loop, excitation, laws, select_order, simulate
+from pysindy_nrf import BlockedTimeSplit, ChainModel, NRFRegressor, close_loop, laws, select_order
 from pysindy_nrf.selection import scorers
 
 FS = 200.0
@@ -16,8 +17,7 @@ OPTIONS = {"degree": 1, "laws": {1: [laws.PowerSeries(1), laws.StiffnessDrift()]
 
 def drifting(duration=40.0, noise=0.0):
     held = {1: [laws.PowerSeries(1, [40.0, 4e4]), laws.StiffnessDrift(kt=-500.0)], 2: laws.PowerSeries(1, [40.0, 3e4])}
-    F = excitation.band_limited_random(2, duration, FS, dofs=2, rms=100.0, band=(1, 30), random_state=0)
-    return simulate(ChainModel([10.0, 8.0], held), F, 1 / FS, hold="cubic")
+    return driven(ChainModel([10.0, 8.0], held), 2, duration, FS, 100.0, (1, 30), hold="cubic")
 
 
 @pytest.fixture(scope="module")
@@ -76,8 +76,7 @@ def test_dates_count_from_the_first_row(data):
 
 def stepping(start=0.0, step=13.0):
     held = {1: [laws.PowerSeries(1, [40.0, 4e4]), laws.StiffnessStep(t0=step, dk=-6e3)]}
-    F = excitation.band_limited_random(1, 20.0, FS, dofs=1, rms=100.0, band=(1, 30), random_state=1)
-    record = simulate(ChainModel([10.0], held), F, 1 / FS, hold="cubic")
+    record = driven(ChainModel([10.0], held), 1, 20.0, FS, 100.0, (1, 30), seed=1, hold="cubic")
     record.t0 = start
     return record
 

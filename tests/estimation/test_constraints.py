@@ -6,6 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
+from chains import driven
 
 from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
 from pysindy_nrf.estimation.constraints import (
@@ -102,8 +103,7 @@ def test_what_does_not_exist_is_refused(data, constraint, message):
 def three():
     """Three linear storeys with noise in every channel."""
     truth = ChainModel([10.0, 12.0, 8.0], {i: laws.PowerSeries(1, [60.0, 4e4]) for i in (1, 2, 3)})
-    F = excitation.band_limited_random(3, 6.0, 500.0, dofs=[1, 2, 3], rms=50.0, band=(1, 60), random_state=3)
-    return add_noise(simulate(truth, F, 2e-3), 0.02, random_state=1).to_features()
+    return add_noise(driven(truth, [1, 2, 3], 6.0, 500.0, 50.0, (1, 60), seed=3), 0.02, random_state=1).to_features()
 
 
 def test_a_total_of_known_masses_is_checked_and_not_solved(three):

@@ -6,6 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
+from chains import driven
 from scipy import stats
 from scipy.signal import lfilter
 
@@ -156,8 +157,7 @@ def test_least_squares_on_noisy_records_says_how_far_it_may_be_off():
     truth = ChainModel([10.0, 10.0, 10.0], {f"storey {i}": storey for i in (1, 2, 3)})
     z: dict[str, list] = {"apart": [], "together": []}
     for seed in range(8):
-        F = excitation.band_limited_random(3, 16.0, 500.0, dofs=[3], rms=100.0, band=(0.5, 40.0), random_state=seed)
-        record = add_noise(simulate(truth, F, 1 / 500.0, hold="cubic"), 0.02, random_state=seed)
+        record = add_noise(driven(truth, [3], 16.0, 500.0, 100.0, (0.5, 40.0), seed=seed, hold="cubic"), 0.02, random_state=seed)
         fitted = NRFRegressor(degree=1).fit(record)
         for how, ci in (
             ("apart", fitted.confidence_intervals()),

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from chains import driven
 
 from pysindy_nrf import ChainModel, KinematicSmoother, excitation, laws, simulate
 from pysindy_nrf.estimation.iv import run_of
@@ -63,8 +64,7 @@ def test_the_corrected_force_is_nearer_and_its_error_independent_of_what_the_run
 
 
 def test_exact_motion_needs_no_noise_model():
-    F = excitation.band_limited_random(3, 4.0, FS, dofs=[3], rms=100.0, band=(0.5, 60.0), random_state=0)
-    rec = simulate(TRUTH, F, 1 / FS)
+    rec = driven(TRUTH, [3], 4.0, FS, 100.0, (0.5, 60.0))
     segment = from_arrays(rec, smooth=False).segments[0]
     run = replace(segment)
     assert noise_model(TRUTH, LawLayout(TRUTH.chain, TRUTH.laws), [segment], [run]) is None

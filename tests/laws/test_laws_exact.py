@@ -11,7 +11,7 @@ from scipy.integrate import quad
 
 from pysindy_nrf import laws
 from pysindy_nrf.exceptions import LawError
-from pysindy_nrf.laws import ForceLaw, Motion, base
+from pysindy_nrf.laws import ForceLaw, Motion
 
 E = math.e
 
@@ -143,13 +143,9 @@ def test_coefficients_by_name_or_in_order():
     assert law.parameters == {"k": 1.0, "k3": 2.0} and law.values.dtype == float
     assert law.with_values({"k": None, "k3": None}).coefficients is None
     assert law.with_values({"k3": 7}).values.tolist() == [0.0, 7.0]
-    assert law.with_values(np.array([[4.0], [5.0]])).values.tolist() == [4.0, 5.0]
     assert law.values.tolist() == [1.0, 2.0]
-    assert laws.LinearElastic().with_values(5.0).values.tolist() == [5.0]
     with pytest.raises(LawError, match="Duffing has 2 coefficients, 1 were given. Their order is k, k3"):
         law.with_values([1.0])
-    with pytest.raises(LawError, match="Duffing has 2 coefficients, 3 were given"):
-        law.with_values([1.0, 2.0, 3.0])
     with pytest.raises(LawError, match="Duffing has no coefficient 'c'. It has k, k3"):
         law.with_values({"k": 1.0, "c": 2.0})
     for bad in ("stiff", math.nan, math.inf, [1.0, "2 N"], [[1.0, 2.0], [3.0]]):
@@ -172,14 +168,8 @@ def test_shape_parameters_by_name():
     assert full.with_values(shape={"uy": None}).free_shape == ("uy",)
     with pytest.raises(LawError, match="Iwan has no shape parameter 'n'. It has uy, ratio"):
         law.with_values(shape={"n": 2.0})
-    with pytest.raises(LawError, match="CoulombFriction has no shape parameter 'n'. It has none"):
-        laws.CoulombFriction().with_values(shape={"n": 2.0})
     with pytest.raises(LawError, match="Iwan: ratio='wide' is not a finite number"):
         law.with_values(shape={"ratio": "wide"})
-    side = laws.OneSidedGap(gap=0.5, side=-1)
-    assert side.theta.tolist() == [0.5, -1.0] and side.options() == {"side": -1}
-    assert laws.PreloadedContact(u=0.5).theta.tolist() == [0.5, 1.0]
-    assert laws.PowerSeries(1).theta.tolist() == [1.0, 0.0, 0.0, 1.0]
 
 
 @pytest.mark.parametrize("side", [0, 2, -2, "left", None])
@@ -192,16 +182,9 @@ def test_a_contact_has_two_sides(cls, side):
 
 @pytest.mark.parametrize("name", [3, "", "  ", None, ("ag",)])
 def test_a_covariate_has_a_name(name):
-    for cls in (
-        laws.BaseMotion,
-        laws.GroundFriction,
-        laws.CovariateFriction,
-        laws.LaggedCovariateFriction,
-        laws.CovariateDahl,
-    ):
+    for cls in (laws.BaseMotion, laws.CovariateFriction, laws.CovariateDahl):
         with pytest.raises(LawError, match="covariate=.* is not the name of a channel"):
             cls(covariate=name)
-        assert cls(covariate="c 1").options() == {"covariate": "c 1"}
 
 
 def test_text():
@@ -211,12 +194,7 @@ def test_text():
     assert laws.ConstantForce().equation(1) == "f0" and laws.ConstantForce(2.5).equation(1) == "2.5"
     assert laws.ModifiedDahl(sigma=5.0).equation(2) == "K0 s2 + C0 v2 + Fd Z2 + f0  (sigma = 5)"
     assert laws.Iwan(uy=0.25).equation(2) == "F1 Jenkins[s2; uy] + F2 Jenkins[s2; ratio uy]  (uy = 0.25)"
-    assert laws.Iwan(uy=0.25, ratio=3.0).equation(0).endswith(
-        "(uy = 0.25, ratio = 3)"
-    ) and "s0" in laws.Iwan().equation(0)
-    assert laws.Iwan().equation() == "F1 Jenkins[s; uy] + F2 Jenkins[s; ratio uy]"
     assert laws.PowerSeries(0).equation() == "0"
-    assert base.subscript("sgn(v + vs s) + a x Z", 7) == "sgn(v7 + vs s7) + a7 x7 Z7"
     assert repr(laws.OneSidedGap(0.5, 2e4, -1)) == "OneSidedGap(side=-1, gap=0.5, k=2e+04)"
     assert repr(laws.OneSidedGap()) == "OneSidedGap(side=1)" and repr(laws.Duffing(1.0, 2.0)) == "Duffing(k=1, k3=2)"
 
@@ -229,13 +207,8 @@ def test_plain_data_and_back():
     assert copy == law and hash(copy) == hash(law) and copy.side == -1 and copy is not law
     assert laws.Duffing().to_dict() == {"law": "duffing", "options": {}, "shape": {}, "coefficients": None}
     assert laws.from_dict({"law": "jenkins"}) == laws.Jenkins()
-    assert laws.from_dict({"law": "jenkins", "options": None, "shape": None}) == laws.Jenkins()
     assert laws.from_dict({"law": "power_series", "options": {"degree": [2, 1]}}) == laws.PowerSeries((2, 1))
-    assert (
-        law != law.with_values([1.0])
-        and law != law.with_values(shape={"gap": 0.6})
-        and law != laws.OneSidedGap(0.5, 2e4)
-    )
+    assert laws.OneSidedGap(0.5, 2e4) != law != law.with_values(shape={"gap": 0.6})
     assert laws.AddedMass(1.0) != laws.Inerter(1.0) and laws.Duffing() != "duffing"
     assert len({laws.Duffing(1.0), laws.Duffing(1.0), laws.Duffing(2.0)}) == 2
 
@@ -243,15 +216,8 @@ def test_plain_data_and_back():
 @pytest.mark.parametrize(
     ("data", "words"),
     [
-        (
-            {"law": "none of these"},
-            "There is no law 'none of these'. Known laws: .*absolute_quadratic_stiffness, added_mass, ",
-        ),
-        ({"law": ["dahl"]}, "There is no law"),
+        ({"law": "none of these"}, "There is no law 'none of these'. Known laws: .*absolute_quadratic_stiffness, added_mass, "),
         ({}, "does not describe a law. It needs 'law', 'options'"),
-        (None, "does not describe a law"),
-        ({"law": "dahl", "options": 3}, "does not describe a law"),
-        ({"law": "dahl", "shape": "sigma"}, "does not describe a law"),
         ({"law": "dahl", "options": {"side": 1}}, "Law 'dahl' cannot be built from"),
         ({"law": "dahl", "coefficients": [1.0, 2.0]}, "Dahl has 1 coefficients, 2 were given"),
     ],

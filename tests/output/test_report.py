@@ -11,11 +11,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from chains import driven
 from hypothesis import given
 from hypothesis import strategies as st
 from report_cases import K3, NASTY, C, K, M, cubic, loop_report, nasty_report, record, regressor
 
-from pysindy_nrf import ChainModel, NRFRegressor, Record, close_loop, datasets, excitation, laws, simulate
+from pysindy_nrf import ChainModel, NRFRegressor, Record, close_loop, datasets, laws
 from pysindy_nrf.exceptions import MissingExtraError, NRFError
 from pysindy_nrf.output.report import write_html
 from pysindy_nrf.output.report.content import cautions, lead, of_loop, of_model
@@ -279,8 +280,7 @@ def test_what_further_terms_would_explain_is_said_with_units(tmp_path):
 def test_a_page_of_a_model_with_a_storey_that_holds_nothing(tmp_path):
     """A storey without a law is no section of the page."""
     model = ChainModel([8.0, 6.0], {"storey 1": [laws.PowerSeries(1, [30.0, 4e4])], "storey 2": []})
-    F = excitation.band_limited_random(2, 4.0, 500.0, dofs=[1], rms=60.0, band=(1, 40), random_state=0)
-    rec = simulate(model, F, 1 / 500)
+    rec = driven(model, [1], 4.0, 500.0, 60.0, (1, 40))
     page = of_model(model, rec)
     assert [part.site for part in page.sites] == ["storey 1"]
     hidden = rec.replace(force=np.full_like(rec.force, np.nan))

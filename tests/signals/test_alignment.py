@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
+from chains import driven
 
 from pysindy_nrf import ChainModel, Record, excitation, laws, simulate
 from pysindy_nrf.exceptions import ChannelError
@@ -23,8 +24,7 @@ from pysindy_nrf.simulation.noise import add_noise
 def record():
     storey = laws.PowerSeries(1, [60.0, 1e5])
     truth = ChainModel([10.0, 12.0], {"storey 1": storey, "storey 2": storey})
-    F = excitation.band_limited_random(2, 16.0, 1000.0, dofs=[2], rms=100.0, band=(0.5, 60.0), random_state=0)
-    return simulate(truth, F, 1e-3, hold="cubic")
+    return driven(truth, [2], 16.0, 1000.0, 100.0, (0.5, 60.0), hold="cubic")
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.02])

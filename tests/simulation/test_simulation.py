@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
-from user_laws import Parametric
 
 from pysindy_nrf import Chain, ChainModel, Site, laws
 from pysindy_nrf.exceptions import ChainError, ChannelError, SimulationError
@@ -206,6 +205,22 @@ def test_dry_friction_holds_below_its_level_and_slips_above():
     w, b = np.sqrt(1e3), 40.0
     tau = t[slip] - 0.5  # 10 x'' + 1e4 x = 40 tau from rest: x = b/k (tau - sin(w tau)/w), never backwards
     np.testing.assert_allclose(x[slip], b / 1e4 * (tau - np.sin(w * tau) / w), atol=1e-8)
+
+
+class Parametric(laws.ForceLaw):
+    """A spring that a channel sets, and a damper that grows with time."""
+
+    name = "test_parametric"
+    covariates = ("u",)
+    uses_time = True
+
+    def terms(self):
+        return (laws.Term("k", "u s", "N/m"), laws.Term("b", "t v", "N/m"))
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = u[0] * s
+        out[1] = t * v
 
 
 def test_user_law_with_time_and_covariate_agrees_with_scipy():

@@ -172,19 +172,17 @@ class Resolver:
         n = len(values)
         return (values - values.mean(axis=0)) * np.sqrt((n - 1) / n)
 
-    def drawn(
-        self, statistic: Statistic, random_state: Any, draws: int = DRAWS, n_jobs: int | None = None
-    ) -> np.ndarray:
+    def drawn(self, statistic: Statistic, random_state: Any, n_jobs: int | None = None) -> np.ndarray:
         """Statistics of block-bootstrap samples, shape (n_draws, n_statistics); the same for any ``n_jobs``."""
         from joblib import Parallel, delayed, effective_n_jobs
 
         n = self._enough()
         rng = generator(random_state)
-        weights = rng.multinomial(n, np.full(n, 1.0 / n), size=draws).astype(float)
+        weights = rng.multinomial(n, np.full(n, 1.0 / n), size=DRAWS).astype(float)
         shares = np.array_split(weights, effective_n_jobs(n_jobs))
         found = Parallel(n_jobs=n_jobs)(delayed(_each)(self, statistic, share) for share in shares)
         out: list[np.ndarray] = sum(found, [])
-        if len(out) < draws / 2:
+        if len(out) < DRAWS / 2:
             raise IdentifiabilityError(
                 "Most bootstrap samples cannot be solved: few parts of the data determine the estimate",
                 "Excite the structure more than once.",

@@ -319,6 +319,7 @@ def select_order(files: tuple[Path, ...], as_json: bool, **options: Any) -> None
       pysindy-nrf select-order shaker.csv --degrees 1-5 --box 1,3 --box 2,3 --band 0.5,40
     """
     from ...data.io import describe, summary, write_table
+    from ...laws.power_series import exponents_of
     from ...selection import select_order as run
 
     session = Session(as_json)
@@ -346,7 +347,7 @@ def select_order(files: tuple[Path, ...], as_json: bool, **options: Any) -> None
     rule = options["rule"].replace("_", " ")
     session.say(f"\nBest: {kind} {order} ({rule}); next: pysindy-nrf identify ... --degree {order}")
     for site, value in found.orders_.items():
-        if _terms(value) < _terms(found.best_order):
+        if len(exponents_of(value)) < len(exponents_of(found.best_order)):
             shown = _as_option(value)
             session.say(f"  {site} needs no more than {shown}: --order '{site}={shown}'")
     session.take_care()
@@ -363,13 +364,6 @@ def select_order(files: tuple[Path, ...], as_json: bool, **options: Any) -> None
 def _as_option(order: Any) -> str:
     """An order as --degree takes it."""
     return ",".join(map(str, order)) if isinstance(order, tuple) else str(order)
-
-
-def _terms(order: Any) -> int:
-    """Terms of a storey's power series."""
-    if isinstance(order, tuple):
-        return (order[0] + 1) * (order[1] + 1) - 1
-    return (order + 1) * (order + 2) // 2 - 1
 
 
 @click.command(short_help="Plain SINDy and this package on the same record.")

@@ -196,12 +196,12 @@ def result(outcome: Outcome, band: Any, truth: Any = None) -> str:
     return "\n".join(said)
 
 
-def _carriers(shares: pd.Series, least: float = 1.0) -> str:
+def _carriers(shares: pd.Series) -> str:
     """The terms that carry a force, e.g. ``"s 74 %, s^3 31 %; the other 7 terms below 1 % each"``."""
-    large = shares[shares >= least]
+    large = shares[shares >= 1.0]
     said = listed(f"{term} {share:.3g} %" for term, share in large.items())
     rest = len(shares) - len(large)
-    return said + (f"; the other {rest} term{'s' if rest > 1 else ''} below {least:g} % each" if rest else "")
+    return said + (f"; the other {rest} term{'s' if rest > 1 else ''} below 1 % each" if rest else "")
 
 
 def _balance(errors: pd.DataFrame) -> list[str]:
@@ -376,10 +376,10 @@ def _free_run(outcome: Outcome, band: Any) -> Any:
     return FreeRunDisplay(run.time, measured, own, begin)
 
 
-def _start_of_last_cycles(measured: np.ndarray, cycles: int = 25) -> int:
-    """Row where the last cycles of the top displacement begin."""
+def _start_of_last_cycles(measured: np.ndarray) -> int:
+    """Row where the last 25 cycles of the top displacement begin."""
     crossings = np.flatnonzero(np.diff(np.signbit(measured[:, -1] - measured[:, -1].mean())))
-    return int(crossings[-2 * cycles]) if len(crossings) >= 2 * cycles else 0
+    return int(crossings[-50]) if len(crossings) >= 50 else 0
 
 
 def finish(

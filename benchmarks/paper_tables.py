@@ -21,7 +21,6 @@ from pysindy_nrf.estimation import (
     dissipated_energy,
     found_twice,
     locate_nonlinearity,
-    model_agreement,
 )
 from pysindy_nrf.exceptions import BiasWarning, DataQualityWarning
 from pysindy_nrf.monitoring import compare_tests, find_onset
@@ -283,7 +282,7 @@ def agreement() -> pd.DataFrame:
     tests = [cases.four_storey(floors) for floors in (cases.COMPLETE_FRAME, cases.INCOMPLETE_FRAME)]
     for name, options in {"ours: cubic": {"degree": 3}, "ours: Dahl": {"degree": 1, "laws": HYSTERETIC}}.items():
         pairs[name] = tuple(fit(*exact(test), **options)[0] for test in tests)
-    return pd.concat({name: model_agreement(*pair, X) for name, pair in pairs.items()})
+    return pd.concat({name: cases.model_agreement(*pair, X) for name, pair in pairs.items()})
 
 
 def masses() -> pd.DataFrame:

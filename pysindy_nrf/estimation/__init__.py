@@ -11,7 +11,6 @@ _NAMES = {
     "linear_part": "nonlinear_devices",
     "linear_twin": "nonlinear_devices",
     "locate_nonlinearity": "nonlinear_devices",
-    "model_agreement": "nonlinear_devices",
     "path_energy": "nonlinear_devices",
     "planarity": "nonlinear_devices",
 }

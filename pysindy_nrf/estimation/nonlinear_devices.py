@@ -14,7 +14,6 @@ from ..common.random_state import generator
 from ..exceptions import ChainError, ChannelError
 from ..laws import Dahl, PowerSeries
 from ..regression.chain_model import ChainModel, as_model, as_segments, frame, storey_names
-from ..regression.errors import nrmse
 from ..regression.segments import SegmentSet
 
 
@@ -64,55 +63,6 @@ def linear_part(model: Any) -> ChainModel:
         if force.laws
     }
     return ChainModel(model.masses, held, model.chain, model.visited)
-
-
-def model_agreement(first: Any, second: Any, X: Any, **options: Any) -> pd.DataFrame:
-    """Compare two models of one structure, e.g. found under complete and incomplete excitation.
-
-    Parameters
-    ----------
-    first, second : ChainModel or fitted NRFRegressor
-    X, **options
-        A motion on which the forces are compared, as for :meth:`ChainModel.predict`.
-
-    Returns
-    -------
-    DataFrame
-        One row for each storey: ``mass`` (difference of the mass above it, percent of the
-        first), ``k`` and ``c`` (differences of the linear terms, percent), ``force`` (rms difference of
-        the forces along X, percent of their rms). ``k`` and ``c`` are NaN for a storey that the chain lacks.
-
-    Raises
-    ------
-    ChainError
-        If one of them is not a model, or their numbers of DOFs differ.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import ChainModel, datasets, laws
-    >>> from pysindy_nrf.estimation import model_agreement
-    >>> X, F = datasets.load_demo().to_features()
-    >>> truth = datasets.demo_truth()
-    >>> softer = ChainModel(truth.masses, {**truth.laws, "storey 2": [laws.PowerSeries(1, [25.0, 0.9 * 35e3])]})
-    >>> model_agreement(truth, softer, X).loc["storey 2", ["mass", "k"]].astype(float).round(1).tolist()
-    [0.0, -10.0]
-    """
-    one, two = as_model(first), as_model(second)
-    if one.n_dof != two.n_dof:
-        raise ChainError(f"The models have {one.n_dof} and {two.n_dof} DOFs", "Compare models of one structure.")
-    data = as_segments(first, X, **options)
-    R1, R2 = one.restoring_force(data), two.restoring_force(data)
-    linear = [linear_part(m).restoring_forces for m in (one, two)]
-    rows = {}
-    for i, name in enumerate(storey_names(one)):
-        a, b = (f[name].linear_part() if name in f else {"k": np.nan, "c": np.nan} for f in linear)
-        rows[name] = {
-            "mass": 100.0 * (two.masses[i] / one.masses[i] - 1.0),
-            "k": 100.0 * (b["k"] / a["k"] - 1.0),
-            "c": 100.0 * (b["c"] / a["c"] - 1.0),
-            "force": nrmse(R1[:, i], R2[:, i]),
-        }
-    return pd.DataFrame.from_dict(rows, orient="index")
 
 
 def found_twice(estimator: Any, X: Any, F: Any, **options: Any) -> dict[str, pd.DataFrame]:

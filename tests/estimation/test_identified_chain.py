@@ -6,6 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
+from paper_cases import model_agreement
 from three_floors import chain, features, noisy, run
 
 from pysindy_nrf import ChainModel, NRFRegressor, laws
@@ -17,7 +18,6 @@ from pysindy_nrf.estimation import (
     horizontal_component,
     linear_part,
     locate_nonlinearity,
-    model_agreement,
     planarity,
 )
 from pysindy_nrf.exceptions import BiasWarning, ChainError, ChannelError

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
+from paper_cases import model_agreement
 from three_floors import FS, chain, features, noisy, run
 
 from pysindy_nrf import Chain, ChainModel, NRFRegressor, excitation, laws, simulate
-from pysindy_nrf.estimation import model_agreement
 from pysindy_nrf.exceptions import ChainError, ChannelError, DataQualityWarning
 from pysindy_nrf.monitoring import compare_tests, find_onset, track
 from pysindy_nrf.simulation.noise import add_noise

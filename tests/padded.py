@@ -100,10 +100,8 @@ STATE = {
 def cases():
     """Every public estimator with the checks it is expected to fail, and why."""
     from pysindy_nrf import ChainOptimizer, KinematicSmoother
-    from pysindy_nrf.signals import BandLimiter
 
     return [
-        (BandLimiter((0.05, None), fs=10.0, edges="keep"), SIGNALS),
         (KinematicSmoother(fs=100.0, channels="x"), SIGNALS),
         (ChainOptimizer(), COLUMNS),
         (StateSpaceChainOptimizer(), COLUMNS),

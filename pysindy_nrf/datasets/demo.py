@@ -5,7 +5,8 @@ from __future__ import annotations
 from importlib.resources import files
 from typing import Any
 
-from ..data.io import Reading, inspect_record
+from ..data.io import inspect_record
+from ..data.io.reading import Reading
 from ..data.record import Record
 
 FILE = "demo_record.csv"

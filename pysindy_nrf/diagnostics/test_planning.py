@@ -15,6 +15,8 @@ from ..exceptions import ChainError
 if TYPE_CHECKING:
     from ..mechanics.chain import Chain
 
+__all__ = ["diagnose", "plan"]
+
 WEAK = 0.05  # rms drift of a storey as a share of the largest, below which its excitation is poor
 ILL = 1e4  # scaled condition number from which on terms are hard to tell apart
 WIDE = 0.05  # half-width of a 95 % interval, as a share, from which on a parameter is uncertain
@@ -34,14 +36,6 @@ class Diagnosis:
         One row for each finding, the gravest first: ``limit`` (``"channel"``, ``"doubt"``, ``"noise"``,
         ``"excitation"``, ``"conditioning"``, ``"missing law"``, ``"wrong zero"``, ``"uncertainty"``, ``"estimation"``,
         ``"delay"``, ``"jump"``), ``where``, ``size``, ``message``.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import NRFRegressor, datasets
-    >>> from pysindy_nrf.diagnostics.test_planning import diagnose
-    >>> found = diagnose(NRFRegressor(degree=3).fit(datasets.load_demo()))
-    >>> found.table.columns.tolist()
-    ['limit', 'where', 'size', 'message']
     """
 
     table: pd.DataFrame
@@ -280,14 +274,6 @@ class Plan:
         ``records``, ``identifies`` (share of masses and laws), ``depth`` (most steps an error travels),
         ``left`` (what stays out of reach).
     advice : list of str
-
-    Examples
-    --------
-    >>> from pysindy_nrf import Chain
-    >>> from pysindy_nrf.diagnostics.test_planning import plan
-    >>> found = plan(Chain(3), can_hit=[1, 3])
-    >>> found.table["hit"].iloc[0], float(found.table["identifies"].iloc[0])
-    ((1,), 1.0)
     """
 
     table: pd.DataFrame

@@ -392,7 +392,8 @@ def fit_frequency_response(
     estimator: Any, frf: Any, band: tuple[float | None, float | None] | None = None, weight: Any = None
 ) -> Any:
     """Fit a regressor to a measured frequency response."""
-    from ..data.io import FrequencyResponse, frf_to_features
+    from ..data.io import frf_to_features
+    from ..data.io.frf import FrequencyResponse
 
     if estimator.estimation not in ("ls", "iv"):
         raise ChainError(

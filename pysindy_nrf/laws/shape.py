@@ -119,12 +119,6 @@ class Shape(NamedTuple):
         A record of T seconds resolves frequencies 1/T apart, thousands over its band. Candidates are the lines in the
         residual of the balances (:mod:`pysindy_nrf.regression.shape_search`), up to half the sampling rate, because
         an excitation may be faster than the motion of the structure.
-
-        Examples
-        --------
-        >>> from pysindy_nrf import laws
-        >>> laws.HarmonicForce.shapes[0].is_frequency, laws.Dahl.shapes[0].is_frequency
-        (True, False)
         """
         return self.name == "frequency"
 
@@ -148,15 +142,6 @@ class ShapeScale:
         True for a logarithmic scale.
     low, high : ndarray of shape (n_shapes,)
         Bounds of the search, in its coordinates.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> from pysindy_nrf.laws.shape import ShapeScale
-    >>> shapes = laws.Dahl.shapes + laws.HarmonicForce.shapes
-    >>> scale = ShapeScale(shapes, [(0.001, 0.05, 20.0, (0.0, 20.0))] * len(shapes), fastest=500.0)
-    >>> scale.values(scale.high).round(6).tolist()  # 1/m and Hz
-    [3000000.0, 500.0]
     """
 
     def __init__(self, shapes: Sequence[Shape], scales: Sequence[Scales], fastest: float = np.inf) -> None:

@@ -3,8 +3,6 @@
 from ..common.lazy import public_names
 
 _NAMES = {
-    "ChangeReport": "change",
-    "Onset": "moving_window",
     "compare_tests": "change",
     "find_onset": "moving_window",
     "track": "moving_window",

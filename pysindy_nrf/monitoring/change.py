@@ -40,21 +40,6 @@ class ChangeReport:
     before, after : ChainModel
     replicates : tuple of list of ChainModel
         Leave-one-block-out models of both tests, for :meth:`map`.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
-    >>> from pysindy_nrf.monitoring import compare_tests
-    >>> def test(k2, seed):
-    ...     model = ChainModel([10.0, 10.0], {1: laws.PowerSeries(1, [30.0, 4e4]), 2: laws.PowerSeries(1, [30.0, k2])})
-    ...     F = excitation.band_limited_random(2, 8.0, 500.0, dofs=[1, 2], rms=50.0, band=(1, 60), random_state=seed)
-    ...     return simulate(model, F, 0.002).to_features(smooth=False)
-    >>> report = compare_tests(NRFRegressor(degree=1, dt=0.002), test(4e4, 0), test(3.6e4, 1))
-    >>> row = report.changed.iloc[0]
-    >>> row["storey"], row["term"], round(float(row["change"]), 1)
-    ('storey 2', 'k', -10.0)
-    >>> report.map("storey 2").columns.tolist()
-    ['v', 's', 'change', 'error', 'significant', 'visited']
     """
 
     table: pd.DataFrame
@@ -78,20 +63,7 @@ class ChangeReport:
         return rows.sort_values("change")["storey"].tolist()
 
     def map(self, storey: Any, size: int = 41) -> pd.DataFrame:
-        """Change of a storey's force over the (v, s) region that both tests visited.
-
-        Parameters
-        ----------
-        storey : str or int
-        size : int
-            Points along each side.
-
-        Returns
-        -------
-        DataFrame
-            ``v`` (m/s), ``s`` (m), ``change`` (N, after less before), ``error`` (its standard error, N),
-            ``significant`` (bool), ``visited`` (bool, by both tests); v slowest.
-        """
+        """Change of a storey's force over the (v, s) region that both tests visited."""
         site = self.before.chain.site(storey)
         regions = [m.visited[site] for m in (self.before, self.after)]
         low = [max(r.low[k] for r in regions) for k in (0, 1)]

@@ -106,17 +106,6 @@ class Onset:
         By candidate time ``t``: ``gain``, the share (percent) of the residual that a change there removes.
     table : DataFrame
         By storey: ``before``, ``after`` (N/m), ``change`` (percent), ``z`` (in standard errors).
-
-    Examples
-    --------
-    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
-    >>> from pysindy_nrf.monitoring import find_onset
-    >>> sound = ChainModel([10.0], {1: laws.PowerSeries(1, [30.0, 4e4])})
-    >>> F = excitation.band_limited_random(1, 8.0, 500.0, dofs=1, rms=50.0, band=(1, 60), random_state=0)
-    >>> X, F = simulate(sound, F, 0.002).to_features(smooth=False)
-    >>> onset = find_onset(NRFRegressor(degree=1, dt=0.002).fit(X, F), X, F)
-    >>> onset.time, onset.storey  # nothing changed
-    (nan, None)
     """
 
     time: float

@@ -3,9 +3,7 @@
 from ..common.lazy import public_names
 
 _NAMES = {
-    "BandLimiter": "zero_phase_filter",
     "KinematicSmoother": "kinematic_smoother",
-    "differentiate": "calculus",
     "integrate": "calculus",
     "paper_processing": "kinematics",
 }

@@ -19,7 +19,7 @@ from ..data.record import Record, seconds_of
 from ..exceptions import ChannelError
 from ..laws.sensor import shifted
 
-__all__ = ["align", "channel_alignment", "displacement_from_drifts", "resampled", "shifted", "split_at_gaps"]
+__all__ = ["align", "channel_alignment", "displacement_from_drifts", "resampled", "split_at_gaps"]
 
 
 def channel_alignment(

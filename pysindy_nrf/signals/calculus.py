@@ -1,4 +1,4 @@
-"""Derivatives of sampled motion."""
+"""Integrals of sampled motion."""
 
 from __future__ import annotations
 
@@ -8,85 +8,6 @@ import numpy as np
 
 from ..exceptions import ChannelError
 from .zero_phase_filter import check_rate
-
-
-def differentiate(x: Any, dt: float, method: str = "spline", order: int = 1) -> np.ndarray:
-    """Derivative of every column of one contiguous record.
-
-    Parameters
-    ----------
-    x : array-like of shape (n_samples,) or (n_samples, p)
-        Motion, evenly sampled.
-    dt : float
-        Sampling step, s.
-    method : {"spline", "spectral", "central"}
-        ``"spline"``: interpolating spline of degree 7; not periodic, right to 1e-7 for motion
-        below a twentieth of the sampling rate, 1e-3 below a fifth. ``"spectral"``: Fourier
-        transform of the record; exact to the Nyquist frequency, but only if the record is
-        periodic or starts and ends at rest. ``"central"``: central differences, one-sided at the
-        ends; loses ``(2 pi f dt)^2 / 6``, that is 6 % at a tenth of the sampling rate.
-    order : {1, 2}
-        Once or twice.
-
-    Returns
-    -------
-    ndarray of the shape of x
-        Per s or s^2.
-
-    Raises
-    ------
-    ChannelError
-        If x is not finite, too short, or a parameter is unknown.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf.signals import differentiate
-    >>> t = np.arange(1000) / 500
-    >>> v = differentiate(np.sin(30 * t), dt=1 / 500)
-    >>> bool(np.abs(v - 30 * np.cos(30 * t)).max() < 1e-3)
-    True
-    """
-    values, dt = _check(x, dt, method, ("spline", "spectral", "central"), 1 if order == 1 else 2)
-    if order not in (1, 2):
-        raise ChannelError(f"order={order!r} is not 1 or 2", "Differentiate once or twice.")
-    if method == "spectral":
-        w = 2j * np.pi * np.fft.rfftfreq(len(values), dt)
-        if order == 1 and len(values) % 2 == 0:
-            w[-1] = 0.0  # the Nyquist line has no odd derivative
-        spectrum = np.fft.rfft(values, axis=0) * (w**order).reshape(-1, *[1] * (values.ndim - 1))
-        return np.fft.irfft(spectrum, len(values), axis=0)
-    if method == "central":
-        for _ in range(order):
-            values = np.gradient(values, dt, axis=0, edge_order=2)
-        return values
-    return spline_of(values, dt).derivative(order)(dt * np.arange(len(values)))
-
-
-def spline_of(values: np.ndarray, dt: float) -> Any:
-    """Interpolating spline of degree 7 (less for the shortest records), as a function of s."""
-    from scipy.interpolate import make_interp_spline
-
-    n = len(values)
-    degree = min(7, n - 1 if n % 2 == 0 else n - 2)
-    return make_interp_spline(dt * np.arange(n), values, k=max(1, degree), axis=0)
-
-
-def _check(x: Any, dt: float, method: str, methods: tuple[str, ...], least: int) -> tuple[np.ndarray, float]:
-    """Motion as an array of numbers and the sampling step, or an error."""
-    if method not in methods:
-        raise ChannelError(f"method={method!r} is unknown", f"Choose {', '.join(methods)}.")
-    values = np.asarray(x, dtype=float)
-    if values.ndim not in (1, 2):
-        raise ChannelError(
-            f"The motion has {values.ndim} dimensions", "Give one row per sample and one column per channel."
-        )
-    if len(values) < least + 2:
-        raise ChannelError(f"{len(values)} samples are too few", "Give a longer record.")
-    if not np.isfinite(values).all():
-        rows = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
-        raise ChannelError(f"The motion is not finite in row {rows[0]}", "Cut the masked edges and repair gaps first.")
-    return values, 1.0 / check_rate(1.0 / dt if dt else None)
 
 
 def integrate(a: Any, dt: float, method: str = "spline", order: int = 1, detrend: bool = False) -> np.ndarray:
@@ -129,7 +50,7 @@ def integrate(a: Any, dt: float, method: str = "spline", order: int = 1, detrend
     >>> bool(np.abs(v - np.sin(30 * t) / 30).max() < 1e-9)
     True
     """
-    values, dt = _check(a, dt, method, ("spline", "spectral", "cumulative"), 1)
+    values, dt = _checked(a, dt, method)
     if order not in (1, 2):
         raise ChannelError(f"order={order!r} is not 1 or 2", "Integrate once or twice.")
     n = len(values)
@@ -154,3 +75,30 @@ def integrate(a: Any, dt: float, method: str = "spline", order: int = 1, detrend
         basis = np.polynomial.legendre.legvander(line, order)
         out = out - basis @ np.linalg.lstsq(basis, out, rcond=None)[0]
     return out
+
+
+def spline_of(values: np.ndarray, dt: float) -> Any:
+    """Interpolating spline of degree 7 (less for the shortest records), as a function of s."""
+    from scipy.interpolate import make_interp_spline
+
+    n = len(values)
+    degree = min(7, n - 1 if n % 2 == 0 else n - 2)
+    return make_interp_spline(dt * np.arange(n), values, k=max(1, degree), axis=0)
+
+
+def _checked(x: Any, dt: float, method: str) -> tuple[np.ndarray, float]:
+    """Motion as an array of numbers and the sampling step, or an error."""
+    methods = ("spline", "spectral", "cumulative")
+    if method not in methods:
+        raise ChannelError(f"method={method!r} is unknown", f"Choose {', '.join(methods)}.")
+    values = np.asarray(x, dtype=float)
+    if values.ndim not in (1, 2):
+        raise ChannelError(
+            f"The motion has {values.ndim} dimensions", "Give one row per sample and one column per channel."
+        )
+    if len(values) < 3:
+        raise ChannelError(f"{len(values)} samples are too few", "Give a longer record.")
+    if not np.isfinite(values).all():
+        rows = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
+        raise ChannelError(f"The motion is not finite in row {rows[0]}", "Cut the masked edges and repair gaps first.")
+    return values, 1.0 / check_rate(1.0 / dt if dt else None)

@@ -37,30 +37,7 @@ Finding = tuple[str, str, float, str]  # channel, problem, share and message as 
 
 
 def check_channels(record: Record, warn: bool = False) -> pd.DataFrame:
-    """Table of what is wrong with the measured channels of a record.
-
-    Parameters
-    ----------
-    record : Record
-    warn : bool
-        Raise a DataQualityWarning with all messages.
-
-    Returns
-    -------
-    DataFrame
-        One row for each finding: ``channel``, ``problem`` (``"dead"``, ``"filled"``, ``"clipped"``, ``"spiky"``,
-        ``"quantised"``, ``"copied"``), ``share`` of the samples, ``message`` with the cure. Empty if all is well.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf import Record
-    >>> from pysindy_nrf.signals.channel_checks import check_channels
-    >>> y = np.sin(np.outer(np.arange(4000) / 1000, [30.0, 41.0]))
-    >>> y[:, 0] = np.clip(y[:, 0], -0.8, 0.9)
-    >>> check_channels(Record(displacement=y, fs=1000.0))[["channel", "problem"]].values.tolist()
-    [['x1', 'clipped']]
-    """
+    """Table of what is wrong with the measured channels of a record."""
     rows: list[Finding] = []
     seen: dict[str, np.ndarray] = {}
     for name, values in record.channels().items():

@@ -22,6 +22,8 @@ import numpy as np
 from ..data.record import Record
 from ..exceptions import ChannelError, DataQualityWarning
 
+__all__ = ["condense"]
+
 
 @dataclass
 class Condensed:
@@ -35,16 +37,6 @@ class Condensed:
         The floor of the structure behind each DOF.
     meaning : dict of str to str
         What each mass and storey of the condensed chain stands for.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf import Record
-    >>> from pysindy_nrf.signals.condensation import Condensed
-    >>> x = np.sin(np.arange(500) / 9)
-    >>> found = Condensed(Record(displacement=x, fs=500.0), floors=(3,), meaning={"m1": "floors 1 to 3"})
-    >>> found.floors, found.record.n_dof, found.meaning["m1"]
-    ((3,), 1, 'floors 1 to 3')
     """
 
     record: Record

@@ -55,7 +55,6 @@ def test_emps_gives_the_published_mass():
 def test_nees_units_agree_between_its_channels(test):
     """Inches twice differentiated are the g of the table."""
     from pysindy_nrf import FairFilter
-    from pysindy_nrf.signals import differentiate
 
     rec = measured_sets.load_nees_three_storey(test, measured.folder("nees_three_storey"))
     assert (
@@ -63,7 +62,8 @@ def test_nees_units_agree_between_its_channels(test):
     )
     band = FairFilter((0.5, 6.0), rec.fs)
     ag = band.apply(rec.base_acceleration)
-    again = differentiate(band.apply(rec.base_displacement), rec.dt, order=2)
+    twice = np.gradient(np.gradient(rec.base_displacement, rec.dt), rec.dt)
+    again = band.apply(twice)
     assert again @ ag / (again @ again) == pytest.approx(1.0, abs=0.1)
 
 

@@ -14,8 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pysindy_nrf import ChainModel, Site
-from pysindy_nrf.data.io import read_mapping, read_record, read_table
-from pysindy_nrf.data.io.mapping import line_of, parse
+from pysindy_nrf.data.io import read_record, read_table
+from pysindy_nrf.data.io.mapping import line_of, parse, read_mapping
 from pysindy_nrf.data.io.table import Table
 from pysindy_nrf.data.io.units import factor
 from pysindy_nrf.exceptions import ChainError, FileFormatError, NRFError

@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pysindy_nrf.data.io import read_mapping, read_record
+from pysindy_nrf.data.io import read_record
+from pysindy_nrf.data.io.mapping import read_mapping
 from pysindy_nrf.exceptions import ChannelError, FileFormatError
 from pysindy_nrf.output.cli.group import run
 

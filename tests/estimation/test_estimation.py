@@ -13,7 +13,7 @@ import pytest
 from chains import driven, worst
 
 from pysindy_nrf import ChainModel, KinematicSmoother, NRFRegressor, excitation, laws, simulate
-from pysindy_nrf.data.io import frequency_response
+from pysindy_nrf.data.io.frf import frequency_response
 from pysindy_nrf.estimation.iv import fit_frequency_response
 from pysindy_nrf.exceptions import BiasWarning, ChainError, ChannelError, DataQualityWarning
 from pysindy_nrf.regression.errors import nrmse

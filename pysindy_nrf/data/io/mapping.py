@@ -178,17 +178,6 @@ class MappingFile:
         As ``mapping`` and ``units`` of :func:`read_record`.
     fs : float or None
     coordinates, name : str or None
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> from pysindy_nrf.data.io import read_mapping
-    >>> text = '[channels]\nF1 = "Shaker @ kN"\na1 = "ACC_07 @ g"\n'
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     path = pathlib.Path(folder, "campaign.toml")
-    ...     _ = path.write_text(text)
-    ...     read_mapping(path).channels
-    {'F1': 'Shaker @ kN', 'a1': 'ACC_07 @ g'}
     """
 
     path: Path
@@ -202,34 +191,7 @@ class MappingFile:
 
 
 def read_mapping(path: Any) -> MappingFile:
-    """Read a mapping file.
-
-    Parameters
-    ----------
-    path : path-like
-        TOML with the keys ``name``, ``files``, ``together``, ``fs``, ``coordinates``, ``[channels]``, ``[units]``.
-
-    Returns
-    -------
-    MappingFile
-
-    Raises
-    ------
-    FileFormatError
-        If it is not TOML, a key is unknown or has a wrong value, or a file lies outside its folder.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> from pysindy_nrf.data.io import read_mapping
-    >>> folder = tempfile.TemporaryDirectory()
-    >>> path = pathlib.Path(folder.name, "shaker.toml")
-    >>> _ = path.write_text('fs = 500.0\\n[channels]\\nF2 = "Shaker"\\n[units]\\nF = "kN"\\n')
-    >>> found = read_mapping(path)
-    >>> found.fs, found.channels, found.units
-    (500.0, {'F2': 'Shaker'}, {'F': 'kN'})
-    >>> folder.cleanup()
-    """
+    """Read a mapping file."""
     path = Path(path)
     check_file(path, _MAX_BYTES)
     try:

@@ -45,17 +45,6 @@ class Reading:
         Variables of the file that are not in the record.
     clock : str
         Sampling rate and how it was found, in words.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> from pysindy_nrf import io
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     path = pathlib.Path(folder, "own.csv")
-    ...     _ = path.write_text("t,x1,remark\n" + "".join(f"{k / 100},{k % 7},0\n" for k in range(50)))
-    ...     reading = io.inspect_record(path, units={"x": "mm"})
-    >>> reading.record.measured, reading.unused
-    (('F1', 'x1'), ('remark',))
     """
 
     record: Record
@@ -168,37 +157,7 @@ def inspect_record(path: Any, *, mapping: Mapping[str, str] | None = None, fs: f
 def read_excitation(path: Any, n_dof: int, *, mapping: Mapping[str, str] | None = None, fs: float | None = None,
                     units: Mapping[str, str] | None = None, name: str | None = None,
                     max_bytes: int = MAX_BYTES) -> Load:  # fmt: skip
-    r"""Read the excitation of a structure, to simulate its response.
-
-    Parameters
-    ----------
-    path, mapping, fs, units, name, max_bytes
-        As for :func:`read_record`.
-    n_dof : int
-        Degrees of freedom of the structure.
-
-    Returns
-    -------
-    Load
-        ``force`` (n_samples, n_dof), N; ``base_acceleration``, m/s^2, or None; ``covariates``; ``fs``, ``t0``.
-        Motions of the file, of ``mapping`` and of ``units`` are ignored.
-
-    Raises
-    ------
-    ChannelError
-        If there is no excitation, or a force acts on a DOF that the structure does not have.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> from pysindy_nrf import io
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     path = pathlib.Path(folder, "hit.csv")
-    ...     _ = path.write_text("t,F2\n" + "".join(f"{k / 100},{100.0 * (k == 5)}\n" for k in range(50)))
-    ...     load = io.read_excitation(path, n_dof=3)
-    >>> load.force.shape, float(load.force[5, 1])  # N, on floor 2
-    ((50, 3), 100.0)
-    """
+    """Read the excitation of a structure, to simulate its response."""
     table = read_table(path, max_bytes=max_bytes)
     # a mapping file of the whole test may name motions that are not in this file
     mapping = {c: text for c, text in (mapping or {}).items() if not _is_motion(c)}

@@ -89,24 +89,7 @@ def _extent(values: np.ndarray) -> str:
 
 
 def summary(record: Record) -> dict[str, Any]:
-    """Summary of a record as plain data, for JSON.
-
-    Parameters
-    ----------
-    record : Record
-
-    Returns
-    -------
-    dict
-
-    Examples
-    --------
-    >>> from pysindy_nrf import datasets
-    >>> from pysindy_nrf.data.io import summary
-    >>> found = summary(datasets.load_demo())
-    >>> found["n_dof"], found["fs"]
-    (3, 200.0)
-    """
+    """Summary of a record as plain data, for JSON."""
     return {
         "name": record.name,
         "n_dof": record.n_dof,

@@ -1,4 +1,4 @@
-r"""Content of a file: variables by name, and the attributes by which a record written here is restored bit for bit."""
+"""Content of a file: variables by name, and the attributes by which a record written here is restored bit for bit."""
 
 from __future__ import annotations
 
@@ -38,17 +38,6 @@ class Table:
         Sampling rate, Hz, where the file states one and has no time.
     decimal : {".", ","}
         Decimal mark of columns that are still text.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> from pysindy_nrf import io
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     path = pathlib.Path(folder, "own.csv")
-    ...     _ = path.write_text("t,Deck [mm]\n0.00,1.5\n0.01,1.6\n")
-    ...     table = io.read_table(path)
-    >>> table.kind, list(table.variables), table.units
-    ('delimited text', ['t', 'Deck'], {'Deck': 'mm'})
     """
 
     path: Path

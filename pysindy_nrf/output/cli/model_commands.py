@@ -40,7 +40,8 @@ def demo(output: Path, as_json: bool) -> None:
     Only floor 2 is forced and every channel carries 2 % noise. The record was simulated, so the
     truth is printed beside what was found. No network, a few seconds.
     """
-    from ...data.io import describe, summary
+    from ...data.io import describe
+    from ...data.io.summary import summary
     from ...datasets.demo import demo_truth, read_demo
     from ...estimation.regressor import NRFRegressor
     from .outcome import finish, identify_records
@@ -133,7 +134,8 @@ def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) 
     for name in ("driven", "kind"):
         if _given(name):
             raise click.UsageError(f"--{name} goes with --frf only.")
-    from ...data.io import describe, summary
+    from ...data.io import describe
+    from ...data.io.summary import summary
     from .outcome import finish, identify_records
 
     readings = readings_of(files, options, session)
@@ -318,7 +320,8 @@ def select_order(files: tuple[Path, ...], as_json: bool, **options: Any) -> None
       pysindy-nrf select-order shaker.csv
       pysindy-nrf select-order shaker.csv --degrees 1-5 --box 1,3 --box 2,3 --band 0.5,40
     """
-    from ...data.io import describe, summary, write_table
+    from ...data.io import describe, write_table
+    from ...data.io.summary import summary
     from ...laws.power_series import exponents_of
     from ...selection import select_order as run
 
@@ -387,7 +390,8 @@ def compare(file: Path | None, as_json: bool, **options: Any) -> None:
       pysindy-nrf compare shaker.csv
       pysindy-nrf compare simulated.parquet --truth model.json
     """
-    from ...data.io import describe, summary, write_table
+    from ...data.io import describe, write_table
+    from ...data.io.summary import summary
     from ...regression.chain_model import ChainModel
     from ...selection.comparison import compare_with_sindy
 

@@ -376,7 +376,7 @@ def readings_of(files: Any, options: dict[str, Any], session: Any = None, needed
 
 def said_of(options: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
     """The mapping file, and channels, units and clock by it and by the options, which go before it."""
-    from ...data.io import MappingFile, read_mapping
+    from ...data.io.mapping import MappingFile, read_mapping
 
     said = MappingFile(Path()) if options["mapping_file"] is None else read_mapping(options["mapping_file"])
     how: dict[str, Any] = {

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ...data.io import FrequencyResponse, frf_to_features, write_forces, write_table
+from ...data.io import frf_to_features, write_forces, write_table
+from ...data.io.frf import FrequencyResponse
 from ...data.record import Record
 from ...estimation.noise_spectra import transfer
 from ...exceptions import SimulationError

@@ -49,7 +49,8 @@ def inspect(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
       pysindy-nrf inspect shaker.csv --map F2='Shaker @ kN' --unit a=g --unit x=mm
       pysindy-nrf inspect --mapping campaign.toml
     """
-    from ...data.io import describe, summary
+    from ...data.io import describe
+    from ...data.io.summary import summary
     from ...signals.channel_checks import data_warnings
 
     session = Session(as_json)
@@ -111,7 +112,9 @@ def simulate(model: Path, forces: Path | None, as_json: bool, **options: Any) ->
       pysindy-nrf simulate nrf_output/model.json quake.csv --map ag='table @ g' -o answer.csv
       pysindy-nrf simulate nrf_output/model.json tomorrow.csv --mapping campaign.toml
     """
-    from ...data.io import describe, read_excitation, summary, write_record
+    from ...data.io import describe, write_record
+    from ...data.io.reading import read_excitation
+    from ...data.io.summary import summary
     from ...regression.chain_model import ChainModel
 
     session = Session(as_json)

@@ -177,7 +177,7 @@ class ChangeMapDisplay(Display):
     Parameters
     ----------
     table : DataFrame
-        As of :meth:`pysindy_nrf.monitoring.ChangeReport.map`.
+        As of :meth:`pysindy_nrf.monitoring.change.ChangeReport.map`.
     site : str
     largest : float, optional
         Force at the ends of the colour scale, N; the largest change if None. One scale for all storeys lets them
@@ -202,7 +202,7 @@ class ChangeMapDisplay(Display):
 
     @classmethod
     def from_report(cls, report: Any, site: Any, largest: float | None = None, size: int = 41) -> ChangeMapDisplay:
-        """Map of one storey of a :class:`pysindy_nrf.monitoring.ChangeReport`.
+        """Map of one storey of a :class:`pysindy_nrf.monitoring.change.ChangeReport`.
 
         Parameters
         ----------

@@ -83,11 +83,13 @@ def integrate(m, c, k, k3, F, dt, ag=None, extra=None, substeps=1, x0=None):
     out = np.empty((3, len(F), *shape))
 
     def drift(y):
-        return np.diff(y, axis=-1, prepend=0.0)
+        d = y.copy()
+        d[..., 1:] -= y[..., :-1]
+        return d
 
     def acceleration(x, v, f):  # relative to the base if f holds -m ag
-        s, w = drift(x), drift(v)
-        R = c * w + k * s + k3 * s**3
+        s = drift(x)
+        R = c * drift(v) + (k + k3 * s * s) * s
         total = f - R
         total[..., :-1] += R[..., 1:]
         if extra is not None:
@@ -97,13 +99,14 @@ def integrate(m, c, k, k3, F, dt, ag=None, extra=None, substeps=1, x0=None):
     h = dt / substeps
     load = F - m * ag.reshape(-1, *(1,) * (F.ndim - 1))
     for i in range(len(F)):
-        out[0, i], out[1, i], out[2, i] = acceleration(x, v, load[i]) + ag[i], drift(v), drift(x)
+        a1 = acceleration(x, v, load[i])
+        out[0, i], out[1, i], out[2, i] = a1 + ag[i], drift(v), drift(x)
         if i == len(F) - 1:
             break
         for q in range(substeps):
             f0, f1 = (load[i] + (load[i + 1] - load[i]) * p / substeps for p in (q, q + 1))
             fm = 0.5 * (f0 + f1)
-            a1 = acceleration(x, v, f0)
+            a1 = acceleration(x, v, f0) if q else a1
             a2 = acceleration(x + h / 2 * v, v + h / 2 * a1, fm)
             a3 = acceleration(x + h / 2 * v + h * h / 4 * a1, v + h / 2 * a2, fm)
             a4 = acceleration(x + h * v + h * h / 2 * a2, v + h * a3, f1)

@@ -77,7 +77,7 @@ def test_right_forces_are_not_doubted(record, noise, seed):
     assert "contradict" not in said and model.data_warnings_["forces"] == []
 
 
-@pytest.mark.parametrize("estimation", ["iv", "simulation"])
+@pytest.mark.parametrize("estimation", ["iv", pytest.param("simulation", marks=pytest.mark.slow)])
 def test_instruments_are_not_doubted_either(record, estimation):
     """What they leave is noise of the motion, in each balance alike; the equations of instruments leave nothing."""
     noisy = add_noise(record, 0.05, random_state=2)

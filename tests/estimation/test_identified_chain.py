@@ -79,9 +79,9 @@ def test_large_cubic_coefficients_at_small_drifts_are_planar():
 
 def test_noise_reference_covers_what_noise_does_to_a_planar_storey():
     inside = []
-    for seed in range(3):
+    for seed in range(2):
         X, F = noisy(run(chain(), [3], seed=seed), 0.1, seed)
-        table = planarity(NRFRegressor(degree=3).fit(X, F), X, F, draws=10, random_state=0)
+        table = planarity(NRFRegressor(degree=3).fit(X, F), X, F, draws=6, random_state=0)
         inside.append((table["index"] < 2 * table["reference"]).to_numpy())
         assert (table["reference"] > 0.05).all()  # it is not nothing
     assert np.mean(inside) > 0.7

@@ -51,10 +51,11 @@ INNER = {
 }
 
 
-@pytest.mark.parametrize("forced", [[3], [1, 2, 3, 4]], ids=["one", "all"])
-@pytest.mark.parametrize("inner", INNER.values(), ids=INNER)
+@pytest.mark.parametrize(
+    ("inner", "forced"), [*((name, [3]) for name in INNER), ("least squares", [1, 2, 3, 4]), ("STLSQ", [1, 2, 3, 4])]
+)
 def test_the_three_entrances_agree(inner, forced):
-    case = chains.duffing(4, forced, seed=1)
+    case, inner = chains.duffing(4, forced, seed=1), INNER[inner]
     X = case.noisy()
     regressor = NRFRegressor(degree=3, optimizer=inner).fit(X, case.F)
     optimizer = sindy(X, case.F, case.dt, inner).optimizer

@@ -26,10 +26,10 @@ _RAISED = str.maketrans("0123456789n-", "⁰¹²³⁴⁵⁶⁷⁸⁹ⁿ⁻")
 _SIGNS = {"-": "−", "*": "⋅", "<": "&lt;", ">": "&gt;", "&": "&amp;"}
 
 
-def number(value: float) -> str:
+def number(value: float, digits: int = 4) -> str:
     """A number as MathML, with a power of ten where it is needed."""
     sign = "<mo>−</mo>" if value < 0 else ""
-    mantissa, _, exponent = f"{abs(value):.4g}".partition("e")
+    mantissa, _, exponent = f"{abs(value):.{digits}g}".partition("e")
     out = f"<mn>{mantissa}</mn>"
     if exponent:
         power = int(exponent)

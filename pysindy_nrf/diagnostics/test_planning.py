@@ -113,7 +113,7 @@ def _missing(model: Any) -> list[Finding]:
 
 
 def _jumping(model: Any) -> list[Finding]:
-    from .jumps import sentences_of
+    from .bias import sentences_of
 
     wrong = model.jump_bias_[model.jump_bias_["wrong"].astype(bool)]
     return [

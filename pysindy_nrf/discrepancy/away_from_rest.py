@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..diagnostics.jumps import SHARES, acting_there, first_settled, jumping_terms, made_wrong, moving
+from ..diagnostics.bias import SHARES, acting_there, first_settled, jumping_terms, made_wrong, moving
 from ..exceptions import NRFError
 from ..mechanics.sites import Site
 from .stage import Stage

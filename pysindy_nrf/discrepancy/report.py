@@ -18,7 +18,7 @@ from ..regression.chain_model import ChainModel
 from ..regression.chain_solve import Solution, model_of
 from ..regression.domains import VisitedRegion
 from ..regression.errors import balance_errors, free_run_error
-from ..signals.measured import Measured
+from ..signals.channel_checks import Measured
 from .evidence import Evidence, gather, searched
 from .noise_floor import NoiseFloor
 from .prepare import Prepared, measured_of

@@ -330,8 +330,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
     def _publish(
         self, found: Estimate, data: SegmentSet, judged: SegmentSet, least_squares: bool = True
     ) -> None:
-        from ..diagnostics.bias import MissingTerms, contradictions_of, warn_of_bias
-        from ..diagnostics.jumps import JumpBias, sentences_of
+        from ..diagnostics.bias import JumpBias, MissingTerms, contradictions_of, sentences_of, warn_of_bias
         from ..diagnostics.windows import collect
         from ..regression.errors import balance_errors
 

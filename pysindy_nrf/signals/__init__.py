@@ -4,7 +4,7 @@ from ..common.lazy import public_names
 
 _NAMES = {
     "KinematicSmoother": "kinematic_smoother",
-    "integrate": "calculus",
+    "integrate": "kinematics",
     "paper_processing": "kinematics",
 }
 __all__ = [*_NAMES]

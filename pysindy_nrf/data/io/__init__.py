@@ -1,8 +1,7 @@
 """Reading and writing of records, frequency responses, tables and forces."""
 
-from .files import read_table
 from .frf import frf_to_features, read_frf
-from .reading import inspect_record, read_record
+from .reading import inspect_record, read_record, read_table
 from .sep005 import from_sep005, to_sep005
 from .summary import describe
 from .write import write_forces, write_record, write_table

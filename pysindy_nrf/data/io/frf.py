@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from ...exceptions import ChannelError, FileFormatError
-from .files import read_table
+from .reading import read_table
 from .table import MAX_BYTES, check_file, unreadable
 
 # Power of i w that converts a response to acceleration over force.

@@ -42,7 +42,7 @@ def demo(output: Path, as_json: bool) -> None:
     """
     from ...data.io import describe
     from ...data.io.summary import summary
-    from ...datasets.demo import demo_truth, read_demo
+    from ...datasets import demo_truth, read_demo
     from ...estimation.regressor import NRFRegressor
     from .outcome import finish, identify_records
 

@@ -9,12 +9,12 @@ from pysindy_nrf import io
 from pysindy_nrf.data.io import (
     describe,
     inspect_record,
-    read_excitation,
     read_record,
     read_table,
-    summary,
     write_record,
 )
+from pysindy_nrf.data.io.reading import read_excitation
+from pysindy_nrf.data.io.summary import summary
 from pysindy_nrf.exceptions import ChannelError, FileFormatError
 
 T = np.arange(200) / 100.0

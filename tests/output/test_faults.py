@@ -80,8 +80,9 @@ def test_the_users_own_record_is_never_an_output(finished, capsys):
 
 
 SLOW_WRITE = """
-import sys, time
+import signal, sys, time
 from pysindy_nrf.common.files import atomic_write
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a parent in the background ignores it
 with atomic_write(sys.argv[1]) as file:
     file.write("half of the new")
     file.flush()
@@ -117,6 +118,7 @@ def test_ctrl_c_in_the_middle_of_an_identification(finished):
     """The process leaves with 130 and a sentence; the earlier results are whole."""
     old = contents(finished / "out")
     pause = "import threading, os, signal, pysindy_nrf.output.cli.outcome as w\nreal = w.identify_records\n"
+    pause += "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
     pause += "def slow(*a, **k):\n    os.kill(os.getpid(), signal.SIGINT)\n    return real(*a, **k)\nw.identify_records = slow"
     text = command("identify", "test.csv", "-o", "out", "--degree", "2", before=pause)
     done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, cwd=finished, timeout=200)

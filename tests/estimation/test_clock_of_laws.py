@@ -93,6 +93,7 @@ def test_the_instant_of_a_step_is_told_and_found_on_the_clock_of_the_record():
     )
 
 
+@pytest.mark.slow
 def test_the_loop_finds_a_step_on_the_clock_of_a_window():
     whole = stepping()
     step = close_loop(

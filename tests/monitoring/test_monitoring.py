@@ -93,7 +93,7 @@ def test_onset_of_a_sudden_loss(storey):
 
 
 def test_no_onset_where_nothing_happened():
-    for seed in range(4):
+    for seed in range(2):
         X, F = noisy(run(chain(), [3], duration=20.0, seed=seed), 0.02, seed)
         onset = find_onset(NRFRegressor(degree=1).fit(X, F), X, F)
         assert onset.storey is None and np.isnan(onset.time) and "No change" in str(onset)

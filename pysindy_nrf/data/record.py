@@ -221,10 +221,6 @@ class Record:
         **options
             Passed to :class:`Record` (``name``, ``coordinates``).
 
-        Returns
-        -------
-        Record
-
         Raises
         ------
         ChannelError
@@ -316,10 +312,6 @@ class Record:
         start, stop : float
             Seconds; ``stop`` is not included.
 
-        Returns
-        -------
-        Record
-
         Raises
         ------
         ChannelError
@@ -340,10 +332,6 @@ class Record:
         Parameters
         ----------
         rows : slice
-
-        Returns
-        -------
-        Record
 
         Raises
         ------
@@ -371,10 +359,6 @@ class Record:
         ----------
         **changes
             Arguments of :class:`Record`.
-
-        Returns
-        -------
-        Record
         """
         if not changes:
             return copy.copy(self)

@@ -200,12 +200,7 @@ class ForceLaw:
     # -- what a subclass writes ---------------------------------------------------------------
 
     def terms(self) -> tuple[Term, ...]:
-        """The terms of the law, one for each coefficient.
-
-        Returns
-        -------
-        tuple of Term
-        """
+        """The terms of the law, one for each coefficient."""
         return self.columns
 
     @staticmethod
@@ -325,10 +320,6 @@ class ForceLaw:
         ----------
         other : ForceLaw
 
-        Returns
-        -------
-        bool
-
         Examples
         --------
         >>> from pysindy_nrf import laws
@@ -380,10 +371,6 @@ class ForceLaw:
             Unchanged if None.
         shape : mapping, optional
             Shape parameters to change.
-
-        Returns
-        -------
-        ForceLaw
 
         Raises
         ------
@@ -443,12 +430,7 @@ class ForceLaw:
         return out.T
 
     def recurrence(self) -> Recurrence | None:
-        """Recurrence of the columns in rate and drift, or None if the law has none and :meth:`features` is used.
-
-        Returns
-        -------
-        Recurrence or None
-        """
+        """Recurrence of the columns in rate and drift, or None if the law has none and :meth:`features` is used."""
         return None
 
     def covariates_of(self, motion: Motion) -> np.ndarray:
@@ -497,10 +479,6 @@ class ForceLaw:
             Storey number appended to s and v.
         digits : int
             Significant digits.
-
-        Returns
-        -------
-        str
         """
         pieces = []
         numbers = self.coefficients if self.coefficients is not None else [None] * len(self.terms())
@@ -581,10 +559,6 @@ def subscript(label: str, index: int | str) -> str:
 def registry() -> dict[str, type[ForceLaw]]:
     """All known laws by name, including those of the user.
 
-    Returns
-    -------
-    dict of str to type
-
     Examples
     --------
     >>> from pysindy_nrf import laws
@@ -601,10 +575,6 @@ def from_dict(data: Mapping[str, Any]) -> ForceLaw:
     ----------
     data : mapping
         As written by :meth:`ForceLaw.to_dict`.
-
-    Returns
-    -------
-    ForceLaw
 
     Raises
     ------

@@ -99,10 +99,6 @@ class Shape(NamedTuple):
             Length of the longest record, s.
         clock : (float, float), optional
             First and last time of all records, s; 0 and ``duration`` if None.
-
-        Returns
-        -------
-        low, high : float
         """
         if self.instant:
             first, last = clock or (0.0, duration)

@@ -98,10 +98,6 @@ class Chain:
         text : str or int
             A site in the one grammar; on a chain grounded at both ends, storey n+1 is ``"ground n"``.
 
-        Returns
-        -------
-        Site
-
         Raises
         ------
         ChainError
@@ -162,10 +158,6 @@ class Chain:
         Parameters
         ----------
         dof : int
-
-        Returns
-        -------
-        tuple of Site
         """
         return tuple(site for site in self.sites if site.incidence(dof))
 
@@ -176,10 +168,6 @@ class Chain:
         ----------
         links : iterable of str
             Links to add; those that the chain already has are ignored.
-
-        Returns
-        -------
-        Chain
         """
         new = [s for s in dict.fromkeys(Site(text) for text in links) if s not in self.sites]
         return Chain(self.n_dof, (*self.links, *new), self.ground)

@@ -124,10 +124,6 @@ def compare_tests(
     options : mapping, optional
         Passed to ``fit`` (``dt`` is a parameter of the regressor).
 
-    Returns
-    -------
-    ChangeReport
-
     Raises
     ------
     ChainError
@@ -384,10 +380,6 @@ def find_onset(
         As for :func:`track`.
     level : float
         Significance level.
-
-    Returns
-    -------
-    Onset
 
     Raises
     ------

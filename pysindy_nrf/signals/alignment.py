@@ -201,10 +201,6 @@ def split_at_gaps(table: pd.DataFrame, fs: float | None = None, shortest: int = 
     **options
         For :meth:`Record.from_frame`.
 
-    Returns
-    -------
-    list of Record
-
     Raises
     ------
     ChannelError

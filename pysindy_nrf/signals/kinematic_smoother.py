@@ -157,10 +157,6 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         time : array-like of shape (n_samples,), optional
             s. Where it jumps, a new piece begins.
 
-        Returns
-        -------
-        KinematicSmoother
-
         Raises
         ------
         ChannelError

@@ -171,10 +171,6 @@ def paper_processing(record: Record, high_pass: float = 1.0, filter_force: bool 
     filter_force : bool
         Put the forces through the same high-pass (the paper leaves them).
 
-    Returns
-    -------
-    Record
-
     Raises
     ------
     ChannelError

@@ -73,10 +73,6 @@ def read_frf(path: Any, *, driven: int = 1, kind: str = "accelerance", max_bytes
         Acceleration, velocity or displacement over force, SI units.
     max_bytes : int
 
-    Returns
-    -------
-    FrequencyResponse
-
     Raises
     ------
     FileFormatError

@@ -139,10 +139,6 @@ def inspect_record(path: Any, *, mapping: Mapping[str, str] | None = None, fs: f
     path, mapping, fs, units, name, coordinates, max_bytes
         As for :func:`read_record`.
 
-    Returns
-    -------
-    Reading
-
     Examples
     --------
     >>> import pathlib, tempfile

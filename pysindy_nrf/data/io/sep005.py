@@ -69,10 +69,6 @@ def from_sep005(channels: Sequence[Mapping[str, Any]], **options: Any) -> Record
         ``mapping``, ``units``, ``fs``, ``name``, ``coordinates`` as for :func:`read_record`. Units are those of
         ``unit_str`` unless others are given.
 
-    Returns
-    -------
-    Record
-
     Raises
     ------
     ChannelError

@@ -23,10 +23,6 @@ def describe(what: Record | Reading) -> str:
     what : Record or Reading
         For a Reading (see :func:`inspect_record`) the origin of each channel is added.
 
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> import numpy as np

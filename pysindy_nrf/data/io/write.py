@@ -30,10 +30,6 @@ def write_record(record: Record, path: Any) -> Path:
         ``.parquet``, ``.uff`` or ``.unv`` (UFF 58, binary), or ``.csv``. All columns are kept (those of NaN too),
         in SI units, with sampling rate, first time, name, coordinates, covariates and base motion.
 
-    Returns
-    -------
-    Path
-
     Raises
     ------
     FileFormatError
@@ -99,10 +95,6 @@ def write_table(table: pd.DataFrame, path: Any) -> Path:
     path : path-like
         ``.csv`` or ``.parquet``.
 
-    Returns
-    -------
-    Path
-
     Raises
     ------
     FileFormatError
@@ -144,10 +136,6 @@ def write_forces(model: Any, data: Any, path: Any, **options: Any) -> Path:
         ``.parquet`` or ``.csv`` (column ``t`` in s and one for each site, N).
     **options
         As for :meth:`ChainModel.predict`.
-
-    Returns
-    -------
-    Path
 
     Raises
     ------

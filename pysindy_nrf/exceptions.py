@@ -7,8 +7,8 @@ Every error is also the built-in exception a caller would expect (``ValueError``
 from __future__ import annotations
 
 __all__ = [
-    "NRFError", "ChannelError", "FileFormatError", "FileVersionError", "MissingExtraError", "NRFWarning", "BiasWarning",
-    "DataQualityWarning", "ExtrapolationWarning",
+    "NRFError", "FileVersionError", "MissingExtraError", "NRFWarning", "BiasWarning", "DataQualityWarning",
+    "ExtrapolationWarning",
 ]  # fmt: skip
 
 
@@ -19,7 +19,19 @@ def sentence(what: str, cure: str = "") -> str:
     return f"{what} {cure.strip()}" if cure else what
 
 
-class NRFError(ValueError):
+class _Said(Exception):
+    """What is wrong, and what the user can do about it."""
+
+    def __init__(self, what: str, cure: str = "") -> None:
+        self.what = what
+        self.cure = cure
+        super().__init__(sentence(what, cure))
+
+    def __reduce__(self) -> tuple[type, tuple[str, str]]:
+        return type(self), (self.what, self.cure)
+
+
+class NRFError(_Said, ValueError):
     """Base of every error this package raises on purpose.
 
     Parameters
@@ -40,27 +52,9 @@ class NRFError(ValueError):
     'link 7-3' is not a link of a chain with 3 DOFs | Links are 'link p-q' with 0 <= q < p <= 3.
     """
 
-    def __init__(self, what: str, cure: str = "") -> None:
-        self.what = what
-        self.cure = cure
-        super().__init__(sentence(what, cure))
-
-    def __reduce__(self) -> tuple[type, tuple[str, str]]:
-        return type(self), (self.what, self.cure)
-
 
 class ChannelError(NRFError):
-    """A measured channel cannot be used as it is (NaN, infinite, constant, missing, mis-shaped).
-
-    Examples
-    --------
-    >>> from pysindy_nrf import Record
-    >>> Record(displacement=[[0.001], [float("inf")]], fs=100.0)
-    Traceback (most recent call last):
-        ...
-    pysindy_nrf.exceptions.ChannelError: Channel x1 of record 'record' is infinite in row 1. Repair or cut
-    these rows.
-    """
+    """A measured channel cannot be used as it is (NaN, infinite, constant, missing, mis-shaped)."""
 
 
 class ChannelTypeError(ChannelError, TypeError):
@@ -90,17 +84,7 @@ class LawError(NRFError):
 
 
 class FileFormatError(NRFError):
-    """A file could not be read as what it claims to be.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import ChainModel
-    >>> ChainModel.from_json('{"masses": [10.0]}')
-    Traceback (most recent call last):
-        ...
-    pysindy_nrf.exceptions.FileFormatError: The JSON text does not hold a chain model. It needs "schema":
-    "pysindy_nrf.ChainModel".
-    """
+    """A file could not be read as what it claims to be."""
 
 
 class FileVersionError(FileFormatError):
@@ -153,7 +137,7 @@ class MissingExtraError(ImportError):
         return type(self), (self.package, self.extra, self.purpose)
 
 
-class NRFWarning(UserWarning):
+class NRFWarning(_Said, UserWarning):
     """Base of every warning of this package.
 
     Parameters
@@ -174,14 +158,6 @@ class NRFWarning(UserWarning):
     >>> print(caught[0].message)
     a2 is clipped. Leave it out.
     """
-
-    def __init__(self, what: str, cure: str = "") -> None:
-        self.what = what
-        self.cure = cure
-        super().__init__(sentence(what, cure))
-
-    def __reduce__(self) -> tuple[type, tuple[str, str]]:
-        return type(self), (self.what, self.cure)
 
 
 class RankWarning(NRFWarning):

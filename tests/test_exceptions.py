@@ -12,7 +12,11 @@ from sources import trees
 from pysindy_nrf import exceptions
 from pysindy_nrf.exceptions import MissingExtraError, NRFError, NRFWarning
 
-CLASSES = [c for c in vars(exceptions).values() if inspect.isclass(c) and c.__module__ == exceptions.__name__]
+CLASSES = [
+    c
+    for name, c in vars(exceptions).items()
+    if inspect.isclass(c) and c.__module__ == exceptions.__name__ and not name.startswith("_")
+]
 ERRORS = [c for c in CLASSES if issubclass(c, NRFError)]
 WARNINGS = [c for c in CLASSES if issubclass(c, NRFWarning)]
 

@@ -350,8 +350,8 @@ class JumpBias:
 
     def _with_chance(self, grams: BlockGrams) -> tuple[np.ndarray, np.ndarray]:
         """Coefficients from all groups of windows, and with each group left out."""
-        rest = grams.leave_one_out()
-        return self._solved(grams.sum()), np.array([self._solved(rest[g]) for g in range(_GROUPS)])
+        left_out = grams.leave_one_out()
+        return self._solved(grams.sum()), np.array([self._solved(left_out[g]) for g in range(_GROUPS)])
 
     def _settling(self, kept: list[BlockGrams]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """The same from fewer and fewer samples, as long as they tell all terms apart."""
@@ -376,17 +376,18 @@ class JumpBias:
         except (NRFError, np.linalg.LinAlgError):
             return empty
         whole = _rms(total, self.places)
-        told = np.all([acting_there(_rms(grams.sum(), self.places), whole) for grams, _ in zip(fewer, kept)], axis=0)
-        if not kept or not told.any():
+        acting = [acting_there(_rms(grams.sum(), self.places), whole) for grams, _ in zip(fewer, kept)]
+        determined = np.all(acting, axis=0)
+        if not kept or not determined.any():
             return empty
-        away, rest = kept[first_settled([a[told] for a, _ in kept], [r[:, told] for _, r in kept])]
+        away, left_out = kept[first_settled([a[determined] for a, _ in kept], [r[:, determined] for _, r in kept])]
         lost = np.where(away, (away - found) / np.where(away, away, 1.0), 0.0)
         size = np.abs(away - found) * _weights(total, self.places, self.model.masses)
-        wrong = made_wrong(found, away, rest - without) & (size > _NOTHING)
+        wrong = made_wrong(found, away, left_out - without) & (size > _NOTHING)
         values = self.model.coefficients
         rows = [(values[s][k], away[i], lost[i], wrong[i], unit) for i, (s, k, unit) in enumerate(self.places)]
         labels = [f"{site}: {self.layout.labels(site)[at]}" for site, at, _ in self.places]
-        return pd.DataFrame(rows, index=labels, columns=empty.columns)[told]
+        return pd.DataFrame(rows, index=labels, columns=empty.columns)[determined]
 
 
 def _rms(total: BlockGrams, places: list[tuple[Site, int, str]]) -> np.ndarray:
@@ -464,8 +465,8 @@ def first_settled(found: Sequence[np.ndarray], without: Sequence[np.ndarray]) ->
     """Index of the first estimate, each from fewer samples, from which all later ones differ by chance only."""
     for i in range(len(found) - 1):
         apart = [
-            _beyond_chance(later - found[i], rest - without[i])
-            for later, rest in zip(found[i + 1 :], without[i + 1 :])
+            _beyond_chance(later - found[i], left_out - without[i])
+            for later, left_out in zip(found[i + 1 :], without[i + 1 :])
         ]
         if not np.any(apart):
             return i

@@ -28,17 +28,9 @@ Finding = tuple[float, str, str, float, str]  # gravity; limit, where, size and 
 
 @dataclass
 class Diagnosis:
-    """The limits of an estimate, the gravest first.
+    """The limits of an estimate, the gravest first."""
 
-    Attributes
-    ----------
-    table : DataFrame
-        One row for each finding, the gravest first: ``limit`` (``"channel"``, ``"doubt"``, ``"noise"``,
-        ``"excitation"``, ``"conditioning"``, ``"missing law"``, ``"wrong zero"``, ``"uncertainty"``, ``"estimation"``,
-        ``"delay"``, ``"jump"``), ``where``, ``size``, ``message``.
-    """
-
-    table: pd.DataFrame
+    table: pd.DataFrame  # limit, where, size and message of each finding
 
     def __str__(self) -> str:
         return "\n".join(self.table["message"]) if len(self.table) else "Nothing limits the estimate noticeably."
@@ -265,18 +257,9 @@ def _noise(model: Any) -> list[Finding]:
 
 @dataclass
 class Plan:
-    """Ranking of floors to hit, and sensors to add.
+    """Ranking of floors to hit, and sensors to add."""
 
-    Attributes
-    ----------
-    table : DataFrame
-        One row for each test that identifies everything (or the most), the best first: ``hit`` (tuple of DOFs),
-        ``records``, ``identifies`` (share of masses and laws), ``depth`` (most steps an error travels),
-        ``left`` (what stays out of reach).
-    advice : list of str
-    """
-
-    table: pd.DataFrame
+    table: pd.DataFrame  # by test: hit, identifies (share of masses and laws), depth, response, left
     advice: list[str] = field(default_factory=list)
 
     def __str__(self) -> str:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
+from ..common import number_of
 from ..exceptions import LawError
 from .shape import Motion, Shape
 
@@ -252,10 +253,7 @@ class ForceLaw:
     def _number(self, key: str, value: Any) -> float | None:
         if value is None:
             return None
-        try:
-            number = float(value)
-        except (TypeError, ValueError):
-            number = np.nan
+        number = number_of(value)
         if not np.isfinite(number):
             raise LawError(f"{type(self).__name__}: {key}={value!r} is not a finite number", "Give it in SI units.")
         return number

@@ -25,29 +25,14 @@ from ..regression.segments import SegmentSet
 
 @dataclass
 class ChangeReport:
-    """Changes between two tests and their significance.
+    """Changes between two tests and their significance."""
 
-    Attributes
-    ----------
-    table : DataFrame
-        One row for each linear term of a storey (``k``, ``c``): ``storey``, ``term``, ``before``,
-        ``after`` (N/m or N s/m), ``change`` (percent), ``error`` (its standard error, percentage
-        points), ``p`` (probability of such a change, anywhere in the table, if nothing had changed).
-    level : float
-        Significance level; ``p`` is already corrected for the number of terms (Holm).
-    least : float
-        Changes smaller than this, percent, are not reported as changes.
-    before, after : ChainModel
-    replicates : tuple of list of ChainModel
-        Leave-one-block-out models of both tests, for :meth:`map`.
-    """
-
-    table: pd.DataFrame
-    level: float
-    least: float
+    table: pd.DataFrame  # k and c of each storey: before, after, change (%), its error (points), p (after Holm)
+    level: float  # of significance
+    least: float  # percent; smaller changes are not reported
     before: ChainModel
     after: ChainModel
-    replicates: tuple[list[ChainModel], list[ChainModel]]
+    replicates: tuple[list[ChainModel], list[ChainModel]]  # with each block left out, for the map
 
     @property
     def changed(self) -> pd.DataFrame:
@@ -63,7 +48,7 @@ class ChangeReport:
         return rows.sort_values("change")["storey"].tolist()
 
     def map(self, storey: Any, size: int = 41) -> pd.DataFrame:
-        """Change of a storey's force over the (v, s) region that both tests visited."""
+        """Change of a storey's force over the region that both visited, N, with its error and significance."""
         site = self.before.chain.site(storey)
         regions = [m.visited[site] for m in (self.before, self.after)]
         low = [max(r.low[k] for r in regions) for k in (0, 1)]
@@ -317,30 +302,14 @@ def track(
 
 @dataclass
 class Onset:
-    """When and where a structure changed during a record.
+    """When and where a structure changed during a record."""
 
-    Attributes
-    ----------
-    time : float
-        s from the start of the record; NaN if no significant change was found.
-    storey : str or None
-        The storey whose stiffness changed most, in standard errors.
-    change : float
-        Of its stiffness, percent.
-    p : float
-        Probability of such a change, at any time, if nothing had changed.
-    curve : DataFrame
-        By candidate time ``t``: ``gain``, the share (percent) of the residual that a change there removes.
-    table : DataFrame
-        By storey: ``before``, ``after`` (N/m), ``change`` (percent), ``z`` (in standard errors).
-    """
-
-    time: float
-    storey: str | None
-    change: float
-    p: float
-    curve: pd.DataFrame
-    table: pd.DataFrame
+    time: float  # s; NaN if no significant change was found
+    storey: str | None  # whose stiffness changed most, in standard errors
+    change: float  # of its stiffness, percent
+    p: float  # probability of such a change, at any time, if nothing had changed
+    curve: pd.DataFrame  # by candidate time t: gain, the percentage of the residual that a change there removes
+    table: pd.DataFrame  # by storey: before, after (N/m), change (percent), z (in standard errors)
 
     def __str__(self) -> str:
         if self.storey is None:

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from scipy import signal
 
+from ..common import number_of
 from ..data.channels import by_record, rows_text
 from ..data.record import seconds_of
 from ..exceptions import ChannelError
@@ -21,12 +22,9 @@ Band = tuple[float | None, float | None] | None
 class FairFilter:
     """One linear zero-phase operator, the same for every column of one contiguous record.
 
-    A Butterworth filter run forward and backward, the record mirrored at its ends. All of it is
-    linear in the column and identical for every column, so a balance that holds for the raw
-    columns holds for the filtered ones to round-off, edges included. Filtering the response alone
-    does not have this property; nor has a law evaluated on filtered signals. The mirror is even:
-    what lies beyond the ends is rows of the record itself. An odd one would add twice the noise of
-    the end sample to all of them, which ruins accelerations derived from displacement.
+    A Butterworth filter run forward and backward, the record mirrored evenly at its ends. A balance that holds for the
+    raw columns holds for the filtered ones to round-off, edges included; filtering the response alone does not have
+    this property, nor has a law evaluated on filtered signals.
 
     Parameters
     ----------
@@ -42,8 +40,7 @@ class FairFilter:
     ----------
     edge : int
         Number of samples at each end which what lies outside the record can still reach with more
-        than 1e-4 of the impulse response (about three seconds for a 1 Hz high-pass): there the
-        columns are fair, but not what an endless record would show. Computed from the filter.
+        than 1e-4 of the impulse response (about three seconds for a 1 Hz high-pass).
 
     Raises
     ------
@@ -54,11 +51,9 @@ class FairFilter:
     --------
     >>> import numpy as np
     >>> from pysindy_nrf.signals.zero_phase_filter import FairFilter
-    >>> rng = np.random.default_rng(0)
-    >>> columns = rng.normal(size=(4000, 3))
-    >>> force = columns @ [2.0, -1.0, 0.5]
+    >>> columns = np.random.default_rng(0).normal(size=(4000, 3))
     >>> f = FairFilter((1.0, 40.0), fs=500.0)
-    >>> bool(np.allclose(f.apply(columns) @ [2.0, -1.0, 0.5], f.apply(force), atol=1e-12))
+    >>> bool(np.allclose(f.apply(columns) @ [2.0, -1.0, 0.5], f.apply(columns @ [2.0, -1.0, 0.5]), atol=1e-12))
     True
     """
 
@@ -86,10 +81,6 @@ class FairFilter:
         ------
         ChannelError
             If a column holds NaN or infinite samples besides.
-
-        Notes
-        -----
-        A record shorter than ``edge`` is extended by no more than its own length less one.
         """
         array = np.asarray(columns, dtype=float)
         if self.sos is None or array.shape[0] < 2:
@@ -114,19 +105,7 @@ class FairFilter:
         return out[:, 0] if array.ndim == 1 else out
 
     def noise_gain(self) -> float:
-        """The part of the power of white noise that the filter, run forward and backward, lets through.
-
-        Returns
-        -------
-        float
-            1 without a band.
-
-        Examples
-        --------
-        >>> from pysindy_nrf.signals.zero_phase_filter import FairFilter
-        >>> round(FairFilter((None, 25.0), fs=200.0).noise_gain(), 2)  # a quarter of the band up to 100 Hz, softly cut
-        0.23
-        """
+        """The part of the power of white noise that the filter, run forward and backward, lets through."""
         if self.sos is None:
             return 1.0
         from scipy.signal import sosfreqz
@@ -243,10 +222,7 @@ def clock_of(X: Any, time: Any, size: int, record: Any = None) -> np.ndarray | N
 
 def check_rate(fs: Any) -> float:
     """A sampling rate in Hz, or an error."""
-    try:
-        rate = float(fs)
-    except (TypeError, ValueError):
-        rate = np.nan
+    rate = number_of(fs)
     if not np.isfinite(rate) or rate <= 0:
         raise ChannelError(f"fs={fs!r} is not a sampling rate", "Give a positive number in Hz.")
     return rate

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ..common import number_of
 from ..data.channels import as_matrix, rows_text
 from ..data.record import Record
 from ..exceptions import ChannelError, SimulationError
@@ -22,28 +23,12 @@ CLASSICAL = "classical"  # the rule of classical_run
 
 @dataclass
 class FreeRun:
-    """A free run with what happened inside.
-
-    Attributes
-    ----------
-    record : Record
-        The motion.
-    states : dict
-        Internal states of laws with memory at the samples by (site, number of the law at the
-        site), each of shape (n_samples, n_states).
-    energy : DataFrame
-        ``input``: work of the applied forces and of the moving base; ``kinetic``; one column for
-        each site: work done on its laws, stored and dissipated. J, indexed by time in s; motion relative to
-        the base. Input = change of kinetic + sites.
-    quality : dict
-        ``steps``, ``rejected`` and ``forced`` (steps accepted at the shortest length although
-        their error is above the tolerance: force laws with jumps).
-    """
+    """A free run with what happened inside."""
 
     record: Record
-    states: dict[tuple[Site, int], np.ndarray]
-    energy: pd.DataFrame
-    quality: dict[str, int] = field(default_factory=dict)
+    states: dict[tuple[Site, int], np.ndarray]  # by (site, number of the law there), (n_samples, n_states)
+    energy: pd.DataFrame  # J by time: input (forces and base), kinetic, work on each site; input = change of the rest
+    quality: dict[str, int] = field(default_factory=dict)  # steps: number, rejected, forced (too large an error)
 
     @property
     def energy_gap(self) -> float:
@@ -264,10 +249,7 @@ def _positive(name: str, value: Any, cure: str) -> float:
 
 def _number(name: str, value: Any, cure: str, what: str = "number") -> float:
     """A finite number, or an error."""
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = np.nan
+    number = number_of(value)
     if not np.isfinite(number):
         raise SimulationError(f"{name}={value!r} is not a {what}", cure)
     return number

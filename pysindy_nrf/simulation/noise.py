@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..common import number_of
 from ..common.random_state import generator
 from ..data.record import Record
 from ..exceptions import ChannelError
@@ -54,10 +55,7 @@ def add_noise(record: Record, level: float, random_state: Any = None, channels: 
     >>> round(float(np.std(noisy.acceleration - rec.acceleration)), 2)  # 5 % of 3 / sqrt(2)
     0.11
     """
-    try:
-        share = float(level)
-    except (TypeError, ValueError):
-        share = np.nan
+    share = number_of(level)
     if not np.isfinite(share) or share < 0:
         raise ChannelError(f"level={level!r} is not a share of the RMS", "Give e.g. 0.05 for 5 %.")
     measured = record.channels()

@@ -21,22 +21,11 @@ KINDS = {"accelerance": 0, "mobility": 1, "receptance": 2}
 
 @dataclass(frozen=True)
 class FrequencyResponse:
-    """Responses of all DOFs to a force on one of them.
+    """Responses of all DOFs to a force on one of them."""
 
-    Attributes
-    ----------
-    f : ndarray of shape (n_lines,)
-        Hz, rising, positive.
-    H : ndarray of complex, shape (n_lines, n_dof)
-        Accelerance: acceleration over force, m/s^2/N.
-    driven : int
-        The DOF on which the force acts.
-    name : str
-    """
-
-    f: np.ndarray
-    H: np.ndarray
-    driven: int = 1
+    f: np.ndarray  # Hz, rising, positive
+    H: np.ndarray  # accelerance, m/s^2/N, (n_lines, n_dof)
+    driven: int = 1  # DOF on which the force acts
     name: str = "frequency response"
 
     @property

@@ -165,25 +165,12 @@ _KEYS = {
 
 @dataclass(frozen=True)
 class MappingFile:
-    r"""Content of a mapping file, a small TOML file beside the data.
-
-    Attributes
-    ----------
-    path : Path
-    files : tuple of Path
-        Inside the folder of the mapping file.
-    together : bool
-        True: the files hold channels of one test. False: each is a test.
-    channels, units : dict of str to str
-        As ``mapping`` and ``units`` of :func:`read_record`.
-    fs : float or None
-    coordinates, name : str or None
-    """
+    """Content of a mapping file, a small TOML file beside the data."""
 
     path: Path
     files: tuple[Path, ...] = ()
-    together: bool = False
-    channels: dict[str, str] = field(default_factory=dict)
+    together: bool = False  # the files hold channels of one test; else each is a test
+    channels: dict[str, str] = field(default_factory=dict)  # as ``mapping`` of read_record
     units: dict[str, str] = field(default_factory=dict)
     fs: float | None = None
     coordinates: str | None = None
@@ -191,7 +178,7 @@ class MappingFile:
 
 
 def read_mapping(path: Any) -> MappingFile:
-    """Read a mapping file."""
+    """Read a mapping file: TOML, its files inside its own folder."""
     path = Path(path)
     check_file(path, _MAX_BYTES)
     try:

@@ -37,25 +37,13 @@ class Source:
 
 @dataclass
 class Reading:
-    r"""A record and how the file was understood.
-
-    Attributes
-    ----------
-    record : Record
-    table : Table
-    sources : dict of str to Source
-        Origin of each channel: ``text`` (the mapping or the column's name), ``unit``, ``name`` of the variable.
-    unused : tuple of str
-        Variables of the file that are not in the record.
-    clock : str
-        Sampling rate and how it was found, in words.
-    """
+    """A record and how the file was understood."""
 
     record: Record
     table: Table
-    sources: dict[str, Source]
-    unused: tuple[str, ...]
-    clock: str = ""
+    sources: dict[str, Source]  # by channel
+    unused: tuple[str, ...]  # variables of the file that are not in the record
+    clock: str = ""  # sampling rate and how it was found, in words
 
 
 @dataclass
@@ -132,12 +120,7 @@ def read_record(path: Any, *, mapping: Mapping[str, str] | None = None, fs: floa
 def inspect_record(path: Any, *, mapping: Mapping[str, str] | None = None, fs: float | None = None,
                    units: Mapping[str, str] | None = None, name: str | None = None,
                    coordinates: str | None = None, max_bytes: int = MAX_BYTES) -> Reading:  # fmt: skip
-    r"""Read a record and keep how the file was understood, for :func:`describe`.
-
-    Parameters
-    ----------
-    path, mapping, fs, units, name, coordinates, max_bytes
-        As for :func:`read_record`.
+    r"""Read a record as :func:`read_record` does and keep how the file was understood, for :func:`describe`.
 
     Examples
     --------

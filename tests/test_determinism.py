@@ -6,7 +6,6 @@ import json
 import os
 import subprocess
 import sys
-import threading
 
 import chains
 import joblib
@@ -40,26 +39,6 @@ def test_the_variables_that_workers_set_are_heard(cores, monkeypatch, omp, numba
     monkeypatch.setenv("OMP_NUM_THREADS", omp)
     monkeypatch.setenv("NUMBA_NUM_THREADS", numba)
     assert threads.n_threads() == wanted
-
-
-@pytest.mark.parametrize("where", ["shares", "work"])
-def test_an_error_ends_the_pass_and_its_threads(cores, where):
-    cores(4)
-    before = threading.active_count()
-
-    def shares():
-        yield from range(50)
-        if where == "shares":
-            raise KeyboardInterrupt
-
-    def work(i):
-        if where == "work" and i == 30:
-            raise KeyboardInterrupt
-        return i
-
-    with pytest.raises(KeyboardInterrupt):
-        list(threads.in_threads(work, shares()))
-    assert threading.active_count() == before
 
 
 @pytest.mark.parametrize("forced", [[3], [1, 2, 3]], ids=["sequential", "complete"])

@@ -187,13 +187,6 @@ def test_the_way_is_cut_where_the_motion_turns(case, mirror):
         assert found[k, 3] == 0.0 == found[k + 1, 1]  # at rest where it turns
 
 
-def test_a_state_that_turns_twice_in_a_step_is_that_of_shorter_steps():
-    p, turns, _ = TURNS["twice"]
-    long, short = ([0.0, H], [0.0, H * turns[0], H * turns[1], H])
-    ends = [laws.Dahl(sigma=2e4).features(moving_by(p, edges))[-1, 0] for edges in (long, short)]
-    assert ends[0] == pytest.approx(ends[1], rel=1e-9)
-
-
 def test_without_time_every_way_is_straight():
     p, _, _ = TURNS["parabola"]
     law = laws.Jenkins(uy=10.0 * SIZE)

@@ -98,20 +98,6 @@ def test_ensembles_read_two_attributes_that_the_contract_does_not_name():
         ps.EnsembleOptimizer(Bare(), bagging=True)
 
 
-def test_sindy_makes_up_names_and_passes_them_on_as_the_users():
-    """Why our libraries take x0, x1, ..., u0 for no names: else every acceleration would be printed as x0, x1, ..."""
-
-    class Listening(ps.PolynomialLibrary):
-        def get_feature_names(self, input_features=None):
-            self.heard = input_features
-            return super().get_feature_names(input_features)
-
-    x = np.random.default_rng(0).normal(size=(50, 2))
-    library = Listening(1)
-    ps.SINDy(feature_library=library).fit(x, t=0.1, x_dot=x, u=x[:, 0]).get_feature_names()
-    assert library.heard == ["x0", "x1", "u0"]
-
-
 def test_sindy_cannot_be_fitted_under_metadata_routing():
     """Why pipelines with routed records are built around NRFRegressor: a helper of SINDy.fit is half an estimator."""
     x = np.random.default_rng(0).normal(size=(50, 2))

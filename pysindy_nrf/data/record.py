@@ -327,16 +327,11 @@ class Record:
         return self.rows(slice(rows[0], rows[-1] + 1))
 
     def rows(self, rows: slice) -> Record:
-        """Part of the record in a slice of rows.
+        """Part of the record in a slice of two or more consecutive rows; see :meth:`window` for times.
 
         Parameters
         ----------
         rows : slice
-
-        Raises
-        ------
-        ChannelError
-            If they are not two or more consecutive samples of the record.
         """
         start = range(self.n_samples)[rows]
         if len(start) < 2 or start.step != 1:

@@ -46,17 +46,11 @@ class Term(NamedTuple):
 class Recurrence(NamedTuple):
     """Columns that follow from earlier ones: column i is (g x + h) column[p] + k column[q], x being rate or drift.
 
-    Attributes
-    ----------
-    rows : ndarray of shape (n_terms, 4) of int
-        ``(i, x, p, q)`` in the order in which they are made: x is 0 for the rate and 1 for the drift; a p of -1 stands
-        for a column of ones, a q of -1 for none.
-    numbers : ndarray of shape (n_terms, 3)
-        g, h and k.
+    A row ``(i, x, p, q)`` has x = 0 for the rate and 1 for the drift, p = -1 for a column of ones, q = -1 for none.
     """
 
-    rows: np.ndarray
-    numbers: np.ndarray
+    rows: np.ndarray  # of int, (n_terms, 4), in the order in which the columns are made
+    numbers: np.ndarray  # g, h and k, (n_terms, 3)
 
 
 _REGISTRY: dict[str, type[ForceLaw]] = {}
@@ -432,21 +426,7 @@ class ForceLaw:
         return None
 
     def covariates_of(self, motion: Motion) -> np.ndarray:
-        """Covariates in the order in which the kernel reads them.
-
-        Parameters
-        ----------
-        motion : Motion
-
-        Returns
-        -------
-        ndarray of shape (n_covariates, n_samples)
-
-        Raises
-        ------
-        LawError
-            If one is missing.
-        """
+        """Covariates in the order in which the kernel reads them, (n_covariates, n_samples), for :meth:`features`."""
         u = np.empty((len(self.covariates), motion.n_samples))
         for row, name in enumerate(self.covariates):
             if name not in motion.covariates:
@@ -455,16 +435,7 @@ class ForceLaw:
         return u
 
     def force(self, motion: Motion) -> np.ndarray:
-        """Force of the law along one contiguous record, N.
-
-        Parameters
-        ----------
-        motion : Motion
-
-        Returns
-        -------
-        ndarray of shape (n_samples,)
-        """
+        """Force of the law along one contiguous record, (n_samples,), N; the motion as for :meth:`features`."""
         values = self.values
         return self.features(motion) @ values
 

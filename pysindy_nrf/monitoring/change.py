@@ -89,9 +89,8 @@ def compare_tests(
     """Compare two tests of one structure, e.g. before and after an earthquake.
 
     Both are identified with the laws of the same regressor, by least squares. Standard errors come from leaving
-    out one of ``n_blocks`` consecutive pieces at a time (jackknife), so they hold for noise that is correlated in
-    time. Give Records where channels are noisy: their DOFs are then fused one by one, for motions in which they
-    improve each other have errors that are alike in a whole record, which no piece of it shows.
+    out one of ``n_blocks`` consecutive pieces at a time (jackknife). Give Records where channels are noisy: their DOFs
+    are then fused one by one, so that errors are not alike in a whole record.
 
     Parameters
     ----------

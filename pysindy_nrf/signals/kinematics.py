@@ -231,11 +231,9 @@ def integrate(a: Any, dt: float, method: str = "spline", order: int = 1, detrend
     dt : float
         Sampling step, s.
     method : {"spline", "spectral", "cumulative"}
-        ``"spline"``: antiderivative of the interpolating spline of degree 7. ``"spectral"``:
-        Fourier transform, for periodic records: a motion that comes back. The mean is taken off before each
-        integration, so that a velocity passed on the way to the displacement swings about zero, where with the
-        others it starts at rest. ``"cumulative"``: trapezoid rule (the paper's), low by ``(2 pi f dt)^2 / 12`` for
-        each integration.
+        ``"spline"``: antiderivative of the interpolating spline of degree 7. ``"spectral"``: Fourier transform, for
+        periodic records; the mean is taken off before each integration. ``"cumulative"``: trapezoid rule (the
+        paper's), low by ``(2 pi f dt)^2 / 12`` for each integration.
     order : {1, 2}
         Once (velocity from acceleration) or twice.
     detrend : bool

@@ -76,15 +76,13 @@ def simulate(
     covariates : mapping of str to array-like of shape (n_samples,), optional
         Channels that the laws read.
     hold : {"linear", "zero", "cubic"}
-        Course of forces, base acceleration and covariates between the samples: straight lines,
-        steps, or a cubic spline (for band-limited signals). Straight lines and steps are no band-limited forces: their
-        accelerations are aliased where the force exceeds a tenth of the sampling rate, contradict the displacements
-        there by some percent, and a fit of the fused record returns masses as much too high.
+        Course of forces, base acceleration and covariates between the samples: straight lines, steps, or a cubic
+        spline (for band-limited signals). With straight lines and steps, accelerations above a tenth of the sampling
+        rate contradict the displacements by some percent, and a fit of the fused record finds masses as much too high.
     rtol : float
         Error of a step of the default method as a share of the largest motion so far.
     t0 : float
-        Time of the first sample, s, for laws that know the time: a harmonic force, a stiffness that steps or
-        drifts. On the clock of the data that the model was fitted to.
+        Time of the first sample, s, on the clock of the data that the model was fitted to, for laws that know the time.
     name : str
         Name of the record.
 
@@ -104,12 +102,10 @@ def simulate(
 
     Notes
     -----
-    Laws with memory are moved by their own ``advance`` along the path. Reversals at their sites, and at
-    sites whose force jumps where the rate changes sign (Coulomb friction), are located and the step is split
-    there. A site with such a jump sticks while its friction can hold it (Filippov's solution): its
-    rate is then exactly zero, and its force is what equilibrium asks for, not a function of the motion. Whether it can
-    still hold is judged at the ends of the steps, and with ``hold="cubic"`` at seven instants within each too: a spline
-    may pass between two samples what neither of them reaches.
+    Laws with memory are moved by their own ``advance`` along the path. Reversals at their sites, and at sites whose
+    force jumps where the rate changes sign (Coulomb friction), are located and the step is split there. A site with
+    such a jump sticks while its friction can hold it (Filippov's solution): its rate is then exactly zero, and its
+    force is what equilibrium asks for.
 
     Examples
     --------

@@ -24,12 +24,10 @@ def add_noise(record: Record, level: float, random_state: Any = None, channels: 
     ----------
     record : Record
     level : float
-        Standard deviation of the noise as a share of the RMS of the channel, 0.05 = 5 %. The
-        paper's "5 % noise" is 5 % of the mean instead, which is almost nothing for a signal that
-        swings about zero.
+        Standard deviation of the noise as a share of the RMS of the channel, 0.05 = 5 % (the paper's "5 % noise" is
+        a share of the mean, almost nothing for a signal that swings about zero).
     random_state : int, Generator or None
-        Source of the noise. A whole number gives noise a stream of its own: it may be the one that the excitation
-        was drawn from. A Generator is used as it is; do not give one that starts where the excitation's did.
+        A whole number gives noise a stream of its own: it may be the one that the excitation was drawn from.
     channels : iterable of str, optional
         ``"a"`` (all accelerations), ``"a2"``, ``"F"``, ``"ag"``, the name of a covariate; by default every
         measured force and motion. Channels of zeros (known to be unforced) stay zero.

@@ -55,9 +55,8 @@ from pysindy_nrf import (  # noqa: E402
 )
 from pysindy_nrf.exceptions import NRFError  # noqa: E402
 from pysindy_nrf.mechanics.identifiability import plan_solve_order  # noqa: E402
-from pysindy_nrf.regression.blocks import blocks_of  # noqa: E402
 from pysindy_nrf.regression.chain_solve import solve_blocks  # noqa: E402
-from pysindy_nrf.regression.layout import Layout  # noqa: E402
+from pysindy_nrf.regression.layout import Layout, blocks_of  # noqa: E402
 from pysindy_nrf.simulation import free_run  # noqa: E402
 
 Row = tuple[str, str, str]  # claim, measured, verdict

@@ -75,8 +75,9 @@ def steps_text(report) -> str:
 
 def storey_errors(report, records, band) -> list[np.ndarray]:
     """Error of each storey's force against the inertia above it, on the held-out rows; baseline first."""
-    from pysindy_nrf.discrepancy.prepare import prepare
     from pysindy_nrf.discrepancy.splits import split
+
+    from pysindy_nrf.discrepancy.prepare import prepare
     from pysindy_nrf.signals.zero_phase_filter import FairFilter
 
     ready = prepare(records)

@@ -21,9 +21,6 @@ from pysindy_nrf.estimation import (
     dissipated_energy,
     found_twice,
     locate_nonlinearity,
-    model_agreement,
-    power_energy,
-    total_mass,
 )
 from pysindy_nrf.exceptions import BiasWarning, DataQualityWarning
 from pysindy_nrf.monitoring import compare_tests, find_onset
@@ -55,7 +52,7 @@ def exact(case: cases.Case) -> tuple[pd.DataFrame, pd.DataFrame]:
 def energy_error(model: NRFRegressor, X: pd.DataFrame, case: cases.Case, storey: int) -> float:
     """Error of the energy the damper dissipated, identified along the measured motion, percent."""
     rate = exact(case)[0][f"v{storey}"]
-    true = power_energy(case.damper[:, storey - 1], rate, case.exact.time)[-1]
+    true = np.trapezoid(case.damper[:, storey - 1] * rate, case.exact.time)
     found = dissipated_energy(model, X, without=case.bare)[f"storey {storey}"].iloc[-1]
     return 100 * (found / true - 1)
 
@@ -285,7 +282,7 @@ def agreement() -> pd.DataFrame:
     tests = [cases.four_storey(floors) for floors in (cases.COMPLETE_FRAME, cases.INCOMPLETE_FRAME)]
     for name, options in {"ours: cubic": {"degree": 3}, "ours: Dahl": {"degree": 1, "laws": HYSTERETIC}}.items():
         pairs[name] = tuple(fit(*exact(test), **options)[0] for test in tests)
-    return pd.concat({name: model_agreement(*pair, X) for name, pair in pairs.items()})
+    return pd.concat({name: cases.model_agreement(*pair, X) for name, pair in pairs.items()})
 
 
 def masses() -> pd.DataFrame:
@@ -297,7 +294,7 @@ def masses() -> pd.DataFrame:
         models[f"cubic, {where}, 1000 N, 20 N"] = fit(X, F, degree=3)[0]
         models[f"Dahl law, {where}, 1000 N, 20 N"] = fit(X, F, degree=1, laws=HYSTERETIC)[0]
     models["simulated truth"] = cases.frame_model()
-    return total_mass(models, published.TOTAL_MASS)
+    return cases.total_mass(models, published.TOTAL_MASS)
 
 
 # -- what it is good for ----------------------------------------------------------------------

@@ -19,13 +19,13 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 
 import numpy as np  # noqa: E402
+from pysindy_nrf.discrepancy.splits import split  # noqa: E402
+from pysindy_nrf.discrepancy.stage import Stage  # noqa: E402
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, Site, excitation, laws, simulate  # noqa: E402
 from pysindy_nrf.discrepancy.catalogue import candidates, default_catalogue  # noqa: E402
 from pysindy_nrf.discrepancy.prepare import prepare  # noqa: E402
 from pysindy_nrf.discrepancy.search import grid_of, screen  # noqa: E402
-from pysindy_nrf.discrepancy.splits import split  # noqa: E402
-from pysindy_nrf.discrepancy.stage import Stage  # noqa: E402
 from pysindy_nrf.discrepancy.workspace import Workspace  # noqa: E402
 
 TARGET = 20.0

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from pysindy_nrf import Record
-from pysindy_nrf.data.io import FrequencyResponse, read_frf, read_record, read_table
+from pysindy_nrf.data.io import read_frf, read_record, read_table
+from pysindy_nrf.data.io.frf import FrequencyResponse
 from pysindy_nrf.exceptions import FileFormatError, NRFError
 
 VARIABLE = "PYSINDY_NRF_DATA"

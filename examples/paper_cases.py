@@ -11,12 +11,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from paper_published import LINEAR_COMPLETE
 from scipy.optimize import brentq
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, Site
+from pysindy_nrf.estimation import linear_part
 from pysindy_nrf.exceptions import BiasWarning, ChainError
 from pysindy_nrf.laws import ModifiedDahl, PowerSeries
+from pysindy_nrf.regression.chain_model import as_model
+from pysindy_nrf.regression.errors import nrmse
 from pysindy_nrf.simulation import free_run
 from pysindy_nrf.simulation.excitation import band_limited_random, impact_hammer
 from pysindy_nrf.simulation.noise import add_noise
@@ -165,3 +169,30 @@ def _true_forces(truth: ChainModel, bare: ChainModel, run: Any) -> tuple[np.ndar
     force = np.cumsum(inertia[:, ::-1], axis=1)[:, ::-1]  # R_i = sum over j >= i of F_j - m_j a_j
     X, _ = record.to_features(smooth=False)
     return force, force - bare.restoring_force(X)
+
+
+def total_mass(models: dict[str, Any], weighed: float) -> pd.DataFrame:
+    """Masses of several models and their total, kg, and its difference from the weighed mass, percent."""
+    table = pd.DataFrame({name: as_model(model).masses for name, model in models.items()}).T
+    table.columns = [f"m{j + 1}" for j in table.columns]
+    return table.assign(total=table.sum(axis=1), gap=lambda t: 100.0 * (t["total"] / weighed - 1.0))
+
+
+def model_agreement(first: Any, second: Any, X: Any) -> pd.DataFrame:
+    """Differences of two models of one structure along a motion X, storey by storey, percent.
+
+    ``mass`` above the storey, ``k`` and ``c`` of the linear terms (NaN for a storey that the chain lacks), and the
+    rms difference of the ``force``.
+    """
+    one, two = as_model(first), as_model(second)
+    if one.n_dof != two.n_dof:
+        raise ChainError(f"The models have {one.n_dof} and {two.n_dof} DOFs", "Compare models of one structure.")
+    forces = zip(one.restoring_force(X).T, two.restoring_force(X).T)
+    linear = [linear_part(model).restoring_forces for model in (one, two)]
+    rows = {}
+    for i, (R1, R2) in enumerate(forces):
+        name = f"storey {i + 1}"
+        a, b = (f[name].linear_part() if name in f else {"k": np.nan, "c": np.nan} for f in linear)
+        change = {"mass": two.masses[i] / one.masses[i], "k": b["k"] / a["k"], "c": b["c"] / a["c"]}
+        rows[name] = {k: 100.0 * (ratio - 1.0) for k, ratio in change.items()} | {"force": nrmse(R1, R2)}
+    return pd.DataFrame.from_dict(rows, orient="index")

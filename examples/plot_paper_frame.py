@@ -26,7 +26,6 @@ from pysindy_nrf.estimation import (
     linear_twin,
     locate_nonlinearity,
     path_energy,
-    total_mass,
 )
 from pysindy_nrf.output.displays import (
     DamperForceDisplay,
@@ -71,7 +70,7 @@ def draw(floors, bare_floors, paper, paper_linear, fig):
     # The same data with a law that can hold the damper.
     closed = NRFRegressor(degree=1, laws={"storey 4": [laws.PowerSeries(1), laws.Dahl()]}).fit(X, F)
     models = {"cubic": cubic, "linear, no damper": linear, "with Dahl law": closed, "paper's cubic": paper.model()}
-    print(total_mass(models, published.TOTAL_MASS).round(2))
+    print(cases.total_mass(models, published.TOTAL_MASS).round(2))
 
     figure = plt.figure(figsize=(10, 8.4), layout="constrained")
     for storey in (1, 2, 3, 4):

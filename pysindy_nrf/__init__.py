@@ -23,7 +23,6 @@ _LAZY = {
     "close_loop": "discrepancy",
     "compare_with_sindy": "selection.comparison",
     "BlockedTimeSplit": "selection",
-    "OrderSelection": "selection",
     "RecordSplit": "selection",
     "one_standard_error": "selection",
     "select_order": "selection",

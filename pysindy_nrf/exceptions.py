@@ -7,24 +7,9 @@ Every error is also the built-in exception a caller would expect (``ValueError``
 from __future__ import annotations
 
 __all__ = [
-    "NRFError",
-    "ChannelError",
-    "ChannelTypeError",
-    "ChainError",
-    "UnknownSiteError",
-    "ExcitationError",
-    "IdentifiabilityError",
-    "LawError",
-    "FileFormatError",
-    "FileVersionError",
-    "SimulationError",
-    "MissingExtraError",
-    "NRFWarning",
-    "RankWarning",
-    "BiasWarning",
-    "DataQualityWarning",
+    "NRFError", "FileVersionError", "MissingExtraError", "NRFWarning", "BiasWarning", "DataQualityWarning",
     "ExtrapolationWarning",
-]
+]  # fmt: skip
 
 
 def sentence(what: str, cure: str = "") -> str:
@@ -34,7 +19,19 @@ def sentence(what: str, cure: str = "") -> str:
     return f"{what} {cure.strip()}" if cure else what
 
 
-class NRFError(ValueError):
+class _Said(Exception):
+    """What is wrong, and what the user can do about it."""
+
+    def __init__(self, what: str, cure: str = "") -> None:
+        self.what = what
+        self.cure = cure
+        super().__init__(sentence(what, cure))
+
+    def __reduce__(self) -> tuple[type, tuple[str, str]]:
+        return type(self), (self.what, self.cure)
+
+
+class NRFError(_Said, ValueError):
     """Base of every error this package raises on purpose.
 
     Parameters
@@ -55,133 +52,39 @@ class NRFError(ValueError):
     'link 7-3' is not a link of a chain with 3 DOFs | Links are 'link p-q' with 0 <= q < p <= 3.
     """
 
-    def __init__(self, what: str, cure: str = "") -> None:
-        self.what = what
-        self.cure = cure
-        super().__init__(sentence(what, cure))
-
-    def __reduce__(self) -> tuple[type, tuple[str, str]]:
-        return type(self), (self.what, self.cure)
-
 
 class ChannelError(NRFError):
-    """A measured channel cannot be used as it is (NaN, infinite, constant, missing, mis-shaped).
-
-    Examples
-    --------
-    >>> from pysindy_nrf import Record
-    >>> Record(displacement=[[0.001], [float("inf")]], fs=100.0)
-    Traceback (most recent call last):
-        ...
-    pysindy_nrf.exceptions.ChannelError: Channel x1 of record 'record' is infinite in row 1. Repair or cut
-    these rows.
-    """
+    """A measured channel cannot be used as it is (NaN, infinite, constant, missing, mis-shaped)."""
 
 
 class ChannelTypeError(ChannelError, TypeError):
-    """A channel holds things that are no numbers (also a ``TypeError``, as of ``float``).
-
-    Examples
-    --------
-    >>> from pysindy_nrf import Record
-    >>> Record(displacement=[[{}], [{}]], fs=100.0)
-    Traceback (most recent call last):
-        ...
-    pysindy_nrf.exceptions.ChannelTypeError: Channel x1 of the displacement does not hold numbers (float()
-    argument must be a string or a real number, not 'dict'). Convert it to float (decimal point, no text).
-    """
+    """A channel holds things that are no numbers (also a ``TypeError``, as of ``float``)."""
 
 
 class ChainError(NRFError):
-    """A chain, a site or a parameter given per storey or DOF does not exist or contradicts another.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import Chain
-    >>> Chain(0)
-    Traceback (most recent call last):
-        ...
-    pysindy_nrf.exceptions.ChainError: n_dof=0 is not a number of masses. Give a whole number of at least 1.
-    """
+    """A chain, a site or a parameter given per storey or DOF does not exist or contradicts another."""
 
 
 class UnknownSiteError(ChainError, KeyError):
-    """A model is asked for the force of a site that it does not have (also a ``KeyError``, as of any mapping).
-
-    Examples
-    --------
-    >>> from pysindy_nrf import datasets
-    >>> from pysindy_nrf.exceptions import UnknownSiteError
-    >>> try:
-    ...     datasets.demo_truth().restoring_forces["storey 9"]
-    ... except KeyError as error:
-    ...     print(type(error).__name__)
-    UnknownSiteError
-    """
+    """A model is asked for the force of a site that it does not have (also a ``KeyError``, as of any mapping)."""
 
     __str__ = Exception.__str__
 
 
 class ExcitationError(ChannelError):
-    """The forces given cannot scale the chain (all zero, unknown everywhere).
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf import NRFRegressor
-    >>> X = np.random.default_rng(0).standard_normal((500, 3))
-    >>> NRFRegressor(degree=1).fit(X, np.zeros((500, 1)))
-    Traceback (most recent call last):
-        ...
-    pysindy_nrf.exceptions.ExcitationError: No force is measured and no mass is known, so nothing scales the
-    chain. Measure a force on one DOF, or give a mass: known_masses={dof: kg}; ratios to it then come out.
-    """
+    """The forces given cannot scale the chain (all zero, unknown everywhere)."""
 
 
 class IdentifiabilityError(NRFError):
-    """The data cannot determine what was asked, whatever their quality.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf import NRFRegressor
-    >>> t = np.arange(2000) / 200
-    >>> s, v, a = np.sin(9 * t), 9 * np.cos(9 * t), -81 * np.sin(9 * t)  # one frequency: a and s are alike
-    >>> NRFRegressor(degree=1).fit(np.column_stack([a, v, s]), (10 * a + 30 * v + 4e3 * s)[:, None])
-    Traceback (most recent call last):
-        ...
-    pysindy_nrf.exceptions.IdentifiabilityError: balance of DOF 1: rank 2 of 3; m1, storey 1: s are linearly
-    dependent on this excitation, so m1 cannot be told from the storey's stiffness. A steady harmonic
-    excitation or too few samples do this; excite several frequencies, lower the degree, or give the mass in
-    known_masses.
-    """
+    """The data cannot determine what was asked, whatever their quality."""
 
 
 class LawError(NRFError):
-    """A force law was given wrong parameters or used where it cannot act.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> laws.Dahl(sigma=-5e4, Fd=35.0)
-    Traceback (most recent call last):
-        ...
-    pysindy_nrf.exceptions.LawError: Dahl: sigma=-50000 is not positive. Its unit is 1/m.
-    """
+    """A force law was given wrong parameters or used where it cannot act."""
 
 
 class FileFormatError(NRFError):
-    """A file could not be read as what it claims to be.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import ChainModel
-    >>> ChainModel.from_json('{"masses": [10.0]}')
-    Traceback (most recent call last):
-        ...
-    pysindy_nrf.exceptions.FileFormatError: The JSON text does not hold a chain model. It needs "schema":
-    "pysindy_nrf.ChainModel".
-    """
+    """A file could not be read as what it claims to be."""
 
 
 class FileVersionError(FileFormatError):
@@ -201,20 +104,7 @@ class FileVersionError(FileFormatError):
 
 
 class SimulationError(NRFError):
-    """A free run diverged or was asked for something impossible.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf import ChainModel, laws, simulate
-    >>> unstable = ChainModel([1.0], {1: laws.PowerSeries(1, [-50.0, -1e4])})  # feeds energy in
-    >>> simulate(unstable, np.ones((5000, 1)), 0.01)
-    Traceback (most recent call last):
-        ...
-    pysindy_nrf.exceptions.SimulationError: The free run diverges at 1.83 s, at DOF 1. The model is unstable
-    there (a softening or negative term beyond the range it was fitted in), or dt is too long for its
-    stiffness: lower the force, the degree or dt.
-    """
+    """A free run diverged or was asked for something impossible."""
 
 
 class MissingExtraError(ImportError):
@@ -247,7 +137,7 @@ class MissingExtraError(ImportError):
         return type(self), (self.package, self.extra, self.purpose)
 
 
-class NRFWarning(UserWarning):
+class NRFWarning(_Said, UserWarning):
     """Base of every warning of this package.
 
     Parameters
@@ -269,32 +159,9 @@ class NRFWarning(UserWarning):
     a2 is clipped. Leave it out.
     """
 
-    def __init__(self, what: str, cure: str = "") -> None:
-        self.what = what
-        self.cure = cure
-        super().__init__(sentence(what, cure))
-
-    def __reduce__(self) -> tuple[type, tuple[str, str]]:
-        return type(self), (self.what, self.cure)
-
 
 class RankWarning(NRFWarning):
-    """Columns of a balance are linearly dependent on this excitation; some coefficients are arbitrary.
-
-    Examples
-    --------
-    >>> import warnings
-    >>> import numpy as np
-    >>> from pysindy_nrf import NRFRegressor
-    >>> t = np.arange(2000) / 200
-    >>> s, v, a = np.sin(9 * t), 9 * np.cos(9 * t), -81 * np.sin(9 * t)  # one circle in the (v, s) plane
-    >>> F = 10 * a + 30 * v + 4e3 * s
-    >>> with warnings.catch_warnings(record=True) as caught:
-    ...     warnings.simplefilter("always")
-    ...     _ = NRFRegressor(degree=3, known_masses={1: 10.0}).fit(np.column_stack([a, v, s]), F[:, None])
-    >>> "RankWarning" in {w.category.__name__ for w in caught}
-    True
-    """
+    """Columns of a balance are linearly dependent on this excitation; some coefficients are arbitrary."""
 
 
 class BiasWarning(NRFWarning):

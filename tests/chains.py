@@ -1,15 +1,15 @@
-"""Chains simulated without the package: an own Runge-Kutta rule for batches, SciPy for hysteresis.
-
-The accelerations follow from the balance at every sample, so the records close it to round-off
-whatever the step; only the motion in between depends on the integrator.
-"""
+"""Chains simulated without the package: an own Runge-Kutta rule for batches, SciPy for hysteresis."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from scipy.integrate import solve_ivp
+
+from pysindy_nrf import Record, excitation, simulate
+from pysindy_nrf.regression.segments import feature_names
 
 
 @dataclass
@@ -50,6 +50,14 @@ class Case:
         """Columns a, xdot, x of the DOFs, relative to the base."""
         return np.hstack([self.a, self.v.cumsum(axis=1), self.s.cumsum(axis=1)])
 
+    def noisy(self, share: float = 0.02, seed: int = 0) -> np.ndarray:
+        """X with noise of a share of the standard deviation of each column."""
+        return self.X + share * self.X.std(axis=0) * np.random.default_rng(seed).standard_normal(self.X.shape)
+
+    def record(self, **options) -> Record:
+        a, v, x = np.split(self.absolute, 3, axis=1)
+        return Record(force=self.F, acceleration=a, velocity=v, displacement=x, fs=1 / self.dt, **options)
+
 
 def parameters(n: int, rng: np.random.Generator, cubic: bool = True):
     """Random masses, dampings and stiffnesses in SI units of a laboratory frame, ten orders apart."""
@@ -75,11 +83,13 @@ def integrate(m, c, k, k3, F, dt, ag=None, extra=None, substeps=1, x0=None):
     out = np.empty((3, len(F), *shape))
 
     def drift(y):
-        return np.diff(y, axis=-1, prepend=0.0)
+        d = y.copy()
+        d[..., 1:] -= y[..., :-1]
+        return d
 
     def acceleration(x, v, f):  # relative to the base if f holds -m ag
-        s, w = drift(x), drift(v)
-        R = c * w + k * s + k3 * s**3
+        s = drift(x)
+        R = c * drift(v) + (k + k3 * s * s) * s
         total = f - R
         total[..., :-1] += R[..., 1:]
         if extra is not None:
@@ -89,13 +99,14 @@ def integrate(m, c, k, k3, F, dt, ag=None, extra=None, substeps=1, x0=None):
     h = dt / substeps
     load = F - m * ag.reshape(-1, *(1,) * (F.ndim - 1))
     for i in range(len(F)):
-        out[0, i], out[1, i], out[2, i] = acceleration(x, v, load[i]) + ag[i], drift(v), drift(x)
+        a1 = acceleration(x, v, load[i])
+        out[0, i], out[1, i], out[2, i] = a1 + ag[i], drift(v), drift(x)
         if i == len(F) - 1:
             break
         for q in range(substeps):
             f0, f1 = (load[i] + (load[i + 1] - load[i]) * p / substeps for p in (q, q + 1))
             fm = 0.5 * (f0 + f1)
-            a1 = acceleration(x, v, f0)
+            a1 = acceleration(x, v, f0) if q else a1
             a2 = acceleration(x + h / 2 * v, v + h / 2 * a1, fm)
             a3 = acceleration(x + h / 2 * v + h * h / 4 * a1, v + h / 2 * a2, fm)
             a4 = acceleration(x + h * v + h * h / 2 * a2, v + h * a3, f1)
@@ -130,15 +141,18 @@ def each_single(n: int, seed: int, n_samples: int = 2000, dt: float = 1e-3, cubi
     return [Case(np.hstack([a[:, j], v[:, j], s[:, j]]), F[:, j], m[j], c[j], k[j], k3[j], dt) for j in range(n)]
 
 
+def driven(model, dofs, seconds: float, fs: float, rms: float, band, seed=0, **how) -> Record:
+    """Free run of a model under band-limited random forces on some DOFs."""
+    F = excitation.band_limited_random(model.n_dof, seconds, fs, dofs=dofs, rms=rms, band=band, random_state=seed)
+    return simulate(model, F, 1 / fs, **how)
+
+
 PAPER = dict(m=np.array([10.0, 10.0]), c=np.array([100.0, 100.0]), k=np.array([1e5, 1e5]))
 DAMPER = dict(K0=50.0, C0=399.0, Fd=34.85, sigma=5e4)
 
 
 def paper_case(rms: float = 200.0, seed: int = 0, duration: float = 4.0, fs: float = 1000.0, forced=(1, 2), f0: float = 0.0):
-    """The paper's 2-DOF chain with a modified Dahl damper on storey 1, integrated by SciPy's LSODA.
-
-    The force is a sum of sines, known at every instant. Returns a :class:`Case`, and Z and R_1 of the truth.
-    """
+    """The paper's 2-DOF chain with a modified Dahl damper on storey 1, integrated by SciPy's LSODA."""
     rng = np.random.default_rng(seed)
     frequency = np.arange(1.0, 40.0, 0.5)
     phase = rng.uniform(0, 2 * np.pi, (2, frequency.size))
@@ -176,6 +190,22 @@ def worst(found, truth) -> float:
     """Largest relative error."""
     found, truth = np.asarray(found, dtype=float), np.asarray(truth, dtype=float)
     return float(np.max(np.abs(found / truth - 1.0)))
+
+
+def same(model, reference, tolerance: float = 1e-12) -> None:
+    """Two fitted models hold the same masses, coefficients, errors and number of samples."""
+    assert worst(model.masses_, reference.masses_) < tolerance
+    for site, law in reference.restoring_forces_.items():
+        found, scale = model.restoring_forces_[site].coefficients, np.abs(law.coefficients).max()
+        assert np.allclose(found / scale, law.coefficients / scale, atol=10 * tolerance, rtol=tolerance)
+    assert np.allclose(model.errors_["error"], reference.errors_["error"], rtol=1e-8)
+    assert model.n_samples_ == reference.n_samples_
+
+
+def table(X, F, **more) -> pd.DataFrame:
+    """Features and forces under their names, beside other columns."""
+    n = F.shape[1]
+    return pd.DataFrame(np.hstack([X, F]), columns=[*feature_names(n), *(f"F{j + 1}" for j in range(n))]).assign(**more)
 
 
 def absent_share(model, case: Case, true=("v", "s", "s^3")) -> float:

@@ -25,4 +25,4 @@ def chain2():
 @pytest.fixture(scope="session")
 def dahl():
     """The paper's chain with the modified Dahl damper, both DOFs forced: case, Z, R_1."""
-    return chains.paper_case()
+    return chains.paper_case(duration=2.0)

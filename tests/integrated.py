@@ -24,10 +24,7 @@ def matrix(values):
 
 
 def run(m, c, k, fs, duration, force: Callable | None = None, base: Callable | None = None, extra=None, break_at=()):
-    """Absolute accelerations, velocities and displacements relative to the base, and the time.
-
-    ``force(t)`` and ``extra(v, x)`` give N on every DOF, ``base(t)`` m/s^2; the integrator starts anew at ``break_at``.
-    """
+    """Absolute a, v and x relative to the base, and t, under force(t), extra(v, x) (N) and base(t) (m/s^2)."""
     m, n = np.asarray(m, dtype=float), len(m)
     K, C = matrix(k), matrix(c)
 

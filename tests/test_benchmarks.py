@@ -1,7 +1,4 @@
-"""The quick settings of the benchmarks run from end to end, and what they claim of accuracy holds.
-
-Ratios of times are printed by the benchmarks and never asserted here.
-"""
+"""The quick settings of the benchmarks run from end to end, and what they claim of accuracy holds."""
 
 from __future__ import annotations
 

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import inspect
 import json
 import os
-import pkgutil
 import subprocess
 import sys
-import threading
-from importlib import import_module
 
 import chains
 import joblib
@@ -20,13 +16,6 @@ import pysindy_nrf
 from pysindy_nrf import NRFRegressor, excitation, select_order
 from pysindy_nrf.common import threads
 from pysindy_nrf.exceptions import NRFError
-from pysindy_nrf.mechanics.chain import Chain
-from pysindy_nrf.regression.blocks import Block
-from pysindy_nrf.regression.domains import Extent
-from pysindy_nrf.regression.gram_pass import block_grams
-from pysindy_nrf.regression.layout import Layout
-
-COLUMNS = 7
 
 
 @pytest.fixture
@@ -52,96 +41,6 @@ def test_the_variables_that_workers_set_are_heard(cores, monkeypatch, omp, numba
     assert threads.n_threads() == wanted
 
 
-def test_results_come_in_order_and_shares_are_read_as_they_are_needed(cores):
-    cores(3)
-    read, slow = [], threading.Event()
-
-    def shares():
-        for i in range(200):
-            read.append(i)
-            yield i
-
-    def work(i):
-        if i == 0:
-            slow.wait(5.0)  # the first is done last
-        return i * i
-
-    found = threads.in_threads(work, shares())
-    threading.Timer(0.2, slow.set).start()
-    assert next(found) == 0
-    assert len(read) < 20  # not all two hundred wait in memory
-    assert list(found) == [i * i for i in range(1, 200)]
-
-
-def test_two_shares_are_worked_on_at_the_same_time(cores):
-    """Each waits for the other: one after the other would never end."""
-    cores(2)
-    together = threading.Barrier(2, timeout=20.0)
-    assert sorted(threads.in_threads(lambda _: together.wait(), range(6))) == [0, 0, 0, 1, 1, 1]
-
-
-@pytest.mark.parametrize("where", ["shares", "work"])
-def test_an_error_ends_the_pass_and_its_threads(cores, where):
-    cores(4)
-    before = threading.active_count()
-
-    def shares():
-        yield from range(50)
-        if where == "shares":
-            raise KeyboardInterrupt
-
-    def work(i):
-        if where == "work" and i == 30:
-            raise KeyboardInterrupt
-        return i
-
-    with pytest.raises(KeyboardInterrupt):
-        list(threads.in_threads(work, shares()))
-    assert threading.active_count() == before
-
-
-def test_a_pass_that_nobody_reads_to_the_end_leaves_no_thread(cores):
-    cores(4)
-    before = threading.active_count()
-    found = threads.in_threads(abs, iter(range(100)))
-    next(found)
-    found.close()
-    assert threading.active_count() == before
-
-
-def whole_numbers(n_samples: int):
-    """Blocks of uneven lengths whose products are exact in a double; the second force is unknown now and then."""
-    rng = np.random.default_rng(2)
-    terms, a, F = (rng.integers(-9, 10, (k, n_samples)).astype(float) for k in (COLUMNS, 2, 2))
-    edges = np.unique(np.r_[0, rng.integers(1, n_samples, 60), n_samples])
-    for number, (lo, hi) in enumerate(zip(edges[:-1], edges[1:])):
-        force = F[:, lo:hi].copy()
-        if number % 7 in (3, 4):
-            force[1] = np.nan
-        yield Block(terms[:, lo:hi], a[:, lo:hi], force)
-
-
-def test_every_product_is_exact_whoever_multiplies_it(cores):
-    """Blocks dealt out to three sums; samples with an unknown force count for the other balance alone."""
-    layout = Layout(Chain(2), {"storey 1": 3, "storey 2": COLUMNS - 3})
-    groups = [layout.group((j,)) for j in (1, 2)]
-    blocks = list(whole_numbers(9000))
-    for count in (1, 2, 5):
-        cores(count)
-        found = block_grams(layout, groups, ((i % 3, block) for i, block in enumerate(blocks)))
-        assert found.n_samples.sum() == 9000
-        for group in groups:
-            j = group.dofs[0]
-            for number in range(3):
-                held = [b for b in blocks[number::3] if np.isfinite(b.force[j - 1, 0])]
-                A = np.hstack([
-                    np.vstack([*(b.terms[layout.slices[s]] for s in group.sites), b.acceleration[j - 1], b.force[j - 1]])
-                    for b in held
-                ])  # fmt: skip
-                assert np.array_equal(found.matrices[j,][number], A @ A.T), (count, j)
-                assert found.sizes[j,][number] == A.shape[1]
-
-
 @pytest.mark.parametrize("forced", [[3], [1, 2, 3]], ids=["sequential", "complete"])
 def test_a_fit_has_the_same_bits_on_any_number_of_cores(cores, forced):
     case = chains.duffing(3, forced, seed=4, n_samples=8000)
@@ -158,21 +57,6 @@ def test_a_fit_has_the_same_bits_on_any_number_of_cores(cores, forced):
         np.testing.assert_array_equal(scores, found[0][2])
         assert model == found[0][1]
     np.testing.assert_allclose(found[0][0], case.m, rtol=0.02)
-
-
-def test_ranges_of_channels_do_not_depend_on_who_looked(cores):
-    """Not a number and infinities are found in whichever share they lie; a channel of NaN has no range."""
-    rng = np.random.default_rng(8)
-    wide, narrow = rng.standard_normal((400_000, 7)), rng.standard_normal((400_000, 2)).astype(np.float32)
-    wide[300_000, 2], wide[17, 5], wide[:, 6] = np.nan, -np.inf, np.nan
-    for count in (1, 3):
-        cores(count)
-        found = Extent.of([wide, narrow, wide[:0]])
-        assert found.finite.tolist() == [True, True, False, True, True, False, False, True, True] + [True] * 7
-        np.testing.assert_array_equal(found.low[:6], np.nanmin(wide[:, :6], axis=0))
-        np.testing.assert_array_equal(found.high[7:9], narrow.max(axis=0))
-        assert found.low[6] == np.inf and found.high[6] == -np.inf
-        assert (found.low[9:] == np.inf).all()
 
 
 # -- the same input, the same answer ----------------------------------------------------------------
@@ -233,20 +117,6 @@ def test_blas_threads_change_nothing_but_the_last_digits():
         np.testing.assert_allclose(four[name], one[name], rtol=1e-10, atol=1e-10 * scale, err_msg=name)
 
 
-def test_two_fits_in_one_process_are_the_same(chain4):
-    one, two = (NRFRegressor(degree=3).fit(chain4.X, chain4.F) for _ in range(2))
-    np.testing.assert_array_equal(one.masses_, two.masses_)
-    again = one.fit(chain4.X, chain4.F)
-    np.testing.assert_array_equal(again.masses_, two.masses_)
-    assert again.model_ == two.model_
-
-
-def modules():
-    for info in pkgutil.walk_packages(pysindy_nrf.__path__, "pysindy_nrf."):
-        if not info.name.endswith("__main__"):
-            yield import_module(info.name)
-
-
 def test_the_global_random_state_is_neither_read_nor_changed():
     """Nothing in the package touches ``np.random``'s global state or makes a generator of its own accord."""
     import ast
@@ -264,19 +134,6 @@ def test_the_global_random_state_is_neither_read_nor_changed():
             if call and not node.args:
                 wrong.append(f"{path.name}:{node.lineno} an unseeded generator")
     assert not wrong, "\n".join(wrong)
-
-
-def test_whatever_draws_numbers_takes_random_state():
-    """Every function whose source draws numbers has ``random_state`` (or is handed the generator)."""
-    wrong = []
-    for module in modules():
-        for name, thing in vars(module).items():
-            if not inspect.isfunction(thing) or thing.__module__ != module.__name__ or name.startswith("_"):
-                continue
-            source = inspect.getsource(thing)
-            if "generator(" in source and "random_state" not in inspect.signature(thing).parameters and name != "generator":
-                wrong.append(f"{module.__name__}.{name}")
-    assert not wrong, ", ".join(wrong)
 
 
 @pytest.mark.parametrize("seed", ["lucky", -1, 1.5, [1, "a"]])

@@ -9,12 +9,17 @@ from pathlib import Path
 import pytest
 
 DOCS = Path(__file__).parents[1] / "docs"
+LONG = ("closing_the_loop.md", "coming_from_pysindy.md")
 # Run by a test of their own.
-ELSEWHERE = ("add_your_own_law.md",)
-PAGES = [p for p in sorted(DOCS.glob("*.md")) if p.name not in ELSEWHERE and "```python" in p.read_text("utf-8")]
+ELSEWHERE = ("add_your_own_law.md", "fleet.md")
+PAGES = [
+    pytest.param(p, id=p.stem, marks=pytest.mark.examples if p.name in LONG else ())
+    for p in sorted(DOCS.glob("*.md"))
+    if p.name not in ELSEWHERE and "```python" in p.read_text("utf-8")
+]
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
+@pytest.mark.parametrize("page", PAGES)
 def test_the_code_of_the_page_runs(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"^```python\n(.*?)^```", page.read_text("utf-8"), re.DOTALL | re.MULTILINE)

@@ -91,6 +91,7 @@ def test_cases_are_seeded_and_noise_is_a_share_of_rms():
     assert frame.measured.velocity is None and frame.measured.fs == 1024.0
 
 
+@pytest.mark.slow
 def test_the_papers_integrator_gives_the_same_result():
     masses = []
     for method in ("default", "newmark"):
@@ -156,6 +157,7 @@ def test_damped_frame_cubic_is_biased_and_says_so_dahl_law_cures_it(tables):
     assert (table["damper in"] == "storey 4").all()
 
 
+@pytest.mark.slow
 def test_total_mass_of_the_printed_models(tables):
     table = tables.masses()
     # sums of the printed masses, by hand

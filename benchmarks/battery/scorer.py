@@ -10,8 +10,8 @@ import numpy as np
 
 from pysindy_nrf import Chain, NRFRegressor, Record, Site
 from pysindy_nrf.discrepancy.catalogue import default_catalogue
-from pysindy_nrf.discrepancy.prepare import prepare
 from pysindy_nrf.discrepancy.folds import split, window_length
+from pysindy_nrf.discrepancy.prepare import prepare
 
 from .generators import Case, Effect, Structure
 

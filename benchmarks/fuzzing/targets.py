@@ -210,7 +210,7 @@ def read_model(path: Path) -> Any:
 
 
 def read_mapping(path: Path) -> Any:
-    from pysindy_nrf.data.io import read_mapping as read
+    from pysindy_nrf.data.io.mapping import read_mapping as read
 
     return read(path)
 

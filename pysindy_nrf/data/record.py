@@ -221,10 +221,6 @@ class Record:
         **options
             Passed to :class:`Record` (``name``, ``coordinates``).
 
-        Returns
-        -------
-        Record
-
         Raises
         ------
         ChannelError
@@ -316,10 +312,6 @@ class Record:
         start, stop : float
             Seconds; ``stop`` is not included.
 
-        Returns
-        -------
-        Record
-
         Raises
         ------
         ChannelError
@@ -335,20 +327,11 @@ class Record:
         return self.rows(slice(rows[0], rows[-1] + 1))
 
     def rows(self, rows: slice) -> Record:
-        """Part of the record in a slice of rows.
+        """Part of the record in a slice of two or more consecutive rows; see :meth:`window` for times.
 
         Parameters
         ----------
         rows : slice
-
-        Returns
-        -------
-        Record
-
-        Raises
-        ------
-        ChannelError
-            If they are not two or more consecutive samples of the record.
         """
         start = range(self.n_samples)[rows]
         if len(start) < 2 or start.step != 1:
@@ -371,10 +354,6 @@ class Record:
         ----------
         **changes
             Arguments of :class:`Record`.
-
-        Returns
-        -------
-        Record
         """
         if not changes:
             return copy.copy(self)

@@ -4,7 +4,7 @@ from ..common.lazy import public_names
 
 _NAMES = {
     "force_delay": "delays",
-    "jump_bias_of": "jumps",
+    "jump_bias_of": "bias",
     "missing_terms": "bias",
     "warn_of_bias": "bias",
 }

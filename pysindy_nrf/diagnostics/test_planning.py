@@ -15,6 +15,8 @@ from ..exceptions import ChainError
 if TYPE_CHECKING:
     from ..mechanics.chain import Chain
 
+__all__ = ["diagnose", "plan"]
+
 WEAK = 0.05  # rms drift of a storey as a share of the largest, below which its excitation is poor
 ILL = 1e4  # scaled condition number from which on terms are hard to tell apart
 WIDE = 0.05  # half-width of a 95 % interval, as a share, from which on a parameter is uncertain
@@ -26,25 +28,9 @@ Finding = tuple[float, str, str, float, str]  # gravity; limit, where, size and 
 
 @dataclass
 class Diagnosis:
-    """The limits of an estimate, the gravest first.
+    """The limits of an estimate, the gravest first."""
 
-    Attributes
-    ----------
-    table : DataFrame
-        One row for each finding, the gravest first: ``limit`` (``"channel"``, ``"doubt"``, ``"noise"``,
-        ``"excitation"``, ``"conditioning"``, ``"missing law"``, ``"wrong zero"``, ``"uncertainty"``, ``"estimation"``,
-        ``"delay"``, ``"jump"``), ``where``, ``size``, ``message``.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import NRFRegressor, datasets
-    >>> from pysindy_nrf.diagnostics.test_planning import diagnose
-    >>> found = diagnose(NRFRegressor(degree=3).fit(datasets.load_demo()))
-    >>> found.table.columns.tolist()
-    ['limit', 'where', 'size', 'message']
-    """
-
-    table: pd.DataFrame
+    table: pd.DataFrame  # limit, where, size and message of each finding
 
     def __str__(self) -> str:
         return "\n".join(self.table["message"]) if len(self.table) else "Nothing limits the estimate noticeably."
@@ -119,7 +105,7 @@ def _missing(model: Any) -> list[Finding]:
 
 
 def _jumping(model: Any) -> list[Finding]:
-    from .jumps import sentences_of
+    from .bias import sentences_of
 
     wrong = model.jump_bias_[model.jump_bias_["wrong"].astype(bool)]
     return [
@@ -271,26 +257,9 @@ def _noise(model: Any) -> list[Finding]:
 
 @dataclass
 class Plan:
-    """Ranking of floors to hit, and sensors to add.
+    """Ranking of floors to hit, and sensors to add."""
 
-    Attributes
-    ----------
-    table : DataFrame
-        One row for each test that identifies everything (or the most), the best first: ``hit`` (tuple of DOFs),
-        ``records``, ``identifies`` (share of masses and laws), ``depth`` (most steps an error travels),
-        ``left`` (what stays out of reach).
-    advice : list of str
-
-    Examples
-    --------
-    >>> from pysindy_nrf import Chain
-    >>> from pysindy_nrf.diagnostics.test_planning import plan
-    >>> found = plan(Chain(3), can_hit=[1, 3])
-    >>> found.table["hit"].iloc[0], float(found.table["identifies"].iloc[0])
-    ((1,), 1.0)
-    """
-
-    table: pd.DataFrame
+    table: pd.DataFrame  # by test: hit, identifies (share of masses and laws), depth, response, left
     advice: list[str] = field(default_factory=list)
 
     def __str__(self) -> str:

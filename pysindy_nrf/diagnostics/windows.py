@@ -10,8 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..mechanics.sites import Site
-from ..regression.blocks import Block
-from ..regression.layout import LawLayout
+from ..regression.layout import Block, LawLayout
 from ..regression.segments import Segment, SegmentSet
 
 FOLDS = 4  # the windows are dealt out to that many, and there are twice as many of them at least

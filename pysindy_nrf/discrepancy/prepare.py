@@ -14,9 +14,9 @@ from ..data.record import Record
 from ..exceptions import ChannelError
 from ..regression.input_arrays import from_arrays
 from ..regression.segments import Segment, SegmentSet
+from ..signals.channel_checks import Measured, measured
 from ..signals.kinematic_smoother import KinematicSmoother
 from ..signals.kinematics import base_acceleration_if_any, base_motion, to_features
-from ..signals.measured import Measured, measured
 
 # Noise of every channel, as a share of its rms, below which the channels are taken as they are.
 CLEAN = 0.004

@@ -12,7 +12,7 @@ from ..common.audit import constants_of, settings_of
 from ..common.lazy import Hook
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
-from ..signals.measured import Measured
+from ..signals.channel_checks import Measured
 from . import words
 from .evidence import Evidence
 from .prepare import Prepared

@@ -18,10 +18,9 @@ from ..mechanics.chain import Chain
 from ..mechanics.identifiability import plan_solve_order
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
-from ..regression.chain_solve import Solution
+from ..regression.chain_solve import Solution, model_of
 from ..regression.grams import leave_one_out
 from ..regression.layout import LawLayout, Layout
-from ..regression.solution import model_of
 from .constants import ENERGY, EXPLAINED, FLOOR, ROUNDS, TYPICAL
 from .fits import ChainFit
 from .spectra import Windows

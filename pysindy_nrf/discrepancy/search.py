@@ -48,10 +48,10 @@ def lines_at(trial: Trial, proposal: Proposal) -> list[float]:
 
 def proposals_of(candidates: Iterable[Candidate], storeys: Sequence[Site]) -> list[Proposal]:
     """Every candidate at its site, and every law of the storeys at all of them at once."""
-    alone = [Proposal(c.law, (c.site,)) for c in candidates if c.law.variable != "1"]
+    alone = [Proposal(c.law, (c.site,)) for c in candidates]
     together = []
     if len(storeys) > 1:
-        for law in dict.fromkeys(p.law for p in alone):
+        for law in dict.fromkeys(p.law for p in alone if p.law.variable != "1"):
             if {s for p in alone if p.law == law for s in p.sites} >= set(storeys) and "link" in law.acts_at:
                 together.append(Proposal(law, tuple(storeys)))
     return alone + together

@@ -287,8 +287,8 @@ def best_refused(last: Any) -> str:
     finding, gain = last
     where = f"{finding.proposal.law.name} at {', '.join(map(str, finding.proposal.sites))}"
     return (
-        f"no further effect is there and matters: the best candidate, {where}, gains {gain.value:.2g} dB (standard error "
-        f"{gain.error:.2g}, {gain.least:.2g} without the fold that speaks most for it)"
+        f"no further effect is there and matters: the best candidate, {where}, gains {gain.value:.2g} dB (standard "
+        f"error {gain.error:.2g}, {gain.least:.2g} without the fold that speaks most for it)"
     )
 
 

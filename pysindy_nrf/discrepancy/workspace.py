@@ -10,8 +10,8 @@ import numpy as np
 from ..laws.base import ForceLaw
 from ..laws.shape import Motion, Scales
 from ..mechanics.sites import Site
+from ..regression.chain_solve import clock_of
 from ..regression.segments import BlockRows, Segment, SegmentSet, half_the_rate
-from ..regression.solution import clock_of
 
 
 class Workspace:

@@ -15,31 +15,20 @@ from sklearn.base import clone
 from ..common.lazy import require
 from ..data.channels import is_dask
 from ..exceptions import ChannelError, LawError
-from ..regression.gram_pass import guess_of
 from .problem import law_list
 from .streaming.accumulator import Accumulator
-from .streaming.result import publish, solution_of
+from .streaming.result import fitted
 from .streaming.sources import beside, chunk_of, chunk_of_arrays, refuse
 
 FAN_IN = 8  # accumulators added up by one task
 
 
-def fit_distributed(
-    estimator: Any,
-    X: Any,
-    F: Any = None,
-    *,
-    record: Any = None,
-    time: Any = None,
-    base_acceleration: Any = None,
-    covariates: Any = None,
-) -> Any:
+def fit_distributed(estimator: Any, X: Any, F: Any = None, **given: Any) -> Any:
     """Fit an estimator to Dask collections; ``NRFRegressor.fit`` comes here by itself."""
     dask = require("dask", "dask", "Fitting Dask collections")
     from threadpoolctl import threadpool_limits
 
-    given = beside(record=record, time=time, base_acceleration=base_acceleration, covariates=covariates)
-    items, whole = _items(dask, X, F, given)
+    items, whole = _items(dask, X, F, beside(**given))
     for law in law_list(estimator.laws):
         if not whole and (law.has_memory or law.uses_time):
             raise LawError(
@@ -48,15 +37,8 @@ def fit_distributed(
                 else "A law reads the time, and each partition of a collection would count it from its own start",
                 "Give a list of delayed records; each is then read from its start.",
             )
-    accumulator = _pass(dask, estimator, items, whole, "gram", {})
     with threadpool_limits(1, "blas"):
-        solution, grams, solve_order = solution_of(accumulator)
-        if solution is None:  # second pass, with columns orthogonalised by the first result
-            guess = guess_of(grams)
-            accumulator = _pass(dask, estimator, items, whole, "root", guess)
-            solution, grams, solve_order = solution_of(accumulator)
-        assert solution is not None  # only Gram matrices lose digits
-        return publish(accumulator, solution, grams, solve_order)
+        return fitted(lambda kind, guess: _pass(dask, estimator, items, whole, kind, guess))
 
 
 def _pass(dask: Any, estimator: Any, items: Sequence[Any], whole: bool, kind: str, guess: dict) -> Accumulator:

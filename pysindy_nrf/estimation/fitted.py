@@ -16,9 +16,9 @@ from ..diagnostics.test_planning import Diagnosis, diagnose
 from ..exceptions import ChannelError, DataQualityWarning
 from ..mechanics.chain import Chain
 from ..mechanics.identifiability import SolveOrder
-from ..regression.blocks import Block
 from ..regression.chain_model import ChainModel
 from ..regression.input_arrays import from_arrays, holds_records
+from ..regression.layout import Block
 from ..regression.segments import SegmentSet, feature_names
 
 if TYPE_CHECKING:
@@ -51,10 +51,6 @@ class FittedChain:
         cure : str
             Remedy in the error if the data are not available.
 
-        Returns
-        -------
-        SegmentSet
-
         Raises
         ------
         ChannelError
@@ -76,44 +72,33 @@ class FittedChain:
         base_acceleration: Any = None,
         covariates: Mapping[str, Any] | None = None,
     ) -> np.ndarray:
-        """Forces on the DOFs that the measured motion implies (left-hand sides of the balances).
-
-        Parameters
-        ----------
-        X, record, time, base_acceleration, covariates
-            As for :meth:`fit`.
+        """Forces on the DOFs that the measured motion implies (left-hand sides of the balances), for data as in
+        :meth:`fit`.
 
         Returns
         -------
         ndarray of shape (n_samples, n_dof)
             N; NaN at masked edges. Of shape (n_samples,) if ``fit`` got forces of this shape.
         """
-        data = self._judged(X, None, record, time, base_acceleration, covariates, every_row=True)
+        given = dict(record=record, time=time, base_acceleration=base_acceleration, covariates=covariates)
+        data = self._judged(X, None, every_row=True, **given)
         out = data.scatter(self.model_.balance_forces(data))
         return out[:, 0] if getattr(self, "_one_force", False) else out
 
-    def restoring_force(
-        self,
-        X: Any,
-        *,
-        record: Any = None,
-        time: Any = None,
-        base_acceleration: Any = None,
-        covariates: Mapping[str, Any] | None = None,
-    ) -> np.ndarray:
-        """Storey forces along data.
+    def restoring_force(self, X: Any, **given: Any) -> np.ndarray:
+        """Storey forces along data, given as for :meth:`fit`.
 
         Parameters
         ----------
-        X, record, time, base_acceleration, covariates
-            As for :meth:`fit`.
+        **given
+            Record, time, base_acceleration and covariates.
 
         Returns
         -------
         ndarray of shape (n_samples, n_dof)
             Force of storey j in column j-1, N.
         """
-        data = self._judged(X, None, record, time, base_acceleration, covariates, every_row=True)
+        data = self._judged(X, None, every_row=True, **given)
         return self.model_.restoring_force(data)
 
     def score(
@@ -127,23 +112,18 @@ class FittedChain:
         base_acceleration: Any = None,
         covariates: Mapping[str, Any] | None = None,
     ) -> float:
-        """R^2 of the accelerations the model predicts, variance-weighted over the DOFs.
+        """R^2 of the accelerations the model predicts, variance-weighted over the DOFs, on data as for :meth:`fit`.
 
         It is comparable under any excitation; ``scoring="r2"`` of scikit-learn uses the forces, which are
         zero on unforced DOFs.
 
         Parameters
         ----------
-        X, y, record, time, base_acceleration, covariates
-            As for :meth:`fit`.
         sample_weight : array-like of shape (n_samples,), optional
             Weights of the samples; equal if None.
-
-        Returns
-        -------
-        float
         """
-        data = self._judged(X, y, record, time, base_acceleration, covariates)
+        given = dict(record=record, time=time, base_acceleration=base_acceleration, covariates=covariates)
+        data = self._judged(X, y, **given)
         weights = sample_weights(sample_weight, data.n_samples)
         left = error = 0.0
         judged = []
@@ -159,31 +139,22 @@ class FittedChain:
                 left += float(w @ (a - np.average(a, weights=w)) ** 2)
         return 1.0 - error / left if left else float("nan")
 
-    def balance_errors(
-        self,
-        X: Any,
-        y: Any = None,
-        *,
-        record: Any = None,
-        time: Any = None,
-        base_acceleration: Any = None,
-        covariates: Mapping[str, Any] | None = None,
-    ) -> pd.DataFrame:
-        """Balance errors (one step) on other data, in the same band; percent NRMSE.
+    def balance_errors(self, X: Any, y: Any = None, **given: Any) -> pd.DataFrame:
+        """Balance errors (one step) on other data, given as for :meth:`fit`, in the same band.
 
         Parameters
         ----------
-        X, y, record, time, base_acceleration, covariates
-            As for :meth:`fit`.
+        **given
+            Record, time, base_acceleration and covariates.
 
         Returns
         -------
         DataFrame
-            See :func:`pysindy_nrf.regression.errors.balance_errors`.
+            Percent NRMSE, one row for each balance; as ``errors_``.
         """
         from ..regression.errors import judge
 
-        data = self._judged(X, y, record, time, base_acceleration, covariates)
+        data = self._judged(X, y, **given)
         layout, filters = self.problem_.layout, self.problem_.filters(data)
 
         def blocks() -> Iterator[Block]:
@@ -193,13 +164,7 @@ class FittedChain:
         return judge(self.model_, layout, self.solve_order_, blocks)
 
     def modes(self) -> pd.DataFrame:
-        """Frequencies (Hz), damping ratios and shapes of the linear part.
-
-        Returns
-        -------
-        DataFrame
-            See :meth:`ChainModel.modes`.
-        """
+        """Frequencies (Hz), damping ratios and shapes of the linear part; see :meth:`ChainModel.modes`."""
         check_is_fitted(self)
         return self.model_.modes()
 
@@ -213,23 +178,20 @@ class FittedChain:
         error in one storey reaches every mass below it. Shape parameters and the choice of terms are
         taken as known: the error of a wrong law is not in the interval (see ``missing_terms_``). For a least-squares
         fit to Records the motions are fused DOF by DOF, because the remaining noise of a joint fusion is correlated
-        over the whole record. The estimator refers to the data of the fit until it is pickled; compute intervals
-        before saving.
+        over the whole record. Compute intervals before pickling, which leaves the data behind.
 
         Parameters
         ----------
         level : float
         of : {"parameters", "masses", "coefficients", "modes", "energies"}, mapping or callable
             ``"energies"``: dissipated by every storey along the data of the fit, J. A mapping of site to points,
-            ``{"storey 2": (v, s)}``, gives forces there. A callable takes a ChainModel and returns a Series (ratios,
-            ...).
+            ``{"storey 2": (v, s)}``, gives forces there. A callable takes a ChainModel and returns a Series.
         method : {"hac", "bootstrap"}
             Delete-one-block jackknife with correlated neighbours (Newey and West), or block bootstrap.
         random_state : int, Generator or None
             Of the bootstrap.
         n_jobs : int, optional
-            Joblib jobs of the bootstrap, -1 for all cores; ``joblib.parallel_config("dask")`` and the like choose
-            another backend.
+            Joblib jobs of the bootstrap, -1 for all cores.
 
         Returns
         -------
@@ -266,33 +228,19 @@ class FittedChain:
         return force_intervals(self._interval_resolver(), self.model_, site, v, s, level)
 
     def diagnose(self) -> Diagnosis:
-        """Diagnose what limits the estimate: noise, excitation, conditioning, a missing law.
-
-        Returns
-        -------
-        Diagnosis
-            ``print`` it; ``.table`` holds the findings. See :mod:`pysindy_nrf.diagnostics.test_planning`.
-        """
+        """Diagnose what limits the estimate; see :func:`pysindy_nrf.diagnostics.test_planning.diagnose`."""
         check_is_fitted(self)
         return diagnose(self)
 
     def simulate(self, F: Any, *, dt: float | None = None, x0: Any = None, v0: Any = None, **options: Any) -> Record:
-        """Free run of the identified model; see :func:`pysindy_nrf.simulate`.
+        """Free run of the identified model; parameters as of :func:`pysindy_nrf.simulate`.
 
         Parameters
         ----------
-        F : array-like of shape (n_samples, n_dof)
-            N.
         dt : float, optional
             s; the estimator's ``dt`` if None.
-        x0, v0 : array-like of shape (n_dof,), optional
-            Initial displacement (m) and velocity (m/s) relative to the base.
         **options
             ``method``, ``base_acceleration``, ...
-
-        Returns
-        -------
-        Record
 
         Raises
         ------
@@ -306,25 +254,11 @@ class FittedChain:
         return self.model_.simulate(F, step, x0=x0, v0=v0, **options)
 
     def to_sindy(self) -> Any:
-        """The identified model as a fitted ``ps.SINDy``; see :func:`pysindy_nrf.regression.state_space.to_sindy`.
-
-        Returns
-        -------
-        pysindy.SINDy
-        """
+        """The identified model as a fitted ``ps.SINDy``; see :meth:`ChainModel.to_sindy`."""
         check_is_fitted(self)
         return self.model_.to_sindy(1.0 if self.dt is None else self.dt)
 
-    def _judged(
-        self,
-        X: Any,
-        y: Any,
-        record: Any,
-        time: Any,
-        base_acceleration: Any,
-        covariates: Mapping[str, Any] | None,
-        every_row: bool = False,
-    ) -> SegmentSet:
+    def _judged(self, X: Any, y: Any, **given: Any) -> SegmentSet:
         check_is_fitted(self)
         if not (hasattr(X, "columns") or isinstance(X, Record) or holds_records(X)):
             require_two_dimensions(X)
@@ -335,17 +269,7 @@ class FittedChain:
                     f"as input; {3 * self.model_.n_dof} columns are needed",
                     f"Give {', '.join(feature_names(self.model_.n_dof, self.coordinates)[:9])}.",
                 )
-        return self._data(
-            X,
-            y,
-            record=record,
-            time=time,
-            base_acceleration=base_acceleration,
-            covariates=covariates,
-            has_memory=self.model_.has_memory,
-            n_dof=self.model_.n_dof,
-            every_row=every_row,
-        )
+        return self._data(X, y, has_memory=self.model_.has_memory, n_dof=self.model_.n_dof, **given)
 
     def _resolving(self) -> Resolver:
         """Resolver of the chain on parts of the data, made at the first use."""

@@ -27,8 +27,8 @@ from scipy.optimize import least_squares
 
 from ..exceptions import BiasWarning, IdentifiabilityError, NRFError, SimulationError
 from ..mechanics.sites import Site
-from ..regression.chain_model import ChainModel
-from ..regression.layout import LawLayout
+from ..regression.chain_model import ChainModel, state_matrix
+from ..regression.layout import LawLayout, with_coefficients
 from ..regression.segments import Segment, SegmentSet
 from .intervals import InfluenceResolver, Resolver
 from .iv import IVResult, instrumental_variables, run_of
@@ -46,44 +46,18 @@ FORCE_HOLDS = ("cubic", "linear", "zero")  # of the force between its samples
 
 @dataclass
 class OutputErrorResult:
-    """Result of the refinement.
-
-    Attributes
-    ----------
-    model : ChainModel
-    kept : bool
-        True if the refined model predicts unseen parts better than the initial one.
-    error_before, error_after : float
-        Free-run error of the velocities on parts that the refinement did not see, percent NRMSE.
-    influences : ndarray of shape (n_pieces, n_parameters) or None
-        Influence of every piece of the data (comb of Fourier lines) on the parameters.
-    record : ndarray of shape (n_pieces,)
-        Number of the record of each piece.
-    why : str
-        Reason if it was not kept.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
-    >>> from pysindy_nrf.estimation.free_run_fit import output_error
-    >>> from pysindy_nrf.regression.layout import LawLayout
-    >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
-    >>> F = excitation.band_limited_random(2, 8.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
-    >>> X, F = simulate(frame, F, 0.002).to_features(smooth=False)
-    >>> start = NRFRegressor(degree=1, dt=0.002).fit(X, F)
-    >>> layout = LawLayout(start.chain_, start.model_.laws)
-    >>> found = output_error(start.model_, start.model_.segments(X, F, dt=0.002), layout, {})
-    >>> found.kept, found.model.masses.round(2)
-    (False, array([10., 10.]))
-    """
+    """Result of the refinement."""
 
     model: ChainModel
-    kept: bool
+    kept: bool  # true if the refined model predicts unseen parts better than the initial one
+    # free-run error of the velocities on parts that the refinement did not see, percent NRMSE
     error_before: float = np.nan
     error_after: float = np.nan
+    # (n_pieces, n_parameters); influence of every piece of the data (comb of Fourier lines) on the parameters
     influences: np.ndarray | None = None
+    # (n_pieces,); number of the record of each piece
     record: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
-    why: str = ""
+    why: str = ""  # reason if it was not kept
 
 
 @dataclass
@@ -313,10 +287,8 @@ class _FreeRunFit:
         """Velocities after a unit displacement or velocity of each DOF, shape (n_rows, n_dof, 2 n_dof)."""
         key = (shot.n_samples, shot.segment.step)
         if key not in self._decays:
-            M, C, K = self.noise.matrices
-            n = len(M)
-            A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
-            values, vectors = np.linalg.eig(A)
+            n = len(self.noise.matrices[0])
+            values, vectors = np.linalg.eig(state_matrix(*self.noise.matrices))
             t = np.arange(shot.n_samples) * shot.segment.step
             growth = np.exp(np.outer(t, np.minimum(values.real, 0) + 1j * values.imag))
             shapes = np.einsum("jm,mk->mjk", vectors[n:], np.linalg.pinv(vectors))
@@ -366,24 +338,19 @@ def _scores(columns: np.ndarray, pieces: int) -> np.ndarray:
 
 @dataclass
 class Rebuild:
-    """Builds a ChainModel from free parameters: DOFs (from 0) with a free mass, and site, law, term of each."""
+    """Builds a ChainModel from free parameters: DOFs (from 0) with a free mass, and site and term of each other."""
 
     model: ChainModel
     free: list[int]
-    held: list[tuple[Site, int, int]]
+    held: list[tuple[Site, int]]
 
     def __call__(self, x: np.ndarray) -> ChainModel:
         """Model of a vector."""
-        model = self.model
-        masses = model.masses.copy()
+        model, masses, values = self.model, self.model.masses.copy(), self.model.coefficients
         masses[self.free] = x[: len(self.free)]
-        values = {s: [law.values.copy() for law in laws] for s, laws in model.laws.items()}
-        for (site, i, k), value in zip(self.held, x[len(self.free) :]):
-            values[site][i][k] = value
-        laws = {
-            s: tuple(law.with_values(coefficients=c) for law, c in zip(model.laws[s], values[s])) for s in model.laws
-        }
-        return ChainModel(masses, laws, model.chain, model.visited, model.info)
+        for (site, k), value in zip(self.held, x[len(self.free) :]):
+            values[site][k] = value
+        return ChainModel(masses, with_coefficients(model.laws, values), model.chain, model.visited, model.info)
 
 
 def free_parameters(
@@ -391,17 +358,9 @@ def free_parameters(
 ) -> tuple[np.ndarray, Rebuild, list[int | tuple[Site, int]]]:
     """Free parameters (zero terms stay zero), their Rebuild, and the DOF (from 0) or site and number of each."""
     free = [j for j in range(model.n_dof) if j + 1 not in known]
-    held = [
-        (site, i, k)
-        for site, laws in model.laws.items()
-        for i, law in enumerate(laws)
-        for k, c in enumerate(law.values)
-        if c
-    ]
-    theta = np.array([*model.masses[free], *(model.laws[s][i].values[k] for s, i, k in held)])
-    before = {s: np.cumsum([0, *(len(law.terms()) for law in laws)]).tolist() for s, laws in model.laws.items()}
-    columns: list[int | tuple[Site, int]] = [*free, *((s, before[s][i] + k) for s, i, k in held)]
-    return theta, Rebuild(model, free, held), columns
+    held = [(site, k) for site, values in model.coefficients.items() for k, c in enumerate(values) if c]
+    theta = np.array([*model.masses[free], *(model.coefficients[site][k] for site, k in held)])
+    return theta, Rebuild(model, free, held), [*free, *held]
 
 
 _NEGLIGIBLE = 0.2  # change of a mass in the last round, in standard errors
@@ -433,17 +392,10 @@ def refine(
             assert result.influences is not None
             model, facts["found"] = result.model, "simulation"
             theta, rebuild, _ = free_parameters(model, known)
-            assert result.record is not None
             resolver = InfluenceResolver(
-                iv.pieces,
-                solve_order,
-                known,
-                inner,
-                theta=theta,
-                rebuild=rebuild,
-                moves=result.influences,
-                of=result.record,
-            )
+                iv.pieces, solve_order, known, inner,
+                theta=theta, rebuild=rebuild, moves=result.influences, of=result.record,
+            )  # fmt: skip
         else:
             facts["notes"] = [*facts["notes"], f"instrumental variables kept: {result.why}"]
     return start._replace(model=model, solution=iv.solution), resolver, facts, iv.judged(data)

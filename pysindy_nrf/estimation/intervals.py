@@ -15,12 +15,11 @@ from ..common.random_state import generator
 from ..exceptions import ChainError, ChannelError, ExtrapolationWarning, IdentifiabilityError, RankWarning
 from ..mechanics.identifiability import SolveOrder
 from ..regression.chain_model import ChainModel
-from ..regression.chain_solve import Solution, groups_of, solve
+from ..regression.chain_solve import Solution, groups_of, model_of, solve
 from ..regression.gram_pass import pieces_of
 from ..regression.grams import BlockGrams
 from ..regression.layout import LawLayout
 from ..regression.segments import SegmentSet
-from ..regression.solution import model_of
 from .problem import Problem
 
 METHODS = ("hac", "bootstrap")
@@ -143,13 +142,18 @@ class Resolver:
         """Model of the pieces, each taken ``weights`` times."""
         return self.model(self.pieces.sum(weights))
 
-    def left_out(self, statistic: Statistic) -> np.ndarray:
-        """Statistics without each piece in turn, shape (n_pieces, n_statistics)."""
+    def _enough(self) -> int:
+        """Number of pieces; a ChannelError if they are too few."""
         n = len(self.record)
         if n < FEWEST:
             raise ChannelError(
                 f"{n} pieces of data are too few for an interval", "Use a longer record, or more records."
             )
+        return n
+
+    def left_out(self, statistic: Statistic) -> np.ndarray:
+        """Statistics without each piece in turn, shape (n_pieces, n_statistics)."""
+        n = self._enough()
         try:
             return np.array([statistic(self.at(w)).to_numpy(float) for w in 1.0 - np.eye(n)])
         except IdentifiabilityError as error:
@@ -168,27 +172,17 @@ class Resolver:
         n = len(values)
         return (values - values.mean(axis=0)) * np.sqrt((n - 1) / n)
 
-    def drawn(
-        self,
-        statistic: Statistic,
-        random_state: Any,
-        draws: int = DRAWS,
-        n_jobs: int | None = None,
-    ) -> np.ndarray:
+    def drawn(self, statistic: Statistic, random_state: Any, n_jobs: int | None = None) -> np.ndarray:
         """Statistics of block-bootstrap samples, shape (n_draws, n_statistics); the same for any ``n_jobs``."""
         from joblib import Parallel, delayed, effective_n_jobs
 
-        n = len(self.record)
-        if n < FEWEST:
-            raise ChannelError(
-                f"{n} pieces of data are too few for an interval", "Use a longer record, or more records."
-            )
+        n = self._enough()
         rng = generator(random_state)
-        weights = rng.multinomial(n, np.full(n, 1.0 / n), size=draws).astype(float)
+        weights = rng.multinomial(n, np.full(n, 1.0 / n), size=DRAWS).astype(float)
         shares = np.array_split(weights, effective_n_jobs(n_jobs))
         found = Parallel(n_jobs=n_jobs)(delayed(_each)(self, statistic, share) for share in shares)
         out: list[np.ndarray] = sum(found, [])
-        if len(out) < draws / 2:
+        if len(out) < DRAWS / 2:
             raise IdentifiabilityError(
                 "Most bootstrap samples cannot be solved: few parts of the data determine the estimate",
                 "Excite the structure more than once.",

@@ -6,23 +6,13 @@ correlated with the true motion and not with its noise,
 .. math:: Z^T (y - \Phi \theta) = 0, \quad Z = \text{columns of the simulated motion},
 
 and three or four rounds of simulation and solve remove the bias (Young, Refined instrumental variable methods, 1976).
-Three facts, all measured, determine the details:
+In the first rounds the instruments are delayed by one sample, which keeps white force noise out of them; later runs use
+the force corrected by the motion (:mod:`.noise_spectra`), so that every balance can be weighted by frequency. The
+instruments are low-passed to the band that the fusion resolved, and the motion must not be shrunk towards a prior (as
+the joint step of :class:`~pysindy_nrf.KinematicSmoother` does): its error would then depend on the motion.
 
-- Noise of the force is in the right-hand side and, through the simulation, in the instruments. In the first rounds
-  the instruments are delayed by one sample, which keeps white force noise out of them. Later runs use the force
-  corrected by the motion (:mod:`.noise_spectra`), so that every balance can be weighted by frequency (generalised
-  least squares: errors of the masses fall to a third, of the dampings to half).
-- Frequencies that the fusion could not resolve are missing in the motion, not in the force. The instruments are
-  low-passed to the resolved band.
-- The motion must not be shrunk towards a prior (as the joint step of :class:`~pysindy_nrf.KinematicSmoother` does):
-  its error would then depend on the motion.
-
-Of a frequency response (:func:`pysindy_nrf.data.io.frf_to_features`) the instruments are neighbouring lines,
-
-.. math:: Z(f_k) = \tfrac12 (H(f_{k-2}) + H(f_{k+2})) ,
-
-because the response is smooth over a few lines and its noise is independent beyond the main lobe of the window. The
-simulated response of a lightly damped structure would need its peaks right to a fraction of a line.
+Of a frequency response the instruments are neighbouring lines, :math:`Z(f_k) = \tfrac12 (H(f_{k-2}) + H(f_{k+2}))`: the
+response is smooth over a few lines, and its noise is independent beyond the main lobe of the window.
 """
 
 from __future__ import annotations
@@ -38,16 +28,14 @@ from sklearn.base import clone
 from ..exceptions import BiasWarning, ChainError, ChannelError, IdentifiabilityError, RankWarning, SimulationError
 from ..laws import PowerSeries
 from ..mechanics.identifiability import SolveOrder
-from ..regression.blocks import Block
-from ..regression.chain_model import ChainModel
-from ..regression.chain_solve import Solution, groups_of, solve, solve_blocks
+from ..regression.chain_model import ChainModel, state_matrix
+from ..regression.chain_solve import Solution, groups_of, model_of, solve, solve_blocks
 from ..regression.errors import free_run_of
 from ..regression.gram_pass import pieces_of, rows_of, whole_block
 from ..regression.grams import BlockGrams
 from ..regression.input_arrays import from_arrays
-from ..regression.layout import LawLayout
+from ..regression.layout import Block, LawLayout, with_coefficients
 from ..regression.segments import Segment, SegmentSet
-from ..regression.solution import model_of
 from ..signals.zero_phase_filter import FairFilter, filters_of
 from ..simulation.api import classical_run
 from .intervals import Resolver
@@ -78,27 +66,18 @@ def steady(model: ChainModel) -> ChainModel:
     slowest = np.sqrt(np.abs(np.linalg.eigvals(np.linalg.solve(M, K))).min())
     if slowest == 0:
         return model
-    laws = {}
-    for site, held in model.laws.items():
-        linear = model.restoring_forces[str(site)].linear_part()
-        added = max(0.0, 2 * STEADY * abs(linear["k"]) / slowest - linear["c"])
-        laws[site] = tuple(held)
-        for i, law in enumerate(held):
-            at = [k for k, term in enumerate(law.terms()) if term.label == "v"]
-            if at:
-                changed = law.values.copy()
-                changed[at[0]] += added
-                laws[site] = (*held[:i], law.with_values(coefficients=changed), *held[i + 1 :])
-                break
-    return ChainModel(model.masses, laws, model.chain, model.visited, model.info)
+    coefficients = model.coefficients
+    for site, force in model.restoring_forces.items():
+        linear, labels = force.linear_part(), [term.label for law in force.laws for term in law.terms()]
+        if "v" in labels:
+            coefficients[site][labels.index("v")] += max(0.0, 2 * STEADY * abs(linear["k"]) / slowest - linear["c"])
+    return ChainModel(model.masses, with_coefficients(model.laws, coefficients), model.chain, model.visited, model.info)
 
 
 def _eigenvalues(M: np.ndarray, C: np.ndarray, K: np.ndarray) -> np.ndarray | None:
     """Eigenvalues of the linear structure, 1/s; None if they do not exist."""
-    n = len(M)
     try:
-        right = np.linalg.solve(M, np.hstack([K, C]))
-        return np.linalg.eigvals(np.block([[np.zeros((n, n)), np.eye(n)], [-right[:, :n], -right[:, n:]]]))
+        return np.linalg.eigvals(state_matrix(M, C, K))
     except np.linalg.LinAlgError:  # no mass, or coefficients that are not finite
         return None
 
@@ -166,49 +145,17 @@ FORCES = "Give a record in which every force was measured."
 
 @dataclass
 class IVResult:
-    """Result of the instrumental variables.
-
-    Attributes
-    ----------
-    model : ChainModel
-    solution : Solution
-    pieces : BlockGrams
-        With the last instruments, piece by piece.
-    rounds : int
-        Rounds of simulation and solve.
-    correlation : float
-        Correlation of the simulated accelerations with the measured ones in the last round.
-    notes : list of str
-        Remarks for the user, e.g. on records left out.
-    runs : list of Segment or None
-        The motion that gave the last instruments.
-    settled : bool
-        False if the rounds diverged and an earlier one was kept.
-    moved : ndarray of shape (n_dof,) or None
-        Relative change of each mass in the last round, if the rounds had not converged.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
-    >>> from pysindy_nrf.estimation.iv import instrumental_variables
-    >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
-    >>> F = excitation.band_limited_random(2, 8.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
-    >>> X, F = simulate(frame, F, 0.002).to_features(smooth=False)
-    >>> start = NRFRegressor(degree=1, dt=0.002).fit(X, F)
-    >>> data = start.model_.segments(X, F, dt=0.002)
-    >>> found = instrumental_variables(start.model_, data, start.problem_, start.solve_order_)
-    >>> found.model.masses.round(3), bool(found.correlation > 0.99)
-    (array([10., 10.]), True)
-    """
+    """Result of the instrumental variables."""
 
     model: ChainModel
     solution: Solution
-    pieces: BlockGrams
-    rounds: int
-    correlation: float
-    notes: list[str] = field(default_factory=list)
-    runs: list[Segment | None] = field(default_factory=list)
-    settled: bool = True
+    pieces: BlockGrams  # with the last instruments, piece by piece
+    rounds: int  # rounds of simulation and solve
+    correlation: float  # correlation of the simulated accelerations with the measured ones in the last round
+    notes: list[str] = field(default_factory=list)  # remarks for the user, e.g. on records left out
+    runs: list[Segment | None] = field(default_factory=list)  # the motion that gave the last instruments
+    settled: bool = True  # false if the rounds diverged and an earlier one was kept
+    # (n_dof,); relative change of each mass in the last round, if the rounds had not converged
     moved: np.ndarray | None = None
 
     def judged(self, data: SegmentSet) -> SegmentSet:
@@ -445,7 +392,8 @@ def fit_frequency_response(
     estimator: Any, frf: Any, band: tuple[float | None, float | None] | None = None, weight: Any = None
 ) -> Any:
     """Fit a regressor to a measured frequency response."""
-    from ..data.io import FrequencyResponse, frf_to_features
+    from ..data.io import frf_to_features
+    from ..data.io.frf import FrequencyResponse
 
     if estimator.estimation not in ("ls", "iv"):
         raise ChainError(

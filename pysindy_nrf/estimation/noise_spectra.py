@@ -52,26 +52,14 @@ class Smooth:
 
 @dataclass
 class NoiseModel:
-    """Noise of motions and forces, and the structure between them.
+    """Noise of motions and forces, and the structure between them."""
 
-    Attributes
-    ----------
-    matrices : tuple of ndarray of shape (n_dof, n_dof)
-        Mass, damping and stiffness of the model, linearised along its run.
-    motion : Smooth
-        Density of the noise of the relative velocity of every DOF.
-    force : ndarray of shape (n_dof + 1,)
-        Density of the white noise of every force, and of the base acceleration.
-    share : Smooth
-        Share of the simulated motion's density, by DOF, that the force's noise did not make.
-    signal_band : (float, float)
-        Hz; frequencies in which the run moves and the filters of the motions pass; only these are used.
-    """
-
+    # (n_dof, n_dof); mass, damping and stiffness of the model, linearised along its run
     matrices: tuple[np.ndarray, np.ndarray, np.ndarray]
-    motion: Smooth
-    force: np.ndarray
-    share: Smooth
+    motion: Smooth  # density of the noise of the relative velocity of every DOF
+    force: np.ndarray  # (n_dof + 1,); density of the white noise of every force, and of the base acceleration
+    share: Smooth  # share of the simulated motion's density, by DOF, that the force's noise did not make
+    # hz; frequencies in which the run moves and the filters of the motions pass; only these are used
     signal_band: tuple[float, float]
 
     def transfer(self, f: np.ndarray) -> np.ndarray:

@@ -1,8 +1,4 @@
-"""Nonlinear devices: in which storeys they are, their forces, and the energy that they dissipate.
-
-The paper locates its dampers by the restoring-force surfaces: "linear" storeys are planar. Coefficients alone do not
-tell, because a planar storey may have cubic terms of 1e9 N/m^3 without effect at drifts of a millimetre.
-"""
+"""Nonlinear devices: where they are, their forces and energy; linear twins and comparison of models."""
 
 from __future__ import annotations
 
@@ -11,13 +7,110 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.integrate import cumulative_trapezoid
+from sklearn.base import clone
 
 from ..common.random_state import generator
 from ..exceptions import ChainError, ChannelError
 from ..laws import Dahl, PowerSeries
-from ..regression.chain_model import as_model, as_segments, frame, storey_names
+from ..regression.chain_model import ChainModel, as_model, as_segments, frame, storey_names
 from ..regression.segments import SegmentSet
-from .model_comparison import linear_part
+
+
+def linear_twin(estimator: Any) -> Any:
+    """The regressor with linear storeys, ``R = c v + k s`` (paper eq. 19), not fitted.
+
+    Fit it to a test of the structure without its nonlinear devices; the difference of the two
+    models is the devices' force (:func:`damper_force`).
+
+    Parameters
+    ----------
+    estimator : NRFRegressor
+
+    Returns
+    -------
+    NRFRegressor
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor
+    >>> from pysindy_nrf.estimation import linear_twin
+    >>> linear_twin(NRFRegressor(degree=3, band=(1, 60)))
+    NRFRegressor(band=(1, 60), degree=1)
+    """
+    return clone(estimator).set_params(degree=1, orders=None, laws=None)
+
+
+def linear_part(model: Any) -> ChainModel:
+    """A model with only the terms v and s of every site: the tangent at rest, not the best line through a loop.
+
+    Parameters
+    ----------
+    model : ChainModel or fitted NRFRegressor
+
+    Examples
+    --------
+    >>> from pysindy_nrf import ChainModel, laws
+    >>> from pysindy_nrf.estimation import linear_part
+    >>> print(linear_part(ChainModel([10.0], {1: laws.Duffing(k=4e4, k3=1e9)})))
+    m1 = 10 kg
+    R1 = 0 v1 + 4e+04 s1
+    """
+    model = as_model(model)
+    held = {
+        site: (PowerSeries(1, force.linear_part().to_numpy()),)
+        for site, force in model.restoring_forces.items()
+        if force.laws
+    }
+    return ChainModel(model.masses, held, model.chain, model.visited)
+
+
+def found_twice(estimator: Any, X: Any, F: Any, **options: Any) -> dict[str, pd.DataFrame]:
+    """Both estimates of every storey that enters two balances (paper eqs. 10a and 10b).
+
+    Under complete excitation R_i is in balance i and, with opposite sign, in balance i-1.
+
+    Parameters
+    ----------
+    estimator : fitted NRFRegressor
+        Of complete strategy.
+    X, F, **options
+        As for its ``fit``.
+
+    Returns
+    -------
+    dict of str to DataFrame
+        By storey: coefficients by term from the ``"balance i"`` (the one returned by the
+        regressor) and from ``"balance i-1"``.
+
+    Raises
+    ------
+    ChainError
+        If the strategy was not complete.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+    >>> from pysindy_nrf.estimation import found_twice
+    >>> truth = ChainModel([10.0, 10.0], {i: laws.PowerSeries(1, [30.0, 4e4]) for i in (1, 2)})
+    >>> F = excitation.band_limited_random(2, 4.0, 500.0, dofs=[1, 2], rms=50.0, band=(1, 60), random_state=0)
+    >>> X, F = simulate(truth, F, 0.002).to_features(smooth=False)
+    >>> found_twice(NRFRegressor(degree=1).fit(X, F), X, F)["storey 2"].loc["s"].round(2).tolist()
+    [40000.0, 40000.0]
+    """
+    strategy = estimator.solve_order_.strategy
+    if strategy != "complete":
+        raise ChainError(f"The {strategy} strategy estimates no storey twice", "Force every DOF.")
+    data = as_segments(estimator, X, F, **options)
+    problem = replace(estimator.problem_, optimizer=None)
+    layout, solution = problem.layout, problem.solve(data).solution
+    return {
+        str(site): pd.DataFrame(
+            {f"balance {site.p}": solution.coefficients[site], f"balance {site.q}": twin}, index=layout.labels(site)
+        )
+        for site, twin in sorted(solution.twins.items())
+    }
+
 
 LEAST = 1.0  # percent of the force; a surface below this is planar at any noise
 _BLOCKS = 40
@@ -29,10 +122,10 @@ def planarity(
     """Planarity index of every storey, with a noise reference.
 
     The index is the share of the storey's force along the data, percent of its rms, that the best
-    plane ``c v + k s`` does not explain. Its reference is the index that noise of the size and
-    course of the balances' residuals gives a planar storey: the residuals are added to the
-    identified balances with random signs in consecutive blocks (wild bootstrap), the chain is solved again, and the
-    95 % quantile is taken of what the coefficients' scatter does to the surface.
+    plane ``c v + k s`` does not explain. Its reference is the index that noise gives a planar storey: the
+    residuals are added to the identified balances with random signs in consecutive blocks (wild bootstrap), the chain
+    is
+    solved again, and the 95 % quantile is taken of what the coefficients' scatter does to the surface.
 
     Parameters
     ----------
@@ -55,8 +148,7 @@ def planarity(
     >>> from pysindy_nrf import NRFRegressor, datasets
     >>> from pysindy_nrf.estimation import planarity
     >>> X, F = datasets.load_demo().to_features()  # a cubic spring in storey 1, the others linear
-    >>> table = planarity(NRFRegressor(degree=3).fit(X, F), X, F, draws=3, random_state=0)
-    >>> table["planar"].tolist()
+    >>> planarity(NRFRegressor(degree=3).fit(X, F), X, F, draws=3, random_state=0)["planar"].tolist()
     [False, True, True]
     """
     model = as_model(estimator)
@@ -72,35 +164,12 @@ def planarity(
 
 @dataclass
 class Location:
-    """Location of the nonlinearity.
+    """Location of the nonlinearity."""
 
-    Attributes
-    ----------
-    storeys : list of str
-        Storeys that are not planar, in the order in which they were found.
-    first : DataFrame
-        :func:`planarity` of the regressor as given.
-    last : DataFrame
-        The same with a hysteretic law in these storeys: the others are planar.
-    estimator : NRFRegressor
-        Fitted, with these laws.
-
-    Examples
-    --------
-    >>> import pandas as pd
-    >>> from pysindy_nrf.estimation import Location
-    >>> index = ["storey 1", "storey 2"]
-    >>> first = pd.DataFrame({"index": [21.0, 6.0], "reference": [2.1, 2.0], "planar": [False, False]}, index)
-    >>> last = pd.DataFrame({"index": [0.8, 0.9], "reference": [2.1, 2.0], "planar": [True, True]}, index)
-    >>> found = Location(["storey 1"], first, last, None)  # its hysteresis had bent the neighbour's surface too
-    >>> found.storeys, found.last["planar"].all().item()
-    (['storey 1'], True)
-    """
-
-    storeys: list[str]
-    first: pd.DataFrame
-    last: pd.DataFrame
-    estimator: Any
+    storeys: list[str]  # storeys that are not planar, in the order in which they were found
+    first: pd.DataFrame  # :func:`planarity` of the regressor as given
+    last: pd.DataFrame  # the same with a hysteretic law in these storeys: the others are planar
+    estimator: Any  # fitted, with these laws
 
     def __str__(self) -> str:
         if not self.storeys:
@@ -111,24 +180,17 @@ class Location:
 def locate_nonlinearity(
     estimator: Any, X: Any, F: Any = None, *, draws: int = 20, random_state: Any = None, **options: Any
 ) -> Location:
-    """Find the storeys whose restoring force is not planar.
+    """Find the storeys whose restoring force is not planar; parameters as of :func:`planarity`.
 
     A hysteretic storey with a power series alone biases its neighbours, whose surfaces bend too. The least
     planar storey therefore gets a Dahl law beside its power series and the chain is solved again; this is
     repeated while further storeys are not planar.
 
-    Parameters
-    ----------
-    estimator : fitted NRFRegressor
-        With power series in every storey (``degree=3``).
-    X, F, **options
-        The data it was fitted to.
-    draws : int
-    random_state : int or None
-
     Returns
     -------
     Location
+        ``storeys`` in the order in which they were found, :func:`planarity` of the ``first`` fit and of the ``last``,
+        and the fitted ``estimator`` with these laws.
 
     Raises
     ------
@@ -139,12 +201,11 @@ def locate_nonlinearity(
     --------
     >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
     >>> from pysindy_nrf.estimation import locate_nonlinearity
-    >>> frame = ChainModel([10.0, 10.0], {f"storey {i}": laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
+    >>> frame = ChainModel([10.0, 10.0], {i: laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
     >>> F = excitation.band_limited_random(2, 4.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
     >>> X, F = simulate(frame, F, 0.002).to_features(smooth=False)
-    >>> found = locate_nonlinearity(NRFRegressor(degree=3).fit(X, F), X, F, draws=3, random_state=0)
-    >>> found.storeys, found.first["planar"].tolist()  # a linear frame
-    ([], [True, True])
+    >>> locate_nonlinearity(NRFRegressor(degree=3).fit(X, F), X, F, draws=3).storeys  # a linear frame
+    []
     """
     from sklearn.base import clone
 
@@ -160,10 +221,8 @@ def locate_nonlinearity(
         open_ = last.drop(index=found)
         worst = str(open_.loc[~open_["planar"], "index"].idxmax())
         found.append(worst)
-        own = tuple(law for law in model.laws[model.chain.site(worst)])
-        laws[worst] = (
-            (*(law for law in own if not (law.has_memory or law.jumps)), Dahl()) if own else (PowerSeries(1), Dahl())
-        )
+        own = model.laws[model.chain.site(worst)] or (PowerSeries(1),)
+        laws[worst] = (*(law for law in own if not (law.has_memory or law.jumps)), Dahl())
         orders = {
             s: o
             for s, o in dict(estimator.orders or {}).items()
@@ -211,16 +270,12 @@ def _reference(estimator: Any, data: SegmentSet, scale: np.ndarray, draws: int, 
 
 
 def damper_force(model: Any, linear: Any, X: Any, **options: Any) -> pd.DataFrame:
-    r"""Identified force of every storey less that of the bare structure (paper eq. 21).
-
-    .. math:: F_{non} = R^{non}(v, s) - R^{lin}(v, s)
+    """Identified force of every storey less that of the bare structure (paper eq. 21), :math:`R^{non} - R^{lin}`.
 
     Parameters
     ----------
-    model : ChainModel or fitted NRFRegressor
-        Of the structure with its devices.
-    linear : ChainModel or fitted NRFRegressor
-        Of the structure without them: see :func:`linear_twin`.
+    model, linear : ChainModel or fitted NRFRegressor
+        Of the structure with its devices, and without them (see :func:`linear_twin`).
     X, **options
         The motion, as for :meth:`ChainModel.predict`.
 
@@ -236,8 +291,7 @@ def damper_force(model: Any, linear: Any, X: Any, **options: Any) -> pd.DataFram
     >>> from pysindy_nrf.estimation import damper_force
     >>> bare = ChainModel([10.0], {1: laws.PowerSeries(1, [100.0, 1e5])})
     >>> damped = ChainModel([10.0], {1: [laws.PowerSeries(1, [150.0, 1e5]), laws.CubicStiffness(1e9)]})
-    >>> X = np.array([[0.0, 0.1, 0.001]])  # a, v, s
-    >>> damper_force(damped, bare, X)["storey 1"].round(6).tolist()  # 50 v + 1e9 s^3
+    >>> damper_force(damped, bare, np.array([[0.0, 0.1, 0.001]]))["storey 1"].round(6).tolist()  # 50 v + 1e9 s^3
     [6.0]
     """
     whole, bare = as_model(model), as_model(linear)
@@ -288,10 +342,8 @@ def path_energy(force: Any, drift: Any) -> np.ndarray:
 
     Parameters
     ----------
-    force : array-like of shape (n_samples,) or (n_samples, p)
-        N.
-    drift : array-like of the same shape
-        m.
+    force, drift : array-like of shape (n_samples,) or (n_samples, p)
+        N and m.
 
     Returns
     -------
@@ -300,48 +352,12 @@ def path_energy(force: Any, drift: Any) -> np.ndarray:
 
     Examples
     --------
-    >>> import numpy as np
     >>> from pysindy_nrf.estimation import path_energy
-    >>> phase = np.linspace(0, 2 * np.pi, 2001)
-    >>> drift, rate = 0.01 * np.sin(phase), 0.01 * np.cos(phase)
-    >>> energy = path_energy(1e5 * drift + 100.0 * rate, drift)  # one cycle of a spring and a dashpot
-    >>> bool(np.isclose(energy[-1], np.pi * 100.0 * 0.01**2, rtol=1e-5))
-    True
+    >>> path_energy([0.0, 2.0, 2.0], [0.0, 0.1, 0.2]).round(3).tolist()
+    [0.0, 0.1, 0.3]
     """
     R, s = np.asarray(force, dtype=float), np.asarray(drift, dtype=float)
-    return np.concatenate([np.zeros((1, *R.shape[1:])), np.cumsum(0.5 * (R[1:] + R[:-1]) * np.diff(s, axis=0), axis=0)])
-
-
-def power_energy(force: Any, rate: Any, time: Any) -> np.ndarray:
-    r"""Work of a force over time, :math:`\int R \, v \, dt`.
-
-    On an even clock this is more exact than the area of the sampled loops: the product of two
-    signals below a quarter of the sampling rate is summed without error but at its ends.
-
-    Parameters
-    ----------
-    force, rate : array-like of shape (n_samples,) or (n_samples, p)
-        N and m/s.
-    time : array-like of shape (n_samples,)
-        s.
-
-    Returns
-    -------
-    ndarray of the same shape as force
-        J, zero at the first sample.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf.estimation import power_energy
-    >>> t = np.linspace(0, 4 * np.pi, 4001)
-    >>> work = power_energy(30.0 * np.cos(t), np.cos(t), t)  # a dashpot of 30 N s/m, two cycles
-    >>> float(work[-1].round(3)), round(30.0 * 2 * np.pi, 3)
-    (188.496, 188.496)
-    """
-    power = np.asarray(force, dtype=float) * np.asarray(rate, dtype=float)
-    dt = np.diff(np.asarray(time, dtype=float)).reshape(-1, *[1] * (power.ndim - 1))
-    return np.concatenate([np.zeros((1, *power.shape[1:])), np.cumsum(0.5 * (power[1:] + power[:-1]) * dt, axis=0)])
+    return cumulative_trapezoid(R, s, axis=0, initial=0.0)
 
 
 def dissipated_energy(model: Any, X: Any, without: Any = None, **options: Any) -> pd.DataFrame:
@@ -369,8 +385,7 @@ def dissipated_energy(model: Any, X: Any, without: Any = None, **options: Any) -
     >>> from pysindy_nrf.estimation import dissipated_energy
     >>> model = ChainModel([10.0], {1: laws.PowerSeries(1, [30.0, 4e4])})
     >>> t = np.linspace(0, 4 * np.pi, 4001)
-    >>> X = np.column_stack([-np.sin(t), np.cos(t), np.sin(t)])  # a, v, s
-    >>> energy = dissipated_energy(model, X, time=t)
+    >>> energy = dissipated_energy(model, np.column_stack([-np.sin(t), np.cos(t), np.sin(t)]), time=t)  # a, v, s
     >>> float(energy["storey 1"].iloc[-1].round(1))  # c times the integral of v^2: 30 times 2 pi
     188.5
     """
@@ -388,7 +403,10 @@ def dissipated_energy(model: Any, X: Any, without: Any = None, **options: Any) -
         s = seg.s[seg.valid].astype(float)
         stored = 0.5 * stiffness * (s**2 - s[0] ** 2)
         R = forces[seg.rows][seg.valid]
-        work = path_energy(R, s) if seg.t is None else power_energy(R, seg.v[seg.valid], seg.t[seg.valid])
+        if seg.t is None:
+            work = path_energy(R, s)
+        else:  # more exact than the area of the sampled loops
+            work = cumulative_trapezoid(R * seg.v[seg.valid], seg.t[seg.valid], axis=0, initial=0.0)
         parts.append(work - stored)
     return frame(data, parts, storey_names(whole))
 

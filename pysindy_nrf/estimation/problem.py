@@ -15,15 +15,21 @@ from ..laws import ForceLaw, PowerSeries
 from ..mechanics.chain import Chain
 from ..mechanics.identifiability import SolveOrder, plan_solve_order
 from ..mechanics.sites import Site
-from ..regression.blocks import Block
 from ..regression.chain_model import ChainModel
-from ..regression.chain_solve import Solution, solve_blocks
+from ..regression.chain_solve import (
+    Solution,
+    model_of,
+    require_clock,
+    require_moving,
+    require_samples,
+    scales_of,
+    solve_blocks,
+)
 from ..regression.grams import BlockGrams
 from ..regression.input_arrays import from_arrays
-from ..regression.layout import LawLayout
+from ..regression.layout import Block, LawLayout
 from ..regression.optimizers import sub_optimizer
 from ..regression.segments import SegmentSet
-from ..regression.solution import model_of, require_clock, require_moving, require_samples, scales_of
 from ..signals.zero_phase_filter import FairFilter, filters_of
 
 DEFAULT_DEGREE = 3
@@ -31,11 +37,10 @@ DEFAULT_DEGREE = 3
 
 @dataclass(frozen=True)
 class Problem:
-    r"""An identification problem: the chain, its laws, and all that is known.
+    """An identification problem: the chain, its laws, and all that is known; it does not change.
 
     .. math:: m_j a_j + R_j(v_j, s_j) - R_{j+1}(v_{j+1}, s_{j+1}) = F_j
 
-    A problem does not change; ``with_laws``, ``with_known_masses`` and :func:`dataclasses.replace` give another one.
     :meth:`NRFRegressor.problem` builds it from the parameters of an estimator, and a fitted estimator
     has it as ``problem_``, with the shape parameters that were found.
 
@@ -44,18 +49,11 @@ class Problem:
     chain : Chain
         Links at which ``laws`` act are added to it.
     laws : mapping of str to sequence of ForceLaw
-        By site; a storey without an entry transmits no force. Their coefficients are estimated; shape parameters
-        without a value are estimated too.
-    known_masses : mapping of int to float
-        kg, by DOF.
-    band : (float, float), optional
-        Hz; accelerations, forces and law columns pass one zero-phase filter.
-    strategy : {"auto", "complete", "sequential", "joint"}
-        See :class:`NRFRegressor`.
+        By site; a storey without an entry transmits no force.
     excited : tuple of int, optional
         DOFs whose measured force scales the chain; those with a force that is not zero if None.
-    optimizer : PySINDy optimizer, optional
-        Runs on every sub-problem; plain least squares if None.
+    known_masses, band, strategy, optimizer
+        See :class:`NRFRegressor`.
 
     Raises
     ------
@@ -67,11 +65,8 @@ class Problem:
     >>> from pysindy_nrf import Chain, Problem, datasets, laws
     >>> cubic = laws.PowerSeries(3)
     >>> problem = Problem(Chain(3), {"storey 1": [cubic], "storey 2": [cubic], "storey 3": [cubic]})
-    >>> record = datasets.load_demo()
-    >>> problem.solve(record).model.masses.round(1)
+    >>> problem.solve(datasets.load_demo()).model.masses.round(1)
     array([12., 10.,  8.])
-    >>> problem.with_known_masses({2: 11.0}).solve(record).model.masses.round()
-    array([13., 11.,  9.])
     """
 
     chain: Chain
@@ -112,10 +107,6 @@ class Problem:
         Parameters
         ----------
         laws : mapping of str to sequence of ForceLaw
-
-        Returns
-        -------
-        Problem
         """
         return replace(self, laws={**self.laws, **{self.chain.site(s): tuple(held) for s, held in laws.items()}})
 
@@ -126,10 +117,6 @@ class Problem:
         ----------
         known_masses : mapping of int to float
             kg, by DOF.
-
-        Returns
-        -------
-        Problem
         """
         return replace(self, known_masses=known_masses)
 
@@ -138,21 +125,13 @@ class Problem:
 
         Parameters
         ----------
-        forced : iterable of int
-            DOFs with a force that is not zero; ``excited`` stands in for them where it is given.
-        unknown : iterable of int
-            DOFs whose force is not known.
-
-        Returns
-        -------
-        SolveOrder
+        forced, unknown : iterable of int
+            DOFs with a force that is not zero (``excited`` stands in for them where it is given) and of unknown force.
 
         Raises
         ------
-        ExcitationError
-            If nothing scales the chain: no force and no known mass.
-        IdentifiabilityError
-            If a mass or a law is out of reach.
+        ExcitationError, IdentifiabilityError
+            If nothing scales the chain (no force and no known mass), or a mass or a law is out of reach.
         """
         forced = tuple(forced) if self.excited is None else self.excited
         if not forced and not self.known_masses:
@@ -164,16 +143,11 @@ class Problem:
         return order.require_complete()
 
     def filters(self, data: SegmentSet) -> list[FairFilter | None]:
-        """Zero-phase filters of the band.
+        """Zero-phase filters of the band, one for each record; None without a band.
 
         Parameters
         ----------
         data : SegmentSet
-
-        Returns
-        -------
-        list of FairFilter or None
-            One for each record; None without a band.
         """
         return filters_of(self.band, data)
 
@@ -184,18 +158,10 @@ class Problem:
         ----------
         data : Record, list of Record or SegmentSet
 
-        Returns
-        -------
-        Estimate
-            ``problem`` (with the shape parameters found), ``order`` (of the balances), ``model``, ``solution`` and
-            ``grams``.
-
         Raises
         ------
-        ChannelError
-            If a channel is constant, or there are fewer samples than unknowns.
-        ExcitationError, IdentifiabilityError
-            See :meth:`solve_order`.
+        ChannelError, ExcitationError, IdentifiabilityError
+            If a channel is constant, there are fewer samples than unknowns, or as for :meth:`solve_order`.
         """
         data = from_arrays(data, n_dof=self.chain.n_dof, has_memory=self.layout.has_memory)
         order = self.solve_order(data.forced, data.unknown)
@@ -217,25 +183,13 @@ class Problem:
 
 
 class Estimate(NamedTuple):
-    """Least-squares estimate of a :class:`Problem`.
+    """Least-squares estimate of a :class:`Problem`."""
 
-    Attributes
-    ----------
-    problem : Problem
-        With values for all shape parameters.
-    order : SolveOrder
-        The order in which the balances were solved.
-    model : ChainModel
-    solution : Solution
-    grams : BlockGrams
-        Of which the solution was taken.
-    """
-
-    problem: Problem
-    order: SolveOrder
+    problem: Problem  # with values for all shape parameters
+    order: SolveOrder  # the order in which the balances were solved
     model: ChainModel
     solution: Solution
-    grams: BlockGrams
+    grams: BlockGrams  # of which the solution was taken
 
 
 def _least_squares(
@@ -315,6 +269,3 @@ def _masses(given: Any, chain: Chain) -> dict[int, float]:
             raise ChainError(f"known_masses[{dof}]={mass!r} is not a mass", "Give kg.")
         known[int(dof)] = value
     return known
-
-
-__all__ = ["Problem", "Estimate"]

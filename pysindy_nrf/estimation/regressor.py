@@ -15,10 +15,9 @@ from ..data.record import Record
 from ..exceptions import ChainError, ChannelError, DataQualityWarning
 from ..mechanics.chain import Chain
 from ..regression.chain_model import ChainModel
-from ..regression.chain_solve import doubtful_masses
+from ..regression.chain_solve import doubtful_masses, lost_masses, third_law_gap, unknown_forces, visited_regions
 from ..regression.input_arrays import fused_together, holds_records, one_by_one
 from ..regression.segments import SegmentSet
-from ..regression.solution import lost_masses, third_law_gap, unknown_forces, visited_regions
 from .fitted import FittedChain
 from .problem import DEFAULT_DEGREE, Estimate, Problem, as_mapping, declared_laws, law_list, laws_of_sites
 from .streaming import fit_streamed, is_streamed, partial_fit
@@ -112,24 +111,15 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         Samples used, NaN edges left out.
     n_features_in_ : int
 
-    Raises
-    ------
-    ChannelError, ExcitationError, IdentifiabilityError, LawError, ChainError
-        Naming the channel, DOF or parameter and the cure.
-
     Examples
     --------
-    >>> import numpy as np
-    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
-    >>> storey = laws.PowerSeries((0, 3), [1e5, 0.0, 4e8]), laws.LinearViscous(100.0)
-    >>> truth = ChainModel([10.0, 12.0], {"storey 1": storey, "storey 2": storey})
-    >>> F = excitation.band_limited_random(2, 4.0, 1000.0, dofs=2, rms=100.0, band=(1, 60), random_state=0)
-    >>> X, F = simulate(truth, F, 1e-3).to_features(smooth=False)
-    >>> model = NRFRegressor(degree=3).fit(X, F)
-    >>> model.masses_.round(6)
-    array([10., 12.])
-    >>> float(model.restoring_forces_["storey 1"].coefficients["s^3"].round(-2))
-    400000000.0
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> record = datasets.load_demo()  # forces, accelerations and displacements of three floors
+    >>> NRFRegressor(degree=3).fit(record).masses_.round(1)
+    array([12., 10.,  8.])
+    >>> model = NRFRegressor(degree=3).fit([record.window(0, 10), record.window(10, 20)])  # two tests
+    >>> round(float(model.restoring_forces_["storey 2"].coefficients["s"]), -3)  # N/m
+    35000.0
     """
 
     def __init__(
@@ -180,8 +170,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         X : array-like of shape (n_samples, 3 n_dof), DataFrame, Record or list of Record
             Columns a_1..a_n (absolute, m/s^2), v_1..v_n (inter-storey, m/s), s_1..s_n (m), paper
             eq. 8; with ``coordinates="absolute"`` xdot and x of the DOFs. Files by path (``.npy``, Parquet,
-            HDF5), iterators of tables, and Dask arrays, tables and delayed records are read in chunks; see
-            :func:`pysindy_nrf.estimation.streaming.fit_streamed`.
+            HDF5), iterators of tables, and Dask arrays, tables and delayed records are read in chunks.
         y : array-like of shape (n_samples, n_dof), optional
             The applied forces F_j, N. A column of zeros = known to be unforced, of NaN = unknown.
             None = no force anywhere (base excitation, known masses).
@@ -213,35 +202,17 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             If two laws at a site hold the same term, or a law cannot be used with these data.
         FileFormatError
             If a file cannot be read.
-
-        Examples
-        --------
-        >>> from pysindy_nrf import NRFRegressor, datasets
-        >>> record = datasets.load_demo()  # forces, accelerations and displacements of three floors
-        >>> model = NRFRegressor(degree=3).fit(record)
-        >>> model.masses_.round(1)
-        array([12., 10.,  8.])
-        >>> model.fit([record.window(0, 10), record.window(10, 20)]).masses_.round(1)  # two tests of one structure
-        array([12., 10.,  8.])
         """
         self._stream = None
+        beside = dict(record=record, time=time, base_acceleration=base_acceleration, covariates=covariates)
         if self.coordinates not in ("relative", "absolute"):
             raise ChannelError(f"coordinates={self.coordinates!r} is unknown", "Choose 'relative' or 'absolute'.")
         if self.estimation not in _ESTIMATIONS:
             raise ChainError(f"estimation={self.estimation!r} is unknown", f"Choose one of {', '.join(_ESTIMATIONS)}.")
         if is_streamed(X):
-            return fit_streamed(
-                self, X, y, record=record, time=time, base_acceleration=base_acceleration, covariates=covariates,
-                state=state,
-            )  # fmt: skip
-        options = dict(
-            record=record,
-            time=time,
-            base_acceleration=base_acceleration,
-            covariates=covariates,
-            has_memory=any(law.has_memory for law in law_list(self.laws)),
-            n_dof=getattr(self.chain, "n_dof", None),
-        )
+            return fit_streamed(self, X, y, state=state, **beside)
+        memory = any(law.has_memory for law in law_list(self.laws))
+        options = beside | {"has_memory": memory, "n_dof": getattr(self.chain, "n_dof", None)}
         if not isinstance(X, (Record, SegmentSet)):
             require_two_dimensions(X)
         data = self._data(X, y, **options)
@@ -265,22 +236,8 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         base_acceleration: Any = None,
         covariates: Mapping[str, Any] | None = None,
     ) -> NRFRegressor:
-        """Add samples to those of earlier calls and solve again.
-
-        Each call holds one record or more. ``fit`` starts again.
-
-        Parameters
-        ----------
-        X, y, record, time, base_acceleration, covariates
-            Arrays, tables or Records, as for :meth:`fit`.
-
-        Returns
-        -------
-        self
-        """
-        return partial_fit(
-            self, X, y, record=record, time=time, base_acceleration=base_acceleration, covariates=covariates
-        )
+        """Add records, given as for :meth:`fit`, to those of earlier calls and solve again; ``fit`` starts anew."""
+        return partial_fit(self, X, y, record, time, base_acceleration, covariates)
 
     def problem(self, n_dof: int) -> Problem:
         """The identification problem that the parameters define, without data.
@@ -290,22 +247,10 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         n_dof : int
             Number of DOFs; that of ``chain`` where one was given.
 
-        Returns
-        -------
-        Problem
-            A fitted estimator has it as ``problem_``, with the shape parameters that were found.
-
         Raises
         ------
         ChainError
             If a site or DOF is not in the chain, or ``orders``, ``laws`` and ``degree`` contradict each other.
-
-        Examples
-        --------
-        >>> from pysindy_nrf import NRFRegressor
-        >>> problem = NRFRegressor(degree=1, known_masses={2: 12.0}).problem(2)
-        >>> problem.layout.labels("storey 1"), dict(problem.known_masses)
-        (['v', 's'], {2: 12.0})
         """
         if self.chain is not None and not isinstance(self.chain, Chain):
             raise ChainError(f"chain={self.chain!r} is not a Chain", "Give e.g. Chain(3, links=['link 3-1']).")
@@ -327,13 +272,31 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             found, self._resolver, facts, judged = refine(self.estimation, found, separate)
             if facts["found"] == "ls":  # the least-squares estimate was kept
                 judged = data
-        if self.constraints is not None:
-            from .constraints import constrained
-
-            self.solve_order_ = found.order
-            found = found._replace(model=constrained(found.model, self.constraints, self._resolving()))
-        self._publish(found, data, judged, facts["found"] == "ls")
+        self.solve_order_ = found.order
+        self._publish(self._constrained(found), data, judged, facts["found"] == "ls")
         self.model_.info["estimation"] = facts
+
+    def _publish_chunks(
+        self, found: Estimate, resolver: Any, data: SegmentSet, judged: SegmentSet, unknown: list[int]
+    ) -> NRFRegressor:
+        """Take an estimate from chunks, of which some windows are kept."""
+        self._resolver, self._records = resolver, None
+        self._fused_separately, self._separate_resolver, self._fused_jointly = None, None, False
+        self._publish(self._constrained(found), data, judged)
+        self.unknown_forces_ = pd.DataFrame({f"F{j}": np.zeros(0) for j in unknown})
+        self.model_.info["estimation"] = {"asked": "ls", "found": "ls"}
+        self.n_features_in_, self._one_force = 3 * self.model_.n_dof, False
+        if hasattr(self, "feature_names_in_"):
+            del self.feature_names_in_
+        return self
+
+    def _constrained(self, found: Estimate) -> Estimate:
+        """The estimate that obeys the constraints."""
+        if self.constraints is None:
+            return found
+        from .constraints import constrained
+
+        return found._replace(model=constrained(found.model, self.constraints, self._resolving()))
 
     def _separate(self, X: Any, y: Any, data: SegmentSet, options: dict[str, Any]) -> SegmentSet:
         """Motions fused DOF by DOF, whose noise is independent of the motion, if records were given."""
@@ -367,8 +330,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
     def _publish(
         self, found: Estimate, data: SegmentSet, judged: SegmentSet, least_squares: bool = True
     ) -> None:
-        from ..diagnostics.bias import MissingTerms, contradictions_of, warn_of_bias
-        from ..diagnostics.jumps import JumpBias, sentences_of
+        from ..diagnostics.bias import JumpBias, MissingTerms, contradictions_of, sentences_of, warn_of_bias
         from ..diagnostics.windows import collect
         from ..regression.errors import balance_errors
 

@@ -1,45 +1,52 @@
-"""Force laws: one class each, used by features, identification, simulation, search and text."""
+"""Force laws: one class each, used by features, identification, simulation, search and text.
+
+``__all__`` names the contract and the laws that are written down most often. All others are here under their names
+too, e.g. ``laws.TwoSidedGap``; :func:`registry` lists them, and a search tries them.
+"""
 
 from .base import ForceLaw, Term, from_dict, registry
-from .contact import Bilinear, DeadZone, OneSidedGap, PreloadedContact, TwoSidedGap
+from .contact import Bilinear as Bilinear
+from .contact import DeadZone as DeadZone
+from .contact import OneSidedGap
+from .contact import PreloadedContact as PreloadedContact
+from .contact import TwoSidedGap as TwoSidedGap
 from .contract import check_law
-from .damping import DisplacementDependentDamping, MaxwellBranch, PowerLawDamping, QuadraticDamping
-from .elastic import (
-    AbsoluteQuadraticStiffness,
-    CubicStiffness,
-    DampingDrift,
-    Duffing,
-    LinearElastic,
-    LinearViscous,
-    QuadraticStiffness,
-    QuinticStiffness,
-    StiffnessDrift,
-    StiffnessStep,
-)
-from .forcing import AddedMass, BaseMotion, ConstantForce, HarmonicForce, Inerter, LinkSpringDashpot
-from .friction import (
-    AsymmetricFriction,
-    CoulombFriction,
-    CovariateDahl,
-    CovariateFriction,
-    GroundFriction,
-    LaggedCovariateFriction,
-    ShiftedFriction,
-    StribeckFriction,
-)
-from .hysteresis import BoucWen, Dahl, Iwan, Jenkins, LuGre, ModifiedDahl
+from .damping import DisplacementDependentDamping as DisplacementDependentDamping
+from .damping import MaxwellBranch as MaxwellBranch
+from .damping import PowerLawDamping as PowerLawDamping
+from .damping import QuadraticDamping as QuadraticDamping
+from .elastic import AbsoluteQuadraticStiffness as AbsoluteQuadraticStiffness
+from .elastic import CubicStiffness, Duffing, LinearElastic, LinearViscous, StiffnessDrift, StiffnessStep
+from .elastic import DampingDrift as DampingDrift
+from .elastic import QuadraticStiffness as QuadraticStiffness
+from .elastic import QuinticStiffness as QuinticStiffness
+from .forcing import AddedMass as AddedMass
+from .forcing import BaseMotion as BaseMotion
+from .forcing import ConstantForce
+from .forcing import HarmonicForce as HarmonicForce
+from .forcing import Inerter as Inerter
+from .forcing import LinkSpringDashpot as LinkSpringDashpot
+from .friction import AsymmetricFriction as AsymmetricFriction
+from .friction import CoulombFriction
+from .friction import CovariateDahl as CovariateDahl
+from .friction import CovariateFriction as CovariateFriction
+from .friction import GroundFriction as GroundFriction
+from .friction import LaggedCovariateFriction as LaggedCovariateFriction
+from .friction import ShiftedFriction as ShiftedFriction
+from .friction import StribeckFriction as StribeckFriction
+from .hysteresis import BoucWen, Dahl, ModifiedDahl
+from .hysteresis import Iwan as Iwan
+from .hysteresis import Jenkins as Jenkins
+from .hysteresis import LuGre as LuGre
 from .power_series import PowerSeries
-from .sensor import ChannelDelay, GainError, SensorFault, SensorOffset
+from .sensor import ChannelDelay as ChannelDelay
+from .sensor import GainError as GainError
+from .sensor import SensorFault as SensorFault
+from .sensor import SensorOffset as SensorOffset
 from .shape import Motion, Shape
 
 __all__ = [
-    "ForceLaw", "Motion", "Shape", "Term", "from_dict", "registry", "check_law", "PowerSeries",
-    "LinearElastic", "LinearViscous", "Duffing", "CoulombFriction", "AsymmetricFriction", "StribeckFriction",
-    "ShiftedFriction", "GroundFriction", "CovariateFriction", "LaggedCovariateFriction", "QuadraticDamping",
-    "PowerLawDamping", "DisplacementDependentDamping", "QuadraticStiffness", "AbsoluteQuadraticStiffness",
-    "CubicStiffness", "QuinticStiffness", "OneSidedGap", "PreloadedContact", "TwoSidedGap", "DeadZone",
-    "Bilinear", "Dahl", "ModifiedDahl", "CovariateDahl", "Jenkins", "Iwan", "LuGre", "BoucWen",
-    "MaxwellBranch", "StiffnessStep", "StiffnessDrift", "DampingDrift", "HarmonicForce", "ConstantForce",
-    "BaseMotion", "AddedMass", "Inerter", "LinkSpringDashpot", "SensorFault", "ChannelDelay", "GainError",
-    "SensorOffset",
+    "ForceLaw", "Motion", "Shape", "Term", "from_dict", "registry", "check_law", "PowerSeries", "LinearElastic",
+    "LinearViscous", "Duffing", "CubicStiffness", "CoulombFriction", "OneSidedGap", "Dahl", "ModifiedDahl", "BoucWen",
+    "ConstantForce", "StiffnessStep", "StiffnessDrift",
 ]  # fmt: skip

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
+from ..common import number_of
 from ..exceptions import LawError
 from .shape import Motion, Shape
 
@@ -45,17 +46,11 @@ class Term(NamedTuple):
 class Recurrence(NamedTuple):
     """Columns that follow from earlier ones: column i is (g x + h) column[p] + k column[q], x being rate or drift.
 
-    Attributes
-    ----------
-    rows : ndarray of shape (n_terms, 4) of int
-        ``(i, x, p, q)`` in the order in which they are made: x is 0 for the rate and 1 for the drift; a p of -1 stands
-        for a column of ones, a q of -1 for none.
-    numbers : ndarray of shape (n_terms, 3)
-        g, h and k.
+    A row ``(i, x, p, q)`` has x = 0 for the rate and 1 for the drift, p = -1 for a column of ones, q = -1 for none.
     """
 
-    rows: np.ndarray
-    numbers: np.ndarray
+    rows: np.ndarray  # of int, (n_terms, 4), in the order in which the columns are made
+    numbers: np.ndarray  # g, h and k, (n_terms, 3)
 
 
 _REGISTRY: dict[str, type[ForceLaw]] = {}
@@ -200,12 +195,7 @@ class ForceLaw:
     # -- what a subclass writes ---------------------------------------------------------------
 
     def terms(self) -> tuple[Term, ...]:
-        """The terms of the law, one for each coefficient.
-
-        Returns
-        -------
-        tuple of Term
-        """
+        """The terms of the law, one for each coefficient."""
         return self.columns
 
     @staticmethod
@@ -257,10 +247,7 @@ class ForceLaw:
     def _number(self, key: str, value: Any) -> float | None:
         if value is None:
             return None
-        try:
-            number = float(value)
-        except (TypeError, ValueError):
-            number = np.nan
+        number = number_of(value)
         if not np.isfinite(number):
             raise LawError(f"{type(self).__name__}: {key}={value!r} is not a finite number", "Give it in SI units.")
         return number
@@ -325,10 +312,6 @@ class ForceLaw:
         ----------
         other : ForceLaw
 
-        Returns
-        -------
-        bool
-
         Examples
         --------
         >>> from pysindy_nrf import laws
@@ -380,10 +363,6 @@ class ForceLaw:
             Unchanged if None.
         shape : mapping, optional
             Shape parameters to change.
-
-        Returns
-        -------
-        ForceLaw
 
         Raises
         ------
@@ -443,30 +422,11 @@ class ForceLaw:
         return out.T
 
     def recurrence(self) -> Recurrence | None:
-        """Recurrence of the columns in rate and drift, or None if the law has none and :meth:`features` is used.
-
-        Returns
-        -------
-        Recurrence or None
-        """
+        """Recurrence of the columns in rate and drift, or None if the law has none and :meth:`features` is used."""
         return None
 
     def covariates_of(self, motion: Motion) -> np.ndarray:
-        """Covariates in the order in which the kernel reads them.
-
-        Parameters
-        ----------
-        motion : Motion
-
-        Returns
-        -------
-        ndarray of shape (n_covariates, n_samples)
-
-        Raises
-        ------
-        LawError
-            If one is missing.
-        """
+        """Covariates in the order in which the kernel reads them, (n_covariates, n_samples), for :meth:`features`."""
         u = np.empty((len(self.covariates), motion.n_samples))
         for row, name in enumerate(self.covariates):
             if name not in motion.covariates:
@@ -475,16 +435,7 @@ class ForceLaw:
         return u
 
     def force(self, motion: Motion) -> np.ndarray:
-        """Force of the law along one contiguous record, N.
-
-        Parameters
-        ----------
-        motion : Motion
-
-        Returns
-        -------
-        ndarray of shape (n_samples,)
-        """
+        """Force of the law along one contiguous record, (n_samples,), N; the motion as for :meth:`features`."""
         values = self.values
         return self.features(motion) @ values
 
@@ -497,10 +448,6 @@ class ForceLaw:
             Storey number appended to s and v.
         digits : int
             Significant digits.
-
-        Returns
-        -------
-        str
         """
         pieces = []
         numbers = self.coefficients if self.coefficients is not None else [None] * len(self.terms())
@@ -581,10 +528,6 @@ def subscript(label: str, index: int | str) -> str:
 def registry() -> dict[str, type[ForceLaw]]:
     """All known laws by name, including those of the user.
 
-    Returns
-    -------
-    dict of str to type
-
     Examples
     --------
     >>> from pysindy_nrf import laws
@@ -601,10 +544,6 @@ def from_dict(data: Mapping[str, Any]) -> ForceLaw:
     ----------
     data : mapping
         As written by :meth:`ForceLaw.to_dict`.
-
-    Returns
-    -------
-    ForceLaw
 
     Raises
     ------

@@ -79,21 +79,6 @@ class PreloadedContact(_OneSided):
     .. math:: R = k \max(s, -u) \quad\text{or}\quad R = k \min(s, u)
 
     The preload itself is in equilibrium at s = 0 and not counted; u = 0 is the breathing crack of :class:`Bilinear`.
-
-    Parameters
-    ----------
-    u : float, optional
-        Preload over stiffness, m; estimated if None.
-    k : float, optional
-        Stiffness while in contact, N/m.
-    side : {1, -1}
-        Sign of the drift that compresses the contact.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> print(laws.PreloadedContact(u=0.001, k=1e6).equation(3))
-    1e+06 max(s3, -u)  (u = 0.001)
     """
 
     name = "preloaded_contact"
@@ -112,19 +97,6 @@ class TwoSidedGap(ForceLaw):
     r"""Stops on both sides: a spring that acts beyond an equal gap.
 
     .. math:: R = k \, (s - \min(\max(s, -g), g))
-
-    Parameters
-    ----------
-    gap : float, optional
-        Free travel g to either side, m; estimated if None.
-    k : float, optional
-        Stiffness of the stops, N/m.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> print(laws.TwoSidedGap(gap=0.002, k=1e6).equation(3))
-    1e+06 beyond(s3, gap)  (gap = 0.002)
     """
 
     name = "two_sided_gap"
@@ -148,22 +120,6 @@ class DeadZone(ForceLaw):
     The play is 2 g wide and reaches from ``g (c - 1)`` to ``g (c + 1)``; c = 0 is
     :class:`TwoSidedGap`. (A backlash that lags its input, the play operator, would return more
     energy than it takes, so it cannot be a restoring force.)
-
-    Parameters
-    ----------
-    gap : float, optional
-        Half width g of the play, m; estimated if None.
-    centre : float, optional
-        Centre c of the play in half widths, -1 to 1 where the force vanishes at s = 0; estimated
-        if None.
-    k : float, optional
-        Stiffness of the joint once the play is used up, N/m.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> laws.DeadZone(gap=0.001, centre=0.5, k=1e6).parameters
-    {'gap': 0.001, 'centre': 0.5, 'k': 1000000.0}
     """
 
     name = "dead_zone"
@@ -191,17 +147,6 @@ class Bilinear(ForceLaw):
 
     Beside a linear spring k the stiffness is k + dk for s > 0 and k for s < 0 (Chondros,
     Dimarogonas, Yao, J. Sound Vib. 239, 2001).
-
-    Parameters
-    ----------
-    dk : float, optional
-        Stiffness at positive minus stiffness at negative drift, N/m.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> print(laws.Bilinear(dk=-2e4).equation(1))
-    -2e+04 max(s1, 0)
     """
 
     name = "bilinear"

@@ -11,19 +11,7 @@ from .shape import Shape
 
 
 class QuadraticDamping(ForceLaw):
-    """Quadratic damping, ``R = c2 v |v|``: drag of a turbulent fluid (Morison).
-
-    Parameters
-    ----------
-    c2 : float, optional
-        Coefficient, N s^2/m^2.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> print(laws.QuadraticDamping(c2=30.0).equation(2))
-    30 v2 |v2|
-    """
+    """Quadratic damping, ``R = c2 v |v|``: drag of a turbulent fluid (Morison)."""
 
     name = "quadratic_damping"
     family = "damping"
@@ -42,19 +30,6 @@ class PowerLawDamping(ForceLaw):
 
     Fluid viscous dampers have n between 0.3 and 1 (Constantinou and Symans, 1993); n = 0 is Coulomb
     friction, n = 1 linear and n = 2 quadratic damping.
-
-    Parameters
-    ----------
-    n : float, optional
-        Exponent, positive; estimated if None.
-    cn : float, optional
-        Coefficient, N s^n/m^n.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> print(laws.PowerLawDamping(n=0.5, cn=200.0).equation(1))
-    200 sgn(v1) |v1|^n  (n = 0.5)
     """
 
     name = "power_law_damping"
@@ -73,19 +48,7 @@ class PowerLawDamping(ForceLaw):
 
 
 class DisplacementDependentDamping(ForceLaw):
-    """Damping that grows with the drift, ``R = c s^2 v`` (van der Pol).
-
-    Parameters
-    ----------
-    c : float, optional
-        Coefficient, N s/m^3.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> print(laws.DisplacementDependentDamping(c=1e6).equation(1))
-    1e+06 v1 s1^2
-    """
+    """Damping that grows with the drift, ``R = c s^2 v`` (van der Pol)."""
 
     name = "displacement_dependent_damping"
     family = "damping"
@@ -105,19 +68,6 @@ class MaxwellBranch(ForceLaw):
 
     z is the elongation of the spring and ``c = k tau`` the damping of the dashpot. The state is exact for a
     drift that is linear or quadratic in time over a step.
-
-    Parameters
-    ----------
-    tau : float, optional
-        Relaxation time, s; estimated if None.
-    k : float, optional
-        Stiffness, N/m.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> print(laws.MaxwellBranch(tau=0.02, k=1e5).equation(1))
-    1e+05 Maxwell[s1]  (tau = 0.02)
     """
 
     name = "maxwell_branch"

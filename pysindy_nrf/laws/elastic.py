@@ -90,19 +90,7 @@ class Duffing(ForceLaw):
 
 
 class QuadraticStiffness(ForceLaw):
-    """Quadratic spring, ``R = k2 s^2``: stiffer in one direction than in the other (a cable, an arch).
-
-    Parameters
-    ----------
-    k2 : float, optional
-        Coefficient, N/m^2.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> print(laws.QuadraticStiffness(k2=1e6).equation(1))
-    1e+06 s1^2
-    """
+    """Quadratic spring, ``R = k2 s^2``: stiffer in one direction than in the other (a cable, an arch)."""
 
     name = "quadratic_stiffness"
     family = "stiffness"
@@ -117,19 +105,7 @@ class QuadraticStiffness(ForceLaw):
 
 
 class AbsoluteQuadraticStiffness(ForceLaw):
-    """Odd quadratic spring, ``R = k2 s |s|``.
-
-    Parameters
-    ----------
-    k2 : float, optional
-        Coefficient, N/m^2.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> print(laws.AbsoluteQuadraticStiffness(k2=1e6).equation(1))
-    1e+06 s1 |s1|
-    """
+    """Odd quadratic spring, ``R = k2 s |s|``."""
 
     name = "absolute_quadratic_stiffness"
     family = "stiffness"
@@ -169,19 +145,7 @@ class CubicStiffness(ForceLaw):
 
 
 class QuinticStiffness(ForceLaw):
-    """Quintic spring, ``R = k5 s^5``.
-
-    Parameters
-    ----------
-    k5 : float, optional
-        Coefficient, N/m^5.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> print(laws.QuinticStiffness(k5=1e13).equation(1))
-    1e+13 s1^5
-    """
+    """Quintic spring, ``R = k5 s^5``."""
 
     name = "quintic_stiffness"
     family = "stiffness"
@@ -251,19 +215,7 @@ class StiffnessDrift(ForceLaw):
 
 
 class DampingDrift(ForceLaw):
-    """Damping that changes steadily, ``R = ct v t``: a damper that warms up or leaks.
-
-    Parameters
-    ----------
-    ct : float, optional
-        Rate of change of the damping, N/m.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> print(laws.DampingDrift(ct=-5.0).equation(2))
-    -5 v2 t
-    """
+    """Damping that changes steadily, ``R = ct v t``: a damper that warms up or leaks."""
 
     name = "damping_drift"
     family = "degradation"

@@ -21,19 +21,6 @@ class HarmonicForce(ForceLaw):
     .. math:: R = A \cos(2 \pi f t) + B \sin(2 \pi f t)
 
     t is the time on the clock of the record; records pooled in one fit share one phase.
-
-    Parameters
-    ----------
-    frequency : float, optional
-        Frequency f, Hz; estimated if None.
-    A, B : float, optional
-        Parts in and out of phase, N.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> print(laws.HarmonicForce(frequency=50.0, A=3.0, B=4.0).equation())
-    3 cos(2 pi frequency t) + 4 sin(2 pi frequency t)  (frequency = 50)
     """
 
     name = "harmonic_force"
@@ -87,19 +74,6 @@ class BaseMotion(CovariateLaw):
 
     For motion relative to the base, a base acceleration that is left out of the balance of DOF j
     leaves the residual ``m_j ag``.
-
-    Parameters
-    ----------
-    m : float, optional
-        Mass that follows the base, kg.
-    covariate : str
-        Name of the channel that holds the acceleration of the base, m/s^2.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> print(laws.BaseMotion(m=12.4).equation(2))
-    12.4 ag
     """
 
     name = "base_motion"
@@ -134,20 +108,7 @@ def total_masses(masses: Any, laws: Mapping[Any, Sequence[ForceLaw]]) -> np.ndar
 
 
 class AddedMass(ForceLaw):
-    """Mass that the model lacks at a DOF, ``R = dm a``: a wrong known mass, a load, moved water.
-
-    Parameters
-    ----------
-    dm : float, optional
-        Missing mass, kg; negative if the model has too much. If the total mass of the DOF is not positive, a fit warns
-        and a free run is refused.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> print(laws.AddedMass(dm=1.5).equation(2))
-    1.5 a2
-    """
+    """Mass that the model lacks at a DOF, ``R = dm a``: a wrong known mass, a load, moved water."""
 
     name = "added_mass"
     family = "inertia"
@@ -167,17 +128,6 @@ class Inerter(ForceLaw):
     """Inerter between two DOFs, ``R = b a`` with a their relative acceleration.
 
     (Smith, IEEE Trans. Automatic Control 47, 2002.)
-
-    Parameters
-    ----------
-    b : float, optional
-        Inertance, kg.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> print(laws.Inerter(b=40.0).equation(2))
-    40 a2
     """
 
     name = "inerter"
@@ -197,19 +147,6 @@ class LinkSpringDashpot(ForceLaw):
 
     For links that a chain lacks: a brace that skips a floor (``"link 4-2"``), a tie to the
     ground (``"ground 3"``).
-
-    Parameters
-    ----------
-    k : float, optional
-        Stiffness, N/m.
-    c : float, optional
-        Damping, N s/m.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> print(laws.LinkSpringDashpot(k=1e5, c=100.0).equation())
-    1e+05 s + 100 v
     """
 
     name = "link_spring_dashpot"

@@ -56,17 +56,6 @@ class AsymmetricFriction(ForceLaw):
 
     The same two columns as Coulomb friction and a constant, ``Fc sgn v + f0`` with
     ``Fp = Fc + f0`` and ``Fm = Fc - f0``, except at ``v = 0``, where this force vanishes.
-
-    Parameters
-    ----------
-    Fp, Fm : float, optional
-        Friction force of the motion with v > 0 and with v < 0, both counted positive, N.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> print(laws.AsymmetricFriction(Fp=17.2, Fm=23.6).equation(1))
-    17.2 max(sgn(v1), 0) + 23.6 min(sgn(v1), 0)
     """
 
     name = "asymmetric_friction"
@@ -94,21 +83,6 @@ class StribeckFriction(ForceLaw):
 
     The static level is ``Fc + dF`` (Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30,
     1994, with the exponent 1 of Tustin).
-
-    Parameters
-    ----------
-    vs : float, optional
-        Stribeck velocity, m/s; estimated if None.
-    Fc : float, optional
-        Sliding friction force, N.
-    dF : float, optional
-        Static minus sliding friction force, N.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> laws.StribeckFriction(vs=0.01, Fc=20.0, dF=8.0).parameters
-    {'vs': 0.01, 'Fc': 20.0, 'dF': 8.0}
     """
 
     name = "stribeck_friction"
@@ -138,19 +112,6 @@ class ShiftedFriction(ForceLaw):
     The sharp form of the damper model of Guo, Yang and Pan (J. Intell. Mater. Syst. Struct. 17,
     2006). With kappa > 0 the force lags the velocity, as with a soft seal or a fluid under
     pressure in a magnetorheological damper.
-
-    Parameters
-    ----------
-    kappa : float, optional
-        Slope of the line of reversal in the (s, v) plane, 1/s; estimated if None.
-    Fc : float, optional
-        Friction force, N.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> print(laws.ShiftedFriction(kappa=2.0, Fc=300.0).equation(1))
-    300 sgn(v1 + kappa s1)  (kappa = 2)
     """
 
     name = "shifted_friction"
@@ -177,20 +138,6 @@ class GroundFriction(CovariateLaw):
     v is the velocity of the DOF relative to the base and ``v_g`` the velocity of the base, so that
     their sum is the absolute velocity (Lathourakis and Cicirello, Nonlinear Dynamics, 2024). With
     a fixed base it is :class:`CoulombFriction` at ``"ground j"``.
-
-    Parameters
-    ----------
-    Fc : float, optional
-        Friction force, N.
-    covariate : str
-        Name of the channel that holds the velocity of the base, m/s.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> law = laws.GroundFriction(Fc=3.0)
-    >>> law.covariates, law.equation(1)
-    (('vg',), '3 sgn(v1 + vg)')
     """
 
     name = "ground_friction"
@@ -240,23 +187,6 @@ class CovariateFriction(_CovariateFriction):
     The Bingham model of a controllable damper (Stanway, Sproston, Stevens, J. Electrostatics 20,
     1987) with levels linear in the command; add :class:`LinearViscous` for its constant damping.
     It dissipates energy for positive coefficients while the covariate is positive.
-
-    Parameters
-    ----------
-    covariate : str
-        Name of the covariate, e.g. ``"voltage"``; [u] below is its unit.
-    Fc : float, optional
-        Friction force without the covariate, N.
-    Fu : float, optional
-        Friction force for each unit of the covariate, N/[u].
-    Cu : float, optional
-        Damping for each unit of the covariate, N s/m/[u].
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> print(laws.CovariateFriction("voltage", Fc=100.0, Fu=400.0, Cu=10.0).equation(1))
-    100 sgn(v1) + 400 voltage sgn(v1) + 10 voltage v1
     """
 
     name = "covariate_friction"
@@ -292,25 +222,6 @@ class LaggedCovariateFriction(_CovariateFriction):
     (Spencer, Dyke, Sain, Carlson, J. Eng. Mech. 123, 1997, whose eta is 1/tau). The lagged
     covariate w starts in every record at the mean of the first two samples of u, and is moved
     exactly for a covariate that is held at the mean between samples.
-
-    Parameters
-    ----------
-    covariate : str
-        Name of the covariate, e.g. ``"voltage"``; [u] below is its unit.
-    tau : float, optional
-        Time constant of the lag, s; estimated if None.
-    Fc : float, optional
-        Friction force without the covariate, N.
-    Fu : float, optional
-        Friction force for each unit of the covariate, N/[u].
-    Cu : float, optional
-        Damping for each unit of the covariate, N s/m/[u].
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> print(laws.LaggedCovariateFriction("voltage", tau=0.008, Fc=100.0, Fu=400.0, Cu=10.0).equation(1))
-    100 sgn(v1) + 400 lag[voltage] sgn(v1) + 10 lag[voltage] v1  (tau = 0.008)
     """
 
     name = "lagged_covariate_friction"
@@ -360,27 +271,6 @@ class CovariateDahl(_CovariateFriction):
 
     :class:`LaggedCovariateFriction` that reverses over a distance of about 1/sigma: the modified
     Dahl damper (paper eqs. 6-7) under a changing command.
-
-    Parameters
-    ----------
-    covariate : str
-        Name of the covariate, e.g. ``"voltage"``; [u] below is its unit.
-    sigma : float, optional
-        Shape of the loop, 1/m; estimated if None.
-    tau : float, optional
-        Time constant of the lag, s; estimated if None.
-    Fc : float, optional
-        Friction force without the covariate, N.
-    Fu : float, optional
-        Friction force for each unit of the covariate, N/[u].
-    Cu : float, optional
-        Damping for each unit of the covariate, N s/m/[u].
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> laws.CovariateDahl("voltage", sigma=3e4, tau=0.008).n_states
-    3
     """
 
     name = "covariate_dahl"

@@ -118,19 +118,6 @@ class Jenkins(ForceLaw):
 
     The stop operator: along a path without reversal ``Z = min(max(Z_0 + (s - s_0) / u_y, -1), 1)``,
     exactly. Its elastic stiffness is ``Fy / uy``.
-
-    Parameters
-    ----------
-    uy : float, optional
-        Yield drift, m; estimated if None.
-    Fy : float, optional
-        Yield force, N.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> print(laws.Jenkins(uy=0.001, Fy=20.0).equation(1))
-    20 Jenkins[s1]  (uy = 0.001)
     """
 
     name = "jenkins"
@@ -158,21 +145,6 @@ class Iwan(ForceLaw):
 
     with :class:`Jenkins` states of yield drift ``uy`` and ``ratio * uy``: a joint that slips
     partially before it slips as a whole.
-
-    Parameters
-    ----------
-    uy : float, optional
-        Yield drift of the first element, m; estimated if None.
-    ratio : float, optional
-        Yield drift of the second over that of the first; estimated if None.
-    F1, F2 : float, optional
-        Yield forces, N.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> laws.Iwan(uy=0.001, ratio=4.0, F1=10.0, F2=20.0).parameters
-    {'uy': 0.001, 'ratio': 4.0, 'F1': 10.0, 'F2': 20.0}
     """
 
     name = "iwan"
@@ -209,25 +181,6 @@ class LuGre(ForceLaw):
     ``sigma_0 = Fc sigma``; its viscous part is :class:`LinearViscous`). With Fs = Fc and without
     sigma1 it is :class:`Dahl`. The state is exact for constant h; over a change of speed, h is
     piecewise constant over short parts of the step.
-
-    Parameters
-    ----------
-    sigma : float, optional
-        Bristle stiffness over sliding force, 1/m; estimated if None.
-    vs : float, optional
-        Stribeck velocity, m/s; estimated if None.
-    ratio : float, optional
-        Static over sliding level, Fs / Fc; estimated if None.
-    Fc : float, optional
-        Sliding friction force, N.
-    sigma1 : float, optional
-        Damping of the bristles, N s/m.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> print(laws.LuGre(sigma=1e4, vs=0.01, ratio=1.5, Fc=20.0, sigma1=50.0).equation(1))
-    20 LuGre[s1] + 50 d/dt bristle[s1]  (sigma = 1e+04, vs = 0.01, ratio = 1.5)
     """
 
     name = "lugre"

@@ -28,13 +28,6 @@ class SensorFault(ForceLaw):
         Whether the derivatives of the channel have the same fault; false for an offset.
     changes_scale : bool
         Whether the fault of the only force, or of the only DOF, is indistinguishable from a scaling of the chain.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> fault = laws.GainError(0.02)  # shows 2 % too much
-    >>> isinstance(fault, laws.SensorFault), fault.reading([1.0, -2.0], dt=0.01).tolist()
-    (True, [1.02, -2.04])
     """
 
     family = "sensor"
@@ -45,77 +38,19 @@ class SensorFault(ForceLaw):
     changes_scale: ClassVar[bool] = False
 
     def reading(self, channel: Any, dt: float) -> np.ndarray:
-        """The reading of the sensor.
-
-        Parameters
-        ----------
-        channel : array-like of shape (n_samples,)
-            The true channel.
-        dt : float
-            Sampling step, s.
-
-        Returns
-        -------
-        ndarray of shape (n_samples,)
-            NaN in rows for which a delayed sensor shows the time before the record.
-        """
+        """The reading of the sensor."""
         raise NotImplementedError
 
     def corrected(self, reading: Any, dt: float) -> np.ndarray:
-        """The true channel from the reading of the sensor; the inverse of :meth:`reading`.
-
-        Parameters
-        ----------
-        reading : array-like of shape (n_samples,)
-        dt : float
-            Sampling step, s.
-
-        Returns
-        -------
-        ndarray of shape (n_samples,)
-            NaN in rows that a shift leaves empty.
-        """
+        """The true channel from the reading of the sensor; the inverse of :meth:`reading`."""
         raise NotImplementedError
 
     def followed_by(self, other: SensorFault) -> Self:
-        """A single fault equivalent to correcting this one and then another of its kind.
-
-        Parameters
-        ----------
-        other : SensorFault
-            Of the same class.
-
-        Returns
-        -------
-        SensorFault
-
-        Examples
-        --------
-        >>> from pysindy_nrf import laws
-        >>> laws.GainError(e=0.25).followed_by(laws.GainError(e=0.2))  # 1.25 times 1.2 is 1.5
-        GainError(e=0.5)
-        """
+        """A single fault equivalent to correcting this one and then another of its kind."""
         return self.with_values([float(self.values[0] + other.values[0])])
 
     def before(self, earlier: SensorFault) -> tuple[Self, SensorFault]:
-        """The same two corrections in the other order: this fault first, then the earlier one.
-
-        Parameters
-        ----------
-        earlier : SensorFault
-            Of another kind, at the same channel.
-
-        Returns
-        -------
-        first, second : SensorFault
-            Faults that are corrected in this order.
-
-        Examples
-        --------
-        >>> from pysindy_nrf import laws
-        >>> laws.SensorOffset(b=0.5).before(laws.GainError(e=0.2))  # (y / 1.2) - 0.5 is (y - 0.6) / 1.2
-        (SensorOffset(b=0.6), GainError(e=0.2))
-        """
+        """The same two corrections in the other order: this fault first, then the earlier one."""
         return self, earlier
 
 
@@ -124,20 +59,6 @@ class ChannelDelay(SensorFault):
 
     To first order the reading lacks :math:`\tau \dot y`, which is the column of the law; readings and
     corrections are exact (spline of degree 7).
-
-    Parameters
-    ----------
-    tau : float, optional
-        Delay, s; negative if the channel is early.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf import laws
-    >>> t = np.arange(2000) / 1000
-    >>> late = laws.ChannelDelay(tau=0.0025).reading(np.sin(9 * t), dt=1e-3)
-    >>> bool(np.allclose(late[10:], np.sin(9 * (t[10:] - 0.0025)), atol=1e-9))
-    True
     """
 
     name = "channel_delay"
@@ -157,19 +78,7 @@ class ChannelDelay(SensorFault):
 
 
 class GainError(SensorFault):
-    """Channel with the relative error e, ``(1 + e) y``: a wrong calibration, or a wrong sign (e = -2).
-
-    Parameters
-    ----------
-    e : float, optional
-        Gain minus one.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> laws.GainError(e=0.2).reading([1.0, -2.0], dt=1e-3)
-    array([ 1.2, -2.4])
-    """
+    """Channel with the relative error e, ``(1 + e) y``: a wrong calibration, or a wrong sign (e = -2)."""
 
     name = "gain_error"
     columns = (Term("e", "y", "1"),)
@@ -200,19 +109,7 @@ class GainError(SensorFault):
 
 
 class SensorOffset(SensorFault):
-    """Channel with a constant offset, ``y + b``.
-
-    Parameters
-    ----------
-    b : float, optional
-        Offset, in the unit of the channel.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> laws.SensorOffset(b=0.5).corrected([1.0, -2.0], dt=1e-3)
-    array([ 0.5, -2.5])
-    """
+    """Channel with a constant offset, ``y + b``."""
 
     name = "sensor_offset"
     columns = (Term("b", "1", "m"),)
@@ -241,27 +138,7 @@ class SensorOffset(SensorFault):
 
 
 def shifted(values: np.ndarray, samples: float) -> np.ndarray:
-    """A channel delayed by a number of samples, which may be fractional; NaN outside the record.
-
-    Parameters
-    ----------
-    values : ndarray of shape (n_samples,)
-    samples : float
-        Positive = later.
-
-    Returns
-    -------
-    ndarray of shape (n_samples,)
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf.laws.sensor import shifted
-    >>> t = np.arange(1000) / 500
-    >>> late = shifted(np.sin(30 * t), 2.5)  # by 5 ms
-    >>> bool(np.nanmax(abs(late - np.sin(30 * (t - 0.005)))[20:-20]) < 1e-3)
-    True
-    """
+    """A channel delayed by a number of samples, which may be fractional; NaN outside the record."""
     from scipy.interpolate import make_interp_spline
 
     good = np.flatnonzero(np.isfinite(values))

@@ -99,10 +99,6 @@ class Shape(NamedTuple):
             Length of the longest record, s.
         clock : (float, float), optional
             First and last time of all records, s; 0 and ``duration`` if None.
-
-        Returns
-        -------
-        low, high : float
         """
         if self.instant:
             first, last = clock or (0.0, duration)
@@ -114,49 +110,15 @@ class Shape(NamedTuple):
 
     @property
     def is_frequency(self) -> bool:
-        """True if it is a frequency in Hz, by its name.
-
-        A record of T seconds resolves frequencies 1/T apart, thousands over its band. Candidates are the lines in the
-        residual of the balances (:mod:`pysindy_nrf.regression.shape_search`), up to half the sampling rate, because
-        an excitation may be faster than the motion of the structure.
-
-        Examples
-        --------
-        >>> from pysindy_nrf import laws
-        >>> laws.HarmonicForce.shapes[0].is_frequency, laws.Dahl.shapes[0].is_frequency
-        (True, False)
-        """
+        """True if it is a frequency in Hz, by its name; candidates are lines in the residual."""
         return self.name == "frequency"
 
 
 class ShapeScale:
     """Shape parameters in the coordinates of a search: logarithms where :class:`Shape` says so.
 
-    A frequency is searched up to half the sampling rate: an excitation may be faster than the motion.
-
-    Parameters
-    ----------
-    shapes : sequence of Shape
-    scales : sequence of (float, float, float, (float, float))
-        Rms drift (m), rms rate (m/s), longest record (s), first and last time (s) at the site of each.
-    fastest : float
-        Half the sampling rate, Hz; if infinite (no clock), the bounds of the law hold for frequencies, too.
-
-    Attributes
-    ----------
-    log : ndarray of bool, shape (n_shapes,)
-        True for a logarithmic scale.
-    low, high : ndarray of shape (n_shapes,)
-        Bounds of the search, in its coordinates.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> from pysindy_nrf.laws.shape import ShapeScale
-    >>> shapes = laws.Dahl.shapes + laws.HarmonicForce.shapes
-    >>> scale = ShapeScale(shapes, [(0.001, 0.05, 20.0, (0.0, 20.0))] * len(shapes), fastest=500.0)
-    >>> scale.values(scale.high).round(6).tolist()  # 1/m and Hz
-    [3000000.0, 500.0]
+    The scales are rms drift (m), rms rate (m/s), longest record (s), first and last time (s) at the site of each. A
+    frequency is searched up to half the sampling rate, ``fastest``: an excitation may be faster than the motion.
     """
 
     def __init__(self, shapes: Sequence[Shape], scales: Sequence[Scales], fastest: float = np.inf) -> None:

@@ -98,10 +98,6 @@ class Chain:
         text : str or int
             A site in the one grammar; on a chain grounded at both ends, storey n+1 is ``"ground n"``.
 
-        Returns
-        -------
-        Site
-
         Raises
         ------
         ChainError
@@ -138,7 +134,7 @@ class Chain:
         ).reshape(self.n_dof, len(chosen))
 
     def drift_matrix(self, sites: Iterable[str] | None = None) -> np.ndarray:
-        """Map from inter-storey drifts to the drifts of sites.
+        """Map from inter-storey drifts to the drifts of sites, ``drift = matrix @ (s_1, ..., s_n)``.
 
         Parameters
         ----------
@@ -148,7 +144,6 @@ class Chain:
         Returns
         -------
         ndarray of shape (n_sites, n_dof)
-            ``drift = matrix @ (s_1, ..., s_n)``; for ``"dof j"`` the motion relative to the base.
         """
         chosen = self.sites if sites is None else [self.site(s) for s in sites]
         column = np.arange(1, self.n_dof + 1)
@@ -162,10 +157,6 @@ class Chain:
         Parameters
         ----------
         dof : int
-
-        Returns
-        -------
-        tuple of Site
         """
         return tuple(site for site in self.sites if site.incidence(dof))
 
@@ -176,10 +167,6 @@ class Chain:
         ----------
         links : iterable of str
             Links to add; those that the chain already has are ignored.
-
-        Returns
-        -------
-        Chain
         """
         new = [s for s in dict.fromkeys(Site(text) for text in links) if s not in self.sites]
         return Chain(self.n_dof, (*self.links, *new), self.ground)
@@ -211,17 +198,6 @@ class Chain:
         -------
         SolveOrder
             The order of the solve and what cannot be identified; ``str()`` describes it.
-
-        Examples
-        --------
-        >>> from pysindy_nrf import Chain
-        >>> print(Chain(3).identifiability(forced=[3], unknown=[2]))
-        Balance of DOF 3 (forced): m3, storey 3.
-        storey 2 cannot be scaled: the force on DOF 2 is unknown and nothing else reaches it; \
-measure the force on floor 2, or hit floor 1.
-        m2 cannot be found: the force on DOF 2 is unknown; measure it or weigh the floor.
-        storey 1 cannot be scaled: no force and no known mass reaches it; hit floor 1.
-        m1 cannot be found: no force and no known mass reaches DOF 1; hit floor 1.
         """
         return plan_solve_order(self, forced, unknown, known_masses, strategy)
 
@@ -231,19 +207,12 @@ measure the force on floor 2, or hit floor 1.
         Parameters
         ----------
         **options
-            ``can_hit``, ``sensors``, ``unknown``, ``known_masses``, ``model``, ``most``; see
-            :func:`pysindy_nrf.diagnostics.test_planning.plan`.
+            See :func:`pysindy_nrf.diagnostics.test_planning.plan`.
 
         Returns
         -------
         Plan
             ``str()`` describes it.
-
-        Examples
-        --------
-        >>> from pysindy_nrf import Chain
-        >>> print(Chain(3).plan(can_hit=[1, 3], unknown=[2]).advice[0])
-        Hit floor 1 and 3: out of reach remain m2.
         """
         return Hook.PLAN(self, **options)
 

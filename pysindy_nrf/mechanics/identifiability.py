@@ -7,7 +7,7 @@ and nonzero: a measured force, a known mass, or a law identified before (eqs. 4-
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Protocol
 
 from ..exceptions import ChainError, IdentifiabilityError
@@ -25,27 +25,13 @@ class Topology(Protocol):
 
 @dataclass(frozen=True)
 class Step:
-    """One sub-problem of the solve.
+    """One sub-problem of the solve."""
 
-    Attributes
-    ----------
-    dofs : tuple of int
-        The balances that are summed: one DOF, or all DOFs above a cut.
-    masses : tuple of int
-        DOFs whose mass is unknown here.
-    sites : tuple of Site
-        Sites whose law is unknown here.
-    known_sites : tuple of Site
-        Sites whose law is identified before and moves to the right-hand side.
-    forced : bool
-        Whether a measured force scales the sub-problem.
-    """
-
-    dofs: tuple[int, ...]
-    masses: tuple[int, ...]
-    sites: tuple[Site, ...]
-    known_sites: tuple[Site, ...] = ()
-    forced: bool = False
+    dofs: tuple[int, ...]  # the balances that are summed: one DOF, or all DOFs above a cut
+    masses: tuple[int, ...]  # DOFs whose mass is unknown here
+    sites: tuple[Site, ...]  # whose law is unknown here
+    known_sites: tuple[Site, ...] = ()  # whose law is identified before and moves to the right-hand side
+    forced: bool = False  # a measured force scales the sub-problem
 
     @property
     def name(self) -> str:
@@ -62,24 +48,13 @@ class Step:
 
 @dataclass(frozen=True)
 class SolveOrder:
-    """Order in which the balances are solved, and unknowns that cannot be identified.
-
-    Attributes
-    ----------
-    strategy : str
-        ``"complete"``, ``"sequential"`` or ``"joint"``.
-    steps : tuple of Step
-    missing_masses, missing_sites : tuple
-        Masses and sites that the excitation cannot identify.
-    reasons : tuple of str
-        One sentence for each of them, with a remedy.
-    """
+    """Order in which the balances are solved, and unknowns that cannot be identified."""
 
     strategy: str
     steps: tuple[Step, ...]
     missing_masses: tuple[int, ...] = ()
     missing_sites: tuple[Site, ...] = ()
-    reasons: tuple[str, ...] = field(default=())
+    reasons: tuple[str, ...] = ()  # one sentence for each missing unknown, with a remedy
 
     @property
     def complete(self) -> bool:

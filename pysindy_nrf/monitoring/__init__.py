@@ -3,11 +3,9 @@
 from ..common.lazy import public_names
 
 _NAMES = {
-    "ChangeReport": "change",
-    "Onset": "moving_window",
     "compare_tests": "change",
-    "find_onset": "moving_window",
-    "track": "moving_window",
+    "find_onset": "change",
+    "track": "change",
 }
 __all__ = [*_NAMES]
 __getattr__, __dir__ = public_names(__name__, _NAMES)

@@ -132,16 +132,11 @@ class ChainModel:
     # -- forces along data --------------------------------------------------------------------
 
     def segments(self, X: Any, F: Any = None, **options: Any) -> SegmentSet:
-        """The contiguous records in arrays of channels.
+        """The contiguous records in data given as for :meth:`predict`, with forces F in N.
 
         Parameters
         ----------
-        X, F, **options
-            As for :meth:`predict`; forces in N.
-
-        Returns
-        -------
-        SegmentSet
+        F : array-like of shape (n_samples, n_dof), optional
         """
         if isinstance(X, SegmentSet):
             return X
@@ -170,11 +165,7 @@ class ChainModel:
         return out
 
     def balance_forces(self, data: SegmentSet) -> list[np.ndarray]:
-        """Left-hand sides ``m_j a_j + R_j - R_{j+1}`` along each record, N.
-
-        Parameters
-        ----------
-        data : SegmentSet
+        """Left-hand sides ``m_j a_j + R_j - R_{j+1}`` along each record; see :meth:`site_forces`.
 
         Returns
         -------
@@ -205,12 +196,7 @@ class ChainModel:
         return data.scatter(self.balance_forces(data))
 
     def restoring_force(self, X: Any, **options: Any) -> np.ndarray:
-        """Storey forces along data.
-
-        Parameters
-        ----------
-        X, **options
-            As for :meth:`predict`.
+        """Storey forces along data, which are given as for :meth:`predict`.
 
         Returns
         -------
@@ -276,8 +262,7 @@ class ChainModel:
                 f"{total[j]:.4g} kg in all",
                 "Modes need positive masses; weigh that floor.",
             )
-        A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
-        values, vectors = np.linalg.eig(A)
+        values, vectors = np.linalg.eig(state_matrix(M, C, K))
         shapes = vectors[:n] / np.linalg.norm(vectors[:n], axis=0)
         pairs = [(i, i) for i in np.flatnonzero(values.imag > 0)]
         real = sorted(np.flatnonzero(values.imag == 0), key=lambda i: abs(values[i]))
@@ -334,27 +319,19 @@ class ChainModel:
     # -- free run -----------------------------------------------------------------------------
 
     def simulate(self, F: Any, dt: float, **options: Any) -> Any:
-        """Free run under sampled forces; see :func:`pysindy_nrf.simulate`.
+        """Free run under sampled forces; parameters as of :func:`pysindy_nrf.simulate`.
 
         Parameters
         ----------
-        F : array-like of shape (n_samples, n_dof)
-            N.
-        dt : float
-            s.
         **options
             ``method``, ``x0``, ``v0``, ``base_acceleration``, ...
-
-        Returns
-        -------
-        Record
         """
         return Hook.SIMULATE(self, F, dt, **options)
 
     # -- text and JSON ------------------------------------------------------------------------
 
     def to_sindy(self, dt: float = 1.0) -> Any:
-        """The model as a fitted ``ps.SINDy``; see :func:`~pysindy_nrf.regression.state_space.to_sindy`.
+        """The model as a fitted ``ps.SINDy`` of the state [x_1..x_n, xdot_1..xdot_n] under u = F_1..F_n.
 
         Parameters
         ----------
@@ -369,15 +346,11 @@ class ChainModel:
 
     @classmethod
     def from_sindy(cls, sindy: Any) -> ChainModel:
-        """The chain behind a ``ps.SINDy``; see :func:`pysindy_nrf.regression.state_space.from_sindy`.
+        """The chain behind a ``ps.SINDy`` that was fitted with a library and an optimizer of this package.
 
         Parameters
         ----------
         sindy : pysindy.SINDy
-
-        Returns
-        -------
-        ChainModel
         """
         model: ChainModel = Hook.FROM_SINDY(sindy)
         return model
@@ -388,18 +361,9 @@ class ChainModel:
         Parameters
         ----------
         laws : mapping of str to sequence of ForceLaw
-
-        Returns
-        -------
-        ChainModel
         """
-        return ChainModel(
-            self.masses,
-            {**self.laws, **{self.chain.site(s): v for s, v in laws.items()}},
-            self.chain,
-            self.visited,
-            self.info,
-        )
+        merged = {**self.laws, **{self.chain.site(s): v for s, v in laws.items()}}
+        return ChainModel(self.masses, merged, self.chain, self.visited, self.info)
 
     def equations(self, digits: int = 4) -> list[str]:
         """The balances' laws as text, in the manner of the paper's eq. (11a).
@@ -408,10 +372,6 @@ class ChainModel:
         ----------
         digits : int
             Significant digits.
-
-        Returns
-        -------
-        list of str
         """
         return [force.equation(digits) for force in self.restoring_forces.values() if force.laws]
 
@@ -420,7 +380,7 @@ class ChainModel:
         return "\n".join([masses, *self.equations()])
 
     def to_html(self, path: Any, record: Any = None, *, band: Any = None) -> None:
-        """Write the model as one self-contained page; see :func:`~pysindy_nrf.output.report.write_html`.
+        """Write the model as one self-contained page; without jinja2 or plotly a MissingExtraError names the extra.
 
         Parameters
         ----------
@@ -429,11 +389,6 @@ class ChainModel:
             Measured data to draw the model over.
         band : (float, float), optional
             Hz; the one the model was fitted in if None.
-
-        Raises
-        ------
-        MissingExtraError
-            Without jinja2 or plotly, which the extra ``report`` brings.
         """
         Hook.PAGE(path, self, record, band=band)
 
@@ -454,12 +409,11 @@ class ChainModel:
     __hash__ = None  # type: ignore[assignment]  # how Python says that an object that can change has no hash
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON.
+        """Plain data for JSON, SI units, as :func:`pysindy_nrf.common.files.schema` describes it.
 
         Returns
         -------
         dict
-            As :func:`pysindy_nrf.common.files.schema` describes it, SI units.
         """
         return {
             "schema": SCHEMA,
@@ -479,10 +433,6 @@ class ChainModel:
         path : path-like, optional
             Written there too (to a temporary file first, then moved into place).
         indent : int
-
-        Returns
-        -------
-        str
         """
         text = json.dumps(self.to_dict(), indent=indent, allow_nan=False)
         if path is not None:
@@ -501,16 +451,10 @@ class ChainModel:
         source : str or path-like
             JSON text (starting with a brace) or the path of a file.
 
-        Returns
-        -------
-        ChainModel
-
         Raises
         ------
-        FileVersionError
-            If a later version of this package wrote it.
-        FileFormatError
-            If it is not a model of this package or does not obey :func:`pysindy_nrf.common.files.schema`.
+        FileVersionError, FileFormatError
+            If a later version of this package wrote it, or it is not a model of this package.
         """
         from ..common.files import check, plain_json, schema
 
@@ -545,6 +489,12 @@ class ChainModel:
             raise FileFormatError(
                 f"{where} is not a readable chain model: {error}", "Write it with ChainModel.to_json."
             ) from error
+
+
+def state_matrix(M: np.ndarray, C: np.ndarray, K: np.ndarray) -> np.ndarray:
+    """Rates of displacements and velocities of a linear structure in free vibration from these, 1/s."""
+    n = len(M)
+    return np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
 
 
 def as_model(thing: Any) -> ChainModel:

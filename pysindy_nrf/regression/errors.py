@@ -18,12 +18,11 @@ from ..data.record import Record
 from ..exceptions import NRFError
 from ..mechanics.identifiability import SolveOrder
 from ..mechanics.sites import Site
-from .blocks import Block
 from .chain_model import ChainModel
 from .chain_solve import groups_of
 from .gram_pass import total_gram
 from .grams import BlockGrams
-from .layout import Layout
+from .layout import Block, Layout
 from .segments import BlockRows, Segment, SegmentSet
 
 __all__ = ["nrmse"]

@@ -1,11 +1,11 @@
-"""Inter-storey terms v^h s^j, and any force laws, as PySINDy feature libraries."""
+"""Force laws as PySINDy feature libraries, and a chain model as a ``ps.SINDy`` of first-order equations."""
 
 from __future__ import annotations
 
 import re
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from pysindy import AxesArray
@@ -18,8 +18,11 @@ from ..exceptions import ChainError, ChannelError, DataQualityWarning, LawError
 from ..laws import PowerSeries
 from ..laws.base import ForceLaw
 from ..mechanics.chain import Chain
+from ..mechanics.sites import Site
+from .chain_model import ChainModel
 from .layout import LawLayout
-from .segments import Segment, feature_names
+from .optimizers import StateSpaceChainOptimizer
+from .segments import Segment
 
 _INPUTS = ("balance", "state")
 _UNNAMED = re.compile(r"[xu]\d+")
@@ -40,7 +43,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
         ``"state"``: columns x_1..x_n, xdot_1..xdot_n (relative to the base) and u = F_1..F_n; the
         features are xdot, the terms and F, for :class:`StateSpaceChainOptimizer`.
     dt : float, optional
-        Sampling step, s, for laws that need the time or remember the path.
+        Sampling step, s, for laws that need the time or remember the path (not with ``inputs="state"``).
     forced : int or sequence of int, optional
         With ``inputs="state"``: the DOFs on which the columns of u act, in their order; ``()`` is free vibration
         without any. The features F_j of the others are zero: known to be unforced. If None, u is one column a
@@ -53,14 +56,6 @@ class ForceLawLibrary(BaseFeatureLibrary):
     forced_ : tuple of int
         DOFs that have a column of u; all of them with ``inputs="balance"``, which has none.
 
-    Raises
-    ------
-    ChannelError
-        If the number of columns does not fit, or ``forced`` names a DOF twice or none of the chain.
-    LawError
-        If a law that remembers the path is used with ``inputs="state"``: the right-hand side of an
-        ordinary differential equation has no path.
-
     Notes
     -----
     ``+`` of two such libraries holds the laws of both at every site and is again one for a chain. ``+`` with any
@@ -71,11 +66,8 @@ class ForceLawLibrary(BaseFeatureLibrary):
     --------
     >>> import numpy as np
     >>> from pysindy_nrf import ForceLawLibrary, laws
-    >>> library = ForceLawLibrary([laws.LinearViscous(), laws.Duffing()]).fit(np.zeros((5, 6)))
-    >>> library.get_feature_names()
-    ['a1', 'a2', 'v1', 's1', 's1^3', 'v2', 's2', 's2^3']
-    >>> more = library + ForceLawLibrary({"storey 2": laws.CoulombFriction()})
-    >>> more.fit(np.zeros((5, 6))).get_feature_names()
+    >>> library = ForceLawLibrary([laws.LinearViscous(), laws.Duffing()])
+    >>> (library + ForceLawLibrary({"storey 2": laws.CoulombFriction()})).fit(np.zeros((5, 6))).get_feature_names()
     ['a1', 'a2', 'v1', 's1', 's1^3', 'v2', 's2', 's2^3', 'sgn(v2)']
 
     One shaker, on the roof of two storeys; x, xdot and u are what ``ps.SINDy`` passes on:
@@ -127,10 +119,10 @@ class ForceLawLibrary(BaseFeatureLibrary):
 
         Raises
         ------
-        ChannelError
-            If ``inputs`` is unknown, or the columns are not those of a chain.
-        LawError
-            With ``inputs="state"``, if a law remembers the path or reads the acceleration.
+        ChannelError, LawError
+            If ``inputs`` is unknown, the columns are not those of a chain, or with ``inputs="state"`` a law remembers
+            the
+            path or reads the acceleration.
         """
         if self.inputs not in _INPUTS:
             raise ChannelError(f"inputs={self.inputs!r} is unknown", "Choose 'balance' or 'state'.")
@@ -139,12 +131,9 @@ class ForceLawLibrary(BaseFeatureLibrary):
         n, self.forced_ = self._meaning(width)
         chain = self.chain if self.chain is not None else Chain(n)
         self.layout_ = LawLayout(chain, self._laws(chain))
-        held = [law for group in self.layout_.laws.values() for law in group] if self.inputs == "state" else []
-        for what, wrong in (
-            ("that remembers the path", any(law.has_memory for law in held)),
-            ("of the acceleration", any(law.uses_acceleration for law in held)),
-        ):
-            if wrong:
+        for law in (law for group in self.layout_.laws.values() for law in group if self.inputs == "state"):
+            if law.has_memory or law.uses_acceleration:
+                what = "that remembers the path" if law.has_memory else "of the acceleration"
                 raise LawError(
                     f"A law {what} cannot stand in a state-space SINDy model", "Use NRFRegressor, or inputs='balance'."
                 )
@@ -259,12 +248,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
         ----------
         input_features : sequence of str, optional
             The user's names of the input columns, for the columns that are passed through: accelerations, or
-            velocities and forces. Terms keep the names of their storeys. PySINDy's own x0, x1, ..., u0 say
-            nothing and count as no names.
-
-        Returns
-        -------
-        list of str
+            velocities and forces. PySINDy's own x0, x1, ..., u0 say nothing and count as no names.
 
         Raises
         ------
@@ -290,11 +274,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
         return [*through[0], *term_names(self.layout_), *through[1]]
 
     def get_feature_names_out(self, input_features: Any = None) -> np.ndarray:
-        """The same, as scikit-learn asks for them.
-
-        Parameters
-        ----------
-        input_features : ignored
+        """The same, as scikit-learn asks for them; see :meth:`get_feature_names`.
 
         Returns
         -------
@@ -323,18 +303,7 @@ def term_names(layout: LawLayout) -> list[str]:
 
 
 class ForceLawLibrarySum(ForceLawLibrary):
-    """Several libraries of one chain as one: ``InterstoryPolynomialLibrary() + ForceLawLibrary(...)``.
-
-    Parameters
-    ----------
-    libraries : list of ForceLawLibrary
-        With the same ``inputs``, and the same ``chain``, ``dt`` and ``forced`` where these are given.
-
-    Raises
-    ------
-    LawError
-        If the libraries do not fit together, or two of them hold the same term at one site.
-    """
+    """Several libraries of one chain as one: ``InterstoryPolynomialLibrary() + ForceLawLibrary(...)``."""
 
     def __init__(self, libraries: list[ForceLawLibrary]) -> None:
         self.libraries = libraries
@@ -378,19 +347,10 @@ class InterstoryPolynomialLibrary(ForceLawLibrary):
     ----------
     degree : int or (int, int)
         Total degree h + j (eq. 9), or the box (k, q): h <= k, j <= q.
-    chain : Chain, optional
-        Found from the number of columns if None.
     orders : mapping of str to int or (int, int), optional
         Other orders at some sites.
-    inputs : {"balance", "state"}
+    chain, inputs, forced
         See :class:`ForceLawLibrary`.
-    forced : int or sequence of int, optional
-        See :class:`ForceLawLibrary`.
-
-    Raises
-    ------
-    LawError
-        If the degree is not a non-negative integer.
 
     Examples
     --------
@@ -420,15 +380,83 @@ class InterstoryPolynomialLibrary(ForceLawLibrary):
 
 def power_series_laws(chain: Chain, degree: Any, orders: Mapping[Any, Any] | None = None) -> dict[Any, list[ForceLaw]]:
     """A power series at every site of a chain."""
-    chosen = dict.fromkeys(chain.sites, degree)
-    for text, order in dict(orders or {}).items():
-        site = chain.site(text)
-        if site not in chosen:
+    given = {chain.site(text): order for text, order in dict(orders or {}).items()}
+    if unknown := [str(site) for site in given if site not in chain.sites]:
+        raise ChainError(
+            f"orders names {unknown[0]!r}, which is not in the chain", f"Its sites are {', '.join(chain.sites)}."
+        )
+    return {site: [PowerSeries(given.get(site, degree))] for site in chain.sites}
+
+
+class IdentifiedChain(StateSpaceChainOptimizer):
+    """An optimizer whose fit is done: it holds the coefficients of a chain model."""
+
+    def __init__(self, model: ChainModel | None = None) -> None:
+        super().__init__()
+        self.model = model
+
+    def fit(self, x_: Any, y: Any) -> Self:
+        """Take the model's coefficients; the data are not used."""
+        model = self.model
+        if model is None:
+            raise ChainError("There is no model to hold", "Pass model=.")
+        layout, n, coefficients = LawLayout(model.chain, model.laws), model.n_dof, model.coefficients
+        rows = np.zeros((n, layout.n_terms))
+        for site in layout.acting:
+            incidence = [site.incidence(j) for j in range(1, n + 1)]
+            rows[:, layout.slices[site]] = np.outer(incidence, coefficients[site])
+        coef = np.zeros((2 * n, 2 * n + layout.n_terms))
+        coef[:n, :n] = np.eye(n)
+        coef[n:, n : n + layout.n_terms] = -rows / model.masses[:, None]
+        coef[n:, n + layout.n_terms :] = np.diag(1.0 / model.masses)
+        self.masses_, self.n_features_in_, self._one_target = model.masses, coef.shape[1], False
+        return self._finish(coef)
+
+
+def to_sindy(model: ChainModel, dt: float = 1.0) -> Any:
+    """A ``ps.SINDy`` of the state [x_1..x_n, xdot_1..xdot_n] (relative to the base) under u = F_1..F_n."""
+    import pysindy as ps
+
+    n = model.n_dof
+    library = ForceLawLibrary({s: list(held) for s, held in model.laws.items()}, model.chain, inputs="state")
+    sindy = ps.SINDy(feature_library=library, optimizer=IdentifiedChain(model))
+    names = [f"{kind}{j}" for kind in ("x", "xdot", "F") for j in range(1, n + 1)]
+    nothing = np.zeros((2, 2 * n))
+    return sindy.fit(nothing, t=dt, x_dot=nothing, u=np.zeros((2, n)), feature_names=names)
+
+
+def from_sindy(sindy: Any) -> ChainModel:
+    """The chain model behind a ``ps.SINDy`` that was fitted with a library and an optimizer of this package."""
+    library, optimizer = sindy.feature_library, sindy.optimizer
+    if not isinstance(library, ForceLawLibrary):
+        raise ChainError(
+            f"{type(library).__name__} does not say which column acts at which storey",
+            "Fit the SINDy with InterstoryPolynomialLibrary or ForceLawLibrary.",
+        )
+    if isinstance(getattr(optimizer, "model", None), ChainModel):
+        return optimizer.model
+    coef = np.asarray(sindy.coefficients(), dtype=float)
+    layout, n = library.layout_, library.layout_.n_dof
+    state = library.inputs == "state"
+    masses = getattr(optimizer, "masses_", None)
+    if masses is None:
+        own = np.diag(coef[n:, n + layout.n_terms :]) if state else np.diag(coef[:, :n])
+        gone = [f"m{j + 1}" for j in np.flatnonzero(own == 0)]
+        if gone:
             raise ChainError(
-                f"orders names {str(site)!r}, which is not in the chain", f"Its sites are {', '.join(chain.sites)}."
+                f"{', '.join(gone)} cannot be read off: the coefficient of the force or of the acceleration is zero",
+                "Lower the optimizer's threshold, or use StateSpaceChainOptimizer or ChainOptimizer.",
             )
-        chosen[site] = order
-    return {site: [PowerSeries(order)] for site, order in chosen.items()}
-
-
-__all__ = ["ForceLawLibrary", "InterstoryPolynomialLibrary", "feature_names", "power_series_laws", "term_names"]
+        masses = 1.0 / own if state else own
+    rows = -masses[:, None] * coef[n:, n : n + layout.n_terms] if state else coef[:, n:]
+    laws: dict[Site, list] = {}
+    for site in layout.acting:
+        values = site.incidence(site.p) * rows[site.p - 1, layout.slices[site]]
+        laws[site] = []
+        for law in layout.laws[site]:
+            width = len(law.terms())
+            if law.free_shape:
+                raise LawError(f"{site}: {law!r} has shape parameters without values", "Give them to the library.")
+            laws[site].append(law.with_values(coefficients=values[:width]))
+            values = values[width:]
+    return ChainModel(masses, laws, layout.chain)

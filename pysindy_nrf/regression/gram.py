@@ -17,7 +17,7 @@ import numpy as np
 from .layout import Group, Layout, Recipe
 
 if TYPE_CHECKING:
-    from .blocks import Block
+    from .layout import Block
 
 TILE = 256  # samples whose columns stay in the first and second cache
 _PAD = 8  # rows of the scratch are not a power of two apart, which would map them onto one cache line
@@ -28,13 +28,6 @@ class Plan:
     """Which rows are built from a block, which of them are multiplied, where the products go.
 
     Rows of the scratch are ``[a_1, F_1, a_2, F_2, ... | sums of balances | terms | helpers]``.
-
-    Parameters
-    ----------
-    layout : Layout
-    groups : sequence of Group
-    masses : mapping of int to float
-        Known masses, used in summed balances, kg.
     """
 
     def __init__(self, layout: Layout, groups: Sequence[Group], masses: Mapping[int, float]) -> None:

@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 
 from ..common.threads import in_threads
-from .blocks import Block, cut_at
 from .gram import Plan, orthogonal_gram
 from .grams import BlockGrams, Dofs, root_of, scaled_cholesky, width_of
-from .layout import Group, LawLayout, Layout
+from .layout import Block, Group, LawLayout, Layout, cut_at
 from .segments import Segment, SegmentSet
 
 N_PIECES = 64  # over all records
@@ -50,20 +49,11 @@ def total_gram(
 class GramPass:
     """Running sums of the products of the columns, for numbered blocks of samples.
 
-    Parameters
-    ----------
-    layout : Layout
-    groups : sequence of Group
-    known_masses : mapping of int to float, optional
-        kg.
-    kind : {"gram", "root"}
-        ``"root"`` keeps the digits that squaring would lose.
-    guess : mapping of tuple of int to ndarray of shape (p, p), optional
-        For ``"root"``: by balance, a triangular factor of similar samples. Columns are first made nearly orthogonal
-        with it, after which their Gram matrix loses nothing (CholeskyQR2: Yamamoto, Nakatsukasa, Yanagisawa and Fukaya,
-        ETNA 44, 2015). Without it, Householder's QR, which is slower.
-    n_blocks : int
-        Numbers that :meth:`grams` holds at least, empty ones included.
+    ``kind="root"`` keeps the digits that squaring would lose. With a ``guess``, by balance a triangular factor of
+    similar
+    samples, columns are first made nearly orthogonal, after which their Gram matrix loses nothing (CholeskyQR2:
+    Yamamoto,
+    Nakatsukasa, Yanagisawa and Fukaya, ETNA 44, 2015); without it by Householder's QR, which is slower.
     """
 
     def __init__(

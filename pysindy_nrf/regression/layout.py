@@ -1,9 +1,9 @@
-"""Which column of a balance belongs to which mass, site and term: said once, used everywhere."""
+"""Columns of the balances: which belongs to which mass, site and term; blocks of samples that hold them."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from typing import Any
@@ -60,33 +60,20 @@ class Layout:
 
 @dataclass(frozen=True)
 class Recipe:
-    """Columns v^h s^j as products of earlier columns with v or s, and columns that follow by a recurrence.
+    """Columns v^h s^j as products of earlier columns with v or s, and columns that follow by a recurrence."""
 
-    Attributes
-    ----------
-    steps : ndarray of shape (n_steps, 3)
-        ``(row, p, q)``: the row is row p of the source if q is -1, else row p times row q of the source. Rows from
-        ``n_terms`` on are helpers.
-    motions : tuple of Site
-        Sites whose rates are the first rows of the source, and whose drifts are the next ones.
-    others : tuple of (Site, int, int)
-        Laws (by site and number) whose columns are neither such products nor follow by a recurrence, and how many of
-        them follow in the source, in this order.
-    n_source : int
-        Rows of the source.
-    recurrence : ndarray of shape (n, 4)
-        ``(row, x, p, q)``: the row is (g x + h) times row p plus k times row q, where x is a row of the source; a p of
-        -1 stands for ones, a q of -1 for nothing. They are made before the steps.
-    numbers : ndarray of shape (n, 3)
-        g, h and k.
-    """
-
+    # (n_steps, 3); ``(row, p, q)``: the row is row p of the source if q is -1, else row p times row q of the source.
+    # Rows from ``n_terms`` on are helpers
     steps: np.ndarray
-    motions: tuple[Site, ...]
+    motions: tuple[Site, ...]  # sites whose rates are the first rows of the source, and whose drifts are the next ones
+    # laws (by site and number) whose columns are neither such products nor follow by a recurrence, and how many of
+    # them follow in the source, in this order
     others: tuple[tuple[Site, int, int], ...]
-    n_source: int
+    n_source: int  # rows of the source
+    # (n, 4); ``(row, x, p, q)``: the row is (g x + h) times row p plus k times row q, where x is a row of the source;
+    # a p of -1 stands for ones, a q of -1 for nothing. They are made before the steps
     recurrence: np.ndarray = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))
-    numbers: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    numbers: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))  # (n, 3); g, h and k
 
     def finish(self, source: np.ndarray, n_terms: int) -> np.ndarray:
         """All columns of a block."""
@@ -210,6 +197,18 @@ def distinct_labels(laws: Sequence[ForceLaw]) -> list[str]:
     ]
 
 
+def with_coefficients(
+    laws: Mapping[Site, Sequence[ForceLaw]], coefficients: Mapping[Site, np.ndarray]
+) -> dict[Site, tuple[ForceLaw, ...]]:
+    """Laws with the coefficients of each site, one law after the other."""
+    out = {}
+    for site, held in laws.items():
+        ends = np.cumsum([len(law.terms()) for law in held])[:-1]
+        parts = np.split(coefficients.get(site, np.zeros(0)), ends)
+        out[site] = tuple(law.with_values(coefficients=part) for law, part in zip(held, parts))
+    return out
+
+
 class LawLayout(Layout):
     """A layout whose columns come from laws."""
 
@@ -259,3 +258,78 @@ class LawLayout(Layout):
             out[row : row + columns.shape[1]] = columns.T
             row += columns.shape[1]
         return out.T
+
+
+# Samples in a block of finished columns; blocks of motions hold fewer where there are many channels, so that a
+# block stays in the cache.
+BLOCK = 2048
+_CACHE = 2**17  # numbers
+
+
+def block_size(layout: Layout) -> int:
+    """Samples in a block of a layout, between 512 and 4096."""
+    return int(np.clip(_CACHE // max(4 * layout.n_dof, 1) // 256 * 256, 512, 2 * BLOCK))
+
+
+class Block:
+    """Some consecutive samples of one record, one row for each column; NaN for a DOF whose force is unknown."""
+
+    def __init__(
+        self,
+        terms: np.ndarray | None,
+        acceleration: np.ndarray,
+        force: np.ndarray,
+        source: np.ndarray | None = None,
+        recipe: Recipe | None = None,
+        n_terms: int = 0,
+    ) -> None:
+        # arrays may be views of the user's own; without finished columns, source and recipe say how they follow
+        self._terms, self.acceleration, self.force = terms, acceleration, force
+        self.source, self.recipe, self.n_terms = source, recipe, n_terms
+
+    @property
+    def terms(self) -> np.ndarray:
+        """Columns of all sites, shape (n_terms, n)."""
+        if self._terms is None:
+            assert self.recipe is not None and self.source is not None  # a block has its columns or these
+            self.source = np.ascontiguousarray(self.source)
+            self._terms = self.recipe.finish(self.source, self.n_terms)
+        return self._terms
+
+    @property
+    def n_samples(self) -> int:
+        """Samples."""
+        return self.acceleration.shape[1]
+
+    @property
+    def known(self) -> tuple[bool, ...]:
+        """Whether the force of each DOF is known."""
+        return tuple(np.isfinite(self.force[:, 0]).tolist())
+
+    def take(self, rows: Any) -> Block:
+        """Some of the samples; ``rows`` is a slice or an index array."""
+        if isinstance(rows, slice) and rows == slice(0, self.acceleration.shape[1]):
+            return self
+        a, force = self.acceleration[:, rows], self.force[:, rows]
+        if self.recipe is None or self.source is None:
+            return Block(self.terms[:, rows], a, force)
+        return Block(None, a, force, self.source[:, rows], self.recipe, self.n_terms)
+
+
+def blocks_of(terms: np.ndarray, acceleration: np.ndarray, force: np.ndarray, size: int = BLOCK) -> Iterator[Block]:
+    """Cut ready-made columns, one row for each sample, into blocks of ``size`` samples."""
+    for start in range(0, len(acceleration), size):
+        rows = slice(start, start + size)
+        yield Block(terms[rows].T, acceleration[rows].T, force[rows].T)
+
+
+def cut_at(edges: np.ndarray, blocks: Iterable[Block], first: int = 0) -> Iterator[tuple[int, Block]]:
+    """Number the samples of a record by the piece they are in, from ``first`` on."""
+    at = 0
+    for block in blocks:
+        stop = at + block.n_samples
+        cuts = [at, *edges[(edges > at) & (edges < stop)].tolist(), stop]
+        piece = int(np.searchsorted(edges, at, side="right")) - 1
+        for number, (low, high) in enumerate(zip(cuts[:-1], cuts[1:]), piece + first):
+            yield number, block.take(slice(low - at, high - at))
+        at = stop

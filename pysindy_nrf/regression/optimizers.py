@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -13,12 +13,9 @@ from sklearn.utils.validation import check_is_fitted
 from ..data.channels import as_matrix, checked, finite_span
 from ..exceptions import BiasWarning, ChannelError, ExcitationError
 from ..mechanics.chain import Chain
-from ..mechanics.identifiability import SolveOrder, plan_solve_order
-from ..mechanics.sites import Site
-from .blocks import Block, blocks_of
-from .chain_solve import Solution, doubtful_masses, solve_blocks
-from .grams import BlockGrams
-from .layout import Layout
+from ..mechanics.identifiability import plan_solve_order
+from .chain_solve import doubtful_masses, solve_blocks
+from .layout import Layout, blocks_of
 
 if TYPE_CHECKING:
     from sklearn.utils import Tags
@@ -45,27 +42,6 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         self.excited = excited
         self.terms = terms
         self.known_masses = known_masses
-
-    def solve(
-        self, layout: Layout, solve_order: SolveOrder, blocks: Callable[[], Iterable[Block]],
-        names: Mapping[Site, list[str]] | None = None,
-    ) -> tuple[Solution, BlockGrams]:
-        """Find masses and coefficients from streamed blocks; the way :class:`NRFRegressor` comes in.
-
-        Parameters
-        ----------
-        layout : Layout
-        solve_order : SolveOrder
-        blocks : callable
-            Returns a fresh iterable of blocks at each call.
-        names : mapping, optional
-            Labels of the terms, for messages.
-
-        Returns
-        -------
-        Solution, BlockGrams
-        """
-        return solve_blocks(layout, solve_order, blocks, self.known_masses, sub_optimizer(self.optimizer), names)
 
     def _fit_columns(self, terms: np.ndarray, a: np.ndarray, F: np.ndarray) -> Layout:
         n = a.shape[1]
@@ -96,7 +72,8 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         forces = {f"F{j + 1}": F[:, j] for j in range(n) if j + 1 not in unknown}
         rows = finite_span([*terms.T, *a.T, *forces.values()], [*labels, *forces])
         terms, a, F = terms[rows], a[rows], F[rows]
-        self.solution_, _ = self.solve(layout, solve_order, lambda: blocks_of(terms, a, F))
+        inner = sub_optimizer(self.optimizer)
+        self.solution_, _ = solve_blocks(layout, solve_order, lambda: blocks_of(terms, a, F), self.known_masses, inner)
         if said := doubtful_masses(self.solution_):
             warnings.warn(" ".join(said), BiasWarning, stacklevel=3)
         self.solve_order_ = solve_order
@@ -200,14 +177,12 @@ class ChainOptimizer(_ChainOptimizerBase):
         terms but one; bagging draws samples and is refused.
     chain : Chain, optional
         A plain chain of as many DOFs as there are targets if None.
-    strategy : {"auto", "complete", "sequential", "joint"}
-        See :class:`NRFRegressor`.
     excited : iterable of int, optional
         DOFs on which a force acts; those with a non-zero target if None.
     terms : sequence of int, optional
         Number of library terms at each site, in the order of ``chain.sites``; equal if None.
-    known_masses : mapping of int to float, optional
-        kg, by DOF.
+    strategy, known_masses
+        See :class:`NRFRegressor`.
 
     Attributes
     ----------
@@ -219,21 +194,12 @@ class ChainOptimizer(_ChainOptimizerBase):
     solve_order_ : SolveOrder
     solution_ : Solution
 
-    Raises
-    ------
-    ExcitationError
-        If nothing scales the chain.
-    IdentifiabilityError
-        If a mass or law is out of reach, in words.
-
     Examples
     --------
     >>> import numpy as np
     >>> from pysindy_nrf import ChainOptimizer
-    >>> rng = np.random.default_rng(0)
-    >>> a, v, s = rng.standard_normal((3, 200, 1))
-    >>> F = 10 * a + 3 * v + 500 * s
-    >>> ChainOptimizer().fit(np.hstack([a, v, s]), F).coef_.round(6)
+    >>> a, v, s = np.random.default_rng(0).standard_normal((3, 200, 1))
+    >>> ChainOptimizer().fit(np.hstack([a, v, s]), 10 * a + 3 * v + 500 * s).coef_.round(6)
     array([[ 10.,   3., 500.]])
     """
 
@@ -247,14 +213,12 @@ class ChainOptimizer(_ChainOptimizerBase):
         y : array-like of shape (n_samples, n_dof)
             Forces F_j, N.
 
-        Returns
-        -------
-        self
-
         Raises
         ------
         ChannelError
             If there are fewer features than balances, or a value is not finite.
+        ExcitationError, IdentifiabilityError
+            If nothing scales the chain, or a mass or law is out of reach.
         """
         x = checked(self, x_, reset=True, prefix="feature ")
         F = self._targets(y, "F", "forces F")
@@ -292,18 +256,15 @@ class StateSpaceChainOptimizer(_ChainOptimizerBase):
     --------
     >>> import numpy as np
     >>> from pysindy_nrf import StateSpaceChainOptimizer
-    >>> rng = np.random.default_rng(0)
-    >>> x, v, F = rng.standard_normal((3, 200, 1))
+    >>> x, v, F = np.random.default_rng(0).standard_normal((3, 200, 1))
     >>> a = (F - 3 * v - 500 * x) / 10
     >>> StateSpaceChainOptimizer().fit(np.hstack([v, v, x, F]), np.hstack([v, a])).coef_.round(6) + 0.0
     array([[  1. ,   0. ,   0. ,   0. ],
            [  0. ,  -0.3, -50. ,   0.1]])
-    >>> StateSpaceChainOptimizer().fit(np.hstack([v, v, x, F]), a[:, 0]).coef_.round(6) + 0.0
-    array([[  0. ,  -0.3, -50. ,   0.1]])
     """
 
     def fit(self, x_: Any, y: Any) -> Self:
-        """Find masses and coefficients.
+        """Find masses and coefficients; errors as of :meth:`ChainOptimizer.fit`.
 
         Parameters
         ----------
@@ -311,15 +272,6 @@ class StateSpaceChainOptimizer(_ChainOptimizerBase):
             Features: xdot_1..xdot_n, the terms of every site, F_1..F_n.
         y : array-like of shape (n_samples, 2 n_dof), (n_samples, n_dof) with n_dof odd, or (n_samples,)
             Targets: velocities and accelerations, or the accelerations alone.
-
-        Returns
-        -------
-        self
-
-        Raises
-        ------
-        ChannelError
-            If there are too few features for the DOFs of the targets, or a value is not finite.
         """
         x = checked(self, x_, reset=True, prefix="feature ")
         target = self._targets(y, "target ", "targets")

@@ -17,29 +17,7 @@ from .layout import distinct_labels
 
 
 class RestoringForce:
-    """The force a site exerts, as a sum of laws.
-
-    Parameters
-    ----------
-    site : Site
-    laws : sequence of ForceLaw
-        With coefficients.
-
-    Attributes
-    ----------
-    coefficients : Series
-        By term, SI units.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import Site, laws
-    >>> from pysindy_nrf.regression.restoring_force import RestoringForce
-    >>> R = RestoringForce(Site("storey 2"), [laws.PowerSeries(1, [100.0, 1e5])])
-    >>> float(R(0.5, 0.001))
-    150.0
-    >>> print(R)
-    R2 = 100 v2 + 1e+05 s2
-    """
+    """The force a site exerts, as a sum of laws with coefficients."""
 
     def __init__(self, site: Site, laws: Sequence[ForceLaw]) -> None:
         self.site = site
@@ -130,13 +108,7 @@ class RestoringForce:
 
 
 class RestoringForces(Mapping):
-    """Restoring forces by site: ``["storey 2"]``, ``[2]`` (storeys count from 1), ``["link 4-2"]``.
-
-    Parameters
-    ----------
-    chain : Chain
-    laws : mapping of Site to sequence of ForceLaw
-    """
+    """Restoring forces by site: ``["storey 2"]``, ``[2]`` (storeys count from 1), ``["link 4-2"]``."""
 
     def __init__(self, chain: Chain, laws: Mapping[Site, Sequence[ForceLaw]]) -> None:
         self._chain = chain

@@ -11,9 +11,8 @@ import numpy as np
 from ..exceptions import ChannelError
 from ..laws.shape import Motion
 from ..mechanics.sites import Site
-from .blocks import Block, block_size
 from .domains import Extent
-from .layout import LawLayout, Recipe
+from .layout import Block, LawLayout, Recipe, block_size
 
 
 @dataclass

@@ -48,16 +48,7 @@ def estimate_shapes(
 
 
 class _Search:
-    """The shape parameters without a value, and where their search stands.
-
-    Attributes
-    ----------
-    free : list of (Site, int, Shape)
-    scale : ShapeScale
-        Their coordinates in the search.
-    low, high, u, step : ndarray of shape (n_free,)
-        Bounds, where the search stands, and the first step of the refinement.
-    """
+    """The shape parameters without a value, and where their search stands."""
 
     def __init__(
         self,

@@ -7,12 +7,8 @@
 from ..common.lazy import public_names
 
 _NAMES = {
-    "AlongPath": "supports",
-    "BlockEnsemble": "sparsity",
     "BlockedTimeSplit": "splitters",
-    "OrderSelection": "selection",
     "RecordSplit": "splitters",
-    "SparsitySelection": "sparsity",
     "one_standard_error": "one_se_rule",
     "select_order": "selection",
     "select_sparsity": "sparsity",

@@ -30,20 +30,7 @@ METADATA = ("record", "time", "base_acceleration", "covariates")
 
 
 class ChainScorer:
-    """A scorer that scikit-learn's searches accept, and that passes records, time and covariates on.
-
-    Parameters
-    ----------
-    name : str
-    judge : callable
-        From a fitted NRFRegressor, X, F and metadata to a number; greater is better.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import scorers
-    >>> scorers.get_scorer("free_run")
-    scorers.free_run
-    """
+    """A scorer that scikit-learn accepts, and that passes records, time and covariates on; greater is better."""
 
     def __init__(self, name: str, judge: Callable[..., float]) -> None:
         self.name, self.judge = name, judge
@@ -55,18 +42,7 @@ class ChainScorer:
         return self.judge(regressor, X, y, **metadata)
 
     def set_score_request(self, **requests: bool | str | None) -> ChainScorer:
-        """Say which metadata to pass, under which name, as for scikit-learn's scorers.
-
-        Parameters
-        ----------
-        **requests : bool, str or None
-            By name, e.g. ``covariates=False`` or ``record="test_id"``.
-
-        Returns
-        -------
-        ChainScorer
-            A copy.
-        """
+        """Say which metadata to pass, under which name, as for scikit-learn's scorers."""
         unknown = [name for name in requests if name not in METADATA]
         if unknown:
             raise NRFError(f"The scorer knows no metadata {unknown[0]!r}", f"It takes {', '.join(METADATA)}.")
@@ -126,8 +102,7 @@ def _free_run(regressor: Any, X: Any, F: Any = None, **metadata: Any) -> float:
     from ..regression.segments import BlockRows
     from ..signals.zero_phase_filter import filters_of
 
-    names = dict.fromkeys(METADATA) | metadata
-    data = regressor._judged(X, F, *(names[k] for k in METADATA))
+    data = regressor._judged(X, F, **metadata)
     if any(seg.dt is None for seg in data.segments):
         raise ChannelError("The free run needs the time of the samples", "Pass dt= (s), time=, or X with a time index.")
     blocks = [BlockRows(i, slice(0, seg.n_valid)) for i, seg in enumerate(data.segments)]
@@ -150,31 +125,7 @@ SCORERS = {scorer.name: scorer for scorer in (balance, acceleration, free_run)}
 
 
 def get_scorer(scoring: str | Callable[..., float]) -> Callable[..., float]:
-    """A scorer by name.
-
-    Parameters
-    ----------
-    scoring : {"balance", "acceleration", "free_run"} or callable
-        A callable is given back.
-
-    Returns
-    -------
-    callable
-        ``scorer(estimator, X, F, **metadata)``.
-
-    Raises
-    ------
-    NRFError
-        If there is no scorer of that name.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import NRFRegressor, datasets, scorers
-    >>> X, F = datasets.load_demo().to_features()
-    >>> model = NRFRegressor(degree=3).fit(X, F)
-    >>> round(scorers.get_scorer("balance")(model, X, F), 1)  # minus percent NRMSE: larger is better
-    -1.9
-    """
+    """A scorer by name."""
     if callable(scoring):
         return scoring
     if scoring not in SCORERS:
@@ -182,4 +133,4 @@ def get_scorer(scoring: str | Callable[..., float]) -> Callable[..., float]:
     return SCORERS[scoring]
 
 
-__all__ = ["ChainScorer", "acceleration", "balance", "free_run", "get_scorer"]
+__all__ = ["acceleration", "balance", "free_run"]

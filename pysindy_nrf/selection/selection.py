@@ -16,8 +16,18 @@ from ..laws.power_series import exponents_of
 from ..mechanics.sites import Site
 from ..regression.input_arrays import from_arrays
 from .fold_moments import FoldMoments, Order
-from .fold_scores import SCORINGS, DigitsLost, balances_on_folds, independent_shares, information, on_folds
-from .one_se_rule import choose, complexity_of, one_standard_error, standard_error
+from .one_se_rule import (
+    SCORINGS,
+    DigitsLost,
+    balances_on_folds,
+    choose,
+    complexity_of,
+    independent_shares,
+    information,
+    on_folds,
+    one_standard_error,
+    standard_error,
+)
 from .splitters import n_splits_of
 
 if TYPE_CHECKING:
@@ -36,22 +46,13 @@ class OrderSelection:
     orders_ : dict of str to int or (int, int)
         Order of each storey by itself: one that adds nothing to the balances of its storey is lowered.
     table : DataFrame
-        Made when first asked for. One row for each order: ``terms`` (of the whole chain), ``score`` and
-        ``standard_error`` over the folds (of the score that was asked for), ``balance_error`` (held out, percent
-        NRMSE), ``acceleration_r2``, ``free_run_error`` (held out, percent NRMSE; if asked for), ``aic`` and
+        One row for each order: ``terms`` (of the whole chain), ``score`` and ``standard_error`` over the folds,
+        ``balance_error`` (held out, percent NRMSE), ``acceleration_r2``, ``free_run_error`` (if asked for), ``aic`` and
         ``bic`` (above the smallest one) and ``chosen``.
     fold_scores : DataFrame
         Scores, orders by folds; equal to those of ``GridSearchCV``.
     cv_results_ : dict
         The same in the form of scikit-learn's searches.
-    scoring, rule : str
-
-    Examples
-    --------
-    >>> from pysindy_nrf import datasets, select_order
-    >>> found = select_order(datasets.load_demo(), degrees=(1, 3))
-    >>> found.best_order, found.orders_["storey 1"]
-    (3, 3)
     """
 
     def __init__(self, labels: list[Any], scores: np.ndarray, scoring: str, rule: Any, source: Any) -> None:
@@ -93,17 +94,7 @@ class OrderSelection:
         return _orders_by_storey(self._source[0], self._labels, self.best_order)
 
     def regressor(self, by_storey: bool = False) -> NRFRegressor:
-        """An estimator, not yet fitted, with the order found.
-
-        Parameters
-        ----------
-        by_storey : bool
-            With ``orders_`` instead of the one best order.
-
-        Returns
-        -------
-        NRFRegressor
-        """
+        """An estimator, not yet fitted, with the order found."""
         from sklearn.base import clone
 
         new = clone(self._source[1])
@@ -112,16 +103,7 @@ class OrderSelection:
         return new.set_params(orders={**self.orders_, **dict(new.orders or {})})
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw held-out error over the order; see :class:`pysindy_nrf.output.displays.OrderSelectionDisplay`.
-
-        Parameters
-        ----------
-        ax : matplotlib Axes, optional
-
-        Returns
-        -------
-        OrderSelectionDisplay
-        """
+        """Draw held-out error over the order; see :class:`pysindy_nrf.output.displays.OrderSelectionDisplay`."""
         return Hook.ORDER_FIGURE(self).plot(ax)
 
     def __repr__(self) -> str:
@@ -169,7 +151,7 @@ def select_order(
     boxes : iterable of (int, int), optional
         Boxes (k, q) of the paper's eq. (2): powers of v up to k, of s up to q.
     cv : int, splitter or iterable of (train, test)
-        Blocks in time for a number; see :mod:`pysindy_nrf.selection`.
+        Blocks in time for a number.
     rule : {"one_standard_error", "best"} or callable
         A callable takes ``cv_results_`` and returns an index.
     scoring : {"balance", "acceleration", "free_run"}
@@ -177,12 +159,13 @@ def select_order(
     free_run : bool
         Simulate every candidate on every fold too, for the table; needs the time of the samples.
     **regressor_params
-        Of :class:`NRFRegressor`: ``laws``, ``orders`` (storeys named there keep their law), ``strategy``,
-        ``optimizer``, ``known_masses``, ``band``, ``chain``, ...
+        Of :class:`NRFRegressor`; storeys named in ``orders`` or ``laws`` keep their law.
 
     Returns
     -------
     OrderSelection
+        ``best_order``, ``orders_`` (by storey), ``table``, ``fold_scores``; ``regressor()`` gives an estimator with the
+        order found, ``plot()`` draws the error over the order.
 
     Raises
     ------
@@ -193,15 +176,11 @@ def select_order(
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from pysindy_nrf import ChainModel, excitation, laws, simulate
+    >>> from pysindy_nrf import datasets
     >>> from pysindy_nrf.selection import select_order
-    >>> storey = laws.PowerSeries((0, 3), [1e5, 0.0, 4e8]), laws.LinearViscous(100.0)
-    >>> truth = ChainModel([10.0, 12.0], {"storey 1": storey, "storey 2": storey})
-    >>> F = excitation.band_limited_random(2, 4.0, 1000.0, dofs=2, rms=100.0, band=(1, 60), random_state=0)
-    >>> found = select_order(simulate(truth, F, 1e-3), degrees=range(1, 6))
-    >>> found.best_order
-    3
+    >>> found = select_order(datasets.load_demo(), degrees=(1, 3))
+    >>> found.best_order, found.orders_["storey 1"]
+    (3, 3)
     """
     from ..estimation.regressor import NRFRegressor
 
@@ -292,7 +271,7 @@ def fold_moments_of(
     estimator: Any, labels: list[Any], X: Any, F: Any, cv: Any, options: Mapping[str, Any]
 ) -> FoldMoments:
     """Gram matrices for all folds of what an estimator would be fitted to, with several orders where none is given."""
-    from ..regression.solution import require_moving
+    from ..regression.chain_solve import require_moving
 
     if estimator.estimation != "ls" or estimator.constraints is not None:
         what = "constraints" if estimator.constraints is not None else f"estimation={estimator.estimation!r}"
@@ -341,6 +320,3 @@ def _orders_by_storey(held: FoldMoments, labels: list[Any], best: Any) -> dict[s
         if chosen == before:
             break
     return {str(site): order for site, order in chosen.items()}
-
-
-__all__ = ["OrderSelection", "cv_results", "select_order"]

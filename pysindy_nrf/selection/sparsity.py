@@ -16,8 +16,7 @@ from ..exceptions import NRFError, NRFWarning
 from ..regression.chain_solve import Solution
 from ..regression.errors import pooled_error
 from .fold_moments import FoldMoments, Order
-from .fold_scores import CLEAN
-from .one_se_rule import choose, standard_error
+from .one_se_rule import CLEAN, choose, standard_error
 from .selection import fold_moments_of
 from .supports import MARGIN, AlongPath, Pruned, inclusion, labels_of, pruned, restricted, support_of
 
@@ -30,31 +29,11 @@ SHARES = tuple(np.geomspace(0.002, 0.2, 13).round(5))
 
 @dataclass(frozen=True)
 class BlockEnsemble:
-    """Terms that an optimizer keeps in most bootstraps over blocks of time, refitted by least squares.
-
-    Parameters
-    ----------
-    optimizer : PySINDy optimizer
-    n_models : int
-        Bootstraps.
-    min_inclusion : float
-        Share of them in which a term must be kept.
-
-    Examples
-    --------
-    >>> import pysindy as ps
-    >>> from pysindy_nrf import datasets
-    >>> from pysindy_nrf.selection import BlockEnsemble, select_sparsity
-    >>> ensemble = BlockEnsemble(ps.STLSQ(threshold=0.02), n_models=5)
-    >>> found = select_sparsity(datasets.load_demo(), paths={"ensemble": [ensemble]})
-    >>> kept = found.terms["ensemble"].loc["storey 1"]
-    >>> kept[kept != 0].index.tolist()
-    ['v', 's', 's^3']
-    """
+    """Terms that an optimizer keeps in most bootstraps over blocks of time, refitted by least squares."""
 
     optimizer: Any
-    n_models: int = 15
-    min_inclusion: float = 0.6
+    n_models: int = 15  # bootstraps
+    min_inclusion: float = 0.6  # share of them in which a term must be kept
 
 
 class SparsitySelection:
@@ -67,22 +46,12 @@ class SparsitySelection:
         of the held-out balance over the folds (percent NRMSE) and ``chosen``, by the rule within each optimizer.
     fold_errors : DataFrame
         Held-out balance errors, settings by folds, percent NRMSE.
-    terms : DataFrame
-        Coefficients (N, SI) of the chosen model of each optimizer by site and term; 0 where left out.
-    inclusion : DataFrame
-        Share of block bootstraps that keep each term, for the ensembles' chosen setting.
+    terms, inclusion : DataFrame
+        Of the chosen setting of each optimizer by site and term: coefficients (N, SI; 0 where left out), and the share
+        of
+        block bootstraps that keep the term, for ensembles.
     best : str
         The optimizer with the fewest terms among those whose error the folds cannot tell from the least.
-
-    Examples
-    --------
-    >>> import pysindy as ps
-    >>> from pysindy_nrf import datasets
-    >>> from pysindy_nrf.selection import select_sparsity
-    >>> settings = [ps.STLSQ(threshold=share) for share in (0.002, 0.02)]
-    >>> found = select_sparsity(datasets.load_demo(), paths={"STLSQ": settings})
-    >>> found.best, found.table["chosen"].tolist()
-    ('STLSQ', [False, True])
     """
 
     def __init__(
@@ -105,37 +74,11 @@ class SparsitySelection:
         self.best = chosen.index[choose(errors, chosen["terms"].tolist(), min_gain=MARGIN, paired=True)][0]
 
     def support(self, name: str, setting: str) -> list[tuple[str, str]]:
-        """Terms (site, label) that one setting keeps on all data.
-
-        Parameters
-        ----------
-        name, setting : str
-            As in the index of ``table``.
-
-        Returns
-        -------
-        list of (str, str)
-        """
+        """Terms (site, label) that one setting keeps on all data."""
         return self._supports.get((name, setting), [])
 
     def regressor(self, name: str | None = None) -> NRFRegressor:
-        """An estimator, not yet fitted, with the chosen setting of an optimizer.
-
-        Parameters
-        ----------
-        name : str, optional
-            Of the optimizer; ``best`` if None.
-
-        Returns
-        -------
-        NRFRegressor
-            The terms of an ensemble or of a pruned setting stand in ``laws``: they were chosen from all the data given.
-
-        Raises
-        ------
-        NRFError
-            If no optimizer of this name was tried.
-        """
+        """An estimator, not yet fitted, with the chosen setting of an optimizer."""
         name = self.best if name is None else name
         index = self.table.index[(self.table.index.get_level_values(0) == name) & self.table["chosen"]]
         if not len(index):
@@ -192,14 +135,12 @@ def select_sparsity(
 
     Parameters
     ----------
-    X, F, record, time, base_acceleration, covariates
-        As for :meth:`NRFRegressor.fit`; records are fused.
+    X, F, record, time, base_acceleration, covariates, cv
+        As for :func:`~pysindy_nrf.selection.select_order`.
     paths : mapping of str to sequence of PySINDy optimizers, or names of the default ones, optional
-        Settings by name; :func:`default_paths` if None. A :class:`BlockEnsemble` counts as an optimizer.
+        Settings by name; STLSQ, ensemble (of block bootstraps), SR3, SSR and FROLS if None.
     degree : int or (int, int)
         Of the power series that is thinned out.
-    cv : int, splitter or iterable of (train, test)
-        Blocks in time for a number.
     prune : bool
         Go on beyond the chosen setting; each step is one more setting, named ``"... without v^2 s of storey 4"``.
     random_state : int, Generator or None
@@ -210,6 +151,8 @@ def select_sparsity(
     Returns
     -------
     SparsitySelection
+        ``table`` (one row for each setting), ``terms`` (coefficients of the chosen ones), ``best`` (optimizer);
+        ``regressor()`` gives an estimator with the chosen setting.
 
     Raises
     ------
@@ -218,14 +161,13 @@ def select_sparsity(
 
     Examples
     --------
-    >>> from pysindy_nrf import ChainModel, excitation, laws, simulate
+    >>> import pysindy as ps
+    >>> from pysindy_nrf import datasets
     >>> from pysindy_nrf.selection import select_sparsity
-    >>> storey = laws.LinearViscous(200.0), laws.Duffing(1e5, 4e8)
-    >>> truth = ChainModel([10.0, 12.0], {"storey 1": storey, "storey 2": storey})
-    >>> F = excitation.band_limited_random(2, 4.0, 1000.0, dofs=[2], rms=100.0, band=(1, 60), random_state=0)
-    >>> found = select_sparsity(simulate(truth, F, 1e-3), paths=["STLSQ"])
-    >>> list(found.terms.index[found.terms["STLSQ"] != 0].get_level_values("term"))
-    ['v', 's', 's^3', 'v', 's', 's^3']
+    >>> settings = [ps.STLSQ(threshold=share) for share in (0.002, 0.02)]
+    >>> found = select_sparsity(datasets.load_demo(), paths={"STLSQ": settings})
+    >>> found.best, found.table["chosen"].tolist()
+    ('STLSQ', [False, True])
     """
     from ..estimation.regressor import NRFRegressor
 
@@ -371,6 +313,3 @@ def _selection(found: dict, candidates: dict, estimator: Any, order: Order, held
         if whole
     }
     return SparsitySelection(table, fold_errors, kept, included, supports, candidates, estimator, order, held)
-
-
-__all__ = ["BlockEnsemble", "SparsitySelection", "default_paths", "select_sparsity", "setting_of"]

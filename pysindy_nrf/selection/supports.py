@@ -15,52 +15,17 @@ from ..mechanics.sites import Site
 from ..regression.errors import pooled_error
 from ..regression.grams import BlockGrams
 from ..regression.layout import LawLayout
-from .fold_moments import FoldMoments, Order
+from .fold_moments import FoldMoments, Monomials, Order
 from .one_se_rule import choose
-from .polynomials import Monomials
 
 
 class AlongPath(BaseEstimator):
-    """One model on the path of SSR or FROLS, chosen by how much of the force may be left out.
+    r"""The sparsest model on the path of SSR, FROLS or STLSQ with :math:`|r|^2 \le |r_{full}|^2 + \tau^2 |y|^2`,
+    refitted.
 
-    Greedy optimizers leave a path of ever sparser models and then choose among them by rules of their own, which
-    mean another thing for every balance and number of samples (FROLS: the iteration with the smallest error
-    reduction). Here the sparsest model of the path is taken whose residual is not larger than the full
-    model's by more than a share of the right-hand side,
-
-    .. math:: |r|^2 \\le |r_{full}|^2 + \\tau^2 |y|^2 ,
-
-    and refitted by least squares. For use inside :class:`NRFRegressor` or :class:`ChainOptimizer`, where the
-    right-hand side is the force of a balance.
-
-    Parameters
-    ----------
-    optimizer : PySINDy optimizer
-        With a ``history_`` of coefficients after ``fit``: ``SSR``, ``FROLS``, ``STLSQ``.
-    tolerance : float
-        The share, tau.
-
-    Attributes
-    ----------
-    coef_ : ndarray of shape (1, n_features)
-    ind_ : ndarray of bool
-    path_ : list of tuple of int
-        Columns of the models on the path, the sparsest first.
-
-    Raises
-    ------
-    NRFError
-        If the optimizer keeps no history, or there are several targets.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import pysindy as ps
-    >>> from pysindy_nrf.selection import AlongPath
-    >>> x = np.random.default_rng(0).standard_normal((500, 4))
-    >>> y = x @ [[1.0], [0.0], [0.5], [0.005]]
-    >>> AlongPath(ps.SSR(), tolerance=0.02).fit(x, y).coef_.round(1)
-    array([[1. , 0. , 0.5, 0. ]])
+    Greedy optimizers choose among the models of their path by rules that mean another thing for every balance and
+    number
+    of samples; here tau is the share of the right-hand side that may be left out.
     """
 
     def __init__(self, optimizer: Any = None, tolerance: float = 0.01) -> None:
@@ -68,22 +33,7 @@ class AlongPath(BaseEstimator):
         self.tolerance = tolerance
 
     def fit(self, x: Any, y: Any) -> Self:
-        """Follow the path and choose.
-
-        Parameters
-        ----------
-        x : array-like of shape (n_rows, n_columns)
-        y : array-like of shape (n_rows, 1)
-
-        Returns
-        -------
-        self
-
-        Raises
-        ------
-        NRFError
-            If there is more than one target.
-        """
+        """Follow the path and choose."""
         x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float).reshape(len(x), -1)
         if y.shape[1] != 1:
             raise NRFError(f"AlongPath got {y.shape[1]} targets", "It stands inside ChainOptimizer: one at a time.")
@@ -190,24 +140,10 @@ def labels_of(order: Order, values: Mapping[Site, Sequence[float]]) -> dict[tupl
 
 @dataclass(frozen=True)
 class Pruned:
-    """A setting of an optimizer without some of the terms it keeps, refitted by least squares.
-
-    Parameters
-    ----------
-    optimizer : PySINDy optimizer or BlockEnsemble
-    without : tuple of (str, str)
-        Site and label of each term left out, in that order.
-
-    Examples
-    --------
-    >>> import pysindy as ps
-    >>> from pysindy_nrf.selection.supports import Pruned
-    >>> Pruned(ps.STLSQ(threshold=0.01), (("storey 4", "v^2 s"),)).without
-    (('storey 4', 'v^2 s'),)
-    """
+    """A setting of an optimizer without some of the terms it keeps, refitted by least squares."""
 
     optimizer: Any
-    without: tuple[tuple[str, str], ...]
+    without: tuple[tuple[str, str], ...]  # site and label of each term left out, in that order
 
 
 def pruned(

@@ -3,10 +3,8 @@
 from ..common.lazy import public_names
 
 _NAMES = {
-    "BandLimiter": "zero_phase_filter",
     "KinematicSmoother": "kinematic_smoother",
-    "differentiate": "calculus",
-    "integrate": "calculus",
+    "integrate": "kinematics",
     "paper_processing": "kinematics",
 }
 __all__ = [*_NAMES]

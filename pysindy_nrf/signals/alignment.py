@@ -19,7 +19,7 @@ from ..data.record import Record, seconds_of
 from ..exceptions import ChannelError
 from ..laws.sensor import shifted
 
-__all__ = ["align", "channel_alignment", "displacement_from_drifts", "resampled", "shifted", "split_at_gaps"]
+__all__ = ["align", "channel_alignment", "displacement_from_drifts", "resampled", "split_at_gaps"]
 
 
 def channel_alignment(
@@ -54,15 +54,12 @@ def channel_alignment(
 
     Examples
     --------
-    >>> from pysindy_nrf import ChainModel, excitation, laws, simulate
-    >>> from pysindy_nrf.signals.alignment import channel_alignment, shifted
-    >>> model = ChainModel([10.0], {"storey 1": laws.PowerSeries(1, [100.0, 1e5])})
-    >>> F = excitation.band_limited_random(1, 8.0, 1000.0, dofs=1, rms=100.0, band=(1, 60), random_state=0)
-    >>> rec = simulate(model, F, 1e-3)
-    >>> late = -shifted(rec.displacement[:, 0], 1.5)
-    >>> found = channel_alignment(rec.replace(displacement=late))
-    >>> found.loc["x1", ["samples", "sign"]].astype(float).round(1).tolist()
-    [1.5, -1.0]
+    >>> from pysindy_nrf import datasets
+    >>> from pysindy_nrf.signals.alignment import channel_alignment
+    >>> rec = datasets.load_demo()
+    >>> found = channel_alignment(rec.replace(displacement=-rec.displacement))
+    >>> found["sign"].tolist()
+    [-1.0, -1.0, -1.0]
     """
     if reference not in ORDER:
         raise ChannelError(f"reference={reference!r} is unknown", "Choose 'a', 'v' or 'x'.")
@@ -104,15 +101,11 @@ def align(record: Record, found: pd.DataFrame, gains: bool = False) -> Record:
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from pysindy_nrf import Record
+    >>> from pysindy_nrf import datasets
     >>> from pysindy_nrf.signals.alignment import align, channel_alignment
-    >>> t = np.arange(8000) / 500
-    >>> x = sum(np.sin(w * t + w**2) / w**2 for w in np.arange(9.0, 120.0, 1.3))
-    >>> a = np.gradient(np.gradient(x, t), t)
-    >>> rec = Record(acceleration=a, displacement=-x, fs=500.0)  # the laser counts the other way
-    >>> mended = align(rec, channel_alignment(rec))
-    >>> bool(np.nanmax(abs(mended.displacement[50:-50, 0] - x[50:-50])) < 0.01 * x.max())
+    >>> rec = datasets.load_demo()
+    >>> turned = rec.replace(displacement=-rec.displacement)  # the laser counts the other way
+    >>> bool((align(turned, channel_alignment(turned)).displacement == rec.displacement).all())
     True
     """
     changes: dict[str, np.ndarray] = {}
@@ -200,10 +193,6 @@ def split_at_gaps(table: pd.DataFrame, fs: float | None = None, shortest: int = 
         Pieces with fewer samples are left out.
     **options
         For :meth:`Record.from_frame`.
-
-    Returns
-    -------
-    list of Record
 
     Raises
     ------

@@ -22,34 +22,16 @@ import numpy as np
 from ..data.record import Record
 from ..exceptions import ChannelError, DataQualityWarning
 
+__all__ = ["condense"]
+
 
 @dataclass
 class Condensed:
-    """A record of the instrumented floors only.
-
-    Attributes
-    ----------
-    record : Record
-        Its DOFs are the instrumented floors, numbered from 1.
-    floors : tuple of int
-        The floor of the structure behind each DOF.
-    meaning : dict of str to str
-        What each mass and storey of the condensed chain stands for.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf import Record
-    >>> from pysindy_nrf.signals.condensation import Condensed
-    >>> x = np.sin(np.arange(500) / 9)
-    >>> found = Condensed(Record(displacement=x, fs=500.0), floors=(3,), meaning={"m1": "floors 1 to 3"})
-    >>> found.floors, found.record.n_dof, found.meaning["m1"]
-    ((3,), 1, 'floors 1 to 3')
-    """
+    """A record of the instrumented floors only."""
 
     record: Record
-    floors: tuple[int, ...]
-    meaning: dict[str, str] = field(default_factory=dict)
+    floors: tuple[int, ...]  # of the structure, behind each DOF of the record
+    meaning: dict[str, str] = field(default_factory=dict)  # of each mass and storey of the condensed chain
 
     def __str__(self) -> str:
         return "\n".join(f"{name}: {text}." for name, text in self.meaning.items())
@@ -103,28 +85,24 @@ def condense(record: Record) -> Condensed:
             f"Put a sensor on floor {forced[0]}, or hit another floor.",
         )
     if not gone:
-        return Condensed(record, tuple(kept), _meaning(kept, record.n_dof))
+        return Condensed(record, tuple(kept), _meaning(kept, record.n_dof)[0])
     columns = [j - 1 for j in kept]
     changes = {key: getattr(record, key) for key in ("force", "acceleration", "velocity", "displacement")}
-    out = Condensed(
-        record.replace(
-            **{key: None if y is None else np.ascontiguousarray(y[:, columns]) for key, y in changes.items()}
-        ),
-        tuple(kept),
-        _meaning(kept, record.n_dof),
-    )
-    unlike = "; ".join(f"{name} = {text}" for name, text in out.meaning.items() if "floor" in text or "series" in text)
+    chosen = {key: None if y is None else np.ascontiguousarray(y[:, columns]) for key, y in changes.items()}
+    meaning, single = _meaning(kept, record.n_dof)
+    unlike = "; ".join(f"{name} = {text}" for name, text in meaning.items() if name not in single)
     warnings.warn(
         f"Record {record.name!r}: floor {', '.join(map(str, gone))} has no sensor and is left out. In the condensed "
         f"chain {unlike}. Fit below that resonance (band=).",
         DataQualityWarning,
         stacklevel=2,
     )
-    return out
+    return Condensed(record.replace(**chosen), tuple(kept), meaning)
 
 
-def _meaning(kept: list[int], n_dof: int) -> dict[str, str]:
-    said = {}
+def _meaning(kept: list[int], n_dof: int) -> tuple[dict[str, str], set[str]]:
+    """Meaning of each mass and storey of the condensed chain, and the storeys that are one storey of the structure."""
+    said, single = {}, set()
     below = [0, *kept[:-1]]
     above = [*kept[1:], None]
     for i, (j, low, high) in enumerate(zip(kept, below, above), 1):
@@ -139,11 +117,13 @@ def _meaning(kept: list[int], n_dof: int) -> dict[str, str]:
             )
         said[f"m{i}"] = " and ".join(parts)
         between = list(range(low + 1, j))
+        if not between:
+            single.add(f"storey {i}")
         said[f"storey {i}"] = f"storey {j}" if not between else (
             f"storeys {low + 1} to {j} in series, right only well below the resonance of {_floors(between)} between "
             f"{'the base' if low == 0 else f'floors {low}'} and {'floor ' if low == 0 else ''}{j} held fixed"
         )  # fmt: skip
-    return said
+    return said, single
 
 
 def _floors(floors: list[int]) -> str:

@@ -38,18 +38,14 @@ class _Piece(NamedTuple):
 class KinematicSmoother(TransformerMixin, BaseEstimator):
     """Fuse the measured acceleration, velocity and displacement of each DOF into one motion.
 
-    The three are noisy views of one motion. The motion is the spline x(t) that minimises
+    The motion is the spline x(t) that minimises
 
         sum_t (x - x_m)^2 / s_x^2 + (x' - v_m)^2 / s_v^2 + (x'' - a_m)^2 / s_a^2
 
-    over whichever channels are measured; its velocity and acceleration are exact derivatives. Low
-    frequencies come from the displacement, high ones from the acceleration. Nothing is taken to be
-    periodic. A channel that was not measured is filled in.
-
-    Where noise remains, a second step uses that the DOFs of a structure move together: the motions
-    become their expectation given all channels of all DOFs, with spectra learned from the record
-    itself (no model of the structure is assumed). Masses and stiffnesses found by least squares on
-    such motions are not biased low, as they are on merely filtered ones.
+    over the measured channels; its velocity and acceleration are exact derivatives, and fill in what was not
+    measured. Nothing is taken to be periodic. Where noise remains, the motions then become their expectation given
+    all channels of all DOFs, with spectra learned from the record itself: least squares on such motions does not find
+    masses and stiffnesses too low, as it does on merely filtered ones.
 
     Parameters
     ----------
@@ -57,20 +53,16 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         Sampling rate, Hz. A Record brings its own; a table with a time index or column ``t`` too.
     noise : "estimate" or mapping
         Noise levels, SI rms: by kind (``{"a": 0.02, "x": 1e-5}``) or by channel (``{"a1": ...}``,
-        which goes first). What is not given is estimated from the data: the channels of a DOF
-        contradict each other by their noise, and beyond the band of the motion there is only noise.
+        which goes first). What is not given is estimated from the data.
     band : (float, float), optional
-        Frequency band, Hz. The fused motion, the forces and every other channel go through the
-        same zero-phase :class:`~pysindy_nrf.signals.zero_phase_filter.FairFilter`, and the rows the filter
+        Frequency band, Hz: every channel goes through the same :class:`~pysindy_nrf.FairFilter`, and the rows it
         spoils at the ends become NaN (they are masked later). None: forces are left as they are.
         ``"auto"``: None if every DOF has a displacement sensor; else from the lowest frequency at which the
         accelerations still tell the displacement, with a warning that names it. Several records fitted together
         get one band, the part that all of theirs share: from the highest of their lower edges up.
     joint : bool
-        False leaves the second step out: the noise left in the motions is then independent of the
-        motion and nothing of it is lost, which instrumental variables need
-        (``NRFRegressor(estimation="iv")`` does this by itself where it is given records).
-
+        False leaves the second step out: the noise left is then independent of the motion, which instrumental
+        variables need (``NRFRegressor(estimation="iv")`` does this by itself where it is given records).
     channels : str or sequence of str, optional
         Names of the columns of an array without names: a kind (``"x"``: displacements x1, x2, ...), or all names.
 
@@ -93,14 +85,10 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
 
     Notes
     -----
-    Accelerations are absolute, velocities and displacements relative to the base: with a column
-    ``ag`` (or ``xg``, ``vg``, from which it is derived) the base acceleration is subtracted before
-    the fusion and added again. For absolute displacements transform a Record with
-    ``coordinates="absolute"``.
-
-    Without a displacement sensor the motion has no memory of slow drift: content below
-    ``high_pass_`` is lost from a, v and x of that DOF, including any permanent offset. With
-    ``band=(lo, hi)`` the corner is ``lo / 8`` and force and response lose the same.
+    Accelerations are absolute, velocities and displacements relative to the base, whose acceleration (``ag``, or
+    derived from ``xg``, ``vg``) is subtracted before the fusion and added again. For absolute displacements transform
+    a Record with ``coordinates="absolute"``. Without a displacement sensor, content below ``high_pass_`` is lost from
+    a, v and x of that DOF; with ``band=(lo, hi)`` the corner is ``lo / 8`` and force and response lose the same.
 
     Examples
     --------
@@ -157,10 +145,6 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         time : array-like of shape (n_samples,), optional
             s. Where it jumps, a new piece begins.
 
-        Returns
-        -------
-        KinematicSmoother
-
         Raises
         ------
         ChannelError
@@ -172,13 +156,7 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         return self
 
     def transform(self, X: Any, *, record: Any = None, time: Any = None) -> Any:
-        """Fuse with the noise levels found in ``fit``.
-
-        Parameters
-        ----------
-        X : Record, DataFrame or array-like
-        record, time
-            As for :meth:`fit`.
+        """Fuse with the noise levels found in :meth:`fit`.
 
         Returns
         -------
@@ -190,12 +168,7 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         return self._run_pieces(X, False, record, time)
 
     def fit_transform(self, X: Any, y: Any = None, *, record: Any = None, time: Any = None) -> Any:
-        """Find the noise levels and fuse.
-
-        Parameters
-        ----------
-        X, y, record, time
-            As for :meth:`fit`.
+        """Find the noise levels as :meth:`fit` does, and fuse.
 
         Returns
         -------
@@ -212,11 +185,6 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         Parameters
         ----------
         record : Record
-
-        Returns
-        -------
-        Record
-            With acceleration, velocity and displacement of every DOF that has a motion channel.
         """
         return self._run(record, learn=not getattr(self, "_levels_of_fit", False))
 

@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from scipy import signal
-from sklearn.base import BaseEstimator, TransformerMixin
-from sklearn.utils.validation import check_is_fitted
 
-from ..data.channels import by_record, checked, column_names, contiguous, finite_span, rows_text
+from ..common import number_of
+from ..data.channels import by_record, rows_text
 from ..data.record import seconds_of
 from ..exceptions import ChannelError
 
@@ -23,12 +22,9 @@ Band = tuple[float | None, float | None] | None
 class FairFilter:
     """One linear zero-phase operator, the same for every column of one contiguous record.
 
-    A Butterworth filter run forward and backward, the record mirrored at its ends. All of it is
-    linear in the column and identical for every column, so a balance that holds for the raw
-    columns holds for the filtered ones to round-off, edges included. Filtering the response alone
-    does not have this property; nor has a law evaluated on filtered signals. The mirror is even:
-    what lies beyond the ends is rows of the record itself. An odd one would add twice the noise of
-    the end sample to all of them, which ruins accelerations derived from displacement.
+    A Butterworth filter run forward and backward, the record mirrored evenly at its ends. A balance that holds for the
+    raw columns holds for the filtered ones to round-off, edges included; filtering the response alone does not have
+    this property, nor has a law evaluated on filtered signals.
 
     Parameters
     ----------
@@ -44,8 +40,7 @@ class FairFilter:
     ----------
     edge : int
         Number of samples at each end which what lies outside the record can still reach with more
-        than 1e-4 of the impulse response (about three seconds for a 1 Hz high-pass): there the
-        columns are fair, but not what an endless record would show. Computed from the filter.
+        than 1e-4 of the impulse response (about three seconds for a 1 Hz high-pass).
 
     Raises
     ------
@@ -56,11 +51,9 @@ class FairFilter:
     --------
     >>> import numpy as np
     >>> from pysindy_nrf.signals.zero_phase_filter import FairFilter
-    >>> rng = np.random.default_rng(0)
-    >>> columns = rng.normal(size=(4000, 3))
-    >>> force = columns @ [2.0, -1.0, 0.5]
+    >>> columns = np.random.default_rng(0).normal(size=(4000, 3))
     >>> f = FairFilter((1.0, 40.0), fs=500.0)
-    >>> bool(np.allclose(f.apply(columns) @ [2.0, -1.0, 0.5], f.apply(force), atol=1e-12))
+    >>> bool(np.allclose(f.apply(columns) @ [2.0, -1.0, 0.5], f.apply(columns @ [2.0, -1.0, 0.5]), atol=1e-12))
     True
     """
 
@@ -88,10 +81,6 @@ class FairFilter:
         ------
         ChannelError
             If a column holds NaN or infinite samples besides.
-
-        Notes
-        -----
-        A record shorter than ``edge`` is extended by no more than its own length less one.
         """
         array = np.asarray(columns, dtype=float)
         if self.sos is None or array.shape[0] < 2:
@@ -116,19 +105,7 @@ class FairFilter:
         return out[:, 0] if array.ndim == 1 else out
 
     def noise_gain(self) -> float:
-        """The part of the power of white noise that the filter, run forward and backward, lets through.
-
-        Returns
-        -------
-        float
-            1 without a band.
-
-        Examples
-        --------
-        >>> from pysindy_nrf.signals.zero_phase_filter import FairFilter
-        >>> round(FairFilter((None, 25.0), fs=200.0).noise_gain(), 2)  # a quarter of the band up to 100 Hz, softly cut
-        0.23
-        """
+        """The part of the power of white noise that the filter, run forward and backward, lets through."""
         if self.sos is None:
             return 1.0
         from scipy.signal import sosfreqz
@@ -221,156 +198,6 @@ def filters_of(band: Band, data: Any) -> list[FairFilter | None]:
     return filters
 
 
-class BandLimiter(TransformerMixin, BaseEstimator):
-    """The same zero-phase filter on every column, force and response alike.
-
-    Record ids and times are metadata: ``set_fit_request(record=True).set_transform_request(record=True)`` with
-    scikit-learn's metadata routing. Each record, and each piece between gaps of the clock, is filtered by itself.
-
-    Parameters
-    ----------
-    band : (float, float) or None
-        Lower and upper edge, Hz; None for an open end.
-    fs : float
-        Sampling rate, Hz.
-    order : int
-        Order of the Butterworth filter; it runs forward and backward.
-    edges : {"nan", "drop", "keep"}
-        What to do with the ``edge_`` rows at each end that the filter spoils.
-
-    Attributes
-    ----------
-    edge_ : int
-        Rows spoiled at each end, computed from the filter's impulse response (see
-        :class:`~pysindy_nrf.signals.zero_phase_filter.FairFilter`): about three seconds for a 1 Hz high-pass.
-
-    Raises
-    ------
-    ChannelError
-        In ``fit`` if the band is impossible; in ``transform`` if the filter spoils the whole record.
-
-    Examples
-    --------
-    >>> import numpy as np, pandas as pd
-    >>> from pysindy_nrf.signals import BandLimiter
-    >>> t = np.arange(4000) / 1000
-    >>> table = pd.DataFrame({"F1": np.sin(60 * t) + np.sin(2000 * t), "a1": np.sin(60 * t)})
-    >>> limiter = BandLimiter((None, 50.0), fs=1000.0, edges="drop")
-    >>> out = limiter.fit_transform(table)
-    >>> len(table) - len(out) == 2 * limiter.edge_, bool(np.abs(out["F1"] - out["a1"]).max() < 1e-3)
-    (True, True)
-    """
-
-    def __init__(self, band: Band = None, fs: float = 1.0, order: int = 4, edges: str = "nan") -> None:
-        self.band = band
-        self.fs = fs
-        self.order = order
-        self.edges = edges
-
-    def fit(self, X: Any, y: Any = None, *, record: Any = None, time: Any = None) -> BandLimiter:
-        """Check the parameters and remember the columns.
-
-        Parameters
-        ----------
-        X : DataFrame or array-like of shape (n_samples, n_columns)
-        y, record, time : ignored
-
-        Returns
-        -------
-        BandLimiter
-
-        Raises
-        ------
-        ChannelError
-            If the band, the sampling rate or ``edges`` is impossible.
-        """
-        checked(self, X, reset=True)
-        if self.edges not in ("nan", "drop", "keep"):
-            raise ChannelError(f"edges={self.edges!r} is unknown", "Choose nan, drop or keep.")
-        self._filter = FairFilter(self.band, check_rate(self.fs), self.order)
-        self.edge_ = self._filter.edge
-        return self
-
-    def transform(self, X: Any, *, record: Any = None, time: Any = None) -> Any:
-        """Filter every column of each contiguous record.
-
-        Parameters
-        ----------
-        X : DataFrame or array-like of shape (n_samples, n_columns)
-            Leading and trailing NaN rows of a record stay NaN.
-        record : array-like of shape (n_samples,), optional
-            Record ids; rows without ids are one record.
-        time : array-like of shape (n_samples,), optional
-            s; a time index of X is used by itself. Where it jumps, a new piece begins.
-
-        Returns
-        -------
-        DataFrame or ndarray
-        """
-        check_is_fitted(self, "n_features_in_")
-        matrix = checked(self, X, reset=False).astype(float)
-        labels = column_names(X) or [f"column {i + 1}" for i in range(self.n_features_in_)]
-        out, keep = np.full(matrix.shape, np.nan), np.zeros(len(matrix), dtype=bool)
-        for name, rows in contiguous(len(matrix), record, clock_of(X, time, len(matrix), record)):
-            part = matrix[rows]
-            use = ~np.isnan(part).all(axis=0)  # a force may be unknown in one record and known in the next
-            if use.any():
-                live = [labels[i] for i in np.flatnonzero(use)]
-                span = finite_span(list(part[:, use].T), live, "" if record is None else f"record {name!r}")
-                piece = np.full(part.shape, np.nan)
-                piece[span, use] = self._filtered(part[span, use])
-                out[rows] = piece
-                keep[rows] = ~np.isnan(piece[:, use]).any(axis=1)
-        table = pd.DataFrame(out, index=X.index, columns=X.columns) if isinstance(X, pd.DataFrame) else out
-        return table[keep] if self.edges == "drop" else table
-
-    def fit_transform(self, X: Any, y: Any = None, *, record: Any = None, time: Any = None) -> Any:
-        """:meth:`fit`, then :meth:`transform`.
-
-        Parameters
-        ----------
-        X, y, record, time
-            As for these.
-
-        Returns
-        -------
-        DataFrame or ndarray
-        """
-        return self.fit(X, y).transform(X, record=record, time=time)
-
-    def get_feature_names_out(self, input_features: Any = None) -> np.ndarray:
-        """Names of the columns: those given.
-
-        Parameters
-        ----------
-        input_features : array-like of str, optional
-
-        Returns
-        -------
-        ndarray of str
-        """
-        check_is_fitted(self, "n_features_in_")
-        if hasattr(self, "feature_names_in_"):
-            return self.feature_names_in_
-        if input_features is not None:
-            return np.asarray(input_features, dtype=object)
-        return np.array([f"x{i}" for i in range(self.n_features_in_)], dtype=object)
-
-    def _filtered(self, values: np.ndarray) -> np.ndarray:
-        """Columns of one contiguous record through the filter, the rows it spoils NaN."""
-        out = self._filter.apply(values)
-        if self.edges == "keep" or self.edge_ == 0:
-            return out
-        if len(out) <= 2 * self.edge_:
-            raise ChannelError(
-                f"The record has {len(out)} samples, the filter {self.band} Hz spoils {self.edge_} at each end",
-                "Raise the lower band edge, give a longer record, or keep the ends with edges='keep'.",
-            )
-        out[: self.edge_] = np.nan
-        out[len(out) - self.edge_ :] = np.nan
-        return out
-
-
 def clock_of(X: Any, time: Any, size: int, record: Any = None) -> np.ndarray | None:
     """Time of the rows in s, from ``time`` or from the index of a table, increasing in each record; None if unknown."""
     index: Any = getattr(X, "index", None)
@@ -395,10 +222,7 @@ def clock_of(X: Any, time: Any, size: int, record: Any = None) -> np.ndarray | N
 
 def check_rate(fs: Any) -> float:
     """A sampling rate in Hz, or an error."""
-    try:
-        rate = float(fs)
-    except (TypeError, ValueError):
-        rate = np.nan
+    rate = number_of(fs)
     if not np.isfinite(rate) or rate <= 0:
         raise ChannelError(f"fs={fs!r} is not a sampling rate", "Give a positive number in Hz.")
     return rate
@@ -415,7 +239,7 @@ _KEPT = 0.8
 
 
 def lowest_frequency(accelerations: np.ndarray, fs: float) -> float | None:
-    r"""Frequency above which displacements integrated from noisy accelerations can be trusted."""
+    """Frequency above which displacements integrated from noisy accelerations can be trusted."""
     channels = np.column_stack([accelerations, np.diff(accelerations, axis=1)])
     channels = channels[:, channels.any(axis=0)]
     if channels.shape[1] == 0:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ..common import number_of
 from ..data.channels import as_matrix, rows_text
 from ..data.record import Record
 from ..exceptions import ChannelError, SimulationError
@@ -22,28 +23,12 @@ CLASSICAL = "classical"  # the rule of classical_run
 
 @dataclass
 class FreeRun:
-    """A free run with what happened inside.
-
-    Attributes
-    ----------
-    record : Record
-        The motion.
-    states : dict
-        Internal states of laws with memory at the samples by (site, number of the law at the
-        site), each of shape (n_samples, n_states).
-    energy : DataFrame
-        ``input``: work of the applied forces and of the moving base; ``kinetic``; one column for
-        each site: work done on its laws, stored and dissipated. J, indexed by time in s; motion relative to
-        the base. Input = change of kinetic + sites.
-    quality : dict
-        ``steps``, ``rejected`` and ``forced`` (steps accepted at the shortest length although
-        their error is above the tolerance: force laws with jumps).
-    """
+    """A free run with what happened inside."""
 
     record: Record
-    states: dict[tuple[Site, int], np.ndarray]
-    energy: pd.DataFrame
-    quality: dict[str, int] = field(default_factory=dict)
+    states: dict[tuple[Site, int], np.ndarray]  # by (site, number of the law there), (n_samples, n_states)
+    energy: pd.DataFrame  # J by time: input (forces and base), kinetic, work on each site; input = change of the rest
+    quality: dict[str, int] = field(default_factory=dict)  # steps: number, rejected, forced (too large an error)
 
     @property
     def energy_gap(self) -> float:
@@ -91,15 +76,13 @@ def simulate(
     covariates : mapping of str to array-like of shape (n_samples,), optional
         Channels that the laws read.
     hold : {"linear", "zero", "cubic"}
-        Course of forces, base acceleration and covariates between the samples: straight lines,
-        steps, or a cubic spline (for band-limited signals). Straight lines and steps are no band-limited forces: their
-        accelerations are aliased where the force exceeds a tenth of the sampling rate, contradict the displacements
-        there by some percent, and a fit of the fused record returns masses as much too high.
+        Course of forces, base acceleration and covariates between the samples: straight lines, steps, or a cubic
+        spline (for band-limited signals). With straight lines and steps, accelerations above a tenth of the sampling
+        rate contradict the displacements by some percent, and a fit of the fused record finds masses as much too high.
     rtol : float
         Error of a step of the default method as a share of the largest motion so far.
     t0 : float
-        Time of the first sample, s, for laws that know the time: a harmonic force, a stiffness that steps or
-        drifts. On the clock of the data that the model was fitted to.
+        Time of the first sample, s, on the clock of the data that the model was fitted to, for laws that know the time.
     name : str
         Name of the record.
 
@@ -119,12 +102,10 @@ def simulate(
 
     Notes
     -----
-    Laws with memory are moved by their own ``advance`` along the path. Reversals at their sites, and at
-    sites whose force jumps where the rate changes sign (Coulomb friction), are located and the step is split
-    there. A site with such a jump sticks while its friction can hold it (Filippov's solution): its
-    rate is then exactly zero, and its force is what equilibrium asks for, not a function of the motion. Whether it can
-    still hold is judged at the ends of the steps, and with ``hold="cubic"`` at seven instants within each too: a spline
-    may pass between two samples what neither of them reaches.
+    Laws with memory are moved by their own ``advance`` along the path. Reversals at their sites, and at sites whose
+    force jumps where the rate changes sign (Coulomb friction), are located and the step is split there. A site with
+    such a jump sticks while its friction can hold it (Filippov's solution): its rate is then exactly zero, and its
+    force is what equilibrium asks for.
 
     Examples
     --------
@@ -264,10 +245,7 @@ def _positive(name: str, value: Any, cure: str) -> float:
 
 def _number(name: str, value: Any, cure: str, what: str = "number") -> float:
     """A finite number, or an error."""
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = np.nan
+    number = number_of(value)
     if not np.isfinite(number):
         raise SimulationError(f"{name}={value!r} is not a {what}", cure)
     return number

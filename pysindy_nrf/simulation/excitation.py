@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ..common import number_of
 from ..common.random_state import generator
 from ..exceptions import ChainError, ChannelError
 
@@ -102,29 +103,16 @@ def band_limited_random(
     band: tuple[float, float],
     random_state: Any = None,
 ) -> np.ndarray:
-    """Gaussian random forces of flat spectrum within a band and none outside.
+    """Gaussian random forces of flat spectrum within a band and none outside; the rest as of :func:`impact_hammer`.
 
     Parameters
     ----------
-    n_dof, duration, fs
-        See :func:`impact_hammer`.
     dofs : int or iterable of int
         DOFs that are driven, by independent forces.
     rms : float or iterable of float
         RMS of the force, N; several levels take equal parts of the record one after the other.
     band : (float, float)
         Lowest and highest frequency, Hz.
-    random_state : int, Generator or None
-
-    Returns
-    -------
-    ndarray of shape (n_samples, n_dof)
-        N.
-
-    Raises
-    ------
-    ChainError, ChannelError
-        If a DOF does not exist, or the band is empty or beyond half the sampling rate.
 
     Examples
     --------
@@ -166,12 +154,10 @@ def sweep(
     method: str = "linear",
     taper: float = 0.02,
 ) -> np.ndarray:
-    """Sine sweep.
+    """Sine sweep, the same on every DOF; the rest as of :func:`impact_hammer`.
 
     Parameters
     ----------
-    n_dof, duration, fs, dofs
-        See :func:`impact_hammer`; every DOF gets the same force.
     level : float or iterable of float
         Amplitude, N; several levels take equal parts of the record, each with a whole sweep.
     band : (float, float)
@@ -180,16 +166,6 @@ def sweep(
         Course of the frequency.
     taper : float
         Share of the sweep over which it swells at its start and fades at its end.
-
-    Returns
-    -------
-    ndarray of shape (n_samples, n_dof)
-        N.
-
-    Raises
-    ------
-    ChainError, ChannelError
-        If a DOF does not exist, or the band is beyond half the sampling rate.
 
     Examples
     --------
@@ -304,10 +280,7 @@ def earthquake(
 
 
 def _positive(name: str, value: Any, unit: str) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = np.nan
+    number = number_of(value)
     if not np.isfinite(number) or number <= 0:
         raise ChannelError(f"{name}={value!r} is not a positive number", f"Give it in {unit}.")
     return number

@@ -7,8 +7,23 @@ from functools import cache
 import numpy as np
 
 from ..laws.compiled import borrow, jit, part
-from .balance import FREE, accelerate, advance_site, advance_states, inputs_at, relative, site_force, solve
-from .system import LOWER, MEMORY, ON_DOF, UPPER, borrow_stages, borrow_system, borrow_work
+from .system import (
+    FREE,
+    LOWER,
+    MEMORY,
+    ON_DOF,
+    UPPER,
+    accelerate,
+    advance_site,
+    advance_states,
+    borrow_stages,
+    borrow_system,
+    borrow_work,
+    inputs_at,
+    relative,
+    site_force,
+    solve,
+)
 
 # why a run ended
 DONE, DIVERGED, CRAWLS = 0, 1, 2

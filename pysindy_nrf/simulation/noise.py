@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..common import number_of
 from ..common.random_state import generator
 from ..data.record import Record
 from ..exceptions import ChannelError
@@ -23,12 +24,10 @@ def add_noise(record: Record, level: float, random_state: Any = None, channels: 
     ----------
     record : Record
     level : float
-        Standard deviation of the noise as a share of the RMS of the channel, 0.05 = 5 %. The
-        paper's "5 % noise" is 5 % of the mean instead, which is almost nothing for a signal that
-        swings about zero.
+        Standard deviation of the noise as a share of the RMS of the channel, 0.05 = 5 % (the paper's "5 % noise" is
+        a share of the mean, almost nothing for a signal that swings about zero).
     random_state : int, Generator or None
-        Source of the noise. A whole number gives noise a stream of its own: it may be the one that the excitation
-        was drawn from. A Generator is used as it is; do not give one that starts where the excitation's did.
+        A whole number gives noise a stream of its own: it may be the one that the excitation was drawn from.
     channels : iterable of str, optional
         ``"a"`` (all accelerations), ``"a2"``, ``"F"``, ``"ag"``, the name of a covariate; by default every
         measured force and motion. Channels of zeros (known to be unforced) stay zero.
@@ -54,10 +53,7 @@ def add_noise(record: Record, level: float, random_state: Any = None, channels: 
     >>> round(float(np.std(noisy.acceleration - rec.acceleration)), 2)  # 5 % of 3 / sqrt(2)
     0.11
     """
-    try:
-        share = float(level)
-    except (TypeError, ValueError):
-        share = np.nan
+    share = number_of(level)
     if not np.isfinite(share) or share < 0:
         raise ChannelError(f"level={level!r} is not a share of the RMS", "Give e.g. 0.05 for 5 %.")
     measured = record.channels()

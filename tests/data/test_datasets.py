@@ -55,7 +55,6 @@ def test_emps_gives_the_published_mass():
 def test_nees_units_agree_between_its_channels(test):
     """Inches twice differentiated are the g of the table."""
     from pysindy_nrf import FairFilter
-    from pysindy_nrf.signals import differentiate
 
     rec = measured_sets.load_nees_three_storey(test, measured.folder("nees_three_storey"))
     assert (
@@ -63,7 +62,8 @@ def test_nees_units_agree_between_its_channels(test):
     )
     band = FairFilter((0.5, 6.0), rec.fs)
     ag = band.apply(rec.base_acceleration)
-    again = differentiate(band.apply(rec.base_displacement), rec.dt, order=2)
+    twice = np.gradient(np.gradient(rec.base_displacement, rec.dt), rec.dt)
+    again = band.apply(twice)
     assert again @ ag / (again @ again) == pytest.approx(1.0, abs=0.1)
 
 
@@ -110,13 +110,3 @@ def test_bouc_wen_benchmark():
     rec = measured_sets.load_bouc_wen_benchmark("multisine", measured.folder("bouc_wen_benchmark"))
     assert rec.n_samples == 8192 and rec.fs == 750
     assert np.sqrt(np.mean(rec.force**2)) == pytest.approx(50, rel=1e-3)
-
-
-def test_three_storey_frf():
-    frf = measured_sets.load_three_storey_frf(measured.folder("three_storey_frf"))
-    assert frf.n_dof == 3 and frf.driven == 1
-
-
-def test_every_set_has_a_citation_and_terms():
-    assert all(len(one.citation) > 5 and len(one.terms) > 5 and one.source for one in measured_sets.SETS.values())
-    assert "Labcontrol" in str(measured_sets.SETS["mr_damper_cyclic"])

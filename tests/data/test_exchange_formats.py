@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pysindy_nrf import Record, io
+from pysindy_nrf import Record
 from pysindy_nrf.data.io import describe, from_sep005, inspect_record, read_record, read_table, to_sep005, write_record
 from pysindy_nrf.exceptions import ChannelError, FileFormatError
 
@@ -161,23 +161,3 @@ def test_channels_taken_out_and_the_callers_arrays(small):
 def test_dictionaries_that_do_not_fit_are_named(channels, words):
     with pytest.raises(ChannelError, match=words):
         from_sep005([{**one} for one in channels])
-
-
-def test_a_sensor_that_points_backwards_is_turned(tmp_path):
-    pyuff = pytest.importorskip("pyuff")
-    t = np.arange(400) / 200
-    file = pyuff.UFF(str(tmp_path / "turned.uff"))
-    for node, direction in ((1, 1), (2, -1)):
-        words = ("id2", "id3", "id4", "id5", "rsp_ent_name", "ref_ent_name", "abscissa_axis_units_lab", "abscissa_axis_lab",
-                 "ordinate_axis_lab", "orddenom_axis_units_lab", "orddenom_axis_lab", "z_axis_axis_lab",
-                 "z_axis_axis_units_lab")  # fmt: skip
-        zeros = ("ref_node", "ref_dir", "orddenom_spec_data_type", "binary", "ver_num", "load_case_id", "abscissa_min")
-        head = dict.fromkeys(words, "NONE") | dict.fromkeys(zeros, 0) | {
-            "type": 58, "func_type": 1, "rsp_node": node, "rsp_dir": direction, "data": direction * np.sin(9 * t), "x": t,
-            "id1": "a", "abscissa_spacing": 1, "abscissa_inc": 1 / 200, "num_pts": len(t), "ord_data_type": 4,
-            "ordinate_spec_data_type": 12, "abscissa_spec_data_type": 17, "ordinate_axis_units_lab": "m/s^2",
-        }  # fmt: skip
-        file.write_sets(head, "add")
-    table = io.read_table(tmp_path / "turned.uff")
-    np.testing.assert_allclose(table.variables["a2"], table.variables["a1"], atol=1e-6)
-    assert any("a2 was measured along -X" in note for note in table.notes)

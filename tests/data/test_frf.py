@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from pysindy_nrf import NRFRegressor
-from pysindy_nrf.data.io import frequency_response, frf_to_features, read_frf
+from pysindy_nrf.data.io import frf_to_features, read_frf
+from pysindy_nrf.data.io.frf import frequency_response
 from pysindy_nrf.exceptions import ChannelError, FileFormatError
 
 M, C, K = np.array([5.0, 4.0, 6.0]), np.array([3.0, 2.0, 4.0]), np.array([3e4, 4e4, 2e4])

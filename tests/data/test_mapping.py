@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.io import savemat
 
-from pysindy_nrf.data.io import read_mapping, read_record
+from pysindy_nrf.data.io import read_record
+from pysindy_nrf.data.io.mapping import read_mapping
 from pysindy_nrf.exceptions import ChannelError, FileFormatError
 from pysindy_nrf.output.cli.group import run
 
@@ -17,17 +17,17 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 
 @pytest.fixture
-def mat(tmp_path):
+def archive(tmp_path):
     t = np.arange(50) / 100
     acc = np.column_stack([np.sin(20 * t), np.cos(20 * t), t])
     content = {"zeit": 1e3 * t, "acc": acc, "wide": acc.T, "drive": t + 1, "gain": 35.1507, "voltage": 2 * t,
                "short": t[:9]}  # fmt: skip
-    savemat(tmp_path / "test 7.mat", content)
-    return tmp_path / "test 7.mat", t, acc
+    np.savez(tmp_path / "test 7.npz", **content)
+    return tmp_path / "test 7.npz", t, acc
 
 
-def test_the_mapping_grammar(mat):
-    path, t, acc = mat
+def test_the_mapping_grammar(archive):
+    path, t, acc = archive
     rec = read_record(
         path,
         mapping={"t": "zeit @ ms", "a1": "acc[:, 0] @ g", "a2": "-acc[:, -2]*2", "a3": "wide[2, :]", "F1": "drive*gain",
@@ -62,9 +62,9 @@ def test_the_mapping_grammar(mat):
         ({"x1": "().__class__"}, "no variable|understood"),
     ],
 )
-def test_a_bad_mapping_names_the_channel_and_is_never_run(mat, mapping, message, tmp_path, monkeypatch):
+def test_a_bad_mapping_names_the_channel_and_is_never_run(archive, mapping, message, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    path, *_ = mat
+    path, *_ = archive
     with pytest.raises((ChannelError, FileFormatError), match=message):
         read_record(path, mapping=mapping, fs=100.0)
     assert not (tmp_path / "mark").exists()
@@ -103,19 +103,6 @@ def test_options_go_before_the_file(tmp_path, monkeypatch, capsys):
     assert run(["inspect", "a.csv", "--mapping", "m.toml", "--map", "x1=q", "--json"]) == 0
     record = json.loads(capsys.readouterr().out)["records"][0]
     assert record["name"] == "hit" and record["sources"]["x1"]["from"] == "q"
-
-
-def test_channels_of_one_test_in_several_files(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    t = np.arange(100) / 50
-    for name in ("floor1", "floor2"):
-        pd.DataFrame({"t": t, "acc": t}).to_csv(f"{name}.csv", index=False)
-    Path("m.toml").write_text(
-        'files = ["floor1.csv", "floor2.csv"]\ntogether = true\nname = "both"\n'
-        '[channels]\na1 = "floor1.acc"\na2 = "floor2.acc"\n'
-    )
-    assert run(["inspect", "--mapping", "m.toml"]) == 0
-    assert "both from floor1.csv: 2 DOFs, 100 samples at 50 Hz" in capsys.readouterr().out
 
 
 def test_mapping_files_stay_in_their_folder(tmp_path):

@@ -5,17 +5,16 @@ import pandas as pd
 import pytest
 from scipy.io import savemat
 
-from pysindy_nrf import Record, io
+from pysindy_nrf import io
 from pysindy_nrf.data.io import (
     describe,
     inspect_record,
-    read_excitation,
     read_record,
     read_table,
-    summary,
     write_record,
 )
-from pysindy_nrf.data.io.summary import contents
+from pysindy_nrf.data.io.reading import read_excitation
+from pysindy_nrf.data.io.summary import summary
 from pysindy_nrf.exceptions import ChannelError, FileFormatError
 
 T = np.arange(200) / 100.0
@@ -52,14 +51,6 @@ def test_the_description_names_origin_units_and_forces(csv):
     data = summary(read_record(path))
     assert data["forced"] == [2] and data["channels"]["F2"]["unit"] == "N"
     assert "force unknown: DOF 2" in describe(inspect_record(path, mapping={"F2": "unknown"}))
-
-
-def test_the_list_of_variables_has_no_range_where_there_are_no_numbers(tmp_path):
-    frame = pd.DataFrame({"t": T, "x1": np.sin(T), "spare": np.nan, "stamp": "noon"})
-    frame.to_csv(tmp_path / "a.csv", index=False)
-    shown = {line.split()[0]: line.split()[1:] for line in contents(read_table(tmp_path / "a.csv")).splitlines()[1:]}
-    assert shown["spare"] == ["200", "values"] and shown["stamp"] == ["200", "values,", "no", "numbers"]
-    assert shown["x1"][:2] == ["200", "values,"] and shown["x1"][3] == "to"
 
 
 def test_files_of_one_test_share_names_clock_and_rate(tmp_path, small):
@@ -107,18 +98,6 @@ def test_excitations(tmp_path):
         read_excitation(path, 1, mapping={"F2": "F1"})
     with pytest.raises(FileFormatError, match="no column is known to be a force or the base acceleration"):
         read_excitation(path, 1, mapping={"F1": "none"})
-
-
-def test_a_frame_survives_csv_and_parquet(tmp_path):
-    rng = np.random.default_rng(0)
-    force, a, ag = rng.normal(size=(100, 2)), rng.normal(size=(100, 2)), rng.normal(size=100)
-    rec = Record(force=force, acceleration=a, fs=128.0, base_acceleration=ag)
-    rec.to_frame().to_csv(tmp_path / "r.csv")
-    rec.to_frame().to_parquet(tmp_path / "r.parquet")
-    for name in ("r.csv", "r.parquet"):
-        back = read_record(tmp_path / name)
-        pd.testing.assert_frame_equal(back.to_frame(), rec.to_frame())
-        assert back.fs == rec.fs
 
 
 def test_files_of_another_type_than_their_name(tmp_path):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-import pickle
 import warnings
 
 import numpy as np
@@ -13,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pysindy_nrf import Record
-from pysindy_nrf.data.channels import EvenClock, fillers
+from pysindy_nrf.data.channels import fillers
 from pysindy_nrf.data.io import inspect_record, read_record
 from pysindy_nrf.exceptions import ChannelError
 
@@ -88,18 +86,6 @@ def test_a_part_of_a_record_keeps_its_times(frame):
     for rows in (slice(0, 1), slice(0, 10, 2), slice(400, 500)):
         with pytest.raises(ChannelError, match="is not a part of its 300 samples"):
             record.rows(rows)
-
-
-def test_an_even_clock_behaves_as_an_array():
-    clock, array = EvenClock(5, 0.25), 0.25 * np.arange(5)
-    np.testing.assert_array_equal(clock[[0, 3]], array[[0, 3]])
-    np.testing.assert_array_equal(clock[1:3], array[1:3])
-    np.testing.assert_array_equal(clock * 2, array * 2)
-    np.testing.assert_array_equal(1 - clock, 1 - array)
-    np.testing.assert_array_equal(clock / 2, array / 2)
-    assert clock.max() == 1.0 and clock[-1] == 1.0 and len(clock) == 5
-    for again in (copy.deepcopy(clock), pickle.loads(pickle.dumps(clock))):
-        np.testing.assert_array_equal(np.asarray(again), array)
 
 
 # -- fillers ----------------------------------------------------------------------------------

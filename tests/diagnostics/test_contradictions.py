@@ -5,8 +5,9 @@ from __future__ import annotations
 import warnings
 
 import pytest
+from chains import driven
 
-from pysindy_nrf import Chain, ChainModel, NRFRegressor, excitation, laws, simulate
+from pysindy_nrf import Chain, ChainModel, NRFRegressor, laws
 from pysindy_nrf.exceptions import BiasWarning
 from pysindy_nrf.simulation.noise import add_noise
 
@@ -24,8 +25,7 @@ def fitted(record, **options):
 @pytest.fixture(scope="module")
 def record():
     truth = ChainModel([5.0, 4.0, 3.0], dict.fromkeys((1, 2, 3), LINEAR))
-    F = excitation.band_limited_random(3, 8.0, FS, dofs=[1, 2, 3], rms=40.0, band=(1, 40), random_state=0)
-    return simulate(truth, F, 1 / FS, hold="cubic")
+    return driven(truth, [1, 2, 3], 8.0, FS, 40.0, (1, 40), hold="cubic")
 
 
 def with_gain(record, dof, gain):
@@ -64,8 +64,7 @@ def test_a_brace_that_two_balances_find_differently():
     truth = ChainModel(
         [5.0, 4.0, 3.0], {**dict.fromkeys((1, 2, 3), LINEAR), "link 3-1": laws.LinearElastic(2e4)}, chain
     )
-    F = excitation.band_limited_random(3, 8.0, FS, dofs=[1, 2, 3], rms=40.0, band=(1, 40), random_state=1)
-    rec = simulate(truth, F, 1 / FS, hold="cubic")
+    rec = driven(truth, [1, 2, 3], 8.0, FS, 40.0, (1, 40), seed=1, hold="cubic")
     given = {"chain": chain, "laws": {"link 3-1": [laws.LinearElastic()]}}
     assert fitted(rec, **given)[1] == ""
     assert "link 3-1" in fitted(with_gain(rec, 1, 2.0), **given)[1]
@@ -78,7 +77,7 @@ def test_right_forces_are_not_doubted(record, noise, seed):
     assert "contradict" not in said and model.data_warnings_["forces"] == []
 
 
-@pytest.mark.parametrize("estimation", ["iv", "simulation"])
+@pytest.mark.parametrize("estimation", ["iv", pytest.param("simulation", marks=pytest.mark.slow)])
 def test_instruments_are_not_doubted_either(record, estimation):
     """What they leave is noise of the motion, in each balance alike; the equations of instruments leave nothing."""
     noisy = add_noise(record, 0.05, random_state=2)
@@ -90,5 +89,4 @@ def test_instruments_are_not_doubted_either(record, estimation):
 def test_one_force_says_nothing_twice(record):
     assert "contradict" not in fitted(with_gain(record, 2, 2.0), strategy="joint")[1]
     one = ChainModel([5.0], {1: LINEAR})
-    F = excitation.band_limited_random(1, 4.0, FS, dofs=1, rms=40.0, band=(1, 40), random_state=0)
-    assert fitted(simulate(one, F, 1 / FS, hold="cubic"))[0].data_warnings_ == {"channels": [], "forces": [], "masses": []}
+    assert fitted(driven(one, 1, 4.0, FS, 40.0, (1, 40), hold="cubic"))[0].data_warnings_ == {"channels": [], "forces": [], "masses": []}

@@ -8,6 +8,7 @@ import pickle
 import integrated
 import numpy as np
 import pytest
+from chains import driven
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, excitation, laws, simulate
 from pysindy_nrf.diagnostics.delays import force_delay
@@ -29,8 +30,7 @@ def record(kind="random", noise=0.0, dofs=(1, 2)):
     return add_noise(rec, noise, random_state=1) if noise else rec
 
 
-@pytest.mark.parametrize("kind", ["random", "hammer"])
-@pytest.mark.parametrize("noise", [0.0, 0.1])
+@pytest.mark.parametrize(("kind", "noise"), [("random", 0.1), ("hammer", 0.0)])
 @pytest.mark.parametrize("late", [0.0, 2.4, -3.0])
 def test_the_delay_comes_back(kind, noise, late):
     rec = record(kind, noise)
@@ -94,9 +94,8 @@ def one_blow(width, shape, begin=0.5):
     return np.array([force(s) for s in t]), a, x, fs
 
 
-@pytest.mark.parametrize("width, shape", [(3.0, "hammer"), (8.0, "hammer"), (2.5, "impulse")])
-@pytest.mark.parametrize("channels", ["a", "ax", "x"])
-@pytest.mark.parametrize("noise", [0.0, 0.01])
+@pytest.mark.parametrize("width, shape", [(3.0, "hammer"), (2.5, "impulse")])
+@pytest.mark.parametrize(("channels", "noise"), [("ax", 0.0), ("ax", 0.01), ("a", 0.01), ("x", 0.0)])
 def test_a_single_blow_tells_whole_samples_and_no_half_one(width, shape, channels, noise):
     clean, a, x, fs = one_blow(width, shape)
     rng = np.random.default_rng(0)
@@ -143,8 +142,7 @@ def test_one_delay_is_told_from_records_of_different_rates():
     model = ChainModel([10.0], {1: laws.PowerSeries(1, [60.0, 1e5])})
     late = []
     for fs in (500.0, 1000.0):
-        F = excitation.band_limited_random(1, 8.0, fs, dofs=1, rms=50.0, band=(1, 60), random_state=0)
-        record = simulate(model, F, 1 / fs)
+        record = driven(model, 1, 8.0, fs, 50.0, (1, 60))
         late.append(add_noise(record.replace(force=np.roll(record.force, round(0.004 * fs), axis=0)), 0.01, 0))
     for given in (late, late[::-1]):
         row = force_delay(NRFRegressor(degree=1).fit(given)).loc["F1"]

@@ -4,8 +4,9 @@ import warnings
 
 import numpy as np
 import pytest
+from chains import driven
 
-from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+from pysindy_nrf import ChainModel, NRFRegressor, laws
 from pysindy_nrf.exceptions import BiasWarning
 from pysindy_nrf.laws.friction import jump_at_reversal
 from pysindy_nrf.simulation.noise import add_noise
@@ -19,8 +20,7 @@ def fitted(fs=500.0, noise=0.02, estimation="ls", friction=None, band=None, stor
     """Two floors with friction in one storey, and the warnings of a fit that knows of it."""
     held = {1: [laws.LinearElastic(7.2e4), laws.LinearViscous(139.0)], 2: [laws.LinearElastic(1.9e5), laws.LinearViscous(440.0)]}
     held[storey].append(friction or laws.CoulombFriction(FORCE))
-    F = excitation.band_limited_random(2, 16.0, fs, dofs=2, rms=200.0, band=(1, 60), random_state=0)
-    record = simulate(ChainModel([18.0, 29.0], held), F, 1 / fs)
+    record = driven(ChainModel([18.0, 29.0], held), 2, 16.0, fs, 200.0, (1, 60))
     told = {site: [type(law)() for law in group] for site, group in held.items()}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")

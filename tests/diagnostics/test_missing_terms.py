@@ -31,8 +31,8 @@ def test_missing_law_is_warned_of(name, dofs):
 
 
 @pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.BiasWarning")
-@pytest.mark.parametrize("noise", [0.0, 0.02, 0.05, 0.1])
-@pytest.mark.parametrize("dofs", [[1, 2, 3], [3], [1]])
+@pytest.mark.parametrize("noise", [0.0, 0.02, 0.1])
+@pytest.mark.parametrize("dofs", [[1, 2, 3], [3]])
 @pytest.mark.parametrize("kind", ["linear", "cubic", "friction"])
 def test_no_false_alarm_with_noise(noise, dofs, kind):
     law = {"linear": (), "cubic": ((2, laws.CubicStiffness(2e9)),), "friction": ((1, laws.CoulombFriction(25.0)),)}[

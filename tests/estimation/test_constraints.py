@@ -6,6 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
+from chains import driven
 
 from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
 from pysindy_nrf.estimation.constraints import (
@@ -14,7 +15,6 @@ from pysindy_nrf.estimation.constraints import (
     KnownStiffness,
     NonNegative,
     TotalMass,
-    _nearest,
 )
 from pysindy_nrf.exceptions import BiasWarning, ChainError
 from pysindy_nrf.simulation.noise import add_noise
@@ -103,8 +103,7 @@ def test_what_does_not_exist_is_refused(data, constraint, message):
 def three():
     """Three linear storeys with noise in every channel."""
     truth = ChainModel([10.0, 12.0, 8.0], {i: laws.PowerSeries(1, [60.0, 4e4]) for i in (1, 2, 3)})
-    F = excitation.band_limited_random(3, 6.0, 500.0, dofs=[1, 2, 3], rms=50.0, band=(1, 60), random_state=3)
-    return add_noise(simulate(truth, F, 2e-3), 0.02, random_state=1).to_features()
+    return add_noise(driven(truth, [1, 2, 3], 6.0, 500.0, 50.0, (1, 60), seed=3), 0.02, random_state=1).to_features()
 
 
 def test_a_total_of_known_masses_is_checked_and_not_solved(three):
@@ -113,25 +112,3 @@ def test_a_total_of_known_masses_is_checked_and_not_solved(three):
     assert fit(*three).masses_.tolist() == [10.0, 12.0, 8.0]
     with pytest.raises(ChainError, match="known masses differ from a constraint by 1 kg"):
         NRFRegressor(degree=1, known_masses=known, constraints=TotalMass(31.0)).fit(*three)
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_the_nearest_point_fulfils_the_conditions_of_optimality(seed):
-    """With multipliers of the equations free and those of the bounds not negative (Karush, Kuhn and Tucker)."""
-    from scipy.optimize import lsq_linear
-
-    rng = np.random.default_rng(seed)
-    n = int(rng.integers(2, 6))
-    L = rng.normal(size=(n, n))
-    P = L @ L.T + 0.1 * np.eye(n)
-    A = np.round(rng.normal(size=(1, n))) + np.eye(1, n) * 3
-    b = A @ np.where(rng.random(n) < 0.6, rng.random(n), 0.0)  # a point that obeys everything
-    start = rng.normal(size=n) - 1.0
-    x = _nearest(start, P, A, b, np.ones(n, dtype=bool))
-    assert x.min() > -1e-8
-    np.testing.assert_allclose(A @ x, b, atol=1e-6)
-    sides = np.vstack([A, np.eye(n)[x < 1e-7]])
-    low = np.r_[-np.inf, np.zeros(len(sides) - 1)]
-    slope = np.linalg.solve(P, x - start)
-    left = lsq_linear(sides.T, slope, bounds=(low, np.inf)).fun
-    assert np.abs(left).max() < 1e-5 * max(1.0, np.abs(slope).max())

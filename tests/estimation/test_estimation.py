@@ -10,10 +10,10 @@ import chains
 import numpy as np
 import paper_cases as cases
 import pytest
-from chains import worst
+from chains import driven, worst
 
 from pysindy_nrf import ChainModel, KinematicSmoother, NRFRegressor, excitation, laws, simulate
-from pysindy_nrf.data.io import frequency_response
+from pysindy_nrf.data.io.frf import frequency_response
 from pysindy_nrf.estimation.iv import fit_frequency_response
 from pysindy_nrf.exceptions import BiasWarning, ChainError, ChannelError, DataQualityWarning
 from pysindy_nrf.regression.errors import nrmse
@@ -32,9 +32,7 @@ def frame(n: int = 4, cubic: float = 0.0, dahl: bool = False) -> ChainModel:
 
 
 def measured(truth: ChainModel, dofs, seed: int, noise: float = 0.05, duration: float = 8.0):
-    n = truth.n_dof
-    F = excitation.band_limited_random(n, duration, FS, dofs=dofs, rms=100.0, band=(0.5, 60.0), random_state=seed)
-    return add_noise(simulate(truth, F, 1 / FS, hold="cubic"), noise, random_state=[seed, 1])
+    return add_noise(driven(truth, dofs, duration, FS, 100.0, (0.5, 60.0), seed=seed, hold="cubic"), noise, random_state=[seed, 1])
 
 
 def stiffness(model) -> list[float]:

@@ -3,13 +3,7 @@
 import numpy as np
 import pytest
 
-from pysindy_nrf import Chain, ChainModel, NRFRegressor, Site, excitation, laws, simulate
-from pysindy_nrf.discrepancy.prepare import prepare
-from pysindy_nrf.mechanics.identifiability import plan_solve_order
-from pysindy_nrf.regression.chain_solve import solve_blocks
-from pysindy_nrf.regression.layout import LawLayout
-from pysindy_nrf.regression.shape_search import estimate_shapes
-from pysindy_nrf.regression.solution import scales_of
+from pysindy_nrf import ChainModel, NRFRegressor, Site, excitation, laws, simulate
 from pysindy_nrf.simulation.noise import add_noise
 
 FS = 200.0
@@ -17,7 +11,7 @@ STOREY = [laws.LinearElastic(2e4), laws.LinearViscous(20.0)]  # modes of two flo
 
 
 def shaken(n, hidden, dofs=None, seconds=(20.0,), beside=()):
-    """Fused records of a chain of floors of 12 kg, with 2 % of noise, and forces that nobody measured."""
+    """Records of a chain of floors of 12 kg, with 2 % of noise, and forces that nobody measured."""
     storeys = {f"storey {i}": [*STOREY, *(beside if i == 1 else ())] for i in range(1, n + 1)}
     truth = ChainModel([12.0] * n, {**storeys, **hidden})
     records = []
@@ -26,17 +20,7 @@ def shaken(n, hidden, dofs=None, seconds=(20.0,), beside=()):
             n, duration, FS, dofs=dofs or list(range(1, n + 1)), rms=40.0, band=(0.5, 40.0), random_state=k
         )
         records.append(add_noise(simulate(truth, F, 1 / FS), 0.02, random_state=9 + k))
-    return prepare(records).data
-
-
-def estimated(data, declared):
-    layout = LawLayout(Chain(data.n_dof), {**{i: [laws.PowerSeries(1)] for i in range(1, data.n_dof + 1)}, **declared})
-    solve_order = plan_solve_order(layout.chain, data.forced, data.unknown, {}, "auto", layout.acting).require_complete()
-
-    def solve(trial):
-        return solve_blocks(trial, solve_order, lambda: (b for seg in data.segments for b in seg.blocks(trial, states={})))
-
-    return estimate_shapes(layout, scales_of(data, layout), solve, data), solve
+    return records
 
 
 @pytest.mark.parametrize(
@@ -50,11 +34,10 @@ def estimated(data, declared):
 )
 def test_a_declared_harmonic_force_is_found_at_any_frequency(n, dof, frequency, dofs, seconds):
     site = Site(f"dof {dof}")
-    data = shaken(n, {site: [laws.HarmonicForce(frequency, 8.0, 6.0)]}, dofs, seconds)
-    found, solve = estimated(data, {site: [laws.HarmonicForce()]})
-    assert found.laws[site][0].shape["frequency"] == pytest.approx(frequency, abs=0.02 / max(seconds))
-    solution, _ = solve(found)
-    assert np.hypot(*solution.coefficients[site]) == pytest.approx(10.0, rel=0.15)  # N
+    records = shaken(n, {site: [laws.HarmonicForce(frequency, 8.0, 6.0)]}, dofs, seconds)
+    found = NRFRegressor(degree=1, laws={site: [laws.HarmonicForce()]}).fit(records).model_.laws[site][0]
+    assert found.shape["frequency"] == pytest.approx(frequency, abs=0.02 / max(seconds))
+    assert np.hypot(*found.values) == pytest.approx(10.0, rel=0.15)  # N
 
 
 def test_several_frequencies_are_found_one_after_the_other():
@@ -62,25 +45,19 @@ def test_several_frequencies_are_found_one_after_the_other():
     top, bottom, storey = Site("dof 2"), Site("dof 1"), Site("storey 1")
     hidden = {top: [laws.HarmonicForce(21.0, 8.0, 6.0), laws.HarmonicForce(7.5, 3.0, 3.0)],
               bottom: [laws.HarmonicForce(13.3, 3.0, 3.0)]}  # fmt: skip
-    data = shaken(2, hidden, beside=[laws.TwoSidedGap(0.003, 1e4)])
     declared = {storey: [laws.PowerSeries(1), laws.TwoSidedGap()],
                 top: [laws.HarmonicForce(), laws.HarmonicForce()], bottom: [laws.HarmonicForce()]}  # fmt: skip
-    found, _ = estimated(data, declared)
-    found_at = {site: sorted(law.shape["frequency"] for law in found.laws[site]) for site in (top, bottom)}
+    records = shaken(2, hidden, beside=[laws.TwoSidedGap(0.003, 1e4)])
+    found = NRFRegressor(degree=1, laws=declared).fit(records).model_.laws
+    found_at = {site: sorted(law.shape["frequency"] for law in found[site]) for site in (top, bottom)}
     assert found_at[top] == pytest.approx([7.5, 21.0], abs=2e-3)
     assert found_at[bottom] == pytest.approx([13.3], abs=2e-3)
-    assert found.laws[storey][1].shape["gap"] == pytest.approx(0.003, rel=0.05)
+    assert found[storey][1].shape["gap"] == pytest.approx(0.003, rel=0.05)
 
 
-@pytest.mark.parametrize("band", [None, (0.5, 45.0)])
-def test_the_regressor_finds_it_too(band):
-    """In two records at once, of 2 % noise, fitted as they are and filtered."""
-    truth = ChainModel([12.0] * 2, {1: STOREY, 2: STOREY, "dof 2": [laws.HarmonicForce(21.0, 8.0, 6.0)]})
-    records = []
-    for k, duration in enumerate((20.0, 12.0)):
-        F = excitation.band_limited_random(2, duration, FS, dofs=[1, 2], rms=40.0, band=(0.5, 40.0), random_state=k)
-        records.append(add_noise(simulate(truth, F, 1 / FS), 0.02, random_state=9 + k))
-    model = NRFRegressor(degree=1, band=band, laws={"dof 2": [laws.HarmonicForce()]}).fit(records)
+def test_it_is_found_in_a_band_too():
+    records = shaken(2, {"dof 2": [laws.HarmonicForce(21.0, 8.0, 6.0)]}, seconds=(20.0, 12.0))
+    model = NRFRegressor(degree=1, band=(0.5, 45.0), laws={"dof 2": [laws.HarmonicForce()]}).fit(records)
     found = model.model_.laws[Site("dof 2")][0].parameters
     assert found["frequency"] == pytest.approx(21.0, abs=2e-3)
     assert found["A"] == pytest.approx(8.0, rel=0.05) and found["B"] == pytest.approx(6.0, rel=0.05)

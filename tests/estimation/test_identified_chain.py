@@ -6,6 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
+from paper_cases import model_agreement
 from three_floors import chain, features, noisy, run
 
 from pysindy_nrf import ChainModel, NRFRegressor, laws
@@ -16,11 +17,8 @@ from pysindy_nrf.estimation import (
     found_twice,
     horizontal_component,
     linear_part,
-    linear_twin,
     locate_nonlinearity,
-    model_agreement,
     planarity,
-    total_mass,
 )
 from pysindy_nrf.exceptions import BiasWarning, ChainError, ChannelError
 
@@ -57,11 +55,6 @@ def test_energy_shares_do_not_depend_on_the_level_but_on_the_damage():
     assert shares[2].sum() == pytest.approx(100.0)
 
 
-def test_linear_twin_keeps_every_other_setting():
-    twin = linear_twin(NRFRegressor(degree=3, orders={"storey 1": 5}, known_masses={1: 10.0}, band=(1, 30)))
-    assert twin.degree == 1 and twin.orders is None and twin.known_masses == {1: 10.0} and twin.band == (1, 30)
-
-
 def test_linear_part_is_the_tangent_at_rest():
     part = linear_part(chain((1, laws.CubicStiffness(1e9)), (2, laws.LinearElastic(1e3))))
     assert part.restoring_forces[1].linear_part().to_dict() == {"c": 60.0, "k": 5e4}
@@ -86,16 +79,15 @@ def test_large_cubic_coefficients_at_small_drifts_are_planar():
 
 def test_noise_reference_covers_what_noise_does_to_a_planar_storey():
     inside = []
-    for seed in range(3):
+    for seed in range(2):
         X, F = noisy(run(chain(), [3], seed=seed), 0.1, seed)
-        table = planarity(NRFRegressor(degree=3).fit(X, F), X, F, draws=10, random_state=0)
+        table = planarity(NRFRegressor(degree=3).fit(X, F), X, F, draws=6, random_state=0)
         inside.append((table["index"] < 2 * table["reference"]).to_numpy())
         assert (table["reference"] > 0.05).all()  # it is not nothing
     assert np.mean(inside) > 0.7
 
 
-@pytest.mark.parametrize("storey", [1, 2, 3])
-@pytest.mark.parametrize("dofs", [[1, 2, 3], [3]])
+@pytest.mark.parametrize(("storey", "dofs"), [(1, [3]), (2, [1, 2, 3]), (3, [3])])
 def test_damper_located_wherever_it_sits(storey, dofs):
     X, F = features(run(chain((storey, laws.Dahl(sigma=2e4, Fd=25.0))), dofs))
     with warnings.catch_warnings():
@@ -142,7 +134,6 @@ def test_models_of_other_structures_are_not_compared(chain2, chain4):
     with pytest.raises(ChainError, match="have 2 and 4 DOFs"):
         model_agreement(one, two, chain2.X)
     with pytest.raises(ChainError, match="str is not a chain model"):
-        total_mass({"first": "a model"})
-    assert "gap" not in total_mass({"first": one})
+        linear_part("a model")
     with pytest.raises(ChainError, match="the regressor that was fitted to the data"):
         locate_nonlinearity(one.model_, chain2.X, chain2.F)

@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from chains import driven
 
 from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
 from pysindy_nrf.estimation.iv import fits_one_step, run_of, steady
@@ -23,8 +24,7 @@ THREE = chain([12.0, 10.0, 8.0], [6e4, 5e4, 4e4], [30.0, 25.0, 20.0])  # 5.4, 13
 
 
 def top_forced(model, seconds, fs, band, rms=60.0, seed=1, dof=3):
-    F = excitation.band_limited_random(3, seconds, fs, dofs=[dof], rms=rms, band=band, random_state=seed)
-    return simulate(model, F, 1 / fs, hold="cubic")
+    return driven(model, [dof], seconds, fs, rms, band, seed=seed, hold="cubic")
 
 
 def fitted(record, **told):

@@ -7,6 +7,7 @@ import warnings
 
 import numpy as np
 import pytest
+from chains import driven
 
 from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
 from pysindy_nrf.estimation.free_run_fit import clearly_better
@@ -24,8 +25,7 @@ DAHL = {**LINEAR, "storey 1": [*LINEAR["storey 1"], laws.Dahl(sigma=2e4, Fd=25.0
 
 
 def measured(truth, seed, noise=0.05, duration=8.0, dofs=(2,), hold="cubic"):
-    F = excitation.band_limited_random(2, duration, FS, dofs=dofs, rms=100.0, band=(0.5, 40.0), random_state=[seed, 1])
-    return add_noise(simulate(truth, F, 1 / FS, hold=hold), noise, random_state=[seed, 2])
+    return add_noise(driven(truth, dofs, duration, FS, 100.0, (0.5, 40.0), seed=[seed, 1], hold=hold), noise, random_state=[seed, 2])
 
 
 @pytest.fixture(scope="module")
@@ -111,8 +111,7 @@ def test_a_missing_law_is_still_warned_of():
 def test_the_free_run_fitted_to_clean_records_is_exact():
     """A force that is smooth between samples and no noise: masses to 1e-4."""
     truth = ChainModel([8.0, 6.0], {f"storey {i}": [laws.PowerSeries(1, [30.0, 4e4])] for i in (1, 2)})
-    F = excitation.band_limited_random(2, 6.0, 500.0, dofs=[1, 2], rms=60.0, band=(1, 40), random_state=0)
-    model = NRFRegressor(degree=1, estimation="simulation").fit(simulate(truth, F, 1 / 500, hold="cubic"))
+    model = NRFRegressor(degree=1, estimation="simulation").fit(driven(truth, [1, 2], 6.0, 500.0, 60.0, (1, 40), hold="cubic"))
     np.testing.assert_allclose(model.masses_, [8.0, 6.0], rtol=1e-4)
     facts = model.model_.info["estimation"]
     assert facts["free_run_error_after"] <= facts["free_run_error_before"] < 0.1

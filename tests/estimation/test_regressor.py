@@ -10,9 +10,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from chains import worst
-from sklearn.base import clone
 
-from pysindy_nrf import Chain, ChainModel, NRFRegressor, Record, excitation, laws, simulate
+from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
 from pysindy_nrf.exceptions import BiasWarning, ChainError, ChannelError, DataQualityWarning
 from pysindy_nrf.regression.segments import feature_names
 
@@ -138,13 +137,6 @@ def test_nan_edges_inside_stacked_records(chain4, fitted):
     same(NRFRegressor(degree=3).fit(X, F, record=np.repeat(["a", "b"], n)), fitted, 1e-10)
 
 
-def test_records_hold_their_own_forces(chain4, fitted):
-    x, v = chain4.s.cumsum(axis=1), chain4.v.cumsum(axis=1)
-    rec = Record(chain4.F, chain4.a, v, x, fs=1 / chain4.dt)
-    X, F = rec.to_features(smooth=False)
-    same(NRFRegressor(degree=3).fit(X, F), fitted, 1e-9)
-
-
 # -- orders and laws ------------------------------------------------------------------------------
 
 
@@ -186,21 +178,6 @@ def test_an_added_mass_that_leaves_nothing_is_named():
     with pytest.warns(BiasWarning, match=f"DOF 2 has {case.m[1]:.4g} kg and {-1.5 * case.m[1]:.4g} kg added to it"):
         model.fit(case.X, F)
     assert model.model_.total_masses == pytest.approx([case.m[0], -0.5 * case.m[1]], rel=1e-6)
-
-
-def test_an_added_mass_moves_with_the_base():
-    """Its inertia is that of the absolute acceleration, in the fit as in the free run."""
-    from pysindy_nrf import ChainModel
-
-    ag = chains.band_limited(2000, 1e-3, np.random.default_rng(5), rms=2.0)
-    storey = laws.PowerSeries(1, [100.0, 1e5])
-    bare = ChainModel([10.0, 12.0], {1: storey, 2: storey})
-    loaded = ChainModel([10.0, 9.0], {1: storey, 2: storey, "dof 2": laws.AddedMass(dm=3.0)})
-    case = chains.duffing(2, [], given=([10, 12], [100, 100], [1e5, 1e5], [0, 0]), n_samples=2000, ag=ag)
-    for model in (bare, loaded):
-        assert np.abs(model.predict(case.X, base_acceleration=ag)).max() < 1e-8
-        rec = model.simulate(np.zeros((2000, 2)), 1e-3, base_acceleration=ag)
-        assert np.abs(rec.acceleration - case.a).max() < 1e-3 * np.abs(case.a).max()
 
 
 # -- output ---------------------------------------------------------------------------------------
@@ -285,37 +262,11 @@ def _low_pass(y, edge, dt):
 # -- a scikit-learn estimator ---------------------------------------------------------------------
 
 
-def test_parameters_are_stored_untouched_and_cloned():
-    given = dict(degree=(2, 3), orders={"storey 1": 2}, known_masses={2: 3.0}, band=(1, 40), dt=0.01, chain=Chain(2), laws={2: [laws.Dahl()]})
-    model = NRFRegressor(**given)
-    for key, value in given.items():
-        assert getattr(model, key) is value
-    assert clone(model).get_params() == model.get_params()
-    assert model.set_params(degree=5) is model and model.degree == 5
-    assert "degree=5" in repr(model)
-
-
 def test_a_fitted_model_survives_pickling(chain4, fitted):
     again = pickle.loads(pickle.dumps(fitted))
     assert np.array_equal(again.predict(chain4.X), fitted.predict(chain4.X))
     assert again.restoring_forces_["storey 2"](0.1, 1e-4) == fitted.restoring_forces_["storey 2"](0.1, 1e-4)
     pd.testing.assert_series_equal(again.condition_, fitted.condition_)
-
-
-def test_fitting_twice_is_fitting_once(chain4, chain2):
-    model = NRFRegressor(degree=3).fit(chain2.X, chain2.F).fit(chain4.X, chain4.F)
-    assert np.array_equal(model.masses_, NRFRegressor(degree=3).fit(chain4.X, chain4.F).masses_)
-    assert model.n_features_in_ == 12
-
-
-def test_cross_validation_works_with_plain_scikit_learn(chain4):
-    from sklearn.model_selection import GridSearchCV, cross_val_score
-
-    assert cross_val_score(NRFRegressor(degree=3), chain4.X, chain4.F, cv=3) == pytest.approx(1.0, abs=1e-8)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", BiasWarning)
-        search = GridSearchCV(NRFRegressor(), {"degree": [1, 2, 3]}, cv=3).fit(chain4.X, chain4.F)
-    assert search.best_params_ == {"degree": 3}
 
 
 def test_forces_may_be_numbered_and_few_rows_are_enough(chain2):

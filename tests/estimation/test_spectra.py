@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.signal import welch
+from chains import driven
 
 from pysindy_nrf import ChainModel, KinematicSmoother, excitation, laws, simulate
 from pysindy_nrf.estimation.iv import run_of
-from pysindy_nrf.estimation.noise_spectra import Smooth, Whitener, corrected, linearised, noise_model, transfer
+from pysindy_nrf.estimation.noise_spectra import corrected, noise_model, transfer
 from pysindy_nrf.regression.input_arrays import from_arrays
 from pysindy_nrf.regression.layout import LawLayout
 from pysindy_nrf.simulation.noise import add_noise
@@ -64,17 +64,10 @@ def test_the_corrected_force_is_nearer_and_its_error_independent_of_what_the_run
 
 
 def test_exact_motion_needs_no_noise_model():
-    F = excitation.band_limited_random(3, 4.0, FS, dofs=[3], rms=100.0, band=(0.5, 60.0), random_state=0)
-    rec = simulate(TRUTH, F, 1 / FS)
+    rec = driven(TRUTH, [3], 4.0, FS, 100.0, (0.5, 60.0))
     segment = from_arrays(rec, smooth=False).segments[0]
     run = replace(segment)
     assert noise_model(TRUTH, LawLayout(TRUTH.chain, TRUTH.laws), [segment], [run]) is None
-
-
-def test_linear_chains_are_their_own_linearisation(noisy):
-    _, _, run, _ = noisy
-    for found, true in zip(linearised(TRUTH, LawLayout(TRUTH.chain, TRUTH.laws), [run]), TRUTH.matrices()):
-        np.testing.assert_allclose(found, true, rtol=1e-6, atol=1e-6 * np.abs(true).max())
 
 
 def test_transfer_is_what_a_steady_sine_shows():
@@ -86,19 +79,3 @@ def test_transfer_is_what_a_steady_sine_shows():
     v = simulate(heavy, F, 1 / FS, hold="cubic").velocity[10_000:]
     phasor = 2 * np.mean(v * np.exp(-2j * np.pi * 9.0 * t[10_000:])[:, None], axis=0) * 1j
     np.testing.assert_allclose(phasor, transfer(heavy.matrices(), np.array([9.0]))[0, :, 1], rtol=1e-4)
-
-
-def test_a_whitener_whitens_and_treats_all_rows_alike():
-    rng = np.random.default_rng(0)
-    f = np.geomspace(0.5, 250.0, 40)
-    shape = 1.0 + (f / 30.0) ** 2
-    whitener = Whitener(Smooth(f, (1 / shape)[:, None]))
-    rows = rng.normal(size=(2, 50_000))
-    coloured = Whitener(Smooth(f, shape[:, None])).apply(rows, 1 / 500.0)
-    level, density = welch(whitener.apply(coloured, 1 / 500.0)[0], 500.0, nperseg=1024)
-    inside = (level > 2) & (level < 240)
-    assert density[inside].std() / density[inside].mean() < 0.25
-    both = whitener.apply(coloured, 1 / 500.0)
-    np.testing.assert_allclose(
-        whitener.apply((3 * coloured[:1] - 2 * coloured[1:]), 1 / 500.0)[0], 3 * both[0] - 2 * both[1], atol=1e-9
-    )

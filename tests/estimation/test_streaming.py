@@ -7,19 +7,17 @@ import pickle
 import signal
 import subprocess
 import sys
-import warnings
 from pathlib import Path
 
 import chains
 import numpy as np
 import pandas as pd
 import pytest
-import tqdm.auto
+from chains import same, table
 
-from pysindy_nrf import ChainModel, NRFRegressor, Record, laws, simulate
+from pysindy_nrf import ChainModel, NRFRegressor, laws, simulate
 from pysindy_nrf.estimation.constraints import TotalMass
 from pysindy_nrf.estimation.streaming import Chunk, fit_streamed, open_source
-from pysindy_nrf.estimation.streaming.accumulator import Accumulator
 from pysindy_nrf.exceptions import (
     ChainError,
     ChannelError,
@@ -38,11 +36,6 @@ def fit(X, F=None, model=None, **options):
     return fit_streamed(model or NRFRegressor(), X, F, chunk_samples=SIZE, **options)
 
 
-def noisy(case: chains.Case, share: float = 0.01, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    rng = np.random.default_rng(seed)
-    return tuple(x + share * x.std(axis=0) * rng.standard_normal(x.shape) for x in (case.X, case.F))
-
-
 def save(folder, X, F):
     np.save(folder / "X.npy", X)
     np.save(folder / "F.npy", F)
@@ -56,36 +49,8 @@ def exact():
 
 
 @pytest.fixture(scope="module")
-def data():
-    return noisy(chains.duffing(3, [1, 2, 3], seed=4, n_samples=6000))
-
-
-@pytest.fixture(scope="module")
-def in_memory(data):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return NRFRegressor().fit(*data)
-
-
-@pytest.fixture(scope="module")
 def intervals(in_memory):
     return in_memory.confidence_intervals()
-
-
-def table(X, F, **more):
-    n = F.shape[1]
-    frame = pd.DataFrame(X, columns=feature_names(n)).assign(**{f"F{j + 1}": F[:, j] for j in range(n)})
-    return frame.assign(**more)
-
-
-def same(model, reference, tolerance=1e-12):
-    assert chains.worst(model.masses_, reference.masses_) < tolerance
-    for site, law in reference.restoring_forces_.items():
-        found = model.restoring_forces_[site].coefficients
-        scale = np.abs(law.coefficients).max()
-        assert np.allclose(found / scale, law.coefficients / scale, atol=10 * tolerance, rtol=tolerance)
-    assert np.allclose(model.errors_["error"], reference.errors_["error"], rtol=1e-8)
-    assert model.n_samples_ == reference.n_samples_
 
 
 @pytest.fixture(params=["npy", "npy float32", "parquet", "h5 matrices", "h5 columns", "frames", "pairs", "files"])
@@ -174,11 +139,7 @@ def test_partial_fit_adds_records_and_a_roving_hammer_reaches_every_mass():
 
 
 def test_partial_fit_takes_records_and_refuses_another_chain(chain2, chain4):
-    records = [
-        Record(force=chain2.F[part], acceleration=chain2.absolute[part, :2], velocity=chain2.absolute[part, 2:4],
-               displacement=chain2.absolute[part, 4:], fs=1000.0, name=str(i))
-        for i, part in enumerate((slice(0, 1000), slice(1000, 2000)))
-    ]  # fmt: skip
+    records = [chain2.record().rows(part).replace(name=str(part)) for part in (slice(0, 1000), slice(1000, 2000))]
     one = NRFRegressor().fit(records)
     two = NRFRegressor().partial_fit(records[0]).partial_fit([records[1]])
     same(two, one, 1e-8)
@@ -186,9 +147,9 @@ def test_partial_fit_takes_records_and_refuses_another_chain(chain2, chain4):
         two.partial_fit(chain4.X, chain4.F)
 
 
-@pytest.mark.parametrize("timed", ["dt", "t", "datetime"])
-def test_a_law_that_remembers_goes_on_from_chunk_to_chunk(timed, tmp_path):
-    """A Dahl element and a relaxing one: a state reset at each of nine chunks would miss their coefficients."""
+@pytest.fixture(scope="module")
+def remembering():
+    """Data of a Dahl element and a relaxing one, their laws, and the model of all samples at once."""
     truth = ChainModel(
         [10.0, 12.0],
         {
@@ -198,14 +159,20 @@ def test_a_law_that_remembers_goes_on_from_chunk_to_chunk(timed, tmp_path):
     )
     rng = np.random.default_rng(3)
     F = np.column_stack([chains.band_limited(6000, 1e-3, rng, 200.0) for _ in range(2)])
-    X, F = simulate(truth, F, 1e-3).to_features(smooth=False)
+    X, F = (table.to_numpy() for table in simulate(truth, F, 1e-3).to_features(smooth=False))
     own = {
         "storey 1": [laws.LinearElastic(), laws.LinearViscous(), laws.Dahl(sigma=900.0)],
         "storey 2": [laws.LinearElastic(), laws.MaxwellBranch(tau=0.3)],
     }
+    return X, F, own, NRFRegressor(laws=own, dt=1e-3).fit(X, F)
+
+
+@pytest.mark.parametrize("timed", ["dt", "t", "datetime"])
+def test_a_law_that_remembers_goes_on_from_chunk_to_chunk(timed, remembering):
+    """A state reset at each of nine chunks would miss the coefficients."""
+    X, F, own, whole = remembering
     t = 5.0 + np.arange(6000) / 1000
-    whole = NRFRegressor(laws=own, dt=1e-3).fit(X.to_numpy(), F.to_numpy())
-    frame = table(X.to_numpy(), F.to_numpy())
+    frame = table(X, F)
     if timed == "t":
         frame["t"] = t
     elif timed == "datetime":
@@ -379,18 +346,6 @@ def test_a_state_of_other_data_or_settings_is_not_taken(tmp_path, exact):
         fit(iter([table(exact.X, exact.F)]), state=state)
 
 
-def test_ctrl_c_without_a_state_promises_none(exact):
-    """An iterator cannot be resumed: no file is named."""
-
-    def pieces():
-        yield table(exact.X[:1000], exact.F[:1000])
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt) as caught:
-        NRFRegressor().fit(pieces())
-    assert not getattr(caught.value, "__notes__", [])
-
-
 def test_a_state_that_cannot_be_written_costs_no_fit(exact, tmp_path):
     """A file is where the folder of the state should be: a warning, and the answer."""
     (tmp_path / "taken").write_text("")
@@ -400,38 +355,6 @@ def test_a_state_that_cannot_be_written_costs_no_fit(exact, tmp_path):
 
 
 # -- sums ---------------------------------------------------------------------------------------------
-
-
-def accumulated(parts):
-    out = Accumulator(NRFRegressor(), "gram")
-    for number, (X, F) in enumerate(parts):
-        out.add(Chunk(X, F, first=number == 0), number)
-    return out.close()
-
-
-def test_sums_of_many_chunks_and_of_many_workers_are_those_of_one(exact, chain4):
-    """The number of blocks and windows stays bounded, an empty part changes nothing, another chain is refused."""
-    whole = accumulated([(exact.X, exact.F)])
-    runs = len(whole.runs)
-    empty = Accumulator(NRFRegressor(), "gram").close()
-    assert whole.merge(empty).n_samples == 2000 and len(whole.runs) == runs
-    chunked = accumulated(zip(np.split(exact.X, 200), np.split(exact.F, 200)))
-    assert len(chunked.runs) == 1
-    merged = Accumulator(NRFRegressor(), "gram")
-    for k, (X, F) in enumerate(zip(np.split(exact.X, 200), np.split(exact.F, 200))):
-        one = Accumulator(NRFRegressor(), "gram")
-        one.add(Chunk(X, F, f"r{k}"), k)
-        merged.merge(one.close())
-    for parts in (chunked, merged):
-        assert len(parts.blocks) < 200 and len(parts.windows) < 200
-        assert sum(b.grams.n_samples for b in parts.blocks) == 2000
-        for dofs, gram in whole.grams().sum().matrices.items():
-            size = np.sqrt(np.diag(gram))
-            assert np.abs((parts.grams().sum().matrices[dofs] - gram) / np.outer(size, size)).max() < 1e-12
-    with pytest.raises(ChannelError, match="has 2 DOFs, another 4"):
-        whole.merge(accumulated([(chain4.X, chain4.F)]))
-    with pytest.raises(ChannelError, match="There are no samples. The source is empty"):
-        empty.require_model()
 
 
 MEMORY = """
@@ -478,19 +401,6 @@ def test_memory_does_not_grow_with_the_file(tmp_path):
     assert float(run.stdout) < 120, f"{run.stdout} MB"
 
 
-def test_a_progress_bar_counts_the_samples(exact, tmp_path, monkeypatch):
-    shown = {}
-
-    class Bar(tqdm.auto.tqdm):
-        def close(self):
-            shown.update(self.format_dict)
-            super().close()
-
-    monkeypatch.setattr(tqdm.auto, "tqdm", Bar)
-    fit(*save(tmp_path, exact.X, exact.F), progress=True)
-    assert shown["n"] == shown["total"] == 2000 and shown["unit"] == "sample"
-
-
 def right(model, case):
     assert chains.worst(model.masses_, case.m) < 1e-8
     for i in (1, 2):
@@ -513,28 +423,6 @@ def test_parquet_row_groups_that_chunks_cut_through(exact, tmp_path):
     assert [chunk.n_samples for chunk in open_source(even, chunk_samples=400).chunks()] == [400] * 5
 
 
-def test_a_list_of_files_goes_on_in_its_second(exact, tmp_path):
-    """Chunk 4 of two files with three chunks each is the second chunk of the second file."""
-    for k, rows in enumerate((slice(0, 1000), slice(1000, 2000))):
-        np.save(tmp_path / f"X{k}.npy", exact.X[rows])
-    source = open_source([tmp_path / "X0.npy", tmp_path / "X1.npy"], chunk_samples=400)
-    np.testing.assert_array_equal(next(iter(source.chunks(4))).X, exact.X[1400:1800])
-    assert source.folder() == tmp_path and source.identity() != open_source([tmp_path / "X0.npy"]).identity()
-
-
-def test_data_sets_that_are_not_needed_stay_where_they_are(exact, tmp_path):
-    h5py = pytest.importorskip("h5py")
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        file["X"], file["F"] = exact.X, exact.F
-        file["spectrum"] = np.zeros((2000, 7))
-        file["fs"] = 1000.0
-    right(fit(tmp_path / "a.h5"), exact)
-    with h5py.File(tmp_path / "b.h5", "w") as file:
-        file["X"], file["F"] = exact.X, exact.F[:-5]
-    with pytest.raises(ChannelError, match=r"data sets of .*b.h5 have \[1995, 2000\] samples"):
-        fit(tmp_path / "b.h5")
-
-
 def test_a_fit_by_path_reads_no_other_file(exact, tmp_path):
     """Neither through a link, nor from values that are kept elsewhere, nor through a virtual data set."""
     h5py = pytest.importorskip("h5py")
@@ -555,14 +443,6 @@ def test_a_fit_by_path_reads_no_other_file(exact, tmp_path):
         says = "No force is measured" if name == "link" else "'F' lies in another file"
         with pytest.raises(NRFError, match=says):
             fit(tmp_path / f"{name}.h5")
-
-
-@pytest.mark.parametrize("suffix", [".h5", ".parquet"])
-def test_a_damaged_file_is_named(tmp_path, suffix):
-    path = tmp_path / f"a{suffix}"
-    path.write_bytes(b"PAR1" + bytes(500) + b"PAR1")
-    with pytest.raises(FileFormatError, match=f"a{suffix}"):
-        fit(path)
 
 
 def test_a_file_that_is_damaged_in_the_middle_is_named_while_it_is_read(exact, tmp_path):
@@ -617,20 +497,3 @@ def test_constraints_hold_in_a_fit_by_pieces(exact, tmp_path):
     whole = NRFRegressor(constraints=asked).fit(exact.X, exact.F)
     assert pieces.masses_.sum() == pytest.approx(1.1 * exact.m.sum(), rel=1e-9)
     np.testing.assert_allclose(pieces.masses_, whole.masses_, rtol=1e-5)
-
-
-def test_a_second_fit_forgets_the_names_of_the_first(exact, tmp_path):
-    X, F = save(tmp_path, exact.X, exact.F)
-    model = NRFRegressor().fit(table(exact.X, exact.F)[feature_names(2)], exact.F)
-    assert list(model.feature_names_in_) == feature_names(2)
-    model.fit(X, F)
-    assert not hasattr(model, "feature_names_in_") and model.n_features_in_ == 6
-    right(model, exact)
-
-
-def test_records_pairs_and_a_single_record_are_one_stream(exact):
-    rec = Record(force=exact.F, acceleration=exact.a, velocity=np.cumsum(exact.v, axis=1),
-                 displacement=np.cumsum(exact.s, axis=1), fs=1000.0, name="r")  # fmt: skip
-    found = NRFRegressor().fit(iter([(exact.X[:900], exact.F[:900]), (exact.X[900:], exact.F[900:])]))
-    right(found, exact)
-    assert NRFRegressor(degree=3).fit(iter([rec, rec])).n_samples_ > 3000

@@ -5,11 +5,14 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import pytest
+
 from pysindy_nrf.laws import base
 
 PAGE = Path(__file__).parents[2] / "docs" / "add_your_own_law.md"
 
 
+@pytest.mark.examples
 def test_the_page_runs_as_printed(monkeypatch, capsys):
     monkeypatch.setattr(base, "_REGISTRY", dict(base._REGISTRY))
     blocks = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)

@@ -9,7 +9,7 @@ import pytest
 
 from pysindy_nrf import laws
 from pysindy_nrf.exceptions import LawError
-from pysindy_nrf.laws import compiled, memory
+from pysindy_nrf.laws import compiled
 from pysindy_nrf.laws.shape import Motion
 
 START = """
@@ -96,48 +96,6 @@ def test_machine_code_that_cannot_be_read_or_written_is_compiled_anew(tmp_path):
     assert total(tmp_path, "jenkins") == first
     (tmp_path / "file").write_text("")
     assert total(tmp_path / "file" / "below", "jenkins") == first
-
-
-def test_no_layout_of_the_arrays_is_compiled_for_anew():
-    """Forces in either order, drifts that may or may not be written to: the same machine code."""
-    from pysindy_nrf import ChainModel, simulate
-    from pysindy_nrf.simulation.integrators import runge_kutta
-
-    law = laws.Dahl(sigma=1e3, Fd=1.0)
-    model = ChainModel([1.0, 2.0], {i: [laws.LinearElastic(1e3), law] for i in (1, 2)})
-    F = np.random.default_rng(0).standard_normal((40, 2))
-    runs = [simulate(model, force, 1e-3).displacement for force in (F, np.asfortranarray(F), F[::1].copy())]
-    assert all(np.array_equal(runs[0], run) for run in runs[1:]) and len(runge_kutta.signatures) == 1
-    s = np.cumsum(F[:, 0]) * 1e-3
-    sealed = s.copy()
-    sealed.flags.writeable = False
-    states = [memory.state_path(law, Motion(x, F[:, 0]), np.empty((0, 40)), law.theta) for x in (s, sealed, s[::1])]
-    assert np.array_equal(*states[:2]) and len(memory._paths(type(law).advance, law.n_states).signatures) == 1
-
-
-def test_machine_code_of_a_law():
-    law = laws.Jenkins(uy=2.0)
-    kernel, advance = compiled.pointers(law)
-    assert compiled.pointers(law) == (kernel, advance) and kernel.address and advance.address
-    z, u, theta, out = np.array([0.25]), np.zeros(0), law.theta, np.zeros(1)
-    import ctypes
-
-    def line(x):
-        return x.ctypes.data_as(ctypes.POINTER(ctypes.c_double)), x.size
-
-    advance.ctypes(*line(z), 0.0, 1.0, 1.0, 1.0, 0.1, *line(u), *line(theta))
-    assert z[0] == 0.75
-    kernel.ctypes(0.0, 0.0, 0.0, 0.0, *line(u), *line(z), *line(theta), *line(out))
-    assert out[0] == 0.75
-
-
-def test_arrays_are_handed_on_read_only():
-    x = np.arange(6).reshape(2, 3).T
-    view = compiled.read_only(x)
-    assert view.tolist() == x.tolist() and view.dtype == float
-    assert view.flags.c_contiguous and not view.flags.writeable and x.flags.writeable
-    y = np.arange(3.0)
-    assert compiled.read_only(y).base is y and y.flags.writeable
 
 
 def test_what_cannot_be_compiled_is_named():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pysindy_nrf import laws
-from pysindy_nrf.exceptions import LawError, NRFError
+from pysindy_nrf.exceptions import NRFError
 from pysindy_nrf.laws import Shape, Term, contract
 
 VARIANTS = [
@@ -22,9 +22,8 @@ VARIANTS = [
 @pytest.mark.parametrize("check", contract.CHECKS, ids=lambda check: check.__name__.removeprefix("check_"))
 @pytest.mark.parametrize("law", VARIANTS, ids=repr)
 def test_every_law_keeps_the_contract(law, check):
-    for seed in range(2):
-        rng = np.random.default_rng(seed)
-        check(contract.random_values(law, rng), rng)
+    rng = np.random.default_rng(0)
+    check(contract.random_values(law, rng), rng)
 
 
 def test_a_sound_law_passes():
@@ -67,11 +66,6 @@ def spoils(channel):
     return features(change)
 
 
-def silent(s, v, a, t, u, z, theta, out):
-    if np.ndim(v):
-        out[0] = v
-
-
 def guesses(self, motion, state=None):
     return np.zeros((motion.n_samples, 1))
 
@@ -84,30 +78,24 @@ TWO = Term("k", "s", "N/m"), Term("k3", "s^3", "N/m^3")
 BREAKS = {
     "features": [
         (laws.LinearViscous, {"features": features(lambda m, x: np.hstack([x, x]))}, "have shape"),
-        (laws.LinearViscous, {"features": features(lambda m, x: x[1:])}, "have shape"),
         (laws.LinearViscous, {"features": features(lambda m, x: x.astype(np.float32))}, "are float32"),
         (laws.LinearViscous, {"features": features(lambda m, x: np.where(x > 0, np.nan, x))}, "not finite"),
         *((laws.CovariateFriction, {"features": spoils(x)}, "changes the motion") for x in "svatu"),
     ],
     "large_arguments": [
         (laws.LinearViscous, {"kernel": plain(lambda s, v: s**21)}, "overflow"),
-        (laws.LinearViscous, {"kernel": plain(lambda s, v: v / s)}, "divide|invalid"),
         (laws.LinearViscous, {"kernel": plain(lambda s, v: np.sqrt(v))}, "invalid"),
         (laws.LinearViscous, {"kernel": plain(lambda s, v: np.where(v > 1e20, np.inf, v))}, "not finite"),
     ],
     "single_samples": [
         (laws.LinearViscous, {"kernel": plain(lambda s, v: v if np.ndim(v) else 1.001 * v)}, "on floats differs"),
-        (laws.LinearViscous, {"kernel": staticmethod(silent)}, "on floats differs"),
     ],
     "standstill": [
         (laws.ConstantForce, {"at_rest": 0.5}, "is not 0.5"),
-        (laws.ConstantForce, {"at_rest": 0.0}, "is not 0.0"),
         (laws.LinearElastic, {"at_rest": None}, "the force vanishes"),
-        (laws.AddedMass, {"at_rest": None}, "the force vanishes"),
     ],
     "symmetry": [
         (laws.LinearViscous, {"symmetry": "even"}, "'even', found 'odd'"),
-        (laws.LinearViscous, {"kernel": plain(lambda s, v: s * v)}, "'odd', found 'even'"),
         (laws.LinearViscous, {"kernel": plain(lambda s, v: v + 1e-6 * v * v)}, "'odd', found 'none'"),
     ],
     "records": [
@@ -117,15 +105,11 @@ BREAKS = {
     ],
     "energy": [
         (laws.LinearElastic, {"kernel": plain(lambda s, v: s + 1e-4 * v)}, "takes or gives energy"),
-        (laws.LinearElastic, {"kernel": plain(lambda s, v: s - 1e-4 * v), "passive": False}, "takes or gives energy"),
         (laws.LinearViscous, {"kernel": plain(lambda s, v: s - 1e-4 * v)}, "passive, but gives energy"),
     ],
     "variable": [
         (laws.CoulombFriction, {"variable": "s"}, "does not follow 's'"),
         (laws.DisplacementDependentDamping, {"variable": "s"}, "follows more than 's'"),
-        (laws.CubicStiffness, {"variable": "v"}, "does not follow 'v'"),
-        (laws.LinearElastic, {"variable": "1"}, "follows more than '1'"),
-        (laws.BaseMotion, {"variable": "1"}, "follows more than '1'"),
         (laws.Inerter, {"kernel": plain(lambda s, v: s)}, "does not follow 'a'"),
         (laws.Dahl, {"variable": "z"}, "variable is 'z'"),
     ],
@@ -135,7 +119,6 @@ BREAKS = {
     ],
     "saturation": [
         (laws.BoucWen, {"saturates_at": "n"}, "does not saturate"),
-        (laws.TwoSidedGap, {"saturates_at": "gap"}, "does not saturate"),
         (laws.Dahl, {"saturates_at": "uy"}, "is no shape parameter"),
     ],
     "signs": [
@@ -160,8 +143,6 @@ BREAKS = {
     ],
     "units": [
         (laws.LinearViscous, {"columns": (Term("c", "v", "N/m"),)}, "c has not the unit N/m"),
-        (laws.CubicStiffness, {"columns": (Term("k3", "s^3", "N/m^2"),)}, "k3 has not the unit"),
-        (laws.AddedMass, {"columns": (Term("dm", "a", "N"),)}, "dm has not the unit"),
         (laws.BaseMotion, {"terms": lambda self: (Term("m", "ag", "N"),)}, "m has not the unit"),
         (laws.PowerLawDamping, {"columns": (Term("cn", "sgn(v) |v|^n", "N s/m"),)}, "cn has not the unit"),
         (laws.Dahl, {"shapes": (Shape("sigma", "1/s", 0.03, 3000.0, "1/s"),)}, "Fd has not the unit"),
@@ -173,10 +154,8 @@ BREAKS = {
         (laws.Duffing, {"__doc__": None}, "BrokenDuffing has no documentation"),
         (laws.Duffing, {"family": ""}, "name or family is missing"),
         (laws.Duffing, {"acts_at": ("roof",)}, "acts_at is"),
-        (laws.Duffing, {"acts_at": ()}, "acts_at is"),
         (laws.Duffing, {"terms": lambda self: (TWO[0], TWO[1]._replace(symbol="k"))}, "symbols .* are not distinct"),
         (laws.Duffing, {"columns": (TWO[0], TWO[1]._replace(label="s"))}, "labels .* are not distinct"),
-        (laws.Duffing, {"columns": (TWO[0], TWO[1]._replace(label=""))}, "labels .* are not distinct"),
         (laws.Duffing, {"parameters": {"k": 1.0}}, "parameters are wrong"),
         (laws.Duffing, {"equation": lambda self, index="": "s"}, "is not in its equation"),
         (laws.Duffing, {"__repr__": lambda self: "Duffing"}, "repr is"),
@@ -204,20 +183,6 @@ def test_rounding_breaks_no_contract():
     contract.check_symmetry(broken(laws.LinearViscous, kernel=plain(lambda s, v: v + 1e-13 * v * v)), rng)
     contract.check_energy(broken(laws.LinearElastic, kernel=plain(lambda s, v: s + 1e-8 * v)), rng)
     contract.check_standstill(broken(laws.ConstantForce, at_rest=1.0), rng)
-
-
-@pytest.mark.parametrize("what", ["not a finite number", "not positive", "no shape parameter", "were given", "no coefficient"])
-def test_a_law_that_takes_wrong_values_is_refused(what):
-    def lenient(self, coefficients=None, shape=None):
-        try:
-            return laws.TwoSidedGap.with_values(self, coefficients, shape)
-        except LawError as error:
-            if what in str(error):
-                return self
-            raise
-
-    with pytest.raises(AssertionError, match="no error where"):
-        contract.check_errors(broken(laws.TwoSidedGap, with_values=lenient), np.random.default_rng(3))
 
 
 def test_special_cases_are_told_by_their_class():

@@ -7,12 +7,11 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import quad, solve_ivp
+from scipy.integrate import quad
 
 from pysindy_nrf import laws
 from pysindy_nrf.exceptions import LawError
-from pysindy_nrf.laws import ForceLaw, Motion, Shape, Term, base
-from pysindy_nrf.laws.power_series import exponents_of, monomial, monomial_unit, whole
+from pysindy_nrf.laws import ForceLaw, Motion
 
 E = math.e
 
@@ -113,31 +112,15 @@ def test_nine_terms_of_the_papers_equation_9():
     assert [t.symbol for t in laws.PowerSeries(2).terms()] == ["c_1_0", "c_0_1", "c_2_0", "c_1_1", "c_0_2"]
     units = ["N s/m", "N/m", "N s^2/m^2", "N s/m^2", "N/m^2"]
     assert [t.unit for t in laws.PowerSeries(2).terms()] == units
-    assert exponents_of((2, 1)) == ((1, 0), (0, 1), (2, 0), (1, 1), (2, 1))
-    assert exponents_of([0, 2]) == ((0, 1), (0, 2))
-    assert exponents_of(0) == () and len(exponents_of(60)) == 61 * 62 // 2 - 1 and len(exponents_of((1, 60))) == 121
-    assert [monomial(*p) for p in ((0, 0), (1, 0), (0, 1), (3, 1), (1, 2))] == ["1", "v", "s", "v^3 s", "v s^2"]
-    assert [monomial_unit(*p) for p in ((0, 0), (3, 1))] == ["N", "N s^3/m^4"]
-    assert laws.PowerSeries((2, 1)).options() == {"degree": [2, 1]} and laws.PowerSeries(2).options() == {"degree": 2}
 
 
 @pytest.mark.parametrize("degree", [-1, 61, 2.0, True, "3", (1,), (1, 2, 3), (1, -1), (61, 0), (0, 61), (1, 1.5), None])
 def test_degree_of_a_power_series_is_a_whole_number_up_to_60(degree):
     with pytest.raises(LawError, match="order=|degree=|k=|q="):
         laws.PowerSeries(degree)
-    assert whole("n", np.int64(1), 1) == 1 and whole("n", 0) == 0
-    with pytest.raises(LawError, match="n=1 is not a whole number of at least 2"):
-        whole("n", 1, 2)
 
 
 # -- what a law says about itself -----------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("scale", "unit"), [("1", 1.0), ("s", 0.5), ("v", 4.0), ("t", 10.0), ("1/s", 2.0), ("1/v", 0.25), ("s/v", 0.125)]
-)
-def test_bounds_are_multiples_of_their_scale(scale, unit):
-    assert Shape("x", "1", 3.0, 5.0, scale).bounds(drift=0.5, rate=4.0, duration=10.0) == (3.0 * unit, 5.0 * unit)
 
 
 def test_only_shapes_of_either_sign_may_be_zero_or_negative():
@@ -160,13 +143,9 @@ def test_coefficients_by_name_or_in_order():
     assert law.parameters == {"k": 1.0, "k3": 2.0} and law.values.dtype == float
     assert law.with_values({"k": None, "k3": None}).coefficients is None
     assert law.with_values({"k3": 7}).values.tolist() == [0.0, 7.0]
-    assert law.with_values(np.array([[4.0], [5.0]])).values.tolist() == [4.0, 5.0]
     assert law.values.tolist() == [1.0, 2.0]
-    assert laws.LinearElastic().with_values(5.0).values.tolist() == [5.0]
     with pytest.raises(LawError, match="Duffing has 2 coefficients, 1 were given. Their order is k, k3"):
         law.with_values([1.0])
-    with pytest.raises(LawError, match="Duffing has 2 coefficients, 3 were given"):
-        law.with_values([1.0, 2.0, 3.0])
     with pytest.raises(LawError, match="Duffing has no coefficient 'c'. It has k, k3"):
         law.with_values({"k": 1.0, "c": 2.0})
     for bad in ("stiff", math.nan, math.inf, [1.0, "2 N"], [[1.0, 2.0], [3.0]]):
@@ -189,14 +168,8 @@ def test_shape_parameters_by_name():
     assert full.with_values(shape={"uy": None}).free_shape == ("uy",)
     with pytest.raises(LawError, match="Iwan has no shape parameter 'n'. It has uy, ratio"):
         law.with_values(shape={"n": 2.0})
-    with pytest.raises(LawError, match="CoulombFriction has no shape parameter 'n'. It has none"):
-        laws.CoulombFriction().with_values(shape={"n": 2.0})
     with pytest.raises(LawError, match="Iwan: ratio='wide' is not a finite number"):
         law.with_values(shape={"ratio": "wide"})
-    side = laws.OneSidedGap(gap=0.5, side=-1)
-    assert side.theta.tolist() == [0.5, -1.0] and side.options() == {"side": -1}
-    assert laws.PreloadedContact(u=0.5).theta.tolist() == [0.5, 1.0]
-    assert laws.PowerSeries(1).theta.tolist() == [1.0, 0.0, 0.0, 1.0]
 
 
 @pytest.mark.parametrize("side", [0, 2, -2, "left", None])
@@ -209,29 +182,9 @@ def test_a_contact_has_two_sides(cls, side):
 
 @pytest.mark.parametrize("name", [3, "", "  ", None, ("ag",)])
 def test_a_covariate_has_a_name(name):
-    for cls in (
-        laws.BaseMotion,
-        laws.GroundFriction,
-        laws.CovariateFriction,
-        laws.LaggedCovariateFriction,
-        laws.CovariateDahl,
-    ):
+    for cls in (laws.BaseMotion, laws.CovariateFriction, laws.CovariateDahl):
         with pytest.raises(LawError, match="covariate=.* is not the name of a channel"):
             cls(covariate=name)
-        assert cls(covariate="c 1").options() == {"covariate": "c 1"}
-
-
-def test_terms_of_a_covariate():
-    def texts(law):
-        return [tuple(t) for t in law.terms()]
-
-    assert texts(laws.CovariateFriction("V")) == [
-        ("Fc", "sgn(v)", "N"), ("Fu", "V sgn(v)", "N/[u]"), ("Cu", "V v", "N s/m/[u]"),
-    ]  # fmt: skip
-    assert texts(laws.LaggedCovariateFriction("V"))[1][1] == "lag[V] sgn(v)"
-    assert [t[1] for t in texts(laws.CovariateDahl("V"))] == ["Z", "lag[V] Z", "lag[V] v"]
-    assert texts(laws.BaseMotion(covariate="a0")) == [("m", "a0", "kg")]
-    assert texts(laws.GroundFriction(covariate="v0")) == [("Fc", "sgn(v + v0)", "N")]
 
 
 def test_text():
@@ -241,12 +194,7 @@ def test_text():
     assert laws.ConstantForce().equation(1) == "f0" and laws.ConstantForce(2.5).equation(1) == "2.5"
     assert laws.ModifiedDahl(sigma=5.0).equation(2) == "K0 s2 + C0 v2 + Fd Z2 + f0  (sigma = 5)"
     assert laws.Iwan(uy=0.25).equation(2) == "F1 Jenkins[s2; uy] + F2 Jenkins[s2; ratio uy]  (uy = 0.25)"
-    assert laws.Iwan(uy=0.25, ratio=3.0).equation(0).endswith(
-        "(uy = 0.25, ratio = 3)"
-    ) and "s0" in laws.Iwan().equation(0)
-    assert laws.Iwan().equation() == "F1 Jenkins[s; uy] + F2 Jenkins[s; ratio uy]"
     assert laws.PowerSeries(0).equation() == "0"
-    assert base.subscript("sgn(v + vs s) + a x Z", 7) == "sgn(v7 + vs s7) + a7 x7 Z7"
     assert repr(laws.OneSidedGap(0.5, 2e4, -1)) == "OneSidedGap(side=-1, gap=0.5, k=2e+04)"
     assert repr(laws.OneSidedGap()) == "OneSidedGap(side=1)" and repr(laws.Duffing(1.0, 2.0)) == "Duffing(k=1, k3=2)"
 
@@ -259,13 +207,8 @@ def test_plain_data_and_back():
     assert copy == law and hash(copy) == hash(law) and copy.side == -1 and copy is not law
     assert laws.Duffing().to_dict() == {"law": "duffing", "options": {}, "shape": {}, "coefficients": None}
     assert laws.from_dict({"law": "jenkins"}) == laws.Jenkins()
-    assert laws.from_dict({"law": "jenkins", "options": None, "shape": None}) == laws.Jenkins()
     assert laws.from_dict({"law": "power_series", "options": {"degree": [2, 1]}}) == laws.PowerSeries((2, 1))
-    assert (
-        law != law.with_values([1.0])
-        and law != law.with_values(shape={"gap": 0.6})
-        and law != laws.OneSidedGap(0.5, 2e4)
-    )
+    assert laws.OneSidedGap(0.5, 2e4) != law != law.with_values(shape={"gap": 0.6})
     assert laws.AddedMass(1.0) != laws.Inerter(1.0) and laws.Duffing() != "duffing"
     assert len({laws.Duffing(1.0), laws.Duffing(1.0), laws.Duffing(2.0)}) == 2
 
@@ -273,15 +216,8 @@ def test_plain_data_and_back():
 @pytest.mark.parametrize(
     ("data", "words"),
     [
-        (
-            {"law": "none of these"},
-            "There is no law 'none of these'. Known laws: .*absolute_quadratic_stiffness, added_mass, ",
-        ),
-        ({"law": ["dahl"]}, "There is no law"),
+        ({"law": "none of these"}, "There is no law 'none of these'. Known laws: .*absolute_quadratic_stiffness, added_mass, "),
         ({}, "does not describe a law. It needs 'law', 'options'"),
-        (None, "does not describe a law"),
-        ({"law": "dahl", "options": 3}, "does not describe a law"),
-        ({"law": "dahl", "shape": "sigma"}, "does not describe a law"),
         ({"law": "dahl", "options": {"side": 1}}, "Law 'dahl' cannot be built from"),
         ({"law": "dahl", "coefficients": [1.0, 2.0]}, "Dahl has 1 coefficients, 2 were given"),
     ],
@@ -320,28 +256,6 @@ def test_features_are_columns_of_the_whole_record():
     assert laws.DampingDrift(2.0).force(Motion(s, s, t=s)).tolist() == [2.0, 8.0, 18.0]
 
 
-def test_a_kernel_that_reads_neither_time_nor_acceleration_is_given_zeros():
-    class Sum(ForceLaw):
-        covariates = ("p", "q")
-
-        def terms(self):
-            return (Term("a", "a", "N"), Term("b", "b", "N"), Term("p", "p", "N"), Term("q", "q", "N"))
-
-        @staticmethod
-        def kernel(s, v, a, t, u, z, theta, out):
-            out[0], out[1], out[2], out[3] = a + 0.0, t + 0.0, u[0], u[1]
-
-    s, ones = np.zeros(2), np.ones(2)
-    given = {"q": 5 * ones, "p": 4 * ones, "r": ones}
-    assert Sum().features(Motion(s, s, covariates=given))[1].tolist() == [0.0, 0.0, 4.0, 5.0]
-    assert Sum().features(Motion(s, s, a=2 * ones, covariates=given))[1].tolist() == [2.0, 0.0, 4.0, 5.0]
-    assert Sum().features(Motion(s, s, t=3 * ones, covariates=given))[1].tolist() == [0.0, 3.0, 4.0, 5.0]
-    assert Sum().features(Motion(s, s, 2 * ones, 3 * ones, given))[1].tolist() == [2.0, 3.0, 4.0, 5.0]
-    assert Sum().covariates_of(Motion(s, s, covariates=given)).tolist() == [[4.0, 4.0], [5.0, 5.0]]
-    with pytest.raises(LawError, match="Sum needs the covariate 'q'"):
-        Sum().covariates_of(Motion(s, s, covariates={"p": s}))
-
-
 def test_readings_of_faulty_sensors():
     t = np.arange(200) / 100
     y = np.sin(3 * t)
@@ -367,28 +281,6 @@ def stroke(law, start, ds, v0=1.0, v1=1.0, dt=1.0, u=(), s0=0.3):
     z = np.array(start, dtype=float, ndmin=1)
     type(law).advance(z, s0, v0, s0 + ds, v1, dt, np.array(u, dtype=float), law.theta)
     return z
-
-
-@pytest.mark.parametrize(
-    "law",
-    [
-        laws.Dahl(sigma=20.0),
-        laws.Jenkins(uy=0.1),
-        laws.Iwan(uy=0.1, ratio=2.0),
-        laws.LuGre(sigma=20.0, vs=0.5, ratio=1.5),
-        laws.BoucWen(beta=20.0, rho=-0.3, n=1.0),
-        laws.BoucWen(beta=20.0, rho=0.4, n=1.7),
-        laws.MaxwellBranch(tau=0.7),
-        laws.CovariateDahl(sigma=20.0, tau=0.5),
-    ],
-    ids=repr,
-)
-@pytest.mark.parametrize("s0", [-2.0, -0.25, 0.25, 2.0])
-def test_where_a_stroke_begins_does_not_count(law, s0):
-    start = np.linspace(0.2, 0.4, law.n_states)
-    for ds in (-0.03, 0.03):
-        ends = [stroke(law, start, ds, 0.1, 0.4, 0.2, [1.5], at) for at in (0.0, s0)]
-        np.testing.assert_allclose(ends[1], ends[0], rtol=1e-12)
 
 
 @pytest.mark.parametrize("start", [-0.7, 0.0, 0.4])
@@ -427,46 +319,6 @@ def test_lag_of_a_covariate_in_one_step():
     assert stroke(both, [0.0, 1.0, 0.5], 0.0, dt=0.5, u=[1.0]).tolist() == pytest.approx([1.0 - 1.0 / E, 1.0, 0.5])
 
 
-def test_force_of_a_lagged_covariate_from_its_state():
-    # w is the lagged covariate once it has started, the covariate itself before
-    def columns(law, z, u, v):
-        out = np.empty(3)
-        law.kernel(0.0, v, 0.0, 0.0, np.array([u]), np.array(z), law.theta, out)
-        return out.tolist()
-
-    friction = laws.LaggedCovariateFriction(tau=0.5)
-    assert columns(friction, [4.0, 1.0], 7.0, -0.5) == [-1.0, -4.0, -2.0]
-    assert columns(friction, [0.0, 0.0], 7.0, -0.5) == [-1.0, -7.0, -3.5]
-    dahl = laws.CovariateDahl(sigma=1.0, tau=0.5)
-    assert columns(dahl, [4.0, 1.0, 0.25], 7.0, -0.5) == [0.25, 1.0, -2.0]
-    assert columns(dahl, [0.0, 0.0, 0.25], 7.0, -0.5) == [0.25, 1.75, -3.5]
-
-
-@pytest.mark.parametrize("x", [1e-4, 0.01, 0.03, 0.0499, 0.0501, 0.3, 2.0, 30.0])
-def test_maxwell_branch_in_one_step(x):
-    tau, dt = 0.4, 0.4 * x
-    law = laws.MaxwellBranch(tau=tau)
-    assert stroke(law, 0.7, 0.0, 0.0, 0.0, dt)[0] == pytest.approx(0.7 * math.exp(-x), rel=1e-14)
-
-    def held(rate):  # the integral of exp(-(dt - t) / tau) rate(t) by Gauss's rule, y in units of the step
-        y, weight = np.polynomial.legendre.leggauss(60)
-        y, weight = 0.5 * (1.0 + y), 0.5 * weight
-        return dt * np.sum(weight * np.exp(-x * (1.0 - y)) * rate(y))
-
-    steady = -2.0 * tau * math.expm1(-x)
-    assert stroke(law, 0.0, 2.0 * dt, 2.0, 2.0, dt, s0=0.0)[0] == pytest.approx(steady, rel=1e-9)
-    assert stroke(law, 0.0, 2.0 * dt, 5.0, 5.0, dt, s0=0.0)[0] == pytest.approx(steady, rel=1e-9)
-    turning = stroke(law, 0.0, 0.0, -3.0, 3.0, dt, s0=0.0)[0]  # there and back
-    assert turning == pytest.approx(held(lambda y: 6.0 * (y - 0.5)), rel=1e-7)
-    assert turning == pytest.approx(-stroke(law, 0.0, 0.0, 3.0, -3.0, dt, s0=0.0)[0], rel=1e-14)
-
-
-def test_maxwell_branch_is_elastic_in_no_time():
-    law = laws.MaxwellBranch(tau=0.4)
-    assert stroke(law, 0.5, 0.25, dt=0.0, s0=0.0)[0] == 0.75
-    assert stroke(law, 0.5, 0.25, dt=-1.0, s0=1.0)[0] == 0.75
-
-
 def _stribeck(v, vs, ratio):
     return 1.0 + (ratio - 1.0) * math.exp(-((v / vs) ** 2))
 
@@ -480,39 +332,6 @@ def test_lugre_at_steady_speed_is_dahl_with_the_stribeck_level(speed, start):
     assert stroke(law, start, 2e-3, speed, speed)[0] == pytest.approx(end, rel=1e-11)
     assert stroke(law, -start, -2e-3, -speed, -speed)[0] == pytest.approx(-end, rel=1e-11)
     assert stroke(law, start, 0.0, speed, 2 * speed + 0.1)[0] == start
-
-
-@pytest.mark.parametrize(("v0", "v1"), [(0.0, 0.03), (0.03, 0.0), (0.005, 0.025), (0.1, 0.02), (0.0, 0.5), (2.0, 0.0)])
-def test_lugre_over_a_change_of_speed(v0, v1):
-    sigma, vs, ratio, start = 300.0, 0.02, 1.6, -0.3
-    law = laws.LuGre(sigma=sigma, vs=vs, ratio=ratio)
-    ds = 3e-3  # at constant acceleration over the time 2 ds / (v0 + v1)
-    T = 2.0 * ds / (v0 + v1)
-
-    def rate(t, z):
-        v = v0 + (v1 - v0) * t / T
-        return sigma * v * (1.0 - z / _stribeck(v, vs, ratio))
-
-    exact = solve_ivp(rate, (0.0, T), [start], "DOP853", rtol=1e-11, atol=1e-13, max_step=T / 50).y[0, -1]
-    assert stroke(law, start, ds, v0, v1, T)[0] == pytest.approx(exact, abs=4e-4)
-    assert stroke(law, -start, -ds, -v0, -v1, T)[0] == pytest.approx(-exact, abs=4e-4)
-
-
-def test_lugre_force_from_its_state():
-    law = laws.LuGre(sigma=300.0, vs=0.02, ratio=1.6)
-
-    def columns(v, z):
-        out = np.empty(2)
-        law.kernel(0.0, v, 0.0, 0.0, np.empty(0), np.array([z]), law.theta, out)
-        return out.tolist()
-
-    assert columns(0.5, 0.0) == [0.0, 0.5]  # unbent bristles take the whole rate
-    level = 1.0 + 0.6 / E
-    assert columns(0.02, level) == pytest.approx([level, 0.0], abs=1e-15)  # bent to the level they slip
-    assert columns(-0.02, 0.5) == pytest.approx([0.5, -0.02 - 0.02 * 0.5 / level], rel=1e-14)
-    assert columns(-0.04, -0.5) == pytest.approx([-0.5, -0.04 + 0.04 * 0.5 / (1.0 + 0.6 / E**4)], rel=1e-14)
-    assert columns(0.01, 0.8) == pytest.approx([0.8, 0.01 - 0.008 / (1.0 + 0.6 * E**-0.25)], rel=1e-14)
-    assert columns(1e30, 0.25) == pytest.approx([0.25, 0.75e30], rel=1e-14)
 
 
 # -- Bouc-Wen in one stroke -----------------------------------------------------------------------
@@ -550,78 +369,6 @@ def test_bouc_wen_strokes_have_the_length_they_were_given(n, rho):
                 assert gap * slope < 1e-6, (start, x)
             else:
                 assert gap < 2e-5 * max(x, size / slope), (start, x)
-
-
-@pytest.mark.parametrize(
-    ("starts", "lengths", "gap"),
-    [
-        ((-2.1e-3, -1.3e-3, -1e-3, -6e-4, -2e-4, -1e-5, 0.0, 1e-5, 3e-4), (5e-4, 2e-3, 8e-3), 2e-9),
-        ((-0.3, -0.1, -0.03, -0.01, 0.02, 0.1), (0.02, 0.1, 0.3), 1.5e-7),
-        ((-0.97, -0.7, 0.6), (0.1, 0.4, 1.0), 1e-6),
-    ],
-    ids=["small", "middle", "full"],
-)
-def test_bouc_wen_is_the_more_exact_the_smaller_the_loop(starts, lengths, gap):
-    for n in (1.05, 1.2, 1.5, 2.0, 3.0):
-        for rho in (-1.0, -0.6, 0.0, 0.5, 1.0):
-            law = laws.BoucWen(beta=1.0, rho=rho, n=n)
-            for start in starts:
-                for x in lengths:
-                    end = stroke(law, start, x, s0=0.0)[0]
-                    slope = 1.0 - (rho + math.copysign(1.0, end)) * abs(end) ** n
-                    assert abs(_length(start, end, rho, n) - x) * slope < gap, (n, rho, start, x)
-
-
-@pytest.mark.parametrize("start", [-0.9, -0.5, 0.0, 0.3])
-def test_bouc_wen_with_n_2_is_a_tangent_and_a_hyperbolic_tangent(start):
-    # rho = 0: y' = 1 + y^2 up to y = 0, then y' = 1 - y^2
-    law = laws.BoucWen(beta=1.0, rho=0.0, n=2.0)
-    for x in (0.05, 0.3, 0.9, 2.0, 5.0):
-        to_zero = math.atan(-start) if start < 0.0 else 0.0
-        if x < to_zero:
-            end = math.tan(x + math.atan(start))
-        else:
-            end = math.tanh(x - to_zero + math.atanh(max(start, 0.0)))
-        assert stroke(law, start, x, s0=0.0)[0] == pytest.approx(end, abs=5e-7)
-
-
-@pytest.mark.parametrize("rho", [-1.7, -1.0, -0.4, 0.0, 0.7, 1.0, 1.8])
-@pytest.mark.parametrize("start", [-1.8, -0.4, 0.0, 0.3, 2.0])
-def test_bouc_wen_with_n_1_is_exponential(rho, start):
-    law = laws.BoucWen(beta=1.0, rho=rho, n=1.0)
-
-    def along(y, c, x):  # y' = 1 - c y
-        return y + x if c == 0.0 else 1.0 / c + (y - 1.0 / c) * math.exp(-c * x)
-
-    for x in (1e-3, 0.2, 1.0, 4.0):
-        end = start
-        rest = x
-        if start < 0.0:
-            c = 1.0 - rho  # (sgn y + rho) |y| = (1 - rho) y
-            if c == 0.0:
-                to_zero = -start
-            else:
-                to_zero = math.log(1.0 - c * start) / c if 1.0 - c * start > 0.0 else math.inf
-            rest = max(x - to_zero, 0.0)
-            end = 0.0 if rest > 0.0 else along(start, c, x)
-        if rest > 0.0:
-            end = along(end, 1.0 + rho, rest)
-        assert stroke(law, start, x, s0=0.0)[0] == pytest.approx(end, rel=1e-10, abs=1e-12)
-        assert stroke(law, -start, -x, s0=0.0)[0] == pytest.approx(-end, rel=1e-10, abs=1e-12)
-
-
-@pytest.mark.parametrize("n", [1.0, 1.5, 2.0, 3.0])
-def test_hardening_bouc_wen_is_bounded_and_comes_back(n):
-    law = laws.BoucWen(beta=1.0, rho=-1.5, n=n)
-    assert stroke(law, 0.0, 200.0)[0] == 1e6 and stroke(law, 0.0, -200.0)[0] == -1e6
-    assert stroke(law, 1e6, 5.0)[0] == 1e6  # and stays
-    back = (
-        _length(-1e6, 0.0, -1.5, n)
-        if n == 1.0
-        else sum(_length(*p, -1.5, n) for p in ((-1e6, -1e3), (-1e3, -1.0), (-1.0, 0.0)))
-    )
-    assert stroke(law, 1e6, -back - 0.2, s0=0.0)[0] == pytest.approx(stroke(law, 0.0, -0.2, s0=0.0)[0], abs=2e-5)
-    assert stroke(law, 1e6, -0.8 * back, s0=0.0)[0] > 0.0
 
 
 @pytest.mark.parametrize("n", [1.0, 1.6, 3.0])

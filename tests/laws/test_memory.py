@@ -63,29 +63,6 @@ def test_velocity_that_contradicts_the_drift_takes_the_straight_way():
     np.testing.assert_allclose(z, 1 - np.exp(-500.0 * s), rtol=1e-14)
 
 
-def test_law_that_needs_time_says_so_and_a_user_law_is_compiled():
-    class Lag(ForceLaw):
-        name = "test_lag"
-        n_states = 1
-
-        def terms(self):
-            return (Term("c", "Z", "N"),)
-
-        @staticmethod
-        def kernel(s, v, a, t, u, z, theta, out):
-            out[0] = z[0]
-
-        @staticmethod
-        def advance(z, s0, v0, s1, v1, dt, u, theta):
-            z[0] = z[0] + (0.5 * (s0 + s1) - z[0]) * (1 - np.exp(-dt / 0.1))
-
-    t = np.linspace(0, 1, 1001)
-    s = np.ones_like(t)
-    np.testing.assert_allclose(Lag().features(Motion(s, 0 * t, t=t))[:, 0], 1 - np.exp(-t / 0.1), atol=1e-12)
-    with pytest.raises(ValueError, match="needs the time"):
-        Lag().features(Motion(s, 0 * t))
-
-
 @pytest.mark.parametrize(
     "law, shapes",
     [
@@ -107,35 +84,6 @@ def test_many_shapes_in_one_pass_are_the_single_passes_to_the_last_bit(law, shap
         assert z.shape == (len(shapes), law.n_states, motion.n_samples)
         for one, candidate in zip(z, candidates, strict=True):
             assert np.array_equal(one, state_path(candidate, motion, none, candidate.theta))
-
-
-def test_many_shapes_of_a_law_with_a_covariate_and_one_that_diverges():
-    class Pull(ForceLaw):
-        """A state that grows at a rate set by a channel."""
-
-        name = "test_pull"
-        n_states = 1
-        covariates = ("gain",)
-
-        def terms(self):
-            return (Term("c", "Z", "N"),)
-
-        @staticmethod
-        def kernel(s, v, a, t, u, z, theta, out):
-            out[0] = z[0]
-
-        @staticmethod
-        def advance(z, s0, v0, s1, v1, dt, u, theta):
-            z[0] = z[0] * theta[0] + u[0]
-
-    s = np.linspace(0, 1, 2000)
-    motion = Motion(s, np.ones(2000), covariates={"gain": np.ones(2000)})
-    (z,) = state_paths(Pull(), [motion], np.array([[0.5], [2.0]]))
-    assert z[0, 0, -1] == pytest.approx(2.0) and not np.isfinite(z[1, 0, -1])  # 1 / (1 - 0.5); 2^k overflows
-    with pytest.raises(ValueError, match="needs the covariate 'gain'"):
-        state_paths(Pull(), [Motion(s, s)], np.array([[0.5]]))
-    with pytest.raises(ValueError, match="not finite"):
-        state_paths(laws.Dahl(), [Motion(np.full(9, np.nan), np.ones(9))], np.array([[10.0]]))
 
 
 # -- the way between two samples --------------------------------------------------------------------
@@ -239,21 +187,6 @@ def test_the_way_is_cut_where_the_motion_turns(case, mirror):
         assert found[k, 3] == 0.0 == found[k + 1, 1]  # at rest where it turns
 
 
-@pytest.mark.parametrize("case", ["twice", "twice, late"])
-def test_the_drift_of_a_second_turn(case):
-    p, turns, _ = TURNS[case]
-    found, _ = read(moving_by(p, [0.0, H]))
-    assert found[1, 2] == pytest.approx(p(H * turns[1]), rel=1e-9)
-    assert found[2, 0] == found[1, 2]
-
-
-def test_a_state_that_turns_twice_in_a_step_is_that_of_shorter_steps():
-    p, turns, _ = TURNS["twice"]
-    long, short = ([0.0, H], [0.0, H * turns[0], H * turns[1], H])
-    ends = [laws.Dahl(sigma=2e4).features(moving_by(p, edges))[-1, 0] for edges in (long, short)]
-    assert ends[0] == pytest.approx(ends[1], rel=1e-9)
-
-
 def test_without_time_every_way_is_straight():
     p, _, _ = TURNS["parabola"]
     law = laws.Jenkins(uy=10.0 * SIZE)
@@ -312,41 +245,6 @@ def test_noise_does_not_bend_the_way(s, v, a, drifts):
     assert [*found[:, 0], found[-1, 2]] == pytest.approx(drifts, abs=1e-9)
 
 
-@pytest.mark.parametrize("n", [2, 2048, 2049, 2050, 4097, 5000])
-def test_long_records_turn_in_every_step(n):
-    # between two samples the drift rises by h |v| / 4 and falls again, or the other way round
-    h, v = 0.5, np.where(np.arange(n) % 2, -1.0, 1.0)
-    motion = Motion(np.zeros(n), v, None, h * np.arange(n), {"level": np.zeros(n)})
-    state = np.zeros(Diary.n_states)
-    columns = DIARY.features(motion, state)
-    np.testing.assert_allclose(columns[:, 1], 2.0 * np.arange(n))
-    np.testing.assert_allclose(columns[:, 0], 0.25 * np.arange(n), rtol=1e-9)
-    assert state[2] == pytest.approx(h * (n - 1), rel=1e-12)
-
-
-def twice_in_every_other_step(n):
-    """A motion that goes forth, back and forth again in every other step: the same rate at all samples."""
-    p = _in_time([0.25, 0.75])
-    rate, bend = p.deriv(), p.deriv(2)
-    a = np.where(np.arange(n) % 2, bend(H), bend(0.0))
-    motion = Motion((p(H) - p(0.0)) * np.arange(n), np.full(n, rate(0.0)), a, H * np.arange(n), {"level": np.zeros(n)})
-    return motion, [abs(p(e * H) - p(b * H)) for b, e in ((0.0, 0.25), (0.25, 0.75), (0.75, 1.0))]
-
-
-@pytest.mark.parametrize("n", [2, 2048, 2049, 4097])
-def test_long_records_turn_twice_in_many_steps(n):
-    columns = DIARY.features(twice_in_every_other_step(n)[0])
-    steps = np.diff(columns, axis=0)
-    assert (steps[::2, 1] == 3.0).all() and (steps[1::2, 1] == 1.0).all()
-
-
-@pytest.mark.parametrize("n", [2, 4097])
-def test_the_way_of_long_records_that_turn_twice(n):
-    motion, ways = twice_in_every_other_step(n)
-    steps = np.diff(DIARY.features(motion)[:, 0])
-    np.testing.assert_allclose(steps[::2], sum(ways), rtol=1e-7)
-
-
 def test_records_of_one_sample_and_of_none():
     law = laws.Dahl(sigma=1e3)
     assert law.features(ONE_SAMPLE).tolist() == [[0.0]]
@@ -358,18 +256,6 @@ def test_records_of_one_sample_and_of_none():
     assert state_paths(law, [], np.array([[1.0]])) == []
     (z,) = state_paths(law, [ONE_SAMPLE], np.empty((0, 1)))
     assert z.shape == (0, 1, 1)
-
-
-def test_a_state_is_moved_in_place_and_no_other_array():
-    law = laws.Jenkins(uy=2.0)
-    s = np.array([0.0, 1.0, 0.5])
-    state = np.array([0.25])
-    path = state_path(law, Motion(s, np.ones(3)), np.empty((0, 3)), law.theta, state)
-    assert path.tolist() == [[0.25, 0.75, 0.5]] and state.tolist() == [0.5] and s.tolist() == [0.0, 1.0, 0.5]
-    assert state_path(law, Motion(s, np.ones(3)), np.empty((0, 3)), law.theta).tolist() == [[0.0, 0.5, 0.25]]
-    first, second = state_paths(law, [Motion(s, np.ones(3)), Motion(2 * s, np.ones(3))], [[2.0], [4.0]])
-    assert first.tolist() == [[[0.0, 0.5, 0.25]], [[0.0, 0.25, 0.125]]]
-    assert second.tolist() == [[[0.0, 1.0, 0.5]], [[0.0, 0.5, 0.25]]]
 
 
 def test_states_that_cannot_be_moved_are_named():

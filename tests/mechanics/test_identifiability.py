@@ -21,10 +21,7 @@ def situations(draw):
 
 
 def _joint_rank(n, links, forced, unknown, known, seed=0):
-    """Rank of all balances at once for a linear chain, and the number of unknowns.
-
-    Drifts and rates are drawn at random; the accelerations are what the balances make of them.
-    """
+    """Rank of all balances at once for a linear chain, and the number of unknowns."""
     rng = np.random.default_rng(seed)
     chain, size = Chain(n, links), 200
     s, v = rng.normal(size=(2, size, n))

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
+from paper_cases import model_agreement
 from three_floors import FS, chain, features, noisy, run
 
 from pysindy_nrf import Chain, ChainModel, NRFRegressor, excitation, laws, simulate
-from pysindy_nrf.estimation import model_agreement
 from pysindy_nrf.exceptions import ChainError, ChannelError, DataQualityWarning
 from pysindy_nrf.monitoring import compare_tests, find_onset, track
 from pysindy_nrf.simulation.noise import add_noise
@@ -93,7 +93,7 @@ def test_onset_of_a_sudden_loss(storey):
 
 
 def test_no_onset_where_nothing_happened():
-    for seed in range(4):
+    for seed in range(2):
         X, F = noisy(run(chain(), [3], duration=20.0, seed=seed), 0.02, seed)
         onset = find_onset(NRFRegressor(degree=1).fit(X, F), X, F)
         assert onset.storey is None and np.isnan(onset.time) and "No change" in str(onset)
@@ -164,19 +164,3 @@ def test_a_free_chain_is_compared_where_it_has_storeys():
     agreement = model_agreement(truth, damaged, before[0])
     assert agreement.loc["storey 2", "k"] == pytest.approx(-10.0)
     assert agreement.loc["storey 1", ["k", "c"]].isna().all()
-
-
-def test_a_change_is_dated_in_a_chain_that_stands_on_nothing():
-    """A free chain has no storey 1; storey 2 loses a fifth of its stiffness after 6 s."""
-    free = Chain(3, ground="free")
-    damaged = laws.StiffnessStep(t0=6.0, dk=-8e3)
-    truth = ChainModel(
-        [10.0, 12.0, 8.0], {2: [laws.PowerSeries(1, [30.0, 4e4]), damaged], 3: [laws.PowerSeries(1, [30.0, 4e4])]}, free
-    )
-    F = excitation.band_limited_random(3, 12.0, 500.0, dofs=[1, 2, 3], rms=50.0, band=(1, 60), random_state=0)
-    X, F = simulate(truth, F - F.mean(axis=0), 2e-3).to_features(smooth=False)
-    model = NRFRegressor(degree=1, dt=2e-3, chain=free).fit(X, F)
-    onset = find_onset(model, X, F)
-    assert onset.storey == "storey 2" and onset.time == pytest.approx(6.0, abs=1.0)
-    assert onset.change == pytest.approx(-20.0, abs=5.0)
-    assert track(model, X, F)["k1"].isna().all() and track(model, X, F)["k2"].notna().all()

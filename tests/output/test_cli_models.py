@@ -1,16 +1,14 @@
 """Commands that find models, on bundled, own and measured files: masses, words, tables and figures."""
 
-import json
 from pathlib import Path
 
-import chains
 import measured
 import numpy as np
 import pandas as pd
 import pytest
 from report_cases import two_storeys
 
-from pysindy_nrf import ChainModel, Record, datasets, simulate
+from pysindy_nrf import ChainModel, datasets, simulate
 from pysindy_nrf.data.io import read_table, write_record
 from pysindy_nrf.output.cli.group import run
 
@@ -212,38 +210,6 @@ def test_a_force_of_the_wrong_sign_is_said_and_has_no_modes(here, capsys):
     assert not Path("nrf_output/modes.csv").exists() and Path("nrf_output/masses.csv").exists()
 
 
-def test_noise_in_the_force_alone_is_called_a_missing_law_or_noise(here, capsys):
-    """White noise of 30 % in F biases nothing, so no warning stands in the way of the advice."""
-    rec = two_storeys(name="noisy", n=8000)
-    noise = 0.3 * rec.force.std(axis=0) * np.random.default_rng(0).standard_normal(rec.force.shape)
-    rec.replace(force=rec.force + noise).to_frame().to_csv("noisy.csv")
-    assert run(["identify", "noisy.csv", "--degree", "1", "--raw", "--no-figures"]) == 0
-    said = " ".join(capsys.readouterr().out.split())
-    assert "Much of the force is unexplained in the balance of DOF 1" in said
-    assert "A law is missing, or the channels are noisy" in said
-
-
-def test_a_band_without_an_upper_end_and_five_pictures(here, capsys):
-    """Four storeys and a brace are five restoring forces on a sheet of six."""
-    case = chains.duffing(4, [1, 2, 3, 4], seed=5, n_samples=2000, cubic=False)
-    x, v = np.cumsum(case.s, axis=1), np.cumsum(case.v, axis=1)
-    rec = Record(force=case.F, acceleration=case.a, velocity=v, displacement=x, fs=1000.0, name="tall")
-    rec.to_frame().to_csv("tall.csv")
-    assert run(["identify", "tall.csv", "--degree", "1", "--band", "5,none", "--link", "link 3-1", "--raw"]) == 0
-    assert "above 5 Hz" in capsys.readouterr().out
-    assert Path("nrf_output/restoring_forces.png").stat().st_size > 10_000
-
-
-def test_a_channel_that_no_law_reads_does_no_harm(here, spoken):
-    """A voltage in the file, mapped under its own name: it is listed, and the masses are what they are without it."""
-    voltage = 2.0 + np.sin(3 * np.arange(4000) / 500.0)
-    two_storeys().replace(covariates={"voltage": voltage}).to_frame().to_csv("pressed.csv")
-    more = ["--map", "voltage=voltage", "--raw", "--json", "--no-figures"]
-    assert run(["identify", "pressed.csv", "--degree", "1", *more]) == 0
-    said = spoken()
-    assert said["masses_kg"] == pytest.approx([8.0, 6.0], rel=1e-6) and "voltage" in json.dumps(said["records"])
-
-
 def test_forces_are_drawn_although_the_free_run_diverges(here, capsys):
     """Negative damping: the model explains the record, alone it flies away; the picture of its forces is still wanted."""
     pytest.importorskip("matplotlib")
@@ -291,13 +257,3 @@ def test_compare_with_the_truth(here, spoken, demo_file, truth_file):
     table = spoken()["table"]
     assert table["pysindy_nrf, least squares"]["mass_error"] < 1 < table["SINDy, defaults"]["terms"] / 100
     assert "terms" in pd.read_csv("nrf_output/comparison.csv")
-
-
-def test_compare_takes_one_record(here, capsys, demo_file):
-    for name in ("a.csv", "b.csv"):
-        Path(name).write_bytes(Path(demo_file).read_bytes())
-    Path("two.toml").write_text('files = ["a.csv", "b.csv"]\n')
-    assert run(["compare", "--mapping", "two.toml"]) == 2
-    assert "compare takes one record" in capsys.readouterr().err
-
-

@@ -162,7 +162,7 @@ def test_plan(here, capsys, spoken, truth_file):
     assert "DOF 9" in capsys.readouterr().err
     assert run(["plan", "3", "--can-hit", "none"]) == 0
     said = capsys.readouterr().out
-    assert "No floor can be hit with a known force; give a mass" in said and "the best first" not in said
+    assert "No floor can be hit with a known force; give a mass (--known-mass)" in said and "the best first" not in said
     assert run(["plan", "5", "--model", truth_file]) == 2
     assert "The model has 3 floors, not 5" in capsys.readouterr().err
     assert not list(here.iterdir())

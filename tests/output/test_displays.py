@@ -5,24 +5,19 @@ from __future__ import annotations
 import subprocess
 import sys
 
-import chains
 import numpy as np
 import pandas as pd
 import paper_cases as cases
 import paper_published as published
 import pytest
 
-from pysindy_nrf import ChainModel, NRFRegressor, datasets, excitation, laws, simulate
-from pysindy_nrf.discrepancy.characterisation import characterise
-from pysindy_nrf.discrepancy.evidence import Evidence
+from pysindy_nrf import ChainModel, NRFRegressor, datasets, laws, simulate
 from pysindy_nrf.estimation import planarity
 from pysindy_nrf.exceptions import ChannelError, LawError
-from pysindy_nrf.laws import Motion
 from pysindy_nrf.monitoring import compare_tests
 from pysindy_nrf.output.displays._figure import Axis, Bars, Figure, Line
 from pysindy_nrf.output.displays._matplotlib import Display
 from pysindy_nrf.output.displays._plotly import as_plotly
-from pysindy_nrf.regression.domains import VisitedRegion
 
 matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("Agg")
@@ -30,6 +25,7 @@ import matplotlib.pyplot as plt  # noqa: E402
 
 from pysindy_nrf import Record, displays  # noqa: E402
 from pysindy_nrf.output.displays import FreeRunDisplay  # noqa: E402
+from pysindy_nrf.output.displays.models import OrderSelectionDisplay  # noqa: E402
 
 
 @pytest.fixture(autouse=True)
@@ -168,60 +164,25 @@ def orders(errors, **more):
 
 def test_errors_over_orders_of_magnitude_are_drawn_on_a_log_scale():
     """80 % to 0.01 % does not fit a linear axis; 5 to 8 % does, from zero; a score below zero has no such foot."""
-    wide = displays.OrderSelectionDisplay(orders([80.0, 0.01, 0.02])).plot().ax_
-    even = displays.OrderSelectionDisplay(orders([8.0, 5.0, 5.1])).plot().ax_
-    score = displays.OrderSelectionDisplay(orders([-8.0, -5.0, -5.1])).plot().ax_
+    wide = OrderSelectionDisplay(orders([80.0, 0.01, 0.02])).plot().ax_
+    even = OrderSelectionDisplay(orders([8.0, 5.0, 5.1])).plot().ax_
+    score = OrderSelectionDisplay(orders([-8.0, -5.0, -5.1])).plot().ax_
     assert wide.get_yscale() == "log" and even.get_yscale() == "linear"
     assert even.get_ylim()[0] == 0 and score.get_ylim()[0] < -5
-    both = displays.OrderSelectionDisplay(orders([8.0, 5.0, 5.1], free_run_error=[20.0, 9.0, 9.5])).plot().ax_
+    both = OrderSelectionDisplay(orders([8.0, 5.0, 5.1], free_run_error=[20.0, 9.0, 9.5])).plot().ax_
     free = next(line for line in both.get_lines() if line.get_label() == "free run")
     np.testing.assert_array_equal(free.get_ydata(), [20.0, 9.0, 9.5])
 
 
-def test_a_search_that_was_not_refitted_marks_nothing():
-    from sklearn.model_selection import GridSearchCV
-
-    case = chains.duffing(1, [1], seed=1, n_samples=900)
-    search = GridSearchCV(NRFRegressor(), {"degree": [1, 3]}, cv=2, refit=False).fit(case.X, case.F)
-    shown = displays.OrderSelectionDisplay.from_estimator(search)
-    assert list(shown.table.index) == ["1", "3"] and shown.table["chosen"].sum() <= 1
-
-
 def test_everything_draws_on_axes_that_are_given():
-    figure, axes = plt.subplots(2, 4)
-    t = np.arange(4000) / 500
-    s = np.sin(9 * t) + 0.7 * np.sin(23.1 * t)
-    v = 9 * np.cos(9 * t) + 0.7 * 23.1 * np.cos(23.1 * t)
-    evidence = Evidence("baseline", characterisation=characterise(20 * np.sign(v), Motion(s, v, t=t)))
-    displays.EvidenceDisplay(evidence).plot(axes[0, :3])
+    _, axes = plt.subplots(1, 3)
     index = pd.MultiIndex.from_tuples([("storey 1", "v"), ("storey 1", "s")])
-    displays.CoefficientsDisplay(pd.DataFrame({"truth": [0.1, 0.9]}, index=index)).plot(axes[0, 3:])
-    displays.ModesDisplay.from_estimator(datasets.demo_truth()).plot(axes[1, :1])
-    track = pd.DataFrame({"record": "quake", "t": t[::500], "k1": 4e4, "k2": 3e4})
-    displays.TrackDisplay(track).plot(axes[1, 1])
-    assert all(ax.has_data() for ax in [*axes[0], *axes[1, :2]]) and len(plt.get_fignums()) == 1
-    assert not [text for text in axes[1, 1].texts if "s" in text.get_text()]  # no onset, no mark of one
-
-
-def test_a_change_map_without_doubt_or_colours():
-    """Every cell significant: no hatching, no legend; no bar of colours where the sheet has one already."""
-    v, s = (g.ravel() for g in np.meshgrid(np.linspace(-0.1, 0.1, 9), np.linspace(-0.002, 0.002, 9)))
-    table = pd.DataFrame({"v": v, "s": s, "change": -4e3 * s, "error": 0.5, "significant": True, "visited": True})
-    bare = displays.ChangeMapDisplay(table, "storey 2", colorbar=False).plot()
-    assert bare.ax_.get_legend() is None and len(bare.figure_.axes) == 1
-    assert len(displays.ChangeMapDisplay(table.assign(significant=False), "storey 2").plot().figure_.axes) == 2
-
-
-def test_a_surface_without_a_reference_and_a_run_without_velocities():
-    t = np.linspace(0, 6.3, 500)
-    region = VisitedRegion.of(0.1 * np.cos(t), 0.001 * np.sin(t))
-    model = ChainModel([10.0], {1: laws.PowerSeries(1, [100.0, 1e5])}, visited={"storey 1": region})
-    labels = [x.get_text() for x in displays.RestoringForceSurfaceDisplay.from_estimator(model, 1).plot().ax_.get_legend().texts]
-    assert "paper" not in labels
-    F = excitation.band_limited_random(1, 4.0, 500.0, dofs=1, rms=50.0, band=(1, 30), random_state=0)
-    rec = simulate(model, F, 1 / 500)  # from rest: nothing is lost without the first velocity
-    shown = displays.FreeRunDisplay.from_estimator(model, rec.replace(velocity=None, acceleration=None))
-    assert shown.error.max() < 1e-6
+    displays.CoefficientsDisplay(pd.DataFrame({"truth": [0.1, 0.9]}, index=index)).plot(axes[:1])
+    displays.ModesDisplay.from_estimator(datasets.demo_truth()).plot(axes[1:2])
+    track = pd.DataFrame({"record": "quake", "t": np.arange(8.0), "k1": 4e4, "k2": 3e4})
+    displays.TrackDisplay(track).plot(axes[2])
+    assert all(ax.has_data() for ax in axes) and len(plt.get_fignums()) == 1
+    assert not [text for text in axes[2].texts if "s" in text.get_text()]  # no onset, no mark of one
 
 
 def test_importing_displays_does_not_import_matplotlib():
@@ -251,12 +212,3 @@ def test_a_free_run_over_absolute_displacements_is_that_of_the_true_model(left_o
     model = ChainModel([10.0, 12.0], {1: LINEAR, 2: LINEAR})
     record = absolute(model, **({left_out: None} if left_out else {}))
     assert FreeRunDisplay.from_estimator(model, record).error.max() < 0.1
-
-
-def test_a_free_run_takes_the_covariates_of_the_record():
-    law = laws.CovariateFriction()
-    law = law.with_values(coefficients=np.ones(len(law.terms())))
-    model = ChainModel([10.0], {1: [LINEAR, law]})
-    F = excitation.band_limited_random(1, 2.0, 500.0, dofs=1, rms=50.0, band=(1, 60), random_state=0)
-    record = simulate(model, F, 2e-3, covariates={"voltage": 1 + np.sin(0.01 * np.arange(len(F)))})
-    assert FreeRunDisplay.from_estimator(model, record).error.max() < 1e-9

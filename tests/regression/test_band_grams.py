@@ -10,11 +10,10 @@ import pytest
 from pysindy_nrf import Chain, laws
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.mechanics.identifiability import plan_solve_order
-from pysindy_nrf.regression.band_grams import band_edges, band_grams
-from pysindy_nrf.regression.blocks import blocks_of
 from pysindy_nrf.regression.chain_solve import groups_of, solve
+from pysindy_nrf.regression.grams import band_edges, band_grams
 from pysindy_nrf.regression.input_arrays import from_arrays
-from pysindy_nrf.regression.layout import LawLayout, Layout
+from pysindy_nrf.regression.layout import LawLayout, Layout, blocks_of
 
 LAYOUT = Layout(Chain(2), {"storey 1": 2, "storey 2": 1})
 GROUPS = [LAYOUT.group(dofs) for dofs in ((1,), (2,), (1, 2))]

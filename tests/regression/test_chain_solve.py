@@ -6,14 +6,11 @@ import chains
 import numpy as np
 import pysindy as ps
 import pytest
-from sklearn.base import BaseEstimator
 
 from pysindy_nrf import Chain, NRFRegressor
 from pysindy_nrf.exceptions import IdentifiabilityError, NRFError, RankWarning
 from pysindy_nrf.mechanics.identifiability import SolveOrder, plan_solve_order
-from pysindy_nrf.regression.blocks import blocks_of
 from pysindy_nrf.regression.chain_solve import (
-    NotTogether,
     Solution,
     groups_of,
     solve,
@@ -22,7 +19,7 @@ from pysindy_nrf.regression.chain_solve import (
 from pysindy_nrf.regression.errors import balance_sizes
 from pysindy_nrf.regression.gram_pass import total_gram
 from pysindy_nrf.regression.grams import BlockGrams
-from pysindy_nrf.regression.layout import Layout
+from pysindy_nrf.regression.layout import Layout, blocks_of
 
 # A chain of three storeys with a brace from the base's floor 1 to floor 3, and the columns of its laws.
 LAYOUT = Layout(Chain(3, ["link 3-1"]), {"storey 1": 2, "storey 2": 1, "storey 3": 2, "link 3-1": 1})
@@ -111,19 +108,6 @@ def test_blocks_are_solved_as_each_by_itself(known):
         assert [size.residual[i], size.reference[i], size.storey[i]] == pytest.approx(list(alone[:3]), rel=1e-12)
 
 
-@pytest.mark.parametrize("what", ["joint", "optimizer", "dependent", "still"])
-def test_blocks_that_need_a_closer_look_are_refused(what):
-    cases = [Test(noise=5.0, seed=seed) for seed in range(2)]
-    if what == "dependent":  # in one of them a spring looks like a mass
-        cases[1].terms["storey 1"][:, 1] = 1e-3 * cases[1].a[:, 0]
-    if what == "still":
-        cases[1].terms["storey 3"][:] = 0.0
-    solve_order = plan([1, 2, 3], strategy="joint" if what == "joint" else "complete")
-    together = BlockGrams.stack([case.total(solve_order, "root") for case in cases])
-    with pytest.raises(NotTogether):
-        solve(together, solve_order, inner=ps.STLSQ(threshold=0.01) if what == "optimizer" else None)
-
-
 # -- what the solve order finds --------------------------------------------------------------------------
 
 
@@ -134,16 +118,6 @@ def test_balances_that_close_give_the_truth(strategy, known, kind):
     solve_order = plan([1, 2, 3], known, strategy)
     assert solve_order.strategy == strategy
     assert_true(Test().solved(solve_order, kind, known))
-
-
-@pytest.mark.parametrize("forced", [1, 2, 3])
-def test_one_force_scales_the_whole_chain(forced):
-    """The other balances have no force: what is known of their laws stands on the right."""
-    case = Test()
-    for j in {1, 2, 3} - {forced}:  # the motion of a DOF that nothing pushes
-        case.a[:, j - 1] = -case.reaction(j, LAWS) / MASSES[j]
-        case.F[:, j - 1] = 0.0
-    assert_true(case.solved(plan([forced])))
 
 
 def test_complete_takes_each_balance_on_its_own():
@@ -238,36 +212,6 @@ def test_joint_is_least_squares_of_all_balances_divided_by_their_rms_force(known
     assert {j: found.masses[j] for j in known} == known and not found.twins
 
 
-def test_a_law_on_one_dof_enters_its_balance_alone():
-    """A tuned mass or a wall at floor 2: + in balance 2, nowhere else, and it has no twin."""
-    rng = np.random.default_rng(0)
-    layout = Layout(Chain(2), {"storey 1": 1, "storey 2": 1, "dof 2": 1})
-    t, a = rng.normal(size=(N, 3)), rng.normal(size=(N, 2))
-    F = np.column_stack([3 * a[:, 0] + 10 * t[:, 0] - 20 * t[:, 1], 5 * a[:, 1] + 20 * t[:, 1] + 7 * t[:, 2]])
-    for strategy in ("complete", "sequential", "joint"):
-        solve_order = plan_solve_order(layout.chain, [1, 2], strategy=strategy, sites=layout.acting)
-        found, total = solve_blocks(layout, solve_order, lambda: blocks_of(t, a, F))
-        assert total.kind == "gram" and found.masses == pytest.approx({1: 3.0, 2: 5.0})
-        assert {s: float(c[0]) for s, c in found.coefficients.items()} == pytest.approx(
-            {"storey 1": 10.0, "storey 2": 20.0, "dof 2": 7.0}
-        )
-        assert set(found.twins) == ({"storey 2"} if strategy == "complete" else set())
-
-
-def test_a_balance_without_unknowns_is_only_checked():
-    """A floor with known mass and no law: nothing to find, and the force less the inertia is what is left."""
-    rng = np.random.default_rng(0)
-    layout = Layout(Chain(2), {"storey 1": 1})
-    t, a = rng.normal(size=(N, 1)), rng.normal(size=(N, 2))
-    F = np.column_stack([3 * a[:, 0] + 10 * t[:, 0], 5 * a[:, 1] + rng.normal(size=N)])
-    solve_order = plan_solve_order(layout.chain, [1, 2], known_masses=[2], strategy="complete", sites=layout.acting)
-    found, _ = solve_blocks(layout, solve_order, lambda: blocks_of(t, a, F), {2: 5.0})
-    fit = found.fits[0]
-    assert fit.step.dofs == (2,) and (fit.rank, fit.n_columns, fit.share) == (0, 0, pytest.approx(1.0))
-    assert fit.residual == pytest.approx(np.sqrt(np.mean((F[:, 1] - 5 * a[:, 1]) ** 2)))
-    assert found.masses == pytest.approx({1: 3.0, 2: 5.0}) and found.coefficients["storey 1"][0] == pytest.approx(10.0)
-
-
 # -- what is said of a fit ------------------------------------------------------------------------
 
 ONE = Layout(Chain(1), {"storey 1": 2})
@@ -340,22 +284,6 @@ def test_where_squares_lose_digits_the_data_are_seen_again_by_qr(angle):
     assert found.coefficients["storey 1"].tolist() == pytest.approx([3.0, 5.0], rel=1e-14 / angle)
 
 
-def test_known_masses_enter_both_passes():
-    """Base excitation with two terms at 1e-4 rad in storey 1: the second pass has the same inertia on the right."""
-    layout = Layout(Chain(2), {"storey 1": 2, "storey 2": 1})
-    x, y, s, a2 = at_angle(1e-4)
-    terms = np.column_stack([x / 3e-4, y / 7e2, s])
-    known = {1: 3.0, 2: 5.0}
-    a2 = -20 * s / 5
-    a1 = (-(terms[:, :2] @ [7.0, 9.0]) - 5 * a2) / 3
-    a = np.column_stack([a1, a2])
-    solve_order = plan_solve_order(layout.chain, known_masses=known, sites=layout.acting)
-    found, total = solve_blocks(layout, solve_order, lambda: blocks_of(terms, a, np.zeros_like(a)), known)
-    assert total.kind == "root" and found.masses == known
-    assert found.coefficients["storey 1"].tolist() == pytest.approx([7.0, 9.0], rel=1e-9)
-    assert found.coefficients["storey 2"].tolist() == pytest.approx([20.0], rel=1e-12)
-
-
 def _dependent(mass_too):
     """Terms s and -3 s; with the mass among them where the acceleration is -s too."""
     s, a = at_angle(0.5)[2:]
@@ -381,13 +309,6 @@ def test_terms_that_cannot_be_told_apart_share_the_force():
     assert found.coefficients["storey 1"].tolist() == pytest.approx([6.0, -2.0])
     (fit,) = found.fits
     assert fit.rank == 2 and fit.mass_noise == () and fit.share < 1e-7
-
-
-def test_a_mass_that_cannot_be_told_from_a_stiffness_is_refused():
-    total, solve_order = _dependent(True)
-    with pytest.raises(IdentifiabilityError, match="m1 cannot be told from the storey's stiffness") as error:
-        solve(total, solve_order)
-    assert "rank 1 of 3" in str(error.value) and "known_masses" in error.value.cure
 
 
 # -- columns that cannot be used ------------------------------------------------------------------
@@ -420,91 +341,6 @@ def test_a_balance_that_nothing_scales_is_refused():
 
 
 # -- an optimizer on every balance ----------------------------------------------------------------
-
-
-class Spy(BaseEstimator):
-    """An optimizer that keeps what it is given; it answers with one value for the first term, or with least squares."""
-
-    given: list = []
-
-    def __init__(self, answer=None):
-        self.answer = answer
-
-    def fit(self, x, y):
-        Spy.given.append((x, y))
-        self.coef_ = np.linalg.lstsq(x, y, rcond=None)[0].T
-        if self.answer is not None:
-            self.coef_ = self.answer * np.eye(1, x.shape[1])
-        return self
-
-
-@pytest.fixture
-def spied():
-    Spy.given.clear()
-    return Spy.given
-
-
-def test_an_optimizer_sees_columns_of_rms_one_never_shifted(spied):
-    """Their products over the number of samples are the cosines between the columns, means and all."""
-    case = Test(noise=5.0)
-    for terms in case.terms.values():
-        terms += 0.5 * terms.std(axis=0)
-    solve_order = plan([1, 2, 3], MASSES, "complete")
-    found = case.solved(solve_order, known=MASSES, inner=Spy())
-    assert len(spied) == 3
-    for (x, y), step in zip(spied, solve_order.steps):
-        dof = step.dofs[0]
-        sites = [str(s) for s in step.sites]
-        A = np.hstack([case.terms[s] for s in sites])
-        right = case.F[:, dof - 1] - MASSES[dof] * case.a[:, dof - 1]
-        A, right = A / np.sqrt(np.mean(A**2, axis=0)), right / np.sqrt(np.mean(right**2))
-        assert np.allclose(x.T @ x, A.T @ A, atol=1e-9 * N)
-        assert np.allclose(x.T @ y[:, 0], A.T @ right, atol=1e-9 * N)
-    plain = case.solved(solve_order, known=MASSES)
-    for site, values in plain.coefficients.items():
-        assert found.coefficients[site].tolist() == pytest.approx(values.tolist(), rel=1e-9)
-
-
-def test_an_optimizer_sees_all_balances_of_a_joint_solve_at_once(spied):
-    """Columns that span the balances have rms one over all their samples, where each balance's force has rms one."""
-    case = Test(noise=5.0)
-    found = case.solved(plan([1, 2, 3], MASSES, "joint"), known=MASSES, inner=Spy())
-    right = case.F - case.a * [MASSES[j] for j in (1, 2, 3)]
-    rms = np.sqrt(np.mean(right**2, axis=0))
-    A = np.vstack(
-        [
-            np.hstack([dict(BALANCES[j]).get(site, 0) * T for site, T in case.terms.items()]) / rms[j - 1]
-            for j in (1, 2, 3)
-        ]
-    )
-    A, y = A / np.sqrt(np.mean(A**2, axis=0)), (right / rms).T.ravel()
-    ((x, target),) = spied
-    assert np.allclose(x.T @ x, A.T @ A, atol=1e-9 * len(A))
-    assert np.allclose(x.T @ target[:, 0], A.T @ y, atol=1e-9 * len(A))
-    assert found.masses == MASSES
-
-
-def test_the_mass_is_taken_out_before_an_optimizer_chooses(spied):
-    """What it sees is across the acceleration; the mass then is what the chosen terms leave of the force."""
-    case = Test(noise=5.0)
-    solve_order = plan([2], strategy="sequential")
-    found = case.solved(solve_order, inner=Spy(answer=0.5))
-    first = solve_order.steps[0]
-    assert first.dofs == (2,) and [str(s) for s in first.sites] == ["storey 2", "storey 3"]
-    x, y = spied[0]
-    a, F = case.a[:, 1], case.F[:, 1]
-    unit = a / np.linalg.norm(a)
-    A = np.hstack([case.terms["storey 2"], case.terms["storey 3"]])
-    size, force = np.sqrt(np.mean(A**2, axis=0)), np.sqrt(np.mean(F**2))
-    across, left = A / size - np.outer(unit, unit @ A / size), (F - unit * (unit @ F)) / force
-    assert np.allclose(x.T @ x, across.T @ across, atol=1e-9 * N)
-    assert np.allclose(x.T @ y[:, 0], across.T @ left, atol=1e-9 * N)
-    k = 0.5 * force / size[0]
-    assert found.coefficients["storey 2"].tolist() == pytest.approx([k])
-    assert not found.coefficients["storey 3"].any()
-    assert found.masses[2] == pytest.approx(a @ (F - k * A[:, 0]) / (a @ a))
-    e = F - found.masses[2] * a - k * A[:, 0]
-    assert found.fits[0].residual == pytest.approx(np.sqrt(np.mean(e**2)))
 
 
 def test_no_mass_of_a_joint_solve_meets_the_threshold():

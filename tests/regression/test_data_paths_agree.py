@@ -8,7 +8,6 @@ import pandas as pd
 import pytest
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, excitation, io, laws, simulate
-from pysindy_nrf.discrepancy.prepare import prepare
 from pysindy_nrf.exceptions import ChannelError, DataQualityWarning, LawError
 from pysindy_nrf.regression.input_arrays import from_arrays
 
@@ -60,12 +59,6 @@ def test_a_gap_of_the_clock_cuts_a_record_and_the_time_goes_on_behind_it(tables)
     assert [segment.n_samples for segment in data.segments] == [300, 400]
     assert [segment.t[0] for segment in data.segments] == pytest.approx([0.0, 600 / FS])
     assert all(segment.dt == pytest.approx(1 / FS) for segment in data.segments)
-
-
-def test_rows_drawn_at_random_are_not_cut_into_hundreds_of_pieces(tables):
-    X, F = tables
-    kept = np.sort(np.random.default_rng(0).permutation(len(X))[: len(X) // 2])
-    assert len(from_arrays(X.iloc[kept], F.iloc[kept]).segments) == 1
 
 
 @pytest.mark.parametrize("short, rows", [(slice(320, 321), "row 300"), (slice(320, 340), "rows 300 to 319")])
@@ -120,20 +113,6 @@ def test_a_base_of_which_only_the_displacement_is_known_has_an_acceleration():
     )  # fmt: skip
     ag = from_arrays(shaken, smooth=False).segments[0].ag
     np.testing.assert_allclose(ag[200:-200], -1e-2 * 19**2 * np.sin(19 * t)[200:-200], atol=0.03 * 1e-2 * 19**2)
-
-
-def test_the_loop_and_the_regressor_derive_one_motion_of_the_base():
-    """Differences of a noisy displacement twice over would be 100 times the true acceleration."""
-    t, rng = np.arange(2000) / FS, np.random.default_rng(0)
-    wave, noise = np.sin(19 * t), 1e-5 * rng.standard_normal((3, 2000))
-    shaken = Record(
-        acceleration=wave[:, None], velocity=noise[0][:, None], displacement=(wave + noise[1])[:, None],
-        base_displacement=1e-2 * wave + noise[2], fs=FS,
-    )  # fmt: skip
-    piece = prepare([shaken]).data.segments[0]
-    np.testing.assert_allclose(piece.ag, from_arrays(shaken).segments[0].ag)
-    np.testing.assert_allclose(piece.ag[200:-200], -3.61 * wave[200:-200], atol=0.3)
-    np.testing.assert_allclose(piece.covariates["vg"][200:-200], 0.19 * np.cos(19 * t)[200:-200], atol=0.02)
 
 
 def test_a_replaced_time_starts_where_it_says(record):

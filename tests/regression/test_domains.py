@@ -18,14 +18,3 @@ def test_ranges_and_cells_depend_on_the_values_alone(kind, order):
     low, high = np.full((3, 2), -2.0), np.full((3, 2), 1.0)
     cells = [VisitedRegion.of_storeys([(y, y[:, ::-1])], low, high) for y in (np.asarray(given[10:], order=order), x[10:])]
     assert all(np.array_equal(one.cells, other.cells) and one.cells.any() for one, other in zip(*cells, strict=True))
-
-
-@pytest.mark.parametrize("size", [1, 3, 4, 9])
-def test_ranges_of_the_largest_numbers(size):
-    """The sum of finite numbers may overflow."""
-    x = 1e308 * np.random.default_rng(size).uniform(-1, 1, (size, 3))
-    x[:, 1] = 1.7e308
-    x[-1, 2] = np.nan
-    found = Extent.of([x])
-    assert found.low[:2].tolist() == x[:, :2].min(axis=0).tolist() and found.high[1] == 1.7e308
-    assert found.finite.tolist() == [True, True, False]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -11,11 +9,10 @@ from hypothesis import strategies as st
 
 from pysindy_nrf import Chain, laws
 from pysindy_nrf.exceptions import NRFError
-from pysindy_nrf.regression.blocks import blocks_of, cut_at
 from pysindy_nrf.regression.gram_pass import GramPass, block_grams, guess_of, total_gram
 from pysindy_nrf.regression.grams import BlockGrams
 from pysindy_nrf.regression.input_arrays import from_arrays
-from pysindy_nrf.regression.layout import LawLayout, Layout
+from pysindy_nrf.regression.layout import LawLayout, Layout, blocks_of
 
 LAYOUT = Layout(Chain(3, ["link 3-1"]), {"storey 1": 2, "storey 2": 3, "storey 3": 1, "link 3-1": 2})
 GROUPS = [LAYOUT.group(dofs) for dofs in ((1,), (2,), (3,), (2, 3))]
@@ -182,45 +179,6 @@ def test_records_whose_unknown_forces_differ_come_one_after_the_other(kind):
         assert total.sizes[group.dofs] == len(A)
 
 
-def test_blocks_are_cut_where_a_piece_ends():
-    """Blocks of 64 samples, pieces that begin elsewhere: each sample is in its piece, and only there."""
-    data = random_columns()
-    edges = np.array([0, 30, 31, 200, 500])
-    grams = block_grams(LAYOUT, GROUPS, cut_at(edges, blocks_of(*data, 64), first=1), MASSES)
-    assert grams.n_samples.tolist() == [0, 30, 1, 169, 300]
-    for number, (low, high) in enumerate(zip(edges[:-1], edges[1:]), 1):
-        assert_same(grams[number], total_of([d[low:high] for d in data]))
-
-
-def test_balances_are_cut_out_of_one_gram_matrix_by_the_samples_each_knows():
-    """A force unknown in some samples: the balances that need it come from the others."""
-    data = whole_numbers(80, 8, 3)
-    known = {(1,): slice(0, 80), (2,): slice(0, 50), (3,): slice(0, 80), (2, 3): slice(0, 50)}
-    full = np.hstack(data)
-    cut = BlockGrams.from_shared(
-        LAYOUT, GROUPS, lambda dofs: (full[known[dofs]].T @ full[known[dofs]], len(full[known[dofs]])), MASSES
-    )
-    assert cut.n_samples == 80 and list(cut.groups) == list(known)
-    for group in GROUPS:
-        A = columns_of(LAYOUT, group, [x[known[group.dofs]] for x in data])
-        assert np.array_equal(cut.matrices[group.dofs], A.T @ A)
-        assert cut.sizes[group.dofs] == len(A)
-
-
-@pytest.mark.parametrize("kind", ["gram", "root"])
-def test_a_pass_may_be_interrupted_and_pickled_half_way(kind):
-    data = random_columns()
-    first = GramPass(LAYOUT, GROUPS, MASSES, kind).add_each((0, b) for b in blocks_of(*[d[:200] for d in data]))
-    rest = list(blocks_of(*[d[200:] for d in data], 100))
-    pickled = pickle.loads(pickle.dumps(first)).add_each((0, b) for b in rest).total()
-    resumed = first.empty(before=first.total())
-    for block in rest:
-        resumed.add(block)
-    assert resumed.n_samples == pickled.n_samples == 500
-    for found in (pickled, resumed.total()):
-        assert_same(found, total_of(data), 1e-13)
-
-
 def test_gram_matrices_of_other_balances_or_kinds_do_not_add():
     with pytest.raises(NRFError, match="different balances cannot be added"):
         total_of(random_columns()).merge(total_gram(LAYOUT, GROUPS[:1], blocks_of(*random_columns())))
@@ -243,38 +201,6 @@ def of_columns(columns, kind="gram", guess=None):
     return total_gram(layout, groups, blocks, kind=kind, guess=None if guess is None else {(1,): guess})
 
 
-def test_a_root_through_guesses_is_that_of_all_samples():
-    """Another guess on the way, samples without one, and sums that are added: one factor of all."""
-    rng = np.random.default_rng(0)
-    columns = rng.normal(size=(900, 4)) @ rng.normal(size=(4, 4))
-    layout, groups, blocks = one_mass(columns)
-    good, poor = np.linalg.qr(columns[:100], mode="r"), np.triu(rng.uniform(1, 2, (4, 4)))
-    sums = GramPass(layout, groups, kind="root")
-    for i, block in enumerate(blocks[:8]):
-        sums.guess = {(1,): good} if i < 3 else {(1,): poor} if i < 5 else {}
-        sums.add(block)
-    total = sums.total().merge(of_columns(columns[800:], "root", good))
-    assert total.n_samples == 900
-    assert np.allclose(total.squares().matrices[1,], columns.T @ columns, rtol=1e-12, atol=1e-10)
-    assert np.array_equal(total.matrices[1,], np.triu(total.matrices[1,]))
-
-
-def test_a_guess_can_be_divided_by_even_where_columns_depend_or_are_zero():
-    """A zero column and one that is twice another: the root through the guess is that of the columns."""
-    rng = np.random.default_rng(0)
-    x, y = rng.normal(size=(2, 500))
-    rows = np.column_stack([1e6 * x, np.zeros(500), y, 2e6 * x, x + 1e-3 * y])
-    guess = guess_of(of_columns(rows))[1,]
-    size = np.linalg.norm(rows, axis=0)
-    assert np.array_equal(guess, np.triu(guess)) and np.isfinite(np.linalg.inv(guess)).all()
-    assert guess[1, 1] > 0 and not guess[1, 2:].any()
-    assert 0 < guess[3, 3] < 1e-6 * size[3] and guess[3, 4] == 0 and guess[4, 4] < 1e-6 * size[4]
-    assert guess[0, 0] == pytest.approx(size[0]) and guess[0, 3] == pytest.approx(size[3])
-    found = of_columns(rows, "root", guess).squares().matrices[1,]
-    safe = np.where(size > 0, size, 1.0)
-    assert np.allclose(found / np.outer(safe, safe), rows.T @ rows / np.outer(safe, safe), atol=1e-12)
-
-
 @pytest.mark.parametrize("condition", [1e1, 1e5, 1e9, 1e13])
 def test_a_guess_of_the_root_loses_no_digit(condition):
     """The root through a guess is that of Householder's QR, up to signs, at any condition number and any units."""
@@ -292,16 +218,6 @@ def test_a_guess_of_the_root_loses_no_digit(condition):
     assert np.allclose(R, sign * truth, atol=1e-14)
 
 
-@pytest.mark.parametrize("kind", ["gram", "root"])
-def test_more_combinations_than_columns_have_a_factor_with_rows_of_zeros(kind):
-    """Three combinations of two columns: upper triangular, of rank two, and its Gram matrix is theirs."""
-    columns = np.array([[1.0, 0.0], [2.0, 3.0], [2.0, 4.0]])
-    combine = np.array([[1.0, 0.0, 2.0], [0.0, 1.0, -1.0]])
-    R, A = of_columns(columns, kind).triangle((1,), combine), columns @ combine
-    assert R.shape == (3, 3) and np.array_equal(R, np.triu(R))
-    assert np.allclose(R.T @ R, A.T @ A, atol=1e-12) and abs(R[2, 2]) < 1e-7
-
-
 def test_dependent_columns_leave_zeros_and_the_others_their_digits():
     """Columns x, 0, 2 x, y, x + y of units far apart: pivots of x and y are exact, the rest is zero."""
     x, y = np.array([3.0, 4.0, 0.0]), np.array([1.0, 0.0, 2.0])
@@ -310,17 +226,6 @@ def test_dependent_columns_leave_zeros_and_the_others_their_digits():
     assert R[0] == pytest.approx([5e8, 0.0, 1e-2, 0.6e-7, 5.6], rel=1e-12)
     assert R[3, 3:] == pytest.approx([across * 1e-7, across], rel=1e-12)
     assert not R[1:3].any() and not R[4].any()
-
-
-def test_a_column_of_zeros_among_many_takes_no_pivot_of_the_others():
-    """A term that never moves beside thirty of units far apart: their factor is that of their own QR."""
-    A = np.random.default_rng(0).normal(size=(200, 30)) * np.logspace(-6, 6, 30)
-    R = of_columns(np.insert(A, 2, 0.0, axis=1)).triangle((1,), np.eye(31))
-    keep = np.delete(np.arange(31), 2)
-    truth = np.linalg.qr(A, mode="r")
-    assert not R[2].any() and not R[:, 2].any()
-    error = R[np.ix_(keep, keep)] - np.sign(np.diag(truth))[:, None] * truth
-    assert np.allclose(error / np.linalg.norm(A, axis=0), 0, atol=1e-13)
 
 
 def test_columns_ten_orders_apart_keep_their_digits():

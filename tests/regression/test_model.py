@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import json
-
 import chains
 import numpy as np
-import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -14,9 +11,8 @@ from scipy import linalg
 
 from pysindy_nrf import Chain, ChainModel, NRFRegressor, laws, simulate
 from pysindy_nrf.estimation.intervals import parameters_of
-from pysindy_nrf.exceptions import ChainError, ChannelError, FileFormatError, LawError
-from pysindy_nrf.regression.domains import VisitedRegion
-from pysindy_nrf.regression.layout import LawLayout, distinct_labels
+from pysindy_nrf.exceptions import ChainError, ChannelError, LawError
+from pysindy_nrf.regression.layout import LawLayout
 
 pytestmark = pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.BiasWarning")
 
@@ -95,26 +91,6 @@ def test_forces_along_data_are_the_balances(chain4):
     assert np.allclose(model.predict(chain4.X), chain4.F, atol=1e-8)
 
 
-def test_the_forces_of_all_sites_follow_from_their_columns_and_coefficients(chain4):
-    held = {1: laws.LinearElastic(2e4), 2: [laws.Duffing(3e4, 1e9), laws.LinearViscous(25.0)], 4: laws.PowerSeries(1, [9.0, 1e4])}
-    model = ChainModel(chain4.m, held)
-    coefficients = model.coefficients
-    assert [(str(site), values.tolist()) for site, values in coefficients.items()] == [
-        ("storey 1", [2e4]), ("storey 2", [3e4, 1e9, 25.0]), ("storey 3", []), ("storey 4", [9.0, 1e4]),
-    ]  # fmt: skip
-    layout = LawLayout(model.chain, model.laws)
-    segment = model.segments(chain4.X).segments[0]
-    forces = [layout.columns(site, segment.motion(site, segment.valid)) @ c for site, c in coefficients.items() if len(c)]
-    assert np.transpose(forces) == pytest.approx(model.restoring_force(chain4.X)[:, [0, 1, 3]], rel=1e-12)
-
-
-def test_a_law_that_lost_its_coefficients_is_named():
-    model = ChainModel([10.0, 10.0], {1: laws.PowerSeries(1, [9.0, 1e4]), 2: laws.Dahl(sigma=1e3, Fd=2.0)})
-    model.laws[model.chain.site(2)][0].coefficients = None
-    with pytest.raises(LawError, match="Dahl has no coefficients yet"):
-        len(model.coefficients)
-
-
 @given(st.lists(st.floats(-1e3, 1e3), min_size=9, max_size=9), st.floats(-2, 2), st.floats(-2, 2))
 def test_a_restoring_force_is_its_power_series(c, v, s):
     R = ChainModel([1.0], {1: laws.PowerSeries(3, c)}).restoring_forces[1]
@@ -164,46 +140,6 @@ def test_the_printed_equation_is_the_force():
         text = text.replace(f" {factor}", f"*{factor}")
     for v, s in rng.normal(size=(5, 2)):
         assert eval(text, {"v1": v, "s1": s}) == pytest.approx(float(R(v, s)), rel=1e-12)
-
-
-# -- JSON -----------------------------------------------------------------------------------------
-
-def test_json_of_a_fitted_model_predicts_the_same_bits(chain4, tmp_path):
-    model = NRFRegressor(orders={"storey 2": (2, 1)}).fit(chain4.X, chain4.F).model_
-    path = tmp_path / "model.json"
-    model.to_json(path)
-    again = ChainModel.from_json(path)
-    assert np.array_equal(again.predict(chain4.X), model.predict(chain4.X))
-    assert again.info == model.info
-    pd.testing.assert_frame_equal(again.surface(2), model.surface(2))
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda d: d.update(schema="other"), "does not hold a chain model"),
-        (lambda d: d.update(version=99), "version 99"),
-        (lambda d: d.update(masses=[1.0]), "1 masses for 2 DOFs"),
-        (lambda d: d.update(masses=[1.0, None]), r"masses\[1\]: None is not of type 'number'"),
-        (lambda d: d["chain"].update(n_dof=10**12), "2 masses for 1000000000000"),
-        (lambda d: d["laws"].update({"storey 9": []}), "storey 9"),
-        (lambda d: d["laws"]["storey 1"][0].update(law="os.system"), "no law 'os.system'"),
-        (lambda d: d["laws"]["storey 1"][0].update(coefficients=[1.0]), "2 coefficients, 1 were given"),
-        (lambda d: d.pop("laws"), "not a readable"),
-        (lambda d: d.update(laws=[1]), "not a readable"),
-    ],
-)
-def test_json_that_is_no_model(change, message):
-    data = json.loads(linear_chain([1.0, 2.0], [1, 1], [2, 2]).to_json())
-    change(data)
-    with pytest.raises(FileFormatError, match=message):
-        ChainModel.from_json(json.dumps(data))
-
-
-@pytest.mark.parametrize("text", ["{", "{}", '{"schema": 3}', "{" * 10000, '{"schema": "pysindy_nrf.ChainModel", "version": "1"}'])
-def test_text_that_is_no_json_model(text):
-    with pytest.raises(FileFormatError):
-        ChainModel.from_json(text)
 
 
 # -- surface --------------------------------------------------------------------------------------
@@ -280,21 +216,3 @@ def test_two_laws_of_one_family_keep_their_own_coefficients():
     assert LawLayout(model.chain, model.laws).labels("storey 1") == own.index.tolist()
     named = parameters_of(model)
     assert named.tolist() == [10.0, 30.0, 4e4, 4.0, 12.0]
-
-
-def test_names_change_only_where_two_would_be_equal():
-    other = laws.CovariateDahl()
-    assert distinct_labels(TWINS[:2]) == ["v", "s", "Z"]
-    assert distinct_labels([laws.Dahl(), other])[:2] == ["Z (dahl)", f"Z ({other.name})"]
-    assert distinct_labels([laws.Dahl(), other, laws.Dahl()])[:2] == ["Z (dahl 1)", f"Z ({other.name})"]
-
-
-@pytest.mark.parametrize(
-    "broken", [dict(low=[0.0]), dict(high=[np.inf, 1.0]), dict(cells=[]), dict(cells=["", ""])]
-)
-def test_a_visited_region_is_a_rectangle_of_cells(broken):
-    t = np.linspace(0, 6.3, 500)
-    region = VisitedRegion.of(0.1 * np.cos(t), 0.001 * np.sin(t)).to_dict()
-    assert VisitedRegion.from_dict(region).low == pytest.approx((-0.1, -0.001), rel=1e-2)
-    with pytest.raises(ChannelError, match="not a rectangle of cells"):
-        VisitedRegion.from_dict(region | broken)

@@ -24,9 +24,8 @@ from pysindy_nrf import (
 )
 from pysindy_nrf.exceptions import BiasWarning, ChannelError, ExcitationError, IdentifiabilityError, LawError, NRFError
 from pysindy_nrf.mechanics.identifiability import plan_solve_order
-from pysindy_nrf.regression.blocks import blocks_of
 from pysindy_nrf.regression.chain_solve import solve_blocks
-from pysindy_nrf.regression.layout import Layout
+from pysindy_nrf.regression.layout import Layout, blocks_of
 
 
 @pytest.fixture(autouse=True)
@@ -34,11 +33,6 @@ def _bias_is_not_the_point():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", BiasWarning)
         yield
-
-
-def noisy(case, share=0.02, seed=0):
-    rng = np.random.default_rng(seed)
-    return case.X + share * case.X.std(axis=0) * rng.standard_normal(case.X.shape)
 
 
 def sindy(X, F, dt, optimizer=None, degree=3, **options):
@@ -57,11 +51,12 @@ INNER = {
 }
 
 
-@pytest.mark.parametrize("forced", [[3], [1, 2, 3, 4]], ids=["one", "all"])
-@pytest.mark.parametrize("inner", INNER.values(), ids=INNER)
+@pytest.mark.parametrize(
+    ("inner", "forced"), [*((name, [3]) for name in INNER), ("least squares", [1, 2, 3, 4]), ("STLSQ", [1, 2, 3, 4])]
+)
 def test_the_three_entrances_agree(inner, forced):
-    case = chains.duffing(4, forced, seed=1)
-    X = noisy(case)
+    case, inner = chains.duffing(4, forced, seed=1), INNER[inner]
+    X = case.noisy()
     regressor = NRFRegressor(degree=3, optimizer=inner).fit(X, case.F)
     optimizer = sindy(X, case.F, case.dt, inner).optimizer
 
@@ -99,7 +94,7 @@ def test_default_stlsq_is_safe_on_si_units():
     for i in (1, 2, 3):
         assert set(model.restoring_forces_[i].coefficients.loc[lambda c: c != 0].index) <= {"v", "s", "s^3"}
         assert model.restoring_forces_[i].coefficients["s"] == pytest.approx(case.k[i - 1], rel=0.2)
-    fine = NRFRegressor(degree=3, optimizer=ps.STLSQ(threshold=0.005)).fit(noisy(case, 0.003), case.F)
+    fine = NRFRegressor(degree=3, optimizer=ps.STLSQ(threshold=0.005)).fit(case.noisy(0.003), case.F)
     for i in (1, 2, 3):
         assert set(fine.restoring_forces_[i].coefficients.loc[lambda c: c != 0].index) == {"v", "s", "s^3"}
 
@@ -111,7 +106,7 @@ def _kept(model):
 @pytest.mark.parametrize("inner", [ps.STLSQ(threshold=0.03), ps.SR3(reg_weight_lam=1e-3), ps.SSR(kappa=1e-3), ps.FROLS(max_iter=5)], ids=lambda o: type(o).__name__)
 def test_a_threshold_means_the_same_in_any_units(inner):
     case = chains.duffing(2, [2], seed=5)
-    X = noisy(case)
+    X = case.noisy()
     model = NRFRegressor(degree=3, optimizer=inner).fit(X, case.F)
     millimetres = np.hstack([1e3 * X[:, :2], 1e3 * X[:, 2:4], 1e3 * X[:, 4:]])
     other = NRFRegressor(degree=3, optimizer=inner).fit(millimetres, case.F / 1e3)  # kN
@@ -122,7 +117,7 @@ def test_a_threshold_means_the_same_in_any_units(inner):
 @given(st.integers(1, 5))
 def test_a_threshold_means_the_same_at_any_number_of_samples(times):
     case = chains.duffing(2, [2], seed=5, n_samples=1000)
-    X = noisy(case)
+    X = case.noisy()
     inner = ps.STLSQ(threshold=0.03)
     model = NRFRegressor(degree=3, optimizer=inner).fit(X, case.F)
     other = NRFRegressor(degree=3, optimizer=inner).fit(np.vstack([X] * times), np.vstack([case.F] * times))
@@ -154,7 +149,7 @@ def test_the_mass_is_never_thresholded_away():
 def test_the_triangular_factor_gives_what_all_samples_give():
     """Compress first: PySINDy's STLSQ on 20 rows equals PySINDy's STLSQ on all scaled samples."""
     case = chains.duffing(1, [1], seed=8)
-    X = noisy(case, 0.05)
+    X = case.noisy(0.05)
     known = {1: case.m[0]}
     inner = ps.STLSQ(threshold=0.03)
     model = NRFRegressor(degree=5, optimizer=inner, known_masses=known).fit(X, case.F)
@@ -192,24 +187,12 @@ def test_a_threshold_above_everything_is_named(chain4):
 # -- ps.SINDy -------------------------------------------------------------------------------------
 
 
-def test_sindy_with_the_chain_optimizer(chain4, capsys):
-    model = sindy(chain4.X, chain4.F, chain4.dt, ps.STLSQ(threshold=0.005))
-    assert model.get_feature_names()[:4] == ["a1", "a2", "a3", "a4"] and model.get_feature_names()[4] == "v1"
-    assert np.allclose(np.diag(model.coefficients()[:, :4]), chain4.m)
-    assert np.allclose(model.predict(chain4.X), chain4.F, atol=1e-6)
-    assert model.score(chain4.X, t=chain4.dt, x_dot=chain4.F, metric=lambda a, b: np.abs(a - b).max()) < 1e-6
-    assert model.complexity == 4 + 3 * 4 + 3 * 3
-    model.print(precision=1)
-    lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == 4 and f"{chain4.m[2]:.1f} a3" in lines[2] and "s4^3" in lines[2]
-
-
 def test_bagging_around_the_chain_optimizer(chain4):
     np.random.seed(0)  # EnsembleOptimizer draws from NumPy's global state
     model = ps.SINDy(
         optimizer=ps.EnsembleOptimizer(ChainOptimizer(), bagging=True, n_models=3, n_subset=1500),
         feature_library=InterstoryPolynomialLibrary(3),
-    ).fit(noisy(chain4, 0.002), t=chain4.dt, x_dot=chain4.F)
+    ).fit(chain4.noisy(0.002), t=chain4.dt, x_dot=chain4.F)
     assert worst(np.diag(model.coefficients()[:, :4]), chain4.m) < 0.05
     assert len(model.optimizer.coef_list) == 3
 

@@ -239,16 +239,6 @@ def test_fit_gives_what_pysindy_reads(kind, inner):
     assert optimizer.score(theta, y) > 0.99 or kind is ChainOptimizer  # two of its targets are zero throughout
 
 
-def test_refit_forgets_the_first_fit(kind):
-    _, theta, y = features(kind)
-    again = kind().fit(theta, 2.0 * y if kind is ChainOptimizer else y)
-    first = again.coef_.copy()
-    again.fit(theta, y)
-    assert np.array_equal(again.coef_, kind().fit(theta, y).coef_)
-    if kind is ChainOptimizer:
-        assert np.allclose(first, 2.0 * again.coef_)  # twice the forces, twice the masses
-
-
 def test_one_target_or_many():
     case = chains.duffing(1, [1], n_samples=500)
     theta = np.asarray(InterstoryPolynomialLibrary(3).fit_transform(case.X))
@@ -294,14 +284,6 @@ def test_the_users_names_reach_the_equations(capsys):
 def test_the_argument_and_its_cure_are_named(call, words):
     with pytest.raises((ChannelError, ChainError, LawError), match=words):
         call()
-
-
-def test_a_library_takes_one_law_for_every_storey_and_leading_axes():
-    X = np.random.default_rng(0).standard_normal((4, 6))
-    library = ForceLawLibrary(laws.Duffing()).fit(X)
-    assert library.get_feature_names() == ["a1", "a2", "s1", "s1^3", "s2", "s2^3"]
-    stacked = library.transform(np.stack([X, 2 * X]))
-    np.testing.assert_allclose(np.asarray(stacked)[1, :, 3], (2 * X[:, 4]) ** 3)
 
 
 def test_trajectories_of_different_length_inside_sindy(kind):

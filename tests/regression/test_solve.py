@@ -54,7 +54,7 @@ def test_fifty_storeys(forced):
 @pytest.mark.parametrize("strategy", ["complete", "sequential", "joint"])
 @pytest.mark.parametrize("n", [1, 2, 4, 10])
 def test_every_strategy_where_all_is_forced(n, strategy):
-    case = chains.duffing(n, range(1, n + 1), seed=n)
+    case = chains.duffing(n, range(1, n + 1), seed=n, n_samples=1200)
     assert_exact(NRFRegressor(degree=3, strategy=strategy).fit(case.X, case.F), case)
 
 
@@ -171,7 +171,7 @@ def _brace_and_ground(x, v):
 
 @pytest.mark.parametrize("forced", [[1], [2], [3], [4], [1, 2, 3, 4]], ids=str)
 def test_a_brace_that_skips_a_floor_and_a_link_to_the_ground(forced):
-    case = chains.duffing(4, forced, seed=11, extra=_brace_and_ground)
+    case = chains.duffing(4, forced, seed=11, n_samples=1500, extra=_brace_and_ground)
     chain = Chain(4, links=["link 4-2", "ground 3"])
     model = NRFRegressor(degree=3, chain=chain, orders={"link 4-2": 1, "ground 3": (0, 1)}).fit(case.X, case.F)
     assert_exact(model, case)
@@ -208,11 +208,6 @@ def test_a_chain_held_at_both_ends(forced):
     model = NRFRegressor(degree=3, chain=Chain(3, ground="both")).fit(case.X, case.F)
     assert_exact(model, case)
     assert model.restoring_forces_[4].coefficients[["v", "s"]].tolist() == pytest.approx([60.0, 5e4], rel=EXACT)
-
-
-def _noisy(case, share=0.02, seed=0):
-    rng = np.random.default_rng(seed)
-    return case.X + share * case.X.std(axis=0) * rng.standard_normal(case.X.shape)
 
 
 # -- against least squares in extended precision --------------------------------------------------
@@ -338,4 +333,4 @@ def test_with_the_mass_known_the_terms_that_cannot_be_told_apart_are_named():
 def test_broad_excitation_raises_no_alarm(chain4):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        NRFRegressor(degree=3).fit(_noisy(chain4, 0.005), chain4.F)
+        NRFRegressor(degree=3).fit(chain4.noisy(0.005), chain4.F)

@@ -21,7 +21,7 @@ from pysindy_nrf import (
     laws,
 )
 from pysindy_nrf.exceptions import ChainError, ChannelError, LawError
-from pysindy_nrf.regression.state_space import IdentifiedChain
+from pysindy_nrf.regression.feature_library import IdentifiedChain
 
 N = 3
 

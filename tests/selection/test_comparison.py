@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 
 import chains
@@ -10,7 +9,7 @@ import numpy as np
 import pysindy as ps
 import pytest
 
-from pysindy_nrf import ChainModel, NRFRegressor, Record, compare_with_sindy, laws
+from pysindy_nrf import ChainModel, compare_with_sindy, laws
 from pysindy_nrf.exceptions import ChannelError
 
 
@@ -26,7 +25,7 @@ def case():
 
 @pytest.fixture(scope="module")
 def table(case):
-    return compare_with_sindy(case.X, case.F, case.dt, truth=true_model(case), free_run=30)
+    return compare_with_sindy(case.X, case.F, case.dt, truth=true_model(case), free_run=5)
 
 
 def test_rows_and_columns(table):
@@ -86,13 +85,13 @@ def test_a_free_run_that_diverges_is_infinite_not_hanging():
 
 
 def test_time_is_limited(case):
-    table = compare_with_sindy(case.X, case.F, case.dt, free_run=900, time_limit=0.05, optimizers={})
+    table = compare_with_sindy(case.X, case.F, case.dt, free_run=900, time_limit=0.02, optimizers={})
     assert "given up" in table.loc["SINDy, normalised", "note"] and np.isnan(table.loc["SINDy, normalised", "free_run_error"])
 
 
 def test_a_library_that_would_fill_the_memory_is_not_built():
     case = chains.duffing(12, range(1, 13), seed=2, n_samples=2500)
-    table = compare_with_sindy(case.X, case.F, case.dt, truth=true_model(case), free_run=5, optimizers={}, time_limit=1.0)
+    table = compare_with_sindy(case.X, case.F, case.dt, truth=true_model(case), free_run=1, optimizers={}, time_limit=0.2)
     assert "not run: 9139 columns" in table.loc["SINDy, defaults", "note"]
     assert table.loc["pysindy_nrf, least squares", "restoring_force_error"] < 1e-6
 
@@ -101,7 +100,7 @@ def test_newtons_third_law_found_once_or_twice():
     """One floor hit: this package finds each storey once; SINDy twice, and with noise not the same."""
     case = chains.duffing(3, [2], seed=3, n_samples=3000, cubic=False)
     X = case.X + 0.02 * case.X.std(axis=0) * np.random.default_rng(0).standard_normal(case.X.shape)
-    table = compare_with_sindy(X, case.F, case.dt, truth=true_model(case), degree=1, free_run=5, optimizers={})
+    table = compare_with_sindy(X, case.F, case.dt, truth=true_model(case), degree=1, free_run=1, optimizers={})
     ours, theirs = table.loc["pysindy_nrf, least squares"], table.loc["SINDy, hand-steered"]
     assert (ours.storeys_found, ours.third_law_gap) == ("once", 0.0)
     assert theirs.storeys_found == "twice" and theirs.third_law_gap > 1
@@ -114,7 +113,7 @@ def test_newtons_third_law_found_once_or_twice():
 
 
 def test_without_the_truth_only_what_can_be_known_is_said(case):
-    table = compare_with_sindy(case.X, case.F, case.dt, free_run=5, optimizers={"SSR": ps.SSR()})
+    table = compare_with_sindy(case.X, case.F, case.dt, free_run=1, optimizers={"SSR": ps.SSR()})
     assert table[["precision", "recall", "mass_error", "restoring_force_error"]].isna().all(axis=None)
     assert table["balance_error"].notna().all() and "pysindy_nrf, SSR" in table.index
 
@@ -123,15 +122,9 @@ def test_errors_are_those_of_the_held_out_end(case):
     """Spoil the end of the record: the fits stay, the errors grow."""
     X = case.X.copy()
     X[2500:, :2] += 5.0 * np.random.default_rng(0).standard_normal((500, 2))
-    table = compare_with_sindy(X, case.F, case.dt, truth=true_model(case), free_run=5, optimizers={})
+    table = compare_with_sindy(X, case.F, case.dt, truth=true_model(case), free_run=1, optimizers={})
     row = table.loc["pysindy_nrf, least squares"]
     assert row.mass_error < 1e-6 and row.balance_error > 1
-
-
-def test_a_record_is_taken_as_well(case):
-    rec = Record(case.F, case.a, case.v.cumsum(axis=1), case.s.cumsum(axis=1), fs=1 / case.dt)
-    table = compare_with_sindy(rec, truth=true_model(case), free_run=5, optimizers={})
-    assert table.loc["pysindy_nrf, least squares", "mass_error"] < 1.0
 
 
 @pytest.mark.parametrize(
@@ -144,21 +137,12 @@ def test_bad_input(case, options, message):
         compare_with_sindy(**given)
 
 
-def test_the_ruler_is_the_packages_own(case):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        alone = NRFRegressor(degree=1).fit(case.X[:2100], case.F[:2100])
-    rest = alone.balance_errors(case.X[2100:], case.F[2100:])
-    table = compare_with_sindy(case.X, case.F, case.dt, degree=1, free_run=5, optimizers={})
-    assert table.loc["pysindy_nrf, least squares", "balance_error"] == pytest.approx(rest.loc["pooled", "error"], rel=1e-2)
-
-
 def test_every_model_is_taken_apart_into_the_terms_of_its_storeys():
     """Shares of the true law: coefficient times rms of the term over rms of the storey's force, written out here."""
     from pysindy_nrf.selection.comparison import compare
 
     case = chains.duffing(3, [2], seed=2, n_samples=3000)
-    found = compare(case.X, case.F, case.dt, truth=true_model(case), free_run=5, optimizers={}).coefficients
+    found = compare(case.X, case.F, case.dt, truth=true_model(case), free_run=1, optimizers={}).coefficients
     rest = slice(2100, None)
     rms = lambda y: np.sqrt(np.mean(y**2))  # noqa: E731
     for i in range(3):
@@ -172,48 +156,15 @@ def test_every_model_is_taken_apart_into_the_terms_of_its_storeys():
         assert row.loc["other", "SINDy, defaults"] > 0.05
 
 
-def test_coefficients_are_drawn_a_panel_a_storey(case):
-    pytest.importorskip("matplotlib").use("Agg")
-    from pysindy_nrf.output.displays import CoefficientsDisplay
-    from pysindy_nrf.selection.comparison import compare
-
-    found = compare(case.X, case.F, case.dt, truth=true_model(case), free_run=5, optimizers={})
-    display = CoefficientsDisplay.from_comparison(found).plot()
-    assert len(display.ax_) == 2 and [t.get_text() for t in display.ax_[-1].get_xticklabels()][:2] == ["$v$", "$s$"]
-    heights = [bar.get_height() for bar in display.ax_[0].containers[0]]
-    assert heights == found.coefficients.loc["storey 1", "truth"].tolist()
-
-
-def test_the_held_out_rule_chooses_within_the_first_part(case, monkeypatch):
+def test_the_held_out_rule_chooses_within_the_first_part(case):
     """Between a threshold that keeps all and one that drops the damping; the spoilt end plays no part."""
-    from types import SimpleNamespace
-
-    from pysindy_nrf.selection.comparison import api as rows
-
-    fits = []  # a clock that goes by a second with every sparse fit
-    monkeypatch.setattr(rows, "time", SimpleNamespace(perf_counter=lambda: float(len(fits))))
-    fit = ps.STLSQ.fit
-    monkeypatch.setattr(ps.STLSQ, "fit", lambda self, *a, **k: (fits.append(self), fit(self, *a, **k))[1])
     X = case.X + 0.003 * case.X.std(axis=0) * np.random.default_rng(0).standard_normal(case.X.shape)
     X[2500:, :2] += 5.0 * np.random.default_rng(1).standard_normal((500, 2))
     path = [ps.STLSQ(threshold=t) for t in (1e-6, 0.005, 0.6)]
-    table = compare_with_sindy(X, case.F, case.dt, truth=true_model(case), free_run=5, optimizers={"STLSQ selected": path})
+    table = compare_with_sindy(X, case.F, case.dt, truth=true_model(case), free_run=1, optimizers={"STLSQ selected": path})
     row = table.loc["pysindy_nrf, STLSQ selected"]
     assert (row.terms, row.precision, row.recall) == (8, 1.0, 1.0)
     assert row.note.startswith("chosen: threshold=0.005")
-    # choosing is counted: every fit along the path, not the last one alone
-    fits.clear()
-    NRFRegressor(degree=3, optimizer=path[1]).fit(X, case.F)
-    assert row.seconds >= len(path) * len(fits) > 0 == table.loc["pysindy_nrf, least squares", "seconds"]
-
-
-def test_optimizers_by_a_word(case):
-    from pysindy_nrf.exceptions import NRFError
-    from pysindy_nrf.selection.comparison.api import _optimizers
-
-    assert list(_optimizers("select")) == [f"{name} selected" for name in ("STLSQ", "ensemble", "SR3", "SSR", "FROLS")]
-    with pytest.raises(NRFError, match="'all' is unknown.*Give 'select'"):
-        compare_with_sindy(case.X, case.F, case.dt, optimizers="all")
 
 
 @pytest.mark.slow

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import warnings
 from functools import partial
-from pathlib import Path
 
 import chains
 import numpy as np
@@ -19,7 +16,7 @@ from sklearn.model_selection import GridSearchCV, KFold
 
 from pysindy_nrf import BlockedTimeSplit, NRFRegressor, Record, RecordSplit, laws, one_standard_error, select_order
 from pysindy_nrf.exceptions import ChainError, ChannelError, NRFError, RankWarning
-from pysindy_nrf.output.displays import OrderSelectionDisplay
+from pysindy_nrf.output.displays.models import OrderSelectionDisplay
 from pysindy_nrf.selection import one_se_rule as rule
 from pysindy_nrf.selection import scorers
 from pysindy_nrf.simulation.noise import add_noise
@@ -27,15 +24,10 @@ from pysindy_nrf.simulation.noise import add_noise
 pytestmark = pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
 
 
-def noisy(case, share=0.02, seed=0):
-    rng = np.random.default_rng(seed)
-    return case.X + share * case.X.std(axis=0) * rng.standard_normal(case.X.shape)
-
-
 @pytest.fixture(scope="module")
 def cubic():
     case = chains.duffing(4, [3], seed=1, n_samples=3000)
-    return case, noisy(case)
+    return case, case.noisy()
 
 
 # -- splitters ------------------------------------------------------------------------------------
@@ -131,12 +123,6 @@ def test_round_off_is_no_reason_for_more_terms():
     assert one_standard_error(results([[1 - 4e-16] * 3, [1.0] * 3, [1.0] * 3], DEGREES)) == 0
 
 
-def test_the_gate_of_the_loop_and_the_rule_agree_on_what_is_worth_a_term():
-    from pysindy_nrf.discrepancy import gate
-
-    assert (rule.MIN_GAIN, 100 * rule.FLOOR) == (gate.MIN_GAIN, gate.FLOOR)
-
-
 def test_what_is_simple_depends_on_what_is_searched():
     flat = [[-5.0, -5.1], [-5.0, -5.1], [-5.0, -5.1]]
     thresholds = [{"optimizer__threshold": t} for t in (0.01, 0.1, 0.03)]
@@ -193,7 +179,7 @@ def test_the_scores_are_those_of_grid_search(cubic):
 )  # fmt: skip
 def test_whatever_the_regressor_is_told(forced, params):
     case = chains.duffing(3, forced, seed=5, n_samples=1500)
-    X, candidates, cv = noisy(case), [1, 3, 4], BlockedTimeSplit(4, gap=20)
+    X, candidates, cv = case.noisy(), [1, 3, 4], BlockedTimeSplit(4, gap=20)
     assert_same(searched(X, case.F, candidates, cv, **params), X, case.F, candidates, cv, **params)
 
 
@@ -208,19 +194,19 @@ def test_a_base_that_shakes_and_a_force_that_is_not_known():
     ag = chains.band_limited(2000, 1e-3, np.random.default_rng(5), rms=2.0)
     case = chains.duffing(3, [], seed=7, n_samples=2000, ag=ag)
     params = {"known_masses": dict(enumerate(case.m, 1))}
-    X = noisy(case, 0.005)
+    X = case.noisy(0.005)
     assert_same(searched(X, None, [1, 3, 4], **params), X, None, [1, 3, 4], **params)
     case = chains.duffing(3, [1, 3], seed=8, n_samples=2000)
     F = case.F.copy()
     F[:, 1] = np.nan
-    params, X = {"known_masses": {2: case.m[1]}}, noisy(case, 0.01)
+    params, X = {"known_masses": {2: case.m[1]}}, case.noisy(0.01)
     assert_same(searched(X, F, [1, 3, 4], **params), X, F, [1, 3, 4], **params)
 
 
 def test_records_that_force_other_floors_are_held_out_whole():
     """A roving hammer: which balances scale the chain changes from fold to fold."""
     cases = [chains.duffing(3, [j], seed=9, n_samples=1500, given=chains.parameters(3, np.random.default_rng(2))) for j in (1, 2, 3)]
-    X, F = np.vstack([noisy(c, 0.005) for c in cases]), np.vstack([c.F for c in cases])
+    X, F = np.vstack([c.noisy(0.005) for c in cases]), np.vstack([c.F for c in cases])
     ids = np.repeat([1, 2, 3], 1500)
     folds = list(RecordSplit().split(X, groups=ids))
     assert_same(searched(X, F, [1, 3, 4], folds), X, F, [1, 3, 4], folds)
@@ -250,7 +236,7 @@ def test_one_storey_is_linear_and_one_is_cubic():
     given = chains.parameters(3, np.random.default_rng(3))
     given = (*given[:3], given[3] * np.array([1.0, 0.0, 1.0]))
     case = chains.duffing(3, [2], seed=4, n_samples=4000, given=given)
-    for X in (case.X, noisy(case, 0.003)):
+    for X in (case.X, case.noisy(0.003)):
         found = select_order(X, case.F, degrees=range(1, 6))
         assert found.best_order == 3
         assert found.orders_ == {"storey 1": 3, "storey 2": 1, "storey 3": 3}
@@ -264,11 +250,11 @@ def test_the_information_criteria_find_the_order_and_count_independent_samples(c
     table = select_order(X, case.F).table
     assert table["aic"].idxmin() == table["bic"].idxmin() == "3" and table["chosen"].idxmax() == "3"
     # white residual of a linear chain: BIC charges ln(N) for each coefficient that adds nothing
-    linear = chains.duffing(1, [1], seed=3, n_samples=10_000, cubic=False)
+    linear = chains.duffing(1, [1], seed=3, n_samples=5_000, cubic=False)
     F = linear.F + 5.0 * np.random.default_rng(0).standard_normal(linear.F.shape)
     table = select_order(linear.X, F, degrees=[1, 2]).table
     slope = (table["bic"].iloc[1] - table["aic"].iloc[1]) / 3  # three more terms: ln N - 2 each
-    assert slope == pytest.approx(np.log(10_000) - 2, abs=1.0)
+    assert slope == pytest.approx(np.log(5_000) - 2, abs=1.0)
     # each sample five times over is not five times the evidence
     slow = select_order(np.repeat(linear.X, 5, axis=0), np.repeat(F, 5, axis=0), degrees=[1, 2]).table
     assert (slow["bic"].iloc[1] - slow["aic"].iloc[1]) / 3 == pytest.approx(slope, abs=1.0)
@@ -327,11 +313,8 @@ def test_the_validation_curve(cubic):
 def test_the_true_degree_is_chosen_from_fused_records(degree, noise):
     seed = 11
     case = chains.duffing(3, [2], seed=seed, n_samples=1500, cubic=degree == 3, substeps=2)
-    rng = np.random.default_rng(seed)
-    channels = dict(force=case.F, acceleration=case.a, velocity=case.v.cumsum(axis=1), displacement=case.s.cumsum(axis=1))
-    channels = {k: y + noise * np.sqrt((y**2).mean(axis=0)) * rng.standard_normal(y.shape) for k, y in channels.items()}
-    X, F = Record(fs=1 / case.dt, **channels).to_features(smooth=True)
-    search = GridSearchCV(NRFRegressor(), {"degree": range(1, 8)}, cv=BlockedTimeSplit(5), refit=one_standard_error)
+    X, F = add_noise(case.record(), noise, random_state=seed).to_features(smooth=True)
+    search = GridSearchCV(NRFRegressor(), {"degree": [1, 2, 3, 4, 6]}, cv=BlockedTimeSplit(5), refit=one_standard_error)
     assert search.fit(X, F).best_params_ == {"degree": degree}
     assert select_order(X, F).best_order == degree
 
@@ -346,18 +329,6 @@ def test_thresholds_are_searched_beside_degrees(cubic):
         warnings.simplefilter("ignore")
         search.fit(X, case.F)
     assert search.best_params_["optimizer__threshold"] in (0.01, 0.1)
-
-
-SCRIPT = Path(__file__).resolve().parents[2] / "benchmarks" / "order_selection.py"
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not SCRIPT.is_file(), reason="the benchmarks are not part of an installed package")
-def test_the_benchmark_misses_no_seed():
-    run = subprocess.run([sys.executable, str(SCRIPT), "--quick", "--seeds", "1"], capture_output=True, text=True)
-    assert run.returncode == 0, run.stdout + run.stderr[-2000:]
-    table = [line for line in run.stdout.splitlines() if line.startswith("| 4 storeys")]
-    assert len(table) == 4 and all(" 1 of 1 " in line for line in table)
 
 
 def test_tables_and_ids_are_read_as_by_the_regressor(cubic):
@@ -375,9 +346,7 @@ def test_tables_and_ids_are_read_as_by_the_regressor(cubic):
 def linear_record(noise=0.0):
     """Two linear storeys, both DOFs forced."""
     case = chains.duffing(2, [1, 2], seed=5, n_samples=3000, cubic=False)
-    motion = case.absolute
-    rec = Record(force=case.F, acceleration=motion[:, :2], velocity=motion[:, 2:4], displacement=motion[:, 4:], fs=1000.0)
-    return add_noise(rec, noise, random_state=1)
+    return add_noise(case.record(), noise, random_state=1)
 
 
 def test_a_fold_without_a_force_says_so():
@@ -394,21 +363,4 @@ def test_the_rule_may_be_the_users_own():
     rec = linear_record(0.02)
     last = select_order(rec, degrees=[1, 2, 3], rule=lambda results: len(results["params"]) - 1)
     best = select_order(rec, degrees=[1, 2, 3], rule="best")
-    plain = select_order(rec, degrees=[1, 2, 3])
-    assert last.best_order == 3 and plain.best_order == 1
-    errors = best.fold_scores.mean(axis=1)  # scores: the larger the better
-    assert str(best.best_order) == errors.idxmax()
-    assert repr(plain) == "OrderSelection(best_order=1, 3 orders, 5 folds)"
-    with pytest.raises(NRFError, match="rule='first' is unknown"):
-        select_order(rec, degrees=[1], rule="first")
-
-
-def test_the_simplest_within_one_standard_error_by_any_complexity():
-    """Three models, equal within the scatter of their folds: the least complex is the one a rule calls so."""
-    scores = np.array([[-10.0, -12.0, -11.0], [-9.5, -12.0, -11.2], [-9.8, -11.9, -11.0]])
-    results = {"params": [{"alpha": a} for a in (3, 1, 2)], "mean_test_score": scores.mean(axis=1)}
-    results |= {f"split{k}_test_score": scores[:, k] for k in range(3)}
-    assert one_standard_error(results, complexity=lambda params: params["alpha"]) == 1
-    assert one_standard_error(results, complexity=[1, 3, 2]) == 0
-    orders = {**results, "params": [{"orders": {"storey 1": q}, "degree": 1} for q in (5, 3, 1)]}
-    assert one_standard_error(orders) == 2
+    assert last.best_order == 3 and str(best.best_order) == best.fold_scores.mean(axis=1).idxmax()

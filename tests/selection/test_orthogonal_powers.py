@@ -4,22 +4,10 @@ import numpy as np
 import pytest
 from sklearn.model_selection import GridSearchCV, KFold
 
-from pysindy_nrf import ChainModel, NRFRegressor, laws
+from pysindy_nrf import NRFRegressor, laws
 from pysindy_nrf.laws.power_series import exponents_of
-from pysindy_nrf.mechanics.chain import Chain
-from pysindy_nrf.regression.layout import LawLayout
 from pysindy_nrf.selection import select_order
-from pysindy_nrf.selection.polynomials import Monomials, OrthogonalPowers, Polynomials
-
-
-def test_polynomials_on_chebyshev_nodes_are_those_of_their_weight_times_x2():
-    """Gauss-Chebyshev nodes weigh alike, so sums over them are the integrals: E[x^2] = 1/2, E[x^4] = 3/8."""
-    nodes = np.cos(np.pi * (np.arange(64) + 0.5) / 64)
-    p = Polynomials(nodes, 7)(nodes)[1:]
-    size = np.linalg.norm(p, axis=1)
-    assert np.allclose(p @ p.T / np.outer(size, size), np.eye(7), atol=1e-12)
-    y = np.array([0.0, 1.0, 2.0])
-    assert np.allclose(Polynomials(nodes, 3)(y / 2**0.5)[3], y**3 - (3 / 8) / (1 / 2) ** 2 * y)
+from pysindy_nrf.selection.fold_moments import Monomials, OrthogonalPowers
 
 
 @pytest.mark.parametrize("order", [1, 2, 7, (1, 5), (0, 3), (4, 0)])
@@ -40,24 +28,6 @@ def test_products_times_the_change_are_the_powers(order, motion):
     size = np.maximum(np.linalg.norm(wanted, axis=0), 1e-300)
     assert np.abs((law.features(whole) @ law.change - wanted) / size).max() < 1e-12
     assert np.allclose(Monomials(exponents).features(whole), wanted, rtol=1e-13)
-
-
-def test_columns_made_from_factors_are_the_features():
-    """What the pass multiplies in cache is what the law says of itself, beside another law at the same storey."""
-    rng = np.random.default_rng(1)
-    v, s, a = 0.1 * rng.standard_normal((300, 3)), 1e-3 * rng.standard_normal((300, 3)), rng.standard_normal((300, 3))
-    held = {
-        f"storey {i}": (OrthogonalPowers(exponents_of(4), v[::2, i - 1], s[::2, i - 1]), laws.CoulombFriction()) for i in (1, 3)
-    }
-    layout = LawLayout(Chain(3), {**held, "storey 2": (laws.PowerSeries(2),)})
-    bare = ChainModel([1.0] * 3, {f"storey {i}": laws.LinearElastic(1.0) for i in (1, 2, 3)})
-    segment = bare.segments(np.hstack([a, v, s]), np.zeros((300, 3))).segments[0]
-    block = next(iter(segment.blocks(layout)))
-    assert block.recipe is not None and block.source.shape[0] < layout.n_terms + 6  # fewer rows than columns
-    for site in layout.acting:
-        motion = segment.motion(site, slice(0, 300))
-        columns = np.hstack([law.features(motion) for law in layout.laws[site]])
-        assert np.allclose(block.terms[layout.slices[site]].T, columns, rtol=1e-13)
 
 
 def test_a_steady_vibration_is_made_orthogonal_altogether_and_keeps_its_scores():

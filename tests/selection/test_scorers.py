@@ -111,11 +111,3 @@ def test_cross_validation_with_and_without_routing():
         assert "clock" in str(renamed.get_metadata_routing())
     with pytest.raises(NRFError, match="knows no metadata 'weights'"):
         scorers.balance.set_score_request(weights=True)
-
-
-def test_scorers_are_compared_by_what_they_ask_for():
-    plain = scorers.get_scorer("balance")
-    asked = pickle.loads(pickle.dumps(plain))
-    assert asked == plain and len({asked, plain}) == 1
-    other = pickle.loads(pickle.dumps(plain.set_score_request(record=False)))
-    assert other != plain and repr(other) == repr(plain)

@@ -1,8 +1,4 @@
-"""Quirks of PySINDy and scikit-learn that the package works round.
-
-A test that fails here is good news: upstream has repaired something, and the work-round named in
-the docstring can go.
-"""
+"""Quirks of PySINDy and scikit-learn that the package works round; if a test fails, its work-round can go."""
 
 from __future__ import annotations
 
@@ -51,14 +47,6 @@ def test_default_stlsq_deletes_the_force_from_a_model_in_si_units():
     model.fit(np.hstack([x, v]), t=case.dt, x_dot=np.hstack([v, case.a]), u=case.F)
     row = dict(zip(model.get_feature_names(), model.coefficients()[1], strict=True))
     assert row["u0"] == 0.0 and row["x0"] != 0.0
-
-
-def test_stlsq_takes_no_mask_per_target():
-    """Why ChainOptimizer clones its inner optimizer for each balance."""
-    import inspect
-
-    for cls in (ps.STLSQ, ps.SR3, ps.SSR, ps.FROLS):
-        assert not {"mask", "support", "feature_mask"} & set(inspect.signature(cls).parameters)
 
 
 def _problem():
@@ -110,20 +98,6 @@ def test_ensembles_read_two_attributes_that_the_contract_does_not_name():
         ps.EnsembleOptimizer(Bare(), bagging=True)
 
 
-def test_sindy_makes_up_names_and_passes_them_on_as_the_users():
-    """Why our libraries take x0, x1, ..., u0 for no names: else every acceleration would be printed as x0, x1, ..."""
-
-    class Listening(ps.PolynomialLibrary):
-        def get_feature_names(self, input_features=None):
-            self.heard = input_features
-            return super().get_feature_names(input_features)
-
-    x = np.random.default_rng(0).normal(size=(50, 2))
-    library = Listening(1)
-    ps.SINDy(feature_library=library).fit(x, t=0.1, x_dot=x, u=x[:, 0]).get_feature_names()
-    assert library.heard == ["x0", "x1", "u0"]
-
-
 def test_sindy_cannot_be_fitted_under_metadata_routing():
     """Why pipelines with routed records are built around NRFRegressor: a helper of SINDy.fit is half an estimator."""
     x = np.random.default_rng(0).normal(size=(50, 2))
@@ -131,21 +105,6 @@ def test_sindy_cannot_be_fitted_under_metadata_routing():
     with sklearn.config_context(enable_metadata_routing=True):
         with pytest.raises(AttributeError, match="get_metadata_routing"):
             model.fit(x, t=0.1, x_dot=x)
-
-
-def test_predictions_of_one_target_keep_two_axes():
-    """What the next version changes; ours follow scikit-learn: one axis in, one axis out."""
-    A, y = _problem()
-    assert ps.STLSQ().fit(A, y).predict(A).shape == (200, 1)
-
-
-def test_normalising_an_unforced_column_divides_by_zero():
-    """Why forces that are zero throughout never become a column: an all-zero u is 0/0 when normalised."""
-    A, y = _problem()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        with pytest.raises((ValueError, np.linalg.LinAlgError)):
-            ps.STLSQ(normalize_columns=True).fit(np.column_stack([A, 0 * y]), y[:, None])
 
 
 def test_optimizers_drop_nan_rows_silently():
@@ -157,19 +116,6 @@ def test_optimizers_drop_nan_rows_silently():
         warnings.simplefilter("error")
         coef = ps.STLSQ(threshold=0.1).fit(A, y[:, None]).coef_
     assert np.isfinite(coef).all()
-
-
-def test_the_last_sample_is_lost_in_simulate():
-    """Why free runs have their own integrator (beside the 0.4 ms that SINDy.predict takes for one row)."""
-    A = np.array([[-0.1, 2.0], [-2.0, -0.1]])
-    t = np.arange(100) * 0.01
-    x = np.random.default_rng(0).normal(size=(100, 2))
-    u = np.sin(t)
-    model = ps.SINDy(feature_library=ps.PolynomialLibrary(1), optimizer=ps.STLSQ(threshold=1e-3))
-    model.fit(x, t=t, x_dot=x @ A.T + u[:, None], u=u)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        assert len(model.simulate(x[0], t, u=u)) == 99
 
 
 def test_the_pinned_version():

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from chains import driven
 
-from pysindy_nrf import Chain, ChainModel, NRFRegressor, excitation, laws, simulate
+from pysindy_nrf import Chain, ChainModel, NRFRegressor, laws
 from pysindy_nrf.exceptions import ChannelError, DataQualityWarning
 from pysindy_nrf.signals.condensation import condense
 
@@ -15,8 +16,7 @@ MASSES = [12.0, 2.0, 12.0, 12.0]
 
 def record(blind=(2,), dofs=(4,), **changes):
     truth = ChainModel(MASSES, {f"storey {i + 1}": laws.PowerSeries(1, [25.0, k]) for i, k in enumerate(K)})
-    F = excitation.band_limited_random(4, 20.0, 500.0, dofs=dofs, rms=100.0, band=(0.5, 9.0), random_state=0)
-    rec = simulate(truth, F, 1 / 500.0, hold="cubic")
+    rec = driven(truth, dofs, 20.0, 500.0, 100.0, (0.5, 9.0), hold="cubic")
     gone = {}
     for kind in ("acceleration", "velocity", "displacement"):
         gone[kind] = np.array(getattr(rec, kind))

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from ...exceptions import ChannelError, FileFormatError
-from .files import read_table
+from .reading import read_table
 from .table import MAX_BYTES, check_file, unreadable
 
 # Power of i w that converts a response to acceleration over force.
@@ -21,32 +21,11 @@ KINDS = {"accelerance": 0, "mobility": 1, "receptance": 2}
 
 @dataclass(frozen=True)
 class FrequencyResponse:
-    """Responses of all DOFs to a force on one of them.
+    """Responses of all DOFs to a force on one of them."""
 
-    Attributes
-    ----------
-    f : ndarray of shape (n_lines,)
-        Hz, rising, positive.
-    H : ndarray of complex, shape (n_lines, n_dof)
-        Accelerance: acceleration over force, m/s^2/N.
-    driven : int
-        The DOF on which the force acts.
-    name : str
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf.data.io import frequency_response
-    >>> f = np.arange(0.5, 20.0, 0.5)
-    >>> w = 2 * np.pi * f
-    >>> response = frequency_response(f, (-(w**2) / (4e4 - 10.0 * w**2 + 30j * w))[:, None])
-    >>> response.n_dof, response.driven, float(response.f[np.abs(response.H[:, 0]).argmax()])  # Hz
-    (1, 1, 10.0)
-    """
-
-    f: np.ndarray
-    H: np.ndarray
-    driven: int = 1
+    f: np.ndarray  # Hz, rising, positive
+    H: np.ndarray  # accelerance, m/s^2/N, (n_lines, n_dof)
+    driven: int = 1  # DOF on which the force acts
     name: str = "frequency response"
 
     @property
@@ -55,17 +34,7 @@ class FrequencyResponse:
         return self.H.shape[1]
 
     def describe(self, band: tuple[float | None, float | None] | None = None) -> str:
-        """Summary in words.
-
-        Parameters
-        ----------
-        band : (float, float), optional
-            Hz; the lines in it are counted.
-
-        Returns
-        -------
-        str
-        """
+        """Summary in words."""
         size = ", ".join(f"H{j + 1} {a:.4g}" for j, a in enumerate(np.abs(self.H).max(axis=0)))
         used = self.f[_in_band(self.f, band)]
         part = f"; {len(used)} of them in {used[0]:g} to {used[-1]:g} Hz are used" if len(used) else ""
@@ -92,10 +61,6 @@ def read_frf(path: Any, *, driven: int = 1, kind: str = "accelerance", max_bytes
     kind : {"accelerance", "mobility", "receptance"}
         Acceleration, velocity or displacement over force, SI units.
     max_bytes : int
-
-    Returns
-    -------
-    FrequencyResponse
 
     Raises
     ------
@@ -128,38 +93,7 @@ def read_frf(path: Any, *, driven: int = 1, kind: str = "accelerance", max_bytes
 def frequency_response(
     f: Any, H: Any, driven: int = 1, kind: str = "accelerance", name: str = "frequency response"
 ) -> FrequencyResponse:
-    """Check frequencies and responses and convert them to accelerance.
-
-    Parameters
-    ----------
-    f : array-like of shape (n_lines,)
-        Hz. A line at zero frequency is left out: it holds no motion of a grounded chain.
-    H : array-like of complex, shape (n_lines, n_dof)
-    driven : int
-    kind : {"accelerance", "mobility", "receptance"}
-    name : str
-
-    Returns
-    -------
-    FrequencyResponse
-
-    Raises
-    ------
-    ChannelError
-        If frequencies and responses are not of one length, not finite or not rising, ``kind`` is unknown, or
-        ``driven`` is not one of the DOFs.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf.data.io import frequency_response
-    >>> f = np.arange(0.5, 20.0, 0.5)
-    >>> w = 2 * np.pi * f
-    >>> receptance = 1 / (4e4 - 10.0 * w**2 + 30j * w)  # displacement over force, m/N
-    >>> response = frequency_response(f, receptance[:, None], kind="receptance")
-    >>> bool(np.allclose(response.H[:, 0], -(w**2) * receptance))  # kept as accelerance
-    True
-    """
+    """Check frequencies and responses and convert them to accelerance."""
     f, H = np.asarray(f), np.asarray(H)
     if np.iscomplexobj(f):
         if np.abs(f.imag).max(initial=0) > 0:

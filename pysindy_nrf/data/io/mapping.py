@@ -165,36 +165,12 @@ _KEYS = {
 
 @dataclass(frozen=True)
 class MappingFile:
-    r"""Content of a mapping file, a small TOML file beside the data.
-
-    Attributes
-    ----------
-    path : Path
-    files : tuple of Path
-        Inside the folder of the mapping file.
-    together : bool
-        True: the files hold channels of one test. False: each is a test.
-    channels, units : dict of str to str
-        As ``mapping`` and ``units`` of :func:`read_record`.
-    fs : float or None
-    coordinates, name : str or None
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> from pysindy_nrf.data.io import read_mapping
-    >>> text = '[channels]\nF1 = "Shaker @ kN"\na1 = "ACC_07 @ g"\n'
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     path = pathlib.Path(folder, "campaign.toml")
-    ...     _ = path.write_text(text)
-    ...     read_mapping(path).channels
-    {'F1': 'Shaker @ kN', 'a1': 'ACC_07 @ g'}
-    """
+    """Content of a mapping file, a small TOML file beside the data."""
 
     path: Path
     files: tuple[Path, ...] = ()
-    together: bool = False
-    channels: dict[str, str] = field(default_factory=dict)
+    together: bool = False  # the files hold channels of one test; else each is a test
+    channels: dict[str, str] = field(default_factory=dict)  # as ``mapping`` of read_record
     units: dict[str, str] = field(default_factory=dict)
     fs: float | None = None
     coordinates: str | None = None
@@ -202,34 +178,7 @@ class MappingFile:
 
 
 def read_mapping(path: Any) -> MappingFile:
-    """Read a mapping file.
-
-    Parameters
-    ----------
-    path : path-like
-        TOML with the keys ``name``, ``files``, ``together``, ``fs``, ``coordinates``, ``[channels]``, ``[units]``.
-
-    Returns
-    -------
-    MappingFile
-
-    Raises
-    ------
-    FileFormatError
-        If it is not TOML, a key is unknown or has a wrong value, or a file lies outside its folder.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> from pysindy_nrf.data.io import read_mapping
-    >>> folder = tempfile.TemporaryDirectory()
-    >>> path = pathlib.Path(folder.name, "shaker.toml")
-    >>> _ = path.write_text('fs = 500.0\\n[channels]\\nF2 = "Shaker"\\n[units]\\nF = "kN"\\n')
-    >>> found = read_mapping(path)
-    >>> found.fs, found.channels, found.units
-    (500.0, {'F2': 'Shaker'}, {'F': 'kN'})
-    >>> folder.cleanup()
-    """
+    """Read a mapping file: TOML, its files inside its own folder."""
     path = Path(path)
     check_file(path, _MAX_BYTES)
     try:

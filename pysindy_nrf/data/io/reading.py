@@ -1,10 +1,11 @@
-"""From a file to a record: choice of columns, units, clock; or to the excitation of a simulation."""
+"""From a file to its variables, to a record, or to the excitation of a simulation: reader, columns, units, clock."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,9 +14,12 @@ import pandas as pd
 from ...exceptions import ChannelError, FileFormatError
 from ..channels import channel_of
 from ..record import BASES, MATRICES, Record, seconds_of
-from .files import read_table
+from .arrays import SIGNATURE, read_hdf5, read_mat, read_npz, read_parquet
+from .delimited import read_delimited
 from .mapping import Expression, line_of, parse
-from .table import MAX_BYTES, Table, restored
+from .strong_motion import is_strong_motion, read_strong_motion
+from .table import MAX_BYTES, Table, check_file, restored
+from .uff import read_uff
 from .units import dimension_of, factor, si_unit
 
 _TIME_OF_DAY = re.compile(r"\d{1,2}:\d\d:\d\d(\.\d+)?")
@@ -33,36 +37,13 @@ class Source:
 
 @dataclass
 class Reading:
-    r"""A record and how the file was understood.
-
-    Attributes
-    ----------
-    record : Record
-    table : Table
-    sources : dict of str to Source
-        Origin of each channel: ``text`` (the mapping or the column's name), ``unit``, ``name`` of the variable.
-    unused : tuple of str
-        Variables of the file that are not in the record.
-    clock : str
-        Sampling rate and how it was found, in words.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> from pysindy_nrf import io
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     path = pathlib.Path(folder, "own.csv")
-    ...     _ = path.write_text("t,x1,remark\n" + "".join(f"{k / 100},{k % 7},0\n" for k in range(50)))
-    ...     reading = io.inspect_record(path, units={"x": "mm"})
-    >>> reading.record.measured, reading.unused
-    (('F1', 'x1'), ('remark',))
-    """
+    """A record and how the file was understood."""
 
     record: Record
     table: Table
-    sources: dict[str, Source]
-    unused: tuple[str, ...]
-    clock: str = ""
+    sources: dict[str, Source]  # by channel
+    unused: tuple[str, ...]  # variables of the file that are not in the record
+    clock: str = ""  # sampling rate and how it was found, in words
 
 
 @dataclass
@@ -139,16 +120,7 @@ def read_record(path: Any, *, mapping: Mapping[str, str] | None = None, fs: floa
 def inspect_record(path: Any, *, mapping: Mapping[str, str] | None = None, fs: float | None = None,
                    units: Mapping[str, str] | None = None, name: str | None = None,
                    coordinates: str | None = None, max_bytes: int = MAX_BYTES) -> Reading:  # fmt: skip
-    r"""Read a record and keep how the file was understood, for :func:`describe`.
-
-    Parameters
-    ----------
-    path, mapping, fs, units, name, coordinates, max_bytes
-        As for :func:`read_record`.
-
-    Returns
-    -------
-    Reading
+    r"""Read a record as :func:`read_record` does and keep how the file was understood, for :func:`describe`.
 
     Examples
     --------
@@ -168,37 +140,7 @@ def inspect_record(path: Any, *, mapping: Mapping[str, str] | None = None, fs: f
 def read_excitation(path: Any, n_dof: int, *, mapping: Mapping[str, str] | None = None, fs: float | None = None,
                     units: Mapping[str, str] | None = None, name: str | None = None,
                     max_bytes: int = MAX_BYTES) -> Load:  # fmt: skip
-    r"""Read the excitation of a structure, to simulate its response.
-
-    Parameters
-    ----------
-    path, mapping, fs, units, name, max_bytes
-        As for :func:`read_record`.
-    n_dof : int
-        Degrees of freedom of the structure.
-
-    Returns
-    -------
-    Load
-        ``force`` (n_samples, n_dof), N; ``base_acceleration``, m/s^2, or None; ``covariates``; ``fs``, ``t0``.
-        Motions of the file, of ``mapping`` and of ``units`` are ignored.
-
-    Raises
-    ------
-    ChannelError
-        If there is no excitation, or a force acts on a DOF that the structure does not have.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> from pysindy_nrf import io
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     path = pathlib.Path(folder, "hit.csv")
-    ...     _ = path.write_text("t,F2\n" + "".join(f"{k / 100},{100.0 * (k == 5)}\n" for k in range(50)))
-    ...     load = io.read_excitation(path, n_dof=3)
-    >>> load.force.shape, float(load.force[5, 1])  # N, on floor 2
-    ((50, 3), 100.0)
-    """
+    """Read the excitation of a structure, to simulate its response."""
     table = read_table(path, max_bytes=max_bytes)
     # a mapping file of the whole test may name motions that are not in this file
     mapping = {c: text for c, text in (mapping or {}).items() if not _is_motion(c)}
@@ -411,3 +353,123 @@ def _timestamps(table: Table, values: np.ndarray) -> pd.DatetimeIndex | pd.Timed
             f"{table.path}: the time {values[0]!r} is not understood",
             "Give seconds, or timestamps like 2024-05-01T12:00:00.125.",
         ) from error
+
+
+READERS = {
+    **dict.fromkeys((".csv", ".txt", ".tsv", ".dat", ".asc"), read_delimited),
+    **dict.fromkeys((".parquet", ".pq"), read_parquet),
+    ".mat": read_mat,
+    **dict.fromkeys((".h5", ".hdf5"), read_hdf5),
+    **dict.fromkeys((".npz", ".npy"), read_npz),
+    **dict.fromkeys((".uff", ".unv"), read_uff),
+    **dict.fromkeys((".v2", ".v2c", ".v1", ".v1c", ".v0c"), read_strong_motion),
+}
+# First bytes of a file, the suffixes that fit them, and their name.
+_SIGNATURES = (
+    (b"PAR1", (".parquet", ".pq"), "Parquet"),
+    (SIGNATURE, (".h5", ".hdf5", ".mat"), "HDF5"),
+    (b"MATLAB 5.0", (".mat",), "MATLAB"),
+    (b"MATLAB 7.3", (".mat",), "MATLAB v7.3"),
+    (b"PK\x03\x04", (".npz",), "a ZIP archive (an Excel sheet or NPZ)"),
+    (b"\x93NUMPY", (".npy",), "NumPy"),
+)
+
+
+def read_table(path: Any, *, max_bytes: int = MAX_BYTES) -> Table:
+    """Read the variables of a file.
+
+    Parameters
+    ----------
+    path : path-like or sequence of path-like
+        CSV and other delimited text (``.csv .txt .tsv .dat .asc``), Parquet (``.parquet .pq``),
+        MATLAB v5 and v7.3 (``.mat``), HDF5 (``.h5 .hdf5``), NumPy (``.npz .npy``), UFF 58 (``.uff .unv``) or
+        strong motion (CSMIP and COSMOS, ``.v2 .v2c .v1 .v1c``, or ``.txt`` that starts as one). Several files are
+        channels of one test: their variables are called ``<file>.<variable>``.
+    max_bytes : int
+        Larger files, and archives that unpack to more, are refused.
+
+    Returns
+    -------
+    Table
+        Variables by name, as in the file; units written in a header; notes on the decisions of the reader.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is empty, cut off, of an unknown type, or not what its name says.
+    MissingExtraError
+        If the type needs an optional package.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from pysindy_nrf.data.io import read_table
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> path = pathlib.Path(folder.name, "test 7.csv")
+    >>> _ = path.write_text("t [s];x1;F1\\n0,000;0,0;1,5\\n0,001;0,2;1,4\\n")
+    >>> table = read_table(path)
+    >>> table.units, table.variables["x1"]
+    ({'t': 's'}, array([0. , 0.2]))
+    >>> folder.cleanup()
+    """
+    if isinstance(path, (list, tuple)):
+        return _together([read_table(one, max_bytes=max_bytes) for one in path])
+    path = Path(path)
+    check_file(path, max_bytes)
+    suffix = path.suffix.lower()
+    reader = READERS.get(suffix)
+    if reader is None:
+        raise FileFormatError(
+            f"{path} has the type {suffix or '(none)'}, which is not read", f"Supported types are {' '.join(READERS)}."
+        )
+    with open(path, "rb") as file:
+        head = file.read(400)
+    for signature, suffixes, kind in _SIGNATURES:
+        if head.startswith(signature) and suffix not in suffixes:
+            raise FileFormatError(
+                f"{path} is called {suffix} but holds {kind}", f"Rename it to {suffixes[0]}, or export it as {suffix}."
+            )
+    if reader is read_delimited and is_strong_motion(head.decode("latin-1")):
+        reader = read_strong_motion
+    table = reader(path, max_bytes)
+    if not any(values.size > 1 for values in table.variables.values()):
+        raise FileFormatError(
+            f"{path} holds no channel of numbers", "Give one variable or column for each measured channel."
+        )
+    return table
+
+
+def _together(tables: list[Table]) -> Table:
+    """One table of the channels of one test in several files."""
+    if not tables:
+        raise FileFormatError("No file was given", "Name at least one.")
+    by_stem = {table.path.stem: table for table in tables}
+    if len(by_stem) < len(tables):
+        twice = next(table.path.stem for table in tables if by_stem[table.path.stem] is not table)
+        raise FileFormatError(f"Two files are called {twice!r}", "Rename one: variables are named after their file.")
+    rates = {table.path.name: table.fs for table in tables if table.fs is not None}
+    if len(set(rates.values())) > 1:
+        shown = ", ".join(f"{name} {fs:g} Hz" for name, fs in rates.items())
+        raise FileFormatError(f"The files are sampled differently: {shown}", "Resample them to one clock.")
+    first = tables[0]
+    together = Table(first.path, "", {}, fs=next(iter(rates.values()), None))
+    together.kind = f"{', '.join(dict.fromkeys(table.kind for table in tables))} ({len(tables)} files)"
+    together.decimal = "," if any(table.decimal == "," for table in tables) else "."
+    for stem, table in by_stem.items():
+        together.variables |= {f"{stem}.{name}": values for name, values in table.variables.items()}
+        together.units |= {f"{stem}.{name}": unit for name, unit in table.units.items()}
+        together.notes += [f"{stem}: {note}" for note in table.notes]
+    if all("t" in table.variables for table in tables):
+        for stem, table in by_stem.items():
+            if not np.array_equal(table.variables["t"], first.variables["t"]):
+                raise FileFormatError(
+                    f"The times of the files {first.path.stem!r} and {stem!r} differ", "Resample them to one clock."
+                )
+        written = {table.units.get("t", "s") for table in tables}
+        if len({factor(unit, "t") for unit in written}) > 1:
+            raise FileFormatError(
+                f"The times of the files have different units: {', '.join(sorted(written))}", "Export them in one unit."
+            )
+        together.variables["t"] = first.variables["t"]
+        together.units |= {"t": first.units["t"]} if "t" in first.units else {}
+    return together

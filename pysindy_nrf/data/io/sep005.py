@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ...common import number_of
 from ...exceptions import ChannelError
 from ..record import Record
 from .reading import understand
@@ -69,10 +70,6 @@ def from_sep005(channels: Sequence[Mapping[str, Any]], **options: Any) -> Record
         ``mapping``, ``units``, ``fs``, ``name``, ``coordinates`` as for :func:`read_record`. Units are those of
         ``unit_str`` unless others are given.
 
-    Returns
-    -------
-    Record
-
     Raises
     ------
     ChannelError
@@ -131,10 +128,7 @@ def _table_of(channels: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def _rate(channel: Mapping[str, Any]) -> float:
-    try:
-        rate = float(channel["fs"])
-    except (TypeError, ValueError, OverflowError):
-        rate = float("nan")
+    rate = number_of(channel["fs"])
     if not 0 < rate < float("inf"):
         raise ChannelError(f"SEP005 channel {channel['name']!r} has fs = {str(channel['fs'])[:40]}", "Give Hz above 0.")
     return rate

@@ -23,10 +23,6 @@ def describe(what: Record | Reading) -> str:
     what : Record or Reading
         For a Reading (see :func:`inspect_record`) the origin of each channel is added.
 
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> import numpy as np
@@ -89,24 +85,7 @@ def _extent(values: np.ndarray) -> str:
 
 
 def summary(record: Record) -> dict[str, Any]:
-    """Summary of a record as plain data, for JSON.
-
-    Parameters
-    ----------
-    record : Record
-
-    Returns
-    -------
-    dict
-
-    Examples
-    --------
-    >>> from pysindy_nrf import datasets
-    >>> from pysindy_nrf.data.io import summary
-    >>> found = summary(datasets.load_demo())
-    >>> found["n_dof"], found["fs"]
-    (3, 200.0)
-    """
+    """Summary of a record as plain data, for JSON."""
     return {
         "name": record.name,
         "n_dof": record.n_dof,

@@ -1,4 +1,4 @@
-r"""Content of a file: variables by name, and the attributes by which a record written here is restored bit for bit."""
+"""Content of a file: variables by name, and the attributes by which a record written here is restored bit for bit."""
 
 from __future__ import annotations
 
@@ -19,46 +19,16 @@ SCHEMA, VERSION = "pysindy_nrf.Record", 1
 
 @dataclass
 class Table:
-    r"""Variables of one file by name.
-
-    Attributes
-    ----------
-    path : Path
-    kind : str
-        ``"CSV"``, ``"Parquet"``, ``"MAT"``, ...
-    variables : dict of str to ndarray
-        Columns of shape (n_samples,), matrices and scalars, as in the file (no unit converted).
-    units : dict of str to str
-        Units written in the file's header.
-    notes : list of str
-        Decisions of the reader, in words.
-    attributes : Attributes, optional
-        Of the record, where the file was written by this package.
-    fs : float, optional
-        Sampling rate, Hz, where the file states one and has no time.
-    decimal : {".", ","}
-        Decimal mark of columns that are still text.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> from pysindy_nrf import io
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     path = pathlib.Path(folder, "own.csv")
-    ...     _ = path.write_text("t,Deck [mm]\n0.00,1.5\n0.01,1.6\n")
-    ...     table = io.read_table(path)
-    >>> table.kind, list(table.variables), table.units
-    ('delimited text', ['t', 'Deck'], {'Deck': 'mm'})
-    """
+    """Variables of one file by name, as in the file (no unit converted)."""
 
     path: Path
-    kind: str
-    variables: dict[str, np.ndarray]
-    units: dict[str, str] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
-    attributes: Attributes | None = None
-    fs: float | None = None
-    decimal: str = "."
+    kind: str  # "CSV", "Parquet", "MAT", ...
+    variables: dict[str, np.ndarray]  # columns of shape (n_samples,), matrices and scalars
+    units: dict[str, str] = field(default_factory=dict)  # written in the header
+    notes: list[str] = field(default_factory=list)  # decisions of the reader, in words
+    attributes: Attributes | None = None  # of a record that this package wrote
+    fs: float | None = None  # Hz, where the file states one and has no time
+    decimal: str = "."  # mark of columns that are still text
 
     @property
     def names(self) -> str:

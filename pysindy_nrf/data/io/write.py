@@ -30,10 +30,6 @@ def write_record(record: Record, path: Any) -> Path:
         ``.parquet``, ``.uff`` or ``.unv`` (UFF 58, binary), or ``.csv``. All columns are kept (those of NaN too),
         in SI units, with sampling rate, first time, name, coordinates, covariates and base motion.
 
-    Returns
-    -------
-    Path
-
     Raises
     ------
     FileFormatError
@@ -44,15 +40,12 @@ def write_record(record: Record, path: Any) -> Path:
     Examples
     --------
     >>> import pathlib, tempfile
-    >>> import numpy as np
-    >>> from pysindy_nrf import Record
-    >>> from pysindy_nrf.data.io import read_record, write_record
-    >>> folder = tempfile.TemporaryDirectory()
-    >>> record = Record(acceleration=np.random.default_rng(0).normal(size=(8, 2)), fs=1 / 0.0097, name="test <7>")
-    >>> back = read_record(write_record(record, pathlib.Path(folder.name, "test.csv")))
-    >>> back.name, back.fs == record.fs, bool((back.acceleration == record.acceleration).all())
-    ('test <7>', True, True)
-    >>> folder.cleanup()
+    >>> from pysindy_nrf import datasets, io
+    >>> record = datasets.load_demo()
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     back = io.read_record(io.write_record(record, pathlib.Path(folder, "test.csv")))
+    >>> bool((back.acceleration == record.acceleration).all())
+    True
     """
     path = Path(path)
     suffix = _suffix(path, (".parquet", ".pq", ".uff", ".unv", ".csv"))
@@ -99,14 +92,10 @@ def write_table(table: pd.DataFrame, path: Any) -> Path:
     path : path-like
         ``.csv`` or ``.parquet``.
 
-    Returns
-    -------
-    Path
-
     Raises
     ------
     FileFormatError
-        If the type is neither.
+        If it has another ending.
 
     Examples
     --------
@@ -145,10 +134,6 @@ def write_forces(model: Any, data: Any, path: Any, **options: Any) -> Path:
     **options
         As for :meth:`ChainModel.predict`.
 
-    Returns
-    -------
-    Path
-
     Raises
     ------
     FileFormatError
@@ -159,14 +144,11 @@ def write_forces(model: Any, data: Any, path: Any, **options: Any) -> Path:
     Examples
     --------
     >>> import pathlib, tempfile
-    >>> from pysindy_nrf import datasets
-    >>> from pysindy_nrf.data.io import read_table, write_forces
-    >>> folder = tempfile.TemporaryDirectory()
-    >>> path = pathlib.Path(folder.name, "forces.parquet")
-    >>> table = read_table(write_forces(datasets.demo_truth(), datasets.load_demo(), path))
-    >>> list(table.variables)
+    >>> from pysindy_nrf import datasets, io
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = io.write_forces(datasets.demo_truth(), datasets.load_demo(), pathlib.Path(folder, "forces.csv"))
+    ...     list(io.read_table(path).variables)
     ['t', 'storey 1', 'storey 2', 'storey 3']
-    >>> folder.cleanup()
     """
     path = Path(path)
     suffix = _suffix(path, (".uff", ".unv", ".parquet", ".pq", ".csv"))

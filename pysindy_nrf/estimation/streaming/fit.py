@@ -21,12 +21,11 @@ from ...data.record import Record
 from ...exceptions import ChannelError, DataQualityWarning, FileFormatError, NRFError
 from ...mechanics.sites import Site
 from ...regression.domains import Extent
-from ...regression.gram_pass import guess_of
 from ...regression.grams import BlockGrams
 from ...regression.segments import Segment
 from ..problem import law_list
 from .accumulator import LINES, Accumulator, BlockEntry, Model, Run
-from .result import publish, solution_of
+from .result import fitted
 from .sources import Chunk, Source, chunk_of, open_source
 
 SAVE_EVERY = 10.0  # s between two states on disk
@@ -44,19 +43,15 @@ def fit_streamed(
     X: Any,
     F: Any = None,
     *,
-    record: Any = None,
-    time: Any = None,
-    base_acceleration: Any = None,
-    covariates: Any = None,
     state: Any = None,
     save_every: float = SAVE_EVERY,
     progress: bool | None = None,
     chunk_samples: int | None = None,
+    **beside: Any,
 ) -> Any:
-    """Fit an estimator in one pass over chunks; memory does not grow with the number of samples."""
+    """Fit an estimator in one pass over chunks (``beside`` X: record, time, ...); memory does not grow with them."""
     from threadpoolctl import threadpool_limits
 
-    beside = dict(record=record, time=time, base_acceleration=base_acceleration, covariates=covariates)
     if is_dask(X) or (isinstance(X, (list, tuple)) and is_dask(X[0])):
         from ..distributed import fit_distributed
 
@@ -66,29 +61,14 @@ def fit_streamed(
     options: Any = dict(coordinates=estimator.coordinates, laws_read=read, chunk_samples=chunk_samples)
     source = open_source(X, F, **beside, **options)
     with threadpool_limits(1, "blas"):  # the matrices are small, and other fits may run beside this one
-        kind = "gram" if source.again else "careful"
         passes = _Passes(estimator, source, state, save_every, progress)
-        accumulator = passes.run(kind)
-        solution, grams, solve_order = solution_of(accumulator)
-        if solution is None:  # second pass, with columns orthogonalised by the first result
-            passes.save(accumulator)
-            accumulator = passes.run("root", guess_of(grams))
-            solution, grams, solve_order = solution_of(accumulator)
-        assert solution is not None  # only Gram matrices lose digits
-        publish(accumulator, solution, grams, solve_order)
+        fitted(passes.run, "gram" if source.again else "careful")
     passes.done()
     return estimator
 
 
 def partial_fit(
-    estimator: Any,
-    X: Any,
-    F: Any = None,
-    *,
-    record: Any = None,
-    time: Any = None,
-    base_acceleration: Any = None,
-    covariates: Any = None,
+    estimator: Any, X: Any, F: Any, record: Any, time: Any, base_acceleration: Any, covariates: Any
 ) -> Any:
     """Add samples to an estimator and solve again."""
     from threadpoolctl import threadpool_limits
@@ -113,9 +93,7 @@ def partial_fit(
             accumulator.add(chunk, number)
             number += 1
         accumulator.settings = _settings(estimator)
-        solution, grams, solve_order = solution_of(accumulator)
-        assert solution is not None  # only Gram matrices lose digits
-        publish(accumulator, solution, grams, solve_order)
+        fitted(lambda *_: accumulator)
     estimator._stream = accumulator, number
     return estimator
 
@@ -130,6 +108,7 @@ class _Passes:
     def __init__(self, estimator: Any, source: Any, state: Any, save_every: float, progress: bool | None) -> None:
         self.estimator, self.source, self.save_every = estimator, source, save_every
         self.progress = progress
+        self.first: Accumulator | None = None  # what the first pass gave
         self.mark = identity(estimator, source) if source.again else ""
         if state is not None and not source.again:
             raise ChannelError(
@@ -147,6 +126,8 @@ class _Passes:
         """Result of one pass."""
         from tqdm.auto import tqdm
 
+        if kind == "root":  # interrupted in the second pass, a fit does not repeat the first
+            self.save(self.first)
         self.kind, self.number = kind, 0
         accumulator = Accumulator(self.estimator, kind, guess, self.source.n_samples)
         if self.path is not None and (found := load(self._file(self.path), self.estimator, self.mark)):
@@ -171,7 +152,8 @@ class _Passes:
                 if self.number and self.path is not None:  # without a path there is no state
                     stop.add_note(f"The state is in {self._file(self.path)}; the same call continues from there.")
                 raise
-        return accumulator.close()
+        self.first = accumulator.close()
+        return self.first
 
     def _file(self, path: Path) -> Path:
         """The file of this pass."""

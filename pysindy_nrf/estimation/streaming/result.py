@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
-
-import numpy as np
-import pandas as pd
 
 from ...exceptions import ChannelError
 from ...mechanics.identifiability import SolveOrder
-from ...regression.chain_solve import Solution, solve, solved_safely
+from ...regression.chain_solve import Solution, model_of, solve, solved_safely
+from ...regression.gram_pass import guess_of
 from ...regression.grams import BlockGrams
 from ...regression.segments import Segment, SegmentSet
-from ...regression.solution import model_of
 from ..intervals import Resolver
 from ..problem import Estimate
 from .accumulator import Accumulator
+
+
+def fitted(add_up: Callable[[str, dict], Accumulator], kind: str = "gram") -> Any:
+    """The estimator, fitted from one pass; from a second one, with orthogonalised columns, if digits were lost."""
+    accumulator = add_up(kind, {})
+    solution, grams, solve_order = solution_of(accumulator)
+    if solution is None:
+        accumulator = add_up("root", guess_of(grams))
+        solution, grams, solve_order = solution_of(accumulator)
+    assert solution is not None  # only Gram matrices lose digits
+    return publish(accumulator, solution, grams, solve_order)
 
 
 def solution_of(accumulator: Accumulator) -> tuple[Solution | None, BlockGrams, SolveOrder]:
@@ -30,28 +39,18 @@ def solution_of(accumulator: Accumulator) -> tuple[Solution | None, BlockGrams, 
 
 def publish(accumulator: Accumulator, solution: Solution, grams: BlockGrams, solve_order: SolveOrder) -> Any:
     """The estimator, with the results as its attributes."""
-    estimator, problem = accumulator.estimator, accumulator.require_model().problem
-    model = model_of(problem.layout, solution)
+    problem = accumulator.require_model().problem
+    found = Estimate(problem, solve_order, model_of(problem.layout, solution), solution, grams)
+    pieces, known = accumulator.grams().squares(), dict(problem.known_masses)
     data = _shown(accumulator)
-    estimator._records, estimator._fused_separately, estimator._fused_jointly = None, None, False
-    known = dict(problem.known_masses)
-    estimator._resolver = Resolver(accumulator.grams().squares(), solve_order, known, problem.optimizer)
-    if estimator.constraints is not None:
-        from ..constraints import constrained
-
-        model = constrained(model, estimator.constraints, estimator._resolver)
-    estimator._publish(Estimate(problem, solve_order, model, solution, grams), data, _judged(accumulator, data))
-    hidden = sorted({j for run in accumulator.runs for j in run.unknown})
-    estimator.unknown_forces_ = pd.DataFrame({f"F{j}": np.zeros(0) for j in hidden})
-    model.info["estimation"] = {"asked": "ls", "found": "ls"}
-    estimator.n_features_in_, estimator._one_force = 3 * model.n_dof, False
-    if hasattr(estimator, "feature_names_in_"):
-        del estimator.feature_names_in_
-    return estimator
+    return accumulator.estimator._publish_chunks(
+        found, Resolver(pieces, solve_order, known, problem.optimizer), data, _judged(accumulator, data),
+        sorted({j for run in accumulator.runs for j in run.unknown}),
+    )  # fmt: skip
 
 
 def _require_usable(accumulator: Accumulator, grams: BlockGrams) -> None:
-    from ...regression.solution import require_clock, require_moving
+    from ...regression.chain_solve import require_clock, require_moving
 
     data, model = _shown(accumulator), accumulator.require_model()
     require_moving(data, model.layout)

@@ -24,46 +24,17 @@ CHUNK_BYTES = 2**25  # of a chunk as float64
 
 @dataclass
 class Chunk:
-    """Some consecutive samples of a source.
+    """Some consecutive samples of a source."""
 
-    Attributes
-    ----------
-    X : ndarray of shape (n_samples, 3 n_dof) or DataFrame
-        As for ``NRFRegressor.fit``.
-    F : ndarray of shape (n_samples, n_dof) or DataFrame, optional
-        N.
-    record : str
-        Name of the record, if there are no record ids.
-    first : bool
-        True if a record starts with it; otherwise it continues the chunk before it.
-    ids : ndarray of shape (n_samples,), optional
-        Record ids.
-    time : ndarray of shape (n_samples,), optional
-        s.
-    base_acceleration : ndarray of shape (n_samples,), optional
-        m/s^2.
-    covariates : dict of str to ndarray of shape (n_samples,)
-    coordinates : {"relative", "absolute"}, optional
-        Of X; those of the estimator if None.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf.estimation.streaming import Chunk
-    >>> chunk = Chunk(np.zeros((6, 3)), np.zeros((6, 1)), ids=np.array([1, 1, 1, 2, 2, 2]))
-    >>> chunk.n_samples, [part.n_samples for part in chunk.records()]
-    (6, [3, 3])
-    """
-
-    X: Any
-    F: Any = None
-    record: str = "record"
-    first: bool = True
-    ids: np.ndarray | None = None
-    time: np.ndarray | None = None
-    base_acceleration: np.ndarray | None = None
-    covariates: dict[str, np.ndarray] = field(default_factory=dict)
-    coordinates: str | None = None
+    X: Any  # (n_samples, 3 n_dof); as for ``NRFRegressor.fit``
+    F: Any = None  # (n_samples, n_dof); N
+    record: str = "record"  # name of the record, if there are no record ids
+    first: bool = True  # true if a record starts with it; otherwise it continues the chunk before it
+    ids: np.ndarray | None = None  # (n_samples,); record ids
+    time: np.ndarray | None = None  # (n_samples,); s
+    base_acceleration: np.ndarray | None = None  # (n_samples,); m/s^2
+    covariates: dict[str, np.ndarray] = field(default_factory=dict)  # (n_samples,)
+    coordinates: str | None = None  # of X; those of the estimator if None
 
     @property
     def n_samples(self) -> int:
@@ -203,48 +174,28 @@ def seconds_since(time: Any, origin: Any) -> np.ndarray:
 
 
 class Source:
-    """Chunks of samples in a fixed order.
+    """Chunks of samples in a fixed order."""
 
-    Attributes
-    ----------
-    n_samples : int or None
-        In all, if known.
-    again : bool
-        True if it can be read more than once, and from the middle.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf.estimation.streaming import Source, open_source
-    >>> source = open_source((np.zeros((1000, 3)) for _ in range(3)))  # chunks as they come, once
-    >>> isinstance(source, Source), source.again, [chunk.n_samples for chunk in source.chunks()]
-    (True, False, [1000, 1000, 1000])
-    """
-
-    n_samples: int | None = None
-    again: bool = True
+    n_samples: int | None = None  # in all, if known
+    again: bool = True  # true if it can be read more than once, and from the middle
+    paths: Sequence[Path] = ()  # files that are read
 
     def identity(self) -> list[Any]:
-        """Values that identify the data, as JSON."""
-        raise NotImplementedError
+        """Values that identify the data, as JSON: paths, sizes and times of change."""
+        return [[str(p.resolve()), p.stat().st_size, p.stat().st_mtime_ns] for p in self.paths]
 
     def chunks(self, start: int = 0) -> Iterator[Chunk]:
         """Chunks from number ``start`` on."""
         raise NotImplementedError
 
     def folder(self) -> Path | None:
-        """The folder of the data, or None."""
-        return None
+        """Folder of the first file, or None."""
+        return self.paths[0].parent if self.paths else None
 
 
 def samples_in_chunk(n_dof: int, wanted: int | None) -> int:
     """Samples in a chunk of a chain: as wanted, else by memory."""
     return wanted or int(np.clip(CHUNK_BYTES // (32 * n_dof), 4096, 2**18))
-
-
-def _file_identity(path: Path) -> list[Any]:
-    stat = path.stat()
-    return [str(path.resolve()), stat.st_size, stat.st_mtime_ns]
 
 
 def load_rows(value: Any, what: str) -> Any:
@@ -266,6 +217,10 @@ class FileSource(Source):
 
     n_samples: int
     rows: int  # in a chunk; the last one may be shorter
+
+    def identity(self) -> list[Any]:
+        """The size of a chunk, and the files."""
+        return [self.rows, *super().identity()]
 
 
 class ArraySource(FileSource):
@@ -290,14 +245,9 @@ class ArraySource(FileSource):
         self.rows = samples_in_chunk(x.shape[1] // 3, chunk_samples)
 
     def identity(self) -> list[Any]:
-        """Paths, sizes and times of change."""
-        return [self.rows, *(_file_identity(p) for p in self.paths)] + [
-            [k, list(np.shape(v)), str(v.dtype)] for k, v in self.arrays.items() if hasattr(v, "dtype")
-        ]
-
-    def folder(self) -> Path | None:
-        """Folder of the first file."""
-        return self.paths[0].parent if self.paths else None
+        """The size of a chunk, the files, and shapes and types of the arrays."""
+        arrays = ((k, v) for k, v in self.arrays.items() if hasattr(v, "dtype"))
+        return super().identity() + [[k, list(np.shape(v)), str(v.dtype)] for k, v in arrays]
 
     def chunks(self, start: int = 0) -> Iterator[Chunk]:
         """Slices of the arrays."""
@@ -314,6 +264,7 @@ class TableSource(FileSource):
         self, path: Any, covariates: Sequence[str] = (), coordinates: str = "relative", chunk_samples: int | None = None
     ) -> None:
         self.path = Path(path)
+        self.paths = [self.path]
         check_file(self.path, 2**62)
         self.covariates, self.coordinates = tuple(covariates), coordinates
         self.columns = self._open()
@@ -322,14 +273,6 @@ class TableSource(FileSource):
 
     def _open(self) -> list[str]:
         raise NotImplementedError
-
-    def identity(self) -> list[Any]:
-        """Path, size and time of change."""
-        return [self.rows, _file_identity(self.path)]
-
-    def folder(self) -> Path | None:
-        """Folder of the file."""
-        return self.path.parent
 
     def wanted(self) -> list[str]:
         """Columns to read."""
@@ -445,16 +388,12 @@ class ListSource(Source):
                 "A list of sources holds something that is not a file",
                 "Give a list of paths without lists in it, or one iterator that yields all the pieces.",
             )
-        self.n_samples = sum(p.n_samples for p in self.parts)
+        self.n_samples, self.paths = sum(p.n_samples for p in self.parts), self.parts[0].paths
         self._counts = [-(-p.n_samples // p.rows) for p in self.parts]
 
     def identity(self) -> list[Any]:
         """Identities of the parts."""
         return [p.identity() for p in self.parts]
-
-    def folder(self) -> Path | None:
-        """Folder of the first part."""
-        return self.parts[0].folder()
 
     def chunks(self, start: int = 0) -> Iterator[Chunk]:
         """Chunks of the parts, each part its own record."""
@@ -474,10 +413,6 @@ class IteratorSource(Source):
     def __init__(self, items: Iterable[Any], covariates: Sequence[str] = (), coordinates: str = "relative") -> None:
         self.items, self.covariates, self.coordinates = items, tuple(covariates), coordinates
 
-    def identity(self) -> list[Any]:
-        """Nothing identifies an iterator."""
-        return []
-
     def chunks(self, start: int = 0) -> Iterator[Chunk]:
         """Chunks in the order of the iterator."""
         first = True
@@ -493,16 +428,12 @@ def open_source(
     X: Any,
     F: Any = None,
     *,
-    record: Any = None,
-    time: Any = None,
-    base_acceleration: Any = None,
-    covariates: Any = None,
     coordinates: str = "relative",
     laws_read: Sequence[str] = (),
     chunk_samples: int | None = None,
+    **more: Any,
 ) -> Source:
     """The source of the data that a user passes to ``fit``."""
-    more = dict(record=record, time=time, base_acceleration=base_acceleration, covariates=covariates)
     if isinstance(X, (str, os.PathLike)):
         suffix = Path(X).suffix.lower()
         if suffix == ".npy":

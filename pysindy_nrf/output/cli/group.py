@@ -16,8 +16,8 @@ import click
 from ... import __version__
 from ...exceptions import MissingExtraError, NRFError
 from .model_commands import close_loop, compare, demo, identify, select_order
+from .options import in_options, printable
 from .record_commands import inspect, plan, report, simulate
-from .session import printable
 
 USAGE, DATA, OTHER, INTERRUPTED = 2, 3, 1, 130
 
@@ -79,7 +79,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         click.echo(printable(said.getvalue()), err=True, nl=False)
         return USAGE
     except NRFError as error:
-        return _say(str(error), DATA)
+        return _say(in_options(error), DATA)
     except MissingExtraError as error:
         return _say(str(error), OTHER)
     except (click.Abort, KeyboardInterrupt):

@@ -12,9 +12,12 @@ from ...exceptions import ChannelError
 from ...mechanics.chain import Chain
 from .options import (
     RANGE,
+    Session,
     band_option,
+    choice,
     degree_option,
     files_argument,
+    indent,
     json_option,
     law_option,
     laws_of,
@@ -24,8 +27,8 @@ from .options import (
     output_option,
     readings_of,
     record_options,
+    table,
 )
-from .session import Session, indent, table
 
 
 @click.command(short_help="Identify a bundled record of a shaken frame.")
@@ -37,8 +40,9 @@ def demo(output: Path, as_json: bool) -> None:
     Only floor 2 is forced and every channel carries 2 % noise. The record was simulated, so the
     truth is printed beside what was found. No network, a few seconds.
     """
-    from ...data.io import describe, summary
-    from ...datasets.demo import demo_truth, read_demo
+    from ...data.io import describe
+    from ...data.io.summary import summary
+    from ...datasets import demo_truth, read_demo
     from ...estimation.regressor import NRFRegressor
     from .outcome import finish, identify_records
 
@@ -59,21 +63,17 @@ def demo(output: Path, as_json: bool) -> None:
 @order_option
 @law_option
 @link_option
-@click.option(
-    "--strategy",
-    type=click.Choice(["auto", "complete", "sequential", "joint"]),
-    default="auto",
-    help="Each balance alone, along the chain from a forced floor, or all at once.",
-)
+@choice(
+    "--strategy", ["auto", "complete", "sequential", "joint"],
+    "Each balance alone, along the chain from a forced floor, or all at once.", "auto",
+)  # fmt: skip
 @mass_option
 @band_option
-@click.option(
-    "--estimation",
-    type=click.Choice(["ls", "iv", "simulation"]),
-    default="ls",
-    help="Least squares; instrumental variables, which noise in the motion does not bias; or these and then the free "
-    "run fitted to the motion: see docs/noise.md.",
-)
+@choice(
+    "--estimation", ["ls", "iv", "simulation"],
+    "Least squares; instrumental variables, which noise in the motion does not bias; or these and then the free "
+    "run fitted to the motion: see docs/noise.md.", "ls",
+)  # fmt: skip
 @click.option(
     "--raw", is_flag=True, help="Take all channels as they are, no fusion: every floor then needs a, v and x."
 )
@@ -81,20 +81,14 @@ def demo(output: Path, as_json: bool) -> None:
     "--frf", is_flag=True, help="FILE holds frequency responses: columns f (Hz), H1, H2, .. complex, e.g. 0.1-0.2j."
 )
 @click.option("--driven", type=int, default=1, help="With --frf: the floor that is driven.")
-@click.option(
-    "--kind",
-    type=click.Choice(["accelerance", "mobility", "receptance"]),
-    default="accelerance",
-    help="With --frf: acceleration, velocity or displacement over force.",
-)
+@choice(
+    "--kind", ["accelerance", "mobility", "receptance"],
+    "With --frf: acceleration, velocity or displacement over force.", "accelerance",
+)  # fmt: skip
 @output_option
 @click.option("--figures/--no-figures", default=True, help="Draw figures (needs matplotlib).")
-@click.option("--tables", type=click.Choice(["csv", "parquet"]), default="csv", help="Type of the tables.")
-@click.option(
-    "--forces",
-    type=click.Choice(["csv", "parquet", "uff"]),
-    help="Write the restoring force of each site along each record too.",
-)
+@choice("--tables", ["csv", "parquet"], "Type of the tables.", "csv")
+@choice("--forces", ["csv", "parquet", "uff"], "Write the restoring force of each site along each record too.")
 @click.option("--dry-run", is_flag=True, help="Say what was understood and what can be identified, then stop.")
 @json_option
 def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) -> None:
@@ -140,7 +134,8 @@ def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) 
     for name in ("driven", "kind"):
         if _given(name):
             raise click.UsageError(f"--{name} goes with --frf only.")
-    from ...data.io import describe, summary
+    from ...data.io import describe
+    from ...data.io.summary import summary
     from .outcome import finish, identify_records
 
     readings = readings_of(files, options, session)
@@ -305,18 +300,11 @@ def _write(report: Any, folder: Path) -> list[Path]:
 @click.option("--degrees", type=RANGE, default="1-7", help="Total degrees to try: 1-7, or 1,3,5.")
 @click.option("--box", "boxes", multiple=True, type=RANGE, help="A box k,q to try as well: 1,3.")
 @click.option("--folds", type=click.IntRange(2), default=5, help="Blocks in time, each judged by a fit to the others.")
-@click.option(
-    "--rule",
-    type=click.Choice(["one_standard_error", "best"]),
-    default="one_standard_error",
-    help="The lowest order within one standard error of the best, or the best.",
-)
-@click.option(
-    "--scoring",
-    type=click.Choice(["balance", "acceleration", "free_run"]),
-    default="balance",
-    help="What is judged on held-out blocks.",
-)
+@choice(
+    "--rule", ["one_standard_error", "best"],
+    "The lowest order within one standard error of the best, or the best.", "one_standard_error",
+)  # fmt: skip
+@choice("--scoring", ["balance", "acceleration", "free_run"], "What is judged on held-out blocks.", "balance")
 @mass_option
 @band_option
 @output_option
@@ -332,7 +320,9 @@ def select_order(files: tuple[Path, ...], as_json: bool, **options: Any) -> None
       pysindy-nrf select-order shaker.csv
       pysindy-nrf select-order shaker.csv --degrees 1-5 --box 1,3 --box 2,3 --band 0.5,40
     """
-    from ...data.io import describe, summary, write_table
+    from ...data.io import describe, write_table
+    from ...data.io.summary import summary
+    from ...laws.power_series import exponents_of
     from ...selection import select_order as run
 
     session = Session(as_json)
@@ -360,14 +350,14 @@ def select_order(files: tuple[Path, ...], as_json: bool, **options: Any) -> None
     rule = options["rule"].replace("_", " ")
     session.say(f"\nBest: {kind} {order} ({rule}); next: pysindy-nrf identify ... --degree {order}")
     for site, value in found.orders_.items():
-        if _terms(value) < _terms(found.best_order):
+        if len(exponents_of(value)) < len(exponents_of(found.best_order)):
             shown = _as_option(value)
             session.say(f"  {site} needs no more than {shown}: --order '{site}={shown}'")
     session.take_care()
     written = [write_table(listed, options["output"] / "orders.csv")]
     if options["figures"]:
-        from ..displays import OrderSelectionDisplay
         from ..displays._matplotlib import save
+        from ..displays.models import OrderSelectionDisplay
 
         written += save(options["output"] / "orders.png", OrderSelectionDisplay.from_selection(found).figures())
     data = {"records": [summary(rec) for rec in records], "best_order": found.best_order}
@@ -377,13 +367,6 @@ def select_order(files: tuple[Path, ...], as_json: bool, **options: Any) -> None
 def _as_option(order: Any) -> str:
     """An order as --degree takes it."""
     return ",".join(map(str, order)) if isinstance(order, tuple) else str(order)
-
-
-def _terms(order: Any) -> int:
-    """Terms of a storey's power series."""
-    if isinstance(order, tuple):
-        return (order[0] + 1) * (order[1] + 1) - 1
-    return (order + 1) * (order + 2) // 2 - 1
 
 
 @click.command(short_help="Plain SINDy and this package on the same record.")
@@ -407,7 +390,8 @@ def compare(file: Path | None, as_json: bool, **options: Any) -> None:
       pysindy-nrf compare shaker.csv
       pysindy-nrf compare simulated.parquet --truth model.json
     """
-    from ...data.io import describe, summary, write_table
+    from ...data.io import describe, write_table
+    from ...data.io.summary import summary
     from ...regression.chain_model import ChainModel
     from ...selection.comparison import compare_with_sindy
 

@@ -1,14 +1,152 @@
-"""Options of the commands: small texts turned into what the library takes, or a usage error."""
+"""What the commands share: words before the work, results as words or JSON, warnings at the end, errors in words."""
 
 from __future__ import annotations
 
 import contextlib
+import json
+import math
 import os
-from collections.abc import Callable
+import textwrap
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
+import pandas as pd
+
+from ...exceptions import NRFWarning
+
+
+class Session:
+    """Where words go: to the terminal, or nowhere when a machine reads."""
+
+    def __init__(self, as_json: bool) -> None:
+        self.as_json = as_json
+        self.warnings: list[str] = []
+
+    def say(self, *words: str) -> None:
+        """Print words for people, each on lines of its own."""
+        if not self.as_json:
+            click.echo(printable("\n".join(words)))
+
+    def headed(self, title: str, *words: str) -> None:
+        """Print words below a heading with a blank line above."""
+        self.say(heading(title), *words)
+
+    def measured(self, *descriptions: str) -> None:
+        """Print what was understood of the records, the first thing a command says."""
+        self.say("What was measured\n-----------------", *descriptions)
+
+    def emit(self, data: dict[str, Any], files: Iterable[Path] = ()) -> None:
+        """Print plain data for machines: strict JSON, a number that does not exist as null."""
+        if self.as_json:
+            whole = data | ({"warnings": self.warnings} if "warnings" not in data else {})
+            whole |= {"files": [str(p) for p in files]}
+            click.echo(json.dumps(plain(whole), indent=2, allow_nan=False))
+
+    def progress(self, items: Iterable[Any], label: str) -> Iterable[Any]:
+        """Items with a progress bar on the error stream of a terminal, without one elsewhere."""
+        from tqdm import tqdm
+
+        return tqdm(list(items), desc=label, disable=None, leave=False, delay=0.5)
+
+    @contextmanager
+    def listening(self) -> Iterator[None]:
+        """Keep the warnings of the work for :meth:`take_care`, in place of Python's lines on the error stream."""
+        with warned() as messages:
+            try:
+                yield
+            finally:
+                self.warnings += [one for one in messages() if one not in self.warnings]
+
+    def take_care(self) -> None:
+        """Print the warnings."""
+        if self.warnings:
+            self.headed("Take care", paragraphs(self.warnings))
+
+    def finish(self, data: dict[str, Any], folder: Path, files: Sequence[Path]) -> None:
+        """Print the data for machines, or for people what was written and the page to open."""
+        self.emit(data, files)
+        self.say(f"\nWritten to {folder}: {', '.join(p.name for p in files)}")
+        for path in files:
+            if path.suffix == ".html":
+                self.say(f"Open {path} in a browser.")
+
+
+@contextmanager
+def warned() -> Iterator[Callable[[], list[str]]]:
+    """Catch all warnings; the function returned gives those of the package so far, each once."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("ignore")
+        warnings.simplefilter("always", NRFWarning)
+        yield lambda: list(dict.fromkeys(in_options(w.message) for w in caught if issubclass(w.category, NRFWarning)))
+
+
+# what messages call the arguments of the library, and the options that stand for them
+_OPTIONS = {
+    "known_masses={dof: kg}": "--known-mass DOF=KG", "known_masses=": "--known-mass",
+    "in known_masses": "by --known-mass", "(laws=)": "(--law)", "(close_loop)": "(close-loop)",
+    "band=(lo, hi)": "--band LO,HI", "(band=)": "(--band)",
+    "strategy=": "--strategy ", "estimation=": "--estimation ", "ive fs= in": "ive --fs in", "ive fs=": "ive --fs ",
+}  # fmt: skip
+
+
+def in_options(message: Any) -> str:
+    """A message of the library in the words of the command line."""
+    words = str(message)
+    for argument, option in _OPTIONS.items():
+        words = words.replace(argument, option)
+    return words
+
+
+def heading(text: str) -> str:
+    """A heading with a blank line above."""
+    return f"\n{text}\n{'-' * len(text)}"
+
+
+def indent(text: str) -> str:
+    """Text moved in by two blanks."""
+    return textwrap.indent(text, "  ")
+
+
+def table(frame: pd.DataFrame, digits: int = 4) -> str:
+    """A table of numbers."""
+    return frame.to_string(float_format=lambda x: "-" if np.isnan(x) else f"{x:.{digits}g}")
+
+
+def paragraphs(notes: Sequence[str]) -> str:
+    """Warnings, one a paragraph, in lines that a terminal shows whole."""
+    lines = textwrap.TextWrapper(
+        110, initial_indent="  - ", subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
+    )
+    return "\n".join(lines.fill(note) for note in notes)
+
+
+def printable(words: str) -> str:
+    """Words whose control characters (of a channel's or file's name) are shown, not obeyed by the terminal."""
+    return "".join(c if c == "\n" or c.isprintable() else repr(c)[1:-1] for c in words)
+
+
+def plain(data: Any) -> Any:
+    """Data as JSON holds them: no NumPy, no NaN."""
+    if isinstance(data, dict):
+        return {str(key): plain(value) for key, value in data.items()}
+    if isinstance(data, (list, tuple, set, np.ndarray)):
+        return [plain(value) for value in data]
+    if isinstance(data, pd.DataFrame):
+        return plain(data.to_dict("index"))
+    if isinstance(data, pd.Series):
+        return plain(data.to_dict())
+    if isinstance(data, (bool, np.bool_)):
+        return bool(data)
+    if isinstance(data, (int, np.integer)):
+        return int(data)
+    if isinstance(data, (float, np.floating)):
+        return float(data) if math.isfinite(data) else None
+    return data if data is None else str(data)
 
 
 class Text(click.ParamType):
@@ -150,68 +288,52 @@ output_option = click.option(
     default=Path("nrf_output"),
     help="Folder for the model, tables and figures.",
 )
+
+
+def repeated(flag: str, name: str, kind: click.ParamType, words: str, keyed: bool = True) -> Any:
+    """An option that may be given several times; pairs become a mapping."""
+    return click.option(flag, name, multiple=True, type=kind, callback=once if keyed else None, help=words)
+
+
+def choice(flag: str, values: Sequence[str], words: str, default: str | None = None) -> Any:
+    """An option with one of some values."""
+    return click.option(flag, type=click.Choice(values), default=default, help=words)
+
+
 mapping_option = click.option(
     "--mapping",
     "mapping_file",
     type=click.Path(path_type=Path),
     help="A TOML file that says all of this, and names the files: see docs/files.md. Options go before it.",
 )
-map_option = click.option(
-    "--map",
-    "mapping",
-    multiple=True,
-    type=Text("CHANNEL=COLUMN", _pair("CHANNEL=COLUMN")),
-    callback=once,
-    help='Which column is which channel: "name", "-name[:, 2] * 9.81", "name @ mm", "none", or "unknown" '
+map_option = repeated(
+    "--map", "mapping", Text("CHANNEL=COLUMN", _pair("CHANNEL=COLUMN")),
+    'Which column is which channel: "name", "-name[:, 2] * 9.81", "name @ mm", "none", or "unknown" '
     "for a force that acts and was not measured.",
-)
-unit_option = click.option(
-    "--unit",
-    "units",
-    multiple=True,
-    type=Text("CHANNEL=UNIT", _pair("CHANNEL=UNIT")),
-    callback=once,
-    help="Unit of a channel (x3=in) or kind (a=g, F=kN).",
+)  # fmt: skip
+unit_option = repeated(
+    "--unit", "units", Text("CHANNEL=UNIT", _pair("CHANNEL=UNIT")), "Unit of a channel (x3=in) or kind (a=g, F=kN)."
 )
 rate_option = click.option("--fs", type=float, help="Sampling rate in Hz, where the file has no time.")
-coordinates_option = click.option(
-    "--coordinates",
-    type=click.Choice(["relative", "absolute"]),
-    help="Whether velocities and displacements are relative to the base (what you get if nothing is said).",
+coordinates_option = choice(
+    "--coordinates", ["relative", "absolute"],
+    "Whether velocities and displacements are relative to the base (what you get if nothing is said).",
+)  # fmt: skip
+law_option = repeated(
+    "--law", "laws", Text(_LAWS, _law_names),
+    'Laws at a site in place of the power series: "storey 1=linear_elastic+linear_viscous+dahl".', keyed=False,
+)  # fmt: skip
+link_option = repeated(
+    "--link", "links", Text("SITE", _link), 'A further link between floors: "link 3-1", "ground 2".', keyed=False
 )
-law_option = click.option(
-    "--law",
-    "laws",
-    multiple=True,
-    type=Text(_LAWS, _law_names),
-    help='Laws at a site in place of the power series: "storey 1=linear_elastic+linear_viscous+dahl".',
-)
-link_option = click.option(
-    "--link",
-    "links",
-    multiple=True,
-    type=Text("SITE", _link),
-    help='A further link between floors: "link 3-1", "ground 2".',
-)
-mass_option = click.option(
-    "--known-mass",
-    "masses",
-    multiple=True,
-    type=Text("DOF=KG", _mass),
-    callback=once,
-    help="A mass that is known: 2=12.4. Needed where no force is measured.",
-)
+mass_option = repeated(
+    "--known-mass", "masses", Text("DOF=KG", _mass),
+    "A mass that is known: 2=12.4. Needed where no force is measured.",
+)  # fmt: skip
 band_option = click.option(
     "--band", type=Text("LO,HI", _band), help="Frequency band in Hz in which everything is fitted and judged: 0.5,30."
 )
-order_option = click.option(
-    "--order",
-    "orders",
-    multiple=True,
-    type=Text(_ORDER, _site_degree),
-    callback=once,
-    help='Another degree at a site: "storey 2=5".',
-)
+order_option = repeated("--order", "orders", Text(_ORDER, _site_degree), 'Another degree at a site: "storey 2=5".')
 _CHANNELS = (map_option, unit_option, rate_option, coordinates_option, mapping_option)
 
 
@@ -254,7 +376,7 @@ def readings_of(files: Any, options: dict[str, Any], session: Any = None, needed
 
 def said_of(options: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
     """The mapping file, and channels, units and clock by it and by the options, which go before it."""
-    from ...data.io import MappingFile, read_mapping
+    from ...data.io.mapping import MappingFile, read_mapping
 
     said = MappingFile(Path()) if options["mapping_file"] is None else read_mapping(options["mapping_file"])
     how: dict[str, Any] = {

@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ...data.io import FrequencyResponse, frf_to_features, write_forces, write_table
+from ...data.io import frf_to_features, write_forces, write_table
+from ...data.io.frf import FrequencyResponse
 from ...data.record import Record
+from ...estimation.noise_spectra import transfer
 from ...exceptions import SimulationError
 from ...regression.input_arrays import from_arrays
 from ...regression.segments import Segment, SegmentSet
@@ -22,7 +24,7 @@ from ..displays._matplotlib import available, save
 from ..displays.forces import loop_figure
 from ..displays.motion import response_figures
 from ..report.content import band_text, listed, not_positive
-from .session import Session, heading, indent, paragraphs, table, warned
+from .options import Session, heading, indent, paragraphs, table, warned
 
 # Above this share of a balance unexplained, the estimates deserve a warning.
 LARGE_ERROR = 15.0
@@ -155,11 +157,7 @@ def _free_runs(outcome: Outcome, records: Sequence[Record], data: SegmentSet, pr
 
 def _response(model: Any, frf: FrequencyResponse) -> np.ndarray:
     """Accelerance of the model at the measured lines."""
-    M, C, K = model.matrices()
-    w = 2 * np.pi * frf.f[:, None, None]
-    unit = np.zeros((frf.n_dof, 1))
-    unit[frf.driven - 1] = 1.0
-    return -(w[:, :, 0] ** 2) * np.linalg.solve(K - w**2 * M + 1j * w * C, unit[None])[:, :, 0]
+    return 2j * np.pi * frf.f[:, None] * transfer(model.matrices(), frf.f)[:, :, frf.driven - 1]
 
 
 def _unique(name: str, taken: Any) -> str:
@@ -199,12 +197,12 @@ def result(outcome: Outcome, band: Any, truth: Any = None) -> str:
     return "\n".join(said)
 
 
-def _carriers(shares: pd.Series, least: float = 1.0) -> str:
+def _carriers(shares: pd.Series) -> str:
     """The terms that carry a force, e.g. ``"s 74 %, s^3 31 %; the other 7 terms below 1 % each"``."""
-    large = shares[shares >= least]
+    large = shares[shares >= 1.0]
     said = listed(f"{term} {share:.3g} %" for term, share in large.items())
     rest = len(shares) - len(large)
-    return said + (f"; the other {rest} term{'s' if rest > 1 else ''} below {least:g} % each" if rest else "")
+    return said + (f"; the other {rest} term{'s' if rest > 1 else ''} below 1 % each" if rest else "")
 
 
 def _balance(errors: pd.DataFrame) -> list[str]:
@@ -379,10 +377,10 @@ def _free_run(outcome: Outcome, band: Any) -> Any:
     return FreeRunDisplay(run.time, measured, own, begin)
 
 
-def _start_of_last_cycles(measured: np.ndarray, cycles: int = 25) -> int:
-    """Row where the last cycles of the top displacement begin."""
+def _start_of_last_cycles(measured: np.ndarray) -> int:
+    """Row where the last 25 cycles of the top displacement begin."""
     crossings = np.flatnonzero(np.diff(np.signbit(measured[:, -1] - measured[:, -1].mean())))
-    return int(crossings[-2 * cycles]) if len(crossings) >= 2 * cycles else 0
+    return int(crossings[-50]) if len(crossings) >= 50 else 0
 
 
 def finish(

@@ -12,9 +12,12 @@ from ...exceptions import FileFormatError, MissingExtraError, NRFError
 from .options import (
     FLOORS,
     NUMBERS,
+    Session,
     band_option,
+    choice,
     degree_option,
     files_argument,
+    in_options,
     json_option,
     link_option,
     map_option,
@@ -25,9 +28,9 @@ from .options import (
     readings_of,
     record_options,
     said_of,
+    table,
     unit_option,
 )
-from .session import Session, table
 
 
 @click.command(short_help="Say what a file holds and how it was understood.")
@@ -46,7 +49,8 @@ def inspect(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
       pysindy-nrf inspect shaker.csv --map F2='Shaker @ kN' --unit a=g --unit x=mm
       pysindy-nrf inspect --mapping campaign.toml
     """
-    from ...data.io import describe, summary
+    from ...data.io import describe
+    from ...data.io.summary import summary
     from ...signals.channel_checks import data_warnings
 
     session = Session(as_json)
@@ -87,12 +91,10 @@ def _say_contents(session: Session, files: tuple[Path, ...]) -> None:
 @unit_option
 @rate_option
 @mapping_option
-@click.option(
-    "--method",
-    type=click.Choice(["default", "newmark"]),
-    default="default",
-    help="Order 8 with error control, or average-acceleration Newmark, one step a sample.",
-)
+@choice(
+    "--method", ["default", "newmark"],
+    "Order 8 with error control, or average-acceleration Newmark, one step a sample.", "default",
+)  # fmt: skip
 @click.option("--x0", type=NUMBERS, help="Displacements at the start, m: 0.001,0,0. At rest if left out.")
 @click.option("--v0", type=NUMBERS, help="Velocities at the start, m/s.")
 @output_file("simulation.csv", "File of the record: .csv, .parquet or .uff.")
@@ -110,7 +112,9 @@ def simulate(model: Path, forces: Path | None, as_json: bool, **options: Any) ->
       pysindy-nrf simulate nrf_output/model.json quake.csv --map ag='table @ g' -o answer.csv
       pysindy-nrf simulate nrf_output/model.json tomorrow.csv --mapping campaign.toml
     """
-    from ...data.io import describe, read_excitation, summary, write_record
+    from ...data.io import describe, write_record
+    from ...data.io.reading import read_excitation
+    from ...data.io.summary import summary
     from ...regression.chain_model import ChainModel
 
     session = Session(as_json)
@@ -199,8 +203,9 @@ def plan(floors: int, as_json: bool, **options: Any) -> None:
         model=model,
         most=min(options["most"], floors),
     )
-    if found.advice:
-        session.say(*found.advice)
+    advice = [in_options(one) for one in found.advice]
+    if advice:
+        session.say(*advice)
     shown = found.table.head(10).assign(
         hit=found.table["hit"].map(lambda hit: " and ".join(map(str, hit))),
         identifies=[f"{100 * share:.0f} %" for share in found.table["identifies"].head(10)],
@@ -210,7 +215,7 @@ def plan(floors: int, as_json: bool, **options: Any) -> None:
         shown = shown.drop(columns="response")
     if len(shown):
         session.headed("Tests, the best first", table(shown.reset_index(drop=True)))
-    session.emit({"advice": found.advice, "tests": found.table.to_dict("records")})
+    session.emit({"advice": advice, "tests": found.table.to_dict("records")})
 
 
 @click.command(short_help="Write one page (HTML) of a result or of records.")

@@ -4,9 +4,9 @@ Each figure is defined once (``figures()``), apart from how it is drawn; matplot
 sheet, plotly (extra ``report``) on the page of a report. Both are imported when something is drawn.
 """
 
-from .evidence import BeforeAfterDisplay, EvidenceDisplay
+from .evidence import BeforeAfterDisplay
 from .forces import DamperForceDisplay, EnergyDisplay, HysteresisLoopDisplay, RestoringForceSurfaceDisplay
-from .models import ChangeMapDisplay, CoefficientsDisplay, OrderSelectionDisplay, PlanarityDisplay
+from .models import ChangeMapDisplay, CoefficientsDisplay, PlanarityDisplay
 from .motion import FreeRunDisplay, ModesDisplay, RecordDisplay, TrackDisplay
 
 __all__ = [
@@ -15,11 +15,9 @@ __all__ = [
     "CoefficientsDisplay",
     "DamperForceDisplay",
     "EnergyDisplay",
-    "EvidenceDisplay",
     "FreeRunDisplay",
     "HysteresisLoopDisplay",
     "ModesDisplay",
-    "OrderSelectionDisplay",
     "PlanarityDisplay",
     "RecordDisplay",
     "RestoringForceSurfaceDisplay",

@@ -46,12 +46,7 @@ class Display:
     figure_: Any
 
     def figures(self) -> list[Figure]:
-        """What is drawn, apart from how: one entry for each pair of axes.
-
-        Returns
-        -------
-        list of Figure
-        """
+        """What is drawn, apart from how: one entry for each pair of axes."""
         raise NotImplementedError
 
     def plot(self, ax: Any = None) -> Self:
@@ -61,10 +56,6 @@ class Display:
         ----------
         ax : Axes or array of Axes, optional
             New ones if None.
-
-        Returns
-        -------
-        self
         """
         figures = self.figures()
         if ax is None:

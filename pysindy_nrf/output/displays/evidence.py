@@ -176,33 +176,6 @@ def _mean(curve: pd.DataFrame, word: str, unit: str, where: str) -> Figure:
     )
 
 
-class EvidenceDisplay(Display):
-    """Evidence on what a model of the closed loop lacks: how much is left, is it noise, where and of what kind.
-
-    Parameters
-    ----------
-    evidence : pysindy_nrf.discrepancy.evidence.Evidence
-        An entry of the report's ``evidence``.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import close_loop, datasets
-    >>> from pysindy_nrf.output.displays import EvidenceDisplay
-    >>> report = close_loop(datasets.load_demo(), max_steps=0)
-    >>> display = EvidenceDisplay(report.evidence[0]).plot()
-    >>> [figure.title.split(":")[0] for figure in display.figures()][:3]
-    ['Residual', 'Detection', 'Localisation']
-    """
-
-    _columns = 3
-
-    def __init__(self, evidence: Evidence) -> None:
-        self.evidence = evidence
-
-    def figures(self) -> list[Figure]:
-        return evidence_figures(self.evidence)
-
-
 class BeforeAfterDisplay(Display):
     """Held-out errors of the baseline and after each effect that the closed loop added.
 
@@ -219,9 +192,8 @@ class BeforeAfterDisplay(Display):
     --------
     >>> from pysindy_nrf.output.displays import BeforeAfterDisplay
     >>> names, balances = ["linear storeys", "cubic stiffness at storey 1"], ["DOF 1", "DOF 2"]
-    >>> display = BeforeAfterDisplay(names, [[43.9, 4.3], [2.2, 4.2]], balances).plot()
-    >>> display.ax_.get_ylabel(), len(display.ax_.containers)
-    ('held-out balance error (% NRMSE)', 2)
+    >>> BeforeAfterDisplay(names, [[43.9, 4.3], [2.2, 4.2]], balances).plot().ax_.get_ylabel()
+    'held-out balance error (% NRMSE)'
     """
 
     def __init__(self, names: Sequence[str], errors: Any, balances: Sequence[str]) -> None:
@@ -235,10 +207,6 @@ class BeforeAfterDisplay(Display):
         Parameters
         ----------
         report : LoopReport
-
-        Returns
-        -------
-        BeforeAfterDisplay
         """
         columns = [c for c in report.table if c == "held-out" or c.startswith("held-out dof")]
         named = ["pooled" if c == "held-out" else dof_words(c.removeprefix("held-out ")) for c in columns]

@@ -148,20 +148,15 @@ class RestoringForceSurfaceDisplay(Display):
     surface : DataFrame
         ``v`` (m/s), ``s`` (m), ``R`` (N), ``visited``; as of :meth:`ChainModel.surface`.
     site : str
-        Name of the storey.
     reference : array-like of the same length, optional
         Another force on the same grid, N, drawn as a net: a published law, another model.
     reference_label : str
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from pysindy_nrf import ChainModel, laws
+    >>> from pysindy_nrf import NRFRegressor, datasets
     >>> from pysindy_nrf.output.displays import RestoringForceSurfaceDisplay
-    >>> from pysindy_nrf.regression.domains import VisitedRegion
-    >>> t = np.linspace(0, 6.3, 500)
-    >>> region = VisitedRegion.of(0.1 * np.cos(t), 0.001 * np.sin(t))
-    >>> model = ChainModel([10.0], {1: laws.PowerSeries(1, [100.0, 1e5])}, visited={"storey 1": region})
+    >>> model = NRFRegressor().fit(datasets.load_demo())
     >>> RestoringForceSurfaceDisplay.from_estimator(model, 1).surface.shape
     (1681, 4)
     """
@@ -185,10 +180,6 @@ class RestoringForceSurfaceDisplay(Display):
             (v, s) -> N, e.g. the restoring force of another model.
         size : int
             Points along each side.
-
-        Returns
-        -------
-        RestoringForceSurfaceDisplay
         """
         model = getattr(estimator, "model_", estimator)
         surface = model.surface(site, size)
@@ -204,10 +195,8 @@ class HysteresisLoopDisplay(Display):
 
     Parameters
     ----------
-    drift, identified : ndarray of shape (n_samples,)
-        m, N.
-    measured : ndarray of shape (n_samples,), optional
-        N; the force that balances the inertia above the storey.
+    drift, identified, measured : ndarray of shape (n_samples,)
+        m, N, and N if known: the force that balances the inertia above the storey.
     site : str
 
     Examples
@@ -216,9 +205,8 @@ class HysteresisLoopDisplay(Display):
     >>> from pysindy_nrf.output.displays import HysteresisLoopDisplay
     >>> t = np.linspace(0, 6.3, 500)
     >>> force = 30.0 * np.sin(t) + 10.0 * np.sign(np.cos(t))  # spring and friction
-    >>> display = HysteresisLoopDisplay(0.001 * np.sin(t), force, site="storey 2").plot()
-    >>> display.ax_.get_xlabel(), display.ax_.get_ylabel()
-    ('drift $s_{2}$ (mm)', 'force $R_{2}$ (N)')
+    >>> HysteresisLoopDisplay(0.001 * np.sin(t), force, site="storey 2").plot().ax_.get_ylabel()
+    'force $R_{2}$ (N)'
     """
 
     def __init__(self, drift: Any, identified: Any, measured: Any = None, site: str = "storey 1") -> None:
@@ -237,10 +225,6 @@ class HysteresisLoopDisplay(Display):
             Data, as for ``fit``.
         site : str or int
             A storey.
-
-        Returns
-        -------
-        HysteresisLoopDisplay
 
         Raises
         ------
@@ -278,10 +262,8 @@ class DamperForceDisplay(Display):
     ----------
     abscissa : ndarray of shape (n_samples,)
         Time (s), drift (m) or rate (m/s).
-    identified : ndarray of shape (n_samples,)
-        N.
-    measured : ndarray of shape (n_samples,), optional
-        N.
+    identified, measured : ndarray of shape (n_samples,)
+        N; the second may be None.
     site : str
     over : {"time", "drift", "rate"}
 
@@ -290,8 +272,7 @@ class DamperForceDisplay(Display):
     >>> import numpy as np
     >>> from pysindy_nrf.output.displays import DamperForceDisplay
     >>> t = np.linspace(0, 6.3, 500)
-    >>> found, true = 20.0 * np.tanh(9 * np.cos(t)), 20.0 * np.sign(np.cos(t))
-    >>> display = DamperForceDisplay(t, found, true, over="time").plot()
+    >>> display = DamperForceDisplay(t, 20.0 * np.tanh(9 * np.cos(t)), 20.0 * np.sign(np.cos(t)), over="time").plot()
     >>> display.ax_.get_xlabel(), display.ax_.get_ylabel()
     ('time (s)', 'damper force (N)')
     """
@@ -307,23 +288,17 @@ class DamperForceDisplay(Display):
     def from_estimator(
         cls, estimator: Any, linear: Any, X: Any, site: Any, measured: Any = None, over: str = "drift", **options: Any
     ) -> DamperForceDisplay:
-        """Device force by subtraction (paper eq. 21).
+        """Device force by subtraction; see :func:`pysindy_nrf.estimation.damper_force` for ``X`` and the options.
 
         Parameters
         ----------
         estimator, linear : fitted NRFRegressor or ChainModel
             Of the structure with and without its devices.
-        X, **options
-            The motion.
         site : str or int
             A storey.
         measured : ndarray of shape (n_samples,), optional
             N.
         over : {"time", "drift", "rate"}
-
-        Returns
-        -------
-        DamperForceDisplay
 
         Raises
         ------
@@ -368,9 +343,8 @@ class EnergyDisplay(Display):
     >>> import numpy as np
     >>> from pysindy_nrf.output.displays import EnergyDisplay
     >>> t = np.linspace(0, 10, 500)
-    >>> display = EnergyDisplay(t, {"identified": 2.0 * t, "true": 2.1 * t}).plot()
-    >>> display.ax_.get_ylabel(), len(display.ax_.lines)
-    ('dissipated energy (J)', 2)
+    >>> EnergyDisplay(t, {"identified": 2.0 * t, "true": 2.1 * t}).plot().ax_.get_ylabel()
+    'dissipated energy (J)'
     """
 
     def __init__(self, time: Any, energy: Mapping[str, Any]) -> None:
@@ -379,19 +353,11 @@ class EnergyDisplay(Display):
 
     @classmethod
     def from_estimator(cls, estimator: Any, X: Any, without: Any = None, **options: Any) -> EnergyDisplay:
-        """Energy dissipated in every storey; see :func:`pysindy_nrf.estimation.dissipated_energy`.
+        """Energy dissipated in every storey; parameters as of :func:`pysindy_nrf.estimation.dissipated_energy`.
 
         Parameters
         ----------
         estimator : fitted NRFRegressor or ChainModel
-        X, **options
-            The motion.
-        without : fitted NRFRegressor or ChainModel, optional
-            Model of the bare structure, subtracted.
-
-        Returns
-        -------
-        EnergyDisplay
         """
         from ...estimation import dissipated_energy
 

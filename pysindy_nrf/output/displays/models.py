@@ -18,7 +18,7 @@ class CoefficientsDisplay(Display):
     Parameters
     ----------
     shares : DataFrame
-        As :func:`pysindy_nrf.selection.comparison.term_shares` returns.
+        Shares of the storey forces, by site and term; see :func:`pysindy_nrf.selection.comparison.compare`.
 
     Examples
     --------
@@ -37,15 +37,11 @@ class CoefficientsDisplay(Display):
 
     @classmethod
     def from_comparison(cls, comparison: Any) -> CoefficientsDisplay:
-        """The coefficients of :func:`pysindy_nrf.selection.comparison.compare`.
+        """The coefficients that :func:`pysindy_nrf.selection.comparison.compare` found.
 
         Parameters
         ----------
         comparison : Comparison
-
-        Returns
-        -------
-        CoefficientsDisplay
         """
         return cls(comparison.coefficients)
 
@@ -72,27 +68,7 @@ def _typeset(term: str) -> str:
 
 
 class OrderSelectionDisplay(Display):
-    """Validation curve: held-out error with its standard error over the folds, by order of the power series.
-
-    Parameters
-    ----------
-    table : DataFrame
-        One row for each order, in the sequence of the abscissa: ``error`` and ``standard_error`` (percent NRMSE),
-        ``chosen`` (bool), and ``free_run_error`` if it is known.
-    folds : DataFrame, optional
-        Error of every fold, percent NRMSE, same rows.
-    ylabel : str
-
-    Examples
-    --------
-    >>> import pandas as pd
-    >>> from pysindy_nrf.output.displays import OrderSelectionDisplay
-    >>> table = pd.DataFrame({"error": [43.0, 5.1, 5.2], "standard_error": [2.0, 0.3, 0.3]}, index=["1", "3", "5"])
-    >>> table["chosen"] = [False, True, False]
-    >>> display = OrderSelectionDisplay(table).plot()
-    >>> [label.get_text() for label in display.ax_.get_xticklabels()]
-    ['1', '3', '5']
-    """
+    """Validation curve: held-out error with its standard error over the folds, by order of the power series."""
 
     def __init__(
         self, table: pd.DataFrame, folds: pd.DataFrame | None = None, ylabel: str = "held-out balance error (% NRMSE)"
@@ -101,16 +77,7 @@ class OrderSelectionDisplay(Display):
 
     @classmethod
     def from_selection(cls, selection: Any) -> OrderSelectionDisplay:
-        """From what :func:`pysindy_nrf.select_order` found.
-
-        Parameters
-        ----------
-        selection : OrderSelection
-
-        Returns
-        -------
-        OrderSelectionDisplay
-        """
+        """From what :func:`pysindy_nrf.select_order` found."""
         return cls._from_scores(
             selection.fold_scores, selection.table["chosen"].to_numpy(), selection.scoring,
             selection.table.get("free_run_error"),
@@ -118,18 +85,7 @@ class OrderSelectionDisplay(Display):
 
     @classmethod
     def from_estimator(cls, search: Any, metric: str = "score") -> OrderSelectionDisplay:
-        """From a fitted scikit-learn search over ``degree``.
-
-        Parameters
-        ----------
-        search : fitted GridSearchCV
-        metric : str
-            Name of the score, if the search had several.
-
-        Returns
-        -------
-        OrderSelectionDisplay
-        """
+        """From a fitted scikit-learn search over ``degree``."""
         from ...selection.one_se_rule import fold_scores
 
         results = search.cv_results_
@@ -195,17 +151,7 @@ class PlanarityDisplay(Display):
 
     @classmethod
     def from_estimator(cls, estimator: Any, X: Any, F: Any = None, **options: Any) -> PlanarityDisplay:
-        """Planarity of a fitted regressor; see :func:`pysindy_nrf.estimation.planarity`.
-
-        Parameters
-        ----------
-        estimator : fitted NRFRegressor
-        X, F, **options
-
-        Returns
-        -------
-        PlanarityDisplay
-        """
+        """Planarity of a fitted regressor; parameters as of :func:`pysindy_nrf.estimation.planarity`."""
         from ...estimation import planarity
 
         return cls(planarity(estimator, X, F, **options))
@@ -231,7 +177,7 @@ class ChangeMapDisplay(Display):
     Parameters
     ----------
     table : DataFrame
-        As of :meth:`pysindy_nrf.monitoring.ChangeReport.map`.
+        As of :meth:`pysindy_nrf.monitoring.change.ChangeReport.map`.
     site : str
     largest : float, optional
         Force at the ends of the colour scale, N; the largest change if None. One scale for all storeys lets them
@@ -256,18 +202,14 @@ class ChangeMapDisplay(Display):
 
     @classmethod
     def from_report(cls, report: Any, site: Any, largest: float | None = None, size: int = 41) -> ChangeMapDisplay:
-        """Map of one storey of a :class:`pysindy_nrf.monitoring.ChangeReport`.
+        """Map of one storey of a :class:`pysindy_nrf.monitoring.change.ChangeReport`.
 
         Parameters
         ----------
         report : ChangeReport
         site : str or int
-        largest : float, optional
-        size : int
-
-        Returns
-        -------
-        ChangeMapDisplay
+        largest, size
+            As for :class:`ChangeMapDisplay`, and the points along each side.
         """
         return cls(report.map(site, size), str(report.before.chain.site(site)), largest)
 

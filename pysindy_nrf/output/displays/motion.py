@@ -72,9 +72,8 @@ class FreeRunDisplay(Display):
     >>> from pysindy_nrf.output.displays import FreeRunDisplay
     >>> t = np.linspace(0, 10, 500)
     >>> x = 1e-3 * np.column_stack([np.sin(9 * t), 2 * np.sin(9 * t)])
-    >>> display = FreeRunDisplay(t, x, 0.98 * x).plot()
-    >>> display.error.round(1), len(display.ax_)  # percent NRMSE of both DOFs
-    (array([2., 2.]), 2)
+    >>> FreeRunDisplay(t, x, 0.98 * x).plot().error.round(1)  # percent NRMSE of both DOFs
+    array([2., 2.])
     """
 
     _columns = 1
@@ -94,10 +93,6 @@ class FreeRunDisplay(Display):
             With forces, displacements and the covariates of the laws; its first sample is the initial condition.
         **options
             Passed to :func:`pysindy_nrf.simulate`.
-
-        Returns
-        -------
-        FreeRunDisplay
 
         Raises
         ------
@@ -217,10 +212,6 @@ class ModesDisplay(Display):
         estimator : fitted NRFRegressor or ChainModel
         record : Record, optional
             With accelerations, for the spectrum.
-
-        Returns
-        -------
-        ModesDisplay
         """
         modes = getattr(estimator, "model_", estimator).modes()
         if record is None or record.acceleration is None:
@@ -272,18 +263,12 @@ class TrackDisplay(Display):
     def from_estimator(
         cls, estimator: Any, X: Any, F: Any = None, onset: float | None = None, **options: Any
     ) -> TrackDisplay:
-        """Moving-window identification; see :func:`pysindy_nrf.monitoring.track`.
+        """Moving-window identification; parameters as of :func:`pysindy_nrf.monitoring.track`.
 
         Parameters
         ----------
-        estimator : fitted NRFRegressor
-        X, F, **options
         onset : float, optional
             s.
-
-        Returns
-        -------
-        TrackDisplay
         """
         from ...monitoring import track
 

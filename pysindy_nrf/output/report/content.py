@@ -19,7 +19,7 @@ from ...discrepancy.words import obstacle
 from ...exceptions import NRFError, NRFWarning
 from ...regression.chain_model import ChainModel
 from ...regression.segments import SegmentSet
-from ...signals.measured import Measured, as_measured
+from ...signals.channel_checks import Measured, as_measured
 from ..displays import BeforeAfterDisplay
 from ..displays._figure import Figure, Table, dof_words, table
 from ..displays.evidence import evidence_figures, residual_figure

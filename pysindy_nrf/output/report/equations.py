@@ -54,7 +54,7 @@ def feature(label: str, index: str = "") -> str:
     return _row(iter([t for t in _TOKEN.findall(label) if t.strip()]), index, "")[0]
 
 
-def law_equation(force: RestoringForce, digits: int = 4) -> list[str]:
+def law_equation(force: RestoringForce) -> list[str]:
     """The equation of a site as pieces that may stand on several lines."""
     index = index_of(force.site)
     arguments = f"<mo>(</mo>{feature('s', index)}<mo>,</mo>{feature('v', index)}<mo>)</mo>"
@@ -64,32 +64,32 @@ def law_equation(force: RestoringForce, digits: int = 4) -> list[str]:
             sign = "−" if c < 0 else "+"
             lead = f"<mo form='infix'>{sign}</mo>" if len(pieces) > 1 or c < 0 else ""
             inside = "" if term.label == "1" else f"{_SPACE}{feature(term.label, index)}"
-            pieces.append(_math(f"{lead}{number(abs(c), digits)}{inside}", f"{sign} {abs(c):.{digits}g} {term.label}"))
+            pieces.append(_math(f"{lead}{number(abs(c))}{inside}", f"{sign} {abs(c):.4g} {term.label}"))
     if len(pieces) == 1:
         pieces.append(_math("<mn>0</mn>", "0"))
     return pieces
 
 
-def shape_values(force: RestoringForce, digits: int = 4) -> list[str]:
+def shape_values(force: RestoringForce) -> list[str]:
     """Shape parameters of a site's laws, e.g. sigma = 2e4, as ``<math>`` elements with their units as text."""
     out = []
     for law in force.laws:
         units = {p.name: p.unit for p in law.shapes}
         for name, value in law.shape.items():
             if value is not None:
-                said = _math(f"{symbol(name)}<mo>=</mo>{number(value, digits)}", f"{name} = {value:.{digits}g}")
+                said = _math(f"{symbol(name)}<mo>=</mo>{number(value)}", f"{name} = {value:.4g}")
                 unit = units.get(name, "")
                 out.append(said + (f" {escape(pretty(unit))}" if unit not in ("", "1") else ""))
     return out
 
 
-def balance_equations(model: ChainModel, digits: int = 4) -> list[list[str]]:
+def balance_equations(model: ChainModel) -> list[list[str]]:
     """Force balances of all DOFs as pieces, with the masses in them."""
     sites = [site for site, held in model.laws.items() if held]
     signs = model.chain.incidence(sites) if sites else np.zeros((model.n_dof, 0))
     out = []
     for j, mass in enumerate(model.masses, 1):
-        pieces = [_math(f"{number(mass, digits)}{_SPACE}{feature('a', str(j))}", f"{mass:.{digits}g} a{j}")]
+        pieces = [_math(f"{number(mass)}{_SPACE}{feature('a', str(j))}", f"{mass:.4g} a{j}")]
         for site, sign in zip(sites, signs[j - 1]):
             if sign:
                 mark, index = ("+" if sign > 0 else "−"), index_of(site)
@@ -149,7 +149,7 @@ def _item(token: str, tokens: Iterator[str], index: str) -> str:
     return f"<mo>{_SIGNS.get(token, escape(token))}</mo>"
 
 
-def as_text(value: Any, digits: int = 4) -> str:
+def as_text(value: Any) -> str:
     """A number in a table: plain, or with a raised power of ten; empty if it is not finite."""
     try:
         x = float(value)
@@ -157,7 +157,7 @@ def as_text(value: Any, digits: int = 4) -> str:
         return str(value)
     if not np.isfinite(x):
         return ""
-    mantissa, _, exponent = f"{x:.{digits}g}".partition("e")
+    mantissa, _, exponent = f"{x:.4g}".partition("e")
     mantissa = mantissa.replace("-", "−")
     if not exponent:
         return mantissa

@@ -169,7 +169,7 @@ _MOST = 30
 
 def record_html(record: Any) -> str:
     """A record: clock, forces, channels."""
-    from ...signals.measured import measured
+    from ...signals.channel_checks import measured
 
     m = measured(record)
     shown = m.channels.drop(columns="noise").assign(unit=[pretty(str(u)) for u in m.channels["unit"]])

@@ -1,0 +1,598 @@
+"""Plain SINDy, SINDy set up by an expert, and this package side by side, on the same data in the same call."""
+
+from __future__ import annotations
+
+import math
+import time
+import tracemalloc
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ..estimation.regressor import NRFRegressor
+from ..exceptions import ChannelError, NRFError, SimulationError
+from ..laws import PowerSeries
+from ..laws.shape import Motion
+from ..regression.chain_model import ChainModel
+from ..regression.errors import Sizes, nrmse, pooled_percent
+from ..regression.input_arrays import from_arrays
+from .sparsity import default_paths, select_sparsity
+
+__all__ = ["compare", "compare_with_sindy"]
+
+
+@dataclass
+class Part:
+    """Absolute accelerations, inter-storey rates and drifts, forces of one record."""
+
+    a: np.ndarray
+    v: np.ndarray
+    s: np.ndarray
+    F: np.ndarray
+    dt: float
+
+    def part(self, rows: slice) -> Part:
+        return Part(self.a[rows], self.v[rows], self.s[rows], self.F[rows], self.dt)
+
+    @property
+    def x(self) -> np.ndarray:
+        return self.s.cumsum(axis=1)
+
+    @property
+    def xdot(self) -> np.ndarray:
+        return self.v.cumsum(axis=1)
+
+    @property
+    def X(self) -> np.ndarray:
+        return np.hstack([self.a, self.v, self.s])
+
+    @property
+    def n_dof(self) -> int:
+        return self.a.shape[1]
+
+    @property
+    def forced(self) -> np.ndarray:
+        return np.flatnonzero(self.F.any(axis=0))
+
+
+@dataclass
+class Ruler:
+    """What every row is judged by: masses, true storey forces on the held-out part, their rms."""
+
+    model: ChainModel
+    known: bool
+    R: np.ndarray
+    size: np.ndarray
+
+    @classmethod
+    def of(cls, model: ChainModel, known: bool, whole: Part, cut: int) -> Ruler:
+        R = model.restoring_force(whole.X, dt=whole.dt)[cut:]
+        return cls(model, known, R, np.sqrt(np.mean(R**2, axis=0)))
+
+    def force_error(self, R: np.ndarray) -> float:
+        share = np.sqrt(np.mean((R - self.R) ** 2, axis=0)) / self.size
+        return float(100 * np.sqrt(np.mean(share**2)))
+
+    def balance_error(self, masses: np.ndarray, a_hat: np.ndarray, rest: Part) -> float:
+        balances = []
+        rms = lambda y: float(np.sqrt(np.mean(y**2)))  # noqa: E731
+        for j in range(rest.n_dof):
+            force, inertia = rms(rest.F[:, j]), rms(masses[j] * rest.a[:, j])
+            residual = rms(masses[j] * (a_hat[:, j] - rest.a[:, j]))
+            size = float(self.size[j])
+            balances.append(Sizes(residual, force or inertia, size, "F" if force else "m a", len(rest.a)))
+        return pooled_percent(balances)
+
+
+def shares(kept: set, true: set) -> tuple[float, float]:
+    """Precision and recall of the terms kept."""
+    right = len(kept & true)
+    return right / len(kept) if kept else np.nan, right / len(true) if true else np.nan
+
+
+_DIVERGED = 1e3
+
+
+class PlainSINDy:
+    """``ps.SINDy`` on state [x | xdot], u = F."""
+
+    finds_masses = False
+    note = ""
+
+    def __init__(self, degree: int, normalise: bool) -> None:
+        self.degree, self.normalise = degree, normalise
+
+    def n_features(self, data: Part) -> int:
+        return math.comb(2 * data.n_dof + len(data.forced) + self.degree, self.degree)
+
+    def work(self, data: Part) -> float:
+        """Multiplications of a fit: a few passes of every target over the normal equations."""
+        return 10.0 * data.n_dof * len(data.a) * self.n_features(data) ** 2
+
+    def state(self, data: Part) -> np.ndarray:
+        return np.hstack([data.x, data.xdot])
+
+    def rate(self, data: Part) -> np.ndarray:
+        return np.hstack([data.xdot, data.a])
+
+    def library(self, data: Part) -> Any:
+        from pysindy import PolynomialLibrary
+
+        return PolynomialLibrary(self.degree)
+
+    def optimizer(self, data: Part) -> Any:
+        from pysindy import STLSQ
+
+        return STLSQ(normalize_columns=self.normalise)
+
+    def fit(self, data: Part) -> None:
+        from pysindy import SINDy
+
+        self.forced = data.forced  # a force that is zero throughout would be 0/0 when normalised
+        model = SINDy(optimizer=self.optimizer(data), feature_library=self.library(data))
+        self.model = model.fit(self.state(data), t=data.dt, x_dot=self.rate(data), u=data.F[:, self.forced])
+        self.coefficients = np.asarray(self.model.coefficients())
+        self.names = self.model.get_feature_names()
+
+    @property
+    def terms(self) -> int:
+        return int(np.count_nonzero(self.coefficients))
+
+    def linear(self, prefix: str, rows: slice) -> np.ndarray:
+        """Coefficients of the terms x0.. or u0.. in some rows."""
+        column = {name: i for i, name in enumerate(self.names)}
+        count = sum(1 for name in self.names if name[:1] == prefix and name[1:].isdigit())
+        return self.coefficients[rows][:, [column[f"{prefix}{i}"] for i in range(count)]]
+
+    def to_absolute(self, rows: np.ndarray) -> np.ndarray:
+        """Rows of accelerations of the state as absolute accelerations of the DOFs."""
+        return rows
+
+    def stiffness(self, n: int) -> np.ndarray:
+        """d a / d x of the linear terms."""
+        return self.linear("x", slice(n, 2 * n))[:, :n]
+
+    def masses(self, data: Part) -> np.ndarray:
+        n = data.n_dof
+        inverse = self.to_absolute(self.linear("u", slice(n, 2 * n)))
+        found = np.full(n, np.nan)
+        with np.errstate(divide="ignore"):
+            for k, j in enumerate(self.forced):
+                found[j] = 1.0 / inverse[j, k]
+        return np.where(np.isfinite(found), found, np.nan)
+
+    def predict(self, state: np.ndarray, u: np.ndarray) -> np.ndarray:
+        return np.asarray(self.model.predict(state, u=u))
+
+    def accelerations(self, data: Part) -> np.ndarray:
+        rates = self.predict(self.state(data), data.F[:, self.forced])
+        return self.to_absolute(rates[:, data.n_dof :].T).T
+
+    def hits(self, data: Part, truth: ChainModel) -> tuple[float, float]:
+        """The true terms are those of an exact fit of the true accelerations at random points."""
+        rng = np.random.default_rng(0)
+        size = 3 * self.n_features(data)
+        draw = [rng.standard_normal((size, y.shape[1])) * y.std(axis=0) for y in (data.v, data.s, data.F)]
+        v, s, F = draw
+        R = truth.restoring_force(np.hstack([np.zeros_like(s), v, s]))
+        a = (F - R + np.hstack([R[:, 1:], np.zeros((size, 1))])) / truth.masses
+        points = Part(a, v, s, F, data.dt)
+        features = np.asarray(self.model.feature_library.transform(np.hstack([self.state(points), F[:, self.forced]])))
+        scale = np.sqrt(np.mean(features**2, axis=0))
+        target = self.rate(points)
+        target_size = np.sqrt(np.mean(target**2, axis=0))
+        exact, *_ = np.linalg.lstsq(features / scale, target / target_size, rcond=None)
+        if np.abs(features / scale @ exact - target / target_size).max() > 1e-6:
+            return np.nan, np.nan  # the library cannot hold the truth
+        true = {tuple(i) for i in np.argwhere(np.abs(exact.T) > 1e-7)}
+        return shares({tuple(i) for i in np.argwhere(self.coefficients)}, true)
+
+    def third_law(self, masses: np.ndarray) -> tuple[float, str]:
+        """Stiffness of each storey from the balance above it and from the one below."""
+        n = len(masses)
+        if n == 1:
+            return 0.0, "once"
+        K = -masses[:, None] * self.stiffness(n)
+        upper, lower = K[np.arange(1, n), np.arange(n - 1)], K[np.arange(n - 1), np.arange(1, n)]
+        mean = 0.5 * (np.abs(upper) + np.abs(lower))
+        return (float(np.max(100 * np.abs(upper - lower) / mean)) if mean.all() else np.nan), "twice"
+
+    def run(self, data: Part, deadline: float) -> np.ndarray:
+        """Runge-Kutta of order four, a step a sample, with the forces linear in between."""
+        y, u, h = self.state(data), data.F[:, self.forced], data.dt
+        limit = _DIVERGED * np.abs(y).max(axis=0)
+        out = np.empty_like(y)
+        out[0] = y[0]
+
+        def rate(state: np.ndarray, force: np.ndarray) -> np.ndarray:
+            return self.predict(state[None], force[None])[0]
+
+        for i in range(len(y) - 1):
+            middle = 0.5 * (u[i] + u[i + 1])
+            k1 = rate(out[i], u[i])
+            k2 = rate(out[i] + 0.5 * h * k1, middle)
+            k3 = rate(out[i] + 0.5 * h * k2, middle)
+            out[i + 1] = out[i] + h / 6 * (k1 + 2 * k2 + 2 * k3 + rate(out[i] + h * k3, u[i + 1]))
+            if not (np.abs(out[i + 1]) <= limit).all():
+                raise OverflowError
+            if time.perf_counter() > deadline:
+                raise TimeoutError
+        return self.displacement(out[:, : data.n_dof])
+
+    def displacement(self, position: np.ndarray) -> np.ndarray:
+        return position
+
+
+_HAND_THRESHOLD = 0.01
+
+
+class HandSteeredSINDy(PlainSINDy):
+    """``ps.SINDy`` as one who knows both would use it: inter-storey state, no products between storeys."""
+
+    def __init__(self, degree: int) -> None:
+        super().__init__(degree, normalise=True)
+
+    def n_features(self, data: Part) -> int:
+        return data.n_dof * (math.comb(2 + self.degree, 2) - 1) + len(data.forced)
+
+    def state(self, data: Part) -> np.ndarray:
+        return np.hstack([data.s, data.v])
+
+    def rate(self, data: Part) -> np.ndarray:
+        return np.hstack([data.v, np.diff(data.a, axis=1, prepend=0.0)])
+
+    def library(self, data: Part) -> Any:
+        from pysindy import GeneralizedLibrary, PolynomialLibrary
+
+        n, m = data.n_dof, len(data.forced)
+        storeys = [[j, n + j] for j in range(n)]
+        return GeneralizedLibrary(
+            [PolynomialLibrary(self.degree, include_bias=False) for _ in storeys]
+            + [PolynomialLibrary(1, include_bias=False)],
+            inputs_per_library=[*storeys, list(range(2 * n, 2 * n + m))],
+        )
+
+    def optimizer(self, data: Part) -> Any:
+        from pysindy import STLSQ
+
+        smallest = np.linalg.norm(self.rate(data), axis=0).min()
+        return STLSQ(threshold=_HAND_THRESHOLD * smallest, normalize_columns=True)
+
+    def to_absolute(self, rows: np.ndarray) -> np.ndarray:
+        return np.cumsum(rows, axis=0)
+
+    def stiffness(self, n: int) -> np.ndarray:
+        inter_storey = np.cumsum(self.linear("x", slice(n, 2 * n))[:, :n], axis=0)  # d a / d s
+        return inter_storey - np.hstack([inter_storey[:, 1:], np.zeros((n, 1))])
+
+    def displacement(self, position: np.ndarray) -> np.ndarray:
+        return position.cumsum(axis=1)
+
+
+class Ours:
+    """NRFRegressor with some optimizer, or with the one of several that the held-out rule chooses."""
+
+    finds_masses = True
+    note = ""
+
+    def __init__(self, degree: int, optimizer: Any) -> None:
+        self.degree, self.optimizer = degree, optimizer
+        self._chosen: dict[str, Any] = {"optimizer": optimizer}
+
+    def work(self, data: Part) -> float:
+        return 0.0
+
+    def fit(self, data: Part) -> None:
+        if isinstance(self.optimizer, Sequence):
+            self._choose(data)
+        self.model = NRFRegressor(degree=self.degree, dt=data.dt).set_params(**self._chosen).fit(data.X, data.F)
+
+    def _choose(self, data: Part) -> None:
+        """By the held-out rule, once: the second fit, which measures the memory, takes what the first has chosen."""
+        found = select_sparsity(data.X, data.F, paths={"path": self.optimizer}, degree=self.degree, dt=data.dt)
+        self.note = f"chosen: {found.table.index[found.table['chosen']][0][1]}"
+        one = found.regressor("path").get_params(deep=False)
+        self._chosen = {"optimizer": one["optimizer"], "laws": one["laws"]}
+        self.optimizer = None
+
+    @property
+    def terms(self) -> int:
+        laws = sum(int(np.count_nonzero(R.coefficients)) for R in self.model.restoring_forces_.values())
+        return len(self.model.masses_) + laws
+
+    def masses(self, data: Part) -> np.ndarray:
+        return self.model.masses_
+
+    def accelerations(self, data: Part) -> np.ndarray:
+        return data.a + (data.F - self.model.predict(data.X)) / self.model.masses_
+
+    def hits(self, data: Part, truth: ChainModel) -> tuple[float, float]:
+        def kept(forces: Any) -> set[tuple[str, str]]:
+            return {(str(site), label) for site, R in forces.items() for label, c in R.coefficients.items() if c}
+
+        return shares(kept(self.model.restoring_forces_), kept(truth.restoring_forces))
+
+    def third_law(self, masses: np.ndarray) -> tuple[float, str]:
+        gap = self.model.third_law_gap_
+        return (float(gap.max()), "twice") if len(gap) else (0.0, "once")
+
+    def run(self, data: Part, deadline: float) -> np.ndarray:
+        return self.model.simulate(data.F, x0=data.x[0], v0=data.xdot[0]).displacement
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Plain SINDy and this package on the same data."""
+
+    table: pd.DataFrame  # see compare_with_sindy
+    coefficients: pd.DataFrame  # see term_shares
+
+
+def compare(
+    X: Any,
+    F: Any = None,
+    dt: float | None = None,
+    *,
+    truth: ChainModel | None = None,
+    degree: int = 3,
+    optimizers: Mapping[str, Any] | str | None = None,
+    heldout: float = 0.3,
+    free_run: int = 500,
+    time_limit: float = 10.0,
+    coordinates: str = "relative",
+) -> Comparison:
+    """:func:`compare_with_sindy`, and what each model makes of every storey.
+
+    Returns
+    -------
+    Comparison
+        ``table``, and ``coefficients``: the storey forces of each model taken apart into the terms of their own storey,
+        which :class:`pysindy_nrf.output.displays.CoefficientsDisplay` draws.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import ChainModel, excitation, laws, simulate
+    >>> from pysindy_nrf.selection.comparison import compare
+    >>> truth = ChainModel([10.0, 10.0], {i: laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
+    >>> F = excitation.band_limited_random(2, 2.0, 1000.0, dofs=[1, 2], rms=50.0, band=(1, 60), random_state=0)
+    >>> found = compare(simulate(truth, F, 1e-3), truth=truth, free_run=2, optimizers={})
+    >>> stiffness = found.coefficients.loc[("storey 1", "s")]
+    >>> bool(abs(stiffness["truth"] - stiffness["pysindy_nrf, least squares"]) < 0.01)
+    True
+    """
+    data = from_arrays(X, F, coordinates=coordinates, dt=dt)
+    if len(data.segments) != 1 or data.segments[0].ag is not None:
+        raise ChannelError("The comparison takes one contiguous record on a base at rest", "Choose one record.")
+    segment = data.segments[0]
+    step = segment.dt
+    if step is None:
+        raise ChannelError("The comparison needs the sampling step", "Pass dt= in s.")
+    if not 0 < heldout < 1:
+        raise ChannelError(f"heldout={heldout!r} is not a share", "Give a number between 0 and 1.")
+    rows = segment.valid
+    a, v, s, force = (getattr(segment, k)[rows].astype(float) for k in ("a", "v", "s", "F"))
+    whole = Part(a, v, s, force, step)
+    if np.isnan(whole.F).any():
+        raise ChannelError("A force is unknown", "SINDy needs every force: give zeros where none acts.")
+    cut = round(len(whole.a) * (1 - heldout))
+    search, rest = whole.part(slice(0, cut)), whole.part(slice(cut, None))
+    given = _optimizers(optimizers)
+    entries: dict[str, Any] = {
+        "SINDy, defaults": PlainSINDy(degree, normalise=False),
+        "SINDy, normalised": PlainSINDy(degree, normalise=True),
+        "SINDy, hand-steered": HandSteeredSINDy(degree),
+        "pysindy_nrf, least squares": Ours(degree, None),
+        **{f"pysindy_nrf, {name}": Ours(degree, optimizer) for name, optimizer in given.items()},
+    }
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        reference = Ours(degree, None)
+        reference.fit(search)
+        ruler = Ruler.of(truth if truth is not None else reference.model.model_, truth is not None, whole, cut)
+        found = {name: row_of(entry, search, rest, ruler, free_run, time_limit) for name, entry in entries.items()}
+    lines = {name: line for name, (line, _) in found.items()}
+    forces = {name: R for name, (_, R) in found.items() if R is not None}
+    if ruler.known:
+        forces = {"truth": ruler.R, **forces}
+    table = pd.DataFrame.from_dict(lines, orient="index", columns=COLUMNS).rename_axis("model")
+    return Comparison(table, term_shares(forces, rest, degree, ruler.size))
+
+
+def compare_with_sindy(
+    X: Any,
+    F: Any = None,
+    dt: float | None = None,
+    *,
+    truth: ChainModel | None = None,
+    degree: int = 3,
+    optimizers: Mapping[str, Any] | str | None = None,
+    heldout: float = 0.3,
+    free_run: int = 500,
+    time_limit: float = 10.0,
+    coordinates: str = "relative",
+) -> pd.DataFrame:
+    """Fit plain SINDy and this package to the first part of a record and judge them on the rest.
+
+    Parameters
+    ----------
+    X : array-like of shape (n_samples, 3 n_dof), DataFrame or Record
+        As for :meth:`NRFRegressor.fit`: one contiguous record, base at rest.
+    F : array-like of shape (n_samples, n_dof)
+        Applied forces, N.
+    dt : float
+        Sampling step, s; not needed with a Record or a time index.
+    truth : ChainModel, optional
+        The structure, if it is known (a simulation): gives ``precision``, ``recall``, ``mass_error``
+        and ``restoring_force_error``.
+    degree : int
+        Of the power series everywhere.
+    optimizers : mapping of str to PySINDy optimizer or sequence of them, or "select", optional
+        Rows of this package beside least squares. Of a sequence the held-out rule of
+        :func:`~pysindy_nrf.selection.select_sparsity` chooses one, within the first part of the
+        record, and ``note`` says which; ``"select"`` takes its default paths (STLSQ, ensemble, SR3, SSR,
+        FROLS). STLSQ at PySINDy's default threshold (a tenth of each balance's force) and at a hundredth
+        if None.
+    heldout : float
+        Share of the record at its end on which all errors are measured.
+    free_run : int
+        Most samples of the free run; PySINDy takes 2 to 30 ms for each.
+    time_limit : float
+        Seconds after which a free run through PySINDy is given up.
+    coordinates : {"relative", "absolute"}
+        See :class:`NRFRegressor`.
+
+    Returns
+    -------
+    DataFrame
+        One row for each model:
+
+        * ``SINDy, defaults``: state [x, xdot], u = F, ``PolynomialLibrary(degree)``, default STLSQ;
+        * ``SINDy, normalised``: the same with ``normalize_columns=True``;
+        * ``SINDy, hand-steered``: inter-storey state, no products between storeys, only the forces that
+          act, normalised columns, threshold one percent of the smallest target;
+        * ``pysindy_nrf, ...``: least squares and the optimizers given.
+
+        Columns: ``terms`` (coefficients that are not zero), ``precision`` and ``recall`` (shares) of
+        the true terms in each model's own library; ``mass_error`` (largest, percent);
+        ``restoring_force_error`` and ``balance_error`` (pooled percent NRMSE, one step);
+        ``free_run_error`` (percent NRMSE of the displacements, inf if it diverges);
+        ``third_law_gap`` (largest disagreement of the two estimates of a storey, percent) and
+        ``storeys_found`` (``"once"`` or ``"twice"``); ``seconds`` of the fit, choosing
+        included, and ``megabytes`` of the fit without it; ``note``. NaN = cannot be known.
+
+    Raises
+    ------
+    ChannelError
+        If the record has several parts or no sampling step.
+    NRFError
+        If ``optimizers`` is another word.
+
+    Notes
+    -----
+    SINDy finds accelerations, not forces. To give it a restoring force, and balance errors in N, it
+    is handed the masses: the true ones, or those of this package's least squares. All rows see the
+    same measured accelerations.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import ChainModel, excitation, laws, simulate
+    >>> from pysindy_nrf.selection.comparison import compare_with_sindy
+    >>> storey = laws.PowerSeries(1, [100.0, 1e5])
+    >>> truth = ChainModel([10.0, 10.0], {1: storey, 2: storey})
+    >>> F = excitation.band_limited_random(2, 1.0, 1000.0, dofs=[1, 2], rms=50.0, band=(1, 60), random_state=0)
+    >>> table = compare_with_sindy(simulate(truth, F, 1e-3), truth=truth, free_run=2)
+    >>> bool(table.loc["pysindy_nrf, STLSQ", "terms"] < table.loc["SINDy, normalised", "terms"])
+    True
+    """
+    return compare(
+        X, F, dt, truth=truth, degree=degree, optimizers=optimizers, heldout=heldout, free_run=free_run,
+        time_limit=time_limit, coordinates=coordinates,
+    ).table  # fmt: skip
+
+
+def _optimizers(given: Mapping[str, Any] | str | None) -> Mapping[str, Any]:
+    if given is None:
+        from pysindy import STLSQ
+
+        return {"STLSQ": STLSQ(), "STLSQ, threshold 0.01": STLSQ(threshold=0.01)}
+    if given == "select":
+        return {f"{name} selected": path for name, path in default_paths().items()}
+    if isinstance(given, str):
+        raise NRFError(f"optimizers={given!r} is unknown", "Give 'select', or optimizers by name.")
+    return given
+
+
+COLUMNS = [
+    "terms", "precision", "recall", "mass_error", "restoring_force_error", "balance_error", "free_run_error",
+    "third_law_gap", "storeys_found", "seconds", "megabytes", "note",
+]  # fmt: skip
+_MOST_WORK = 2e11  # multiplications of a fit, some ten seconds
+
+
+def row_of(
+    entry: Any, search: Part, rest: Part, ruler: Ruler, free_run: int, time_limit: float
+) -> tuple[list[Any], np.ndarray | None]:
+    """The row of one model (see ``COLUMNS``), and the storey forces (N) it finds on the held-out part."""
+    if entry.work(search) > _MOST_WORK:
+        size = entry.n_features(search)
+        gigabytes = 32e-9 * size * (len(search.a) + size)
+        note = f"not run: {size} columns of {len(search.a)} samples take minutes and {gigabytes:.1f} GB"
+        return [np.nan] * 8 + ["", np.nan, np.nan, note], None
+    start = time.perf_counter()
+    entry.fit(search)
+    seconds = time.perf_counter() - start
+    megabytes = _peak(lambda: entry.fit(search))
+    masses = entry.masses(search)
+    handed = masses if entry.finds_masses else ruler.model.masses
+    a_hat = entry.accelerations(rest)
+    R = np.cumsum((rest.F - handed * a_hat)[:, ::-1], axis=1)[:, ::-1]
+    precision, recall = (
+        entry.hits(search, ruler.model) if ruler.known and not ruler.model.has_memory else (np.nan, np.nan)
+    )
+    run, note = _free_run(entry, rest.part(slice(0, max(2, free_run))), time_limit)
+    gap, found = entry.third_law(ruler.model.masses)
+    return [
+        entry.terms,
+        precision,
+        recall,
+        float(np.max(np.abs(100 * (masses / ruler.model.masses - 1)))) if ruler.known else np.nan,
+        ruler.force_error(R) if ruler.known else np.nan,
+        ruler.balance_error(handed, a_hat, rest),
+        run,
+        gap,
+        found,
+        seconds,
+        megabytes,
+        "; ".join(filter(None, (entry.note, note))),
+    ], R
+
+
+def _peak(work: Callable[[], Any]) -> float:
+    """Peak memory of a piece of work, MB."""
+    running = tracemalloc.is_tracing()
+    if not running:
+        tracemalloc.start()
+    tracemalloc.reset_peak()
+    before = tracemalloc.get_traced_memory()[0]
+    work()
+    peak = tracemalloc.get_traced_memory()[1] - before
+    if not running:
+        tracemalloc.stop()
+    return peak / 1e6
+
+
+def _free_run(entry: Any, rest: Part, time_limit: float) -> tuple[float, str]:
+    try:
+        x = entry.run(rest, time.perf_counter() + time_limit)
+    except TimeoutError:
+        return np.nan, f"free run given up after {time_limit:g} s"
+    except (SimulationError, OverflowError, FloatingPointError):
+        return np.inf, "free run diverges"
+    if not np.isfinite(x).all():
+        return np.inf, "free run diverges"
+    share = [nrmse(rest.x[:, j], x[:, j]) for j in range(rest.n_dof)]
+    return float(np.sqrt(np.mean(np.square(share)))), ""
+
+
+ELSEWHERE = "other"
+
+
+def term_shares(forces: Mapping[str, np.ndarray], part: Part, degree: int, size: np.ndarray) -> pd.DataFrame:
+    """Storey forces of each model, taken apart into the terms of their own storey."""
+    law, rows = PowerSeries(degree), {}
+    labels = [term.label for term in law.terms()]
+    for i in range(part.n_dof):
+        columns = law.features(Motion(part.s[:, i], part.v[:, i]))
+        scale = np.sqrt(np.mean(columns**2, axis=0))
+        scale[scale == 0] = 1.0
+        wanted = np.column_stack([R[:, i] for R in forces.values()])
+        found = np.linalg.lstsq(columns / scale, wanted, rcond=None)[0]
+        left = np.sqrt(np.mean((wanted - columns / scale @ found) ** 2, axis=0))
+        for label, row in zip([*labels, ELSEWHERE], np.vstack([found, left]) / size[i]):
+            rows[f"storey {i + 1}", label] = row
+    index = pd.MultiIndex.from_tuples(rows, names=["site", "term"])
+    return pd.DataFrame(np.array(list(rows.values())), index=index, columns=list(forces))

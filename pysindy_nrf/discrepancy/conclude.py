@@ -12,7 +12,7 @@ from scipy.stats import t as student
 
 from ..common.jackknife import variance
 from ..exceptions import NRFError
-from ..laws.base import ForceLaw
+from ..laws.base import ForceLaw, registry
 from ..laws.friction import CoulombFriction
 from ..mechanics.sites import Site
 from ..regression.domains import VisitedRegion
@@ -176,13 +176,13 @@ def _intervals(trial: Trial, effect: Effect) -> dict[str, tuple[float, float]]:
     width = len(law.terms())
     at = trial.layout.slices[site].stop - width
     values = trial.theta[0, at : at + width]
-    columns = [trial.ruler.columns(site, law)]
+    columns = [trial.ruler.columns(site, [law])]
     centre = axes.point(law)
     for k in range(len(centre)):
         h = 2e-3 * (axes.high[k] - axes.low[k])
         h = -h if centre[k] + h > axes.high[k] else h
         moved = axes.at(centre + h * np.eye(len(centre))[k])[0]
-        columns.append((values @ (trial.ruler.spectra(site, [moved]) - columns[0]) / h)[None])
+        columns.append((values @ (trial.ruler.columns(site, [moved]) - columns[0]) / h)[None])
     try:
         parts = Slot(base, [(site, law)], extra=len(centre)).left_out(np.vstack(columns))
     except NRFError:
@@ -255,9 +255,15 @@ def _say_how_sure(steps: list[Step], forward: Forward, final: Stand, rng: np.ran
         )
     for step in steps:
         beside = [s for s in steps if s is not step and balances_of(Site(s.site)) == balances_of(Site(step.site))]
-        if beside and not step.is_fault:
-            step.company = [s.law for s in beside]
-            step.sure = False
+        company = [s.law for s in beside if _one_curve(registry()[step.law], registry()[s.law])]
+        if company:
+            step.company, step.sure = company, False
+
+
+def _one_curve(one: type[ForceLaw], two: type[ForceLaw]) -> bool:
+    """Whether two laws at one site may be parts of a single curve of the drift or of the rate."""
+    curves, variables = [law for law in (one, two) if law.variable in ("s", "v")], {one.variable, two.variable}
+    return bool(curves) and (len(variables) == 1 or ("1" in variables and not curves[0].jumps))
 
 
 def _report(

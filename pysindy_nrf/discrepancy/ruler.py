@@ -21,7 +21,7 @@ from ..regression.chain_model import ChainModel
 from ..regression.chain_solve import Solution, model_of
 from ..regression.grams import leave_one_out
 from ..regression.layout import LawLayout, Layout
-from .constants import ENERGY, EXPLAINED, FLOOR, ROUNDS, TYPICAL
+from .constants import CACHE, ENERGY, EXPLAINED, FLOOR, ROUNDS, TYPICAL
 from .fits import ChainFit
 from .spectra import Windows
 from .workspace import Workspace
@@ -103,20 +103,23 @@ class Ruler:
         self.informative = np.ones(shape, dtype=bool) if informative is None else informative
         self.clear = self.informative if clear is None else clear
         self._cache: dict[tuple[Site, ForceLaw], np.ndarray] = {}
+        self._held = 0  # bytes
 
-    def columns(self, site: Site, law: ForceLaw) -> np.ndarray:
-        """Spectra of the columns of a law at a site, kept."""
-        key = site, law
-        if key not in self._cache:
-            self._cache[key] = self.spectra(site, [law])
-        return self._cache[key]
-
-    def spectra(self, site: Site, laws: Sequence[ForceLaw]) -> np.ndarray:
-        """Spectra of the columns of laws at one site."""
-        found = self.windows.spectra({i: self.work.columns(site, laws, i) for i in self.segments})
-        if not np.isfinite(found).all():
-            raise NRFError("The columns of the law overflow", "Leave it out of the catalogue.")
-        return found
+    def columns(self, site: Site, laws: Sequence[ForceLaw]) -> np.ndarray:
+        """Spectra of the columns of laws at one site; those of a scan are kept for the next step."""
+        missing = [law for law in dict.fromkeys(laws) if (site, law) not in self._cache]
+        if missing:
+            found = self.windows.spectra({i: self.work.columns(site, missing, i) for i in self.segments})
+            if not np.isfinite(found).all():
+                raise NRFError("The columns of the law overflow", "Leave it out of the catalogue.")
+            width = len(found) // len(missing)
+            new = {(site, law): found[k * width : (k + 1) * width] for k, law in enumerate(missing)}
+            self._held += found.nbytes
+            if self._held > CACHE:
+                self._cache = {(site, law): self._cache[site, law] for law in laws if (site, law) in self._cache}
+                self._held = found.nbytes + sum(x.nbytes for x in self._cache.values())
+            self._cache |= new
+        return np.vstack([self._cache[site, law] for law in laws])
 
     def find_bands(
         self,
@@ -244,7 +247,7 @@ class Trial:
         self.laws = {s: tuple(held) for s, held in laws.items() if held}
         self.chain = chain.with_links([s for s in self.laws if s.kind == "link"])
         self.layout = LawLayout(self.chain, self.laws)
-        columns = [ruler.columns(s, law) for s in self.layout.sites for law in self.laws.get(s, ())]
+        columns = [ruler.columns(s, [law]) for s in self.layout.sites for law in self.laws.get(s, ())]
         self.spectra = np.vstack([*columns, ruler.fixed])
         self.grams = ruler.windows.grams(self.spectra)
         self.at = self.layout.n_terms
@@ -328,7 +331,7 @@ class Trial:
         """Powers of the fitted model on other samples."""
         other = Trial.__new__(Trial)
         other.ruler, other.base, other.laws = ruler, self.base, self.laws
-        columns = [ruler.columns(s, law) for s in self.layout.sites for law in self.laws.get(s, ())]
+        columns = [ruler.columns(s, [law]) for s in self.layout.sites for law in self.laws.get(s, ())]
         grams = ruler.windows.grams(np.vstack([*columns, ruler.fixed]))
         residual, reference = (rows[0] for rows in self.fit.rows(self.masses[:1], self.theta[:1]))
         known = other.used(self.fit)[:, self.fit.judged, None]

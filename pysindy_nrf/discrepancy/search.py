@@ -329,8 +329,7 @@ def _gains(slot: Slot, points: Sequence[tuple[ForceLaw, ...]]) -> np.ndarray:
     parts = []
     for k, site in enumerate(slot.sites):
         laws = [laws[k] for laws in points]
-        columns = ruler.spectra(site, laws) if laws[0].shapes else ruler.columns(site, laws[0])
-        parts.append(columns.reshape(len(points), slot.widths[k], -1))
+        parts.append(ruler.columns(site, laws).reshape(len(points), slot.widths[k], -1))
     columns = np.concatenate(parts, axis=1)
     gains, theta = slot.gains(columns)
     sizes = np.sqrt((columns**2).sum(axis=-1))

@@ -29,6 +29,8 @@ def split(
     whole = list(heldout or ())
     chosen = [i for i in range(len(segments)) if i not in whole]
     hop = [max(4, round(0.5 * length / (s.dt or 1.0))) for s in segments]
+    if all(segments[i].n_valid < 3 * hop[i] for i in chosen):
+        raise _too_short()
     energy = {i: _energy(segments[i], hop[i]) for i in chosen}
     total = sum(e.sum(axis=0) for e in energy.values())
     if not total.any():
@@ -40,24 +42,26 @@ def split(
     apart = [BlockRows(i, slice(0, segments[i].n_valid)) for i in whole]
     if heldout is not None:
         search, _ = _cut(energy, hop, segments, 0.0, 1, 0)
-        return _enough(search, apart)
+        if not _enough(search, hop):
+            raise _too_short()
+        return search, apart
     best, chosen_cut = np.inf, None
     for pieces in PIECES:
         for shift in range(FOLDS):
             search, held, unevenness = _scored(energy, hop, segments, pieces, shift)
-            if held and len(search) >= 3 and unevenness < best - 1e-9:
+            if held and _enough(search, hop) and unevenness < best - 1e-9:
                 best, chosen_cut = unevenness, (search, held)
     if chosen_cut is None:
-        raise ChannelError(
-            "The records are too short to be split into search, validation and held-out parts", "Give longer records."
-        )
-    return _enough(*chosen_cut)
+        raise _too_short()
+    return chosen_cut
 
 
 def _energy(segment: Segment, hop: int) -> np.ndarray:
     """Energy of drifts, rates and forces in each cell, (n_cells, n_channels)."""
     rows = [np.asarray(y[segment.valid], dtype=float) for y in (segment.v, segment.F)]
     y = np.nan_to_num(np.hstack(rows))[hop:]
+    if len(y) < 2 * hop:
+        return np.zeros((1, y.shape[1]))
     y = y - y.mean(axis=0)
     count = max(1, len(y) // hop - 1)
     return np.add.reduceat(y**2, hop * np.arange(count), axis=0)
@@ -122,5 +126,12 @@ def _scored(energy, hop, segments, pieces, shift):
     return search, held, float(uneven) + 0.02 * (4 - pieces)
 
 
-def _enough(search: list[BlockRows], held: list[BlockRows]) -> tuple[list[BlockRows], list[BlockRows]]:
-    return search, held
+def _enough(search: Sequence[BlockRows], hop: Sequence[int]) -> bool:
+    """Whether at least three folds hold a window."""
+    return sum(b.rows.stop - b.rows.start >= 2 * hop[b.segment] for b in search) >= 3
+
+
+def _too_short() -> ChannelError:
+    return ChannelError(
+        "The records are too short to be split into search, validation and held-out parts", "Give longer records."
+    )

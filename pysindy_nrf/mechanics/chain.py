@@ -134,17 +134,7 @@ class Chain:
         ).reshape(self.n_dof, len(chosen))
 
     def drift_matrix(self, sites: Iterable[str] | None = None) -> np.ndarray:
-        """Map from inter-storey drifts to the drifts of sites, ``drift = matrix @ (s_1, ..., s_n)``.
-
-        Parameters
-        ----------
-        sites : iterable of str, optional
-            Sites in row order; the chain's own by default.
-
-        Returns
-        -------
-        ndarray of shape (n_sites, n_dof)
-        """
+        """Map from storey drifts to those of sites, shape (n_sites, n_dof); sites as for :meth:`incidence`."""
         chosen = self.sites if sites is None else [self.site(s) for s in sites]
         column = np.arange(1, self.n_dof + 1)
         return np.array([(column > s.q) & (column <= s.p) for s in chosen], dtype=float).reshape(

@@ -329,23 +329,19 @@ def find_onset(
     level: float = 0.01,
     **options: Any,
 ) -> Onset:
-    """The moment at which a storey's stiffness changed during one record.
+    """The moment at which a storey's stiffness changed during one record; estimator and masses as for :func:`track`.
 
     Every boundary of pieces of ``step`` seconds is tried: coefficients before and after it are
     solved separately, and the time is chosen that leaves the least residual over all balances.
 
     Parameters
     ----------
-    estimator : fitted NRFRegressor
-        Usually linear.
     X, F, **options
         One record, as for ``fit``.
     step : float
         Resolution, s.
     margin : float
         Least length of a part, s.
-    masses
-        As for :func:`track`.
     level : float
         Significance level.
 

@@ -369,6 +369,16 @@ def _move(system, site, s0, r0, s1, r1, z, dt, middle, u):
 
 
 @part
+def _move_all(system, x0, v0, x1, v1, z, dt, middle, u):
+    """Move the states of all sites with memory over one step."""
+    for i in range(system.sites.shape[0]):
+        site = system.sites[i]
+        if site[MEMORY]:
+            s0, r0, s1, r1 = relative(x0, site), relative(v0, site), relative(x1, site), relative(v1, site)
+            _move(system, site, s0, r0, s1, r1, z, dt, middle, u)
+
+
+@part
 def _tangent(system, w, i, t, row, middle, dt, x0, v0, x1, v1, z0, z1, force, nudge):
     """Change of the force of site i with the relative acceleration at the end of the step."""
     site = system.sites[i]
@@ -424,13 +434,7 @@ def newmark(system, w, samples, dt, x, v, z, out):
                 now, _ = site_force(system, site, relative(x1, site), relative(v1, site), t, row, z1, w.u, w.out)
                 slope[k] = _tangent(system, w, k, t, row, middle, dt, x, v, x1, v1, z, z1, now, nudge)
             z1[:] = z
-            for k in range(n_sites):
-                site = system.sites[k]
-                if site[MEMORY]:
-                    _move(
-                        system, site, relative(x, site), relative(v, site), relative(x1, site), relative(v1, site),
-                        z1, dt, middle, w.u,
-                    )  # fmt: skip
+            _move_all(system, x, v, x1, v1, z1, dt, middle, w.u)
             accelerate(system, regime, t, row, x1, v1, z1, found, force1, w)
             for j in range(n):
                 for k in range(n):
@@ -467,13 +471,7 @@ def newmark(system, w, samples, dt, x, v, z, out):
         for j in range(n):
             x1[j] = x[j] + dt * v[j] + 0.25 * dt * dt * (a[j] + a1[j])
             v1[j] = v[j] + 0.5 * dt * (a[j] + a1[j])
-        for k in range(n_sites):
-            site = system.sites[k]
-            if site[MEMORY]:
-                _move(
-                    system, site, relative(x, site), relative(v, site), relative(x1, site), relative(v1, site),
-                    z, dt, middle, w.u,
-                )  # fmt: skip
+        _move_all(system, x, v, x1, v1, z, dt, middle, w.u)
         accelerate(system, regime, t, row, x1, v1, z, a1, force1, w)
         for j in range(n):
             before, after = samples[i, j] - system.masses[j] * samples[i, base], row[j] - system.masses[j] * row[base]

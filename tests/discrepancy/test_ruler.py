@@ -1,0 +1,255 @@
+"""What every decision of the loop stands on: folds, spectra, the compiled solve, gains and the judge."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from simulated_cases import Plan, simulated
+
+from pysindy_nrf import Chain, NRFRegressor, Record, Site, laws
+from pysindy_nrf.discrepancy import constants, judge
+from pysindy_nrf.discrepancy.bootstrap import simulated as bootstrap
+from pysindy_nrf.discrepancy.catalogue import candidates
+from pysindy_nrf.discrepancy.fits import ChainFit
+from pysindy_nrf.discrepancy.folds import split, window_length
+from pysindy_nrf.discrepancy.loop import _baseline_laws, _ruler
+from pysindy_nrf.discrepancy.prepare import prepare
+from pysindy_nrf.discrepancy.ruler import Gain, Powers, Trial
+from pysindy_nrf.discrepancy.search import Search, proposals_of
+from pysindy_nrf.discrepancy.spectra import Windows
+from pysindy_nrf.discrepancy.state import Finding, State
+from pysindy_nrf.exceptions import ChannelError
+from pysindy_nrf.mechanics.identifiability import plan_solve_order
+from pysindy_nrf.regression.chain_solve import groups_of, solve
+from pysindy_nrf.regression.gram_pass import total_gram
+from pysindy_nrf.regression.layout import Layout, blocks_of
+from pysindy_nrf.regression.segments import BlockRows, Segment, SegmentSet
+
+# -- which samples are held out -------------------------------------------------------------------
+
+
+def segment(v, force, dt=0.01):
+    """A record of two channels with the same drift as rate."""
+    v, force = (np.column_stack([y, y]) for y in (v, force))
+    rows = slice(0, len(v))
+    return Segment("r", rows, v, v, v, force, np.arange(len(v)) * dt, valid=rows)
+
+
+T = np.arange(8000) * 0.01
+BLOW = np.exp(-0.5 * ((T - 20) / 4) ** 2) * np.cos(12 * T)
+SHAPES = {
+    "a sine": (np.sin(2 * np.pi * 0.9 * T), np.cos(2 * np.pi * 0.9 * T)),
+    "a transient": (BLOW, np.roll(BLOW, 3)),
+    "a slow test of growing cycles": (T * np.cos(0.8 * T), T * np.sin(0.8 * T)),
+    "noise": tuple(np.random.default_rng(0).standard_normal((2, len(T)))),
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_what_is_held_out_has_its_share_of_the_energy_and_overlaps_nothing(name):
+    one = segment(*SHAPES[name])
+    length = window_length([one])
+    search, held = split([one], length)
+    seen, kept = (np.concatenate([np.arange(b.rows.start, b.rows.stop) for b in part]) for part in (search, held))
+    assert len(np.unique([*seen, *kept])) == len(seen) + len(kept)
+    for channel in (one.v[:, 0], one.F[:, 0]):
+        share = np.sum(channel[kept] ** 2) / np.sum(channel[np.sort([*seen, *kept])] ** 2)
+        assert 0.15 < share < 0.4, share
+    assert len(search) >= 3 and all(b.rows.stop - b.rows.start >= 2 * length / one.dt for b in held)
+
+
+def test_records_held_out_whole_leave_the_others_to_the_search():
+    one = segment(*SHAPES["noise"])
+    search, held = split([one, one], window_length([one]), [1])
+    assert {b.segment for b in search} == {0} and held == [BlockRows(1, slice(0, len(T)))]
+
+
+def test_records_too_short_or_still_are_named():
+    for n in (2, 5, 20):
+        short = segment(*(y[:n] for y in SHAPES["a sine"]))
+        with pytest.raises(ChannelError, match="too short to be split"):
+            split([short], window_length([short]))
+    with pytest.raises(ChannelError, match="Nothing moves"):
+        split([segment(0 * T, 0 * T)], 1.0)
+
+
+# -- spectra --------------------------------------------------------------------------------------
+
+
+def windows(rows, n=6000, dt=0.01, centred=True):
+    """Spectra of rows (n_rows, n) in two folds, and their windows."""
+    seg = Segment("r", slice(0, n), *np.zeros((4, n, 1)), np.arange(n) * dt, valid=slice(0, n))
+    blocks = [BlockRows(0, slice(0, 3200)), BlockRows(0, slice(3200, n))]
+    found = Windows(SegmentSet([seg], n), blocks, 2.0, centred=centred)
+    return found, found.spectra({0: np.atleast_2d(rows)})
+
+
+def test_the_bands_hold_the_inner_products_of_the_windowed_columns():
+    """Parseval by hand: half-overlapping Hann windows; the lines at 0 and at half the rate count twice."""
+    x = np.random.default_rng(0).standard_normal((3, 6000))
+    found, spectra = windows(x, centred=False)
+    size, hann = 200, np.sin(np.pi * np.arange(200) / 200) ** 2
+    for fold, (lo, hi) in enumerate([(0, 3200), (3200, 6000)]):
+        by_hand = np.zeros((3, 3))
+        for at in range(lo, hi - size + 1, size // 2):
+            y = hann * x[:, at : at + size] / np.sqrt(0.75)
+            ends = [y.sum(axis=1), y @ np.cos(np.pi * np.arange(size))]
+            by_hand += y @ y.T + sum(np.outer(e, e) for e in ends) / size
+        np.testing.assert_allclose(found.grams(spectra)[fold].sum(axis=0), by_hand, rtol=1e-10)
+    # of white noise: the inner product of the samples themselves
+    whole = found.grams(spectra).sum(axis=(0, 1)) / (x @ x.T).diagonal()
+    assert whole.diagonal() == pytest.approx(np.ones(3), abs=0.1)
+
+
+def test_a_mean_is_taken_out_unless_it_is_asked_for():
+    x = np.random.default_rng(1).standard_normal(6000)
+    _, plain = windows(x)
+    _, shifted = windows(x + 30.0)
+    np.testing.assert_allclose(plain, shifted, atol=1e-9)
+    assert np.abs(windows(np.ones(6000))[1]).max() < 1e-12
+    assert np.abs(windows(np.ones(6000), centred=False)[1]).max() > 0.1
+
+
+def test_a_sine_is_heard_in_its_own_band_and_cut_bands_stay_as_they_are():
+    found, spectra = windows(np.sin(2 * np.pi * 7.0 * np.arange(6000) * 0.01))
+    power = found.grams(spectra).sum(axis=0)[:, 0, 0]
+    best = int(power.argmax())
+    assert found.edges[best] < 7.0 < found.edges[best + 1] and power[abs(np.arange(len(power)) - best) > 1].sum() < 1e-6
+    cut = found.upto(best)
+    np.testing.assert_array_equal(cut.edges, found.edges[: best + 2])
+
+
+# -- the compiled solve ---------------------------------------------------------------------------
+
+BRACED = Layout(Chain(3, ["link 3-1"]), {"storey 1": 2, "storey 2": 1, "storey 3": 2, "link 3-1": 1})
+PLAIN = Layout(Chain(4), {f"storey {i}": 2 for i in range(1, 5)})
+
+
+@pytest.mark.parametrize(
+    ("layout", "forced", "known", "strategy"),
+    [
+        (BRACED, (1, 2, 3), {}, "complete"),
+        (BRACED, (1, 2, 3), {2: 7.0}, "complete"),
+        (PLAIN, (4,), {}, "sequential"),
+        (PLAIN, (2,), {3: 2.0}, "auto"),
+        (PLAIN, (), {1: 1.0, 2: 2.0, 3: 3.0, 4: 4.0}, "auto"),
+        (PLAIN, (1, 2, 3, 4), {}, "joint"),
+    ],
+)
+def test_the_compiled_solve_is_the_chain_solve(layout, forced, known, strategy):
+    rng = np.random.default_rng(5)
+    n, count = layout.n_dof, 500
+    terms = rng.normal(size=(count, layout.n_terms)) * 10.0 ** rng.uniform(-6, 1, layout.n_terms)
+    a, F = rng.normal(size=(2, count, n))
+    F = a * 3.0 + F + (terms / terms.std(axis=0)) @ rng.normal(size=(layout.n_terms, n))
+    F[:, [j - 1 for j in range(1, n + 1) if j not in forced]] = 0.0
+    order = plan_solve_order(layout.chain, forced, (), known, strategy, layout.acting).require_complete()
+    exact = solve(total_gram(layout, groups_of(layout, order), blocks_of(terms, a, F), known, "root"), order, known)
+    where = {s: list(range(rows.start, rows.stop)) for s, rows in layout.slices.items()}
+    fit = ChainFit(layout, order, known, where, layout.n_terms, forced)
+    whole = np.hstack([terms, a, F])
+    masses, theta = fit.solve(np.tile(whole.T @ whole, (2, len(fit.groups), 1, 1)))
+    for k in range(2):
+        assert masses[k] == pytest.approx([exact.masses[j] for j in range(1, n + 1)], rel=1e-10)
+        for site, values in exact.coefficients.items():
+            assert theta[k, where[site]] == pytest.approx(values, rel=1e-10)
+    # the residual rows are the balances
+    residual, reference = fit.rows(masses, theta)
+    left = F - a * masses[0]
+    for i, u in enumerate(fit.judged):
+        dofs = [j - 1 for j in fit.groups[u].dofs]
+        signs = zip(fit.groups[u].sites, fit.groups[u].signs)
+        by_hand = left[:, dofs].sum(axis=1) - sum(sg * terms[:, where[s]] @ theta[0, where[s]] for s, sg in signs)
+        np.testing.assert_allclose(whole @ residual[0, i], -by_hand, atol=1e-8)
+    assert reference.shape == residual.shape
+
+
+def test_columns_that_depend_on_each_other_are_no_number():
+    order = plan_solve_order(PLAIN.chain, (1, 2, 3, 4), (), {}, "complete", PLAIN.acting)
+    where = {s: list(range(rows.start, rows.stop)) for s, rows in PLAIN.slices.items()}
+    fit = ChainFit(PLAIN, order, {}, where, 8, (1, 2, 3, 4))
+    rows = np.random.default_rng(0).standard_normal((16, 300))
+    rows[1] = 2.0 * rows[0]
+    assert np.isnan(fit.solve(np.tile(rows @ rows.T, (1, len(fit.groups), 1, 1)))[1]).any()
+
+
+# -- gains ----------------------------------------------------------------------------------------
+
+
+def test_a_gain_is_the_mean_fall_in_dB_over_informative_bands():
+    before = Powers(np.tile([[8.0, 4.0, 1.0], [2.0, 2.0, 2.0]], (5, 1, 1)), np.full((2, 3), 40.0))
+    after = replace(before, folds=before.folds * np.array([[0.1, 1.0, 9.0], [1.0, 1.0, 1.0]]))
+    informative = np.array([[True, True, False], [True, True, True]])
+    gain = Gain(before, after, informative)
+    assert gain.value == pytest.approx(5.0, abs=1e-3)  # 10 dB in one of two bands; the band full of noise is silent
+    assert gain.error == pytest.approx(0.0, abs=1e-9) and gain.least == pytest.approx(gain.value)
+    assert Gain(before, replace(before, folds=before.folds * np.inf), informative).value == -np.inf
+
+
+def test_one_fold_that_speaks_for_an_effect_alone_is_not_enough():
+    folds = np.full((8, 1, 1), 1.0)
+    folds[3] = 100.0
+    before = Powers(folds, np.full((1, 1), 1e3))
+    once = Gain(before, Powers(np.ones((8, 1, 1)), before.reference), np.ones((1, 1), bool))
+    always = Gain(before, replace(before, folds=0.5 * folds), np.ones((1, 1), bool))
+    assert once.value > 10.0 and not judge.is_there(once)
+    assert always.value == pytest.approx(3.0, abs=0.1) and judge.is_there(always)
+
+
+def test_of_what_the_data_cannot_tell_apart_the_simplest_is_taken():
+    def pair(size, value, spread=0.3):
+        parts = value + spread * np.random.default_rng(size).standard_normal(10)
+        return SimpleNamespace(size=size), SimpleNamespace(value=value, parts=parts)
+
+    pairs = [pair(4, 8.0), pair(1, 7.9), pair(2, 5.0)]
+    assert judge.chosen(pairs) == 1
+    assert [f.size for f in judge.rivals(pairs, 1)] == [4]
+    assert judge.chosen([pair(4, 8.0, 0.0), pair(1, 5.0, 0.0)]) == 0
+
+
+def searched(plan, catalogue):
+    """The state of the linear chain on a simulated record, and what the search finds on top of it, the best first."""
+    ready = prepare(Record(**simulated(plan).channels))
+    problem = NRFRegressor(degree=1).problem(ready.data.n_dof)
+    work, ruler = _ruler(ready, problem, "auto", None)
+    state = State(Trial(ruler, problem.chain, _baseline_laws(problem, work)), ready=ready)
+    proposals = proposals_of(candidates(catalogue, problem.chain, (), (), work.forced), problem.chain.sites)
+    return state, Search(proposals).candidates(state)
+
+
+SMALL = [laws.CoulombFriction(), laws.QuadraticDamping(), laws.CubicStiffness(), laws.OneSidedGap(), laws.Jenkins()]
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+def test_where_nothing_is_missing_nothing_gains(noise):
+    state, found = searched(Plan(3, (1, 2, 3), noise=noise, seed=75, n_samples=4000), SMALL)
+    assert all(f.gain.value < constants.LEAST_GAIN for f in found)
+    assert not any(judge.accepts(f, state) for f in found)
+
+
+@pytest.mark.parametrize(
+    ("kind", "family"), [("coulomb", "friction"), ("cubic", "stiffness"), ("quadratic_damping", "damping")]
+)
+def test_what_is_missing_gains_most_where_it_is(kind, family):
+    state, found = searched(Plan(3, (1, 2, 3), noise=0.01, effects=((kind, 2, 1, 0.12),), seed=72), SMALL)
+    best: Finding = found[0]
+    assert (best.family, best.proposal.sites) == (family, (Site("storey 2"),))
+    assert judge.accepts(best, state)
+    assert all(f.gain.value < 0.5 * best.gain.value for f in found if Site("storey 2") not in f.proposal.sites)
+
+
+def test_records_of_the_bootstrap_are_those_of_the_model_with_the_noise_of_the_channels():
+    state, _ = searched(Plan(2, (1, 2), noise=0.02, seed=73), [])
+    ruler = bootstrap(state.ready, state.trial, np.random.default_rng(0))
+    again = Trial(ruler, state.trial.base, state.trial.laws)
+    errors = [t.ruler.error(t.powers) for t in (state.trial, again)]
+    assert errors[1] == pytest.approx(errors[0], rel=0.3)
+    assert again.masses[0] == pytest.approx(state.trial.masses[0], rel=0.02)
+
+
+def test_every_number_that_decides_stands_in_one_file():
+    numbers = [name for name in vars(constants) if name.isupper()]
+    assert 0 < len(numbers) <= 25

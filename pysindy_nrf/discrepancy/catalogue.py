@@ -36,7 +36,6 @@ def default_catalogue(covariates: Sequence[str] = ()) -> list[ForceLaw]:
     """All laws of the package that can be an undeclared effect."""
     plain: list[ForceLaw] = [
         laws.CoulombFriction(),
-        laws.AsymmetricFriction(),
         laws.StribeckFriction(),
         laws.ShiftedFriction(),
         laws.QuadraticDamping(),

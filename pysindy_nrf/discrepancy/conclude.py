@@ -83,9 +83,9 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
     if no_claim:
         stopped = f"{no_claim}. Nothing is claimed"
         steps, stands, confirmed = [], stands[:1], stands[0]
-    model = confirmed.trial.model()
-    _say_how_sure(steps, forward, confirmed, rng)
-    return _report(forward, first, settings, steps, stands, confirmed, model, stopped)
+    noise = simulated(forward.state.ready, confirmed.trial, rng) if forward.state.ready is not None else None
+    _say_how_sure(steps, confirmed, noise)
+    return _report(forward, first, settings, steps, stands, confirmed, noise, stopped)
 
 
 def _stand(name: str, trial: Trial) -> Stand:
@@ -224,26 +224,22 @@ def _why_stopped(forward: Forward, most: int) -> str:
     return words.best_refused(forward.last[0] if forward.last else None)
 
 
-def _say_how_sure(steps: list[Step], forward: Forward, final: Stand, rng: np.random.Generator) -> None:
+def _say_how_sure(steps: list[Step], final: Stand, noise: Ruler | None) -> None:
     """Say of each effect how much of it stays unexplained, and whether its name is sure."""
     trial = final.trial
     left = trial.ruler.errors(trial.powers)
     floor = np.full(len(left), np.nan)
-    ready = forward.state.ready
-    if steps and ready is not None:
-        ruler = simulated(ready, trial, rng)
-        if ruler is not None:
-            try:
-                noise = Trial(ruler, trial.base, trial.laws)
-                floor = noise.ruler.errors(noise.powers)
-            except NRFError:
-                pass
+    if steps and noise is not None:
+        try:
+            floor = noise.errors(Trial(noise, trial.base, trial.laws).powers)
+        except NRFError:
+            pass
     for step in steps:
         site = Site(step.site)
         balances = [j - 1 for j in range(1, len(left) + 1) if site.kind != "sensor" and site.incidence(j)] or list(
             range(len(left))
         )
-        noise_at, left_at = (float(np.sqrt(np.nanmean(x[balances] ** 2))) for x in (floor, left))
+        noise_at, left_at = (float(np.sqrt(np.mean(x[balances] ** 2))) for x in (floor, left))
         step.noise_floor = noise_at
         known = np.isfinite(noise_at)
         before = max(step.validation_before, left_at)
@@ -268,9 +264,9 @@ def _one_curve(one: type[ForceLaw], two: type[ForceLaw]) -> bool:
 
 def _report(
     forward: Forward, first: State, settings: Mapping[str, Any], steps: list[Step], stands: list[Stand],
-    confirmed: Stand, model: Any, stopped: str,
+    confirmed: Stand, noise: Ruler | None, stopped: str,
 ) -> LoopReport:  # fmt: skip
-    work, ready = confirmed.trial.ruler.work, forward.state.ready
+    work, ready, model = confirmed.trial.ruler.work, forward.state.ready, confirmed.trial.model()
     assert ready is not None
     rows: dict[str, dict[str, float]] = {}
     for stand in stands:
@@ -298,7 +294,7 @@ def _report(
         ],
         columns=["law", "family", "site", "gain (dB)", "standard error", "least"],
     )
-    floor, source = floor_of(settings["noise_floor"], work, model, ready)
+    floor, source = floor_of(settings["noise_floor"], work, model, None if noise is None else noise.work)
     evidence = _evidence(stands, steps, floor)
     data, filters = searched(work)
     return LoopReport(

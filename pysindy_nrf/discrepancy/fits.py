@@ -153,6 +153,10 @@ class ChainFit:
         above = [tuple(range(j, n + 1)) for j in range(1, n + 1)]
         self.judged = [index[a] if a in index else index[j + 1,] for j, a in enumerate(above)]
         self._signs: np.ndarray | None = None
+        self._given = {
+            step.dofs: [(list(where[s]), sum(s.incidence(j) for j in step.dofs)) for s in step.known_sites]
+            for step in order.steps
+        }
         self.forced = frozenset(forced)
 
     def solve(self, fit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -184,8 +188,10 @@ class ChainFit:
                 reference[:, i, inertia], reference[:, i, inertia + n] = masses[:, np.array(dofs) - 1], -1.0
             elif dofs[0] in self.forced:
                 reference[:, i, inertia + n] = 1.0
-            else:
-                reference[:, i, inertia] = masses[:, np.array(dofs) - 1]
+            else:  # what was known before: the inertia, or the storey above; a free mass may vanish
+                reference[:, i, inertia] = masses[:, np.array(dofs) - 1] * (dofs[0] in self.known_masses)
+                for where, sign in self._given.get(dofs, ()):
+                    reference[:, i, where] = sign * theta[:, where]
         return residual, reference
 
     def _joint(self, fit: np.ndarray, masses: np.ndarray, theta: np.ndarray) -> None:

@@ -241,7 +241,7 @@ def _segments(record: Record, X: Any, F: Any) -> SegmentSet:
     return from_arrays(X, F, base_acceleration=record.base_acceleration, covariates=record.covariates)
 
 
-def floor_of(given: Any, work: Any, model: ChainModel, ready: Any) -> tuple[NoiseFloor | None, str]:
+def floor_of(given: Any, work: Any, model: ChainModel, simulated: Any) -> tuple[NoiseFloor | None, str]:
     """The noise floor that a user gave or asked for, and where it comes from."""
     if isinstance(given, NoiseFloor):
         if len(given.balance) != work.n_dof:
@@ -254,14 +254,12 @@ def floor_of(given: Any, work: Any, model: ChainModel, ready: Any) -> tuple[Nois
         floor = NoiseFloor.from_repeats(_repeated(work, model))
         return floor, floor.source
     if isinstance(given, str) and given == "channels":
-        try:
-            floor = NoiseFloor.from_channels(
-                model, [ready.records[i] for i in work.searched], [work.filters[i] for i in work.searched], n_draws=2,
-                random_state=0,
-            )  # fmt: skip
-        except NRFError:
-            return None, "not known: no free run"
-        return floor, floor.source
+        if simulated is None:
+            return None, "not known: the model has no free run"
+        data = SegmentSet([piece for _, piece in simulated.pieces()], simulated.data.n_samples)
+        filters = [work.filters[work.searched[i]] for i, _ in simulated.pieces()]
+        source = "a free run of the model with the noise of the channels"
+        return NoiseFloor.from_draws([(residual_of(model, data, filters), data)], source), source
     if isinstance(given, (Mapping, float, int, list, tuple, np.ndarray)) and not isinstance(given, bool):
         return NoiseFloor.given(given, work.n_dof), "given by the user"
     raise ChannelError(

@@ -250,6 +250,7 @@ class Trial:
         columns = [ruler.columns(s, [law]) for s in self.layout.sites for law in self.laws.get(s, ())]
         self.spectra = np.vstack([*columns, ruler.fixed])
         self.grams = ruler.windows.grams(self.spectra)
+        self.summed = self.grams.sum(axis=0)
         self.at = self.layout.n_terms
         where = {s: list(range(rows.start, rows.stop)) for s, rows in self.layout.slices.items()}
         self.fit = self.fit_of(self.layout, where)
@@ -265,6 +266,9 @@ class Trial:
             self.weights = new
             if settled:
                 break
+        # A scan reads all folds, also those in which a force is unknown: both sides of a comparison hold them alike.
+        rows = self.fit.rows(self.masses[:1], self.theta[:1])[0][0]
+        self.summed_within = np.einsum("ip,kpq,iq->ik", rows, self.summed, rows, optimize=True)
 
     def fit_of(self, layout: Layout, where: Mapping[Site, Sequence[int]]) -> ChainFit:
         """The solve of a set of columns."""
@@ -370,29 +374,16 @@ class Slot:
         trial, windows = self.trial, self.trial.ruler.windows
         count, width, _ = columns.shape
         size = len(trial.spectra)
-        cross = windows.grams(trial.spectra, columns.reshape(count * width, -1))
-        grams = np.empty((count, *trial.grams.shape[:2], size + width, size + width))
-        grams[..., :size, :size] = trial.grams
-        cross = np.moveaxis(cross.reshape(*cross.shape[:3], count, width), 3, 0)
-        grams[..., :size, size:], grams[..., size:, :size] = cross, cross.swapaxes(-1, -2)
-        for k in range(count):
-            grams[k, ..., size:, size:] = windows.grams(columns[k])
-        used = trial.used(self.fit).astype(float)
-        sums = (
-            np.einsum("fu,cfkpq->cukpq", used, grams, optimize=True) if not used.all() else grams.sum(axis=1)[:, None]
-        )
-        masses, theta = self.fit.solve(
-            (sums * trial.weights_of(self.fit)[None, :, :, None, None]).sum(axis=2)
-            if sums.shape[1] > 1
-            else np.einsum("uk,ckpq->cupq", trial.weights_of(self.fit), sums[:, 0], optimize=True)
-        )
+        sums = np.empty((count, len(windows.bands), size + width, size + width))
+        sums[..., :size, :size] = trial.summed
+        cross = windows.band_grams(trial.spectra, columns.reshape(count * width, -1))
+        cross = np.moveaxis(cross.reshape(*cross.shape[:2], count, width), 2, 0)
+        sums[..., :size, size:], sums[..., size:, :size] = cross, cross.swapaxes(-1, -2)
+        sums[..., size:, size:] = windows.products(columns)
+        total = np.einsum("uk,ckpq->cupq", trial.weights_of(self.fit), sums, optimize=True)
+        masses, theta = self.fit.solve(total)
         residual, _ = self.fit.rows(masses, theta)
-        own = (
-            sums[:, self.fit.judged]
-            if sums.shape[1] > 1
-            else np.broadcast_to(sums, (count, len(self.fit.judged), *sums.shape[2:]))
-        )
-        power = np.einsum("cip,cikpq,ciq->cik", residual, own, residual, optimize=True)
+        power = (np.einsum("cip,ckpq->cikq", residual, sums, optimize=True) * residual[:, :, None]).sum(axis=-1)
         power = np.where(np.isfinite(power), np.maximum(power, 0.0), np.inf)
         floor = FLOOR**2 * trial.powers.reference
-        return fall(trial.within + floor, power + floor, trial.ruler.informative), theta[:, size:]
+        return fall(trial.summed_within + floor, power + floor, trial.ruler.informative), theta[:, size:]

@@ -50,15 +50,14 @@ class Windows:
         self.edges = edges
         self._lines = [np.searchsorted(np.fft.rfftfreq(size, dt), edges) for size, dt in zip(self.sizes, steps)]
         self._hann = [np.sin(np.pi * np.arange(n) / n) ** 2 * np.sqrt(2.0 / n / 0.75) for n in self.sizes]
-        # Columns of the spectra that hold each band of each fold.
-        self.spans: list[list[slice]] = []
-        at = 0
-        for block in self.blocks:
-            widths = 2 * self.count(block) * np.diff(self._lines[block.segment])
-            ends = at + np.concatenate([[0], np.cumsum(widths)])
-            self.spans.append([slice(int(lo), int(hi)) for lo, hi in zip(ends[:-1], ends[1:])])
-            at = int(ends[-1])
-        self.size = at
+        # Columns of the spectra that hold each band of each fold; the folds of a band stand side by side.
+        widths = np.array([2 * self.count(b) * np.diff(self._lines[b.segment]) for b in self.blocks])
+        ends = np.concatenate([[0], np.cumsum(widths.T)])
+        first = ends[:-1].reshape(widths.T.shape).T
+        self.spans = [[slice(int(a), int(a + w)) for a, w in zip(lo, width)] for lo, width in zip(first, widths)]
+        self.bands = [slice(int(a), int(b)) for a, b in zip(first[0], [*first[0, 1:], ends[-1]])]
+        self.size = int(ends[-1])
+        self._order = np.concatenate([np.arange(s.start, s.stop) for spans in self.spans for s in spans])
         self._ones: list[np.ndarray] = []
         if centred:
             ones = self._transformed({b.segment: np.ones((1, b.rows.stop)) for b in self.blocks})[0]
@@ -83,14 +82,16 @@ class Windows:
 
     def _transformed(self, rows: Mapping[int, np.ndarray]) -> np.ndarray:
         out = np.empty((next(iter(rows.values())).shape[0], self.size))
-        for block, spans in zip(self.blocks, self.spans):
+        at = 0
+        for block in self.blocks:
             size, lines = self.sizes[block.segment], self._lines[block.segment]
             part = rows[block.segment][:, block.rows]
             windows = np.lib.stride_tricks.sliding_window_view(part, size, axis=1)[:, :: size // 2]
             windows = windows[:, : self.count(block)] * self._hann[block.segment]
             found = np.fft.rfft(windows)[:, :, lines[0] : lines[-1]]
             flat = np.ascontiguousarray(found.swapaxes(1, 2)).view(float).reshape(len(out), -1)
-            out[:, spans[0].start : spans[-1].stop] = flat
+            out[:, self._order[at : at + flat.shape[1]]] = flat
+            at += flat.shape[1]
         return out
 
     def grams(self, left: np.ndarray, right: np.ndarray | None = None) -> np.ndarray:
@@ -100,4 +101,19 @@ class Windows:
         for fold, spans in enumerate(self.spans):
             for band, columns in enumerate(spans):
                 np.matmul(left[:, columns], right[:, columns].T, out=out[fold, band])
+        return out
+
+    def band_grams(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """Products of spectra by band, all folds together, (n_bands, n_left, n_right)."""
+        return np.array([left[:, columns] @ right[:, columns].T for columns in self.bands])
+
+    def products(self, columns: np.ndarray) -> np.ndarray:
+        """Products of the columns of each trial by band, (n_trials, n_columns, size) to (n_trials, n_bands, n, n)."""
+        count, width, _ = columns.shape
+        starts = [b.start for b in self.bands]
+        out = np.empty((count, len(starts), width, width))
+        for i in range(width):
+            for j in range(i + 1):
+                out[:, :, i, j] = np.add.reduceat(columns[:, i] * columns[:, j], starts, axis=1)
+                out[:, :, j, i] = out[:, :, i, j]
         return out

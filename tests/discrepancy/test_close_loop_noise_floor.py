@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pysindy_nrf import ChainModel, close_loop, excitation, laws, simulate
-from pysindy_nrf.discrepancy.noise_floor import NoiseFloor
+from pysindy_nrf.discrepancy.residual import NoiseFloor
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.simulation.noise import add_noise
 

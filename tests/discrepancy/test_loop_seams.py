@@ -11,7 +11,7 @@ from simulated_cases import Plan, simulated
 
 from pysindy_nrf import ChainModel, Record, Site, close_loop, laws
 from pysindy_nrf.discrepancy.catalogue import as_laws, candidates
-from pysindy_nrf.discrepancy.verdicts import Agreement, Dependence, Location, Obstacle, ResidualKind, Why
+from pysindy_nrf.discrepancy.words import Agreement, Dependence, Location, Obstacle, ResidualKind, Why
 from pysindy_nrf.output.cli.group import run
 from pysindy_nrf.output.displays.evidence import evidence_figures
 from pysindy_nrf.output.report.content import cautions, chapters, lead

@@ -44,9 +44,8 @@ from tqdm import tqdm  # noqa: E402
 
 from pysindy_nrf import NRFRegressor, Record  # noqa: E402
 from pysindy_nrf.discrepancy.detection import detect  # noqa: E402
-from pysindy_nrf.discrepancy.noise_floor import NoiseFloor  # noqa: E402
-from pysindy_nrf.discrepancy.residual import residual_of  # noqa: E402
-from pysindy_nrf.discrepancy.verdicts import ResidualKind  # noqa: E402
+from pysindy_nrf.discrepancy.residual import NoiseFloor, residual_of  # noqa: E402
+from pysindy_nrf.discrepancy.words import ResidualKind  # noqa: E402
 from pysindy_nrf.exceptions import NRFError  # noqa: E402
 from pysindy_nrf.regression.input_arrays import from_arrays  # noqa: E402
 

@@ -23,13 +23,12 @@ from .constants import COMPLETE, HOPELESS, LEAST_RATIO
 from .contradictions import contradictions
 from .evidence import Evidence, look, searched
 from .free_run import free_run_error
-from .noise_floor import floor_of
 from .prepare import measured_of
 from .report import LoopReport, Step, audit
+from .residual import floor_of, loops_of
 from .ruler import Gain, Powers, Ruler, Slot, Trial
 from .search import Forward
 from .shapes import Axes
-from .site_loops import loops_of
 from .spectra import Windows
 from .state import Effect, State
 

@@ -15,7 +15,7 @@ from ..laws.sensor import ChannelDelay, GainError, SensorFault
 from ..mechanics.sites import Site
 from ..signals.alignment import channel_alignment
 from .prepare import Prepared
-from .verdicts import Contradiction
+from .words import Contradiction
 from .workspace import Workspace
 
 # Contradictions between channels of one DOF, as a share of the channel, that are looked into, and that are

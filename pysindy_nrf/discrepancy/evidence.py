@@ -19,13 +19,11 @@ from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
 from ..regression.segments import SegmentSet
 from . import words
-from .characterisation import Characterisation, characterise
-from .coupling import Coupling, couplings
+from .characterisation import Characterisation, Coupling, characterise, couplings
 from .detection import Detection, detect
 from .localisation import localise, missing_force
-from .noise_floor import NoiseFloor
-from .residual import Residual, residual_of
-from .verdicts import Agreement, Location, Obstacle, Why
+from .residual import NoiseFloor, Residual, residual_of
+from .words import Agreement, Location, Obstacle, Why
 from .workspace import Workspace
 
 # Samples looked at: enough to see any effect, and little beside the search.

@@ -33,7 +33,7 @@ def split(
         raise _too_short()
     energy = {i: _energy(segments[i], hop[i]) for i in chosen}
     total = sum(e.sum(axis=0) for e in energy.values())
-    if not total.any():
+    if not total[: segments[chosen[0]].n_dof].any():
         raise ChannelError(
             "Nothing moves in the records that are searched: drifts and velocities are zero",
             "Dead sensors or wrong columns; check them.",

@@ -26,10 +26,9 @@ from ..exceptions import ChannelError
 from ..mechanics.chain import Chain
 from ..mechanics.sites import Site
 from ..regression.layout import LawLayout
-from .dependence import Basis, Judge, filtered
-from .noise_floor import AT_FLOOR, NoiseFloor
-from .residual import Residual
-from .verdicts import Location
+from .characterisation import Basis, Judge, filtered
+from .residual import AT_FLOOR, NoiseFloor, Residual
+from .words import Location
 
 _PIECE = 1024
 # Sites whose own motion is looked at, and sites that come this near to the first.

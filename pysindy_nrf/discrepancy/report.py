@@ -16,7 +16,7 @@ from ..signals.channel_checks import Measured
 from . import words
 from .evidence import Evidence
 from .prepare import Prepared
-from .site_loops import SiteLoop
+from .residual import SiteLoop
 
 
 @dataclass

@@ -218,7 +218,8 @@ def _connected(good: np.ndarray, left: np.ndarray, power: np.ndarray, core: np.n
     if not runs:
         return core
     out = np.zeros(len(good), dtype=bool)
-    out[max(runs, key=lambda run: (power * (1 - left))[run].sum())] = True
+    worth = power * (1.0 - np.minimum(left, 1.0))
+    out[max(runs, key=lambda run: worth[run].sum())] = True
     return out
 
 

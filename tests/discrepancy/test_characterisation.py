@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from pysindy_nrf.discrepancy.characterisation import characterise, conditional_mean, spectral_line
-from pysindy_nrf.discrepancy.verdicts import Dependence, Feature
+from pysindy_nrf.discrepancy.words import Dependence, Feature
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.laws import Motion
 from pysindy_nrf.signals.zero_phase_filter import FairFilter

@@ -8,12 +8,10 @@ from chains import duffing, parameters
 from scipy.stats import binom
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, laws
-from pysindy_nrf.discrepancy.correlation import cross_covariance, peak_limit, probability_of_peak
-from pysindy_nrf.discrepancy.detection import detect
-from pysindy_nrf.discrepancy.noise_floor import NoiseFloor
+from pysindy_nrf.discrepancy.detection import cross_covariance, detect, peak_limit, probability_of_peak
 from pysindy_nrf.discrepancy.noise_level import quiet_level
-from pysindy_nrf.discrepancy.residual import residual_of
-from pysindy_nrf.discrepancy.verdicts import ResidualKind
+from pysindy_nrf.discrepancy.residual import NoiseFloor, residual_of
+from pysindy_nrf.discrepancy.words import ResidualKind
 from pysindy_nrf.regression.input_arrays import from_arrays
 
 pytestmark = pytest.mark.slow

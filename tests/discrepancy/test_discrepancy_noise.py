@@ -8,11 +8,10 @@ from scipy import stats
 from scipy.optimize import brentq
 
 from pysindy_nrf import ChainModel, Record, laws
-from pysindy_nrf.discrepancy import characterisation, noise_floor, noise_level
-from pysindy_nrf.discrepancy.characterisation import conditional_mean
-from pysindy_nrf.discrepancy.coupling import couplings
-from pysindy_nrf.discrepancy.noise_floor import NoiseFloor
-from pysindy_nrf.discrepancy.residual import from_top, residual_of, rms
+from pysindy_nrf.discrepancy import characterisation, noise_level
+from pysindy_nrf.discrepancy import residual as noise_floor
+from pysindy_nrf.discrepancy.characterisation import conditional_mean, couplings
+from pysindy_nrf.discrepancy.residual import NoiseFloor, from_top, residual_of, rms
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.laws import Motion
 from pysindy_nrf.regression.input_arrays import from_arrays

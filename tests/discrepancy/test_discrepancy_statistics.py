@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pysindy_nrf.discrepancy import dependence, detection
-from pysindy_nrf.discrepancy.correlation import (
+from pysindy_nrf.discrepancy import characterisation as dependence
+from pysindy_nrf.discrepancy import detection
+from pysindy_nrf.discrepancy.characterisation import Basis, Judge, envelope, hats, jackknife, knots_of
+from pysindy_nrf.discrepancy.detection import (
     Cross,
     Signal,
     cross_covariance,
@@ -15,7 +17,7 @@ from pysindy_nrf.discrepancy.correlation import (
     probability_of_peak,
     whitened_autocorrelation,
 )
-from pysindy_nrf.discrepancy.dependence import Basis, Judge, envelope, hats, jackknife, knots_of, period_of
+from pysindy_nrf.discrepancy.residual import period_of
 from pysindy_nrf.laws import Motion
 
 pytestmark = pytest.mark.slow

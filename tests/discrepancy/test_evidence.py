@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pandas as pd
 import pytest
+from pysindy_nrf.discrepancy.splits import split
 from report_cases import CATALOGUE, cubic, friction, loop_report, record
 
 from pysindy_nrf import ChainModel, close_loop, excitation, laws, simulate
@@ -13,8 +14,7 @@ from pysindy_nrf.discrepancy.characterisation import characterise
 from pysindy_nrf.discrepancy.evidence import Evidence, look, searched
 from pysindy_nrf.discrepancy.noise_level import levels_of
 from pysindy_nrf.discrepancy.prepare import prepare
-from pysindy_nrf.discrepancy.splits import split
-from pysindy_nrf.discrepancy.verdicts import Agreement, Dependence, Feature, ResidualKind
+from pysindy_nrf.discrepancy.words import Agreement, Dependence, Feature, ResidualKind
 from pysindy_nrf.discrepancy.workspace import Workspace
 
 pytestmark = pytest.mark.slow

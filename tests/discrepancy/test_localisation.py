@@ -6,9 +6,8 @@ from chains import band_limited, duffing, parameters
 
 from pysindy_nrf import NRFRegressor, Record
 from pysindy_nrf.discrepancy.localisation import localise
-from pysindy_nrf.discrepancy.noise_floor import NoiseFloor
-from pysindy_nrf.discrepancy.residual import residual_of
-from pysindy_nrf.discrepancy.verdicts import Location
+from pysindy_nrf.discrepancy.residual import NoiseFloor, residual_of
+from pysindy_nrf.discrepancy.words import Location
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.regression.input_arrays import from_arrays
 

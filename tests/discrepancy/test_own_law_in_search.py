@@ -53,7 +53,7 @@ def first_effect(own, catalogue, noise=0.0):
     record = simulate(truth, F, 1 / 500)
     if noise:
         record = add_noise(record, noise, random_state=0)
-    report = close_loop(record, NRFRegressor(degree=1), catalogue=catalogue, max_steps=1, n_surrogates=0, random_state=0)
+    report = close_loop(record, NRFRegressor(degree=1), catalogue=catalogue, max_steps=1)
     return report.steps[0] if report.steps else None
 
 

@@ -5,8 +5,7 @@ import pytest
 from chains import duffing, integrate, parameters
 
 from pysindy_nrf import Chain, ChainModel, Record, laws
-from pysindy_nrf.discrepancy.noise_floor import NoiseFloor
-from pysindy_nrf.discrepancy.residual import free_run_residual, residual_of
+from pysindy_nrf.discrepancy.residual import NoiseFloor, free_run_residual, residual_of
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.regression.input_arrays import from_arrays
 from pysindy_nrf.signals.zero_phase_filter import FairFilter

@@ -350,7 +350,7 @@ def _figures(outcome: Outcome, folder: Path, band: Any) -> list[Path]:
         responses = response_figures(frf.f[used], frf.H[used], found[used])
         return save(folder / "frequency_response.png", responses, title=title)
     if outcome.data is not None:
-        from ...discrepancy.site_loops import loops_of
+        from ...discrepancy.residual import loops_of
         from ...signals.zero_phase_filter import filters_of
 
         data = outcome.data

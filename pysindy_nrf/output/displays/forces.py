@@ -14,7 +14,7 @@ from ._figure import CYCLE, DASHES, Axis, Figure, Line, Mark, Surface, Table, in
 from ._matplotlib import Display
 
 if TYPE_CHECKING:
-    from ...discrepancy.site_loops import SiteLoop
+    from ...discrepancy.residual import SiteLoop
 
 _TURN = "Drag to turn, or use the arrow keys."
 
@@ -246,7 +246,7 @@ class HysteresisLoopDisplay(Display):
         return cls(drift, model.restoring_force(data)[:, i], above[:, i:].sum(axis=1), str(place))
 
     def figures(self) -> list[Figure]:
-        from ...discrepancy.site_loops import SiteLoop
+        from ...discrepancy.residual import SiteLoop
 
         none = np.empty(0)
         return [loop_figure(SiteLoop(self.site, "", none, self.drift, none, self.identified, self.measured))]

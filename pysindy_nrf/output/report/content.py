@@ -13,9 +13,8 @@ import pandas as pd
 
 from ...common.audit import settings_of, versions
 from ...data.record import Record
-from ...discrepancy.site_loops import SiteLoop, loops_of
-from ...discrepancy.verdicts import Agreement
-from ...discrepancy.words import obstacle
+from ...discrepancy.residual import SiteLoop, loops_of
+from ...discrepancy.words import Agreement, obstacle
 from ...exceptions import NRFError, NRFWarning
 from ...regression.chain_model import ChainModel
 from ...regression.segments import SegmentSet

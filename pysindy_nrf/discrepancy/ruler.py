@@ -43,15 +43,24 @@ class Powers:
         return self.folds.sum(axis=0)
 
     @property
-    def floored(self) -> np.ndarray:
-        """The same and what no measurement tells from zero."""
-        return self.residual + FLOOR**2 * self.reference
+    def shares(self) -> np.ndarray:
+        """Residual over reference, and what no measurement tells from zero.
+
+        A share: where no force scales a balance, model and reference may shrink together.
+        """
+        return share(self.residual, self.reference)
+
+
+def share(residual: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """Residual over reference, and what no measurement tells from zero; infinite where there is no reference."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(reference > 0, residual / reference, np.inf) + FLOOR**2
 
 
 def fall(before: np.ndarray, after: np.ndarray, informative: np.ndarray) -> np.ndarray:
     """Sum over balances of the mean fall in dB over informative bands."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        bands = np.where(informative & (before > 0), 10.0 * np.log10(before / after), 0.0)
+        bands = np.where(informative & np.isfinite(before), 10.0 * np.log10(before / after), 0.0)
     return (bands.sum(axis=-1) / np.maximum(informative.sum(axis=-1), 1)).sum(axis=-1)
 
 
@@ -59,9 +68,8 @@ class Gain:
     """Fall of the residual from one model to another, dB, with the standard error over folds."""
 
     def __init__(self, before: Powers, after: Powers, informative: np.ndarray) -> None:
-        self.value = float(fall(before.floored, after.floored, informative))
-        floor = FLOOR**2 * before.reference
-        left = [leave_one_out(p.folds) + floor for p in (before, after)]
+        self.value = float(fall(before.shares, after.shares, informative))
+        left = [share(leave_one_out(p.folds), p.reference) for p in (before, after)]
         with np.errstate(invalid="ignore"):
             self.parts = fall(*left, informative)  # each fold left out
             n = len(self.parts)
@@ -262,14 +270,14 @@ class Trial:
             if not np.isfinite(self.powers.residual).all():
                 raise NRFError("The columns of the balances depend on each other", "Leave a law out.")
             floored = self.within + FLOOR**2 * self.powers.reference
-            new = np.where(informative, 1.0 / np.maximum(floored, 1e-300), 0.0)
+            new = np.where(informative & (floored > 0), 1.0 / np.maximum(floored, 1e-300), 0.0)
             settled = np.allclose(new, self.weights, rtol=0.05)
             self.weights = new
             if settled:
                 break
         # A scan reads all folds, also those in which a force is unknown: both sides of a comparison hold them alike.
-        rows = self.fit.rows(self.masses[:1], self.theta[:1])[0][0]
-        self.summed_within = np.einsum("ip,kpq,iq->ik", rows, self.summed, rows, optimize=True)
+        rows = (x[0] for x in self.fit.rows(self.masses[:1], self.theta[:1]))
+        self.shares = share(*(np.einsum("ip,kpq,iq->ik", x, self.summed, x, optimize=True) for x in rows))
 
     def fit_of(self, layout: Layout, where: Mapping[Site, Sequence[int]]) -> ChainFit:
         """The solve of a set of columns."""
@@ -383,8 +391,9 @@ class Slot:
         sums[..., size:, size:] = windows.products(columns)
         total = np.einsum("uk,ckpq->cupq", trial.weights_of(self.fit), sums, optimize=True)
         masses, theta = self.fit.solve(total)
-        residual, _ = self.fit.rows(masses, theta)
-        power = (np.einsum("cip,ckpq->cikq", residual, sums, optimize=True) * residual[:, :, None]).sum(axis=-1)
-        power = np.where(np.isfinite(power), np.maximum(power, 0.0), np.inf)
-        floor = FLOOR**2 * trial.powers.reference
-        return fall(trial.summed_within + floor, power + floor, trial.ruler.informative), theta[:, size:]
+        power = [
+            (np.einsum("cip,ckpq->cikq", rows, sums, optimize=True) * rows[:, :, None]).sum(axis=-1)
+            for rows in self.fit.rows(masses, theta)
+        ]
+        shares = share(np.where(np.isfinite(power[0]), np.maximum(power[0], 0.0), np.inf), power[1])
+        return fall(trial.shares, shares, trial.ruler.informative), theta[:, size:]

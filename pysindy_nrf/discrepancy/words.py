@@ -371,8 +371,8 @@ def band(found: tuple[float | None, float | None]) -> str:
 def acceptance(step: Any) -> str:
     """Why an effect was accepted, and whether held-out data confirm it."""
     text = (
-        f"lowers the residual on folds left out of the fit by {step.gain:.2g} dB (standard error {step.gain_error:.2g}, "
-        f"{step.gain_least:.2g} without the fold that speaks most for it)"
+        f"lowers the residual on folds left out of the fit by {step.gain:.2g} dB (standard error "
+        f"{step.gain_error:.2g}, {step.gain_least:.2g} without the fold that speaks most for it)"
     )
     if np.isfinite(step.share):
         text += f"; it changes {100 * step.share:.0f} % of the force at its site"

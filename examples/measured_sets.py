@@ -98,6 +98,56 @@ SETS = {
         "MIT licence",
         "github.com/zhry10/PhyCNN",
     ),
+    "silverbox_multisine": MeasuredSet(
+        "Electronic Duffing oscillator, ten random-phase multisines",
+        "multisine.npz",
+        "T. Wigren, J. Schoukens, Three free data sets for development and benchmarking in nonlinear system "
+        "identification, European Control Conference, 2013, 2933-2938",
+        "published as a free data set; no licence is stated",
+        "nonlinearbenchmark.org",
+    ),
+    "nees_more": MeasuredSet(
+        "Three-storey steel frame on a shaking table, other motions",
+        "nees_more.npz",
+        "A. Masroor, G. Mosqueda, report MCEER-13-0003, University at Buffalo, 2013",
+        _NONE,
+        "NEES project, University at Buffalo",
+    ),
+    "dry_friction_storey_more": MeasuredSet(
+        "One-storey frame whose mass rubs on a frame fixed to the laboratory, another frequency",
+        "run_70_83.npz",
+        "C. Lathourakis, A. Cicirello, Nonlinear Dynamics, 2024, doi 10.1007/s11071-024-09652-2",
+        _NONE,
+        "doi 10.1007/s11071-024-09652-2",
+    ),
+    "friction_damper_with_backlash": MeasuredSet(
+        "Banded rotary friction damper by itself: four sinusoidal tests and an earthquake",
+        "brfd.npz",
+        "ARTS-Laboratory, University of South Carolina, banded rotary friction damper",
+        "CC BY-SA 4.0",
+        "ARTS-Laboratory",
+    ),
+    "mr_damper_random_voltage": MeasuredSet(
+        "MR damper under random displacement and random voltage",
+        "ransim_u.npz",
+        "S. Dyke, NEES-2012-1158, doi 10.4231/D3V11VM6X",
+        _NONE,
+        "doi 10.4231/D3V11VM6X",
+    ),
+    "timber_connection_cyclic": MeasuredSet(
+        "Connection of cross-laminated timber, quasi-static cycles",
+        "spc1.npz",
+        "C. Slotboom, hysteresis (Python package)",
+        "Apache 2.0",
+        "pypi.org/project/hysteresis",
+    ),
+    "tower_with_mass_driver": MeasuredSet(
+        "Five-storey tower under white noise from a hybrid mass driver",
+        "wn_01.npz",
+        "UNISON tower, 2008",
+        _NONE,
+        "the set states no source",
+    ),
     "three_storey_frf": MeasuredSet(
         "Three-storey aluminium frame, shaker on floor 1: frequency responses",
         "cristallo_Experimental.csv",
@@ -145,6 +195,13 @@ def load_silverbox(folder: Any = None) -> Record:
     return Record(force=held["V1"].ravel(), displacement=held["V2"].ravel(), fs=610.35, name="Silverbox")
 
 
+def load_silverbox_multisine(folder: Any = None) -> Record:
+    """Silverbox: ``F1`` and ``x1``, VOLTS standing for N and m, of ten multisines; 610.35 Hz, 86 000 samples."""
+    path = data_file("silverbox_multisine", folder=folder)
+    fs = float(read_table(path).variables["fs"])
+    return read_record(path, mapping={"x1": "output_V", "F1": "input_V"}, fs=fs, name="Silverbox, multisines")
+
+
 def load_bouc_wen_benchmark(excitation: str = "multisine", folder: Any = None) -> Record:
     """``F1`` (N) and ``x1`` (m) of a steady-state ``"multisine"`` (8192 samples) or a ``"sinesweep"``; 750 Hz.
 
@@ -161,13 +218,28 @@ def load_nees_three_storey(test: str = "fbgm162s5", folder: Any = None) -> Recor
     """``x1``..``x3``, ``xg`` (absolute, m) and ``ag`` (m/s^2) of a frame under base excitation; 256 Hz, 42 to 45 s.
 
     fbgm162s1, fbgm162s3, fbgm162s5: fixed base, one ground motion of rising intensity (the frame is close to linear
-    in s1 and yields in s5). fpgm111s1: on friction-pendulum bearings. The publishers low-passed the channels at 25 Hz.
+    in s1 and yields in s5). fbgm152s3, fbgm152s4: another motion. The publishers low-passed the channels at 25 Hz.
     The floors' masses are about equal (not stated); one known mass scales the chain.
     """
     mapping = {"t": f"{test}[:, 0]", "ag": f"{test}[:, 1] @ g", "xg": f"{test}[:, 2] @ in"}
     mapping |= {f"x{j}": f"{test}[:, {j + 2}] @ in" for j in (1, 2, 3)}
-    path = data_file("nees_three_storey", folder=folder)
-    return read_record(path, mapping=mapping, name=test, coordinates="absolute")
+    return read_record(_nees_file(test, folder), mapping=mapping, name=test, coordinates="absolute")
+
+
+def load_nees_isolated(test: str = "fpgm111s1", folder: Any = None) -> Record:
+    """The frame on friction-pendulum bearings: base level ``x1``, floors ``x2``..``x4`` (absolute, m), table ``ag``.
+
+    fpgm111s1 or fpgm171s3. The isolated level is DOF 1; of the table only the acceleration is measured.
+    """
+    mapping = {"t": f"{test}[:, 0]", "ag": f"{test}[:, 1] @ g"}
+    mapping |= {f"x{j}": f"{test}[:, {j + 1}] @ in" for j in (1, 2, 3, 4)}
+    return read_record(_nees_file(test, folder), mapping=mapping, name=test, coordinates="absolute")
+
+
+def _nees_file(test: str, folder: Any) -> Path:
+    """The file that holds a test of the frame."""
+    more = test in ("fbgm152s3", "fbgm152s4", "fpgm171s3")
+    return data_file("nees_more" if more else "nees_three_storey", folder=folder)
 
 
 def load_dry_friction_storey(folder: Any = None) -> Record:
@@ -185,6 +257,18 @@ def load_dry_friction_storey(folder: Any = None) -> Record:
     )
 
 
+def load_dry_friction_storey_more(folder: Any = None) -> Record:
+    """As :func:`load_dry_friction_storey`, run 70.83; 500 Hz, 55 s."""
+    run = "run_70_83"
+    return read_record(
+        data_file("dry_friction_storey_more", folder=folder),
+        mapping={"xg": f"{run}[:, 1] @ mm", "x1": f"{run}[:, 2] @ mm"},
+        fs=500.0,
+        name=f"dry friction {run}",
+        coordinates="absolute",
+    )
+
+
 def load_mr_damper_white_noise(folder: Any = None) -> Record:
     """``x1`` (m), ``F1`` (N) and the covariate ``voltage`` (V) of a damper by itself; 3004.8 Hz, 24.6 s.
 
@@ -197,6 +281,53 @@ def load_mr_damper_white_noise(folder: Any = None) -> Record:
     return read_record(
         path, mapping=mapping, fs=float(read_table(path).variables["fs"]), name="MR damper, white noise"
     )
+
+
+def load_mr_damper_random_voltage(folder: Any = None) -> Record:
+    """``x1`` (m), ``F1`` (N) and the covariate ``voltage`` (V) of the same damper; 3004.8 Hz, 20 s.
+
+    The load cell clips at 4545 N in the last second.
+    """
+    return read_record(
+        data_file("mr_damper_random_voltage", folder=folder),
+        mapping={"t": "none", "x1": "D @ cm", "F1": "F", "voltage": "Y"},
+        fs=3004.8,
+        name="MR damper, random voltage",
+    )
+
+
+def friction_damper_runs(folder: Any = None) -> tuple[str, ...]:
+    """Names of the runs of :func:`load_friction_damper`."""
+    return tuple(read_table(data_file("friction_damper_with_backlash", folder=folder)).variables)
+
+
+def load_friction_damper(run: str = "2Hz30lbtension0.5amplitude", folder: Any = None) -> Record:
+    """``x1`` (m) and ``F1`` (N) of a friction damper with backlash by itself, without inertia; 1024 Hz, 3.5 to 27 s."""
+    path = data_file("friction_damper_with_backlash", folder=folder)
+    table = read_table(path).variables[run].astype(float)
+    return Record(force=4448.2216 * table[:, 2], displacement=0.0254 * table[:, 1], fs=1024.0, name=run)  # kip, in
+
+
+def load_timber_connection(folder: Any = None) -> Record:
+    """``x1`` (m) and ``F1`` (N) of a connection under quasi-static cycles, without inertia; 33 028 samples.
+
+    The file has no clock: a rate of 1 Hz stands for the number of the sample.
+    """
+    mapping = {"x1": "displacement_mm @ mm", "F1": "force_kN @ kN"}
+    path = data_file("timber_connection_cyclic", folder=folder)
+    return read_record(path, mapping=mapping, fs=1.0, name="timber connection")
+
+
+def load_tower_with_mass_driver(folder: Any = None) -> Record:
+    """``a1``..``a5`` and ``x1`` of a tower, as ``F5`` minus the driver's acceleration, all in VOLTS.
+
+    The rate of 100 Hz is assumed. The driver's calibration is not certain: nothing should be claimed from this record.
+    """
+    table = read_table(data_file("tower_with_mass_driver", folder=folder)).variables["wn_01"].astype(float)
+    force, displacement = np.zeros((len(table), 5)), np.full((len(table), 5), np.nan)
+    force[:, 4], displacement[:, 0] = -table[:, 1], table[:, 7]
+    acceleration = table[:, [4, 5, 6, 3, 2]]
+    return Record(force=force, acceleration=acceleration, displacement=displacement, fs=100.0, name="tower")
 
 
 def mr_damper_cyclic_runs(folder: Any = None) -> tuple[str, ...]:

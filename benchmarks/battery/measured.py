@@ -1,64 +1,47 @@
-"""The measured sets as the loop gets them: the loaders of the examples, and the preparation that two of them need."""
+"""The measured sets as the loop gets them: the loaders of the examples, nothing cut off and nothing filtered."""
 
 from __future__ import annotations
 
 import sys
 from pathlib import Path
 
-import numpy as np
-
 from pysindy_nrf import Record
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "examples"))
 import measured_sets  # noqa: E402
 from measured_sets import (  # noqa: E402, F401
+    friction_damper_runs,
     load_bouc_wen_benchmark,
+    load_dry_friction_storey_more,
     load_emps,
+    load_friction_damper,
+    load_mr_damper_random_voltage,
     load_mr_damper_white_noise,
+    load_nees_isolated,
     load_nees_three_storey,
+    load_silverbox_multisine,
+    load_timber_connection,
+    load_tower_with_mass_driver,
 )
 
 
 def dry_friction() -> Record:
-    """The lasers' 500 Hz instead of the logger's 2000 Hz, and their stand-off (the mean) taken off."""
+    """Run 60.52 at the lasers' 500 Hz: the logger's 2000 Hz repeat every sample four times."""
     whole = measured_sets.load_dry_friction_storey()
-    x, xg = whole.displacement[::4], whole.base_displacement[::4]
     return Record(
-        displacement=x - x.mean(axis=0),
-        base_displacement=xg - xg.mean(),
+        displacement=whole.displacement[::4],
+        base_displacement=whole.base_displacement[::4],
         fs=500.0,
         coordinates="absolute",
         name=whole.name,
     )
 
 
-def nees_isolated() -> Record:
-    """The frame on friction-pendulum bearings: base level (DOF 1) and floors (DOFs 2 to 4) on the table.
-
-    Of the table only the acceleration is measured; its displacement is the double integral above
-    0.1 Hz, and the displacements pass the same filter.
-    """
-    from pysindy_nrf.signals import integrate
-    from pysindy_nrf.signals.zero_phase_filter import FairFilter
-
-    whole = measured_sets.load_nees_three_storey("fpgm111s1")
-    above = FairFilter((0.1, None), whole.fs)
-    ag = above.apply(whole.base_acceleration)
-    table = integrate(ag, whole.dt, method="spectral", order=2)
-    x = np.column_stack([whole.base_displacement, whole.displacement])
-    return Record(
-        displacement=above.apply(x),
-        base_acceleration=ag,
-        base_displacement=above.apply(table),
-        fs=whole.fs,
-        coordinates="absolute",
-        name="fpgm111s1, base level and floors",
-    )
-
-
-def mr_cyclic() -> list[Record]:
-    """All 82 cyclic tests of the MR damper."""
-    return [measured_sets.load_mr_damper_cyclic(run) for run in measured_sets.mr_damper_cyclic_runs()]
+def mr_cyclic(count: int | None = None) -> list[Record]:
+    """The cyclic tests of the MR damper: all 82, or so many spread over them."""
+    runs = measured_sets.mr_damper_cyclic_runs()
+    step = 1 if count is None else max(1, len(runs) // count)
+    return [measured_sets.load_mr_damper_cyclic(run) for run in runs[::step][:count]]
 
 
 def hotel() -> list[Record]:

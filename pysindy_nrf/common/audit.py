@@ -27,13 +27,16 @@ def settings_of(**groups: Mapping[str, Any]) -> dict[str, dict[str, str]]:
     return {name.replace("_", " "): {str(k): _text(v) for k, v in values.items()} for name, values in groups.items()}
 
 
-def constants_of(*modules: Any) -> dict[str, float]:
-    """Constants of modules (names in capitals): thresholds that no argument changes."""
+def constants_of(*modules: Any) -> dict[str, Any]:
+    """Constants of modules (names in capitals): what no argument changes."""
     return {
         k.lower().replace("_", " "): v
         for module in modules
         for k, v in vars(module).items()
-        if k.isupper() and not k.startswith("_") and isinstance(v, (int, float)) and not isinstance(v, bool)
+        if k.isupper()
+        and not k.startswith("_")
+        and isinstance(v, (int, float, tuple, dict))
+        and not isinstance(v, bool)
     }
 
 

@@ -116,7 +116,7 @@ def test_page_tells_the_story_with_its_evidence(pages):
         assert re.sub(r"\s+", " ", said) in text
     assert f"{step.error_before:.3g} → {step.error_after:.3g} %" in text
     assert "shaker <b>1</b>" in text  # as text, not as markup
-    for said in ("random_state", "min gain", "numpy", "Symbols", "What was measured"):
+    for said in ("random_state", "least gain", "grid", "numpy", "Symbols", "What was measured"):
         assert said in text
     assert "<b>" not in [tag for tag, *_ in pages["loop"].elements]
 
@@ -299,7 +299,7 @@ def test_a_loop_that_finds_nothing_says_so_on_its_page(nothing_found):
     assert lead(nothing_found).startswith(f"The declared model leaves {nothing_found.table['held-out'].iloc[0]:.3g} %")
     page = of_loop(nothing_found)
     tiles = {name: (value, note) for name, value, note in page.tiles}
-    assert tiles["Effects found"][0] == "0" and tiles["Held-out balance error"][1] == "the baseline's"
+    assert tiles["Effects confirmed"] == ("0", "") and tiles["Held-out balance error"][1] == "the baseline's"
     assert tiles["Held-out free-run error"][1] == "" and [c.title for c in page.chapters] == ["What is left"]
     said = nothing_found.to_markdown()
     assert "No effect was added." in said
@@ -321,4 +321,54 @@ def test_doubts_about_a_step_are_said():
     assert "m1 came out not positive" in " ".join(cautions(doubtful))
     doubtful.model, doubtful.steps = report.model, [replace(step, free_run_before=np.nan, free_run_after=np.nan)]
     names = [name for name, _ in of_loop(doubtful).chapters[0].facts]
-    assert "Held-out balance error" in names and "Held-out free-run error" not in names
+    assert "Held-out data" in names and "Held-out free-run error" not in names
+
+
+def test_an_effect_that_held_out_data_do_not_confirm_is_not_counted():
+    """Headline, tiles, chapter, table, figure, Markdown and notebook view say so; the errors are those of the model."""
+    report = copy.copy(loop_report())
+    step = report.steps[0]
+    report.steps = [replace(step, confirmed=False, sure=False, error_after=9.9, gain_heldout=-0.3)]
+    found = of_loop(report)
+    before = report.table["held-out"].iloc[0]
+    assert "the loop added nothing to it. NOT CONFIRMED on held-out data, and not in the model: " in found.lead
+    tiles = {name: (value, note) for name, value, note in found.tiles}
+    assert tiles["Effects confirmed"] == ("0", "1 more not confirmed")
+    assert tiles["Held-out balance error"][0] == f"{before:.3g} %" and tiles["Band"][1] == "found from the data"
+    assert found.chapters[0].state == "NOT CONFIRMED" and dict(found.chapters[0].facts)["Held-out data"].startswith(
+        "NOT"
+    )
+    assert found.effects.rows[0][-1] == found.errors[1].rows[1][-1] == "NOT CONFIRMED"
+    assert found.errors[0].marks[1].hatched and not found.errors[0].marks[0].hatched
+    assert "band" not in found.errors[1].head
+    assert "is NOT CONFIRMED: the held-out error goes from" in found.warnings[0]
+    assert "NOT CONFIRMED" in report._repr_html_() and "| NOT CONFIRMED |" in report.to_markdown()
+    both = copy.copy(report)
+    both.steps = [step, *report.steps]
+    both.table = report.table.iloc[[0, 1, 1]]
+    assert f"falls from {before:.3g} to {both.table['held-out'].iloc[1]:.3g} %. NOT CONFIRMED" in lead(both)
+
+
+def test_where_nothing_is_claimed_the_headline_gives_the_reason(nothing_found):
+    withdrawn = copy.copy(nothing_found)
+    withdrawn.stopped_because = "the best model leaves 85 % of the balance of DOF 2. Nothing is claimed"
+    assert lead(withdrawn).endswith("The best model leaves 85 % of the balance of DOF 2. Nothing is claimed.")
+
+
+def test_what_the_data_cannot_tell_apart_is_said_once():
+    report = copy.copy(loop_report())
+    step = report.steps[0]
+    report.steps = [
+        replace(step, sure=False, company=["dahl"], alternatives=["hysteresis"], tied=[("dahl", "storey 2", 4.2)]),
+        replace(step, law="dahl", sure=False, company=[step.law]),
+    ]
+    report.table = report.table.iloc[[0, 1, 1]]
+    said = [text for text in cautions(report) if "together" in text]
+    assert said == [
+        "At storey 2 coulomb friction and dahl may together stand for one law that is not in the catalogue."
+    ]
+    chapter = of_loop(report).chapters[0]
+    assert "cannot tell friction from hysteresis" in dict(chapter.facts)["What else it may be"]
+    assert [t.rows for t in chapter.tables if t.caption.startswith("The data cannot tell")] == [
+        [["dahl", "storey 2", 4.2]]
+    ]

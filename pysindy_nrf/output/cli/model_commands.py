@@ -228,24 +228,26 @@ def _given(option: str) -> bool:
 @mass_option
 @band_option
 @click.option("--steps", type=click.IntRange(0), default=4, help="Effects at most.")
-@click.option("--seed", type=int, default=0, help="Seed of the surrogates.")
+@click.option("--seed", type=int, default=0, help="Seed of the parametric bootstrap.")
 @output_option
 @json_option
 def close_loop(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
     """Find the effects a model lacks, add them, and report the error before and after.
 
-    FILE is read as by ``identify``. The last quarter of each record (or the files given with
-    --heldout) is put aside until the last line.
+    FILE is read as by ``identify``. A quarter of each record (or the files given with --heldout) is put
+    aside until the last line: an effect that does not lower the error there is not confirmed. The band in
+    which everything is judged is found from the data unless --band limits it.
 
     \b
     Examples
-      pysindy-nrf close-loop shaker.csv --band 0.5,40
-      pysindy-nrf close-loop DATA_EMPS.mat --map x1=qm --map F1='vir*35.1507' --map t=t --band 0,20
+      pysindy-nrf close-loop shaker.csv
+      pysindy-nrf close-loop DATA_EMPS.mat --map x1=qm --map F1='vir*35.1507' --map t=t
       pysindy-nrf close-loop quake.csv --map ag='table @ g' --known-mass 1=1 --known-mass 2=1 --known-mass 3=1
     """
     from ...data.io import describe
     from ...discrepancy import close_loop as run
     from ...estimation.regressor import NRFRegressor
+    from ..report.content import band_source, band_text, lead, verdict
 
     session = Session(as_json)
     baseline = NRFRegressor(
@@ -266,18 +268,23 @@ def close_loop(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
             max_steps=options["steps"],
             progress=not as_json,
         )
-    session.headed("What was found", str(report))
-    session.headed("Errors, percent NRMSE (balance errors, but for the free run)", table(report.table))
+    session.headed("What was found", f"{lead(report)}\n\n{report}")
+    band = ", ".join(filter(None, [band_text(report.band), band_source(report)]))
+    shown = report.table.drop(columns="band")
+    if report.steps:
+        shown["held-out data"] = ["", *map(verdict, report.steps)]
+    session.headed(f"Errors, percent NRMSE, {band} (balance errors, but for the free run)", table(shown))
     session.headed("Model", str(report.model))
     session.take_care()
     steps = [{key: getattr(step, key) for key in _OF_A_STEP} for step in report.steps]
-    data = {"steps": steps, "table": report.table, "stopped_because": report.stopped_because}
+    data = {"steps": steps, "table": report.table, "stopped_because": report.stopped_because, "band_hz": report.band}
     session.finish(data | {"model": report.model.to_dict()}, options["output"], _write(report, options["output"]))
 
 
 # what --json prints of each effect
 _OF_A_STEP = (
-    "law", "family", "site", "parameters", "alternatives", "error_before", "error_after", "remainder", "sentence",
+    "law", "family", "site", "parameters", "alternatives", "error_before", "error_after", "gain", "gain_error",
+    "gain_least", "gain_heldout", "share", "confirmed", "sure", "remainder", "sentence",
 )  # fmt: skip
 
 

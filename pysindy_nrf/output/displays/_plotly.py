@@ -135,6 +135,8 @@ def _bars(bars: Bars, figure: Figure) -> dict[str, Any]:
         across: list(range(len(values))), long: rounded(values), "marker": {"color": colors},
         "hovertemplate": f"%{{{across}}}: %{{{long}:.3g}}<extra></extra>",
     }  # fmt: skip
+    if bars.hatched:
+        out["marker"]["pattern"] = {"shape": "/"}
     if bars.low is not None:
         ends = (np.asarray(bars.high, dtype=float) - values, values - np.asarray(bars.low, dtype=float))
         up, down = (rounded(np.nan_to_num(np.clip(end, 0, None))) for end in ends)

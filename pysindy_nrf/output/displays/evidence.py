@@ -187,6 +187,8 @@ class BeforeAfterDisplay(Display):
         Held-out balance error, percent NRMSE; the first column is the pooled one.
     balances : sequence of str
         Names of the columns.
+    confirmed : sequence of bool, optional
+        Whether the models are confirmed; all of them if None.
 
     Examples
     --------
@@ -196,8 +198,11 @@ class BeforeAfterDisplay(Display):
     'held-out balance error (% NRMSE)'
     """
 
-    def __init__(self, names: Sequence[str], errors: Any, balances: Sequence[str]) -> None:
+    def __init__(
+        self, names: Sequence[str], errors: Any, balances: Sequence[str], confirmed: Sequence[bool] | None = None
+    ) -> None:
         self.names, self.balances = list(names), list(balances)
+        self.confirmed = [True] * len(self.names) if confirmed is None else list(confirmed)
         self.errors = np.asarray(errors, dtype=float)
 
     @classmethod
@@ -208,15 +213,21 @@ class BeforeAfterDisplay(Display):
         ----------
         report : LoopReport
         """
-        columns = [c for c in report.table if c == "held-out" or c.startswith("held-out dof")]
+        balances = [c for c in report.table if c.startswith("held-out dof")]
+        columns = ["held-out", *balances] if len(balances) > 1 else ["held-out"]
         named = ["pooled" if c == "held-out" else dof_words(c.removeprefix("held-out ")) for c in columns]
         words = [str(i).replace("_", " ") for i in report.table.index]
-        return cls([words[0], *(f"+ {w}" for w in words[1:])], report.table[columns].to_numpy(dtype=float), named)
+        held = [True, *(step.confirmed for step in report.steps)]
+        shown = [words[0], *(f"+ {w}" for w in words[1:])]
+        return cls(shown, report.table[columns].to_numpy(dtype=float), named, held)
 
     def figures(self) -> list[Figure]:
-        first, last = self.errors[[0, -1], 0]
+        final = max((k for k, held in enumerate(self.confirmed) if held), default=0)
+        first, last = self.errors[[0, final], 0]
+        names = [n if held else f"{n} (not confirmed)" for n, held in zip(self.names, self.confirmed)]
         marks: list[Mark] = [
-            Bars(row, name, ("muted", *CYCLE)[k % 7]) for k, (name, row) in enumerate(zip(self.names, self.errors))
+            Bars(row, name, ("muted", *CYCLE)[k % 7], hatched=not self.confirmed[k])
+            for k, (name, row) in enumerate(zip(names, self.errors))
         ]
         return [
             Figure(
@@ -228,7 +239,7 @@ class BeforeAfterDisplay(Display):
                 caption="Data that neither the search nor any fit has seen.",
                 table=table(
                     "Held-out balance error, percent NRMSE",
-                    pd.DataFrame(self.errors, self.names, self.balances), index="model",
+                    pd.DataFrame(self.errors, names, self.balances), index="model",
                 ),
                 wide=True,
                 height=360,

@@ -54,6 +54,7 @@ class Content:
     tiles: list[tuple[str, str, str]] = field(default_factory=list)
     measured: list[tuple[Measured, Table]] = field(default_factory=list)
     chapters: list[Chapter] = field(default_factory=list)
+    effects: Table | None = None
     errors: list[Figure | Table] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     settings: Table | None = None
@@ -64,24 +65,21 @@ def of_loop(report: Any, title: str | None = None) -> Content:
     content = _model_part(report.model, report.loops, getattr(report, "intervals", None))
     content.kind, content.title = "loop", title or "Closing the loop"
     content.lead, content.stopped = lead(report), report.stopped_because
-    last = report.table.iloc[-1]
-    since = [f"from {x:.3g} %" if report.steps else "" for x in report.table.iloc[0][["held-out", "free run"]]]
+    last, held = final(report), confirmed(report)
+    since = [f"from {x:.3g} %" if held else "" for x in report.table.iloc[0][["held-out", "free run"]]]
+    doubtful = len(report.steps) - len(held)
     content.tiles = [
-        ("Effects found", str(len(report.steps)), ""),
+        ("Effects confirmed", str(len(held)), f"{doubtful} more not confirmed" if doubtful else ""),
         ("Held-out balance error", f"{last['held-out']:.3g} %", since[0] or "the baseline's"),
     ]
     if np.isfinite(last["free run"]):
         content.tiles.append(("Held-out free-run error", f"{last['free run']:.3g} %", since[1]))
-    content.tiles += [("Degrees of freedom", str(report.model.n_dof), ""), ("Band", band_text(report.band), "")]
+    content.tiles.append(("Degrees of freedom", str(report.model.n_dof), ""))
+    content.tiles.append(("Band", band_text(report.band), band_source(report)))
     content.measured = [(m, _channels(m)) for m in report.measured]
     content.chapters = chapters(report)
-    heads = {c: f"{dof_words(c)} (%)" for c in report.table if c != "band"} | {"band": "band (Hz)"}
-    shown = report.table.assign(band=report.table["band"].astype(str).str.replace(" Hz", ""))
-    shown.index = [names(n) for n in shown.index]
-    content.errors = [
-        *BeforeAfterDisplay.from_report(report).figures(),
-        table("Errors, percent NRMSE", shown, heads, index="model"),
-    ]
+    content.effects = effects(report)
+    content.errors = [*BeforeAfterDisplay.from_report(report).figures(), errors(report)]
     content.warnings = cautions(report)
     content.settings = _settings(report.settings or settings_of(loop={"band": report.band}))
     return content
@@ -110,12 +108,12 @@ def of_model(
     figure = None if sizes is None else residual_figure(sizes)
     content.errors += [] if figure is None else [figure]
     if hasattr(subject, "errors_"):
-        errors = subject.errors_
-        pooled = f"{errors.loc['pooled', 'error']:.3g} %"
+        balances = subject.errors_
+        pooled = f"{balances.loc['pooled', 'error']:.3g} %"
         content.tiles.insert(0, ("Balance error, pooled", pooled, "on the fitted data"))
         heads = {"error": "error (%)", "residual": "residual rms (N)", "reference": "reference rms (N)", "of": "of"}
-        errors = errors.set_axis([dof_words(i) for i in errors.index])
-        content.errors.append(table("Balance errors on the fitted data, percent NRMSE", errors, heads, "balance"))
+        balances = balances.set_axis([dof_words(i) for i in balances.index])
+        content.errors.append(table("Balance errors on the fitted data, percent NRMSE", balances, heads, "balance"))
     gap: Any = getattr(subject, "third_law_gap_", ())
     if len(gap):
         caption = "Newton's third law: how far the two estimates of one storey differ"
@@ -290,6 +288,7 @@ class Chapter:
     facts: list[tuple[str, str]]
     tables: list[Table]
     badge: str = ""
+    state: str = ""
     evidence: Any = None
 
     @property
@@ -319,25 +318,88 @@ def band_text(band: Any) -> str:
     low, high = band if band is not None else (None, None)
     if not low and high is None:
         return "all frequencies"
-    return f"above {low:g} Hz" if high is None else f"{low or 0:g} to {high:g} Hz"
+    return f"above {low:.4g} Hz" if high is None else f"{low or 0:.4g} to {high:.4g} Hz"
+
+
+def band_source(report: Any) -> str:
+    """Where the band of a closed loop comes from, if its settings say so."""
+    given = report.settings.get("loop", {}).get("band")
+    return "" if given is None else given if given.startswith("found") else "as given"
+
+
+def confirmed(report: Any) -> list[Any]:
+    """The effects that held-out data confirm: those of the model."""
+    return [step for step in report.steps if step.confirmed]
+
+
+def final(report: Any) -> pd.Series:
+    """The errors of the model: the row of the last confirmed effect, or of the baseline."""
+    return report.table.iloc[max((k for k, step in enumerate(report.steps, 1) if step.confirmed), default=0)]
+
+
+def verdict(step: Any) -> str:
+    """What held-out data say of an effect."""
+    return "confirmed" if step.confirmed else "NOT CONFIRMED"
+
+
+def joined(parts: Sequence[str]) -> str:
+    """Words with commas and a last "and"."""
+    return parts[0] if len(parts) == 1 else f"{listed(parts[:-1])} and {parts[-1]}"
 
 
 def lead(report: Any) -> str:
-    """The whole story in two sentences."""
-    errors = report.table["held-out"]
-    if not report.steps:
-        return (
-            f"The declared model leaves {errors.iloc[0]:.3g} % of the balances unexplained on held-out data, and the "
-            "loop added nothing to it."
+    """The whole story in a few sentences: effects that are confirmed, and what is not to be relied on."""
+    before, after = report.table["held-out"].iloc[0], final(report)["held-out"]
+    found = [_where(step) for step in confirmed(report)]
+    if found:
+        told = (
+            f"The declared model lacked {joined(found)}, confirmed on held-out data: with "
+            f"{'it' if len(found) == 1 else 'them'} the balance error there falls from {before:.3g} to {after:.3g} %."
         )
-    found = [f"{names(s.law)} at {s.site}" for s in report.steps]
-    told = found[0] if len(found) == 1 else f"{listed(found[:-1])} and {found[-1]}"
-    unsure = [names(s.law) for s in report.steps if not s.sure]
-    doubt = f" Not sure by name: {listed(unsure)}." if unsure else ""
-    return (
-        f"The declared model lacked {told}. With {'it' if len(found) == 1 else 'them'} the balance error on held-out "
-        f"data falls from {errors.iloc[0]:.3g} to {errors.iloc[-1]:.3g} %.{doubt}"
-    )
+    else:
+        told = (
+            f"The declared model leaves {before:.3g} % of the balances unexplained on held-out data, and the loop "
+            "added nothing to it."
+        )
+        if claims_nothing(report):
+            told += f" {sentence(report.stopped_because)}"
+    refused = [_where(step) for step in report.steps if not step.confirmed]
+    if refused:
+        told += f" NOT CONFIRMED on held-out data, and not in the model: {joined(refused)}."
+    unsure = [names(step.law) for step in confirmed(report) if not step.sure]
+    return f"{told} Not sure by name: {listed(unsure)}." if unsure else told
+
+
+def claims_nothing(report: Any) -> bool:
+    """Whether the loop withdrew all it had found."""
+    return not report.steps and "Nothing is claimed" in report.stopped_because
+
+
+def _where(step: Any) -> str:
+    return f"{names(step.law)} at {step.site}"
+
+
+def effects(report: Any) -> Table | None:
+    """Every effect with its gain, in the order of acceptance; None if there is none."""
+    rows = [
+        [_where(s), s.gain, s.gain_error, s.gain_least, s.gain_heldout, 100 * s.share, verdict(s)] for s in report.steps
+    ]
+    head = [
+        "effect", "gain (dB)", "std. error (dB)", "least (dB)", "held-out gain (dB)", "share of force (%)",
+        "held-out data",
+    ]  # fmt: skip
+    return Table("Effects in the order in which they were accepted", head, rows) if rows else None
+
+
+def errors(report: Any) -> Table:
+    """Errors of the baseline and with each effect, and whether held-out data confirm it."""
+    alone = ["held-out dof 1"] if report.model.n_dof == 1 else []  # is the pooled one
+    shown = report.table.drop(columns=["band", *alone], errors="ignore")
+    shown.index = [names(n) for n in shown.index]
+    if report.steps:
+        shown["held-out data"] = ["", *map(verdict, report.steps)]
+    heads = {c: f"{dof_words(c)} (%)" for c in report.table}
+    return table("Errors, percent NRMSE", shown, heads, index="model")
 
 
 def chapters(report: Any) -> list[Chapter]:
@@ -351,12 +413,18 @@ def cautions(report: Any) -> list[str]:
     """What makes the result doubtful."""
     out = []
     for step, evidence in zip_longest(report.steps, report.evidence[: len(report.steps)]):
-        law = f"{names(step.law)} at {step.site}"
-        if not step.sure:
-            out.append(f"{law} is only the closest law: {100 * step.remainder:.0f} % of the effect stays unexplained.")
-        if step.alternatives:
-            others = listed(map(names, step.alternatives))
-            out.append(f"At {step.site} the data cannot tell {names(step.family)} from {others}.")
+        law = _where(step)
+        begin = law[:1].upper() + law[1:]
+        if not step.confirmed:
+            change = f"{step.error_before:.3g} to {step.error_after:.3g} %"
+            out.append(f"{begin} is NOT CONFIRMED: the held-out error goes from {change}. The model does not hold it.")
+            continue
+        if not (step.sure or step.alternatives or step.company):
+            out.append(
+                f"{begin} is only the closest law: {100 * step.remainder:.0f} % of the effect stays unexplained, and "
+                f"the gain is {step.gain:.2g} dB with a standard error of {step.gain_error:.2g}."
+            )
+        out += _not_told_apart(step)
         if evidence is not None and evidence.agreement == Agreement.DISAGREES:
             out.append(f"Localisation and the loop disagree about {law}; see its step.")
         if step.free_run_after > 1.1 * step.free_run_before:
@@ -378,31 +446,50 @@ def not_positive(masses: Any, what: str) -> list[str]:
     return [f"{listed(bad)} came out {what}: the data do not determine this balance."] if bad else []
 
 
+def _not_told_apart(step: Any) -> list[str]:
+    """What else the data allow instead of an effect."""
+    out = []
+    if step.alternatives:
+        others = listed(map(names, step.alternatives))
+        out.append(f"At {step.site} the data cannot tell {names(step.family)} from {others}.")
+    if step.company:
+        together = joined(sorted(names(law) for law in (step.law, *step.company)))
+        out.append(f"At {step.site} {together} may together stand for one law that is not in the catalogue.")
+    if step.sensors:
+        out.append(f"The same fault, reversed, at {' or '.join(step.sensors)} explains as much as {_where(step)}.")
+    return out
+
+
 def _step(number: int, step: Any, evidence: Any, report: Any) -> Chapter:
     """What was seen, decided and gained with one effect."""
-    decision = sentence(step.evidence)
-    if np.isfinite(step.null_gain):
-        decision += f" On surrogates with noise alone the same law gains at most {100 * step.null_gain:.0f} %."
-    facts = [*_seen(evidence), ("Decision", decision)]
-    facts.append(("Held-out balance error", f"{step.error_before:.3g} → {step.error_after:.3g} %"))
+    facts = [*_seen(evidence), ("Decision", sentence(step.evidence))]
+    facts.append(
+        (
+            "Held-out data",
+            f"{verdict(step)}: balance error {step.error_before:.3g} → {step.error_after:.3g} %, gain "
+            f"{step.gain_heldout:.2g} dB" + ("" if step.confirmed else "; the model does not hold this effect"),
+        )
+    )
     if np.isfinite(step.free_run_before) and np.isfinite(step.free_run_after):
         facts.append(("Held-out free-run error", f"{step.free_run_before:.3g} → {step.free_run_after:.3g} %"))
-    facts.append(("In one line", step.sentence))
-    tables = [_parameters(step, report.model)]
-    if step.tied or step.runners_up:
-        tables.append(_others(step))
-    where = f"{names(step.law)} at {step.site}"
-    title = f"Step {number}: {where}" if step.sure else f"Step {number}: closest law: {where}"
-    return Chapter(title, _about(step), facts, tables, step.family, evidence)
+    apart = _not_told_apart(step)
+    if apart and step.confirmed:
+        facts.append(("What else it may be", " ".join(apart)))
+    tables = [_parameters(step, report)]
+    if step.tied:
+        rows = [[names(law), site, float(gain)] for law, site, gain in step.tied]
+        tables.append(Table(f"The data cannot tell from {names(step.law)}", ["law", "site", "gain (dB)"], rows))
+    title = f"Step {number}: {'' if step.sure or not step.confirmed else 'closest law: '}{_where(step)}"
+    return Chapter(title, _about(step), facts, tables, step.family, verdict(step), evidence)
 
 
 def _end(evidence: Any, report: Any) -> Chapter:
     """What is left, and the candidates that were refused."""
     tables = []
     if len(report.candidates):
-        rows = [[names(law), *rest] for law, *rest in report.candidates.head(10).to_numpy().tolist()]
-        head = ["law", "family", "site", "validation error (%)"]
-        tables.append(Table("The best candidates of the last search", head, rows))
+        best = report.candidates.head(10)
+        rows = [[names(law), *rest] for law, *rest in best.to_numpy().tolist()]
+        tables.append(Table("The best candidates of the last search", list(best.columns), rows))
     facts = [*_seen(evidence), ("Why it stopped", sentence(report.stopped_because))]
     return Chapter("What is left", "", facts, tables, evidence=evidence)
 
@@ -418,13 +505,14 @@ def _seen(evidence: Any) -> list[tuple[str, str]]:
     ]
 
 
-def _parameters(step: Any, model: Any) -> Table:
+def _parameters(step: Any, report: Any) -> Table:
     """Parameters of a step with their units, and intervals where they are known."""
     from ...laws.base import registry
 
     units: dict[str, str] = {}
-    held = [law for laws in model.laws.values() for law in laws if law.name == step.law]
-    law = next((law for law in held if dict(law.parameters) == step.parameters), registry().get(step.law))
+    held = [law for model in (report.model, *report.models) for laws in model.laws.values() for law in laws]
+    same = (law for law in held if law.name == step.law and dict(law.parameters) == step.parameters)
+    law = next(same, registry().get(step.law))
     if law is not None:
         units = {p.name: p.unit for p in law.shapes}
         if not isinstance(law, type):
@@ -433,15 +521,6 @@ def _parameters(step: Any, model: Any) -> Table:
     frame = pd.DataFrame({"estimate": pd.Series(step.parameters, dtype=float)}).join(ends).dropna(axis=1, how="all")
     rows = [[name, *values, pretty(units.get(str(name), ""))] for name, *values in frame.itertuples(name=None)]
     return Table(f"Parameters of {names(step.law)} at {step.site}", ["parameter", *frame.columns, "unit"], rows)
-
-
-def _others(step: Any) -> Table:
-    """Laws that came close."""
-    tied = {(law, site) for law, site, _ in step.tied}
-    rows = [[names(law), site, float(error), "within 10 %: tied"] for law, site, error in step.tied]
-    rows += [[names(law), site, float(error), ""] for law, site, error in step.runners_up if (law, site) not in tied]
-    head = ["law", "site", "validation error (%)", "remark"]
-    return Table(f"Other laws that were tried beside {names(step.law)}", head, rows)
 
 
 def _about(step: Any) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from html import escape
 from importlib.resources import files
 from importlib.util import find_spec
@@ -127,13 +128,16 @@ def _template(name: str) -> str:
 
 def markdown(report: Any) -> str:
     """The report of the loop as Markdown, with the words and tables of its page; names from files are escaped."""
-    from .content import cautions, chapters
+    from .content import band_source, band_text, cautions, chapters, effects, errors, lead
 
-    out = ["# Closing the loop", ""]
+    out = ["# Closing the loop", "", _safe(lead(report)), ""]
     out += [f"{i}. {_safe(step.sentence)}" for i, step in enumerate(report.steps, 1)] or ["No effect was added."]
     out += ["", f"Stopped: {_safe(report.stopped_because)}.", ""]
-    out += ["Errors in percent NRMSE; balance errors (one step) except the free run.", ""]
-    out += [*_markdown_table(table("", report.table, index="model")), ""]
+    band = ", ".join(filter(None, [band_text(report.band), band_source(report)]))
+    gains = effects(report)
+    out += [f"{gains.caption}:", "", *_markdown_table(gains), ""] if gains is not None else []
+    out += [f"Errors in percent NRMSE ({band}); balance errors (one step) except the free run.", ""]
+    out += [*_markdown_table(errors(report)), ""]
     care = cautions(report)
     out += ["## Take care", "", *(f"- {_safe(text)}" for text in care), ""] if care else []
     for chapter in chapters(report):
@@ -190,11 +194,13 @@ def model_html(model: Any) -> str:
 
 def loop_html(report: Any) -> str:
     """A report of the loop: steps, errors, reason to stop."""
+    from .content import errors, lead
+
     steps = "".join(f"<li>{escape(step.sentence)}</li>" for step in report.steps)
     story = f"<ol>{steps}</ol>" if steps else "<p>No effect was added.</p>"
     columns = [c for c in ("search", "validation", "held-out", "free run") if c in report.table]
-    errors = _html_table(table("", report.table[columns], {c: f"{c} (%)" for c in columns}, "model"))
-    return _box("Closed loop", "", f"{story}{errors}<p>Stopped: {escape(report.stopped_because)}.</p>")
+    shown = _html_table(errors(replace(report, table=report.table[columns])))
+    return _box("Closed loop", lead(report), f"{story}{shown}<p>Stopped: {escape(report.stopped_because)}.</p>")
 
 
 def _box(title: str, words: str, body: str) -> str:

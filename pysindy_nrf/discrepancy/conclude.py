@@ -19,7 +19,7 @@ from ..regression.domains import VisitedRegion
 from . import judge, words
 from .bootstrap import simulated
 from .catalogue import balances_of
-from .constants import COMPLETE, HOPELESS, LEAST_RATIO
+from .constants import COMPLETE, HOPELESS, LEAST_GAIN, LEAST_RATIO
 from .contradictions import contradictions
 from .evidence import Evidence, look, searched
 from .free_run import free_run_error
@@ -73,6 +73,8 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
         except NRFError:
             continue
         step = _step(forward, effect, confirmed, stand)
+        if not step.confirmed and step.gain < LEAST_GAIN:
+            continue  # it was found beside an effect that held-out data do not confirm
         steps.append(step)
         stands.append(stand)
         if step.confirmed:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..mechanics.sites import Site
-from .constants import FAR, LARGE_GAIN, LEAST_GAIN, LEAST_SHARE
+from .constants import FAR, LARGE_GAIN, LEAST_GAIN, LEAST_SHARE, UNWITNESSED
 from .ruler import Gain, Trial
 from .state import Finding, State
 
@@ -58,7 +58,7 @@ def accepts(finding: Finding, state: State) -> bool:
         return False
     new = [e for e in after.effects if e not in state.effects]
     if finding.is_fault:
-        return bool((after.trial.masses[0] > 0).all())
+        return finding.witnessed or gain.value >= UNWITNESSED
     shares = [share_of(after.trial, finding.state.trial, e.site) for e in new]
     positive = (after.trial.masses[0] > 0) | (state.trial.masses[0] <= 0)
     return (max(shares) >= LEAST_SHARE or gain.value >= LARGE_GAIN) and bool(positive.all())

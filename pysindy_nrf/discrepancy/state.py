@@ -56,6 +56,7 @@ class Finding:
     screen: float
     gain: Gain | None = None
     after: State | None = None
+    witnessed: bool = False  # a fault of a sensor that another channel of its DOF contradicts
 
     @property
     def size(self) -> int:

@@ -201,7 +201,7 @@ def test_report_on_paper(tmp_path):
     page = tmp_path / "report.html"
     report.to_html(page)
     text = page.read_text()
-    assert "cubic_stiffness at storey 2" in text and "<script src" not in text
+    assert "cubic stiffness at storey 2" in text and "<script src" not in text
     assert "| baseline |" in report.to_markdown()
     assert report.stopped_because in report.to_markdown()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pysindy_nrf import ChainModel, NRFRegressor, close_loop, excitation, laws, simulate
+from pysindy_nrf import ChainModel, close_loop, excitation, laws, simulate
 from pysindy_nrf.simulation.noise import add_noise
 
 
@@ -53,7 +53,7 @@ def first_effect(own, catalogue, noise=0.0):
     record = simulate(truth, F, 1 / 500)
     if noise:
         record = add_noise(record, noise, random_state=0)
-    report = close_loop(record, NRFRegressor(degree=1), catalogue=catalogue, max_steps=1)
+    report = close_loop(record, catalogue=catalogue, max_steps=1)
     return report.steps[0] if report.steps else None
 
 
@@ -66,16 +66,13 @@ def test_a_law_of_the_user_is_found():
     assert step.shape["p"] == pytest.approx(4.0, rel=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("spring", "found"), [(PowerSpring, "cubic_stiffness"), (UndeclaredPowerSpring, "own_undeclared_power_spring")]
-)
-def test_it_yields_to_the_special_case_that_it_declares(spring, found):
-    nearly_cubic = PowerSpring(p=3.2, k=60.0 / 1e-3**3.2)
-    step = first_effect(nearly_cubic, [*SPRINGS, spring()], noise=0.01)
-    assert (step.law, step.site) == (found, "storey 2")
+def test_a_special_case_that_the_data_cannot_tell_from_it_is_taken_or_named():
+    nearly_cubic = PowerSpring(p=3.05, k=60.0 / 1e-3**3.05)
+    step = first_effect(nearly_cubic, [*SPRINGS, PowerSpring()], noise=0.01)
+    assert step.site == "storey 2" and "cubic_stiffness" in (step.law, *(law for law, _, _ in step.tied))
 
 
 @pytest.mark.parametrize(("spring", "accepted"), [(UndeclaredPowerSpring, True), (ResistingSpring, False)])
 def test_a_sign_that_it_rules_out_is_not_accepted(spring, accepted):
-    step = first_effect(PowerSpring(p=3.0, k=-4.0 / 1e-3**3), [spring()])
+    step = first_effect(PowerSpring(p=3.0, k=-4.0 / 1e-3**3), [spring()], noise=0.01)
     assert (step is not None) == accepted

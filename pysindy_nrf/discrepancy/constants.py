@@ -29,9 +29,11 @@ BANDS: Final = 24
 ENERGY: Final = 0.9
 # A band is informative if a chain explains more than half of it: then the signal exceeds what is not explained.
 EXPLAINED: Final = 0.5
-# Errors are reported where no more than ten times (10 dB) the typical share is left: Silverbox's top band leaves 30 dB.
+# Errors are reported where no more than ten times (10 dB) the typical share is left: the top band of the
+# Silverbox leaves 30 dB more.
 TYPICAL: Final = 10.0
-# Share of the reference that no measurement tells from zero, 0.1 %: 16 bits resolve 3e-5 of a range, its rms is a tenth.
+# Share of the reference that no measurement tells from zero, 0.1 %: 16 bits resolve 3e-5 of a range, whose rms
+# is a tenth.
 FLOOR: Final = 1e-3
 # Iterations of bands and weights; both settle in three or four.
 ROUNDS: Final = 6
@@ -66,7 +68,8 @@ FAR: Final = 2.0
 
 # Nothing is claimed where a balance keeps 80 % of its force (64 % of its power).
 HOPELESS: Final = 80.0
-# A name is sure if at most a quarter of the effect stays unexplained beyond noise, and its gain is three standard errors.
+# A name is sure if at most a quarter of the effect stays unexplained beyond noise, and its gain is three
+# standard errors.
 COMPLETE: Final = 0.25
 LEAST_RATIO: Final = 3.0
 # Periods in a window of a free run: long enough to accumulate a wrong frequency, short of the loss of phase.

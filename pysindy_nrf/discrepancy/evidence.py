@@ -174,7 +174,8 @@ def searched(work: Workspace, most: int = _ENOUGH, data: SegmentSet | None = Non
     parts = [(i, piece, piece.n_valid) for i, piece in work.pieces(data)]
     for i, _, length in parts:
         longest[i] = max(length, longest.get(i, 0))
-    pieces, filters = [], []
+    pieces: list[Any] = []
+    filters: list[Any] = []
     for i, piece, length in parts:
         if 4 * length >= longest[i]:
             start = piece.valid.start

@@ -115,7 +115,10 @@ def _spaced(edges: np.ndarray, least: int) -> np.ndarray:
     return np.minimum(out, edges[-1] - steps[::-1])
 
 
-def _scored(energy, hop, segments, pieces, shift):
+def _scored(
+    energy: dict[int, np.ndarray], hop: Sequence[int], segments: Sequence[Segment], pieces: int, shift: int
+) -> tuple[list[BlockRows], list[BlockRows], float]:
+    """One way to cut the records, and how far the energy that is held out is from its share."""
     search, held = _cut(energy, hop, segments, HELD_OUT, pieces, shift)
     shares = np.zeros(next(iter(energy.values())).shape[1])
     for b in held:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -47,9 +46,10 @@ def _window(seg: Any, rows: slice) -> int:
 
 def _run(model: ChainModel, seg: Any, rows: slice) -> Any:
     """A free run, tried again by the other integrator; None where both fail."""
-    for options in ({}, {"method": "newmark"}):
+    choices: tuple[dict[str, Any], ...] = ({}, {"method": "newmark"})
+    for options in choices:
         try:
-            run = free_run_of(model, replace(seg), rows, seg.dt, **options)
+            run: Any = free_run_of(model, seg, rows, seg.dt, **options)
         except NRFError:
             continue
         if np.isfinite(run.displacement).all():

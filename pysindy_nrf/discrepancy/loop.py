@@ -25,8 +25,9 @@ from .folds import split, window_length
 from .prepare import Prepared, prepare
 from .report import LoopReport
 from .ruler import Ruler, Trial
-from .search import Forward, Search, State, proposals_of
+from .search import Forward, Search, proposals_of
 from .spectra import Windows
+from .state import State
 from .workspace import Workspace
 
 

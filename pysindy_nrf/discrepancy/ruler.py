@@ -69,9 +69,9 @@ class Gain:
 
     def __init__(self, before: Powers, after: Powers, informative: np.ndarray) -> None:
         self.value = float(fall(before.shares, after.shares, informative))
-        left = [share(leave_one_out(p.folds), p.reference) for p in (before, after)]
+        one, two = (share(leave_one_out(p.folds), p.reference) for p in (before, after))
         with np.errstate(invalid="ignore"):
-            self.parts = fall(*left, informative)  # each fold left out
+            self.parts = fall(one, two, informative)  # each fold left out
             n = len(self.parts)
             self.error = float(np.sqrt((n - 1) / n * np.sum((self.parts - self.parts.mean()) ** 2)))
         if not np.isfinite(self.value) or not np.isfinite(self.error):
@@ -145,7 +145,7 @@ class Ruler:
         allowed = (edges[1:] > (low or 0.0)) & (edges[:-1] < (np.inf if high is None else high))
         core: np.ndarray | None = None
         for _ in range(ROUNDS):
-            shares, reference = [], np.zeros(0)
+            shares, reference = [], np.zeros_like(self.informative, dtype=float)
             for chain, laws in models:
                 try:
                     powers = Trial(self, chain, {s: tuple(held) for s, held in laws.items()}).powers
@@ -153,8 +153,8 @@ class Ruler:
                     continue
                 reference = powers.reference
                 with np.errstate(divide="ignore", invalid="ignore"):
-                    share = powers.residual / reference
-                shares.append(np.where(np.isfinite(share), share, np.inf))
+                    part = powers.residual / reference
+                shares.append(np.where(np.isfinite(part), part, np.inf))
             if not shares:
                 raise NRFError(
                     "The declared model cannot be fitted: columns of its balances depend on each other or are zero",

@@ -36,8 +36,8 @@ def lines_at(trial: Trial, proposal: Proposal) -> list[float]:
     held = [work.columns(s, trial.laws[s], record) for s in trial.layout.sites if trial.laws.get(s)]
     whole = slice(work.runs(record)[0].start, work.runs(record)[-1].stop)
     inside = np.zeros(segment.n_valid)
-    for rows in work.runs(record):
-        inside[rows] = 1.0  # a line is as sharp as the record is long: what is held out is zero, not cut away
+    for part in work.runs(record):
+        inside[part] = 1.0  # a line is as sharp as the record is long: what is held out is zero, not cut away
     rows = (np.vstack([*held, work.fixed(record)]) * inside)[:, whole]
     weighed = j in work.known_masses
     driven = driven_at(segment, run)
@@ -95,7 +95,7 @@ class Search:
                 if best is not None:
                     found.append(best)
         found.sort(key=lambda f: -f.screen)
-        return sorted(filter(None, map(self.judged, _varied(found, finalists))), key=lambda f: -f.gain.value)
+        return sorted(filter(None, map(self.judged, _varied(found, finalists))), key=lambda f: -_value(f))
 
     def _bases(self, state: State, proposal: Proposal) -> list[State]:
         """The state without the effects whose place a proposal takes, and with those beside which it can stand."""
@@ -242,7 +242,7 @@ class Forward:
             best = self.search.candidates(null, finalists=3)
         except NRFError:
             return True
-        return not best or gain > 1.5 * max(f.gain.value for f in best if f.gain is not None)
+        return not best or gain > 1.5 * max(map(_value, best))
 
     def _take(self, found: tuple[Finding, list[Finding]]) -> None:
         finding, rivals = found
@@ -277,6 +277,8 @@ class Forward:
 
     def _constants(self, most: int) -> None:
         """Constant forces, from the means that every other decision leaves out."""
+        if not self.state.trial.ruler.work.forced:  # the zero of a base motion is no force
+            return
         laws = list(dict.fromkeys((p.law, p.sites[0]) for p in self.search.constants))
         ruler = self.state.trial.ruler.as_measured()
         try:
@@ -328,8 +330,8 @@ def _gains(slot: Slot, points: Sequence[tuple[ForceLaw, ...]]) -> np.ndarray:
     ruler = slot.trial.ruler
     parts = []
     for k, site in enumerate(slot.sites):
-        laws = [laws[k] for laws in points]
-        parts.append(ruler.columns(site, laws).reshape(len(points), slot.widths[k], -1))
+        own = ruler.columns(site, [laws[k] for laws in points])
+        parts.append(own.reshape(len(points), slot.widths[k], -1))
     columns = np.concatenate(parts, axis=1)
     gains, theta = slot.gains(columns)
     sizes = np.sqrt((columns**2).sum(axis=-1))
@@ -340,6 +342,11 @@ def _gains(slot: Slot, points: Sequence[tuple[ForceLaw, ...]]) -> np.ndarray:
                 gains[i] = -np.inf
             at += width
     return gains
+
+
+def _value(finding: Finding) -> float:
+    """Gain of a finding, dB."""
+    return -np.inf if finding.gain is None else finding.gain.value
 
 
 def _varied(found: Sequence[Finding], count: int) -> list[Finding]:

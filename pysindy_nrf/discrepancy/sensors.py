@@ -58,7 +58,8 @@ def findings_of_faults(state: State, laws: Sequence[SensorFault]) -> list[Findin
         effects = (*(e for e in state.effects if e is not before), Effect(fault, suspect.site, template))
         gain = Gain(state.trial.powers, trial.powers, trial.ruler.informative)
         proposal = Proposal(template, (suspect.site,))
-        found.append(Finding(proposal, (fault,), state, gain.value, gain, State(trial, effects, fresh), suspect.witness is not None))
+        after, seen = State(trial, effects, fresh), suspect.witness is not None
+        found.append(Finding(proposal, (fault,), state, gain.value, gain, after, seen))
     return found
 
 

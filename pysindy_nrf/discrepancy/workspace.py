@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -39,7 +40,8 @@ class Workspace:
         known_masses: Mapping[int, float],
         strategy: str,
     ) -> None:
-        self.data, self.filters = data, [None] * len(data.segments)  # type: list[Any]
+        self.data = data
+        self.filters: list[Any] = [None] * len(data.segments)
         self.search, self.held = list(search), list(held)
         self.known_masses, self.strategy = dict(known_masses), strategy
         self.n_dof = data.n_dof

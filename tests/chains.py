@@ -228,3 +228,21 @@ def powers(label: str) -> tuple[int, int]:
         base, _, power = factor.partition("^")
         h, j = (h + int(power or 1), j) if base == "v" else (h, j + int(power or 1))
     return h, j
+
+
+def floor_of_noise(model, record, levels, regressor=None, draws=4, seed=0):
+    """Noise floor from free runs of a model with fresh noise (rms by channel matrix), fused and fitted like the record."""
+    from sklearn.base import clone
+
+    from pysindy_nrf.discrepancy.residual import NoiseFloor, residual_of
+    from pysindy_nrf.regression.input_arrays import from_arrays
+
+    rng, ag = np.random.default_rng(seed), record.base_acceleration
+    run = model.simulate(record.force, record.dt, base_acceleration=ag)
+    found = []
+    for _ in range(draws):
+        noisy = {k: getattr(run, k) + level * rng.standard_normal(run.force.shape) for k, level in levels.items()}
+        X, F = record.replace(**noisy).to_features()
+        fitted = model if regressor is None else clone(regressor).fit(X, F, base_acceleration=ag).model_
+        found.append(residual_of(fitted, from_arrays(X, F, dt=record.dt, base_acceleration=ag)))
+    return NoiseFloor.from_draws(found, "drawn")

@@ -371,7 +371,8 @@ class _Work:
         if self.basis.timed:
             late = [([] if m.a is None else [m.a]) + [c[i] for c in channels.values()] for i, m in enumerate(motions)]
             if late[0]:
-                slopes = [np.column_stack([np.gradient(x, np.asarray(m.t)) for x in xs]) for m, xs in zip(motions, late)]
+                clocks = [np.asarray(m.t) for m in motions]
+                slopes = [np.column_stack([np.gradient(x, t) for x in xs]) for t, xs in zip(clocks, late)]
                 groups["delay"] = [filtered(x, f)[::every] for x, f in zip(slopes, filters)]
             more = [x[:, :0] for x in columns] if beside is None else beside
             base = [np.hstack([c[:, : widths[2]], x]) for c, x in zip(columns, more)]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from chains import duffing, parameters
 
-from pysindy_nrf import Chain, ChainModel, Record, laws
+from pysindy_nrf import Chain, ChainModel, laws
 from pysindy_nrf.discrepancy.residual import NoiseFloor, residual_of
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.regression.input_arrays import from_arrays
@@ -105,32 +105,6 @@ def test_noise_floor_of_repeated_records_is_the_noise():
     assert floor.storey[0] == pytest.approx(0.3 * np.hypot(*case.m), rel=0.03)
     with pytest.raises(ChannelError, match="no repetitions"):
         NoiseFloor.from_repeats(residual_of(model_of(case), data_of(case)))
-
-
-@pytest.mark.parametrize("smooth", [False, True])
-def test_noise_floor_of_the_channels_is_what_noise_leaves(smooth):
-    n = 2
-    case = duffing(n, [1, 2], seed=9, n_samples=6000, cubic=False)
-    rng = np.random.default_rng(1)
-    parts = {
-        "acceleration": case.a,
-        "velocity": case.v.cumsum(axis=1),
-        "displacement": case.s.cumsum(axis=1),
-        "force": case.F,
-    }
-    level = {k: 0.02 * np.sqrt((p**2).mean(axis=0)) for k, p in parts.items()}
-    rec = Record(**{k: p + level[k] * rng.standard_normal(p.shape) for k, p in parts.items()}, fs=FS)
-    model = model_of(case)
-    truth = residual_of(model, from_arrays(*rec.to_features(smooth=smooth)))
-    noise = {
-        f"{key[0] if key != 'displacement' else 'x'}{j + 1}": level[key][j]
-        for key in ("acceleration", "velocity", "displacement")
-        for j in range(n)
-    }
-    floor = NoiseFloor.from_channels(model, rec, smooth=smooth, noise=None if smooth else [noise], random_state=2)
-    measured = truth.sizes["rms"].to_numpy()
-    assert np.concatenate([floor.balance, floor.storey]) == pytest.approx(measured, rel=0.25)
-    assert len(floor.draws) == 4 and floor.covariance().shape == (2, 2)
 
 
 def test_sites_beyond_the_storeys_enter_by_their_incidence():

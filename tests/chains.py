@@ -68,7 +68,9 @@ def parameters(n: int, rng: np.random.Generator, cubic: bool = True):
     return m, c, k, (rng.uniform(0.1, 0.6, n) * k / level**2 if cubic else np.zeros(n))
 
 
-def band_limited(n_samples: int, dt: float, rng: np.random.Generator, rms: float = 300.0, band=(0.5, 60.0)) -> np.ndarray:
+def band_limited(
+    n_samples: int, dt: float, rng: np.random.Generator, rms: float = 300.0, band=(0.5, 60.0)
+) -> np.ndarray:
     f = np.fft.rfftfreq(n_samples, dt)
     spectrum = (rng.standard_normal(f.size) + 1j * rng.standard_normal(f.size)) * ((f > band[0]) & (f < band[1]))
     signal = np.fft.irfft(spectrum, n_samples)
@@ -116,8 +118,17 @@ def integrate(m, c, k, k3, F, dt, ag=None, extra=None, substeps=1, x0=None):
 
 
 def duffing(
-    n: int, forced, seed: int = 0, n_samples: int = 3000, dt: float = 1e-3, cubic: bool = True, ag=None, rms: float = 300.0,
-    given=None, extra=None, substeps: int = 1,
+    n: int,
+    forced,
+    seed: int = 0,
+    n_samples: int = 3000,
+    dt: float = 1e-3,
+    cubic: bool = True,
+    ag=None,
+    rms: float = 300.0,
+    given=None,
+    extra=None,
+    substeps: int = 1,
 ) -> Case:
     """One chain, forced by band-limited noise on some DOFs (or shaken at its base)."""
     rng = np.random.default_rng(seed)
@@ -151,7 +162,9 @@ PAPER = dict(m=np.array([10.0, 10.0]), c=np.array([100.0, 100.0]), k=np.array([1
 DAMPER = dict(K0=50.0, C0=399.0, Fd=34.85, sigma=5e4)
 
 
-def paper_case(rms: float = 200.0, seed: int = 0, duration: float = 4.0, fs: float = 1000.0, forced=(1, 2), f0: float = 0.0):
+def paper_case(
+    rms: float = 200.0, seed: int = 0, duration: float = 4.0, fs: float = 1000.0, forced=(1, 2), f0: float = 0.0
+):
     """The paper's 2-DOF chain with a modified Dahl damper on storey 1, integrated by SciPy's LSODA."""
     rng = np.random.default_rng(seed)
     frequency = np.arange(1.0, 40.0, 0.5)
@@ -160,7 +173,9 @@ def paper_case(rms: float = 200.0, seed: int = 0, duration: float = 4.0, fs: flo
     m, c, k = PAPER["m"], PAPER["c"], PAPER["k"]
 
     def force(t):
-        return gain * np.sin(2 * np.pi * np.multiply.outer(np.atleast_1d(t), frequency)[:, None, :] + phase).sum(axis=-1)
+        return gain * np.sin(2 * np.pi * np.multiply.outer(np.atleast_1d(t), frequency)[:, None, :] + phase).sum(
+            axis=-1
+        )
 
     omega = 2 * np.pi * frequency
     (p1, p2), (g1, g2) = phase, gain

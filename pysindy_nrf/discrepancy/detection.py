@@ -315,9 +315,7 @@ def _reference(side: _Side, noise: list[_Side]) -> list[np.ndarray]:
         return [np.mean([welch(e, nperseg=size)[1] for e in parts], axis=0)] * len(side.whole)
     filters = [side.view.residual.filters[i] for i in side.view.use]
     grid = np.linspace(0, np.pi, 2049)
-    return [
-        np.ones(2) if f is None or f.sos is None else np.abs(sosfreqz(f.sos, worN=grid)[1]) ** 4 for f in filters
-    ]
+    return [np.ones(2) if f is None or f.sos is None else np.abs(sosfreqz(f.sos, worN=grid)[1]) ** 4 for f in filters]
 
 
 # -- correlations between signals with a spectrum of their own --------------------------------------

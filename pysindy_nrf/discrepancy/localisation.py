@@ -58,9 +58,7 @@ class Localiser:
         DOFs whose mass is not corrected.
     """
 
-    def __init__(
-        self, residual: Residual, floor: NoiseFloor | None = None, known_masses: Iterable[int] = ()
-    ) -> None:
+    def __init__(self, residual: Residual, floor: NoiseFloor | None = None, known_masses: Iterable[int] = ()) -> None:
         model, chain, n = residual.model, residual.model.chain, residual.n_dof
         self.residual, self.chain = residual, chain
         self._cut: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}

@@ -58,7 +58,6 @@ def residual(site, excitation, seed=0, strength=8.0, n_samples=4000, degree=1, n
     known = None if dofs else dict(enumerate(m, 1))
     X, F, rec = case.X, case.F, None
     if noise:
-
         clean = dict(zip(CHANNELS, (case.F, case.a, case.v.cumsum(axis=1), case.s.cumsum(axis=1))))
         levels = {k: noise * np.sqrt((p**2).mean(axis=0)) for k, p in clean.items()}
         noisy = {k: p + levels[k] * rng.standard_normal(p.shape) for k, p in clean.items()}

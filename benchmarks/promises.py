@@ -40,14 +40,17 @@ from battery.generators import Case, make_case  # noqa: E402
 from battery.scorer import audibility, baseline, prepare, records, run_case  # noqa: E402
 from joblib import Parallel, delayed  # noqa: E402
 from scipy import stats  # noqa: E402
+from sklearn.base import clone  # noqa: E402
 from tqdm import tqdm  # noqa: E402
 
 from pysindy_nrf import NRFRegressor, Record  # noqa: E402
 from pysindy_nrf.discrepancy.detection import detect  # noqa: E402
+from pysindy_nrf.discrepancy.noise_level import levels_of, noisy_base, quiet_drive  # noqa: E402
 from pysindy_nrf.discrepancy.residual import NoiseFloor, residual_of  # noqa: E402
 from pysindy_nrf.discrepancy.words import ResidualKind  # noqa: E402
 from pysindy_nrf.exceptions import NRFError  # noqa: E402
 from pysindy_nrf.regression.input_arrays import from_arrays  # noqa: E402
+from pysindy_nrf.signals.kinematic_smoother import KinematicSmoother  # noqa: E402
 
 SHORT = {"n_samples": 4096, "most": 4}
 EFFECTS = ("coulomb", "cubic", "dahl", "quadratic_damping", "two_sided_gap", "bouc_wen")
@@ -117,14 +120,35 @@ def detected(seed: int, noise: float, kind: str | None, base: bool) -> list[dict
     ag = record.base_acceleration
     regressor = baseline(case).fit(X, F, base_acceleration=ag)
     residual = residual_of(regressor.model_, from_arrays(X, F, base_acceleration=ag))
-    floor = NoiseFloor.from_channels(regressor.model_, record, regressor=regressor, random_state=0)
-    verdicts = detect(residual, floor, level=0.05).verdicts
+    verdicts = detect(residual, floor_of(regressor, record), level=0.05).verdicts
     told = [v != ResidualKind.NOISE for where, v in verdicts["verdict"].items() if where.startswith("dof")]
     if kind is None:
         cell = f"{100 * noise:g} % noise, {excited(case)}"
         return [{"part": "detection: false alarms", "cell": cell, "hit": not t, "run": seed} for t in told]
     heard = audibility(case, prepare(*records(case)))[0]
     return [{"part": "detection: power", "cell": bin_of(heard), "hit": any(told), "run": seed}]
+
+
+def floor_of(regressor: NRFRegressor, record: Record, draws: int = 4) -> NoiseFloor:
+    """What noise alone leaves: free runs of the fitted model with the noise of the channels, fused and fitted anew."""
+    smoother = KinematicSmoother(noise="estimate", band="auto")
+    smoother.transform_record(record)
+    levels = levels_of(record, smoother.noise_)
+    quiet, rng, found = quiet_drive(record, levels), np.random.default_rng(0), []
+    ag = quiet.base_acceleration
+    run = regressor.model_.simulate(quiet.force, record.dt, base_acceleration=ag)
+    for _ in range(draws):
+        channels = {
+            key: getattr(run, key)
+            + rng.standard_normal(run.force.shape) * [levels.get(f"{prefix}{j}", 0.0) for j in range(1, run.n_dof + 1)]
+            for key, prefix in zip(("force", "acceleration", "velocity", "displacement"), "Favx")
+            if getattr(record, key) is not None
+        }
+        noisy = quiet.replace(coordinates="relative", **channels, **noisy_base(quiet, levels, rng))
+        X, F = noisy.to_features()
+        fitted = clone(regressor).fit(X, F, base_acceleration=noisy.base_acceleration).model_
+        found.append(residual_of(fitted, from_arrays(X, F, base_acceleration=noisy.base_acceleration)))
+    return NoiseFloor.from_draws(found, "free runs")
 
 
 def bin_of(heard: float) -> str:

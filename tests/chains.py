@@ -68,7 +68,9 @@ def parameters(n: int, rng: np.random.Generator, cubic: bool = True):
     return m, c, k, (rng.uniform(0.1, 0.6, n) * k / level**2 if cubic else np.zeros(n))
 
 
-def band_limited(n_samples: int, dt: float, rng: np.random.Generator, rms: float = 300.0, band=(0.5, 60.0)) -> np.ndarray:
+def band_limited(
+    n_samples: int, dt: float, rng: np.random.Generator, rms: float = 300.0, band=(0.5, 60.0)
+) -> np.ndarray:
     f = np.fft.rfftfreq(n_samples, dt)
     spectrum = (rng.standard_normal(f.size) + 1j * rng.standard_normal(f.size)) * ((f > band[0]) & (f < band[1]))
     signal = np.fft.irfft(spectrum, n_samples)
@@ -116,8 +118,17 @@ def integrate(m, c, k, k3, F, dt, ag=None, extra=None, substeps=1, x0=None):
 
 
 def duffing(
-    n: int, forced, seed: int = 0, n_samples: int = 3000, dt: float = 1e-3, cubic: bool = True, ag=None, rms: float = 300.0,
-    given=None, extra=None, substeps: int = 1,
+    n: int,
+    forced,
+    seed: int = 0,
+    n_samples: int = 3000,
+    dt: float = 1e-3,
+    cubic: bool = True,
+    ag=None,
+    rms: float = 300.0,
+    given=None,
+    extra=None,
+    substeps: int = 1,
 ) -> Case:
     """One chain, forced by band-limited noise on some DOFs (or shaken at its base)."""
     rng = np.random.default_rng(seed)
@@ -151,7 +162,9 @@ PAPER = dict(m=np.array([10.0, 10.0]), c=np.array([100.0, 100.0]), k=np.array([1
 DAMPER = dict(K0=50.0, C0=399.0, Fd=34.85, sigma=5e4)
 
 
-def paper_case(rms: float = 200.0, seed: int = 0, duration: float = 4.0, fs: float = 1000.0, forced=(1, 2), f0: float = 0.0):
+def paper_case(
+    rms: float = 200.0, seed: int = 0, duration: float = 4.0, fs: float = 1000.0, forced=(1, 2), f0: float = 0.0
+):
     """The paper's 2-DOF chain with a modified Dahl damper on storey 1, integrated by SciPy's LSODA."""
     rng = np.random.default_rng(seed)
     frequency = np.arange(1.0, 40.0, 0.5)
@@ -160,7 +173,9 @@ def paper_case(rms: float = 200.0, seed: int = 0, duration: float = 4.0, fs: flo
     m, c, k = PAPER["m"], PAPER["c"], PAPER["k"]
 
     def force(t):
-        return gain * np.sin(2 * np.pi * np.multiply.outer(np.atleast_1d(t), frequency)[:, None, :] + phase).sum(axis=-1)
+        return gain * np.sin(2 * np.pi * np.multiply.outer(np.atleast_1d(t), frequency)[:, None, :] + phase).sum(
+            axis=-1
+        )
 
     omega = 2 * np.pi * frequency
     (p1, p2), (g1, g2) = phase, gain
@@ -228,3 +243,21 @@ def powers(label: str) -> tuple[int, int]:
         base, _, power = factor.partition("^")
         h, j = (h + int(power or 1), j) if base == "v" else (h, j + int(power or 1))
     return h, j
+
+
+def floor_of_noise(model, record, levels, regressor=None, draws=4, seed=0):
+    """Noise floor from free runs of a model with fresh noise (rms by channel matrix), fused and fitted like the record."""
+    from sklearn.base import clone
+
+    from pysindy_nrf.discrepancy.residual import NoiseFloor, residual_of
+    from pysindy_nrf.regression.input_arrays import from_arrays
+
+    rng, ag = np.random.default_rng(seed), record.base_acceleration
+    run = model.simulate(record.force, record.dt, base_acceleration=ag)
+    found = []
+    for _ in range(draws):
+        noisy = {k: getattr(run, k) + level * rng.standard_normal(run.force.shape) for k, level in levels.items()}
+        X, F = record.replace(**noisy).to_features()
+        fitted = model if regressor is None else clone(regressor).fit(X, F, base_acceleration=ag).model_
+        found.append(residual_of(fitted, from_arrays(X, F, dt=record.dt, base_acceleration=ag)))
+    return NoiseFloor.from_draws(found, "drawn")

@@ -7,31 +7,33 @@ colour of its signals, so a filtered residual does not look like structure.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.fft import dct, irfft, next_fast_len, rfft
+from scipy.signal import sosfreqz, welch
+from scipy.special import chdtrc, fdtrc, ndtr, ndtri, stdtr, stdtrit
 
 from ..exceptions import NRFError
 from ..mechanics.sites import Site
-from ..regression.segments import Segment, SegmentSet
-from . import words
-from .characterisation import filtered
-from .residual import AT_FLOOR, BELOW_FLOOR, LOUD, ROUND_OFF, NoiseFloor, Residual, period_of
+from ..regression.segments import Segment
+from .residual import AT_FLOOR, ROUND_OFF, NoiseFloor, Residual, period_of
 from .words import ResidualKind
 
-HIGHER = ("phi_x2e", "phi_x3e", "phi_|x||e|", "phi_e(ex)")
-_KINDS = {"nonlinear": ResidualKind.NONLINEAR, "linear": ResidualKind.LINEAR, "white": ResidualKind.UNMEASURED}
-_TESTS = {
-    ResidualKind.LINEAR: ["phi_xe"], ResidualKind.UNMEASURED: ["phi_ee"], ResidualKind.NONLINEAR: list(HIGHER),
-}  # fmt: skip
+# A residual that is so many times the loudest draw of noise is no noise, however it correlates.
+LOUD = 2.0
+# One this far below the noise floor holds nothing but noise, whatever it correlates with.
+BELOW_FLOOR = 0.8
 _WHITE_LAGS = 20
+# Shifts of an input to either side, an eighth of a period apart, that are linear.
 _TAPS = 4
 # Every k-th sample is enough for the correlations, as long as so many are left in all and in a period.
-_ENOUGH = 4096
-_PER_PERIOD = 8
+_ENOUGH, _PER_PERIOD = 4096, 8
+# Tests by the order of the signal: what its power correlates with.
+_POWERS = {1: "phi_xe", 2: "phi_x2e", 3: "phi_x3e"}
 
 
 @dataclass
@@ -51,12 +53,10 @@ class Detection:
         ``p``, ``outside``.
     curves : dict of (where, test, signal) to (lag, correlation, band)
         For drawing; lags as in ``tests``, but of ``phi_ee`` in samples of the whitened residual.
-    level : float
     """
 
     verdicts: pd.DataFrame
     tests: pd.DataFrame
-    level: float
     curves: dict[tuple[str, str, str], tuple[np.ndarray, np.ndarray, float]] = field(default_factory=dict)
 
     @property
@@ -64,336 +64,229 @@ class Detection:
         """Whether nothing but noise is left in any balance."""
         return bool((self.verdicts["verdict"] == ResidualKind.NOISE).all())
 
-    @property
-    def sentence(self) -> str:
-        """The verdicts in words."""
-        return words.of_detection(self, _TESTS)
-
-    def __str__(self) -> str:
-        return self.sentence.replace("; ", "\n")
-
 
 def detect(
-    residual: Residual,
-    floor: NoiseFloor | None = None,
-    *,
-    level: float = 0.05,
-    lags: int | None = None,
-    min_share: float = 0.02,
+    residual: Residual, floor: NoiseFloor | None = None, *, level: float = 0.05, min_share: float = 0.02
 ) -> Detection:
     r"""Test every balance and storey for structure."""
     if not isinstance(residual, Residual):
         raise NRFError(f"{type(residual).__name__} is not a residual", "Make one with residual_of(model, data).")
+    work = _Tests(residual, [] if floor is None else floor.draws, level, min_share)
     verdicts: dict[str, dict[str, Any]] = {}
-    rows: list[dict[str, Any]] = []
-    curves: dict[tuple[str, str, str], Any] = {}
-    views = [_View(residual, residual.data), *(_View(r, d) for r, d in (floor.draws if floor is not None else []))]
-    for where in residual.sizes.index:
-        if not np.isfinite(residual.sizes.loc[where, "rms"]):
+    for where, size in residual.sizes.iterrows():
+        if not np.isfinite(size["rms"]):
             continue
-        ratio = np.nan
-        if floor is not None and floor.at(where) > 0:
-            ratio = residual.sizes.loc[where, "rms"] / floor.at(where)
-        verdict = {"verdict": ResidualKind.NOISE, "percent": residual.sizes.loc[where, "percent"], "floor ratio": ratio}
-        if residual.sizes.loc[where, "rms"] > ROUND_OFF * residual.sizes.loc[where, "reference"]:
-            place = _Place(where, views, level, lags, min_share)
-            verdict |= place.judge()
-            if verdict["verdict"] == ResidualKind.NOISE and ratio > LOUD * place.loudest:
-                verdict["verdict"] = place.likeliest(verdict)
-            if ratio < BELOW_FLOOR or (
-                verdict["verdict"] == ResidualKind.UNMEASURED and ratio < max(AT_FLOOR, place.loudest)
-            ):
-                verdict["verdict"] = ResidualKind.NOISE
-            rows += place.rows
-            curves |= place.curves
+        ratio = size["rms"] / floor.at(where) if floor is not None and floor.at(where) > 0 else np.nan
+        verdict = {"verdict": ResidualKind.NOISE, "percent": size["percent"], "floor ratio": ratio}
+        if size["rms"] > ROUND_OFF * size["reference"]:
+            verdict |= work.judge(where, ratio)
         verdicts[where] = verdict
     columns = ["verdict", "percent", "floor ratio", "linear share", "p white", "p linear", "p nonlinear"]
     names = ["where", "test", "signal", "peak", "lag", "band", "p", "outside"]
     return Detection(
         pd.DataFrame.from_dict(verdicts, orient="index").reindex(columns=columns),
-        pd.DataFrame(rows, columns=names).astype({"outside": bool}),
-        level,
-        curves,
+        pd.DataFrame(work.rows, columns=names).astype({"outside": bool}),
+        work.curves,
     )
 
 
+class _Tests:
+    """All tests of one residual, beside those of noise alone."""
+
+    def __init__(self, residual: Residual, draws: Sequence[Residual], level: float, min_share: float) -> None:
+        self.every, self.level, self.min_share = [residual, *draws], level / 3, min_share
+        self.rows: list[tuple] = []
+        self.curves: dict[tuple[str, str, str], Any] = {}
+        segments = residual.data.segments
+        period = min(period_of([seg.s[seg.valid, i] for seg in segments]) for i in range(residual.n_dof))
+        total, shortest = sum(seg.n_valid for seg in segments), min(seg.n_valid for seg in segments)
+        self.thin = int(max(1, min(total // _ENOUGH, period // _PER_PERIOD)))
+        self.spacing = max(1, int(round(period / 8)))
+        self.lags = int(max(8, min(period, shortest // 10) / self.thin))
+        self.step = (segments[0].dt or 1.0) * self.thin
+        self._views: dict[tuple[int, ...], list[_View]] = {}
+
+    def judge(self, where: str, ratio: float) -> dict[str, Any]:
+        """Run the tests of one balance or storey; fill ``rows`` and ``curves``."""
+        use = tuple(i for i, e in enumerate(self.every[0].at(where)) if np.isfinite(e).all() and len(e) > 16)
+        if use not in self._views:
+            self._views[use] = [_View(r, use, self.thin, self.spacing) for r in self.every]
+        sides = [_Side(view, where) for view in self._views[use]]
+        side, *noise = sides
+        p_white, white = self._whiteness(where, sides)
+        p_linear, _ = self._family(where, sides, (1,))
+        p_nonlinear, strong = self._family(where, sides, (2, 3))
+        excess = side.linear_share - float(np.mean([s.linear_share * s.size / side.size for s in noise] or [0.0]))
+        powers = np.array([s.size for s in noise])
+        loudest = float(np.sqrt(powers.max() / powers.mean())) if powers.any() else 1.0
+        kinds = (
+            (ResidualKind.NONLINEAR, p_nonlinear, min(strong, 1.0 - side.linear_share)),
+            (ResidualKind.LINEAR, p_linear, excess),
+            (ResidualKind.UNMEASURED, p_white, white),
+        )
+        told = [kind for kind, p, share in kinds if p < self.level and share >= self.min_share]
+        verdict = told[0] if told else ResidualKind.NOISE
+        if not told and ratio > LOUD * loudest:
+            verdict = min(kinds, key=lambda kind: kind[1])[0]
+        if ratio < BELOW_FLOOR or (verdict == ResidualKind.UNMEASURED and ratio < max(AT_FLOOR, loudest)):
+            verdict = ResidualKind.NOISE
+        chances = {"p white": p_white, "p linear": p_linear, "p nonlinear": p_nonlinear}
+        return {"verdict": verdict, "linear share": side.linear_share, **chances}
+
+    def _whiteness(self, where: str, sides: list[_Side]) -> tuple[float, float]:
+        """p of the portmanteau, and the share of the variance that the past predicts."""
+        side, *noise = sides
+        density = _reference(side, noise)
+        phi, n = whitened_autocorrelation(side.whole, density, _WHITE_LAGS)
+        more, draws = 1.0, len(noise)
+        if noise:
+            drawn = np.array([whitened_autocorrelation(s.whole, density, _WHITE_LAGS)[0] for s in noise])
+            phi = np.clip(phi - drawn.mean(axis=0), -1.0, 1.0)
+            more = (1 + 1 / draws) * float(_scatter(drawn[:, None], np.full(1, 1.0 / n))[0])
+            p = float(fdtrc(_WHITE_LAGS, max(1, draws - 1) * _WHITE_LAGS, n * (phi**2).mean() / more))
+        else:
+            p = float(chdtrc(_WHITE_LAGS, n * (phi**2).sum()))
+        band = float(np.sqrt(more / n)) * peak_limit(self.level, _WHITE_LAGS, np.pi)
+        peak = int(np.abs(phi).argmax())
+        self.rows.append((where, "phi_ee", "e", phi[peak], float(peak + 1), band, p, p < self.level))
+        self.curves[where, "phi_ee", "e"] = (np.arange(1, _WHITE_LAGS + 1), phi, band)
+        return p, float(np.clip((phi**2).sum() - more * _WHITE_LAGS / n, 0.0, 1.0))
+
+    def _family(self, where: str, sides: list[_Side], powers: tuple[int, ...]) -> tuple[float, float]:
+        """Corrected p of a family of tests, and the largest share of the variance a correlation outside stands for."""
+        names = sides[0].names
+        count = max(1, len(names) * len(powers))
+        level, least, strong = self.level / count, 1.0, 0.0
+        for power in powers:
+            cross, *noise = [side.cross(power, self.lags) for side in sides]
+            total, spread, dof = cross.total, cross.spread, np.inf
+            if noise:
+                drawn, by_chance = np.array([c.total for c in noise]), np.mean([c.spread**2 for c in noise], axis=0)
+                total = total - drawn.mean(axis=0)
+                # fits scatter from one noise to the next by more than signals that never were fitted
+                by_noise = by_chance * _scatter(drawn, by_chance).mean() * (1 + 1 / len(noise))
+                beyond = np.maximum(spread**2 - by_chance, 0.0)
+                spread = np.sqrt(by_noise + beyond)
+                if len(noise) > 1:
+                    dof = (len(noise) - 1) * len(names) * (1 + beyond / np.maximum(by_noise, 1e-300)) ** 2
+            moves = (spread > 0) & (cross.energy > 0)
+            spread, energy = np.where(moves, spread, np.inf), np.where(moves, cross.energy, np.inf)
+            height = np.abs(total) / spread[:, None]
+            peak = height.argmax(axis=1)
+            at = np.arange(len(names)), peak
+            p = probability_of_peak(_as_normal(height[at], dof), height.shape[1], cross.omega)
+            band = _as_student(peak_limit(level, height.shape[1], cross.omega), dof) * spread / energy
+            phi = np.clip(total / energy[:, None], -1.0, 1.0)
+            lag = cross.lag * self.step
+            for k in np.flatnonzero(moves):
+                key = (where, _POWERS[power], names[k])
+                self.rows.append((*key, phi[at][k], lag[peak[k]], band[k], p[k], p[k] < level))
+                self.curves[key] = (lag, phi[k], float(band[k]))
+            outside = moves & (p < level)
+            least = min(least, float(p[moves].min(initial=1.0)))
+            strong = max(strong, float((phi[at][outside] ** 2).max(initial=0.0)))
+        return min(1.0, least * count), strong
+
+
 class _View:
-    """A residual with the data that go with it: the measured one, or one of noise alone."""
+    """Drifts, rates and inputs that go with a residual, and their powers less what is linear."""
 
-    def __init__(self, residual: Residual, data: SegmentSet) -> None:
-        self.residual, self.data = residual, data
-        self._bases: dict[tuple[int, ...], tuple[np.ndarray, int]] = {}
+    def __init__(self, residual: Residual, use: tuple[int, ...], thin: int, spacing: int) -> None:
+        self.residual, self.use, self.thin = residual, use, thin
+        segments = [residual.data.segments[i] for i in use]
+        inputs = _inputs(segments)
+        sites = list(dict.fromkeys([*residual.model.chain.sites, *map(Site, range(1, residual.n_dof + 1))]))
+        self.names = [*(f"{kind} of {site}" for site in sites for kind in "sv"), *inputs]
+        taps = min(_TAPS, max(0, (min(seg.n_valid for seg in segments) - 64) // (8 * spacing)))
+        self.pad = taps * spacing
+        raw = []
+        for i, seg in enumerate(segments):
+            motions = [seg.motion(site, seg.valid) for site in sites]
+            raw.append(np.column_stack([*(x for m in motions for x in (m.s, m.v)), *(x[i] for x in inputs.values())]))
+        size = np.max([np.abs(x).max(axis=0) for x in raw], axis=0)
+        size[size == 0] = 1.0
+        first = 2 * len(sites)
+        plain, powers, linear = [], [], []
+        for x, i in zip(raw, use):
+            filter = residual.filters[i]
+            z = x / size
+            z = np.hstack([x, z**2, z**3])
+            z = z if filter is None else filter.apply(z)
+            plain.append(self.inside(z[:, : len(size)]).T)
+            powers.append(self.inside(z[:, len(size) :]))
+            rows = len(z) - 2 * self.pad
+            shifted = [z[k * spacing : k * spacing + rows : thin, first : len(size)] for k in range(2 * taps + 1)]
+            linear.append(np.hstack([np.ones((len(powers[-1]), 1)), self.inside(z[:, :first]), *shifted]))
+        self.basis = _orthonormal(np.vstack(linear))
+        squares, cubes = zip(*(np.split(part.T, 2) for part in self.without(powers)))
+        self.signals = {1: Spectra(plain), 2: Spectra(squares), 3: Spectra(cubes)}
 
-    def basis(self, use: list[int], spacing: int, worth: float, every: int) -> tuple[np.ndarray, int]:
-        """Orthonormal columns of what is linear, in the band, and the rows lost at each end before thinning."""
-        key = tuple(use)
-        if key not in self._bases:
-            segments = [self.data.segments[i] for i in use]
-            inputs = [x for _, x in _inputs(segments)]
-            shortest = min(seg.n_valid for seg in segments)
-            taps = int(np.clip((worth / 8 / max(1, len(inputs)) - 1) / 2, 0, _TAPS))
-            taps = min(taps, max(0, (shortest - 64) // (8 * spacing)))
-            rows = []
-            for i, (seg, k) in enumerate(zip(segments, use)):
-                filter = self.residual.filters[k]
-                motion = np.column_stack([seg.s[seg.valid], seg.v[seg.valid]]).astype(float)
-                columns = [filtered(x[i], filter) for x in inputs]
-                rows.append(_linear(filtered(motion, filter), columns, spacing, taps)[::every])
-            self._bases[key] = _orthonormal(np.vstack(rows)), taps * spacing
-        return self._bases[key]
+    def inside(self, x: np.ndarray) -> np.ndarray:
+        """The rows at which all neighbouring times lie within the record, thinned."""
+        return x[self.pad : len(x) - self.pad : self.thin]
 
-    def target(self, where: str) -> tuple[list[int], list[np.ndarray]]:
-        """Records in which a balance is known, and its residual there."""
-        parts = self.residual.at(where)
-        use = [i for i, e in enumerate(parts) if np.isfinite(e).all() and len(e) > 16]
-        return use, [parts[i] for i in use]
-
-    def signals(self, where: str, use: list[int]) -> tuple[dict[str, list[np.ndarray]], dict[str, list[np.ndarray]]]:
-        """Drifts beside a balance and inputs, as they are; rates follow from them in the tests."""
-        kind, _, number = where.partition(" ")
-        j, chain = int(number), self.residual.model.chain
-        sites = [Site(j)] if kind == "storey" else list(chain.sites_of(j))
-        segments = [self.data.segments[i] for i in use]
-        states, inputs = {}, {}
-        for site in sites:
-            motions = [seg.motion(site, seg.valid) for seg in segments]
-            states[f"s of {site}"] = [m.s for m in motions]
-            states[f"v of {site}"] = [m.v for m in motions]
-        for name, column in _inputs(segments):
-            inputs[name] = column
-        return states, inputs
+    def without(self, x: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """What drifts, rates and inputs do not explain linearly."""
+        whole = np.concatenate(x)
+        left = whole - self.basis @ (self.basis.T @ whole)
+        return np.split(left, np.cumsum([len(part) for part in x])[:-1])
 
 
-def _inputs(segments: list[Segment]) -> Iterator[tuple[str, list[np.ndarray]]]:
+def _inputs(segments: list[Segment]) -> dict[str, list[np.ndarray]]:
+    """Forces, base acceleration and covariates that move, one array for each record."""
+    found = {}
     for k in range(segments[0].n_dof):
-        parts = [np.nan_to_num(seg.F[seg.valid, k].astype(float)) for seg in segments]
-        if any(p.any() for p in parts):
-            yield f"F{k + 1}", parts
-    base = [seg.ag[seg.valid] for seg in segments if seg.ag is not None]
-    if len(base) == len(segments) and any(ag.any() for ag in base):
-        yield "ag", base
+        found[f"F{k + 1}"] = [np.nan_to_num(seg.F[seg.valid, k].astype(float)) for seg in segments]
+    if all(seg.ag is not None for seg in segments):
+        found["ag"] = [seg.ag[seg.valid] for seg in segments if seg.ag is not None]
     for name in segments[0].covariates:
         if name not in ("ag", "vg") and all(name in seg.covariates for seg in segments):
-            yield name, [seg.covariates[name][seg.valid].astype(float) for seg in segments]
-
-
-class _Place:
-    """All tests of one balance or storey."""
-
-    def __init__(self, where: str, views: list[_View], level: float, lags: int | None, min_share: float) -> None:
-        self.where, self.level, self.min_share = where, level, min_share
-        self.rows: list[dict[str, Any]] = []
-        self.curves: dict[tuple[str, str, str], Any] = {}
-        first = views[0]
-        use, e = first.target(where)
-        states, _ = first.signals(where, use)
-        shortest = min(map(len, e))
-        period = period_of(next(iter(states.values())))
-        self.lags = (
-            int(np.clip(period if lags is None else lags, 8, max(8, shortest // 10))) if lags is None else int(lags)
-        )
-        self.spacing = max(1, int(round(period / 8)))
-        every = int(max(1, min(sum(map(len, e)) // _ENOUGH, period // _PER_PERIOD)))
-        self.lags = max(8, self.lags // every)
-        self.steps = [None if dt is None else dt * every for dt in (first.data.segments[i].dt for i in use)]
-        self.sides = [_Side(view, where, self.spacing, every) for view in views]
-        self.draws = len(views) - 1
-
-    @property
-    def loudest(self) -> float:
-        """Largest rms of a draw of noise over that of all."""
-        squares = [float(np.mean(np.concatenate(s.whole) ** 2)) for s in self.sides[1:]]
-        return float(np.sqrt(max(squares) / np.mean(squares))) if squares and max(squares) > 0 else 1.0
-
-    @staticmethod
-    def likeliest(verdict: dict[str, Any]) -> ResidualKind:
-        """What a residual far above the noise is, by the family of tests that stands out most."""
-        return min(((verdict[f"p {word}"], kind) for word, kind in _KINDS.items()), key=lambda pair: pair[0])[1]
-
-    def judge(self) -> dict[str, Any]:
-        """Run the tests; fill ``rows`` and ``curves``."""
-        side = self.sides[0]
-        p_white, white = self._whiteness()
-        p_linear, _ = self._family([("phi_xe", "xe", name) for name in side.raw])
-        higher = [(test, test[4:], name) for test in HIGHER for name in side.raw]
-        p_nonlinear, strong = self._family(higher)
-        share = side.linear_share
-        left = 1.0 - share
-        excess = self._excess()
-        verdict = ResidualKind.NOISE
-        if p_white < self.level / 3 and white >= self.min_share:
-            verdict = ResidualKind.UNMEASURED
-        if p_linear < self.level / 3 and excess >= self.min_share:
-            verdict = ResidualKind.LINEAR
-        if p_nonlinear < self.level / 3 and min(strong, left) >= self.min_share:
-            verdict = ResidualKind.NONLINEAR
-        return {
-            "verdict": verdict,
-            "linear share": share,
-            "p white": p_white,
-            "p linear": p_linear,
-            "p nonlinear": p_nonlinear,
-        }
-
-    def _whiteness(self) -> tuple[float, float]:
-        """p of the portmanteau, and the share of the variance that the past predicts."""
-        from scipy.stats import chi2, f
-
-        side = self.sides[0]
-        density = _reference(side, self.sides[1:])
-        phi, n = whitened_autocorrelation(side.whole, density, _WHITE_LAGS)
-        more = 1.0
-        if self.draws:
-            noise = [whitened_autocorrelation(s.whole, _fit(density, s.whole), _WHITE_LAGS)[0] for s in self.sides[1:]]
-            phi, more = np.clip(phi - np.mean(noise, axis=0), -1.0, 1.0), 1 + 1 / self.draws
-            more *= _scatter([(d, np.sqrt(1.0 / n)) for d in noise])
-        p = float(f.sf(n * (phi**2).mean() / more, _WHITE_LAGS, max(1, self.draws - 1) * _WHITE_LAGS))
-        if not self.draws:
-            p = float(chi2.sf(n * (phi**2).sum(), _WHITE_LAGS))
-        band = float(np.sqrt(more / n)) * peak_limit(self.level / 3, _WHITE_LAGS, np.pi)
-        peak = int(np.abs(phi).argmax())
-        self._note("phi_ee", "e", phi[peak], float(peak + 1), band, p, p < self.level / 3)
-        self.curves[self.where, "phi_ee", "e"] = (np.arange(1, _WHITE_LAGS + 1), phi, band)
-        return p, float(min(1.0, max((phi**2).sum() - more * _WHITE_LAGS / n, 0.0)))
-
-    def _family(self, tests: list[tuple[str, str, str]]) -> tuple[float, float]:
-        """Corrected p of a family of tests, and the largest share of the variance a correlation outside stands for."""
-        level = self.level / 3 / max(1, len(tests))
-        least, strong = 1.0, 0.0
-        found = [(test, kind, name, self._crosses(kind, name)) for test, kind, name in tests]
-        found = [one for one in found if one[3][0].moves]
-        # fits scatter from one noise to the next by more than signals that never were fitted
-        drawn: dict[str, list[float]] = {}
-        for test, _, _, crosses in found:
-            drawn.setdefault(test, []).append(_scatter([(c.total, c.spread) for c in crosses[1:]]))
-        for test, kind, name, (cross, *others) in found:
-            dof = float((self.draws - 1) * len(drawn[test])) if self.draws > 1 else np.inf
-            total, spread = cross.total, cross.spread
-            if others:
-                total = total - np.mean([c.total for c in others], axis=0)
-                noise = float(np.mean([c.spread**2 for c in others]))
-                by_noise = noise * float(np.mean(drawn[test])) * (1 + 1 / len(others))
-                beyond = max(spread**2 - noise, 0.0)
-                spread = float(np.sqrt(by_noise + beyond))
-                dof *= (1 + beyond / by_noise) ** 2 if by_noise > 0 else np.inf
-            height = np.abs(total) / spread
-            peak = int(height.argmax())
-            p = probability_of_peak(_as_normal(float(height[peak]), dof), len(height), cross.omega)
-            limit = _as_student(peak_limit(level, len(height), cross.omega), dof)
-            band = limit * spread / cross.energy
-            phi = np.clip(total / cross.energy, -1.0, 1.0)
-            self._note(test, name, phi[peak], float(cross.lag[peak]), band, p, p < level)
-            step = self.steps[0] if self.steps[0] is not None else 1.0
-            self.curves[self.where, test, name] = (cross.lag * step, phi, band)
-            least = min(least, p)
-            if p < level:
-                strong = max(strong, abs(phi[peak]) if kind == "|x||e|" else phi[peak] ** 2)
-        return min(1.0, least * max(1, len(tests))), float(strong)
-
-    def _crosses(self, kind: str, name: str) -> list[Cross]:
-        """One test in the measured view and in those of noise alone."""
-        return [side.cross(kind, name, self.lags) for side in self.sides]
-
-    def _excess(self) -> float:
-        """Share of the residual's variance that is linear beyond what is linear in noise alone."""
-        first, *others = self.sides
-        size = first.size or 1.0
-        return first.linear_share - float(np.mean([s.linear_share * s.size / size for s in others] or [0.0]))
-
-    def _note(self, test: str, signal: str, peak: float, lag: float, band: float, p: float, outside: bool) -> None:
-        step = self.steps[0] if self.steps[0] is not None else 1.0
-        values = (self.where, test, signal, float(peak), lag * step, float(band), p, bool(outside))
-        self.rows.append(dict(zip(("where", "test", "signal", "peak", "lag", "band", "p", "outside"), values)))
+            found[name] = [seg.covariates[name][seg.valid].astype(float) for seg in segments]
+    return {name: parts for name, parts in found.items() if any(part.any() for part in parts)}
 
 
 class _Side:
-    """Residual, signals and their powers of one view; what is linear in drifts, rates and inputs is taken off."""
+    """The residual of one balance or storey in one view."""
 
-    def __init__(self, view: _View, where: str, spacing: int, every: int) -> None:
-        use, self.whole = view.target(where)
-        self.filters = [view.residual.filters[i] for i in use]
-        self.every = every
-        self.e = [part[::every] for part in self.whole]
-        states, inputs = view.signals(where, use)
-        self.raw = states | inputs
-        self.plain = {name: _filtered(x, self.filters) for name, x in self.raw.items()}
-        self.bandwidth = _bandwidth(self.e)
-        self._basis, self._pad = view.basis(use, spacing, sum(map(len, self.e)) * self.bandwidth, every)
-        inside = self._inside(self.whole)
-        self.rest = self._without(inside)
-        before, after = (sum(float(x @ x) for x in parts) for parts in (inside, self.rest))
-        self.size = before
-        worth = max(sum(map(len, inside)) * self.bandwidth, 2.0 * self._basis.shape[1])
-        overfit = self._basis.shape[1] / worth
-        self.linear_share = (
-            float(np.clip(((before - after) / before - overfit) / (1 - overfit), 0.0, 1.0)) if before else 0.0
-        )
-        self._residuals = {"xe": Signal(self.e), "": Signal(self.rest)}
-        self._residuals["|x||e|"] = Signal([np.abs(r) for r in self.rest])
+    def __init__(self, view: _View, where: str) -> None:
+        kind, _, number = where.partition(" ")
+        sites = view.residual.model.chain.sites_of(int(number)) if kind == "dof" else [Site(int(number))]
+        near = {f"{k} of {site}" for site in sites for k in "sv"}
+        self.view = view
+        self.chosen = [k for k, name in enumerate(view.names) if name in near or " of " not in name]
+        self.names = [view.names[k] for k in self.chosen]
+        self.whole = [view.residual.at(where)[i] for i in view.use]
+        e = [view.inside(part) for part in self.whole]
+        rest = view.without(e)
+        self.size, after = (sum(float(x @ x) for x in parts) for parts in (e, rest))
+        columns = view.basis.shape[1]
+        overfit = columns / max(sum(map(len, e)) * _bandwidth(e), 2.0 * columns)
+        share = (1.0 - after / self.size - overfit) / (1 - overfit) if self.size else 0.0
+        self.linear_share = float(np.clip(share, 0.0, 1.0))
+        self.plain, self.rest = (Spectra([x[None] for x in parts]) for parts in (e, rest))
 
-    def _inside(self, x: Parts) -> list[np.ndarray]:
-        """The rows at which all neighbouring times lie within the record, thinned."""
-        return [part[self._pad : len(part) - self._pad : self.every] for part in x]
-
-    def _without(self, x: Parts) -> list[np.ndarray]:
-        """What drifts, rates and inputs do not explain linearly."""
-        whole = np.concatenate(x)
-        return np.split(whole - self._basis @ (self._basis.T @ whole), np.cumsum([len(part) for part in x])[:-1])
-
-    def _power(self, name: str, degree: int) -> list[np.ndarray]:
-        raw = self.raw[name]
-        size = max(float(np.abs(x).max()) for x in raw) or 1.0
-        scaled = [x / size for x in raw]
-        columns = _filtered([x * x if degree == 2 else x * x * x for x in scaled], self.filters)
-        return self._without(self._inside([c - c.mean() for c in columns]))
-
-    def cross(self, kind: str, name: str, lags: int) -> Cross:
-        """Cross-covariance of one test; see :func:`detect`."""
-        if kind == "xe":
-            return cross_covariance([x[:: self.every] for x in self.plain[name]], self._residuals[kind], lags)
-        if kind in ("x2e", "x3e"):
-            return cross_covariance(self._power(name, int(kind[1])), self._residuals[""], lags)
-        plain = self._inside(self.plain[name])
-        if kind == "|x||e|":
-            return cross_covariance([np.abs(x) for x in plain], self._residuals[kind], lags)
-        products = [x * r for x, r in zip(plain, self.rest)]
-        # nearer lags hold the residual's own colour besides
-        first = int(np.ceil(1.5 / self.bandwidth))
-        return cross_covariance(products, self._residuals[""], first + lags, first)
+    def cross(self, power: int, lags: int) -> Cross:
+        """Cross-covariance of powers of the signals with the residual; above 1 what is linear is taken off."""
+        return cross_covariance(self.view.signals[power][self.chosen], self.plain if power == 1 else self.rest, lags)
 
 
-def _scatter(drawn: list[tuple[np.ndarray, float]]) -> float:
-    """Variance among draws (curves with their spread under independence) over that expected; at least 1."""
-    count = len(drawn)
-    if count < 2:
-        return 1.0
-    curves = np.array([curve for curve, _ in drawn])
-    return max(1.0, float((curves.var(axis=0, ddof=1)).mean() / np.mean([spread**2 for _, spread in drawn])))
+def _scatter(drawn: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """Variance among draws, shape (n_draws, n_signals, n_lags), over that expected; at least 1."""
+    if len(drawn) < 2:
+        return np.ones(len(expected))
+    return np.maximum(drawn.var(axis=0, ddof=1).mean(axis=1) / np.maximum(expected, 1e-300), 1.0)
 
 
-def _as_normal(height: float, dof: float) -> float:
+def _as_normal(height: Any, dof: Any) -> Any:
     """Height in standard deviations that is as rare as one in estimated ones (Student)."""
-    from scipy.stats import norm, t
-
-    return height if not np.isfinite(dof) else float(min(norm.isf(t.sf(height, dof)), 37.0))
-
-
-def _as_student(height: float, dof: float) -> float:
-    from scipy.stats import norm, t
-
-    return height if not np.isfinite(dof) else float(t.isf(norm.sf(height), dof))
+    if np.all(np.isinf(dof)):
+        return height
+    return np.minimum(-ndtri(np.maximum(stdtr(dof, -height), 1e-300)), 37.0)
 
 
-def _filtered(x: Parts, filters: list[Any]) -> list[np.ndarray]:
-    return [filtered(part, f) for part, f in zip(x, filters)]
-
-
-def _linear(motion: np.ndarray, inputs: list[np.ndarray], spacing: int, count: int) -> np.ndarray:
-    """A constant, the motion, and inputs shifted by multiples of the spacing; the rows where all exist."""
-    pad = count * spacing
-    rows = len(motion) - 2 * pad
-    shifted = [x[k * spacing : k * spacing + rows] for x in inputs for k in range(2 * count + 1)]
-    return np.column_stack([np.ones(rows), motion[pad : pad + rows], *shifted])
+def _as_student(height: Any, dof: Any) -> Any:
+    """Height in estimated standard deviations that is as rare as one in known ones."""
+    return height if np.all(np.isinf(dof)) else -stdtrit(dof, ndtr(-height))
 
 
 def _orthonormal(columns: np.ndarray) -> np.ndarray:
@@ -405,11 +298,11 @@ def _orthonormal(columns: np.ndarray) -> np.ndarray:
     return columns @ (vectors[:, keep] / np.sqrt(values[keep]))
 
 
-def _bandwidth(x: Parts) -> float:
+def _bandwidth(x: Sequence[np.ndarray]) -> float:
     """Share of the frequency axis that a signal fills, ``(sum I)^2 / (M sum I^2)`` of its periodogram (1 for white)."""
     top = bottom = 0.0
     for part in x:
-        power = np.abs(np.fft.rfft(part - part.mean())) ** 2
+        power = np.abs(rfft(part - part.mean())) ** 2
         top, bottom = top + float(power.sum() ** 2) / len(power), bottom + float(power @ power)
     return min(1.0, 2 * top / bottom) if bottom > 0 else 1.0
 
@@ -417,139 +310,121 @@ def _bandwidth(x: Parts) -> float:
 def _reference(side: _Side, noise: list[_Side]) -> list[np.ndarray]:
     """Spectrum that noise alone would have, for each record: of the draws, else of the filter."""
     if noise:
-        from scipy.signal import welch
-
         parts = [e for s in noise for e in s.whole]
         size = min(512, min(map(len, parts)))
-        density = np.mean([welch(e, nperseg=size)[1] for e in parts], axis=0)
-        grid = np.linspace(0, 1, len(density))
-        return [np.interp(np.linspace(0, 1, len(e) // 2 + 1), grid, density) for e in side.whole]
-    return [_response(f, len(e)) for f, e in zip(side.filters, side.whole)]
+        return [np.mean([welch(e, nperseg=size)[1] for e in parts], axis=0)] * len(side.whole)
+    filters = [side.view.residual.filters[i] for i in side.view.use]
+    grid = np.linspace(0, np.pi, 2049)
+    return [np.ones(2) if f is None or f.sos is None else np.abs(sosfreqz(f.sos, worN=grid)[1]) ** 4 for f in filters]
 
 
-def _fit(density: list[np.ndarray], parts: Parts) -> list[np.ndarray]:
-    """Reference spectra on the frequencies of records that may be some samples shorter."""
-    return [np.interp(np.linspace(0, 1, len(e) // 2 + 1), np.linspace(0, 1, len(d)), d) for d, e in zip(density, parts)]
+# -- correlations between signals with a spectrum of their own --------------------------------------
 
 
-def _response(filter: Any, n: int) -> np.ndarray:
-    if filter is None or filter.sos is None:
-        return np.ones(n // 2 + 1)
-    from scipy.signal import sosfreqz
+class Spectra:
+    """Signals over contiguous records, means taken off, as Fourier transforms padded to twice the length.
 
-    _, h = sosfreqz(filter.sos, worN=np.linspace(0, np.pi, n // 2 + 1))
-    return np.abs(h) ** 4
+    Parameters
+    ----------
+    parts : sequence of ndarray of shape (n_signals, n_samples)
+        One for each record.
 
+    Attributes
+    ----------
+    counts : list of int
+        Samples of each record.
+    values, power : list of ndarray of shape (n_signals, n_frequencies)
+    energy : ndarray of shape (n_signals,)
+        Sums of squares.
+    """
 
-Parts = Sequence[np.ndarray]
+    def __init__(self, parts: Sequence[np.ndarray]) -> None:
+        centred = [x - x.mean(axis=1, keepdims=True) for x in parts]
+        self.counts = [x.shape[1] for x in parts]
+        self.values = [rfft(x, next_fast_len(2 * x.shape[1], real=True)) for x in centred]
+        self.power = [X.real**2 + X.imag**2 for X in self.values]
+        self.energy = sum((x**2).sum(axis=1) for x in centred)
+
+    def __getitem__(self, chosen: Sequence[int]) -> Spectra:
+        out = object.__new__(Spectra)
+        out.counts, out.energy = self.counts, self.energy[chosen]
+        out.values, out.power = [X[chosen] for X in self.values], [p[chosen] for p in self.power]
+        return out
 
 
 @dataclass
 class Cross:
-    r"""Cross-covariance of two signals and what it would be if they were independent.
+    r"""Cross-covariance of some signals x with y, and what it would be if they were independent.
 
     Attributes
     ----------
     lag : ndarray of int
         tau, samples; positive where x leads y.
-    total : ndarray
+    total : ndarray of shape (n_signals, n_lags)
         ``sum_t x(t) y(t + tau)``.
-    spread : float
+    spread : ndarray of shape (n_signals,)
         Standard deviation of ``total`` under independence by Bartlett's formula,
         ``Var = N sum_k gamma_x(k) gamma_y(k)``. It holds for signals of any colour: a filtered
         signal needs no whitening.
-    energy : float
+    energy : ndarray of shape (n_signals,)
         ``sqrt(sum x^2 sum y^2)``.
-    omega : float
+    omega : ndarray of shape (n_signals,)
         Rms angular frequency (rad per sample) of ``total`` under independence, as a function of the lag.
     """
 
     lag: np.ndarray
     total: np.ndarray
-    spread: float
-    energy: float
-    omega: float
-
-    @property
-    def moves(self) -> bool:
-        """Whether both signals move."""
-        return self.spread > 0 and self.energy > 0
+    spread: np.ndarray
+    energy: np.ndarray
+    omega: np.ndarray
 
 
-class Signal:
-    """Contiguous records of one signal, means taken off, with their Fourier transforms.
-
-    Parameters
-    ----------
-    parts : sequence of ndarray
-        One for each record.
-
-    Attributes
-    ----------
-    sizes : list of (int, int)
-        Samples and length of the zero-padded transform of each record.
-    spectra : list of ndarray of complex
-    power : list of ndarray
-        Their squared magnitudes.
-    energy : float
-        Sum of the squares.
-    """
-
-    def __init__(self, parts: Parts) -> None:
-        from scipy.fft import next_fast_len, rfft
-
-        centred = [x - x.mean() for x in parts]
-        self.sizes = [(len(x), next_fast_len(2 * len(x), real=True)) for x in centred]
-        self.spectra = [rfft(x, size) for x, (_, size) in zip(centred, self.sizes)]
-        self.power = [X.real**2 + X.imag**2 for X in self.spectra]
-        self.energy = float(sum(x @ x for x in centred))
-
-
-def cross_covariance(x: Parts | Signal, y: Parts | Signal, lags: int, first: int | None = None) -> Cross:
-    """Cross-covariance of two signals over contiguous records, means taken off."""
-    from scipy.fft import irfft
-
-    x, y = (s if isinstance(s, Signal) else Signal(s) for s in (x, y))
-    lag = np.arange(-lags if first is None else first, lags + 1)
-    total, variance, slope = np.zeros(lag.size), 0.0, 0.0
-    for X, Y, p, q, (count, size) in zip(x.spectra, y.spectra, x.power, y.power, x.sizes):
-        total += irfft(X.conj() * Y, size)[lag]
+def cross_covariance(x: Spectra, y: Spectra, lags: int) -> Cross:
+    """Cross-covariances of signals with one other over contiguous records."""
+    lag = np.arange(-lags, lags + 1)
+    total, variance, slope = np.zeros((len(x.energy), lag.size)), 0.0, 0.0
+    for X, Y, p, q, count in zip(x.values, y.values, x.power, y.power, x.counts):
+        size = next_fast_len(2 * count, real=True)
+        total += irfft(X.conj() * Y, size)[:, lag]
         # the sum over lags of both autocovariances is the sum over frequencies of both periodograms
         both = p * q / (size * count)
-        both[1:] *= 2
-        variance += both.sum()
-        slope += np.linspace(0, np.pi, both.size) ** 2 @ both
-    omega = np.sqrt(slope / variance) if variance > 0 else 0.0
-    return Cross(lag, total, float(np.sqrt(variance)), float(np.sqrt(x.energy * y.energy)), float(omega))
+        both[:, 1:] *= 2
+        variance = variance + both.sum(axis=1)
+        slope = slope + both @ np.linspace(0, np.pi, both.shape[1]) ** 2
+    omega = np.sqrt(np.divide(slope, variance, out=np.zeros(len(total)), where=variance > 0))
+    return Cross(lag, total, np.sqrt(variance), np.sqrt(x.energy * y.energy), omega)
 
 
-def probability_of_peak(height: float, n_lags: int, omega: float) -> float:
-    """Probability that the correlation of independent signals exceeds a height at any lag."""
-    from scipy.special import ndtr
-
-    single = 2 * float(ndtr(-height))
-    further = min(omega / np.pi * np.exp(-(height**2) / 2), single)
-    return float(-np.expm1(np.log1p(-min(single, 1 - 1e-16)) - (n_lags - 1) * further))
+def probability_of_peak(height: Any, n_lags: int, omega: Any) -> Any:
+    """Probability that the correlation of independent signals exceeds a height at any lag (S. O. Rice, 1944)."""
+    single = 2 * ndtr(-np.asarray(height, dtype=float))
+    further = np.minimum(omega / np.pi * np.exp(-(np.asarray(height) ** 2) / 2), single)
+    return -np.expm1(np.log1p(-np.minimum(single, 1 - 1e-16)) - (n_lags - 1) * further)
 
 
-def peak_limit(level: float, n_lags: int, omega: float) -> float:
+def peak_limit(level: float, n_lags: int, omega: Any) -> Any:
     """Height, in standard deviations, that :func:`probability_of_peak` gives the probability ``level``."""
-    from scipy.optimize import brentq
+    low, high = np.zeros(np.shape(omega)), np.full(np.shape(omega), 40.0)
+    for _ in range(40):
+        middle = (low + high) / 2
+        above = probability_of_peak(middle, n_lags, omega) > level
+        low, high = np.where(above, middle, low), np.where(above, high, middle)
+    return high if high.ndim else float(high)
 
-    return float(brentq(lambda h: probability_of_peak(h, n_lags, omega) - level, 1e-3, 40.0))
 
-
-def whitened_autocorrelation(parts: Parts, density: Sequence[np.ndarray], lags: int) -> tuple[np.ndarray, int]:
+def whitened_autocorrelation(
+    parts: Sequence[np.ndarray], density: Sequence[np.ndarray], lags: int
+) -> tuple[np.ndarray, int]:
     r"""Autocorrelation of a signal after division of its spectrum by a reference, in the reference's band alone."""
-    lag = np.arange(1, lags + 1)
     top, bottom, n = np.zeros(lags), 0.0, 0
-    for e, S in zip(parts, density):
-        ratio = np.abs(np.fft.rfft(e - e.mean()))[1:] ** 2
-        S = S[1:]
-        inside = np.flatnonzero(S > 0.25 * S.max())
-        ratio = ratio[inside] / S[inside]
-        k = (np.arange(len(ratio)) + 0.5) / len(ratio)
-        top += np.cos(np.pi * np.outer(lag, k)) @ ratio
+    for e, reference in zip(parts, density):
+        power = np.abs(rfft(e - e.mean()))[1:] ** 2
+        grid = np.linspace(0, 1, len(power) + 1)[1:]
+        S = np.interp(grid, np.linspace(0, 1, len(reference)), reference)
+        inside = S > 0.25 * S.max()
+        ratio = power[inside] / S[inside]
+        # cosines at frequencies (k + 1/2) / K of half the rate
+        top += np.pad(dct(ratio)[1 : lags + 1] / 2, (0, max(0, lags + 1 - len(ratio))))
         bottom += ratio.sum()
         n += 2 * len(ratio)
     return (top / bottom if bottom > 0 else top), n

@@ -1,8 +1,7 @@
 """What the data say of the residual before any law is tried: is it noise, where does it act, what is it like.
 
-The loop gathers this for the baseline and after every accepted effect, on the search data alone. It does
-not decide: the search refits everything and the gate judges. Where both agree a reader may trust the
-name; where they do not, the report says so.
+The loop gathers this for the baseline and after every accepted effect, on the search data alone. It informs the page
+and decides nothing.
 """
 
 from __future__ import annotations
@@ -17,19 +16,13 @@ import pandas as pd
 from ..exceptions import NRFError
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
-from ..regression.segments import SegmentSet
 from . import words
 from .characterisation import Characterisation, Coupling, characterise, couplings
 from .detection import Detection, detect
-from .localisation import localise, missing_force
-from .residual import NoiseFloor, Residual, residual_of
+from .localisation import NEAR, Localiser
+from .residual import NoiseFloor, Residual, residual_of, searched
 from .words import Agreement, Location, Obstacle, Why
 from .workspace import Workspace
-
-# Samples looked at: enough to see any effect, and little beside the search.
-_ENOUGH = 40_000
-# Sites that explain nearly as much as the first, percentage points.
-_NEAR = 5.0
 
 
 @dataclass
@@ -100,11 +93,6 @@ class Evidence:
         return words.characterisation(self)
 
     @property
-    def coupling_sentence(self) -> str:
-        """Where something is left that no law of a chain explains, in words; empty if nowhere."""
-        return words.couplings(self.couplings)
-
-    @property
     def agreement(self) -> Agreement:
         """Whether localisation agrees with the site of the effect that was added."""
         table = self.localisation
@@ -112,16 +100,14 @@ class Evidence:
             return Agreement.NONE
         if table["share"].dropna().round(6).nunique() == 1:
             return Agreement.SIGNLESS
-        if self.chosen == self.site:
-            return Agreement.SAME
         if self.chosen not in table.index or not np.isfinite(table.loc[self.chosen, "share"]):
             return Agreement.UNJUDGED
         mine, best = table.loc[self.chosen], table.iloc[0]
         if mine["balances"] == best["balances"]:
-            return Agreement.SAME_SIGNS
+            return Agreement.SAME
         if self.site in self.later:
             return Agreement.LATER
-        near = best["share"] - mine["share"] < _NEAR or mine["high"] > best["low"]
+        near = best["share"] - mine["share"] < NEAR or mine["high"] > best["low"]
         return Agreement.NEAR if near else Agreement.DISAGREES
 
     def __str__(self) -> str:
@@ -139,17 +125,14 @@ def look(
     out = Evidence(name, chosen=chosen)
     residual = _tried(out, "residual", lambda: searched_residual(work, model))
     if residual is None:
-        out.not_possible |= {
-            room: out.not_possible["residual"] for room in ("detection", "localisation", "characterisation")
-        }
+        out.not_possible |= dict.fromkeys(words.QUESTIONS, out.not_possible["residual"])
         return out
     out.sizes = residual.sizes
     out.detection = _tried(out, "detection", lambda: detect(residual, floor))
-    options: dict[str, Any] = {"floor": floor, "known_masses": work.known_masses}
-    out.localisation = _tried(out, "localisation", lambda: localise(residual, **options))
+    where = _tried(out, "localisation", lambda: Localiser(residual, floor, work.known_masses))
+    out.localisation = None if where is None else _tried(out, "localisation", where.table)
     if out.localisation is None:
-        unknown = words.obstacle(out.not_possible["localisation"])
-        out.not_possible["characterisation"] = Obstacle(Why.NO_SITE, unknown)
+        out.not_possible["characterisation"] = Obstacle(Why.NO_SITE, words.obstacle(out.not_possible["localisation"]))
     else:
         located = out.localisation["verdict"].iloc[0] != Location.NOTHING
         out.site = str(out.localisation.index[0]) if located else ""
@@ -158,7 +141,7 @@ def look(
         elif not located:
             out.not_possible["characterisation"] = Obstacle(Why.NOTHING_LOCATED)
         else:
-            out.characterisation = _tried(out, "characterisation", lambda: _characterised(residual, out.site, options))
+            out.characterisation = _tried(out, "characterisation", lambda: _characterised(where, Site(out.site), floor))
     if floor is not None:
         if not chosen:
             out.couplings = _tried(out, "coupling", lambda: couplings(residual, floor)) or []
@@ -166,64 +149,36 @@ def look(
     return out
 
 
-def searched(work: Workspace, most: int = _ENOUGH, data: SegmentSet | None = None) -> tuple[SegmentSet, list[Any]]:
-    """The part of the data that the search may see, cut to so many samples, and the filter of each record."""
-    total = sum(b.rows.stop - b.rows.start for b in work.search)
-    share = min(1.0, most / max(total, 1))
-    longest: dict[int, int] = {}
-    parts = [(i, piece, piece.n_valid) for i, piece in work.pieces(data)]
-    for i, _, length in parts:
-        longest[i] = max(length, longest.get(i, 0))
-    pieces: list[Any] = []
-    filters: list[Any] = []
-    for i, piece, length in parts:
-        if 4 * length >= longest[i]:
-            start = piece.valid.start
-            pieces.append(replace(piece, valid=slice(start, start + int(np.ceil(share * length)))))
-            filters.append(work.filters[i])
-    return SegmentSet(pieces, work.data.n_samples), filters
-
-
 def searched_residual(work: Workspace, model: ChainModel) -> Residual:
     """Residual on the search data; laws that remember the path follow it from the start of the record."""
     data, filters = searched(work)
-    residual = residual_of(model, data, filters)
     if not model.has_memory:
-        return residual
-    names = {id(seg.s): i for i, seg in enumerate(work.data.segments)}
-    whole: dict[int, np.ndarray] = {}
-    balance = []
-    for seg, filter in zip(data.segments, filters):
-        k = names[id(seg.s)]
-        record = work.data.segments[k]
-        if k not in whole:
-            whole[k] = residual_of(model, SegmentSet([record], work.data.n_samples), [filter]).balance[0]
-        start = seg.valid.start - record.valid.start
-        balance.append(whole[k][start : start + seg.n_valid])
-    return residual.with_balance(balance)
+        return residual_of(model, data, filters)
+    whole = {id(seg.s): (seg, R) for seg, R in zip(work.data.segments, model.site_forces(work.data))}
+    forces = []
+    for piece in data.segments:
+        seg, R = whole[id(piece.s)]
+        start = piece.valid.start - seg.valid.start
+        forces.append(R[start : start + piece.n_valid])
+    return residual_of(model, data, filters, forces=forces)
 
 
-def _characterised(residual: Residual, site: str, options: dict[str, Any]) -> Characterisation:
-    place = Site(site)
-    force, beside = missing_force(residual, place, **options)
-    of_motion = place if place.kind != "sensor" else Site(f"dof {place.channel[1:]}")
+def _characterised(where: Localiser, site: Site, floor: NoiseFloor | None) -> Characterisation:
+    residual = where.residual
+    force, beside = where.force(site)
+    of_motion = site if site.kind != "sensor" else Site(f"dof {site.channel[1:]}")
     segments = residual.data.segments
-    dofs = {place.p, place.q} if place.kind == "link" else {of_motion.p}
+    dofs = {site.p, site.q} if site.kind == "link" else {of_motion.p}
     late = {f"F{j}": [seg.F[seg.valid, j - 1] for seg in segments] for j in dofs & set(residual.data.forced)}
-    floor = options["floor"]
+    noise = np.nan if floor is None else floor.at(str(site) if site.is_storey else f"dof {of_motion.p}")
     return characterise(
         force,
         [seg.motion(of_motion, seg.valid) for seg in segments],
         filters=residual.filters,
         beside=beside if beside[0].shape[1] else None,
         channels={k: v for k, v in late.items() if all(np.isfinite(line).all() for line in v)},
-        noise=None if floor is None else _noise_at(floor, place, of_motion),
+        noise=float(noise) if np.isfinite(noise) else None,
     )
-
-
-def _noise_at(floor: NoiseFloor, place: Site, of_motion: Site) -> float | None:
-    level = floor.at(str(place) if place.is_storey else f"dof {of_motion.p}")
-    return level if np.isfinite(level) else None
 
 
 def _tried(out: Evidence, room: str, enter: Callable[[], Any]) -> Any:

@@ -1,4 +1,4 @@
-"""What a model leaves of the measured forces: one step at a time, and in a free run.
+"""What a model leaves of the measured forces, what noise alone would leave, and the force of every site for drawing.
 
 The residual of balance j is the force the model lacks there,
 
@@ -12,27 +12,29 @@ of every link and ground link that crosses the cut, and of the DOF sites above i
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from ..common.random_state import generator
-from ..data.record import Record
-from ..exceptions import ChannelError, NRFError, SimulationError
+from ..exceptions import ChannelError, NRFError
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
-from ..regression.errors import free_run_of
-from ..regression.input_arrays import from_arrays
-from ..regression.segments import Segment, SegmentSet
-from ..signals.kinematics import to_features
-from .noise_level import BASE, levels_of, noisy_base, quiet_drive
+from ..regression.segments import SegmentSet
 
 # Residuals below this share of their reference are rounding.
 ROUND_OFF = 1e-9
+# A residual within this factor of the noise floor is at the floor: the floor itself is known no better.
+AT_FLOOR = 1.3
+# Samples looked at: enough to see any effect, and little beside the search.
+ENOUGH = 20_000
+# Rows in common that repeated records need.
+_FEWEST = 64
+# Points of a drawn loop: a file that opens at once, and no cycle loses its shape.
+_POINTS, _PER_CYCLE = 1000, 40
 
 
 @dataclass
@@ -47,10 +49,9 @@ class Residual:
         One for each record; the residual has passed it.
     balance : list of ndarray of shape (n_valid_samples, n_dof)
         e_j, N; a column of NaN where the force on the DOF is unknown.
-    sizes : DataFrame
-        Rows ``"dof j"`` and ``"storey i"``; columns ``rms`` (N), ``percent`` (of the reference),
-        ``reference`` (rms, N), ``of``: a balance is measured by F, or by m a where no force acts; a
-        storey by the force across its cut, ``sum_{j >= i} (F_j - m_j a_j)``.
+    reference : DataFrame
+        Rows ``"dof j"`` and ``"storey i"``; columns ``reference`` (rms, N) and ``of``: a balance is measured by F, or
+        by m a where no force acts; a storey by the force across its cut, ``sum_{j >= i} (F_j - m_j a_j)``.
     scale : ndarray of shape (n_dof,)
         Rms of the model's force in storey j (of the reference of balance j if that is zero), N.
     """
@@ -59,7 +60,7 @@ class Residual:
     data: SegmentSet
     filters: list[Any]
     balance: list[np.ndarray]
-    sizes: pd.DataFrame
+    reference: pd.DataFrame
     scale: np.ndarray
 
     @property
@@ -77,27 +78,24 @@ class Residual:
         """Balances whose force is known, shape (n_records, n_dof)."""
         return np.array([~np.isnan(e[0]) for e in self.balance])
 
+    @cached_property
+    def sizes(self) -> pd.DataFrame:
+        """The references with ``rms`` (N) and ``percent`` of every balance and storey."""
+        left = np.concatenate([rms(self.balance), rms(self.storey)])
+        size = self.reference["reference"].to_numpy()
+        percent = 100 * np.divide(left, size, out=np.full(len(left), np.nan), where=size > 0)
+        return self.reference.assign(rms=left, percent=percent)[["rms", "percent", "reference", "of"]]
+
     @property
     def is_round_off(self) -> bool:
         """Whether every balance closes to rounding."""
         size = self.sizes.iloc[: self.n_dof].dropna(subset="rms")
         return bool((size["rms"] <= ROUND_OFF * size["reference"]).all())
 
-    def with_balance(self, balance: Sequence[np.ndarray]) -> Residual:
-        """The same with other residuals of the balances, N, and their sizes."""
-        left = np.concatenate([rms(balance), rms([from_top(e) for e in balance])])
-        reference = self.sizes["reference"].to_numpy()
-        percent = 100 * np.divide(left, reference, out=np.full(len(left), np.nan), where=reference > 0)
-        sizes = self.sizes.assign(rms=left, percent=percent)
-        return Residual(self.model, self.data, self.filters, list(balance), sizes, self.scale)
-
     def at(self, name: str) -> list[np.ndarray]:
         """Residual of one balance (``"dof 2"``) or storey (``"storey 2"``), one array for each record, N."""
         kind, _, number = name.partition(" ")
-        if kind not in ("dof", "storey") or not number.isdigit() or not 1 <= int(number) <= self.n_dof:
-            raise ChannelError(f"The residual has no {name!r}", f"Use 'dof 1'.. or 'storey 1'.. up to {self.n_dof}.")
-        parts = self.balance if kind == "dof" else self.storey
-        return [part[:, int(number) - 1] for part in parts]
+        return [part[:, int(number) - 1] for part in (self.balance if kind == "dof" else self.storey)]
 
     def __str__(self) -> str:
         rows = [f"{name}: {r.rms:.4g} N, {r.percent:.3g} % of {r.of}" for name, r in self.sizes.iterrows()]
@@ -109,13 +107,6 @@ def from_top(columns: np.ndarray) -> np.ndarray:
     return np.cumsum(columns[:, ::-1], axis=1)[:, ::-1]
 
 
-def period_of(parts: Sequence[np.ndarray]) -> float:
-    """Samples of a period at the rms frequency of a signal; 16 if it does not move."""
-    pace = sum(float(np.sum(np.diff(p) ** 2)) for p in parts)
-    size = sum(float(np.sum((p - p.mean()) ** 2)) for p in parts)
-    return 2 * np.pi / max(np.sqrt(pace / size), 1e-6) if size > 0 else 16.0
-
-
 def rms(parts: Sequence[np.ndarray]) -> np.ndarray:
     """Rms of every column over records that may hold columns of NaN; NaN if unknown in all."""
     squares = sum(np.nansum(p**2, axis=0) for p in parts)
@@ -123,138 +114,72 @@ def rms(parts: Sequence[np.ndarray]) -> np.ndarray:
     return np.sqrt(np.divide(squares, count, out=np.full(np.shape(squares), np.nan), where=count > 0))
 
 
-def filters_of(data: SegmentSet, filters: Any = None, band: Any = None) -> list[Any]:
-    """One filter for each record, from what a user gave."""
+def period_of(parts: Sequence[np.ndarray]) -> float:
+    """Samples of a period at the rms frequency of a signal; 16 if it does not move."""
+    pace = sum(float(np.sum(np.diff(p) ** 2)) for p in parts)
+    size = sum(float(np.sum((p - p.mean()) ** 2)) for p in parts)
+    return 2 * np.pi / max(np.sqrt(pace / size), 1e-6) if size > 0 else 16.0
+
+
+def searched(work: Any, most: int = ENOUGH) -> tuple[SegmentSet, list[Any]]:
+    """The part of the data that the search may see, cut to so many samples, and the filter of each record."""
+    parts = work.pieces()
+    share = min(1.0, most / max(sum(piece.n_valid for _, piece in parts), 1))
+    longest = {i: max(piece.n_valid for k, piece in parts if k == i) for i, _ in parts}
+    kept = [(i, piece) for i, piece in parts if 4 * piece.n_valid >= longest[i]]
+    pieces = [
+        replace(piece, valid=slice(piece.valid.start, piece.valid.start + int(np.ceil(share * piece.n_valid))))
+        for _, piece in kept
+    ]
+    return SegmentSet(pieces, work.data.n_samples), [work.filters[i] for i, _ in kept]
+
+
+def residual_of(
+    model: ChainModel,
+    data: Any,
+    filters: Sequence[Any] | None = None,
+    *,
+    band: Any = None,
+    forces: Sequence[np.ndarray] | None = None,
+) -> Residual:
+    """One-step residual of a model in a frequency band; forces of its sites are its own unless they are given."""
+    data = model.segments(data)
     if filters is None:
         from ..signals.zero_phase_filter import filters_of
 
-        return filters_of(band, data)
-    if band is not None:
-        raise ChannelError("Both filters and band were given", "Give one of them.")
-    filters = list(filters)
-    if len(filters) != len(data.segments):
-        raise ChannelError(
-            f"{len(filters)} filters for {len(data.segments)} records", "Give one for each record, or a band."
-        )
-    return filters
-
-
-def residual_of(model: ChainModel, data: Any, filters: Any = None, *, band: Any = None) -> Residual:
-    """One-step residual of a model in a frequency band."""
-    data = model.segments(data)
-    filters = filters_of(data, filters, band)
+        filters = filters_of(band, data)
+    forces = model.site_forces(data) if forces is None else forces
     found: tuple[list[np.ndarray], ...] = ([], [], [], [])
-    balances, inertias, forces, storeys = found
     own = {site: k for k, site in enumerate(model.laws)}
     pick = [own.get(model.chain.site(j)) for j in range(1, model.n_dof + 1)]
     incidence = model.chain.incidence(model.laws)
-    for seg, filter, R in zip(data.segments, filters, model.site_forces(data)):
+    for seg, filter, R in zip(data.segments, filters, forces, strict=True):
         inertia, force = seg.a[seg.valid].astype(float) * model.masses, seg.F[seg.valid].astype(float)
         storey = np.column_stack([np.zeros(len(R)) if k is None else R[:, k] for k in pick])
-        parts = [force - inertia - R @ incidence.T, inertia, force, storey]
-        for out, part in zip(found, parts):
+        for out, part in zip(found, (force - inertia - R @ incidence.T, inertia, force, storey)):
             out.append(part if filter is None else filter.apply(part))
-    if not np.isfinite(balances[0][0]).any() and not any(np.isfinite(e[0]).any() for e in balances):
+    balance, inertias, applied, storeys = found
+    if not any(np.isfinite(e[0]).any() for e in balance):
         raise ChannelError(
             "The force is unknown on every DOF, so no balance has a residual",
             "Give F, with zeros on DOFs known to be unforced.",
         )
-    sizes = _sizes(balances, inertias, forces)
-    scale = rms(storeys)
-    reference = sizes["reference"].to_numpy()[: model.n_dof]
-    scale = np.where(scale > 0, scale, np.where(reference > 0, reference, 1.0))
-    return Residual(model, data, filters, balances, sizes, scale)
+    size = rms(applied)
+    inertia = rms([np.where(np.isnan(f), np.nan, i) for i, f in zip(inertias, applied)])
+    cut = rms([from_top(f - i) for f, i in zip(applied, inertias)])
+    reference = pd.DataFrame(
+        {
+            "reference": np.concatenate([np.where(size > 0, size, inertia), cut]),
+            "of": np.concatenate([np.where(size > 0, "F", "m a"), np.repeat("storey force", model.n_dof)]),
+        },
+        index=[f"{kind} {j}" for kind in ("dof", "storey") for j in range(1, model.n_dof + 1)],
+    )
+    scale, other = rms(storeys), reference["reference"].to_numpy()[: model.n_dof]
+    scale = np.where(scale > 0, scale, np.where(other > 0, other, 1.0))
+    return Residual(model, data, list(filters), balance, reference, scale)
 
 
-def _sizes(balances: list[np.ndarray], inertias: list[np.ndarray], forces: list[np.ndarray]) -> pd.DataFrame:
-    n = balances[0].shape[1]
-    force = rms(forces)
-    inertia = rms([np.where(np.isnan(f), np.nan, i) for i, f in zip(inertias, forces)])
-    cut = rms([from_top(f - i) for f, i in zip(forces, inertias)])
-    left = np.concatenate([rms(balances), rms([from_top(e) for e in balances])])
-    reference = np.concatenate([np.where(force > 0, force, inertia), cut])
-    of = np.concatenate([np.where(force > 0, "F", "m a"), np.repeat("storey force", n)])
-    percent = 100 * np.divide(left, reference, out=np.full(2 * n, np.nan), where=reference > 0)
-    names = [f"{kind} {j}" for kind in ("dof", "storey") for j in range(1, n + 1)]
-    return pd.DataFrame({"rms": left, "percent": percent, "reference": reference, "of": of}, index=names)
-
-
-@dataclass
-class FreeRunResidual:
-    """Measured minus simulated motion of a free run, record by record.
-
-    Attributes
-    ----------
-    displacement, acceleration : list of ndarray of shape (n_valid_samples, n_dof)
-        Relative to the base (m) and absolute (m/s^2), filtered; NaN where no free run is possible.
-    sizes : DataFrame
-        Rows ``"dof j"``; percent NRMSE of displacement and acceleration over all records.
-    reasons : list of str
-        Why a record could not be run; empty text where it could.
-    """
-
-    displacement: list[np.ndarray]
-    acceleration: list[np.ndarray]
-    sizes: pd.DataFrame
-    reasons: list[str] = field(default_factory=list)
-
-
-def free_run_residual(
-    model: ChainModel, data: Any, filters: Any = None, *, band: Any = None, **options: Any
-) -> FreeRunResidual:
-    """Residual of the free run under the measured forces, from the state at the first sample."""
-    data = model.segments(data)
-    filters = filters_of(data, filters, band)
-    left: tuple[list, list] = ([], [])
-    measured: tuple[list, list] = ([], [])
-    reasons = []
-    for seg, filter in zip(data.segments, filters):
-        rows = seg.valid
-        pair = [np.cumsum(seg.s[rows].astype(float), axis=1), seg.a[rows].astype(float)]
-        run, why = free_run(model, seg, options)
-        reasons.append(why)
-        for k, y in enumerate(pair):
-            if run is None:
-                left[k].append(np.full(y.shape, np.nan))
-                measured[k].append(left[k][-1])
-                continue
-            parts = [y - (run.acceleration if k else run.displacement), y]
-            parts = parts if filter is None else [filter.apply(p) for p in parts]
-            left[k].append(parts[0])
-            measured[k].append(parts[1])
-    percent = [100 * rms(e) / rms(y) for e, y in zip(left, measured)]
-    names = [f"dof {j}" for j in range(1, model.n_dof + 1)]
-    sizes = pd.DataFrame(dict(zip(("displacement", "acceleration"), percent)), index=names)
-    return FreeRunResidual(left[0], left[1], sizes, reasons)
-
-
-def free_run(model: ChainModel, seg: Segment, options: dict[str, Any]) -> tuple[Record | None, str]:
-    """Free run of one contiguous record from its first state, or the reason why there is none."""
-    rows = seg.valid
-    name = f"record {seg.name!r}"
-    if seg.dt is None:
-        return None, f"{name}: the sampling step is not known"
-    if rows.stop - rows.start < 2:
-        return None, f"{name} has a single sample"
-    if np.isnan(seg.F[rows]).any():
-        return None, f"{name}: the force on DOF {int(np.flatnonzero(np.isnan(seg.F[rows.start]))[0]) + 1} is unknown"
-    if (model.masses <= 0).any():
-        return None, f"{name}: m{int(np.argmin(model.masses)) + 1} is not positive"
-    try:
-        run = free_run_of(model, seg, name=seg.name, **options)
-    except SimulationError as error:
-        return None, f"{name}: {error.what}"
-    return run, ""
-
-
-# A residual within this factor of the noise floor is at the floor: the floor itself is known no better.
-AT_FLOOR = 1.3
-# One that is so many times the loudest draw of noise is no noise, however it correlates.
-LOUD = 2.0
-# One this far below it holds nothing but noise, whatever it correlates with.
-BELOW_FLOOR = 0.8
-# Rows in common that repeated records need.
-FEWEST = 64
+# -- noise ------------------------------------------------------------------------------------------
 
 
 @dataclass
@@ -267,14 +192,14 @@ class NoiseFloor:
         Rms in balance j, and summed from the top in storey i, N; NaN where unknown.
     source : str
         Where it comes from, in words.
-    draws : list of (Residual, SegmentSet)
-        Residuals of noise alone, each with the noisy data that go with it; may be empty.
+    draws : list of Residual
+        Residuals of noise alone; may be empty.
     """
 
     balance: np.ndarray
     storey: np.ndarray
     source: str
-    draws: list[tuple[Residual, SegmentSet]] = field(default_factory=list)
+    draws: list[Residual] = field(default_factory=list)
 
     def at(self, name: str) -> float:
         """Rms at one balance (``"dof 2"``) or storey (``"storey 2"``), N."""
@@ -283,17 +208,11 @@ class NoiseFloor:
 
     def covariance(self) -> np.ndarray:
         """Covariance of the noise between the balances, N^2, shape (n_dof, n_dof)."""
-        if not self.draws:
-            return np.diag(self.balance**2)
-        parts = [e for residual, _ in self.draws for e in residual.balance]
+        out = np.diag(self.balance**2)
         known = np.isfinite(self.balance)
-        out = np.full((len(known), len(known)), np.nan)
-        inside = np.ix_(known, known)
-        parts = [p[:, known] for p in parts if np.isfinite(p[0, known]).all()]
+        parts = [p[:, known] for r in self.draws for p in r.balance if np.isfinite(p[0, known]).all()]
         if parts:
-            out[inside] = sum(p.T @ p for p in parts) / sum(len(p) for p in parts)
-        else:
-            out[inside] = np.diag(self.balance[known] ** 2)
+            out[np.ix_(known, known)] = sum(p.T @ p for p in parts) / sum(len(p) for p in parts)
         return out
 
     @classmethod
@@ -319,154 +238,32 @@ class NoiseFloor:
     @classmethod
     def from_repeats(cls, residual: Residual) -> NoiseFloor:
         """Noise floor from the same test done several times."""
-        every = residual.balance
+        every, segments = residual.balance, residual.data.segments
         count = len(every)
         if count < 2 or len({len(e) for e in every}) > 1:
             raise ChannelError(
                 f"{count} records of {sorted({len(e) for e in every})} samples are no repetitions of one test",
                 "Give at least two records of equal length under the same force.",
             )
-        forces = np.array([np.nan_to_num(seg.F[seg.valid].astype(float)) for seg in residual.data.segments])
-        bases = [seg.ag[seg.valid] for seg in residual.data.segments if seg.ag is not None]
-        drive = forces if forces.any() else np.array(bases) if len(bases) == count else forces
+        drive = np.array([np.nan_to_num(seg.F[seg.valid].astype(float)) for seg in segments])
+        bases = [seg.ag[seg.valid] for seg in segments if seg.ag is not None]
+        if not drive.any() and len(bases) == count:
+            drive = np.array(bases)
         common = drive.mean(axis=0)
         if drive.any() and np.sqrt(np.mean((drive - common) ** 2)) > 0.2 * np.sqrt(np.mean(common**2)):
             raise ChannelError(
                 "The records were not excited alike, so their difference is not noise",
-                "Align repetitions of one test sample by sample, or use NoiseFloor.from_channels.",
+                "Align repetitions of one test sample by sample, or use noise_floor='channels'.",
             )
-        mean = np.mean(every, axis=0)
-        factor = np.sqrt(count / (count - 1))
-        deviations = [factor * (e - mean) for e in every]
-        noise = Residual(residual.model, residual.data, residual.filters, deviations, residual.sizes, residual.scale)
-        return cls.from_draws([(noise, residual.data)], f"{count} repeated records")
+        mean, factor = np.mean(every, axis=0), np.sqrt(count / (count - 1))
+        noise = replace(residual, balance=[factor * (e - mean) for e in every])
+        return cls.from_draws([noise], f"{count} repeated records")
 
     @classmethod
-    def from_channels(
-        cls,
-        model: ChainModel,
-        records: Record | Sequence[Record],
-        filters: Any = None,
-        *,
-        band: Any = None,
-        noise: Mapping[str, float] | None = None,
-        smooth: bool = True,
-        regressor: Any = None,
-        n_draws: int = 4,
-        random_state: Any = None,
-    ) -> NoiseFloor:
-        """Noise floor from the channels' own contradictions."""
-        records = [records] if isinstance(records, Record) else list(records)
-        rng = generator(random_state)
-        measured = [_Measured.of(rec, dict(noise or {})) for rec in records]
-        if regressor is not None and not smooth:
-            model = _fitted(regressor, _together([m.data for m in measured]))
-        prepared = [_Clean.of(m, model) for m in measured]
-        whole = _together([p.data for p in prepared])
-        own = model if regressor is None else _fitted(regressor, whole)
-        base = residual_of(own, whole, filters, band=band)
-        draws = []
-        for _ in range(n_draws):
-            data = _together([p.draw(rng, smooth) for p in prepared])
-            moved = residual_of(model if regressor is None else _fitted(regressor, data), data, base.filters)
-            moved.balance = [_difference(a, b) for a, b in zip(moved.balance, base.balance)]
-            draws.append((moved, data))
-        return cls.from_draws(draws, "noise of the channels, as their contradictions show it")
-
-    @classmethod
-    def from_draws(cls, draws: list[tuple[Residual, SegmentSet]], source: str) -> NoiseFloor:
+    def from_draws(cls, draws: list[Residual], source: str) -> NoiseFloor:
         """Noise floor from residuals of noise alone."""
-        parts = [e for residual, _ in draws for e in residual.balance]
+        parts = [e for residual in draws for e in residual.balance]
         return cls(rms(parts), rms([from_top(e) for e in parts]), source, draws)
-
-
-def _difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    size = min(len(a), len(b))
-    return a[:size] - b[:size]
-
-
-def _together(pieces: Sequence[SegmentSet]) -> SegmentSet:
-    segments, at = [], 0
-    for piece in pieces:
-        for seg in piece.segments:
-            seg.rows = slice(at, at + seg.n_samples)
-            at += seg.n_samples
-            segments.append(seg)
-    return SegmentSet(segments, at)
-
-
-def _fitted(regressor: Any, data: SegmentSet) -> ChainModel:
-    """The model that an estimator finds in these data."""
-    from sklearn.base import clone
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what is to be said of the data was said of the measured ones
-        model: ChainModel = clone(regressor).fit(data).model_
-    return model
-
-
-@dataclass
-class _Measured:
-    """A record, its motion fused, and the noise levels of its channels."""
-
-    record: Record
-    levels: dict[str, float]
-    data: SegmentSet
-
-    @classmethod
-    def of(cls, record: Record, given: dict[str, float]) -> _Measured:
-        from ..signals.kinematic_smoother import KinematicSmoother
-
-        known = {k: v for k, v in given.items() if not k.startswith("F") and k not in BASE and v > 0}
-        smoother = KinematicSmoother(noise=known or "estimate", band="auto")
-        X, F = to_features(record, smoother)
-        levels = levels_of(record, smoother.noise_) | given
-        return cls(record, {k: v for k, v in levels.items() if k in record.channels()}, _segments(record, X, F))
-
-
-@dataclass
-class _Clean:
-    """A record without noise, and the noise levels of its channels."""
-
-    record: Record
-    levels: dict[str, float]
-    data: SegmentSet
-
-    @classmethod
-    def of(cls, measured: _Measured, model: ChainModel) -> _Clean:
-        levels = measured.levels
-        record = quiet_drive(measured.record, levels)
-        seg = measured.data.segments[0]
-        ag = record.base_acceleration
-        run, _ = free_run(model, replace(seg, F=record.force, ag=seg.ag if ag is None else ag), {})
-        motion = [seg.a.copy(), np.cumsum(seg.v, axis=1), np.cumsum(seg.s, axis=1)]
-        if run is not None:
-            for whole, part in zip(motion, (run.acceleration, run.velocity, run.displacement)):
-                whole[seg.valid] = part
-        clean = record.replace(
-            coordinates="relative", **dict(zip(("acceleration", "velocity", "displacement"), motion))
-        )
-        return cls(clean, levels, _segments(record, *to_features(clean, False)))
-
-    def draw(self, rng: np.random.Generator, smooth: bool) -> SegmentSet:
-        """The record with fresh noise on its measured channels, treated like a measurement."""
-        changes = {}
-        for key, prefix in (("force", "F"), ("acceleration", "a"), ("velocity", "v"), ("displacement", "x")):
-            values = np.array(getattr(self.record, key), dtype=float)
-            for j in range(self.record.n_dof):
-                name = f"{prefix}{j + 1}"
-                if name in self.levels:
-                    values[:, j] += self.levels[name] * rng.standard_normal(len(values))
-                elif prefix != "F" and smooth:
-                    values[:, j] = np.nan
-            changes[key] = values
-        changes |= noisy_base(self.record, self.levels, rng)
-        noisy = self.record.replace(**changes)
-        return _segments(noisy, *to_features(noisy, smooth))
-
-
-def _segments(record: Record, X: Any, F: Any) -> SegmentSet:
-    return from_arrays(X, F, base_acceleration=record.base_acceleration, covariates=record.covariates)
 
 
 def floor_of(given: Any, work: Any, model: ChainModel, simulated: Any) -> tuple[NoiseFloor | None, str]:
@@ -484,11 +281,11 @@ def floor_of(given: Any, work: Any, model: ChainModel, simulated: Any) -> tuple[
     if isinstance(given, str) and given == "channels":
         if simulated is None:
             return None, "not known: the model has no free run"
-        pieces = simulated.pieces()
-        data = SegmentSet([piece for _, piece in pieces], simulated.data.n_samples)
-        filters = [work.filters[work.searched[i]] for i, _ in pieces]
-        source = "a free run of the model with the noise of the channels"
-        return NoiseFloor.from_draws([(residual_of(model, data, filters), data)], source), source
+        simulated.filters = [work.filters[i] for i in work.searched]
+        floor = NoiseFloor.from_draws(
+            [residual_of(model, *searched(simulated))], "a free run of the model with the noise of the channels"
+        )
+        return floor, floor.source
     if isinstance(given, (Mapping, float, int, list, tuple, np.ndarray)) and not isinstance(given, bool):
         return NoiseFloor.given(given, work.n_dof), "given by the user"
     raise ChannelError(
@@ -505,26 +302,21 @@ def _repeated(work: Any, model: ChainModel) -> Residual:
     seen = np.all([work.seen_rows(i)[:least] for i in used], axis=0)
     runs = np.flatnonzero(np.diff(np.r_[False, seen, False].astype(int))).reshape(-1, 2)
     first, last = max(runs, key=lambda r: r[1] - r[0]) if len(runs) else (0, 0)
-    if len(used) < 2 or last - first < FEWEST:
+    if len(used) < 2 or last - first < _FEWEST:
         raise ChannelError(
             f"{len(used)} record{'s' * (len(used) != 1)} with {last - first} rows in common tell no noise",
             "Give repetitions of one test, aligned sample by sample, or noise_floor='channels'.",
         )
-    data = SegmentSet(segments, work.data.n_samples)
-    whole = residual_of(model, data, [work.filters[i] for i in used])
     pieces = [replace(seg, valid=slice(int(first), int(last))) for seg in segments]
-    cut = [e[first - seg.valid.start : last - seg.valid.start] for e, seg in zip(whole.balance, segments)]
-    return replace(whole, data=SegmentSet(pieces, work.data.n_samples)).with_balance(cut)
+    return residual_of(model, SegmentSet(pieces, work.data.n_samples), [work.filters[i] for i in used])
 
 
-# Points of a drawn loop: a file that opens at once, and no cycle loses its shape.
-_POINTS = 1000
-_PER_CYCLE = 40
+# -- loops ------------------------------------------------------------------------------------------
 
 
 @dataclass
 class SiteLoop:
-    """One site along a stretch of data."""
+    """Force of one site along a stretch of data, thinned for drawing."""
 
     site: str
     record: str
@@ -558,29 +350,18 @@ def _loop(site: Site, force: Any, data: SegmentSet, filters: list[Any], storeys:
     which = int(np.argmax([np.abs(m.s).max() for m in motions]))
     m, filter, seg = motions[which], filters[which], data.segments[which]
     # a law that remembers starts fresh with the stretch, and needs a cycle or two to forget that
-    step, rows = _window(m.s, len(m.s) // 10 if force.has_memory else 0)
+    first = len(m.s) // 10 if force.has_memory else 0
+    step = int(max(1, min(period_of([m.s]) // _PER_CYCLE, len(m.s) // _POINTS)))
+    width = min(len(m.s) - first, _POINTS * step)
+    start = int(np.clip(int(np.abs(m.s).argmax()) - width // 2, first, len(m.s) - width))
+    rows = slice(start, start + width, step)
 
     def drawn(line: np.ndarray) -> np.ndarray:
-        return (line if filter is None else filter.apply(line))[rows][::step]
+        return (line if filter is None else filter.apply(line))[rows]
 
     R = force.along(m)
-    rest = storeys[which][:, site.p - 1] if site.is_storey else np.full(len(R), np.nan)
-    identified = drawn(R)
     t = np.arange(len(R), dtype=float) if m.t is None else m.t
-    return SiteLoop(
-        str(site),
-        seg.name,
-        t[rows][::step],
-        drawn(m.s),
-        drawn(m.v),
-        identified,
-        identified + rest[rows][::step] if np.isfinite(rest).all() else None,
-    )
-
-
-def _window(s: np.ndarray, first: int) -> tuple[int, slice]:
-    """Every how many samples to draw, and a stretch around the largest motion."""
-    step = int(max(1, min(period_of([s]) // _PER_CYCLE, len(s) // _POINTS)))
-    width = min(len(s) - first, _POINTS * step)
-    start = int(np.clip(int(np.abs(s).argmax()) - width // 2, first, len(s) - width))
-    return step, slice(start, start + width)
+    identified, measured = drawn(R), None
+    if site.is_storey and np.isfinite(storeys[which][:, site.p - 1]).all():
+        measured = identified + storeys[which][rows, site.p - 1]
+    return SiteLoop(str(site), seg.name, t[rows], drawn(m.s), drawn(m.v), identified, measured)

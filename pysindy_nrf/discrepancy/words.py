@@ -1,4 +1,7 @@
-"""What the evidence concludes, as types; :mod:`pysindy_nrf.discrepancy.words` makes the sentences."""
+"""What the evidence concludes, as types, and the sentences that are made of them and of the loop's results.
+
+All verdicts become words here, and nothing reads them back.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +17,12 @@ from ..mechanics.sites import Site
 
 
 class ResidualKind(Enum):
-    """What the residual of one balance or storey holds."""
+    """What the residual of one balance or storey holds; the values are the words."""
 
     NOISE = "noise"
-    LINEAR = "linear"
-    NONLINEAR = "nonlinear"
-    UNMEASURED = "unmeasured"  # an unmeasured force or coloured noise
+    LINEAR = "linear effect missing"
+    NONLINEAR = "nonlinear effect missing"
+    UNMEASURED = "unmeasured force or coloured noise"
 
 
 class Location(Enum):
@@ -33,16 +36,18 @@ class Location(Enum):
 
 
 class Agreement(Enum):
-    """How localisation and the site that the loop chose agree."""
+    """How localisation and the site that the loop chose agree; the values are the words."""
 
-    NONE = "none"  # nothing was chosen or located
-    SIGNLESS = "signless"  # all sites have one pattern of signs
-    SAME = "same"
-    UNJUDGED = "unjudged"
-    SAME_SIGNS = "same signs"
-    LATER = "later"  # the located site follows in a later step
-    NEAR = "near"
-    DISAGREES = "disagrees"
+    NONE = ""  # nothing was chosen or located
+    SIGNLESS = "The loop chose {chosen} by the error after refitting."  # all sites have one pattern of signs
+    SAME = "The loop chose the same pattern of signs, at {chosen}."
+    UNJUDGED = "The loop chose {chosen}, which localisation cannot judge."
+    LATER = "The loop chose {chosen} ({share:.0f} %) first, and {site} in a later step."
+    NEAR = "The loop chose {chosen} ({share:.0f} %), which localisation hardly tells from {site}."
+    DISAGREES = (
+        "The loop, which refits the whole chain with a law at each site, chose {chosen}: by its signs alone it "
+        "explains {share:.0f} %; another effect may dominate the residual."
+    )
 
 
 class Dependence(Enum):
@@ -56,7 +61,6 @@ class Dependence(Enum):
     RATE = "v alone"
     COVARIATE = "covariate"
     TIME = "time"
-    AMPLITUDE = "amplitude"
     SURFACE = "s and v"
     PATH = "path"
     NOTHING = "nothing tried"
@@ -71,27 +75,14 @@ class Feature(Enum):
     SOFTENING = "softening"
 
 
-class Parity(Enum):
-    """Symmetry of a force under (s, v) -> (-s, -v)."""
-
-    ODD = "odd"
-    EVEN = "even"
-    NEITHER = "neither"
-
-    @classmethod
-    def of(cls, odd: float) -> Parity:
-        """Parity from the share of the odd part, 0 to 1."""
-        return cls.ODD if odd > 0.9 else cls.EVEN if odd < 0.1 else cls.NEITHER
-
-
 class Why(Enum):
-    """Why one question to the residual has no answer."""
+    """Why one question to the residual has no answer; the values are the words."""
 
-    UNTRIED = "untried"
-    ERROR = "error"
-    NO_SITE = "no site"
-    ONLY_NOISE = "only noise"
-    NOTHING_LOCATED = "nothing located"
+    UNTRIED = "nothing was tried"
+    ERROR = ""
+    NO_SITE = "the site is not known: "
+    ONLY_NOISE = "nothing but noise is left"
+    NOTHING_LOCATED = "the residual is at the noise floor"
 
 
 @dataclass(frozen=True)
@@ -116,46 +107,34 @@ class Contradiction:
     message: str
 
 
+QUESTIONS = ("detection", "localisation", "characterisation")
 # What the tests of detection correlate, x being a signal and e the residual.
 TESTS = {
     "phi_ee": "the residual with its own past",
     "phi_xe": "the residual with {x}",
     "phi_x2e": "the residual with the square of {x}",
     "phi_x3e": "the residual with the cube of {x}",
-    "phi_|x||e|": "the size of the residual with the size of {x}",
-    "phi_e(ex)": "the residual with its own product with {x}",
 }
-_KINDS = {
-    ResidualKind.NOISE: "noise",
-    ResidualKind.LINEAR: "linear effect missing",
-    ResidualKind.NONLINEAR: "nonlinear effect missing",
-    ResidualKind.UNMEASURED: "unmeasured force or coloured noise",
-}
-_PARITY = {Parity.ODD: "odd", Parity.EVEN: "even", Parity.NEITHER: "neither odd nor even"}
 _DEPENDENCE = {
     Dependence.CONSTANT: "Is constant: an offset or a dead load",
     Dependence.LINEAR: "Is linear in s, v and a: a wrong stiffness, damping or mass",
-    Dependence.TIME: "Changes in time: a drift or step of stiffness, damping or friction",
-    Dependence.AMPLITUDE: "Depends on the amplitude of vibration",
+    Dependence.LINE: "Is a spectral line at {found.frequency:.4g} Hz: an unmeasured harmonic force",
     Dependence.DELAY: "Follows the derivative of a channel: a delay between channels",
-}
-_SMOOTH = {
-    Dependence.DRIFT: "a nonlinear spring",
-    Dependence.RATE: "nonlinear damping",
-    Dependence.SURFACE: "a force on the surface R(s, v)",
-}
-_WHY = {
-    Why.UNTRIED: "nothing was tried",
-    Why.ONLY_NOISE: "nothing but noise is left",
-    Why.NOTHING_LOCATED: "the residual is at the noise floor",
+    Dependence.COVARIATE: "Is modulated by {found.covariate}",
+    Dependence.TIME: "Changes in time: a drift or step of stiffness, damping or friction",
+    Dependence.PATH: (
+        "Depends on the path (memory adds {found.memory:.0f} points to any function of s and v), {parity}: "
+        "hysteresis-like"
+    ),
+    Dependence.DRIFT: "Depends on s alone, {parity}, smooth{marks}: a nonlinear spring",
+    Dependence.RATE: "Depends on v alone, {parity}, smooth: nonlinear damping",
+    Dependence.SURFACE: "Depends on s and v, {parity}, smooth: a force on the surface R(s, v)",
 }
 
 
 def obstacle(one: Obstacle) -> str:
     """A reason, as the end of a sentence."""
-    if one.why == Why.NO_SITE:
-        return f"the site is not known: {one.error}"
-    return _WHY.get(one.why, one.error).rstrip(".") or _WHY[Why.UNTRIED]
+    return f"{one.why.value}{one.error}".rstrip(".") or Why.UNTRIED.value
 
 
 def not_possible(question: str, evidence: Any) -> str:
@@ -165,24 +144,6 @@ def not_possible(question: str, evidence: Any) -> str:
 
 
 # -- is it noise ------------------------------------------------------------------------------------
-
-
-def of_detection(found: Any, kinds: dict[ResidualKind, list[str]]) -> str:
-    """Every verdict of a :class:`Detection` with the test behind it; ``kinds`` holds the tests of each."""
-    said = []
-    for where, row in found.verdicts.iterrows():
-        kind = row["verdict"]
-        text = f"{where}: {_KINDS[kind]}"
-        outside = found.tests[(found.tests["where"] == where) & found.tests["outside"]].sort_values(["p", "peak"])
-        if kind == ResidualKind.NOISE:
-            text += " (traces of structure too small to model)" if len(outside) else ""
-        elif len(outside := outside[outside["test"].isin(kinds[kind])]):
-            best = outside.iloc[0]
-            text += f" ({best['test']}, {best['signal']}: {best['peak']:.2f}, band {best['band']:.2f})"
-        if np.isfinite(row["floor ratio"]):
-            text += f", {row['floor ratio']:.2g} times the noise floor"
-        said.append(text)
-    return "; ".join(said) + "."
 
 
 def detection(evidence: Any) -> str:
@@ -195,7 +156,7 @@ def detection(evidence: Any) -> str:
     if evidence.detection.is_noise:
         return f"Nothing but noise is left in any balance ({times})."
     kinds = table[table["verdict"] != ResidualKind.NOISE]["verdict"]
-    said = [f"{_KINDS[kind]} in {_listed(kinds.index[kinds == kind])}" for kind in dict.fromkeys(kinds)]
+    said = [f"{kind.value} in {_listed(kinds.index[kinds == kind])}" for kind in dict.fromkeys(kinds)]
     best = evidence.strongest
     strongest = (
         ""
@@ -229,12 +190,13 @@ def localisation(evidence: Any) -> str:
         ratio = first["over floor"]
         much = f"{ratio:.2g} times what noise leaves" if np.isfinite(ratio) else "round-off"
         return f"All balances together leave {much}: nothing to locate."
-    said = _located(table)
+    text = f"The signs across the balances point to {evidence.site}: {_located(table)}."
     if table["share"].dropna().round(6).nunique() <= 1:
-        text = f"{said[:1].upper()}{said[1:]}."
-    else:
-        text = f"The signs across the balances point to {evidence.site}: {said}."
-    return f"{text} {_agreement(evidence)}".strip()
+        text = f"{_located(table)}."
+        text = text[:1].upper() + text[1:]
+    share = table["share"].get(evidence.chosen, np.nan)
+    agreement = evidence.agreement.value.format(chosen=evidence.chosen, site=evidence.site, share=share)
+    return f"{text} {agreement}".strip()
 
 
 def _located(table: pd.DataFrame) -> str:
@@ -242,7 +204,8 @@ def _located(table: pd.DataFrame) -> str:
     first, rest = table.iloc[0], table.iloc[1:]
     if first["verdict"] in (Location.UNSEEN, Location.UNKNOWN):
         return "no known balance can tell"
-    text = f"explains {first['share']:.0f} % (balances {first['balances']})"
+    within = f"{first['low']:.0f} to {first['high']:.0f}; " if np.isfinite(first["low"]) else ""
+    text = f"explains {first['share']:.0f} % ({within}balances {first['balances']})"
     if first["verdict"] == Location.ONE_BALANCE:
         text = "one balance: the signs say nothing"
     if np.isfinite(own := first["own"]):
@@ -262,41 +225,18 @@ def _located(table: pd.DataFrame) -> str:
     return text
 
 
-def _agreement(evidence: Any) -> str:
-    """Whether localisation agrees with the site of the effect that was added."""
-    chosen, site, table, verdict = evidence.chosen, evidence.site, evidence.localisation, evidence.agreement
-    if verdict == Agreement.NONE:
-        return ""
-    if verdict == Agreement.SIGNLESS:
-        return f"The loop chose {chosen} by the error after refitting."
-    if verdict == Agreement.SAME:
-        return f"The loop chose the same site, {chosen}."
-    if verdict == Agreement.UNJUDGED:
-        return f"The loop chose {chosen}, which localisation cannot judge."
-    if verdict == Agreement.SAME_SIGNS:
-        return f"The loop chose {chosen}, which has the same pattern of signs."
-    share = table.loc[chosen, "share"]
-    if verdict == Agreement.LATER:
-        return f"The loop chose {chosen} ({share:.0f} %) first, and {site} in a later step."
-    if verdict == Agreement.NEAR:
-        return f"The loop chose {chosen} ({share:.0f} %), which localisation hardly tells from {site}."
-    rank = table.loc[:chosen, "share"].dropna().round(6).nunique()
-    return (
-        f"Localisation disagrees with the loop, which chose {chosen}: it explains {share:.0f} % and is number "
-        f"{rank}. The choice of the loop rests on refitting the whole chain with a law there, which the signs "
-        "alone cannot do; another effect may dominate the residual."
-    )
-
-
 # -- what kind --------------------------------------------------------------------------------------
 
 
 def characterisation(evidence: Any) -> str:
-    """What the missing force depends on."""
+    """What the missing force depends on, and what no law of a chain explains."""
     if evidence.characterisation is None:
-        return not_possible("characterisation", evidence)
-    said = characterised(evidence.characterisation)
-    return f"The force missing at {evidence.site} {said[0].lower()}{said[1:]}"
+        text = not_possible("characterisation", evidence)
+    else:
+        said = characterised(evidence.characterisation)
+        text = f"The force missing at {evidence.site} {said[0].lower()}{said[1:]}"
+    coupled = "; ".join(map(_coupling, evidence.couplings))
+    return f"{text} Not explained by a chain law: {coupled}." if coupled else text
 
 
 def characterised(found: Any) -> str:
@@ -314,30 +254,20 @@ def characterised(found: Any) -> str:
 
 def _kind(found: Any) -> str:
     """What a force depends on and what it is like, without numbers of the fit."""
-    d, parity = found.dependence, Parity.of(found.odd)
-    if d == Dependence.LINE:
-        return f"Is a spectral line at {found.frequency:.4g} Hz: an unmeasured harmonic force"
-    if d == Dependence.COVARIATE:
-        return f"Is modulated by {found.covariate}{', odd in the motion' if parity == Parity.ODD else ''}"
-    if d in _DEPENDENCE:
-        return _DEPENDENCE[d]
-    if d == Dependence.PATH:
-        text = f"Depends on the path (memory adds {found.memory:.0f} points to any function of s and v)"
-        return f"{text}, {_PARITY[parity]}: hysteresis-like"
-    text = f"Depends on {d.value}, {_PARITY[parity]}"
+    parity = "odd" if found.odd > 0.9 else "even" if found.odd < 0.1 else "neither odd nor even"
     if Feature.JUMP in found.features:
-        return f"{text}, with a jump at v = 0: friction-like"
+        return f"Depends on v alone, {parity}, with a jump at v = 0: friction-like"
     if Feature.KINK in found.features:
-        contact = "contact on one side" if parity == Parity.NEITHER else "gap- or contact-like"
-        return f"{text}, with a kink: {contact}"
-    more = f" ({', '.join(mark.value for mark in found.features)})" if found.features else ""
-    return f"{text}, smooth{more}: {_SMOOTH[d]}"
+        contact = "gap- or contact-like" if parity in ("odd", "even") else "contact on one side"
+        return f"Depends on s alone, {parity}, with a kink: {contact}"
+    marks = f" ({', '.join(mark.value for mark in found.features)})" if found.features else ""
+    return _DEPENDENCE[found.dependence].format(found=found, parity=parity, marks=marks)
 
 
 # -- what no chain law explains, and channels -------------------------------------------------------
 
 
-def coupling(one: Any) -> str:
+def _coupling(one: Any) -> str:
     """What is left of one storey's force."""
     text = (
         f"storey {one.storey}, {one.percent:.3g} % of its force: its own drift, rate and path explain "
@@ -346,11 +276,6 @@ def coupling(one: Any) -> str:
     if one.coupled:
         text += f", coupling to the drifts and rates of the other storeys {100 * one.others:.0f} % of the rest"
     return text
-
-
-def couplings(found: Sequence[Any]) -> str:
-    """Where something is left that no law of a chain explains; empty if nowhere."""
-    return f"Not explained by a chain law: {'; '.join(map(coupling, found))}" if found else ""
 
 
 def contradictions(found: Sequence[Any]) -> str:

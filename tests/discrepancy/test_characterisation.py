@@ -77,7 +77,7 @@ def residual(name, noise, seed=0):
 @pytest.mark.parametrize("name", EFFECTS)
 def test_dependence_and_words(name, noise):
     _, wanted, parity, word = EFFECTS[name]
-    found = characterise(residual(name, noise), Motion(S, V, A, T, {"U": VOLTAGE}))
+    found = characterise([residual(name, noise)], [Motion(S, V, A, T, {"U": VOLTAGE})])
     assert found.shares.index[found.shares["chosen"]].tolist() == [wanted]
     assert parity in found.sentence and word in found.sentence
     share = found.shares.loc[wanted, "share"]
@@ -92,21 +92,21 @@ def test_dependence_and_words(name, noise):
 
 def test_noise_depends_on_nothing():
     e = np.random.default_rng(0).standard_normal(len(T))
-    found = characterise(e, Motion(S, V, A, T, {"U": VOLTAGE}), noise=1.0)
+    found = characterise([e], [Motion(S, V, A, T, {"U": VOLTAGE})], noise=1.0)
     assert found.dependence == Dependence.NOTHING and np.isnan(found.frequency)
     assert (found.shares["share"] < 1).all() and "noise is 100 %" in found.sentence
 
 
 def test_band_is_treated_fairly():
     f = FairFilter((0.5, 20.0), FS)
-    found = characterise(f.apply(20 * np.sign(V)), Motion(S, V, A, T), filters=f)
+    found = characterise([f.apply(20 * np.sign(V))], [Motion(S, V, A, T)], filters=[f])
     assert found.dependence == Dependence.RATE and Feature.JUMP in found.features
     assert found.shares.loc["v alone", "share"] > 99.5
 
 
 def test_columns_of_the_baseline_are_allowed_for():
     other = np.roll(S, 777)[:, None]
-    found = characterise(20 * np.sign(V) + 4e4 * other[:, 0], Motion(S, V, A, T), beside=other)
+    found = characterise([20 * np.sign(V) + 4e4 * other[:, 0]], [Motion(S, V, A, T)], beside=[other])
     assert found.dependence == Dependence.RATE and found.shares.loc["v alone", "share"] > 99
 
 
@@ -122,17 +122,17 @@ def test_several_records_and_conditional_means():
 
 def test_bad_input_is_refused():
     with pytest.raises(ChannelError, match="differ in length"):
-        characterise(S[:-1], Motion(S, V))
+        characterise([S[:-1]], [Motion(S, V)])
     with pytest.raises(ChannelError, match="not finite"):
-        characterise(np.where(T > 1, S, np.nan), Motion(S, V))
+        characterise([np.where(T > 1, S, np.nan)], [Motion(S, V)])
     with pytest.raises(ChannelError, match="200 samples"):
-        characterise(S[:100], Motion(S[:100], V[:100]))
+        characterise([S[:100]], [Motion(S[:100], V[:100])])
 
 
 def test_display_draws_shares_and_the_force_against_the_rate():
     from pysindy_nrf.output.displays.evidence import dependence_figures
 
-    found = characterise(residual("coulomb", 0.0), Motion(S, V, A, T))
+    found = characterise([residual("coulomb", 0.0)], [Motion(S, V, A, T)])
     bars, drift, rate = dependence_figures(found)
     assert (drift.x.label, drift.x.unit, rate.x.label, rate.x.unit) == ("drift s", "m", "rate v", "m/s")
     assert list(bars.marks[0].values) == list(found.shares["share"].clip(lower=0))

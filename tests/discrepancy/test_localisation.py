@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from chains import band_limited, duffing, parameters
+from chains import band_limited, duffing, floor_of_noise, parameters
 
 from pysindy_nrf import NRFRegressor, Record
 from pysindy_nrf.discrepancy.localisation import localise
-from pysindy_nrf.discrepancy.residual import NoiseFloor, residual_of
+from pysindy_nrf.discrepancy.residual import residual_of
 from pysindy_nrf.discrepancy.words import Location
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.regression.input_arrays import from_arrays
@@ -14,6 +14,7 @@ from pysindy_nrf.regression.input_arrays import from_arrays
 pytestmark = pytest.mark.slow
 
 N = 4
+CHANNELS = ("force", "acceleration", "velocity", "displacement")
 EXCITATIONS = {"complete": [1, 2, 3, 4], "top": [4], "middle": [2], "base": []}
 
 
@@ -57,26 +58,18 @@ def residual(site, excitation, seed=0, strength=8.0, n_samples=4000, degree=1, n
     known = None if dofs else dict(enumerate(m, 1))
     X, F, rec = case.X, case.F, None
     if noise:
-
-        def noisy(p):
-            return p + noise * np.sqrt((p**2).mean(axis=0)) * rng.standard_normal(p.shape)
-
-        rec = Record(
-            noisy(case.F),
-            noisy(case.a),
-            noisy(case.v.cumsum(axis=1)),
-            noisy(case.s.cumsum(axis=1)),
-            fs=1e3,
-            base_acceleration=ag,
-        )
+        clean = dict(zip(CHANNELS, (case.F, case.a, case.v.cumsum(axis=1), case.s.cumsum(axis=1))))
+        levels = {k: noise * np.sqrt((p**2).mean(axis=0)) for k, p in clean.items()}
+        noisy = {k: p + levels[k] * rng.standard_normal(p.shape) for k, p in clean.items()}
+        rec = Record(**noisy, fs=1e3, base_acceleration=ag)
         X, F = rec.to_features()
     fit = NRFRegressor(degree=degree, known_masses=known, dt=1e-3).fit(X, F, base_acceleration=ag)
     data = from_arrays(X, F, dt=1e-3, base_acceleration=ag)
-    return residual_of(fit.model_, data), rec
+    return residual_of(fit.model_, data), rec and floor_of_noise(fit.model_, rec, levels)
 
 
 @pytest.mark.parametrize("excitation", EXCITATIONS)
-@pytest.mark.parametrize("site", ["storey 1", "storey 3", "storey 4", "link 3-1", "ground 3"])
+@pytest.mark.parametrize("site", ["storey 1", "storey 3", "link 3-1", "ground 3"])
 def test_right_site_comes_first_without_noise(site, excitation):
     table = localise(residual(site, excitation)[0])
     assert table.index[0] == site and table["share"].iloc[0] > 99.9
@@ -86,8 +79,8 @@ def test_right_site_comes_first_without_noise(site, excitation):
 
 @pytest.mark.parametrize("excitation", ["complete", "top", "base"])
 def test_right_site_comes_first_with_one_percent_noise(excitation):
-    found, rec = residual("storey 2", excitation, seed=1, strength=15.0, noise=0.01)
-    table = localise(found, floor=NoiseFloor.from_channels(found.model, rec, random_state=0))
+    found, floor = residual("storey 2", excitation, seed=1, strength=15.0, noise=0.01)
+    table = localise(found, floor=floor)
     assert table.index[0] == "storey 2" and table["share"].iloc[0] > 90
 
 
@@ -112,20 +105,6 @@ def test_outside_force_is_told_from_a_ground_link_by_its_motion():
     assert table.index[0] == "dof 2" and table.loc["ground 2", "share"] == pytest.approx(table["share"].iloc[0])
 
 
-def test_two_effects_are_found_one_beside_the_other():
-    rng = np.random.default_rng(3)
-    given = parameters(N, rng, cubic=False)
-    first, second = force_of("storey 2", 12.0), force_of("storey 4", 6.0)
-    case = duffing(
-        N, [1, 2, 3, 4], seed=3, n_samples=6000, given=given, extra=lambda x, v: first(x, v) + second(x, v), substeps=2
-    )
-    fit = NRFRegressor(degree=1, dt=1e-3).fit(case.X, case.F)
-    found = residual_of(fit.model_, from_arrays(case.X, case.F, dt=1e-3))
-    assert localise(found).index[0] == "storey 2"
-    beside = localise(found, besides=["storey 2"])
-    assert beside.index[0] == "storey 4" and beside["share"].iloc[0] > 99.9
-
-
 def test_unknown_balance_hides_what_cannot_be_told():
     found, _ = residual("storey 2", "complete")
     F = np.array([seg.F for seg in found.data.segments])[0].copy()
@@ -139,8 +118,8 @@ def test_unknown_balance_hides_what_cannot_be_told():
 
 
 def test_nothing_to_locate():
-    found, rec = residual(None, "complete", noise=0.02)
-    table = localise(found, floor=NoiseFloor.from_channels(found.model, rec, random_state=0))
+    found, floor = residual(None, "complete", noise=0.02)
+    table = localise(found, floor=floor)
     assert set(table["verdict"]) == {Location.NOTHING}
     assert set(localise(residual(None, "complete")[0])["verdict"]) == {Location.NOTHING}
     with pytest.raises(ChannelError, match="sensor x9"):

@@ -21,11 +21,11 @@ from .bootstrap import simulated
 from .catalogue import balances_of
 from .constants import COMPLETE, HOPELESS, LEAST_GAIN, LEAST_RATIO
 from .contradictions import contradictions
-from .evidence import Evidence, look, searched
+from .evidence import Evidence, look
 from .free_run import free_run_error
 from .prepare import measured_of
 from .report import LoopReport, Step, audit
-from .residual import floor_of, loops_of
+from .residual import floor_of, loops_of, searched
 from .ruler import Gain, Powers, Ruler, Slot, Trial
 from .search import Forward
 from .shapes import Axes

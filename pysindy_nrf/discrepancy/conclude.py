@@ -54,31 +54,31 @@ class Stand:
 def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: np.random.Generator) -> LoopReport:
     """The report of a search that has come to its end; the held-out data are read here."""
     state = forward.state
-    ruler = first.trial.ruler
-    means = any(e.law.variable == "1" for e in state.effects)  # a constant force shows in the means alone
-    base = Trial(ruler.as_measured(), first.trial.base, first.trial.laws) if means else first.trial
-    stands = [_stand("baseline", base)]
+    ruler, laws = first.trial.ruler, dict(first.trial.laws)
+    stands = [_stand("baseline", first.trial)]
     steps: list[Step] = []
-    confirmed = stands[0]
-    laws = dict(first.trial.laws)
-    ruler = base.ruler
+    confirmed = before = stands[0]
     for effect in state.effects:
+        with_it = laws
         if effect.is_fault:
-            ruler = forward.rulers[effect].as_measured() if means else forward.rulers[effect]
-            with_it = laws
+            ruler = forward.rulers[effect]
         else:
             with_it = {**laws, effect.site: (*laws.get(effect.site, ()), effect.law)}
         try:
+            if effect.law.variable == "1" and ruler.windows.centred:  # the means alone show a constant force
+                ruler = ruler.as_measured()
+                before = _stand(confirmed.name, Trial(ruler, first.trial.base, laws))
             stand = _stand(f"{effect.law.name} at {effect.site}", Trial(ruler, first.trial.base, with_it))
         except NRFError:
             continue
-        step = _step(forward, effect, confirmed, stand)
+        step = _step(forward, effect, before, stand)
         if not step.confirmed and step.gain < LEAST_GAIN:
             continue  # it was found beside an effect that held-out data do not confirm
         steps.append(step)
         stands.append(stand)
         if step.confirmed:
             confirmed, laws = stand, with_it
+            before = confirmed
     stopped = _why_stopped(forward, settings["max_steps"])
     no_claim = _no_claim(stands[0], confirmed, first)
     if no_claim:

@@ -19,13 +19,16 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 
 import numpy as np  # noqa: E402
-from pysindy_nrf.discrepancy.splits import split  # noqa: E402
-from pysindy_nrf.discrepancy.stage import Stage  # noqa: E402
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, Site, excitation, laws, simulate  # noqa: E402
 from pysindy_nrf.discrepancy.catalogue import candidates, default_catalogue  # noqa: E402
+from pysindy_nrf.discrepancy.folds import split, window_length  # noqa: E402
 from pysindy_nrf.discrepancy.prepare import prepare  # noqa: E402
-from pysindy_nrf.discrepancy.search import grid_of, screen  # noqa: E402
+from pysindy_nrf.discrepancy.ruler import Ruler, Trial  # noqa: E402
+from pysindy_nrf.discrepancy.search import Search, lines_at, proposals_of  # noqa: E402
+from pysindy_nrf.discrepancy.shapes import Axes  # noqa: E402
+from pysindy_nrf.discrepancy.spectra import Windows  # noqa: E402
+from pysindy_nrf.discrepancy.state import Proposal, State  # noqa: E402
 from pysindy_nrf.discrepancy.workspace import Workspace  # noqa: E402
 
 TARGET = 20.0
@@ -44,22 +47,29 @@ def record(n: int, samples: int, seed: int = 0) -> Record:
     return simulate(ChainModel(masses, parts), F, 1e-3)
 
 
-def stage_of(rec: Record) -> Stage:
+def state_of(rec: Record) -> State:
     """The linear chain on all of a record but what is held out."""
-    data = prepare(rec).data
-    search, held = split(data.segments)
-    work = Workspace(data, [None], search, held, {}, "auto")
-    problem = NRFRegressor(degree=1).problem(data.n_dof)
-    return Stage(work, problem.chain, problem.laws)
+    ready = prepare(rec)
+    data, problem = ready.data, NRFRegressor(degree=1).problem(ready.data.n_dof)
+    length = window_length(data.segments)
+    work = Workspace(data, *split(data.segments, length), {}, "auto")
+    ruler = Ruler(work, Windows(data, work.search, length)).find_bands([(problem.chain, problem.laws)])
+    return State(Trial(ruler, problem.chain, problem.laws), ready=ready)
 
 
-def design(stage: Stage, site: Site, columns: np.ndarray) -> np.ndarray:
+def searched(state: State, rows_of) -> np.ndarray:
+    """Rows of arrays along the record that the search may see."""
+    work = state.trial.ruler.work
+    return np.hstack([rows_of(b.segment)[:, b.rows] for b in work.search])
+
+
+def design(state: State, site: Site, columns: np.ndarray) -> np.ndarray:
     """The stacked matrix of all balances with the columns of a candidate, shape (n_dof n, n_dof + terms)."""
-    work, n = stage.work, stage.work.n_dof
-    fixed, size = work.search_fixed, columns.shape[1]
-    own = {s: work.search_columns(s, stage.laws[s]) for s in stage.layout.acting}
-    width = n + stage.layout.n_terms + len(columns)
-    out = np.zeros((n * size, width))
+    work, trial = state.trial.ruler.work, state.trial
+    n, size = work.n_dof, columns.shape[1]
+    fixed = searched(state, work.fixed)
+    own = {s: searched(state, lambda i, s=s: work.columns(s, trial.laws[s], i)) for s in trial.layout.acting}
+    out = np.zeros((n * size, n + trial.layout.n_terms + len(columns)))
     for j in range(1, n + 1):
         rows, at = slice((j - 1) * size, j * size), n
         out[rows, j - 1] = fixed[j - 1]
@@ -72,14 +82,14 @@ def design(stage: Stage, site: Site, columns: np.ndarray) -> np.ndarray:
     return out
 
 
-def refit(stage: Stage, tried: list) -> tuple[float, tuple[str, str]]:
+def refit(state: State, tried: list) -> tuple[float, tuple[str, str]]:
     """Seconds, and the best law and site, of one lstsq for every trial."""
-    n = stage.work.n_dof
-    target = stage.work.search_fixed[n:].ravel()
+    work = state.trial.ruler.work
+    target = searched(state, work.fixed)[work.n_dof :].ravel()
     best, winner = np.inf, ("", "")
     start = time.perf_counter()
     for site, law in tried:
-        matrix = design(stage, site, stage.work.search_columns(site, [law]))
+        matrix = design(state, site, searched(state, lambda i: work.columns(site, [law], i)))  # noqa: B023
         scale = np.sqrt(np.mean(matrix**2, axis=0))
         scale[scale == 0] = 1.0
         left = target - matrix / scale @ np.linalg.lstsq(matrix / scale, target, rcond=None)[0]
@@ -89,34 +99,54 @@ def refit(stage: Stage, tried: list) -> tuple[float, tuple[str, str]]:
     return time.perf_counter() - start, winner
 
 
+def trials(state: State, proposals: list[Proposal]) -> list[tuple[Site, laws.ForceLaw]]:
+    """Every law with every point of its scan."""
+    out = []
+    for p in proposals:
+        axes = Axes(p.law, state.trial.ruler.work, p.sites)
+        lines = lines_at(state.trial, p) if any(shape.is_frequency for shape in axes.shapes) else ()
+        out += [(p.sites[0], axes.at(u)[0]) for u in axes.grid(lines)]
+    return out
+
+
 def main(arguments: list[str] | None = None) -> dict:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="3 DOFs, 2048 samples")
     o = parser.parse_args(arguments)
     n, samples = (3, 2048) if o.quick else (4, 16384)
     rec = record(n, samples)
-    every = [c for c in candidates(default_catalogue(), stage_of(rec).chain, {}, (), range(1, n + 1))]
-    lines = {Site(f"dof {j}"): [4.0, 9.0, 17.0] for j in range(1, n + 1)}
-    screen(stage_of(rec), every, (), lines)  # compiled once
-    stage = stage_of(rec)
+    chain = state_of(rec).trial.chain
+    every = [c for c in candidates(default_catalogue(), chain, {}, (), range(1, n + 1))]
+    proposals = [p for p in proposals_of(every, chain.sites) if len(p.sites) == 1]  # one law at one site
+    scan(state_of(rec), proposals)  # compiled once
+    state = state_of(rec)
     start = time.perf_counter()
-    found = screen(stage, every, (), lines)
+    found = scan(state, proposals)
     fast = time.perf_counter() - start
-    scanned = {(f.site, f.law.name) for f in found}
-    same = [c for c in every if (c.site, c.law.name) in scanned]
-    tried = [(c.site, law) for c in same for law in grid_of(stage, c, lines.get(c.site, ()))]
-    slow, winner = refit(stage, tried)
+    scanned = {f.proposal for f in found}
+    tried = trials(state, [p for p in proposals if p in scanned])
+    slow, winner = refit(state, tried)
     ratio = slow / fast
-    names = len({c.law.name for c in every})
+    names, size = (
+        len({c.law.name for c in every}),
+        sum(b.rows.stop - b.rows.start for b in state.trial.ruler.work.search),
+    )
+    best = found[0].proposal
     print(
-        f"{n} DOFs, {samples} samples ({int(stage.work.sizes.sum())} searched): {names} laws, {len(every)} candidates, "
-        f"{len(tried)} trials\n"
-        f"search, the chain solved again on Gram matrices: {fast:.2f} s; best: {found[0].law.name} at {found[0].site}\n"
+        f"{n} DOFs, {samples} samples ({size} searched): {names} laws, {len(every)} candidates, {len(tried)} trials\n"
+        f"search, the chain solved again on Gram matrices: {fast:.2f} s; best: {best.name}\n"
         f"numpy.linalg.lstsq on the full design matrix:    {slow:.2f} s; best: {winner[0]} at {winner[1]}\n"
         f"ratio {ratio:.0f} (target at least {TARGET:g}): {'PASS' if ratio >= TARGET else 'FAIL'}"
     )
-    site = str(found[0].site)
+    site = str(best.sites[0])
     return {"fast": fast, "slow": slow, "ratio": ratio, "trials": len(tried), "site": site, "winner": winner}
+
+
+def scan(state: State, proposals: list[Proposal]) -> list:
+    """Every candidate at the best point of its scan, the best first, without refinement."""
+    search = Search(proposals)
+    found = [search._scanned(state, p, state) for p in proposals]
+    return sorted((f for f in found if f is not None), key=lambda f: -f.screen)
 
 
 if __name__ == "__main__":

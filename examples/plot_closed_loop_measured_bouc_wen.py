@@ -25,13 +25,13 @@ if "PYSINDY_NRF_DATA" not in os.environ:
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)
 
-record, band = measured_sets.load_bouc_wen_benchmark(), (None, 150.0)
-report = close_loop(record, NRFRegressor(degree=1), band=band)
+record = measured_sets.load_bouc_wen_benchmark()
+report = close_loop(record, NRFRegressor(degree=1))
 print(report.model)
 print(f"{report}\n{report.table.round(2).to_string()}")
 
 X, F = record.to_features()
-filter = FairFilter(band, record.fs)
+filter = FairFilter(report.band, record.fs)
 part = slice(3000, 3500)
 figure, axes = plt.subplots(1, 3, figsize=(14, 4.5), layout="constrained")
 for ax, model, when in zip(axes, (report.models[0], report.model), ("before", "after")):

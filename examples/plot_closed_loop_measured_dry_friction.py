@@ -24,16 +24,16 @@ if "PYSINDY_NRF_DATA" not in os.environ:
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)
 
-whole, band = measured_sets.load_dry_friction_storey(), (None, 20.0)
+whole = measured_sets.load_dry_friction_storey()
 # the lasers give 500 Hz, logged at 2000 Hz by repetition; their stand-off is taken off
 x, xg = whole.displacement[::4], whole.base_displacement[::4]
 record = Record(
     displacement=x - x.mean(axis=0), base_displacement=xg - xg.mean(), fs=500.0, coordinates="absolute", name=whole.name
 )
-report = close_loop(record, NRFRegressor(degree=1, known_masses={1: 1.0}), band=band)
+report = close_loop(record, NRFRegressor(degree=1, known_masses={1: 1.0}))
 print(f"{report}\n{report.table.round(2).to_string()}")
 
-X, F = record.to_features(KinematicSmoother(band=band))
+X, F = record.to_features(KinematicSmoother(band=(None, 20.0)))
 inside = X.notna().all(axis=1)
 X = X[inside]
 vg = np.gradient(xg, 1 / 500.0)[inside]

@@ -24,11 +24,11 @@ if "PYSINDY_NRF_DATA" not in os.environ:
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)
 
-record, band = measured_sets.load_emps(), (None, 20.0)
-report = close_loop(record, NRFRegressor(degree=1), band=band)
+record = measured_sets.load_emps()
+report = close_loop(record, NRFRegressor(degree=1))
 print(f"{report}\n{report.table.round(2).to_string()}")
 
-X, F = record.to_features(KinematicSmoother(band=band))
+X, F = record.to_features(KinematicSmoother(band=report.band))
 figure, axes = plt.subplots(1, 3, figsize=(14, 4.5), layout="constrained")
 velocity = X["v1"].to_numpy()
 for ax, model, when in zip(axes, (report.models[0], report.model), ("before", "after")):

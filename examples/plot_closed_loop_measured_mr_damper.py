@@ -24,12 +24,12 @@ if "PYSINDY_NRF_DATA" not in os.environ:
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)
 
-record, band = measured_sets.load_mr_damper_white_noise(), (None, 60.0)
-report = close_loop(record, NRFRegressor(degree=1, known_masses={1: 0.0}), band=band, max_steps=2)
+record = measured_sets.load_mr_damper_white_noise()
+report = close_loop(record, NRFRegressor(degree=1, known_masses={1: 0.0}), max_steps=2)
 print(f"{report}\n{report.table.round(2).to_string()}")
 
 X, F = record.to_features()
-filter = FairFilter(band, record.fs)
+filter = FairFilter((None, 60.0), record.fs)
 measured = filter.apply(F["F1"].to_numpy())
 figure, axes = plt.subplots(1, 3, figsize=(14, 4.5), layout="constrained")
 part = slice(30000, 33000)  # one second

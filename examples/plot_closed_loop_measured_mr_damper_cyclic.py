@@ -25,8 +25,6 @@ if "PYSINDY_NRF_DATA" not in os.environ:
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)
 
-band = (None, 8.0)
-
 
 def declared(degree):
     return NRFRegressor(laws={1: [laws.PowerSeries(degree), laws.ConstantForce()]}, known_masses={1: 0.0})
@@ -36,14 +34,14 @@ runs = measured_sets.mr_damper_cyclic_runs()[::12]
 rows, reports = [], []
 for run in runs:
     record = measured_sets.load_mr_damper_cyclic(run)
-    report = close_loop(record, declared(1), band=band, max_steps=2)
-    cubic = close_loop(record, declared(3), band=band, max_steps=0)
+    report = close_loop(record, declared(1), max_steps=2)
+    cubic = close_loop(record, declared(3), max_steps=0)
     rows.append([report.table["held-out"].iloc[0], cubic.table["held-out"].iloc[0], report.table["held-out"].iloc[-1]])
     reports.append(report)
     print(f"{run}\n{report}\n")
 
 figure, axes = plt.subplots(1, 3, figsize=(14, 4.5), layout="constrained")
-X, F = record.to_features(KinematicSmoother(band=band))
+X, F = record.to_features(KinematicSmoother(band=(None, 8.0)))
 for ax, model, when in zip(axes, (report.models[0], report.model), ("before", "after")):
     HysteresisLoopDisplay.from_estimator(model, X, F, "storey 1").plot(ax)
     ax.set_title(f"{runs[-1]}, {when}")

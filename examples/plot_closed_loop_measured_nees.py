@@ -25,17 +25,16 @@ if "PYSINDY_NRF_DATA" not in os.environ:
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)
 
-band = (0.2, 10.0)
 equal = {1: 1.0, 2: 1.0, 3: 1.0}
 reports = {}
 for name in ("fbgm162s1", "fbgm162s5"):
     record = measured_sets.load_nees_three_storey(name)
-    reports[name] = close_loop(record, NRFRegressor(degree=1, known_masses=equal), band=band)
+    reports[name] = close_loop(record, NRFRegressor(degree=1, known_masses=equal))
     print(f"{name}\n{reports[name]}\n{reports[name].table.round(2).to_string()}\n")
 
 # columns are built from the whole motion and then filtered, as in the search: a law with memory needs the slow part
 X, _ = record.to_features()
-filter = FairFilter(band, record.fs)
+filter = FairFilter((0.2, 10.0), record.fs)
 inertia = filter.apply(-np.cumsum(X[["a3", "a2", "a1"]].to_numpy(), axis=1)[:, ::-1])
 drift = filter.apply(X[["s1", "s2", "s3"]].to_numpy())
 part = slice(len(X) // 25, len(X) // 2)

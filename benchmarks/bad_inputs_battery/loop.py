@@ -16,7 +16,7 @@ from .material import STEP, channels, features, good
 
 
 def loop(records: Any, **options: Any) -> tuple:
-    return lambda records, o: close_loop(records, **{"n_surrogates": 0, "max_steps": 1} | o), (records, options)
+    return lambda records, o: close_loop(records, **{"max_steps": 1} | o), (records, options)
 
 
 def kinds() -> list[Kind]:
@@ -44,7 +44,7 @@ def kinds() -> list[Kind]:
         "a baseline for another chain": (loop(rec, baseline=NRFRegressor(laws={9: laws.LinearElastic()})), "'storey 9' does not exist", "storey 1"),
         "a baseline without degree": (loop(rec, baseline=NRFRegressor(degree=-1)), "is not a whole number", "Give"),
         "half a step": (loop(rec, max_steps=0.5), "max_steps=0.5", "whole number"),
-        "minus one surrogate": (loop(rec, n_surrogates=-1), "n_surrogates=-1", "whole number"),
+        "minus one step": (loop(rec, max_steps=-1), "max_steps=-1", "whole number"),
         "a seed in words": (loop(rec, random_state="lucky"), "random_state='lucky' is no seed", "whole number .*Generator"),
         "detection on arrays": ((lambda X: detect(NRFRegressor().fit(*features()).model_, X), (X,)), "is not a residual", "residual_of"),
         "comparison without a clock": ((lambda X, F: compare_with_sindy(X, F, dt=0.0), (X, F)), "dt", "positive|s"),

@@ -387,6 +387,7 @@ def make_case(
     n_samples: int = N_SAMPLES,
     most: int = 6,
     excitation: str | None = None,
+    accelerations_only: bool = False,
 ) -> Case:
     """Draw one case; the same arguments always give the same case.
 
@@ -407,6 +408,8 @@ def make_case(
     most : int
         Masses at most.
     excitation : str, optional
+    accelerations_only : bool
+        One force and the accelerations of all DOFs are all that is measured.
 
     Returns
     -------
@@ -428,7 +431,8 @@ def make_case(
         structure, f = draw_structure(rng, n)
         fs = float(np.round(f[-1] * rng.uniform(16, 28), 1))
         how = excitation or str(rng.choice(EXCITATIONS if not base else ("random", "earthquake", "earthquake")))
-        forced = () if base else (tuple(range(1, n + 1)) if rng.random() < 0.5 else (int(rng.integers(1, n + 1)),))
+        whole = not accelerations_only and not base and rng.random() < 0.5
+        forced = () if base else tuple(range(1, n + 1)) if whole else (int(rng.integers(1, n + 1)),)
         drift = 10 ** rng.uniform(-4.5, -2)
         loads = scaled_loads(rng, structure, f, fs, how, forced, n_samples, drift)
         if degree == 3:
@@ -448,7 +452,10 @@ def make_case(
         if not all(np.isfinite(r.x).all() for r in others):
             continue
         case = Case(name, group, seed, noise, degree, how, forced, structure, effects, [run, *others])
-        case.seen, case.unseen = [channels(rng, run, noise, forced)], [channels(rng, r, noise, forced) for r in others]
+        every = [channels(rng, r, noise, forced) for r in (run, *others)]
+        if accelerations_only:
+            every = [{k: y for k, y in one.items() if k in ("fs", "acceleration", "force")} for one in every]
+        case.seen, case.unseen = every[:1], every[1:]
         return case
     raise RuntimeError(f"no chain was found for {name} (seed {seed}, {kinds})")
 

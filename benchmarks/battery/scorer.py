@@ -10,7 +10,6 @@ import numpy as np
 
 from pysindy_nrf import Chain, NRFRegressor, Record, Site
 from pysindy_nrf.discrepancy.catalogue import default_catalogue
-from pysindy_nrf.discrepancy.folds import split, window_length
 from pysindy_nrf.discrepancy.prepare import prepare
 
 from .generators import Case, Effect, Structure
@@ -100,12 +99,11 @@ def balances(structure: Structure, effects: list[Effect], t, a, v, s, F, vg):
     -------
     residual : ndarray of shape (n_samples, n)
     parts : list of ndarray of shape (n_samples, n)
-    storey, reference : ndarray of shape (n_samples, n)
     """
     n = structure.n
     storey = structure.k * s + structure.c * v + structure.k3 * s**3
     residual = structure.m * a + storey - np.c_[storey[:, 1:], np.zeros(len(t))] - F
-    parts, own = [], storey.copy()
+    parts = []
     x, rate = np.cumsum(s, axis=1), np.cumsum(v, axis=1)
     for e in effects:
         p, q = e.p - 1, e.q - 1
@@ -116,9 +114,7 @@ def balances(structure: Structure, effects: list[Effect], t, a, v, s, F, vg):
             part[:, q] -= force
         parts.append(part)
         residual = residual + part
-        if e.site == f"storey {e.p}":
-            own[:, p] += force
-    return residual, parts, own, np.where(F.any(axis=0), F, structure.m * a)
+    return residual, parts
 
 
 def audibility(case: Case, ready) -> list[float]:
@@ -133,8 +129,8 @@ def audibility(case: Case, ready) -> list[float]:
     known = range(1, case.structure.n + 1) if case.base else ()
     solve_order = Chain(case.structure.n).identifiability(case.forced, known_masses=known)
     s, v = (np.diff(y, axis=1, prepend=0.0) for y in (run.x, run.v))
-    _, clean, _, _ = balances(case.structure, case.effects, run.t, run.a, v, s, run.F, run.vg)
-    residual = true_residual(case, seg)[0]
+    _, clean = balances(case.structure, case.effects, run.t, run.a, v, s, run.F, run.vg)
+    residual = true_residual(case, seg)
     powers = [(h, j) for h in range(case.degree + 1) for j in range(case.degree + 1) if 0 < h + j <= case.degree]
     out = []
     for part in clean:
@@ -157,28 +153,11 @@ def audibility(case: Case, ready) -> list[float]:
 
 
 def true_residual(case: Case, seg):
-    """Residual, storey forces and references of the true model on fused channels."""
+    """Residual of the true model on fused channels."""
     rows = seg.valid
     vg = seg.covariates["vg"][rows] if "vg" in seg.covariates else np.zeros(rows.stop - rows.start)
     channels = (np.asarray(y[rows], dtype=float) for y in (seg.a, seg.v, seg.s, seg.F))
-    residual, _, storey, reference = balances(case.structure, case.effects, seg.t[rows], *channels, vg)
-    return residual, storey, reference
-
-
-def true_error(case: Case, ready) -> float:
-    """Pooled held-out balance error of the true model, percent NRMSE, on the rows the loop holds out."""
-    segments = [s for i, s in enumerate(ready.data.segments) if i not in (ready.heldout or ())]
-    _, held = split(ready.data.segments, window_length(segments), ready.heldout)
-    parts = []
-    for block in held:
-        parts.append([y[block.rows] for y in true_residual(case, ready.data.segments[block.segment])])
-    residual, storey, reference = (np.concatenate(y) for y in zip(*parts))
-    if case.base:  # the storeys are judged, each against the inertia above it
-        residual, reference = (np.cumsum(y[:, ::-1], axis=1)[:, ::-1] for y in (residual, reference))
-    weight = np.mean(storey**2, axis=0)
-    return float(
-        100 * np.sqrt(np.sum(np.mean(residual**2, axis=0) / weight) / np.sum(np.mean(reference**2, axis=0) / weight))
-    )
+    return balances(case.structure, case.effects, seg.t[rows], *channels, vg)[0]
 
 
 # -- one case -----------------------------------------------------------------------------------
@@ -258,9 +237,8 @@ def run_case(case: Case) -> dict:
         row |= {
             "heard": min(heard, default=np.nan),
             "eligible": bool(heard) and min(heard) >= 2.0,
-            "true error": true_error(case, ready),
         }
-        start = time.perf_counter()
+        start, cpu = time.perf_counter(), time.process_time()
         try:
             report = close_loop(
                 seen,
@@ -275,30 +253,34 @@ def run_case(case: Case) -> dict:
                 "crash": traceback.format_exc(limit=-3),
             }
             return row | judge(case, None)
-        row["seconds"] = time.perf_counter() - start
-    steps = report.steps
-    table = report.table
+        row |= {"seconds": time.perf_counter() - start, "cpu": time.process_time() - cpu}
+    steps, claimed = report.steps, claims(report)
+    right = [s for s in claimed if any(all(matches(e, s)) for e in case.effects)]
     row |= {
         "steps": len(steps),
+        "claims": len(claimed),
+        "names right": len(right),
+        "sure": sum(s.sure for s in claimed),
+        "sure right": sum(s.sure for s in right),
         "found": " ; ".join(
             f"{s.law} at {s.site}"
             + (f" (or {', '.join(s.alternatives)})" if s.alternatives else "")
             + ("" if s.sure else " [not sure]")
+            + ("" if s.confirmed else " [not confirmed]")
             for s in steps
         ),
-        "error before": float(table["held-out"].iloc[0]),
-        "error after": float(table["held-out"].iloc[-1]),
-        "error first": float(table["held-out"].iloc[min(1, len(table) - 1)]),
+        "error before": float(report.table["held-out"].iloc[0]),
+        "error after": claimed[-1].error_after if claimed else float(report.table["held-out"].iloc[0]),
         "gain": steps[0].gain if steps else np.nan,
+        "gain error": steps[0].gain_error if steps else np.nan,
         "gain least": steps[0].gain_least if steps else np.nan,
+        "gain held-out": steps[0].gain_heldout if steps else np.nan,
         "mass error before": _mass_error(report.models[0], case),
         "mass error after": _mass_error(report.model, case),
         "stopped": report.stopped_because,
-        "runners-up": "; ".join(
-            f"{a} at {b} {c:.3g}" for a, b, c in (steps[0].tied if steps else [])
-        ),
+        "tied": "; ".join(f"{a} at {b} {c:.3g}" for a, b, c in (steps[0].tied if steps else [])),
         "best rejected": "; ".join(
-            f"{r['law']} at {r['site']} {r.iloc[3]:.3g}" for _, r in report.candidates.head(3).iterrows()
+            f"{r['law']} at {r['site']} {r['gain (dB)']:.3g}" for _, r in report.candidates.head(3).iterrows()
         ),
     }
     return row | judge(case, report)
@@ -308,9 +290,14 @@ def _mass_error(model, case: Case) -> float:
     return float(100 * np.max(np.abs(model.masses / case.structure.m - 1)))
 
 
+def claims(report) -> list:
+    """The effects that held-out data confirm."""
+    return [step for step in report.steps if step.confirmed]
+
+
 def judge(case: Case, report) -> dict:
-    """The verdict of one case."""
-    steps = report.steps if report is not None else []
+    """The verdict of one case: what is not confirmed is not claimed."""
+    steps = claims(report) if report is not None else []
     if case.group == "nothing":
         return {"right": report is not None and not steps}
     if case.group == "withheld":

@@ -15,6 +15,11 @@ from ..exceptions import ChannelError
 from ..regression.segments import BlockRows, Segment
 from .constants import FOLDS, HELD_OUT, PIECES, SHORTEST_PIECE, WINDOWS
 
+_TOO_SHORT = (
+    "The records are too short to be split into search, validation and held-out parts",
+    "Give longer records.",
+)
+
 
 def window_length(segments: Sequence[Segment]) -> float:
     """Length of a window, s (samples where there is no clock)."""
@@ -30,7 +35,7 @@ def split(
     chosen = [i for i in range(len(segments)) if i not in whole]
     hop = [max(4, round(0.5 * length / (s.dt or 1.0))) for s in segments]
     if all(segments[i].n_valid < 3 * hop[i] for i in chosen):
-        raise _too_short()
+        raise ChannelError(*_TOO_SHORT)
     energy = {i: _energy(segments[i], hop[i]) for i in chosen}
     total = sum(e.sum(axis=0) for e in energy.values())
     if not total[: segments[chosen[0]].n_dof].any():
@@ -43,7 +48,7 @@ def split(
     if heldout is not None:
         search, _ = _cut(energy, hop, segments, 0.0, 1, 0)
         if not _enough(search, hop):
-            raise _too_short()
+            raise ChannelError(*_TOO_SHORT)
         return search, apart
     best, chosen_cut = np.inf, None
     for pieces in PIECES:
@@ -52,7 +57,7 @@ def split(
             if held and _enough(search, hop) and unevenness < best - 1e-9:
                 best, chosen_cut = unevenness, (search, held)
     if chosen_cut is None:
-        raise _too_short()
+        raise ChannelError(*_TOO_SHORT)
     return chosen_cut
 
 
@@ -132,9 +137,3 @@ def _scored(
 def _enough(search: Sequence[BlockRows], hop: Sequence[int]) -> bool:
     """Whether at least three folds hold a window."""
     return sum(b.rows.stop - b.rows.start >= 2 * hop[b.segment] for b in search) >= 3
-
-
-def _too_short() -> ChannelError:
-    return ChannelError(
-        "The records are too short to be split into search, validation and held-out parts", "Give longer records."
-    )

@@ -71,17 +71,11 @@ class Search:
     Parameters
     ----------
     proposals : sequence of Proposal
-    accepted : callable
-        Whether a gain is there and matters: the judge.
     progress : callable
         Called once for each proposal.
     """
 
-    def __init__(
-        self,
-        proposals: Sequence[Proposal],
-        progress: Callable[[], Any] = lambda: None,
-    ) -> None:
+    def __init__(self, proposals: Sequence[Proposal], progress: Callable[[], Any] = lambda: None) -> None:
         self.constants = [p for p in proposals if p.law.variable == "1"]
         self.proposals, self.progress = [p for p in proposals if p.law.variable != "1"], progress
 
@@ -138,8 +132,8 @@ class Search:
         )
         return Finding(proposal, axes.at(points[best]), base, float(gains[best]) - lost)
 
-    def judged(self, finding: Finding, over: State | None = None) -> Finding | None:
-        """The finding with refined shape parameters and its cross-validated gain over a state."""
+    def judged(self, finding: Finding) -> Finding | None:
+        """The finding with refined shape parameters and its cross-validated gain."""
         base, proposal = finding.state, finding.proposal
         axes = Axes(proposal.law, base.trial.ruler.work, proposal.sites)
         try:
@@ -182,8 +176,6 @@ class Forward:
     Attributes
     ----------
     state : State
-    taken : list of Taken
-        What was accepted, in the order of acceptance, with its rivals.
     last : list of (Finding, Gain)
         Candidates of the last forward step, the best first.
     """

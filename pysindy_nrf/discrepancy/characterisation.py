@@ -199,7 +199,7 @@ class Basis:
         self.covariates = [c for c in self.covariates if any(np.ptp(m.covariates[c]) > 0 for m in motions)]
         self._knots = {
             (name, count): knots_of(np.concatenate([self._line(m, name) for m in motions]), count)
-            for name, count in [("s", 12), ("s", 5), ("v", 12), ("v", 5), *[("t", 7)] * self.timed]
+            for name, count in [("s", 9), ("s", 4), ("v", 9), ("v", 4), *[("t", 7)] * self.timed]
             + [(c, 5) for c in self.covariates]
         }
 
@@ -218,13 +218,11 @@ class Basis:
             "constant": one[:, None],
             "linear": np.column_stack([m.s, m.v] if m.a is None else [m.s, m.v, m.a]),
             "powers": np.column_stack([x**2, x**3, x**4, x**5]),
-            "drift": self._hats(m, "s", 12),
-            "rate": np.column_stack([sign, y * np.abs(y), y**2, y**3, y**4, y**5, self._hats(m, "v", 12)]),
-            "surface": np.column_stack([_products(self._hats(m, "s", 5), self._hats(m, "v", 5)), sign * x]),
+            "drift": self._hats(m, "s", 9),
+            "rate": np.column_stack([sign, y * np.abs(y), y**2, y**3, y**4, y**5, self._hats(m, "v", 9)]),
+            "surface": np.column_stack([_products(self._hats(m, "s", 4), self._hats(m, "v", 4)), sign * x]),
             "sliders": _sliders(m, self.s, _YIELD),
         }
-        for g in _GAPS:
-            groups[f"gap {g:.1f}"] = np.maximum(np.column_stack([x, -x]) - g, 0.0)
         if self.timed:
             groups["time"] = _products(self._hats(m, "t", 7), carriers)
         for c in self.covariates:
@@ -354,7 +352,7 @@ class _Work:
         beside: Sequence[np.ndarray] | None,
         channels: Mapping[str, Sequence[np.ndarray]],
     ) -> None:
-        self.force, self.motions = force, motions
+        self.force, self.motions, self.filters = force, motions, filters
         self.rms = float(np.sqrt(np.mean(np.concatenate(force) ** 2)))
         self.every = every = thinning([m.s for m in motions])
         self.basis = Basis(motions)
@@ -378,17 +376,17 @@ class _Work:
             base = [np.hstack([c[:, : widths[2]], x]) for c, x in zip(columns, more)]
             self.frequency = spectral_line(_without(force, base), motions)
             if np.isfinite(self.frequency):
-                groups["line"] = [x[::every] for x in self._line(filters)]
-        self.judge = Judge([f[::every] for f in force], groups)
+                groups["line"] = [x[::every] for x in self._line()]
+        self.groups, self.judge = groups, Judge([f[::every] for f in force], groups)
         covariates = {name: [name] for name in names if name.startswith("covariate ")}
         at = list(ROWS).index(Dependence.TIME.value)
         rows = dict([*list(ROWS.items())[:at], *covariates.items(), *list(ROWS.items())[at:]])
         self.rows = {row: used for row, used in rows.items() if all(name in groups for name in used)}
 
-    def _line(self, filters: Sequence[Any]) -> list[np.ndarray]:
+    def _line(self) -> list[np.ndarray]:
         """Cosine and sine of the line, with a phase of their own in every record."""
         out = []
-        for i, (m, f) in enumerate(zip(self.motions, filters)):
+        for i, (m, f) in enumerate(zip(self.motions, self.filters)):
             columns = np.zeros((m.n_samples, 2 * len(self.motions)))
             angle = 2 * np.pi * self.frequency * np.asarray(m.t)
             columns[:, 2 * i : 2 * i + 2] = filtered(np.column_stack([np.cos(angle), np.sin(angle)]), f)
@@ -402,10 +400,11 @@ class _Work:
             return float("nan")
         found = self.judge.coefficients([*self.base, *names])
         odd = even = 0.0
-        for m, one in zip(self.motions, self.whole):
+        for m, one, f in zip(self.motions, self.whole, self.filters):
             mirror = self.basis.of(Motion(-m.s, -m.v, None if m.a is None else -m.a, m.t, m.covariates))
-            plus, minus = (sum(x[k] @ found[k] for k in [*self.base[:2], *names]) for x in (one, mirror))
-            odd, even = odd + float(((plus - minus) ** 2).sum()), even + float(((plus + minus) ** 2).sum())
+            # as the filter shows them: it may hide a constant, whose coefficient is then anything
+            plus, minus = (filtered(sum(x[k] @ found[k] for k in ["linear", *names]), f) for x in (one, mirror))
+            odd, even = odd + len(plus) * float(np.var(plus - minus)), even + len(plus) * float(np.var(plus + minus))
         return odd / (odd + even) if odd + even > 0 else float("nan")
 
     def features(self, dependence: Dependence) -> list[Feature]:
@@ -416,8 +415,15 @@ class _Work:
         if dependence != Dependence.DRIFT:
             return []
         # straight lines with a gap that explain more than a smooth curve does are a kink
-        smooth, _ = self.judge.share(["powers"], self.base)
-        best = max(self.judge.share([f"gap {g:.1f}"], self.base)[0] for g in _GAPS)
+        gaps: dict[str, list[np.ndarray]] = {f"gap {g:.1f}": [] for g in _GAPS}
+        for m, f in zip(self.motions, self.filters):
+            x = np.column_stack([m.s, -m.s]) / self.basis.s
+            both = filtered(np.hstack([np.maximum(x - g, 0.0) for g in _GAPS]), f)[:: self.every]
+            for parts, columns in zip(gaps.values(), np.split(both, len(gaps), axis=1)):
+                parts.append(columns)
+        groups = {k: self.groups[k] for k in [*self.base, "powers"]} | gaps
+        judge = Judge([f[:: self.every] for f in self.force], groups)
+        smooth, best = judge.share(["powers"], self.base)[0], max(judge.share([g], self.base)[0] for g in gaps)
         if best > smooth + 0.1 * max(1 - smooth, 0.0):
             return [Feature.KINK]
         x = np.concatenate([m.s for m in self.motions]) / self.basis.s

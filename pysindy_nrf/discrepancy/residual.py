@@ -30,7 +30,7 @@ ROUND_OFF = 1e-9
 # A residual within this factor of the noise floor is at the floor: the floor itself is known no better.
 AT_FLOOR = 1.3
 # Samples looked at: enough to see any effect, and little beside the search.
-ENOUGH = 20_000
+ENOUGH = 10_000
 # Rows in common that repeated records need.
 _FEWEST = 64
 # Points of a drawn loop: a file that opens at once, and no cycle loses its shape.

@@ -27,7 +27,8 @@ def workspace(rec, heldout=None):
 
 
 @pytest.mark.parametrize(
-    "effect, dependence, mark", [(friction, Dependence.RATE, Feature.JUMP), (cubic, Dependence.DRIFT, Feature.HARDENING)]
+    "effect, dependence, mark",
+    [(friction, Dependence.RATE, Feature.JUMP), (cubic, Dependence.DRIFT, Feature.HARDENING)],
 )
 def test_evidence_names_place_and_kind_before_the_law_does(effect, dependence, mark):
     report = loop_report(effect)

@@ -47,17 +47,7 @@ _OWN, _ALL, _OTHERS, _SURELY = 0.5, 0.95, 0.05, 2.0
 
 
 class Judge:
-    """Least squares on some blocks, judged on the others; all on Gram matrices of blocks.
-
-    Parameters
-    ----------
-    force : sequence of ndarray of shape (n_samples,)
-        One for each record.
-    groups : mapping of str to sequence of ndarray of shape (n_samples, p)
-        Columns by name, one array for each record.
-    n_blocks, n_folds : int
-        Contiguous blocks, dealt in turn to the folds.
-    """
+    """Least squares on some blocks, judged on the others; all on Gram matrices of blocks."""
 
     def __init__(
         self,
@@ -235,7 +225,6 @@ ROWS = {
     Dependence.CONSTANT.value: [],
     Dependence.LINEAR.value: [],
     Dependence.LINE.value: ["line"],
-    Dependence.DELAY.value: ["delay"],
     Dependence.DRIFT.value: ["powers", "drift"],
     Dependence.RATE.value: ["rate"],
     Dependence.TIME.value: ["time"],
@@ -300,12 +289,11 @@ def characterise(
     *,
     filters: Sequence[Any] | None = None,
     beside: Sequence[np.ndarray] | None = None,
-    channels: Mapping[str, Sequence[np.ndarray]] | None = None,
     noise: float | None = None,
 ) -> Characterisation:
     """Tell what a missing force depends on: one force and motion for each record.
 
-    ``beside`` are columns of which the force may hold any multiple, ``channels`` such as may be late.
+    ``beside`` are columns of which the force may hold any multiple.
     """
     if len(force) != len(motions) or any(len(f) != m.n_samples for f, m in zip(force, motions)):
         raise ChannelError(
@@ -319,7 +307,7 @@ def characterise(
     if sum(map(len, force)) < 200:
         raise ChannelError("The force has fewer than 200 samples", "Give a longer record.")
     filters = [None] * len(force) if filters is None else filters
-    work = _Work(force, motions, filters, beside, channels or {})
+    work = _Work(force, motions, filters, beside)
     rows = {
         name: work.judge.share(["constant"] if name == Dependence.CONSTANT.value else [*work.base, *groups])
         for name, groups in work.rows.items()
@@ -350,7 +338,6 @@ class _Work:
         motions: Sequence[Motion],
         filters: Sequence[Any],
         beside: Sequence[np.ndarray] | None,
-        channels: Mapping[str, Sequence[np.ndarray]],
     ) -> None:
         self.force, self.motions, self.filters = force, motions, filters
         self.rms = float(np.sqrt(np.mean(np.concatenate(force) ** 2)))
@@ -367,11 +354,6 @@ class _Work:
             self.base.append("beside")
         self.frequency = np.nan
         if self.basis.timed:
-            late = [([] if m.a is None else [m.a]) + [c[i] for c in channels.values()] for i, m in enumerate(motions)]
-            if late[0]:
-                clocks = [np.asarray(m.t) for m in motions]
-                slopes = [np.column_stack([np.gradient(x, t) for x in xs]) for t, xs in zip(clocks, late)]
-                groups["delay"] = [filtered(x, f)[::every] for x, f in zip(slopes, filters)]
             more = [x[:, :0] for x in columns] if beside is None else beside
             base = [np.hstack([c[:, : widths[2]], x]) for c, x in zip(columns, more)]
             self.frequency = spectral_line(_without(force, base), motions)
@@ -396,7 +378,7 @@ class _Work:
     def odd(self, row: str) -> float:
         """Odd share of the fitted function of one row of the table, along the motion and its mirror image."""
         names = self.rows.get(row, [])
-        if not names or set(names) & {"line", "delay"}:
+        if not names or "line" in names:
             return float("nan")
         found = self.judge.coefficients([*self.base, *names])
         odd = even = 0.0

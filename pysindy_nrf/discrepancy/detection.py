@@ -322,21 +322,7 @@ def _reference(side: _Side, noise: list[_Side]) -> list[np.ndarray]:
 
 
 class Spectra:
-    """Signals over contiguous records, means taken off, as Fourier transforms padded to twice the length.
-
-    Parameters
-    ----------
-    parts : sequence of ndarray of shape (n_signals, n_samples)
-        One for each record.
-
-    Attributes
-    ----------
-    counts : list of int
-        Samples of each record.
-    values, power : list of ndarray of shape (n_signals, n_frequencies)
-    energy : ndarray of shape (n_signals,)
-        Sums of squares.
-    """
+    """Signals over contiguous records, means taken off, as Fourier transforms padded to twice the length."""
 
     def __init__(self, parts: Sequence[np.ndarray]) -> None:
         centred = [x - x.mean(axis=1, keepdims=True) for x in parts]
@@ -354,29 +340,14 @@ class Spectra:
 
 @dataclass
 class Cross:
-    r"""Cross-covariance of some signals x with y, and what it would be if they were independent.
-
-    Attributes
-    ----------
-    lag : ndarray of int
-        tau, samples; positive where x leads y.
-    total : ndarray of shape (n_signals, n_lags)
-        ``sum_t x(t) y(t + tau)``.
-    spread : ndarray of shape (n_signals,)
-        Standard deviation of ``total`` under independence by Bartlett's formula,
-        ``Var = N sum_k gamma_x(k) gamma_y(k)``. It holds for signals of any colour: a filtered
-        signal needs no whitening.
-    energy : ndarray of shape (n_signals,)
-        ``sqrt(sum x^2 sum y^2)``.
-    omega : ndarray of shape (n_signals,)
-        Rms angular frequency (rad per sample) of ``total`` under independence, as a function of the lag.
-    """
+    """Cross-covariance of some signals x with y, and what it would be if they were independent."""
 
     lag: np.ndarray
-    total: np.ndarray
+    total: np.ndarray  # sum_t x(t) y(t + tau), shape (n_signals, n_lags)
+    # its standard deviation by Bartlett's formula, N sum_k gamma_x(k) gamma_y(k): no signal needs whitening
     spread: np.ndarray
-    energy: np.ndarray
-    omega: np.ndarray
+    energy: np.ndarray  # sqrt(sum x^2 sum y^2)
+    omega: np.ndarray  # rms angular frequency, rad per sample, of the total as a function of the lag
 
 
 def cross_covariance(x: Spectra, y: Spectra, lags: int) -> Cross:

@@ -168,15 +168,12 @@ def _characterised(where: Localiser, site: Site, floor: NoiseFloor | None) -> Ch
     force, beside = where.force(site)
     of_motion = site if site.kind != "sensor" else Site(f"dof {site.channel[1:]}")
     segments = residual.data.segments
-    dofs = {site.p, site.q} if site.kind == "link" else {of_motion.p}
-    late = {f"F{j}": [seg.F[seg.valid, j - 1] for seg in segments] for j in dofs & set(residual.data.forced)}
     noise = np.nan if floor is None else floor.at(str(site) if site.is_storey else f"dof {of_motion.p}")
     return characterise(
         force,
         [seg.motion(of_motion, seg.valid) for seg in segments],
         filters=residual.filters,
         beside=beside if beside[0].shape[1] else None,
-        channels={k: v for k, v in late.items() if all(np.isfinite(line).all() for line in v)},
         noise=float(noise) if np.isfinite(noise) else None,
     )
 

@@ -47,16 +47,7 @@ def localise(
 
 
 class Localiser:
-    """Gram matrices of all columns, block by block, and the weights of the balances.
-
-    Parameters
-    ----------
-    residual : Residual
-    floor : NoiseFloor, optional
-        Its covariance weighs the balances.
-    known_masses : iterable of int
-        DOFs whose mass is not corrected.
-    """
+    """Gram matrices of all columns, block by block, and the weights of the balances."""
 
     def __init__(self, residual: Residual, floor: NoiseFloor | None = None, known_masses: Iterable[int] = ()) -> None:
         model, chain, n = residual.model, residual.model.chain, residual.n_dof

@@ -56,7 +56,6 @@ class Dependence(Enum):
     CONSTANT = "constant"
     LINEAR = "linear"
     LINE = "line"
-    DELAY = "delay"
     DRIFT = "s alone"
     RATE = "v alone"
     COVARIATE = "covariate"
@@ -119,7 +118,6 @@ _DEPENDENCE = {
     Dependence.CONSTANT: "Is constant: an offset or a dead load",
     Dependence.LINEAR: "Is linear in s, v and a: a wrong stiffness, damping or mass",
     Dependence.LINE: "Is a spectral line at {found.frequency:.4g} Hz: an unmeasured harmonic force",
-    Dependence.DELAY: "Follows the derivative of a channel: a delay between channels",
     Dependence.COVARIATE: "Is modulated by {found.covariate}",
     Dependence.TIME: "Changes in time: a drift or step of stiffness, damping or friction",
     Dependence.PATH: (

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from pysindy_nrf.discrepancy.characterisation import characterise, conditional_mean, spectral_line
+from pysindy_nrf.discrepancy.characterisation import characterise, conditional_mean
 from pysindy_nrf.discrepancy.words import Dependence, Feature
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.laws import Motion
@@ -58,7 +58,6 @@ EFFECTS = {
     "stiffness drift": (lambda: S * T, "time", "", "Changes in time"),
     "stiffness step": (lambda: S * (T > 12), "time", "", "Changes in time"),
     "modulated friction": (lambda: np.sign(V) * VOLTAGE, "covariate U", "", "modulated by U"),
-    "delay": (lambda: np.gradient(A, T), "delay", "", "delay"),
     "offset": (lambda: 1 + 0 * S, "constant", "", "offset"),
 }
 
@@ -137,9 +136,3 @@ def test_display_draws_shares_and_the_force_against_the_rate():
     assert (drift.x.label, drift.x.unit, rate.x.label, rate.x.unit) == ("drift s", "m", "rate v", "m/s")
     assert list(bars.marks[0].values) == list(found.shares["share"].clip(lower=0))
     assert list(rate.marks[0].y) == list(found.curves["v"]["mean"])
-
-
-def test_a_force_of_zero_has_no_spectral_line():
-    t = np.arange(1000) / 100.0
-    with np.errstate(all="raise"):
-        assert np.isnan(spectral_line([np.zeros(1000)], [Motion(np.sin(t), np.cos(t), t=t)]))

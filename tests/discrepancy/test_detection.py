@@ -8,8 +8,7 @@ from chains import duffing, floor_of_noise, parameters
 from scipy.stats import binom
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, laws
-from pysindy_nrf.discrepancy.detection import Spectra, cross_covariance, detect, peak_limit, probability_of_peak
-from pysindy_nrf.discrepancy.noise_level import quiet_level
+from pysindy_nrf.discrepancy.detection import detect
 from pysindy_nrf.discrepancy.residual import residual_of
 from pysindy_nrf.discrepancy.words import ResidualKind
 from pysindy_nrf.regression.input_arrays import from_arrays
@@ -46,25 +45,6 @@ def test_false_alarms_come_at_the_nominal_rate(band):
         alarms += detect(noisy, min_share=0.0, level=0.05).verdicts.loc["dof 1", "verdict"] != ResidualKind.NOISE
     low, high = binom.ppf([0.001, 0.999], RUNS, 0.05)
     assert low <= alarms <= high
-
-
-def test_bartlett_spread_holds_for_slow_signals():
-    rng = np.random.default_rng(0)
-    kernel = np.hanning(41)
-    heights = []
-    for _ in range(200):
-        x, y = (np.convolve(rng.standard_normal(3000), kernel, "valid") for _ in range(2))
-        cross = cross_covariance(Spectra([x[None]]), Spectra([y[None]]), 60)
-        heights.append(cross.total[0, 60] / cross.spread[0])
-    assert np.std(heights) == pytest.approx(1.0, abs=0.15)
-
-
-def test_peak_limit_of_white_noise_is_bonferroni_and_of_slow_noise_lower():
-    from scipy.stats import norm
-
-    assert peak_limit(0.01, 41, np.pi / np.sqrt(3)) == pytest.approx(norm.isf(0.005 / 41), abs=0.02)
-    assert peak_limit(0.01, 41, 0.05) < peak_limit(0.01, 41, 1.0)
-    assert probability_of_peak(3.0, 1, 1.0) == pytest.approx(2 * norm.sf(3.0))
 
 
 def coulomb(force, storey, n, width):
@@ -155,19 +135,3 @@ def test_noise_is_noise_beside_a_floor_that_was_fitted_as_the_model_was():
         verdicts = found.loc[[f"dof {j + 1}" for j in range(n)], "verdict"]
         alarms, balances = alarms + int((verdicts != ResidualKind.NOISE).sum()), balances + n
     assert alarms <= binom.ppf(0.999, balances, 0.05)
-
-
-@pytest.mark.parametrize("kind", ["random", "blows", "white"])
-def test_noise_under_a_force_is_read_where_the_force_is_quiet(kind):
-    rng = np.random.default_rng(3)
-    n, fs, level = 8000, 500.0, 0.3
-    spectrum = np.fft.rfft(rng.standard_normal(n))
-    spectrum[np.fft.rfftfreq(n, 1 / fs) > 60.0] = 0.0
-    force = {
-        "random": np.fft.irfft(spectrum, n),
-        "blows": np.where(np.arange(n) % 1000 < 8, 40.0, 0.0),
-        "white": rng.standard_normal(n),
-    }[kind]
-    force *= 6.0 / np.sqrt(np.mean(force**2))
-    found = quiet_level(force + level * rng.standard_normal(n), fs)
-    assert found == pytest.approx(0.0 if kind == "white" else level, rel=0.05)

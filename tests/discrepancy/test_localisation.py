@@ -84,11 +84,6 @@ def test_right_site_comes_first_with_one_percent_noise(excitation):
     assert table.index[0] == "storey 2" and table["share"].iloc[0] > 90
 
 
-def test_cubic_baseline_leaves_the_same_evidence():
-    table = localise(residual("storey 2", "top", degree=3)[0])
-    assert table.index[0] == "storey 2" and table["balances"].iloc[0] == "-1, +2"
-
-
 def test_outside_force_is_told_from_a_ground_link_by_its_motion():
     rng = np.random.default_rng(2)
     given = parameters(N, rng, cubic=False)

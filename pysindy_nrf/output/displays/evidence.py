@@ -18,7 +18,7 @@ _VARIABLES = {
     "s": ("drift s", "m"), "v": ("rate v", "m/s"), "t": ("time", "s"), "amplitude": ("amplitude of s", "m"),
 }  # fmt: skip
 _DEPENDENCES = {
-    "constant": "nothing (constant)", "linear": "s, v, a linearly", "line": "a spectral line", "delay": "a delay",
+    "constant": "nothing (constant)", "linear": "s, v, a linearly", "line": "a spectral line",
     "path": "the path (memory)",
 }  # fmt: skip
 

@@ -97,10 +97,6 @@ class Residual:
         kind, _, number = name.partition(" ")
         return [part[:, int(number) - 1] for part in (self.balance if kind == "dof" else self.storey)]
 
-    def __str__(self) -> str:
-        rows = [f"{name}: {r.rms:.4g} N, {r.percent:.3g} % of {r.of}" for name, r in self.sizes.iterrows()]
-        return "\n".join(rows)
-
 
 def from_top(columns: np.ndarray) -> np.ndarray:
     """Sums over the DOFs from the top down to each, shape kept: column i holds ``sum_{j >= i}``."""

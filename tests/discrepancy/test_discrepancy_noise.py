@@ -78,15 +78,6 @@ def test_a_storey_is_listed_if_half_is_unexplained_or_a_twentieth_follows_the_ot
     assert bool(found) == listed and (not found or found[0].own == pytest.approx(own, abs=0.02))
 
 
-def test_storeys_are_listed_from_the_loudest_and_a_single_one_has_no_others():
-    found = chain_residual(
-        [lambda s, v: 0.1 * noise(len(s), 4), lambda s, v: noise(len(s), 5), lambda s, v: 5 * noise(len(s), 6)]
-    )
-    assert [c.storey for c in couplings(found)] == [3, 2, 1]
-    alone = couplings(chain_residual([lambda s, v: noise(len(s), 4)]))
-    assert [(c.storey, c.others, c.error) for c in alone] == [(1, 0.0, 0.0)]
-
-
 # -- noise levels -----------------------------------------------------------------------------------
 
 

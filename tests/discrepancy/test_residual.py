@@ -5,7 +5,7 @@ import pytest
 from chains import duffing, parameters
 
 from pysindy_nrf import Chain, ChainModel, laws
-from pysindy_nrf.discrepancy.residual import NoiseFloor, residual_of
+from pysindy_nrf.discrepancy.residual import residual_of
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.regression.input_arrays import from_arrays
 from pysindy_nrf.signals.zero_phase_filter import FairFilter
@@ -87,24 +87,6 @@ def test_unforced_balance_is_measured_by_its_inertia():
     sizes = residual_of(ChainModel(case.m * [1.1, 1.0], model_of(case).laws), data_of(case)).sizes
     assert list(sizes["of"]) == ["m a", "F", "storey force", "storey force"]
     assert sizes.loc["dof 1", "percent"] == pytest.approx(100 * 0.1 / 1.1, rel=1e-9)
-
-
-def test_noise_floor_of_repeated_records_is_the_noise():
-    case = duffing(2, [1, 2], seed=8)
-    rng = np.random.default_rng(0)
-    X = np.vstack(
-        [
-            case.X + np.hstack([0.3 * rng.standard_normal((len(case.X), 2)), np.zeros((len(case.X), 4))])
-            for _ in range(5)
-        ]
-    )
-    ids = np.repeat(np.arange(5), len(case.X))
-    data = from_arrays(X, np.tile(case.F, (5, 1)), record=ids, dt=case.dt)
-    floor = NoiseFloor.from_repeats(residual_of(model_of(case).with_laws({1: [laws.LinearElastic(case.k[0])]}), data))
-    assert floor.balance == pytest.approx(0.3 * case.m, rel=0.03)  # the missing laws are the same in all
-    assert floor.storey[0] == pytest.approx(0.3 * np.hypot(*case.m), rel=0.03)
-    with pytest.raises(ChannelError, match="no repetitions"):
-        NoiseFloor.from_repeats(residual_of(model_of(case), data_of(case)))
 
 
 def test_sites_beyond_the_storeys_enter_by_their_incidence():

@@ -15,7 +15,7 @@ from pysindy_nrf.simulation.noise import add_noise
 
 FS = 500.0
 ISSUE = {
-    "coulomb_friction", "asymmetric_friction", "stribeck_friction", "quadratic_damping", "power_law_damping",
+    "coulomb_friction", "stribeck_friction", "quadratic_damping", "power_law_damping",
     "quadratic_stiffness", "cubic_stiffness", "quintic_stiffness", "one_sided_gap", "two_sided_gap", "bilinear",
     "dead_zone", "jenkins", "iwan", "dahl", "lugre", "bouc_wen", "maxwell_branch", "stiffness_step",
     "stiffness_drift", "damping_drift", "harmonic_force", "constant_force", "link_spring_dashpot", "added_mass",
@@ -116,6 +116,7 @@ RIVALS = [
 ]  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("forced", "left_out", "channel", "fault", "noise"),
     [
@@ -138,18 +139,13 @@ def test_the_faulty_sensor_is_found_and_measured(forced, left_out, channel, faul
     assert np.allclose(report.model.masses, _chain(3, 3).masses, rtol=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 0.01])
 def test_a_small_gain_of_a_force_is_found_where_it_stands_out_of_the_noise(noise):
     record = _record(3, [1, 2, 3], noise, sensors={"sensor F2": laws.GainError(0.025)})
     step = close_loop(record, catalogue=RIVALS, max_steps=1).steps[0]
     assert (step.law, step.site) == ("gain_error", "sensor F2")
     assert step.parameters["e"] == pytest.approx(0.025, rel=0.2)
-
-
-def test_the_wrong_zero_of_a_displacement_may_be_a_constant_force_and_the_reverse():
-    record = _record(3, [3], 0.01, sensors={"sensor x2": laws.SensorOffset(0.003)}).replace(velocity=None)
-    step = close_loop(record, catalogue=RIVALS, max_steps=2).steps[0]
-    assert step.law == "constant_force" and step.alternatives == ["sensor"]
 
 
 @pytest.mark.xfail(reason="a corrected force changes the size of the residual, which counts as a gain", strict=False)

@@ -86,7 +86,7 @@ def hysteresis(t, x, v, z):
     return on_storey_2(14.0 * z[0]), np.atleast_1d(dz[0])
 
 
-COSTLY = ("friction", "hysteresis")
+COSTLY = ("friction", "hysteresis", "brace")
 FEW = [laws.CoulombFriction(), laws.CubicStiffness(), laws.QuadraticDamping(), laws.LinkSpringDashpot()]
 CASES = {
     "friction": (friction, "friction", "storey 2", 0),
@@ -127,6 +127,7 @@ def test_nothing_is_added_where_nothing_is_missing(noise, dofs):
     assert len(report.table) == 1
 
 
+@pytest.mark.slow
 def test_two_effects_on_different_sites():
     def both(t, x, v, z):
         w = v[0]
@@ -153,6 +154,7 @@ def test_a_change_in_time_is_seen_whenever_it_happens(when):
     assert step.parameters["t0"] == pytest.approx(when, abs=0.15)
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth():
     rec = record(brace, seed=5, noise=0.02, n_samples=3000)
     report = close_loop(rec, catalogue=[laws.LinkSpringDashpot(), laws.CubicStiffness()])
@@ -292,6 +294,7 @@ def test_confirmed_effects_are_those_of_the_model():
     assert held == {"power_series", "cubic_stiffness"}
 
 
+@pytest.mark.slow
 def test_the_visited_region_is_that_of_the_search():
     """The held-out record is stronger: a force there is an extrapolation, and says so."""
     small = record(cubic, seed=1)

@@ -66,6 +66,7 @@ def test_a_law_of_the_user_is_found():
     assert step.shape["p"] == pytest.approx(4.0, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_special_case_that_the_data_cannot_tell_from_it_is_taken_or_named():
     nearly_cubic = PowerSpring(p=3.05, k=60.0 / 1e-3**3.05)
     step = first_effect(nearly_cubic, [*SPRINGS, PowerSpring()], noise=0.01)

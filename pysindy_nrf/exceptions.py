@@ -129,8 +129,7 @@ class MissingExtraError(ImportError):
     def __init__(self, package: str, extra: str, purpose: str) -> None:
         self.package, self.extra, self.purpose = package, extra, purpose
         super().__init__(
-            f"{purpose} needs the package '{package}'. "
-            f"Install it with: pip install 'pysindy_nrf[{extra}]'"
+            f"{purpose} needs the package '{package}'. Install it with: pip install 'pysindy_nrf[{extra}]'"
         )
 
     def __reduce__(self) -> tuple[type, tuple[str, str, str]]:

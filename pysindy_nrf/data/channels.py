@@ -143,8 +143,7 @@ def finite_span(columns: Sequence[np.ndarray], names: Sequence[str], record: str
 # Numbers of either sign that loggers, weather and earthquake programs write where nothing was measured.
 _FILLERS = np.array([999.0, 999.25, 9999.0, 99999.0, 999999.0, 9999999.0, 1e30, 1e35, 1e37, 9.9e37, 1e38])
 FILLED = (
-    "Leave those cells empty (NaN); inside a record, split it there (signals.alignment.split_at_gaps) or fill the "
-    "gap."
+    "Leave those cells empty (NaN); inside a record, split it there (signals.alignment.split_at_gaps) or fill the gap."
 )
 _APART = 5.0  # a filler exceeds all other values by this factor; real peaks have neighbours of similar size
 

@@ -263,13 +263,7 @@ class Record:
 
         parts: dict[str, Any] = {key: columns.pop(short).to_numpy() for key, short in BASES.items() if short in columns}
         parts |= {key: matrix(prefix, 0.0 if key == "force" else np.nan) for key, prefix in MATRICES.items()}
-        return cls(
-            fs=fs,
-            time=time,
-            **parts,
-            covariates={k: c.to_numpy() for k, c in columns.items()},
-            **options,
-        )
+        return cls(fs=fs, time=time, **parts, covariates={k: c.to_numpy() for k, c in columns.items()}, **options)
 
     def to_frame(self) -> pd.DataFrame:
         """Table of the measured channels, indexed by time ``t`` in s.

@@ -49,9 +49,7 @@ def _pass(dask: Any, estimator: Any, items: Sequence[Any], whole: bool, kind: st
         for number, item in enumerate(items)
     ]
     while len(level) > 1:
-        level = [
-            dask.delayed(added, pure=False)(level[i : i + FAN_IN]) for i in range(0, len(level), FAN_IN)
-        ]
+        level = [dask.delayed(added, pure=False)(level[i : i + FAN_IN]) for i in range(0, len(level), FAN_IN)]
     (accumulator,) = dask.compute(level[0])
     accumulator.estimator = estimator
     return accumulator

@@ -172,11 +172,7 @@ class IVResult:
 
 
 def instrumental_variables(
-    start: ChainModel,
-    data: SegmentSet,
-    problem: Problem,
-    solve_order: SolveOrder,
-    filters: Sequence[Any] | None = None,
+    start: ChainModel, data: SegmentSet, problem: Problem, solve_order: SolveOrder, filters: Sequence[Any] | None = None
 ) -> IVResult | None:
     """Iterated instrumental variables for all strategies and laws."""
     layout, source = problem.layout, _Instruments(data, problem, solve_order, filters)
@@ -210,9 +206,7 @@ def instrumental_variables(
             if best is None:
                 why += ", also that of least squares in the band of the motion"
             break
-        pieces = pieces_of(
-            data, layout, source.groups, source.filters, problem.known_masses, runs, whiteners=weights
-        )
+        pieces = pieces_of(data, layout, source.groups, source.filters, problem.known_masses, runs, whiteners=weights)
         try:
             names = {s: layout.labels(s) for s in layout.acting}
             solution = solve(pieces.sum().projected(), solve_order, problem.known_masses, problem.optimizer, names)
@@ -288,9 +282,7 @@ class _Instruments:
     def delayed(self, model: ChainModel) -> tuple[list[Segment | None], float]:
         """Free runs under the measured forces, delayed to keep the noise of the force out of them."""
         model = steady(model)
-        return self._placed(
-            [run_of(model, seg, delay_of(self.band, seg.step), limited=True) for seg in self.segments]
-        )
+        return self._placed([run_of(model, seg, delay_of(self.band, seg.step), limited=True) for seg in self.segments])
 
     def first(self, start: ChainModel) -> tuple[list[Segment | None], float]:
         """Free runs of the first model that follows the measured motion, or of the best one."""

@@ -224,11 +224,7 @@ def _response_to_force_noise(matrices: Sequence[np.ndarray], f: np.ndarray, forc
 
 
 def _force_noise_bound(
-    matrices: Sequence[np.ndarray],
-    f: Sequence[np.ndarray],
-    R: Sequence[np.ndarray],
-    motion: Smooth,
-    noisy: np.ndarray,
+    matrices: Sequence[np.ndarray], f: Sequence[np.ndarray], R: Sequence[np.ndarray], motion: Smooth, noisy: np.ndarray
 ) -> np.ndarray:
     """Upper bound of every force's noise density, from its share in the motion's error."""
     bound = np.full(len(noisy), np.inf)

@@ -121,11 +121,10 @@ def planarity(
 ) -> pd.DataFrame:
     """Planarity index of every storey, with a noise reference.
 
-    The index is the share of the storey's force along the data, percent of its rms, that the best
-    plane ``c v + k s`` does not explain. Its reference is the index that noise gives a planar storey: the
-    residuals are added to the identified balances with random signs in consecutive blocks (wild bootstrap), the chain
-    is
-    solved again, and the 95 % quantile is taken of what the coefficients' scatter does to the surface.
+    The index is the share of the storey's force along the data, percent of its rms, that the best plane ``c v + k s``
+    does not explain. Its reference is the index that noise gives a planar storey: the residuals are added to the
+    identified balances with random signs in consecutive blocks (wild bootstrap), the chain is solved again, and the
+    95 % quantile is taken of what the coefficients' scatter does to the surface.
 
     Parameters
     ----------

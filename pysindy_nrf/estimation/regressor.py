@@ -327,9 +327,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         data = "_records", "_fused_separately", "_separate_resolver"  # not part of the model
         return state | {key: None for key in data if key in state}
 
-    def _publish(
-        self, found: Estimate, data: SegmentSet, judged: SegmentSet, least_squares: bool = True
-    ) -> None:
+    def _publish(self, found: Estimate, data: SegmentSet, judged: SegmentSet, least_squares: bool = True) -> None:
         from ..diagnostics.bias import JumpBias, MissingTerms, contradictions_of, sentences_of, warn_of_bias
         from ..diagnostics.windows import collect
         from ..regression.errors import balance_errors
@@ -378,4 +376,3 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         tags.target_tags.multi_output = True
         tags.regressor_tags.poor_score = True  # without an intercept: a balance of forces has none
         return tags
-

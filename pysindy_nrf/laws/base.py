@@ -496,9 +496,7 @@ def _constructor(cls: type[ForceLaw]) -> Callable[..., None]:
 
     def __init__(*values: Any, **named: Any) -> None:
         given = signature.bind(*values, **named).arguments
-        ForceLaw.__init__(
-            given.pop("self"), {k: given.get(k) for k in shapes}, {k: given.get(k) for k in symbols}
-        )
+        ForceLaw.__init__(given.pop("self"), {k: given.get(k) for k in shapes}, {k: given.get(k) for k in symbols})
 
     __init__.__signature__ = signature  # type: ignore[attr-defined]
     return __init__

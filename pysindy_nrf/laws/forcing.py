@@ -145,8 +145,7 @@ class Inerter(ForceLaw):
 class LinkSpringDashpot(ForceLaw):
     """Linear spring and dashpot side by side, ``R = k s + c v``.
 
-    For links that a chain lacks: a brace that skips a floor (``"link 4-2"``), a tie to the
-    ground (``"ground 3"``).
+    For links that a chain lacks: a brace that skips a floor (``"link 4-2"``), a tie to the ground (``"ground 3"``).
     """
 
     name = "link_spring_dashpot"

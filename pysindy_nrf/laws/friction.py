@@ -109,9 +109,8 @@ class ShiftedFriction(ForceLaw):
 
     .. math:: R = F_c \operatorname{sgn}(v + \kappa s)
 
-    The sharp form of the damper model of Guo, Yang and Pan (J. Intell. Mater. Syst. Struct. 17,
-    2006). With kappa > 0 the force lags the velocity, as with a soft seal or a fluid under
-    pressure in a magnetorheological damper.
+    The sharp form of the damper model of Guo, Yang and Pan (J. Intell. Mater. Syst. Struct. 17, 2006). With kappa > 0
+    the force lags the velocity, as with a soft seal or a fluid under pressure in a magnetorheological damper.
     """
 
     name = "shifted_friction"
@@ -197,11 +196,7 @@ class CovariateFriction(_CovariateFriction):
     special_cases = {CoulombFriction: lambda c: CovariateFriction(Fc=c.values[0], Fu=0.0, Cu=0.0)}
 
     def __init__(
-        self,
-        covariate: str = "voltage",
-        Fc: float | None = None,
-        Fu: float | None = None,
-        Cu: float | None = None,
+        self, covariate: str = "voltage", Fc: float | None = None, Fu: float | None = None, Cu: float | None = None
     ) -> None:
         super().__init__(covariate, {}, {"Fc": Fc, "Fu": Fu, "Cu": Cu})
 

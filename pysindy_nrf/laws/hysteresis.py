@@ -177,10 +177,9 @@ class LuGre(ForceLaw):
         \dot Z = \sigma \left(\dot s - \frac{|\dot s|}{h(\dot s)} Z\right), \quad
         h = 1 + (F_s / F_c - 1) \, e^{-(\dot s / v_s)^2}
 
-    (Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Automatic Control 40, 1995, with
-    ``sigma_0 = Fc sigma``; its viscous part is :class:`LinearViscous`). With Fs = Fc and without
-    sigma1 it is :class:`Dahl`. The state is exact for constant h; over a change of speed, h is
-    piecewise constant over short parts of the step.
+    (Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Automatic Control 40, 1995, with ``sigma_0 = Fc sigma``;
+    its viscous part is :class:`LinearViscous`). With Fs = Fc and without sigma1 it is :class:`Dahl`. The state is exact
+    for constant h; over a change of speed, h is piecewise constant over short parts of the step.
     """
 
     name = "lugre"

@@ -145,11 +145,7 @@ def compare_tests(
 
 
 def resolver_in_time(
-    problem: Problem,
-    data: SegmentSet,
-    *,
-    n_blocks: int | None = None,
-    length: float | None = None,
+    problem: Problem, data: SegmentSet, *, n_blocks: int | None = None, length: float | None = None
 ) -> tuple[Resolver, np.ndarray]:
     """Least squares on consecutive pieces, ``n_blocks`` over all records or ``length`` s long."""
     layout, known = problem.layout, dict(problem.known_masses)
@@ -408,9 +404,7 @@ def _scatter(resolver: Resolver, index: int) -> np.ndarray:
     total = np.zeros(())
     for rows in (np.arange(index), np.arange(index, len(resolver.pieces))):
         groups = np.array_split(rows, min(_PARTS, len(rows)))
-        values = [
-            _linear(plain_model(resolver, resolver.pieces[np.setdiff1d(rows, g)].sum()))[:, 0] for g in groups
-        ]
+        values = [_linear(plain_model(resolver, resolver.pieces[np.setdiff1d(rows, g)].sum()))[:, 0] for g in groups]
         total = total + variance(values)
     return np.sqrt(total)
 

@@ -240,10 +240,9 @@ class ChainModel:
         Returns
         -------
         DataFrame
-            One row for each mode by rising frequency: ``frequency`` (Hz, undamped), ``damping``
-            (share of critical), ``dof 1``.. (real shape, largest entry 1). From the state-space
-            eigenvalues, so damping need not be proportional; two real ones of the same shape are
-            one overdamped mode.
+            One row for each mode by rising frequency: ``frequency`` (Hz, undamped), ``damping`` (share of critical),
+            ``dof 1``.. (real shape, largest entry 1). From the state-space eigenvalues, so damping need not be
+            proportional; two real ones of the same shape are one overdamped mode.
 
         Raises
         ------

@@ -1,9 +1,8 @@
 """One ruler for errors: percent NRMSE, per balance and pooled.
 
-``100 rms(e) / rms(reference)``; the reference is the force F_j on a forced DOF and the inertia
-``m_j a_j`` elsewhere (where storeys were solved from the top down, the inertia of all DOFs above).
-Pooled: root of the summed squares over the summed squares, each balance first divided by the rms of
-its storey force.
+``100 rms(e) / rms(reference)``; the reference is the force F_j on a forced DOF and the inertia ``m_j a_j`` elsewhere
+(where storeys were solved from the top down, the inertia of all DOFs above). Pooled: root of the summed squares over
+the summed squares, each balance first divided by the rms of its storey force.
 """
 
 from __future__ import annotations

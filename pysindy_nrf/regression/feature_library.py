@@ -121,8 +121,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
         ------
         ChannelError, LawError
             If ``inputs`` is unknown, the columns are not those of a chain, or with ``inputs="state"`` a law remembers
-            the
-            path or reads the acceleration.
+            the path or reads the acceleration.
         """
         if self.inputs not in _INPUTS:
             raise ChannelError(f"inputs={self.inputs!r} is unknown", "Choose 'balance' or 'state'.")

@@ -162,19 +162,17 @@ def _term_counts(terms: Any, n_columns: int, n_sites: int) -> Sequence[int]:
 class ChainOptimizer(_ChainOptimizerBase):
     """The paper's solve (eqs. 3-5) as a PySINDy optimizer, around any PySINDy optimizer.
 
-    In ``ps.SINDy(optimizer=ChainOptimizer(), feature_library=InterstoryPolynomialLibrary())`` the
-    columns are a, v, s (eq. 8) and the targets, passed as ``x_dot``, are the forces F_j. Every
-    balance's columns and right-hand side are divided by their rms (never shifted) before the inner
-    optimizer sees them, so a threshold is a share of the balance's force, in any units and at any
-    number of samples; the mass is eliminated first and never thresholded.
+    In ``ps.SINDy(optimizer=ChainOptimizer(), feature_library=InterstoryPolynomialLibrary())`` the columns are a, v, s
+    (eq. 8) and the targets, passed as ``x_dot``, are the forces F_j. Every balance's columns and right-hand side are
+    divided by their rms (never shifted) before the inner optimizer sees them, so a threshold is a share of the
+    balance's force, in any units and at any number of samples; the mass is eliminated first and never thresholded.
 
     Parameters
     ----------
     optimizer : PySINDy optimizer, optional
-        Cloned for each sub-problem; plain least squares if None. STLSQ, SR3, SSR, FROLS and others
-        that are quadratic in the data see the triangular factor of all samples, on which they give
-        the same answer. Limits of PySINDy's own: SSR never returns the full model, FROLS at most all
-        terms but one; bagging draws samples and is refused.
+        Cloned for each sub-problem; plain least squares if None. STLSQ, SR3, SSR, FROLS and others that are quadratic
+        in the data see the triangular factor of all samples, on which they give the same answer. Limits of PySINDy's
+        own: SSR never returns the full model, FROLS at most all terms but one; bagging draws samples and is refused.
     chain : Chain, optional
         A plain chain of as many DOFs as there are targets if None.
     excited : iterable of int, optional
@@ -235,10 +233,9 @@ class StateSpaceChainOptimizer(_ChainOptimizerBase):
     """The paper's solve for a true state-space SINDy model of a chain.
 
     With x = [x_1..x_n, xdot_1..xdot_n] relative to the base, x_dot = [xdot | a], u = F and
-    ``InterstoryPolynomialLibrary(inputs="state")``, rows of ``coef_`` are -c/m, +c/m and 1/m; the
-    kinematic rows are fixed. The result prints, predicts, scores and simulates as any ``ps.SINDy``,
-    also where only one floor was excited. Outside of ``ps.SINDy`` an odd number of targets, a single
-    one among them, is taken as the accelerations alone.
+    ``InterstoryPolynomialLibrary(inputs="state")``, rows of ``coef_`` are -c/m, +c/m and 1/m; the kinematic rows are
+    fixed. The result prints, predicts, scores and simulates as any ``ps.SINDy``, also where only one floor was excited.
+    Outside of ``ps.SINDy`` an odd number of targets, a single one among them, is taken as the accelerations alone.
 
     Parameters
     ----------

@@ -50,13 +50,7 @@ def estimate_shapes(
 class _Search:
     """The shape parameters without a value, and where their search stands."""
 
-    def __init__(
-        self,
-        layout: LawLayout,
-        scales: Mapping[Site, Scales],
-        solve: Solve,
-        fastest: float,
-    ) -> None:
+    def __init__(self, layout: LawLayout, scales: Mapping[Site, Scales], solve: Solve, fastest: float) -> None:
         self.layout, self.solve, self._fastest = layout, solve, fastest
         self.free: Free = [
             (site, i, p)

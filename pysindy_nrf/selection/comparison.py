@@ -433,9 +433,8 @@ def compare_with_sindy(
     optimizers : mapping of str to PySINDy optimizer or sequence of them, or "select", optional
         Rows of this package beside least squares. Of a sequence the held-out rule of
         :func:`~pysindy_nrf.selection.select_sparsity` chooses one, within the first part of the
-        record, and ``note`` says which; ``"select"`` takes its default paths (STLSQ, ensemble, SR3, SSR,
-        FROLS). STLSQ at PySINDy's default threshold (a tenth of each balance's force) and at a hundredth
-        if None.
+        record, and ``note`` says which; ``"select"`` takes its default paths (STLSQ, ensemble, SR3, SSR, FROLS). STLSQ
+        at PySINDy's default threshold (a tenth of each balance's force) and at a hundredth if None.
     heldout : float
         Share of the record at its end on which all errors are measured.
     free_run : int
@@ -456,13 +455,12 @@ def compare_with_sindy(
           act, normalised columns, threshold one percent of the smallest target;
         * ``pysindy_nrf, ...``: least squares and the optimizers given.
 
-        Columns: ``terms`` (coefficients that are not zero), ``precision`` and ``recall`` (shares) of
-        the true terms in each model's own library; ``mass_error`` (largest, percent);
-        ``restoring_force_error`` and ``balance_error`` (pooled percent NRMSE, one step);
-        ``free_run_error`` (percent NRMSE of the displacements, inf if it diverges);
-        ``third_law_gap`` (largest disagreement of the two estimates of a storey, percent) and
-        ``storeys_found`` (``"once"`` or ``"twice"``); ``seconds`` of the fit, choosing
-        included, and ``megabytes`` of the fit without it; ``note``. NaN = cannot be known.
+        Columns: ``terms`` (coefficients that are not zero), ``precision`` and ``recall`` (shares) of the true terms in
+        each model's own library; ``mass_error`` (largest, percent); ``restoring_force_error`` and ``balance_error``
+        (pooled percent NRMSE, one step); ``free_run_error`` (percent NRMSE of the displacements, inf if it diverges);
+        ``third_law_gap`` (largest disagreement of the two estimates of a storey, percent) and ``storeys_found``
+        (``"once"`` or ``"twice"``); ``seconds`` of the fit, choosing included, and ``megabytes`` of the fit without it;
+        ``note``. NaN = cannot be known.
 
     Raises
     ------
@@ -473,9 +471,8 @@ def compare_with_sindy(
 
     Notes
     -----
-    SINDy finds accelerations, not forces. To give it a restoring force, and balance errors in N, it
-    is handed the masses: the true ones, or those of this package's least squares. All rows see the
-    same measured accelerations.
+    SINDy finds accelerations, not forces. To give it a restoring force, and balance errors in N, it is handed the
+    masses: the true ones, or those of this package's least squares. All rows see the same measured accelerations.
 
     Examples
     --------

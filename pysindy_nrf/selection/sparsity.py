@@ -48,8 +48,7 @@ class SparsitySelection:
         Held-out balance errors, settings by folds, percent NRMSE.
     terms, inclusion : DataFrame
         Of the chosen setting of each optimizer by site and term: coefficients (N, SI; 0 where left out), and the share
-        of
-        block bootstraps that keep the term, for ensembles.
+        of block bootstraps that keep the term, for ensembles.
     best : str
         The optimizer with the fewest terms among those whose error the folds cannot tell from the least.
     """
@@ -288,9 +287,7 @@ def _whole(order: Order, kept: Order, solution: Solution) -> dict[Any, np.ndarra
 def _selection(found: dict, candidates: dict, estimator: Any, order: Order, held: FoldMoments) -> SparsitySelection:
     index = pd.MultiIndex.from_tuples(candidates, names=["optimizer", "setting"])
     errors = np.array([found[name][0] for name in candidates])
-    counts = [
-        _terms(found[name][1]) if found[name][1] else order.n_terms + 1 for name in candidates
-    ]
+    counts = [_terms(found[name][1]) if found[name][1] else order.n_terms + 1 for name in candidates]
     table = pd.DataFrame({"terms": counts, "error": errors.mean(axis=1)}, index=index)
     table["standard_error"] = [standard_error(row) if np.isfinite(row).all() else np.inf for row in errors]
     table["chosen"] = False

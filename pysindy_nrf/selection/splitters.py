@@ -121,9 +121,8 @@ class BlockedTimeSplit(_RecordSplitter):
     n_splits : int
         Blocks into which each record is cut; fold i holds out block i of every record.
     gap : int
-        Samples left out of the training data on either side of a held-out block, so that nothing of it
-        leaks through a filter or the memory of the motion: a period or two of the lowest mode, or the
-        ``edge`` of the filter.
+        Samples left out of the training data on either side of a held-out block, so that nothing of it leaks through a
+        filter or the memory of the motion: a period or two of the lowest mode, or the ``edge`` of the filter.
 
     Examples
     --------

@@ -24,8 +24,7 @@ class AlongPath(BaseEstimator):
     refitted.
 
     Greedy optimizers choose among the models of their path by rules that mean another thing for every balance and
-    number
-    of samples; here tau is the share of the right-hand side that may be left out.
+    number of samples; here tau is the share of the right-hand side that may be left out.
     """
 
     def __init__(self, optimizer: Any = None, tolerance: float = 0.01) -> None:

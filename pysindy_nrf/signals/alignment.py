@@ -23,10 +23,7 @@ __all__ = ["align", "channel_alignment", "displacement_from_drifts", "resampled"
 
 
 def channel_alignment(
-    record: Record,
-    band: tuple[float, float] | None = None,
-    reference: str = "a",
-    runs: Sequence[slice] | None = None,
+    record: Record, band: tuple[float, float] | None = None, reference: str = "a", runs: Sequence[slice] | None = None
 ) -> pd.DataFrame:
     """Delay, gain and sign of each motion channel against another channel of the same DOF.
 

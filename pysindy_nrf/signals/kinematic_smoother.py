@@ -74,9 +74,8 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         Distance of the spline's knots by DOF, samples: the time resolution the data support; of several
         records, the coarsest.
     high_pass_ : Series
-        Frequency, Hz, by DOF, at which half of the motion is lost because displacement was not
-        measured (``1 / (1 + (f_c/f)^4)``, zero phase); 0 where displacement was measured. Of several
-        records, the highest.
+        Frequency, Hz, by DOF, at which half of the motion is lost because displacement was not measured (``1 / (1 +
+        (f_c/f)^4)``, zero phase); 0 where displacement was measured. Of several records, the highest.
     band_ : tuple or None
         The band applied, Hz.
     edge_ : int

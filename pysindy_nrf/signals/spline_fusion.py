@@ -2,10 +2,9 @@
 
 All in units of samples: velocities times dt, accelerations times dt^2.
 
-``x(t) = sum_k c_k B((t - t_0) / h - k)`` with B the cardinal B-spline of degree 7 and the knots
-evenly spaced over the record, h samples apart. Velocity and acceleration are the same
-coefficients times the derivatives of B. No periodicity is assumed. Everything is banded: the cost
-is linear in the number of samples.
+``x(t) = sum_k c_k B((t - t_0) / h - k)`` with B the cardinal B-spline of degree 7 and the knots evenly spaced over the
+record, h samples apart. Velocity and acceleration are the same coefficients times the derivatives of B. No periodicity
+is assumed. Everything is banded: the cost is linear in the number of samples.
 
 Degree 7, because the second derivative of a spline through the samples is then right to
 ``(2 pi f / fs)^6 / 30240``: 3e-8 at a twentieth of the sampling rate (degree 5: 1e-5).
@@ -459,9 +458,7 @@ def fuse_all(
     return [FusedMotion(motion[j], levels[j], spacing[j], corners[j]) for j in range(len(views))]
 
 
-def _fuse_block(
-    views: list[Views], levels: Any, corners: Any, ladder: BasisLadder, joint: bool
-) -> list[FusedMotion]:
+def _fuse_block(views: list[Views], levels: Any, corners: Any, ladder: BasisLadder, joint: bool) -> list[FusedMotion]:
     single = [fuse(y, ladder, s, c) for y, s, c in zip(views, levels, corners, strict=True)]
     return fuse_jointly(views, single, ladder) if joint else refine(views, single, ladder)
 

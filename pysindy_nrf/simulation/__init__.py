@@ -2,10 +2,6 @@
 
 from ..common.lazy import public_names
 
-_NAMES = {
-    "FreeRun": "api",
-    "free_run": "api",
-    "simulate": "api",
-}
+_NAMES = {"FreeRun": "api", "free_run": "api", "simulate": "api"}
 __all__ = [*_NAMES]
 __getattr__, __dir__ = public_names(__name__, _NAMES)

@@ -216,9 +216,8 @@ def earthquake(
     .. math::
         S(\omega) \propto \frac{1 + 4 \zeta^2 r^2}{(1 - r^2)^2 + 4 \zeta^2 r^2}, \quad r = \omega / \omega_g
 
-    (Kanai-Tajimi), times Clough and Penzien's second filter, which takes out the lowest
-    frequencies so that velocity and displacement of the base stay bounded; the envelope rises
-    with the square of time, stays, and decays (Jennings).
+    (Kanai-Tajimi), times Clough and Penzien's second filter, which takes out the lowest frequencies so that velocity
+    and displacement of the base stay bounded; the envelope rises with the square of time, stays, and decays (Jennings).
 
     Parameters
     ----------

@@ -53,9 +53,8 @@ def read_frf(path: Any, *, driven: int = 1, kind: str = "accelerance", max_bytes
     Parameters
     ----------
     path : path-like
-        Delimited text (``;``, tab or ``,``) with columns f (Hz), H1, H2, .. of complex numbers
-        (``0.1-0.2j``), header or not; or MATLAB, HDF5 or NumPy with ``f`` and ``H``
-        (lines x DOFs) or ``H1``, ``H2``, ...
+        Delimited text (``;``, tab or ``,``) with columns f (Hz), H1, H2, .. of complex numbers (``0.1-0.2j``), header
+        or not; or MATLAB, HDF5 or NumPy with ``f`` and ``H`` (lines x DOFs) or ``H1``, ``H2``, ...
     driven : int
         The DOF on which the force acts.
     kind : {"accelerance", "mobility", "receptance"}
@@ -126,11 +125,7 @@ def frequency_response(
 
 
 def frf_to_features(
-    f: Any,
-    H: Any = None,
-    driven: int = 1,
-    band: tuple[float | None, float | None] | None = None,
-    weight: Any = None,
+    f: Any, H: Any = None, driven: int = 1, band: tuple[float | None, float | None] | None = None, weight: Any = None
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     r"""Rows of the force balances from a frequency response.
 

@@ -68,11 +68,10 @@ def read_record(path: Any, *, mapping: Mapping[str, str] | None = None, fs: floa
     path : path-like or sequence of path-like
         See :func:`read_table` for the types and for several files of one test.
     mapping : mapping of str to str, optional
-        Channels by ``[-] name [:, k] * factor @ unit``: ``{"x1": "qm", "F1": "vir*35.1507",
-        "a2": "-acc[:, 2] @ g"}``. The factor may name a number held by the file. ``"none"`` drops a
-        channel, ``"unknown"`` means that a force acts but was not measured. Channels are ``a1..,
-        v1.., x1.., F1.., ag, vg, xg, t``; any other name becomes a covariate. Columns that carry
-        a channel's name need no mapping; all others are left out.
+        Channels by ``[-] name [:, k] * factor @ unit``: ``{"x1": "qm", "F1": "vir*35.1507", "a2": "-acc[:, 2] @ g"}``.
+        The factor may name a number held by the file. ``"none"`` drops a channel, ``"unknown"`` means that a force acts
+        but was not measured. Channels are ``a1.., v1.., x1.., F1.., ag, vg, xg, t``; any other name becomes a
+        covariate. Columns that carry a channel's name need no mapping; all others are left out.
     fs : float, optional
         Sampling rate, Hz, where the file has no time.
     units : mapping of str to str, optional

@@ -97,11 +97,7 @@ def summary(record: Record) -> dict[str, Any]:
         "force_unknown": list(record.unknown),
         "base_moves": record.base_moves,
         "channels": {
-            name: {
-                "unit": si_unit(name),
-                "rms": _rms(line),
-                "peak": float(np.nanmax(np.abs(line))),
-            }
+            name: {"unit": si_unit(name), "rms": _rms(line), "peak": float(np.nanmax(np.abs(line)))}
             for name, line in record.channels().items()
         },
     }

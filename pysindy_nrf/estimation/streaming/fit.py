@@ -67,9 +67,7 @@ def fit_streamed(
     return estimator
 
 
-def partial_fit(
-    estimator: Any, X: Any, F: Any, record: Any, time: Any, base_acceleration: Any, covariates: Any
-) -> Any:
+def partial_fit(estimator: Any, X: Any, F: Any, record: Any, time: Any, base_acceleration: Any, covariates: Any) -> Any:
     """Add samples to an estimator and solve again."""
     from threadpoolctl import threadpool_limits
 

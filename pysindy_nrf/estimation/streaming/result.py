@@ -59,8 +59,7 @@ def _require_usable(accumulator: Accumulator, grams: BlockGrams) -> None:
         unknowns, size = matrix.shape[0] - 1, int(grams.sizes[dofs])
         if 0 < size < unknowns + 1 and len(dofs) == 1:
             raise ChannelError(
-                f"{size} samples are too few for the balance of DOF {dofs[0]}, which has up to {unknowns} "
-                "unknowns",
+                f"{size} samples are too few for the balance of DOF {dofs[0]}, which has up to {unknowns} unknowns",
                 "Use a longer record or a lower degree.",
             )
 

@@ -83,9 +83,7 @@ def chunk_of(item: Any, covariates: Sequence[str] = (), coordinates: str = "rela
         return Chunk(item[0], item[1], first=first, time=_table_time(item[0]))
     if isinstance(item, np.ndarray):
         return Chunk(item, first=first)
-    raise ChannelError(
-        f"The iterator gave {type(item).__name__}", "It must give DataFrames, pairs (X, F) or Records."
-    )
+    raise ChannelError(f"The iterator gave {type(item).__name__}", "It must give DataFrames, pairs (X, F) or Records.")
 
 
 def _table_time(X: Any) -> Any:
@@ -138,9 +136,7 @@ def chunk_of_columns(
     forces = [f"F{j}" for j in range(1, n_dof + 1)]
     F = _stacked([values[c] for c in forces]) if forces[0] in values else None
     time = values.get("t", values.get("time"))
-    return Chunk(
-        X, F, record, first, values.get("record"), time, values.get("ag"), {c: values[c] for c in covariates}
-    )
+    return Chunk(X, F, record, first, values.get("record"), time, values.get("ag"), {c: values[c] for c in covariates})
 
 
 def _stacked(columns: Sequence[np.ndarray]) -> np.ndarray:

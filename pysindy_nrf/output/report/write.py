@@ -81,8 +81,7 @@ def page(
         content = of_model(subject, record, title, notes, band)
     else:
         raise NRFError(
-            f"{type(subject).__name__} cannot be reported",
-            "Give a LoopReport, a fitted NRFRegressor or a ChainModel.",
+            f"{type(subject).__name__} cannot be reported", "Give a LoopReport, a fitted NRFRegressor or a ChainModel."
         )
     environment = jinja2.Environment(
         loader=jinja2.FunctionLoader(_template),
@@ -107,9 +106,7 @@ def page(
         style=markup(_template("style.css")),
     )
     scripts = environment.get_template("scripts.html").render(
-        figures=markup(script_json(drawn)),
-        plotly=markup(offline.get_plotlyjs()),
-        code=markup(_template("page.js")),
+        figures=markup(script_json(drawn)), plotly=markup(offline.get_plotlyjs()), code=markup(_template("page.js"))
     )
     return f"{body}{scripts}</body>\n</html>\n"
 

@@ -164,9 +164,6 @@ def fillers(line: np.ndarray) -> tuple[np.ndarray, str]:
     return rows, said
 
 
-# -- records and their times ------------------------------------------------------------------
-
-
 class EvenClock(np.lib.mixins.NDArrayOperatorsMixin):
     """Times 0, dt, 2 dt, ... in s that behave as an array; only the rows asked for are computed."""
 
@@ -236,9 +233,6 @@ def contiguous(size: int, record: Any = None, seconds: np.ndarray | None = None)
 def _between(cuts: np.ndarray, start: int, stop: int) -> list[slice]:
     edges = [start, *cuts.tolist(), stop]
     return [slice(lo, hi) for lo, hi in zip(edges[:-1], edges[1:])]
-
-
-# -- input of estimators ----------------------------------------------------------------------
 
 
 def column_names(X: Any) -> list[str] | None:

@@ -155,8 +155,6 @@ class Record:
                     "Check its unit.",
                 )
 
-    # -- the channels -------------------------------------------------------------------------
-
     def channels(self) -> dict[str, np.ndarray]:
         """Measured channels by name.
 
@@ -204,8 +202,6 @@ class Record:
     def base_moves(self) -> bool:
         """True if a motion of the base was given."""
         return any((line := getattr(self, key)) is not None and np.nan_to_num(line).any() for key in BASES)
-
-    # -- from and to other things -------------------------------------------------------------
 
     @classmethod
     def from_frame(cls, df: pd.DataFrame, fs: float | None = None, **options: Any) -> Record:

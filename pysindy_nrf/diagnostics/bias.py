@@ -152,9 +152,6 @@ def warn_of_bias(table: pd.DataFrame, masses: Sequence[str] = (), stacklevel: in
         warnings.warn(" ".join(said), BiasWarning, stacklevel=stacklevel)
 
 
-# -- columns ----------------------------------------------------------------------------------
-
-
 def _widened(recipe: Recipe | None, layout: LawLayout, wide: Layout) -> Recipe:
     """Recipe of own and offered columns from [source of the own | offered columns of each site]."""
     if recipe is None:  # the columns of the laws are given
@@ -192,9 +189,6 @@ def _combination(step: Any, layout: LawLayout, coefficients: dict, masses: dict,
     for site in step.known_sites:
         out[where[site].start : where[site].stop - OFFERED, -1] = -signs[site] * coefficients[site]
     return out
-
-
-# -- judgement --------------------------------------------------------------------------------
 
 
 def _judged(grams: np.ndarray, n_own: int, has_mass: np.ndarray, enough: np.ndarray) -> np.ndarray:

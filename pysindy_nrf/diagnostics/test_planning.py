@@ -43,11 +43,6 @@ def diagnose(model: Any) -> Diagnosis:
     ----------
     model : fitted NRFRegressor
 
-    Returns
-    -------
-    Diagnosis
-        ``print`` it.
-
     Examples
     --------
     >>> import warnings
@@ -252,9 +247,6 @@ def _noise(model: Any) -> list[Finding]:
     return out
 
 
-# -- planning -----------------------------------------------------------------------------------------
-
-
 @dataclass
 class Plan:
     """Ranking of floors to hit, and sensors to add."""
@@ -293,11 +285,6 @@ def plan(
         A first guess; floors are then ranked by how well its modes respond to a blow there.
     most : int
         Floors hit at most (in one record, or one after another).
-
-    Returns
-    -------
-    Plan
-        ``print`` it.
 
     Raises
     ------

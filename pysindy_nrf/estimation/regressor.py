@@ -150,8 +150,6 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         self.chain = chain
         self.constraints = constraints
 
-    # -- fit ----------------------------------------------------------------------------------
-
     def fit(
         self,
         X: Any,
@@ -183,10 +181,6 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         covariates : mapping of str to array-like of shape (n_samples,), optional
         state : path-like, optional
             File for the state of an interrupted fit from files; the next call continues from it.
-
-        Returns
-        -------
-        self
 
         Raises
         ------

@@ -192,8 +192,6 @@ class ForceLaw:
     shape: dict[str, float | None]
     coefficients: np.ndarray | None
 
-    # -- what a subclass writes ---------------------------------------------------------------
-
     def terms(self) -> tuple[Term, ...]:
         """The terms of the law, one for each coefficient."""
         return self.columns
@@ -241,8 +239,6 @@ class ForceLaw:
         dict
         """
         return {}
-
-    # -- values -------------------------------------------------------------------------------
 
     def _number(self, key: str, value: Any) -> float | None:
         if value is None:
@@ -381,8 +377,6 @@ class ForceLaw:
         if coefficients is not None:
             new.coefficients = new._coefficients(coefficients)
         return new
-
-    # -- use ----------------------------------------------------------------------------------
 
     def features(self, motion: Motion, state: np.ndarray | None = None) -> np.ndarray:
         """Columns of the law along one contiguous record.

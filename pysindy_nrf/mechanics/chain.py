@@ -88,8 +88,6 @@ class Chain:
         self.links = tuple(extra)
         self.sites: tuple[Site, ...] = tuple(sites + extra)
 
-    # -- the topology, written once -----------------------------------------------------------
-
     def site(self, text: Any) -> Site:
         """The site of this chain for a text or storey number.
 
@@ -161,8 +159,6 @@ class Chain:
         new = [s for s in dict.fromkeys(Site(text) for text in links) if s not in self.sites]
         return Chain(self.n_dof, (*self.links, *new), self.ground)
 
-    # -- identifiability ------------------------------------------------------
-
     def identifiability(
         self,
         forced: Iterable[int] = (),
@@ -205,8 +201,6 @@ class Chain:
             ``str()`` describes it.
         """
         return Hook.PLAN(self, **options)
-
-    # -- plain Python -------------------------------------------------------------------------
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON.

@@ -90,11 +90,6 @@ class Site(str):
         ----------
         dof : int
             Degree of freedom, counted from 1.
-
-        Returns
-        -------
-        int
-            +1, -1 or 0.
         """
         if self.kind == "sensor" or dof == 0:
             return 0

@@ -129,8 +129,6 @@ class ChainModel:
         """Restoring forces by site."""
         return RestoringForces(self.chain, self.laws)
 
-    # -- forces along data --------------------------------------------------------------------
-
     def segments(self, X: Any, F: Any = None, **options: Any) -> SegmentSet:
         """The contiguous records in data given as for :meth:`predict`, with forces F in N.
 
@@ -210,8 +208,6 @@ class ChainModel:
             np.column_stack([np.zeros(len(f)) if i is None else f[:, i] for i in pick]) for f in self.site_forces(data)
         ]
         return data.scatter(parts)
-
-    # -- linear part --------------------------------------------------------------------------
 
     def matrices(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Mass, damping and stiffness matrix of the linear part.
@@ -315,8 +311,6 @@ class ChainModel:
             {"v": v.ravel(), "s": s.ravel(), "R": force(v, s).ravel(), "visited": region.contains(v, s).ravel()}
         )
 
-    # -- free run -----------------------------------------------------------------------------
-
     def simulate(self, F: Any, dt: float, **options: Any) -> Any:
         """Free run under sampled forces; parameters as of :func:`pysindy_nrf.simulate`.
 
@@ -326,8 +320,6 @@ class ChainModel:
             ``method``, ``x0``, ``v0``, ``base_acceleration``, ...
         """
         return Hook.SIMULATE(self, F, dt, **options)
-
-    # -- text and JSON ------------------------------------------------------------------------
 
     def to_sindy(self, dt: float = 1.0) -> Any:
         """The model as a fitted ``ps.SINDy`` of the state [x_1..x_n, xdot_1..xdot_n] under u = F_1..F_n.

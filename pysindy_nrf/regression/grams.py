@@ -38,8 +38,6 @@ class BlockGrams:
     record: np.ndarray | None = None  # (n_blocks,); number of the record of each block
     edges: np.ndarray | None = None  # (n_bands + 1,); edges of the frequency bands, Hz
 
-    # -- shape --------------------------------------------------------------------------------
-
     @property
     def shape(self) -> tuple[int, ...]:
         """Leading axes of the matrices: blocks, or blocks and bands; none for a sum."""
@@ -75,8 +73,6 @@ class BlockGrams:
             where[site] = slice(at, at + self.layout.counts[site])
             at += self.layout.counts[site]
         return where, (at if len(dofs) == 1 else None), (at + 1 if len(dofs) == 1 else at)
-
-    # -- sums ---------------------------------------------------------------------------------
 
     def sum(self, weights: Any = None) -> BlockGrams:
         """Sum of the blocks (and of the bands), each taken ``weights`` times."""
@@ -157,8 +153,6 @@ class BlockGrams:
                 "Gram matrices of different columns or kinds cannot be added", "Accumulate both with the same layout."
             )
 
-    # -- other columns ------------------------------------------------------------------------
-
     def roots(self) -> BlockGrams:
         """Triangular roots of the Gram matrices."""
         if self.kind == "root":
@@ -219,8 +213,6 @@ class BlockGrams:
         most = np.max(list(sizes.values()), axis=0)
         return cls(layout, {g.dofs: g for g in groups}, matrices, sizes, most, known)
 
-    # -- sizes of combinations ----------------------------------------------------------------
-
     def triangle(self, dofs: Dofs, combine: np.ndarray) -> np.ndarray:
         """Upper triangular R, (..., p, p), with ``R.T @ R`` the Gram matrix of the columns of a balance times
         ``combine``, (..., n_columns, p)."""
@@ -236,8 +228,6 @@ class BlockGrams:
         if self.kind == "root":
             return np.linalg.norm(image, axis=-2)
         return np.sqrt(np.clip(np.einsum("...ij,...ij->...j", weights, image), 0.0, None))
-
-    # -- to and from disk ---------------------------------------------------------------------
 
     def to_arrays(self) -> dict[str, np.ndarray]:
         """Plain arrays, as ``numpy.savez`` takes them; layout and balances are given again to :meth:`from_arrays`."""

@@ -134,9 +134,6 @@ def _with_shapes(layout: LawLayout, free: Free, values: np.ndarray) -> LawLayout
     return LawLayout(layout.chain, laws)
 
 
-# -- frequencies ----------------------------------------------------------------------------------
-
-
 def _lines(
     layout: LawLayout, unheard: Free, site: Site, solve: Solve, data: SegmentSet, filters: Sequence[Any]
 ) -> list[float]:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-import tracemalloc
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -281,23 +280,18 @@ class Ours:
 
     def __init__(self, degree: int, optimizer: Any) -> None:
         self.degree, self.optimizer = degree, optimizer
-        self._chosen: dict[str, Any] = {"optimizer": optimizer}
 
     def work(self, data: Part) -> float:
         return 0.0
 
     def fit(self, data: Part) -> None:
+        chosen = {"optimizer": self.optimizer}
         if isinstance(self.optimizer, Sequence):
-            self._choose(data)
-        self.model = NRFRegressor(degree=self.degree, dt=data.dt).set_params(**self._chosen).fit(data.X, data.F)
-
-    def _choose(self, data: Part) -> None:
-        """By the held-out rule, once: the second fit, which measures the memory, takes what the first has chosen."""
-        found = select_sparsity(data.X, data.F, paths={"path": self.optimizer}, degree=self.degree, dt=data.dt)
-        self.note = f"chosen: {found.table.index[found.table['chosen']][0][1]}"
-        one = found.regressor("path").get_params(deep=False)
-        self._chosen = {"optimizer": one["optimizer"], "laws": one["laws"]}
-        self.optimizer = None
+            found = select_sparsity(data.X, data.F, paths={"path": self.optimizer}, degree=self.degree, dt=data.dt)
+            self.note = f"chosen: {found.table.index[found.table['chosen']][0][1]}"
+            one = found.regressor("path").get_params(deep=False)
+            chosen = {"optimizer": one["optimizer"], "laws": one["laws"]}
+        self.model = NRFRegressor(degree=self.degree, dt=data.dt).set_params(**chosen).fit(data.X, data.F)
 
     @property
     def terms(self) -> int:
@@ -459,8 +453,7 @@ def compare_with_sindy(
         each model's own library; ``mass_error`` (largest, percent); ``restoring_force_error`` and ``balance_error``
         (pooled percent NRMSE, one step); ``free_run_error`` (percent NRMSE of the displacements, inf if it diverges);
         ``third_law_gap`` (largest disagreement of the two estimates of a storey, percent) and ``storeys_found``
-        (``"once"`` or ``"twice"``); ``seconds`` of the fit, choosing included, and ``megabytes`` of the fit without it;
-        ``note``. NaN = cannot be known.
+        (``"once"`` or ``"twice"``); ``seconds`` of the fit, choosing included; ``note``. NaN = cannot be known.
 
     Raises
     ------
@@ -505,7 +498,7 @@ def _optimizers(given: Mapping[str, Any] | str | None) -> Mapping[str, Any]:
 
 COLUMNS = [
     "terms", "precision", "recall", "mass_error", "restoring_force_error", "balance_error", "free_run_error",
-    "third_law_gap", "storeys_found", "seconds", "megabytes", "note",
+    "third_law_gap", "storeys_found", "seconds", "note",
 ]  # fmt: skip
 _MOST_WORK = 2e11  # multiplications of a fit, some ten seconds
 
@@ -518,11 +511,10 @@ def row_of(
         size = entry.n_features(search)
         gigabytes = 32e-9 * size * (len(search.a) + size)
         note = f"not run: {size} columns of {len(search.a)} samples take minutes and {gigabytes:.1f} GB"
-        return [np.nan] * 8 + ["", np.nan, np.nan, note], None
+        return [np.nan] * 8 + ["", np.nan, note], None
     start = time.perf_counter()
     entry.fit(search)
     seconds = time.perf_counter() - start
-    megabytes = _peak(lambda: entry.fit(search))
     masses = entry.masses(search)
     handed = masses if entry.finds_masses else ruler.model.masses
     a_hat = entry.accelerations(rest)
@@ -543,23 +535,8 @@ def row_of(
         gap,
         found,
         seconds,
-        megabytes,
         "; ".join(filter(None, (entry.note, note))),
     ], R
-
-
-def _peak(work: Callable[[], Any]) -> float:
-    """Peak memory of a piece of work, MB."""
-    running = tracemalloc.is_tracing()
-    if not running:
-        tracemalloc.start()
-    tracemalloc.reset_peak()
-    before = tracemalloc.get_traced_memory()[0]
-    work()
-    peak = tracemalloc.get_traced_memory()[1] - before
-    if not running:
-        tracemalloc.stop()
-    return peak / 1e6
 
 
 def _free_run(entry: Any, rest: Part, time_limit: float) -> tuple[float, str]:

@@ -223,8 +223,6 @@ class FoldMoments:
         self._solve_orders: dict[Any, SolveOrder] = {}
         self._accumulate("gram")
 
-    # -- one pass -----------------------------------------------------------------------------
-
     def _groups(self) -> list[Group]:
         solve_order = plan_solve_order(
             self.chain, self.data.forced, self.data.unknown, self.known_masses, self.strategy, self.layout.acting
@@ -328,8 +326,6 @@ class FoldMoments:
         """Accumulate once more by streamed QR, where the residual is too small for a Gram matrix."""
         if self.kind == "gram":
             self._accumulate("root")
-
-    # -- sums for a fold --------------------------------------------------------------------
 
     def total(self, fold: Any, side: str = "train") -> tuple[BlockGrams, np.ndarray, np.ndarray]:
         """Roots of one side of a fold, sums of accelerations and counts; None: of all samples, EVERY: stacked."""

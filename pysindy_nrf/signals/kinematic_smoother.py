@@ -128,8 +128,6 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         self.joint = joint
         self.channels = channels
 
-    # -- scikit-learn -------------------------------------------------------------------------
-
     def fit(self, X: Any, y: Any = None, *, record: Any = None, time: Any = None) -> KinematicSmoother:
         """Find the noise levels of the channels.
 
@@ -200,8 +198,6 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         """
         check_is_fitted(self, "noise_")
         return np.array(self._names_out, dtype=object)
-
-    # -- the work -----------------------------------------------------------------------------
 
     def _run_pieces(self, X: Any, learn: bool, record: Any, time: Any) -> Any:
         """Each contiguous piece by itself; None after learning from several."""

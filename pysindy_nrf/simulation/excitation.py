@@ -275,9 +275,6 @@ def earthquake(
     return ag * (_positive("rms", rms, "m/s^2") / np.sqrt(np.mean(ag**2)))
 
 
-# -- checks -----------------------------------------------------------------------------------
-
-
 def _positive(name: str, value: Any, unit: str) -> float:
     number = number_of(value)
     if not np.isfinite(number) or number <= 0:

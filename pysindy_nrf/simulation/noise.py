@@ -32,11 +32,6 @@ def add_noise(record: Record, level: float, random_state: Any = None, channels: 
         ``"a"`` (all accelerations), ``"a2"``, ``"F"``, ``"ag"``, the name of a covariate; by default every
         measured force and motion. Channels of zeros (known to be unforced) stay zero.
 
-    Returns
-    -------
-    Record
-        A new one; the given record is not changed.
-
     Raises
     ------
     ChannelError

@@ -33,7 +33,7 @@ def test_rows_and_columns(table):
         "SINDy, defaults", "SINDy, normalised", "SINDy, hand-steered",
         "pysindy_nrf, least squares", "pysindy_nrf, STLSQ", "pysindy_nrf, STLSQ, threshold 0.01",
     ]  # fmt: skip
-    assert (table["seconds"] > 0).all() and (table["megabytes"] > 0.1).all()
+    assert (table["seconds"] > 0).all()
 
 
 def test_terms_and_hits_are_counted_as_defined(table, case):

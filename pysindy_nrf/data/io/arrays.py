@@ -41,9 +41,6 @@ def flattened(content: Mapping[str, Any], prefix: str = "") -> dict[str, np.ndar
     return out
 
 
-# -- NumPy ------------------------------------------------------------------------------------
-
-
 def read_npz(path: Path, max_bytes: int = MAX_BYTES) -> Table:
     """Read a NumPy archive (.npz) or array (.npy)."""
     try:
@@ -85,8 +82,6 @@ def _check_header(stream: IO[bytes], held: int) -> None:
     if any(n < 0 for n in shape) or math.prod(shape) * dtype.itemsize > held:
         raise ValueError(f"an array declares the shape {shape} of {dtype} but the file holds {held} bytes")
 
-
-# -- HDF5 -------------------------------------------------------------------------------------
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
@@ -148,8 +143,6 @@ def data_sets(h5py: Any, file: Any) -> Iterator[tuple[str, Any]]:
                     inside.append((f"{name}/{key}" if name else key, item[key]))
         stack += reversed(inside)
 
-
-# -- MATLAB -----------------------------------------------------------------------------------
 
 _HEADER, _COMPRESSED = 128, 15
 _PIECE = 1 << 20
@@ -216,8 +209,6 @@ def _check_unpacked(path: Path, head: bytes, max_bytes: int) -> None:
                     check_size(path, total, max_bytes)
                     piece = unpack.unconsumed_tail
 
-
-# -- Parquet ----------------------------------------------------------------------------------
 
 ATTRIBUTES_KEY = SCHEMA.encode()
 

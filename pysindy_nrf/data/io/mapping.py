@@ -33,9 +33,6 @@ _PATTERN = re.compile(
 _GROUPED = re.compile(r"[+-]?\d{1,3}([.,' \u00a0\u2009\u202f]\d{3})+([.,]\d*)?|[+-]?\d+\.\d*")
 
 
-# -- one mapping ------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Expression:
     """A parsed mapping: variable, column or row of a matrix, factor (a number or a variable), sign and unit."""
@@ -148,8 +145,6 @@ def _numbers(values: np.ndarray, wanted: str, decimal: str) -> np.ndarray:
         )
     return numbers
 
-
-# -- mapping files ----------------------------------------------------------------------------
 
 _MAX_BYTES = 1_000_000
 _KEYS = {

@@ -168,9 +168,6 @@ def _is_motion(channel: str) -> bool:
     return channel != "ag" and dimension_of(channel) in _MOTIONS
 
 
-# -- steps of reading --------------------------------------------------------------------------
-
-
 def understand(table: Table, *, mapping: Mapping[str, str] | None = None, fs: float | None = None,
                units: Mapping[str, str] | None = None, name: str | None = None,
                coordinates: str | None = None) -> Reading:  # fmt: skip

@@ -70,9 +70,6 @@ def unreadable(path: Path, kind: str, error: Exception | str) -> FileFormatError
     )
 
 
-# -- records written by this package ----------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Attributes:
     """Attributes of a record; names of all columns, of those that are covariates, and of those in single precision."""

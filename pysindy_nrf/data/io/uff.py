@@ -25,9 +25,6 @@ _DIRECTIONS = {0: "", 1: "+X", -1: "-X", 2: "+Y", -2: "-Y", 3: "+Z", -3: "-Z"}
 _SYSTEMS = {1: ("m", "N"), 2: ("ft", "lbf"), 3: ("m", "kgf"), 5: ("mm", "mN"), 7: ("in", "lbf"), 8: ("mm", "kgf")}
 
 
-# -- in ---------------------------------------------------------------------------------------
-
-
 def read_uff(path: Path, max_bytes: int = MAX_BYTES) -> Table:
     """Read the time histories (data sets 58) of a universal file, ASCII or binary."""
     pyuff = require("pyuff", "files", "Reading UFF files")
@@ -151,9 +148,6 @@ def _own(path: Path, sets: Sequence[Mapping[str, Any]]) -> Table | None:
         raise unreadable(path, "UFF", f"the attributes of the record are damaged ({error})") from error
     columns = {name: np.asarray(one["data"], dtype=float) for name, one in zip(names, sets)}
     return Table(path, "UFF 58", columns, attributes=attributes, fs=attributes.fs)
-
-
-# -- out --------------------------------------------------------------------------------------
 
 
 def write_uff(path: Path, columns: Mapping[str, np.ndarray], attributes: Attributes) -> None:

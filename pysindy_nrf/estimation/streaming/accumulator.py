@@ -161,8 +161,6 @@ class Accumulator:
         self._gram: GramPass | None = None  # its plan of products is that of all blocks
         self._carry: dict[str, Any] | None = None  # end of the last run: states, last sample, its time
 
-    # -- adding -------------------------------------------------------------------------------
-
     def add(self, chunk: Chunk, number: int) -> None:
         """Add the chunk of this number."""
         pieces, at = chunk.records(), 0
@@ -302,8 +300,6 @@ class Accumulator:
                     self.windows = self.windows[::2]
                     self.window_every *= 2
             self._offered += 1
-
-    # -- adding up ----------------------------------------------------------------------------
 
     def copy(self) -> Accumulator:
         """A copy to which records can be added; this one does not change."""

@@ -277,8 +277,6 @@ _LAWS, _ORDER = "SITE=NAME+NAME", "SITE=DEGREE"
 FLOORS, NUMBERS = Text("I,J,...", _floors), Text("A,B,...", _numbers)
 RANGE = Text("A-B|A,B,...", _range)
 
-# -- options that several commands have ---------------------------------------------------------------
-
 files_argument = click.argument("files", nargs=-1, metavar="FILE...", type=click.Path(path_type=Path))
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of words.")
 output_option = click.option(
@@ -353,9 +351,6 @@ def output_file(name: str, words: str) -> Any:
 def degree_option(default: int, words: str) -> Any:
     """The degree of the power series."""
     return click.option("--degree", type=Text("N|K,Q", _degree), default=default, help=words)
-
-
-# -- what the options ask for -------------------------------------------------------------------------
 
 
 def readings_of(files: Any, options: dict[str, Any], session: Any = None, needed: bool = True) -> list[Any]:

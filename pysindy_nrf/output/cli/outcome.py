@@ -167,9 +167,6 @@ def _unique(name: str, taken: Any) -> str:
     return label
 
 
-# -- words and data
-
-
 def result(outcome: Outcome, band: Any, truth: Any = None) -> str:
     """Masses, equations, errors and modes of an outcome; ``truth`` is the model behind a simulated record."""
     est, model = outcome.estimator, outcome.estimator.model_
@@ -277,9 +274,6 @@ def as_data(outcome: Outcome, band: Any, records: list[dict[str, Any]]) -> dict[
         "warnings": outcome.warnings + advice(outcome),
         "model": model.to_dict(),
     }
-
-
-# -- files
 
 
 def write_all(

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from typing import Any
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..common.random_state import generator
@@ -21,10 +22,11 @@ from ..regression.segments import SegmentSet
 from ..signals.zero_phase_filter import filters_of
 from .catalogue import as_laws, candidates, flexible
 from .conclude import concluded
+from .constants import HOPELESS
 from .folds import split, window_length
 from .prepare import Prepared, prepare
 from .report import LoopReport
-from .ruler import Ruler, Trial
+from .ruler import Powers, Ruler, Trial
 from .search import Forward, Search, proposals_of
 from .spectra import Windows
 from .state import State
@@ -120,7 +122,7 @@ def close_loop(
         with _bar(progress, max_steps * len(proposals)) as tick:
             search = Search(proposals, progress=tick)
             forward = Forward(search, first, ready, faults, rng)
-            forward.run(max_steps)
+            forward.run(max_steps if _explains(first, problem, work) else 0)
         settings = {
             "band": band, "random_state": random_state, "max_steps": max_steps, "catalogue": tried,
             "baseline": baseline, "noise_floor": noise_floor,
@@ -130,6 +132,7 @@ def close_loop(
 
 def _ruler(ready: Prepared, problem: Problem, strategy: str, band: Any) -> tuple[Workspace, Ruler]:
     """Folds, windows and informative bands."""
+    filters_of(band, ready.data)  # a band that cannot be is refused here
     segments = ready.data.segments
     length = window_length([s for i, s in enumerate(segments) if i not in (ready.heldout or ())])
     work = Workspace(ready.data, *split(segments, length, ready.heldout), problem.known_masses, strategy)
@@ -145,6 +148,16 @@ def _ruler(ready: Prepared, problem: Problem, strategy: str, band: Any) -> tuple
     )
     work.filters = filters_of(ruler.band(), ready.data)
     return work, ruler
+
+
+def _explains(first: State, problem: Problem, work: Workspace) -> bool:
+    """Whether a chain with flexible storeys explains something of every balance; if not, no law is worth a search."""
+    rich = flexible(first.trial.laws, problem.chain, work)
+    try:
+        trial = Trial(first.trial.ruler, problem.chain, {s: tuple(held) for s, held in rich.items()})
+    except NRFError:
+        return True
+    return bool(np.nanmax(trial.ruler.errors(Powers(trial.within[None], trial.powers.reference))) < HOPELESS)
 
 
 def _baseline_laws(problem: Problem, work: Workspace) -> Mapping[Site, tuple[ForceLaw, ...]]:

@@ -58,27 +58,35 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
     stands = [_stand("baseline", first.trial)]
     steps: list[Step] = []
     confirmed = before = stands[0]
-    for effect in state.effects:
-        with_it = laws
-        if effect.is_fault:
-            ruler = forward.rulers[effect]
-        else:
-            with_it = {**laws, effect.site: (*laws.get(effect.site, ()), effect.law)}
-        try:
-            if effect.law.variable == "1" and ruler.windows.centred:  # the means alone show a constant force
-                ruler = ruler.as_measured()
-                before = _stand(confirmed.name, Trial(ruler, first.trial.base, laws))
-            stand = _stand(f"{effect.law.name} at {effect.site}", Trial(ruler, first.trial.base, with_it))
-        except NRFError:
-            continue
-        step = _step(forward, effect, before, stand)
-        if not step.confirmed and step.gain < LEAST_GAIN:
-            continue  # it was found beside an effect that held-out data do not confirm
-        steps.append(step)
-        stands.append(stand)
-        if step.confirmed:
-            confirmed, laws = stand, with_it
-            before = confirmed
+    waiting, again = list(state.effects), []
+    while waiting:
+        again = []
+        for effect in waiting:
+            with_it = laws
+            if effect.is_fault:
+                ruler = forward.rulers[effect]
+            else:
+                with_it = {**laws, effect.site: (*laws.get(effect.site, ()), effect.law)}
+            try:
+                if effect.law.variable == "1" and ruler.windows.centred:  # the means alone show a constant force
+                    ruler = ruler.as_measured()
+                    before = _stand(confirmed.name, Trial(ruler, first.trial.base, laws))
+                stand = _stand(f"{effect.law.name} at {effect.site}", Trial(ruler, first.trial.base, with_it))
+            except NRFError:
+                continue
+            step = _step(forward, effect, before, stand)
+            if not step.confirmed:
+                again.append((effect, step, stand))
+                continue
+            steps.append(step)
+            stands.append(stand)
+            confirmed, laws, before = stand, with_it, stand
+        if len(again) in (0, len(waiting)):  # what held-out data did not confirm alone may be confirmed beside the rest
+            break
+        waiting = [effect for effect, _, _ in again]
+    kept = [(step, stand) for _, step, stand in again if step.gain >= LEAST_GAIN]
+    steps += [step for step, _ in kept]
+    stands += [stand for _, stand in kept]
     stopped = _why_stopped(forward, settings["max_steps"])
     no_claim = _no_claim(stands[0], confirmed, first)
     if no_claim:

@@ -81,7 +81,7 @@ def chosen(pairs: Sequence[tuple[Finding, Gain]]) -> int:
     near = []
     for k, (f, gain) in enumerate(pairs):
         gap, error = difference(best, gain)
-        if gap <= min(error, 0.1 * best.value):
+        if gap <= min(max(error, 0.02 * best.value), 0.1 * best.value):
             near.append((f.size, -gain.value, k))
     return min(near)[2]
 

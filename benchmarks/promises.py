@@ -44,8 +44,8 @@ from sklearn.base import clone  # noqa: E402
 from tqdm import tqdm  # noqa: E402
 
 from pysindy_nrf import NRFRegressor, Record  # noqa: E402
+from pysindy_nrf.discrepancy.bootstrap import levels_of, noisy_base, quiet_drive  # noqa: E402
 from pysindy_nrf.discrepancy.detection import detect  # noqa: E402
-from pysindy_nrf.discrepancy.noise_level import levels_of, noisy_base, quiet_drive  # noqa: E402
 from pysindy_nrf.discrepancy.residual import NoiseFloor, residual_of  # noqa: E402
 from pysindy_nrf.discrepancy.words import ResidualKind  # noqa: E402
 from pysindy_nrf.exceptions import NRFError  # noqa: E402

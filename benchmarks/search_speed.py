@@ -22,14 +22,11 @@ import numpy as np  # noqa: E402
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, Site, excitation, laws, simulate  # noqa: E402
 from pysindy_nrf.discrepancy.catalogue import candidates, default_catalogue  # noqa: E402
-from pysindy_nrf.discrepancy.folds import split, window_length  # noqa: E402
-from pysindy_nrf.discrepancy.prepare import prepare  # noqa: E402
+from pysindy_nrf.discrepancy.prepare import Workspace, prepare  # noqa: E402
 from pysindy_nrf.discrepancy.ruler import Ruler, Trial  # noqa: E402
 from pysindy_nrf.discrepancy.search import Search, lines_at, proposals_of  # noqa: E402
-from pysindy_nrf.discrepancy.shapes import Axes  # noqa: E402
-from pysindy_nrf.discrepancy.spectra import Windows  # noqa: E402
-from pysindy_nrf.discrepancy.state import Proposal, State  # noqa: E402
-from pysindy_nrf.discrepancy.workspace import Workspace  # noqa: E402
+from pysindy_nrf.discrepancy.state import Axes, Proposal, State  # noqa: E402
+from pysindy_nrf.discrepancy.windows import Windows, split, window_length  # noqa: E402
 
 TARGET = 20.0
 

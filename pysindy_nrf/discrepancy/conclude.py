@@ -15,22 +15,22 @@ from ..exceptions import NRFError
 from ..laws.base import ForceLaw, registry
 from ..laws.friction import CoulombFriction
 from ..mechanics.sites import Site
+from ..regression.chain_model import ChainModel
 from ..regression.domains import VisitedRegion
+from ..regression.errors import free_run_of
 from . import judge, words
 from .bootstrap import simulated
 from .catalogue import balances_of
-from .constants import COMPLETE, HOPELESS, LEAST_GAIN, LEAST_RATIO
-from .contradictions import contradictions
+from .constants import COMPLETE, HOPELESS, LEAST_GAIN, LEAST_RATIO, PERIODS
 from .evidence import Evidence, look
-from .free_run import free_run_error
-from .prepare import measured_of
+from .prepare import Workspace, measured_of
 from .report import LoopReport, Step, audit
 from .residual import floor_of, loops_of, searched
 from .ruler import Gain, Powers, Ruler, Slot, Trial
 from .search import Forward
-from .shapes import Axes
-from .spectra import Windows
-from .state import Effect, State
+from .sensors import contradictions
+from .state import Axes, Effect, State
+from .windows import Windows
 
 LEVEL = 0.95
 
@@ -58,7 +58,8 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
     stands = [_stand("baseline", first.trial)]
     steps: list[Step] = []
     confirmed = before = stands[0]
-    waiting, again = list(state.effects), []
+    waiting = list(state.effects)
+    again: list[tuple[Effect, Step, Stand]] = []
     while waiting:
         again = []
         for effect in waiting:
@@ -323,3 +324,47 @@ def _evidence(stands: list[Stand], steps: list[Step], floor: Any) -> list[Eviden
         step.localisation = evidence.localisation_sentence
         step.characterisation = evidence.characterisation_sentence
     return found
+
+
+def free_run_error(model: ChainModel, work: Workspace) -> float:
+    """Free-run error of the displacements over held-out windows, percent NRMSE; NaN where the model cannot run."""
+    if (model.masses <= 0).any():
+        return float("nan")
+    top, bottom = np.zeros(model.n_dof), np.zeros(model.n_dof)
+    for block in work.held:
+        seg = work.data.segments[block.segment]
+        if seg.dt is None or np.isnan(seg.F[seg.valid.start]).any():
+            return float("nan")
+        size = _window(seg, block.rows)
+        for start in range(block.rows.start, block.rows.stop - size + 1, size):
+            rows = slice(seg.valid.start + start, seg.valid.start + start + size)
+            run = _run(model, seg, rows)
+            if run is None:
+                return float("nan")
+            x = np.cumsum(seg.s[rows], axis=1)
+            x = x - x.mean(axis=0)
+            error = run.displacement - np.cumsum(seg.s[rows], axis=1)
+            top += (error**2).sum(axis=0)
+            bottom += (x**2).sum(axis=0)
+    return float(100.0 * np.sqrt(np.mean(top / bottom))) if (bottom > 0).all() else float("nan")
+
+
+def _window(seg: Any, rows: slice) -> int:
+    """Samples of about ten periods of the first drift, at most the block."""
+    s = np.asarray(seg.s[seg.valid][rows], dtype=float)[:, 0]
+    crossings = np.count_nonzero(np.diff(np.signbit(s - s.mean())))
+    length = rows.stop - rows.start
+    return max(8, min(length, int(PERIODS * 2 * length / max(crossings, 1))))
+
+
+def _run(model: ChainModel, seg: Any, rows: slice) -> Any:
+    """A free run, tried again by the other integrator; None where both fail."""
+    choices: tuple[dict[str, Any], ...] = ({}, {"method": "newmark"})
+    for options in choices:
+        try:
+            run: Any = free_run_of(model, seg, rows, seg.dt, **options)
+        except NRFError:
+            continue
+        if np.isfinite(run.displacement).all():
+            return run
+    return None

@@ -20,9 +20,9 @@ from . import words
 from .characterisation import Characterisation, Coupling, characterise, couplings
 from .detection import Detection, detect
 from .localisation import NEAR, Localiser
+from .prepare import Workspace
 from .residual import NoiseFloor, Residual, residual_of, searched
 from .words import Agreement, Location, Obstacle, Why
-from .workspace import Workspace
 
 
 @dataclass

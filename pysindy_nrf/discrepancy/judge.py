@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..laws.base import ForceLaw
 from ..mechanics.sites import Site
 from .constants import FAR, LARGE_GAIN, LEAST_GAIN, LEAST_SHARE, UNWITNESSED
 from .ruler import Gain, Trial
@@ -95,3 +96,15 @@ def rivals(pairs: Sequence[tuple[Finding, Gain]], number: int) -> list[Finding]:
         if k != number and gap <= max(FAR * error, 0.05 * own.value):
             out.append(f)
     return out
+
+
+_SLACK = 0.1
+
+
+def admissible(law: ForceLaw, coefficients: np.ndarray, sizes: np.ndarray) -> bool:
+    """Whether the coefficients of an undeclared effect can be real."""
+    held = [term.symbol in law.nonnegative for term in law.terms()]
+    if not any(held):
+        return True
+    parts = (coefficients * sizes)[held]
+    return bool(parts.min() >= -_SLACK * np.abs(parts).max())

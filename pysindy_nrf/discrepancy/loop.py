@@ -23,14 +23,12 @@ from ..signals.zero_phase_filter import filters_of
 from .catalogue import as_laws, candidates, flexible
 from .conclude import concluded
 from .constants import HOPELESS
-from .folds import split, window_length
-from .prepare import Prepared, prepare
+from .prepare import Prepared, Workspace, prepare
 from .report import LoopReport
 from .ruler import Powers, Ruler, Trial
 from .search import Forward, Search, proposals_of
-from .spectra import Windows
 from .state import State
-from .workspace import Workspace
+from .windows import Windows, split, window_length
 
 
 def close_loop(

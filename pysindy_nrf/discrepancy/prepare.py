@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,8 +11,12 @@ import pandas as pd
 
 from ..data.record import Record
 from ..exceptions import ChannelError
+from ..laws.base import ForceLaw
+from ..laws.shape import Motion, Scales
+from ..mechanics.sites import Site
+from ..regression.chain_solve import clock_of
 from ..regression.input_arrays import from_arrays
-from ..regression.segments import Segment, SegmentSet
+from ..regression.segments import BlockRows, Segment, SegmentSet, half_the_rate
 from ..signals.channel_checks import Measured, measured
 from ..signals.kinematic_smoother import KinematicSmoother
 from ..signals.kinematics import base_acceleration_if_any, base_motion, to_features
@@ -39,16 +42,12 @@ class Prepared:
     bands : list of (float, float) or None
         Of each record: the band, Hz, in which accelerations alone tell its motion; None where displacements are
         measured.
-    given : list of dict
-        Noise of channels that was known; of the others, and where the list is empty of all, it is estimated.
     heldout : list of int or None
         Numbers of the records held out whole.
     clean : bool
         Whether all channels were taken as they are.
     contradictions : list or None
         Faults that would reconcile the channels of one DOF, once they were looked for.
-    refused : dict of (str, str) to float
-        Such faults (law, site) that explained nothing, and the model's error at that time, percent.
     """
 
     records: list[Record]
@@ -57,8 +56,6 @@ class Prepared:
     heldout: list[int] | None = None
     clean: bool = False
     contradictions: list[Any] | None = None
-    refused: dict[tuple[str, str], float] = field(default_factory=dict)
-    given: list[dict[str, float]] = field(default_factory=list)
     bands: list[Any] = field(default_factory=list)
 
     @property
@@ -69,22 +66,6 @@ class Prepared:
             return None
         lows, highs = ([band[k] for band in known if band[k] is not None] for k in (0, 1))
         return max(lows, default=None), min(highs, default=None)
-
-    @cached_property
-    def apart(self) -> SegmentSet:
-        """The same motions with the DOFs fused one by one."""
-        if self.clean:
-            return self.data
-        pieces, given = [], self.given or [{}] * len(self.records)
-        bands = self.bands or [None] * len(self.records)
-        for number, (rec, whole, known, band) in enumerate(zip(self.records, self.data.segments, given, bands)):
-            if number in (self.heldout or ()):
-                pieces.append(whole)
-                continue
-            smoother = KinematicSmoother(noise=known or "estimate", band=band, joint=False)
-            one = _segment(rec, *to_features(rec, smoother))
-            pieces.append(replace(whole, a=one.a, v=one.v, s=one.s))
-        return SegmentSet(pieces, self.data.n_samples)
 
 
 def prepare(
@@ -121,7 +102,7 @@ def prepare(
         at += len(X)
         segments.append(piece)
     held = list(range(len(mine), len(every))) if kept else None
-    return Prepared(every, SegmentSet(segments, at), found, held, clean, given=given, bands=told)
+    return Prepared(every, SegmentSet(segments, at), found, held, clean, bands=told)
 
 
 def _zeroed(record: Record) -> Record:
@@ -193,3 +174,115 @@ def _covariates(record: Record) -> dict[str, np.ndarray]:
     for name, line in (("ag", ag), ("vg", vg)):
         out.setdefault(name, line)
     return out
+
+
+class Workspace:
+    """The records of one search, with everything that does not depend on the laws.
+
+    Parameters
+    ----------
+    data : SegmentSet
+    search, held : sequence of BlockRows
+        Folds of the search, and what is held out; rows count from the first valid row of a record.
+    known_masses : mapping of int to float
+    strategy : str
+
+    Attributes
+    ----------
+    filters : list of FairFilter or None
+        One for each record: the band in which residuals are looked at; decisions do not read it.
+    """
+
+    def __init__(
+        self,
+        data: SegmentSet,
+        search: Sequence[BlockRows],
+        held: Sequence[BlockRows],
+        known_masses: Mapping[int, float],
+        strategy: str,
+    ) -> None:
+        self.data = data
+        self.filters: list[Any] = [None] * len(data.segments)
+        self.search, self.held = list(search), list(held)
+        self.known_masses, self.strategy = dict(known_masses), strategy
+        self.n_dof = data.n_dof
+        self.searched = sorted({b.segment for b in search})
+        seen = SegmentSet([data.segments[i] for i in self.searched], data.n_samples)
+        self.forced, self.unknown = seen.forced, seen.unknown
+        self._motions: dict[tuple[Site, int], Motion] = {}
+        self._scales: dict[Site, Scales] = {}
+        self.known = np.array([~np.isnan(seg.F[seg.valid.start]) for seg in data.segments])
+
+    def with_data(self, data: SegmentSet) -> Workspace:
+        """The same rows of other motions (of corrected channels), as far as they are valid."""
+
+        def same(blocks: Sequence[BlockRows]) -> list[BlockRows]:
+            out = []
+            for b in blocks:
+                old, new = self.data.segments[b.segment].valid, data.segments[b.segment].valid
+                length = new.stop - new.start
+                ends = (int(np.clip(r + old.start - new.start, 0, length)) for r in (b.rows.start, b.rows.stop))
+                out.append(BlockRows(b.segment, slice(*ends)))
+            return out
+
+        out = Workspace(data, same(self.search), same(self.held), self.known_masses, self.strategy)
+        out.filters = self.filters
+        return out
+
+    def motion(self, site: Site, segment: int) -> Motion:
+        """Motion that a law at a site sees in one record."""
+        if (site, segment) not in self._motions:
+            seg = self.data.segments[segment]
+            self._motions[site, segment] = seg.motion(site, seg.valid)
+        return self._motions[site, segment]
+
+    def scales(self, site: Site) -> Scales:
+        """Sizes of the motion at a site, from which shape parameters are searched; of the search rows and records."""
+        if site not in self._scales:
+            parts = [(self.motion(site, b.segment), b.rows) for b in self.search]
+            s = np.sqrt(np.mean(np.concatenate([m.s[rows] for m, rows in parts]) ** 2))
+            v = np.sqrt(np.mean(np.concatenate([m.v[rows] for m, rows in parts]) ** 2))
+            self._scales[site] = float(s), float(v), *clock_of([self.motion(site, i) for i in self.searched])
+        return self._scales[site]
+
+    @property
+    def fastest(self) -> float:
+        """Half the lowest sampling rate of the search, Hz."""
+        return half_the_rate(self.data.segments[i] for i in self.searched)
+
+    def columns(self, site: Site, laws: Sequence[ForceLaw], segment: int) -> np.ndarray:
+        """Columns of laws along one record, from the raw motion."""
+        motion = self.motion(site, segment)
+        return np.vstack([law.features(motion).T for law in laws])
+
+    def fixed(self, segment: int) -> np.ndarray:
+        """Accelerations and forces of one record, shape (2 n_dof, n_valid_samples); unknown forces are zero."""
+        seg = self.data.segments[segment]
+        force = np.nan_to_num(seg.F[seg.valid].astype(float).T)
+        return np.vstack([seg.a[seg.valid].astype(float).T, force])
+
+    def runs(self, record: int) -> list[slice]:
+        """Runs of search rows of a record with no held-out piece in them, counted from its first valid row."""
+        runs: list[slice] = []
+        for rows in (b.rows for b in self.search if b.segment == record):
+            if runs and runs[-1].stop == rows.start:
+                runs[-1] = slice(runs[-1].start, rows.stop)
+            else:
+                runs.append(rows)
+        return runs
+
+    def pieces(self, data: SegmentSet | None = None) -> list[tuple[int, Segment]]:
+        """The data that the search may see, as contiguous segments with the numbers of their records."""
+        return [
+            (i, replace(seg, valid=slice(seg.valid.start + rows.start, seg.valid.start + rows.stop)))
+            for i, seg in enumerate((data or self.data).segments)
+            for rows in self.runs(i)
+        ]
+
+    def seen_rows(self, record: int) -> np.ndarray:
+        """Which samples of a record the search may look at."""
+        segment = self.data.segments[record]
+        seen = np.zeros(segment.n_samples, dtype=bool)
+        for rows in self.runs(record):
+            seen[segment.valid.start + rows.start : segment.valid.start + rows.stop] = True
+        return seen

@@ -23,8 +23,8 @@ from ..regression.grams import leave_one_out
 from ..regression.layout import LawLayout, Layout
 from .constants import CACHE, ENERGY, EXPLAINED, FLOOR, ROUNDS, TYPICAL
 from .fits import ChainFit
-from .spectra import Windows
-from .workspace import Workspace
+from .prepare import Workspace
+from .windows import Windows
 
 Laws = Mapping[Site, tuple[ForceLaw, ...]]
 Placed = Sequence[tuple[Site, ForceLaw]]

@@ -14,15 +14,14 @@ from ..laws.sensor import SensorFault
 from ..mechanics.sites import Site
 from ..regression.shape_search import balance_lines, driven_at
 from . import judge
-from .admissible import admissible
 from .bootstrap import simulated
 from .catalogue import Candidate
 from .constants import BORDER, FINALISTS, LEAST_SHARE
+from .judge import admissible
 from .prepare import Prepared
 from .ruler import Gain, Ruler, Slot, Trial
 from .sensors import findings_of_faults
-from .shapes import Axes
-from .state import Effect, Finding, Proposal, State
+from .state import Axes, Effect, Finding, Proposal, State
 
 
 def lines_at(trial: Trial, proposal: Proposal) -> list[float]:

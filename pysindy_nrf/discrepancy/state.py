@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from scipy.optimize import minimize
 
 from ..laws.base import ForceLaw
+from ..laws.shape import Shape, ShapeScale
 from ..mechanics.sites import Site
-from .prepare import Prepared
+from .constants import EVALUATIONS, GRID
+from .prepare import Prepared, Workspace
 from .ruler import Gain, Trial
 
 
@@ -72,3 +79,67 @@ class Finding:
     def family(self) -> str:
         """Family of the law."""
         return self.proposal.law.family
+
+
+class Axes:
+    """Shape parameters of a law that have no value, in the coordinates of the search, at one or several sites.
+
+    At several sites the law has the same point, in multiples of the motion of each.
+    """
+
+    def __init__(self, law: ForceLaw, work: Workspace, sites: Sequence[Site]) -> None:
+        self.law = law
+        self.shapes: list[Shape] = [p for p in law.shapes if law.shape[p.name] is None]
+        self.scales = [ShapeScale(self.shapes, [work.scales(s)] * len(self.shapes), work.fastest) for s in sites]
+        self.low, self.high = self.scales[0].low, self.scales[0].high
+
+    def at(self, u: np.ndarray) -> tuple[ForceLaw, ...]:
+        """The laws at a point of the search, one for each site."""
+        u = np.clip(u, self.low, self.high)
+        out = []
+        for scale in self.scales:
+            values = scale.values(u - self.low + scale.low)
+            out.append(self.law.with_values(shape={p.name: float(x) for p, x in zip(self.shapes, values)}))
+        return tuple(out)
+
+    def point(self, law: ForceLaw) -> np.ndarray:
+        """The point of the search at which the law stands at the first site."""
+        return self.scales[0].point(np.array([law.shape[p.name] for p in self.shapes], dtype=float))
+
+    def grid(self, lines: Sequence[float] = ()) -> list[np.ndarray]:
+        """Points of the scan; spectral lines of the residual for a frequency.
+
+        A third parameter starts at the lower end of its range, where its law is simplest.
+        """
+        if not self.shapes:
+            return [np.zeros(0)]
+        if self._frequency:
+            points = self.scales[0].point(np.array(lines, dtype=float), 0)
+            return [np.array([u]) for u in points if self.low[0] <= u <= self.high[0]]
+        count = GRID[min(len(self.shapes), 3)]
+        shares = [(np.arange(count) + 0.5) / count if i < 2 else [0.0] for i in range(len(self.shapes))]
+        return [self.low + np.array(p) * (self.high - self.low) for p in product(*shares)]
+
+    @property
+    def _frequency(self) -> bool:
+        return len(self.shapes) == 1 and self.shapes[0].is_frequency
+
+    def refined(self, gain: Callable[[tuple[ForceLaw, ...]], float], start: np.ndarray, reach: float) -> np.ndarray:
+        """The point of the largest gain near a start; ``reach`` is a share of the spacing of the scan."""
+        if not self.shapes:
+            return start
+        spacing = 0.002 if self._frequency else (self.high - self.low) / GRID[min(len(start), 3)]
+        step = reach * spacing * np.ones(len(start))
+        away = np.where(start + step > self.high, -step, step)
+
+        def cost(u: np.ndarray) -> float:
+            return -max(gain(self.at(u)), -1e6)
+
+        best = minimize(
+            cost, start, method="Nelder-Mead", bounds=list(zip(self.low, self.high)),
+            options={
+                "initial_simplex": np.vstack([start, start + np.diag(away)]), "xatol": 1e-4, "fatol": 1e-4,
+                "maxfev": EVALUATIONS * len(start),
+            },
+        )  # fmt: skip
+        return np.clip(best.x, self.low, self.high)

@@ -8,14 +8,13 @@ import pytest
 from report_cases import CATALOGUE, cubic, friction, loop_report, record
 
 from pysindy_nrf import ChainModel, close_loop, excitation, laws, simulate
-from pysindy_nrf.discrepancy import contradictions
+from pysindy_nrf.discrepancy import sensors
+from pysindy_nrf.discrepancy.bootstrap import levels_of
 from pysindy_nrf.discrepancy.characterisation import characterise
 from pysindy_nrf.discrepancy.evidence import Evidence, look, searched
-from pysindy_nrf.discrepancy.folds import split, window_length
-from pysindy_nrf.discrepancy.noise_level import levels_of
-from pysindy_nrf.discrepancy.prepare import prepare
+from pysindy_nrf.discrepancy.prepare import Workspace, prepare
+from pysindy_nrf.discrepancy.windows import split, window_length
 from pysindy_nrf.discrepancy.words import Agreement, Dependence, Feature, ResidualKind
-from pysindy_nrf.discrepancy.workspace import Workspace
 
 pytestmark = pytest.mark.slow
 
@@ -86,14 +85,14 @@ def test_channels_are_compared_and_noise_is_sized_on_rows_of_the_search():
     work = workspace(rec)
     seen = work.seen_rows(0)
     assert 0.6 < seen.mean() < 0.9
-    chosen, rows = contradictions.longest(work)
+    chosen, rows = sensors.longest(work)
     assert chosen == 0 and seen[rows].all() and rows.stop - rows.start > 0.2 * len(seen)
     velocity, force = rec.velocity.copy(), rec.force.copy()
     velocity[~seen] *= -1.0
     force[~seen] += 1e3 * np.random.default_rng(0).standard_normal(force[~seen].shape) * (force.any(axis=0))
     wrong = rec.replace(velocity=velocity, force=force)
     ready = dataclasses.replace(prepare(rec), records=[wrong])
-    assert contradictions.contradictions(ready, work) == []
+    assert sensors.contradictions(ready, work) == []
     assert levels_of(wrong, {}, seen) == levels_of(rec, {}, seen)
 
 

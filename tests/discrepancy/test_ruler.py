@@ -14,13 +14,12 @@ from pysindy_nrf.discrepancy import constants, judge
 from pysindy_nrf.discrepancy.bootstrap import simulated as bootstrap
 from pysindy_nrf.discrepancy.catalogue import candidates
 from pysindy_nrf.discrepancy.fits import ChainFit
-from pysindy_nrf.discrepancy.folds import split, window_length
 from pysindy_nrf.discrepancy.loop import _baseline_laws, _ruler
 from pysindy_nrf.discrepancy.prepare import prepare
 from pysindy_nrf.discrepancy.ruler import Gain, Powers, Trial
 from pysindy_nrf.discrepancy.search import Search, proposals_of
-from pysindy_nrf.discrepancy.spectra import Windows
 from pysindy_nrf.discrepancy.state import Finding, State
+from pysindy_nrf.discrepancy.windows import Windows, split, window_length
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.mechanics.identifiability import plan_solve_order
 from pysindy_nrf.regression.chain_solve import groups_of, solve

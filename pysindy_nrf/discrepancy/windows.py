@@ -1,0 +1,247 @@
+"""Folds of the search, held-out pieces, and windowed spectra of the measured motion.
+
+A record is counted in cells of half a window. Pieces hold equal shares of energy and time, last several windows, and
+the held-out ones are placed so that they hold their share of the energy of every channel: a piece at one phase of a
+sine does not.
+
+The balance of forces is algebraic in time: it holds for windowed columns as it holds for the columns themselves, so a
+window costs no leakage. Every decision of the loop is taken on Gram matrices of windowed spectra. The mean of every
+column over a fold is taken out: the zero of a sensor drifts, and a constant force is asked for by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ..exceptions import ChannelError
+from ..regression.segments import BlockRows, Segment, SegmentSet
+from .constants import BANDS, FOLDS, HELD_OUT, PIECES, SHORTEST_PIECE, WINDOWS
+
+_TOO_SHORT = (
+    "The records are too short to be split into search, validation and held-out parts",
+    "Give longer records.",
+)
+
+
+def window_length(segments: Sequence[Segment]) -> float:
+    """Length of a window, s (samples where there is no clock)."""
+    lengths = [s.n_valid * (s.dt or 1.0) for s in segments]
+    return min(sum(lengths) / WINDOWS, min(lengths) / (2 * SHORTEST_PIECE))
+
+
+def split(
+    segments: Sequence[Segment], length: float, heldout: Sequence[int] | None = None
+) -> tuple[list[BlockRows], list[BlockRows]]:
+    """Folds of the search, and blocks held out."""
+    whole = list(heldout or ())
+    chosen = [i for i in range(len(segments)) if i not in whole]
+    hop = [max(4, round(0.5 * length / (s.dt or 1.0))) for s in segments]
+    if all(segments[i].n_valid < 3 * hop[i] for i in chosen):
+        raise ChannelError(*_TOO_SHORT)
+    energy = {i: _energy(segments[i], hop[i]) for i in chosen}
+    total = sum(e.sum(axis=0) for e in energy.values())
+    if not total[: segments[chosen[0]].n_dof].any():
+        raise ChannelError(
+            "Nothing moves in the records that are searched: drifts and velocities are zero",
+            "Dead sensors or wrong columns; check them.",
+        )
+    energy = {i: e / np.where(total > 0, total, 1.0) for i, e in energy.items()}
+    apart = [BlockRows(i, slice(0, segments[i].n_valid)) for i in whole]
+    if heldout is not None:
+        search, _ = _cut(energy, hop, segments, 0.0, 1, 0)
+        if not _enough(search, hop):
+            raise ChannelError(*_TOO_SHORT)
+        return search, apart
+    best, chosen_cut = np.inf, None
+    for pieces in PIECES:
+        for shift in range(FOLDS):
+            search, held, unevenness = _scored(energy, hop, segments, pieces, shift)
+            if held and _enough(search, hop) and unevenness < best - 1e-9:
+                best, chosen_cut = unevenness, (search, held)
+    if chosen_cut is None:
+        raise ChannelError(*_TOO_SHORT)
+    return chosen_cut
+
+
+def _energy(segment: Segment, hop: int) -> np.ndarray:
+    """Energy of drifts, rates and forces in each cell, (n_cells, n_channels)."""
+    rows = [np.asarray(y[segment.valid], dtype=float) for y in (segment.v, segment.F)]
+    y = np.nan_to_num(np.hstack(rows))[hop:]
+    if len(y) < 2 * hop:
+        return np.zeros((1, y.shape[1]))
+    y = y - y.mean(axis=0)
+    count = max(1, len(y) // hop - 1)
+    return np.add.reduceat(y**2, hop * np.arange(count), axis=0)
+
+
+def _cut(
+    energy: dict[int, np.ndarray],
+    hop: Sequence[int],
+    segments: Sequence[Segment],
+    share: float,
+    pieces: int,
+    shift: int,
+) -> tuple[list[BlockRows], list[BlockRows]]:
+    """Folds and held-out pieces of every record."""
+    cells = sum(len(e) for e in energy.values())
+    search: list[BlockRows] = []
+    held: list[BlockRows] = []
+    for i, own in energy.items():
+        size = 0.5 * own.mean(axis=1) + 0.5 / cells
+        count = max(1, round(FOLDS * size.sum()))
+        widths, out = _pattern(count, share, pieces, shift)
+        marks = np.searchsorted(np.cumsum(size) / size.sum(), np.cumsum(widths)[:-1]) + 1
+        edges = _spaced(np.concatenate([[0], marks, [len(size)]]), SHORTEST_PIECE)
+        for lo, hi, kept in zip(edges[:-1], edges[1:], [out[k] for k in range(len(edges) - 1)]):
+            rows = slice((int(lo) + 1) * hop[i], (int(hi) + 1) * hop[i])
+            (held if kept else search).append(BlockRows(i, rows))
+    return search, held
+
+
+def _pattern(count: int, share: float, pieces: int, shift: int) -> tuple[list[float], list[bool]]:
+    """Widths of folds and of the held-out pieces between them, and which are held out."""
+    pieces = min(pieces, count) if share else 0
+    after = {int((k + 1) * count / (pieces + 1) + shift) % count for k in range(pieces)}
+    widths, out = [], []
+    for k in range(count):
+        widths.append((1.0 - share * bool(after)) / count)
+        out.append(False)
+        if k in after:
+            widths.append(share / len(after))
+            out.append(True)
+    return widths, out
+
+
+def _spaced(edges: np.ndarray, least: int) -> np.ndarray:
+    """Edges at least so many cells apart, as far as there is room."""
+    least = min(least, int(edges[-1]) // (len(edges) - 1))
+    if least < 1:
+        return np.arange(edges[-1] + 1)
+    steps = least * np.arange(len(edges))
+    out = np.maximum.accumulate(edges - steps) + steps
+    return np.minimum(out, edges[-1] - steps[::-1])
+
+
+def _scored(
+    energy: dict[int, np.ndarray], hop: Sequence[int], segments: Sequence[Segment], pieces: int, shift: int
+) -> tuple[list[BlockRows], list[BlockRows], float]:
+    """One way to cut the records, and how far the energy that is held out is from its share."""
+    search, held = _cut(energy, hop, segments, HELD_OUT, pieces, shift)
+    shares = np.zeros(next(iter(energy.values())).shape[1])
+    for b in held:
+        shares += energy[b.segment][b.rows.start // hop[b.segment] - 1 : b.rows.stop // hop[b.segment] - 1].sum(axis=0)
+    full = sum(e.sum(axis=0) for e in energy.values()) > 0
+    with np.errstate(divide="ignore"):
+        uneven = np.abs(np.log(np.maximum(shares[full], 1e-9) / HELD_OUT)).max()
+    return search, held, float(uneven) + 0.02 * (4 - pieces)
+
+
+def _enough(search: Sequence[BlockRows], hop: Sequence[int]) -> bool:
+    """Whether at least three folds hold a window."""
+    return sum(b.rows.stop - b.rows.start >= 2 * hop[b.segment] for b in search) >= 3
+
+
+class Windows:
+    """Half-overlapping Hann windows of some blocks of samples.
+
+    Parameters
+    ----------
+    data : SegmentSet
+    blocks : sequence of BlockRows
+        Those that hold at least one window are the folds.
+    length : float
+        Of a window, s.
+    edges : ndarray, optional
+        Hz; by default the mean of a window, then bands that are equal on a logarithmic axis.
+    centred : bool
+        Whether the mean over each fold is taken out.
+    """
+
+    def __init__(
+        self,
+        data: SegmentSet,
+        blocks: Sequence[BlockRows],
+        length: float,
+        edges: np.ndarray | None = None,
+        centred: bool = True,
+    ) -> None:
+        steps = [segment.dt or 1.0 for segment in data.segments]
+        self.data, self.length, self.centred = data, length, centred
+        self.sizes = [2 * max(4, round(0.5 * length / dt)) for dt in steps]
+        self.blocks = [b for b in blocks if b.rows.stop - b.rows.start >= self.sizes[b.segment]]
+        if edges is None:
+            size, dt = max((self.sizes[b.segment], steps[b.segment]) for b in self.blocks)
+            cuts = np.unique(np.rint(np.geomspace(2, size // 2 + 1, BANDS)).astype(int))
+            edges = np.concatenate([[0.0], (cuts - 0.5) / (size * dt)])
+        self.edges = edges
+        self._lines = [np.searchsorted(np.fft.rfftfreq(size, dt), edges) for size, dt in zip(self.sizes, steps)]
+        self._hann = [np.sin(np.pi * np.arange(n) / n) ** 2 * np.sqrt(2.0 / n / 0.75) for n in self.sizes]
+        # Columns of the spectra that hold each band of each fold; the folds of a band stand side by side.
+        widths = np.array([2 * self.count(b) * np.diff(self._lines[b.segment]) for b in self.blocks])
+        ends = np.concatenate([[0], np.cumsum(widths.T)])
+        first = ends[:-1].reshape(widths.T.shape).T
+        self.spans = [[slice(int(a), int(a + w)) for a, w in zip(lo, width)] for lo, width in zip(first, widths)]
+        self.bands = [slice(int(a), int(b)) for a, b in zip(first[0], [*first[0, 1:], ends[-1]])]
+        self.size = int(ends[-1])
+        self._order = np.concatenate([np.arange(s.start, s.stop) for spans in self.spans for s in spans])
+        self._ones: list[np.ndarray] = []
+        if centred:
+            ones = self._transformed({b.segment: np.ones((1, b.rows.stop)) for b in self.blocks})[0]
+            self._ones = [part / np.sqrt(part @ part) for part in (ones[spans[0]] for spans in self.spans)]
+
+    def count(self, block: BlockRows) -> int:
+        """Number of windows in a block."""
+        size = self.sizes[block.segment]
+        return 1 + 2 * (block.rows.stop - block.rows.start - size) // size
+
+    def upto(self, band: int) -> Windows:
+        """The same windows, spectra cut above a band."""
+        return Windows(self.data, self.blocks, self.length, self.edges[: band + 2], self.centred)
+
+    def spectra(self, rows: Mapping[int, np.ndarray]) -> np.ndarray:
+        """Spectra of rows of each record, real and imaginary parts beside each other, (n_rows, size)."""
+        out = self._transformed(rows)
+        for spans, ones in zip(self.spans, self._ones):
+            part = out[:, spans[0]]
+            part -= np.outer(part @ ones, ones)
+        return out
+
+    def _transformed(self, rows: Mapping[int, np.ndarray]) -> np.ndarray:
+        out = np.empty((next(iter(rows.values())).shape[0], self.size))
+        at = 0
+        for block in self.blocks:
+            size, lines = self.sizes[block.segment], self._lines[block.segment]
+            part = rows[block.segment][:, block.rows]
+            windows = np.lib.stride_tricks.sliding_window_view(part, size, axis=1)[:, :: size // 2]
+            windows = windows[:, : self.count(block)] * self._hann[block.segment]
+            found = np.fft.rfft(windows)[:, :, lines[0] : lines[-1]]
+            flat = np.ascontiguousarray(found.swapaxes(1, 2)).view(float).reshape(len(out), -1)
+            out[:, self._order[at : at + flat.shape[1]]] = flat
+            at += flat.shape[1]
+        return out
+
+    def grams(self, left: np.ndarray, right: np.ndarray | None = None) -> np.ndarray:
+        """Products of spectra by fold and band, (n_folds, n_bands, n_left, n_right)."""
+        right = left if right is None else right
+        out = np.empty((len(self.spans), len(self.edges) - 1, len(left), len(right)))
+        for fold, spans in enumerate(self.spans):
+            for band, columns in enumerate(spans):
+                np.matmul(left[:, columns], right[:, columns].T, out=out[fold, band])
+        return out
+
+    def band_grams(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """Products of spectra by band, all folds together, (n_bands, n_left, n_right)."""
+        return np.array([left[:, columns] @ right[:, columns].T for columns in self.bands])
+
+    def products(self, columns: np.ndarray) -> np.ndarray:
+        """Products of the columns of each trial by band, (n_trials, n_columns, size) to (n_trials, n_bands, n, n)."""
+        count, width, _ = columns.shape
+        starts = [b.start for b in self.bands]
+        out = np.empty((count, len(starts), width, width))
+        for i in range(width):
+            for j in range(i + 1):
+                out[:, :, i, j] = np.add.reduceat(columns[:, i] * columns[:, j], starts, axis=1)
+                out[:, :, j, i] = out[:, :, i, j]
+        return out

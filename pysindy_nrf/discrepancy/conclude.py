@@ -88,6 +88,8 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
     kept = [(step, stand) for _, step, stand in again if step.gain >= LEAST_GAIN]
     steps += [step for step, _ in kept]
     stands += [stand for _, stand in kept]
+    if not confirmed.trial.ruler.windows.centred:  # one ruler for the table: that of the last model
+        stands = [_as_measured(stand) for stand in stands]
     stopped = _why_stopped(forward, settings["max_steps"])
     no_claim = _no_claim(stands[0], confirmed, first)
     if no_claim:
@@ -114,6 +116,17 @@ def _stand(name: str, trial: Trial) -> Stand:
         **{f"held-out dof {j}": float(e) for j, e in enumerate(errors, 1)},
     }
     return Stand(name, trial, powers, held, row)
+
+
+def _as_measured(stand: Stand) -> Stand:
+    """The same model with the means left in."""
+    trial = stand.trial
+    if not trial.ruler.windows.centred:
+        return stand
+    try:
+        return _stand(stand.name, Trial(trial.ruler.as_measured(), trial.base, trial.laws))
+    except NRFError:
+        return stand
 
 
 def _step(forward: Forward, effect: Effect, before: Stand, after: Stand) -> Step:

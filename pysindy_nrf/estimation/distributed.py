@@ -17,7 +17,7 @@ from ..data.channels import is_dask
 from ..exceptions import ChannelError, LawError
 from .problem import law_list
 from .streaming.accumulator import Accumulator
-from .streaming.result import fitted
+from .streaming.fit import fitted
 from .streaming.sources import beside, chunk_of, chunk_of_arrays, refuse
 
 FAN_IN = 8  # accumulators added up by one task

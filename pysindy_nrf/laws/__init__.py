@@ -11,13 +11,13 @@ from .contact import OneSidedGap
 from .contact import PreloadedContact as PreloadedContact
 from .contact import TwoSidedGap as TwoSidedGap
 from .contract import check_law
-from .damping import DisplacementDependentDamping as DisplacementDependentDamping
-from .damping import MaxwellBranch as MaxwellBranch
-from .damping import PowerLawDamping as PowerLawDamping
-from .damping import QuadraticDamping as QuadraticDamping
 from .elastic import AbsoluteQuadraticStiffness as AbsoluteQuadraticStiffness
 from .elastic import CubicStiffness, Duffing, LinearElastic, LinearViscous, StiffnessDrift, StiffnessStep
 from .elastic import DampingDrift as DampingDrift
+from .elastic import DisplacementDependentDamping as DisplacementDependentDamping
+from .elastic import MaxwellBranch as MaxwellBranch
+from .elastic import PowerLawDamping as PowerLawDamping
+from .elastic import QuadraticDamping as QuadraticDamping
 from .elastic import QuadraticStiffness as QuadraticStiffness
 from .elastic import QuinticStiffness as QuinticStiffness
 from .forcing import AddedMass as AddedMass

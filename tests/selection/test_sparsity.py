@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 from pysindy_nrf import ChainModel, laws
 from pysindy_nrf.exceptions import NRFError
 from pysindy_nrf.selection import select_sparsity
-from pysindy_nrf.selection.sparsity import BlockEnsemble
-from pysindy_nrf.selection.supports import AlongPath
+from pysindy_nrf.selection.sparsity import AlongPath, BlockEnsemble
 from pysindy_nrf.simulation.noise import add_noise
 
 TRUE = ["v", "s", "s^3"]

@@ -162,7 +162,7 @@ def _responses() -> list[bytes]:
 
 def _models() -> list[bytes]:
     from pysindy_nrf import ChainModel, laws
-    from pysindy_nrf.regression.domains import VisitedRegion
+    from pysindy_nrf.regression.segments import VisitedRegion
 
     storey = [laws.PowerSeries(3, np.arange(1.0, 10.0)), laws.Dahl(sigma=1e3, Fd=20.0)]
     region = VisitedRegion.of(WAVE[:, 0], WAVE[:, 1])

@@ -18,6 +18,7 @@ from .channels import GAP, as_matrix, channel_of, finite_span, rate_of
 _LARGEST = 1e100  # SI units; its square is still a double
 MATRICES = {"force": "F", "acceleration": "a", "velocity": "v", "displacement": "x"}  # one column for each DOF
 BASES = {"base_acceleration": "ag", "base_velocity": "vg", "base_displacement": "xg"}
+OF_LETTER = {letter: key for key, letter in MATRICES.items()}
 
 
 class Record:

@@ -370,7 +370,8 @@ class JumpBias:
         except (NRFError, np.linalg.LinAlgError):
             return empty
         whole = _rms(total, self.places)
-        acting = [acting_there(_rms(grams.sum(), self.places), whole) for grams, _ in zip(fewer, kept)]
+        # forces that hardly act in the samples kept cannot be estimated away from standstill
+        acting = [_rms(grams.sum(), self.places) >= _KEPT * whole for grams, _ in zip(fewer, kept)]
         determined = np.all(acting, axis=0)
         if not kept or not determined.any():
             return empty
@@ -448,11 +449,6 @@ def moving(rate: np.ndarray, share: float) -> np.ndarray:
     near = (reversals[:, None] + np.arange(1 - _BESIDE, 1 + _BESIDE)).ravel()
     out[np.clip(near, 0, len(out) - 1)] = False
     return out
-
-
-def acting_there(kept: np.ndarray, whole: np.ndarray) -> np.ndarray:
-    """Mask of forces that still act in the samples kept; others cannot be estimated away from standstill."""
-    return kept >= _KEPT * whole
 
 
 def first_settled(found: Sequence[np.ndarray], without: Sequence[np.ndarray]) -> int:

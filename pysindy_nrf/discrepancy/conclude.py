@@ -16,8 +16,8 @@ from ..laws.base import ForceLaw, registry
 from ..laws.friction import CoulombFriction
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
-from ..regression.domains import VisitedRegion
 from ..regression.errors import free_run_of
+from ..regression.segments import VisitedRegion
 from . import judge, words
 from .bootstrap import simulated
 from .catalogue import balances_of

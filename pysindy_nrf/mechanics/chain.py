@@ -131,14 +131,6 @@ class Chain:
             [[site.incidence(j) for site in chosen] for j in range(1, self.n_dof + 1)], dtype=float
         ).reshape(self.n_dof, len(chosen))
 
-    def drift_matrix(self, sites: Iterable[str] | None = None) -> np.ndarray:
-        """Map from storey drifts to those of sites, shape (n_sites, n_dof); sites as for :meth:`incidence`."""
-        chosen = self.sites if sites is None else [self.site(s) for s in sites]
-        column = np.arange(1, self.n_dof + 1)
-        return np.array([(column > s.q) & (column <= s.p) for s in chosen], dtype=float).reshape(
-            len(chosen), self.n_dof
-        )
-
     def sites_of(self, dof: int) -> tuple[Site, ...]:
         """Sites of the chain whose force enters the balance of a DOF.
 

@@ -59,7 +59,7 @@ class ChangeReport:
         error = np.sqrt(sum(parts))
         n_coefficients = sum(len(law.values) for held in self.before.laws.values() for law in held)
         # all points of all maps together: a map has as many directions as coefficients (Bonferroni)
-        critical = _critical(self.level / n_coefficients, self.replicates)
+        critical = -special.stdtrit(min(map(len, self.replicates)) - 1, self.level / n_coefficients / 2)
         visited = regions[0].contains(v, s) & regions[1].contains(v, s)
         significant = visited & (np.abs(change) > critical * error)
         columns = {"v": v, "s": s, "change": change, "error": error, "significant": significant, "visited": visited}
@@ -198,10 +198,6 @@ def _linear(model: ChainModel) -> np.ndarray:
         [forces[name].linear_part()[term] if name in forces else np.nan for term in ("k", "c")]
         for name in storey_names(model)
     ])  # fmt: skip
-
-
-def _critical(level: float, replicates: tuple[list[ChainModel], list[ChainModel]]) -> float:
-    return float(-special.stdtrit(min(map(len, replicates)) - 1, level / 2))
 
 
 def _table(models: list[ChainModel], replicates: list[list[ChainModel]]) -> pd.DataFrame:

@@ -17,10 +17,9 @@ from ..laws.base import ForceLaw, from_dict
 from ..laws.forcing import total_masses
 from ..mechanics.chain import Chain
 from ..mechanics.sites import Site
-from .domains import VisitedRegion
 from .input_arrays import from_arrays
 from .restoring_force import RestoringForces, grid
-from .segments import SegmentSet
+from .segments import SegmentSet, VisitedRegion
 
 SCHEMA = "pysindy_nrf.ChainModel"
 VERSION = 1

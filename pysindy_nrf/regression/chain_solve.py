@@ -22,11 +22,10 @@ from ..laws.shape import Motion, Scales
 from ..mechanics.identifiability import SolveOrder, Step
 from ..mechanics.sites import Site
 from .chain_model import ChainModel
-from .domains import VisitedRegion
 from .gram_pass import guess_of, total_gram
 from .grams import BlockGrams
 from .layout import Block, Group, LawLayout, Layout, with_coefficients
-from .segments import SegmentSet
+from .segments import SegmentSet, VisitedRegion
 
 
 def fit_inner(optimizer: Any, columns: np.ndarray, target: np.ndarray) -> np.ndarray:

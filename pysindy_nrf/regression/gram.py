@@ -25,10 +25,7 @@ _COPY = -1  # second factor of a row that is copied
 
 
 class Plan:
-    """Which rows are built from a block, which of them are multiplied, where the products go.
-
-    Rows of the scratch are ``[a_1, F_1, a_2, F_2, ... | sums of balances | terms | helpers]``.
-    """
+    """Rows ``[a_1, F_1, a_2, F_2, ... | sums of balances | terms | helpers]``: how they are built and multiplied."""
 
     def __init__(self, layout: Layout, groups: Sequence[Group], masses: Mapping[int, float]) -> None:
         n = layout.n_dof

@@ -47,12 +47,7 @@ def total_gram(
 
 
 class GramPass:
-    """Running sums of the products of the columns, for numbered blocks of samples.
-
-    ``kind="root"`` keeps the digits that squaring would lose. With a ``guess``, by balance a triangular factor of
-    similar samples, columns are first made nearly orthogonal, after which their Gram matrix loses nothing (CholeskyQR2:
-    Yamamoto, Nakatsukasa, Yanagisawa and Fukaya, ETNA 44, 2015); without it by Householder's QR, which is slower.
-    """
+    """Running sums of the products of the columns; "root" keeps all digits (CholeskyQR2: Yamamoto, ETNA 44, 2015)."""
 
     def __init__(
         self,

@@ -15,8 +15,7 @@ from ..data.record import Record, seconds_of
 from ..exceptions import ChannelError, DataQualityWarning, LawError
 from ..signals.kinematics import base_acceleration_if_any
 from ..signals.zero_phase_filter import FairFilter
-from .domains import Extent
-from .segments import Segment, SegmentSet, feature_names
+from .segments import Extent, Segment, SegmentSet, feature_names
 
 _STRETCH = 2**16  # samples looked at at a time
 BASE_MOTION = ("ag", "vg", "xg")  # covariates that are motions of the base

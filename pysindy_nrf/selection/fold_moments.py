@@ -67,11 +67,7 @@ def _powers(x: np.ndarray, highest: int) -> np.ndarray:
 
 
 class Polynomials:
-    """Polynomials of one variable without a constant term, orthogonal on a sample, and 1.
-
-    With y = x / scale: p_0 = 1, p_1 = y, p_{k+1} = (y - a_k) p_k - b_k p_{k-1}, where b_1 = 0. They are y times the
-    polynomials that are orthogonal with the weight y^2 (W. Gautschi, Orthogonal polynomials, 2004, section 2.2).
-    """
+    """1 and y times the polynomials orthogonal on a sample with the weight y^2 (Gautschi, 2004, sec. 2.2)."""
 
     def __init__(self, x: np.ndarray, highest: int) -> None:
         self.highest = highest

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from ..data.channels import as_matrix
-from ..data.record import Record, seconds_of
+from ..data.record import OF_LETTER, Record, seconds_of
 from ..exceptions import ChannelError
 from ..laws.sensor import shifted
 
@@ -109,7 +109,7 @@ def align(record: Record, found: pd.DataFrame, gains: bool = False) -> Record:
     for name, row in found.iterrows():
         if row["aligned"] or not np.isfinite(row["sign"]):  # an incoherent channel tells nothing to correct
             continue
-        key, j = NAMES[str(name)[0]], int(str(name)[1:]) - 1
+        key, j = OF_LETTER[str(name)[0]], int(str(name)[1:]) - 1
         array = changes.setdefault(key, np.array(getattr(record, key), dtype=float))
         factor = row["sign"] / (row["gain"] if gains and abs(row["gain"] - 1) > GAIN else 1.0)
         late = row["samples"] if abs(row["samples"]) > DELAY else 0.0
@@ -263,7 +263,6 @@ def _base(record: Record, channels: Mapping[str, np.ndarray]) -> np.ndarray | No
 
 
 ORDER = {"x": 0, "v": 1, "a": 2}
-NAMES = {"a": "acceleration", "v": "velocity", "x": "displacement"}
 STRONG = 1e-3  # share of a spectrum's peak
 LONGEST = 65536  # samples of a channel that are used
 FINE, MOST = 4, 20  # steps of a sample in which a delay is searched, and samples up to which
@@ -472,8 +471,8 @@ def _compare(
     message = f"{other} {', '.join(faults)} against {one}" if faults else ""
     if misfit > MISFIT:
         message = (
-            f"{other} does not follow {one} as {NAMES[other[0]]} follows {NAMES[one[0]]}: columns swapped, or a "
-            "channel of another floor?"
+            f"{other} does not follow {one} as {OF_LETTER[other[0]]} follows {OF_LETTER[one[0]]}: columns swapped, "
+            "or a channel of another floor?"
         )
     return [one, delay, delay * fs, gain, scatter, sign, float(np.average(coherence[use])), not message, message]
 

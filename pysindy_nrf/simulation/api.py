@@ -11,7 +11,7 @@ import pandas as pd
 
 from ..common import number_of
 from ..data.channels import as_matrix, rows_text
-from ..data.record import Record
+from ..data.record import OF_LETTER, Record
 from ..exceptions import ChannelError, SimulationError
 from ..laws.base import ForceLaw
 from ..laws.sensor import SensorFault
@@ -315,9 +315,6 @@ def polynomials(samples: np.ndarray, hold: str) -> np.ndarray:
     raise ChannelError(f"hold={hold!r} is unknown", f"Choose {', '.join(map(repr, HOLDS))}.")
 
 
-CHANNELS = {"a": "acceleration", "v": "velocity", "x": "displacement", "F": "force"}
-
-
 def as_read(record: Record, laws: Mapping[Site, Sequence[ForceLaw]]) -> Record:
     """A true record as the sensors of a model show it."""
     for site, group in laws.items():
@@ -336,15 +333,15 @@ def as_true(record: Record, site: Site, law: SensorFault) -> Record:
 def _changed(record: Record, site: Site, change: Callable[[np.ndarray, float], np.ndarray]) -> Record:
     """A record with one channel passed through a function of its values and dt."""
     kind, number = site.channel[:1], site.channel[1:]
-    if kind not in CHANNELS or not number.isdigit() or not 1 <= int(number) <= record.n_dof:
+    if kind not in OF_LETTER or not number.isdigit() or not 1 <= int(number) <= record.n_dof:
         raise ChannelError(
             f"{str(site)!r} is not a channel of record {record.name!r}",
             f"Its channels are {', '.join(record.channels())}.",
         )
-    values = getattr(record, CHANNELS[kind])
+    values = getattr(record, OF_LETTER[kind])
     if values is None:
         return record
     values, j = np.array(values, dtype=float), int(number) - 1
     if np.nan_to_num(values[:, j]).any():
         values[:, j] = change(values[:, j], record.dt)
-    return record.replace(**{CHANNELS[kind]: values})
+    return record.replace(**{OF_LETTER[kind]: values})

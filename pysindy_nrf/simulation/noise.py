@@ -10,11 +10,10 @@ import numpy as np
 
 from ..common import number_of
 from ..common.random_state import generator
-from ..data.record import Record
+from ..data.record import BASES, OF_LETTER, Record
 from ..exceptions import ChannelError
 
-_ARRAYS = {"F": "force", "a": "acceleration", "v": "velocity", "x": "displacement"}
-_LINES = {"ag": "base_acceleration", "vg": "base_velocity", "xg": "base_displacement"}
+_LINES = {short: key for key, short in BASES.items()}
 
 
 def add_noise(record: Record, level: float, random_state: Any = None, channels: Iterable[str] | None = None) -> Record:
@@ -63,7 +62,7 @@ def add_noise(record: Record, level: float, random_state: Any = None, channels: 
     for name, column in noisy.items():
         match = re.fullmatch(r"([Favx])(\d+)", name)
         if match and name not in record.covariates:
-            key = _ARRAYS[match[1]]
+            key = OF_LETTER[match[1]]
             if key not in changes:
                 changes[key] = np.array(getattr(record, key), dtype=float)
             changes[key][:, int(match[2]) - 1] = column
@@ -81,7 +80,7 @@ def _chosen(measured: dict[str, np.ndarray], record: Record, channels: Iterable[
     wanted = [channels] if isinstance(channels, str) else list(channels)
     chosen = set()
     for text in wanted:
-        group = [name for name in measured if name == text or (text in _ARRAYS and re.fullmatch(rf"{text}\d+", name))]
+        group = [name for name in measured if name == text or (text in OF_LETTER and re.fullmatch(rf"{text}\d+", name))]
         if not group:
             raise ChannelError(f"Channel {text!r} is not in record {record.name!r}", f"It has {', '.join(measured)}.")
         chosen.update(group)

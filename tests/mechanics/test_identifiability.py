@@ -28,7 +28,7 @@ def _joint_rank(n, links, forced, unknown, known, seed=0):
     F = np.zeros((size, n))
     for j in forced | unknown:
         F[:, j - 1] = rng.normal(size=size)
-    D = chain.drift_matrix()
+    D = np.array([[site.q < j <= site.p for j in range(1, n + 1)] for site in chain.sites], dtype=float)
     drift, rate = s @ D.T, v @ D.T
     R = drift * rng.uniform(1, 3, len(chain.sites)) + rate * rng.uniform(1, 3, len(chain.sites))
     a = (F - R @ chain.incidence().T) / rng.uniform(1, 3, n)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pysindy_nrf.regression.domains import Extent, VisitedRegion
+from pysindy_nrf.regression.segments import Extent, VisitedRegion
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])

@@ -13,12 +13,11 @@ from ...data.record import plain_times
 from ...exceptions import ChainError, ChannelError, NRFError
 from ...mechanics.identifiability import SolveOrder
 from ...regression.chain_solve import groups_of
-from ...regression.domains import Extent
 from ...regression.gram_pass import GramPass, guess_of
 from ...regression.grams import BlockGrams
 from ...regression.input_arrays import from_arrays
 from ...regression.layout import Block, Group, LawLayout, block_size
-from ...regression.segments import Segment
+from ...regression.segments import Extent, Segment
 from ..problem import Problem, law_list
 from .sources import Chunk, seconds_since
 

@@ -22,10 +22,9 @@ from ...exceptions import ChannelError, DataQualityWarning, FileFormatError, NRF
 from ...mechanics.identifiability import SolveOrder
 from ...mechanics.sites import Site
 from ...regression.chain_solve import Solution, model_of, solve, solved_safely
-from ...regression.domains import Extent
 from ...regression.gram_pass import guess_of
 from ...regression.grams import BlockGrams
-from ...regression.segments import Segment, SegmentSet
+from ...regression.segments import Extent, Segment, SegmentSet
 from ..intervals import Resolver
 from ..problem import Estimate, law_list
 from .accumulator import LINES, Accumulator, BlockEntry, Model, Run

@@ -21,7 +21,7 @@ def as_plotly(figure: Figure) -> dict[str, Any]:
     """Data and layout of a figure."""
     scales = [unit_of(_along(figure, side), axis.unit) for side, axis in zip("xyz", _axes(figure))]
     data = [trace for mark in figure.marks for trace in _trace(mark, figure, [factor for factor, _ in scales])]
-    titles = [_title(axis, unit) for axis, (_, unit) in zip(_axes(figure), scales)]
+    titles = [plain(x.label + (f" ({unit})" if unit else "")) for x, (_, unit) in zip(_axes(figure), scales)]
     if figure.turns:
         return {"data": data, "layout": _scene(titles, data, figure.height)}
     x, y = (_axis(title, axis) for title, axis in zip(titles, _axes(figure)))
@@ -73,10 +73,6 @@ def _along(figure: Figure, side: str) -> Any:
     shown = [mark for mark in figure.marks if isinstance(mark, (Line, Area)) or getattr(mark, "style", "") == "full"]
     lines = [getattr(mark, side, None) for mark in shown]
     return np.concatenate([[np.nan], *(np.ravel(np.asarray(x, dtype=float)) for x in lines if x is not None)])
-
-
-def _title(axis: Axis, unit: str) -> str:
-    return plain(f"{axis.label} ({unit})" if unit else axis.label)
 
 
 def _axis(title: str, axis: Axis) -> dict[str, Any]:

@@ -361,18 +361,13 @@ def lead(report: Any) -> str:
             f"The declared model leaves {before:.3g} % of the balances unexplained on held-out data, and the loop "
             "added nothing to it."
         )
-        if claims_nothing(report):
+        if not report.steps and "Nothing is claimed" in report.stopped_because:
             told += f" {sentence(report.stopped_because)}"
     refused = [_where(step) for step in report.steps if not step.confirmed]
     if refused:
         told += f" NOT CONFIRMED on held-out data, and not in the model: {joined(refused)}."
     unsure = [names(step.law) for step in confirmed(report) if not step.sure]
     return f"{told} Not sure by name: {listed(unsure)}." if unsure else told
-
-
-def claims_nothing(report: Any) -> bool:
-    """Whether the loop withdrew all it had found."""
-    return not report.steps and "Nothing is claimed" in report.stopped_because
 
 
 def _where(step: Any) -> str:

@@ -225,7 +225,7 @@ def _intervals(trial: Trial, effect: Effect) -> dict[str, tuple[float, float]]:
 def _no_claim(before: Stand, after: Stand, first: State) -> str:
     """Why nothing may be claimed; empty if something may."""
     model = after.trial.model()
-    left = after.trial.ruler.errors(Powers(after.trial.within[None], after.trial.powers.reference))
+    left = after.trial.left
     if np.nanmax(left) >= HOPELESS:
         return words.hopeless(left)
     if (model.masses <= 0).any() and not all(

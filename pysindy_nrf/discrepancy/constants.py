@@ -54,10 +54,10 @@ CACHE: Final = 300_000_000
 # the best of all candidates gains at most 0.1 dB; effects of the battery gain 1.1 dB and more at 5 % noise.
 LEAST_GAIN: Final = 0.5
 # Below this gain, dB, the whole search is run on a free run of the model with fresh noise, and must gain less there.
-BORDER: Final = 1.0
-# An effect matters if it changes the force at its site by 3 %, or lowers the residual by 1 dB (11 %).
+BORDER: Final = 2.0
+# An effect matters if it changes the force at its site by 3 %, or lowers the residual by 2 dB (a fifth).
 LEAST_SHARE: Final = 0.03
-LARGE_GAIN: Final = 1.0
+LARGE_GAIN: Final = 2.0
 # Least gain, dB, of a sensor's fault that no other channel contradicts (three quarters of the power): at 5 % noise the
 # bias of least squares beside friction makes the gain of one of several forces worth 5.9 dB.
 UNWITNESSED: Final = 6.0

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from typing import Any
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..common.random_state import generator
@@ -22,10 +21,9 @@ from ..regression.segments import SegmentSet
 from ..signals.zero_phase_filter import filters_of
 from .catalogue import as_laws, candidates, flexible
 from .conclude import concluded
-from .constants import HOPELESS
 from .prepare import Prepared, Workspace, prepare
 from .report import LoopReport
-from .ruler import Powers, Ruler, Trial
+from .ruler import Ruler, Trial
 from .search import Forward, Search, proposals_of
 from .state import State
 from .windows import Windows, split, window_length
@@ -120,7 +118,7 @@ def close_loop(
         with _bar(progress, max_steps * len(proposals)) as tick:
             search = Search(proposals, progress=tick)
             forward = Forward(search, first, ready, faults, rng)
-            forward.run(max_steps if _explains(first, problem, work) else 0)
+            forward.run(max_steps)
         settings = {
             "band": band, "random_state": random_state, "max_steps": max_steps, "catalogue": tried,
             "baseline": baseline, "noise_floor": noise_floor,
@@ -146,16 +144,6 @@ def _ruler(ready: Prepared, problem: Problem, strategy: str, band: Any) -> tuple
     )
     work.filters = filters_of(ruler.band(), ready.data)
     return work, ruler
-
-
-def _explains(first: State, problem: Problem, work: Workspace) -> bool:
-    """Whether a chain with flexible storeys explains something of every balance; if not, no law is worth a search."""
-    rich = flexible(first.trial.laws, problem.chain, work)
-    try:
-        trial = Trial(first.trial.ruler, problem.chain, {s: tuple(held) for s, held in rich.items()})
-    except NRFError:
-        return True
-    return bool(np.nanmax(trial.ruler.errors(Powers(trial.within[None], trial.powers.reference))) < HOPELESS)
 
 
 def _baseline_laws(problem: Problem, work: Workspace) -> Mapping[Site, tuple[ForceLaw, ...]]:

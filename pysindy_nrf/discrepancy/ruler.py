@@ -336,6 +336,11 @@ class Trial:
         """The fitted chain model."""
         return model_of(self.layout, self.solution(part))
 
+    @property
+    def left(self) -> np.ndarray:
+        """Error of each balance on the samples of the fit, percent."""
+        return self.ruler.errors(Powers(self.within[None], self.powers.reference))
+
     def gain_over(self, other: Trial) -> Gain:
         """Gain of this model over another on the same ruler."""
         return Gain(other.powers, self.powers, self.ruler.informative)

@@ -16,7 +16,7 @@ from ..regression.shape_search import balance_lines, driven_at
 from . import judge
 from .bootstrap import simulated
 from .catalogue import Candidate
-from .constants import BORDER, FINALISTS, LEAST_SHARE
+from .constants import BORDER, FINALISTS, HOPELESS, LEAST_SHARE
 from .judge import admissible
 from .prepare import Prepared
 from .ruler import Gain, Ruler, Slot, Trial
@@ -201,6 +201,9 @@ class Forward:
                 self.state.trial.gain_over(before.trial).value <= 0
             ):
                 self.state = before
+                break
+            worst = np.nanmax(self.state.trial.left)
+            if worst >= HOPELESS and worst > 0.8 * np.nanmax(before.trial.left):  # nothing will be claimed
                 break
         if len(self.state.effects) > 1:
             self._exchange()

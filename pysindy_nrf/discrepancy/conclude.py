@@ -266,7 +266,7 @@ def _say_how_sure(steps: list[Step], final: Stand, noise: Ruler | None) -> None:
         step.noise_floor = noise_at
         known = np.isfinite(noise_at)
         before = max(step.validation_before, left_at)
-        top = max(left_at**2 - (1.3 * noise_at) ** 2 if known else left_at**2, 0.0)
+        top = max(left_at**2 - (1.2 * noise_at) ** 2 if known else left_at**2, 0.0)
         step.remainder = float(np.sqrt(top / max(before**2, 1e-300)))
         ratio = step.gain / max(step.gain_error, 1e-12)
         step.sure = bool(

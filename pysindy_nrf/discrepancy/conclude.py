@@ -42,7 +42,6 @@ class Stand:
     name: str
     trial: Trial
     held: Powers
-    ruler: Ruler  # of the held-out data
     row: dict[str, float]
 
     @property
@@ -53,51 +52,55 @@ class Stand:
 
 def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: np.random.Generator) -> LoopReport:
     """The report of a search that has come to its end; the held-out data are read here."""
-    state = forward.state
-    ruler, laws = first.trial.ruler, dict(first.trial.laws)
     stands = [_stand("baseline", first.trial)]
     steps: list[Step] = []
-    confirmed = before = stands[0]
-    waiting = list(state.effects)
-    again: list[tuple[Effect, Step, Stand]] = []
-    while waiting:
-        again = []
+    confirmed = stands[0]
+    refused: list[tuple[Step, Stand]] = []
+    waiting = list(forward.state.effects)
+    while waiting:  # what held-out data do not confirm alone may be confirmed beside the rest
+        again, refused = [], []
         for effect in waiting:
-            with_it = laws
-            if effect.is_fault:
-                ruler = forward.rulers[effect]
-            else:
-                with_it = {**laws, effect.site: (*laws.get(effect.site, ()), effect.law)}
             try:
-                if effect.law.variable == "1" and ruler.windows.centred:  # the means alone show a constant force
-                    ruler = ruler.as_measured()
-                    before = _stand(confirmed.name, Trial(ruler, first.trial.base, laws))
-                stand = _stand(f"{effect.law.name} at {effect.site}", Trial(ruler, first.trial.base, with_it))
+                before, after = _pair(forward, confirmed, effect)
             except NRFError:
                 continue
-            step = _step(forward, effect, before, stand)
-            if not step.confirmed:
-                again.append((effect, step, stand))
-                continue
+            step = _step(forward, effect, before, after)
+            if step.confirmed:
+                steps.append(step)
+                stands.append(after)
+                confirmed = after
+            else:
+                again.append(effect)
+                refused.append((step, after))
+        if len(again) == len(waiting):
+            break
+        waiting = again
+    for step, stand in refused:
+        if step.gain >= LEAST_GAIN:
             steps.append(step)
             stands.append(stand)
-            confirmed, laws, before = stand, with_it, stand
-        if len(again) in (0, len(waiting)):  # what held-out data did not confirm alone may be confirmed beside the rest
-            break
-        waiting = [effect for effect, _, _ in again]
-    kept = [(step, stand) for _, step, stand in again if step.gain >= LEAST_GAIN]
-    steps += [step for step, _ in kept]
-    stands += [stand for _, stand in kept]
     if not confirmed.trial.ruler.windows.centred:  # one ruler for the table: that of the last model
         stands = [_as_measured(stand) for stand in stands]
     stopped = _why_stopped(forward, settings["max_steps"])
-    no_claim = _no_claim(stands[0], confirmed, first)
+    no_claim = _no_claim(confirmed)
     if no_claim:
         stopped = f"{no_claim}. Nothing is claimed"
         steps, stands, confirmed = [], stands[:1], stands[0]
     noise = simulated(forward.state.ready, confirmed.trial, rng) if forward.state.ready is not None else None
     _say_how_sure(steps, confirmed, noise)
     return _report(forward, first, settings, steps, stands, confirmed, noise, stopped)
+
+
+def _pair(forward: Forward, confirmed: Stand, effect: Effect) -> tuple[Stand, Stand]:
+    """The confirmed model and the same with one effect more, on one ruler; a fault only changes the records."""
+    trial, name = confirmed.trial, f"{effect.law.name} at {effect.site}"
+    if effect.is_fault:
+        ruler = forward.rulers[effect]
+        ruler = ruler if trial.ruler.windows.centred else ruler.as_measured()
+        return confirmed, _stand(name, Trial(ruler, trial.base, trial.laws))
+    if effect.law.variable == "1":  # the means alone show a constant force
+        confirmed = _as_measured(confirmed)
+    return confirmed, _stand(name, confirmed.trial.with_laws([(effect.site, effect.law)]))
 
 
 def _stand(name: str, trial: Trial) -> Stand:
@@ -115,7 +118,7 @@ def _stand(name: str, trial: Trial) -> Stand:
         "free run": free_run_error(trial.model(), work),
         **{f"held-out dof {j}": float(e) for j, e in enumerate(errors, 1)},
     }
-    return Stand(name, trial, powers, held, row)
+    return Stand(name, trial, powers, row)
 
 
 def _as_measured(stand: Stand) -> Stand:
@@ -133,7 +136,7 @@ def _step(forward: Forward, effect: Effect, before: Stand, after: Stand) -> Step
     """One effect, with what it gains on the search and on the held-out data."""
     site = effect.site
     gain = after.trial.gain_over(before.trial)
-    held = Gain(before.held, after.held, before.ruler.informative)
+    held = Gain(before.held, after.held, before.trial.ruler.informative)
     rivals = forward.rivals.get(effect, [])
     families = dict.fromkeys(f.family for f in rivals if f.family != effect.law.family)
     work = after.trial.ruler.work
@@ -222,17 +225,14 @@ def _intervals(trial: Trial, effect: Effect) -> dict[str, tuple[float, float]]:
     return out
 
 
-def _no_claim(before: Stand, after: Stand, first: State) -> str:
+def _no_claim(after: Stand) -> str:
     """Why nothing may be claimed; empty if something may."""
-    model = after.trial.model()
+    model, known = after.trial.model(), after.trial.ruler.work.known_masses
     left = after.trial.left
     if np.nanmax(left) >= HOPELESS:
         return words.hopeless(left)
-    if (model.masses <= 0).any() and not all(
-        j in before.trial.ruler.work.known_masses for j in np.flatnonzero(model.masses <= 0) + 1
-    ):
+    if any(m <= 0 and j not in known for j, m in enumerate(model.masses, 1)):
         return words.negative_masses(model.masses)
-    known = before.trial.ruler.work.known_masses
     total = model.total_masses
     cancelled = [j for j, m in known.items() if m > 0 and total[j - 1] <= 0.1 * m]
     if cancelled:

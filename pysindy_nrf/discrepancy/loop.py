@@ -139,9 +139,9 @@ def _ruler(ready: Prepared, problem: Problem, strategy: str, band: Any) -> tuple
         )
     laws = _baseline_laws(problem, work)
     rich = flexible(laws, problem.chain, work)
-    ruler = Ruler(work, Windows(ready.data, work.search, length)).find_bands(
-        [(problem.chain, laws), (problem.chain, rich)], band
-    )
+    windows = Windows(ready.data, work.search, length)
+    windows = windows if band is None else windows.within(*band)
+    ruler = Ruler(work, windows).find_bands([(problem.chain, laws), (problem.chain, rich)])
     work.filters = filters_of(ruler.band(), ready.data)
     return work, ruler
 

@@ -129,20 +129,13 @@ class Ruler:
             self._cache |= new
         return np.vstack([self._cache[site, law] for law in laws])
 
-    def find_bands(
-        self,
-        models: Sequence[tuple[Chain, Mapping[Site, Sequence[ForceLaw]]]],
-        band: tuple[float | None, float | None] | None = None,
-    ) -> Ruler:
+    def find_bands(self, models: Sequence[tuple[Chain, Mapping[Site, Sequence[ForceLaw]]]]) -> Ruler:
         """Find the informative bands and cut the spectra above the last of them.
 
         A band is informative in a balance if the best of the models (the declared one, and one with flexible storeys)
         leaves less than half of its power on folds it was not fitted to, and no more than ten times the share that is
         typical of the balance; it is connected by such bands to those that hold 90 % of the energy.
         """
-        low, high = band or (None, None)
-        edges = self.windows.edges
-        allowed = (edges[1:] > (low or 0.0)) & (edges[:-1] < (np.inf if high is None else high))
         core: np.ndarray | None = None
         for _ in range(ROUNDS):
             shares, reference = [], np.zeros_like(self.informative, dtype=float)
@@ -160,7 +153,7 @@ class Ruler:
                     "The declared model cannot be fitted: columns of its balances depend on each other or are zero",
                     "Declare fewer terms, or give longer records.",
                 )
-            left, reference = np.where(allowed, np.min(shares, axis=0), np.inf), reference * allowed
+            left = np.min(shares, axis=0)
             if core is None:
                 new = core = np.array([_strongest(own) for own in reference])
             else:

@@ -78,10 +78,10 @@ class Search:
         self.constants = [p for p in proposals if p.law.variable == "1"]
         self.proposals, self.progress = [p for p in proposals if p.law.variable != "1"], progress
 
-    def candidates(self, state: State, finalists: int = FINALISTS) -> list[Finding]:
-        """Findings on top of a state, the best first, cross-validated."""
+    def candidates(self, state: State, most: int | None = None, finalists: int = FINALISTS) -> list[Finding]:
+        """Findings on top of a state, each at so many sites at most, the best first, cross-validated."""
         found = []
-        for proposal in self.proposals:
+        for proposal in (p for p in self.proposals if most is None or len(p.sites) <= most):
             self.progress()
             for base in self._bases(state, proposal):
                 best = self._scanned(base, proposal, state)
@@ -191,7 +191,8 @@ class Forward:
     def run(self, most: int) -> None:
         """Add effects until none is accepted or there are ``most`` of them."""
         while len(self.state.effects) < most:
-            found = self._step(self.state)
+            self.last = self._ranked(self.state, most - len(self.state.effects), self.faults)
+            found = self._choice(self.state, self.last)
             if found is None:
                 break
             before = self.state
@@ -209,13 +210,12 @@ class Forward:
             self._exchange()
         self._constants(most)
 
-    def _step(self, state: State, record: bool = True) -> tuple[Finding, list[Finding]] | None:
-        found: list[Any] = self.search.candidates(state)
-        if record:
-            found = found + findings_of_faults(state, self.faults)
-        pairs = judge.ranked(found, state)
-        if record:
-            self.last = pairs
+    def _ranked(self, state: State, most: int, faults: Sequence[SensorFault] = ()) -> list[tuple[Finding, Gain]]:
+        """What could be added to a state, at most so many effects at once, the best first."""
+        return judge.ranked(self.search.candidates(state, most) + findings_of_faults(state, faults), state)
+
+    def _choice(self, state: State, pairs: Sequence[tuple[Finding, Gain]]) -> tuple[Finding, list[Finding]] | None:
+        """The finding to add, and what the data cannot tell from it; None if none is there and matters."""
         good = [k for k, (f, _) in enumerate(pairs) if judge.accepts(f, state)]
         if not good:
             return None
@@ -271,12 +271,12 @@ class Forward:
 
     def _constants(self, most: int) -> None:
         """Constant forces, from the means that every other decision leaves out."""
-        if not self.state.trial.ruler.work.forced:  # the zero of a base motion is no force
+        ruler = self.state.trial.ruler
+        if not ruler.work.forced or ruler.windows.edges[0] > 0:  # the zero of a base motion is no force
             return
         laws = list(dict.fromkeys((p.law, p.sites[0]) for p in self.search.constants))
-        ruler = self.state.trial.ruler.as_measured()
         try:
-            trial = Trial(ruler, self.state.trial.base, self.state.trial.laws)
+            trial = Trial(ruler.as_measured(), self.state.trial.base, self.state.trial.laws)
         except NRFError:
             return
         while laws and len(self.state.effects) < most:
@@ -305,7 +305,7 @@ class Forward:
                 base = self.search.without(self.state, [effect])
             except NRFError:
                 continue
-            found = self._step(base, record=False)
+            found = self._choice(base, self._ranked(base, 1))
             if found is None or found[0].after is None:
                 continue
             gap, error = judge.difference(

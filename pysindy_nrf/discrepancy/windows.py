@@ -66,7 +66,7 @@ def split(
 
 
 def _energy(segment: Segment, hop: int) -> np.ndarray:
-    """Energy of drifts, rates and forces in each cell, (n_cells, n_channels)."""
+    """Energy of rates and forces in each cell, (n_cells, n_channels)."""
     rows = [np.asarray(y[segment.valid], dtype=float) for y in (segment.v, segment.F)]
     y = np.nan_to_num(np.hstack(rows))[hop:]
     if len(y) < 2 * hop:
@@ -94,7 +94,7 @@ def _cut(
         widths, out = _pattern(count, share, pieces, shift)
         marks = np.searchsorted(np.cumsum(size) / size.sum(), np.cumsum(widths)[:-1]) + 1
         edges = _spaced(np.concatenate([[0], marks, [len(size)]]), SHORTEST_PIECE)
-        for lo, hi, kept in zip(edges[:-1], edges[1:], [out[k] for k in range(len(edges) - 1)]):
+        for lo, hi, kept in zip(edges[:-1], edges[1:], out):
             rows = slice((int(lo) + 1) * hop[i], (int(hi) + 1) * hop[i])
             (held if kept else search).append(BlockRows(i, rows))
     return search, held
@@ -187,9 +187,24 @@ class Windows:
         self.size = int(ends[-1])
         self._order = np.concatenate([np.arange(s.start, s.stop) for spans in self.spans for s in spans])
         self._ones: list[np.ndarray] = []
-        if centred:
+        if centred and edges[0] == 0:  # the mean of a fold stands in the first lines
             ones = self._transformed({b.segment: np.ones((1, b.rows.stop)) for b in self.blocks})[0]
             self._ones = [part / np.sqrt(part @ part) for part in (ones[spans[0]] for spans in self.spans)]
+
+    def within(self, low: float | None, high: float | None) -> Windows:
+        """The same windows with the lines of one frequency band, Hz, alone."""
+        lowest, highest = low or 0.0, np.inf if high is None else high
+        highest = min(highest, self.edges[-1])
+        size, dt = max((self.sizes[b.segment], self.data.segments[b.segment].dt or 1.0) for b in self.blocks)
+        inside = self.edges[(self.edges > lowest) & (self.edges < highest)]
+        edges = np.concatenate([[lowest], inside, [highest]])
+        edges = edges[np.unique(np.searchsorted(np.fft.rfftfreq(size, dt), edges), return_index=True)[1]]
+        if len(edges) < 2:
+            raise ChannelError(
+                f"No spectral line of a window of {self.length:.3g} s lies between {lowest:g} and {highest:g} Hz",
+                f"Give longer records, or a band wider than {1 / self.length:.3g} Hz.",
+            )
+        return Windows(self.data, self.blocks, self.length, edges, self.centred)
 
     def count(self, block: BlockRows) -> int:
         """Number of windows in a block."""

@@ -114,8 +114,13 @@ def test_friction_in_every_storey_is_found_though_none_stands_out():
         R = np.array([4.0, 3.0, 2.5]) * np.tanh(np.diff(v, prepend=0.0) / 1e-3)
         return R - np.append(R[1:], 0.0)
 
-    report = loop(shaken(rubbing), [laws.CoulombFriction(), laws.QuadraticDamping()], 0.01)
+    tried = [laws.CoulombFriction(), laws.QuadraticDamping()]
+    report = loop(shaken(rubbing), tried, 0.01)
     assert set(steps(report)) == {("coulomb_friction", f"storey {i}") for i in (1, 2, 3)}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        few = close_loop(add_noise(shaken(rubbing), 0.01, random_state=1), catalogue=tried, max_steps=2)
+    assert len(few.steps) <= 2
 
 
 @pytest.mark.parametrize("seed", [0, 1])

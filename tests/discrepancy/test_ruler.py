@@ -66,6 +66,19 @@ def test_records_held_out_whole_leave_the_others_to_the_search():
     assert {b.segment for b in search} == {0} and held == [BlockRows(1, slice(0, len(T)))]
 
 
+def test_a_band_that_is_given_leaves_no_line_outside():
+    """Two sines, of 2 and 10 Hz: between 5 and 20 Hz the first leaves nothing; a band without a line is refused."""
+    slow, fast = np.sin(2 * np.pi * 2.0 * T), 0.01 * np.sin(2 * np.pi * 10.0 * T)
+    data = SegmentSet([segment(slow, fast)], len(T))
+    windows = Windows(data, [BlockRows(0, slice(0, len(T)))], 0.5)  # the first band ends at 3 Hz
+    within = windows.within(5.0, 20.0)
+    assert within.edges[0] == 5.0 and within.edges[-1] <= 20.0
+    power = [(within.spectra({0: y[None]}) ** 2).sum() for y in (slow, fast)]
+    assert power[0] < 1e-3 * power[1]
+    with pytest.raises(ChannelError, match="No spectral line"):
+        windows.within(5.1, 5.9)
+
+
 def test_records_too_short_or_still_are_named():
     for n in (2, 5, 20):
         short = segment(*(y[:n] for y in SHAPES["a sine"]))

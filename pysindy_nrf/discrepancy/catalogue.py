@@ -53,6 +53,7 @@ def default_catalogue(covariates: Sequence[str] = ()) -> list[ForceLaw]:
         laws.DeadZone(),
         laws.Bilinear(),
         laws.Jenkins(),
+        laws.BacklashFriction(),
         laws.Iwan(),
         laws.Dahl(),
         laws.LuGre(),

@@ -34,6 +34,7 @@ from .friction import GroundFriction as GroundFriction
 from .friction import LaggedCovariateFriction as LaggedCovariateFriction
 from .friction import ShiftedFriction as ShiftedFriction
 from .friction import StribeckFriction as StribeckFriction
+from .hysteresis import BacklashFriction as BacklashFriction
 from .hysteresis import BoucWen, Dahl, ModifiedDahl
 from .hysteresis import Iwan as Iwan
 from .hysteresis import Jenkins as Jenkins

@@ -138,6 +138,35 @@ class Jenkins(ForceLaw):
         z[0] = min(max(z[0] + (s1 - s0) / theta[0], -1.0), 1.0)
 
 
+class BacklashFriction(ForceLaw):
+    r"""Friction slider behind a spring with backlash: a friction damper whose joints are loose.
+
+    .. math:: R = F_y \operatorname{sgn}(w) \min(\max((|w| - g) / u_y, 0), 1), \quad w = s - p
+
+    p is the play operator of half-width ``g + uy``, so that w follows the stop operator, exactly along a path without
+    reversal. After a reversal at the yield force the spring first unloads over uy, then crosses the backlash
+    2 g without force. Without gap it is :class:`Jenkins`.
+    """
+
+    name = "backlash_friction"
+    family = "hysteresis"
+    shapes = (Shape("gap", "m", 0.02, 2.0, "s"), Shape("uy", "m", 0.01, 1.0, "s"))
+    columns = (Term("Fy", "Jenkins[s; gap]", "N"),)
+    n_states = 1  # w
+    passive = True
+    nonnegative = ("Fy",)
+    special_cases = {Jenkins: lambda c: BacklashFriction(1e-12 * c.theta[0], c.theta[0], c.values[0])}
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = np.sign(z[0]) * np.minimum(np.maximum((np.abs(z[0]) - theta[0]) / theta[1], 0.0), 1.0)
+
+    @staticmethod
+    def advance(z, s0, v0, s1, v1, dt, u, theta):
+        reach = theta[0] + theta[1]
+        z[0] = min(max(z[0] + (s1 - s0), -reach), reach)
+
+
 class Iwan(ForceLaw):
     r"""Two elasto-plastic elements side by side (Iwan, J. Appl. Mech. 33, 1966).
 

@@ -147,6 +147,10 @@ def test_jenkins_is_the_stop_operator(uy):
     iwan = laws.Iwan(uy=uy, ratio=2.5).features(PATH)
     assert np.array_equal(iwan[:, 0], laws.Jenkins(uy=uy).features(PATH)[:, 0])
     assert np.allclose(iwan[:, 1], laws.Jenkins(uy=2.5 * uy).features(PATH)[:, 0], rtol=0, atol=1e-12)
+    for share in (0.3, 0.9):  # of the play that is backlash
+        loose = laws.BacklashFriction(gap=share * uy, uy=(1.0 - share) * uy).features(PATH)[:, 0]
+        beyond = np.clip((np.abs(stop) - share) / (1.0 - share), 0.0, 1.0)
+        _assert_same(loose, np.sign(stop) * beyond, 1e-4)
 
 
 @pytest.mark.slow
@@ -195,6 +199,7 @@ def _loss(law, motion):
         ),
         (laws.ShiftedFriction(kappa=5.0, Fc=20.0), 4 * 20.0 * 0.01 / math.hypot(1.0, 5.0 / 12.0)),
         (laws.Jenkins(uy=0.002, Fy=20.0), 4 * 20.0 * (0.01 - 0.002)),
+        (laws.BacklashFriction(gap=0.003, uy=0.002, Fy=20.0), 4 * 20.0 * (0.01 - 0.003 - 0.002)),
         (laws.Iwan(uy=0.002, ratio=3.0, F1=5.0, F2=7.0), 4 * 5.0 * 0.008 + 4 * 7.0 * 0.004),
         (laws.MaxwellBranch(tau=0.05, k=1e5), math.pi * 1e5 * 0.01**2 * (12 * 0.05) / (1 + (12 * 0.05) ** 2)),
     ],

@@ -34,7 +34,8 @@ class Record:
     velocity, displacement : array-like of shape (n_samples, n_dof), optional
         Motion of the DOFs relative to the base, m/s and m (or absolute, see ``coordinates``).
     fs : float, optional
-        Sampling rate, Hz; found from ``time`` if None.
+        Sampling rate, Hz; found from ``time`` if None. A quasi-static test of an element without mass, forces and
+        displacements alone, needs neither: its rate is NaN.
     base_acceleration : array-like of shape (n_samples,), optional
         Acceleration of the base, m/s^2. None = the base is at rest.
     base_velocity, base_displacement : array-like of shape (n_samples,), optional
@@ -137,7 +138,10 @@ class Record:
             raise ChannelError(
                 f"Record {self.name!r} has no motion, every channel is NaN", "Give at least one measured channel."
             )
-        self.fs, self.t0 = _clock(fs, time, self.n_samples, self.name)
+        if fs is None and time is None and arrays.keys() == {"force", "displacement"} and not lines:
+            self.fs, self.t0 = np.nan, 0.0
+        else:
+            self.fs, self.t0 = _clock(fs, time, self.n_samples, self.name)
         self.acceleration: np.ndarray | None = arrays.get("acceleration")
         self.velocity: np.ndarray | None = arrays.get("velocity")
         self.displacement: np.ndarray | None = arrays.get("displacement")
@@ -180,6 +184,15 @@ class Record:
         return tuple(self.channels())
 
     @property
+    def has_clock(self) -> bool:
+        """False for forces and displacements without a rate."""
+        return bool(np.isfinite(self.fs))
+
+    def by_sample(self) -> Record:
+        """The record itself; one without a clock with the number of the sample for the time, 1 Hz."""
+        return self if self.has_clock else self.replace(fs=1.0)
+
+    @property
     def dt(self) -> float:
         """Sampling step, s."""
         return 1.0 / self.fs
@@ -187,6 +200,8 @@ class Record:
     @property
     def time(self) -> np.ndarray:
         """Time of the samples, s."""
+        if not self.has_clock:
+            raise ChannelError(f"Record {self.name!r} has no clock", "Give fs= in Hz, or take by_sample().")
         return self.t0 + np.arange(self.n_samples) / self.fs
 
     @property
@@ -349,7 +364,8 @@ class Record:
         if not changes:
             return copy.copy(self)
         keys = (*MATRICES, *BASES, "fs", "covariates", "name", "coordinates")
-        new = Record(**({key: getattr(self, key) for key in keys} | changes))
+        held = {key: getattr(self, key) for key in keys if key != "fs" or self.has_clock}
+        new = Record(**(held | changes))
         if changes.get("time") is None:
             new.t0 = self.t0
         return new
@@ -358,10 +374,9 @@ class Record:
         return str(Hook.RECORD_HTML(self))
 
     def __repr__(self) -> str:
-        return (
-            f"Record({self.name!r}: {self.n_dof} DOF, {self.n_samples} samples at {self.fs:g} Hz "
-            f"({self.n_samples / self.fs:.4g} s), channels {', '.join(self.measured)})"
-        )
+        rate = f" at {self.fs:g} Hz ({self.n_samples / self.fs:.4g} s)" if self.has_clock else " without a clock"
+        channels = ", ".join(self.measured)
+        return f"Record({self.name!r}: {self.n_dof} DOF, {self.n_samples} samples{rate}, channels {channels})"
 
 
 @np.errstate(over="ignore")

@@ -14,6 +14,7 @@ from ..estimation.problem import Problem
 from ..estimation.regressor import NRFRegressor
 from ..exceptions import BiasWarning, ChannelError, ExcitationError, NRFError
 from ..laws.base import ForceLaw
+from ..laws.elastic import LinearElastic
 from ..laws.power_series import whole
 from ..laws.sensor import SensorFault
 from ..mechanics.sites import Site
@@ -21,7 +22,7 @@ from ..regression.segments import SegmentSet
 from ..signals.zero_phase_filter import filters_of
 from .catalogue import as_laws, candidates, flexible
 from .conclude import concluded
-from .prepare import Prepared, Workspace, prepare
+from .prepare import Prepared, Workspace, as_records, prepare
 from .report import LoopReport
 from .ruler import Ruler, Trial
 from .search import Forward, Search, proposals_of
@@ -57,7 +58,8 @@ def close_loop(
     ----------
     records : Record or sequence of Record
     baseline : NRFRegressor, optional
-        The declared model; linear storeys if None. Its data are not used.
+        The declared model; linear storeys if None (a spring without mass for records without a clock). Its data are
+        not used.
     catalogue : iterable of ForceLaw, optional
         Laws to try; all of :mod:`pysindy_nrf.laws` that can be an effect if None.
     heldout : Record or sequence of Record, optional
@@ -96,22 +98,27 @@ def close_loop(
     >>> report.steps[0].family, report.steps[0].site, report.steps[0].confirmed
     ('friction', 'storey 1', True)
     """
-    baseline = baseline if baseline is not None else NRFRegressor(degree=1)
+    mine, kept = as_records(records, "records"), as_records(heldout, "heldout")
+    clock = all(rec.has_clock for rec in (*mine, *kept))
+    if baseline is None:
+        baseline = NRFRegressor(degree=1) if clock else NRFRegressor(laws={1: [LinearElastic()]}, massless=True)
     if not isinstance(baseline, NRFRegressor):
         raise NRFError(f"baseline={baseline!r} is not a model to begin with", "Give e.g. NRFRegressor(degree=1).")
     max_steps = whole("max_steps", max_steps)
     rng = generator(random_state)
     band = band if band is not None else baseline.band
     with threadpool_limits(1):  # the matrices are small: threads only get in each other's way
-        ready = prepare(records, heldout)
-        problem = baseline.problem(ready.data.n_dof)
+        problem = baseline.problem(mine[0].n_dof)
+        if not problem.needs_clock:
+            mine, kept = ([rec.by_sample() for rec in held] for held in (mine, kept))
+        ready = prepare(mine, kept)
         work, ruler = _ruler(ready, problem, baseline.strategy, band)
         first = State(Trial(ruler, problem.chain, _baseline_laws(problem, work)))
         _require_covariates(first.trial.laws, ready)
         _say_what_is_not_used(baseline)
         segments = ready.data.segments
         names = tuple(c for c in segments[0].covariates if all(c in s.covariates for s in segments))
-        tried = as_laws(catalogue, names)
+        tried = [law for law in as_laws(catalogue, names) if clock or not law.rate_dependent]
         every = candidates(tried, problem.chain, problem.known_masses, names, work.forced, len(work.searched))
         proposals = proposals_of(every, problem.chain.sites)
         faults = [law for law in tried if isinstance(law, SensorFault)]

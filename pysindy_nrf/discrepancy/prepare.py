@@ -76,8 +76,6 @@ def prepare(
 ) -> Prepared:
     """Fuse the channels of every record."""
     mine, kept = as_records(records, "records"), as_records(heldout, "heldout")
-    if not mine:
-        raise ChannelError("There is no record to search", "Pass a Record or a list of them.")
     every = [*mine, *kept]
     n = every[0].n_dof
     segments, found, told, at, clean = [], [], [], 0, True
@@ -141,6 +139,8 @@ def as_records(records: Any, name: str) -> list[Record]:
     if isinstance(records, Record):
         return [records]
     if isinstance(records, Sequence) and all(isinstance(r, Record) for r in records):
+        if not records and name == "records":
+            raise ChannelError("There is no record to search", "Pass a Record or a list of them.")
         return list(records)
     raise ChannelError(
         f"{name} holds something that is not a Record", "Build them with Record(...) or Record.from_frame(df)."

@@ -96,6 +96,12 @@ class Problem:
             self.optimizer,
         )  # fmt: skip
 
+    @property
+    def needs_clock(self) -> bool:
+        """False for an element without mass whose laws depend on the path alone."""
+        massless = all(self.known_masses.get(j) == 0 for j in range(1, self.chain.n_dof + 1))
+        return not massless or any(law.rate_dependent for held in self.laws.values() for law in held)
+
     @cached_property
     def layout(self) -> LawLayout:
         """Columns of the laws, site by site."""

@@ -64,6 +64,9 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         :class:`~pysindy_nrf.estimation.constraints.KnownStiffness`).
     known_masses : mapping of int to float, optional
         kg, by DOF. With no force anywhere one known mass scales the chain.
+    massless : bool
+        An element tested by itself (a damper, a connection), whose force is measured and whose inertia is none: all
+        masses are zero. With laws of the drift alone its record needs no clock.
     band : (float, float), optional
         Frequency band in Hz in which everything is fitted and judged: accelerations, forces and law
         columns pass one zero-phase filter. Needs the sampling step (``dt``, ``time`` or a time index).
@@ -136,6 +139,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         dt: float | None = None,
         chain: Chain | None = None,
         constraints: Any = None,
+        massless: bool = False,
     ) -> None:
         self.degree = degree
         self.orders = orders
@@ -149,6 +153,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         self.dt = dt
         self.chain = chain
         self.constraints = constraints
+        self.massless = massless
 
     def fit(
         self,
@@ -252,7 +257,17 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         chain = chain.with_links([s for s in map(chain.site, declared_laws(self.laws)) if s.kind == "link"])
         laws = laws_of_sites(chain, self.laws, self.degree, self.orders)
         known = as_mapping("known_masses", self.known_masses, "{2: 12.4}")
+        if self.massless:
+            if known:
+                raise ChainError("massless=True was given beside known_masses", "Leave one of them out.")
+            known = dict.fromkeys(range(1, n_dof + 1), 0.0)
         return Problem(chain, laws, known, self.band, self.strategy, None, self.optimizer)
+
+    def _data(self, X: Any, y: Any, **options: Any) -> SegmentSet:
+        if self.massless and holds_records(X):
+            X = [X] if isinstance(X, Record) else X
+            X = X if self.problem(X[0].n_dof).needs_clock else [rec.by_sample() for rec in X]
+        return super()._data(X, y, **options)
 
     def _fit(self, data: SegmentSet, separate: SegmentSet) -> None:
         found = self.problem(data.n_dof).solve(data)

@@ -283,6 +283,19 @@ class ForceLaw:
         return self.n_states > 0
 
     @property
+    def rate_dependent(self) -> bool:
+        """True if a slower test along the same path gives another force: if time is in the unit of a parameter.
+
+        Examples
+        --------
+        >>> from pysindy_nrf import laws
+        >>> laws.CoulombFriction().rate_dependent, laws.Dahl().rate_dependent, laws.LinearViscous().rate_dependent
+        (False, False, True)
+        """
+        units = [term.unit for term in self.terms()] + [p.unit for p in self.shapes]
+        return bool(self.covariates) or any(re.search(r"\bs\b|\bkg\b|Hz", unit) for unit in units)
+
+    @property
     def saturation_drift(self) -> float:
         """Drift beyond which the force no longer grows, m; infinite if it has no bound or the bound has no value yet.
 

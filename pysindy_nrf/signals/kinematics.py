@@ -20,6 +20,12 @@ RESOLVED = 0.7
 def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Accelerations, inter-storey velocities and drifts of a record, and its forces."""
     have = set(record.measured)
+    if not record.has_clock:
+        raise ChannelError(
+            f"Record {record.name!r} has no clock, which a mass or a damper needs",
+            "Give fs= in Hz, or the time. For an element without mass: NRFRegressor(massless=True) with laws of the "
+            "drift alone, such as laws={1: [laws.LinearElastic()]}.",
+        )
     for j in range(1, record.n_dof + 1):
         if not have & {f"a{j}", f"v{j}", f"x{j}"}:
             raise ChannelError(

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pysindy_nrf import Record
+from pysindy_nrf import NRFRegressor, Record, laws
 from pysindy_nrf.data.channels import fillers
 from pysindy_nrf.data.io import inspect_record, read_record
 from pysindy_nrf.exceptions import ChannelError
@@ -22,6 +22,28 @@ def test_a_clock_in_the_index_of_a_table(frame):
     again = Record.from_frame(record.to_frame().set_axis(stamps))
     assert again.fs == pytest.approx(500.0)
     np.testing.assert_array_equal(again.acceleration, record.acceleration)
+
+
+def test_a_record_without_a_clock_serves_an_element_without_mass_only():
+    """A spring and a slider along a path that is known by its samples alone."""
+    x = 0.01 * np.sin(np.linspace(0.0, 40.0, 2000)) * np.linspace(0.2, 1.0, 2000)
+    steps, slider = np.diff(x, prepend=0.0), np.zeros(len(x))
+    for i, step in enumerate(steps):
+        slider[i] = np.clip(slider[i - 1] + step, -0.002, 0.002)
+    record = Record(force=(3e4 * x + 2e5 * slider)[:, None], displacement=x[:, None])
+    assert not record.has_clock and "without a clock" in repr(record)
+    element = NRFRegressor(laws={1: [laws.LinearElastic(), laws.Jenkins()]}, massless=True).fit(record)
+    spring, found = element.model_.laws["storey 1"]
+    assert spring.parameters["k"] == pytest.approx(3e4, rel=1e-3)
+    assert found.parameters["Fy"] == pytest.approx(400.0, rel=1e-3)
+    assert element.masses_ == pytest.approx([0.0])
+    for other in (NRFRegressor(degree=1, massless=True), NRFRegressor(laws={1: [laws.LinearElastic()]})):
+        with pytest.raises(ChannelError, match="has no clock.*massless=True"):
+            other.fit(record)
+    with pytest.raises(ChannelError, match="no clock"):
+        record.time
+    with pytest.raises(ChannelError, match="no clock"):
+        Record(force=np.zeros((9, 1)), acceleration=np.ones((9, 1)))
 
 
 @pytest.mark.parametrize(

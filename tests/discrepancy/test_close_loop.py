@@ -345,3 +345,18 @@ def test_bands_are_found_where_the_chain_is_heard():
         assert report.table["band"].iloc[0].endswith("Hz")
         assert (report.steps[0].law, report.steps[0].site) == ("cubic_stiffness", "storey 2")
     assert report.settings["loop"]["band"] == "(3.0, 12.0) Hz"
+
+
+def test_an_element_without_mass_and_without_a_clock():
+    """A slider on a spring, moved slowly: found along its path, and no law of the rate is tried."""
+    x = 0.01 * np.sin(np.linspace(0.0, 150.0, 6000)) * np.abs(np.sin(np.linspace(0.1, 9.0, 6000)))
+    slider = np.zeros(len(x))
+    for i, step in enumerate(np.diff(x, prepend=0.0)):
+        slider[i] = np.clip(slider[i - 1] + step, -0.002, 0.002)
+    noise = np.random.default_rng(3).standard_normal(len(x))
+    report = close_loop(Record(force=(3e4 * x + 2e5 * slider + 2.0 * noise)[:, None], displacement=x[:, None]))
+    (step,) = report.steps
+    assert (step.law, step.site, step.confirmed) == ("jenkins", "storey 1", True)
+    assert step.parameters["Fy"] == pytest.approx(400.0, rel=0.02) and step.shape["uy"] == pytest.approx(2e-3, rel=0.05)
+    assert report.model.masses == pytest.approx([0.0])
+    assert not {"maxwell_branch", "quadratic_damping"} & set(report.candidates["law"])

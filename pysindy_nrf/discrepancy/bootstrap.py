@@ -23,9 +23,25 @@ _MOTIONS = ("acceleration", "velocity", "displacement")
 
 
 def simulated(ready: Prepared, trial: Trial, rng: np.random.Generator) -> Ruler | None:
-    """The ruler on records that the model of a trial would have produced; None where it has no free run."""
+    """The ruler on records that the model of a trial, freed of the bias of noise, would have produced.
+
+    The bias is found by the bootstrap itself (Efron and Tibshirani 1993, chapter 10): what the fit makes of records
+    that the model produced, less the model. None where the model has no free run.
+    """
+    first = _produced(ready, trial, trial.model(), rng)
+    if first is None:
+        return None
+    try:
+        again = Trial(first, trial.base, trial.laws)
+    except NRFError:
+        return first
+    unbiased = trial.model_at(2 * trial.masses[0] - again.masses[0], 2 * trial.theta[0] - again.theta[0])
+    return _produced(ready, trial, unbiased, rng) or first
+
+
+def _produced(ready: Prepared, trial: Trial, model: ChainModel, rng: np.random.Generator) -> Ruler | None:
+    """The ruler on a free run of a model with the noise of the channels; None where there is none."""
     work = trial.ruler.work
-    model = trial.model()
     if (model.masses <= 0).any():
         return None
     fakes = []

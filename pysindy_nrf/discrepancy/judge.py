@@ -57,12 +57,18 @@ def accepts(finding: Finding, state: State) -> bool:
     gain, after = over(finding, state), finding.after
     if after is None or gain is None or not is_there(gain):
         return False
-    new = [e for e in after.effects if e not in state.effects]
     if finding.is_fault:
         return finding.witnessed or gain.value >= UNWITNESSED
-    shares = [share_of(after.trial, finding.state.trial, e.site) for e in new]
     positive = (after.trial.masses[0] > 0) | (state.trial.masses[0] <= 0)
-    return (max(shares) >= LEAST_SHARE or gain.value >= LARGE_GAIN) and bool(positive.all())
+    return (is_large(finding, state) or gain.value >= LARGE_GAIN) and bool(positive.all())
+
+
+def is_large(finding: Finding, state: State) -> bool:
+    """Whether an effect changes the force at one of its sites by a share that matters."""
+    after = finding.after
+    assert after is not None
+    new = [e for e in after.effects if e not in state.effects]
+    return max(share_of(after.trial, finding.state.trial, e.site) for e in new) >= LEAST_SHARE
 
 
 def over(finding: Finding, state: State) -> Gain | None:

@@ -319,15 +319,21 @@ class Trial:
         held.remove(law)
         return Trial(self.ruler, self.base, {**self.laws, site: tuple(held)})
 
-    def solution(self, part: int = 0) -> Solution:
-        """Masses and coefficients from all folds (0) or without one of them."""
-        theta = self.theta[part]
-        coefficients = {s: theta[rows] for s, rows in self.layout.slices.items()}
-        return Solution(dict(enumerate(self.masses[part].tolist(), 1)), coefficients)
+    def solution(self) -> Solution:
+        """Masses and coefficients from all folds."""
+        return self._placed(self.masses[0], self.theta[0])
 
-    def model(self, part: int = 0) -> ChainModel:
+    def _placed(self, masses: np.ndarray, theta: np.ndarray) -> Solution:
+        coefficients = {s: theta[rows] for s, rows in self.layout.slices.items()}
+        return Solution(dict(enumerate(masses.tolist(), 1)), coefficients)
+
+    def model(self) -> ChainModel:
         """The fitted chain model."""
-        return model_of(self.layout, self.solution(part))
+        return model_of(self.layout, self.solution())
+
+    def model_at(self, masses: np.ndarray, theta: np.ndarray) -> ChainModel:
+        """The model with other masses and coefficients."""
+        return model_of(self.layout, self._placed(masses, theta))
 
     @property
     def left(self) -> np.ndarray:

@@ -16,7 +16,7 @@ from ..regression.shape_search import balance_lines, driven_at
 from . import judge
 from .bootstrap import simulated
 from .catalogue import Candidate
-from .constants import BORDER, FINALISTS, HOPELESS, LEAST_SHARE
+from .constants import BORDER, FINALISTS, HOPELESS, LEAST_GAIN, LEAST_SHARE
 from .judge import admissible
 from .prepare import Prepared
 from .ruler import Gain, Ruler, Slot, Trial
@@ -221,22 +221,24 @@ class Forward:
             return None
         pairs = [pairs[k] for k in good]
         number = judge.chosen(pairs)
-        if pairs[number][1].value < BORDER and not self._beyond_chance(state, pairs[number][1].value):
+        finding, gain = pairs[number]
+        clear = gain.value >= BORDER and (finding.is_fault or judge.is_large(finding, state))
+        if not clear and not self._beyond_chance(state, gain.value):
             return None
-        return pairs[number][0], judge.rivals(pairs, number)
+        return finding, judge.rivals(pairs, number)
 
     def _beyond_chance(self, state: State, gain: float) -> bool:
-        """Whether a small gain exceeds what the whole search gains where the state is the truth."""
+        """Whether a gain exceeds what the whole search gains where the state is the truth."""
         assert state.ready is not None
         ruler = simulated(state.ready, state.trial, self.rng)
         if ruler is None:
-            return True
+            return False
         try:
             null = State(Trial(ruler, state.trial.base, state.trial.laws), state.effects, state.ready)
             best = self.search.candidates(null, finalists=3)
         except NRFError:
-            return True
-        return not best or gain > 1.5 * max(map(_value, best))
+            return False
+        return gain >= max(map(_value, best), default=0.0) + LEAST_GAIN
 
     def _take(self, found: tuple[Finding, list[Finding]]) -> None:
         finding, rivals = found

@@ -45,7 +45,7 @@ from tqdm import tqdm  # noqa: E402
 
 from pysindy_nrf import NRFRegressor, Record  # noqa: E402
 from pysindy_nrf.discrepancy.bootstrap import levels_of, noisy_base, quiet_drive  # noqa: E402
-from pysindy_nrf.discrepancy.detection import detect  # noqa: E402
+from pysindy_nrf.discrepancy.evidence import detect  # noqa: E402
 from pysindy_nrf.discrepancy.residual import NoiseFloor, residual_of  # noqa: E402
 from pysindy_nrf.discrepancy.words import ResidualKind  # noqa: E402
 from pysindy_nrf.exceptions import NRFError  # noqa: E402
@@ -120,7 +120,7 @@ def detected(seed: int, noise: float, kind: str | None, base: bool) -> list[dict
     ag = record.base_acceleration
     regressor = baseline(case).fit(X, F, base_acceleration=ag)
     residual = residual_of(regressor.model_, from_arrays(X, F, base_acceleration=ag))
-    verdicts = detect(residual, floor_of(regressor, record), level=0.05).verdicts
+    verdicts = detect(residual, floor_of(regressor, record)).verdicts
     told = [v != ResidualKind.NOISE for where, v in verdicts["verdict"].items() if where.startswith("dof")]
     if kind is None:
         cell = f"{100 * noise:g} % noise, {excited(case)}"

@@ -1,7 +1,8 @@
 """What kind of force is missing: what it depends on, told without a formula, by one regression.
 
 Groups of columns (any function of the drift, of the rate, sliders that follow the path, ...) are fitted to some blocks
-of the force and judged on the others: the share of its variance that they explain there.
+of the force and judged on the others: the share of its variance that they explain there. Detection and localisation
+ask the same regression.
 """
 
 from __future__ import annotations
@@ -17,16 +18,18 @@ from ..common.jackknife import variance
 from ..exceptions import ChannelError
 from ..laws import Jenkins
 from ..laws.shape import Motion
-from ..mechanics.sites import Site
 from . import words
-from .residual import ROUND_OFF, NoiseFloor, Residual, period_of
+from .residual import period_of
 from .words import Dependence, Feature
 
-# What explains nearly as much with less wins: at most this much worse, in shares of the residual's squares.
+# Shares of squares that differ by less are alike, and what explains less matters to nobody: the scatter of a share of
+# one half over 25 blocks is about as large.
 NEARLY = 0.04
-# Below this share nothing that was tried explains the force.
+# Below this share nothing that was tried explains a force: what chance and the ridge leave to the largest group.
 LEAST = 0.15
-_LINE_LEVEL = 0.01
+# Chance of a spectral line, or of a level of noise, where there is none.
+RARE = 0.01
+
 # How many neighbouring lines of a Hann window count as one: 1 + 2 ((2/3)^2 + (1/6)^2).
 _HANN_OVERLAP = 35 / 18
 # Every k-th sample is enough for the regressions, as long as so many are left in all and in a period.
@@ -34,70 +37,78 @@ _ENOUGH, _PER_PERIOD = 8000, 8
 # Yield drifts of the sliders, in multiples of the rms drift: small ones are friction, large ones springs.
 _YIELD, _FEW = (0.02, 0.06, 0.15, 0.3, 0.6, 1.0, 1.6, 2.5), (0.06, 0.15, 0.6, 1.6, 4.0)
 # Gaps that are tried, in multiples of the rms drift.
-_GAPS = tuple(np.arange(9) * 0.3)
+_GAPS = np.arange(9) * 0.3
 _RIDGE = (1e-9, 1e-5, 1e-3, 3e-2)
-# A storey is looked at for coupling where its residual is so many times the noise floor.
-_LOUD = 2.0
-# Share of it that laws of the storey's own motion may explain, without and with a sign of coupling; and that the
-# others' motion must explain then, by so many standard errors.
-_OWN, _ALL, _OTHERS, _SURELY = 0.5, 0.95, 0.05, 2.0
 
 
 # -- the regression ---------------------------------------------------------------------------------
 
 
-class Judge:
-    """Least squares on some blocks, judged on the others; all on Gram matrices of blocks."""
+class Regression:
+    """Least squares on some blocks, judged on the others; all on Gram matrices of blocks.
 
-    def __init__(
-        self,
-        force: Sequence[np.ndarray],
-        groups: Mapping[str, Sequence[np.ndarray]],
-        n_blocks: int = 25,
-        n_folds: int = 5,
-    ) -> None:
-        ends = np.cumsum([0, *(parts[0].shape[1] for parts in groups.values())])
-        self.at = {name: np.arange(a, b) for name, a, b in zip(groups, ends, ends[1:])}
-        rows = [np.column_stack([*(parts[i] for parts in groups.values()), f]) for i, f in enumerate(force)]
-        total = sum(map(len, rows))
-        counts = [max(1, int(round(n_blocks * len(part) / total))) for part in rows]
-        grams = np.array([b.T @ b for part, count in zip(rows, counts) for b in np.array_split(part, count)])
-        self.size = np.sqrt(np.einsum("bii->i", grams))
+    ``at`` holds the columns of the Gram matrices by the name of their group.
+    """
+
+    def __init__(self, grams: np.ndarray, at: Mapping[str, np.ndarray], n_folds: int = 5) -> None:
+        self.at = at
+        self.size = np.sqrt(np.maximum(np.einsum("bii->i", grams), 0.0))
         self.size[self.size == 0] = 1.0
         self.grams = grams / np.outer(self.size, self.size)
         self.folds = np.arange(len(grams)) % min(n_folds, len(grams))
-        self._held_out: dict[tuple[str, ...], np.ndarray] = {(): self.grams[:, -1, -1]}
+        self._fits: dict[tuple[str, tuple[str, ...]], tuple[np.ndarray, float]] = {}
 
-    def held_out(self, names: Sequence[str]) -> np.ndarray:
-        """Squares left in every block by columns fitted to the other folds, shares of all; the best ridge counts."""
-        key = tuple(names)
-        if key not in self._held_out:
-            index = np.append(np.concatenate([self.at[name] for name in key]), self.grams.shape[1] - 1)
+    @classmethod
+    def of(cls, groups: Mapping[str, Sequence[np.ndarray]], n_blocks: int = 25, n_folds: int = 5) -> Regression:
+        """The regression on groups of columns, each with one array for every record."""
+        widths = [1 if parts[0].ndim == 1 else parts[0].shape[1] for parts in groups.values()]
+        ends = np.cumsum([0, *widths])
+        at = {name: np.arange(a, b) for name, a, b in zip(groups, ends, ends[1:])}
+        blocks = in_blocks([np.column_stack(parts) for parts in zip(*groups.values())], n_blocks)
+        return cls(np.array([b.T @ b for b in blocks]), at, n_folds)
+
+    def left(self, target: str, names: Sequence[str] = ()) -> np.ndarray:
+        """Squares of a target left in every block by columns fitted to the other folds; the best ridge counts."""
+        return self._fit(target, tuple(names))[0]
+
+    def share(self, target: str, names: Sequence[str], beside: Sequence[str] = ()) -> tuple[float, float]:
+        """Held-out share of the squares left by ``beside`` that further columns explain, and its standard error."""
+        return share_of(self.left(target, beside), self.left(target, [*beside, *names]))
+
+    def coefficients(self, target: str, names: Sequence[str]) -> dict[str, np.ndarray]:
+        """Coefficients on all data, by name, in the columns' own units."""
+        index = self._index(target, names)
+        w = _solved(self.grams.sum(axis=0)[None, index[:, None], index], self._fit(target, tuple(names))[1])[0]
+        w = w * self.size[index[-1]] / self.size[index[:-1]]
+        ends = np.cumsum([0, *(len(self.at[name]) for name in names)])
+        return {name: w[a:b] for name, a, b in zip(names, ends, ends[1:])}
+
+    def _index(self, target: str, names: Sequence[str]) -> np.ndarray:
+        return np.concatenate([self.at[name] for name in (*names, target)])
+
+    def _fit(self, target: str, names: tuple[str, ...]) -> tuple[np.ndarray, float]:
+        """Squares left in every block, and the ridge that leaves least."""
+        if (target, names) not in self._fits:
+            index = self._index(target, names)
             grams = self.grams[:, index[:, None], index]
+            scale = float(self.size[index[-1]]) ** 2
             count = int(self.folds.max()) + 1
             parts = np.array([grams[self.folds == k].sum(axis=0) for k in range(count)])
             train = parts.sum(axis=0) - parts if count > 1 else parts
             tried = []
-            for ridge in _RIDGE:
+            for ridge in _RIDGE if len(index) > 1 else _RIDGE[:1]:
                 full = np.column_stack([-_solved(train, ridge), np.ones(count)])[self.folds]
-                tried.append(np.einsum("bi,bi->b", full, (grams @ full[:, :, None])[:, :, 0]))
-            self._held_out[key] = np.maximum(min(tried, key=np.sum), 0.0)
-        return self._held_out[key]
+                left = np.einsum("bi,bi->b", full, (grams @ full[:, :, None])[:, :, 0])
+                tried.append((scale * np.maximum(left, 0.0), ridge))
+            self._fits[target, names] = min(tried, key=lambda one: one[0].sum())
+        return self._fits[target, names]
 
-    def share(self, names: Sequence[str], beside: Sequence[str] = ()) -> tuple[float, float]:
-        """Held-out share of the squares left by ``beside`` that further columns explain, and its standard error."""
-        before, after = self.held_out(beside), self.held_out([*beside, *names])
-        if before.sum() <= 0:
-            return 0.0, 0.0
-        return 1.0 - float(after.sum() / before.sum()), jackknife(before, after)
 
-    def coefficients(self, names: Sequence[str]) -> dict[str, np.ndarray]:
-        """Coefficients on all data, by name, in the columns' own units."""
-        index = np.append(np.concatenate([self.at[name] for name in names]), self.grams.shape[1] - 1)
-        w = _solved(self.grams.sum(axis=0)[None, index[:, None], index], 1e-6)[0]
-        w = w * self.size[-1] / self.size[index[:-1]]
-        ends = np.cumsum([0, *(len(self.at[name]) for name in names)])
-        return {name: w[a:b] for name, a, b in zip(names, ends, ends[1:])}
+def in_blocks(records: Sequence[np.ndarray], n_blocks: int = 25) -> list[np.ndarray]:
+    """Rows of all records, cut into contiguous blocks of about equal length."""
+    total = sum(map(len, records))
+    counts = [max(1, int(round(n_blocks * len(part) / total))) for part in records]
+    return [block for part, count in zip(records, counts) for block in np.array_split(part, count)]
 
 
 def _solved(grams: np.ndarray, ridge: float) -> np.ndarray:
@@ -108,13 +119,16 @@ def _solved(grams: np.ndarray, ridge: float) -> np.ndarray:
     return np.linalg.solve(A + ridge * sizes + 1e-12 * eye, h)[:, :, 0]
 
 
-def jackknife(before: np.ndarray, after: np.ndarray) -> float:
-    """Standard error of ``1 - sum(after) / sum(before)`` over blocks."""
+def share_of(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
+    """``1 - sum(after) / sum(before)`` over blocks, and its standard error (jackknife)."""
+    if before.sum() <= 0:
+        return 0.0, 0.0
+    share = 1.0 - float(after.sum() / before.sum())
     if len(before) < 3:
-        return float("nan")
+        return share, float("nan")
     top, bottom = after.sum() - after, before.sum() - before
     ratio = np.divide(top, bottom, out=np.ones(len(before)), where=bottom > 0)
-    return float(np.sqrt(variance(ratio)))
+    return share, float(np.sqrt(variance(ratio)))
 
 
 # -- its columns ------------------------------------------------------------------------------------
@@ -123,11 +137,7 @@ def jackknife(before: np.ndarray, after: np.ndarray) -> float:
 def hats(x: np.ndarray, knots: np.ndarray) -> np.ndarray:
     """Piecewise linear functions that are 1 at one knot and 0 at the others, constant beyond the ends."""
     x = np.clip(x, knots[0], knots[-1])
-    k = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
-    share, rows = (x - knots[k]) / (knots[k + 1] - knots[k]), np.arange(len(x))
-    out = np.zeros((len(x), len(knots)))
-    out[rows, k], out[rows, k + 1] = 1.0 - share, share
-    return out
+    return np.column_stack([np.interp(x, knots, one) for one in np.eye(len(knots))])
 
 
 def knots_of(x: np.ndarray, count: int) -> np.ndarray:
@@ -187,10 +197,10 @@ class Basis:
         shared = set.intersection(*(set(m.covariates) for m in motions))
         self.covariates = [c for c in motions[0].covariates if c in shared]
         self.covariates = [c for c in self.covariates if any(np.ptp(m.covariates[c]) > 0 for m in motions)]
+        counts = [("s", 9), ("s", 4), ("v", 9), ("v", 4), *[("t", 7)] * self.timed, *((c, 5) for c in self.covariates)]
         self._knots = {
             (name, count): knots_of(np.concatenate([self._line(m, name) for m in motions]), count)
-            for name, count in [("s", 9), ("s", 4), ("v", 9), ("v", 4), *[("t", 7)] * self.timed]
-            + [(c, 5) for c in self.covariates]
+            for name, count in counts
         }
 
     @staticmethod
@@ -204,12 +214,16 @@ class Basis:
         """All groups by name; together with those named in ``ROWS`` they make a row of the table of shares."""
         x, y, sign, one = m.s / self.s, m.v / self.v, np.sign(m.v), np.ones(m.n_samples)
         carriers = np.column_stack([one, x, y, sign])
+        gaps = [np.maximum(np.column_stack([x, -x]) - gap, 0.0) for gap in _GAPS]
         groups = {
             "constant": one[:, None],
             "linear": np.column_stack([m.s, m.v] if m.a is None else [m.s, m.v, m.a]),
             "powers": np.column_stack([x**2, x**3, x**4, x**5]),
             "drift": self._hats(m, "s", 9),
-            "rate": np.column_stack([sign, y * np.abs(y), y**2, y**3, y**4, y**5, self._hats(m, "v", 9)]),
+            **{f"gap {k}": gap for k, gap in enumerate(gaps)},
+            "jump": sign[:, None],
+            "rate powers": np.column_stack([y * np.abs(y), y**2, y**3, y**4, y**5]),
+            "rate": self._hats(m, "v", 9),
             "surface": np.column_stack([_products(self._hats(m, "s", 4), self._hats(m, "v", 4)), sign * x]),
             "sliders": _sliders(m, self.s, _YIELD),
         }
@@ -220,16 +234,18 @@ class Basis:
         return groups
 
 
-# Groups of the rows of the table of shares, simplest first; covariates come before the time.
+_DRIFT, _RATE = ["powers", "drift"], ["jump", "rate powers", "rate"]
+# Groups of the rows of the table of shares beside constant and linear terms, simplest first.
 ROWS = {
     Dependence.CONSTANT.value: [],
     Dependence.LINEAR.value: [],
     Dependence.LINE.value: ["line"],
-    Dependence.DRIFT.value: ["powers", "drift"],
-    Dependence.RATE.value: ["rate"],
+    Dependence.DRIFT.value: _DRIFT,
+    Dependence.RATE.value: _RATE,
+    Dependence.COVARIATE.value: [],
     Dependence.TIME.value: ["time"],
-    Dependence.SURFACE.value: ["rate", "powers", "drift", "surface"],
-    Dependence.PATH.value: ["rate", "powers", "drift", "surface", "sliders"],
+    Dependence.SURFACE.value: [*_RATE, *_DRIFT, "surface"],
+    Dependence.PATH.value: [*_RATE, *_DRIFT, "surface", "sliders"],
 }
 
 
@@ -257,7 +273,7 @@ class Characterisation:
     features : list of Feature
         Marks of the shape: a jump at v = 0, a kink, hardening, softening.
     curves : dict of str to DataFrame
-        Conditional means of the force (``centre``, ``mean``, ``error`` of the mean, ``count``) by variable.
+        Conditional means of the force (``centre``, ``mean``, ``error`` of the mean, ``count``) over "s" and "v".
     covariate : str
         Where the force depends on one: its name.
     rms : float
@@ -295,10 +311,6 @@ def characterise(
 
     ``beside`` are columns of which the force may hold any multiple.
     """
-    if len(force) != len(motions) or any(len(f) != m.n_samples for f, m in zip(force, motions)):
-        raise ChannelError(
-            "Force and motion differ in length", "Give one force and one motion for each record, on one clock."
-        )
     if not all(np.isfinite(f).all() for f in force):
         raise ChannelError(
             "The force to characterise is not finite",
@@ -306,12 +318,8 @@ def characterise(
         )
     if sum(map(len, force)) < 200:
         raise ChannelError("The force has fewer than 200 samples", "Give a longer record.")
-    filters = [None] * len(force) if filters is None else filters
-    work = _Work(force, motions, filters, beside)
-    rows = {
-        name: work.judge.share(["constant"] if name == Dependence.CONSTANT.value else [*work.base, *groups])
-        for name, groups in work.rows.items()
-    }
+    work = _Work(force, motions, [None] * len(force) if filters is None else filters, beside)
+    rows = {name: work.regression.share("force", names) for name, names in work.rows.items()}
     table = pd.DataFrame.from_dict(rows, orient="index", columns=["share", "error"]) * 100
     table["low"], table["high"] = table["share"] - 2 * table["error"], table["share"] + 2 * table["error"]
     table["gain"] = table["share"] - max(table.loc["linear", "share"], 0.0)
@@ -321,16 +329,24 @@ def characterise(
     table["chosen"] = table.index == row
     covariate = row.removeprefix("covariate ") if row.startswith("covariate ") else ""
     dependence = Dependence.COVARIATE if covariate else Dependence(row) if row else Dependence.NOTHING
-    memory = float(table.loc["path", "share"] - table.loc["s and v", "share"])
-    shares = table[["share", "low", "high", "gain", "chosen"]]
-    odd, features = work.odd(row), work.features(dependence)
+    odd, whole = work.odd(row), np.concatenate(force)
+    curves = {k: conditional_mean(np.concatenate([getattr(m, k) for m in motions]), whole) for k in "sv"}
     return Characterisation(
-        shares, dependence, memory, odd, work.frequency, features, work.curves(), covariate, work.rms, noise
+        table[["share", "low", "high", "gain", "chosen"]],
+        dependence,
+        memory=float(table.loc["path", "share"] - table.loc["s and v", "share"]),
+        odd=odd,
+        frequency=work.frequency,
+        features=work.features(dependence, odd),
+        curves=curves,
+        covariate=covariate,
+        rms=float(np.sqrt(np.mean(whole**2))),
+        noise=noise,
     )
 
 
 class _Work:
-    """The force, the columns and the regression of one characterisation."""
+    """The columns and the regression of one characterisation."""
 
     def __init__(
         self,
@@ -339,31 +355,33 @@ class _Work:
         filters: Sequence[Any],
         beside: Sequence[np.ndarray] | None,
     ) -> None:
-        self.force, self.motions, self.filters = force, motions, filters
-        self.rms = float(np.sqrt(np.mean(np.concatenate(force) ** 2)))
-        self.every = every = thinning([m.s for m in motions])
+        self.motions, self.filters = motions, filters
         self.basis = Basis(motions)
-        self.whole = whole = [self.basis.of(m) for m in motions]
-        names = list(whole[0])
-        widths = np.cumsum([0, *(part.shape[1] for part in whole[0].values())])
-        columns = [filtered(np.hstack(list(one.values())), f) for one, f in zip(whole, filters)]
-        groups = {name: [c[::every, a:b] for c in columns] for name, a, b in zip(names, widths, widths[1:])}
+        self.whole = [self.basis.of(m) for m in motions]
+        widths = np.cumsum([0, *(part.shape[1] for part in self.whole[0].values())])
+        columns = [filtered(np.hstack(list(one.values())), f) for one, f in zip(self.whole, filters)]
+        groups = {name: [c[:, a:b] for c in columns] for name, a, b in zip(self.whole[0], widths, widths[1:])}
         self.base = ["constant", "linear"]
         if beside is not None:
-            groups["beside"] = [part[::every] for part in beside]
+            groups["beside"] = list(beside)
             self.base.append("beside")
-        self.frequency = np.nan
+        self.frequency = float("nan")
         if self.basis.timed:
-            more = [x[:, :0] for x in columns] if beside is None else beside
-            base = [np.hstack([c[:, : widths[2]], x]) for c, x in zip(columns, more)]
-            self.frequency = spectral_line(_without(force, base), motions)
+            fit = Regression.of({name: groups[name] for name in self.base} | {"force": force})
+            found = fit.coefficients("force", self.base)
+            rest = [f - sum(groups[k][i] @ found[k] for k in self.base) for i, f in enumerate(force)]
+            self.frequency = spectral_line(rest, motions)
             if np.isfinite(self.frequency):
-                groups["line"] = [x[::every] for x in self._line()]
-        self.groups, self.judge = groups, Judge([f[::every] for f in force], groups)
-        covariates = {name: [name] for name in names if name.startswith("covariate ")}
-        at = list(ROWS).index(Dependence.TIME.value)
-        rows = dict([*list(ROWS.items())[:at], *covariates.items(), *list(ROWS.items())[at:]])
-        self.rows = {row: used for row, used in rows.items() if all(name in groups for name in used)}
+                groups["line"] = self._line()
+        every = thinning([m.s for m in motions])
+        groups["force"] = list(force)
+        self.regression = Regression.of({name: [x[::every] for x in parts] for name, parts in groups.items()})
+        self.rows = {"constant": ["constant"]}
+        for row, names in list(ROWS.items())[1:]:
+            if row == Dependence.COVARIATE.value:
+                self.rows |= {name: [*self.base, name] for name in groups if name.startswith("covariate ")}
+            elif all(name in groups for name in names):
+                self.rows[row] = [*self.base, *names]
 
     def _line(self) -> list[np.ndarray]:
         """Cosine and sine of the line, with a phase of their own in every record."""
@@ -378,61 +396,38 @@ class _Work:
     def odd(self, row: str) -> float:
         """Odd share of the fitted function of one row of the table, along the motion and its mirror image."""
         names = self.rows.get(row, [])
-        if not names or "line" in names:
+        names = [name for name in names if name not in ("constant", "beside")]
+        if len(names) < 2 or "line" in names:
             return float("nan")
-        found = self.judge.coefficients([*self.base, *names])
+        found = self.regression.coefficients("force", self.rows[row])
         odd = even = 0.0
         for m, one, f in zip(self.motions, self.whole, self.filters):
             mirror = self.basis.of(Motion(-m.s, -m.v, None if m.a is None else -m.a, m.t, m.covariates))
             # as the filter shows them: it may hide a constant, whose coefficient is then anything
-            plus, minus = (filtered(sum(x[k] @ found[k] for k in ["linear", *names]), f) for x in (one, mirror))
+            plus, minus = (filtered(sum(x[k] @ found[k] for k in names), f) for x in (one, mirror))
             odd, even = odd + len(plus) * float(np.var(plus - minus)), even + len(plus) * float(np.var(plus + minus))
         return odd / (odd + even) if odd + even > 0 else float("nan")
 
-    def features(self, dependence: Dependence) -> list[Feature]:
+    def features(self, dependence: Dependence, odd: float) -> list[Feature]:
         """Marks of the shape of a function of the rate or of the drift."""
+        share = self.regression.share
         if dependence == Dependence.RATE:
-            jump = abs(float(self.judge.coefficients([*self.base, "rate"])["rate"][0]))
-            return [Feature.JUMP] * (jump > 0.3 * self.rms)
+            jump = share("force", ["jump"], [*self.base, "rate powers"])[0]
+            return [Feature.JUMP] * (jump > LEAST)
         if dependence != Dependence.DRIFT:
             return []
         # straight lines with a gap that explain more than a smooth curve does are a kink
-        gaps: dict[str, list[np.ndarray]] = {f"gap {g:.1f}": [] for g in _GAPS}
-        for m, f in zip(self.motions, self.filters):
-            x = np.column_stack([m.s, -m.s]) / self.basis.s
-            both = filtered(np.hstack([np.maximum(x - g, 0.0) for g in _GAPS]), f)[:: self.every]
-            for parts, columns in zip(gaps.values(), np.split(both, len(gaps), axis=1)):
-                parts.append(columns)
-        groups = {k: self.groups[k] for k in [*self.base, "powers"]} | gaps
-        judge = Judge([f[:: self.every] for f in self.force], groups)
-        smooth, best = judge.share(["powers"], self.base)[0], max(judge.share([g], self.base)[0] for g in gaps)
-        if best > smooth + 0.1 * max(1 - smooth, 0.0):
+        smooth = share("force", ["powers"], self.base)[0]
+        if max(share("force", [f"gap {k}"], self.base)[0] for k in range(len(_GAPS))) > smooth + LEAST * (1 - smooth):
             return [Feature.KINK]
-        x = np.concatenate([m.s for m in self.motions]) / self.basis.s
-        c = self.judge.coefficients([*self.base, "powers"])
-        even, odd = (c["powers"][k] * x ** (k + 2) + c["powers"][k + 2] * x ** (k + 4) for k in (0, 1))
-        if (odd**2).mean() < 0.2 * (even**2).mean():
+        if odd < 0.5:
             return []
+        x = np.concatenate([m.s for m in self.motions]) / self.basis.s
+        c = self.regression.coefficients("force", [*self.base, "powers"])["powers"]
+        curve = c[1] * x**3 + c[3] * x**5
         # an odd function less its regression on x bends outwards where it goes with x^3
-        slope = x @ odd / (x @ x)
-        bend = (odd - slope * x) @ (x**3 - (x @ x**3) / (x @ x) * x)
+        bend = (curve - x @ curve / (x @ x) * x) @ (x**3)
         return [Feature.HARDENING if bend > 0 else Feature.SOFTENING]
-
-    def curves(self) -> dict[str, pd.DataFrame]:
-        """Conditional means of the force, in bins of equal count."""
-        force = np.concatenate(self.force)
-        names = ["s", "v", *["t"] * self.basis.timed, *self.basis.covariates]
-        lines = {name: np.concatenate([self.basis._line(m, name) for m in self.motions]) for name in names}
-        return {name: conditional_mean(x, force) for name, x in lines.items()}
-
-
-def _without(force: Sequence[np.ndarray], columns: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """What is left of a force by columns fitted to all of it."""
-    A, whole = np.vstack(columns), np.concatenate(force)
-    size = np.sqrt((A**2).mean(axis=0))
-    A = A / np.where(size > 0, size, 1.0)
-    left = whole - A @ np.linalg.lstsq(A.T @ A, A.T @ whole, rcond=1e-10)[0]
-    return np.split(left, np.cumsum([len(f) for f in force])[:-1])
 
 
 def conditional_mean(x: np.ndarray, force: np.ndarray, bins: int = 30) -> pd.DataFrame:
@@ -467,74 +462,8 @@ def spectral_line(parts: Sequence[np.ndarray], motions: Sequence[Motion]) -> flo
     peak = int(ratio.argmax())
     # an exponential over a scale that is itself estimated: F with 2 and 2 k degrees of freedom
     k = size * np.log(2) ** 2 / _HANN_OVERLAP
-    if len(power) * (1.0 + ratio[peak] / k) ** -k > _LINE_LEVEL:
+    if len(power) * (1.0 + ratio[peak] / k) ** -k > RARE:
         return float("nan")
     low, high = (peak - 1) / (n * dt), (peak + 1) / (n * dt)
     fine = np.abs(zoom_fft(e * window, [low, high], 81, fs=1 / dt, endpoint=True))
     return float(np.linspace(low, high, 81)[fine.argmax()])
-
-
-# -- coupling: is a storey's residual a function of its own motion? If not, no law of a chain explains it -
-
-
-@dataclass(frozen=True)
-class Coupling:
-    """What is left of a storey's force although no law of a chain can explain it.
-
-    Attributes
-    ----------
-    storey : int
-    percent : float
-        Size of the residual, percent of the force across the storey's cut.
-    own : float
-        Share of its variance that laws of the storey's own drift, rate and path explain, on data left out.
-    others : float
-        Share of the rest that is linear in the drifts and rates of the other storeys, on data left out.
-    error : float
-        Standard error of that.
-    """
-
-    storey: int
-    percent: float
-    own: float
-    others: float
-    error: float
-
-    @property
-    def coupled(self) -> bool:
-        """Whether the other storeys surely take part."""
-        return self.others >= _OTHERS and self.others > _SURELY * self.error
-
-
-def couplings(residual: Residual, floor: NoiseFloor | None = None) -> list[Coupling]:
-    r"""Storeys whose residual is no function of their own motion, the loudest first."""
-    found = []
-    for i in range(1, residual.n_dof + 1):
-        name = f"storey {i}"
-        force, size = residual.at(name), residual.sizes.loc[name]
-        use = [k for k, e in enumerate(force) if np.isfinite(e).all() and e.any()]
-        if not use or size["rms"] <= ROUND_OFF * size["reference"]:
-            continue
-        if floor is not None and not size["rms"] > _LOUD * floor.at(name):
-            continue
-        segments, filters = [residual.data.segments[k] for k in use], [residual.filters[k] for k in use]
-        motions = [seg.motion(Site(i), seg.valid) for seg in segments]
-        every = thinning([m.s for m in motions])
-        moves = [np.hstack([seg.s[seg.valid], seg.v[seg.valid]]).astype(float) for seg in segments]
-        moves = [filtered(x, f)[::every] for x, f in zip(moves, filters)]
-        mine = [i - 1, residual.n_dof + i - 1]
-        groups = {
-            "linear": [x[:, mine] for x in moves],
-            "law": own_columns(motions, filters, every),
-            "others": [np.delete(x, mine, axis=1) for x in moves],
-        }
-        judge = Judge([force[k][::every] for k in use], groups, 60, 10)
-        # columns that explain nothing on data left out only add to what is left
-        tried = {names: judge.share(names)[0] for names in (("linear",), ("linear", "law"))}
-        own = max(tried, key=lambda names: tried[names])
-        beside = own if tried[own] > 0 else ()
-        others, error = judge.share(["others"], beside) if residual.n_dof > 1 else (0.0, 0.0)
-        one = Coupling(i, float(size["percent"]), tried[own], others, error)
-        if one.own < _OWN or (one.coupled and one.own < _ALL):
-            found.append(one)
-    return sorted(found, key=lambda c: -c.percent)

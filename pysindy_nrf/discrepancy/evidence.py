@@ -1,86 +1,478 @@
 """What the data say of the residual before any law is tried: is it noise, where does it act, what is it like.
 
 The loop gathers this for the baseline and after every accepted effect, on the search data alone. It informs the page
-and decides nothing.
+and decides nothing. One residual, one regression: what the motion explains of it tells noise from what is missing;
+what a free force with the signs of a site explains tells where it acts.
+
+A force f at a site with incidence b leaves ``e = b f`` in the balances (Newton's third law), and what the
+baseline's masses and coefficients do wrong to make up for it leaves columns of the baseline. So a
+site is judged by
+
+    E_site = min over d and f(t) of  sum_t | e(t) - A(t) d - b f(t) |_W^2
+
+with corrections d of all masses and coefficients (A: the balances' columns, one law for both ends of a
+link) and a force f that is free at every instant. It does not matter in which order the baseline
+was solved: an error carried along a solve order is a correction d. ``share = 1 - E_site / E_none``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.sparse.csgraph import connected_components
 
-from ..exceptions import NRFError
+from ..exceptions import ChannelError, NRFError
+from ..mechanics.chain import Chain
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
+from ..regression.layout import LawLayout
+from ..regression.segments import Segment
 from . import words
-from .characterisation import Characterisation, Coupling, characterise, couplings
-from .detection import Detection, detect
-from .localisation import NEAR, Localiser
+from .characterisation import (
+    NEARLY,
+    Characterisation,
+    Regression,
+    characterise,
+    filtered,
+    in_blocks,
+    own_columns,
+    share_of,
+    thinning,
+)
+from .constants import EXPLAINED, FAR, FLOOR
 from .prepare import Workspace
-from .residual import NoiseFloor, Residual, residual_of, searched
-from .words import Agreement, Location, Obstacle, Why
+from .residual import AT_FLOOR, NoiseFloor, Residual, residual_of, searched
+from .words import Agreement, Location, Obstacle, ResidualKind, Why
+
+# -- is it noise ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """What is left of a storey's force (percent of it) although no law of a chain explains it.
+
+    ``own`` is the share of its squares that laws of the storey's own motion explain, ``others`` the share of the rest
+    that is linear in the motion of the other storeys, ``coupled`` whether that is sure; all on data left out.
+    """
+
+    storey: int
+    percent: float
+    own: float
+    others: float
+    coupled: bool
+
+
+@dataclass
+class Detection:
+    """What the residual of every balance and storey holds.
+
+    ``verdicts`` has rows ``"dof j"`` and ``"storey i"``; columns ``verdict`` (a ``ResidualKind``), ``percent`` (of the
+    reference), ``floor ratio`` (rms over that of the noise floor), ``linear share`` (of the squares that drifts, rates
+    and inputs explain on data left out) and ``nonlinear share`` (of the rest, by laws of the site's own motion).
+    ``couplings`` are storeys whose residual is no function of their own motion, the loudest first.
+    """
+
+    verdicts: pd.DataFrame
+    couplings: list[Coupling]
+
+    @property
+    def is_noise(self) -> bool:
+        """Whether nothing but noise is left in any balance."""
+        return bool((self.verdicts["verdict"] == ResidualKind.NOISE).all())
+
+
+def detect(residual: Residual, floor: NoiseFloor | None = None) -> Detection:
+    """Ask of every balance and storey what the motion explains beyond what it explains of noise alone."""
+    if not isinstance(residual, Residual):
+        raise NRFError(f"{type(residual).__name__} is not a residual", "Make one with residual_of(model, data).")
+    segments = residual.data.segments
+    every = min(thinning([seg.s[seg.valid, i] for seg in segments]) for i in range(residual.n_dof))
+    sides = [_Motion(r, every) for r in (residual, *([] if floor is None else floor.draws))]
+    rows: dict[str, dict[str, Any]] = {}
+    coupled = []
+    for where, size in residual.sizes.iterrows():
+        if not np.isfinite(size["rms"]):
+            continue
+        ratio = size["rms"] / floor.at(where) if floor is not None and floor.at(where) > 0 else np.nan
+        row = {"verdict": ResidualKind.NOISE, "percent": size["percent"], "floor ratio": ratio}
+        if size["rms"] > FLOOR * size["reference"]:
+            row |= _verdict(sides, where, ratio)
+        rows[where] = row
+        if where.startswith("storey") and row["verdict"] != ResidualKind.NOISE and not ratio < AT_FLOOR:
+            coupled.append(_coupling(sides[0], where, size["percent"]))
+    columns = ["verdict", "percent", "floor ratio", "linear share", "nonlinear share"]
+    found = [one for one in coupled if one.own < EXPLAINED or one.coupled]
+    return Detection(
+        pd.DataFrame.from_dict(rows, orient="index").reindex(columns=columns), sorted(found, key=lambda c: -c.percent)
+    )
+
+
+def _verdict(sides: list[_Motion], where: str, ratio: float) -> dict[str, Any]:
+    """What one balance or storey holds; squares that the motion explains of noise alone are taken off."""
+    base, laws = ["motion", "inputs"], sides[0].laws(where)
+    fit, *noise = [side.fit(where) for side in sides]
+    shares, told = [], []
+    for names, beside in ((base, []), (laws, base)):
+        share, error = fit.share(where, names, beside)
+        drawn = [float((r.left(where, beside) - r.left(where, [*beside, *names])).sum()) for r in noise]
+        by_noise = max(np.mean(drawn), 0.0) / max(fit.left(where, beside).sum(), 1e-300) if drawn else 0.0
+        shares.append(max(share, 0.0))
+        told.append(share - by_noise > max(NEARLY, FAR * error))
+    linear, nonlinear = told
+    if nonlinear and not ratio < 1 / AT_FLOOR:
+        verdict = ResidualKind.NONLINEAR
+    elif ratio < AT_FLOOR:  # the bias of the fit is linear too
+        verdict = ResidualKind.NOISE
+    else:
+        verdict = ResidualKind.LINEAR if linear else ResidualKind.UNMEASURED
+    return {"verdict": verdict, "linear share": shares[0], "nonlinear share": shares[1]}
+
+
+def _coupling(side: _Motion, where: str, percent: float) -> Coupling:
+    """What a storey's own motion explains of its residual, and what that of the others explains of the rest."""
+    site, fit = Site(where), side.fit(where)
+    # columns that explain nothing on data left out only add to what is left
+    own = {names: fit.share(where, names)[0] for names in ((f"own {site}",), (f"own {site}", f"law {site}"))}
+    best = max(own, key=lambda names: own[names])
+    others, error = fit.share(where, ["motion"], best if own[best] > 0 else ())
+    sure = others * (1 - max(own[best], 0.0)) > NEARLY and others > FAR * error
+    return Coupling(site.p, float(percent), own[best], others, bool(sure))
+
+
+class _Motion:
+    """Drifts, rates, inputs and laws of the own motion that go with a residual, and the regression on them."""
+
+    def __init__(self, residual: Residual, every: int) -> None:
+        self.residual, self.chain, self.every = residual, residual.model.chain, every
+        self._fits: dict[tuple[int, ...], Regression] = {}
+
+    def laws(self, where: str) -> list[str]:
+        """Columns of the laws that enter one balance or storey."""
+        site = Site(where)
+        return [f"law {s}" for s in (self.chain.sites_of(site.p) if site.kind == "dof" else [site])]
+
+    def fit(self, where: str) -> Regression:
+        """The regression on all records in which a residual is known."""
+        use = tuple(i for i, e in enumerate(self.residual.at(where)) if np.isfinite(e).all())
+        if use not in self._fits:
+            self._fits[use] = self._regression(use)
+        return self._fits[use]
+
+    def _regression(self, use: tuple[int, ...]) -> Regression:
+        residual, n, every = self.residual, self.residual.n_dof, self.every
+        segments, filters = [residual.data.segments[i] for i in use], [residual.filters[i] for i in use]
+
+        def seen(parts: Iterable[np.ndarray]) -> list[np.ndarray]:
+            return [filtered(np.asarray(x, dtype=float), f)[::every] for x, f in zip(parts, filters)]
+
+        groups = {"motion": seen(np.hstack([seg.s[seg.valid], seg.v[seg.valid]]) for seg in segments)}
+        groups["inputs"] = seen(_inputs(segments))
+        for site in dict.fromkeys([*self.chain.sites, *map(Site, range(1, n + 1))]):
+            motions = [seg.motion(site, seg.valid) for seg in segments]
+            groups[f"law {site}"] = own_columns(motions, filters, every)
+            if site.is_storey:
+                groups[f"own {site}"] = seen(np.column_stack([m.s, m.v]) for m in motions)
+        for where in residual.sizes.index:
+            parts = residual.at(where)
+            if all(np.isfinite(parts[i]).all() for i in use):
+                groups[where] = [parts[i][::every] for i in use]
+        return Regression.of(groups)
+
+
+def _inputs(segments: list[Segment]) -> list[np.ndarray]:
+    """Forces, base acceleration and covariates with their slopes (a delay to first order), one array a record."""
+    names = [c for c in segments[0].covariates if c not in ("ag", "vg") and all(c in s.covariates for s in segments)]
+    based = all(seg.ag is not None for seg in segments)
+    out = []
+    for seg in segments:
+        lines = [np.nan_to_num(seg.F[seg.valid].astype(float)), *(seg.covariates[c][seg.valid] for c in names)]
+        lines += [seg.ag[seg.valid]] if based and seg.ag is not None else []
+        x = np.column_stack(lines).astype(float)
+        out.append(np.hstack([x, np.gradient(x, axis=0)]))
+    return out
+
+
+# -- where ------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Localisation:
+    """Sites, best first, by the share of the residual that a force there explains.
+
+    ``table`` has a row for each site: ``share`` (percent), ``low``, ``high`` (about 95 %), ``own`` (what the force's
+    own motion explains of it, percent), ``balances`` (the signs), ``pattern`` (its number; equal ones cannot be told
+    apart), ``near`` (hardly told from the first). ``over_floor`` is what all balances leave over what noise leaves.
+    """
+
+    table: pd.DataFrame
+    verdict: Location
+    over_floor: float
+
+    @property
+    def site(self) -> str:
+        """The best site; empty where there is nothing to locate."""
+        return "" if self.verdict == Location.NOTHING else str(self.table.index[0])
+
+
+class Localiser:
+    """Gram matrices of all columns, block by block, and the weights of the balances."""
+
+    def __init__(self, residual: Residual, floor: NoiseFloor | None = None, known_masses: Iterable[int] = ()) -> None:
+        model, chain, n = residual.model, residual.model.chain, residual.n_dof
+        self.residual, self.chain = residual, chain
+        self.known = np.flatnonzero(residual.known.all(axis=0))
+        if not len(self.known):
+            raise ChannelError(
+                "No balance is known in every record", "Judge records with different unknown forces one by one."
+            )
+        layout = LawLayout(chain, model.laws)
+        signs = chain.incidence(layout.sites)
+        terms = [signs[:, k] for k, site in enumerate(layout.sites) for _ in range(layout.counts[site])]
+        # how each column enters the balances: laws, masses, residuals
+        self.owners = np.column_stack([*terms, np.eye(n), np.eye(n)])[self.known]
+        self.noise = np.zeros((len(self.known), len(self.known)))
+        self.weight: np.ndarray = np.diag(1.0 / residual.scale[self.known] ** 2)
+        if floor is not None:
+            sigma = floor.covariance()[np.ix_(self.known, self.known)]
+            if np.isfinite(sigma).all() and (np.diag(sigma) > 0).all():
+                self.noise = 0.9 * sigma + 0.1 * np.diag(np.diag(sigma))
+                self.weight = np.linalg.inv(self.noise)
+        self.forced = np.array([j + 1 in residual.data.forced for j in self.known])
+        # without any force, masses that were given scale the chain
+        self.held = np.array([j in set(known_masses) or not self.forced.any() for j in range(1, n + 1)])
+        self.values = np.concatenate([*(model.coefficients[site] for site in layout.acting), model.masses])
+        self.columns = []
+        for seg, filter in zip(residual.data.segments, residual.filters):
+            blocks = list(seg.blocks(layout, filter=filter))
+            self.columns.append(np.hstack([np.vstack([block.terms, block.acceleration]) for block in blocks]).T)
+        rows = [np.hstack([c, np.nan_to_num(e)]) for c, e in zip(self.columns, residual.balance)]
+        pieces = in_blocks(rows)
+        self.grams = np.array([piece.T @ piece for piece in pieces])
+        self.sizes = np.array([len(piece) for piece in pieces], dtype=float)
+        self._cut: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
+
+    def found(self) -> Localisation:
+        """All sites of the chain, best first."""
+        nothing = self.at_floor
+        patterns = {site: self.pattern(site) for site in all_sites(self.residual)}
+        keys = {site: _key(b) for site, b in patterns.items()}
+        told = {keys[site]: b for site, b in patterns.items() if b is not None}
+        before = self.left(None)
+        shares = {key: share_of(before, self.left(b)) for key, b in told.items()}
+        table = pd.DataFrame(
+            [shares.get(keys[site], (np.nan, np.nan)) for site in patterns], list(patterns), ["share", "error"]
+        )
+        table = 100 * table
+        best = table["share"].max()
+        table["own"] = np.nan
+        near = [] if nothing else [Site(s) for s in table.index[table["share"] >= best - 100 * NEARLY]]
+        for site in near:
+            table.loc[site, "own"] = self.own(site, patterns[site])
+        for site in (site for site in near if site.kind == "dof"):
+            # a force at a DOF from outside is what follows none of the motions and channels with its pattern
+            alike = [s for s in near if s.kind != "dof" and keys[s] == keys[site]]
+            followed = table.loc[alike, "own"].max() if alike else 0.0
+            table.loc[site, "own"] = 100.0 - np.clip(np.nan_to_num(followed), 0.0, 100.0)
+        # equal patterns have equal shares; the force's own motion puts them in order
+        table = table.sort_values(["share", "own"], ascending=False, kind="stable", na_position="last")
+        for name, sign in (("low", -2), ("high", 2)):
+            table[name] = (table["share"] + sign * table["error"]).clip(0.0, 100.0)
+        table["share"] = table["share"].clip(0.0, 100.0)
+        table["balances"] = [_signs(self.chain, Site(site)) for site in table.index]
+        order = [keys[Site(site)] for site in table.index]
+        table["pattern"] = [order.index(key) for key in order]
+        first = table.iloc[0]
+        table["near"] = (first["share"] - table["share"] < 100 * NEARLY) | (table["high"] > first["low"])
+        verdict = Location.ONE_BALANCE if len(told) == 1 else Location.EXPLAINS
+        return Localisation(table, Location.NOTHING if nothing else verdict, self.over_floor)
+
+    def pattern(self, site: Site) -> np.ndarray | None:
+        """Signs in the known balances, or None if the site touches none."""
+        b = _incidence(self.chain, site)[self.known]
+        return b if b.any() else None
+
+    @cached_property
+    def over_floor(self) -> float:
+        """Residual of all balances over what noise leaves of them; NaN where the noise is not known."""
+        expected = float(self.sizes.sum() * np.trace(self.weight @ self.noise))
+        return float(np.sqrt(max(self.left(None).sum() / expected + 1.0, 0.0))) if expected > 0 else np.nan
+
+    @property
+    def at_floor(self) -> bool:
+        """Whether noise explains the residual, or no measurement could tell it from zero."""
+        if np.isfinite(self.over_floor):
+            return self.over_floor < AT_FLOOR
+        return bool((self.residual.sizes["percent"].iloc[: self.residual.n_dof].dropna() < 100 * FLOOR).all())
+
+    # -- corrections of the baseline ------------------------------------------------------------
+
+    def _form(self, b: np.ndarray | None) -> np.ndarray:
+        """Weights of what a free force with a pattern leaves."""
+        if b is None:
+            return self.weight
+        Wb = self.weight @ b
+        return self.weight - np.outer(Wb, Wb) / (b @ Wb)
+
+    def fit(self, b: np.ndarray | None) -> Regression:
+        """The regression of the residual on the columns of the baseline, beside a free force with a pattern."""
+        k, n = self.columns[0].shape[1], self.residual.n_dof
+        joined = np.eye(k + n)[:, : k + 1]
+        joined[k:, k] = 1.0
+        free = np.concatenate([np.arange(k - n), k - n + np.flatnonzero(self._free_masses(b))])
+        form = self.owners.T @ self._form(b) @ self.owners
+        # columns that enter the balances as the force does are its own
+        free = free[np.diag(form)[free] > 1e-12 * np.trace(self.weight)]
+        return Regression(joined.T @ (form * self.grams) @ joined, {"baseline": free, "e": np.array([k])})
+
+    def left(self, b: np.ndarray | None) -> np.ndarray:
+        """Squares left in every block beside a free force with a pattern, without those of noise."""
+        return self.fit(b).left("e", ["baseline"]) - self.sizes * float(np.trace(self._form(b) @ self.noise))
+
+    def _pieces(self, b: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """Pieces into which a free force cuts the chain: the number of each balance's, and where a force scales it."""
+        if _key(b) not in self._cut:
+            ties, seen = self.owners[:, : -2 * self.residual.n_dof], np.ones(len(self.known), dtype=bool)
+            if b is not None and np.count_nonzero(b) == 1:
+                seen = np.equal(b, 0)
+            elif b is not None:
+                ties = np.column_stack([ties, b])
+            ties = np.abs(ties) * seen[:, None]
+            piece = np.where(seen, connected_components(ties @ ties.T)[1], -1)
+            self._cut[_key(b)] = piece, np.isin(piece, piece[self.forced & seen])
+        return self._cut[_key(b)]
+
+    def _free_masses(self, b: np.ndarray | None) -> np.ndarray:
+        """DOFs whose mass is corrected: all but one, the largest, of a piece that nothing scales."""
+        piece, scaled = self._pieces(b)
+        masses = self.residual.model.masses
+        out = np.zeros(self.residual.n_dof, dtype=bool)
+        out[self.known] = piece >= 0
+        for p in np.unique(piece[(piece >= 0) & ~scaled]):
+            dofs = self.known[piece == p]
+            out[dofs[np.abs(masses[dofs]).argmax()]] = False
+        return out & ~self.held
+
+    # -- the force itself, and whose motion it follows ------------------------------------------
+
+    def force(self, site: Site) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """The force that is missing if it acts at one site, freed of what the baseline does wrong to make up for it.
+
+        Along every record, N, with columns that it may hold any multiple of.
+        """
+        b = self.pattern(site)
+        assert b is not None
+        k, n = self.columns[0].shape[1], self.residual.n_dof
+        fit = self.fit(b)
+        delta = np.zeros(k)
+        delta[fit.at["baseline"]] = fit.coefficients("e", ["baseline"])["baseline"]
+        weights = self.weight @ b / (b @ self.weight @ b)
+        owners = self.owners[:, :k]
+        piece, scaled = self._pieces(b)
+        loose = [
+            (weights @ owners) * (self.values + delta) * (owners[piece == p] != 0).any(axis=0)
+            for p in np.unique(piece[(piece >= 0) & ~scaled])
+            if not self.held[self.known[piece == p]].any()
+        ]
+        # columns that enter the balances like the force itself: nothing else can tell their coefficients
+        alone = np.array([np.abs(o).sum() > 0 and np.allclose(o, (o @ b) / (b @ b) * b) for o in owners.T])
+        alone[k - n :] &= ~self.held
+        force, base = [], []
+        for columns, e in zip(self.columns, self.residual.balance):
+            force.append(e[:, self.known] @ weights - columns @ ((weights @ owners) * delta))
+            base.append(np.column_stack([columns[:, alone], *(columns @ c for c in loose)]))
+        return force, base
+
+    def own(self, site: Site, b: np.ndarray | None) -> float:
+        """Share of the free force that its own motion, or a delay of its channel, explains; percent."""
+        if site.kind == "dof" or b is None:
+            return np.nan
+        force, base = self.force(site)
+        if not any(f.any() for f in force):
+            return np.nan
+        segments, filters = self.residual.data.segments, self.residual.filters
+        every = 1
+        if site.kind == "link":
+            motions = [seg.motion(site, seg.valid) for seg in segments]
+            every = thinning([m.s for m in motions])
+            linear = [filtered(np.column_stack([m.s, m.v]), f)[::every] for m, f in zip(motions, filters)]
+            own = [np.hstack(pair) for pair in zip(linear, own_columns(motions, filters, every))]
+        else:
+            kind, j = site.channel[0], int(site.channel[1:]) - 1
+            lines = [(seg.a if kind == "a" else seg.F)[seg.valid, j].astype(float) for seg in segments]
+            own = [filtered(np.gradient(x)[:, None], f) for x, f in zip(lines, filters)]
+        thin = {name: [x[::every] for x in parts] for name, parts in (("base", base), ("force", force))}
+        return 100 * max(Regression.of({"own": own, **thin}).share("force", ["own"], ["base"])[0], 0.0)
+
+
+def all_sites(residual: Residual) -> list[Site]:
+    """Sites of the chain, all storeys, links, ground links and DOFs, and the sensors felt in one balance."""
+    chain = residual.model.chain
+    n = chain.n_dof
+    names: list[Any] = [*chain.sites, *range(1, n + 1)]
+    names += [f"link {p}-{q}" for p in range(3, n + 1) for q in range(1, p - 1)]
+    names += [f"ground {j}" for j in range(2, n + 1)]
+    names += [f"dof {j}" for j in range(1, n + 1)]
+    names += [f"sensor a{j}" for j in range(1, n + 1)] + [f"sensor F{j}" for j in residual.data.forced]
+    return list(dict.fromkeys(Site(s) for s in names))
+
+
+def _incidence(chain: Chain, site: Site) -> np.ndarray:
+    """Signs of a site in the balances; an acceleration or force sensor is felt in the balance of its DOF."""
+    if site.kind != "sensor":
+        return chain.incidence([site])[:, 0]
+    return (np.arange(1, chain.n_dof + 1) == int(site.channel[1:])).astype(float)
+
+
+def _key(b: np.ndarray | None) -> bytes:
+    return b"" if b is None else (b if b[np.flatnonzero(b)[0]] > 0 else 0.0 - b).tobytes()
+
+
+def _signs(chain: Chain, site: Site) -> str:
+    b = _incidence(chain, site)
+    return ", ".join(f"{'+' if x > 0 else '-'}{j + 1}" for j, x in enumerate(b) if x)
+
+
+# -- all of it --------------------------------------------------------------------------------------
 
 
 @dataclass
 class Evidence:
     """What is left of the measured forces after one model of the loop.
 
-    Attributes
-    ----------
-    model : str
-        ``"baseline"``, or the effect that was added last.
-    sizes : DataFrame
-        Residual of each balance and storey, see :class:`~pysindy_nrf.discrepancy.residual.Residual`.
-    detection : Detection or None
-        Whether it is noise.
-    floor : NoiseFloor or None
-        What noise alone would leave; None if it is not known.
-    localisation : DataFrame or None
-        Sites, best first, see :func:`~pysindy_nrf.discrepancy.localisation.localise`.
-    site : str
-        The site whose force is characterised: the best of ``localisation``; empty if there is nothing to locate.
-    characterisation : Characterisation or None
-        What the force there depends on.
-    chosen : str
-        The site at which the loop then added an effect; empty if none was added.
-    later : tuple of str
-        Sites at which the loop added effects in later steps.
-    couplings : list of Coupling
-        Storeys of the last model whose residual is loud and no function of their own motion.
-    not_possible : dict of str to Obstacle
-        Why a question to the residual has no answer, by its name.
+    ``model`` is ``"baseline"`` or the effect that was added last, ``chosen`` the site at which the loop then added an
+    effect (empty if none), ``later`` those of its later steps, ``sizes`` the residual of each balance and storey,
+    ``floor`` what noise alone would leave; ``not_possible`` says why a question has no answer.
     """
 
     model: str
     sizes: pd.DataFrame = field(default_factory=pd.DataFrame)
     detection: Detection | None = None
     floor: NoiseFloor | None = None
-    localisation: pd.DataFrame | None = None
-    site: str = ""
+    localisation: Localisation | None = None
     characterisation: Characterisation | None = None
     chosen: str = ""
     later: tuple[str, ...] = ()
-    couplings: list[Coupling] = field(default_factory=list)
     not_possible: dict[str, Obstacle] = field(default_factory=dict)
+
+    @property
+    def site(self) -> str:
+        """The site whose force is characterised; empty if there is nothing to locate."""
+        return "" if self.localisation is None else self.localisation.site
+
+    @property
+    def couplings(self) -> list[Coupling]:
+        """Storeys of the last model whose residual is loud and no function of their own motion."""
+        return [] if self.chosen or self.floor is None or self.detection is None else self.detection.couplings
 
     @property
     def detection_sentence(self) -> str:
         """Whether the residual is noise, in words."""
         return words.detection(self)
-
-    @property
-    def strongest(self) -> pd.Series | None:
-        """The test that stands out most: of a signal if one does, else of the residual's own past."""
-        if self.detection is None or not len(self.detection.tests):
-            return None
-        tests = self.detection.tests
-        named = tests[tests["outside"] & (tests["test"] != "phi_ee")]
-        chosen = named if len(named) else tests
-        return chosen.loc[(chosen["peak"].abs() / chosen["band"]).idxmax()]
 
     @property
     def localisation_sentence(self) -> str:
@@ -95,20 +487,19 @@ class Evidence:
     @property
     def agreement(self) -> Agreement:
         """Whether localisation agrees with the site of the effect that was added."""
-        table = self.localisation
-        if not self.chosen or not self.site or table is None or table["share"].isna().all():
+        if not self.chosen or not self.site or self.localisation is None:
             return Agreement.NONE
-        if table["share"].dropna().round(6).nunique() == 1:
+        if self.localisation.verdict == Location.ONE_BALANCE:
             return Agreement.SIGNLESS
+        table = self.localisation.table
         if self.chosen not in table.index or not np.isfinite(table.loc[self.chosen, "share"]):
             return Agreement.UNJUDGED
-        mine, best = table.loc[self.chosen], table.iloc[0]
-        if mine["balances"] == best["balances"]:
+        mine = table.loc[self.chosen]
+        if mine["pattern"] == table.iloc[0]["pattern"]:
             return Agreement.SAME
         if self.site in self.later:
             return Agreement.LATER
-        near = best["share"] - mine["share"] < NEAR or mine["high"] > best["low"]
-        return Agreement.NEAR if near else Agreement.DISAGREES
+        return Agreement.NEAR if mine["near"] else Agreement.DISAGREES
 
     def __str__(self) -> str:
         return "\n".join([self.detection_sentence, self.localisation_sentence, self.characterisation_sentence])
@@ -128,24 +519,20 @@ def look(
         out.not_possible |= dict.fromkeys(words.QUESTIONS, out.not_possible["residual"])
         return out
     out.sizes = residual.sizes
+    out.floor = None if floor is None else replace(floor, draws=[])
     out.detection = _tried(out, "detection", lambda: detect(residual, floor))
     where = _tried(out, "localisation", lambda: Localiser(residual, floor, work.known_masses))
-    out.localisation = None if where is None else _tried(out, "localisation", where.table)
+    out.localisation = None if where is None else _tried(out, "localisation", where.found)
     if out.localisation is None:
-        out.not_possible["characterisation"] = Obstacle(Why.NO_SITE, words.obstacle(out.not_possible["localisation"]))
+        why = Obstacle(Why.NO_SITE, words.obstacle(out.not_possible["localisation"]))
+    elif out.detection is not None and out.detection.is_noise:
+        why = Obstacle(Why.ONLY_NOISE)
+    elif not out.site:
+        why = Obstacle(Why.NOTHING_LOCATED)
     else:
-        located = out.localisation["verdict"].iloc[0] != Location.NOTHING
-        out.site = str(out.localisation.index[0]) if located else ""
-        if out.detection is not None and out.detection.is_noise:
-            out.not_possible["characterisation"] = Obstacle(Why.ONLY_NOISE)
-        elif not located:
-            out.not_possible["characterisation"] = Obstacle(Why.NOTHING_LOCATED)
-        else:
-            out.characterisation = _tried(out, "characterisation", lambda: _characterised(where, Site(out.site), floor))
-    if floor is not None:
-        if not chosen:
-            out.couplings = _tried(out, "coupling", lambda: couplings(residual, floor)) or []
-        out.floor = replace(floor, draws=[])
+        out.characterisation = _tried(out, "characterisation", lambda: _characterised(where, Site(out.site), floor))
+        return out
+    out.not_possible["characterisation"] = why
     return out
 
 

@@ -25,8 +25,6 @@ from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
 from ..regression.segments import SegmentSet
 
-# Residuals below this share of their reference are rounding.
-ROUND_OFF = 1e-9
 # A residual within this factor of the noise floor is at the floor: the floor itself is known no better.
 AT_FLOOR = 1.3
 # Samples looked at: enough to see any effect, and little beside the search.
@@ -85,12 +83,6 @@ class Residual:
         size = self.reference["reference"].to_numpy()
         percent = 100 * np.divide(left, size, out=np.full(len(left), np.nan), where=size > 0)
         return self.reference.assign(rms=left, percent=percent)[["rms", "percent", "reference", "of"]]
-
-    @property
-    def is_round_off(self) -> bool:
-        """Whether every balance closes to rounding."""
-        size = self.sizes.iloc[: self.n_dof].dropna(subset="rms")
-        return bool((size["rms"] <= ROUND_OFF * size["reference"]).all())
 
     def at(self, name: str) -> list[np.ndarray]:
         """Residual of one balance (``"dof 2"``) or storey (``"storey 2"``), one array for each record, N."""

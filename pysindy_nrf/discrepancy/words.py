@@ -15,6 +15,9 @@ import pandas as pd
 
 from ..mechanics.sites import Site
 
+# A function is odd or even if the other part holds less than a tenth of its variance.
+OTHER_PART = 0.1
+
 
 class ResidualKind(Enum):
     """What the residual of one balance or storey holds; the values are the words."""
@@ -22,24 +25,22 @@ class ResidualKind(Enum):
     NOISE = "noise"
     LINEAR = "linear effect missing"
     NONLINEAR = "nonlinear effect missing"
-    UNMEASURED = "unmeasured force or coloured noise"
+    UNMEASURED = "unmeasured force or unknown noise"
 
 
 class Location(Enum):
-    """What the signs of the balances say of one site."""
+    """What the signs of the balances say."""
 
     NOTHING = "nothing to locate"  # noise or rounding explains all balances
     EXPLAINS = "explains"
-    ONE_BALANCE = "one balance"  # every site explains the same
-    UNSEEN = "unseen"  # the site touches no known balance
-    UNKNOWN = "unknown"  # nothing is left to be explained
+    ONE_BALANCE = "one balance"  # all sites have one pattern of signs
 
 
 class Agreement(Enum):
     """How localisation and the site that the loop chose agree; the values are the words."""
 
     NONE = ""  # nothing was chosen or located
-    SIGNLESS = "The loop chose {chosen} by the error after refitting."  # all sites have one pattern of signs
+    SIGNLESS = "The loop chose {chosen} by the error after refitting."
     SAME = "The loop chose the same pattern of signs, at {chosen}."
     UNJUDGED = "The loop chose {chosen}, which localisation cannot judge."
     LATER = "The loop chose {chosen} ({share:.0f} %) first, and {site} in a later step."
@@ -107,13 +108,6 @@ class Contradiction:
 
 
 QUESTIONS = ("detection", "localisation", "characterisation")
-# What the tests of detection correlate, x being a signal and e the residual.
-TESTS = {
-    "phi_ee": "the residual with its own past",
-    "phi_xe": "the residual with {x}",
-    "phi_x2e": "the residual with the square of {x}",
-    "phi_x3e": "the residual with the cube of {x}",
-}
 _DEPENDENCE = {
     Dependence.CONSTANT: "Is constant: an offset or a dead load",
     Dependence.LINEAR: "Is linear in s, v and a: a wrong stiffness, damping or mass",
@@ -150,19 +144,20 @@ def detection(evidence: Any) -> str:
         return not_possible("detection", evidence)
     table = evidence.detection.verdicts
     ratio = table["floor ratio"].max()
-    times = f"at most {ratio:.2g} times the noise floor" if np.isfinite(ratio) else "noise taken to be white"
+    times = f"at most {ratio:.2g} times the noise floor" if np.isfinite(ratio) else "the noise is not known"
     if evidence.detection.is_noise:
         return f"Nothing but noise is left in any balance ({times})."
     kinds = table[table["verdict"] != ResidualKind.NOISE]["verdict"]
     said = [f"{kind.value} in {_listed(kinds.index[kinds == kind])}" for kind in dict.fromkeys(kinds)]
-    best = evidence.strongest
-    strongest = (
-        ""
-        if best is None or not best["outside"]
-        else f" The strongest correlation is {TESTS[best['test']].format(x=best['signal'])} in "
-        f"{_listed([best['where']])}: {best['peak']:.2f}, where noise stays within {best['band']:.2f}."
+    text = f"The residual is not noise: {'; '.join(said)} ({times})."
+    told = table[table["verdict"].isin([ResidualKind.LINEAR, ResidualKind.NONLINEAR])]
+    if not len(told):
+        return text
+    most = told.loc[told["nonlinear share"].idxmax()]
+    return (
+        f"{text} In {_listed([most.name])} drifts, rates and inputs explain {100 * most['linear share']:.0f} % of it "
+        f"linearly, and nonlinear laws of its own motion {100 * most['nonlinear share']:.0f} % of the rest."
     )
-    return f"The residual is not noise: {'; '.join(said)} ({times}).{strongest}"
 
 
 def _listed(places: Sequence[str]) -> str:
@@ -180,46 +175,40 @@ def _listed(places: Sequence[str]) -> str:
 
 def localisation(evidence: Any) -> str:
     """Where the missing force acts, and whether the chosen site agrees."""
-    table = evidence.localisation
-    if table is None:
+    found = evidence.localisation
+    if found is None:
         return not_possible("localisation", evidence)
-    first = table.iloc[0]
-    if first["verdict"] == Location.NOTHING:
-        ratio = first["over floor"]
-        much = f"{ratio:.2g} times what noise leaves" if np.isfinite(ratio) else "round-off"
+    if found.verdict == Location.NOTHING:
+        ratio = found.over_floor
+        much = f"{ratio:.2g} times what noise leaves" if np.isfinite(ratio) else "no more than any measurement does"
         return f"All balances together leave {much}: nothing to locate."
-    text = f"The signs across the balances point to {evidence.site}: {_located(table)}."
-    if table["share"].dropna().round(6).nunique() <= 1:
-        text = f"{_located(table)}."
-        text = text[:1].upper() + text[1:]
-    share = table["share"].get(evidence.chosen, np.nan)
+    text = _located(found.table)
+    if found.verdict == Location.ONE_BALANCE:
+        text = f"One balance: the signs say nothing{text[text.find(';') :] if ';' in text else ''}"
+    else:
+        text = f"The signs across the balances point to {found.site}: {text}"
+    share = found.table["share"].get(evidence.chosen, np.nan)
     agreement = evidence.agreement.value.format(chosen=evidence.chosen, site=evidence.site, share=share)
-    return f"{text} {agreement}".strip()
+    return f"{text}. {agreement}".strip()
 
 
 def _located(table: pd.DataFrame) -> str:
-    """The verdict on the best site, and which others come near it."""
+    """What the best site explains, and which others come near it."""
     first, rest = table.iloc[0], table.iloc[1:]
-    if first["verdict"] in (Location.UNSEEN, Location.UNKNOWN):
-        return "no known balance can tell"
-    within = f"{first['low']:.0f} to {first['high']:.0f}; " if np.isfinite(first["low"]) else ""
+    within = f"{first['low']:.0f} to {first['high']:.0f}, " if np.isfinite(first["low"]) else ""
     text = f"explains {first['share']:.0f} % ({within}balances {first['balances']})"
-    if first["verdict"] == Location.ONE_BALANCE:
-        text = "one balance: the signs say nothing"
     if np.isfinite(own := first["own"]):
         text += {
             "link": f"; its own motion explains {own:.0f} % of the force",
             "sensor": f"; a delay explains {own:.0f} %",
             "dof": f"; {own:.0f} % follows no motion there",
         }[Site(table.index[0]).kind]
-    if first["verdict"] == Location.EXPLAINS:
-        alike = rest["pattern"] == first["pattern"]
-        if len(others := rest[~alike & rest["share"].notna()]):
-            other = others.iloc[0]
-            told = "hardly told from" if other["near"] else "next"
-            text += f"; {told} {other.name} ({other['share']:.0f} %)"
-        if alike.any():
-            text += f"; the same pattern as {', '.join(map(str, rest.index[alike]))}"
+    alike = rest["pattern"] == first["pattern"]
+    if len(others := rest[~alike & rest["share"].notna()]):
+        other = others.iloc[0]
+        text += f"; {'hardly told from' if other['near'] else 'next'} {other.name} ({other['share']:.0f} %)"
+    if alike.any():
+        text += f"; the same pattern as {', '.join(map(str, rest.index[alike]))}"
     return text
 
 
@@ -252,7 +241,7 @@ def characterised(found: Any) -> str:
 
 def _kind(found: Any) -> str:
     """What a force depends on and what it is like, without numbers of the fit."""
-    parity = "odd" if found.odd > 0.9 else "even" if found.odd < 0.1 else "neither odd nor even"
+    parity = "odd" if found.odd > 1 - OTHER_PART else "even" if found.odd < OTHER_PART else "neither odd nor even"
     if Feature.JUMP in found.features:
         return f"Depends on v alone, {parity}, with a jump at v = 0: friction-like"
     if Feature.KINK in found.features:

@@ -10,7 +10,7 @@ from scipy import stats
 
 from pysindy_nrf import ChainModel, Record, laws
 from pysindy_nrf.discrepancy import bootstrap, characterisation
-from pysindy_nrf.discrepancy.characterisation import couplings
+from pysindy_nrf.discrepancy.evidence import detect
 from pysindy_nrf.discrepancy.residual import NoiseFloor, from_top, residual_of, rms
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.laws import Motion
@@ -56,14 +56,14 @@ def chain_residual(rho, n=3000, seed=0):
 def test_a_storey_that_follows_another_is_coupled_and_one_that_follows_itself_is_not():
     found = chain_residual([lambda s, v: s[:, 0] ** 3 + 5 * np.sign(v[:, 0]), lambda s, v: 2 * s[:, 0] + noise(len(s))])
     assert rms([from_top(found.balance[0])])[1] == pytest.approx(np.sqrt(5), rel=0.05)
-    one = couplings(found)
+    one = detect(found).couplings
     assert [c.storey for c in one] == [2]
     # 4 of 5 parts are linear in the other storey, of what its own motion leaves: all
     assert one[0].own == pytest.approx(0.0, abs=0.02) and one[0].others == pytest.approx(0.8, abs=0.03)
     assert one[0].percent == pytest.approx(found.sizes.loc["storey 2", "percent"])
     level = found.sizes.loc["storey 2", "rms"]
-    assert not couplings(found, NoiseFloor(np.ones(2), np.full(2, level), ""))
-    assert couplings(found, NoiseFloor(np.ones(2), np.full(2, 0.1 * level), ""))
+    assert not detect(found, NoiseFloor(np.ones(2), np.full(2, level), "")).couplings
+    assert detect(found, NoiseFloor(np.ones(2), np.full(2, 0.1 * level), "")).couplings
 
 
 @pytest.mark.parametrize(
@@ -74,7 +74,7 @@ def test_a_storey_is_listed_if_half_is_unexplained_or_a_twentieth_follows_the_ot
         rest = s[:, 0] if other else noise(len(s), 9)
         return np.sqrt(own) * np.sign(v[:, 1]) + np.sqrt(1 - own) * rest
 
-    found = couplings(chain_residual([lambda s, v: 0 * s[:, 0], force], 8000))
+    found = detect(chain_residual([lambda s, v: 0 * s[:, 0], force], 8000)).couplings
     assert bool(found) == listed and (not found or found[0].own == pytest.approx(own, abs=0.02))
 
 

@@ -14,7 +14,7 @@ from pysindy_nrf.discrepancy.characterisation import characterise
 from pysindy_nrf.discrepancy.evidence import Evidence, look, searched
 from pysindy_nrf.discrepancy.prepare import Workspace, prepare
 from pysindy_nrf.discrepancy.windows import split, window_length
-from pysindy_nrf.discrepancy.words import Agreement, Dependence, Feature, ResidualKind
+from pysindy_nrf.discrepancy.words import Agreement, Dependence, Feature, Location, ResidualKind
 
 pytestmark = pytest.mark.slow
 
@@ -63,7 +63,7 @@ def test_records_held_out_do_not_reach_the_evidence():
         for other in (record(friction, seed=2, n_samples=2000), record(cubic, seed=4, n_samples=2000))
     ]
     a, b = (report.evidence[0] for report in reports)
-    pd.testing.assert_frame_equal(a.localisation, b.localisation)
+    pd.testing.assert_frame_equal(a.localisation.table, b.localisation.table)
     pd.testing.assert_frame_equal(a.sizes, b.sizes)
     assert str(a) == str(b)
 
@@ -113,15 +113,15 @@ def test_agreement_and_disagreement_with_the_chosen_site_are_said():
 
     agreement, said = chose("storey 2")
     assert agreement == Agreement.SAME and "the same pattern of signs" in said
-    far = first.localisation["share"].idxmin()
+    far = first.localisation.table["share"].idxmin()
     agreement, said = chose(far)
     assert agreement == Agreement.DISAGREES and f"chose {far}: by its signs alone it explains" in said
     agreement, said = chose(far, later=("storey 2",))
     assert agreement == Agreement.LATER and "in a later step" in said
     agreement, said = chose("sensor x1")
     assert agreement == Agreement.UNJUDGED and "cannot judge" in said
-    twins = first.localisation[first.localisation["balances"] == "+3"].index
-    agreement, said = chose(twins[1], localisation=first.localisation.loc[twins], site=twins[0])
+    one_balance = dataclasses.replace(first.localisation, verdict=Location.ONE_BALANCE)
+    agreement, said = chose(far, localisation=one_balance)
     assert agreement == Agreement.SIGNLESS and "by the error after refitting" in said  # the signs say nothing
     assert Evidence("baseline").detection_sentence.startswith("Detection is not possible because")
 

@@ -101,7 +101,7 @@ def test_evidence_names_the_storey_and_the_kind_before_the_loop_names_a_law(foun
 def test_where_there_is_nothing_to_locate_no_site_is_named(silent, found):
     for report in (silent, found):
         last = report.evidence[-1]
-        assert last.localisation["verdict"].iloc[0] == Location.NOTHING and last.site == ""
+        assert last.localisation.verdict == Location.NOTHING and last.site == ""
         assert last.characterisation is None and last.not_possible["characterisation"].expected
         for one in (last, replace(last, chosen="storey 1")):
             said = one.localisation_sentence
@@ -120,7 +120,7 @@ def test_a_residual_that_is_not_noise_and_has_no_place_is_not_characterised(sile
         detection=replace(last.detection, verdicts=verdicts),
         not_possible={"characterisation": Obstacle(Why.NOTHING_LOCATED)},
     )
-    assert "unmeasured force or coloured noise" in one.detection_sentence
+    assert "unmeasured force or unknown noise" in one.detection_sentence
     assert one.characterisation_sentence == (
         "Characterisation is not possible because the residual is at the noise floor."
     )
@@ -128,7 +128,7 @@ def test_a_residual_that_is_not_noise_and_has_no_place_is_not_characterised(sile
 
 def test_a_disagreement_about_the_site_is_a_caution_of_the_page(found):
     first = found.evidence[0]
-    far = first.localisation["share"].idxmin()
+    far = first.localisation.table["share"].idxmin()
     other = replace(found, evidence=[replace(first, chosen=far), *found.evidence[1:]])
     assert sum("disagree" in line for line in cautions(other)) == 1
     assert not any("disagree" in line for line in cautions(found))

@@ -313,7 +313,7 @@ def test_doubts_about_a_step_are_said():
     doubtful = copy.copy(report)
     doubtful.steps = [replace(step, free_run_before=10.0, free_run_after=30.0)]
     first, *rest = report.evidence
-    doubtful.evidence = [replace(first, chosen=first.localisation["share"].idxmin()), *rest]
+    doubtful.evidence = [replace(first, chosen=first.localisation.table["share"].idxmin()), *rest]
     said = " ".join(cautions(doubtful))
     assert f"at {step.site} the held-out free run is worse than before (10 to 30 %)" in said
     assert "Localisation and the loop disagree about" in said

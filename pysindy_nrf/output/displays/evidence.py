@@ -1,4 +1,4 @@
-"""Figures of what a model leaves: residuals, correlations, where the missing force acts, what it depends on."""
+"""Figures of what a model leaves: residuals, what explains them, where the missing force acts, what it depends on."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from ._figure import CYCLE, Area, Axis, Bars, Figure, Line, Mark, Table, dof_words, table
+from ._figure import CYCLE, Axis, Bars, Figure, Line, Mark, dof_words, table
 from ._matplotlib import Display
 
 if TYPE_CHECKING:
     from ...discrepancy.evidence import Evidence
 
 _VARIABLES = {
-    "s": ("drift s", "m"), "v": ("rate v", "m/s"), "t": ("time", "s"), "amplitude": ("amplitude of s", "m"),
+    "s": ("drift s", "m"), "v": ("rate v", "m/s"),
 }  # fmt: skip
 _DEPENDENCES = {
     "constant": "nothing (constant)", "linear": "s, v, a linearly", "line": "a spectral line",
@@ -24,10 +24,12 @@ _DEPENDENCES = {
 
 
 def evidence_figures(evidence: Evidence) -> list[Figure]:
-    """Everything that can be drawn of one step of the loop: residual, correlation, localisation, dependence."""
-    made = [residual_figure(evidence.sizes, evidence.floor), _correlation(evidence)]
+    """Everything that can be drawn of one step of the loop: residual, detection, localisation, dependence."""
+    made = [residual_figure(evidence.sizes, evidence.floor)]
+    if evidence.detection is not None:
+        made.append(_detection(evidence.detection))
     if evidence.localisation is not None and evidence.site:
-        made.append(localisation_figure(evidence.localisation, evidence.chosen))
+        made.append(localisation_figure(evidence.localisation.table, evidence.chosen))
     found = [figure for figure in made if figure is not None]
     if evidence.characterisation is not None:
         found += dependence_figures(evidence.characterisation, ("s", "v"), f" at {evidence.site}")
@@ -71,39 +73,29 @@ def residual_figure(sizes: pd.DataFrame, floor: Any = None) -> Figure | None:
     )
 
 
-def _correlation(evidence: Evidence) -> Figure | None:
-    """The strongest correlation of the residual, and what noise stays within."""
-    from ...discrepancy.words import TESTS
-
-    best = evidence.strongest
-    if evidence.detection is None or best is None:
+def _detection(found: Any) -> Figure | None:
+    """What the motion explains of the residual of each balance and storey; None where nothing was asked."""
+    shares = found.verdicts[["linear share", "nonlinear share", "verdict"]].dropna()
+    if not len(shares):
         return None
-    tests = evidence.detection.tests.assign(over=lambda t: t["peak"].abs() / t["band"])
-    lag, phi, band = evidence.detection.curves[best["where"], best["test"], best["signal"]]
-    ends = np.asarray(lag, dtype=float)[[0, -1]]
-    rows = [
-        [dof_words(r["where"]), TESTS[r["test"]].format(x=r["signal"]), r["peak"], r["band"], r["p"]]
-        for _, r in tests.sort_values("over", ascending=False).head(12).iterrows()
-    ]
-    where, words = dof_words(best["where"]), TESTS[best["test"]].format(x=best["signal"])
+    linear, rest = 100 * shares["linear share"], 100 * shares["nonlinear share"]
+    names = [dof_words(n) for n in shares.index]
+    shown = pd.DataFrame({"linear": linear, "rest": rest, "verdict": [v.value for v in shares["verdict"]]})
+    head = {"linear": "linear (%)", "rest": "of the rest, nonlinear (%)", "verdict": "verdict"}
     return Figure(
-        f"Detection: the strongest correlation, {where}",
-        [Area(ends, [-band, -band], [band, band], "noise stays within"), Line(lag, phi, "correlation", width=1.6)],
-        Axis("lag", "s" if best["test"] != "phi_ee" else "samples, whitened"),
-        Axis("correlation", "−1 to 1"),
-        alt=f"Correlation of {words} in {where}: peak {best['peak']:.2f}, noise stays within {best['band']:.2f}.",
-        caption=f"{words[0].upper()}{words[1:]}; the grey band holds noise.",
-        table=Table(
-            "The strongest correlation tests", ["where", "correlation of", "peak", "noise within", "p if noise"], rows
-        ),
-        height=320,
+        "Detection: what the motion explains of the residual",
+        [Bars(linear, "linearly", "sky"), Bars(rest, "of the rest, nonlinearly", "blue")],
+        **_lying(2 * len(names), "explained on data left out", names),
+        alt=f"Nonlinear laws of its own motion explain at most {rest.max():.0f} percent, in {rest.idxmax()}.",
+        caption="Linearly: by all drifts, rates and inputs. Nonlinearly: by laws of its own motion.",
+        table=table("What the motion explains of the residual", shown.set_axis(names), head, index="where"),
     )
 
 
 def localisation_figure(found: pd.DataFrame, chosen: str = "", most: int = 8) -> Figure | None:
     """Share of the residual that a force at each site explains; sites that no balance tells apart share a bar."""
     found = found[found["share"].notna()]
-    groups = [(list(g.index), g.iloc[0]) for _, g in found.groupby(found["share"].round(6), sort=False)]
+    groups = [(list(g.index), g.iloc[0]) for _, g in found.groupby("pattern", sort=False)]
     if len(groups) < 2:
         return None
     late = any(chosen in sites for sites, _ in groups[most:])

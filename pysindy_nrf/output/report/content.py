@@ -431,7 +431,7 @@ def cautions(report: Any) -> list[str]:
     closed = {name: why for e in report.evidence for name, why in e.not_possible.items() if not why.expected}
     out += [sentence(f"{name} was not possible because {obstacle(why)}") for name, why in closed.items()]
     if any(e.floor is None for e in report.evidence):
-        out.append("What noise alone would leave is not known here; noise is taken to be white within the band.")
+        out.append("What noise alone would leave is not known here: an unmeasured force is not told from noise.")
     return list(dict.fromkeys(out))
 
 

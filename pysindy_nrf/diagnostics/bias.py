@@ -166,10 +166,7 @@ def _widened(recipe: Recipe | None, layout: LawLayout, wide: Layout) -> Recipe:
     steps = np.column_stack([at[row], np.where(q < 0, p, at[np.where(q < 0, 0, p)]) if len(at) else p, q])
     added = np.column_stack([offered, recipe.n_source + np.arange(len(offered)), np.full(len(offered), -1)])
     whole = np.vstack([steps, added]).astype(np.int64)
-    recurrence = recipe.recurrence.copy()
-    for column in (0, 2, 3):
-        recurrence[:, column] = [at[row] if row >= 0 else -1 for row in recurrence[:, column]]
-    return replace(recipe, steps=whole, n_source=recipe.n_source + len(offered), recurrence=recurrence)
+    return replace(recipe, steps=whole, n_source=recipe.n_source + len(offered))
 
 
 def _combination(step: Any, layout: LawLayout, coefficients: dict, masses: dict, grams: BlockGrams) -> np.ndarray:

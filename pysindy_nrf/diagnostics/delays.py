@@ -22,6 +22,7 @@ from scipy import linalg
 from ..common.jackknife import variance
 from ..exceptions import ChannelError
 from ..regression.chain_model import as_segments
+from ..regression.gram_pass import rows_of, whole_block
 from ..regression.layout import LawLayout
 from ..regression.segments import Segment, SegmentSet
 
@@ -105,8 +106,6 @@ def _delay(data: SegmentSet, filters: Sequence[Any], layout: LawLayout, j: int) 
 
 def _delay_at(segments: Sequence[tuple[Segment, Any]], layout: LawLayout, j: int) -> tuple[float, float] | None:
     """Delay in samples and its standard error from records of one sampling rate, or None."""
-    from ..regression.gram_pass import rows_of, whole_block
-
     group = layout.group((j,))
     known = dict.fromkeys(range(1, layout.n_dof + 1), 0.0)
     grams, fourth = [], 0.0

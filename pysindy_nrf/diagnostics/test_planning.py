@@ -10,7 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from ..exceptions import ChainError
+from ..exceptions import ChainError, NRFError
+from ..signals.spline_fusion import white_level
+from .bias import sentences_of, wrong_zeros
+from .delays import force_delay
 
 if TYPE_CHECKING:
     from ..mechanics.chain import Chain
@@ -82,8 +85,6 @@ def _doubts(model: Any) -> list[Finding]:
 
 
 def _missing(model: Any) -> list[Finding]:
-    from .bias import wrong_zeros
-
     if zeros := wrong_zeros(model.missing_terms_):  # before they are right no law is missed
         size = float(model.missing_terms_["lasting"].max())
         return [(6.0, "wrong zero", "sensors", size, text) for text in zeros]
@@ -100,8 +101,6 @@ def _missing(model: Any) -> list[Finding]:
 
 
 def _jumping(model: Any) -> list[Finding]:
-    from .bias import sentences_of
-
     wrong = model.jump_bias_[model.jump_bias_["wrong"].astype(bool)]
     return [
         (2.7, "jump", str(name), float(wrong.loc[name, "lost"]), f"{text[0].upper()}{text[1:]}")
@@ -140,8 +139,6 @@ def _conditioning(model: Any) -> list[Finding]:
 
 
 def _uncertainty(model: Any) -> list[Finding]:
-    from ..exceptions import NRFError
-
     try:
         ci = model.confidence_intervals()
     except NRFError as error:
@@ -173,9 +170,6 @@ def _estimation(model: Any) -> list[Finding]:
 
 
 def _delays(model: Any) -> list[Finding]:
-    from ..exceptions import NRFError
-    from .delays import force_delay
-
     try:
         table = force_delay(model)
     except NRFError:
@@ -192,7 +186,6 @@ def _noise(model: Any) -> list[Finding]:
     data = model._records
     if data is None or model.model_.info.get("estimation", {}).get("found") != "ls":
         return []
-    from ..signals.spline_fusion import white_level
 
     layout, filters = model.problem_.layout, model.problem_.filters(data)
     sizes = [seg.n_valid for seg in data.segments]

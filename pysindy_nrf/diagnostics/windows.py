@@ -12,6 +12,7 @@ import numpy as np
 from ..mechanics.sites import Site
 from ..regression.layout import Block, LawLayout
 from ..regression.segments import Segment, SegmentSet
+from ..signals.zero_phase_filter import filters_of
 
 FOLDS = 4  # the windows are dealt out to that many, and there are twice as many of them at least
 _WINDOW = 1024
@@ -66,8 +67,6 @@ def collect(layout: LawLayout, data: SegmentSet, band: Any, diagnostics: Sequenc
 
 def windows(layout: LawLayout, data: SegmentSet, band: Any) -> Iterator[Window]:
     """Some thousand rows in contiguous windows."""
-    from ..signals.zero_phase_filter import filters_of
-
     total = sum(seg.n_valid for seg in data.segments)
     size = min(_WINDOW, max(total // (2 * FOLDS), 1))
     first = data.segments[0].valid

@@ -25,6 +25,7 @@ from ..mechanics.chain import Chain
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
 from ..regression.layout import with_coefficients
+from .intervals import parameters_of
 
 __all__ = ["EqualMasses", "EqualStoreys", "KnownStiffness", "NonNegative", "TotalMass"]
 
@@ -209,8 +210,6 @@ class NonNegative(Constraint):
 
 def constrained(model: ChainModel, constraints: Any, resolver: Any) -> ChainModel:
     """The estimate nearest to a model that satisfies the constraints; the resolver then applies them to all models."""
-    from .intervals import parameters_of
-
     given = (constraints,) if isinstance(constraints, Constraint) else tuple(constraints)
     wrong = [c for c in given if not isinstance(c, Constraint)]
     if wrong:

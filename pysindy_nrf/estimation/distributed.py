@@ -10,7 +10,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from sklearn.base import clone
+from threadpoolctl import threadpool_limits
 
 from ..common.lazy import require
 from ..data.channels import is_dask
@@ -26,7 +28,6 @@ FAN_IN = 8  # accumulators added up by one task
 def fit_distributed(estimator: Any, X: Any, F: Any = None, **given: Any) -> Any:
     """Fit an estimator to Dask collections; ``NRFRegressor.fit`` comes here by itself."""
     dask = require("dask", "dask", "Fitting Dask collections")
-    from threadpoolctl import threadpool_limits
 
     items, whole = _items(dask, X, F, beside(**given))
     for law in law_list(estimator.laws):
@@ -59,8 +60,6 @@ def accumulate(
     estimator: Any, item: Any, number: int, whole: bool, kind: str = "gram", guess: dict | None = None
 ) -> Accumulator:
     """Sums of one partition: the work of one task."""
-    from threadpoolctl import threadpool_limits
-
     accumulator = Accumulator(estimator, kind, guess)
     read = sorted({c for law in law_list(estimator.laws) for c in law.covariates})
     with threadpool_limits(1, "blas"):  # several workers share the machine
@@ -122,6 +121,4 @@ def _items(dask: Any, X: Any, F: Any, given: dict[str, Any]) -> tuple[list[Any],
 
 def _side_by_side(x: Any, f: Any) -> Any:
     """Motions and forces in one table."""
-    import pandas as pd
-
     return pd.concat([x, f], axis=1)

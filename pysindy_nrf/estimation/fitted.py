@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,13 +17,12 @@ from ..exceptions import ChannelError, DataQualityWarning
 from ..mechanics.chain import Chain
 from ..mechanics.identifiability import SolveOrder
 from ..regression.chain_model import ChainModel
+from ..regression.errors import judge
 from ..regression.input_arrays import from_arrays, holds_records
 from ..regression.layout import Block
 from ..regression.segments import SegmentSet, feature_names
-
-if TYPE_CHECKING:
-    from .intervals import Resolver
-    from .problem import Problem
+from .intervals import Resolver, force_intervals, least_squares_resolver, parameter_intervals, separate_resolver
+from .problem import Problem
 
 
 class FittedChain:
@@ -152,8 +151,6 @@ class FittedChain:
         DataFrame
             Percent NRMSE, one row for each balance; as ``errors_``.
         """
-        from ..regression.errors import judge
-
         data = self._judged(X, y, **given)
         layout, filters = self.problem_.layout, self.problem_.filters(data)
 
@@ -198,8 +195,6 @@ class FittedChain:
         DataFrame
             Columns ``parameter``, ``estimate``, ``lower``, ``upper``; SI units. Known masses are left out.
         """
-        from .intervals import parameter_intervals
-
         check_is_fitted(self)
         return parameter_intervals(
             self._interval_resolver(), self.model_, level, of, method, random_state, n_jobs, self._records
@@ -222,8 +217,6 @@ class FittedChain:
         DataFrame
             ``v``, ``s``, ``force``, ``lower``, ``upper`` (N), ``visited``.
         """
-        from .intervals import force_intervals
-
         check_is_fitted(self)
         return force_intervals(self._interval_resolver(), self.model_, site, v, s, level)
 
@@ -274,8 +267,6 @@ class FittedChain:
     def _resolving(self) -> Resolver:
         """Resolver of the chain on parts of the data, made at the first use."""
         if self._resolver is None:
-            from .intervals import least_squares_resolver
-
             data = self.fit_data("Fit again, or ask for intervals before saving.")
             self._resolver = least_squares_resolver(self.problem_, self.solve_order_, data)
         return self._resolver
@@ -293,8 +284,6 @@ class FittedChain:
         if self._fused_separately is None:
             return self._resolving()
         if self._separate_resolver is None:
-            from .intervals import separate_resolver
-
             apart = self._fused_separately()
             self._separate_resolver = separate_resolver(self.problem_, self.solve_order_, apart, self._resolving())
         return self._separate_resolver

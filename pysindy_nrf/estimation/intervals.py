@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from joblib import Parallel, delayed, effective_n_jobs
 from scipy import stats
 
 from ..common.random_state import generator
@@ -174,8 +175,6 @@ class Resolver:
 
     def drawn(self, statistic: Statistic, random_state: Any, n_jobs: int | None = None) -> np.ndarray:
         """Statistics of block-bootstrap samples, shape (n_draws, n_statistics); the same for any ``n_jobs``."""
-        from joblib import Parallel, delayed, effective_n_jobs
-
         n = self._enough()
         rng = generator(random_state)
         weights = rng.multinomial(n, np.full(n, 1.0 / n), size=DRAWS).astype(float)

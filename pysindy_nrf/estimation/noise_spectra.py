@@ -20,6 +20,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.fft import dct, idct
 
 from ..regression.chain_model import ChainModel
 from ..regression.layout import LawLayout
@@ -283,7 +284,5 @@ class Whitener:
 
     def apply(self, rows: np.ndarray, dt: float) -> np.ndarray:
         """Filter rows of one record."""
-        from scipy.fft import dct, idct
-
         n = rows.shape[1]
         return idct(dct(rows, axis=1) * self.amplitude(np.arange(n) / (2 * n * dt)), axis=1)

@@ -206,8 +206,6 @@ def locate_nonlinearity(
     >>> locate_nonlinearity(NRFRegressor(degree=3).fit(X, F), X, F, draws=3).storeys  # a linear frame
     []
     """
-    from sklearn.base import clone
-
     if not hasattr(estimator, "solve_order_"):
         raise ChainError(
             "locate_nonlinearity needs the regressor that was fitted to the data", "Give a fitted NRFRegressor."

@@ -30,6 +30,7 @@ from ..regression.input_arrays import from_arrays
 from ..regression.layout import Block, LawLayout
 from ..regression.optimizers import sub_optimizer
 from ..regression.segments import SegmentSet
+from ..regression.shape_search import estimate_shapes
 from ..signals.zero_phase_filter import FairFilter, filters_of
 
 DEFAULT_DEGREE = 3
@@ -177,8 +178,6 @@ class Problem:
         filters = self.filters(data)
         problem = self
         if any(law.free_shape for held in self.laws.values() for law in held):
-            from ..regression.shape_search import estimate_shapes
-
             def trial(layout: LawLayout) -> tuple[Solution, BlockGrams]:
                 return _least_squares(self, layout, order, data, filters)
 

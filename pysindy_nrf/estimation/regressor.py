@@ -12,13 +12,18 @@ from sklearn.base import BaseEstimator, RegressorMixin
 
 from ..data.channels import column_names, require_two_dimensions, same_columns
 from ..data.record import Record
+from ..diagnostics.bias import JumpBias, MissingTerms, contradictions_of, sentences_of, warn_of_bias
+from ..diagnostics.windows import collect
 from ..exceptions import ChainError, ChannelError, DataQualityWarning
 from ..mechanics.chain import Chain
 from ..regression.chain_model import ChainModel
 from ..regression.chain_solve import doubtful_masses, lost_masses, third_law_gap, unknown_forces, visited_regions
+from ..regression.errors import balance_errors
 from ..regression.input_arrays import fused_together, holds_records, one_by_one
 from ..regression.segments import SegmentSet
+from .constraints import constrained
 from .fitted import FittedChain
+from .free_run_fit import refine
 from .problem import DEFAULT_DEGREE, Estimate, Problem, as_mapping, declared_laws, law_list, laws_of_sites
 from .streaming import fit_streamed, is_streamed, partial_fit
 
@@ -276,8 +281,6 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         self._fused_separately, self._separate_resolver, self._fused_jointly = None, None, False
         judged = data
         if self.estimation != "ls":
-            from .free_run_fit import refine
-
             found, self._resolver, facts, judged = refine(self.estimation, found, separate)
             if facts["found"] == "ls":  # the least-squares estimate was kept
                 judged = data
@@ -303,7 +306,6 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         """The estimate that obeys the constraints."""
         if self.constraints is None:
             return found
-        from .constraints import constrained
 
         return found._replace(model=constrained(found.model, self.constraints, self._resolving()))
 
@@ -337,10 +339,6 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         return state | {key: None for key in data if key in state}
 
     def _publish(self, found: Estimate, data: SegmentSet, judged: SegmentSet, least_squares: bool = True) -> None:
-        from ..diagnostics.bias import JumpBias, MissingTerms, contradictions_of, sentences_of, warn_of_bias
-        from ..diagnostics.windows import collect
-        from ..regression.errors import balance_errors
-
         problem, solve_order, model, solution, grams = found
         layout = problem.layout
         self.problem_ = problem.with_laws(model.laws)

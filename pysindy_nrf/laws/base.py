@@ -43,16 +43,6 @@ class Term(NamedTuple):
     unit: str
 
 
-class Recurrence(NamedTuple):
-    """Columns that follow from earlier ones: column i is (g x + h) column[p] + k column[q], x being rate or drift.
-
-    A row ``(i, x, p, q)`` has x = 0 for the rate and 1 for the drift, p = -1 for a column of ones, q = -1 for none.
-    """
-
-    rows: np.ndarray  # of int, (n_terms, 4), in the order in which the columns are made
-    numbers: np.ndarray  # g, h and k, (n_terms, 3)
-
-
 _REGISTRY: dict[str, type[ForceLaw]] = {}
 
 
@@ -427,10 +417,6 @@ class ForceLaw:
         out = np.empty((len(self.terms()), n))
         self.kernel(motion.s, motion.v, a, t, u, z, theta, out)
         return out.T
-
-    def recurrence(self) -> Recurrence | None:
-        """Recurrence of the columns in rate and drift, or None if the law has none and :meth:`features` is used."""
-        return None
 
     def covariates_of(self, motion: Motion) -> np.ndarray:
         """Covariates in the order in which the kernel reads them, (n_covariates, n_samples), for :meth:`features`."""

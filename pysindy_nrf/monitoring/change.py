@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from scipy import special
+from sklearn.base import clone
 
 from ..common.jackknife import variance
 from ..estimation.intervals import Resolver
@@ -177,8 +178,6 @@ def plain_model(resolver: Resolver, total: BlockGrams) -> ChainModel:
 
 
 def _fit(estimator: Any, test: Any, options: dict[str, Any]) -> tuple[Any, SegmentSet]:
-    from sklearn.base import clone
-
     X, F = test if isinstance(test, tuple) else (test, None)
     if fused_together(X):
         warnings.warn(

@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ..common.files import atomic_write, check, plain_json, schema
 from ..common.lazy import Hook
+from ..data.io.table import check_file, unreadable
 from ..exceptions import ChainError, ChannelError, FileFormatError, FileVersionError, LawError
 from ..laws.base import ForceLaw, from_dict
 from ..laws.forcing import total_masses
@@ -426,8 +428,6 @@ class ChainModel:
         """
         text = json.dumps(self.to_dict(), indent=indent, allow_nan=False)
         if path is not None:
-            from ..common.files import atomic_write
-
             with atomic_write(path) as file:
                 file.write(text + "\n")
         return text
@@ -446,8 +446,6 @@ class ChainModel:
         FileVersionError, FileFormatError
             If a later version of this package wrote it, or it is not a model of this package.
         """
-        from ..common.files import check, plain_json, schema
-
         text, where = source, "The JSON text"
         try:
             if not (isinstance(source, str) and source.lstrip()[:1] == "{"):
@@ -505,8 +503,6 @@ def as_segments(thing: Any, X: Any, F: Any = None, **options: Any) -> SegmentSet
 
 def _text_of(path: Any) -> str:
     """The text of a model's file, or an error that names it."""
-    from ..data.io.table import check_file, unreadable
-
     if not isinstance(path, (str, os.PathLike)):
         raise FileFormatError(f"{path!r} is neither JSON text nor a path", "Give what ChainModel.to_json wrote.")
     try:

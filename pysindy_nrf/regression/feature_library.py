@@ -16,7 +16,7 @@ from sklearn.utils.validation import check_is_fitted
 from ..data.channels import checked, same_columns
 from ..exceptions import ChainError, ChannelError, DataQualityWarning, LawError
 from ..laws import PowerSeries
-from ..laws.base import ForceLaw
+from ..laws.base import ForceLaw, subscript
 from ..mechanics.chain import Chain
 from ..mechanics.sites import Site
 from .chain_model import ChainModel
@@ -292,8 +292,6 @@ def _axes(array: np.ndarray) -> dict[str, Any]:
 
 def term_names(layout: LawLayout) -> list[str]:
     """Names of the terms of all sites, e.g. ``"v2^2 s2"``."""
-    from ..laws.base import subscript
-
     names = []
     for site in layout.acting:
         index = str(site.p) if site.is_storey else f"_{str(site).replace(' ', '').replace('-', '')}"

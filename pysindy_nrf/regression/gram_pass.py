@@ -11,9 +11,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.linalg import blas
 
 from ..common.threads import in_threads
-from .gram import Plan, orthogonal_gram
+from .gram import Plan
 from .grams import BlockGrams, Dofs, root_of, scaled_cholesky, width_of
 from .layout import Block, Group, LawLayout, Layout, cut_at
 from .segments import Segment, SegmentSet
@@ -187,13 +188,13 @@ class _Root:
         if self._guess is not guess:
             self._root = self.settled()
             self._guess, self._near = guess, np.zeros(guess.shape)
-        orthogonal_gram(rows, guess, self._near)
+        columns = blas.dtrsm(1.0, guess, np.asarray(rows, dtype=float).T, side=1)
+        self._near += columns.T @ columns
 
     def settled(self) -> np.ndarray:
         """Root of all samples."""
         if self._guess is not None:
-            near = np.tril(self._near)
-            root = scaled_cholesky(near + np.tril(near, -1).T) @ self._guess
+            root = scaled_cholesky(self._near) @ self._guess
             self._guess = None
             self._root = root_of(np.vstack([self._root, root])) if self._root.any() else root
         return self._root

@@ -13,6 +13,7 @@ import pandas as pd
 from ..data.channels import EvenClock, as_matrix, by_record, contiguous, finite_span, gaps, rows_text
 from ..data.record import Record, seconds_of
 from ..exceptions import ChannelError, DataQualityWarning, LawError
+from ..signals import KinematicSmoother
 from ..signals.kinematics import base_acceleration_if_any
 from ..signals.zero_phase_filter import FairFilter
 from .segments import Extent, Segment, SegmentSet, feature_names
@@ -36,7 +37,6 @@ def one_by_one(X: Any) -> dict[str, Any]:
     """Options by which the DOFs of Records are fused one by one; none where motions were given."""
     if not holds_records(X):
         return {}
-    from ..signals import KinematicSmoother
 
     return {"smooth": KinematicSmoother(band="auto", joint=False)}
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
 
 from ..exceptions import ChainError, LawError
-from ..laws.base import ForceLaw, Recurrence, Term
+from ..laws.base import ForceLaw, Term
 from ..laws.shape import Motion
 from ..mechanics.chain import Chain
 from ..mechanics.sites import Site
@@ -60,31 +60,19 @@ class Layout:
 
 @dataclass(frozen=True)
 class Recipe:
-    """Columns v^h s^j as products of earlier columns with v or s, and columns that follow by a recurrence."""
+    """Columns v^h s^j as products of earlier columns with v or s."""
 
     # (n_steps, 3); ``(row, p, q)``: the row is row p of the source if q is -1, else row p times row q of the source.
     # Rows from ``n_terms`` on are helpers
     steps: np.ndarray
     motions: tuple[Site, ...]  # sites whose rates are the first rows of the source, and whose drifts are the next ones
-    # laws (by site and number) whose columns are neither such products nor follow by a recurrence, and how many of
-    # them follow in the source, in this order
+    # laws (by site and number) whose columns are no such products, and how many of them follow in the source, in order
     others: tuple[tuple[Site, int, int], ...]
     n_source: int  # rows of the source
-    # (n, 4); ``(row, x, p, q)``: the row is (g x + h) times row p plus k times row q, where x is a row of the source;
-    # a p of -1 stands for ones, a q of -1 for nothing. They are made before the steps
-    recurrence: np.ndarray = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))
-    numbers: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))  # (n, 3); g, h and k
 
     def finish(self, source: np.ndarray, n_terms: int) -> np.ndarray:
         """All columns of a block."""
         out = np.empty((max(n_terms, int(self.steps[:, 0].max(initial=-1)) + 1), source.shape[1]))
-        for (row, x, p, q), (g, h, k) in zip(self.recurrence.tolist(), self.numbers.tolist()):
-            np.multiply(source[x], g, out=out[row])
-            out[row] += h
-            if p >= 0:
-                out[row] *= out[p]
-            if q >= 0:
-                out[row] += k * out[q]
         for row, p, q in self.steps.tolist():
             if q < 0:
                 out[row] = source[p]
@@ -98,7 +86,6 @@ def _recipe(layout: LawLayout) -> Recipe:
     motions: list[Site] = []
     others: list[tuple[Site, int, int]] = []
     given: list[int] = []  # first column of each of them
-    recurrences: list[tuple[int, int, Recurrence]] = []  # first column and rate of each
     helper = layout.n_terms
     for site in layout.acting:
         at = layout.slices[site].start
@@ -106,18 +93,15 @@ def _recipe(layout: LawLayout) -> Recipe:
         rows: dict[tuple[int, int], int] = {}
         for number, law in enumerate(layout.laws[site]):
             width = len(law.terms())
-            recurrence = law.recurrence()
-            powers = _products(law) if recurrence is None else None
-            if recurrence is not None:
-                recurrences.append((at, 2 * len(motions), recurrence))
-            elif powers is not None:
+            powers = _products(law)
+            if powers is not None:
                 rows |= {power: at + k for k, power in enumerate(powers)}
             else:
                 others.append((site, number, width))
                 given.append(at)
             at += width
         v = 2 * len(motions)
-        if rows or any(first == v for _, first, _ in recurrences):
+        if rows:
             motions.append(site)
         for power in sorted(rows, key=sum):
             chain = [power]  # down to what is there already: s is taken off first, as the power series multiplies
@@ -144,15 +128,7 @@ def _recipe(layout: LawLayout) -> Recipe:
     for (_, _, width), at in zip(others, given):
         steps += [(at + k, size + k, -1) for k in range(width)]
         size += width
-    table, numbers = [np.zeros((0, 4), dtype=np.int64)], [np.zeros((0, 3))]
-    for at, v, (i_xpq, ghk) in recurrences:
-        i, x, p, q = i_xpq.T
-        table.append(np.column_stack([at + i, order[v + x], np.where(p < 0, -1, at + p), np.where(q < 0, -1, at + q)]))
-        numbers.append(ghk)
-    return Recipe(
-        np.array(steps, dtype=np.int64).reshape(-1, 3), tuple(motions), tuple(others), size,
-        np.concatenate(table), np.concatenate(numbers),
-    )  # fmt: skip
+    return Recipe(np.array(steps, dtype=np.int64).reshape(-1, 3), tuple(motions), tuple(others), size)
 
 
 _PROBE = Motion(np.array([0.7, -1.3, 0.4]), np.array([-0.6, 0.8, 1.7]))

@@ -113,8 +113,7 @@ def _scan(kind: str, layout: Literal["C", "A"]) -> Callable[[np.ndarray, np.ndar
 
 
 _CELLS = 40
-_MOST = 60_000  # samples at most; a cell beside a visited one counts as visited, see contains
-_TOGETHER = 1024  # samples
+_MOST = 20_000  # samples at most; a cell beside a visited one counts as visited, see contains
 
 
 @dataclass(frozen=True)
@@ -140,15 +139,11 @@ class VisitedRegion:
         cells = np.zeros((len(low), _CELLS, _CELLS), dtype=bool)
         span = high - low
         scale = np.where(span > 0, _CELLS / np.where(span > 0, span, 1.0), 0.0)
-        for v, s in pieces:
-            kind = np.float32 if v.dtype == s.dtype == np.float32 else np.float64
-            mark = _marker(np.dtype(kind).name)
-            if step == 1:
-                mark(*(np.asarray(x, dtype=kind) for x in (v, s)), low, scale, cells)
-                continue
-            for start in range(0, len(v), _TOGETHER * step):  # gathered first: memory is slow for one at a time
-                rows = slice(start, start + _TOGETHER * step, step)
-                mark(*(np.ascontiguousarray(x[rows], dtype=kind) for x in (v, s)), low, scale, cells)
+        for piece in pieces:
+            i, j = (
+                np.clip((x[::step] - low[:, k]) * scale[:, k], 0, _CELLS - 1).astype(int) for k, x in enumerate(piece)
+            )
+            cells[np.arange(len(low)), i, j] = True
         return [cls(tuple(a), tuple(b), c) for a, b, c in zip(low.tolist(), high.tolist(), cells)]
 
     def contains(self, v: Any, s: Any) -> np.ndarray:
@@ -191,29 +186,6 @@ class VisitedRegion:
         if len(low) != 2 or len(high) != 2 or not np.isfinite([*low, *high]).all() or cells.ndim != 2 or not cells.size:
             raise ChannelError("A visited region is not a rectangle of cells", "It needs 'low', 'high' and 'cells'.")
         return cls(low, high, cells)
-
-
-@cache
-def _marker(kind: str) -> Callable[..., None]:
-    """Compiled: mark the cells that samples fall into, row after row."""
-    from numba import from_dtype, types
-
-    from ..laws.compiled import jit
-
-    def mark_cells(v, s, low, scale, cells):
-        most_v, most_s = cells.shape[1] - 1, cells.shape[2] - 1
-        for t in range(v.shape[0]):
-            for k in range(v.shape[1]):
-                i = int((v[t, k] - low[k, 0]) * scale[k, 0])
-                j = int((s[t, k] - low[k, 1]) * scale[k, 1])
-                cells[k, min(max(i, 0), most_v), min(max(j, 0), most_s)] = True
-
-    lines = types.Array(from_dtype(np.dtype(kind)), 2, "A", readonly=True)
-    corners = types.Array(types.float64, 2, "C")
-    marker = jit(mark_cells)
-    marker.compile((lines, lines, corners, corners, types.Array(types.boolean, 3, "C")))
-    marker.disable_compile()
-    return marker
 
 
 @dataclass

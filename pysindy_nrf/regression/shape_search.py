@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from scipy.optimize import minimize, minimize_scalar
 from scipy.signal import find_peaks
 
 from ..exceptions import IdentifiabilityError, LawError, RankWarning
@@ -94,8 +95,6 @@ class _Search:
 
     def tune(self, k: int, lines: Sequence[float], duration: float) -> bool:
         """Go to the best of some frequencies, Hz, and to the bottom of its valley; False if none is within bounds."""
-        from scipy.optimize import minimize_scalar
-
         points = self.scale.point(np.array(lines, dtype=float), k)
         points = points[(points >= self.low[k]) & (points <= self.high[k])]
         if not len(points):
@@ -114,8 +113,6 @@ class _Search:
 
     def refined(self) -> LawLayout:
         """All parameters refined together, from where the search stands."""
-        from scipy.optimize import minimize
-
         away = np.where(self.u + 0.5 * self.step > self.high, -self.step, self.step)
         best = minimize(
             self.cost, self.u, method="Nelder-Mead", bounds=list(zip(self.low, self.high)),

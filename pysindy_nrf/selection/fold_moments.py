@@ -14,7 +14,7 @@ from scipy import linalg
 from scipy.linalg import blas
 
 from ..exceptions import ChannelError, NRFError, RankWarning
-from ..laws.base import ForceLaw, Recurrence, Term
+from ..laws.base import ForceLaw, Term
 from ..laws.power_series import PowerSeries, exponents_of
 from ..laws.shape import Motion
 from ..mechanics.chain import Chain
@@ -96,10 +96,6 @@ class Polynomials:
                 out[k + 1] -= self.b[k] * out[k - 1]
         return out
 
-    def step(self, k: int) -> tuple[float, float, float]:
-        """g, h, c of the recurrence p_k = (g x + h) p_{k-1} + c p_{k-2}, with the last where k > 2."""
-        return 1.0 / self.scale, -self.a[k - 1], -self.b[k - 1]
-
     @cached_property
     def powers(self) -> np.ndarray:
         """Coefficients of the powers of x in the polynomials: x^h is the sum over k of powers[k, h] p_k."""
@@ -130,17 +126,6 @@ class OrthogonalPowers(Monomials):
     def features(self, motion: Motion, state: Any = None) -> np.ndarray:
         """Columns, by one multiplication each."""
         return self._products(self._v(motion.v), self._s(motion.s))
-
-    def recurrence(self) -> Recurrence:
-        """Along s from one column to the next, and along v where there is no s."""
-        place = {pair: i for i, pair in enumerate(self.exponents)}
-        rows, numbers = [], []
-        for (h, j), i in place.items():
-            along, k = (self._s, j) if j else (self._v, h)
-            below, second = ((h, j - n) if j else (h - n, 0) for n in (1, 2))
-            rows.append((i, int(j > 0), place.get(below, -1), place[second] if k > 2 else -1))
-            numbers.append(along.step(k))
-        return Recurrence(np.array(rows, dtype=np.int64).reshape(-1, 4), np.array(numbers).reshape(-1, 3))
 
     @property
     def change(self) -> np.ndarray:

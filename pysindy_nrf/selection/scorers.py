@@ -25,6 +25,9 @@ import numpy as np
 from sklearn.utils.metadata_routing import MetadataRequest
 
 from ..exceptions import ChannelError, NRFError
+from ..regression.errors import free_run_error
+from ..regression.segments import BlockRows
+from ..signals.zero_phase_filter import filters_of
 
 METADATA = ("record", "time", "base_acceleration", "covariates")
 
@@ -98,10 +101,6 @@ def _acceleration(regressor: Any, X: Any, F: Any = None, **metadata: Any) -> flo
 
 
 def _free_run(regressor: Any, X: Any, F: Any = None, **metadata: Any) -> float:
-    from ..regression.errors import free_run_error
-    from ..regression.segments import BlockRows
-    from ..signals.zero_phase_filter import filters_of
-
     data = regressor._judged(X, F, **metadata)
     if any(seg.dt is None for seg in data.segments):
         raise ChannelError("The free run needs the time of the samples", "Pass dt= (s), time=, or X with a time index.")

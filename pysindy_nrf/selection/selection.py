@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from sklearn.base import clone
 
 from ..common.lazy import Hook
 from ..estimation.problem import law_list
+from ..estimation.regressor import NRFRegressor
 from ..exceptions import ChainError, ChannelError, NRFError
 from ..laws.power_series import exponents_of
 from ..mechanics.sites import Site
+from ..regression.chain_solve import require_moving
 from ..regression.input_arrays import from_arrays
 from .fold_moments import FoldMoments, Order
 from .one_se_rule import (
@@ -29,9 +32,6 @@ from .one_se_rule import (
     standard_error,
 )
 from .splitters import n_splits_of
-
-if TYPE_CHECKING:
-    from ..estimation.regressor import NRFRegressor
 
 _RULES = ("one_standard_error", "best")
 
@@ -95,8 +95,6 @@ class OrderSelection:
 
     def regressor(self, by_storey: bool = False) -> NRFRegressor:
         """An estimator, not yet fitted, with the order found."""
-        from sklearn.base import clone
-
         new = clone(self._source[1])
         if not by_storey:
             return new.set_params(degree=self.best_order)
@@ -182,8 +180,6 @@ def select_order(
     >>> found.best_order, found.orders_["storey 1"]
     (3, 3)
     """
-    from ..estimation.regressor import NRFRegressor
-
     labels = _labels(degrees, boxes)
     if scoring not in SCORINGS:
         raise NRFError(
@@ -271,8 +267,6 @@ def fold_moments_of(
     estimator: Any, labels: list[Any], X: Any, F: Any, cv: Any, options: Mapping[str, Any]
 ) -> FoldMoments:
     """Gram matrices for all folds of what an estimator would be fitted to, with several orders where none is given."""
-    from ..regression.chain_solve import require_moving
-
     if estimator.estimation != "ls" or estimator.constraints is not None:
         what = "constraints" if estimator.constraints is not None else f"estimation={estimator.estimation!r}"
         raise ChainError(f"{what} cannot be had from Gram matrices alone", "Use GridSearchCV over NRFRegressor.")

@@ -5,13 +5,14 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
 from sklearn.base import BaseEstimator, clone
 
 from ..common.random_state import generator
+from ..estimation.regressor import NRFRegressor
 from ..exceptions import NRFError, NRFWarning
 from ..laws import ForceLaw
 from ..mechanics.sites import Site
@@ -195,9 +196,6 @@ def heldout_errors(held: FoldMoments, order: Order) -> np.ndarray:
     return out
 
 
-if TYPE_CHECKING:
-    from ..estimation.regressor import NRFRegressor
-
 # Shares of the force that a term must carry to be kept.
 SHARES = tuple(np.geomspace(0.002, 0.2, 13).round(5))
 
@@ -343,8 +341,6 @@ def select_sparsity(
     >>> found.best, found.table["chosen"].tolist()
     ('STLSQ', [False, True])
     """
-    from ..estimation.regressor import NRFRegressor
-
     estimator = NRFRegressor(degree=degree, **regressor_params)
     given: Mapping[str, Sequence[Any]] = default_paths()
     if paths is not None:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from ...common.files import atomic_write
 from ...data.channels import is_dask
@@ -21,9 +22,10 @@ from ...data.record import Record
 from ...exceptions import ChannelError, DataQualityWarning, FileFormatError, NRFError
 from ...mechanics.identifiability import SolveOrder
 from ...mechanics.sites import Site
-from ...regression.chain_solve import Solution, model_of, solve, solved_safely
+from ...regression.chain_solve import Solution, model_of, require_clock, require_moving, solve, solved_safely
 from ...regression.gram_pass import guess_of
 from ...regression.grams import BlockGrams
+from ...regression.input_arrays import holds_records
 from ...regression.segments import Extent, Segment, SegmentSet
 from ..intervals import Resolver
 from ..problem import Estimate, law_list
@@ -65,8 +67,6 @@ def publish(accumulator: Accumulator, solution: Solution, grams: BlockGrams, sol
 
 
 def _require_usable(accumulator: Accumulator, grams: BlockGrams) -> None:
-    from ...regression.chain_solve import require_clock, require_moving
-
     data, model = _shown(accumulator), accumulator.require_model()
     require_moving(data, model.layout)
     require_clock(data, model.layout)
@@ -125,8 +125,6 @@ def fit_streamed(
     **beside: Any,
 ) -> Any:
     """Fit an estimator in one pass over chunks (``beside`` X: record, time, ...); memory does not grow with them."""
-    from threadpoolctl import threadpool_limits
-
     if is_dask(X) or (isinstance(X, (list, tuple)) and is_dask(X[0])):
         from ..distributed import fit_distributed
 
@@ -144,9 +142,6 @@ def fit_streamed(
 
 def partial_fit(estimator: Any, X: Any, F: Any, record: Any, time: Any, base_acceleration: Any, covariates: Any) -> Any:
     """Add samples to an estimator and solve again."""
-    from threadpoolctl import threadpool_limits
-
-    from ...regression.input_arrays import holds_records
 
     held = getattr(estimator, "_stream", None)
     # a copy: a call that fails does not change the samples of earlier calls

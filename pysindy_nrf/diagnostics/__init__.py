@@ -2,6 +2,6 @@
 
 from ..common.lazy import public_names
 
-_NAMES = {"force_delay": "delays", "jump_bias_of": "bias", "missing_terms": "bias", "warn_of_bias": "bias"}
+_NAMES = {"force_delay": "delays", "warn_of_bias": "bias"}
 __all__ = [*_NAMES]
 __getattr__, __dir__ = public_names(__name__, _NAMES)

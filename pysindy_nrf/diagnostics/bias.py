@@ -28,14 +28,12 @@ from ..common.jackknife import variance
 from ..exceptions import BiasWarning, NRFError, RankWarning
 from ..laws.friction import jump_at_reversal
 from ..mechanics.sites import Site
-from ..regression.chain_model import as_segments
 from ..regression.chain_solve import Solution, groups_of, solve
 from ..regression.errors import balance_sizes
 from ..regression.gram_pass import GramPass
 from ..regression.grams import BlockGrams
 from ..regression.layout import Block, LawLayout, Layout, Recipe
-from ..regression.segments import SegmentSet
-from .windows import FOLDS, LASTING, OFFERED, Window, collect
+from .windows import FOLDS, LASTING, OFFERED, Window
 
 GAIN = 5.0  # percent of the held-out residual that the extra columns must remove
 MISSING = 2.0  # percent of the balance's right-hand side that they must explain
@@ -45,21 +43,8 @@ _ROUND_OFF = 1e-6  # share of the balance below which a residual is round-off
 _ROWS_PER_COLUMN = 20  # fewer samples than this are too few for further columns
 
 
-def missing_terms(estimator: Any, X: Any, F: Any = None, **options: Any) -> pd.DataFrame:
-    """Table of what the laws of a fitted regressor leave unexplained, step by step."""
-    data = as_segments(estimator, X, F, **options)
-    return missing_terms_of(estimator.model_, estimator.solve_order_, data, estimator.band)
-
-
-def missing_terms_of(model: Any, solve_order: Any, data: SegmentSet, band: Any = None) -> pd.DataFrame:
-    """:func:`missing_terms` for a model and its order of solution."""
-    diagnostic = MissingTerms(model, solve_order)
-    collect(diagnostic.layout, data, band, [diagnostic])
-    return diagnostic.table()
-
-
 class MissingTerms:
-    """Gram matrices of own and offered columns, collected window by window, for :func:`missing_terms`."""
+    """Gram matrices of own and offered columns, collected window by window."""
 
     def __init__(self, model: Any, solve_order: Any, layout: LawLayout | None = None) -> None:
         self.solve_order, self.layout = solve_order, layout or LawLayout(model.chain, model.laws)
@@ -88,7 +73,7 @@ class MissingTerms:
             self.counts[dofs] += all(known[j - 1] for j in dofs)
 
     def table(self) -> pd.DataFrame:
-        """As :func:`missing_terms` returns it."""
+        """What the laws leave unexplained, step by step: ``missing_terms_`` of a regressor."""
         alike: dict[tuple[int, int], list[tuple[str, bool, bool, np.ndarray]]] = {}
         steps = [step for step in self.solve_order.steps if self.counts[step.dofs]]
         folds = self.folds.grams()
@@ -133,7 +118,7 @@ def wrong_zeros(table: pd.DataFrame) -> list[str]:
 
 
 def warn_of_bias(table: pd.DataFrame, masses: Sequence[str] = (), stacklevel: int = 2) -> None:
-    """Raise one BiasWarning if masses or zeros are doubtful, or a step of :func:`missing_terms` is biased."""
+    """Raise one BiasWarning if masses or zeros are doubtful, or a step in a table of missing terms is biased."""
     zeros = wrong_zeros(table)
     said = [*zeros, *masses]
     biased = table["biased"].to_numpy(dtype=bool)
@@ -290,17 +275,8 @@ _GROUPS = 8
 _NOTHING = 1e-3
 
 
-def jump_bias_of(
-    model: Any, solve_order: Any, data: SegmentSet, band: Any = None, known_masses: Any = None, inner: Any = None
-) -> pd.DataFrame:
-    """Coefficients of forces that jump, with and without the samples near velocity reversals."""
-    diagnostic = JumpBias(model, solve_order, known_masses, inner, silent=band is not None)
-    collect(diagnostic.layout, data, band, diagnostic.active)
-    return diagnostic.table()
-
-
 class JumpBias:
-    """Gram matrices with and without the samples near velocity reversals, for :func:`jump_bias_of`."""
+    """Gram matrices with and without the samples near velocity reversals."""
 
     def __init__(
         self,
@@ -353,7 +329,7 @@ class JumpBias:
                 return
 
     def table(self) -> pd.DataFrame:
-        """As :func:`jump_bias_of` returns it; empty where nothing jumps or too few samples are left."""
+        """``jump_bias_`` of a regressor; empty where nothing jumps or too few samples are left."""
         empty = pd.DataFrame(columns=["found", "away", "lost", "wrong", "unit"])
         if not self.places:
             return empty
@@ -405,7 +381,7 @@ def _weights(total: BlockGrams, places: list[tuple[Site, int, str]], masses: np.
 
 
 def sentences_of(table: pd.DataFrame) -> list[str]:
-    """Messages on the wrong coefficients in a table of :func:`jump_bias_of`."""
+    """Messages on the wrong coefficients in a table of :class:`JumpBias`."""
     return [
         f"{name} is {row['found']:.4g} {row['unit']}, but {row['away']:.4g} without the samples near velocity "
         "reversals: noise, or a sampling rate too low for the jump, makes its sign wrong there, and least squares "

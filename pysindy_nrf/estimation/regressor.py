@@ -96,10 +96,10 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         Balance errors (one step) on the fitted data, percent NRMSE; see :mod:`pysindy_nrf.regression.errors`.
     missing_terms_ : DataFrame
         Share of each residual that further terms would explain, step by step; a BiasWarning is raised if a
-        law is missing. See :func:`pysindy_nrf.diagnostics.missing_terms`.
+        law is missing.
     jump_bias_ : DataFrame
         Of least squares: coefficients of forces that jump (friction), with and without the samples next to the jumps;
-        a BiasWarning is raised if they differ. See :func:`pysindy_nrf.diagnostics.jump_bias_of`.
+        a BiasWarning is raised if they differ.
     data_warnings_ : dict of str to list of str
         ``"channels"``: texts of the DataQualityWarning on channels (units, sign, gain, delay, clipped, dead). Texts of
         the BiasWarning: ``"forces"``, balances that contradict each other (a force in other units, a wrong known mass),

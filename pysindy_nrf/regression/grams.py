@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from scipy import linalg
 
-from ..exceptions import ChannelError, NRFError
+from ..exceptions import NRFError
 from ..mechanics.sites import Site
-from .layout import Block, Group, Layout
+from .layout import Group, Layout
 
 Dofs = tuple[int, ...]
 KINDS = ("gram", "root")
@@ -21,12 +21,12 @@ _CUT = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class BlockGrams:
-    """Gram matrices of ``[terms of the sites | a_j | F_j]`` of each balance, by block of samples and frequency band."""
+    """Gram matrices of ``[terms of the sites | a_j | F_j]`` of each balance, by block of samples."""
 
     layout: Any  # a LawLayout where the columns come from laws
     groups: Mapping[Dofs, Group]  # balances, by their DOFs
-    # (..., p, p); by the DOFs of the balance; the leading axes are blocks, or blocks and bands, or none (a sum). For
-    # ``"root"`` matrices R of shape (..., q, p) with ``R.T @ R`` = Gram matrix
+    # (n_blocks, p, p), or (p, p) of a sum; by the DOFs of the balance. For ``"root"`` matrices R of shape (..., q, p)
+    # with ``R.T @ R`` = Gram matrix
     matrices: Mapping[Dofs, np.ndarray]
     sizes: Mapping[Dofs, Any]  # (...); samples in which the forces of the balance are known
     n_samples: Any  # (...); all samples
@@ -36,11 +36,10 @@ class BlockGrams:
     # motion. See :meth:`projected`
     instrumented: bool = False
     record: np.ndarray | None = None  # (n_blocks,); number of the record of each block
-    edges: np.ndarray | None = None  # (n_bands + 1,); edges of the frequency bands, Hz
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Leading axes of the matrices: blocks, or blocks and bands; none for a sum."""
+        """Number of blocks; empty for a sum."""
         return np.shape(self.n_samples)
 
     def __len__(self) -> int:
@@ -50,7 +49,7 @@ class BlockGrams:
         return True
 
     def __repr__(self) -> str:
-        what = [f"{n} {word}{'' if n == 1 else 's'}" for n, word in zip(self.shape, ("block", "band"))]
+        what = [f"{n} block{'s' * (n != 1)}" for n in self.shape]
         n = len(self.groups)
         samples = f"{int(np.rint(np.sum(self.n_samples)))} samples"
         return f"BlockGrams({', '.join([*what, f'{n} balance' + 's' * (n != 1), samples])})"
@@ -75,16 +74,15 @@ class BlockGrams:
         return where, (at if len(dofs) == 1 else None), (at + 1 if len(dofs) == 1 else at)
 
     def sum(self, weights: Any = None) -> BlockGrams:
-        """Sum of the blocks (and of the bands), each taken ``weights`` times."""
+        """Sum of the blocks, each taken ``weights`` times, (..., n_blocks)."""
         weights = np.ones(self.shape) if weights is None else np.asarray(weights, dtype=float)
-        axes = len(self.shape)
         if self.kind == "root":
-            sums = {dofs: _sum_of_roots(x, weights, axes) for dofs, x in self.matrices.items()}
+            sums = {dofs: _sum_of_roots(x, weights) for dofs, x in self.matrices.items()}
         else:
-            sums = {dofs: np.tensordot(weights, x, axes) for dofs, x in self.matrices.items()}
-        sizes = {dofs: np.tensordot(weights, n, axes)[()] for dofs, n in self.sizes.items()}
-        count = np.tensordot(weights, self.n_samples, axes)[()]
-        return replace(self, matrices=sums, sizes=sizes, n_samples=count, record=None, edges=None)
+            sums = {dofs: np.tensordot(weights, x, 1) for dofs, x in self.matrices.items()}
+        sizes = {dofs: (weights @ n)[()] for dofs, n in self.sizes.items()}
+        count = (weights @ self.n_samples)[()]
+        return replace(self, matrices=sums, sizes=sizes, n_samples=count, record=None)
 
     def leave_one_out(self) -> BlockGrams:
         """Sums of all blocks but one, for each block; what is zero in all others stays exactly zero."""
@@ -120,26 +118,15 @@ class BlockGrams:
     @classmethod
     def stack(cls, parts: Sequence[BlockGrams], record: Any = None) -> BlockGrams:
         """Parts without blocks (sums) as the blocks of one, ``record`` their records."""
-        return cls._joined(np.stack, parts, None if record is None else np.asarray(record, dtype=int))
-
-    @classmethod
-    def concatenate(cls, parts: Sequence[BlockGrams]) -> BlockGrams:
-        """The blocks of all parts, one behind the other."""
-        records = [p.record for p in parts if p.record is not None]
-        record = np.concatenate(records) if len(records) == len(parts) else None
-        return cls._joined(np.concatenate, parts, record)
-
-    @classmethod
-    def _joined(cls, join: Callable[..., Any], parts: Sequence[BlockGrams], record: np.ndarray | None) -> BlockGrams:
         first = parts[0]
         for other in parts[1:]:
             first._require_alike(other)
         return replace(
             first,
-            matrices={dofs: join([p.matrices[dofs] for p in parts]) for dofs in first.matrices},
-            sizes={dofs: join([p.sizes[dofs] for p in parts]) for dofs in first.sizes},
-            n_samples=join([p.n_samples for p in parts]),
-            record=record,
+            matrices={dofs: np.stack([p.matrices[dofs] for p in parts]) for dofs in first.matrices},
+            sizes={dofs: np.stack([p.sizes[dofs] for p in parts]) for dofs in first.sizes},
+            n_samples=np.stack([p.n_samples for p in parts]),
+            record=None if record is None else np.asarray(record, dtype=int),
         )
 
     def _require_alike(self, other: BlockGrams) -> None:
@@ -148,7 +135,7 @@ class BlockGrams:
                 "Gram matrices of different balances cannot be added", "Accumulate both with the same layout."
             )
         wide = [x.shape[-1] == other.matrices[dofs].shape[-1] for dofs, x in self.matrices.items()]
-        if self.kind != other.kind or not all(wide) or self.shape[1:] != other.shape[1:]:
+        if self.kind != other.kind or not all(wide):
             raise NRFError(
                 "Gram matrices of different columns or kinds cannot be added", "Accumulate both with the same layout."
             )
@@ -234,7 +221,7 @@ class BlockGrams:
         out = {f"gram {'-'.join(map(str, dofs))}": np.asarray(x) for dofs, x in self.matrices.items()}
         out |= {f"size {'-'.join(map(str, dofs))}": np.asarray(n) for dofs, n in self.sizes.items()}
         out |= {"n_samples": np.asarray(self.n_samples), "kind": np.array(KINDS.index(self.kind))}
-        out |= {k: x for k in ("record", "edges") if (x := getattr(self, k)) is not None}
+        out |= {} if self.record is None else {"record": self.record}
         return out | {"instrumented": np.array(self.instrumented)}
 
     @classmethod
@@ -251,7 +238,7 @@ class BlockGrams:
         return cls(
             layout, held, {d: arrays[f"gram {x}"] for d, x in names.items()},
             {d: arrays[f"size {x}"][()] for d, x in names.items()}, arrays["n_samples"][()], dict(known_masses or {}),
-            KINDS[int(arrays["kind"])], bool(arrays["instrumented"]), arrays.get("record"), arrays.get("edges"),
+            KINDS[int(arrays["kind"])], bool(arrays["instrumented"]), arrays.get("record"),
         )  # fmt: skip
 
 
@@ -310,16 +297,14 @@ def _squared_off(upper: np.ndarray) -> np.ndarray:
     return out
 
 
-def _sum_of_roots(roots: np.ndarray, weights: np.ndarray, axes: int) -> np.ndarray:
-    """Roots of weighted sums of what roots (n_blocks, ..., q, p) stand for."""
+def _sum_of_roots(roots: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Roots of weighted sums of what roots (n_blocks, q, p) stand for."""
     p = roots.shape[-1]
-    flat = roots.reshape(-1, *roots.shape[-2:])
-    lead = weights.shape[: weights.ndim - axes]
-    out = np.empty((*lead, p, p))
-    for at in np.ndindex(*lead):
-        w = weights[at].ravel()
+    out = np.empty((*weights.shape[:-1], p, p))
+    for at in np.ndindex(*weights.shape[:-1]):
+        w = weights[at]
         some = np.flatnonzero(w)
-        rows = (np.sqrt(w[some])[:, None, None] * flat[some]).reshape(-1, p)
+        rows = (np.sqrt(w[some])[:, None, None] * roots[some]).reshape(-1, p)
         out[at] = root_of(rows) if len(rows) else 0.0
     return out
 
@@ -336,111 +321,3 @@ def _projected(gram: np.ndarray, n: int) -> np.ndarray:
     out = np.zeros((n, n))
     out[: good.sum()] = (vectors[:, good] / np.sqrt(values[good])).T @ (cross / scale[:, None])
     return out
-
-
-BANDS = 24
-# Mean over time of the sum of squares of half-overlapping Hann windows.
-_OVERLAP = 0.75
-_AT_ONCE = 2**20  # numbers in the spectra that are held at a time
-
-
-def band_edges(length: float, dt: float, n_bands: int = BANDS) -> np.ndarray:
-    """Edges of frequency bands: the mean of a window, then bands that are equal on a logarithmic axis."""
-    size = _samples(length, dt)
-    lines = size // 2 + 1
-    cuts = np.unique(np.rint(np.geomspace(2, max(lines, 2), n_bands + 1)).astype(int))
-    return np.concatenate([[0.0], (cuts - 0.5) / (size * dt)])
-
-
-def _samples(length: float, dt: float) -> int:
-    """Samples of a window, an even number."""
-    return 2 * max(1, round(0.5 * length / dt))
-
-
-def band_grams(
-    layout: Layout,
-    groups: Sequence[Group],
-    records: Iterable[tuple[Iterable[Block], float | None]],
-    known_masses: Mapping[int, float] | None = None,
-    *,
-    length: float,
-    edges: np.ndarray | None = None,
-) -> BlockGrams:
-    """Gram matrices of the spectra of the columns, by window and frequency band."""
-    known = dict(known_masses or {})
-    parts: list[dict[Dofs, np.ndarray]] = []
-    sizes: list[dict[Dofs, np.ndarray]] = []
-    counts: list[np.ndarray] = []
-    numbers: list[int] = []
-    for number, (blocks, dt) in enumerate(records):
-        if not dt:
-            raise ChannelError("Frequency bands need the sampling step", "Pass dt= (s), or X with a time index.")
-        size = _samples(length, dt)
-        edges = band_edges(length, dt) if edges is None else np.asarray(edges, dtype=float)
-        lines = np.searchsorted(np.fft.rfftfreq(size, dt), edges)
-        twice = np.full(size // 2 + 1, 2.0)  # a line stands for its mirror image too
-        twice[[0, -1]] = 1.0
-        share = np.array([twice[lo:hi].sum() for lo, hi in zip(lines[:-1], lines[1:])]) * 0.5
-        window = np.sin(np.pi * np.arange(size) / size) ** 2
-        scale = np.sqrt(twice / (size * _OVERLAP))
-        for motions, seen in _windows(layout, groups, blocks, known, size):
-            spectra = np.ascontiguousarray((np.fft.rfft(motions * window) * scale).swapaxes(0, 1)).view(float)
-            parts.append({g.dofs: _by_band(spectra, _rows(layout, groups, g), lines) * seen[g.dofs] for g in groups})
-            shape = (spectra.shape[0], 1)
-            sizes.append({g.dofs: np.tile(share * seen[g.dofs], shape) for g in groups})
-            counts.append(np.tile(share, shape))
-            numbers += [number] * spectra.shape[0]
-    if not parts:
-        raise ChannelError(f"No record is as long as a window of {length:g} s", "Use shorter windows.")
-    return BlockGrams(
-        layout, {g.dofs: g for g in groups}, {g.dofs: np.concatenate([p[g.dofs] for p in parts]) for g in groups},
-        {g.dofs: np.concatenate([n[g.dofs] for n in sizes]) for g in groups}, np.concatenate(counts), known,
-        record=np.array(numbers), edges=edges,
-    )  # fmt: skip
-
-
-def _by_band(spectra: np.ndarray, rows: np.ndarray, lines: np.ndarray) -> np.ndarray:
-    """Products of rows of spectra (n_windows, n_rows, 2 n_lines) summed over the lines of each band."""
-    own = spectra[:, rows]
-    out = np.empty((len(own), len(lines) - 1, len(rows), len(rows)))
-    for band, (lo, hi) in enumerate(zip(lines[:-1], lines[1:])):  # real and imaginary parts side by side
-        part = own[:, :, 2 * lo : 2 * hi]
-        np.matmul(part, part.swapaxes(1, 2), out=out[:, band])
-    return out
-
-
-def _rows(layout: Layout, groups: Sequence[Group], group: Group) -> np.ndarray:
-    """Rows of a balance among ``[terms | a_1..a_n | F_1..F_n | right-hand sides of the sums]``."""
-    own = [i for s in group.sites for i in range(layout.slices[s].start, layout.slices[s].stop)]
-    k, n = layout.n_terms, layout.n_dof
-    if len(group.dofs) == 1:
-        return np.array([*own, k + group.dofs[0] - 1, k + n + group.dofs[0] - 1])
-    sums = [g.dofs for g in groups if len(g.dofs) > 1]
-    rows = np.array([*own, k + 2 * n + sums.index(group.dofs)])
-    assert len(rows) == width_of(layout, group)
-    return rows
-
-
-def _windows(
-    layout: Layout, groups: Sequence[Group], blocks: Iterable[Block], known: Mapping[int, float], size: int
-) -> Iterator[tuple[np.ndarray, dict[Dofs, bool]]]:
-    """Half-overlapping windows of all rows, some at a time, (n_rows, n_windows, size); which forces are known."""
-    hop = size // 2
-    sums = [g.dofs for g in groups if len(g.dofs) > 1]
-    n_rows = layout.n_terms + 2 * layout.n_dof + len(sums)
-    most = max(1, _AT_ONCE // (n_rows * size))
-    held = np.zeros((n_rows, 0))
-    seen: dict[Dofs, bool] = {}
-    for block in blocks:
-        seen = {g.dofs: all(block.known[j - 1] for j in g.dofs) for g in groups}
-        force = np.where(np.array(block.known)[:, None], block.force, 0.0)
-        totals = [
-            sum(force[j - 1] - known[j] * block.acceleration[j - 1] for j in dofs) for dofs in sums
-        ]  # right-hand sides of the sums
-        new = np.vstack([block.terms, block.acceleration, force, *totals])
-        for start in range(0, new.shape[1], most * hop):
-            held = np.concatenate([held, new[:, start : start + most * hop]], axis=1)
-            count = (held.shape[1] - size) // hop + 1
-            if count > 0:
-                yield np.lib.stride_tricks.sliding_window_view(held, size, axis=1)[:, : count * hop : hop], seen
-                held = held[:, count * hop :]

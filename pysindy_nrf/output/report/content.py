@@ -139,7 +139,7 @@ def of_model(
     return content
 
 
-# columns of pysindy_nrf.diagnostics.missing_terms, in words
+# columns of ``missing_terms_`` of a regressor, in words
 _MISSING = {
     "residual": "residual (% of its force)",
     "gain": "held-out part of it that further terms remove (%)",

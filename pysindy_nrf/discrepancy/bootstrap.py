@@ -16,6 +16,7 @@ from ..regression.errors import free_run_of
 from ..regression.segments import BlockRows, Segment
 from ..signals.kinematics import base_acceleration_if_any
 from .prepare import Prepared, Workspace, prepare
+from .residual import LOUDEST, RARE
 from .ruler import Ruler, Trial
 from .windows import Windows
 
@@ -64,12 +65,8 @@ def _produced(ready: Prepared, trial: Trial, model: ChainModel, rng: np.random.G
             blocks.append(BlockRows(number, slice(*ends)))
     fake = Workspace(data, blocks, [], work.known_masses, work.strategy)
     windows = trial.ruler.windows
-    return replace_ruler(trial.ruler, fake, Windows(data, blocks, windows.length, windows.edges, windows.centred))
-
-
-def replace_ruler(ruler: Ruler, work: Workspace, windows: Windows) -> Ruler:
-    """The bands of a ruler on other data."""
-    return Ruler(work, windows, ruler.informative, ruler.clear)
+    other = Windows(data, blocks, windows.length, windows.edges, windows.centred)
+    return Ruler(fake, other, trial.ruler.informative, trial.ruler.clear)
 
 
 def _record(
@@ -114,14 +111,8 @@ def _measured_rows(record: Record) -> slice:
 
 
 BASE = {"ag": "base_acceleration", "vg": "base_velocity", "xg": "base_displacement"}
-# A floor louder than this share of the signal's rms is taken for the signal itself.
-QUIET = 0.2
 _FEWEST = 256
-# Share of a channel's noise that is its own at least.
-_LEAST = 0.1
 _WINDOW = 64
-# Where noise reaches with this probability is still noise.
-_NOISE = 0.99
 
 
 def quiet_level(signal: np.ndarray, fs: float) -> float:
@@ -137,7 +128,7 @@ def quiet_level(signal: np.ndarray, fs: float) -> float:
     windows = signal[: len(signal) // _WINDOW * _WINDOW].reshape(-1, _WINDOW)
     by_time = flat_level((windows**2).mean(axis=1), _WINDOW)
     level = float(np.sqrt(min(by_frequency, by_time)))
-    return level if level < QUIET * float(np.sqrt(np.mean(signal**2))) else 0.0
+    return level if level < LOUDEST * float(np.sqrt(np.mean(signal**2))) else 0.0
 
 
 def denoised(signal: np.ndarray, level: float, fs: float) -> np.ndarray:
@@ -162,7 +153,7 @@ def levels_of(record: Record, motion: Mapping[str, float], rows: np.ndarray | No
     levels |= {name: quiet_level(np.asarray(channels[name])[rows], fs) for name in BASE if name in channels}
     if record.coordinates == "relative" and (base := levels.get("ag", 0.0)) > 0:
         for name in (k for k in levels if k[0] == "a" and k in motion):
-            levels[name] = float(np.sqrt(max(levels[name] ** 2 - base**2, (_LEAST * levels[name]) ** 2)))
+            levels[name] = float(np.sqrt(max(levels[name] ** 2 - base**2, 0.0)))
     return levels
 
 
@@ -198,7 +189,7 @@ def flat_level(values: np.ndarray, dof: float) -> float:
     from scipy.stats import chi2
 
     values = np.sort(values)
-    reach = chi2.ppf(_NOISE, dof) / dof
+    reach = chi2.ppf(1 - RARE, dof) / dof
     count = max(3, len(values) // 20)
     for _ in range(len(values)):
         more = int(np.searchsorted(values, reach * values[:count].mean(), side="right"))

@@ -8,7 +8,7 @@ ask the same regression.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from ..exceptions import ChannelError
 from ..laws import Jenkins
 from ..laws.shape import Motion
 from . import words
-from .residual import period_of
+from .residual import RARE, period_of
 from .words import Dependence, Feature
 
 # Shares of squares that differ by less are alike, and what explains less matters to nobody: the scatter of a share of
@@ -27,8 +27,6 @@ from .words import Dependence, Feature
 NEARLY = 0.04
 # Below this share nothing that was tried explains a force: what chance and the ridge leave to the largest group.
 LEAST = 0.15
-# Chance of a spectral line, or of a level of noise, where there is none.
-RARE = 0.01
 
 # How many neighbouring lines of a Hann window count as one: 1 + 2 ((2/3)^2 + (1/6)^2).
 _HANN_OVERLAP = 35 / 18
@@ -254,44 +252,20 @@ ROWS = {
 
 @dataclass
 class Characterisation:
-    """What a force depends on.
+    """What a force depends on."""
 
-    Attributes
-    ----------
-    shares : DataFrame
-        One row for each dependence, simplest first: ``share`` (percent of the force's squares explained on
-        blocks left out), ``low``, ``high`` (about 95 %), ``gain`` (percentage points more than linear terms
-        alone), ``chosen``. Every row but ``constant`` holds the linear terms s, v, a as well.
-    dependence : Dependence
-        The simplest row that explains nearly as much as the best; ``NOTHING`` if none explains much.
-    memory : float
-        Percentage points that sliders (memory of the path) add to any function of s and v.
-    odd : float
-        Share of the odd part under (s, v) -> (-s, -v), 0 to 1; NaN where the question has no sense.
-    frequency : float
-        Frequency of the highest spectral line, Hz; NaN if none stands out.
-    features : list of Feature
-        Marks of the shape: a jump at v = 0, a kink, hardening, softening.
-    curves : dict of str to DataFrame
-        Conditional means of the force (``centre``, ``mean``, ``error`` of the mean, ``count``) over "s" and "v".
-    covariate : str
-        Where the force depends on one: its name.
-    rms : float
-        Of the force, N.
-    noise : float or None
-        Rms of the noise in it, N.
-    """
-
+    # One row for each dependence, simplest first: "share" (percent of the force's squares explained on blocks left
+    # out), "low", "high" (about 95 %), "gain" (points more than linear terms alone), "chosen".
     shares: pd.DataFrame
-    dependence: Dependence
-    memory: float
-    odd: float
-    frequency: float
-    features: list[Feature]
-    curves: dict[str, pd.DataFrame] = field(default_factory=dict)
-    covariate: str = ""
-    rms: float = float("nan")
-    noise: float | None = None
+    dependence: Dependence  # the simplest row that explains nearly as much as the best
+    memory: float  # percentage points that sliders (memory of the path) add to any function of s and v
+    odd: float  # share of the odd part under (s, v) -> (-s, -v), 0 to 1; NaN where the question has no sense
+    frequency: float  # of the highest spectral line, Hz; NaN if none stands out
+    features: list[Feature]  # marks of the shape
+    curves: dict[str, pd.DataFrame]  # means of the force in bins of "s" and "v"
+    covariate: str = ""  # on which the force depends
+    rms: float = float("nan")  # of the force, N
+    noise: float | None = None  # rms of the noise in it, N
 
     @property
     def sentence(self) -> str:

@@ -46,8 +46,8 @@ from .characterisation import (
 )
 from .constants import EXPLAINED, FAR, FLOOR
 from .prepare import Workspace
-from .residual import AT_FLOOR, NoiseFloor, Residual, residual_of, searched
-from .words import Agreement, Location, Obstacle, ResidualKind, Why
+from .residual import AT_FLOOR, NoiseFloor, Residual, searched_residual
+from .words import Agreement, Location, Obstacle, ResidualKind
 
 # -- is it noise ------------------------------------------------------------------------------------
 
@@ -254,7 +254,6 @@ class Localiser:
         pieces = in_blocks(rows)
         self.grams = np.array([piece.T @ piece for piece in pieces])
         self.sizes = np.array([len(piece) for piece in pieces], dtype=float)
-        self._cut: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
 
     def found(self) -> Localisation:
         """All sites of the chain, best first."""
@@ -335,16 +334,14 @@ class Localiser:
 
     def _pieces(self, b: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Pieces into which a free force cuts the chain: the number of each balance's, and where a force scales it."""
-        if _key(b) not in self._cut:
-            ties, seen = self.owners[:, : -2 * self.residual.n_dof], np.ones(len(self.known), dtype=bool)
-            if b is not None and np.count_nonzero(b) == 1:
-                seen = np.equal(b, 0)
-            elif b is not None:
-                ties = np.column_stack([ties, b])
-            ties = np.abs(ties) * seen[:, None]
-            piece = np.where(seen, connected_components(ties @ ties.T)[1], -1)
-            self._cut[_key(b)] = piece, np.isin(piece, piece[self.forced & seen])
-        return self._cut[_key(b)]
+        ties, seen = self.owners[:, : -2 * self.residual.n_dof], np.ones(len(self.known), dtype=bool)
+        if b is not None and np.count_nonzero(b) == 1:
+            seen = np.equal(b, 0)
+        elif b is not None:
+            ties = np.column_stack([ties, b])
+        ties = np.abs(ties) * seen[:, None]
+        piece = np.where(seen, connected_components(ties @ ties.T)[1], -1)
+        return piece, np.isin(piece, piece[self.forced & seen])
 
     def _free_masses(self, b: np.ndarray | None) -> np.ndarray:
         """DOFs whose mass is corrected: all but one, the largest, of a piece that nothing scales."""
@@ -524,30 +521,16 @@ def look(
     where = _tried(out, "localisation", lambda: Localiser(residual, floor, work.known_masses))
     out.localisation = None if where is None else _tried(out, "localisation", where.found)
     if out.localisation is None:
-        why = Obstacle(Why.NO_SITE, words.obstacle(out.not_possible["localisation"]))
+        why = Obstacle(f"the site is not known: {out.not_possible['localisation'].reason}")
     elif out.detection is not None and out.detection.is_noise:
-        why = Obstacle(Why.ONLY_NOISE)
+        why = Obstacle("nothing but noise is left", expected=True)
     elif not out.site:
-        why = Obstacle(Why.NOTHING_LOCATED)
+        why = Obstacle("the residual is at the noise floor", expected=True)
     else:
         out.characterisation = _tried(out, "characterisation", lambda: _characterised(where, Site(out.site), floor))
         return out
     out.not_possible["characterisation"] = why
     return out
-
-
-def searched_residual(work: Workspace, model: ChainModel) -> Residual:
-    """Residual on the search data; laws that remember the path follow it from the start of the record."""
-    data, filters = searched(work)
-    if not model.has_memory:
-        return residual_of(model, data, filters)
-    whole = {id(seg.s): (seg, R) for seg, R in zip(work.data.segments, model.site_forces(work.data))}
-    forces = []
-    for piece in data.segments:
-        seg, R = whole[id(piece.s)]
-        start = piece.valid.start - seg.valid.start
-        forces.append(R[start : start + piece.n_valid])
-    return residual_of(model, data, filters, forces=forces)
 
 
 def _characterised(where: Localiser, site: Site, floor: NoiseFloor | None) -> Characterisation:
@@ -569,7 +552,7 @@ def _tried(out: Evidence, room: str, enter: Callable[[], Any]) -> Any:
     try:
         return enter()
     except NRFError as error:
-        out.not_possible[room] = Obstacle(Why.ERROR, error.what)
+        out.not_possible[room] = Obstacle(error.what.rstrip("."))
     except (ValueError, ArithmeticError, LookupError) as error:  # numerics on data nobody has seen: say it and go on
-        out.not_possible[room] = Obstacle(Why.ERROR, f"{type(error).__name__}: {error}")
+        out.not_possible[room] = Obstacle(f"{type(error).__name__}: {error}".rstrip("."))
     return None

@@ -13,6 +13,7 @@ of every link and ground link that crosses the cut, and of the DOF sites above i
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -25,8 +26,13 @@ from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
 from ..regression.segments import SegmentSet
 
-# A residual within this factor of the noise floor is at the floor: the floor itself is known no better.
+# A residual within this factor of the noise floor is at the floor: from one draw of noise the floor is known no better
+# (battery, nothing hidden: 0.8 to 1.27).
 AT_FLOOR = 1.3
+# What is louder than a fifth of a signal's rms is signal, not noise.
+LOUDEST = 0.2
+# Chance of a spectral line, or of a quiet stretch, where there is none.
+RARE = 0.01
 # Samples looked at: enough to see any effect, and little beside the search.
 ENOUGH = 10_000
 # Rows in common that repeated records need.
@@ -37,29 +43,16 @@ _POINTS, _PER_CYCLE = 1000, 40
 
 @dataclass
 class Residual:
-    """One-step residual of a model, record by record.
-
-    Attributes
-    ----------
-    model : ChainModel
-    data : SegmentSet
-    filters : list of FairFilter or None
-        One for each record; the residual has passed it.
-    balance : list of ndarray of shape (n_valid_samples, n_dof)
-        e_j, N; a column of NaN where the force on the DOF is unknown.
-    reference : DataFrame
-        Rows ``"dof j"`` and ``"storey i"``; columns ``reference`` (rms, N) and ``of``: a balance is measured by F, or
-        by m a where no force acts; a storey by the force across its cut, ``sum_{j >= i} (F_j - m_j a_j)``.
-    scale : ndarray of shape (n_dof,)
-        Rms of the model's force in storey j (of the reference of balance j if that is zero), N.
-    """
+    """One-step residual of a model, record by record."""
 
     model: ChainModel
     data: SegmentSet
-    filters: list[Any]
-    balance: list[np.ndarray]
+    filters: list[Any]  # one for each record; the residual has passed it
+    balance: list[np.ndarray]  # e_j, N, shape (n_valid_samples, n_dof); a column of NaN where the force is unknown
+    # Rows "dof j" and "storey i"; columns "reference" (rms, N) and "of": a balance is measured by F, or by m a where
+    # no force acts; a storey by the force across its cut, sum_{j >= i} (F_j - m_j a_j).
     reference: pd.DataFrame
-    scale: np.ndarray
+    scale: np.ndarray  # rms of the model's force in storey j (of the reference of balance j if that is zero), N
 
     @property
     def n_dof(self) -> int:
@@ -126,16 +119,11 @@ def residual_of(
     model: ChainModel,
     data: Any,
     filters: Sequence[Any] | None = None,
-    *,
-    band: Any = None,
     forces: Sequence[np.ndarray] | None = None,
 ) -> Residual:
-    """One-step residual of a model in a frequency band; forces of its sites are its own unless they are given."""
+    """One-step residual of a model through filters; forces of its sites are its own unless they are given."""
     data = model.segments(data)
-    if filters is None:
-        from ..signals.zero_phase_filter import filters_of
-
-        filters = filters_of(band, data)
+    filters = [None] * len(data.segments) if filters is None else list(filters)
     forces = model.site_forces(data) if forces is None else forces
     found: tuple[list[np.ndarray], ...] = ([], [], [], [])
     own = {site: k for k, site in enumerate(model.laws)}
@@ -164,7 +152,21 @@ def residual_of(
     )
     scale, other = rms(storeys), reference["reference"].to_numpy()[: model.n_dof]
     scale = np.where(scale > 0, scale, np.where(other > 0, other, 1.0))
-    return Residual(model, data, list(filters), balance, reference, scale)
+    return Residual(model, data, filters, balance, reference, scale)
+
+
+def searched_residual(work: Any, model: ChainModel) -> Residual:
+    """Residual on the search data; laws that remember the path follow it from the start of the record."""
+    data, filters = searched(work)
+    if not model.has_memory:
+        return residual_of(model, data, filters)
+    whole = {id(seg.s): (seg, R) for seg, R in zip(work.data.segments, model.site_forces(work.data))}
+    forces = []
+    for piece in data.segments:
+        seg, R = whole[id(piece.s)]
+        start = piece.valid.start - seg.valid.start
+        forces.append(R[start : start + piece.n_valid])
+    return residual_of(model, data, filters, forces=forces)
 
 
 # -- noise ------------------------------------------------------------------------------------------
@@ -172,22 +174,12 @@ def residual_of(
 
 @dataclass
 class NoiseFloor:
-    """Residual that noise alone leaves.
-
-    Attributes
-    ----------
-    balance, storey : ndarray of shape (n_dof,)
-        Rms in balance j, and summed from the top in storey i, N; NaN where unknown.
-    source : str
-        Where it comes from, in words.
-    draws : list of Residual
-        Residuals of noise alone; may be empty.
-    """
+    """Residual that noise alone leaves: rms in balance j, and summed from the top in storey i, N; NaN where unknown."""
 
     balance: np.ndarray
     storey: np.ndarray
-    source: str
-    draws: list[Residual] = field(default_factory=list)
+    source: str  # where it comes from, in words
+    draws: list[Residual] = field(default_factory=list)  # residuals of noise alone; may be empty
 
     def at(self, name: str) -> float:
         """Rms at one balance (``"dof 2"``) or storey (``"storey 2"``), N."""
@@ -213,14 +205,13 @@ class NoiseFloor:
                     f"The noise floor names balance {wrong[0]!r}", f"The chain has balances 1 to {n_dof}."
                 )
             levels = [levels.get(j, np.nan) for j in range(1, n_dof + 1)]
-        values = np.asarray(levels, dtype=float)
+        values = np.array(levels, dtype=float)
+        cure = "Give the rms of the noise in each balance, N."
         if values.ndim and values.shape != (n_dof,):
-            raise ChannelError(
-                f"{values.size} noise levels for {n_dof} balances", "Give the rms of the noise in each balance, N."
-            )
-        values = np.broadcast_to(values, (n_dof,)).copy()
+            raise ChannelError(f"{values.size} noise levels for {n_dof} balances", cure)
         if (values < 0).any() or np.isinf(values).any():
-            raise ChannelError("A noise floor is negative or infinite", "Give the rms of the noise in each balance, N.")
+            raise ChannelError("A noise floor is negative or infinite", cure)
+        values = np.broadcast_to(values, (n_dof,)).copy()
         return cls(values, np.sqrt(from_top(values[None] ** 2)[0]), "given by the user")
 
     @classmethod
@@ -228,17 +219,12 @@ class NoiseFloor:
         """Noise floor from the same test done several times."""
         every, segments = residual.balance, residual.data.segments
         count = len(every)
-        if count < 2 or len({len(e) for e in every}) > 1:
-            raise ChannelError(
-                f"{count} records of {sorted({len(e) for e in every})} samples are no repetitions of one test",
-                "Give at least two records of equal length under the same force.",
-            )
         drive = np.array([np.nan_to_num(seg.F[seg.valid].astype(float)) for seg in segments])
         bases = [seg.ag[seg.valid] for seg in segments if seg.ag is not None]
         if not drive.any() and len(bases) == count:
             drive = np.array(bases)
         common = drive.mean(axis=0)
-        if drive.any() and np.sqrt(np.mean((drive - common) ** 2)) > 0.2 * np.sqrt(np.mean(common**2)):
+        if drive.any() and np.sqrt(np.mean((drive - common) ** 2)) > LOUDEST * np.sqrt(np.mean(common**2)):
             raise ChannelError(
                 "The records were not excited alike, so their difference is not noise",
                 "Align repetitions of one test sample by sample, or use noise_floor='channels'.",
@@ -265,21 +251,20 @@ def floor_of(given: Any, work: Any, model: ChainModel, simulated: Any) -> tuple[
         return given, given.source
     if isinstance(given, str) and given == "repeats":
         floor = NoiseFloor.from_repeats(_repeated(work, model))
-        return floor, floor.source
-    if isinstance(given, str) and given == "channels":
+    elif isinstance(given, str) and given == "channels":
         if simulated is None:
             return None, "not known: the model has no free run"
         simulated.filters = [work.filters[i] for i in work.searched]
-        floor = NoiseFloor.from_draws(
-            [residual_of(model, *searched(simulated))], "a free run of the model with the noise of the channels"
+        noise = residual_of(model, *searched(simulated))
+        floor = NoiseFloor.from_draws([noise], "a free run of the model with the noise of the channels")
+    elif isinstance(given, (Mapping, float, int, list, tuple, np.ndarray)) and not isinstance(given, bool):
+        floor = NoiseFloor.given(given, work.n_dof)
+    else:
+        raise ChannelError(
+            f"noise_floor={given!r} is unknown",
+            "Choose 'channels' or 'repeats', or give the rms of the noise in each balance, N: {dof: rms}.",
         )
-        return floor, floor.source
-    if isinstance(given, (Mapping, float, int, list, tuple, np.ndarray)) and not isinstance(given, bool):
-        return NoiseFloor.given(given, work.n_dof), "given by the user"
-    raise ChannelError(
-        f"noise_floor={given!r} is unknown",
-        "Choose 'channels' or 'repeats', or give the rms of the noise in each balance, N: {dof: rms}.",
-    )
+    return floor, floor.source
 
 
 def _repeated(work: Any, model: ChainModel) -> Residual:
@@ -324,12 +309,8 @@ def loops_of(model: ChainModel, data: SegmentSet, filters: Sequence[Any] | None 
         storeys = [np.full((seg.n_valid, model.n_dof), np.nan) for seg in data.segments]
     out = []
     for site, force in model.restoring_forces.items():
-        if not force.laws:
-            continue
-        try:
-            out.append(_loop(site, force, data, filters, storeys))
-        except NRFError:  # a law that needs what this record does not hold is not drawn
-            continue
+        with suppress(NRFError):  # a law that needs what this record does not hold is not drawn
+            out += [_loop(site, force, data, filters, storeys)] if force.laws else []
     return out
 
 

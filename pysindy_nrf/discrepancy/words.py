@@ -75,27 +75,12 @@ class Feature(Enum):
     SOFTENING = "softening"
 
 
-class Why(Enum):
-    """Why one question to the residual has no answer; the values are the words."""
-
-    UNTRIED = "nothing was tried"
-    ERROR = ""
-    NO_SITE = "the site is not known: "
-    ONLY_NOISE = "nothing but noise is left"
-    NOTHING_LOCATED = "the residual is at the noise floor"
-
-
 @dataclass(frozen=True)
 class Obstacle:
-    """Why one question to the residual has no answer; ``error`` is the text of an exception."""
+    """Why one question to the residual has no answer; ``expected`` if nothing is missing."""
 
-    why: Why
-    error: str = ""
-
-    @property
-    def expected(self) -> bool:
-        """Whether there is no answer because nothing is missing."""
-        return self.why in (Why.ONLY_NOISE, Why.NOTHING_LOCATED)
+    reason: str
+    expected: bool = False
 
 
 @dataclass(frozen=True)
@@ -124,15 +109,10 @@ _DEPENDENCE = {
 }
 
 
-def obstacle(one: Obstacle) -> str:
-    """A reason, as the end of a sentence."""
-    return f"{one.why.value}{one.error}".rstrip(".") or Why.UNTRIED.value
-
-
 def not_possible(question: str, evidence: Any) -> str:
     """The sentence for a question without an answer."""
-    why = evidence.not_possible.get(question, Obstacle(Why.UNTRIED))
-    return f"{question.capitalize()} is not possible because {obstacle(why)}."
+    why = evidence.not_possible.get(question, Obstacle("nothing was tried"))
+    return f"{question.capitalize()} is not possible because {why.reason}."
 
 
 # -- is it noise ------------------------------------------------------------------------------------

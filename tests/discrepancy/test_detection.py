@@ -12,6 +12,7 @@ from pysindy_nrf.discrepancy.evidence import detect
 from pysindy_nrf.discrepancy.residual import NoiseFloor, residual_of
 from pysindy_nrf.discrepancy.words import ResidualKind
 from pysindy_nrf.regression.input_arrays import from_arrays
+from pysindy_nrf.signals.zero_phase_filter import filters_of
 
 pytestmark = pytest.mark.slow
 
@@ -28,15 +29,15 @@ def linear_case(n, forced, seed, n_samples=6000, extra=None, cubic=0.0, substeps
 def fitted(case, F=None, **options):
     F = case.F if F is None else F
     regressor = NRFRegressor(degree=1, dt=case.dt, **options).fit(case.X, F)
-    return residual_of(regressor.model_, from_arrays(case.X, F, dt=case.dt), band=options.get("band"))
+    return residual_of(regressor.model_, from_arrays(case.X, F, dt=case.dt))
 
 
 @pytest.mark.parametrize("band", [None, (2.0, 60.0)])
 def test_white_noise_of_a_known_size_is_noise_whatever_the_band(band):
     case = linear_case(1, [1], 0, n_samples=2500)
-    residual = residual_of(
-        ChainModel(case.m, {1: [laws.LinearElastic(case.k[0])]}), from_arrays(case.X, case.F, dt=case.dt), band=band
-    )
+    data = from_arrays(case.X, case.F, dt=case.dt)
+    model = ChainModel(case.m, {1: [laws.LinearElastic(case.k[0])]})
+    residual = residual_of(model, data, filters_of(band, data))
     rng, alarms = np.random.default_rng(1), 0
     filter = residual.filters[0]
     for _ in range(RUNS):

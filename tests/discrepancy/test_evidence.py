@@ -11,8 +11,9 @@ from pysindy_nrf import ChainModel, close_loop, excitation, laws, simulate
 from pysindy_nrf.discrepancy import sensors
 from pysindy_nrf.discrepancy.bootstrap import levels_of
 from pysindy_nrf.discrepancy.characterisation import characterise
-from pysindy_nrf.discrepancy.evidence import Evidence, look, searched
+from pysindy_nrf.discrepancy.evidence import Evidence, look
 from pysindy_nrf.discrepancy.prepare import Workspace, prepare
+from pysindy_nrf.discrepancy.residual import searched
 from pysindy_nrf.discrepancy.windows import split, window_length
 from pysindy_nrf.discrepancy.words import Agreement, Dependence, Feature, Location, ResidualKind
 

@@ -11,7 +11,7 @@ from simulated_cases import Plan, simulated
 
 from pysindy_nrf import ChainModel, Record, Site, close_loop, laws
 from pysindy_nrf.discrepancy.catalogue import as_laws, candidates
-from pysindy_nrf.discrepancy.words import Agreement, Dependence, Location, Obstacle, ResidualKind, Why
+from pysindy_nrf.discrepancy.words import Agreement, Dependence, Location, Obstacle, ResidualKind
 from pysindy_nrf.output.cli.group import run
 from pysindy_nrf.output.displays.evidence import evidence_figures
 from pysindy_nrf.output.report.content import cautions, chapters, lead
@@ -118,7 +118,7 @@ def test_a_residual_that_is_not_noise_and_has_no_place_is_not_characterised(sile
     one = replace(
         last,
         detection=replace(last.detection, verdicts=verdicts),
-        not_possible={"characterisation": Obstacle(Why.NOTHING_LOCATED)},
+        not_possible={"characterisation": Obstacle("the residual is at the noise floor", expected=True)},
     )
     assert "unmeasured force or unknown noise" in one.detection_sentence
     assert one.characterisation_sentence == (

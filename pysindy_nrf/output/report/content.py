@@ -14,7 +14,7 @@ import pandas as pd
 from ...common.audit import settings_of, versions
 from ...data.record import Record
 from ...discrepancy.residual import SiteLoop, loops_of
-from ...discrepancy.words import Agreement, obstacle
+from ...discrepancy.words import Agreement
 from ...exceptions import NRFError, NRFWarning
 from ...regression.chain_model import ChainModel
 from ...regression.segments import SegmentSet
@@ -429,7 +429,7 @@ def cautions(report: Any) -> list[str]:
             )
     out += not_positive(report.model.masses, "not positive")
     closed = {name: why for e in report.evidence for name, why in e.not_possible.items() if not why.expected}
-    out += [sentence(f"{name} was not possible because {obstacle(why)}") for name, why in closed.items()]
+    out += [sentence(f"{name} was not possible because {why.reason}") for name, why in closed.items()]
     if any(e.floor is None for e in report.evidence):
         out.append("What noise alone would leave is not known here: an unmeasured force is not told from noise.")
     return list(dict.fromkeys(out))

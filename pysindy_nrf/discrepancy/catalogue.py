@@ -58,6 +58,8 @@ def default_catalogue(covariates: Sequence[str] = ()) -> list[ForceLaw]:
         laws.Dahl(),
         laws.LuGre(),
         laws.BoucWen(),
+        laws.DegradingBoucWen(),
+        laws.PinchedBoucWen(),
         laws.MaxwellBranch(),
         laws.StiffnessStep(),
         laws.StiffnessDrift(),

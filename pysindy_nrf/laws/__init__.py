@@ -11,6 +11,8 @@ from .contact import OneSidedGap
 from .contact import PreloadedContact as PreloadedContact
 from .contact import TwoSidedGap as TwoSidedGap
 from .contract import check_law
+from .degrading import DegradingBoucWen as DegradingBoucWen
+from .degrading import PinchedBoucWen as PinchedBoucWen
 from .elastic import AbsoluteQuadraticStiffness as AbsoluteQuadraticStiffness
 from .elastic import CubicStiffness, Duffing, LinearElastic, LinearViscous, StiffnessDrift, StiffnessStep
 from .elastic import DampingDrift as DampingDrift

@@ -248,7 +248,7 @@ def check_units(law: ForceLaw, rng: np.random.Generator) -> None:
         motion.t * size["s"],
         covariates,
     )
-    shape = {p.name: theta * _in(p.unit, size, law) for p, theta in zip(law.shapes, law.theta)}
+    shape = {p.name: (law.shape[p.name] or 0.0) * _in(p.unit, size, law) for p in law.shapes}
     columns, scaled = law.features(motion), law.with_values(shape=shape).features(other)
     for k, term in enumerate(law.terms()):
         what = f"{law}: {term.symbol} has not the unit {term.unit}, or a shape parameter not its own"
@@ -269,7 +269,7 @@ def check_json(law: ForceLaw, rng: np.random.Generator) -> None:
     assert copy == law and hash(copy) == hash(law), f"{law}: is not equal to its copy by JSON"
     assert np.array_equal(copy.force(motion), law.force(motion)), f"{law}: its copy by JSON gives another force"
     before = law.to_dict()
-    changed = law.with_values(law.values + 1.0, {k: 0.9 * x for k, x in zip(law.shape, law.theta)})
+    changed = law.with_values(law.values + 1.0, {k: 0.9 * (x or 0.0) for k, x in law.shape.items()})
     assert changed != law and law.to_dict() == before, f"{law}: with_values changes the law itself"
     assert np.array_equal(changed.values, law.values + 1.0), f"{law}: with_values loses coefficients"
 

@@ -61,7 +61,7 @@ class Shape(NamedTuple):
         Bounds of its search, in multiples of ``scale``.
     scale : str
         Unit of the bounds, a product such as ``"1"``, ``"s"``, ``"1/v"`` or
-        ``"s/v"`` of the rms drift s and the rms rate v of the site and the record length t.
+        ``"s/v"`` of the rms drift s, the rms rate v, the record length t and the path p = v t of the site.
     log : bool
         Whether it is positive and searched on a logarithmic scale.
     instant : bool
@@ -103,7 +103,7 @@ class Shape(NamedTuple):
         if self.instant:
             first, last = clock or (0.0, duration)
             return first + self.low * (last - first), first + self.high * (last - first)
-        sizes = {"1": 1.0, "s": drift, "v": rate, "t": duration}
+        sizes = {"1": 1.0, "s": drift, "v": rate, "t": duration, "p": rate * duration}
         above, _, below = self.scale.partition("/")
         unit = sizes[above] / sizes[below or "1"]
         return self.low * unit, self.high * unit

@@ -87,6 +87,38 @@ def test_bouc_wen_follows_the_published_equation(gamma, delta, nu, tolerance):
     _assert_same(law.force(PATH), _reference(published)[0], tolerance)
 
 
+@pytest.mark.parametrize(
+    ("rho", "n", "strength", "stiffness"), [(0.0, 1.0, 300.0, 0.1), (0.0, 1.0, 100.0, 300.0), (-0.4, 1.7, 200.0, 80.0)]
+)
+def test_degrading_bouc_wen_follows_baber_and_wen(rho, n, strength, stiffness):
+    beta = 2e3
+
+    def published(t, y):
+        w, e, v = *y, _rate(t)
+        size = (beta * abs(w)) ** n
+        rate = v - (1.0 + strength * e) * (abs(v) * np.sign(w) * size + rho * v * size)
+        return [rate / (1.0 + stiffness * e), beta * w * v]
+
+    found = laws.DegradingBoucWen(beta, strength, stiffness, alpha=5e4, rho=rho, n=n).force(PATH)
+    _assert_same(found, 5e4 * _reference(published, 2)[0], 1e-5)
+
+
+@pytest.mark.parametrize(
+    ("slip", "width", "q", "rho", "n"), [(0.9, 0.15, 0.0, 0.0, 1.0), (0.6, 0.8, 0.2, 0.0, 1.0), (0.8, 0.3, -0.1, 0.5, 2.0)]
+)
+def test_pinched_bouc_wen_follows_baber_and_noori(slip, width, q, rho, n):
+    beta = 2e3
+
+    def published(t, w):
+        v = _rate(t)
+        size = (beta * abs(w)) ** n
+        h = 1.0 - slip * np.exp(-(((beta * w * np.sign(v) - q) / width) ** 2))
+        return h * (v - abs(v) * np.sign(w) * size - rho * v * size)
+
+    found = laws.PinchedBoucWen(beta, slip, width, 5e4, q, rho, n).force(PATH)
+    _assert_same(found, 5e4 * _reference(published)[0], 1e-5)
+
+
 @pytest.mark.parametrize("n", [1.0, 1.3, 2.0, 4.0])
 @pytest.mark.parametrize("rho", [-2.0, -1.0, -0.4, 0.0, 1.0, 1.6])
 def test_bouc_wen_takes_any_step_however_long(n, rho):

@@ -34,7 +34,7 @@ def test_bounds_go_with_the_motion_and_the_record(sizes, larger, longer):
     first = ShapeScale(SHAPES, [sizes] * len(SHAPES))
     # a structure that moves so much further and as much slower than before
     other = ShapeScale(SHAPES, [(larger * drift, larger / longer * rate, longer * duration)] * len(SHAPES))
-    power = {"s": larger, "v": larger / longer, "t": longer, "1": 1.0}
+    power = {"s": larger, "v": larger / longer, "t": longer, "p": larger, "1": 1.0}
     for k, p in enumerate(SHAPES):
         above, _, below = p.scale.partition("/")
         factor = power[above] / power[below or "1"]

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pysindy_nrf import Chain, ChainModel, NRFRegressor, Record, Site, close_loop, excitation, laws, simulate
+from pysindy_nrf import Chain, ChainModel, NRFRegressor, Record, close_loop, excitation, laws, simulate
 from pysindy_nrf.discrepancy.catalogue import candidates, default_catalogue
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.regression.shape_search import driving_frequency, spectral_lines
@@ -215,12 +215,3 @@ def test_a_harmonic_test_hides_no_harmonic_force():
     assert min(abs(f / 1.5 - round(f / 1.5)) for f in lines[:1]) > 0.05
     noise = np.random.default_rng(0).standard_normal((1, 12000))
     assert np.isnan(driving_frequency(noise, 1e-3))
-
-
-def test_preloaded_contact_opens_and_closes():
-    law = laws.PreloadedContact(u=0.001, k=1e6)
-    s = np.array([-0.003, -0.001, 0.0, 0.002])
-    assert np.allclose(law.force(laws.Motion(s, 0 * s)), [-1000.0, -1000.0, 0.0, 2000.0])
-    mirrored = laws.PreloadedContact(u=0.001, k=1e6, side=-1)
-    assert np.allclose(mirrored.force(laws.Motion(-s, 0 * s)), [1000.0, 1000.0, 0.0, -2000.0])
-    assert Site("sensor a2").kind == "sensor"

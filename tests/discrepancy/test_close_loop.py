@@ -7,13 +7,11 @@ from functools import cache
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, Site, close_loop, excitation, laws, simulate
 from pysindy_nrf.exceptions import BiasWarning, ChannelError, DataQualityWarning, LawError
-from pysindy_nrf.output.cli.group import cli
 from pysindy_nrf.simulation.noise import add_noise
 
 M = np.array([12.0, 10.0, 8.0])
@@ -36,30 +34,24 @@ def force(n_samples, dofs, seed, rms=60.0):
 
 
 @cache
-def record(effect=None, dofs=(3,), seed=0, n_samples=3500, states=0, noise=0.0, name="test"):
-    """A three-storey chain with an effect: effect(t, x, v, z) -> (forces on the DOFs, dz/dt)."""
+def record(effect=None, dofs=(3,), seed=0, n_samples=3500, noise=0.0, name="test"):
+    """A three-storey chain with an effect: effect(t, x, v) -> forces on the DOFs."""
     F = force(n_samples, dofs, seed)
     t = np.arange(n_samples) * DT
     load = CubicSpline(t, F).c
     stiff = np.diag(K + np.append(K[1:], 0.0)) - np.diag(K[1:], 1) - np.diag(K[1:], -1)
     damp = np.diag(C + np.append(C[1:], 0.0)) - np.diag(C[1:], 1) - np.diag(C[1:], -1)
 
-    def motion(time, x, v, z):
+    def rate(time, y):
         i = min(int(time / DT), n_samples - 2)
         h = time - i * DT
         f = ((load[0, i] * h + load[1, i]) * h + load[2, i]) * h + load[3, i]
-        extra, dz = effect(time, x, v, z) if effect else (0.0, z)
-        return (f - stiff @ x - damp @ v + extra) / M, dz
+        x, v = y[:3], y[3:]
+        return np.concatenate([v, (f - stiff @ x - damp @ v + (effect(time, x, v) if effect else 0.0)) / M])
 
-    def rhs(time, y):
-        x, v, z = y[:3], y[3:6], y[6:]
-        a, dz = motion(time, x, v, z)
-        return np.concatenate([v, a, dz])
-
-    sol = solve_ivp(rhs, (0, t[-1]), np.zeros(6 + states), "DOP853", t_eval=t, rtol=1e-7, atol=1e-11)
-    y = sol.y.T
-    a = np.array([motion(ti, yi[:3], yi[3:6], yi[6:])[0] for ti, yi in zip(t, y)])
-    rec = Record(force=F, acceleration=a, velocity=y[:, 3:6], displacement=y[:, :3], fs=1 / DT, name=name)
+    y = solve_ivp(rate, (0, t[-1]), np.zeros(6), "DOP853", t_eval=t, rtol=1e-7, atol=1e-11).y.T
+    a = np.array([rate(ti, yi)[3:] for ti, yi in zip(t, y)])
+    rec = Record(force=F, acceleration=a, velocity=y[:, 3:], displacement=y[:, :3], fs=1 / DT, name=name)
     return add_noise(rec, noise, random_state=seed + 1) if noise else rec
 
 
@@ -67,52 +59,39 @@ def on_storey_2(R):
     return np.array([R, -R, 0.0])
 
 
-def friction(t, x, v, z):
-    return on_storey_2(9.0 * np.tanh((v[1] - v[0]) / 2e-4)), z
+def friction(t, x, v):
+    return on_storey_2(9.0 * np.tanh((v[1] - v[0]) / 2e-4))
 
 
-def cubic(t, x, v, z):
-    return on_storey_2(1.2e9 * (x[1] - x[0]) ** 3), z
+def cubic(t, x, v):
+    return on_storey_2(1.2e9 * (x[1] - x[0]) ** 3)
 
 
-def brace(t, x, v, z):
+def brace(t, x, v):
     R = 9e3 * (x[2] - x[0]) + 8.0 * (v[2] - v[0])
-    return np.array([R, 0.0, -R]), z
+    return np.array([R, 0.0, -R])
 
 
-def hysteresis(t, x, v, z):
-    w = v[1] - v[0]
-    dz = 900.0 * w - 900.0 * (0.6 * abs(w) * z + 0.4 * w * abs(z))
-    return on_storey_2(14.0 * z[0]), np.atleast_1d(dz[0])
-
-
-COSTLY = ("friction", "hysteresis", "brace")
 FEW = [laws.CoulombFriction(), laws.CubicStiffness(), laws.QuadraticDamping(), laws.LinkSpringDashpot()]
-CASES = {
-    "friction": (friction, "friction", "storey 2", 0),
-    "cubic": (cubic, "stiffness", "storey 2", 0),
-    "brace": (brace, "link", "link 3-1", 0),
-    "hysteresis": (hysteresis, "hysteresis", "storey 2", 1),
-}
 
 
-SHORT = pytest.mark.xfail(reason="windows of a record of 3.5 s are too short to tell it from a branch", strict=False)
-MARKS = {name: [pytest.mark.slow] for name in COSTLY} | {"hysteresis": [pytest.mark.slow, SHORT]}
-
-
-@pytest.mark.parametrize("name", [pytest.param(n, marks=MARKS.get(n, ())) for n in CASES])
-def test_one_undeclared_effect_is_found_where_it_acts(name):
-    effect, family, site, states = CASES[name]
-    report = close_loop(record(effect, dofs=(3,), seed=3, states=states, noise=0.01), max_steps=2)
+def test_an_undeclared_effect_is_found_where_it_acts():
+    report = close_loop(record(cubic, dofs=(3,), seed=3, noise=0.01), max_steps=2)
     step = report.steps[0]
     assert step.confirmed and step.gain > 1.0 and step.gain_least > 0.5 * step.gain and step.gain_heldout > 0
     assert 0.03 < step.share < 1.0
-    assert step.site == site
-    assert family in (step.family, *step.alternatives)
+    assert step.site == "storey 2"
+    assert "stiffness" in (step.family, *step.alternatives)
     assert step.error_after < 0.5 * step.error_before
     assert report.model.masses == pytest.approx(M, rel=0.02)
     assert report.table.loc["baseline", "held-out"] == step.error_before
     assert len(step.alternatives) <= 2
+
+
+@pytest.mark.slow
+def test_nothing_is_added_where_nothing_is_missing_at_ten_percent_noise():
+    report = close_loop(record(None, dofs=(1, 2, 3), seed=7, noise=0.1))
+    assert report.steps == [] and len(report.table) == 1
 
 
 def test_the_size_of_what_is_found():
@@ -122,25 +101,6 @@ def test_the_size_of_what_is_found():
     assert found["c"] == pytest.approx(8.0, rel=1e-2)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("noise", [0.0, 0.02, 0.1])
-@pytest.mark.parametrize("dofs", [(1, 2, 3), (2,)])
-def test_nothing_is_added_where_nothing_is_missing(noise, dofs):
-    report = close_loop(record(None, dofs=dofs, seed=7, noise=noise))
-    assert report.steps == []
-    assert len(report.table) == 1
-
-
-@pytest.mark.slow
-def test_two_effects_on_different_sites():
-    def both(t, x, v, z):
-        w = v[0]
-        return cubic(t, x, v, z)[0] + np.array([-40.0 * w * abs(w) * 8, 0.0, 0.0]), z
-
-    report = close_loop(record(both, dofs=(1, 2, 3), seed=2, noise=0.01), catalogue=FEW)
-    assert {(s.family, s.site) for s in report.steps[:2]} == {("stiffness", "storey 2"), ("damping", "storey 1")}
-
-
 EDGE = pytest.mark.xfail(reason="a fold left out takes most of one side of the step with it", strict=False)
 
 
@@ -148,8 +108,8 @@ EDGE = pytest.mark.xfail(reason="a fold left out takes most of one side of the s
 def test_a_change_in_time_is_seen_whenever_it_happens(when):
     """Where it falls into a held-out piece its time is anywhere in it."""
 
-    def weaker(t, x, v, z):
-        return on_storey_2(-9e3 * (x[1] - x[0]) * (t > when)), z
+    def weaker(t, x, v):
+        return on_storey_2(-9e3 * (x[1] - x[0]) * (t > when))
 
     rec = record(weaker, seed=3, noise=0.01, n_samples=3000)
     step = close_loop(rec, catalogue=[laws.StiffnessStep(), laws.StiffnessDrift()]).steps[0]
@@ -168,9 +128,9 @@ def test_intervals_hold_the_truth():
         assert low <= truth <= high
         assert high - low < width * truth
 
-    def gap(t, x, v, z):
+    def gap(t, x, v):
         s = x[1] - x[0]
-        return on_storey_2(4e4 * (max(s - 2e-3, 0.0) + min(s + 2e-3, 0.0))), z
+        return on_storey_2(4e4 * (max(s - 2e-3, 0.0) + min(s + 2e-3, 0.0)))
 
     found = close_loop(record(gap, seed=5, noise=0.01, n_samples=3000), catalogue=[laws.TwoSidedGap()]).steps[0]
     assert found.intervals["gap"][0] <= 2e-3 <= found.intervals["gap"][1] < 2.2e-3
@@ -196,44 +156,6 @@ def test_the_loop_leaves_the_record_and_the_baseline_as_they_were():
     close_loop(rec, baseline, FEW)
     assert all(np.array_equal(before[k], c) for k, c in rec.channels().items())
     assert not hasattr(baseline, "model_")
-
-
-def test_a_declared_cubic_chain_is_left_alone():
-    assert close_loop(record(cubic, seed=6, noise=0.01), NRFRegressor(degree=3), FEW).steps == []
-
-
-def test_report_on_paper(tmp_path):
-    report = close_loop(record(cubic, seed=1), catalogue=FEW)
-    page = tmp_path / "report.html"
-    report.to_html(page)
-    text = page.read_text()
-    assert "cubic stiffness at storey 2" in text and "<script src" not in text
-    assert "| baseline |" in report.to_markdown()
-    assert report.stopped_because in report.to_markdown()
-
-
-def test_channels_with_markup_in_their_names_are_escaped(tmp_path):
-    rec = record(cubic, seed=1).replace(covariates={"<script>alert(1)</script>": np.sin(np.arange(3500) / 50)})
-    report = close_loop(rec, catalogue=[laws.CubicStiffness(), laws.CoulombFriction()], max_steps=1)
-    report.to_html(tmp_path / "r.html")
-    assert "<script>alert" not in (tmp_path / "r.html").read_text()
-
-
-@pytest.mark.slow
-def test_the_command_prints_and_writes_the_report(tmp_path):
-    table = record(cubic, seed=1).to_frame()
-    table.to_csv(tmp_path / "test.csv")
-    result = CliRunner().invoke(
-        cli, ["close-loop", str(tmp_path / "test.csv"), "-o", str(tmp_path / "out")], catch_exceptions=False
-    )
-    assert result.exit_code == 0
-    assert "cubic_stiffness at storey 2" in result.output
-    assert {p.name for p in (tmp_path / "out").iterdir()} == {
-        "model.json",
-        "closed_loop.md",
-        "closed_loop.html",
-        "closed_loop.csv",
-    }
 
 
 def test_bad_input_is_named():
@@ -285,11 +207,11 @@ def test_an_effect_that_does_not_lower_the_held_out_error_is_not_confirmed_and_n
 def test_confirmed_effects_are_those_of_the_model():
     """Of two effects the held-out record has one."""
 
-    def both(t, x, v, z):
-        return weak(t, x, v, z)[0] + np.array([-20.0 * v[0] * abs(v[0]), 0.0, 0.0]), z
+    def both(t, x, v):
+        return weak(t, x, v) + np.array([-20.0 * v[0] * abs(v[0]), 0.0, 0.0])
 
-    def weak(t, x, v, z):
-        return 0.1 * cubic(t, x, v, z)[0], z
+    def weak(t, x, v):
+        return 0.1 * cubic(t, x, v)
 
     heldout = record(weak, dofs=(1, 2, 3), seed=9, name="other")
     report = close_loop(record(both, dofs=(1, 2, 3), seed=2), catalogue=FEW, heldout=heldout)

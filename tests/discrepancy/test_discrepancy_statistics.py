@@ -5,39 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pysindy_nrf.discrepancy.characterisation import Basis, Regression, share_of
-from pysindy_nrf.laws import Motion
+from pysindy_nrf.discrepancy.characterisation import Regression, share_of
 
 pytestmark = pytest.mark.slow
-
-
-def motion(n=400, seed=0, **more):
-    t = np.arange(n) / 50
-    rng = np.random.default_rng(seed)
-    w, p = rng.uniform(2.0, 9.0, 3), rng.uniform(0, 6, 3)
-    s = sum(np.sin(w_ * t + p_) for w_, p_ in zip(w, p)) * 0.02
-    v = sum(w_ * np.cos(w_ * t + p_) for w_, p_ in zip(w, p)) * 0.02
-    return Motion(s, v, t=t, **more)
-
-
-def test_groups_of_columns_hold_what_they_are_named_after():
-    """Least squares on all samples: each group explains the force it stands for, and the simpler ones do not."""
-    m = motion(4000, 1, covariates={"T": np.linspace(-1.0, 2.0, 4000)})
-    slider = [0.0]
-    for ds in np.diff(m.s):
-        slider.append(np.clip(slider[-1] + ds / (0.3 * m.s.std()), -1.0, 1.0))
-    forces = {
-        "powers": m.s**3, "drift": np.maximum(np.abs(m.s) - 0.02, 0) * np.sign(m.s), "rate": np.tanh(2 * m.v / m.v.std()), "jump": np.sign(m.v),
-        "surface": m.v * np.abs(m.s), "sliders": np.array(slider), "time": m.s * m.t, "covariate T": np.sign(m.v) * m.covariates["T"],
-    }  # fmt: skip
-    groups = Basis([m]).of(m)
-    base = np.hstack([groups["constant"], groups["linear"]])
-
-    def left(columns, f):
-        return np.var(f - columns @ np.linalg.lstsq(columns, f, rcond=1e-10)[0]) / np.var(f)
-
-    for name, f in forces.items():
-        assert left(np.hstack([base, groups[name]]), f) < 0.05 < 2 * left(base, f), name
 
 
 def test_the_regression_is_least_squares_on_the_other_folds():

@@ -3,11 +3,10 @@
 import dataclasses
 
 import numpy as np
-import pandas as pd
 import pytest
-from report_cases import CATALOGUE, cubic, friction, loop_report, record
+from report_cases import cubic, friction, loop_report, record
 
-from pysindy_nrf import ChainModel, close_loop, excitation, laws, simulate
+from pysindy_nrf import ChainModel, excitation, laws, simulate
 from pysindy_nrf.discrepancy import sensors
 from pysindy_nrf.discrepancy.bootstrap import levels_of
 from pysindy_nrf.discrepancy.characterisation import characterise
@@ -39,34 +38,6 @@ def test_evidence_names_place_and_kind_before_the_law_does(effect, dependence, m
     step = report.steps[0]
     assert "not noise" in step.detection and "same pattern of signs, at storey 2" in step.localisation
     assert dependence.value in step.characterisation
-
-
-def test_what_the_step_leaves_is_called_noise():
-    report = loop_report(cubic)
-    last = report.evidence[-1]
-    assert len(report.evidence) == len(report.steps) + 1
-    assert last.detection.verdicts["floor ratio"].max() < 2 < report.evidence[0].detection.verdicts["floor ratio"].max()
-    assert last.chosen == "" and last.agreement == Agreement.NONE
-
-
-def test_a_linear_chain_leaves_nothing_but_noise():
-    report = loop_report(None, noise=0.02)
-    assert report.steps == []
-    assert "noise" in report.evidence[0].detection_sentence
-    assert report.evidence[0].characterisation is None
-    assert "not possible because" in report.evidence[0].characterisation_sentence
-
-
-def test_records_held_out_do_not_reach_the_evidence():
-    first = record(friction, seed=3)
-    reports = [
-        close_loop(first, catalogue=list(CATALOGUE[:1]), heldout=other, max_steps=1)
-        for other in (record(friction, seed=2, n_samples=2000), record(cubic, seed=4, n_samples=2000))
-    ]
-    a, b = (report.evidence[0] for report in reports)
-    pd.testing.assert_frame_equal(a.localisation.table, b.localisation.table)
-    pd.testing.assert_frame_equal(a.sizes, b.sizes)
-    assert str(a) == str(b)
 
 
 def test_only_rows_of_the_search_are_looked_at():

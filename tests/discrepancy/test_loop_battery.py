@@ -1,4 +1,4 @@
-"""Thirty simulated tests through ``close_loop``: what is hidden is found where it acts, and nothing where nothing is.
+"""Simulated tests through ``close_loop``: what is hidden is found where it acts, and nothing where nothing is.
 
 The loop gets the channels; the assertions alone read the truth.
 """
@@ -48,12 +48,8 @@ HIDDEN = {
     "quadratic spring under blows": Plan(4, (1, 2, 3, 4), "hammer", 0.005, (("quadratic", 4, 3, 0.2),), seed=20),
     "two effects": Plan(2, (1, 2), noise=0.005, effects=(("quadratic", 1, 0, 0.2), ("cubic", 2, 1, 0.25)), seed=21),
 }  # fmt: skip
-FAULTY = {
-    "gain of an acceleration": (Plan(2, (1, 2), noise=0.005, gains=(("a2", 0.8),), seed=31), {"a2"}),
-    # of two forces without a known mass the data tell the ratio of their gains alone
-    "gain of a force": (Plan(3, (1, 3), gains=(("F1", 1.25),), seed=32), {"F1", "F3"}),
-    "late force": (Plan(2, (1, 2), noise=0.005, delays=(("F2", 1.5),), seed=33), {"F2"}),
-}
+
+
 NOTHING = {
     "one mass": (Plan(1, (1,), seed=41), 1),
     "two masses, one force, sweep": (Plan(2, (1,), "sweep", 0.01, seed=42), 1),
@@ -67,7 +63,7 @@ COSTLY = {
     "friction of one mass", "hysteresis of one mass", "friction, one force", "brace", "friction against the ground",
     "viscoelastic branch", "friction at 5 %", "cubic spring at 5 %", "hysteresis, one force", "two effects",
     "stop on one side", "unmeasured harmonic force", "tie to the ground", "gap under a sweep", "shaken base",
-    "gain of a force", "late force", "quadratic spring under blows", "gain of an acceleration", "three masses, blows", "four masses, one force, 5 %",
+    "quadratic spring under blows", "three masses, blows", "four masses, one force, 5 %",
 }  # fmt: skip
 
 
@@ -99,15 +95,6 @@ def test_what_is_hidden_is_found_where_it_acts(name):
         assert any(FAMILY[effect.kind] in (step.family, *step.alternatives) for step in here), str(report)
     assert {balance(s.site) for s in report.steps} == {balance(e.site) for e in case.effects}, str(report)
     assert report.table["held-out"].iloc[-1] < 0.9 * report.table["held-out"].iloc[0]
-
-
-@pytest.mark.parametrize("name", each(FAULTY))
-def test_a_faulty_sensor_is_named_and_no_effect(name):
-    plan, channels = FAULTY[name]
-    report = loop(simulated(plan))
-    assert report.steps and {step.family for step in report.steps} == {"sensor"}, str(report)
-    accused = {Site(s).channel for step in report.steps for s in (step.site, *step.sensors)}
-    assert channels & accused, str(report)
 
 
 @pytest.mark.parametrize("name", each(NOTHING))

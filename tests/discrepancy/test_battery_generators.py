@@ -142,7 +142,7 @@ def test_quick_battery(tmp_path):
     """A few cases: what can be heard is found where it is, and nothing where there is nothing."""
     from discrepancy_battery import main
 
-    table = main(["--quick", "--group", "blind", "nothing", "--out", str(tmp_path / "rows.csv")])
+    table = main(["--quick", "--group", "blind", "nothing", "--noise", "0.01", "--out", str(tmp_path / "rows.csv")])
     assert len(table) == 4 and "crash" not in table
     heard = table[(table.group == "blind") & table.eligible.astype(bool)]
     assert len(heard) and heard.right.mean() >= 0.75

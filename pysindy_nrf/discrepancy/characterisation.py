@@ -18,8 +18,9 @@ from ..common.jackknife import variance
 from ..exceptions import ChannelError
 from ..laws import Jenkins
 from ..laws.shape import Motion
+from ..signals.noise_levels import RARE
 from . import words
-from .residual import RARE, period_of
+from .residual import period_of
 from .words import Dependence, Feature
 
 # Shares of squares that differ by less are alike, and what explains less matters to nobody: the scatter of a share of

@@ -25,14 +25,11 @@ from ..exceptions import ChannelError, NRFError
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
 from ..regression.segments import SegmentSet
+from ..signals.noise_levels import LOUDEST
 
 # A residual within this factor of the noise floor is at the floor: from one draw of noise the floor is known no better
 # (battery, nothing hidden: 0.8 to 1.27).
 AT_FLOOR = 1.3
-# What is louder than a fifth of a signal's rms is signal, not noise.
-LOUDEST = 0.2
-# Chance of a spectral line, or of a quiet stretch, where there is none.
-RARE = 0.01
 # Samples looked at: enough to see any effect, and little beside the search.
 ENOUGH = 10_000
 # Rows in common that repeated records need.

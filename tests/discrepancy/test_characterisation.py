@@ -2,9 +2,16 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 from scipy.integrate import solve_ivp
 
-from pysindy_nrf.discrepancy.characterisation import characterise, conditional_mean
+from pysindy_nrf.discrepancy.characterisation import (
+    Regression,
+    characterise,
+    conditional_mean,
+    share_of,
+    spectral_line,
+)
 from pysindy_nrf.discrepancy.words import Dependence, Feature
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.laws import Motion
@@ -134,3 +141,76 @@ def test_display_draws_shares_and_the_force_against_the_rate():
     assert (drift.x.label, drift.x.unit, rate.x.label, rate.x.unit) == ("drift s", "m", "rate v", "m/s")
     assert list(bars.marks[0].values) == list(found.shares["share"].clip(lower=0))
     assert list(rate.marks[0].y) == list(found.curves["v"]["mean"])
+
+
+# -- a line, and the regression that everything is asked of --------------------------------------------
+
+
+def noise(n, seed=0):
+    return np.random.default_rng(seed).standard_normal(n)
+
+
+def test_a_spectral_line_is_found_between_two_bins():
+    t = np.arange(1000) / 100
+    for f in (11.37, 30.02):
+        e = 0.6 * np.cos(2 * np.pi * f * t + 1) + noise(1000, 3)
+        assert spectral_line([noise(300), e], [Motion(t[:300], t[:300], t=t[:300]), Motion(t, t, t=t)]) == (
+            pytest.approx(f, abs=0.012)
+        )
+    clean = np.cos(2 * np.pi * 11.37 * t + 1) + 1e-6 * noise(1000)
+    found = spectral_line([clean], [Motion(t, t, t=t)])
+    assert found == pytest.approx(11.37, abs=0.5 * 2 / 80 / 10 + 1e-9)  # the nearest of 81 in two bins of 0.1 Hz
+
+
+@pytest.mark.parametrize("n", [500, 3000])
+def test_white_noise_has_a_line_in_one_record_of_a_hundred(n):
+    """Of 400 records of noise 4 are expected, and more than 11 in one of a thousand such tests."""
+    rng, t = np.random.default_rng(8), np.arange(n) / 100
+    found = [spectral_line([rng.standard_normal(n)], [Motion(t, t, t=t)]) for _ in range(400)]
+    assert np.isfinite(found).sum() <= stats.binom.ppf(0.999, 400, 0.01)
+
+
+def test_the_regression_is_least_squares_on_the_other_folds():
+    rng = np.random.default_rng(3)
+    parts = [rng.standard_normal((n, 5)) * [1, 1, 1e3, 1e-2, 0] + [0, 0.5, 0, 0, 0] for n in (310, 95)]
+    force = [p @ [2.0, -1.0, 1e-3, 30.0, 1.0] + rng.standard_normal(len(p)) for p in parts]
+    groups = {"a": [p[:, :2] for p in parts], "b": [p[:, 2:4] for p in parts], "zero": [p[:, 4:] for p in parts]}
+    fit = Regression.of({**groups, "f": force}, 13, 4)
+    counts = [round(13 * 310 / 405), round(13 * 95 / 405)]
+    blocks = [
+        (p, f) for x, y, c in zip(parts, force, counts) for p, f in zip(np.array_split(x, c), np.array_split(y, c))
+    ]
+    assert fit.folds.tolist() == [k % 4 for k in range(sum(counts))]
+
+    def left(columns):
+        out = []
+        for k, (p, f) in enumerate(blocks):
+            others = [one for j, one in enumerate(blocks) if j % 4 != k % 4]
+            A, y = np.vstack([q for q, _ in others])[:, columns], np.concatenate([g for _, g in others])
+            w = np.linalg.lstsq(A, y, rcond=None)[0]
+            out.append(((f - p[:, columns] @ w) ** 2).sum())
+        return np.array(out)
+
+    assert fit.left("f") == pytest.approx([f @ f for _, f in blocks])
+    before, after = left([0, 1]), left([0, 1, 2, 3])
+    assert fit.left("f", ["a"]) == pytest.approx(before, rel=2e-3)
+    share, error = fit.share("f", ["b", "zero"], ["a"])
+    assert share == pytest.approx(1 - after.sum() / before.sum(), abs=2e-4)
+    ratios = [np.delete(after, k).sum() / np.delete(before, k).sum() for k in range(len(before))]
+    n = len(ratios)
+    assert error == pytest.approx(np.sqrt((n - 1) * np.var(ratios)), rel=2e-2)
+    A, y = np.vstack([p[:, :4] for p in parts]), np.concatenate(force)
+    found = fit.coefficients("f", ["b", "a"])
+    assert [*found["a"], *found["b"]] == pytest.approx(np.linalg.lstsq(A, y, rcond=None)[0], rel=1e-5)
+    assert Regression.of({"a": [np.ones((50, 1))], "f": [np.zeros(50)]}).share("f", ["a"]) == (0.0, 0.0)
+
+
+def test_the_error_of_a_share_is_that_of_a_mean():
+    after = np.array([0.3, 0.9, 0.4, 0.1, 0.7])
+    assert share_of(np.ones(5), after) == (
+        pytest.approx(1 - after.mean()),
+        pytest.approx(after.std(ddof=1) / np.sqrt(5)),
+    )
+    assert np.isnan(share_of(np.ones(2), after[:2])[1])
+    found = share_of(np.array([1.0, 0.0, 0.0]), np.array([0.5, 0.0, 0.0]))
+    assert found[1] == pytest.approx(np.sqrt(2 * np.var([1.0, 0.5, 0.5])))

@@ -8,13 +8,13 @@ from report_cases import cubic, friction, loop_report, record
 
 from pysindy_nrf import ChainModel, excitation, laws, simulate
 from pysindy_nrf.discrepancy import sensors
-from pysindy_nrf.discrepancy.bootstrap import levels_of
 from pysindy_nrf.discrepancy.characterisation import characterise
 from pysindy_nrf.discrepancy.evidence import Evidence, look
 from pysindy_nrf.discrepancy.prepare import Workspace, prepare
 from pysindy_nrf.discrepancy.residual import searched
 from pysindy_nrf.discrepancy.windows import split, window_length
 from pysindy_nrf.discrepancy.words import Agreement, Dependence, Feature, Location, ResidualKind
+from pysindy_nrf.signals.noise_levels import levels_of
 
 pytestmark = pytest.mark.slow
 

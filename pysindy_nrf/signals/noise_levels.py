@@ -1,0 +1,102 @@
+"""Noise of measured channels: its level by quiet frequencies or times, a drive freed of it, fresh noise for a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..data.record import Record
+
+BASE = {"ag": "base_acceleration", "vg": "base_velocity", "xg": "base_displacement"}
+# What is louder than a fifth of a signal's rms is signal, not noise.
+LOUDEST = 0.2
+# Chance that a stretch as quiet as noise is none.
+RARE = 0.01
+# Samples that tell a level, and of a stretch in time.
+_FEWEST = 256
+_WINDOW = 64
+
+
+def quiet_level(signal: np.ndarray, fs: float) -> float:
+    """Rms of the white noise under a signal, from its quiet frequencies or its quiet times."""
+    from scipy.signal import welch
+
+    signal = signal[np.isfinite(signal)]
+    if len(signal) < _FEWEST:
+        return 0.0
+    size = min(1024, len(signal) // 8)
+    _, density = welch(signal, fs, nperseg=size, detrend="constant")
+    by_frequency = flat_level(density[1:-1], _dof(2 * len(signal) // size - 1)) * fs / 2
+    windows = signal[: len(signal) // _WINDOW * _WINDOW].reshape(-1, _WINDOW)
+    by_time = flat_level((windows**2).mean(axis=1), _WINDOW)
+    level = float(np.sqrt(min(by_frequency, by_time)))
+    return level if level < LOUDEST * float(np.sqrt(np.mean(signal**2))) else 0.0
+
+
+def denoised(signal: np.ndarray, level: float, fs: float) -> np.ndarray:
+    """A signal without the white noise beneath it (Wiener's filter), as far as frequencies tell them apart."""
+    from scipy.signal import welch
+
+    if level <= 0 or len(signal) < _FEWEST or not np.isfinite(signal).all():
+        return signal
+    f, density = welch(signal, fs, nperseg=min(1024, len(signal) // 8), detrend=False)
+    # twice the noise taken off: what is left of its scatter would be force
+    gain = np.clip(1.0 - 2.0 * level**2 * 2.0 / fs / np.maximum(density, 1e-300), 0.0, 1.0)
+    spectrum = np.fft.rfft(signal)
+    return np.fft.irfft(spectrum * np.interp(np.fft.rfftfreq(len(signal), 1 / fs), f, gain), len(signal))
+
+
+def levels_of(record: Record, motion: Mapping[str, float], rows: np.ndarray | None = None) -> dict[str, float]:
+    """Noise of every channel of a record."""
+    channels, fs = record.channels(), record.fs
+    rows = np.ones(record.n_samples, dtype=bool) if rows is None else rows
+    levels = {str(k): float(v) for k, v in motion.items()}
+    levels |= {f"F{j}": quiet_level(record.force[rows, j - 1], fs) for j in record.forced}
+    levels |= {name: quiet_level(np.asarray(channels[name])[rows], fs) for name in BASE if name in channels}
+    if record.coordinates == "relative" and (base := levels.get("ag", 0.0)) > 0:
+        for name in (k for k in levels if k[0] == "a" and k in motion):
+            levels[name] = float(np.sqrt(max(levels[name] ** 2 - base**2, 0.0)))
+    return levels
+
+
+def quiet_drive(record: Record, levels: Mapping[str, float]) -> Record:
+    """A record whose forces and base motion are freed of noise, for a free run."""
+    changes = {
+        key: denoised(np.asarray(getattr(record, key), dtype=float), levels[name], record.fs)
+        for name, key in BASE.items()
+        if name in levels and getattr(record, key) is not None
+    }
+    force = np.array(record.force, dtype=float)
+    for j in record.forced:
+        force[:, j - 1] = denoised(force[:, j - 1], levels.get(f"F{j}", 0.0), record.fs)
+    return record.replace(force=force, **changes)
+
+
+def noisy_base(record: Record, levels: Mapping[str, float], rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """Fresh noise on the measured motion of the base; fields of the record by name."""
+    out = {}
+    for name, key in BASE.items():
+        if levels.get(name, 0.0) > 0 and getattr(record, key) is not None:
+            line = np.asarray(getattr(record, key), dtype=float)
+            out[key] = line + levels[name] * rng.standard_normal(len(line))
+    return out
+
+
+def _dof(pieces: int) -> float:
+    return 2 * pieces / (1 + 1 / 18)  # Hann windows that overlap by half
+
+
+def flat_level(values: np.ndarray, dof: float) -> float:
+    """Mean of the lowest part of values that scatters like noise."""
+    from scipy.stats import chi2
+
+    values = np.sort(values)
+    reach = chi2.ppf(1 - RARE, dof) / dof
+    count = max(3, len(values) // 20)
+    for _ in range(len(values)):
+        more = int(np.searchsorted(values, reach * values[:count].mean(), side="right"))
+        if more <= count:
+            break
+        count = more
+    return float(values[:count].mean())

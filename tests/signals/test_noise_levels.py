@@ -1,0 +1,72 @@
+"""Levels of noise against noise that was added."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pysindy_nrf import Record
+from pysindy_nrf.signals import noise_levels
+
+
+def noise(n, seed=0):
+    return np.random.default_rng(seed).standard_normal(n)
+
+
+def test_noise_is_read_where_the_signal_is_quiet_in_frequency_or_time():
+    t = np.arange(20000) / 500
+    force = sum(np.sin(2 * np.pi * f * t + f**2) for f in np.arange(3.0, 60.0, 0.77))
+    for level in (0.1, 0.7):
+        assert noise_levels.quiet_level(force + level * noise(20000), 500.0) == pytest.approx(level, rel=0.05)
+        assert noise_levels.quiet_level(force + level * noise(20000) + 99 * np.eye(1, 20000, 7)[0], 1.0) > 0
+    blows = np.where(np.arange(20000) % 2000 < 20, 50.0, 0.0)
+    assert noise_levels.quiet_level(blows + 0.5 * noise(20000), 500.0) == pytest.approx(0.5, rel=0.03)
+    with_gaps = blows + 0.5 * noise(20000)
+    with_gaps[3000:3100] = np.nan
+    assert noise_levels.quiet_level(with_gaps, 500.0) == pytest.approx(0.5, rel=0.03)
+
+
+def test_wieners_filter_takes_twice_the_noise_off():
+    n, fs, level = 2**14, 100.0, 0.2
+    t = np.arange(n) / fs
+    pure = 3 * np.cos(2 * np.pi * 1638 / n * fs * t)
+    found = noise_levels.denoised(pure + level * noise(n), level, fs)
+    assert np.std(found - pure) < 0.4 * level and np.std(found) == pytest.approx(3 / np.sqrt(2), rel=0.01)
+    # noise of four times the variance: the gain is 1 - 2/4 on average
+    loud = 2 * level * noise(n, 1)
+    half = noise_levels.denoised(loud, level, fs)
+    assert loud @ half / (loud @ loud) == pytest.approx(0.5, abs=0.03) and half.std() < loud.std()
+    assert noise_levels.denoised(loud, 0.0, fs) is loud
+    holes = np.where(np.arange(n) == 5, np.nan, loud)
+    assert noise_levels.denoised(holes, level, fs) is holes
+
+
+def test_levels_hold_forces_and_base_and_take_the_base_off_relative_motion():
+    n = 6400
+    rng = np.random.default_rng(0)
+    blows = np.where(np.arange(n) % 800 < 20, 50.0, 0.0)
+    quiet = blows + 0.1 * rng.standard_normal(n)
+    base = blows + 0.3 * rng.standard_normal(n)
+    zeros = np.zeros((n, 2))
+    record = Record(
+        fs=100.0,
+        coordinates="absolute",
+        force=np.column_stack([quiet, 0 * quiet]),
+        acceleration=zeros,
+        base_acceleration=base,
+    )
+    found = noise_levels.levels_of(record, {"a1": 0.5, "a2": 0.3, "x1": 0.5})
+    assert found["F1"] == pytest.approx(0.1, rel=0.05) and found["ag"] == pytest.approx(0.3, rel=0.05)
+    assert found["x1"] == 0.5 and found["a1"] == 0.5
+    relative = record.replace(coordinates="relative")
+    found = noise_levels.levels_of(relative, {"a1": 0.5, "a2": 0.3, "x1": 0.5})
+    assert found["a1"] == pytest.approx(np.sqrt(0.25 - found["ag"] ** 2)) and found["x1"] == 0.5
+    rows = np.arange(n) < 20
+    assert noise_levels.levels_of(relative, {}, rows)["F1"] == 0.0
+    fresh = noise_levels.noisy_base(record, {"ag": 2.0, "vg": 1.0}, np.random.default_rng(1))
+    assert list(fresh) == ["base_acceleration"]
+    assert fresh["base_acceleration"] - base == pytest.approx(2.0 * np.random.default_rng(1).standard_normal(n))
+    calm = noise_levels.quiet_drive(record, {"F1": 0.1, "ag": 0.3})
+    assert calm.force[:, 0] == pytest.approx(noise_levels.denoised(quiet, 0.1, 100.0))
+    assert calm.base_acceleration == pytest.approx(noise_levels.denoised(base, 0.3, 100.0))
+    assert not noise_levels.noisy_base(record, {"ag": 0.0}, np.random.default_rng(1))

@@ -36,6 +36,8 @@ from .friction import GroundFriction as GroundFriction
 from .friction import LaggedCovariateFriction as LaggedCovariateFriction
 from .friction import ShiftedFriction as ShiftedFriction
 from .friction import StribeckFriction as StribeckFriction
+from .general import PrandtlIshlinskii as PrandtlIshlinskii
+from .general import SmoothSurface as SmoothSurface
 from .hysteresis import BacklashFriction as BacklashFriction
 from .hysteresis import BoucWen, Dahl, ModifiedDahl
 from .hysteresis import Iwan as Iwan

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
-from scipy.optimize import brentq
+from scipy.optimize import brentq, nnls
 
 from pysindy_nrf import ChainModel, laws, simulate
 from pysindy_nrf.laws import Motion
@@ -183,6 +183,33 @@ def test_jenkins_is_the_stop_operator(uy):
         loose = laws.BacklashFriction(gap=share * uy, uy=(1.0 - share) * uy).features(PATH)[:, 0]
         beyond = np.clip((np.abs(stop) - share) / (1.0 - share), 0.0, 1.0)
         _assert_same(loose, np.sign(stop) * beyond, 1e-4)
+
+
+def test_general_hysteresis_follows_any_masing_loop():
+    sliders = laws.PrandtlIshlinskii(uy=2e-3, F=[1.0, 0.0, 2.0, 0.0, 0.0, 4.0])
+    expected = sum(F * laws.Jenkins(uy=uy).features(PATH)[:, 0] for F, uy in ((1, 2e-3 / 32), (2, 2e-3 / 8), (4, 2e-3)))
+    _assert_same(sliders.force(PATH), expected, 1e-12)
+    joint = laws.Iwan(uy=3e-4, ratio=3.0, F1=2.0, F2=3.0).force(PATH)  # yields between the sliders
+    assert nnls(sliders.features(PATH), joint)[1] < 0.05 * np.linalg.norm(joint)
+
+
+def test_smooth_surface_holds_friction_and_polynomials():
+    def left(law, surface, known):
+        columns = np.column_stack([known, surface])
+        force = law.features(PATH).sum(axis=1)
+        return np.linalg.norm(force - columns @ np.linalg.lstsq(columns, force)[0]) / np.linalg.norm(force)
+
+    s, v = PATH.s, PATH.v
+    known = np.column_stack([np.ones_like(s), s / s.std(), v / v.std()])
+    surface = laws.SmoothSurface(S=3 * s.std(), V=0.1 * v.std())
+    T = [np.polynomial.Chebyshev.basis(k) for k in range(6)]
+    x, y = s / np.hypot(s, 3 * s.std()), v / np.hypot(v, 0.1 * v.std())
+    expected = [T[i](x) * T[j](y) for i in range(6) for j in range(6 - i) if i + j]
+    assert np.allclose(surface.features(PATH).T, expected, rtol=0, atol=1e-12)
+    for law in (laws.CoulombFriction(), laws.CubicStiffness(), laws.QuadraticDamping(), laws.StribeckFriction(vs=0.02)):
+        assert left(law, surface.features(PATH), known) < 0.1, law
+    power = laws.PowerSeries(5).features(PATH) / np.abs(laws.PowerSeries(5).features(PATH)).max(axis=0)
+    assert left(laws.CoulombFriction(), power, known) > 0.2
 
 
 @pytest.mark.slow

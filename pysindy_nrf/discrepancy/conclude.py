@@ -19,13 +19,12 @@ from ..regression.chain_model import ChainModel
 from ..regression.errors import free_run_of
 from ..regression.segments import VisitedRegion
 from . import judge, words
-from .bootstrap import simulated
 from .catalogue import balances_of
 from .constants import COMPLETE, HOPELESS, LEAST_GAIN, LEAST_RATIO, PERIODS
 from .evidence import Evidence, look
 from .prepare import Workspace, measured_of
 from .report import LoopReport, Step, audit
-from .residual import floor_of, loops_of, searched
+from .residual import floor_of, loops_of, searched, simulated
 from .ruler import Gain, Powers, Ruler, Slot, Trial
 from .search import Forward
 from .sensors import contradictions

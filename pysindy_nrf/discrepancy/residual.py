@@ -12,6 +12,7 @@ of every link and ground link that crosses the cut, and of the DOF sites above i
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -21,11 +22,17 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ..data.record import Record
 from ..exceptions import ChannelError, NRFError
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
-from ..regression.segments import SegmentSet
-from ..signals.noise_levels import LOUDEST
+from ..regression.errors import free_run_of
+from ..regression.segments import BlockRows, Segment, SegmentSet
+from ..signals.kinematics import base_acceleration_if_any
+from ..signals.noise_levels import LOUDEST, levels_of, noisy_base, quiet_drive
+from .prepare import Prepared, Workspace, prepare
+from .ruler import Ruler, Trial
+from .windows import Windows
 
 # A residual within this factor of the noise floor is at the floor: from one draw of noise the floor is known no better
 # (battery, nothing hidden: 0.8 to 1.27).
@@ -36,6 +43,7 @@ ENOUGH = 10_000
 _FEWEST = 64
 # Points of a drawn loop: a file that opens at once, and no cycle loses its shape.
 _POINTS, _PER_CYCLE = 1000, 40
+_MOTIONS = ("acceleration", "velocity", "displacement")
 
 
 @dataclass
@@ -99,7 +107,7 @@ def period_of(parts: Sequence[np.ndarray]) -> float:
     return 2 * np.pi / max(np.sqrt(pace / size), 1e-6) if size > 0 else 16.0
 
 
-def searched(work: Any, most: int = ENOUGH) -> tuple[SegmentSet, list[Any]]:
+def searched(work: Workspace, most: int = ENOUGH) -> tuple[SegmentSet, list[Any]]:
     """The part of the data that the search may see, cut to so many samples, and the filter of each record."""
     parts = work.pieces()
     share = min(1.0, most / max(sum(piece.n_valid for _, piece in parts), 1))
@@ -152,7 +160,7 @@ def residual_of(
     return Residual(model, data, filters, balance, reference, scale)
 
 
-def searched_residual(work: Any, model: ChainModel) -> Residual:
+def searched_residual(work: Workspace, model: ChainModel) -> Residual:
     """Residual on the search data; laws that remember the path follow it from the start of the record."""
     data, filters = searched(work)
     if not model.has_memory:
@@ -237,7 +245,7 @@ class NoiseFloor:
         return cls(rms(parts), rms([from_top(e) for e in parts]), source, draws)
 
 
-def floor_of(given: Any, work: Any, model: ChainModel, simulated: Any) -> tuple[NoiseFloor | None, str]:
+def floor_of(given: Any, work: Workspace, model: ChainModel, noise: Workspace | None) -> tuple[NoiseFloor | None, str]:
     """The noise floor that a user gave or asked for, and where it comes from."""
     if isinstance(given, NoiseFloor):
         if len(given.balance) != work.n_dof:
@@ -249,11 +257,11 @@ def floor_of(given: Any, work: Any, model: ChainModel, simulated: Any) -> tuple[
     if isinstance(given, str) and given == "repeats":
         floor = NoiseFloor.from_repeats(_repeated(work, model))
     elif isinstance(given, str) and given == "channels":
-        if simulated is None:
+        if noise is None:
             return None, "not known: the model has no free run"
-        simulated.filters = [work.filters[i] for i in work.searched]
-        noise = residual_of(model, *searched(simulated))
-        floor = NoiseFloor.from_draws([noise], "a free run of the model with the noise of the channels")
+        noise.filters = [work.filters[i] for i in work.searched]
+        drawn = residual_of(model, *searched(noise))
+        floor = NoiseFloor.from_draws([drawn], "a free run of the model with the noise of the channels")
     elif isinstance(given, (Mapping, float, int, list, tuple, np.ndarray)) and not isinstance(given, bool):
         floor = NoiseFloor.given(given, work.n_dof)
     else:
@@ -264,7 +272,7 @@ def floor_of(given: Any, work: Any, model: ChainModel, simulated: Any) -> tuple[
     return floor, floor.source
 
 
-def _repeated(work: Any, model: ChainModel) -> Residual:
+def _repeated(work: Workspace, model: ChainModel) -> Residual:
     """Residual of repeated records along the rows that the search may see in all of them."""
     used = list(work.searched)
     segments = [work.data.segments[i] for i in used]
@@ -279,6 +287,96 @@ def _repeated(work: Any, model: ChainModel) -> Residual:
         )
     pieces = [replace(seg, valid=slice(int(first), int(last))) for seg in segments]
     return residual_of(model, SegmentSet(pieces, work.data.n_samples), [work.filters[i] for i in used])
+
+
+# -- records as a model would have produced them (parametric bootstrap) ------------------------------
+
+
+def simulated(ready: Prepared, trial: Trial, rng: np.random.Generator) -> Ruler | None:
+    """The ruler on records that the model of a trial, freed of the bias of noise, would have produced.
+
+    The bias is found by the bootstrap itself (Efron and Tibshirani 1993, chapter 10): what the fit makes of records
+    that the model produced, less the model. None where the model has no free run.
+    """
+    first = _produced(ready, trial, trial.model(), rng)
+    if first is None:
+        return None
+    try:
+        again = Trial(first, trial.base, trial.laws)
+    except NRFError:
+        return first
+    unbiased = trial.model_at(2 * trial.masses[0] - again.masses[0], 2 * trial.theta[0] - again.theta[0])
+    return _produced(ready, trial, unbiased, rng) or first
+
+
+def _produced(ready: Prepared, trial: Trial, model: ChainModel, rng: np.random.Generator) -> Ruler | None:
+    """The ruler on a free run of a model with the noise of the channels; None where there is none."""
+    work = trial.ruler.work
+    if (model.masses <= 0).any():
+        return None
+    fakes = []
+    try:
+        for i in work.searched:
+            levels = levels_of(ready.records[i], ready.noise[i], work.seen_rows(i))
+            fakes.append(_record(ready.records[i], work.data.segments[i], model, levels, rng))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what is to be said of the channels was said of the measured ones
+            known, bands = ([one[i] for i in work.searched] for one in (ready.noise, ready.bands))
+            data = prepare(fakes, noise=known, bands=bands).data
+    except NRFError:
+        return None
+    blocks = []
+    for number, i in enumerate(work.searched):
+        valid = data.segments[number].valid
+        later = work.data.segments[i].valid.start - valid.start  # blocks count from the first valid row
+        for b in (b for b in work.search if b.segment == i):
+            ends = (min(max(row + later, 0), valid.stop - valid.start) for row in (b.rows.start, b.rows.stop))
+            blocks.append(BlockRows(number, slice(*ends)))
+    fake = Workspace(data, blocks, [], work.known_masses, work.strategy)
+    windows = trial.ruler.windows
+    other = Windows(data, blocks, windows.length, windows.edges, windows.centred)
+    return Ruler(fake, other, trial.ruler.informative, trial.ruler.clear)
+
+
+def _record(
+    record: Record, segment: Segment, model: ChainModel, noise: dict[str, float], rng: np.random.Generator
+) -> Record:
+    """The record the model would have produced, with fresh noise on the channels that were measured."""
+    rows = _measured_rows(record)
+    rest = np.zeros(record.n_dof)
+    start = None if rows == segment.valid else (rest, rest)  # fusion left out the ends
+    quiet = quiet_drive(record, noise)
+    driven = replace(segment, F=np.nan_to_num(quiet.force), ag=base_acceleration_if_any(quiet))
+    run = free_run_of(model, driven, rows, record.dt, start)
+    changes: dict[str, Any] = {}
+    for key, prefix in zip(_MOTIONS, "avx"):
+        measured = getattr(record, key)
+        if measured is None:
+            continue
+        own = np.array(getattr(run, key), dtype=float)
+        for j in range(record.n_dof):
+            own[:, j] += noise.get(f"{prefix}{j + 1}", 0.0) * rng.standard_normal(len(own))
+            if np.isnan(measured[:, j]).all():
+                own[:, j] = np.nan
+        changes[key] = np.full(measured.shape, np.nan)
+        changes[key][rows] = own
+    changes |= noisy_base(quiet, noise, rng)
+    changes["force"] = quiet.force + rng.standard_normal(record.force.shape) * [
+        noise.get(f"F{j + 1}", 0.0) for j in range(record.n_dof)
+    ]
+    return quiet.replace(coordinates="relative", **changes)
+
+
+def _measured_rows(record: Record) -> slice:
+    """From the first to the last row in which all channels of the motion have a value."""
+    known = np.ones(record.n_samples, dtype=bool)
+    for key in _MOTIONS:
+        measured = getattr(record, key)
+        if measured is not None:
+            used = ~np.isnan(measured).all(axis=0)
+            known &= np.isfinite(measured[:, used]).all(axis=1)
+    inside = np.flatnonzero(known)
+    return slice(int(inside[0]), int(inside[-1]) + 1)
 
 
 # -- loops ------------------------------------------------------------------------------------------

@@ -14,11 +14,11 @@ from ..laws.sensor import SensorFault
 from ..mechanics.sites import Site
 from ..regression.shape_search import balance_lines, driven_at
 from . import judge
-from .bootstrap import simulated
 from .catalogue import Candidate
 from .constants import BORDER, FINALISTS, HOPELESS, LEAST_GAIN, LEAST_SHARE
 from .judge import admissible
 from .prepare import Prepared
+from .residual import simulated
 from .ruler import Gain, Ruler, Slot, Trial
 from .sensors import findings_of_faults
 from .state import Axes, Effect, Finding, Proposal, State

@@ -11,11 +11,11 @@ from simulated_cases import Plan, simulated
 
 from pysindy_nrf import Chain, NRFRegressor, Record, Site, laws
 from pysindy_nrf.discrepancy import constants, judge
-from pysindy_nrf.discrepancy.bootstrap import simulated as bootstrap
 from pysindy_nrf.discrepancy.catalogue import candidates
 from pysindy_nrf.discrepancy.fits import ChainFit
 from pysindy_nrf.discrepancy.loop import _baseline_laws, _ruler
 from pysindy_nrf.discrepancy.prepare import prepare
+from pysindy_nrf.discrepancy.residual import simulated as bootstrap
 from pysindy_nrf.discrepancy.ruler import Gain, Powers, Trial
 from pysindy_nrf.discrepancy.search import Search, proposals_of
 from pysindy_nrf.discrepancy.state import Finding, State

@@ -98,9 +98,8 @@ class ForceLaw:
     jumps : bool
         Whether the force jumps at a velocity reversal, as dry friction does (covariates being zero).
     nonnegative : tuple of str
-        Coefficients, by symbol, that cannot be negative: otherwise the effect could only drive the structure.
-    expected_positive : tuple of str
-        Coefficients that may be negative, but then describe another effect than the law is named after.
+        Coefficients, by symbol, that cannot be negative: otherwise the effect could only drive the structure, or is
+        another than the law is named after.
     mimics_inertia : bool
         Whether the force can be mistaken for one proportional to the acceleration. Such a law is not tried if no force
         is measured, because it then reduces every balance to zero.
@@ -149,7 +148,6 @@ class ForceLaw:
     variable: ClassVar[str | None] = None
     jumps: ClassVar[bool] = False
     nonnegative: ClassVar[tuple[str, ...]] = ()
-    expected_positive: ClassVar[tuple[str, ...]] = ()
     mimics_inertia: ClassVar[bool] = False
     permanent_change: ClassVar[bool] = False
     superposes: ClassVar[bool] = False

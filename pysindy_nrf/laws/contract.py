@@ -204,7 +204,7 @@ def check_saturation(law: ForceLaw, rng: np.random.Generator) -> None:
 
 def check_signs(law: ForceLaw, rng: np.random.Generator) -> None:
     """Signs are stated for coefficients that the law has, and for each once."""
-    stated = [*law.nonnegative, *law.expected_positive]
+    stated = law.nonnegative
     unknown = set(stated) - {term.symbol for term in law.terms()}
     assert not unknown and len(set(stated)) == len(stated), f"{law}: signs are stated of {stated}"
     low = [p.name for p in law.shapes if p.friction_below is not None and not p.low <= p.friction_below <= p.high]

@@ -93,8 +93,7 @@ class StribeckFriction(ForceLaw):
     acts_at = ("link", "ground")
     variable = "v"
     jumps = True
-    nonnegative = ("Fc",)
-    expected_positive = ("dF",)  # a negative one describes a force that grows with the rate
+    nonnegative = ("Fc", "dF")  # with a negative dF the force would grow with the rate
     special_cases = {CoulombFriction: lambda c: StribeckFriction(vs=1.0, Fc=c.values[0], dF=0.0)}
 
     @staticmethod

@@ -41,7 +41,7 @@ def test_a_record_without_a_clock_serves_an_element_without_mass_only():
         with pytest.raises(ChannelError, match="has no clock.*massless=True"):
             other.fit(record)
     with pytest.raises(ChannelError, match="no clock"):
-        record.time
+        _ = record.time
     with pytest.raises(ChannelError, match="no clock"):
         Record(force=np.zeros((9, 1)), acceleration=np.ones((9, 1)))
 

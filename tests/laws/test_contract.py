@@ -123,7 +123,7 @@ BREAKS = {
     ],
     "signs": [
         (laws.Duffing, {"nonnegative": ("k2",)}, "signs are stated"),
-        (laws.Duffing, {"nonnegative": ("k",), "expected_positive": ("k",)}, "signs are stated"),
+        (laws.Duffing, {"nonnegative": ("k", "k")}, "signs are stated"),
     ],
     "special_cases": [
         (

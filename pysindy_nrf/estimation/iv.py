@@ -208,8 +208,7 @@ def instrumental_variables(
             break
         pieces = pieces_of(data, layout, source.groups, source.filters, problem.known_masses, runs, whiteners=weights)
         try:
-            names = {s: layout.labels(s) for s in layout.acting}
-            solution = solve(pieces.sum().projected(), solve_order, problem.known_masses, problem.optimizer, names)
+            solution = solve(pieces.sum().projected(), solve_order, problem.known_masses, problem.optimizer)
         except IdentifiabilityError as error:
             why, cure = error.what, error.cure
             break

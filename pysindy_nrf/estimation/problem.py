@@ -206,8 +206,7 @@ def _least_squares(
         for segment, filter in zip(data.segments, filters):
             yield from segment.blocks(layout, filter=filter, states={} if filter is None else None)
 
-    names = {site: layout.labels(site) for site in layout.acting}
-    return solve_blocks(layout, order, blocks, problem.known_masses, problem.optimizer, names)
+    return solve_blocks(layout, order, blocks, problem.known_masses, problem.optimizer)
 
 
 def declared_laws(laws: Any) -> dict[Any, tuple[ForceLaw, ...]]:

@@ -151,15 +151,14 @@ def solve_blocks(
     blocks: Callable[[], Iterable[Block]],
     known_masses: Mapping[int, float] | None = None,
     inner: Any = None,
-    names: Mapping[Site, list[str]] | None = None,
 ) -> tuple[Solution, BlockGrams]:
     """Sum up the samples and solve; where squaring loses digits, sum them up once more by QR."""
     groups, known = groups_of(layout, solve_order), dict(known_masses or {})
     grams = total_gram(layout, groups, blocks(), known)
-    solution = solved_safely(grams, solve_order, known_masses, inner, names)
+    solution = solved_safely(grams, solve_order, known_masses, inner)
     if solution is None:
         grams = total_gram(layout, groups, blocks(), known, "root", guess_of(grams))
-        solution = solve(grams, solve_order, known_masses, inner, names)
+        solution = solve(grams, solve_order, known_masses, inner)
     return solution, grams
 
 
@@ -168,13 +167,12 @@ def solved_safely(
     solve_order: SolveOrder,
     known_masses: Mapping[int, float] | None = None,
     inner: Any = None,
-    names: Mapping[Site, list[str]] | None = None,
 ) -> Solution | None:
     """Solution of Gram matrices, or None where squaring may have lost digits that the data hold."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", RankWarning)
-            solution = solve(grams, solve_order, known_masses, inner, names)
+            solution = solve(grams, solve_order, known_masses, inner)
     except (RankWarning, IdentifiabilityError):
         return None
     return None if solution.digits_at_risk() else solution
@@ -185,7 +183,6 @@ def solve(
     solve_order: SolveOrder,
     known_masses: Mapping[int, float] | None = None,
     inner: Any = None,
-    names: Mapping[Site, list[str]] | None = None,
 ) -> Solution:
     """Find masses and coefficients from the Gram matrices of the balances."""
     known = {int(j): float(m) for j, m in dict(known_masses or {}).items()}
@@ -193,7 +190,7 @@ def solve(
     if solve_order.strategy == "joint":
         if grams.shape:
             raise NotTogether()
-        _solve_joint(grams, solve_order, solution, inner, names)
+        _solve_joint(grams, solve_order, solution, inner)
         return solution
     for step in solve_order.steps:
         where, mass_at, target_at = grams.positions(step.dofs)
@@ -210,14 +207,11 @@ def solve(
         combine = np.zeros((*target.shape, len(columns) + 1))
         combine[..., columns, np.arange(len(columns))] = 1.0
         combine[..., -1] = target
-        labels = [f"m{j}" for j in step.masses] + [
-            f"{s}: {label}" for s in step.sites for label in _labels(names, s, grams.layout.counts[s])
-        ]
         triangle, cut, size = grams.triangle(step.dofs, combine), _RANK_CUT[grams.kind], grams.sizes[step.dofs]
         if grams.shape:
             values, fit = _least_squares_together(triangle, step, size, inner, cut)
         else:
-            values, fit = _least_squares(triangle, step, float(size), inner, labels, cut)
+            values, fit = _least_squares(triangle, step, float(size), inner, grams.layout, cut)
         solution.fits.append(fit)
         at = 0
         if step.masses:
@@ -236,12 +230,13 @@ def _number(value: np.ndarray) -> Any:
     return value if value.ndim else float(value)
 
 
-def _labels(names: Mapping[Site, list[str]] | None, site: Site, count: int) -> list[str]:
-    return list(names[site]) if names and site in names else [f"term {k + 1}" for k in range(count)]
+def _labels(step: Step, layout: Layout) -> list[str]:
+    """The unknowns of a step in words, for messages."""
+    return [f"m{j}" for j in step.masses] + [f"{s}: {label}" for s in step.sites for label in layout.labels(s)]
 
 
 def _least_squares(
-    triangle: np.ndarray, step: Step, n_samples: float, inner: Any, labels: list[str], cut: float
+    triangle: np.ndarray, step: Step, n_samples: float, inner: Any, layout: Layout, cut: float
 ) -> tuple[np.ndarray, StepFit]:
     """Solve one sub-problem given as the triangular factor (square, upper) of [columns | right-hand side]."""
     p = triangle.shape[1] - 1
@@ -251,15 +246,16 @@ def _least_squares(
     sizes = np.append(size, size_y)
     wild = np.flatnonzero(~np.isfinite(sizes) | ((sizes > 0) & (sizes < _SMALLEST)))
     if wild.size:
-        name = [*labels, "the force"][wild[0]]
+        name = [*_labels(step, layout), "the force"][wild[0]]
         raise NRFError(
             f"{step.name}: the squares of {name} leave the range of a double",
             "Check the units of its channels, or lower the degree.",
         )
-    idle = [labels[i] for i in np.flatnonzero(size == 0)]
-    if idle:
+    idle = np.flatnonzero(size == 0)
+    if idle.size:
+        name = _labels(step, layout)[idle[0]]
         raise IdentifiabilityError(
-            f"{step.name}: the column of {idle[0]} is zero throughout, or its squares leave the range of a double",
+            f"{step.name}: the column of {name} is zero throughout, or its squares leave the range of a double",
             "Nothing moves there, or its channels have wrong units; check them, leave the term out, or excite it.",
         )
     unit = columns / size if p else columns
@@ -272,7 +268,7 @@ def _least_squares(
             cure = f"The optimizer dropped every term of {step.known_sites[0]}, which scales it; lower its threshold."
         raise IdentifiabilityError(f"{step.name}: the right-hand side is zero throughout", cure)
     if rank < p:
-        _report_rank(unit, rank, step, labels)
+        _report_rank(unit, rank, step, _labels(step, layout))
         scaled = linalg.lstsq(unit, target / size_y, cond=cut, check_finite=False)[0]
     elif inner is None:
         scaled = _back(unit[:p], target[:p] / size_y)
@@ -354,7 +350,7 @@ def _report_rank(unit: np.ndarray, rank: int, step: Step, labels: list[str]) -> 
     )
 
 
-def _solve_joint(grams: BlockGrams, solve_order: SolveOrder, solution: Solution, inner: Any, names: Any) -> None:
+def _solve_joint(grams: BlockGrams, solve_order: SolveOrder, solution: Solution, inner: Any) -> None:
     """All balances at once with shared laws (Newton's third law built in), each divided by its rms force."""
     layout, n = grams.layout, grams.layout.n_dof
     free = [step.dofs[0] for step in solve_order.steps if step.masses]
@@ -383,9 +379,8 @@ def _solve_joint(grams: BlockGrams, solve_order: SolveOrder, solution: Solution,
     stacked = np.vstack(rows)
     upper = linalg.qr(stacked, mode="r", check_finite=False)[0][: at + 1]
     samples = float(sum(grams.sizes[j,] for j in range(1, n + 1)))
-    labels = [f"m{j}" for j in free] + [f"{s}: {x}" for s in layout.acting for x in _labels(names, s, layout.counts[s])]
     step = Step(tuple(range(1, n + 1)), tuple(free), layout.acting, (), True)
-    values, fit = _least_squares(upper, step, samples, inner, labels, _RANK_CUT[grams.kind])
+    values, fit = _least_squares(upper, step, samples, inner, layout, _RANK_CUT[grams.kind])
     solution.fits.append(fit)
     for j in free:
         solution.masses[j] = float(values[column["m", j]])

@@ -8,7 +8,7 @@ the summed squares, each balance first divided by the rms of its storey force.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -106,18 +106,16 @@ def _percent(part: Any, whole: Any) -> Any:
 
 
 def judge(
-    model: ChainModel, layout: Layout, solve_order: SolveOrder, blocks: Iterable[Block] | Callable[[], Iterable[Block]]
+    model: ChainModel, layout: Layout, solve_order: SolveOrder, blocks: Callable[[], Iterable[Block]]
 ) -> pd.DataFrame:
     """Balance errors of a model on blocks of samples."""
     known = dict(enumerate(model.masses.tolist(), 1))
 
-    def run(kind: str, held: Iterable[Block]) -> pd.DataFrame:
-        return balance_errors(model, total_gram(layout, groups_of(layout, solve_order), held, known, kind))
+    def run(kind: str) -> pd.DataFrame:
+        return balance_errors(model, total_gram(layout, groups_of(layout, solve_order), blocks(), known, kind))
 
-    if not callable(blocks):
-        return run("gram", blocks)
-    errors = run("gram", blocks())
-    return run("root", blocks()) if (errors["error"] < _HELD_BY_A_GRAM).any() else errors
+    errors = run("gram")
+    return run("root") if (errors["error"] < _HELD_BY_A_GRAM).any() else errors
 
 
 def nrmse(measured: Any, found: Any) -> float:
@@ -177,25 +175,13 @@ def squares_of(run: Record, segment: Segment, rows: slice, filter: Any = None) -
     return (error**2).sum(axis=0), (x**2).sum(axis=0)
 
 
-class Judged(Protocol):
-    """What a free run is compared with."""
-
-    @property
-    def data(self) -> SegmentSet:
-        """Records."""
-
-    @property
-    def filters(self) -> Sequence[Any]:
-        """FairFilter or None, one for each record."""
-
-
-def free_run_error(model: ChainModel, work: Judged, blocks: Sequence[BlockRows]) -> float:
+def free_run_error(model: ChainModel, data: SegmentSet, filters: Sequence[Any], blocks: Sequence[BlockRows]) -> float:
     """Free-run error of the displacements on some blocks, percent NRMSE."""
     if (model.masses <= 0).any():
         return float("nan")
     top, bottom = np.zeros(model.n_dof), np.zeros(model.n_dof)
     for block in blocks:
-        seg = work.data.segments[block.segment]
+        seg = data.segments[block.segment]
         start = seg.valid.start
         rows = slice(start + block.rows.start, start + block.rows.stop)
         dt = seg.dt
@@ -205,7 +191,7 @@ def free_run_error(model: ChainModel, work: Judged, blocks: Sequence[BlockRows])
             run = free_run_of(model, seg, rows, dt)
         except NRFError:
             return float("nan")
-        error, x = squares_of(run, seg, rows, work.filters[block.segment])
+        error, x = squares_of(run, seg, rows, filters[block.segment])
         top += error
         bottom += x
     return float(100.0 * np.sqrt(np.mean(top / bottom))) if (bottom > 0).all() else float("nan")

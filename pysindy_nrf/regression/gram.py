@@ -30,8 +30,8 @@ class Plan:
     def __init__(self, layout: Layout, groups: Sequence[Group], masses: Mapping[int, float]) -> None:
         n = layout.n_dof
         self.masses = np.array([masses.get(j, 0.0) for j in range(1, n + 1)])
-        sums = sorted((g.dofs for g in groups if len(g.dofs) > 1), key=len)
-        self.sums = _nested(sums)
+        sums = sorted((g.dofs for g in groups if len(g.dofs) > 1), key=len)  # of all DOFs from one on
+        self.sums = np.array([dofs[0] - 1 for dofs in sums], dtype=np.int64)
         # rows of DOFs, sums and sites; each begins at a multiple of three, with rows of zeros behind it
         counts: dict[object, int] = {j: 2 for j in range(1, n + 1)}
         counts |= {dofs: 1 for dofs in sums} | {s: layout.counts[s] for s in layout.acting}
@@ -111,18 +111,6 @@ def _places(*rows: np.ndarray) -> np.ndarray:
     return np.concatenate(rows).astype(np.uint64)
 
 
-def _nested(sums: Sequence[tuple[int, ...]]) -> np.ndarray:
-    """For each sum of balances: (row of the sum, sum it starts from or -1) and the DOFs it adds, -1 behind them."""
-    out = []
-    for i, dofs in enumerate(sums):
-        inside = [k for k in range(i) if set(sums[k]) < set(dofs)]
-        parent = inside[-1] if inside else -1
-        rest = sorted(set(dofs) - set(sums[parent] if inside else ()))
-        out.append([parent, *(j - 1 for j in rest)])
-    width = max((len(row) for row in out), default=1)
-    return np.array([row + [-1] * (width - len(row)) for row in out], dtype=np.int64).reshape(-1, width)
-
-
 @cache
 def _kernel() -> Callable[..., None]:
     """The compiled pass."""
@@ -193,19 +181,17 @@ def _kernel() -> Callable[..., None]:
             loaded(x, places[:n], a, start, b)
             loaded(x, places[n : 2 * n], force, start, b)
             loaded(x, places[2 * n :], source, start, b)
-            for i in range(sums.shape[0]):
+            end = n
+            for i in range(sums.size):
                 row = 3 * (n + i)
-                if sums[i, 0] >= 0:
-                    for t in range(b):
-                        x[row, t] = x[3 * (n + sums[i, 0]), t]
+                if i > 0:
+                    copied(x[row, :b], x[row - 3, :b])
                 else:
+                    x[row, :b] = 0.0
+                for j in range(sums[i], end):
                     for t in range(b):
-                        x[row, t] = 0.0
-                for k in range(1, sums.shape[1]):
-                    j = sums[i, k]
-                    if j >= 0:
-                        for t in range(b):
-                            x[row, t] += x[3 * j + 1, t] - masses[j] * x[3 * j, t]
+                        x[row, t] += x[3 * j + 1, t] - masses[j] * x[3 * j, t]
+                end = sums[i]
             for k in range(steps.shape[0]):
                 row, p, q = steps[k, 0], steps[k, 1], steps[k, 2]
                 if q < 0:
@@ -218,7 +204,7 @@ def _kernel() -> Callable[..., None]:
     multiply_all = jit(gram_pass)  # one machine code, however the user's arrays lie in memory
     given, whole = types.Array(types.float64, 2, "A", readonly=True), types.Array(types.float64, 2, "C")
     places, table = types.Array(types.uint64, 1, "C"), types.Array(types.int64, 2, "C")
-    line = types.Array(types.float64, 1, "C")
-    multiply_all.compile((given, given, given, places, table, table, line, table, whole, line))
+    line, starts = types.Array(types.float64, 1, "C"), types.Array(types.int64, 1, "C")
+    multiply_all.compile((given, given, given, places, table, starts, line, table, whole, line))
     multiply_all.disable_compile()
     return multiply_all

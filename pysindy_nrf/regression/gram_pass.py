@@ -25,16 +25,6 @@ SHARE = 4  # blocks that a thread takes at once
 _LOST = 3e-8
 
 
-def block_grams(
-    layout: Layout,
-    groups: Sequence[Group],
-    blocks: Iterable[tuple[int, Block]],
-    known_masses: Mapping[int, float] | None = None,
-) -> BlockGrams:
-    """Gram matrices of numbered blocks of samples; what has the same number is summed."""
-    return GramPass(layout, groups, known_masses).add_each(blocks).grams()
-
-
 def total_gram(
     layout: Layout,
     groups: Sequence[Group],
@@ -264,7 +254,7 @@ def pieces_of(
             pair for i, first in zip(chosen, np.cumsum([0, *counts]).tolist())
             for pair in cut_at(cuts[i], data.segments[i].blocks(layout, filter=filters[i]), first)
         )  # fmt: skip
-        return replace(block_grams(layout, groups, numbered, known), record=record)
+        return replace(GramPass(layout, groups, known).add_each(numbered).grams(), record=record)
     grams: dict[tuple[int, ...], list[np.ndarray]] = {g.dofs: [] for g in groups}
     sizes: dict[tuple[int, ...], list[int]] = {g.dofs: [] for g in groups}
     for i in chosen:

@@ -51,6 +51,10 @@ class Layout:
         """Sites that have at least one term."""
         return tuple(s for s in self.sites if self.counts[s])
 
+    def labels(self, site: str) -> list[str]:
+        """Distinct labels of the terms at a site."""
+        return [f"term {k + 1}" for k in range(self.counts[Site(site)])]
+
     def group(self, dofs: Sequence[int]) -> Group:
         """The group of columns of one balance, or of several summed."""
         pairs = [(s, sum(s.incidence(j) for j in dofs)) for s in self.acting]

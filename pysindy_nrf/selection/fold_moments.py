@@ -163,11 +163,6 @@ class Order:
             self._index[group] = np.concatenate([*own, np.array([i for i in others if i is not None])])
         return self._index[group]
 
-    @cached_property
-    def names(self) -> dict[Site, list[str]]:
-        """Labels of the terms, for messages."""
-        return {site: self.layout.labels(site) for site in self.layout.acting}
-
     @property
     def n_terms(self) -> int:
         """Number of terms of all sites."""
@@ -376,7 +371,7 @@ class FoldMoments:
         own = self.cut(total, order, order.groups(solve_order))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RankWarning)
-            return solve(own, solve_order, self.known_masses, inner or self.inner, order.names), solve_order, own
+            return solve(own, solve_order, self.known_masses, inner or self.inner), solve_order, own
 
     def piece_norms(self, order: Order, dofs: tuple[int, ...], weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Squared length of a combination of a candidate's columns in each piece, and the samples behind it."""

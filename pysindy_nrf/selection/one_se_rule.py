@@ -256,7 +256,8 @@ def _free_run(fold_moments: FoldMoments, order: Order, held: Heldout) -> Any:
             _free_run(fold_moments, order, replace(held, solution=held.solution.of(fold), fold=fold))
             for fold in range(fold_moments.n_folds)
         ]
-    error = free_run_error(model_of(order.layout, held.solution), fold_moments, _runs(fold_moments, held.fold))
+    runs = _runs(fold_moments, held.fold)
+    error = free_run_error(model_of(order.layout, held.solution), fold_moments.data, fold_moments.filters, runs)
     return -error if np.isfinite(error) else float("nan")
 
 

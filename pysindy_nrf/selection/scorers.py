@@ -105,15 +105,8 @@ def _free_run(regressor: Any, X: Any, F: Any = None, **metadata: Any) -> float:
     if any(seg.dt is None for seg in data.segments):
         raise ChannelError("The free run needs the time of the samples", "Pass dt= (s), time=, or X with a time index.")
     blocks = [BlockRows(i, slice(0, seg.n_valid)) for i, seg in enumerate(data.segments)]
-    error = free_run_error(regressor.model_, _Judged(data, filters_of(regressor.band, data)), blocks)
+    error = free_run_error(regressor.model_, data, filters_of(regressor.band, data), blocks)
     return -error if np.isfinite(error) else float("nan")
-
-
-class _Judged:
-    """What a free run is compared with."""
-
-    def __init__(self, data: Any, filters: list[Any]) -> None:
-        self.data, self.filters = data, filters
 
 
 balance = ChainScorer("balance", _balance)

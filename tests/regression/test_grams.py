@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from pysindy_nrf import Chain, laws
 from pysindy_nrf.exceptions import NRFError
-from pysindy_nrf.regression.gram_pass import GramPass, block_grams, guess_of, total_gram
+from pysindy_nrf.regression.gram_pass import GramPass, guess_of, total_gram
 from pysindy_nrf.regression.grams import BlockGrams
 from pysindy_nrf.regression.input_arrays import from_arrays
 from pysindy_nrf.regression.layout import LawLayout, Layout, blocks_of
@@ -61,18 +61,18 @@ def assert_same(found, wanted, rel=1e-12):
 
 # -- products of columns --------------------------------------------------------------------------
 
-SUMS = [(1,), (2,), (3,), (4,), (1, 2), (2, 3), (3, 4), (4, 3), (2, 3, 4), (3, 4, 2), (1, 2, 3, 4)]
+SUMS = [(1,), (2,), (3,), (4,), (3, 4), (2, 3, 4), (1, 2, 3, 4)]
 
 
 @given(
     counts=st.lists(st.integers(0, 14), min_size=5, max_size=5),
     size=st.one_of(st.sampled_from([1, 255, 256, 257]), st.integers(1, 700)),
-    dofs=st.lists(st.sampled_from(SUMS), min_size=1, max_size=5, unique_by=lambda d: tuple(sorted(d))),
+    dofs=st.lists(st.sampled_from(SUMS), min_size=1, max_size=5, unique=True),
     chunk=st.integers(1, 700),
     known=st.sets(st.sampled_from([1, 2, 3, 4])),
 )
 def test_every_product_is_exact(counts, size, dofs, chunk, known):
-    """Any number of terms, any sums of balances in any order; a mass that is not given takes no part in a sum."""
+    """Any number of terms, sums of the balances above any cut; a mass that is not given takes no part in a sum."""
     sites = ["storey 1", "storey 2", "storey 3", "storey 4", "link 4-2"]
     layout = Layout(Chain(4, ["link 4-2"]), dict(zip(sites, counts)) | {"dof 3": 1})
     data, groups = whole_numbers(size, layout.n_terms, 4), [layout.group(d) for d in dofs]
@@ -288,7 +288,7 @@ def test_a_term_that_moves_in_one_block_only_is_exactly_zero_without_it():
     layout = Layout(Chain(1), {"storey 1": 1})
     s, a, F = np.random.default_rng(0).normal(size=(3, 400, 1))
     s[:100] = s[200:] = 0.0
-    grams = block_grams(layout, [layout.group((1,))], enumerate(blocks_of(s, a, F, 100)))
+    grams = GramPass(layout, [layout.group((1,))]).add_each(enumerate(blocks_of(s, a, F, 100))).grams()
     assert [bool(m[0].any()) for m in grams.leave_one_out().matrices[1,]] == [True, False, True, True]
 
 

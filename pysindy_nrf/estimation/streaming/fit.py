@@ -49,9 +49,8 @@ def solution_of(accumulator: Accumulator) -> tuple[Solution | None, BlockGrams, 
     model, grams = accumulator.require_model(), accumulator.grams().sum()
     _require_usable(accumulator, grams)
     solve_order = accumulator.solve_order()
-    names = {site: model.layout.labels(site) for site in model.layout.acting}
     solver = solved_safely if accumulator.kind == "gram" else solve
-    return solver(grams, solve_order, model.known_masses, model.problem.optimizer, names), grams, solve_order
+    return solver(grams, solve_order, model.known_masses, model.problem.optimizer), grams, solve_order
 
 
 def publish(accumulator: Accumulator, solution: Solution, grams: BlockGrams, solve_order: SolveOrder) -> Any:

@@ -21,7 +21,7 @@ from ..regression.errors import judge
 from ..regression.input_arrays import from_arrays, holds_records
 from ..regression.layout import Block
 from ..regression.segments import SegmentSet, feature_names
-from .intervals import Resolver, force_intervals, least_squares_resolver, parameter_intervals, separate_resolver
+from .intervals import Resolver, force_intervals, least_squares_resolver, parameter_intervals
 from .problem import Problem
 
 
@@ -285,5 +285,6 @@ class FittedChain:
             return self._resolving()
         if self._separate_resolver is None:
             apart = self._fused_separately()
-            self._separate_resolver = separate_resolver(self.problem_, self.solve_order_, apart, self._resolving())
+            self._separate_resolver = least_squares_resolver(self.problem_, self.solve_order_, apart)
+            self._separate_resolver.constrain = self._resolving().constrain
         return self._separate_resolver

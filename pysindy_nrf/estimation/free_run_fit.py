@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -45,18 +45,22 @@ FORCE_HOLDS = ("cubic", "linear", "zero")  # of the force between its samples
 
 
 @dataclass
+class _Solution:
+    """Estimate, influence of each piece of the data (comb of Fourier lines) on it, and the record of each piece."""
+
+    model: ChainModel
+    influences: np.ndarray  # (n_pieces, n_parameters)
+    record: np.ndarray  # (n_pieces,)
+
+
+@dataclass
 class OutputErrorResult:
     """Result of the refinement."""
 
-    model: ChainModel
-    kept: bool  # true if the refined model predicts unseen parts better than the initial one
+    found: _Solution | None  # None if the refined model does not predict unseen parts better than the initial one
     # free-run error of the velocities on parts that the refinement did not see, percent NRMSE
     error_before: float = np.nan
     error_after: float = np.nan
-    # (n_pieces, n_parameters); influence of every piece of the data (comb of Fourier lines) on the parameters
-    influences: np.ndarray | None = None
-    # (n_pieces,); number of the record of each piece
-    record: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
     why: str = ""  # reason if it was not kept
 
 
@@ -90,13 +94,13 @@ def output_error(
     """Refine masses and coefficients on the free run."""
     shots = shots_of(data, layout.has_memory)
     if not shots:
-        return _kept_start(start, "the force on some DOF is unknown in every record")
+        return _kept_start("the force on some DOF is unknown in every record")
     if max(shot.n_samples for shot in shots) < 2 * FEWEST_ROWS:
-        return _kept_start(start, "the records are too short")
+        return _kept_start("the records are too short")
     try:
         noise = noise_model(start, layout, [s.segment for s in shots], [s.run(start) for s in shots])
         if noise is None:
-            return OutputErrorResult(start, False, 0.0, 0.0, why="the free run is exact to round-off")
+            return OutputErrorResult(None, 0.0, 0.0, why="the free run is exact to round-off")
         problem = _FreeRunFit(start, shots, layout, known_masses, noise, band)
         parts = [_half(shots, 0), _half(shots, 1)]
         swapped = list(zip(halves or (start, start), parts, parts[::-1]))
@@ -105,11 +109,11 @@ def output_error(
         error_before, error_after = (float(100 * np.sqrt(e[0] / e[2])) for e in (before.sum(0), after.sum(0)))
         if not clearly_better(before, after):
             why = "the refinement does not predict unseen parts of the records clearly better"
-            return OutputErrorResult(start, False, error_before, error_after, why=why)
+            return OutputErrorResult(None, error_before, error_after, why=why)
         best = problem.solve([slice(0, s.n_samples) for s in shots])
     except SimulationError as error:
-        return _kept_start(start, error.what)
-    return OutputErrorResult(best.model, True, error_before, error_after, best.influences, best.record)
+        return _kept_start(error.what)
+    return OutputErrorResult(best, error_before, error_after)
 
 
 def clearly_better(before: np.ndarray, after: np.ndarray) -> bool:
@@ -118,10 +122,10 @@ def clearly_better(before: np.ndarray, after: np.ndarray) -> bool:
     return bool(every and np.sqrt(after[:, 0].sum() / before[:, 0].sum()) <= LARGEST_RATIO)
 
 
-def _kept_start(start: ChainModel, why: str) -> OutputErrorResult:
+def _kept_start(why: str) -> OutputErrorResult:
     """The estimate of instrumental variables, with a warning that gives the reason."""
     warnings.warn(f"estimation='simulation' kept the instrumental-variable estimate: {why}.", BiasWarning, stacklevel=6)
-    return OutputErrorResult(start, False, why=why)
+    return OutputErrorResult(None, why=why)
 
 
 def shots_of(data: SegmentSet, has_memory: bool) -> list[Shot]:
@@ -150,15 +154,6 @@ def _half(shots: Sequence[Shot], which: int) -> list[slice]:
         out.append(slice(0, middle) if which == 0 else slice(middle, shot.n_samples))
         at[shot.number] += shot.n_samples
     return out
-
-
-@dataclass
-class _Solution:
-    """Estimate, influence of each piece of the data on it, and the record of each piece."""
-
-    model: ChainModel
-    influences: np.ndarray
-    record: np.ndarray
 
 
 @dataclass
@@ -388,13 +383,12 @@ def refine(
             "free_run_error_before": _finite(result.error_before),
             "free_run_error_after": _finite(result.error_after),
         }
-        if result.kept:
-            assert result.influences is not None
-            model, facts["found"] = result.model, "simulation"
+        if best := result.found:
+            model, facts["found"] = best.model, "simulation"
             theta, rebuild, _ = free_parameters(model, known)
             resolver = InfluenceResolver(
                 iv.pieces, solve_order, known, inner,
-                theta=theta, rebuild=rebuild, moves=result.influences, of=result.record,
+                theta=theta, rebuild=rebuild, moves=best.influences, of=best.record,
             )  # fmt: skip
         else:
             facts["notes"] = [*facts["notes"], f"instrumental variables kept: {result.why}"]

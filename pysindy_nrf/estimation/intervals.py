@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -225,11 +225,6 @@ def least_squares_resolver(problem: Problem, solve_order: SolveOrder, data: Segm
     layout, known = problem.layout, dict(problem.known_masses)
     pieces = pieces_of(data, layout, groups_of(layout, solve_order), problem.filters(data), known)
     return Resolver(pieces, solve_order, known, problem.optimizer)
-
-
-def separate_resolver(problem: Problem, solve_order: SolveOrder, separate: SegmentSet, resolver: Resolver) -> Resolver:
-    """Resolver of a least-squares estimate on motions that were fused DOF by DOF."""
-    return replace(least_squares_resolver(problem, solve_order, separate), constrain=resolver.constrain)
 
 
 def parameter_intervals(

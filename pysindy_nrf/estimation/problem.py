@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..exceptions import ChainError, ExcitationError
-from ..laws import ForceLaw, PowerSeries
+from ..laws import ForceLaw
 from ..mechanics.chain import Chain
 from ..mechanics.identifiability import SolveOrder, plan_solve_order
 from ..mechanics.sites import Site
@@ -27,7 +27,7 @@ from ..regression.chain_solve import (
 )
 from ..regression.grams import BlockGrams
 from ..regression.input_arrays import from_arrays
-from ..regression.layout import Block, LawLayout
+from ..regression.layout import Block, LawLayout, power_series_laws
 from ..regression.optimizers import sub_optimizer
 from ..regression.segments import SegmentSet
 from ..regression.shape_search import estimate_shapes
@@ -232,11 +232,7 @@ def laws_of_sites(chain: Chain, laws: Any, degree: Any, orders: Any) -> dict[Sit
     """The declared laws by site of the chain, and the power series at its other sites."""
     orders = {chain.site(s): order for s, order in as_mapping("orders", orders, "{'storey 2': 5}").items()}
     given = {chain.site(s): held for s, held in declared_laws(laws).items()}
-    missing = [s for s in orders if s not in chain.sites]
-    if missing:
-        raise ChainError(
-            f"orders names {str(missing[0])!r}, which is not in the chain", f"Its sites are {', '.join(chain.sites)}."
-        )
+    series = power_series_laws(chain, degree, orders)
     both = [s for s in orders if s in given]
     if both:
         raise ChainError(f"{both[0]} has an order and laws", "Name it in orders or in laws, not in both.")
@@ -247,7 +243,7 @@ def laws_of_sites(chain: Chain, laws: Any, degree: Any, orders: Any) -> dict[Sit
                 f"degree={degree!r} contradicts orders, which set every storey ({clash}: {orders[clash]!r})",
                 "Leave degree out, or name in orders only the storeys that differ.",
             )
-    return {s: (PowerSeries(orders.get(s, degree)),) for s in chain.sites if s not in given} | given
+    return {s: tuple(held) for s, held in series.items()} | given
 
 
 def as_mapping(name: str, value: Any, example: str) -> Mapping[Any, Any]:

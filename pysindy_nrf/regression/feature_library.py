@@ -15,12 +15,11 @@ from sklearn.utils.validation import check_is_fitted
 
 from ..data.channels import checked, same_columns
 from ..exceptions import ChainError, ChannelError, DataQualityWarning, LawError
-from ..laws import PowerSeries
 from ..laws.base import ForceLaw, subscript
 from ..mechanics.chain import Chain
 from ..mechanics.sites import Site
 from .chain_model import ChainModel
-from .layout import LawLayout
+from .layout import LawLayout, power_series_laws
 from .optimizers import StateSpaceChainOptimizer
 from .segments import Segment
 
@@ -373,16 +372,6 @@ class InterstoryPolynomialLibrary(ForceLawLibrary):
 
     def _laws(self, chain: Chain) -> Mapping[Any, Sequence[ForceLaw]]:
         return power_series_laws(chain, self.degree, self.orders)
-
-
-def power_series_laws(chain: Chain, degree: Any, orders: Mapping[Any, Any] | None = None) -> dict[Any, list[ForceLaw]]:
-    """A power series at every site of a chain."""
-    given = {chain.site(text): order for text, order in dict(orders or {}).items()}
-    if unknown := [str(site) for site in given if site not in chain.sites]:
-        raise ChainError(
-            f"orders names {unknown[0]!r}, which is not in the chain", f"Its sites are {', '.join(chain.sites)}."
-        )
-    return {site: [PowerSeries(given.get(site, degree))] for site in chain.sites}
 
 
 class IdentifiedChain(StateSpaceChainOptimizer):

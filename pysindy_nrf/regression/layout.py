@@ -12,6 +12,7 @@ import numpy as np
 
 from ..exceptions import ChainError, LawError
 from ..laws.base import ForceLaw, Term
+from ..laws.power_series import PowerSeries
 from ..laws.shape import Motion
 from ..mechanics.chain import Chain
 from ..mechanics.sites import Site
@@ -187,6 +188,16 @@ def with_coefficients(
         parts = np.split(coefficients.get(site, np.zeros(0)), ends)
         out[site] = tuple(law.with_values(coefficients=part) for law, part in zip(held, parts))
     return out
+
+
+def power_series_laws(chain: Chain, degree: Any, orders: Mapping[Any, Any] | None = None) -> dict[Site, list[ForceLaw]]:
+    """A power series at every site of a chain."""
+    given = {chain.site(text): order for text, order in dict(orders or {}).items()}
+    if unknown := [str(site) for site in given if site not in chain.sites]:
+        raise ChainError(
+            f"orders names {unknown[0]!r}, which is not in the chain", f"Its sites are {', '.join(chain.sites)}."
+        )
+    return {site: [PowerSeries(given.get(site, degree))] for site in chain.sites}
 
 
 class LawLayout(Layout):

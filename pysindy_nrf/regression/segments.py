@@ -113,7 +113,7 @@ def _scan(kind: str, layout: Literal["C", "A"]) -> Callable[[np.ndarray, np.ndar
 
 
 _CELLS = 40
-_MOST = 20_000  # samples at most; a cell beside a visited one counts as visited, see contains
+_MOST = 8_000  # samples at most; a cell beside a visited one counts as visited, see contains
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ class VisitedRegion:
         cls, pieces: Sequence[tuple[np.ndarray, np.ndarray]], low: np.ndarray, high: np.ndarray
     ) -> list[VisitedRegion]:
         """Regions visited by the samples of several records, one for each storey."""
-        step = max(1, sum(len(v) for v, _ in pieces) // _MOST)
+        step = max(1, -(-sum(len(v) for v, _ in pieces) // _MOST))
         cells = np.zeros((len(low), _CELLS, _CELLS), dtype=bool)
         span = high - low
         scale = np.where(span > 0, _CELLS / np.where(span > 0, span, 1.0), 0.0)

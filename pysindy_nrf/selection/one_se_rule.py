@@ -203,9 +203,10 @@ def on_folds(fold_moments: FoldMoments, order: Order, scorings: Iterable[str]) -
     return scores
 
 
-def balances_on_folds(fold_moments: FoldMoments, order: Order, dofs: Iterable[int]) -> np.ndarray:
-    """Pooled error of some balances on all folds, percent NRMSE; infinite where a fit failed."""
+def balances_on_folds(fold_moments: FoldMoments, order: Order, dofs: Iterable[int] | None = None) -> np.ndarray:
+    """Pooled error of some balances, of all if None, on all folds, percent NRMSE; infinite where a fit failed."""
     errors = np.full(fold_moments.n_folds, np.inf)
+    dofs = range(1, order.layout.n_dof + 1) if dofs is None else dofs
     for held, where in _held_out(fold_moments, order):
         found = held.solution.masses, held.solution.coefficients, held.grams
         errors[where] = pooled_percent(balance_sizes(j, *found) for j in dofs)

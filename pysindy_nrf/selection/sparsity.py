@@ -21,7 +21,7 @@ from ..regression.errors import pooled_error
 from ..regression.grams import BlockGrams
 from ..regression.layout import LawLayout
 from .fold_moments import FoldMoments, Monomials, Order
-from .one_se_rule import CLEAN, choose, standard_error
+from .one_se_rule import CLEAN, balances_on_folds, choose, standard_error
 from .selection import fold_moments_of
 
 
@@ -161,7 +161,7 @@ def pruned(
         site, at = weakest
         support = {**support, site: support[site] & (np.arange(len(support[site])) != at)}
         one = restricted(held, order, support)
-        errors = heldout_errors(held, one)
+        errors = balances_on_folds(held, one) / 100.0
         if choose(np.array([least, errors]), [1, 0], min_gain=MARGIN, paired=True) == 0:
             break
         gone = (*gone, (str(site), order.layout.labels(site)[at]))
@@ -181,19 +181,6 @@ def _weakest(held: FoldMoments, order: Order, support: Mapping[Site, np.ndarray]
                 continue
             rises[site, int(at)] = pooled_error(solution.masses, solution.coefficients, grams)
     return min(rises, key=rises.__getitem__) if rises else None
-
-
-def heldout_errors(held: FoldMoments, order: Order) -> np.ndarray:
-    """Held-out balance errors on the folds, as shares; infinity where a fold cannot be fitted."""
-    out = np.full(held.n_folds, np.inf)
-    for fold in range(held.n_folds):
-        try:
-            solution, solve_order, _ = held.fit(order, fold)
-            test = held.cut(held.total(fold, "test")[0], order, order.groups(solve_order))
-            out[fold] = pooled_error(solution.masses, solution.coefficients, test) / 100.0
-        except NRFError:
-            break
-    return out
 
 
 # Shares of the force that a term must carry to be kept.

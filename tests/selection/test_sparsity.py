@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from pathlib import Path
 
 import chains
 import numpy as np
@@ -31,9 +32,6 @@ def kept(terms, n):
 
 PATHS = {
     "STLSQ": [ps.STLSQ(threshold=t) for t in (0.003, 0.01, 0.03, 0.1, 0.3)],
-    "SR3": [ps.SR3(reg_weight_lam=t**2 / 2) for t in (0.003, 0.01, 0.03, 0.1)],
-    "SSR": [AlongPath(ps.SSR(max_iter=99), t) for t in (0.003, 0.01, 0.03, 0.1)],
-    "FROLS": [AlongPath(ps.FROLS(max_iter=99), t) for t in (0.003, 0.01, 0.03, 0.1)],
     "ensemble": [BlockEnsemble(ps.STLSQ(threshold=t), n_models=6) for t in (0.003, 0.01, 0.03)],
 }
 
@@ -41,18 +39,7 @@ PATHS = {
 @pytest.fixture(scope="module")
 def found():
     case = chains.duffing(3, [2], seed=9, n_samples=4000)
-    return case, select_sparsity(record_of(case, 0.02), paths={name: PATHS[name] for name in ("STLSQ", "ensemble")})
-
-
-@pytest.mark.slow
-def test_every_optimizer_finds_the_true_terms_of_a_noisy_chain_hit_on_one_floor(found):
-    """2 % noise on every channel; the damping is the smallest term, a few percent of the force."""
-    case, _ = found
-    selection = select_sparsity(record_of(case, 0.02), paths=PATHS)
-    damping = case.c * case.v.std(axis=0) / case.storey_forces.std(axis=0)
-    assert damping.min() > 0.01
-    for name in PATHS:
-        assert kept(selection.terms[name], 3) == [TRUE] * 3, name
+    return case, select_sparsity(record_of(case, 0.02), paths=PATHS)
 
 
 def test_the_error_says_what_a_missing_term_costs(found):
@@ -116,15 +103,13 @@ def test_a_path_needs_a_history():
 
 
 @pytest.mark.slow
-def test_the_quick_benchmark_runs_and_ours_are_right(capsys):
-    import sys
-    from pathlib import Path
-
-    sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+def test_every_optimizer_finds_the_true_terms_of_a_noisy_chain_hit_on_one_floor(monkeypatch):
+    """The quick benchmark: 2 % noise on every channel; the damping is the smallest term, a percent of the force."""
+    monkeypatch.syspath_prepend(Path(__file__).parents[2] / "benchmarks")
     import sparse_selection
 
     table = sparse_selection.main(["--quick"]).set_index("optimizer")
-    assert table.loc["STLSQ", "missing"] == 0 and table.loc["STLSQ", "false"] <= 1
+    assert table.loc[["STLSQ", "ensemble", "SR3", "SSR", "FROLS"], "exact"].all()
     assert table.loc["SINDy, defaults", "missing"] > 0
 
 

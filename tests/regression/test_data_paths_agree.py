@@ -155,14 +155,3 @@ def test_partial_fit_takes_series_of_any_labels_and_tables_of_covariates(tables)
     covariates = pd.DataFrame({"u": np.zeros(len(X))})
     fitted = linear().partial_fit(X, F, time=time, covariates=covariates)
     np.testing.assert_allclose(fitted.masses_, MASSES, rtol=1e-6)
-
-
-def test_a_filter_stops_at_a_gap_of_the_clock(tables):
-    """With a band, a record that was stopped and started again is filtered piece by piece, as two records are."""
-    X, F = (table.to_numpy() for table in tables)
-    half = len(X) // 2
-    t = np.arange(len(X)) * 2e-3
-    gap = t + 3.0 * (np.arange(len(X)) >= half)
-    cut = NRFRegressor(degree=1, band=(1, 60)).fit(X, F, time=gap)
-    two = NRFRegressor(degree=1, band=(1, 60), dt=2e-3).fit(X, F, record=(np.arange(len(X)) >= half).astype(int))
-    np.testing.assert_allclose(cut.masses_, two.masses_, rtol=1e-12)

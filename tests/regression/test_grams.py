@@ -304,15 +304,6 @@ def test_sums_before_and_behind_each_boundary():
 
 
 @pytest.mark.parametrize("kind", ["gram", "root"])
-def test_blocks_of_several_workers_stand_behind_each_other(kind):
-    grams = ten_blocks(kind)
-    stacked = BlockGrams.stack([grams[i] for i in range(10)], record=[0] * 4 + [1] * 6)
-    assert stacked.record.tolist() == [0] * 4 + [1] * 6 and stacked[2:5].record.tolist() == [0, 0, 1]
-    assert all(np.array_equal(stacked.matrices[d], m) for d, m in grams.matrices.items())
-    assert_direct(stacked.sum(), np.ones(10))
-
-
-@pytest.mark.parametrize("kind", ["gram", "root"])
 def test_blocks_on_disk_are_the_same_to_the_last_bit(kind, tmp_path):
     grams = ten_blocks(kind)
     np.savez(tmp_path / "grams.npz", **grams.to_arrays())

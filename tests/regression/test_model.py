@@ -44,11 +44,6 @@ def test_modes_of_a_proportionally_damped_chain_are_the_symmetric_eigenproblem(n
         assert modes.iloc[i, 2:].to_numpy(dtype=float) == pytest.approx(shape, abs=1e-6)
 
 
-def test_one_uniform_mass_has_the_textbook_frequency():
-    mode = linear_chain([10.0], [20.0], [1e5]).modes().loc[1]
-    assert mode["frequency"] == pytest.approx(100 / (2 * np.pi)) and mode["damping"] == pytest.approx(20 / (2 * np.sqrt(1e6)))
-
-
 def test_overdamped_masses_are_modes_too():
     mode = linear_chain([1.0], [50.0], [100.0]).modes().loc[1]
     assert mode["frequency"] == pytest.approx(10 / (2 * np.pi)) and mode["damping"] == pytest.approx(2.5)

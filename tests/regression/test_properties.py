@@ -162,12 +162,6 @@ def test_powers_of_two_as_units_change_nothing_but_units(test, l2, m2, t2):
     same(other.fit(), test.fit(), factors, 1e-12)
 
 
-@given(measured_tests(), st.floats(-3, 3), st.floats(-3, 3), st.floats(-2, 2))
-def test_millimetres_tonnes_and_milliseconds(test, l10, m10, t10):
-    other, factors = rescaled(test, 10.0**l10, 10.0**m10, 10.0**t10)
-    same(other.fit(), test.fit(), factors)
-
-
 # -- order and boundaries -----------------------------------------------------------------------
 
 

@@ -86,19 +86,6 @@ def test_the_three_entrances_agree(inner, forced):
 # -- sparse optimizers on SI units ----------------------------------------------------------------
 
 
-def test_default_stlsq_is_safe_on_si_units():
-    """Plain SINDy's default threshold deletes 1/m = 0.1 itself; inside the wrapper it is a tenth of the force."""
-    case = chains.duffing(3, [2], seed=3)
-    model = NRFRegressor(degree=3, optimizer=ps.STLSQ()).fit(case.X, case.F)
-    assert worst(model.masses_, case.m) < 0.1
-    for i in (1, 2, 3):
-        assert set(model.restoring_forces_[i].coefficients.loc[lambda c: c != 0].index) <= {"v", "s", "s^3"}
-        assert model.restoring_forces_[i].coefficients["s"] == pytest.approx(case.k[i - 1], rel=0.2)
-    fine = NRFRegressor(degree=3, optimizer=ps.STLSQ(threshold=0.005)).fit(case.noisy(0.003), case.F)
-    for i in (1, 2, 3):
-        assert set(fine.restoring_forces_[i].coefficients.loc[lambda c: c != 0].index) == {"v", "s", "s^3"}
-
-
 def _kept(model):
     return [tuple(R.coefficients.index[R.coefficients != 0]) for R in model.restoring_forces_.values()]
 

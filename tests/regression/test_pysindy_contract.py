@@ -62,10 +62,6 @@ def test_transform_has_the_size_it_says_and_is_an_axes_array(library):
     assert np.isfinite(out).all()
 
 
-def test_fit_transform_is_fit_then_transform(library):
-    assert np.array_equal(library.fit_transform(X), clone(library).fit(X).transform(X))
-
-
 def test_not_fitted(library):
     for ask in (lambda: library.transform(X), library.get_feature_names, lambda: library.size):
         with pytest.raises(NotFittedError):
@@ -178,15 +174,6 @@ def test_the_sum_of_two_chain_libraries_is_one_of_the_chain():
 def test_sums_that_make_no_sense_are_refused(add, message):
     with pytest.raises(LawError, match=message):
         add().fit(X)
-
-
-def test_a_plain_optimizer_takes_our_columns():
-    case = chains.duffing(1, [1], n_samples=800, cubic=False)
-    library = InterstoryPolynomialLibrary(1) + ps.PolynomialLibrary(0)
-    model = ps.SINDy(optimizer=ps.STLSQ(threshold=0.0, alpha=0.0, normalize_columns=True), feature_library=library)
-    model.fit(case.X, t=case.dt, x_dot=case.F)
-    assert model.get_feature_names() == ["a1", "v1", "s1", "1"]
-    assert model.coefficients()[0, :3] == pytest.approx([case.m[0], case.c[0], case.k[0]], rel=1e-6)
 
 
 # -- optimizers -----------------------------------------------------------------------------------

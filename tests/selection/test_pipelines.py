@@ -115,7 +115,8 @@ def test_blocks_in_time_leave_gaps_that_are_not_smoothed_over(tests):
 
 
 def test_a_search_over_smoother_and_degree(tests):
-    cases, table, F, ids, time = tests
+    cases, *every = tests
+    table, F, ids, time = (of[: 2 * N] for of in every)
     search = GridSearchCV(
         whole(), {"kinematicsmoother__band": [(None, 100.0)], "nrfregressor__degree": [1, 2]}, cv=RecordSplit(),
         scoring=scorers.acceleration,

@@ -31,7 +31,6 @@ from ..mechanics.chain import Chain
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
 from ..regression.layout import LawLayout
-from ..regression.segments import Segment
 from . import words
 from .characterisation import (
     NEARLY,
@@ -126,10 +125,10 @@ def _verdict(sides: list[_Motion], where: str, ratio: float) -> dict[str, Any]:
     linear, nonlinear = told
     if nonlinear and not ratio < 1 / AT_FLOOR:
         verdict = ResidualKind.NONLINEAR
-    elif ratio < AT_FLOOR:  # the bias of the fit is linear too
-        verdict = ResidualKind.NOISE
-    else:
-        verdict = ResidualKind.LINEAR if linear else ResidualKind.UNMEASURED
+    elif linear and not ratio < AT_FLOOR:  # below, it is the bias of the fit
+        verdict = ResidualKind.LINEAR
+    else:  # its size alone speaks for it, and residual and floor may both be off
+        verdict = ResidualKind.NOISE if ratio < AT_FLOOR**2 else ResidualKind.UNMEASURED
     return {"verdict": verdict, "linear share": shares[0], "nonlinear share": shares[1]}
 
 
@@ -170,8 +169,18 @@ class _Motion:
         def seen(parts: Iterable[np.ndarray]) -> list[np.ndarray]:
             return [filtered(np.asarray(x, dtype=float), f)[::every] for x, f in zip(parts, filters)]
 
+        # no balance closes by these columns: a force that is measured stands for nothing but a delay
+        forced = [j - 1 for j in residual.data.forced]
+        names = [c for c in segments[0].covariates if c not in ("ag", "vg")]
+        names = [c for c in names if all(c in seg.covariates for seg in segments)]
+        based = all(seg.ag is not None for seg in segments)
+        inputs = []
+        for seg in segments:
+            lines = [*(seg.covariates[c] for c in names), *([seg.ag] if based else [])]
+            slopes = np.gradient(np.column_stack([np.nan_to_num(seg.F[:, forced]), *lines]).astype(float), axis=0)
+            inputs.append(np.column_stack([seg.a[:, forced], *lines, slopes])[seg.valid])
         groups = {"motion": seen(np.hstack([seg.s[seg.valid], seg.v[seg.valid]]) for seg in segments)}
-        groups["inputs"] = seen(_inputs(segments))
+        groups["inputs"] = seen(inputs)
         for site in dict.fromkeys([*self.chain.sites, *map(Site, range(1, n + 1))]):
             motions = [seg.motion(site, seg.valid) for seg in segments]
             groups[f"law {site}"] = own_columns(motions, filters, every)
@@ -182,19 +191,6 @@ class _Motion:
             if all(np.isfinite(parts[i]).all() for i in use):
                 groups[where] = [parts[i][::every] for i in use]
         return Regression.of(groups)
-
-
-def _inputs(segments: list[Segment]) -> list[np.ndarray]:
-    """Forces, base acceleration and covariates with their slopes (a delay to first order), one array a record."""
-    names = [c for c in segments[0].covariates if c not in ("ag", "vg") and all(c in s.covariates for s in segments)]
-    based = all(seg.ag is not None for seg in segments)
-    out = []
-    for seg in segments:
-        lines = [np.nan_to_num(seg.F[seg.valid].astype(float)), *(seg.covariates[c][seg.valid] for c in names)]
-        lines += [seg.ag[seg.valid]] if based and seg.ag is not None else []
-        x = np.column_stack(lines).astype(float)
-        out.append(np.hstack([x, np.gradient(x, axis=0)]))
-    return out
 
 
 # -- where ------------------------------------------------------------------------------------------

@@ -46,8 +46,8 @@ class Agreement(Enum):
     LATER = "The loop chose {chosen} ({share:.0f} %) first, and {site} in a later step."
     NEAR = "The loop chose {chosen} ({share:.0f} %), which localisation hardly tells from {site}."
     DISAGREES = (
-        "The loop, which refits the whole chain with a law at each site, chose {chosen}: by its signs alone it "
-        "explains {share:.0f} %; another effect may dominate the residual."
+        "The loop, which refits the whole chain with a law at each site, chose {chosen}; by its signs alone a force "
+        "there explains {share:.0f} %: another effect dominates the residual."
     )
 
 
@@ -126,7 +126,8 @@ def detection(evidence: Any) -> str:
     ratio = table["floor ratio"].max()
     times = f"at most {ratio:.2g} times the noise floor" if np.isfinite(ratio) else "the noise is not known"
     if evidence.detection.is_noise:
-        return f"Nothing but noise is left in any balance ({times})."
+        but = "; the gain, which looks at each band, sees more" if evidence.chosen else ""
+        return f"Nothing but noise is left in any balance ({times}){but}."
     kinds = table[table["verdict"] != ResidualKind.NOISE]["verdict"]
     said = [f"{kind.value} in {_listed(kinds.index[kinds == kind])}" for kind in dict.fromkeys(kinds)]
     text = f"The residual is not noise: {'; '.join(said)} ({times})."

@@ -87,7 +87,7 @@ def test_agreement_and_disagreement_with_the_chosen_site_are_said():
     assert agreement == Agreement.SAME and "the same pattern of signs" in said
     far = first.localisation.table["share"].idxmin()
     agreement, said = chose(far)
-    assert agreement == Agreement.DISAGREES and f"chose {far}: by its signs alone it explains" in said
+    assert agreement == Agreement.DISAGREES and f"chose {far}; by its signs alone a force there explains" in said
     agreement, said = chose(far, later=("storey 2",))
     assert agreement == Agreement.LATER and "in a later step" in said
     agreement, said = chose("sensor x1")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,6 @@ import pandas as pd
 from ...common.audit import settings_of, versions
 from ...data.record import Record
 from ...discrepancy.residual import SiteLoop, loops_of
-from ...discrepancy.words import Agreement
 from ...exceptions import NRFError, NRFWarning
 from ...regression.chain_model import ChainModel
 from ...regression.segments import SegmentSet
@@ -407,7 +405,7 @@ def chapters(report: Any) -> list[Chapter]:
 def cautions(report: Any) -> list[str]:
     """What makes the result doubtful."""
     out = []
-    for step, evidence in zip_longest(report.steps, report.evidence[: len(report.steps)]):
+    for step in report.steps:
         law = _where(step)
         begin = law[:1].upper() + law[1:]
         if not step.confirmed:
@@ -420,8 +418,6 @@ def cautions(report: Any) -> list[str]:
                 f"the gain is {step.gain:.2g} dB with a standard error of {step.gain_error:.2g}."
             )
         out += _not_told_apart(step)
-        if evidence is not None and evidence.agreement == Agreement.DISAGREES:
-            out.append(f"Localisation and the loop disagree about {law}; see its step.")
         if step.free_run_after > 1.1 * step.free_run_before:
             out.append(
                 f"With {law} the held-out free run is worse than before ({step.free_run_before:.3g} to "

@@ -20,13 +20,14 @@ from ..laws import Jenkins
 from ..laws.shape import Motion
 from ..signals.noise_levels import RARE
 from . import words
+from .constants import EXPLAINED
 from .residual import period_of
 from .words import Dependence, Feature
 
-# Shares of squares that differ by less are alike, and what explains less matters to nobody: the scatter of a share of
-# one half over 25 blocks is about as large.
+# Shares of squares that differ by less are alike, and what explains less matters to nobody: two standard errors of a
+# share over 25 blocks (1 to 3 points on forces of known kind with 5 % noise).
 NEARLY = 0.04
-# Below this share nothing that was tried explains a force: what chance and the ridge leave to the largest group.
+# Nothing is named that explains less: the force is then mostly something else.
 LEAST = 0.15
 
 # How many neighbouring lines of a Hann window count as one: 1 + 2 ((2/3)^2 + (1/6)^2).
@@ -299,7 +300,7 @@ def characterise(
     table["low"], table["high"] = table["share"] - 2 * table["error"], table["share"] + 2 * table["error"]
     table["gain"] = table["share"] - max(table.loc["linear", "share"], 0.0)
     best = table["share"].max()
-    near = table.index[table["share"] >= best - 100 * NEARLY * min(1.0, best / 100 + 0.25)]
+    near = table.index[table["share"] >= best - 100 * NEARLY]
     row = str(near[0]) if best >= 100 * LEAST else ""
     table["chosen"] = table.index == row
     covariate = row.removeprefix("covariate ") if row.startswith("covariate ") else ""
@@ -395,7 +396,7 @@ class _Work:
         smooth = share("force", ["powers"], self.base)[0]
         if max(share("force", [f"gap {k}"], self.base)[0] for k in range(len(_GAPS))) > smooth + LEAST * (1 - smooth):
             return [Feature.KINK]
-        if odd < 0.5:
+        if odd < EXPLAINED:
             return []
         x = np.concatenate([m.s for m in self.motions]) / self.basis.s
         c = self.regression.coefficients("force", [*self.base, "powers"])["powers"]

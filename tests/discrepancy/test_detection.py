@@ -139,6 +139,17 @@ def test_noise_is_noise_beside_a_floor_that_was_fitted_as_the_model_was():
     assert alarms <= binom.ppf(0.999, balances, 0.05)
 
 
+def test_hysteresis_of_an_element_without_mass_is_no_linear_effect():
+    """``F = k s + slider``: the residual is F less a spring, and so a linear function of F and s, which says nothing."""
+    s = 0.01 * np.sin(np.linspace(0.0, 150.0, 6000)) * np.abs(np.sin(np.linspace(0.1, 9.0, 6000)))
+    slider = laws.Jenkins(uy=0.002, Fy=400.0).force(laws.Motion(s, np.gradient(s, 1e-2)))
+    X = np.column_stack([np.gradient(np.gradient(s, 1e-2), 1e-2), np.gradient(s, 1e-2), s])
+    model = ChainModel([0.0], {1: [laws.LinearElastic(6e4)]})
+    residual = residual_of(model, from_arrays(X, (3e4 * s + slider)[:, None], dt=1e-2))
+    found = detect(residual, NoiseFloor.given(1.0, 1)).verdicts.loc["dof 1"]
+    assert found["verdict"] == ResidualKind.NONLINEAR and found["nonlinear share"] > 0.3
+
+
 # -- coupling ---------------------------------------------------------------------------------------
 
 

@@ -12,7 +12,6 @@ import joblib
 import numpy as np
 import pytest
 
-import pysindy_nrf
 from pysindy_nrf import NRFRegressor, excitation, select_order
 from pysindy_nrf.common import threads
 from pysindy_nrf.exceptions import NRFError
@@ -115,25 +114,6 @@ def test_blas_threads_change_nothing_but_the_last_digits():
     for name in one:
         scale = 0.0 if name == "coefficients" else np.abs(one[name]).max()  # coefficients are ten orders apart
         np.testing.assert_allclose(four[name], one[name], rtol=1e-10, atol=1e-10 * scale, err_msg=name)
-
-
-def test_the_global_random_state_is_neither_read_nor_changed():
-    """Nothing in the package touches ``np.random``'s global state or makes a generator of its own accord."""
-    import ast
-    from pathlib import Path
-
-    wrong = []
-    for path in Path(pysindy_nrf.__file__).parent.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Attribute) and ast.unparse(node).startswith(("np.random.", "numpy.random.")):
-                if node.attr not in ("Generator", "default_rng", "RandomState", "SeedSequence"):
-                    wrong.append(f"{path.name}:{node.lineno} {ast.unparse(node)}")
-            if isinstance(node, ast.Import) and any(a.name == "random" for a in node.names):
-                wrong.append(f"{path.name}:{node.lineno} import random")
-            call = isinstance(node, ast.Call) and ast.unparse(node.func) in ("np.random.default_rng", "numpy.random.default_rng")
-            if call and not node.args:
-                wrong.append(f"{path.name}:{node.lineno} an unseeded generator")
-    assert not wrong, "\n".join(wrong)
 
 
 @pytest.mark.parametrize("seed", ["lucky", -1, 1.5, [1, "a"]])

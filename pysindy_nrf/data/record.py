@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from datetime import datetime
 from typing import Any
 
@@ -446,6 +446,21 @@ def seconds_of(time: Any, name: str = "record") -> np.ndarray:
             f"Record {name!r}: the time is not finite in row {int(np.flatnonzero(~np.isfinite(seconds))[0])}",
             "Repair it.",
         )
+    return seconds
+
+
+def row_times(time: Any, size: int, pieces: Iterable[tuple[str, slice]]) -> np.ndarray:
+    """Times of rows in s, one for each, rising within every named piece."""
+    seconds = seconds_of(time, "time")
+    if len(seconds) != size:
+        raise ChannelError(f"time has {len(seconds)} values, X has {size} samples", "Give one time for each sample.")
+    for name, rows in pieces:
+        bad = np.flatnonzero(np.diff(seconds[rows]) <= 0)
+        if bad.size:
+            raise ChannelError(
+                f"The time of {name} does not increase after row {rows.start + int(bad[0])}",
+                "Pass record= ids where several records are stacked; sort the rows of each; never shuffle them.",
+            )
     return seconds
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from ..data.channels import EvenClock, as_matrix, by_record, contiguous, finite_span, gaps, rows_text
-from ..data.record import Record, seconds_of
+from ..data.record import Record, row_times
 from ..exceptions import ChannelError, DataQualityWarning, LawError
 from ..signals import KinematicSmoother
 from ..signals.kinematics import base_acceleration_if_any
@@ -122,7 +122,12 @@ def from_arrays(
     segments = []
     for name, rows in pieces:
         segment = Segment(
-            name, rows, a[rows], v[rows], s[rows], force[rows],
+            name,
+            rows,
+            a[rows],
+            v[rows],
+            s[rows],
+            force[rows],
             _clock(seconds, rows, dt),
             None if ag is None else ag[rows],
             {k: c[rows] for k, c in extra.items()},
@@ -151,9 +156,18 @@ def _from_records(records: Sequence[Record], beside: Sequence[str], n_dof: int |
         n, values = rec.n_dof, x.to_numpy()
         ag = base_acceleration_if_any(rec)
         segment = Segment(
-            rec.name, slice(at, at + len(x)), values[:, :n], values[:, n : 2 * n], values[:, 2 * n :], force.to_numpy(),
-            rec.time, ag, dict(rec.covariates), resolved=x.attrs.get("resolved"),
-            band=x.attrs.get("band"), doubts=tuple(x.attrs.get("doubts", ())),
+            rec.name,
+            slice(at, at + len(x)),
+            values[:, :n],
+            values[:, n : 2 * n],
+            values[:, 2 * n :],
+            force.to_numpy(),
+            rec.time,
+            ag,
+            dict(rec.covariates),
+            resolved=x.attrs.get("resolved"),
+            band=x.attrs.get("band"),
+            doubts=tuple(x.attrs.get("doubts", ())),
         )
         segments.append(_trimmed(_base_in_band(segment), feature_names(n)))
         at += len(x)
@@ -292,18 +306,7 @@ def _seconds(time: Any, dt: float | None, size: int, pieces: Sequence[tuple[str,
         if isinstance(dt, bool) or not isinstance(dt, (int, float, np.number)) or not np.isfinite(dt) or dt <= 0:
             raise ChannelError(f"dt={dt!r} is not a sampling step", "Give a positive number in s.")
         return None
-    seconds = seconds_of(time, "time")
-    if len(seconds) != size:
-        raise ChannelError(f"time has {len(seconds)} values, X has {size} samples", "Give one time for each sample.")
-    for name, rows in pieces:
-        steps = np.diff(seconds[rows])
-        bad = np.flatnonzero(steps <= 0)
-        if bad.size:
-            raise ChannelError(
-                f"The time of {name} does not increase after row {rows.start + int(bad[0])}",
-                "Pass record= ids where several records are stacked; sort the rows of each; never shuffle them.",
-            )
-    return seconds
+    return row_times(time, size, pieces)
 
 
 def _clock(seconds: np.ndarray | None, rows: slice, dt: float | None) -> Any:

@@ -9,10 +9,13 @@ between them says why: its phase is a delay (straight in frequency) or an invers
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from fractions import Fraction
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from scipy.ndimage import uniform_filter1d
+from scipy.signal import detrend, resample_poly
 
 from ..data.channels import as_matrix
 from ..data.record import OF_LETTER, Record, seconds_of
@@ -155,10 +158,6 @@ def resampled(
     >>> bool(np.abs(rec.acceleration + 81 * rec.displacement)[50:-50].max() < 0.2)
     True
     """
-    from fractions import Fraction
-
-    from scipy.signal import resample_poly
-
     own = {n: float(rates.get(n, rates.get(n.rstrip("0123456789"), np.nan))) for n in channels}
     lost = [n for n, r in own.items() if not np.isfinite(r) or r <= 0]
     if lost:
@@ -218,14 +217,8 @@ def split_at_gaps(table: pd.DataFrame, fs: float | None = None, shortest: int = 
     out: list[Record] = []
     for rows in np.split(np.arange(len(table)), breaks):
         if good[rows[0]] and len(rows) >= shortest:
-            out.append(
-                Record.from_frame(
-                    body.iloc[rows].reset_index(drop=True),
-                    fs=1.0 / usual,
-                    name=f"{name}, part {len(out) + 1}",
-                    **options,
-                )
-            )
+            part = body.iloc[rows].reset_index(drop=True)
+            out.append(Record.from_frame(part, fs=1.0 / usual, name=f"{name}, part {len(out) + 1}", **options))
     if not out:
         raise ChannelError(f"No piece without a gap has {shortest} samples", "Repair the channels, or lower shortest=.")
     return out
@@ -305,8 +298,7 @@ def _wrong_frame(
     n = min(int(good.sum()), LONGEST)
     if n < 64 or not np.any(ag[good]):
         return ""
-    bell = 1 - np.cos(2 * np.pi * (np.arange(n) + 0.5) / n)
-    y, a, g = (np.fft.rfft(bell * (line[good][:n] - line[good][:n].mean())) for line in (pair[kind], pair["a"], ag))
+    y, a, g = (np.fft.rfft(_hann(n) * (line[good][:n] - line[good][:n].mean())) for line in (pair[kind], pair["a"], ag))
     y = y * (2j * np.pi * np.fft.rfftfreq(n, 1 / record.fs)) ** (ORDER["a"] - ORDER[kind])
     use = np.arange(len(y)) > 4
     use &= (np.abs(a) ** 2 > STRONG * (np.abs(a[use]) ** 2).max()) & (np.arange(len(y)) < 0.8 * len(y))
@@ -314,11 +306,11 @@ def _wrong_frame(
         return ""
     columns = np.column_stack([a[use], g[use]]) / np.abs(y[use])[:, None]
     alpha, beta = np.linalg.lstsq(columns, y[use] / np.abs(y[use]), rcond=None)[0].real
-    wanted, base_gain = (-1.0, 0.0) if record.coordinates == "relative" else (0.0, -1.0)
-    if abs(alpha - 1) > 0.3 or abs(beta - base_gain) > 0.3:
+    relative = record.coordinates == "relative"
+    if abs(alpha - 1) > 0.3 or abs(beta - (0.0 if relative else -1.0)) > 0.3:
         return ""
     x = names[0] if names[0][0] == kind else names[1]
-    if wanted == -1.0:
+    if relative:
         return (
             f"{x} agrees with a{x[1:]} itself, not with a{x[1:]} less the base acceleration: {x} is absolute "
             f"(coordinates='absolute'), or a{x[1:]} is relative to the base (add ag to it)"
@@ -346,8 +338,6 @@ class _Lines(NamedTuple):
 
 def _whole(first: np.ndarray, second: np.ndarray, order: int, fs: float) -> _Lines:
     """Lines of the whole record."""
-    from scipy.signal import detrend
-
     good = np.isfinite(first) & np.isfinite(second)
     y, z = (detrend(line[good][:LONGEST]) for line in (first, second))
     length = len(y)
@@ -364,8 +354,6 @@ def _whole(first: np.ndarray, second: np.ndarray, order: int, fs: float) -> _Lin
 
 def _in_runs(first: np.ndarray, second: np.ndarray, order: int, fs: float, runs: Sequence[slice]) -> _Lines:
     """Lines of several runs together."""
-    from scipy.signal import detrend
-
     longest = min(max(run.stop - run.start for run in runs), LONGEST)
     dense = DENSE * longest
     f = np.fft.rfftfreq(dense, 1 / fs)
@@ -404,8 +392,6 @@ def _hann(length: int) -> np.ndarray:
 
 def _mean(product: np.ndarray) -> np.ndarray:
     """Mean over neighbouring lines."""
-    from scipy.ndimage import uniform_filter1d
-
     if np.iscomplexobj(product):
         return np.asarray(uniform_filter1d(product.real, NEIGHBOURS) + 1j * uniform_filter1d(product.imag, NEIGHBOURS))
     return np.asarray(uniform_filter1d(product, NEIGHBOURS))

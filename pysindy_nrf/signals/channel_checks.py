@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 
 from ..data.channels import FILLED, fillers
+from ..data.io.summary import kind_of, summary
 from ..data.record import Record
 from ..exceptions import DataQualityWarning, NRFError
+from .alignment import channel_alignment
 
 _MOTION = re.compile(r"[avx]\d+")
 CLIPPED = 5  # samples in a row at an extreme
@@ -185,8 +187,6 @@ def _dominant(line: np.ndarray, fs: float) -> float:
 
 def _contradictions(record: Record) -> list[str]:
     """Messages on channels of one DOF that contradict each other."""
-    from .alignment import channel_alignment
-
     try:
         table = channel_alignment(record)
     except NRFError:  # no DOF has two kinds of channels
@@ -275,8 +275,6 @@ class Measured:
 
 def measured(record: Record, noise: Mapping[str, float] | None = None, role: str = "") -> Measured:
     """Summary of a record; ``noise`` is the estimated rms by channel, SI."""
-    from ..data.io.summary import kind_of, summary
-
     levels = dict(noise or {})
     rows = [
         (name, kind_of(record, name), size["unit"], size["rms"], size["peak"], levels.get(name, float("nan")))
@@ -285,23 +283,3 @@ def measured(record: Record, noise: Mapping[str, float] | None = None, role: str
     channels = pd.DataFrame(rows, columns=["channel", "what", "unit", "rms", "peak", "noise"])
     size = (record.n_dof, record.n_samples, record.fs)
     return Measured(record.name, *size, channels, record.forced, record.unknown, record.base_moves, role)
-
-
-def as_measured(records: Record | Sequence[Record] | None) -> list[Measured]:
-    """Summaries of records, with the noise levels estimated by the fusion."""
-    from ..exceptions import NRFError, NRFWarning
-    from . import KinematicSmoother
-    from .kinematics import to_features
-
-    out = []
-    for record in [] if records is None else [records] if isinstance(records, Record) else records:
-        smoother = KinematicSmoother()
-        try:
-            with warnings.catch_warnings():  # the fit has warned of faulty channels
-                warnings.simplefilter("ignore", NRFWarning)
-                to_features(record, smoother)
-            noise = {str(k): float(v) for k, v in smoother.noise_.items()}
-        except NRFError:  # the page shows the record, whatever fusion makes of it
-            noise = {}
-        out.append(measured(record, noise))
-    return out

@@ -13,7 +13,7 @@ from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted
 
 from ..data.channels import as_matrix, checked, contiguous, finite_span
-from ..data.record import Record
+from ..data.record import BASES, MATRICES, Record
 from ..exceptions import ChannelError, DataQualityWarning
 from .spline_fusion import fuse_all
 from .zero_phase_filter import Band, FairFilter, check_band, clock_of, lowest_frequency
@@ -309,7 +309,7 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         lo, _ = check_band(self.band_, fs)
         corner = None if lo is None else lo / 8 / fs
         absolute = record is not None and record.coordinates == "absolute"
-        base = np.zeros(n) if absolute else base_acceleration(live, fs)
+        base = np.zeros(n) if absolute else derived_base(live, fs)
         units = {"x": 1.0, "v": 1.0 / fs, "a": 1.0 / fs**2}
         every, levels = [], np.full((len(dofs), 3), np.nan)
         for row, j in enumerate(dofs):
@@ -368,15 +368,11 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         return (lo, None)
 
     def _level(self, kind: str, name: str) -> float:
-        if isinstance(self.noise, str):
-            if self.noise != "estimate":
-                raise ChannelError(
-                    f"noise={self.noise!r} is unknown", "Give 'estimate' or levels like {'a': 0.02, 'x': 1e-5}."
-                )
+        if isinstance(self.noise, str) and self.noise == "estimate":
             return np.nan
         if not isinstance(self.noise, Mapping):
             raise ChannelError(
-                f"noise={self.noise!r} is not a mapping", "Give 'estimate' or levels like {'a': 0.02, 'x': 1e-5}."
+                f"noise={self.noise!r} is unknown", "Give 'estimate' or levels like {'a': 0.02, 'x': 1e-5}."
             )
         unknown = [k for k in self.noise if k not in _ORDERS and not _MOTION.fullmatch(str(k))]
         if unknown:
@@ -441,7 +437,7 @@ def _without_displacement(live: Mapping[str, np.ndarray]) -> list[int]:
 def _lower_edge(piece: _Piece, dofs: list[int]) -> float | None:
     """Frequency, Hz, down to which the accelerations of one piece tell the displacements of some DOFs."""
     absolute = piece.record is not None and piece.record.coordinates == "absolute"
-    base = 0.0 if absolute else base_acceleration(piece.live, piece.fs)
+    base = 0.0 if absolute else derived_base(piece.live, piece.fs)
     return lowest_frequency(np.column_stack([piece.live[f"a{j}"] - base for j in dofs]), piece.fs)
 
 
@@ -458,7 +454,7 @@ def _require_moving(dof: int, channels: Mapping[str, np.ndarray]) -> None:
         )
 
 
-def base_acceleration(live: Mapping[str, np.ndarray], fs: float) -> np.ndarray:
+def derived_base(live: Mapping[str, np.ndarray], fs: float) -> np.ndarray:
     """Acceleration of the base: measured, or derived from its velocity or displacement; else zero."""
     if "ag" in live:
         return live["ag"]
@@ -477,18 +473,9 @@ def _pad(values: np.ndarray, span: slice, n: int) -> np.ndarray:
 
 
 def _to_record(record: Record, columns: Mapping[str, np.ndarray]) -> Record:
-    nothing = np.full(record.n_samples, np.nan)
-
-    def matrix(prefix: str) -> np.ndarray:
-        return np.column_stack([columns.get(f"{prefix}{j + 1}", nothing) for j in range(record.n_dof)])
-
-    return record.replace(
-        force=matrix("F"),
-        acceleration=matrix("a"),
-        velocity=matrix("v"),
-        displacement=matrix("x"),
-        base_acceleration=columns.get("ag"),
-        base_velocity=columns.get("vg"),
-        base_displacement=columns.get("xg"),
-        covariates={k: columns[k] for k in record.covariates},
-    )
+    nothing, dofs = np.full(record.n_samples, np.nan), range(1, record.n_dof + 1)
+    parts: dict[str, Any] = {
+        key: np.column_stack([columns.get(f"{letter}{j}", nothing) for j in dofs]) for key, letter in MATRICES.items()
+    }
+    parts |= {key: columns.get(short) for key, short in BASES.items()}
+    return record.replace(**parts, covariates={k: columns[k] for k in record.covariates})

@@ -7,10 +7,14 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.integrate import cumulative_trapezoid
+from scipy.interpolate import make_interp_spline
 
 from ..data.channels import finite_span
 from ..data.record import Record
 from ..exceptions import ChannelError, DataQualityWarning
+from .channel_checks import data_warnings
+from .kinematic_smoother import KinematicSmoother, derived_base
 from .zero_phase_filter import Band, FairFilter, check_band, check_rate
 
 # Share of the knots' Nyquist frequency up to which a fused motion is reliable.
@@ -36,7 +40,7 @@ def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.Da
     smoother = None if smooth is False else _smoother(smooth)
     messages = _data_warnings(record)
     if smoother is None:
-        _all_measured(record, have)
+        _all_measured(record)
         fused = record
     else:
         fused = smoother.transform_record(record)
@@ -69,16 +73,7 @@ def base_acceleration(record: Record) -> np.ndarray:
         return record.base_acceleration
     if not record.base_moves:
         return np.zeros(record.n_samples)
-    from .kinematic_smoother import KinematicSmoother
-
-    ground = Record(
-        velocity=record.base_velocity,
-        displacement=record.base_displacement,
-        fs=record.fs,
-        name=f"base of {record.name}",
-        coordinates="absolute",
-    )
-    acceleration = KinematicSmoother().transform_record(ground).acceleration
+    acceleration = _ground(record, velocity=record.base_velocity, displacement=record.base_displacement).acceleration
     assert acceleration is not None
     return acceleration[:, 0]
 
@@ -103,27 +98,21 @@ def base_motion(record: Record, fused: Record, smooth: Any = True) -> tuple[np.n
             + (" and base_velocity." if smooth is False else " (integrating ag alone loses its slow part).")
             + " Or give motion relative to the base.",
         )
-    base = {"a": fused.base_acceleration, "v": fused.base_velocity, "x": fused.base_displacement}
-    ground = Record(
-        acceleration=base["a"],
-        velocity=base["v"],
-        displacement=base["x"],
-        fs=record.fs,
-        name=f"base of {record.name}",
-        coordinates="absolute",
-    )
-    from .kinematic_smoother import KinematicSmoother
-
     # the record is already band-limited if the smoother was told to
-    whole = KinematicSmoother().transform_record(ground)
+    measured = {"velocity": fused.base_velocity, "displacement": fused.base_displacement}
+    whole = _ground(record, acceleration=fused.base_acceleration, **measured)
     assert whole.velocity is not None and whole.displacement is not None
     return whole.velocity[:, 0], whole.displacement[:, 0]
 
 
+def _ground(record: Record, **measured: Any) -> Record:
+    """Motion of the base of a record, fused from what was measured of it."""
+    ground = Record(**measured, fs=record.fs, name=f"base of {record.name}", coordinates="absolute")
+    return KinematicSmoother().transform_record(ground)
+
+
 def _data_warnings(record: Record) -> list[str]:
     """Messages on channels that are probably wrong, raised as a warning too."""
-    from .channel_checks import data_warnings
-
     if found := data_warnings(record):
         warnings.warn(
             f"Record {record.name!r}: {'; '.join(text.rstrip('.') for text in found)}. See "
@@ -142,8 +131,6 @@ def _as_measured(record: Record, fused: np.ndarray) -> bool:
 
 
 def _smoother(smooth: Any) -> Any:
-    from .kinematic_smoother import KinematicSmoother
-
     if smooth is True:
         return KinematicSmoother(band="auto")
     if isinstance(smooth, KinematicSmoother):
@@ -151,8 +138,14 @@ def _smoother(smooth: Any) -> Any:
     raise ChannelError(f"smooth={smooth!r} is unknown", "Give True, False or a KinematicSmoother.")
 
 
-def _all_measured(record: Record, have: set[str]) -> None:
-    missing = [f"{kind}{j}" for j in range(1, record.n_dof + 1) for kind in "avx" if f"{kind}{j}" not in have]
+def _missing(record: Record, kinds: str) -> list[str]:
+    """Motion channels of some kinds that were not measured."""
+    have = set(record.measured)
+    return [f"{kind}{j}" for j in range(1, record.n_dof + 1) for kind in kinds if f"{kind}{j}" not in have]
+
+
+def _all_measured(record: Record) -> None:
+    missing = _missing(record, "avx")
     if missing:
         raise ChannelError(
             f"Record {record.name!r} lacks {', '.join(missing[:6])}{' and more' if len(missing) > 6 else ''}",
@@ -200,8 +193,7 @@ def paper_processing(record: Record, high_pass: float = 1.0, filter_force: bool 
     >>> bool(np.std(gap) < 0.02 * 60)  # m/s; the high-pass and the trapezoid leave one percent
     True
     """
-    have = set(record.measured)
-    missing = [f"{k}{j}" for j in range(1, record.n_dof + 1) for k in "ax" if f"{k}{j}" not in have]
+    missing = _missing(record, "ax")
     if missing:
         raise ChannelError(
             f"Record {record.name!r} lacks {', '.join(missing[:6])}, which the paper's processing needs",
@@ -214,9 +206,7 @@ def paper_processing(record: Record, high_pass: float = 1.0, filter_force: bool 
     span = finite_span(list(channels.values()), list(channels), f"record {record.name!r}")
     base = np.zeros(record.n_samples)
     if record.coordinates == "relative" and record.base_moves:
-        from .kinematic_smoother import base_acceleration
-
-        base[span] = base_acceleration({k: y[span] for k, y in channels.items()}, record.fs)
+        base[span] = derived_base({k: y[span] for k, y in channels.items()}, record.fs)
     acceleration, velocity = (np.full((record.n_samples, record.n_dof), np.nan) for _ in range(2))
     relative = operator.apply(measured[span] - base[span, None])
     acceleration[span] = relative + base[span, None]
@@ -278,8 +268,6 @@ def integrate(a: Any, dt: float, method: str = "spline", order: int = 1, detrend
         out = np.fft.irfft(spectrum, n, axis=0)
         out = out - out[0]
     elif method == "cumulative":
-        from scipy.integrate import cumulative_trapezoid
-
         out = values
         for _ in range(order):
             out = cumulative_trapezoid(out, dx=dt, axis=0, initial=0.0)
@@ -294,8 +282,6 @@ def integrate(a: Any, dt: float, method: str = "spline", order: int = 1, detrend
 
 def spline_of(values: np.ndarray, dt: float) -> Any:
     """Interpolating spline of degree 7 (less for the shortest records), as a function of s."""
-    from scipy.interpolate import make_interp_spline
-
     n = len(values)
     degree = min(7, n - 1 if n % 2 == 0 else n - 2)
     return make_interp_spline(dt * np.arange(n), values, k=max(1, degree), axis=0)

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import BSpline
 from scipy.linalg import LinAlgError, solveh_banded
+from scipy.signal import csd, welch
 from scipy.sparse import csr_array, diags_array
 from threadpoolctl import threadpool_limits
 
@@ -306,8 +307,6 @@ def _changing(y: np.ndarray) -> slice | np.ndarray:
 
 def _lowest_frequency(channels: Any, levels: np.ndarray, n: int) -> float:
     """Half the lowest frequency (cycles per sample) at which a channel rises out of its noise."""
-    from scipy.signal import welch
-
     found = []
     for o in (1, 2):
         if channels[o] is None or not np.any(channels[o]):
@@ -386,8 +385,6 @@ def _group(views: Any, single: Any, basis: Any, order: int) -> list[np.ndarray] 
 
 def _prediction(c: np.ndarray, weights: np.ndarray, basis: Any, order: int) -> np.ndarray | None:
     """Whitened one-step prediction errors as filters G_0 .. G_order, (order + 1, n, n)."""
-    from scipy.signal import csd
-
     n = c.shape[1]
     length = min(512, max(32, len(c) // max(8, 2 * n)), len(c))
     f, spectra = csd(c.T[:, None], c.T[None], nperseg=length, detrend="constant")

@@ -10,7 +10,7 @@ from scipy import signal
 
 from ..common import number_of
 from ..data.channels import by_record, rows_text
-from ..data.record import seconds_of
+from ..data.record import row_times
 from ..exceptions import ChannelError
 
 # The part of the filter's impulse response (sum of magnitudes) that may still reach across the edge.
@@ -95,22 +95,18 @@ class FairFilter:
                 f"Column {j + 1} given to the filter is not finite in {rows_text(np.flatnonzero(~finite[:, j]))}",
                 "Filter the rows between the masked edges, one contiguous record at a time.",
             )
-        from scipy.signal import sosfiltfilt
-
         out = np.full(matrix.shape, np.nan)
         use = ~unmeasured
         if use.any():
             padding = min(max(self.edge, 3 * len(self.sos)), len(matrix) - 1)
-            out[:, use] = sosfiltfilt(self.sos.copy(), matrix[:, use], axis=0, padtype="even", padlen=padding)
+            out[:, use] = signal.sosfiltfilt(self.sos.copy(), matrix[:, use], axis=0, padtype="even", padlen=padding)
         return out[:, 0] if array.ndim == 1 else out
 
     def noise_gain(self) -> float:
         """The part of the power of white noise that the filter, run forward and backward, lets through."""
         if self.sos is None:
             return 1.0
-        from scipy.signal import sosfreqz
-
-        return float(np.mean(np.abs(sosfreqz(self.sos, 8192)[1]) ** 4))
+        return float(np.mean(np.abs(signal.sosfreqz(self.sos, 8192)[1]) ** 4))
 
     def __repr__(self) -> str:
         return f"FairFilter(band={self.band}, fs={self.fs:g}, order={self.order}, edge={self.edge})"
@@ -148,30 +144,26 @@ def check_band(band: Band, fs: float) -> tuple[float | None, float | None]:
 
 
 def _design(band: tuple[float | None, float | None], fs: float, order: int) -> np.ndarray | None:
-    from scipy.signal import butter
-
     lo, hi = band
     if lo is None and hi is None:
         return None
     # a high-pass after a low-pass: better conditioned than one band-pass of the doubled order
     parts = []
     if hi is not None:
-        parts.append(butter(order, hi, "lowpass", fs=fs, output="sos"))
+        parts.append(signal.butter(order, hi, "lowpass", fs=fs, output="sos"))
     if lo is not None:
-        parts.append(butter(order, lo, "highpass", fs=fs, output="sos"))
+        parts.append(signal.butter(order, lo, "highpass", fs=fs, output="sos"))
     return np.vstack(parts)
 
 
 def _edge(sos: np.ndarray) -> int:
     """Samples until less than EDGE_LEVEL of the zero-phase impulse response (sum of magnitudes) is left."""
-    from scipy.signal import fftconvolve, sos2zpk, sosfilt
-
-    slowest = np.abs(sos2zpk(sos)[1]).max()
+    slowest = np.abs(signal.sos2zpk(sos)[1]).max()
     length = int(min(np.ceil(np.log(1e-6) / np.log(slowest)), 2**22)) + 16
     impulse = np.zeros(length)
     impulse[0] = 1.0
-    once = sosfilt(sos, impulse)
-    both = np.abs(fftconvolve(once, once[::-1])[length - 1 :])
+    once = signal.sosfilt(sos, impulse)
+    both = np.abs(signal.fftconvolve(once, once[::-1])[length - 1 :])
     tail = np.cumsum(both[::-1])[::-1]
     total = 2 * tail[0] - both[0]
     return int(np.argmax(tail < EDGE_LEVEL * total))
@@ -205,19 +197,7 @@ def clock_of(X: Any, time: Any, size: int, record: Any = None) -> np.ndarray | N
         time = index
     elif time is None and getattr(index, "name", None) in ("t", "time") and index.dtype.kind in "fiu":
         time = index.to_numpy()
-    if time is None:
-        return None
-    seconds = seconds_of(time, "time")
-    if len(seconds) != size:
-        raise ChannelError(f"time has {len(seconds)} values, X has {size} samples", "Give one time for each sample.")
-    for name, rows in by_record(record, size):
-        bad = np.flatnonzero(np.diff(seconds[rows]) <= 0)
-        if bad.size:
-            raise ChannelError(
-                f"The time of {name} does not increase after row {rows.start + int(bad[0])}",
-                "Pass record= ids where several records are stacked; sort the rows of each; never shuffle them.",
-            )
-    return seconds
+    return None if time is None else row_times(time, size, by_record(record, size))
 
 
 def check_rate(fs: Any) -> float:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.interpolate import CubicSpline
 
 from ..common import number_of
 from ..data.channels import as_matrix, rows_text
@@ -16,6 +17,8 @@ from ..exceptions import ChannelError, SimulationError
 from ..laws.base import ForceLaw
 from ..laws.sensor import SensorFault
 from ..mechanics.sites import Site
+from . import system as flat
+from .integrators import CRAWLS, PATIENCE, newmark, rule_of, runge_kutta
 
 METHODS = ("default", "newmark")
 CLASSICAL = "classical"  # the rule of classical_run
@@ -181,7 +184,9 @@ def _run(
     """Check the arguments, flatten the model and march."""
     dt = _positive("dt", dt, "Give the sampling step in s.")
     rtol = _positive("rtol", rtol, "Give a small positive number, e.g. 1e-10.")
-    t0 = _number("t0", t0, "Give the time of the first sample in s.")
+    start = number_of(t0)
+    if not np.isfinite(start):
+        raise SimulationError(f"t0={t0!r} is not a number", "Give the time of the first sample in s.")
     n = len(model.masses)
     if F is None and base_acceleration is None:
         raise ChannelError("Nothing drives the free run", "Give forces F, or base_acceleration=.")
@@ -190,10 +195,7 @@ def _run(
         raise ChannelError(f"The force has {len(force)} samples", "At least two are needed.")
     x, v = initial(x0, "x", n, "displacement"), initial(v0, "v", n, "velocity")
 
-    from . import system as flat
-    from .integrators import CRAWLS, PATIENCE, newmark, rule_of, runge_kutta
-
-    system, layout = flat.flatten(model, t0)
+    system, layout = flat.flatten(model, start)
     samples = input_matrix(force, base_acceleration, covariates, layout.covariates)
     courses = polynomials(samples, hold if method != "newmark" else "zero")
     n_sites, n_states = len(layout.sites), sum(s.stop - s.start for s in layout.states.values())
@@ -225,7 +227,7 @@ def _run(
             "or dt is too long for its stiffness: lower the force, the degree or dt.",
         )
     quality = {"steps": int(steps), "rejected": int(rejected), "forced": int(forced)}
-    return _Run(samples, dt, system.masses, layout, out, base_acceleration is not None, covariates, quality, t0)
+    return _Run(samples, dt, system.masses, layout, out, base_acceleration is not None, covariates, quality, start)
 
 
 def _known(method: str) -> str:
@@ -237,17 +239,9 @@ def _known(method: str) -> str:
 
 def _positive(name: str, value: Any, cure: str) -> float:
     """A positive number, or an error."""
-    number = _number(name, value, cure, "positive number")
-    if number <= 0:
-        raise SimulationError(f"{name}={value!r} is not a positive number", cure)
-    return number
-
-
-def _number(name: str, value: Any, cure: str, what: str = "number") -> float:
-    """A finite number, or an error."""
     number = number_of(value)
-    if not np.isfinite(number):
-        raise SimulationError(f"{name}={value!r} is not a {what}", cure)
+    if not 0 < number < np.inf:
+        raise SimulationError(f"{name}={value!r} is not a positive number", cure)
     return number
 
 
@@ -309,8 +303,6 @@ def polynomials(samples: np.ndarray, hold: str) -> np.ndarray:
     if hold == "zero":
         return samples[None, :-1].copy()
     if hold == "cubic":
-        from scipy.interpolate import CubicSpline
-
         return np.ascontiguousarray(CubicSpline(np.arange(len(samples)), samples).c[::-1])
     raise ChannelError(f"hold={hold!r} is unknown", f"Choose {', '.join(map(repr, HOLDS))}.")
 

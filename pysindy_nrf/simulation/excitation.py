@@ -10,6 +10,8 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+from scipy.signal import chirp
+from scipy.signal.windows import tukey
 
 from ..common import number_of
 from ..common.random_state import generator
@@ -174,9 +176,6 @@ def sweep(
     >>> F.shape, bool(49.5 < F.max() <= 50.0)
     ((5000, 3), True)
     """
-    from scipy.signal import chirp
-    from scipy.signal.windows import tukey
-
     n, columns = _frame(n_dof, duration, fs, dofs)
     levels = _levels(level)
     if method not in ("linear", "logarithmic"):

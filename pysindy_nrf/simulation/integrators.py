@@ -379,15 +379,14 @@ def _move_all(system, x0, v0, x1, v1, z, dt, middle, u):
 
 
 @part
-def _tangent(system, w, i, t, row, middle, dt, x0, v0, x1, v1, z0, z1, force, nudge):
-    """Change of the force of site i with the relative acceleration at the end of the step."""
-    site = system.sites[i]
+def _end_force(system, w, site, t, row, middle, dt, x0, v0, x1, v1, z0, z1, nudge):
+    """Force of a site at the end of a step whose relative acceleration there is larger by the nudge."""
     s1, r1 = relative(x1, site) + 0.25 * dt * dt * nudge, relative(v1, site) + 0.5 * dt * nudge
     if site[MEMORY]:
         z1[:] = z0
         _move(system, site, relative(x0, site), relative(v0, site), s1, r1, z1, dt, middle, w.u)
-    nudged, _ = site_force(system, site, s1, r1, t, row, z1, w.u, w.out)
-    return (nudged - force) / nudge
+    force, _ = site_force(system, site, s1, r1, t, row, z1, w.u, w.out)
+    return force
 
 
 def newmark(system, w, samples, dt, x, v, z, out):
@@ -425,14 +424,9 @@ def newmark(system, w, samples, dt, x, v, z, out):
             for k in range(n_sites):
                 site = system.sites[k]
                 nudge = 1e-6 * top
-                if site[MEMORY]:
-                    z1[:] = z
-                    _move(
-                        system, site, relative(x, site), relative(v, site), relative(x1, site), relative(v1, site),
-                        z1, dt, middle, w.u,
-                    )  # fmt: skip
-                now, _ = site_force(system, site, relative(x1, site), relative(v1, site), t, row, z1, w.u, w.out)
-                slope[k] = _tangent(system, w, k, t, row, middle, dt, x, v, x1, v1, z, z1, now, nudge)
+                now = _end_force(system, w, site, t, row, middle, dt, x, v, x1, v1, z, z1, 0.0)
+                nudged = _end_force(system, w, site, t, row, middle, dt, x, v, x1, v1, z, z1, nudge)
+                slope[k] = (nudged - now) / nudge
             z1[:] = z
             _move_all(system, x, v, x1, v1, z1, dt, middle, w.u)
             accelerate(system, regime, t, row, x1, v1, z1, found, force1, w)

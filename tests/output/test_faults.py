@@ -33,10 +33,6 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {p.name: p.read_bytes() for p in folder.iterdir()}
 
 
-def command(*arguments: str, before: str = "") -> str:
-    return f"import sys\n{before}\nfrom pysindy_nrf.output.cli.group import main\nmain({list(arguments)!r})"
-
-
 def test_no_space_left_is_said_in_words(finished, monkeypatch, capsys):
     old = contents(finished / "out")
 
@@ -71,14 +67,6 @@ def test_a_folder_without_permission(finished, capsys):
     assert contents(finished / "out") == old
 
 
-def test_the_users_own_record_is_never_an_output(finished, capsys):
-    """An output folder that holds the record keeps the record."""
-    before = Path("test.csv").read_bytes()
-    assert run(["identify", "test.csv", "-o", ".", "--degree", "1", "--no-figures"]) == 0
-    assert Path("test.csv").read_bytes() == before
-    capsys.readouterr()
-
-
 SLOW_WRITE = """
 import signal, sys, time
 from pysindy_nrf.common.files import atomic_write
@@ -111,30 +99,6 @@ def test_a_process_that_is_stopped_while_it_writes(tmp_path, how):
     assert not left or how != signal.SIGINT
     MODEL.with_laws({1: laws.LinearElastic(2e5)}).to_json(path)  # the next run is not in the way of it
     assert ChainModel.from_json(path) != MODEL
-
-
-@pytest.mark.slow
-def test_ctrl_c_in_the_middle_of_an_identification(finished):
-    """The process leaves with 130 and a sentence; the earlier results are whole."""
-    old = contents(finished / "out")
-    pause = "import threading, os, signal, pysindy_nrf.output.cli.outcome as w\nreal = w.identify_records\n"
-    pause += "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-    pause += "def slow(*a, **k):\n    os.kill(os.getpid(), signal.SIGINT)\n    return real(*a, **k)\nw.identify_records = slow"
-    text = command("identify", "test.csv", "-o", "out", "--degree", "2", before=pause)
-    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, cwd=finished, timeout=200)
-    assert done.returncode == 130, done.stderr[-2000:]
-    assert done.stderr.strip() == "Stopped. No half-written file is left."
-    assert contents(finished / "out") == old
-
-
-def test_a_failing_writer_loses_nothing(tmp_path):
-    path = tmp_path / "table.csv"
-    path.write_text("old")
-    with pytest.raises(OSError), atomic_write(path) as file:
-        file.write("new")
-        os.close(file.fileno())  # the disk goes away under the writer
-        file.flush()
-    assert path.read_text() == "old"
 
 
 @pytest.mark.parametrize("failure", [RuntimeError, KeyboardInterrupt])

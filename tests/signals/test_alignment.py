@@ -7,12 +7,11 @@ import pandas as pd
 import pytest
 from chains import driven
 
-from pysindy_nrf import ChainModel, Record, excitation, laws, simulate
+from pysindy_nrf import ChainModel, Record, laws
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.signals.alignment import (
     align,
     channel_alignment,
-    displacement_from_drifts,
     resampled,
     shifted,
     split_at_gaps,
@@ -101,14 +100,6 @@ def test_gain_and_sign_come_back(record):
     np.testing.assert_allclose(turned.velocity, record.velocity, atol=0.01 * record.velocity.std())
 
 
-def test_a_moving_base_is_no_misalignment(record):
-    ag = excitation.band_limited_random(1, 16.0, 1000.0, dofs=[1], rms=3.0, band=(0.5, 40.0), random_state=3)[:, 0]
-    storey = laws.PowerSeries(1, [60.0, 1e5])
-    truth = ChainModel([10.0, 12.0], {"storey 1": storey, "storey 2": storey})
-    rec = simulate(truth, np.zeros((len(ag), 2)), 1e-3, base_acceleration=ag, hold="cubic")
-    assert channel_alignment(rec)["aligned"].all()
-
-
 def test_incoherent_channels_are_named():
     rng = np.random.default_rng(0)
     rec = Record(acceleration=rng.normal(size=4000), displacement=rng.normal(size=4000), fs=100.0)
@@ -139,11 +130,6 @@ def test_gaps_cut_a_table_into_records():
     assert [p.n_samples for p in parts] == [500, 700, 749]
     assert parts[1].name == "test 3, part 2"
     np.testing.assert_allclose(parts[0].displacement[:, 0], np.sin(t[:500]))
-
-
-def test_drifts_between_floors_add_up():
-    x = np.random.default_rng(0).normal(size=(50, 3))
-    np.testing.assert_allclose(displacement_from_drifts(np.diff(x, axis=1, prepend=0.0)), x)
 
 
 FS = 500.0

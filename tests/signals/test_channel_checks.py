@@ -30,37 +30,29 @@ def test_healthy_channels_are_left_alone(force, noise):
     assert check_channels(record(force, noise)).empty
 
 
+FAULTS = {  # channel, and what becomes of it
+    "clipped": ("a1", lambda y: np.clip(y, -0.7 * np.abs(y).max(), np.inf)),
+    "dead": ("x2", lambda y: np.full(len(y), 0.3)),
+    "dead on the way": ("a2", lambda y: np.where(np.arange(len(y)) < 5000, y, y[5000])),
+    "spiky": ("a1", lambda y: y + 30 * y.std() * np.isin(np.arange(len(y)), [700, 3000])),
+    "quantised": ("x1", lambda y: 0.1 * y.std() * np.round(10 * y / y.std())),
+}
+
+
 def faulty(fault: str):
     rec = record()
-    a, v, x = (np.array(y) for y in (rec.acceleration, rec.velocity, rec.displacement))
-    if fault == "clipped":
-        a[:, 0] = np.clip(a[:, 0], -0.7 * np.abs(a[:, 0]).max(), np.inf)
-    elif fault == "dead":
-        x[:, 1] = 0.3
-    elif fault == "dead on the way":
-        a[5000:, 1] = a[5000, 1]
-    elif fault == "spiky":
-        a[[700, 3000], 0] += 30 * a[:, 0].std()
-    elif fault == "quantised":
-        step = 0.1 * x[:, 0].std()
-        x[:, 0] = step * np.round(x[:, 0] / step)
-    elif fault == "copied":
-        v[:, 1] = v[:, 0]
-    return rec.replace(acceleration=a, velocity=v, displacement=x)
+    if fault == "copied":
+        return rec.replace(velocity=rec.velocity[:, [0, 0]])
+    name, change = FAULTS[fault]
+    key = {"a": "acceleration", "x": "displacement"}[name[0]]
+    array = getattr(rec, key).copy()
+    array[:, int(name[1]) - 1] = change(array[:, int(name[1]) - 1])
+    return rec.replace(**{key: array})
 
 
-@pytest.mark.parametrize(
-    ("fault", "channel"),
-    [
-        ("clipped", "a1"),
-        ("dead", "x2"),
-        ("dead on the way", "a2"),
-        ("spiky", "a1"),
-        ("quantised", "x1"),
-        ("copied", "v2"),
-    ],
-)
-def test_a_fault_is_found_where_it_is(fault, channel):
+@pytest.mark.parametrize("fault", [*FAULTS, "copied"])
+def test_a_fault_is_found_where_it_is(fault):
+    channel = FAULTS[fault][0] if fault in FAULTS else "v2"
     table = check_channels(faulty(fault))
     assert table[["channel", "problem"]].values.tolist() == [[channel, fault.split()[0]]]
     assert channel in table["message"][0]

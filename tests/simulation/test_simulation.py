@@ -1,7 +1,6 @@
 """Free runs against independent integrators, exact solutions and conservation laws."""
 
 from functools import partial
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,10 +20,7 @@ DAHL = laws.ModifiedDahl(K0=50.0, C0=399.0, Fd=34.85, f0=0.0, sigma=5e4)
 
 
 def model(chain, masses, **by_site):
-    held = {site: () for site in chain.sites}
-    for text, group in by_site.items():
-        held[Site(text.replace("_", " "))] = group if isinstance(group, tuple) else (group,)
-    return SimpleNamespace(chain=chain, masses=np.asarray(masses, dtype=float), laws=held)
+    return ChainModel(masses, {text.replace("_", " "): group for text, group in by_site.items()}, chain=chain)
 
 
 def two_storeys(kind):
@@ -327,7 +323,7 @@ def test_a_run_that_begins_later_finds_the_clock_of_its_laws(method):
         Site(2): (laws.LinearElastic(1e4), laws.LinearViscous(9.0), laws.StiffnessStep(t0=3.1, dk=4e3)),
         Site("dof 2"): (laws.HarmonicForce(frequency=3.3, A=4.0, B=-7.0),),
     }
-    model = SimpleNamespace(chain=Chain(2), masses=[8.0, 5.0], laws=held)
+    model = ChainModel([8.0, 5.0], held)
     F = np.cumsum(np.random.default_rng(2).standard_normal((1001, 2)), axis=0)
     whole = simulate(model, F, 0.005, method=method)
     late = simulate(

@@ -22,7 +22,7 @@ import pandas as pd
 
 from ...common.lazy import require
 from ...exceptions import FileFormatError
-from .table import MAX_BYTES, SCHEMA, Attributes, Table, check_size, unreadable
+from .table import MAX_BYTES, SCHEMA, Attributes, Table, check_size, reading_as
 
 
 def flattened(content: Mapping[str, Any], prefix: str = "") -> dict[str, np.ndarray]:
@@ -43,34 +43,25 @@ def flattened(content: Mapping[str, Any], prefix: str = "") -> dict[str, np.ndar
 
 def read_npz(path: Path, max_bytes: int = MAX_BYTES) -> Table:
     """Read a NumPy archive (.npz) or array (.npy)."""
-    try:
+    with reading_as(path, "NumPy"):
         if path.suffix.lower() == ".npz":
             with zipfile.ZipFile(path) as archive:
                 members = [item for item in archive.infolist() if item.filename.endswith(".npy")]
                 check_size(path, sum(item.file_size for item in members), max_bytes)
                 for item in members:
                     with archive.open(item) as stream:
-                        _check_header(stream, item.file_size)
+                        _check_header(path, stream, item.file_size)
             with np.load(path, allow_pickle=False) as loaded:
                 variables = {name: loaded[name] for name in loaded.files if f"{name}.npy" in loaded.zip.namelist()}
         else:
             with open(path, "rb") as stream:
-                _check_header(stream, path.stat().st_size)
+                _check_header(path, stream, path.stat().st_size)
                 stream.seek(0)
                 variables = {path.stem: np.load(stream, allow_pickle=False)}
-    except FileFormatError:
-        raise
-    except Exception as error:  # a damaged stream may raise anything
-        if isinstance(error, ValueError) and ("pickle" in str(error).lower() or "object" in str(error).lower()):
-            raise FileFormatError(
-                f"{path} holds pickled Python objects, which could run code and are never loaded",
-                "Save plain arrays: numpy.savez(path, a1=..., x1=...).",
-            ) from error
-        raise unreadable(path, "NumPy", error) from error
     return Table(path, "NumPy", flattened(variables))
 
 
-def _check_header(stream: IO[bytes], held: int) -> None:
+def _check_header(path: Path, stream: IO[bytes], held: int) -> None:
     """Refuse an array whose header declares more bytes than the file holds; NumPy would allocate them first."""
     read: Any = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     version = np.lib.format.read_magic(stream)
@@ -78,7 +69,10 @@ def _check_header(stream: IO[bytes], held: int) -> None:
         return  # NumPy itself refuses unknown versions
     shape, _, dtype = read[version](stream)
     if dtype.hasobject:
-        raise ValueError("object arrays are pickled")
+        raise FileFormatError(
+            f"{path} holds pickled Python objects, which could run code and are never loaded",
+            "Save plain arrays: numpy.savez(path, a1=..., x1=...).",
+        )
     if any(n < 0 for n in shape) or math.prod(shape) * dtype.itemsize > held:
         raise ValueError(f"an array declares the shape {shape} of {dtype} but the file holds {held} bytes")
 
@@ -92,22 +86,17 @@ def read_hdf5(path: Path, max_bytes: int = MAX_BYTES, matlab: bool = False) -> T
     kind = "MATLAB v7.3" if matlab else "HDF5"
     variables: dict[str, np.ndarray] = {}
     total = 0
-    try:
-        with h5py.File(path, "r") as file:
-            for name, item in data_sets(h5py, file):
-                text = matlab and item.attrs.get("MATLAB_class") in (b"char", "char")
-                empty = item.shape is None or "MATLAB_empty" in item.attrs
-                if text or empty or name.startswith("#") or item.dtype.kind not in "biufc":
-                    continue
-                require_own(path, name, item)
-                total += item.size * item.dtype.itemsize
-                check_size(path, total, max_bytes)
-                values = np.asarray(item[()])
-                variables[name.replace("/", ".")] = values.T if matlab else values
-    except FileFormatError:
-        raise
-    except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
-        raise unreadable(path, kind, error) from error
+    with reading_as(path, kind), h5py.File(path, "r") as file:
+        for name, item in data_sets(h5py, file):
+            text = matlab and item.attrs.get("MATLAB_class") in (b"char", "char")
+            empty = item.shape is None or "MATLAB_empty" in item.attrs
+            if text or empty or name.startswith("#") or item.dtype.kind not in "biufc":
+                continue
+            require_own(path, name, item)
+            total += item.size * item.dtype.itemsize
+            check_size(path, total, max_bytes)
+            values = np.asarray(item[()])
+            variables[name.replace("/", ".")] = values.T if matlab else values
     return Table(path, kind, flattened(variables))
 
 
@@ -164,13 +153,9 @@ def read_mat(path: Path, max_bytes: int = MAX_BYTES) -> Table:
         head = file.read(520)
     if head[:8] == SIGNATURE or head[512:520] == SIGNATURE or b"MATLAB 7.3" in head[:128]:
         return read_hdf5(path, max_bytes, matlab=True)
-    try:
+    with reading_as(path, "MATLAB"):
         _check_unpacked(path, head, max_bytes)
         content = _loaded(path)
-    except FileFormatError:
-        raise
-    except Exception as error:  # a damaged stream: zlib, struct, the message of the child process
-        raise unreadable(path, "MATLAB", error) from error
     return Table(path, "MATLAB", flattened(content))
 
 
@@ -185,7 +170,7 @@ def _loaded(path: Path) -> dict[str, Any]:
     if done.returncode:
         crash = "its variables are damaged (SciPy's reader ended its process)"
         raise ValueError(done.stderr.decode(errors="replace").strip() if done.returncode == 1 else crash)
-    return pickle.loads(done.stdout)
+    return pickle.loads(done.stdout)  # noqa: S301 - what this very process sends back
 
 
 def _check_unpacked(path: Path, head: bytes, max_bytes: int) -> None:
@@ -215,10 +200,9 @@ ATTRIBUTES_KEY = SCHEMA.encode()
 
 def read_parquet(path: Path, max_bytes: int = MAX_BYTES) -> Table:
     """Read the columns of a Parquet file that hold numbers, times or texts; a time index becomes the column ``t``."""
-    pyarrow = require("pyarrow", "files", "Reading Parquet files")
     types = require("pyarrow.types", "files", "Reading Parquet files")
     parquet = require("pyarrow.parquet", "files", "Reading Parquet files")
-    try:
+    with reading_as(path, "Parquet"):
         file = parquet.ParquetFile(path)
         schema, about = file.schema_arrow, file.metadata
         twice = [name for name, count in Counter(schema.names).items() if count > 1]
@@ -232,10 +216,6 @@ def read_parquet(path: Path, max_bytes: int = MAX_BYTES) -> Table:
         held = parquet.read_table(path, columns=[n for n in schema.names if n in kept], read_dictionary=texts)
         attributes = (schema.metadata or {}).get(ATTRIBUTES_KEY)
         frame = held.to_pandas()
-    except FileFormatError:
-        raise
-    except (pyarrow.ArrowException, OSError, ValueError, TypeError, KeyError) as error:
-        raise unreadable(path, "Parquet", error) from error
     variables = {}
     if frame.index.name in ("t", "time") or isinstance(frame.index, (pd.DatetimeIndex, pd.TimedeltaIndex)):
         variables["t"] = frame.index.to_numpy()

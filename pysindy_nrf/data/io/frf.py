@@ -36,7 +36,7 @@ class FrequencyResponse:
     def describe(self, band: tuple[float | None, float | None] | None = None) -> str:
         """Summary in words."""
         size = ", ".join(f"H{j + 1} {a:.4g}" for j, a in enumerate(np.abs(self.H).max(axis=0)))
-        used = self.f[_in_band(self.f, band)]
+        used = self.f[in_band(self.f, band)]
         part = f"; {len(used)} of them in {used[0]:g} to {used[-1]:g} Hz are used" if len(used) else ""
         idle = ", ".join(str(j) for j in range(1, self.n_dof + 1) if j != self.driven)
         return (
@@ -179,7 +179,7 @@ def frf_to_features(
     (array([2.5]), {'v': 4.0, 's': 3000.0})
     """
     frf = f if isinstance(f, FrequencyResponse) else frequency_response(f, H, driven)
-    used = _in_band(frf.f, band)
+    used = in_band(frf.f, band)
     if not used.any():
         raise ChannelError(
             f"{frf.name} has no line in the band {band} Hz", f"Its lines go from {frf.f[0]:g} to {frf.f[-1]:g} Hz."
@@ -205,7 +205,8 @@ def frf_to_features(
     return rows(columns, "avs"), rows(force, "F")
 
 
-def _in_band(f: np.ndarray, band: tuple[float | None, float | None] | None) -> np.ndarray:
+def in_band(f: np.ndarray, band: tuple[float | None, float | None] | None) -> np.ndarray:
+    """Lines inside a band, whose ends may be open."""
     low, high = band if band is not None else (None, None)
     return (f >= (0.0 if low is None else low)) & (f <= (np.inf if high is None else high))
 

@@ -116,9 +116,7 @@ def read_record(path: Any, *, mapping: Mapping[str, str] | None = None, fs: floa
     ).record
 
 
-def inspect_record(path: Any, *, mapping: Mapping[str, str] | None = None, fs: float | None = None,
-                   units: Mapping[str, str] | None = None, name: str | None = None,
-                   coordinates: str | None = None, max_bytes: int = MAX_BYTES) -> Reading:  # fmt: skip
+def inspect_record(path: Any, *, max_bytes: int = MAX_BYTES, **options: Any) -> Reading:
     r"""Read a record as :func:`read_record` does and keep how the file was understood, for :func:`describe`.
 
     Examples
@@ -132,8 +130,7 @@ def inspect_record(path: Any, *, mapping: Mapping[str, str] | None = None, fs: f
     >>> print(io.describe(reading).splitlines()[3])
       x1  displacement relative to base     rms 0.003569 m, peak 0.006 m   <- Deck in mm
     """
-    table = read_table(path, max_bytes=max_bytes)
-    return understand(table, mapping=mapping, fs=fs, units=units, name=name, coordinates=coordinates)
+    return understand(read_table(path, max_bytes=max_bytes), **options)
 
 
 def read_excitation(path: Any, n_dof: int, *, mapping: Mapping[str, str] | None = None, fs: float | None = None,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -68,6 +69,17 @@ def unreadable(path: Path, kind: str, error: Exception | str) -> FileFormatError
         f"{path} cannot be read as {kind}: {reason[:300]}",
         "It may be cut off, damaged or of another type; export it again, or rename it to its true type.",
     )
+
+
+@contextmanager
+def reading_as(path: Path, kind: str) -> Iterator[None]:
+    """What a library raises on a damaged file, which may be anything, as an error that names the file."""
+    try:
+        yield
+    except FileFormatError:
+        raise
+    except Exception as error:
+        raise unreadable(path, kind, error) from error
 
 
 @dataclass(frozen=True)

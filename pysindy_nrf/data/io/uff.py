@@ -14,7 +14,7 @@ from ...common.files import atomic_write
 from ...common.lazy import require
 from ...exceptions import ChannelError, FileFormatError
 from ..channels import rate_of
-from .table import MAX_BYTES, SCHEMA, VERSION, Attributes, Table, check_size, unreadable
+from .table import MAX_BYTES, SCHEMA, VERSION, Attributes, Table, check_size, reading_as, unreadable
 from .units import si_unit
 
 _LINE = 80  # characters of an identification line
@@ -32,7 +32,7 @@ def read_uff(path: Path, max_bytes: int = MAX_BYTES) -> Table:
         raw.seek(max(0, path.stat().st_size - 200))
         if not raw.read().rstrip().endswith(b"-1"):  # pyuff would drop the last data set silently
             raise unreadable(path, "UFF", "its last data set does not end")
-    try:
+    with reading_as(path, "UFF"):
         file = pyuff.UFF(str(path))
         kinds = [int(k) for k in file.get_set_types()]
         heads = {i: file.read_sets(i, header_only=True) for i, kind in enumerate(kinds) if kind == 58}
@@ -44,10 +44,6 @@ def read_uff(path: Path, max_bytes: int = MAX_BYTES) -> Table:
             warnings.simplefilter("ignore")  # about values that pyuff drops; they are counted below
             sets = [file.read_sets(i) for i, head in heads.items() if int(head["func_type"]) in (0, 1)]
             systems = [file.read_sets(i) for i, kind in enumerate(kinds) if kind == 164]
-    except FileFormatError:
-        raise
-    except Exception as error:  # pyuff raises bare exceptions
-        raise unreadable(path, "UFF", error) from error
     if any("data" not in one for one in sets):
         raise unreadable(path, "UFF", "a data set 58 holds no data")
     sets = [one for one in sets if not np.iscomplexobj(one["data"])]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,6 @@ from .options import (
     choice,
     degree_option,
     files_argument,
-    indent,
     json_option,
     law_option,
     laws_of,
@@ -194,7 +194,7 @@ def _say_plan(session: Session, n: int, forced: Any, unknown: Any, masses: Any, 
     """Say in words what the excitation can identify, before any number is produced."""
     chain = estimator.chain if estimator.chain is not None else Chain(n)
     plan = chain.identifiability(forced, unknown=unknown, known_masses=masses, strategy=estimator.strategy)
-    session.headed(f"What this excitation can identify ({plan.strategy})", indent(str(plan)))
+    session.headed(f"What this excitation can identify ({plan.strategy})", textwrap.indent(str(plan), "  "))
     return plan
 
 

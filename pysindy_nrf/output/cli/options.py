@@ -107,11 +107,6 @@ def heading(text: str) -> str:
     return f"\n{text}\n{'-' * len(text)}"
 
 
-def indent(text: str) -> str:
-    """Text moved in by two blanks."""
-    return textwrap.indent(text, "  ")
-
-
 def table(frame: pd.DataFrame, digits: int = 4) -> str:
     """A table of numbers."""
     return frame.to_string(float_format=lambda x: "-" if np.isnan(x) else f"{x:.{digits}g}")

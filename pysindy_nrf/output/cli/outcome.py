@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -11,20 +12,26 @@ import numpy as np
 import pandas as pd
 
 from ...data.io import frf_to_features, write_forces, write_table
-from ...data.io.frf import FrequencyResponse
+from ...data.io.frf import FrequencyResponse, in_band
 from ...data.record import Record
+from ...discrepancy.residual import loops_of
 from ...estimation.noise_spectra import transfer
 from ...exceptions import SimulationError
+from ...regression.errors import free_run_of, squares_of
 from ...regression.input_arrays import from_arrays
 from ...regression.segments import Segment, SegmentSet
+from ...signals.kinematic_smoother import KinematicSmoother
 from ...signals.kinematics import base_acceleration
+from ...signals.zero_phase_filter import FairFilter, filters_of
 from ..displays import FreeRunDisplay
 from ..displays._figure import dof_words
 from ..displays._matplotlib import available, save
 from ..displays.forces import loop_figure
 from ..displays.motion import response_figures
+from ..report import available as pages_available
+from ..report import write_html
 from ..report.content import band_text, listed, not_positive
-from .options import Session, heading, indent, paragraphs, table, warned
+from .options import Session, heading, paragraphs, table, warned
 
 # Above this share of a balance unexplained, the estimates deserve a warning.
 LARGE_ERROR = 15.0
@@ -67,8 +74,6 @@ class Outcome:
 
 def identify_records(records: Sequence[Record], estimator: Any, raw: bool, progress: Progress) -> Outcome:
     """Identify a chain from records (``raw``: no fusion) and run the model free."""
-    from ...signals import KinematicSmoother
-
     with warned() as messages:
         smooth: Any = not raw
         if smooth and estimator.estimation != "ls":  # which needs noise that is independent of the motion
@@ -91,9 +96,7 @@ def identify_frf(frf: FrequencyResponse, estimator: Any, band: Any) -> Outcome:
     model = estimator.model_
     model.visited = {}  # amplitudes of a steady state are no visited motion
     model.info["band"] = None if band is None else [None if b is None or np.isinf(b) else b for b in band]
-    low, high = band if band is not None else (None, None)
-    used = (frf.f >= (low or 0.0)) & (frf.f <= (np.inf if high is None else high))
-    return Outcome(estimator, frf=(frf, _response(model, frf)), used=used, warnings=messages())
+    return Outcome(estimator, frf=(frf, _response(model, frf)), used=in_band(frf.f, band), warnings=messages())
 
 
 def _beside(records: Sequence[Record]) -> dict[str, Any]:
@@ -128,9 +131,6 @@ def term_shares(model: Any, data: SegmentSet) -> dict[str, pd.Series]:
 
 def _free_runs(outcome: Outcome, records: Sequence[Record], data: SegmentSet, progress: Progress) -> None:
     """Run the model alone, from the first measured state, under the measured force."""
-    from ...regression.errors import free_run_of, squares_of
-    from ...signals.zero_phase_filter import FairFilter
-
     model, band = outcome.estimator.model_, outcome.estimator.band
     if (model.masses <= 0).any():
         outcome.no_free_run = "a mass is not positive"
@@ -187,7 +187,10 @@ def result(outcome: Outcome, band: Any, truth: Any = None) -> str:
     said += [f"  {line}" for line in (*_balance(est.errors_), *_gaps(est.third_law_gap_), *_free(outcome))]
     modes = outcome.modes
     if modes is not None:
-        said += [heading("Modes of the linear part (Hz, share of critical damping, shape)"), indent(table(modes))]
+        said += [
+            heading("Modes of the linear part (Hz, share of critical damping, shape)"),
+            textwrap.indent(table(modes), "  "),
+        ]
     notes = outcome.warnings + advice(outcome)
     if notes:
         said += [heading("Take care"), paragraphs(notes)]
@@ -286,8 +289,6 @@ def write_all(
     records: Any = None,
 ) -> list[Path]:
     """Write model, tables, figures (with matplotlib), the page of the records, and what was asked for beside them."""
-    from ..report import write_html
-
     est, model = outcome.estimator, outcome.estimator.model_
     written = [folder / "model.json"]
     model.to_json(written[0])
@@ -316,8 +317,6 @@ def write_all(
 
 def page(write: Callable[[Path], Any], path: Path) -> list[Path]:
     """Write a page if the packages of the extra ``report`` are installed."""
-    from ..report import available as pages_available
-
     if not pages_available():
         return []
     write(path)
@@ -344,9 +343,6 @@ def _figures(outcome: Outcome, folder: Path, band: Any) -> list[Path]:
         responses = response_figures(frf.f[used], frf.H[used], found[used])
         return save(folder / "frequency_response.png", responses, title=title)
     if outcome.data is not None:
-        from ...discrepancy.residual import loops_of
-        from ...signals.zero_phase_filter import filters_of
-
         data = outcome.data
         loops = [loop_figure(loop) for loop in loops_of(outcome.estimator.model_, data, filters_of(band, data))]
         written += save(folder / "restoring_forces.png", loops, columns=max(1, min(3, len(loops))))
@@ -360,8 +356,6 @@ def _figures(outcome: Outcome, folder: Path, band: Any) -> list[Path]:
 
 def _free_run(outcome: Outcome, band: Any) -> Any:
     """Measured and free-run displacements at the end of the first record, where a model has had time to go wrong."""
-    from ...signals.zero_phase_filter import FairFilter
-
     seg, run = outcome.runs[0]
     measured, own = np.cumsum(seg.s[seg.valid], axis=1), run.displacement
     begin = run.time[_start_of_last_cycles(measured)]

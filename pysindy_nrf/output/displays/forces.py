@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from ...discrepancy.residual import SiteLoop
+from ...estimation import damper_force, dissipated_energy
 from ...exceptions import ChannelError, NRFError
 from ...mechanics.sites import Site
+from ...regression.chain_model import as_model, as_segments
 from ._figure import CYCLE, DASHES, Axis, Figure, Line, Mark, Surface, Table, index_of, rms
 from ._matplotlib import Display
-
-if TYPE_CHECKING:
-    from ...discrepancy.residual import SiteLoop
 
 _TURN = "Drag to turn, or use the arrow keys."
 
@@ -231,8 +231,6 @@ class HysteresisLoopDisplay(Display):
         ChannelError
             If the site is no storey, or the chain has further links, whose share of the balance is not known.
         """
-        from ...regression.chain_model import as_model, as_segments
-
         model = as_model(estimator)
         place = model.chain.site(site)
         if not place.is_storey or any(model.laws[s] for s in model.laws if not s.is_storey):
@@ -246,8 +244,6 @@ class HysteresisLoopDisplay(Display):
         return cls(drift, model.restoring_force(data)[:, i], above[:, i:].sum(axis=1), str(place))
 
     def figures(self) -> list[Figure]:
-        from ...discrepancy.residual import SiteLoop
-
         none = np.empty(0)
         return [loop_figure(SiteLoop(self.site, "", none, self.drift, none, self.identified, self.measured))]
 
@@ -305,9 +301,6 @@ class DamperForceDisplay(Display):
         ChannelError
             If ``over`` is none of these.
         """
-        from ...estimation import damper_force
-        from ...regression.chain_model import as_model, as_segments
-
         if over not in _OVER:
             raise ChannelError(f"over={over!r} is unknown", f"Choose one of {', '.join(_OVER)}.")
         place = as_model(estimator).chain.site(site)
@@ -359,8 +352,6 @@ class EnergyDisplay(Display):
         ----------
         estimator : fitted NRFRegressor or ChainModel
         """
-        from ...estimation import dissipated_energy
-
         table = dissipated_energy(estimator, X, without, **options)
         return cls(table.index.to_numpy(dtype=float), {name: table[name].to_numpy() for name in table})
 

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ...estimation.nonlinear_devices import LEAST, planarity
+from ...selection.one_se_rule import errors_of, standard_error
 from ._figure import CYCLE, Axis, Bars, Figure, Line, Map, Mark, index_of
 from ._matplotlib import Display
 
@@ -78,36 +80,15 @@ class OrderSelectionDisplay(Display):
     @classmethod
     def from_selection(cls, selection: Any) -> OrderSelectionDisplay:
         """From what :func:`pysindy_nrf.select_order` found."""
-        return cls._from_scores(
-            selection.fold_scores, selection.table["chosen"].to_numpy(), selection.scoring,
-            selection.table.get("free_run_error"),
-        )  # fmt: skip
-
-    @classmethod
-    def from_estimator(cls, search: Any, metric: str = "score") -> OrderSelectionDisplay:
-        """From a fitted scikit-learn search over ``degree``."""
-        from ...selection.one_se_rule import fold_scores
-
-        results = search.cv_results_
-        scores = fold_scores(results, metric)
-        labels = [", ".join(str(v) for v in params.values()) for params in results["params"]]
-        frame = pd.DataFrame(scores, index=pd.Index(labels, name=", ".join(results["params"][0])))
-        chosen = np.arange(len(scores)) == getattr(search, "best_index_", -1)
-        return cls._from_scores(frame, chosen, "acceleration" if np.nanmax(scores) > 0 else "balance")
-
-    @classmethod
-    def _from_scores(
-        cls, scores: pd.DataFrame, chosen: np.ndarray, scoring: str, free_run: Any = None
-    ) -> OrderSelectionDisplay:
-        from ...selection.one_se_rule import errors_of, standard_error
-
+        scores = selection.fold_scores
         folds = pd.DataFrame(100.0 * errors_of(scores.to_numpy()), index=scores.index, columns=scores.columns)
         folds = folds.replace(np.inf, np.nan)
-        spread = [standard_error(row) for row in folds.to_numpy()]
+        spread, chosen = [standard_error(row) for row in folds.to_numpy()], selection.table["chosen"].to_numpy()
         table = pd.DataFrame({"error": folds.mean(axis=1, skipna=False), "standard_error": spread, "chosen": chosen})
-        if free_run is not None:
-            table["free_run_error"] = free_run
-        what = {"acceleration": "acceleration error", "free_run": "free-run error"}.get(scoring, "balance error")
+        if "free_run_error" in selection.table:
+            table["free_run_error"] = selection.table["free_run_error"]
+        words = {"acceleration": "acceleration error", "free_run": "free-run error"}
+        what = words.get(selection.scoring, "balance error")
         return cls(table, folds, f"held-out {what} (% NRMSE)")
 
     def figures(self) -> list[Figure]:
@@ -152,13 +133,9 @@ class PlanarityDisplay(Display):
     @classmethod
     def from_estimator(cls, estimator: Any, X: Any, F: Any = None, **options: Any) -> PlanarityDisplay:
         """Planarity of a fitted regressor; parameters as of :func:`pysindy_nrf.estimation.planarity`."""
-        from ...estimation import planarity
-
         return cls(planarity(estimator, X, F, **options))
 
     def figures(self) -> list[Figure]:
-        from ...estimation.nonlinear_devices import LEAST
-
         index, reference = self.table["index"], np.fmax(self.table["reference"].to_numpy(), LEAST)
         planar = self.table["planar"].to_numpy()
         texts = ["planar" if p else "not planar" for p in planar]

@@ -6,9 +6,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.signal import welch
 
 from ...exceptions import ChannelError
+from ...monitoring import track
 from ...regression.errors import nrmse
+from ...signals.kinematics import base_acceleration_if_any, base_motion
 from ._figure import CYCLE, DASHES, Axis, Figure, Line, Mark, Rule
 from ._matplotlib import Display
 
@@ -99,8 +102,6 @@ class FreeRunDisplay(Display):
         ChannelError
             If the record has no displacement to compare with.
         """
-        from ...signals.kinematics import base_acceleration_if_any
-
         if record.displacement is None:
             raise ChannelError(
                 f"Record {record.name!r} has no displacement to compare with",
@@ -134,8 +135,6 @@ def _relative(record: Any) -> tuple[np.ndarray, np.ndarray | None]:
     """Displacement and, if measured, velocity of the DOFs relative to the base."""
     if record.coordinates == "relative" or not record.base_moves:
         return record.displacement, record.velocity
-    from ...signals.kinematics import base_motion
-
     vg, xg = base_motion(record, record, not {"vg", "xg"} <= set(record.measured))
     return record.displacement - xg[:, None], None if record.velocity is None else record.velocity - vg[:, None]
 
@@ -216,8 +215,6 @@ class ModesDisplay(Display):
         modes = getattr(estimator, "model_", estimator).modes()
         if record is None or record.acceleration is None:
             return cls(modes)
-        from scipy.signal import welch
-
         f, power = welch(record.acceleration, record.fs, nperseg=min(record.n_samples, int(8 * record.fs)), axis=0)
         return cls(modes, f, np.sqrt(power))
 
@@ -270,8 +267,6 @@ class TrackDisplay(Display):
         onset : float, optional
             s.
         """
-        from ...monitoring import track
-
         return cls(track(estimator, X, F, **options), onset, options.get("window", 2.0))
 
     def figures(self) -> list[Figure]:

@@ -12,11 +12,16 @@ import pandas as pd
 
 from ...common.audit import settings_of, versions
 from ...data.record import Record
-from ...discrepancy.residual import SiteLoop, loops_of
+from ...discrepancy.prepare import prepare
+from ...discrepancy.residual import SiteLoop, loops_of, residual_of
 from ...exceptions import NRFError, NRFWarning
+from ...laws.base import registry
 from ...regression.chain_model import ChainModel
 from ...regression.segments import SegmentSet
-from ...signals.channel_checks import Measured, as_measured
+from ...signals.channel_checks import Measured, measured
+from ...signals.kinematic_smoother import KinematicSmoother
+from ...signals.kinematics import to_features
+from ...signals.zero_phase_filter import filters_of
 from ..displays import BeforeAfterDisplay
 from ..displays._figure import Figure, Table, dof_words, table
 from ..displays.evidence import evidence_figures, residual_figure
@@ -94,8 +99,6 @@ def of_model(
     data, filters = _data(subject, records, band)
     loops, sizes = [], None
     if data is not None:
-        from ...discrepancy.residual import residual_of
-
         loops = loops_of(model, data, filters)
         try:
             sizes = residual_of(model, data, filters).sizes
@@ -249,9 +252,6 @@ def _intervals(subject: Any, notes: list[str]) -> Any:
 
 def _data(subject: Any, records: Any, band: Any) -> tuple[Any, Any]:
     """Data to draw the model over, and the filter of each record."""
-    from ...discrepancy.prepare import prepare
-    from ...signals.zero_phase_filter import filters_of
-
     kept = getattr(subject, "_records", None)
     if records is None and kept is None:
         return None, None
@@ -260,6 +260,22 @@ def _data(subject: Any, records: Any, band: Any) -> tuple[Any, Any]:
         return kept, filters_of(band, kept)
     data = prepare(given).data
     return data, filters_of(band, data)
+
+
+def as_measured(records: Record | Sequence[Record] | None) -> list[Measured]:
+    """Summaries of records, with the noise levels estimated by the fusion."""
+    out = []
+    for record in [] if records is None else [records] if isinstance(records, Record) else records:
+        smoother = KinematicSmoother()
+        try:
+            with warnings.catch_warnings():  # the fit has warned of faulty channels
+                warnings.simplefilter("ignore", NRFWarning)
+                to_features(record, smoother)
+            noise = {str(k): float(v) for k, v in smoother.noise_.items()}
+        except NRFError:  # the page shows the record, whatever fusion makes of it
+            noise = {}
+        out.append(measured(record, noise))
+    return out
 
 
 def _fitted_to(data: SegmentSet, records: Sequence[Record]) -> bool:
@@ -498,8 +514,6 @@ def _seen(evidence: Any) -> list[tuple[str, str]]:
 
 def _parameters(step: Any, report: Any) -> Table:
     """Parameters of a step with their units, and intervals where they are known."""
-    from ...laws.base import registry
-
     units: dict[str, str] = {}
     held = [law for model in (report.model, *report.models) for laws in model.laws.values() for law in laws]
     same = (law for law in held if law.name == step.law and dict(law.parameters) == step.parameters)
@@ -516,8 +530,6 @@ def _parameters(step: Any, report: Any) -> Table:
 
 def _about(step: Any) -> str:
     """The first line of the law's own documentation."""
-    from ...laws.base import registry
-
     law = registry().get(step.law)
     lines = [line.strip() for line in (getattr(law, "__doc__", None) or "").strip().splitlines()]
     return lines[0].replace("``", "") if lines else ""

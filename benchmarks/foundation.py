@@ -2,7 +2,7 @@
 
     python benchmarks/foundation.py [--quick] [--only TOPIC]
 
-``--quick`` takes fewer seeds, samples and forced floors (under 30 s). Cases, independent integrators and
+``--quick`` takes fewer seeds, samples and forced floors (under 20 s). Cases, independent integrators and
 least squares in extended precision are those of ``tests``: install ``pysindy-nrf[test]``. Measured data:
 the folder that PYSINDY_NRF_DATA names, or ``../shared/data``; skipped, with the reason, if absent. Exit code 1
 if a row fails.
@@ -122,7 +122,7 @@ def exact_rows(name: str, cases: list[chains.Case], **options) -> list[Row]:
 def noise_free(quick: bool) -> list[Row]:
     rows = []
     for kind, cubic in (("linear", False), ("Duffing", True)):
-        seeds, sizes, large = (range(1), (1, 2, 4, 7), 20) if quick else (range(3), range(1, 11), 50)
+        seeds, sizes, large = (range(1), (1, 2, 4), 10) if quick else (range(3), range(1, 11), 50)
         single = [c for n in sizes for q in seeds for c in chains.each_single(n, n + 100 * q, 800, cubic=cubic)]
         every = [chains.duffing(n, range(1, n + 1), n + 100 * q, 800, cubic=cubic) for n in sizes for q in seeds]
         some = (1, large) if quick else range(1, large + 1)
@@ -173,7 +173,7 @@ def entrances(quick: bool) -> list[Row]:
 def simulation(quick: bool) -> list[Row]:
     rows = []
     for kind, level in (("linear", 200.0), ("duffing", 800.0), ("dahl", 50.0), ("dahl", 800.0)):
-        model, F = two_storeys.two_storeys(kind), two_storeys.top_force(level, 300 if quick else 1000)
+        model, F = two_storeys.two_storeys(kind), two_storeys.top_force(level, 150 if quick else 1000)
         rest = np.zeros(5 if kind == "dahl" else 4)
         truth = two_storeys.by_scipy(two_storeys.two_storey_rate(kind), F, two_storeys.DT, rest)[:, :4]
         run = free_run(model, F, two_storeys.DT)
@@ -181,7 +181,7 @@ def simulation(quick: bool) -> list[Row]:
         gap = free_run(model, two_storeys.top_force(level, 2000), two_storeys.DT).energy_gap
         rows.append(below(f"{kind}, {level:g} N rms: x and v against SciPy's DOP853, relative", error.max(), 1e-5))
         rows.append(below(f"{kind}, {level:g} N rms: energy balance", gap, 1e-6))
-    return rows + speed(30 if quick else 300)
+    return rows + speed(15 if quick else 300)
 
 
 def speed(n: int) -> list[Row]:
@@ -260,7 +260,7 @@ def fused(kind: str, seed: int) -> tuple[float, float, float]:
 
 
 def fusion(quick: bool) -> list[Row]:
-    rows, seeds = [], range(2 if quick else 10)
+    rows, seeds = [], range(1 if quick else 10)
     for kind in ("random", "hammer"):
         found = np.array([fused(kind, seed) for seed in seeds])
         name = f"{kind}, 5 % noise on all channels, DOF 3 forced, {len(seeds)} seeds"
@@ -309,7 +309,7 @@ def identify(*arguments: str) -> dict:
     out, errors = io.StringIO(), io.StringIO()
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors):
-            code = run(["identify", *arguments, "--json"])
+            code = run(["identify", *arguments, "--no-figures", "--json"])
     if code:
         raise RuntimeError(f"identify {' '.join(arguments)} returned {code}: {errors.getvalue()}")
     return json.loads(out.getvalue())
@@ -351,7 +351,7 @@ def real_input(quick: bool) -> list[Row]:
 def beside_sindy(quick: bool) -> list[Row]:
     case = chains.duffing(2, [1, 2], seed=1, n_samples=3000)
     truth = test_comparison.true_model(case)
-    table = compare_with_sindy(case.X, case.F, case.dt, truth=truth, free_run=30 if quick else 300)
+    table = compare_with_sindy(case.X, case.F, case.dt, truth=truth, free_run=15 if quick else 300)
     rows = [
         (f"{name}: terms, restoring-force error, time", f"{r.terms:.0f}, {r.restoring_force_error:.2g} %, {said}", "-")
         for name, r in table.iterrows()

@@ -389,20 +389,12 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         return float(value)
 
     def _rate(self, record: Record | None, table: Any) -> float:
-        rate: float | None
-        if record is not None:
-            rate = record.fs
-        else:
-            rate = self.fs
-            time = next((table[n] for n in ("t", "time") if n in table), None)
-            if time is None and (
-                table.index.name in ("t", "time") or isinstance(table.index, (pd.DatetimeIndex, pd.TimedeltaIndex))
-            ):
-                time = table.index
-            if time is not None:
-                rate = Record(
-                    displacement=np.zeros(len(table)), time=time if isinstance(time, pd.Index) else time.to_numpy()
-                ).fs
+        rate = self.fs if record is None else record.fs
+        if record is None:
+            column = next((table[n].to_numpy() for n in ("t", "time") if n in table), None)
+            seconds = clock_of(table, column, len(table))
+            if seconds is not None:
+                rate = Record(displacement=np.zeros(len(table)), time=seconds).fs
         if rate is None:
             raise ChannelError(
                 "The sampling rate is unknown", "Give KinematicSmoother(fs=...) in Hz, or a table with a time column t."

@@ -1,6 +1,5 @@
 """Frequency responses as rows of the balances: exact in theory, and on a measured frame."""
 
-import measured
 import numpy as np
 import pytest
 
@@ -111,29 +110,3 @@ def test_weights_leave_an_exact_response_exact_and_are_checked():
             frf_to_features(F, H, 2, weight=weight)
     with pytest.raises(ChannelError, match="no line in the band"):
         frf_to_features(F, H, 1, band=(27, 29))
-
-
-def test_the_measured_frame_has_three_equal_masses():
-    """Shaker on floor 1 only; the floors are equal by construction (plain least squares: 7.8 %)."""
-    path = measured.folder("three_storey_frf") / "three_storey_frf" / "cristallo_Experimental.csv"
-    frf = read_frf(path, driven=1)
-    assert frf.H.shape == (4096, 3) and frf.f[-1] == 128
-    X, F = frf_to_features(frf, band=(4.0, 32.0))
-    m = NRFRegressor(degree=1).fit(X, F).masses_
-    assert m.max() / m.min() - 1 < 0.10
-    # the same balances by NumPy alone, one after the other (paper eqs. 4-5)
-    use = (frf.f >= 4) & (frf.f <= 32)
-    a, iw = frf.H[use], 2j * np.pi * frf.f[use, None]
-    s = np.diff(a / iw**2, axis=1, prepend=0)
-    v = np.diff(a / iw, axis=1, prepend=0)
-
-    def solve(columns, right):
-        A, b = np.column_stack(columns), np.asarray(right)
-        A, b = np.vstack([A.real, A.imag]), np.concatenate([b.real, b.imag])
-        scale = np.linalg.norm(A, axis=0)
-        return np.linalg.lstsq(A / scale, b, rcond=None)[0] / scale
-
-    one = solve([a[:, 0], v[:, 0], s[:, 0], -v[:, 1], -s[:, 1]], np.ones(len(a), dtype=complex))
-    two = solve([a[:, 1], -v[:, 2], -s[:, 2]], -(one[3] * v[:, 1] + one[4] * s[:, 1]))
-    three = solve([a[:, 2]], -(two[1] * v[:, 2] + two[2] * s[:, 2]))
-    np.testing.assert_allclose(m, [one[0], two[0], three[0]], rtol=1e-9)

@@ -55,18 +55,6 @@ def test_a_folder_that_cannot_be_made(finished, capsys, folder):
     assert Path("test.csv").read_bytes() == before
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may write everywhere")
-def test_a_folder_without_permission(finished, capsys):
-    old = contents(finished / "out")
-    (finished / "out").chmod(0o555)
-    try:
-        assert run(["identify", "test.csv", "-o", "out", "--degree", "2"]) == 1
-    finally:
-        (finished / "out").chmod(0o755)
-    assert "Permission denied" in capsys.readouterr().err
-    assert contents(finished / "out") == old
-
-
 SLOW_WRITE = """
 import signal, sys, time
 from pysindy_nrf.common.files import atomic_write

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from pysindy_nrf import KinematicSmoother, NRFRegressor, Record
-from pysindy_nrf.exceptions import ChannelError, DataQualityWarning
+from pysindy_nrf.exceptions import DataQualityWarning
 from pysindy_nrf.signals.zero_phase_filter import lowest_frequency
 from pysindy_nrf.simulation.noise import add_noise
 
@@ -52,12 +52,6 @@ def test_a_displacement_sensor_on_every_floor_needs_no_band():
         warnings.simplefilter("error")
         X, _ = rec.to_features()
     assert X.notna().all(axis=None) and KinematicSmoother(band="auto").fit(rec).band_ is None
-
-
-def test_an_unknown_band_is_refused():
-    case = chains.duffing(1, [1], seed=1, n_samples=1000)
-    with pytest.raises(ChannelError, match="band='automatic' is unknown"):
-        KinematicSmoother(band="automatic").fit(record_of(case, 0.0, 0))
 
 
 @pytest.mark.parametrize("first, last", [(6.0, 2.0), (2.0, 6.0)])

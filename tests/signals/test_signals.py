@@ -442,6 +442,7 @@ def test_the_papers_processing_of_a_shaken_frame_removes_the_base():
         (lambda: integrate(np.zeros(10), 0.1, order=3), "order"),
         (lambda: integrate(np.array([0, 1, 2, np.nan, 4, 5, 6, 7.0]), 0.1), "not finite in row 3"),
         (lambda: FairFilter((1, 50), fs=-1.0), "fs=-1.0 is not a sampling rate"),
+        (lambda: KinematicSmoother(fs=500.0, band="automatic").fit(pd.DataFrame({"a1": np.sin(np.arange(99))})), "band='automatic' is unknown"),
         (lambda: KinematicSmoother().fit(np.zeros((99, 2))), "ndarray has no names"),
         (lambda: KinematicSmoother(fs=500.0).fit(pd.DataFrame({"a1": [], "x1": []})), "X has no samples"),
     ],

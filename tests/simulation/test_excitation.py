@@ -59,12 +59,6 @@ def test_earthquake_has_its_level_a_soil_frequency_and_a_bounded_velocity():
     assert rms(ag[:200]) < 0.3 * rms(ag[3000:5000]) and rms(ag[-400:]) < 0.3 * rms(ag[3000:5000])
 
 
-def test_same_random_state_same_force():
-    options = dict(dofs=1, rms=1.0, band=(1.0, 50.0))
-    one, two, three = (band_limited_random(1, 2.0, FS, **options, random_state=s) for s in (7, 7, 8))
-    assert np.array_equal(one, two) and not np.array_equal(one, three)
-
-
 def test_noise_is_a_share_of_the_rms_of_each_channel():
     t = np.arange(20000) / FS
     x = np.column_stack([np.sin(30 * t), 1e-3 * np.sin(50 * t)])
@@ -119,12 +113,6 @@ def test_noise_of_the_same_seed_is_no_copy_of_the_excitation(excite, seed):
 def test_an_excitation_names_the_argument_and_its_cure(call, words):
     with pytest.raises((ChannelError, ChainError, LawError), match=words):
         call()
-
-
-def test_levels_follow_each_other_on_the_floors():
-    """The edge of what is allowed: spread 0 gives blows of exactly the levels, in turn."""
-    F = drive.impact_hammer(2, 8.0, 4000.0, dofs=[1, 2], level=[100.0, 200.0], n_hits=4, width=0.01, spread=0.0)
-    np.testing.assert_allclose(F.max(axis=0), [100.0, 200.0], rtol=1e-3)
 
 
 def test_the_noise_of_a_covariate_has_its_share():

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+from scipy import linalg, optimize, stats
 
 from ..exceptions import BiasWarning, ChainError
 from ..mechanics.chain import Chain
@@ -253,44 +253,30 @@ def _covariance(raw: np.ndarray, theta: np.ndarray, n_pieces: int) -> np.ndarray
 
 
 def _nearest(theta: np.ndarray, P: np.ndarray, A: np.ndarray, b: np.ndarray, bounded: np.ndarray) -> np.ndarray:
-    """Nearest point in the metric of P with A theta = b and theta >= 0 where bounded (active set)."""
+    """Nearest point in the metric of P with A theta = b and theta >= 0 where bounded."""
     scale = np.sqrt(np.diag(P))
-    R = P / scale[:, None] / scale
-    active: list[int] = []
-    own = np.zeros(0)
-    for _ in range(4 * len(theta) + 4):
-        B = np.vstack([A, np.eye(len(theta))[active]])
-        target = np.concatenate([b, np.zeros(len(active))])
-        if not len(B):
-            point, multipliers = theta, np.zeros(0)
-        else:
-            C = B * scale
-            size = np.linalg.norm(C, axis=1)
-            gap = (target - B @ theta) / size
-            C = C / size[:, None]
-            multipliers = np.linalg.lstsq(C @ R @ C.T, gap, rcond=1e-10)[0]
-            point = theta + scale * (R @ C.T @ multipliers)
-            left = np.abs(B @ point - target) / size
-            if left.max(initial=0.0) > 1e-6 * max(np.abs(gap).max(), 1.0):
-                # the newest bound depends on the others: the least needed of those that oppose it is removed
-                share = np.linalg.lstsq(C[:-1].T, C[-1], rcond=1e-10)[0][len(b) :] if active else np.zeros(0)
-                against = share > 1e-9
-                if not against.any():
-                    raise ChainError("The constraints contradict each other", "Leave one out.")
-                own = np.where(against, own, np.inf) / np.where(against, share, 1.0)
-                active.pop(int(np.argmin(own)))
-                continue
-        own = multipliers[len(b) :]
-        if len(own) and own.min() < 0 and len(own) == len(active):
-            active.pop(int(np.argmin(own)))  # the multiplier of this bound has the wrong sign
-            continue
-        low = [i for i in np.flatnonzero(bounded & (point < -1e-9 * scale)) if i not in active]
-        if not low:
-            point = point.copy()
-            point[active] = 0.0
-            return point
-        active.append(int(min(low, key=lambda i: point[i] / scale[i])))
-    raise ChainError("The constraints have no common solution", "Leave one out.")
+    step = scale[:, None] * linalg.cholesky(P / scale[:, None] / scale, lower=True)  # theta + step @ z, |z| least
+    C, gap = A @ step, b - A @ theta
+    size = np.linalg.norm(C, axis=1)
+    C, gap = C / size[:, None], gap / size
+    z = np.linalg.lstsq(C, gap, rcond=1e-10)[0] if len(C) else np.zeros(len(theta))
+    if np.abs(C @ z - gap).max(initial=0.0) > 1e-6 * max(np.abs(gap).max(initial=0.0), 1.0):
+        raise ChainError("The constraints contradict each other", "Leave one out.")
+    free = linalg.null_space(C, rcond=1e-10) if len(C) else np.eye(len(theta))
+    # least distance programming by non-negative least squares (Lawson and Hanson, 1974, ch. 23): G y >= h, |y| least
+    G, h = (step @ free)[bounded], -(theta + step @ z)[bounded]
+    size = np.maximum(np.linalg.norm(step[bounded], axis=1), 1e-300)
+    G, h = G / size[:, None], h / size
+    top = max(h.max(initial=0.0), 1e-9)
+    if top > 1e-9:
+        E = np.vstack([G.T, h / top])
+        target = np.append(np.zeros(len(E) - 1), 1.0)
+        left = target - E @ optimize.nnls(E, target)[0]
+        if left[-1] < 1e-9:
+            raise ChainError("The constraints contradict each other", "Leave one out.")
+        z = z - top * free @ left[:-1] / left[-1]
+    point = theta + step @ z
+    return np.where(bounded & (point < 1e-9 * scale), 0.0, point)
 
 
 def _warn_of_contradiction(theta: pd.Series, A: np.ndarray, b: np.ndarray, P: np.ndarray, given: tuple) -> None:

@@ -6,6 +6,9 @@ import chains
 import pytest
 from hypothesis import settings
 
+from pysindy_nrf import ChainModel, laws
+from pysindy_nrf.simulation.noise import add_noise
+
 settings.register_profile("quick", max_examples=20, deadline=None, derandomize=True)
 settings.load_profile("quick")
 
@@ -26,3 +29,11 @@ def chain2():
 def dahl():
     """The paper's chain with the modified Dahl damper, both DOFs forced: case, Z, R_1."""
     return chains.paper_case(duration=2.0)
+
+
+@pytest.fixture(scope="session")
+def three():
+    """Motions and forces of three linear storeys with noise in every channel."""
+    truth = ChainModel([10.0, 12.0, 8.0], {i: laws.PowerSeries(1, [60.0, 4e4]) for i in (1, 2, 3)})
+    rec = chains.driven(truth, [1, 2, 3], 6.0, 500.0, 50.0, (1, 60), seed=3)
+    return add_noise(rec, 0.02, random_state=1).to_features()

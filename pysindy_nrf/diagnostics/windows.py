@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -50,15 +50,8 @@ class Window:
         return Window(self.block.take(some), {site: x[:, some] for site, x in self.offered.items()})
 
 
-class WindowDiagnostic(Protocol):
-    """A diagnostic that receives windows one after another."""
-
-    def add(self, number: int, window: Window) -> None:
-        """Take a window in."""
-
-
-def collect(layout: LawLayout, data: SegmentSet, band: Any, diagnostics: Sequence[WindowDiagnostic]) -> None:
-    """Pass the windows of some data once to all diagnostics."""
+def collect(layout: LawLayout, data: SegmentSet, band: Any, diagnostics: Sequence[Any]) -> None:
+    """Pass the windows of some data once to all diagnostics, which ``add`` them up."""
     if diagnostics:
         for number, window in enumerate(windows(layout, data, band)):
             for diagnostic in diagnostics:

@@ -278,7 +278,6 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         found = self.problem(data.n_dof).solve(data)
         self._resolver, self._records, self.problem_ = None, data, found.problem
         facts: dict[str, Any] = {"asked": "ls", "found": "ls"}
-        self._fused_separately, self._separate_resolver, self._fused_jointly = None, None, False
         judged = data
         if self.estimation != "ls":
             found, self._resolver, facts, judged = refine(self.estimation, found, separate)
@@ -293,7 +292,6 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
     ) -> NRFRegressor:
         """Take an estimate from chunks, of which some windows are kept."""
         self._resolver, self._records = resolver, None
-        self._fused_separately, self._separate_resolver, self._fused_jointly = None, None, False
         self._publish(self._constrained(found), data, judged)
         self.unknown_forces_ = pd.DataFrame({f"F{j}": np.zeros(0) for j in unknown})
         self.model_.info["estimation"] = {"asked": "ls", "found": "ls"}
@@ -339,6 +337,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         return state | {key: None for key in data if key in state}
 
     def _publish(self, found: Estimate, data: SegmentSet, judged: SegmentSet, least_squares: bool = True) -> None:
+        self._fused_separately, self._separate_resolver, self._fused_jointly = None, None, False
         problem, solve_order, model, solution, grams = found
         layout = problem.layout
         self.problem_ = problem.with_laws(model.laws)

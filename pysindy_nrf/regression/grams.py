@@ -311,8 +311,6 @@ def _sum_of_roots(roots: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 def _projected(gram: np.ndarray, n: int) -> np.ndarray:
     """Roots of the first n columns projected on the others; square, zeros below."""
-    if gram.ndim > 2:
-        return np.array([_projected(one, n) for one in gram])
     inner, cross = gram[n:, n:], gram[n:, :n]
     scale = np.sqrt(np.diag(inner))
     scale = np.where(scale > 0, scale, 1.0)

@@ -63,11 +63,6 @@ class ChainScorer:
     def __repr__(self) -> str:
         return f"scorers.{self.name}"
 
-    def __reduce__(self) -> str | tuple[Any, ...]:
-        if self._requested == dict.fromkeys(METADATA, True) and self.name in SCORERS:
-            return get_scorer, (self.name,)
-        return super().__reduce__()
-
     def __eq__(self, other: object) -> bool:
         return isinstance(other, ChainScorer) and (self.name, self._requested) == (other.name, other._requested)
 

@@ -81,16 +81,6 @@ def test_a_missing_law_and_a_sleeping_storey_are_named():
     assert "storey 3" in table.loc[table["limit"] == "excitation", "where"].tolist()
 
 
-def test_the_fall_back_is_among_the_limits():
-    rng = np.random.default_rng(0)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        model = NRFRegressor(degree=1, estimation="iv", dt=1e-3).fit(
-            rng.normal(size=(4000, 6)), rng.normal(size=(4000, 2))
-        )
-    assert "estimation" in model.diagnose().table["limit"].tolist()
-
-
 def test_plans_agree_with_identifiability():
     chain = Chain(4, links=["link 4-2"])
     for options in ({}, {"unknown": [2]}, {"can_hit": [1, 2], "unknown": [4]}):

@@ -6,7 +6,6 @@ import warnings
 
 import numpy as np
 import pytest
-from chains import driven
 
 from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
 from pysindy_nrf.estimation.constraints import (
@@ -17,7 +16,6 @@ from pysindy_nrf.estimation.constraints import (
     TotalMass,
 )
 from pysindy_nrf.exceptions import BiasWarning, ChainError
-from pysindy_nrf.simulation.noise import add_noise
 
 M, K, C = 12.0, 1e5, 60.0
 
@@ -97,13 +95,6 @@ def test_contradictions_are_said(data):
 def test_what_does_not_exist_is_refused(data, constraint, message):
     with pytest.raises(ChainError, match=message):
         fit(data, [constraint])
-
-
-@pytest.fixture(scope="module")
-def three():
-    """Three linear storeys with noise in every channel."""
-    truth = ChainModel([10.0, 12.0, 8.0], {i: laws.PowerSeries(1, [60.0, 4e4]) for i in (1, 2, 3)})
-    return add_noise(driven(truth, [1, 2, 3], 6.0, 500.0, 50.0, (1, 60), seed=3), 0.02, random_state=1).to_features()
 
 
 def test_a_total_of_known_masses_is_checked_and_not_solved(three):

@@ -141,6 +141,7 @@ def test_where_no_free_run_serves_least_squares_is_kept_and_said():
         model = NRFRegressor(degree=3, estimation="iv", dt=1e-3).fit(X, F)
     assert any("fell back on least squares" in str(w.message) for w in caught if w.category is BiasWarning)
     assert model.model_.info["estimation"]["found"] == "ls"
+    assert "estimation" in model.diagnose().table["limit"].tolist()
     np.testing.assert_array_equal(model.masses_, NRFRegressor(degree=3).fit(X, F).masses_)
 
 

@@ -9,11 +9,10 @@ import chains
 import numpy as np
 import pysindy as ps
 import pytest
-from chains import driven
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pysindy_nrf import ChainModel, laws
+from pysindy_nrf import laws
 from pysindy_nrf.exceptions import NRFError
 from pysindy_nrf.selection import select_sparsity
 from pysindy_nrf.selection.sparsity import AlongPath, BlockEnsemble
@@ -158,13 +157,6 @@ def test_a_threshold_beyond_every_term_is_no_candidate():
     found = select_sparsity(rec, degree=2, paths=paths)
     assert 90 < found.table.loc["none", "error"].iloc[0] < 101
     assert found.best == "STLSQ"
-
-
-@pytest.fixture(scope="module")
-def three():
-    """Three linear storeys with noise in every channel."""
-    truth = ChainModel([10.0, 12.0, 8.0], {i: laws.PowerSeries(1, [60.0, 4e4]) for i in (1, 2, 3)})
-    return add_noise(driven(truth, [1, 2, 3], 6.0, 500.0, 50.0, (1, 60), seed=3), 0.02, random_state=1).to_features()
 
 
 def test_orders_that_were_thinned_out_stand_in_the_laws(three):

@@ -68,6 +68,7 @@ def default_catalogue(covariates: Sequence[str] = ()) -> list[ForceLaw]:
         laws.HarmonicForce(),
         laws.ConstantForce(),
         laws.AddedMass(),
+        laws.HiddenOscillator(covariate="ag" if "ag" in covariates else None),
         laws.LinkSpringDashpot(),
         laws.ChannelDelay(),
         laws.GainError(),

@@ -26,6 +26,7 @@ from .forcing import AddedMass as AddedMass
 from .forcing import BaseMotion as BaseMotion
 from .forcing import ConstantForce
 from .forcing import HarmonicForce as HarmonicForce
+from .forcing import HiddenOscillator as HiddenOscillator
 from .forcing import Inerter as Inerter
 from .forcing import LinkSpringDashpot as LinkSpringDashpot
 from .friction import AsymmetricFriction as AsymmetricFriction

@@ -6,6 +6,7 @@ appears here as ``R = -f``.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -159,3 +160,71 @@ class LinkSpringDashpot(ForceLaw):
     def kernel(s, v, a, t, u, z, theta, out):
         out[0] = s
         out[1] = v
+
+
+class HiddenOscillator(ForceLaw):
+    r"""Oscillator that hangs on a DOF and is not measured: a tuned mass damper, sloshing water.
+
+    .. math::
+        R = m \, [2 \zeta \omega (v - \dot w) + \omega^2 (s - w)], \quad
+        \ddot w = 2 \zeta \omega (v - \dot w) + \omega^2 (s - w) - a_g
+
+    w is its displacement relative to the ground; it begins every record moving with the DOF. The update is exact for a
+    motion that is cubic in time over a step. Very stiff it is :class:`AddedMass`.
+
+    The base acceleration a_g is the covariate of that name (held at its mean between samples), and zero if none is
+    named. A search does not try it under base excitation alone, where any inertia fits.
+    """
+
+    name = "hidden_oscillator"
+    family = "oscillator"
+    shapes = (Shape("omega", "1/s", 0.25, 2.5, "v/s"), Shape("zeta", "1", 0.005, 0.5))
+    columns = (Term("m", "Oscillator[s]", "kg"),)
+    n_states = 2  # w - s and its rate
+    passive = True
+    acts_at = ("dof",)
+    nonnegative = ("m",)
+    mimics_inertia = True
+    special_cases = {AddedMass: lambda c: HiddenOscillator(1e4, 0.5, c.values[0])}
+
+    def __init__(
+        self,
+        omega: float | None = None,
+        zeta: float | None = None,
+        m: float | None = None,
+        covariate: str | None = None,
+    ) -> None:
+        if covariate is not None:
+            self.covariates, self.covariate_units = (covariate,), ("m/s^2",)  # type: ignore[misc]
+            self.symmetry, self.at_rest, self.passive = "none", None, False  # type: ignore[misc]
+        super().__init__({"omega": omega, "zeta": zeta}, {"m": m})
+
+    def options(self) -> dict[str, Any]:
+        return {"covariate": self.covariates[0]} if self.covariates else {}
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = -theta[0] * (2.0 * theta[1] * z[1] + theta[0] * z[0])
+
+    @staticmethod
+    def advance(z, s0, v0, s1, v1, dt, u, theta):
+        if dt == 0.0:
+            return
+        square, damping = theta[0] * theta[0], 2.0 * theta[1] * theta[0]
+        # s is s0 + v0 t + c2 t^2 + c3 t^3; its acceleration drives w - s, of which b0 + b1 t is one solution
+        rate = (s1 - s0) / dt
+        c2, c3 = (3.0 * rate - 2.0 * v0 - v1) / dt, (v0 + v1 - 2.0 * rate) / (dt * dt)
+        ground = u[0] if u.size else 0.0
+        b1 = -6.0 * c3 / square
+        b0 = (-2.0 * c2 - ground - damping * b1) / square
+        y, dy = z[0] - b0, z[1] - b1
+        inside = 1.0 - theta[1] * theta[1]
+        fast = theta[0] * math.sqrt(max(abs(inside), 1e-12))
+        fall = math.exp(-theta[1] * theta[0] * dt)
+        phase = fast * dt
+        c, d = math.cos(phase), math.sin(phase) / fast
+        if inside < 0.0:
+            c, d = math.cosh(min(phase, 300.0)), math.sinh(min(phase, 300.0)) / fast
+        both = dy + theta[1] * theta[0] * y
+        z[0] = b0 + b1 * dt + fall * (c * y + d * both)
+        z[1] = b1 + fall * (c * dy - d * (square * y + theta[1] * theta[0] * dy))

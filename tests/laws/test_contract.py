@@ -16,6 +16,7 @@ VARIANTS = [
     laws.PowerSeries(5),
     laws.PowerSeries((2, 1)),
     laws.CovariateFriction("temperature"),
+    laws.HiddenOscillator(covariate="ag"),
 ]
 
 

@@ -166,6 +166,26 @@ def test_maxwell_branch_relaxes(tau):
     _assert_same(laws.MaxwellBranch(tau=tau).features(PATH)[:, 0], expected[0], 2e-5 if tau < 1e-3 else 1e-7)
 
 
+@pytest.mark.parametrize("zeta", [0.02, 0.5, 1.0, 1.4])
+@pytest.mark.parametrize("covariate", [None, "ag"])
+def test_hidden_oscillator_moves_by_newton(zeta, covariate):
+    omega, m = 15.0, 2.0
+
+    def pull(t, w):
+        return 2.0 * zeta * omega * (_rate(t) - w[1]) + omega**2 * (_drift(t) - w[0])
+
+    def ground(t):
+        return 0.3 * np.sin(31.0 * t) if covariate else 0.0
+
+    run = solve_ivp(
+        lambda t, w: [w[1], pull(t, w) - ground(t)], (0.0, T[-1]), [_drift(0.0), _rate(0.0)], "DOP853", T,
+        rtol=1e-11, atol=1e-14,
+    )  # fmt: skip
+    motion = Motion(PATH.s, PATH.v, PATH.a, T, {"ag": 0.3 * np.sin(31.0 * T)})
+    found = laws.HiddenOscillator(omega, zeta, m, covariate).force(motion)
+    _assert_same(found, m * pull(T, run.y), 1e-4 if covariate else 1e-7)
+
+
 @pytest.mark.parametrize("uy", [1e-4, 7e-4, 2e-3])
 def test_jenkins_is_the_stop_operator(uy):
     t = np.linspace(0.0, T[-1], 20 * (T.size - 1) + 1)

@@ -176,9 +176,10 @@ class _Motion:
         based = all(seg.ag is not None for seg in segments)
         inputs = []
         for seg in segments:
-            lines = [*(seg.covariates[c] for c in names), *([seg.ag] if based else [])]
-            slopes = np.gradient(np.column_stack([np.nan_to_num(seg.F[:, forced]), *lines]).astype(float), axis=0)
-            inputs.append(np.column_stack([seg.a[:, forced], *lines, slopes])[seg.valid])
+            lines: list[Any] = [seg.a[:, forced], *(seg.covariates[c] for c in names), *([seg.ag] if based else [])]
+            moving = np.column_stack([*lines, np.nan_to_num(seg.F[:, forced])])[seg.valid].astype(float)
+            slopes = np.gradient(moving[:, len(forced) :], axis=0)
+            inputs.append(np.hstack([moving[:, : moving.shape[1] - len(forced)], slopes]))
         groups = {"motion": seen(np.hstack([seg.s[seg.valid], seg.v[seg.valid]]) for seg in segments)}
         groups["inputs"] = seen(inputs)
         for site in dict.fromkeys([*self.chain.sites, *map(Site, range(1, n + 1))]):

@@ -147,6 +147,7 @@ class LinkSpringDashpot(ForceLaw):
     """Linear spring and dashpot side by side, ``R = k s + c v``.
 
     For links that a chain lacks: a brace that skips a floor (``"link 4-2"``), a tie to the ground (``"ground 3"``).
+    A negative stiffness of a link that skips a floor is coupling with the neighbouring storey's drift: the frame bends.
     """
 
     name = "link_spring_dashpot"
@@ -154,7 +155,6 @@ class LinkSpringDashpot(ForceLaw):
     columns = (Term("k", "s", "N/m"), Term("c", "v", "N s/m"))
     passive = True
     acts_at = ("new link",)
-    nonnegative = ("k", "c")
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):

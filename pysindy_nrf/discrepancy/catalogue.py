@@ -37,6 +37,8 @@ def default_catalogue(covariates: Sequence[str] = ()) -> list[ForceLaw]:
     plain: list[ForceLaw] = [
         laws.CoulombFriction(),
         laws.StribeckFriction(),
+        laws.PositionDependentFriction(),
+        laws.BreakAwayFriction(),
         laws.ShiftedFriction(),
         laws.QuadraticDamping(),
         laws.PowerLawDamping(),

@@ -30,11 +30,13 @@ from .forcing import HiddenOscillator as HiddenOscillator
 from .forcing import Inerter as Inerter
 from .forcing import LinkSpringDashpot as LinkSpringDashpot
 from .friction import AsymmetricFriction as AsymmetricFriction
+from .friction import BreakAwayFriction as BreakAwayFriction
 from .friction import CoulombFriction
 from .friction import CovariateDahl as CovariateDahl
 from .friction import CovariateFriction as CovariateFriction
 from .friction import GroundFriction as GroundFriction
 from .friction import LaggedCovariateFriction as LaggedCovariateFriction
+from .friction import PositionDependentFriction as PositionDependentFriction
 from .friction import ShiftedFriction as ShiftedFriction
 from .friction import StribeckFriction as StribeckFriction
 from .general import PrandtlIshlinskii as PrandtlIshlinskii

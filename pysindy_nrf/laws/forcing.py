@@ -178,7 +178,7 @@ class HiddenOscillator(ForceLaw):
 
     name = "hidden_oscillator"
     family = "oscillator"
-    shapes = (Shape("omega", "1/s", 0.25, 2.5, "v/s"), Shape("zeta", "1", 0.005, 0.5))
+    shapes = (Shape("omega", "1/s", 0.25, 2.5, "v/s"), Shape("zeta", "1", 0.005, 0.3))
     columns = (Term("m", "Oscillator[s]", "kg"),)
     n_states = 2  # w - s and its rate
     passive = True

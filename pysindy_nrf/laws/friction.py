@@ -103,6 +103,65 @@ class StribeckFriction(ForceLaw):
         out[1] = sign * np.exp(-np.minimum(np.abs(v) / theta[0], 700.0))
 
 
+class PositionDependentFriction(ForceLaw):
+    r"""Friction whose level changes with the drift, as of wedges, ring springs or a tapered guide.
+
+    .. math:: R = (F_c + F_s |s|) \operatorname{sgn} v
+    """
+
+    name = "position_dependent_friction"
+    family = "friction"
+    columns = (Term("Fc", "sgn(v)", "N"), Term("Fs", "|s| sgn(v)", "N/m"))
+    passive = True
+    acts_at = ("link", "ground")
+    variable = "v"
+    jumps = True
+    nonnegative = ("Fc",)
+    special_cases = {CoulombFriction: lambda c: PositionDependentFriction(Fc=c.values[0], Fs=0.0)}
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = np.sign(v)
+        out[1] = np.abs(s) * np.sign(v)
+
+
+class BreakAwayFriction(ForceLaw):
+    r"""Friction with a peak after each reversal that decays with the distance slid since.
+
+    .. math:: R = F_c \operatorname{sgn} v + \Delta F \, Z, \quad Z = \pm e^{-|s - s_r| / d}
+
+    s_r is the drift at the last reversal and the sign of Z that of the motion since: the bond of lead or rubber that
+    each stroke breaks anew. The state is exact.
+    """
+
+    name = "break_away_friction"
+    family = "friction"
+    shapes = (Shape("d", "m", 0.02, 2.0, "s"),)
+    columns = (Term("Fc", "sgn(v)", "N"), Term("dF", "Peak[s]", "N"))
+    n_states = 1
+    passive = True
+    acts_at = ("link", "ground")
+    variable = "v"
+    jumps = True
+    nonnegative = ("Fc",)
+    expected_positive = ("dF",)
+    special_cases = {CoulombFriction: lambda c: BreakAwayFriction(d=1.0, Fc=c.values[0], dF=0.0)}
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = np.sign(v)
+        out[1] = z[0]
+
+    @staticmethod
+    def advance(z, s0, v0, s1, v1, dt, u, theta):
+        ds = s1 - s0
+        if ds == 0.0:
+            return
+        sign = math.copysign(1.0, ds)
+        peak = abs(z[0]) if sign * z[0] > 0.0 else 1.0
+        z[0] = sign * max(peak * math.exp(-abs(ds) / theta[0]), 1e-100)
+
+
 class ShiftedFriction(ForceLaw):
     r"""Friction that reverses with v + kappa s instead of with v.
 

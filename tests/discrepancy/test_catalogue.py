@@ -19,7 +19,8 @@ ISSUE = {
     "quadratic_stiffness", "cubic_stiffness", "quintic_stiffness", "one_sided_gap", "two_sided_gap", "bilinear",
     "dead_zone", "jenkins", "iwan", "dahl", "lugre", "bouc_wen", "maxwell_branch", "stiffness_step",
     "stiffness_drift", "damping_drift", "harmonic_force", "constant_force", "link_spring_dashpot", "added_mass",
-    "channel_delay", "gain_error", "sensor_offset",
+    "channel_delay", "gain_error", "sensor_offset", "backlash_friction", "degrading_bouc_wen", "pinched_bouc_wen",
+    "hidden_oscillator", "position_dependent_friction", "break_away_friction",
 }  # fmt: skip
 
 
@@ -67,6 +68,7 @@ def test_each_law_is_tried_where_it_can_be_told():
     assert _places("maxwell_branch") == {"storey 1", "storey 2", "storey 3"}
     assert _places("link_spring_dashpot") == {"link 3-1", "ground 2", "ground 3"}
     assert _places("added_mass") == set()
+    assert _places("hidden_oscillator") == {"dof 1", "dof 2", "dof 3"} and not _places("hidden_oscillator", forced=())
     assert _places("added_mass", known=(1, 2)) == {"dof 1"}  # DOF 1 is forced: above it the balances are homogeneous
     assert _places("channel_delay") == set()
 

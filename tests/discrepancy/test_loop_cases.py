@@ -75,6 +75,7 @@ def steps(report):
         (3, 1, lambda s, v: 2e4 * max(s - 1.0e-3, 0.0), "one_sided_gap", {"k": 2e4, "gap": 1.0e-3}),
         (2, 0, lambda s, v: 4e9 * s**3, "cubic_stiffness", {"k3": 4e9}),
         (3, 0, lambda s, v: 9e3 * s + 6.0 * v, "link_spring_dashpot", {"k": 9e3}),
+        (3, 1, lambda s, v: -2e3 * s - 1.0 * v, "link_spring_dashpot", {"k": -2e3}),  # the frame bends
     ],
 )
 def test_a_law_at_a_tie_or_a_brace_that_nobody_declared_is_found_there(p, q, law, name, parameters):

@@ -270,6 +270,11 @@ def _loss(law, motion):
     [
         (laws.CoulombFriction(Fc=20.0), 4 * 20.0 * 0.01),
         (laws.AsymmetricFriction(Fp=17.0, Fm=23.0), 2 * (17.0 + 23.0) * 0.01),
+        (laws.PositionDependentFriction(Fc=20.0, Fs=3e3), 4 * 20.0 * 0.01 + 2 * 3e3 * 0.01**2),
+        (
+            laws.BreakAwayFriction(d=0.005, Fc=20.0, dF=8.0),
+            4 * 20.0 * 0.01 + 2 * 8.0 * 0.005 * (1.0 - math.exp(-4.0)),
+        ),
         (laws.QuadraticDamping(c2=30.0), 8 / 3 * 30.0 * 12.0**2 * 0.01**3),
         (laws.DisplacementDependentDamping(c=1e4), math.pi / 4 * 1e4 * 12.0 * 0.01**4),
         (

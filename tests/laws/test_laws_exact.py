@@ -49,6 +49,8 @@ POINTS = [
     (laws.StribeckFriction(0.02, 10.0, 6.0), at(v=0.04), 10.0 + 6.0 / E**2),
     (laws.StribeckFriction(0.02, 10.0, 6.0), at(v=1e30), 10.0),
     (laws.StribeckFriction(0.02, 10.0, 6.0), at(v=0.0), 0.0),
+    (laws.PositionDependentFriction(5.0, 2e3), at(s=-2e-3, v=0.1), 9.0),
+    (laws.PositionDependentFriction(5.0, 2e3), at(s=2e-3, v=0.0), 0.0),
     (laws.ShiftedFriction(4.0, 7.0), at(s=0.01, v=-0.03), 7.0),
     (laws.ShiftedFriction(4.0, 7.0), at(s=0.01, v=-0.05), -7.0),
     (laws.ShiftedFriction(4.0, 7.0), at(s=0.25, v=-1.0), 0.0),
@@ -302,6 +304,14 @@ def test_jenkins_in_one_stroke(start, ds, end):
     slow = min(max(start + ds / 8e-3, -1.0), 1.0)
     assert stroke(laws.Iwan(uy=2e-3, ratio=4.0), [start, start], ds)[1] == pytest.approx(slow, rel=1e-12)
     assert stroke(laws.Iwan(uy=2e-3, ratio=4.0), [1.0, 0.0], -4e-3).tolist() == pytest.approx([-1.0, -0.5], rel=1e-12)
+
+
+def test_break_away_peaks_after_each_reversal():
+    law = laws.BreakAwayFriction(d=2e-3)
+    assert stroke(law, 0.0, 1e-3)[0] == pytest.approx(math.exp(-0.5), rel=1e-14)  # from rest
+    assert stroke(law, 0.3, 4e-3)[0] == pytest.approx(0.3 / E**2, rel=1e-14)
+    assert stroke(law, 0.3, -4e-3)[0] == pytest.approx(-1.0 / E**2, rel=1e-14)
+    assert stroke(law, 0.3, 0.0)[0] == 0.3 and stroke(law, 1e-100, 1e-3)[0] == 1e-100
 
 
 def test_lag_of_a_covariate_in_one_step():

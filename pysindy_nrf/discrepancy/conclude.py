@@ -85,7 +85,8 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
     if no_claim:
         stopped = f"{no_claim}. Nothing is claimed"
         steps, stands, confirmed = [], stands[:1], stands[0]
-    noise = simulated(forward.state.ready, confirmed.trial, rng) if forward.state.ready is not None else None
+    made = simulated(forward.state.ready, confirmed.trial, rng) if forward.state.ready is not None else None
+    noise = None if made is None else made[1]
     _say_how_sure(steps, confirmed, noise)
     return _report(forward, first, settings, steps, stands, confirmed, noise, stopped)
 

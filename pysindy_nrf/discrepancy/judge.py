@@ -8,7 +8,7 @@ import numpy as np
 
 from ..laws.base import ForceLaw
 from ..mechanics.sites import Site
-from .constants import FAR, LARGE_GAIN, LEAST_GAIN, LEAST_SHARE, UNWITNESSED
+from .constants import FAR, LARGE_GAIN, LEAST_GAIN, LEAST_SHARE
 from .ruler import Gain, Trial
 from .state import Finding, State
 
@@ -58,7 +58,7 @@ def accepts(finding: Finding, state: State) -> bool:
     if after is None or gain is None or not is_there(gain):
         return False
     if finding.is_fault:
-        return finding.witnessed or gain.value >= UNWITNESSED
+        return True
     positive = (after.trial.masses[0] > 0) | (state.trial.masses[0] <= 0)
     return (is_large(finding, state) or gain.value >= LARGE_GAIN) and bool(positive.all())
 
@@ -69,6 +69,14 @@ def is_large(finding: Finding, state: State) -> bool:
     assert after is not None
     new = [e for e in after.effects if e not in state.effects]
     return max(share_of(after.trial, finding.state.trial, e.site) for e in new) >= LEAST_SHARE
+
+
+def is_clear(finding: Finding, state: State) -> bool:
+    """Whether an effect need not be compared with chance: large by gain and share, or a fault that channels witness."""
+    if finding.is_fault:
+        return finding.witnessed
+    gain = over(finding, state)
+    return gain is not None and gain.value - gain.error >= LARGE_GAIN and is_large(finding, state)
 
 
 def over(finding: Finding, state: State) -> Gain | None:
@@ -104,13 +112,7 @@ def rivals(pairs: Sequence[tuple[Finding, Gain]], number: int) -> list[Finding]:
     return out
 
 
-_SLACK = 0.1
-
-
-def admissible(law: ForceLaw, coefficients: np.ndarray, sizes: np.ndarray) -> bool:
+def admissible(law: ForceLaw, coefficients: np.ndarray) -> bool:
     """Whether the coefficients of an undeclared effect can be real."""
     held = [term.symbol in law.nonnegative for term in law.terms()]
-    if not any(held):
-        return True
-    parts = (coefficients * sizes)[held]
-    return bool(parts.min() >= -_SLACK * np.abs(parts).max())
+    return bool((coefficients[held] >= 0).all())

@@ -292,8 +292,8 @@ def _repeated(work: Workspace, model: ChainModel) -> Residual:
 # -- records as a model would have produced them (parametric bootstrap) ------------------------------
 
 
-def simulated(ready: Prepared, trial: Trial, rng: np.random.Generator) -> Ruler | None:
-    """The ruler on records that the model of a trial, freed of the bias of noise, would have produced.
+def simulated(ready: Prepared, trial: Trial, rng: np.random.Generator) -> tuple[Prepared, Ruler] | None:
+    """Records, and the ruler on them, that the model of a trial, freed of the bias of noise, would have produced.
 
     The bias is found by the bootstrap itself (Efron and Tibshirani 1993, chapter 10): what the fit makes of records
     that the model produced, less the model. None where the model has no free run.
@@ -302,15 +302,17 @@ def simulated(ready: Prepared, trial: Trial, rng: np.random.Generator) -> Ruler 
     if first is None:
         return None
     try:
-        again = Trial(first, trial.base, trial.laws)
+        again = Trial(first[1], trial.base, trial.laws)
     except NRFError:
         return first
     unbiased = trial.model_at(2 * trial.masses[0] - again.masses[0], 2 * trial.theta[0] - again.theta[0])
     return _produced(ready, trial, unbiased, rng) or first
 
 
-def _produced(ready: Prepared, trial: Trial, model: ChainModel, rng: np.random.Generator) -> Ruler | None:
-    """The ruler on a free run of a model with the noise of the channels; None where there is none."""
+def _produced(
+    ready: Prepared, trial: Trial, model: ChainModel, rng: np.random.Generator
+) -> tuple[Prepared, Ruler] | None:
+    """Records of a free run of a model with the noise of the channels; None where there is none."""
     work = trial.ruler.work
     if (model.masses <= 0).any():
         return None
@@ -322,10 +324,10 @@ def _produced(ready: Prepared, trial: Trial, model: ChainModel, rng: np.random.G
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what is to be said of the channels was said of the measured ones
             known, bands = ([one[i] for i in work.searched] for one in (ready.noise, ready.bands))
-            data = prepare(fakes, noise=known, bands=bands).data
+            made = prepare(fakes, noise=known, bands=bands)
     except NRFError:
         return None
-    blocks = []
+    data, blocks = made.data, []
     for number, i in enumerate(work.searched):
         valid = data.segments[number].valid
         later = work.data.segments[i].valid.start - valid.start  # blocks count from the first valid row
@@ -335,7 +337,7 @@ def _produced(ready: Prepared, trial: Trial, model: ChainModel, rng: np.random.G
     fake = Workspace(data, blocks, [], work.known_masses, work.strategy)
     windows = trial.ruler.windows
     other = Windows(data, blocks, windows.length, windows.edges, windows.centred)
-    return Ruler(fake, other, trial.ruler.informative, trial.ruler.clear)
+    return made, Ruler(fake, other, trial.ruler.informative, trial.ruler.clear)
 
 
 def _record(

@@ -15,7 +15,7 @@ from ..mechanics.sites import Site
 from ..regression.shape_search import balance_lines, driven_at
 from . import judge
 from .catalogue import Candidate
-from .constants import BORDER, FINALISTS, HOPELESS, LEAST_GAIN, LEAST_SHARE
+from .constants import FINALISTS, HOPELESS, LARGE_GAIN, LEAST_SHARE
 from .judge import admissible
 from .prepare import Prepared
 from .residual import simulated
@@ -204,7 +204,8 @@ class Forward:
                 self.state = before
                 break
             worst = np.nanmax(self.state.trial.left)
-            if worst >= HOPELESS and worst > 0.8 * np.nanmax(before.trial.left):  # nothing will be claimed
+            fall = 20.0 * np.log10(np.nanmax(before.trial.left) / worst)
+            if worst >= HOPELESS and fall < LARGE_GAIN:  # nothing will be claimed
                 break
         if len(self.state.effects) > 1:
             self._exchange()
@@ -216,29 +217,33 @@ class Forward:
 
     def _choice(self, state: State, pairs: Sequence[tuple[Finding, Gain]]) -> tuple[Finding, list[Finding]] | None:
         """The finding to add, and what the data cannot tell from it; None if none is there and matters."""
-        good = [k for k, (f, _) in enumerate(pairs) if judge.accepts(f, state)]
+        good = [pair for pair in pairs if judge.accepts(pair[0], state)]
+        chance: dict[bool, float] = {}
+        while good and not judge.is_clear(good[0][0], state):
+            gain, kind = good[0][1], good[0][0].is_fault
+            if kind not in chance:
+                chance[kind] = self._by_chance(state, faults=kind)
+            if gain.value - gain.error >= max(chance[kind], 0.0):
+                break
+            good.pop(0)
         if not good:
             return None
-        pairs = [pairs[k] for k in good]
-        number = judge.chosen(pairs)
-        finding, gain = pairs[number]
-        clear = gain.value >= BORDER and (finding.is_fault or judge.is_large(finding, state))
-        if not clear and not self._beyond_chance(state, gain.value):
-            return None
-        return finding, judge.rivals(pairs, number)
+        number = judge.chosen(good)
+        return good[number][0], judge.rivals(good, number)
 
-    def _beyond_chance(self, state: State, gain: float) -> bool:
-        """Whether a gain exceeds what the whole search gains where the state is the truth."""
+    def _by_chance(self, state: State, faults: bool) -> float:
+        """Gain of the whole search where the state is the truth, dB; infinite where its model has no free run."""
         assert state.ready is not None
-        ruler = simulated(state.ready, state.trial, self.rng)
-        if ruler is None:
-            return False
+        made = simulated(state.ready, state.trial, self.rng)
+        if made is None:
+            return np.inf
+        ready, ruler = made
         try:
-            null = State(Trial(ruler, state.trial.base, state.trial.laws), state.effects, state.ready)
-            best = self.search.candidates(null, finalists=3)
+            null = State(Trial(ruler, state.trial.base, state.trial.laws), state.effects, ready)
+            best = findings_of_faults(null, self.faults) if faults else self.search.candidates(null, finalists=3)
         except NRFError:
-            return False
-        return gain >= max(map(_value, best), default=0.0) + LEAST_GAIN
+            return np.inf
+        return max(map(_value, best), default=0.0)
 
     def _take(self, found: tuple[Finding, list[Finding]]) -> None:
         finding, rivals = found
@@ -313,7 +318,7 @@ class Forward:
             gap, error = judge.difference(
                 found[0].after.trial.gain_over(base.trial), self.state.trial.gain_over(base.trial)
             )
-            if gap > max(error, 0.1):
+            if gap > error:
                 before, self.state = self.state, base
                 self._take(found)
                 self._eliminate()
@@ -330,11 +335,10 @@ def _gains(slot: Slot, points: Sequence[tuple[ForceLaw, ...]]) -> np.ndarray:
         parts.append(own.reshape(len(points), slot.widths[k], -1))
     columns = np.concatenate(parts, axis=1)
     gains, theta = slot.gains(columns)
-    sizes = np.sqrt((columns**2).sum(axis=-1))
     for i, laws in enumerate(points):
         at = 0
         for law, width in zip(laws, slot.widths):
-            if not admissible(law, theta[i, at : at + width], sizes[i, at : at + width]):
+            if not admissible(law, theta[i, at : at + width]):
                 gains[i] = -np.inf
             at += width
     return gains

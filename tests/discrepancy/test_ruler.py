@@ -255,7 +255,7 @@ def test_what_is_missing_gains_most_where_it_is(kind, family):
 
 def test_records_of_the_bootstrap_are_those_of_the_model_with_the_noise_of_the_channels():
     state, _ = searched(Plan(2, (1, 2), noise=0.02, seed=73), [])
-    ruler = bootstrap(state.ready, state.trial, np.random.default_rng(0))
+    _, ruler = bootstrap(state.ready, state.trial, np.random.default_rng(0))
     again = Trial(ruler, state.trial.base, state.trial.laws)
     errors = [t.ruler.error(t.powers) for t in (state.trial, again)]
     assert errors[1] == pytest.approx(errors[0], rel=0.3)

@@ -20,15 +20,9 @@ from ..laws import Jenkins
 from ..laws.shape import Motion
 from ..signals.noise_levels import RARE
 from . import words
-from .constants import EXPLAINED
+from .constants import EXPLAINED, LEAST, NEARLY
 from .residual import period_of
 from .words import Dependence, Feature
-
-# Shares of squares that differ by less are alike, and what explains less matters to nobody: two standard errors of a
-# share over 25 blocks (1 to 3 points on forces of known kind with 5 % noise).
-NEARLY = 0.04
-# Nothing is named that explains less: the force is then mostly something else.
-LEAST = 0.15
 
 # How many neighbouring lines of a Hann window count as one: 1 + 2 ((2/3)^2 + (1/6)^2).
 _HANN_OVERLAP = 35 / 18

@@ -20,7 +20,7 @@ from ..regression.errors import free_run_of
 from ..regression.segments import VisitedRegion
 from . import judge, words
 from .catalogue import balances_of
-from .constants import COMPLETE, HOPELESS, LEAST_GAIN, LEAST_RATIO, PERIODS
+from .constants import BY_NOISE, COMPLETE, FAR, HOPELESS, LEAST_GAIN, PERIODS, TENTH
 from .evidence import Evidence, look
 from .prepare import Workspace, measured_of
 from .report import LoopReport, Step, audit
@@ -140,7 +140,7 @@ def _step(forward: Forward, effect: Effect, before: Stand, after: Stand) -> Step
     rivals = forward.rivals.get(effect, [])
     families = dict.fromkeys(f.family for f in rivals if f.family != effect.law.family)
     work = after.trial.ruler.work
-    if not effect.is_fault and _is_friction(effect.law, work.scales(site)[0]):
+    if not effect.is_fault and effect.law.is_dry_friction(work.scales(site)[0]):
         families = dict.fromkeys([CoulombFriction.family, *families])
     families.pop(effect.law.family, None)
     if effect.law.variable == "1":
@@ -181,14 +181,6 @@ def _step(forward: Forward, effect: Effect, before: Stand, after: Stand) -> Step
 
 def _value(finding: Any) -> float:
     return float("nan") if finding.gain is None else finding.gain.value
-
-
-def _is_friction(law: ForceLaw, drift: float) -> bool:
-    """Whether a law with these shape parameters is dry friction in all but name."""
-    steep = law.saturation_drift < 0.3 * drift
-    return steep or any(
-        (law.shape[p.name] or np.inf) < p.friction_below for p in law.shapes if p.friction_below is not None
-    )
 
 
 def _intervals(trial: Trial, effect: Effect) -> dict[str, tuple[float, float]]:
@@ -234,7 +226,7 @@ def _no_claim(after: Stand) -> str:
     if any(m <= 0 and j not in known for j, m in enumerate(model.masses, 1)):
         return words.negative_masses(model.masses)
     total = model.total_masses
-    cancelled = [j for j, m in known.items() if m > 0 and total[j - 1] <= 0.1 * m]
+    cancelled = [j for j, m in known.items() if m > 0 and total[j - 1] <= TENTH * m]
     if cancelled:
         return words.cancelled_masses(cancelled)
     return ""
@@ -266,11 +258,12 @@ def _say_how_sure(steps: list[Step], final: Stand, noise: Ruler | None) -> None:
         step.noise_floor = noise_at
         known = np.isfinite(noise_at)
         before = max(step.validation_before, left_at)
-        top = max(left_at**2 - (1.2 * noise_at) ** 2 if known else left_at**2, 0.0)
+        top = max(left_at**2 - (BY_NOISE * noise_at) ** 2 if known else left_at**2, 0.0)
         step.remainder = float(np.sqrt(top / max(before**2, 1e-300)))
         ratio = step.gain / max(step.gain_error, 1e-12)
+        signs = all(not step.parameters.get(c, 0.0) < 0 for c in registry()[step.law].nonnegative)
         step.sure = bool(
-            step.confirmed and not step.alternatives and step.remainder <= COMPLETE and ratio >= LEAST_RATIO
+            step.confirmed and not step.alternatives and step.remainder <= COMPLETE and ratio >= FAR and signs
         )
     for step in steps:
         beside = [s for s in steps if s is not step and balances_of(Site(s.site)) == balances_of(Site(step.site))]

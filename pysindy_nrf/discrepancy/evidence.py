@@ -33,7 +33,6 @@ from ..regression.chain_model import ChainModel
 from ..regression.layout import LawLayout
 from . import words
 from .characterisation import (
-    NEARLY,
     Characterisation,
     Regression,
     characterise,
@@ -43,9 +42,9 @@ from .characterisation import (
     share_of,
     thinning,
 )
-from .constants import EXPLAINED, FAR, FLOOR
+from .constants import AT_FLOOR, EXPLAINED, FAR, FLOOR, NEARLY
 from .prepare import Workspace
-from .residual import AT_FLOOR, NoiseFloor, Residual, searched_residual
+from .residual import NoiseFloor, Residual, searched_residual
 from .words import Agreement, Location, Obstacle, ResidualKind
 
 # -- is it noise ------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..laws.base import ForceLaw
 from ..mechanics.sites import Site
-from .constants import FAR, LARGE_GAIN, LEAST_GAIN, LEAST_SHARE
+from .constants import FAR, LARGE_GAIN, LEAST_GAIN, LEAST_SHARE, TENTH
 from .ruler import Gain, Trial
 from .state import Finding, State
 
@@ -91,12 +91,12 @@ def ranked(found: Sequence[Finding], state: State) -> list[tuple[Finding, Gain]]
 
 
 def chosen(pairs: Sequence[tuple[Finding, Gain]]) -> int:
-    """Number of the finding to take: the simplest of those within one standard error of the best."""
+    """Number of the finding to take: the simplest within a standard error of the best (a tenth of its gain at most)."""
     best = pairs[0][1]
     near = []
     for k, (f, gain) in enumerate(pairs):
         gap, error = difference(best, gain)
-        if gap <= min(max(error, 0.02 * best.value), 0.1 * best.value):
+        if gap <= min(error, TENTH * best.value):
             near.append((f.size, -gain.value, k))
     return min(near)[2]
 
@@ -107,12 +107,13 @@ def rivals(pairs: Sequence[tuple[Finding, Gain]], number: int) -> list[Finding]:
     out = []
     for k, (f, gain) in enumerate(pairs):
         gap, error = difference(own, gain)
-        if k != number and gap <= max(FAR * error, 0.05 * own.value):
+        if k != number and gap <= FAR * error:
             out.append(f)
     return out
 
 
-def admissible(law: ForceLaw, coefficients: np.ndarray) -> bool:
-    """Whether the coefficients of an undeclared effect can be real."""
+def admissible(law: ForceLaw, coefficients: np.ndarray, sizes: np.ndarray) -> bool:
+    """Whether the coefficients of an undeclared effect can be real: none is clearly negative."""
     held = [term.symbol in law.nonnegative for term in law.terms()]
-    return bool((coefficients[held] >= 0).all())
+    parts = (coefficients * sizes)[held]
+    return bool((parts >= -TENTH * np.abs(coefficients * sizes).max()).all())

@@ -20,11 +20,7 @@ from ..regression.segments import BlockRows, Segment, SegmentSet, half_the_rate
 from ..signals.channel_checks import Measured, measured
 from ..signals.kinematic_smoother import KinematicSmoother
 from ..signals.kinematics import base_acceleration_if_any, base_motion, to_features
-
-# Noise of every channel, as a share of its rms, below which the channels are taken as they are.
-CLEAN = 0.004
-# Share of its rms by which a displacement may scatter at the start of a record that begins at rest.
-MOVES = 0.05
+from .constants import CLEAN, LEAST_SHARE
 
 
 @dataclass
@@ -112,7 +108,7 @@ def _zeroed(record: Record) -> Record:
         x = getattr(record, key)
         if x is not None:
             start = x[: max(4, len(x) // 500)]
-            moves = np.nanstd(start, axis=0) > MOVES * np.nanstd(x, axis=0)
+            moves = np.nanstd(start, axis=0) > LEAST_SHARE * np.nanstd(x, axis=0)
             changes[key] = x - np.where(moves, np.nanmean(x, axis=0), np.nanmean(start, axis=0))
     return record.replace(**changes)
 
@@ -134,10 +130,9 @@ def _segment(record: Record, X: pd.DataFrame, F: pd.DataFrame) -> Segment:
 
 def as_records(records: Any, name: str) -> list[Record]:
     """A list of records, or an error."""
-    if records is None:
-        return []
     if isinstance(records, Record):
         return [records]
+    records = [] if records is None else records
     if isinstance(records, Sequence) and all(isinstance(r, Record) for r in records):
         if not records and name == "records":
             raise ChannelError("There is no record to search", "Pass a Record or a list of them.")

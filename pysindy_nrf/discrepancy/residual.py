@@ -34,9 +34,6 @@ from .prepare import Prepared, Workspace, prepare
 from .ruler import Ruler, Trial
 from .windows import Windows
 
-# A residual within this factor of the noise floor is at the floor: from one draw of noise the floor is known no better
-# (battery, nothing hidden: 0.8 to 1.31).
-AT_FLOOR = 1.5
 # Samples looked at: enough to see any effect, and little beside the search.
 ENOUGH = 10_000
 # Rows in common that repeated records need.

@@ -21,13 +21,17 @@ from ..regression.chain_model import ChainModel
 from ..regression.chain_solve import Solution, model_of
 from ..regression.grams import leave_one_out
 from ..regression.layout import LawLayout, Layout
-from .constants import CACHE, ENERGY, EXPLAINED, FLOOR, ROUNDS, TYPICAL
+from .constants import ENERGY, EXPLAINED, FLOOR, TENTH
 from .fits import ChainFit
 from .prepare import Workspace
 from .windows import Windows
 
 Laws = Mapping[Site, tuple[ForceLaw, ...]]
 Placed = Sequence[tuple[Site, ForceLaw]]
+# Spectra kept from one step to the next, bytes.
+_CACHE = 300_000_000
+# Iterations of bands and of weights; both settle in three or four.
+_ROUNDS = 6
 
 
 @dataclass
@@ -123,7 +127,7 @@ class Ruler:
             width = len(found) // len(missing)
             new = {(site, law): found[k * width : (k + 1) * width] for k, law in enumerate(missing)}
             self._held += found.nbytes
-            if self._held > CACHE:
+            if self._held > _CACHE:
                 self._cache = {(site, law): self._cache[site, law] for law in laws if (site, law) in self._cache}
                 self._held = found.nbytes + sum(x.nbytes for x in self._cache.values())
             self._cache |= new
@@ -137,7 +141,7 @@ class Ruler:
         typical of the balance; it is connected by such bands to those that hold 90 % of the energy.
         """
         core: np.ndarray | None = None
-        for _ in range(ROUNDS):
+        for _ in range(_ROUNDS):
             shares, reference = [], np.zeros_like(self.informative, dtype=float)
             for chain, laws in models:
                 try:
@@ -161,7 +165,7 @@ class Ruler:
             if np.array_equal(new, self.informative):
                 break
             self.informative = new
-        typical = np.array([TYPICAL * _typical(a, b) for a, b in zip(left, reference)])
+        typical = np.array([_typical(a, b) / TENTH for a, b in zip(left, reference)])
         clear = [_connected(g & (a <= x), a, b, g) for g, a, b, x in zip(self.informative, left, reference, typical)]
         last = int(np.flatnonzero(self.informative.any(axis=0))[-1])
         kept = slice(0, last + 1)
@@ -228,7 +232,7 @@ def _typical(left: np.ndarray, power: np.ndarray) -> float:
     """Share of the power that is left where half of the energy is."""
     order = np.argsort(left)
     middle = order[int(np.searchsorted(np.cumsum(power[order]), 0.5 * power.sum()))]
-    return max(float(left[middle]), FLOOR**2 / TYPICAL)
+    return max(float(left[middle]), FLOOR**2 * TENTH)
 
 
 class Trial:
@@ -258,7 +262,7 @@ class Trial:
         self.fit = self.fit_of(self.layout, where)
         informative = ruler.informative
         self.weights = informative.astype(float)
-        for _ in range(ROUNDS):
+        for _ in range(_ROUNDS):
             self.powers, self.masses, self.theta, self.within = self._judged()
             if not np.isfinite(self.powers.residual).all():
                 raise NRFError("The columns of the balances depend on each other", "Leave a law out.")

@@ -335,10 +335,11 @@ def _gains(slot: Slot, points: Sequence[tuple[ForceLaw, ...]]) -> np.ndarray:
         parts.append(own.reshape(len(points), slot.widths[k], -1))
     columns = np.concatenate(parts, axis=1)
     gains, theta = slot.gains(columns)
+    sizes = np.sqrt((columns**2).sum(axis=-1))
     for i, laws in enumerate(points):
         at = 0
         for law, width in zip(laws, slot.widths):
-            if not admissible(law, theta[i, at : at + width]):
+            if not admissible(law, theta[i, at : at + width], sizes[i, at : at + width]):
                 gains[i] = -np.inf
             at += width
     return gains

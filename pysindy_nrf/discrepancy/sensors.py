@@ -24,14 +24,12 @@ from ..mechanics.sites import Site
 from ..regression.segments import Segment, SegmentSet
 from ..signals.alignment import channel_alignment
 from ..simulation.api import as_true
-from .constants import LEAST_GAIN
+from .constants import LEAST_GAIN, LEAST_SHARE, SUSPECTS
 from .prepare import Prepared, Workspace, prepare
 from .ruler import Gain, Ruler, Trial
 from .state import Effect, Finding, Proposal, State
 from .windows import Windows
 from .words import Contradiction
-
-REBUILT = 2
 
 
 def findings_of_faults(state: State, laws: Sequence[SensorFault]) -> list[Finding]:
@@ -41,10 +39,10 @@ def findings_of_faults(state: State, laws: Sequence[SensorFault]) -> list[Findin
         return []
     work = state.trial.ruler.work
     kinds = tuple(type(law) for law in laws)
-    known = [s for size, s in contradictory(ready, work) if isinstance(s.law, kinds) and size >= CONTRADICTION][:MOST]
+    known = [s for size, s in contradictory(ready, work) if isinstance(s.law, kinds) and size >= LEAST_SHARE][:SUSPECTS]
     alone = sorted(filter(None, (_scanned(state.trial, s) for s in _alone(ready, work, laws))), key=lambda p: -p[0])
     found = []
-    for suspect in [*known, *(s for _, s in alone[:REBUILT])]:
+    for suspect in [*known, *(s for _, s in alone[:SUSPECTS])]:
         rebuilt = _rebuilt(ready, state.trial, suspect)
         if rebuilt is None:
             continue
@@ -161,10 +159,6 @@ def _rebuilt(ready: Prepared, trial: Trial, suspect: Suspect) -> tuple[Prepared,
         return None
 
 
-# Contradictions between channels of one DOF, as a share of the channel, that are looked into, and that are
-# worth a word; and how many.
-CONTRADICTION, _SAID = 0.02, 0.06
-MOST = 4
 # Samples below which half a record tells no delay.
 _HALF = 1000
 
@@ -180,8 +174,8 @@ class Suspect:
 
 def contradictions(ready: Prepared, work: Workspace) -> list[Contradiction]:
     """Channels of one DOF that do not show one motion, the largest contradictions first."""
-    found = [s.witness for size, s in contradictory(ready, work) if size >= _SAID and s.witness is not None]
-    return list(dict.fromkeys(found[:MOST]))
+    found = [s.witness for size, s in contradictory(ready, work) if size >= LEAST_SHARE and s.witness is not None]
+    return list(dict.fromkeys(found[:SUSPECTS]))
 
 
 def longest(work: Workspace) -> tuple[int, slice]:
@@ -228,7 +222,7 @@ def contradictory(ready: Prepared, work: Workspace) -> list[tuple[float, Suspect
         ]
         for size, seen, own, other in pairs:
             # what one half of the record denies is chance
-            if size < CONTRADICTION or (any(x > 0 for x in seen) and any(x < 0 for x in seen)):
+            if size < LEAST_SHARE or (any(x > 0 for x in seen) and any(x < 0 for x in seen)):
                 continue
             for law, of in ((own, channel), (other, reference)):
                 sized.append((size, Suspect(law, Site(f"sensor {of}"), witness)))

@@ -12,9 +12,12 @@ from scipy.optimize import minimize
 from ..laws.base import ForceLaw
 from ..laws.shape import Shape, ShapeScale
 from ..mechanics.sites import Site
-from .constants import EVALUATIONS, GRID
+from .constants import GRID
 from .prepare import Prepared, Workspace
 from .ruler import Gain, Trial
+
+# Evaluations of a refinement for each shape parameter.
+_EVALUATIONS = 25
 
 
 @dataclass(frozen=True)
@@ -139,7 +142,7 @@ class Axes:
             cost, start, method="Nelder-Mead", bounds=list(zip(self.low, self.high)),
             options={
                 "initial_simplex": np.vstack([start, start + np.diag(away)]), "xatol": 1e-4, "fatol": 1e-4,
-                "maxfev": EVALUATIONS * len(start),
+                "maxfev": _EVALUATIONS * len(start),
             },
         )  # fmt: skip
         return np.clip(best.x, self.low, self.high)

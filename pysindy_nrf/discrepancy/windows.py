@@ -135,7 +135,7 @@ def _scored(
     full = sum(e.sum(axis=0) for e in energy.values()) > 0
     with np.errstate(divide="ignore"):
         uneven = np.abs(np.log(np.maximum(shares[full], 1e-9) / HELD_OUT)).max()
-    return search, held, float(uneven) + 0.02 * (4 - pieces)
+    return search, held, float(uneven)
 
 
 def _enough(search: Sequence[BlockRows], hop: Sequence[int]) -> bool:

@@ -14,9 +14,7 @@ import numpy as np
 import pandas as pd
 
 from ..mechanics.sites import Site
-
-# A function is odd or even if the other part holds less than a tenth of its variance.
-OTHER_PART = 0.1
+from .constants import TENTH
 
 
 class ResidualKind(Enum):
@@ -222,7 +220,7 @@ def characterised(found: Any) -> str:
 
 def _kind(found: Any) -> str:
     """What a force depends on and what it is like, without numbers of the fit."""
-    parity = "odd" if found.odd > 1 - OTHER_PART else "even" if found.odd < OTHER_PART else "neither odd nor even"
+    parity = "odd" if found.odd > 1 - TENTH else "even" if found.odd < TENTH else "neither odd nor even"
     if Feature.JUMP in found.features:
         return f"Depends on v alone, {parity}, with a jump at v = 0: friction-like"
     if Feature.KINK in found.features:

@@ -74,21 +74,11 @@ class Record:
     """
 
     def __init__(
-        self,
-        force: Any = None,
-        acceleration: Any = None,
-        velocity: Any = None,
-        displacement: Any = None,
-        fs: float | None = None,
-        base_acceleration: Any = None,
-        base_displacement: Any = None,
-        covariates: Mapping[str, Any] | None = None,
-        name: str = "record",
-        *,
-        base_velocity: Any = None,
-        coordinates: str = "relative",
-        time: Any = None,
-    ) -> None:
+        self, force: Any = None, acceleration: Any = None, velocity: Any = None, displacement: Any = None,
+        fs: float | None = None, base_acceleration: Any = None, base_displacement: Any = None,
+        covariates: Mapping[str, Any] | None = None, name: str = "record", *, base_velocity: Any = None,
+        coordinates: str = "relative", time: Any = None,
+    ) -> None:  # fmt: skip
         if coordinates not in ("relative", "absolute"):
             raise ChannelError(
                 f"coordinates={coordinates!r} is unknown", "Choose 'relative' (to the base) or 'absolute'."

@@ -279,14 +279,9 @@ class JumpBias:
     """Gram matrices with and without the samples near velocity reversals."""
 
     def __init__(
-        self,
-        model: Any,
-        solve_order: Any,
-        known_masses: Any = None,
-        inner: Any = None,
-        silent: bool = False,
+        self, model: Any, solve_order: Any, known_masses: Any = None, inner: Any = None, silent: bool = False,
         layout: LawLayout | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.model, self.solve_order, self.known, self.inner = model, solve_order, dict(known_masses or {}), inner
         self.layout = layout or LawLayout(model.chain, model.laws)
         self.places = [] if silent else jumping_terms(self.layout)

@@ -252,15 +252,9 @@ class Plan:
 
 
 def plan(
-    chain: Chain,
-    *,
-    can_hit: Iterable[int] | None = None,
-    sensors: Iterable[int] | None = None,
-    unknown: Iterable[int] = (),
-    known_masses: Iterable[int] = (),
-    model: Any = None,
-    most: int = 2,
-) -> Plan:
+    chain: Chain, *, can_hit: Iterable[int] | None = None, sensors: Iterable[int] | None = None,
+    unknown: Iterable[int] = (), known_masses: Iterable[int] = (), model: Any = None, most: int = 2,
+) -> Plan:  # fmt: skip
     """Plan of floors to hit and sensors to add so that masses and laws can be identified.
 
     Parameters

@@ -63,14 +63,9 @@ class FittedChain:
         return from_arrays(X, y, coordinates=self.coordinates, dt=self.dt, **options)
 
     def predict(
-        self,
-        X: Any,
-        *,
-        record: Any = None,
-        time: Any = None,
-        base_acceleration: Any = None,
+        self, X: Any, *, record: Any = None, time: Any = None, base_acceleration: Any = None,
         covariates: Mapping[str, Any] | None = None,
-    ) -> np.ndarray:
+    ) -> np.ndarray:  # fmt: skip
         """Forces on the DOFs that the measured motion implies (left-hand sides of the balances), for data as in
         :meth:`fit`.
 
@@ -101,16 +96,9 @@ class FittedChain:
         return self.model_.restoring_force(data)
 
     def score(
-        self,
-        X: Any,
-        y: Any = None,
-        sample_weight: Any = None,
-        *,
-        record: Any = None,
-        time: Any = None,
-        base_acceleration: Any = None,
-        covariates: Mapping[str, Any] | None = None,
-    ) -> float:
+        self, X: Any, y: Any = None, sample_weight: Any = None, *, record: Any = None, time: Any = None,
+        base_acceleration: Any = None, covariates: Mapping[str, Any] | None = None,
+    ) -> float:  # fmt: skip
         """R^2 of the accelerations the model predicts, variance-weighted over the DOFs, on data as for :meth:`fit`.
 
         It is comparable under any excitation; ``scoring="r2"`` of scikit-learn uses the forces, which are

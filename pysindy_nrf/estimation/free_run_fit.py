@@ -84,13 +84,9 @@ class Shot:
 
 
 def output_error(
-    start: ChainModel,
-    data: SegmentSet,
-    layout: LawLayout,
-    known_masses: Mapping[int, float],
-    band: Any = None,
+    start: ChainModel, data: SegmentSet, layout: LawLayout, known_masses: Mapping[int, float], band: Any = None,
     halves: Sequence[ChainModel] | None = None,
-) -> OutputErrorResult:
+) -> OutputErrorResult:  # fmt: skip
     """Refine masses and coefficients on the free run."""
     shots = shots_of(data, layout.has_memory)
     if not shots:
@@ -170,14 +166,9 @@ class _FreeRunFit:
     """The shots, their noise, and least squares on them."""
 
     def __init__(
-        self,
-        start: ChainModel,
-        shots: Sequence[Shot],
-        layout: LawLayout,
-        known_masses: Mapping[int, float],
-        noise: NoiseModel,
-        band: Any,
-    ) -> None:
+        self, start: ChainModel, shots: Sequence[Shot], layout: LawLayout, known_masses: Mapping[int, float],
+        noise: NoiseModel, band: Any,
+    ) -> None:  # fmt: skip
         self.start, self.shots, self.layout, self.noise = start, shots, layout, noise
         self.theta, self.rebuild, self.columns = free_parameters(start, known_masses)
         self._decays: dict[tuple[int, float], np.ndarray] = {}

@@ -228,15 +228,9 @@ def least_squares_resolver(problem: Problem, solve_order: SolveOrder, data: Segm
 
 
 def parameter_intervals(
-    resolver: Resolver,
-    model: ChainModel,
-    level: float,
-    of: Any = "parameters",
-    method: str = "hac",
-    random_state: Any = None,
-    n_jobs: int | None = None,
-    data: SegmentSet | None = None,
-) -> pd.DataFrame:
+    resolver: Resolver, model: ChainModel, level: float, of: Any = "parameters", method: str = "hac",
+    random_state: Any = None, n_jobs: int | None = None, data: SegmentSet | None = None,
+) -> pd.DataFrame:  # fmt: skip
     """Confidence intervals of anything that follows from a model."""
     level = _share(level)
     if method not in METHODS:
@@ -265,15 +259,9 @@ def _forces_table(
 
 
 def force_intervals(
-    resolver: Resolver,
-    model: ChainModel,
-    site: Any,
-    v: Any,
-    s: Any,
-    level: float,
-    method: str = "hac",
+    resolver: Resolver, model: ChainModel, site: Any, v: Any, s: Any, level: float, method: str = "hac",
     random_state: Any = None,
-) -> pd.DataFrame:
+) -> pd.DataFrame:  # fmt: skip
     """Restoring force of a site at points (v, s) with its interval."""
     site = model.chain.site(site)
     rate, drift = (np.ravel(x).astype(float) for x in np.broadcast_arrays(np.asarray(v, float), np.asarray(s, float)))
@@ -301,14 +289,9 @@ def force_intervals(
 
 
 def _bounds(
-    resolver: Resolver,
-    statistic: Statistic,
-    estimate: np.ndarray,
-    level: float,
-    method: str,
-    random_state: Any,
+    resolver: Resolver, statistic: Statistic, estimate: np.ndarray, level: float, method: str, random_state: Any,
     n_jobs: int | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     if method == "bootstrap":
         draws = resolver.drawn(statistic, random_state, n_jobs=n_jobs)
         draws += estimate - statistic(resolver.at(np.ones(len(resolver.record)))).to_numpy(float)

@@ -92,13 +92,9 @@ def fits_one_step(model: ChainModel, dt: float) -> bool:
 
 
 def run_of(
-    model: ChainModel,
-    segment: Segment,
-    delay: int = 0,
-    limited: bool = False,
-    start: tuple | None = None,
+    model: ChainModel, segment: Segment, delay: int = 0, limited: bool = False, start: tuple | None = None,
     hold: str = "cubic",
-) -> Segment:
+) -> Segment:  # fmt: skip
     """Motion of a model under a record's forces, ``delay`` samples late, low-passed as the measured one if limited."""
     rows, dt = segment.valid, segment.step
     integrator = classical_run if fits_one_step(model, dt) else ChainModel.simulate

@@ -131,21 +131,12 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
     """
 
     def __init__(
-        self,
-        degree: Any = DEFAULT_DEGREE,
-        orders: Mapping[Any, Any] | None = None,
-        strategy: str = "auto",
-        optimizer: Any = None,
-        coordinates: str = "relative",
-        estimation: str = "ls",
-        laws: Mapping[Any, Any] | None = None,
-        known_masses: Mapping[int, float] | None = None,
-        band: tuple[float | None, float | None] | None = None,
-        dt: float | None = None,
-        chain: Chain | None = None,
-        constraints: Any = None,
-        massless: bool = False,
-    ) -> None:
+        self, degree: Any = DEFAULT_DEGREE, orders: Mapping[Any, Any] | None = None, strategy: str = "auto",
+        optimizer: Any = None, coordinates: str = "relative", estimation: str = "ls",
+        laws: Mapping[Any, Any] | None = None, known_masses: Mapping[int, float] | None = None,
+        band: tuple[float | None, float | None] | None = None, dt: float | None = None, chain: Chain | None = None,
+        constraints: Any = None, massless: bool = False,
+    ) -> None:  # fmt: skip
         self.degree = degree
         self.orders = orders
         self.strategy = strategy
@@ -161,16 +152,9 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         self.massless = massless
 
     def fit(
-        self,
-        X: Any,
-        y: Any = None,
-        *,
-        record: Any = None,
-        time: Any = None,
-        base_acceleration: Any = None,
-        covariates: Mapping[str, Any] | None = None,
-        state: Any = None,
-    ) -> NRFRegressor:
+        self, X: Any, y: Any = None, *, record: Any = None, time: Any = None, base_acceleration: Any = None,
+        covariates: Mapping[str, Any] | None = None, state: Any = None,
+    ) -> NRFRegressor:  # fmt: skip
         """Identify masses and restoring forces.
 
         Parameters
@@ -231,15 +215,9 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         return self
 
     def partial_fit(
-        self,
-        X: Any,
-        y: Any = None,
-        *,
-        record: Any = None,
-        time: Any = None,
-        base_acceleration: Any = None,
+        self, X: Any, y: Any = None, *, record: Any = None, time: Any = None, base_acceleration: Any = None,
         covariates: Mapping[str, Any] | None = None,
-    ) -> NRFRegressor:
+    ) -> NRFRegressor:  # fmt: skip
         """Add records, given as for :meth:`fit`, to those of earlier calls and solve again; ``fit`` starts anew."""
         return partial_fit(self, X, y, record, time, base_acceleration, covariates)
 

@@ -152,13 +152,9 @@ class Chain:
         return Chain(self.n_dof, (*self.links, *new), self.ground)
 
     def identifiability(
-        self,
-        forced: Iterable[int] = (),
-        *,
-        unknown: Iterable[int] = (),
-        known_masses: Iterable[int] = (),
+        self, forced: Iterable[int] = (), *, unknown: Iterable[int] = (), known_masses: Iterable[int] = (),
         strategy: str = "auto",
-    ) -> SolveOrder:
+    ) -> SolveOrder:  # fmt: skip
         """Masses and laws that an excitation can identify, from the topology alone.
 
         Parameters

@@ -84,13 +84,9 @@ def _at(acting: tuple[Site, ...], dof: int) -> tuple[Site, ...]:
 
 
 def plan_solve_order(
-    chain: Topology,
-    forced: Iterable[int] = (),
-    unknown: Iterable[int] = (),
-    known_masses: Iterable[int] = (),
-    strategy: str = "auto",
-    sites: Iterable[Site] | None = None,
-) -> SolveOrder:
+    chain: Topology, forced: Iterable[int] = (), unknown: Iterable[int] = (), known_masses: Iterable[int] = (),
+    strategy: str = "auto", sites: Iterable[Site] | None = None,
+) -> SolveOrder:  # fmt: skip
     """Order of the solve of a chain (paper eqs. 3-5) for the forces and masses that are known."""
     if strategy not in STRATEGIES:
         raise ChainError(f"strategy={strategy!r} is unknown", f"Choose one of {', '.join(STRATEGIES)}.")

@@ -77,16 +77,9 @@ class ChangeReport:
 
 
 def compare_tests(
-    estimator: Any,
-    before: Any,
-    after: Any,
-    *,
-    level: float = 0.01,
-    least: float = 1.0,
-    n_blocks: int = 20,
-    same_masses: bool = True,
-    options: Any = None,
-) -> ChangeReport:
+    estimator: Any, before: Any, after: Any, *, level: float = 0.01, least: float = 1.0, n_blocks: int = 20,
+    same_masses: bool = True, options: Any = None,
+) -> ChangeReport:  # fmt: skip
     """Compare two tests of one structure, e.g. before and after an earthquake.
 
     Both are identified with the laws of the same regressor, by least squares. Standard errors come from leaving
@@ -223,15 +216,9 @@ _PARTS = 10
 
 
 def track(
-    estimator: Any,
-    X: Any,
-    F: Any = None,
-    *,
-    window: float = 2.0,
-    step: float = 0.25,
-    masses: Any = "fitted",
+    estimator: Any, X: Any, F: Any = None, *, window: float = 2.0, step: float = 0.25, masses: Any = "fitted",
     **options: Any,
-) -> pd.DataFrame:
+) -> pd.DataFrame:  # fmt: skip
     """Stiffness and damping of every storey over time.
 
     The samples are read once into Gram matrices of pieces of ``step`` seconds; every window is a sum of them.
@@ -310,16 +297,9 @@ class Onset:
 
 
 def find_onset(
-    estimator: Any,
-    X: Any,
-    F: Any = None,
-    *,
-    step: float = 0.1,
-    margin: float = 1.0,
-    masses: Any = "fitted",
-    level: float = 0.01,
-    **options: Any,
-) -> Onset:
+    estimator: Any, X: Any, F: Any = None, *, step: float = 0.1, margin: float = 1.0, masses: Any = "fitted",
+    level: float = 0.01, **options: Any,
+) -> Onset:  # fmt: skip
     """The moment at which a storey's stiffness changed during one record; estimator and masses as for :func:`track`.
 
     Every boundary of pieces of ``step`` seconds is tried: coefficients before and after it are
@@ -385,13 +365,9 @@ def find_onset(
     found = p < level
     curve = pd.DataFrame({"t": times, "gain": 100 * (1 - costs / (pieces.n_samples.sum() * len(scale)))})
     return Onset(
-        float(times[best]) if found else float("nan"),
-        names[where] if found else None,
-        float(table["change"].iloc[where]) if found else float("nan"),
-        p,
-        curve,
-        table,
-    )
+        float(times[best]) if found else float("nan"), names[where] if found else None,
+        float(table["change"].iloc[where]) if found else float("nan"), p, curve, table,
+    )  # fmt: skip
 
 
 def _scatter(resolver: Resolver, index: int) -> np.ndarray:

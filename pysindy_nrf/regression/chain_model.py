@@ -66,13 +66,9 @@ class ChainModel:
     """
 
     def __init__(
-        self,
-        masses: Any,
-        laws: Mapping[Any, ForceLaw | Sequence[ForceLaw]],
-        chain: Chain | None = None,
-        visited: Mapping[Any, VisitedRegion] | None = None,
-        info: Mapping[str, Any] | None = None,
-    ) -> None:
+        self, masses: Any, laws: Mapping[Any, ForceLaw | Sequence[ForceLaw]], chain: Chain | None = None,
+        visited: Mapping[Any, VisitedRegion] | None = None, info: Mapping[str, Any] | None = None,
+    ) -> None:  # fmt: skip
         try:
             self.masses = np.array(masses, dtype=float, ndmin=1)
         except (TypeError, ValueError):
@@ -408,14 +404,11 @@ class ChainModel:
         dict
         """
         return {
-            "schema": SCHEMA,
-            "version": VERSION,
-            "chain": self.chain.to_dict(),
+            "schema": SCHEMA, "version": VERSION, "chain": self.chain.to_dict(),
             "masses": [float(m) for m in self.masses],
             "laws": {str(s): [law.to_dict() for law in held] for s, held in self.laws.items() if held},
-            "visited": {str(s): region.to_dict() for s, region in self.visited.items()},
-            "info": self.info,
-        }
+            "visited": {str(s): region.to_dict() for s, region in self.visited.items()}, "info": self.info,
+        }  # fmt: skip
 
     def to_json(self, path: Any = None, indent: int = 2) -> str:
         """The model as JSON; every number survives to the last bit.

@@ -132,12 +132,9 @@ def doubtful_masses(solution: Solution) -> list[str]:
 
 
 def solve_blocks(
-    layout: Layout,
-    solve_order: SolveOrder,
-    blocks: Callable[[], Iterable[Block]],
-    known_masses: Mapping[int, float] | None = None,
-    inner: Any = None,
-) -> tuple[Solution, BlockGrams]:
+    layout: Layout, solve_order: SolveOrder, blocks: Callable[[], Iterable[Block]],
+    known_masses: Mapping[int, float] | None = None, inner: Any = None,
+) -> tuple[Solution, BlockGrams]:  # fmt: skip
     """Sum up the samples and solve; where squaring loses digits, sum them up once more by QR."""
     groups, known = groups_of(layout, solve_order), dict(known_masses or {})
     grams = total_gram(layout, groups, blocks(), known)
@@ -149,11 +146,8 @@ def solve_blocks(
 
 
 def solved_safely(
-    grams: BlockGrams,
-    solve_order: SolveOrder,
-    known_masses: Mapping[int, float] | None = None,
-    inner: Any = None,
-) -> Solution | None:
+    grams: BlockGrams, solve_order: SolveOrder, known_masses: Mapping[int, float] | None = None, inner: Any = None,
+) -> Solution | None:  # fmt: skip
     """Solution of Gram matrices, or None where squaring may have lost digits that the data hold."""
     try:
         with warnings.catch_warnings():
@@ -165,11 +159,8 @@ def solved_safely(
 
 
 def solve(
-    grams: BlockGrams,
-    solve_order: SolveOrder,
-    known_masses: Mapping[int, float] | None = None,
-    inner: Any = None,
-) -> Solution:
+    grams: BlockGrams, solve_order: SolveOrder, known_masses: Mapping[int, float] | None = None, inner: Any = None,
+) -> Solution:  # fmt: skip
     """Find masses and coefficients from the Gram matrices of the balances."""
     known = {int(j): float(m) for j, m in dict(known_masses or {}).items()}
     solution = Solution(masses=dict(known))

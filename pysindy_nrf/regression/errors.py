@@ -136,28 +136,18 @@ def nrmse(measured: Any, found: Any) -> float:
 
 
 def free_run_of(
-    model: ChainModel,
-    segment: Segment,
-    rows: slice | None = None,
-    dt: float | None = None,
-    start: tuple[np.ndarray, np.ndarray] | None = None,
-    integrator: Callable[..., Record] = ChainModel.simulate,
+    model: ChainModel, segment: Segment, rows: slice | None = None, dt: float | None = None,
+    start: tuple[np.ndarray, np.ndarray] | None = None, integrator: Callable[..., Record] = ChainModel.simulate,
     **options: Any,
-) -> Record:
+) -> Record:  # fmt: skip
     """The model alone under the forces and base motion of some rows, from their first state."""
     rows = segment.valid if rows is None else rows
     x0, v0 = start or (np.cumsum(y[rows.start].astype(float)) for y in (segment.s, segment.v))
     return integrator(
-        model,
-        segment.F[rows],
-        segment.step if dt is None else dt,
-        x0=x0,
-        v0=v0,
-        t0=segment.time_at(rows.start),
+        model, segment.F[rows], segment.step if dt is None else dt, x0=x0, v0=v0, t0=segment.time_at(rows.start),
         base_acceleration=None if segment.ag is None else segment.ag[rows],
-        covariates={k: c[rows] for k, c in segment.covariates.items()} or None,
-        **options,
-    )
+        covariates={k: c[rows] for k, c in segment.covariates.items()} or None, **options,
+    )  # fmt: skip
 
 
 def squares_of(run: Record, segment: Segment, rows: slice, filter: Any = None) -> tuple[np.ndarray, np.ndarray]:

@@ -79,13 +79,9 @@ class ForceLawLibrary(BaseFeatureLibrary):
     dt: float | None = None
 
     def __init__(
-        self,
-        laws: Any = None,
-        chain: Chain | None = None,
-        inputs: str = "balance",
-        dt: float | None = None,
+        self, laws: Any = None, chain: Chain | None = None, inputs: str = "balance", dt: float | None = None,
         forced: int | Sequence[int] | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.laws = laws
         self.chain = chain
         self.inputs = inputs
@@ -357,13 +353,9 @@ class InterstoryPolynomialLibrary(ForceLawLibrary):
     """
 
     def __init__(
-        self,
-        degree: Any = 3,
-        chain: Chain | None = None,
-        orders: Mapping[Any, Any] | None = None,
-        inputs: str = "balance",
-        forced: int | Sequence[int] | None = None,
-    ) -> None:
+        self, degree: Any = 3, chain: Chain | None = None, orders: Mapping[Any, Any] | None = None,
+        inputs: str = "balance", forced: int | Sequence[int] | None = None,
+    ) -> None:  # fmt: skip
         self.degree = degree
         self.chain = chain
         self.orders = orders

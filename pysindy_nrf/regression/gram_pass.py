@@ -26,13 +26,9 @@ _LOST = 3e-8
 
 
 def total_gram(
-    layout: Layout,
-    groups: Sequence[Group],
-    blocks: Iterable[Block],
-    known_masses: Mapping[int, float] | None = None,
-    kind: str = "gram",
-    guess: Mapping[Dofs, np.ndarray] | None = None,
-) -> BlockGrams:
+    layout: Layout, groups: Sequence[Group], blocks: Iterable[Block], known_masses: Mapping[int, float] | None = None,
+    kind: str = "gram", guess: Mapping[Dofs, np.ndarray] | None = None,
+) -> BlockGrams:  # fmt: skip
     """Gram matrices of all samples of some blocks; ``kind`` and ``guess`` as for :class:`GramPass`."""
     return GramPass(layout, groups, known_masses, kind, guess).add_each((0, block) for block in blocks).total()
 
@@ -41,14 +37,9 @@ class GramPass:
     """Running sums of the products of the columns; "root" keeps all digits (CholeskyQR2: Yamamoto, ETNA 44, 2015)."""
 
     def __init__(
-        self,
-        layout: Layout,
-        groups: Sequence[Group],
-        known_masses: Mapping[int, float] | None = None,
-        kind: str = "gram",
-        guess: Mapping[Dofs, np.ndarray] | None = None,
-        n_blocks: int = 0,
-    ) -> None:
+        self, layout: Layout, groups: Sequence[Group], known_masses: Mapping[int, float] | None = None,
+        kind: str = "gram", guess: Mapping[Dofs, np.ndarray] | None = None, n_blocks: int = 0,
+    ) -> None:  # fmt: skip
         self.layout, self.groups, self.kind = layout, {g.dofs: g for g in groups}, kind
         self.known_masses, self.guess = dict(known_masses or {}), dict(guess or {})
         self.counts: list[int] = []  # samples of each number
@@ -228,16 +219,10 @@ def _shares(blocks: Iterable[tuple[int, Block]]) -> Iterator[tuple[int, list[Blo
 
 
 def pieces_of(
-    data: SegmentSet,
-    layout: LawLayout,
-    groups: Sequence[Group],
-    filters: Sequence[Any],
-    known_masses: Mapping[int, float],
-    runs: Sequence[Segment | None] | None = None,
-    n_pieces: int = N_PIECES,
-    whiteners: Mapping[tuple[int, ...], Any] | None = None,
-    edges: Sequence[np.ndarray] | None = None,
-) -> BlockGrams:
+    data: SegmentSet, layout: LawLayout, groups: Sequence[Group], filters: Sequence[Any],
+    known_masses: Mapping[int, float], runs: Sequence[Segment | None] | None = None, n_pieces: int = N_PIECES,
+    whiteners: Mapping[tuple[int, ...], Any] | None = None, edges: Sequence[np.ndarray] | None = None,
+) -> BlockGrams:  # fmt: skip
     """Gram matrices of consecutive pieces of the data."""
     chosen = [i for i in range(len(data.segments)) if runs is None or runs[i] is not None]
     known = {int(j): float(m) for j, m in known_masses.items()}

@@ -58,12 +58,9 @@ class BlockGrams:
         """Some of the blocks, or a single one."""
         record = None if self.record is None or np.ndim(self.record[which]) == 0 else self.record[which]
         return replace(
-            self,
-            matrices={dofs: x[which] for dofs, x in self.matrices.items()},
-            sizes={dofs: n[which] for dofs, n in self.sizes.items()},
-            n_samples=self.n_samples[which],
-            record=record,
-        )
+            self, matrices={dofs: x[which] for dofs, x in self.matrices.items()},
+            sizes={dofs: n[which] for dofs, n in self.sizes.items()}, n_samples=self.n_samples[which], record=record,
+        )  # fmt: skip
 
     def positions(self, dofs: Dofs) -> tuple[dict[Site, slice], int | None, int]:
         """Where the columns of a balance stand: slice of each site, mass column (or None), target column."""
@@ -175,12 +172,9 @@ class BlockGrams:
 
     @classmethod
     def from_shared(
-        cls,
-        layout: Layout,
-        groups: Sequence[Group],
-        gram: Callable[[Dofs], tuple[np.ndarray, Any]],
+        cls, layout: Layout, groups: Sequence[Group], gram: Callable[[Dofs], tuple[np.ndarray, Any]],
         known_masses: Mapping[int, float] | None = None,
-    ) -> BlockGrams:
+    ) -> BlockGrams:  # fmt: skip
         """Balances cut out of Gram matrices of all columns ``[terms | a_1..a_n | F_1..F_n]``."""
         k, n, known = layout.n_terms, layout.n_dof, dict(known_masses or {})
         matrices: dict[Dofs, np.ndarray] = {}
@@ -226,12 +220,9 @@ class BlockGrams:
 
     @classmethod
     def from_arrays(
-        cls,
-        arrays: Mapping[str, np.ndarray],
-        layout: Layout,
-        groups: Iterable[Group],
+        cls, arrays: Mapping[str, np.ndarray], layout: Layout, groups: Iterable[Group],
         known_masses: Mapping[int, float] | None = None,
-    ) -> BlockGrams:
+    ) -> BlockGrams:  # fmt: skip
         """What :meth:`to_arrays` wrote, of the same layout and balances."""
         held = {g.dofs: g for g in groups}
         names = {dofs: "-".join(map(str, dofs)) for dofs in held}

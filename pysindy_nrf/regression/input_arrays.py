@@ -42,20 +42,10 @@ def one_by_one(X: Any) -> dict[str, Any]:
 
 
 def from_arrays(
-    X: Any,
-    F: Any = None,
-    *,
-    record: Any = None,
-    time: Any = None,
-    base_acceleration: Any = None,
-    covariates: Mapping[str, Any] | None = None,
-    coordinates: str = "relative",
-    dt: float | None = None,
-    n_dof: int | None = None,
-    has_memory: bool = False,
-    smooth: Any = True,
-    every_row: bool = False,
-) -> SegmentSet:
+    X: Any, F: Any = None, *, record: Any = None, time: Any = None, base_acceleration: Any = None,
+    covariates: Mapping[str, Any] | None = None, coordinates: str = "relative", dt: float | None = None,
+    n_dof: int | None = None, has_memory: bool = False, smooth: Any = True, every_row: bool = False,
+) -> SegmentSet:  # fmt: skip
     """Check what the user passed and cut it into contiguous records."""
     if isinstance(X, SegmentSet):
         return X
@@ -122,19 +112,11 @@ def from_arrays(
     segments = []
     for name, rows in pieces:
         segment = Segment(
-            name,
-            rows,
-            a[rows],
-            v[rows],
-            s[rows],
-            force[rows],
-            _clock(seconds, rows, dt),
-            None if ag is None else ag[rows],
-            {k: c[rows] for k, c in extra.items()},
-            resolved=getattr(X, "attrs", {}).get("resolved"),
-            band=getattr(X, "attrs", {}).get("band"),
+            name, rows, a[rows], v[rows], s[rows], force[rows], _clock(seconds, rows, dt),
+            None if ag is None else ag[rows], {k: c[rows] for k, c in extra.items()},
+            resolved=getattr(X, "attrs", {}).get("resolved"), band=getattr(X, "attrs", {}).get("band"),
             doubts=tuple(getattr(X, "attrs", {}).get("doubts", ())),
-        )
+        )  # fmt: skip
         segments.append(_trimmed(_base_in_band(segment), names, x[rows] if coordinates == "relative" else None))
     if has_memory:
         for segment in segments:
@@ -156,19 +138,10 @@ def _from_records(records: Sequence[Record], beside: Sequence[str], n_dof: int |
         n, values = rec.n_dof, x.to_numpy()
         ag = base_acceleration_if_any(rec)
         segment = Segment(
-            rec.name,
-            slice(at, at + len(x)),
-            values[:, :n],
-            values[:, n : 2 * n],
-            values[:, 2 * n :],
-            force.to_numpy(),
-            rec.time,
-            ag,
-            dict(rec.covariates),
-            resolved=x.attrs.get("resolved"),
-            band=x.attrs.get("band"),
+            rec.name, slice(at, at + len(x)), values[:, :n], values[:, n : 2 * n], values[:, 2 * n :], force.to_numpy(),
+            rec.time, ag, dict(rec.covariates), resolved=x.attrs.get("resolved"), band=x.attrs.get("band"),
             doubts=tuple(x.attrs.get("doubts", ())),
-        )
+        )  # fmt: skip
         segments.append(_trimmed(_base_in_band(segment), feature_names(n)))
         at += len(x)
     return SegmentSet(segments, at)

@@ -266,14 +266,9 @@ class Block:
     """Some consecutive samples of one record, one row for each column; NaN for a DOF whose force is unknown."""
 
     def __init__(
-        self,
-        terms: np.ndarray | None,
-        acceleration: np.ndarray,
-        force: np.ndarray,
-        source: np.ndarray | None = None,
-        recipe: Recipe | None = None,
-        n_terms: int = 0,
-    ) -> None:
+        self, terms: np.ndarray | None, acceleration: np.ndarray, force: np.ndarray, source: np.ndarray | None = None,
+        recipe: Recipe | None = None, n_terms: int = 0,
+    ) -> None:  # fmt: skip
         # arrays may be views of the user's own; without finished columns, source and recipe say how they follow
         self._terms, self.acceleration, self.force = terms, acceleration, force
         self.source, self.recipe, self.n_terms = source, recipe, n_terms

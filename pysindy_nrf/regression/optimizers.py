@@ -28,14 +28,10 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
     max_iter, copy_X, initial_guess = 1, True, None
 
     def __init__(
-        self,
-        optimizer: Any = None,
-        chain: Chain | None = None,
-        strategy: str = "auto",
-        excited: Iterable[int] | None = None,
-        terms: Sequence[int] | None = None,
+        self, optimizer: Any = None, chain: Chain | None = None, strategy: str = "auto",
+        excited: Iterable[int] | None = None, terms: Sequence[int] | None = None,
         known_masses: Mapping[int, float] | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.optimizer = optimizer
         self.chain = chain
         self.strategy = strategy

@@ -64,12 +64,9 @@ class RestoringForce:
             return np.ascontiguousarray(np.broadcast_to(np.asarray(line, dtype=float), shape)).ravel()
 
         motion = Motion(
-            drift.ravel().copy(),
-            rate.ravel().copy(),
-            None,
-            None if t is None else flat(t),
+            drift.ravel().copy(), rate.ravel().copy(), None, None if t is None else flat(t),
             {k: flat(c) for k, c in dict(covariates or {}).items()},
-        )
+        )  # fmt: skip
         return self.along(motion).reshape(shape)
 
     def along(self, motion: Motion) -> np.ndarray:

@@ -257,12 +257,9 @@ class Segment:
         else:
             below = 0.0 if self.ag is None or site.kind == "dof" else self.ag[rows]
         return Motion(
-            along(self.s),
-            along(self.v),
-            top - below,
-            None if self.t is None else self.t[rows],
+            along(self.s), along(self.v), top - below, None if self.t is None else self.t[rows],
             {k: c[rows] for k, c in self.covariates.items()},
-        )
+        )  # fmt: skip
 
     def blocks(
         self, layout: LawLayout, size: int | None = None, filter: Any = None, states: dict | None = None

@@ -27,12 +27,9 @@ Solve = Callable[[LawLayout], tuple[Any, Any]]
 
 
 def estimate_shapes(
-    layout: LawLayout,
-    scales: Mapping[Site, Scales],
-    solve: Solve,
-    data: SegmentSet | None = None,
+    layout: LawLayout, scales: Mapping[Site, Scales], solve: Solve, data: SegmentSet | None = None,
     filters: Sequence[Any] = (),
-) -> LawLayout:
+) -> LawLayout:  # fmt: skip
     """Values for every shape parameter that has none."""
     fastest = np.inf if data is None else half_the_rate(data.segments)
     search = _Search(layout, scales, solve, fastest)
@@ -236,15 +233,9 @@ def hidden_lines(
 
 
 def balance_lines(
-    rows: np.ndarray,
-    layout: Layout,
-    solution: Solution,
-    dof: int,
-    dt: float,
-    scaled: bool,
-    weighed: bool,
+    rows: np.ndarray, layout: Layout, solution: Solution, dof: int, dt: float, scaled: bool, weighed: bool,
     driven: float = float("nan"),
-) -> list[float]:
+) -> list[float]:  # fmt: skip
     """Frequencies at which a force may be missing from one balance, Hz: lines of its residual, and hidden ones."""
     a, force = rows[layout.n_terms + dof - 1], rows[layout.n_terms + layout.n_dof + dof - 1]
     left = solution.masses[dof] * a - force

@@ -7,11 +7,8 @@
 from ..common.lazy import public_names
 
 _NAMES = {
-    "BlockedTimeSplit": "splitters",
-    "RecordSplit": "splitters",
-    "one_standard_error": "one_se_rule",
-    "select_order": "selection",
-    "select_sparsity": "sparsity",
-}
+    "BlockedTimeSplit": "splitters", "RecordSplit": "splitters", "one_standard_error": "one_se_rule",
+    "select_order": "selection", "select_sparsity": "sparsity",
+}  # fmt: skip
 __all__ = [*_NAMES]
 __getattr__, __dir__ = public_names(__name__, _NAMES)

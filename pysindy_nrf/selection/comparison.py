@@ -327,18 +327,10 @@ class Comparison:
 
 
 def compare(
-    X: Any,
-    F: Any = None,
-    dt: float | None = None,
-    *,
-    truth: ChainModel | None = None,
-    degree: int = 3,
-    optimizers: Mapping[str, Any] | str | None = None,
-    heldout: float = 0.3,
-    free_run: int = 500,
-    time_limit: float = 10.0,
-    coordinates: str = "relative",
-) -> Comparison:
+    X: Any, F: Any = None, dt: float | None = None, *, truth: ChainModel | None = None, degree: int = 3,
+    optimizers: Mapping[str, Any] | str | None = None, heldout: float = 0.3, free_run: int = 500,
+    time_limit: float = 10.0, coordinates: str = "relative",
+) -> Comparison:  # fmt: skip
     """:func:`compare_with_sindy`, and what each model makes of every storey.
 
     Returns
@@ -397,18 +389,10 @@ def compare(
 
 
 def compare_with_sindy(
-    X: Any,
-    F: Any = None,
-    dt: float | None = None,
-    *,
-    truth: ChainModel | None = None,
-    degree: int = 3,
-    optimizers: Mapping[str, Any] | str | None = None,
-    heldout: float = 0.3,
-    free_run: int = 500,
-    time_limit: float = 10.0,
-    coordinates: str = "relative",
-) -> pd.DataFrame:
+    X: Any, F: Any = None, dt: float | None = None, *, truth: ChainModel | None = None, degree: int = 3,
+    optimizers: Mapping[str, Any] | str | None = None, heldout: float = 0.3, free_run: int = 500,
+    time_limit: float = 10.0, coordinates: str = "relative",
+) -> pd.DataFrame:  # fmt: skip
     """Fit plain SINDy and this package to the first part of a record and judge them on the rest.
 
     Parameters
@@ -525,18 +509,11 @@ def row_of(
     run, note = _free_run(entry, rest.part(slice(0, max(2, free_run))), time_limit)
     gap, found = entry.third_law(ruler.model.masses)
     return [
-        entry.terms,
-        precision,
-        recall,
+        entry.terms, precision, recall,
         float(np.max(np.abs(100 * (masses / ruler.model.masses - 1)))) if ruler.known else np.nan,
-        ruler.force_error(R) if ruler.known else np.nan,
-        ruler.balance_error(handed, a_hat, rest),
-        run,
-        gap,
-        found,
-        seconds,
-        "; ".join(filter(None, (entry.note, note))),
-    ], R
+        ruler.force_error(R) if ruler.known else np.nan, ruler.balance_error(handed, a_hat, rest), run, gap, found,
+        seconds, "; ".join(filter(None, (entry.note, note))),
+    ], R  # fmt: skip
 
 
 def _free_run(entry: Any, rest: Part, time_limit: float) -> tuple[float, str]:

@@ -172,17 +172,10 @@ class FoldMoments:
     """Gram matrices of the pieces into which the folds cut the data, of all orders that will be asked for."""
 
     def __init__(
-        self,
-        chain: Chain,
-        laws: Mapping[Site, Sequence[ForceLaw]],
-        orders: Mapping[Site, Iterable[Any]],
-        data: SegmentSet,
-        folds: Sequence[tuple[np.ndarray, np.ndarray]],
-        filters: Sequence[Any],
-        known_masses: Mapping[int, float],
-        strategy: str,
-        inner: Any = None,
-    ) -> None:
+        self, chain: Chain, laws: Mapping[Site, Sequence[ForceLaw]], orders: Mapping[Site, Iterable[Any]],
+        data: SegmentSet, folds: Sequence[tuple[np.ndarray, np.ndarray]], filters: Sequence[Any],
+        known_masses: Mapping[int, float], strategy: str, inner: Any = None,
+    ) -> None:  # fmt: skip
         self.chain, self.laws = chain, {s: tuple(held) for s, held in laws.items()}
         self.data, self.filters, self.inner = data, filters, inner
         self.known_masses, self.strategy = dict(known_masses), strategy

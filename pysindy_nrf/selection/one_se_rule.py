@@ -24,13 +24,10 @@ FLOOR = 2e-4
 
 
 def one_standard_error(
-    results: Mapping[str, Any],
-    *,
-    metric: str = "score",
-    complexity: Callable[[Mapping[str, Any]], float] | Sequence[float] | None = None,
-    min_gain: float = MIN_GAIN,
+    results: Mapping[str, Any], *, metric: str = "score",
+    complexity: Callable[[Mapping[str, Any]], float] | Sequence[float] | None = None, min_gain: float = MIN_GAIN,
     floor: float = FLOOR,
-) -> int:
+) -> int:  # fmt: skip
     r"""The one-standard-error rule, as ``GridSearchCV(refit=one_standard_error)`` takes it.
 
     Chosen is the simplest candidate whose mean held-out error :math:`\bar e` is within one standard error, over the
@@ -102,12 +99,9 @@ def errors_of(scores: np.ndarray) -> np.ndarray:
 
 
 def choose(
-    errors: np.ndarray,
-    complexity: Sequence[Any],
-    min_gain: float = MIN_GAIN,
-    floor: float = FLOOR,
+    errors: np.ndarray, complexity: Sequence[Any], min_gain: float = MIN_GAIN, floor: float = FLOOR,
     paired: bool = False,
-) -> int:
+) -> int:  # fmt: skip
     """The rule on errors; see :func:`one_standard_error`."""
     errors = np.maximum(errors, floor)
     mean = errors.mean(axis=1)

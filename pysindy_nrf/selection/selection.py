@@ -118,21 +118,12 @@ class OrderSelection:
 
 
 def select_order(
-    X: Any,
-    F: Any = None,
-    *,
-    degrees: Iterable[int] | None = range(1, 8),
-    boxes: Iterable[tuple[int, int]] | None = None,
-    cv: Any = 5,
-    rule: str | Callable[[Mapping[str, Any]], int] = "one_standard_error",
-    scoring: str = "balance",
-    free_run: bool = False,
-    record: Any = None,
-    time: Any = None,
-    base_acceleration: Any = None,
-    covariates: Any = None,
+    X: Any, F: Any = None, *, degrees: Iterable[int] | None = range(1, 8),
+    boxes: Iterable[tuple[int, int]] | None = None, cv: Any = 5,
+    rule: str | Callable[[Mapping[str, Any]], int] = "one_standard_error", scoring: str = "balance",
+    free_run: bool = False, record: Any = None, time: Any = None, base_acceleration: Any = None, covariates: Any = None,
     **regressor_params: Any,
-) -> OrderSelection:
+) -> OrderSelection:  # fmt: skip
     """Choose the order of the power series by held-out error, at the cost of about one fit.
 
     The samples are read once, into Gram matrices of the pieces that the folds cut; every order on every fold is then

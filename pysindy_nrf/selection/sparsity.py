@@ -214,17 +214,10 @@ class SparsitySelection:
     """
 
     def __init__(
-        self,
-        table: pd.DataFrame,
-        fold_errors: pd.DataFrame,
-        terms: pd.DataFrame,
-        inclusion: pd.DataFrame,
-        supports: Mapping[Any, list[tuple[str, str]]],
-        candidates: Mapping[Any, Any],
-        estimator: Any,
-        order: Order,
+        self, table: pd.DataFrame, fold_errors: pd.DataFrame, terms: pd.DataFrame, inclusion: pd.DataFrame,
+        supports: Mapping[Any, list[tuple[str, str]]], candidates: Mapping[Any, Any], estimator: Any, order: Order,
         held: FoldMoments,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.table, self.fold_errors, self.terms, self.inclusion = table, fold_errors, terms, inclusion
         self._candidates, self._estimator, self._order, self._held = candidates, estimator, order, held
         self._supports = supports
@@ -271,20 +264,10 @@ def default_paths() -> dict[str, list[Any]]:
 
 
 def select_sparsity(
-    X: Any,
-    F: Any = None,
-    *,
-    paths: Mapping[str, Sequence[Any]] | Iterable[str] | None = None,
-    degree: Any = 3,
-    cv: Any = 6,
-    prune: bool = True,
-    random_state: Any = 0,
-    record: Any = None,
-    time: Any = None,
-    base_acceleration: Any = None,
-    covariates: Any = None,
-    **regressor_params: Any,
-) -> SparsitySelection:
+    X: Any, F: Any = None, *, paths: Mapping[str, Sequence[Any]] | Iterable[str] | None = None, degree: Any = 3,
+    cv: Any = 6, prune: bool = True, random_state: Any = 0, record: Any = None, time: Any = None,
+    base_acceleration: Any = None, covariates: Any = None, **regressor_params: Any,
+) -> SparsitySelection:  # fmt: skip
     """Choose the threshold of every sparse optimizer by held-out balance error, from one pass over the samples.
 
     For each setting the terms are chosen and fitted on the training side of every fold and judged on its

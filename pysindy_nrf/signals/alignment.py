@@ -268,14 +268,9 @@ DELAY, GAIN = 0.05, 0.02  # samples, and share of one, from which on a channel i
 
 
 def against(
-    record: Record,
-    base: np.ndarray | None,
-    one: tuple[str, np.ndarray],
-    other: tuple[str, np.ndarray],
-    j: int,
-    band: Any,
-    runs: Sequence[slice] | None,
-) -> list[Any]:
+    record: Record, base: np.ndarray | None, one: tuple[str, np.ndarray], other: tuple[str, np.ndarray], j: int,
+    band: Any, runs: Sequence[slice] | None,
+) -> list[Any]:  # fmt: skip
     """One row of the table: the second channel against the first, in the frame of reference the record claims."""
     order = ORDER[other[0]] - ORDER[one[0]]
     names = f"{one[0]}{j}", f"{other[0]}{j}"
@@ -398,15 +393,9 @@ def _mean(product: np.ndarray) -> np.ndarray:
 
 
 def _compare(
-    first: np.ndarray,
-    second: np.ndarray,
-    order: int,
-    fs: float,
-    band: Any,
-    one: str,
-    other: str,
+    first: np.ndarray, second: np.ndarray, order: int, fs: float, band: Any, one: str, other: str,
     runs: Sequence[slice] | None,
-) -> list[Any]:
+) -> list[Any]:  # fmt: skip
     """Fit gain, sign and delay of the second channel against derivatives of the first."""
     lines = _whole(first, second, order, fs) if runs is None else _in_runs(first, second, order, fs, runs)
     f, cross, own, theirs, size, slowest, length = lines

@@ -115,13 +115,9 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
     _names_out: list[str]
 
     def __init__(
-        self,
-        fs: float | None = None,
-        noise: Any = "estimate",
-        band: Band | str = None,
-        joint: bool = True,
+        self, fs: float | None = None, noise: Any = "estimate", band: Band | str = None, joint: bool = True,
         channels: Any = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.fs = fs
         self.noise = noise
         self.band = band

@@ -42,20 +42,10 @@ class FreeRun:
 
 
 def simulate(
-    model: Any,
-    F: Any,
-    dt: float,
-    *,
-    method: str = "default",
-    x0: Any = None,
-    v0: Any = None,
-    base_acceleration: Any = None,
-    covariates: Mapping[str, Any] | None = None,
-    hold: str = "linear",
-    rtol: float = 1e-10,
-    t0: float = 0.0,
-    name: str = "simulation",
-) -> Record:
+    model: Any, F: Any, dt: float, *, method: str = "default", x0: Any = None, v0: Any = None,
+    base_acceleration: Any = None, covariates: Mapping[str, Any] | None = None, hold: str = "linear",
+    rtol: float = 1e-10, t0: float = 0.0, name: str = "simulation",
+) -> Record:  # fmt: skip
     r"""Free run of a chain model under sampled forces.
 
     .. math:: m_j a_j + R_j - R_{j+1} = F_j
@@ -164,15 +154,10 @@ class _Run:
         """The motion as a Record."""
         n = len(self.masses)
         record = Record(
-            force=self.samples[:, :n].copy(),
-            acceleration=self.out.a,
-            velocity=self.out.v,
-            displacement=self.out.x,
-            fs=1.0 / self.dt,
-            base_acceleration=self.samples[:, n].copy() if self.base_moves else None,
-            covariates=self.covariates,
-            name=name,
-        )
+            force=self.samples[:, :n].copy(), acceleration=self.out.a, velocity=self.out.v, displacement=self.out.x,
+            fs=1.0 / self.dt, base_acceleration=self.samples[:, n].copy() if self.base_moves else None,
+            covariates=self.covariates, name=name,
+        )  # fmt: skip
         record.t0 = self.t0
         return record
 

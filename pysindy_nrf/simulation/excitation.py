@@ -19,17 +19,9 @@ from ..exceptions import ChainError, ChannelError
 
 
 def impact_hammer(
-    n_dof: int,
-    duration: float,
-    fs: float,
-    *,
-    dofs: int | Iterable[int],
-    level: float | Iterable[float],
-    n_hits: int = 10,
-    width: float = 0.01,
-    spread: float = 0.5,
-    random_state: Any = None,
-) -> np.ndarray:
+    n_dof: int, duration: float, fs: float, *, dofs: int | Iterable[int], level: float | Iterable[float],
+    n_hits: int = 10, width: float = 0.01, spread: float = 0.5, random_state: Any = None,
+) -> np.ndarray:  # fmt: skip
     r"""Half-sine hammer blows at random times and of random strength.
 
     .. math:: F(t) = P \sin(\pi (t - t_0) / w), \quad t_0 \le t \le t_0 + w
@@ -96,15 +88,9 @@ def impact_hammer(
 
 
 def band_limited_random(
-    n_dof: int,
-    duration: float,
-    fs: float,
-    *,
-    dofs: int | Iterable[int],
-    rms: float | Iterable[float],
-    band: tuple[float, float],
-    random_state: Any = None,
-) -> np.ndarray:
+    n_dof: int, duration: float, fs: float, *, dofs: int | Iterable[int], rms: float | Iterable[float],
+    band: tuple[float, float], random_state: Any = None,
+) -> np.ndarray:  # fmt: skip
     """Gaussian random forces of flat spectrum within a band and none outside; the rest as of :func:`impact_hammer`.
 
     Parameters
@@ -146,16 +132,9 @@ def band_limited_random(
 
 
 def sweep(
-    n_dof: int,
-    duration: float,
-    fs: float,
-    *,
-    dofs: int | Iterable[int],
-    level: float | Iterable[float],
-    band: tuple[float, float],
-    method: str = "linear",
-    taper: float = 0.02,
-) -> np.ndarray:
+    n_dof: int, duration: float, fs: float, *, dofs: int | Iterable[int], level: float | Iterable[float],
+    band: tuple[float, float], method: str = "linear", taper: float = 0.02,
+) -> np.ndarray:  # fmt: skip
     """Sine sweep, the same on every DOF; the rest as of :func:`impact_hammer`.
 
     Parameters
@@ -198,18 +177,10 @@ def sweep(
 
 
 def earthquake(
-    duration: float,
-    fs: float,
-    *,
-    peak: float | None = None,
-    rms: float | None = None,
-    ground_frequency: float = 2.5,
-    ground_damping: float = 0.6,
-    rise: float = 0.15,
-    fall: float = 0.55,
-    highpass: float = 0.2,
+    duration: float, fs: float, *, peak: float | None = None, rms: float | None = None, ground_frequency: float = 2.5,
+    ground_damping: float = 0.6, rise: float = 0.15, fall: float = 0.55, highpass: float = 0.2,
     random_state: Any = None,
-) -> np.ndarray:
+) -> np.ndarray:  # fmt: skip
     r"""Base acceleration like an earthquake's: filtered noise under an envelope.
 
     .. math::

@@ -90,15 +90,10 @@ def flatten(model: Any, t0: float = 0.0) -> tuple[System, Layout]:
         lower = site.q - 1 if site.kind == "link" else -1
         sites.append((site.p - 1, lower, first, len(rows), site.kind == "dof", memory))
     system = System(
-        masses,
-        np.array(sites, dtype=np.int64).reshape(-1, 6),
-        np.array(rows, dtype=np.int64).reshape(-1, 11),
-        np.array(coefficients, dtype=float),
-        np.array(theta, dtype=float),
-        np.array(channels, dtype=np.int64),
-        bool(link_inertia),
-        float(t0),
-    )
+        masses, np.array(sites, dtype=np.int64).reshape(-1, 6), np.array(rows, dtype=np.int64).reshape(-1, 11),
+        np.array(coefficients, dtype=float), np.array(theta, dtype=float), np.array(channels, dtype=np.int64),
+        bool(link_inertia), float(t0),
+    )  # fmt: skip
     return system, Layout(tuple(groups), states, names, keep)
 
 

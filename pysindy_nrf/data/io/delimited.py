@@ -47,18 +47,10 @@ def read_delimited(path: Path, max_bytes: int = MAX_BYTES) -> Table:
         return _own(path, first)
     dialect = sniff(path)
     options: dict[str, Any] = dict(
-        sep=_SEPARATORS[dialect.separator],
-        decimal=dialect.decimal,
-        header=None,
-        names=list(range(len(dialect.header))),
-        index_col=False,
-        skiprows=dialect.first_row,
-        encoding=dialect.encoding,
-        skipinitialspace=True,
-        comment="#",
-        na_values=sorted(_MISSING - {"", "inf", "-inf"}),
-        low_memory=False,
-    )
+        sep=_SEPARATORS[dialect.separator], decimal=dialect.decimal, header=None,
+        names=list(range(len(dialect.header))), index_col=False, skiprows=dialect.first_row, encoding=dialect.encoding,
+        skipinitialspace=True, comment="#", na_values=sorted(_MISSING - {"", "inf", "-inf"}), low_memory=False,
+    )  # fmt: skip
     cut = _ends_inside_a_number(path, dialect)
     try:
         frame = pd.read_csv(path, **options)

@@ -148,14 +148,10 @@ def _numbers(values: np.ndarray, wanted: str, decimal: str) -> np.ndarray:
 
 _MAX_BYTES = 1_000_000
 _KEYS = {
-    "files": "a list of file names",
-    "together": "true or false",
-    "name": "a text",
-    "fs": "a positive number (Hz)",
-    "coordinates": "'relative' or 'absolute'",
-    "channels": "a table CHANNEL = 'column'",
+    "files": "a list of file names", "together": "true or false", "name": "a text", "fs": "a positive number (Hz)",
+    "coordinates": "'relative' or 'absolute'", "channels": "a table CHANNEL = 'column'",
     "units": "a table CHANNEL = 'unit'",
-}
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -119,6 +119,11 @@ def read_record(path: Any, *, mapping: Mapping[str, str] | None = None, fs: floa
 def inspect_record(path: Any, *, max_bytes: int = MAX_BYTES, **options: Any) -> Reading:
     r"""Read a record as :func:`read_record` does and keep how the file was understood, for :func:`describe`.
 
+    Parameters
+    ----------
+    **options
+        All others of :func:`read_record`.
+
     Examples
     --------
     >>> import pathlib, tempfile
@@ -228,13 +233,9 @@ def lines_of(
 
 
 def record_of(
-    table: Table,
-    lines: dict[str, np.ndarray],
-    sources: Mapping[str, Source],
-    fs: float | None,
-    name: str,
+    table: Table, lines: dict[str, np.ndarray], sources: Mapping[str, Source], fs: float | None, name: str,
     coordinates: str,
-) -> tuple[Record, str]:
+) -> tuple[Record, str]:  # fmt: skip
     """Record of lines in SI units, and a text on its clock."""
     said = "as given"
     if "t" in lines and lines["t"].dtype == object:

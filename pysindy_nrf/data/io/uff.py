@@ -127,16 +127,12 @@ def _own(path: Path, sets: Sequence[Mapping[str, Any]]) -> Table | None:
         if any(int(mark[7]) != len(sets) for mark in marks):
             raise ValueError(f"{len(sets)} columns are there, {marks[0][7]} were written")
         data = {
-            "version": max(int(mark[1]) for mark in marks),
-            "name": _unquoted(sets[0]["id2"]),
-            "coordinates": marks[0][2],
-            "fs": float.fromhex(marks[0][3]),
-            "t0": float.fromhex(marks[0][4]),
-            "n_samples": len(sets[0]["data"]),
-            "columns": names,
+            "version": max(int(mark[1]) for mark in marks), "name": _unquoted(sets[0]["id2"]),
+            "coordinates": marks[0][2], "fs": float.fromhex(marks[0][3]), "t0": float.fromhex(marks[0][4]),
+            "n_samples": len(sets[0]["data"]), "columns": names,
             "covariates": [n for n, mark in zip(names, marks) if mark[6] == "covariate"],
             "float32": [n for n, mark in zip(names, marks) if mark[5] == "float32"],
-        }
+        }  # fmt: skip
         attributes = Attributes.checked(data, path)
     except FileFormatError:
         raise

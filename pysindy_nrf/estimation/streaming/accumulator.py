@@ -139,12 +139,9 @@ class Accumulator:
     """One pass over chunks; accumulators of different chunks of the same data add."""
 
     def __init__(
-        self,
-        estimator: Any,
-        kind: str = "gram",
-        guess: Mapping[tuple[int, ...], np.ndarray] | None = None,
+        self, estimator: Any, kind: str = "gram", guess: Mapping[tuple[int, ...], np.ndarray] | None = None,
         n_samples: int | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.estimator, self.kind, self.guess = estimator, kind, dict(guess or {})
         self.block_rows = 64 if n_samples is None else max(64, -(-n_samples // N_BLOCKS))
         self.model: Model | None = None

@@ -114,16 +114,9 @@ def is_streamed(X: Any) -> bool:
 
 
 def fit_streamed(
-    estimator: Any,
-    X: Any,
-    F: Any = None,
-    *,
-    state: Any = None,
-    save_every: float = SAVE_EVERY,
-    progress: bool | None = None,
-    chunk_samples: int | None = None,
-    **beside: Any,
-) -> Any:
+    estimator: Any, X: Any, F: Any = None, *, state: Any = None, save_every: float = SAVE_EVERY,
+    progress: bool | None = None, chunk_samples: int | None = None, **beside: Any,
+) -> Any:  # fmt: skip
     """Fit an estimator in one pass over chunks (``beside`` X: record, time, ...); memory does not grow with them."""
     if is_dask(X) or (isinstance(X, (list, tuple)) and is_dask(X[0])):
         from ..distributed import fit_distributed

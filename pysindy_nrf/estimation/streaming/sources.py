@@ -388,14 +388,9 @@ _READERS = {".parquet": ParquetSource, ".pq": ParquetSource, ".h5": HDF5Source, 
 
 
 def open_source(
-    X: Any,
-    F: Any = None,
-    *,
-    coordinates: str = "relative",
-    laws_read: Sequence[str] = (),
-    chunk_samples: int | None = None,
-    **more: Any,
-) -> Source:
+    X: Any, F: Any = None, *, coordinates: str = "relative", laws_read: Sequence[str] = (),
+    chunk_samples: int | None = None, **more: Any,
+) -> Source:  # fmt: skip
     """The source of the data that a user passes to ``fit``."""
     if isinstance(X, (str, os.PathLike)):
         suffix = Path(X).suffix.lower()

@@ -121,13 +121,9 @@ def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) 
     session = Session(as_json)
     degree, band, masses = options["degree"], options["band"], options["masses"]
     settings: dict[str, Any] = {
-        "degree": degree,
-        "orders": options["orders"] or None,
-        "strategy": options["strategy"],
-        "estimation": options["estimation"],
-        "laws": laws_of(options["laws"], degree),
-        "known_masses": masses or None,
-    }
+        "degree": degree, "orders": options["orders"] or None, "strategy": options["strategy"],
+        "estimation": options["estimation"], "laws": laws_of(options["laws"], degree), "known_masses": masses or None,
+    }  # fmt: skip
     if frf:
         _identify_frf(session, files, settings, options)
         return
@@ -260,14 +256,9 @@ def close_loop(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
     session.measured(*map(describe, (*readings, *kept)))
     with session.listening():
         report = run(
-            [r.record for r in readings],
-            baseline,
-            heldout=[r.record for r in kept] or None,
-            band=options["band"],
-            random_state=options["seed"],
-            max_steps=options["steps"],
-            progress=not as_json,
-        )
+            [r.record for r in readings], baseline, heldout=[r.record for r in kept] or None, band=options["band"],
+            random_state=options["seed"], max_steps=options["steps"], progress=not as_json,
+        )  # fmt: skip
     session.headed("What was found", f"{lead(report)}\n\n{report}")
     band = ", ".join(filter(None, [band_text(report.band), band_source(report)]))
     shown = report.table.drop(columns="band")
@@ -342,15 +333,9 @@ def select_order(files: tuple[Path, ...], as_json: bool, **options: Any) -> None
             raise click.UsageError(f"--box takes two numbers k,q, not {_as_option(box)}.")
     with session.listening():
         found = run(
-            records,
-            degrees=options["degrees"],
-            boxes=boxes or None,
-            cv=options["folds"],
-            rule=options["rule"],
-            scoring=options["scoring"],
-            known_masses=options["masses"] or None,
-            band=options["band"],
-        )
+            records, degrees=options["degrees"], boxes=boxes or None, cv=options["folds"], rule=options["rule"],
+            scoring=options["scoring"], known_masses=options["masses"] or None, band=options["band"],
+        )  # fmt: skip
         listed = found.table
     session.headed("Orders (errors: percent NRMSE on held-out blocks)", table(listed))
     kind, order = "box k,q" if isinstance(found.best_order, tuple) else "total degree", _as_option(found.best_order)

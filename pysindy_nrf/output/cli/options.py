@@ -275,12 +275,9 @@ RANGE = Text("A-B|A,B,...", _range)
 files_argument = click.argument("files", nargs=-1, metavar="FILE...", type=click.Path(path_type=Path))
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of words.")
 output_option = click.option(
-    "--output",
-    "-o",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=Path("nrf_output"),
+    "--output", "-o", type=click.Path(path_type=Path, file_okay=False), default=Path("nrf_output"),
     help="Folder for the model, tables and figures.",
-)
+)  # fmt: skip
 
 
 def repeated(flag: str, name: str, kind: click.ParamType, words: str, keyed: bool = True) -> Any:

@@ -263,31 +263,20 @@ def as_data(outcome: Outcome, band: Any, records: list[dict[str, Any]]) -> dict[
     est, model = outcome.estimator, outcome.estimator.model_
     free = None if outcome.free_run is None else {str(k): row.to_dict() for k, row in outcome.free_run.iterrows()}
     return {
-        "records": records,
-        "band_hz": None if band is None else list(band),
-        "solve_order": str(est.solve_order_).splitlines(),
-        "masses_kg": [float(m) for m in model.masses],
-        "equations": model.equations(6),
-        "balance_error_percent": est.errors_["error"],
-        "third_law_gap_percent": {str(k): gap for k, gap in est.third_law_gap_.items()},
-        "free_run_error_percent": free,
-        "response_error_percent": outcome.response_error,
-        "no_free_run": outcome.no_free_run or None,
+        "records": records, "band_hz": None if band is None else list(band),
+        "solve_order": str(est.solve_order_).splitlines(), "masses_kg": [float(m) for m in model.masses],
+        "equations": model.equations(6), "balance_error_percent": est.errors_["error"],
+        "third_law_gap_percent": {str(k): gap for k, gap in est.third_law_gap_.items()}, "free_run_error_percent": free,
+        "response_error_percent": outcome.response_error, "no_free_run": outcome.no_free_run or None,
         "modes": None if outcome.modes is None else outcome.modes.to_dict(orient="records"),
-        "warnings": outcome.warnings + advice(outcome),
-        "model": model.to_dict(),
-    }
+        "warnings": outcome.warnings + advice(outcome), "model": model.to_dict(),
+    }  # fmt: skip
 
 
 def write_all(
-    outcome: Outcome,
-    folder: Path,
-    band: Any,
-    figures: bool,
-    tables: str = "csv",
-    forces: str | None = None,
+    outcome: Outcome, folder: Path, band: Any, figures: bool, tables: str = "csv", forces: str | None = None,
     records: Any = None,
-) -> list[Path]:
+) -> list[Path]:  # fmt: skip
     """Write model, tables, figures (with matplotlib), the page of the records, and what was asked for beside them."""
     est, model = outcome.estimator, outcome.estimator.model_
     written = [folder / "model.json"]
@@ -372,15 +361,9 @@ def _start_of_last_cycles(measured: np.ndarray) -> int:
 
 
 def finish(
-    session: Session,
-    outcome: Outcome,
-    band: Any,
-    folder: Path,
-    figures: bool,
-    understood: list[dict],
-    truth: Any = None,
-    **files: Any,
-) -> None:
+    session: Session, outcome: Outcome, band: Any, folder: Path, figures: bool, understood: list[dict],
+    truth: Any = None, **files: Any,
+) -> None:  # fmt: skip
     """Say what was found and write it; ``understood`` are the records in words."""
     session.say(result(outcome, band, truth))
     written = write_all(outcome, folder, band, figures, **files)

@@ -123,13 +123,9 @@ def simulate(model: Path, forces: Path | None, as_json: bool, **options: Any) ->
     load = read_excitation(_one_test(forces, said), structure.n_dof, name=None if forces else said.name, **how)
     with session.listening():
         run = structure.simulate(
-            load.force,
-            1.0 / load.fs,
-            base_acceleration=load.base_acceleration,
-            covariates=load.covariates or None,
-            name=load.name,
-            **{key: options[key] for key in ("method", "x0", "v0")},
-        )
+            load.force, 1.0 / load.fs, base_acceleration=load.base_acceleration, covariates=load.covariates or None,
+            name=load.name, **{key: options[key] for key in ("method", "x0", "v0")},
+        )  # fmt: skip
     run.t0 = load.t0
     session.say(describe(run))
     session.warnings += _beyond(structure, run)
@@ -196,13 +192,9 @@ def plan(floors: int, as_json: bool, **options: Any) -> None:
     if model is not None and model.n_dof != floors:
         raise click.UsageError(f"The model has {model.n_dof} floors, not {floors}.")
     found = Chain(floors, options["links"]).plan(
-        can_hit=options["can_hit"],
-        sensors=options["sensors"],
-        unknown=options["unknown"] or (),
-        known_masses=options["masses"],
-        model=model,
-        most=min(options["most"], floors),
-    )
+        can_hit=options["can_hit"], sensors=options["sensors"], unknown=options["unknown"] or (),
+        known_masses=options["masses"], model=model, most=min(options["most"], floors),
+    )  # fmt: skip
     advice = [in_options(one) for one in found.advice]
     if advice:
         session.say(*advice)

@@ -10,16 +10,7 @@ from .models import ChangeMapDisplay, CoefficientsDisplay, PlanarityDisplay
 from .motion import FreeRunDisplay, ModesDisplay, RecordDisplay, TrackDisplay
 
 __all__ = [
-    "BeforeAfterDisplay",
-    "ChangeMapDisplay",
-    "CoefficientsDisplay",
-    "DamperForceDisplay",
-    "EnergyDisplay",
-    "FreeRunDisplay",
-    "HysteresisLoopDisplay",
-    "ModesDisplay",
-    "PlanarityDisplay",
-    "RecordDisplay",
-    "RestoringForceSurfaceDisplay",
-    "TrackDisplay",
-]
+    "BeforeAfterDisplay", "ChangeMapDisplay", "CoefficientsDisplay", "DamperForceDisplay", "EnergyDisplay",
+    "FreeRunDisplay", "HysteresisLoopDisplay", "ModesDisplay", "PlanarityDisplay", "RecordDisplay",
+    "RestoringForceSurfaceDisplay", "TrackDisplay",
+]  # fmt: skip

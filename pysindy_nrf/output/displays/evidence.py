@@ -64,13 +64,10 @@ def residual_figure(sizes: pd.DataFrame, floor: Any = None) -> Figure | None:
     head = {"rms": "residual rms (N)", "percent": "residual (%)", "of": "percent of", "noise": "noise alone (%)"}
     high = 1.15 * float(np.nanmax([*sizes["percent"], *noise])) or 1.0
     return Figure(
-        "Residual: how much is left",
-        marks,
-        **_lying(len(names), "residual", names, high, "% of its reference"),
+        "Residual: how much is left", marks, **_lying(len(names), "residual", names, high, "% of its reference"),
         alt=f"Residual of each balance and storey in percent; the largest is {sizes['percent'].max():.3g} in {worst}.",
-        caption=caption,
-        table=table("Residual on the search data", shown, head, index="where"),
-    )
+        caption=caption, table=table("Residual on the search data", shown, head, index="where"),
+    )  # fmt: skip
 
 
 def _detection(found: Any) -> Figure | None:
@@ -157,15 +154,12 @@ def _mean(curve: pd.DataFrame, word: str, unit: str, where: str) -> Figure:
     first, last = curve["mean"].iloc[0], curve["mean"].iloc[-1]
     return Figure(
         f"The missing force{where} against its {word.split()[0]}",
-        [Line(curve["centre"], curve["mean"], width=1.6, marker="o", error=2 * curve["error"])],
-        Axis(word, unit),
+        [Line(curve["centre"], curve["mean"], width=1.6, marker="o", error=2 * curve["error"])], Axis(word, unit),
         Axis("mean missing force", "N", zero=True),
         alt=f"Mean missing force from {first:.3g} N at the lowest {word} to {last:.3g} N at the highest.",
         caption="Mean in bins of equal count, with twice its error.",
-        table=table(f"Mean missing force{where}", shown, head),
-        size=(3.4, 3.2),
-        height=280,
-    )
+        table=table(f"Mean missing force{where}", shown, head), size=(3.4, 3.2), height=280,
+    )  # fmt: skip
 
 
 class BeforeAfterDisplay(Display):

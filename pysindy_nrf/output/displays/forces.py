@@ -71,14 +71,10 @@ def force_figure(model: Any, site: Site, loop: SiteLoop | None = None) -> Figure
         return None
     why = "The force depends on the path, so it is no surface" if memory else "The visited region is not known"
     return Figure(
-        f"Force of {site} along its path",
-        [_path_line(loop, "blue", 3)],
-        *_space(site),
+        f"Force of {site} along its path", [_path_line(loop, "blue", 3)], *_space(site),
         alt=f"Path of the identified force of {site} over drift and rate, from {_span(loop.identified)}.",
-        caption=f"{why}: the identified force along the data. {_TURN}",
-        table=_loop_table(loop),
-        height=380,
-    )
+        caption=f"{why}: the identified force along the data. {_TURN}", table=_loop_table(loop), height=380,
+    )  # fmt: skip
 
 
 def _path_line(loop: SiteLoop, color: str, width: float) -> Line:
@@ -111,16 +107,11 @@ def loop_figure(loop: SiteLoop, stiffness: float = 0.0) -> Figure:
         )
     i, without = index_of(loop.site), " without its linear spring" if stiffness else ""
     return Figure(
-        f"Loops of {loop.site} without its spring" if stiffness else f"Hysteresis loops of {loop.site}",
-        marks,
-        Axis(f"drift s_{{{i}}}", "m"),
-        Axis(f"force R_{{{i}}} − k s_{{{i}}}" if stiffness else f"force R_{{{i}}}", "N"),
+        f"Loops of {loop.site} without its spring" if stiffness else f"Hysteresis loops of {loop.site}", marks,
+        Axis(f"drift s_{{{i}}}", "m"), Axis(f"force R_{{{i}}} − k s_{{{i}}}" if stiffness else f"force R_{{{i}}}", "N"),
         alt=f"Force of {loop.site}{without} over its drift, identified over measured: {_span(found)}{gap}.",
-        caption=how,
-        heading=loop.site,
-        table=_loop_table(loop, spring) if loop.t.size else None,
-        height=380,
-    )
+        caption=how, heading=loop.site, table=_loop_table(loop, spring) if loop.t.size else None, height=380,
+    )  # fmt: skip
 
 
 def _loop_table(loop: SiteLoop, spring: Any = 0.0) -> Table:

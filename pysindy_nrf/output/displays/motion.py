@@ -169,14 +169,10 @@ def modes_figure(modes: pd.DataFrame) -> Figure:
     ]  # fmt: skip
     said = "; ".join(f"mode {i} at {row['frequency']:.4g} Hz" for i, row in shown.iterrows())
     return Figure(
-        "Mode shapes of the linear part",
-        marks,
-        Axis("mode shape (largest entry 1)", zero=True),
-        Axis(ticks=["base", *(f"DOF {f[4:]}" for f in floors)]),
-        alt=f"Shapes of the modes, largest entry 1: {said}.",
-        legend="above",
-        height=120 + 58 * len(floors),
-    )
+        "Mode shapes of the linear part", marks, Axis("mode shape (largest entry 1)", zero=True),
+        Axis(ticks=["base", *(f"DOF {f[4:]}" for f in floors)]), alt=f"Shapes of the modes, largest entry 1: {said}.",
+        legend="above", height=120 + 58 * len(floors),
+    )  # fmt: skip
 
 
 class ModesDisplay(Display):

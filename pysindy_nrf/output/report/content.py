@@ -142,13 +142,10 @@ def of_model(
 
 # columns of ``missing_terms_`` of a regressor, in words
 _MISSING = {
-    "residual": "residual (% of its force)",
-    "gain": "held-out part of it that further terms remove (%)",
-    "missing": "size of these terms (% of its force)",
-    "shift": "mass moves with them by (%)",
-    "lasting": "part of it that a constant or a straight line in time removes (%)",
-    "biased": "a law is missing",
-}
+    "residual": "residual (% of its force)", "gain": "held-out part of it that further terms remove (%)",
+    "missing": "size of these terms (% of its force)", "shift": "mass moves with them by (%)",
+    "lasting": "part of it that a constant or a straight line in time removes (%)", "biased": "a law is missing",
+}  # fmt: skip
 
 
 def _model_part(model: ChainModel, loops: Sequence[SiteLoop], intervals: Any) -> Content:

@@ -27,14 +27,9 @@ def available() -> bool:
 
 
 def write_html(
-    path: Any,
-    subject: Any,
-    record: Any = None,
-    *,
-    title: str | None = None,
-    notes: Sequence[str] = (),
+    path: Any, subject: Any, record: Any = None, *, title: str | None = None, notes: Sequence[str] = (),
     band: tuple[float | None, float | None] | None = None,
-) -> None:
+) -> None:  # fmt: skip
     """Write one self-contained page: equations, surfaces that turn, loops, tables that sort, every setting."""
     html = page(subject, record, title=title, notes=notes, band=band)
     with atomic_write(path) as file:
@@ -84,12 +79,9 @@ def page(
             f"{type(subject).__name__} cannot be reported", "Give a LoopReport, a fitted NRFRegressor or a ChainModel."
         )
     environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(_template),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
+        loader=jinja2.FunctionLoader(_template), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True,
         lstrip_blocks=True,
-    )
+    )  # fmt: skip
     environment.filters["cells"] = cells
     drawn: dict[str, dict[str, Any]] = {}
 

@@ -1,8 +1,4 @@
-"""Errors and warnings, all of one shape: what is wrong, where, and what to do about it.
-
-Every error is also the built-in exception a caller would expect (``ValueError``,
-``ImportError``), so that existing ``except`` clauses keep working.
-"""
+"""Errors and warnings: what is wrong, where, and what to do about it; each is also the built-in exception expected."""
 
 from __future__ import annotations
 
@@ -92,12 +88,10 @@ class FileVersionError(FileFormatError):
 
     Examples
     --------
-    >>> import json
     >>> from pysindy_nrf import ChainModel, datasets
-    >>> later = json.loads(datasets.demo_truth().to_json()) | {"version": 99}
-    >>> ChainModel.from_json(json.dumps(later))
+    >>> text = datasets.demo_truth().to_json().replace('"version": 1', '"version": 99')
+    >>> ChainModel.from_json(text)
     Traceback (most recent call last):
-        ...
     pysindy_nrf.exceptions.FileVersionError: The JSON text has version 99, this package reads up to 1. Update
     pysindy_nrf.
     """
@@ -141,18 +135,14 @@ class NRFWarning(_Said, UserWarning):
 
     Parameters
     ----------
-    what : str
-        What looks wrong, naming the channel, degree of freedom or parameter; or the whole message.
-    cure : str
-        What the user can do about it.
+    what, cure : str
+        As of :class:`NRFError`; ``what`` may be the whole message.
 
     Examples
     --------
     >>> import warnings
     >>> from pysindy_nrf.exceptions import DataQualityWarning, NRFWarning
-    >>> with warnings.catch_warnings(record=True) as caught:
-    ...     warnings.simplefilter("error")
-    ...     warnings.simplefilter("always", NRFWarning)  # those of this package are kept, others are errors
+    >>> with warnings.catch_warnings(record=True, category=NRFWarning, action="always") as caught:
     ...     warnings.warn(DataQualityWarning("a2 is clipped", "Leave it out."))
     >>> print(caught[0].message)
     a2 is clipped. Leave it out.
@@ -170,8 +160,7 @@ class BiasWarning(NRFWarning):
     --------
     >>> import warnings
     >>> from pysindy_nrf import NRFRegressor, datasets
-    >>> with warnings.catch_warnings(record=True) as caught:
-    ...     warnings.simplefilter("always")
+    >>> with warnings.catch_warnings(record=True, action="always") as caught:
     ...     _ = NRFRegressor(degree=1).fit(datasets.load_demo())  # storey 1 is cubic
     >>> caught[0].category.__name__, str(caught[0].message)[:28]
     ('BiasWarning', 'm1 = 9.33 kg is likely biase')
@@ -184,12 +173,10 @@ class DataQualityWarning(NRFWarning):
     Examples
     --------
     >>> import warnings
-    >>> import numpy as np
-    >>> from pysindy_nrf import NRFRegressor, Record, datasets
+    >>> from pysindy_nrf import datasets
     >>> record = datasets.load_demo()
-    >>> clipped = record.replace(displacement=np.clip(record.displacement, -2e-4, 2e-4))
-    >>> with warnings.catch_warnings(record=True) as caught:
-    ...     warnings.simplefilter("always")
+    >>> clipped = record.replace(displacement=record.displacement.clip(-2e-4, 2e-4))
+    >>> with warnings.catch_warnings(record=True, action="always") as caught:
     ...     _ = clipped.to_features()
     >>> "DataQualityWarning" in {w.category.__name__ for w in caught}
     True
@@ -204,8 +191,7 @@ class ExtrapolationWarning(NRFWarning):
     >>> import warnings
     >>> from pysindy_nrf import NRFRegressor, datasets
     >>> model = NRFRegressor(degree=3).fit(datasets.load_demo())
-    >>> with warnings.catch_warnings(record=True) as caught:
-    ...     warnings.simplefilter("always")
+    >>> with warnings.catch_warnings(record=True, action="always") as caught:
     ...     _ = model.force_intervals("storey 2", v=0.0, s=1.0)  # a drift of 1 m was never seen
     >>> caught[0].category.__name__
     'ExtrapolationWarning'

@@ -1,8 +1,4 @@
-"""Checks of the arrays that users pass in: channels, record ids, times, and the input of estimators.
-
-The rule for missing values, per record: a column of NaN was not measured (a force: unknown); leading and trailing
-NaN rows are filter edges, masked and counted; any other NaN, and every infinity, is an error.
-"""
+"""Checks of the arrays that users pass in: channels, record ids, times, and the input of estimators."""
 
 from __future__ import annotations
 

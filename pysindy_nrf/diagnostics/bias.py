@@ -1,16 +1,9 @@
 """Missing terms, contradicting balances and forces that jump, judged from the data alone.
 
-The residual of a balance is noise only if nothing predicts it. Each step of the identification is therefore offered
-probe regressors that its laws lack, and cross-validation over windows says whether they help. If they do, a law is
-missing or the motion is noisy, and the least-squares masses and coefficients are biased. A constant and a ramp in time
-are offered separately: they indicate a sensor with a wrong zero or a drift.
-
-Under complete excitation each storey is identified twice, from the balance of either end. A force in other units, of
-the wrong sign or in the wrong column, or a wrong mass, shows as a contradiction between the two.
-
-Near a velocity reversal the sign of the rate is unreliable, because of noise or because the samples are too far apart.
-Least squares then attributes a part of a force that jumps there to other terms. Leaving out the samples near reversals
-must not change its coefficient; the threshold rises until further samples change it by no more than chance.
+Each balance is offered probe regressors that its laws lack; where they help on left-out windows, a law is missing or
+the motion is noisy. A constant and a ramp are offered separately: a sensor's wrong zero or drift. Under complete
+excitation the two balances of a storey must agree. Leaving out the samples near velocity reversals, where the sign of
+the rate is unreliable, must not change the coefficient of a force that jumps there.
 """
 
 from __future__ import annotations

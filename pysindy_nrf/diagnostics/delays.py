@@ -1,13 +1,8 @@
 r"""Forces that come earlier or later than the motion they cause.
 
-The balance of a forced DOF is solved with its force shifted by whole samples,
-
-.. math:: \min_\theta \sum_t \bigl(F_j(t + \tau) - \Phi_j(t) \theta\bigr)^2 ,
-
-for every shift at once (they share one Gram matrix); the parabola through the lowest three residuals gives the
-delay to a fraction of a sample, and leaving out pieces of the record its standard error. A single blow has no pieces
-to leave out: the curve of the residuals tells the error there, and the course of the force between two samples, which
-nobody measured, adds its own.
+The balance of a forced DOF is solved with its force shifted by whole samples, from one Gram matrix. The parabola
+through the lowest three residuals gives the delay; leaving out pieces of the record gives its standard error, or, of
+a single blow, the curve of the residuals and the course of the force between two samples.
 """
 
 from __future__ import annotations

@@ -1,13 +1,8 @@
 r"""Constraints from prior knowledge: equal masses, a total mass, a known stiffness, equal storeys, k >= 0.
 
-A constraint couples balances that are solved one after another. The estimate is therefore replaced by the nearest
-one that satisfies the constraint, in the metric of its covariance P,
-
-.. math:: \min_\theta (\theta - \hat\theta)^T P^{-1} (\theta - \hat\theta)
-    \quad \text{where } A \theta = b,\; \theta_i \ge 0,
-
-(minimum-distance estimation). No balance is solved jointly with another, so the method works under incomplete
-excitation. A warning is raised if the data contradict a constraint.
+The estimate is replaced by the nearest one that satisfies the constraint, in the metric of its covariance P (minimum
+distance): :math:`\min_\theta (\theta - \hat\theta)^T P^{-1} (\theta - \hat\theta)` where :math:`A \theta = b` and
+:math:`\theta_i \ge 0`. No balance is solved jointly with another. A warning is raised if the data contradict it.
 """
 
 from __future__ import annotations

@@ -1,8 +1,4 @@
-"""Fits of Dask collections: the sums of each partition are computed where it lies and added as a tree.
-
-Every partition yields a few small matrices, which add in any order. On a ``distributed`` cluster the work of a lost
-worker is repeated by another one; no task changes the result of another.
-"""
+"""Fits of Dask collections: the sums of each partition are computed where it lies and added as a tree."""
 
 from __future__ import annotations
 

@@ -1,17 +1,10 @@
 r"""Output-error refinement: the free run itself is fitted to the measured motion.
 
-The free run under the measured force misses the motion by R(f) = E_x - G E_u (see :mod:`.noise_spectra`). With noise
-in the force as well, maximum likelihood solves
-
-.. math:: \sum_f J^*(f) S^{-1}(f) R(f; \theta) = 0, \qquad J = \partial V / \partial \theta
-
-with sensitivities J along the run under the corrected force (errors-in-variables; Pintelon and Schoukens, System
-identification, 2012). They follow from the columns of the laws: the contribution of a coefficient to the balances,
-filtered by the structure linearised along the run. The solution therefore holds for nonlinear laws too; the
-linearisation affects only its precision. Residuals and sensitivities are whitened with the Cholesky factor of S and
-passed to ``scipy.optimize.least_squares``. Every record is a shot, long records are several; the effect of an error in
-its initial condition is projected out. The fit starts from instrumental variables and is kept only if it predicts
-unseen parts of the records, both halves of them, better.
+Maximum likelihood with noise in motion and force, :math:`\sum_f J^*(f) S^{-1}(f) R(f; \theta) = 0` (Pintelon and
+Schoukens, System identification, 2012), with R and S of :mod:`.noise_spectra` and sensitivities J from the columns of
+the laws along the run, filtered by the structure linearised there. Every record is a shot, long records are several;
+the effect of an error in its initial state is projected out. Starts from instrumental variables and is kept only if it
+predicts unseen parts of the records, both halves of them, better.
 """
 
 from __future__ import annotations

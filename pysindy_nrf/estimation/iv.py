@@ -1,18 +1,11 @@
 r"""Instrumental variables from the free run of the model itself, for records and for frequency responses.
 
-Noise in the motion biases least squares. The motion that the identified model makes under the measured force is
-correlated with the true motion and not with its noise,
+:math:`Z^T (y - \Phi \theta) = 0` with Z the columns of the simulated motion, repeated three or four times (Young,
+Refined instrumental variable methods, 1976). First instruments are one sample late, which keeps white force noise out;
+later runs use the corrected force (:mod:`.noise_spectra`), so that balances can be weighted by frequency. The motion
+must not be shrunk towards a prior, as the joint step of :class:`~pysindy_nrf.KinematicSmoother` does.
 
-.. math:: Z^T (y - \Phi \theta) = 0, \quad Z = \text{columns of the simulated motion},
-
-and three or four rounds of simulation and solve remove the bias (Young, Refined instrumental variable methods, 1976).
-In the first rounds the instruments are delayed by one sample, which keeps white force noise out of them; later runs use
-the force corrected by the motion (:mod:`.noise_spectra`), so that every balance can be weighted by frequency. The
-instruments are low-passed to the band that the fusion resolved, and the motion must not be shrunk towards a prior (as
-the joint step of :class:`~pysindy_nrf.KinematicSmoother` does): its error would then depend on the motion.
-
-Of a frequency response the instruments are neighbouring lines, :math:`Z(f_k) = \tfrac12 (H(f_{k-2}) + H(f_{k+2}))`: the
-response is smooth over a few lines, and its noise is independent beyond the main lobe of the window.
+Of a frequency response the instruments are neighbouring lines, :math:`Z(f_k) = \tfrac12 (H(f_{k-2}) + H(f_{k+2}))`.
 """
 
 from __future__ import annotations

@@ -1,17 +1,9 @@
 r"""Noise spectra of motions, noise levels of forces, the corrected force, and weights of the balances by frequency.
 
-The free run of a model under the measured force u differs from the measured motion by
-
-.. math:: R(f) = E_x(f) - G(f) E_u(f) ,
-
-the noise of the motion and the response to the noise of the force (G: the model, linearised along its run). With the
-covariance S = Sigma_x + G Sigma_u G^* of R the best estimate of the force is
-
-.. math:: \hat u = u + \Sigma_u G^* S^{-1} R ,
-
-and its error is uncorrelated with R (errors-in-variables maximum likelihood; Soederstrom, Errors-in-variables
-methods in system identification, 2007). Motions simulated from it can therefore serve as instruments at every
-frequency, with any weights. Spectra are densities, unit^2/Hz.
+The free run under the measured force u misses the motion by :math:`R(f) = E_x(f) - G(f) E_u(f)`, G the model
+linearised along its run, of covariance :math:`S = \Sigma_x + G \Sigma_u G^*`. The best estimate of the force,
+:math:`\hat u = u + \Sigma_u G^* S^{-1} R`, has an error uncorrelated with R (Soederstrom, Errors-in-variables methods
+in system identification, 2007), so runs under it can be instruments. Spectra are densities, unit^2/Hz.
 """
 
 from __future__ import annotations

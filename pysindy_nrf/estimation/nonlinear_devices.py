@@ -20,8 +20,7 @@ from ..regression.segments import SegmentSet
 def linear_twin(estimator: Any) -> Any:
     """The regressor with linear storeys, ``R = c v + k s`` (paper eq. 19), not fitted.
 
-    Fit it to a test of the structure without its nonlinear devices; the difference of the two
-    models is the devices' force (:func:`damper_force`).
+    Fit it to a test of the structure without its nonlinear devices: :func:`damper_force` is the difference.
 
     Parameters
     ----------
@@ -181,9 +180,8 @@ def locate_nonlinearity(
 ) -> Location:
     """Find the storeys whose restoring force is not planar; parameters as of :func:`planarity`.
 
-    A hysteretic storey with a power series alone biases its neighbours, whose surfaces bend too. The least
-    planar storey therefore gets a Dahl law beside its power series and the chain is solved again; this is
-    repeated while further storeys are not planar.
+    A hysteretic storey biases its neighbours, whose surfaces bend too. The least planar storey gets a Dahl law
+    beside its power series and the chain is solved again, while further storeys are not planar.
 
     Returns
     -------
@@ -198,13 +196,11 @@ def locate_nonlinearity(
 
     Examples
     --------
-    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+    >>> from pysindy_nrf import NRFRegressor, datasets
     >>> from pysindy_nrf.estimation import locate_nonlinearity
-    >>> frame = ChainModel([10.0, 10.0], {i: laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
-    >>> F = excitation.band_limited_random(2, 4.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
-    >>> X, F = simulate(frame, F, 0.002).to_features(smooth=False)
-    >>> locate_nonlinearity(NRFRegressor(degree=3).fit(X, F), X, F, draws=3).storeys  # a linear frame
-    []
+    >>> X, F = datasets.load_demo().to_features()  # a cubic spring in storey 1
+    >>> locate_nonlinearity(NRFRegressor(degree=3).fit(X, F), X, F, draws=3, random_state=0).storeys
+    ['storey 1']
     """
     if not hasattr(estimator, "solve_order_"):
         raise ChainError(

@@ -1,8 +1,4 @@
-"""The one place where coefficients are found: complete (eq. 3), sequential (eqs. 4-5), joint.
-
-Works on Gram matrices only. Each step's problem is a triangular factor of [mass | terms | right-hand
-side], a dozen rows, on which a PySINDy optimizer gives the same answer as on all samples.
-"""
+"""The one place where coefficients are found, from Gram matrices: complete (eq. 3), sequential (eqs. 4-5), joint."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""The compiled pass over samples: columns of the balances in cache, neighbours multiplied once.
-
-The columns of a balance are those of the sites that meet at one DOF. A pair of sites that meets in
-two balances is multiplied once; sites that never meet are not multiplied at all. Work per sample is
-therefore proportional to the number of storeys.
-"""
+"""The compiled pass over samples: columns of the balances in cache, each pair of sites that meets multiplied once."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""The pass over the samples: blocks of rows in, Gram matrices of the balances out, on all cores.
-
-Sums of consecutive pieces are any part of the data. Solving the whole chain again without one, or with pieces drawn at
-random, carries every uncertainty to where it ends up (an error in R_3 reaches m_1).
-"""
+"""The pass over the samples: blocks of rows in, Gram matrices of the balances out, on all cores."""
 
 from __future__ import annotations
 

@@ -1,15 +1,9 @@
 r"""Floors without a sensor: the chain of those that have one, and what its storeys mean.
 
-Below the first resonance of the part left out (its floors moving between their instrumented neighbours held
-fixed) the missing floors follow their neighbours statically (Guyan, 1965). Between the instrumented floors q < p
-stands then one storey, the series of all storeys in between,
-
-.. math:: 1 / k = \sum_{i=q+1}^{p} 1 / k_i ,
-
-and the masses left out are carried by their neighbours. The share of mass m_j that goes to the upper floor is
-x, that to the lower one 1 - x, where x is the static displacement of floor j for a unit displacement of floor p;
-a part x (1 - x) m_j of both couples the two accelerations, which a chain does not have: masses are therefore right to
-that part only, stiffnesses to the square of frequency over the resonance.
+Below the first resonance of the part left out the missing floors follow their neighbours q < p statically (Guyan,
+1965): one storey in series, :math:`1 / k = \sum_{i=q+1}^{p} 1 / k_i`, and each mass shared in the ratio x to 1 - x of
+its static displacement. A part x (1 - x) m_j couples the two accelerations, which a chain does not have: masses are
+right to that part only, stiffnesses to the square of frequency over the resonance.
 """
 
 from __future__ import annotations

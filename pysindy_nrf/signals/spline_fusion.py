@@ -1,13 +1,8 @@
 """Weighted least-squares fusion of the measured channels into motions that are splines, noise levels included.
 
-All in units of samples: velocities times dt, accelerations times dt^2.
-
-``x(t) = sum_k c_k B((t - t_0) / h - k)`` with B the cardinal B-spline of degree 7 and the knots evenly spaced over the
-record, h samples apart. Velocity and acceleration are the same coefficients times the derivatives of B. No periodicity
-is assumed. Everything is banded: the cost is linear in the number of samples.
-
-Degree 7, because the second derivative of a spline through the samples is then right to
-``(2 pi f / fs)^6 / 30240``: 3e-8 at a twentieth of the sampling rate (degree 5: 1e-5).
+``x(t) = sum_k c_k B((t - t_0) / h - k)``, B the cardinal B-spline of degree 7, knots h samples apart; all in units of
+samples. No periodicity is assumed; everything is banded, so the cost is linear in the number of samples. Degree 7 makes
+the second derivative right to ``(2 pi f / fs)^6 / 30240``.
 """
 
 from __future__ import annotations

@@ -1,17 +1,9 @@
 r"""Strong-motion records: CSMIP "volume 2" and COSMOS v1.20 text (V1 and V2).
 
-CSMIP V2, one block for each channel: 25 lines of text, 100 integers in 16I5, 100 reals in 8F10.3, three series in
-8F10.3, each under a line such as
-
-    1138 POINTS OF ACCEL DATA EQUALLY SPACED AT  .020 SEC.  (UNITS: CM/SEC/SEC)
-
-and ``/&`` at the end. COSMOS, one series for each block: text, integers, reals (the 62nd is the sampling interval of
-the series, ms; the 34th that of the raw record, s, before it was resampled) and comments, each under a line that
-states how many follow, then the series under a line such as
-
-    12000 acceleration pts, approx  60 secs, units=cm/sec2 (04), Format=(8F10.3)
-
-Raw counts (V0) are not a motion in physical units and are refused.
+CSMIP V2: 25 lines of text, 100 integers in 16I5, 100 reals in 8F10.3, three series in 8F10.3, each under a line such as
+``1138 POINTS OF ACCEL DATA EQUALLY SPACED AT  .020 SEC.  (UNITS: CM/SEC/SEC)``, and ``/&`` at the end. COSMOS, one
+series for each block: text, integers, reals (the 62nd is the sampling interval of the series, ms; the 34th that of the
+raw record, s) and comments, each under a line that states how many follow, then the series. V0 (counts) is refused.
 
 References: A. F. Shakal, M. J. Huang, "Standard tape format for CSMIP strong-motion data tapes", California
 Division of Mines and Geology, OSMS 85-03, 1985; COSMOS, "Strong-motion data format", version 1.20, 2001.

@@ -32,9 +32,8 @@ def linear_twin(estimator: Any) -> Any:
 
     Examples
     --------
-    >>> from pysindy_nrf import NRFRegressor
-    >>> from pysindy_nrf.estimation import linear_twin
-    >>> linear_twin(NRFRegressor(degree=3, band=(1, 60)))
+    >>> from pysindy_nrf import NRFRegressor, estimation
+    >>> estimation.linear_twin(NRFRegressor(degree=3, band=(1, 60)))
     NRFRegressor(band=(1, 60), degree=1)
     """
     return clone(estimator).set_params(degree=1, orders=None, laws=None)
@@ -49,9 +48,8 @@ def linear_part(model: Any) -> ChainModel:
 
     Examples
     --------
-    >>> from pysindy_nrf import ChainModel, laws
-    >>> from pysindy_nrf.estimation import linear_part
-    >>> print(linear_part(ChainModel([10.0], {1: laws.Duffing(k=4e4, k3=1e9)})))
+    >>> from pysindy_nrf import ChainModel, estimation, laws
+    >>> print(estimation.linear_part(ChainModel([10.0], {1: laws.Duffing(k=4e4, k3=1e9)})))
     m1 = 10 kg
     R1 = 0 v1 + 4e+04 s1
     """
@@ -89,12 +87,11 @@ def found_twice(estimator: Any, X: Any, F: Any, **options: Any) -> dict[str, pd.
 
     Examples
     --------
-    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
-    >>> from pysindy_nrf.estimation import found_twice
+    >>> from pysindy_nrf import ChainModel, NRFRegressor, estimation, excitation, laws, simulate
     >>> truth = ChainModel([10.0, 10.0], {i: laws.PowerSeries(1, [30.0, 4e4]) for i in (1, 2)})
     >>> F = excitation.band_limited_random(2, 4.0, 500.0, dofs=[1, 2], rms=50.0, band=(1, 60), random_state=0)
     >>> X, F = simulate(truth, F, 0.002).to_features(smooth=False)
-    >>> found_twice(NRFRegressor(degree=1).fit(X, F), X, F)["storey 2"].loc["s"].round(2).tolist()
+    >>> estimation.found_twice(NRFRegressor(degree=1).fit(X, F), X, F)["storey 2"].loc["s"].round(2).tolist()
     [40000.0, 40000.0]
     """
     strategy = estimator.solve_order_.strategy
@@ -143,10 +140,9 @@ def planarity(
 
     Examples
     --------
-    >>> from pysindy_nrf import NRFRegressor, datasets
-    >>> from pysindy_nrf.estimation import planarity
+    >>> from pysindy_nrf import NRFRegressor, datasets, estimation
     >>> X, F = datasets.load_demo().to_features()  # a cubic spring in storey 1, the others linear
-    >>> planarity(NRFRegressor(degree=3).fit(X, F), X, F, draws=3, random_state=0)["planar"].tolist()
+    >>> estimation.planarity(NRFRegressor(degree=3).fit(X, F), X, F, draws=3, random_state=0)["planar"].tolist()
     [False, True, True]
     """
     model = as_model(estimator)
@@ -196,10 +192,9 @@ def locate_nonlinearity(
 
     Examples
     --------
-    >>> from pysindy_nrf import NRFRegressor, datasets
-    >>> from pysindy_nrf.estimation import locate_nonlinearity
+    >>> from pysindy_nrf import NRFRegressor, datasets, estimation
     >>> X, F = datasets.load_demo().to_features()  # a cubic spring in storey 1
-    >>> locate_nonlinearity(NRFRegressor(degree=3).fit(X, F), X, F, draws=3, random_state=0).storeys
+    >>> estimation.locate_nonlinearity(NRFRegressor(degree=3).fit(X, F), X, F, draws=3, random_state=0).storeys
     ['storey 1']
     """
     if not hasattr(estimator, "solve_order_"):
@@ -423,10 +418,9 @@ def energy_shares(model: Any, X: Any, **options: Any) -> pd.DataFrame:
 
     Examples
     --------
-    >>> from pysindy_nrf import datasets
-    >>> from pysindy_nrf.estimation import energy_shares
+    >>> from pysindy_nrf import datasets, estimation
     >>> X, F = datasets.load_demo().to_features()
-    >>> shares = energy_shares(datasets.demo_truth(), X)
+    >>> shares = estimation.energy_shares(datasets.demo_truth(), X)
     >>> float(shares["share"].sum().round(6)), shares["share"].idxmax()
     (100.0, 'storey 3')
     """

@@ -165,9 +165,8 @@ def select_order(
 
     Examples
     --------
-    >>> from pysindy_nrf import datasets
-    >>> from pysindy_nrf.selection import select_order
-    >>> found = select_order(datasets.load_demo(), degrees=(1, 3))
+    >>> from pysindy_nrf import datasets, selection
+    >>> found = selection.select_order(datasets.load_demo(), degrees=(1, 3))
     >>> found.best_order, found.orders_["storey 1"]
     (3, 3)
     """

@@ -304,10 +304,9 @@ def select_sparsity(
     Examples
     --------
     >>> import pysindy as ps
-    >>> from pysindy_nrf import datasets
-    >>> from pysindy_nrf.selection import select_sparsity
+    >>> from pysindy_nrf import datasets, selection
     >>> settings = [ps.STLSQ(threshold=share) for share in (0.002, 0.02)]
-    >>> found = select_sparsity(datasets.load_demo(), paths={"STLSQ": settings})
+    >>> found = selection.select_sparsity(datasets.load_demo(), paths={"STLSQ": settings})
     >>> found.best, found.table["chosen"].tolist()
     ('STLSQ', [False, True])
     """

@@ -184,11 +184,10 @@ def paper_processing(record: Record, high_pass: float = 1.0, filter_force: bool 
     Examples
     --------
     >>> import numpy as np
-    >>> from pysindy_nrf import Record
-    >>> from pysindy_nrf.signals import paper_processing
+    >>> from pysindy_nrf import Record, signals
     >>> t = np.arange(8000) / 1000
     >>> rec = Record(acceleration=-3600 * np.sin(60 * t), displacement=np.sin(60 * t), fs=1000.0)
-    >>> out = paper_processing(rec)
+    >>> out = signals.paper_processing(rec)
     >>> gap = out.velocity[1000:-1000, 0] - 60 * np.cos(60 * t[1000:-1000])
     >>> bool(np.std(gap) < 0.02 * 60)  # m/s; the high-pass and the trapezoid leave one percent
     True

@@ -168,12 +168,11 @@ def frf_to_features(
     Examples
     --------
     >>> import numpy as np
-    >>> from pysindy_nrf import NRFRegressor
-    >>> from pysindy_nrf.data.io import frf_to_features
+    >>> from pysindy_nrf import NRFRegressor, io
     >>> f = np.linspace(1, 10, 50)
     >>> w = 2 * np.pi * f
     >>> H = -(w**2) / (3000.0 + 4j * w - 2.5 * w**2)
-    >>> X, F = frf_to_features(f, H[:, None], driven=1)
+    >>> X, F = io.frf_to_features(f, H[:, None], driven=1)
     >>> model = NRFRegressor(degree=1).fit(X, F)
     >>> model.masses_.round(9), model.restoring_forces_[1].coefficients.round(6).to_dict()
     (array([2.5]), {'v': 4.0, 's': 3000.0})

@@ -40,12 +40,11 @@ def to_sep005(record: Record) -> list[dict[str, Any]]:
     Examples
     --------
     >>> import numpy as np
-    >>> from pysindy_nrf import Record
-    >>> from pysindy_nrf.data.io import from_sep005, to_sep005
-    >>> channels = to_sep005(Record(acceleration=np.ones((3, 1)), fs=100.0, name="test 7"))
+    >>> from pysindy_nrf import Record, io
+    >>> channels = io.to_sep005(Record(acceleration=np.ones((3, 1)), fs=100.0, name="test 7"))
     >>> {key: channels[1][key] for key in ("name", "unit_str", "fs", "quantity", "group")}
     {'name': 'a1', 'unit_str': 'm/s^2', 'fs': 100.0, 'quantity': 'a', 'group': 'test 7'}
-    >>> from_sep005(channels)
+    >>> io.from_sep005(channels)
     Record('test 7': 1 DOF, 3 samples at 100 Hz (0.03 s), channels F1, a1)
     """
     attributes = Attributes.of(record)

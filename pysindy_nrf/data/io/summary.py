@@ -26,12 +26,11 @@ def describe(what: Record | Reading) -> str:
     Examples
     --------
     >>> import numpy as np
-    >>> from pysindy_nrf import Record
-    >>> from pysindy_nrf.data.io import describe
+    >>> from pysindy_nrf import Record, io
     >>> t = np.arange(1000) / 200
     >>> x = np.column_stack([np.sin(9 * t), 2 * np.sin(9 * t)])
     >>> force = np.column_stack([np.cos(9 * t), 0 * t])
-    >>> print(describe(Record(displacement=x, force=force, fs=200.0, name="shaker on 1")))
+    >>> print(io.describe(Record(displacement=x, force=force, fs=200.0, name="shaker on 1")))
     shaker on 1: 2 DOFs, 1000 samples at 200 Hz, 5 s
       F1  force                             rms 0.7109 N, peak 1 N
       F2  force                             zero throughout

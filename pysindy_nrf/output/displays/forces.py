@@ -145,10 +145,9 @@ class RestoringForceSurfaceDisplay(Display):
 
     Examples
     --------
-    >>> from pysindy_nrf import NRFRegressor, datasets
-    >>> from pysindy_nrf.output.displays import RestoringForceSurfaceDisplay
+    >>> from pysindy_nrf import NRFRegressor, datasets, displays
     >>> model = NRFRegressor().fit(datasets.load_demo())
-    >>> RestoringForceSurfaceDisplay.from_estimator(model, 1).surface.shape
+    >>> displays.RestoringForceSurfaceDisplay.from_estimator(model, 1).surface.shape
     (1681, 4)
     """
 

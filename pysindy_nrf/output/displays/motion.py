@@ -33,9 +33,8 @@ class RecordDisplay(Display):
 
     Examples
     --------
-    >>> from pysindy_nrf import datasets
-    >>> from pysindy_nrf.output.displays import RecordDisplay
-    >>> display = RecordDisplay(datasets.load_demo(), "displacement").plot()
+    >>> from pysindy_nrf import datasets, displays
+    >>> display = displays.RecordDisplay(datasets.load_demo(), "displacement").plot()
     >>> display.ax_[-1].get_xlabel(), [axis.get_ylabel() for axis in display.ax_]
     ('time (s)', ['$x_{3}$ (mm)', '$x_{2}$ (mm)', '$x_{1}$ (mm)'])
     """
@@ -187,9 +186,8 @@ class ModesDisplay(Display):
 
     Examples
     --------
-    >>> from pysindy_nrf import datasets
-    >>> from pysindy_nrf.output.displays import ModesDisplay
-    >>> len(ModesDisplay.from_estimator(datasets.demo_truth()).modes)
+    >>> from pysindy_nrf import datasets, displays
+    >>> len(displays.ModesDisplay.from_estimator(datasets.demo_truth()).modes)
     3
     """
 

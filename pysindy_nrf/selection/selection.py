@@ -18,19 +18,8 @@ from ..laws.power_series import exponents_of
 from ..mechanics.sites import Site
 from ..regression.chain_solve import require_moving
 from ..regression.input_arrays import from_arrays
+from . import one_se_rule as rules
 from .fold_moments import FoldMoments, Order
-from .one_se_rule import (
-    SCORINGS,
-    DigitsLost,
-    balances_on_folds,
-    choose,
-    complexity_of,
-    independent_shares,
-    information,
-    on_folds,
-    one_standard_error,
-    standard_error,
-)
 from .splitters import n_splits_of
 
 _RULES = ("one_standard_error", "best")
@@ -78,7 +67,7 @@ class OrderSelection:
         scores |= dict(zip(missing, _every(held, self._labels, missing)))
         table = pd.DataFrame({"terms": [_order(held, x).n_terms for x in self._labels]}, index=self.fold_scores.index)
         table["score"] = scores[self.scoring].mean(axis=1)
-        table["standard_error"] = [standard_error(row) for row in scores[self.scoring]]
+        table["standard_error"] = [rules.standard_error(row) for row in scores[self.scoring]]
         table["balance_error"] = -scores["balance"].mean(axis=1)
         table["acceleration_r2"] = scores["acceleration"].mean(axis=1)
         if "free_run" in scores:
@@ -171,10 +160,10 @@ def select_order(
     (3, 3)
     """
     labels = _labels(degrees, boxes)
-    if scoring not in SCORINGS:
+    if scoring not in rules.SCORINGS:
         raise NRFError(
             f"scoring={scoring!r} is unknown here",
-            f"Choose {', '.join(SCORINGS)}, or use GridSearchCV with your own scorer.",
+            f"Choose {', '.join(rules.SCORINGS)}, or use GridSearchCV with your own scorer.",
         )
     _rule(rule)
     if "degree" in regressor_params:
@@ -197,12 +186,12 @@ def _every(held: FoldMoments, labels: list[Any], scorings: list[str]) -> list[np
     """Scores of all orders on all folds, one array for each scoring."""
 
     def judge() -> list[np.ndarray]:
-        found = [on_folds(held, _order(held, label), scorings) for label in labels]
+        found = [rules.on_folds(held, _order(held, label), scorings) for label in labels]
         return [np.array([scores[name] for scores in found]) for name in scorings]
 
     try:
         return judge()
-    except DigitsLost:
+    except rules.DigitsLost:
         held.sharpen()
         return judge()
 
@@ -211,13 +200,13 @@ def _criteria(held: FoldMoments, labels: list[Any]) -> Iterator[tuple[float, flo
     """Information criteria of all orders on all data."""
     largest = max(labels, key=lambda label: len(exponents_of(label)))
     try:
-        shares = independent_shares(held, _order(held, largest))
+        shares = rules.independent_shares(held, _order(held, largest))
     except NRFError:
         shares = {}
     for label in labels:
         try:
             solution, _, grams = held.fit(_order(held, label), None)
-            yield information(solution.fits, grams, shares)
+            yield rules.information(solution.fits, grams, shares)
         except NRFError:
             yield np.nan, np.nan
 
@@ -247,7 +236,7 @@ def _rule(rule: Any) -> Callable[[Mapping[str, Any]], int]:
     if callable(rule):
         return rule
     if rule == "one_standard_error":
-        return one_standard_error
+        return rules.one_standard_error
     if rule == "best":
         return lambda results: int(np.nanargmax(results["mean_test_score"]))
     raise NRFError(f"rule={rule!r} is unknown", f"Choose {' or '.join(_RULES)}, or give a function of cv_results_.")
@@ -292,15 +281,15 @@ def fold_moments_of(
 def _orders_by_storey(held: FoldMoments, labels: list[Any], best: Any) -> dict[str, Any]:
     """Each storey's simplest order, the others being what they are; from the top down until nothing changes."""
     chosen: dict[Site, Any] = dict.fromkeys(held.union, best)
-    ranks = [complexity_of({"degree": label}) for label in labels]
+    ranks = [rules.complexity_of({"degree": label}) for label in labels]
     for _ in range(3):
         before = dict(chosen)
         for site in sorted(chosen, key=lambda s: (-s.p, -s.q)):
             dofs = [j for j in (site.p, site.q) if j > 0]
             errors = np.array([
-                balances_on_folds(held, held.order({**chosen, site: label}), dofs) / 100.0 for label in labels
+                rules.balances_on_folds(held, held.order({**chosen, site: label}), dofs) / 100.0 for label in labels
             ])  # fmt: skip
-            chosen[site] = labels[choose(errors, ranks, paired=True)]
+            chosen[site] = labels[rules.choose(errors, ranks, paired=True)]
         if chosen == before:
             break
     return {str(site): order for site, order in chosen.items()}

@@ -11,29 +11,13 @@ from click.core import ParameterSource
 
 from ...exceptions import ChannelError
 from ...mechanics.chain import Chain
-from .options import (
-    RANGE,
-    Session,
-    band_option,
-    choice,
-    degree_option,
-    files_argument,
-    json_option,
-    law_option,
-    laws_of,
-    link_option,
-    mass_option,
-    order_option,
-    output_option,
-    readings_of,
-    record_options,
-    table,
-)
+from . import options as opt
+from .options import Session
 
 
 @click.command(short_help="Identify a bundled record of a shaken frame.")
-@output_option
-@json_option
+@opt.output_option
+@opt.json_option
 def demo(output: Path, as_json: bool) -> None:
     """Identify a bundled record: a shaken three-storey frame whose ground storey hardens.
 
@@ -57,19 +41,19 @@ def demo(output: Path, as_json: bool) -> None:
 
 
 @click.command(short_help="Find masses and restoring forces from records.")
-@files_argument
-@record_options
-@degree_option(3, "Total degree of the power series, or box k,q.")
-@order_option
-@law_option
-@link_option
-@choice(
+@opt.files_argument
+@opt.record_options
+@opt.degree_option(3, "Total degree of the power series, or box k,q.")
+@opt.order_option
+@opt.law_option
+@opt.link_option
+@opt.choice(
     "--strategy", ["auto", "complete", "sequential", "joint"],
     "Each balance alone, along the chain from a forced floor, or all at once.", "auto",
 )  # fmt: skip
-@mass_option
-@band_option
-@choice(
+@opt.mass_option
+@opt.band_option
+@opt.choice(
     "--estimation", ["ls", "iv", "simulation"],
     "Least squares; instrumental variables, which noise in the motion does not bias; or these and then the free "
     "run fitted to the motion: see docs/noise.md.", "ls",
@@ -81,16 +65,16 @@ def demo(output: Path, as_json: bool) -> None:
     "--frf", is_flag=True, help="FILE holds frequency responses: columns f (Hz), H1, H2, .. complex, e.g. 0.1-0.2j."
 )
 @click.option("--driven", type=int, default=1, help="With --frf: the floor that is driven.")
-@choice(
+@opt.choice(
     "--kind", ["accelerance", "mobility", "receptance"],
     "With --frf: acceleration, velocity or displacement over force.", "accelerance",
 )  # fmt: skip
-@output_option
+@opt.output_option
 @click.option("--figures/--no-figures", default=True, help="Draw figures (needs matplotlib).")
-@choice("--tables", ["csv", "parquet"], "Type of the tables.", "csv")
-@choice("--forces", ["csv", "parquet", "uff"], "Write the restoring force of each site along each record too.")
+@opt.choice("--tables", ["csv", "parquet"], "Type of the tables.", "csv")
+@opt.choice("--forces", ["csv", "parquet", "uff"], "Write the restoring force of each site along each record too.")
 @click.option("--dry-run", is_flag=True, help="Say what was understood and what can be identified, then stop.")
-@json_option
+@opt.json_option
 def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) -> None:
     """Find masses and restoring forces from the records of one chain.
 
@@ -122,7 +106,8 @@ def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) 
     degree, band, masses = options["degree"], options["band"], options["masses"]
     settings: dict[str, Any] = {
         "degree": degree, "orders": options["orders"] or None, "strategy": options["strategy"],
-        "estimation": options["estimation"], "laws": laws_of(options["laws"], degree), "known_masses": masses or None,
+        "estimation": options["estimation"], "laws": opt.laws_of(options["laws"], degree),
+        "known_masses": masses or None,
     }  # fmt: skip
     if frf:
         _identify_frf(session, files, settings, options)
@@ -134,7 +119,7 @@ def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) 
     from ...data.io.summary import summary
     from .outcome import finish, identify_records
 
-    readings = readings_of(files, options, session)
+    readings = opt.readings_of(files, options, session)
     records = [reading.record for reading in readings]
     session.measured(*map(describe, readings))
     n, understood = records[0].n_dof, [summary(rec) for rec in records]
@@ -214,19 +199,19 @@ def _given(option: str) -> bool:
 
 
 @click.command("close-loop", short_help="Find the effects that a model lacks.")
-@files_argument
-@record_options
+@opt.files_argument
+@opt.record_options
 @click.option(
     "--heldout", multiple=True, type=click.Path(path_type=Path), help="A file that only the last line may see."
 )
-@degree_option(1, "Total degree of the declared storeys, or box k,q.")
-@law_option
-@mass_option
-@band_option
+@opt.degree_option(1, "Total degree of the declared storeys, or box k,q.")
+@opt.law_option
+@opt.mass_option
+@opt.band_option
 @click.option("--steps", type=click.IntRange(0), default=4, help="Effects at most.")
 @click.option("--seed", type=int, default=0, help="Seed of the parametric bootstrap.")
-@output_option
-@json_option
+@opt.output_option
+@opt.json_option
 def close_loop(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
     """Find the effects a model lacks, add them, and report the error before and after.
 
@@ -248,11 +233,11 @@ def close_loop(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
     session = Session(as_json)
     baseline = NRFRegressor(
         degree=options["degree"],
-        laws=laws_of(options["laws"], options["degree"]),
+        laws=opt.laws_of(options["laws"], options["degree"]),
         known_masses=options["masses"] or None,
     )
-    readings = readings_of(files, options, session)
-    kept = readings_of(options["heldout"], options, session) if options["heldout"] else []
+    readings = opt.readings_of(files, options, session)
+    kept = opt.readings_of(options["heldout"], options, session) if options["heldout"] else []
     session.measured(*map(describe, (*readings, *kept)))
     with session.listening():
         report = run(
@@ -264,7 +249,7 @@ def close_loop(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
     shown = report.table.drop(columns="band")
     if report.steps:
         shown["held-out data"] = ["", *map(verdict, report.steps)]
-    session.headed(f"Errors, percent NRMSE, {band} (balance errors, but for the free run)", table(shown))
+    session.headed(f"Errors, percent NRMSE, {band} (balance errors, but for the free run)", opt.table(shown))
     session.headed("Model", str(report.model))
     session.take_care()
     steps = [{key: getattr(step, key) for key in _OF_A_STEP} for step in report.steps]
@@ -293,21 +278,21 @@ def _write(report: Any, folder: Path) -> list[Path]:
 
 
 @click.command("select-order", short_help="Find the order of the power series that the records support.")
-@files_argument
-@record_options
-@click.option("--degrees", type=RANGE, default="1-7", help="Total degrees to try: 1-7, or 1,3,5.")
-@click.option("--box", "boxes", multiple=True, type=RANGE, help="A box k,q to try as well: 1,3.")
+@opt.files_argument
+@opt.record_options
+@click.option("--degrees", type=opt.RANGE, default="1-7", help="Total degrees to try: 1-7, or 1,3,5.")
+@click.option("--box", "boxes", multiple=True, type=opt.RANGE, help="A box k,q to try as well: 1,3.")
 @click.option("--folds", type=click.IntRange(2), default=5, help="Blocks in time, each judged by a fit to the others.")
-@choice(
+@opt.choice(
     "--rule", ["one_standard_error", "best"],
     "The lowest order within one standard error of the best, or the best.", "one_standard_error",
 )  # fmt: skip
-@choice("--scoring", ["balance", "acceleration", "free_run"], "What is judged on held-out blocks.", "balance")
-@mass_option
-@band_option
-@output_option
+@opt.choice("--scoring", ["balance", "acceleration", "free_run"], "What is judged on held-out blocks.", "balance")
+@opt.mass_option
+@opt.band_option
+@opt.output_option
 @click.option("--figures/--no-figures", default=True, help="Draw the error over the order (needs matplotlib).")
-@json_option
+@opt.json_option
 def select_order(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
     """Find the order of the power series that the records support.
 
@@ -324,7 +309,7 @@ def select_order(files: tuple[Path, ...], as_json: bool, **options: Any) -> None
     from ...selection import select_order as run
 
     session = Session(as_json)
-    readings = readings_of(files, options, session)
+    readings = opt.readings_of(files, options, session)
     session.measured(*map(describe, readings))
     records = [reading.record for reading in readings]
     boxes = [tuple(box) for box in options["boxes"]]
@@ -337,7 +322,7 @@ def select_order(files: tuple[Path, ...], as_json: bool, **options: Any) -> None
             scoring=options["scoring"], known_masses=options["masses"] or None, band=options["band"],
         )  # fmt: skip
         listed = found.table
-    session.headed("Orders (errors: percent NRMSE on held-out blocks)", table(listed))
+    session.headed("Orders (errors: percent NRMSE on held-out blocks)", opt.table(listed))
     kind, order = "box k,q" if isinstance(found.best_order, tuple) else "total degree", _as_option(found.best_order)
     rule = options["rule"].replace("_", " ")
     session.say(f"\nBest: {kind} {order} ({rule}); next: pysindy-nrf identify ... --degree {order}")
@@ -363,15 +348,15 @@ def _as_option(order: Any) -> str:
 
 @click.command(short_help="Plain SINDy and this package on the same record.")
 @click.argument("file", required=False, type=click.Path(path_type=Path))
-@record_options
+@opt.record_options
 @click.option("--degree", type=click.IntRange(1), default=3, help="Total degree of the power series everywhere.")
 @click.option("--heldout", type=float, default=0.3, help="Share of the record at its end on which all are judged.")
 @click.option(
     "--truth", type=click.Path(path_type=Path), help="The structure, if it is known: a model.json. Judges the terms."
 )
 @click.option("--time-limit", type=float, default=10.0, help="Seconds after which a free run of SINDy is given up.")
-@output_option
-@json_option
+@opt.output_option
+@opt.json_option
 def compare(file: Path | None, as_json: bool, **options: Any) -> None:
     """Fit plain SINDy and this package to the same record and judge both on its end.
 
@@ -388,7 +373,7 @@ def compare(file: Path | None, as_json: bool, **options: Any) -> None:
     from ...selection.comparison import compare_with_sindy
 
     session = Session(as_json)
-    readings = readings_of([file] if file else [], options, session)
+    readings = opt.readings_of([file] if file else [], options, session)
     if len(readings) != 1:
         raise click.UsageError("compare takes one record.")
     session.measured(describe(readings[0]))
@@ -398,7 +383,7 @@ def compare(file: Path | None, as_json: bool, **options: Any) -> None:
         found = compare_with_sindy(readings[0].record, **given)
     session.headed(f"On the last {100 * options['heldout']:g} % of the record (errors: percent NRMSE)")
     shown = found.drop(columns=[c for c in found if found[c].isna().all()])
-    session.say(table(shown.drop(columns="note")))
+    session.say(opt.table(shown.drop(columns="note")))
     for name, note in found["note"].items():
         if note:
             session.say(f"  {name}: {note}")

@@ -9,34 +9,14 @@ import click
 import numpy as np
 
 from ...exceptions import FileFormatError, MissingExtraError, NRFError
-from .options import (
-    FLOORS,
-    NUMBERS,
-    Session,
-    band_option,
-    choice,
-    degree_option,
-    files_argument,
-    in_options,
-    json_option,
-    link_option,
-    map_option,
-    mapping_option,
-    mass_option,
-    output_file,
-    rate_option,
-    readings_of,
-    record_options,
-    said_of,
-    table,
-    unit_option,
-)
+from . import options as opt
+from .options import Session
 
 
 @click.command(short_help="Say what a file holds and how it was understood.")
-@files_argument
-@record_options
-@json_option
+@opt.files_argument
+@opt.record_options
+@opt.json_option
 def inspect(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
     """Say what a file holds and how it was understood. Nothing is solved, nothing is written.
 
@@ -56,7 +36,7 @@ def inspect(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
     session = Session(as_json)
     out = []
     try:
-        readings = readings_of(files, options, session)
+        readings = opt.readings_of(files, options, session)
     except NRFError:
         _say_contents(session, files)
         raise
@@ -87,18 +67,18 @@ def _say_contents(session: Session, files: tuple[Path, ...]) -> None:
 @click.command(short_help="Run a model alone under the forces of a file.")
 @click.argument("model", type=click.Path(path_type=Path))
 @click.argument("forces", required=False, type=click.Path(path_type=Path))
-@map_option
-@unit_option
-@rate_option
-@mapping_option
-@choice(
+@opt.map_option
+@opt.unit_option
+@opt.rate_option
+@opt.mapping_option
+@opt.choice(
     "--method", ["default", "newmark"],
     "Order 8 with error control, or average-acceleration Newmark, one step a sample.", "default",
 )  # fmt: skip
-@click.option("--x0", type=NUMBERS, help="Displacements at the start, m: 0.001,0,0. At rest if left out.")
-@click.option("--v0", type=NUMBERS, help="Velocities at the start, m/s.")
-@output_file("simulation.csv", "File of the record: .csv, .parquet or .uff.")
-@json_option
+@click.option("--x0", type=opt.NUMBERS, help="Displacements at the start, m: 0.001,0,0. At rest if left out.")
+@click.option("--v0", type=opt.NUMBERS, help="Velocities at the start, m/s.")
+@opt.output_file("simulation.csv", "File of the record: .csv, .parquet or .uff.")
+@opt.json_option
 def simulate(model: Path, forces: Path | None, as_json: bool, **options: Any) -> None:
     """Run a model alone under the forces of a file and write the motion.
 
@@ -119,7 +99,7 @@ def simulate(model: Path, forces: Path | None, as_json: bool, **options: Any) ->
 
     session = Session(as_json)
     structure = ChainModel.from_json(model)
-    said, how = said_of(options)
+    said, how = opt.said_of(options)
     load = read_excitation(_one_test(forces, said), structure.n_dof, name=None if forces else said.name, **how)
     with session.listening():
         run = structure.simulate(
@@ -165,16 +145,16 @@ def _beyond(model: Any, run: Any) -> list[str]:
 
 @click.command(short_help="Say which floor to hit, which sensor to add.")
 @click.argument("floors", type=click.IntRange(1))
-@link_option
-@click.option("--can-hit", type=FLOORS, help="Floors that a hammer or shaker reaches: 1,3. All if left out.")
-@click.option("--sensors", type=FLOORS, help="Floors whose motion is measured: 1,2,4. All if left out.")
-@click.option("--unknown", type=FLOORS, help="Floors on which a force acts that is not measured.")
-@mass_option
+@opt.link_option
+@click.option("--can-hit", type=opt.FLOORS, help="Floors that a hammer or shaker reaches: 1,3. All if left out.")
+@click.option("--sensors", type=opt.FLOORS, help="Floors whose motion is measured: 1,2,4. All if left out.")
+@click.option("--unknown", type=opt.FLOORS, help="Floors on which a force acts that is not measured.")
+@opt.mass_option
 @click.option("--most", type=click.IntRange(1), default=2, help="Floors hit at most.")
 @click.option(
     "--model", type=click.Path(path_type=Path), help="A first guess (model.json): ranks floors by how modes respond."
 )
-@json_option
+@opt.json_option
 def plan(floors: int, as_json: bool, **options: Any) -> None:
     """Say which floor to hit, or which sensor to add, before a test of a structure with FLOORS floors.
 
@@ -195,7 +175,7 @@ def plan(floors: int, as_json: bool, **options: Any) -> None:
         can_hit=options["can_hit"], sensors=options["sensors"], unknown=options["unknown"] or (),
         known_masses=options["masses"], model=model, most=min(options["most"], floors),
     )  # fmt: skip
-    advice = [in_options(one) for one in found.advice]
+    advice = [opt.in_options(one) for one in found.advice]
     if advice:
         session.say(*advice)
     shown = found.table.head(10).assign(
@@ -206,19 +186,19 @@ def plan(floors: int, as_json: bool, **options: Any) -> None:
     if model is None and "response" in shown:
         shown = shown.drop(columns="response")
     if len(shown):
-        session.headed("Tests, the best first", table(shown.reset_index(drop=True)))
+        session.headed("Tests, the best first", opt.table(shown.reset_index(drop=True)))
     session.emit({"advice": advice, "tests": found.table.to_dict("records")})
 
 
 @click.command(short_help="Write one page (HTML) of a result or of records.")
-@files_argument
-@record_options
-@degree_option(3, "Without a result: total degree of the power series, or k,q.")
-@mass_option
-@band_option
+@opt.files_argument
+@opt.record_options
+@opt.degree_option(3, "Without a result: total degree of the power series, or k,q.")
+@opt.mass_option
+@opt.band_option
 @click.option("--title", help="Title of the page.")
-@output_file("report.html", "File of the page.")
-@json_option
+@opt.output_file("report.html", "File of the page.")
+@opt.json_option
 def report(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
     """Write one page (HTML, works offline) of a result, of records, or of both.
 
@@ -238,7 +218,7 @@ def report(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
     if len(results) > 1:
         raise click.UsageError("report takes one result (.json).")
     measured = [path for path in files if path not in results]
-    readings = readings_of(measured, options, session, needed=not results)
+    readings = opt.readings_of(measured, options, session, needed=not results)
     records = [reading.record for reading in readings]
     with session.listening():
         subject = _result(results[0]) if results else _identified(records, options, session)

@@ -106,12 +106,8 @@ class MissingExtraError(ImportError):
 
     Parameters
     ----------
-    package : str
-        The package that is missing.
-    extra : str
-        The extra of ``pysindy_nrf`` that brings it.
-    purpose : str
-        What it is needed for.
+    package, extra, purpose : str
+        The package that is missing, the extra of ``pysindy_nrf`` that brings it, and what it is needed for.
 
     Examples
     --------

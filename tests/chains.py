@@ -118,18 +118,9 @@ def integrate(m, c, k, k3, F, dt, ag=None, extra=None, substeps=1, x0=None):
 
 
 def duffing(
-    n: int,
-    forced,
-    seed: int = 0,
-    n_samples: int = 3000,
-    dt: float = 1e-3,
-    cubic: bool = True,
-    ag=None,
-    rms: float = 300.0,
-    given=None,
-    extra=None,
-    substeps: int = 1,
-) -> Case:
+    n: int, forced, seed: int = 0, n_samples: int = 3000, dt: float = 1e-3, cubic: bool = True, ag=None,
+    rms: float = 300.0, given=None, extra=None, substeps: int = 1,
+) -> Case:  # fmt: skip
     """One chain, forced by band-limited noise on some DOFs (or shaken at its base)."""
     rng = np.random.default_rng(seed)
     m, c, k, k3 = parameters(n, rng, cubic) if given is None else given

@@ -102,15 +102,11 @@ def cases():
     from pysindy_nrf import ChainOptimizer, KinematicSmoother
 
     return [
-        (KinematicSmoother(fs=100.0, channels="x"), SIGNALS),
-        (ChainOptimizer(), COLUMNS),
-        (StateSpaceChainOptimizer(), COLUMNS),
-        (InterstoryPolynomialLibrary(inputs="state"), STATE),
-        (ForceLawLibrary(DUFFING, inputs="state"), STATE),
-        (PaddedPolynomialLibrary(), {}),
-        (PaddedLawLibrary(), {}),
+        (KinematicSmoother(fs=100.0, channels="x"), SIGNALS), (ChainOptimizer(), COLUMNS),
+        (StateSpaceChainOptimizer(), COLUMNS), (InterstoryPolynomialLibrary(inputs="state"), STATE),
+        (ForceLawLibrary(DUFFING, inputs="state"), STATE), (PaddedPolynomialLibrary(), {}), (PaddedLawLibrary(), {}),
         (PaddedRegressor(degree=1), COLUMNS),
-    ]
+    ]  # fmt: skip
 
 
 def direct():

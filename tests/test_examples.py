@@ -25,13 +25,9 @@ def test_the_example_runs_and_draws(path, tmp_path):
     if path.stem not in SHORT and not ALL:
         pytest.skip("long; PYSINDY_NRF_ALL_EXAMPLES=1 runs it")
     done = subprocess.run(
-        [sys.executable, "-W", "ignore", str(path), str(tmp_path)],
-        cwd=tmp_path,
-        env={**os.environ, "MPLBACKEND": "Agg"},
-        capture_output=True,
-        text=True,
-        timeout=600,
-    )
+        [sys.executable, "-W", "ignore", str(path), str(tmp_path)], cwd=tmp_path,
+        env={**os.environ, "MPLBACKEND": "Agg"}, capture_output=True, text=True, timeout=600,
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr[-3000:]
     drawn = [p for p in tmp_path.rglob("*.png") if p.stat().st_size > 5000]
     assert drawn, f"{path.name} wrote no picture into the folder it was given"

@@ -96,8 +96,7 @@ def test_the_papers_integrator_gives_the_same_result():
     masses = []
     for method in ("default", "newmark"):
         X, F = cases.two_dof("incomplete", method=method).exact.to_features(smooth=False)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", BiasWarning)
+        with warnings.catch_warnings(action="ignore", category=BiasWarning):
             masses.append(NRFRegressor(degree=3).fit(X, F).masses_)
     assert masses[1] == pytest.approx(masses[0], rel=3e-3)
 

@@ -86,8 +86,7 @@ def as_matrix(
         try:
             if array.dtype.kind in "mMSV":  # NumPy would turn dates into nanoseconds
                 raise TypeError
-            with warnings.catch_warnings():
-                warnings.simplefilter("error", np.exceptions.ComplexWarning)
+            with warnings.catch_warnings(action="error", category=np.exceptions.ComplexWarning):
                 out[:, i] = array[:, i].astype(np.float64)
         except (TypeError, ValueError, np.exceptions.ComplexWarning) as error:
             kind = ChannelTypeError if isinstance(error, TypeError) and array.dtype == object else ChannelError

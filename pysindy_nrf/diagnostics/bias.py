@@ -324,8 +324,7 @@ class JumpBias:
         all_windows, fewer = self.whole.grams(), [kept.grams() for kept in self.kept]
         total = all_windows.sum()
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", RankWarning)  # the fit has warned
+            with warnings.catch_warnings(action="ignore", category=RankWarning):  # the fit has warned
                 found, without = self._with_chance(all_windows)
                 kept = list(self._settling(fewer))
         except (NRFError, np.linalg.LinAlgError):

@@ -51,8 +51,7 @@ def diagnose(model: Any) -> Diagnosis:
     >>> import warnings
     >>> from pysindy_nrf import NRFRegressor, datasets
     >>> from pysindy_nrf.diagnostics.test_planning import diagnose
-    >>> with warnings.catch_warnings():
-    ...     warnings.simplefilter("ignore")
+    >>> with warnings.catch_warnings(action="ignore"):
     ...     linear = NRFRegressor(degree=1).fit(datasets.load_demo())  # storey 1 is cubic
     >>> "missing law" in diagnose(linear).table["limit"].tolist()
     True
@@ -260,14 +259,10 @@ def plan(
     Parameters
     ----------
     chain : Chain
-    can_hit : iterable of int, optional
-        Floors a hammer or shaker reaches; all if None.
-    sensors : iterable of int, optional
-        Floors whose motion is measured; all if None.
-    unknown : iterable of int
-        DOFs on which an unmeasured force acts.
-    known_masses : iterable of int
-        DOFs whose mass is known.
+    can_hit, sensors : iterable of int, optional
+        Floors a hammer or shaker reaches, and whose motion is measured; all if None.
+    unknown, known_masses : iterable of int
+        DOFs on which an unmeasured force acts, and whose mass is known.
     model : ChainModel, optional
         A first guess; floors are then ranked by how well its modes respond to a blow there.
     most : int

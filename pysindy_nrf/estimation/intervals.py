@@ -130,8 +130,7 @@ class Resolver:
 
     def model(self, total: BlockGrams) -> ChainModel:
         """Model of a sum of pieces."""
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RankWarning)
+        with warnings.catch_warnings(action="ignore", category=RankWarning):
             model = model_of(self.pieces.layout, self.solve(total))
         return model if self.constrain is None else self.constrain(model)
 

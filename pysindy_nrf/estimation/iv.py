@@ -359,8 +359,7 @@ class _Instruments:
             for seg, filter in zip(self.data.segments, filters):
                 yield from seg.blocks(layout, filter=filter)
 
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RankWarning)
+        with warnings.catch_warnings(action="ignore", category=RankWarning):
             solution, _ = solve_blocks(layout, self.order, blocks, self.problem.known_masses)
         return model_of(layout, solution)
 

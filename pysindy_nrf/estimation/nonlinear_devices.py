@@ -291,8 +291,6 @@ def damper_force(model: Any, linear: Any, X: Any, **options: Any) -> pd.DataFram
 def horizontal_component(force: Any, rise: float, run: float) -> np.ndarray:
     """Horizontal component of the force in a diagonal device.
 
-    The force identified in a storey is horizontal, a load cell in a diagonal damper is not.
-
     Parameters
     ----------
     force : array-like of shape (n_samples,)
@@ -402,9 +400,8 @@ def dissipated_energy(model: Any, X: Any, without: Any = None, **options: Any) -
 def energy_shares(model: Any, X: Any, **options: Any) -> pd.DataFrame:
     """Share of the dissipated energy of each storey, a damage index.
 
-    For a linear structure the shares depend on where and how it is excited, not on how hard.
-    Friction, yielding or a damper in a storey raises its share; a change of the shares between
-    two tests with the same excitation points to the storey that changed.
+    For a linear structure the shares do not depend on how hard it is excited. Friction, yielding or a damper in a
+    storey raises its share; a change between two tests with the same excitation points to the storey that changed.
 
     Parameters
     ----------

@@ -159,12 +159,9 @@ class Chain:
 
         Parameters
         ----------
-        forced : iterable of int
-            DOFs on which a force acts and is measured.
-        unknown : iterable of int
-            DOFs whose force is unknown; their balances are not used.
-        known_masses : iterable of int
-            DOFs whose mass is known.
+        forced, unknown, known_masses : iterable of int
+            DOFs on which a force acts and is measured, whose force is unknown (their balances are not used), and
+            whose mass is known.
         strategy : {"auto", "complete", "sequential", "joint"}
             See :class:`pysindy_nrf.NRFRegressor`.
 

@@ -307,10 +307,8 @@ def find_onset(
     ----------
     X, F, **options
         One record, as for ``fit``.
-    step : float
-        Resolution, s.
-    margin : float
-        Least length of a part, s.
+    step, margin : float
+        Resolution and least length of a part, s.
     level : float
         Significance level.
 

@@ -277,10 +277,8 @@ class ChainModel:
         Parameters
         ----------
         site : str or int
-        size : int
-            Points along each side of the grid.
-        margin : float
-            Share by which the rectangle is widened.
+        size, margin : int, float
+            Points along each side of the grid, and share by which the rectangle is widened.
 
         Returns
         -------
@@ -458,12 +456,10 @@ class ChainModel:
                 )
             chain = Chain(data["chain"]["n_dof"], data["chain"].get("links", ()), data["chain"].get("ground", "base"))
             return cls(
-                data["masses"],
-                {site: [from_dict(law) for law in held] for site, held in data["laws"].items()},
-                chain,
+                data["masses"], {site: [from_dict(law) for law in held] for site, held in data["laws"].items()}, chain,
                 {site: VisitedRegion.from_dict(region) for site, region in data.get("visited", {}).items()},
                 data.get("info"),
-            )
+            )  # fmt: skip
         except FileFormatError:
             raise
         except (ValueError, KeyError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:

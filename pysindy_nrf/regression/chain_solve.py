@@ -37,8 +37,7 @@ def fit_inner(optimizer: Any, columns: np.ndarray, target: np.ndarray) -> np.nda
             f"optimizer={optimizer!r} is not an optimizer", "Give an instance, e.g. pysindy.STLSQ(threshold=0.01)."
         )
     fresh = clone(optimizer)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         fresh.fit(columns, target.reshape(-1, 1))
     for message in caught:
         if "eliminated all" in str(message.message):
@@ -146,8 +145,7 @@ def solved_safely(
 ) -> Solution | None:  # fmt: skip
     """Solution of Gram matrices, or None where squaring may have lost digits that the data hold."""
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", RankWarning)
+        with warnings.catch_warnings(action="error", category=RankWarning):
             solution = solve(grams, solve_order, known_masses, inner)
     except (RankWarning, IdentifiabilityError):
         return None

@@ -68,9 +68,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
     >>> library = ForceLawLibrary([laws.LinearViscous(), laws.Duffing()])
     >>> (library + ForceLawLibrary({"storey 2": laws.CoulombFriction()})).fit(np.zeros((5, 6))).get_feature_names()
     ['a1', 'a2', 'v1', 's1', 's1^3', 'v2', 's2', 's2^3', 'sgn(v2)']
-
-    One shaker, on the roof of two storeys; x, xdot and u are what ``ps.SINDy`` passes on:
-
+    >>> # one shaker, on the roof of two storeys; x, xdot and u are what ps.SINDy passes on
     >>> shaken = ForceLawLibrary([laws.Duffing()], inputs="state", forced=[2]).fit(np.zeros((5, 5)))
     >>> shaken.get_feature_names()
     ['xdot1', 'xdot2', 's1', 's1^3', 's2', 's2^3', 'F1', 'F2']

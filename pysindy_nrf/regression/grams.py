@@ -86,11 +86,9 @@ class BlockGrams:
         if self.kind == "root":
             return self.sum(1.0 - np.eye(len(self)))
         return replace(
-            self,
-            matrices={dofs: leave_one_out(x) for dofs, x in self.matrices.items()},
-            sizes={dofs: leave_one_out(n) for dofs, n in self.sizes.items()},
-            n_samples=leave_one_out(self.n_samples),
-        )
+            self, matrices={dofs: leave_one_out(x) for dofs, x in self.matrices.items()},
+            sizes={dofs: leave_one_out(n) for dofs, n in self.sizes.items()}, n_samples=leave_one_out(self.n_samples),
+        )  # fmt: skip
 
     def running(self) -> tuple[BlockGrams, BlockGrams]:
         """Sums of the blocks before each boundary, and of those behind it: n_blocks + 1 of each."""
@@ -106,11 +104,9 @@ class BlockGrams:
         else:
             sums = {d: x + other.matrices[d] for d, x in self.matrices.items()}
         return replace(
-            self,
-            matrices=sums,
-            sizes={dofs: n + other.sizes[dofs] for dofs, n in self.sizes.items()},
+            self, matrices=sums, sizes={dofs: n + other.sizes[dofs] for dofs, n in self.sizes.items()},
             n_samples=self.n_samples + other.n_samples,
-        )
+        )  # fmt: skip
 
     @classmethod
     def stack(cls, parts: Sequence[BlockGrams], record: Any = None) -> BlockGrams:

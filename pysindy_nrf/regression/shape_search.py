@@ -73,8 +73,7 @@ class _Search:
     def cost(self, u: np.ndarray) -> float:
         """Sum of the squared shares that the steps leave unexplained."""
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", RankWarning)
+            with warnings.catch_warnings(action="ignore", category=RankWarning):
                 solution, _ = self.solve(self.trial(u))
         except (IdentifiabilityError, LawError):  # no answer for these values, e.g. a loop like a spring
             return np.inf
@@ -137,8 +136,7 @@ def _lines(
         return []
     longest = max(known, key=lambda i: data.segments[i].valid.stop - data.segments[i].valid.start)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RankWarning)
+        with warnings.catch_warnings(action="ignore", category=RankWarning):
             solution, _ = solve(layout)
     except (IdentifiabilityError, LawError):
         return []

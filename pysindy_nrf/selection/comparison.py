@@ -374,8 +374,7 @@ def compare(
         "pysindy_nrf, least squares": Ours(degree, None),
         **{f"pysindy_nrf, {name}": Ours(degree, optimizer) for name, optimizer in given.items()},
     }
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         reference = Ours(degree, None)
         reference.fit(search)
         ruler = Ruler.of(truth if truth is not None else reference.model.model_, truth is not None, whole, cut)
@@ -455,8 +454,7 @@ def compare_with_sindy(
     --------
     >>> from pysindy_nrf import ChainModel, excitation, laws, simulate
     >>> from pysindy_nrf.selection.comparison import compare_with_sindy
-    >>> storey = laws.PowerSeries(1, [100.0, 1e5])
-    >>> truth = ChainModel([10.0, 10.0], {1: storey, 2: storey})
+    >>> truth = ChainModel([10.0, 10.0], {i: laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
     >>> F = excitation.band_limited_random(2, 1.0, 1000.0, dofs=[1, 2], rms=50.0, band=(1, 60), random_state=0)
     >>> table = compare_with_sindy(simulate(truth, F, 1e-3), truth=truth, free_run=2)
     >>> bool(table.loc["pysindy_nrf, STLSQ", "terms"] < table.loc["SINDy, normalised", "terms"])

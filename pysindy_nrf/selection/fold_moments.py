@@ -352,8 +352,7 @@ class FoldMoments:
         total = self.total(fold)[0] if total is None else total
         solve_order = self.solve_order(total, order)
         own = self.cut(total, order, order.groups(solve_order))
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RankWarning)
+        with warnings.catch_warnings(action="ignore", category=RankWarning):
             return solve(own, solve_order, self.known_masses, inner or self.inner), solve_order, own
 
     def piece_norms(self, order: Order, dofs: tuple[int, ...], weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -115,10 +115,9 @@ def select_order(
 ) -> OrderSelection:  # fmt: skip
     """Choose the order of the power series by held-out error, at the cost of about one fit.
 
-    The samples are read once, into Gram matrices of the pieces that the folds cut; every order on every fold is then
-    solved from them. The scores are those of ``GridSearchCV(NRFRegressor(), {"degree": ...}, cv=cv,
-    scoring=...)`` to 1e-9 (with ``band`` or with laws that remember the path, records are here filtered and
-    followed whole, and there from each fold's edge anew).
+    The samples are read once, into Gram matrices of the pieces that the folds cut. The scores are those of
+    ``GridSearchCV(NRFRegressor(), {"degree": ...}, cv=cv, scoring=...)`` to 1e-9 (with ``band`` or with laws that
+    remember the path, records are here filtered and followed whole, and there from each fold's edge anew).
 
     Parameters
     ----------

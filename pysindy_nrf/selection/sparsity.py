@@ -354,8 +354,7 @@ def setting_of(candidate: Any) -> str:
 def _judged(held: FoldMoments, order: Order, candidates: Mapping[Any, Any], seeds: Mapping[Any, int]) -> dict:
     """Held-out errors on the folds, the fit to everything and the inclusion, for each candidate."""
     out = {}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", NRFWarning)
+    with warnings.catch_warnings(action="ignore", category=NRFWarning):
         for name, candidate in candidates.items():
             fit = _fitter(held, order, candidate, seeds[name])
             errors = np.array([_heldout_error(held, fit, fold) for fold in range(held.n_folds)])

@@ -153,10 +153,8 @@ def resampled(
     >>> from pysindy_nrf.signals.alignment import resampled
     >>> slow, fast = np.arange(1000) / 250, np.arange(4000) / 1000
     >>> rec = resampled({"x1": np.sin(9 * slow), "a1": -81 * np.sin(9 * fast)}, {"x1": 250.0, "a1": 1000.0})
-    >>> rec.fs, rec.n_samples
-    (250.0, 1000)
-    >>> bool(np.abs(rec.acceleration + 81 * rec.displacement)[50:-50].max() < 0.2)
-    True
+    >>> rec.fs, bool(np.abs(rec.acceleration + 81 * rec.displacement)[50:-50].max() < 0.2)
+    (250.0, True)
     """
     own = {n: float(rates.get(n, rates.get(n.rstrip("0123456789"), np.nan))) for n in channels}
     lost = [n for n, r in own.items() if not np.isfinite(r) or r <= 0]

@@ -59,8 +59,7 @@ def condense(record: Record) -> Condensed:
     >>> from pysindy_nrf import Record
     >>> from pysindy_nrf.signals.condensation import condense
     >>> x = np.column_stack([np.sin(np.arange(500) / 9), np.full(500, np.nan), np.cos(np.arange(500) / 9)])
-    >>> with warnings.catch_warnings():
-    ...     warnings.simplefilter("ignore")
+    >>> with warnings.catch_warnings(action="ignore"):
     ...     print(condense(Record(displacement=x, fs=100.0)))
     m1: floor 1 and a part of floor 2.
     storey 1: storey 1.

@@ -97,14 +97,9 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
     >>> t = np.arange(4000) / 500
     >>> x, a = np.sin(20 * t), -400 * np.sin(20 * t)
     >>> measured = pd.DataFrame({"a1": a + 5 * rng.normal(size=4000), "x1": x + 0.02 * rng.normal(size=4000)})
-    >>> smoother = KinematicSmoother(fs=500.0)
-    >>> fused = smoother.fit_transform(measured)
-    >>> list(fused.columns)
-    ['a1', 'v1', 'x1']
-    >>> bool(np.std(fused["v1"] - 20 * np.cos(20 * t)) < 0.1)
-    True
-    >>> smoother.noise_.round(2).to_dict()
-    {'a1': 5.01, 'x1': 0.02}
+    >>> fused = KinematicSmoother(fs=500.0).fit_transform(measured)
+    >>> list(fused.columns), bool(np.std(fused["v1"] - 20 * np.cos(20 * t)) < 0.1)
+    (['a1', 'v1', 'x1'], True)
     """
 
     noise_: pd.Series

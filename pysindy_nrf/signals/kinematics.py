@@ -156,10 +156,8 @@ def _all_measured(record: Record) -> None:
 def paper_processing(record: Record, high_pass: float = 1.0, filter_force: bool = False) -> Record:
     """High-pass the accelerations, integrate them to velocities, leave the displacements.
 
-    Measured accelerations go through a zero-phase 1 Hz high-pass (relative to the base, if it
-    moves), velocities are their cumulative trapezoid integral, measured displacements are used as
-    they are. So acceleration, velocity and displacement have not gone through the same filter;
-    :class:`KinematicSmoother` avoids that.
+    Measured accelerations (relative to the base, if it moves) go through a zero-phase high-pass, velocities are their
+    trapezoid integral. The three have not gone through the same filter; :class:`KinematicSmoother` avoids that.
 
     Parameters
     ----------
@@ -177,9 +175,8 @@ def paper_processing(record: Record, high_pass: float = 1.0, filter_force: bool 
 
     References
     ----------
-    "Data-based identification of nonlinear restoring force under spatially incomplete excitations
-    with power series polynomial model", the section on the four-storey frame: accelerations and
-    displacements at 1024 Hz, 1 Hz high-pass, velocity by numerical integration.
+    "Data-based identification of nonlinear restoring force under spatially incomplete excitations with power series
+    polynomial model", the section on the four-storey frame.
 
     Examples
     --------

@@ -145,11 +145,9 @@ class BasisLadder:
 
 
 def fuse(
-    channels: list[np.ndarray | None],
-    ladder: BasisLadder,
-    noise: np.ndarray | None = None,
+    channels: list[np.ndarray | None], ladder: BasisLadder, noise: np.ndarray | None = None,
     high_pass: float | None = None,
-) -> FusedMotion:
+) -> FusedMotion:  # fmt: skip
     """One motion from the measured channels of one degree of freedom."""
     measured = [o for o in range(3) if channels[o] is not None]
     given = np.full(3, np.nan) if noise is None else np.asarray(noise, dtype=float)

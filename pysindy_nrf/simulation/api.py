@@ -103,11 +103,8 @@ def simulate(
     Examples
     --------
     >>> import numpy as np
-    >>> from types import SimpleNamespace
-    >>> from pysindy_nrf import Chain, Site, laws
-    >>> from pysindy_nrf.simulation import simulate
-    >>> law = laws.PowerSeries(1, [0.0, 1e3])
-    >>> model = SimpleNamespace(chain=Chain(1), masses=[10.0], laws={Site(1): (law,)})
+    >>> from pysindy_nrf import ChainModel, laws, simulate
+    >>> model = ChainModel([10.0], {1: laws.LinearElastic(1e3)})
     >>> rec = simulate(model, np.zeros((101, 1)), dt=0.01, x0=[1e-3])
     >>> bool(np.allclose(rec.displacement[:, 0], 1e-3 * np.cos(10 * rec.time), atol=1e-11))
     True

@@ -29,7 +29,6 @@ def impact_hammer(
     Parameters
     ----------
     n_dof : int
-        Number of masses.
     duration, fs : float
         Length (s) and sampling rate (Hz).
     dofs : int or iterable of int
@@ -193,10 +192,8 @@ def earthquake(
     ----------
     duration, fs : float
         Length (s) and sampling rate (Hz).
-    peak : float, optional
-        Largest acceleration, m/s^2.
-    rms : float, optional
-        RMS over the record, m/s^2; give this or ``peak``.
+    peak, rms : float, optional
+        Largest acceleration, or its RMS over the record, m/s^2.
     ground_frequency, ground_damping : float
         Of the soil, Hz and share of critical.
     rise, fall : float

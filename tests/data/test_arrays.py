@@ -179,15 +179,12 @@ for _ in range(5000):
 @pytest.mark.parametrize(
     "body",
     [
-        element(9, bytes(16)),
-        NESTED,
-        element(14, struct.pack("<II", 6, 800)),
-        element(14, shape(1, 1) + NAME + ONE),
+        element(9, bytes(16)), NESTED, element(14, struct.pack("<II", 6, 800)), element(14, shape(1, 1) + NAME + ONE),
         element(14, FLAGS + shape(-1, 1) + NAME + ONE),
         element(14, FLAGS + shape(1, 1) + NAME + element(250, bytes(8))),
     ],
     ids=["no array", "5000 structures", "tag too long", "no flags", "negative size", "no such type"],
-)
+)  # fmt: skip
 def test_a_damaged_matlab_file_is_refused_and_the_process_lives(written, body):
     """Level 5 of the format: tag, flags, dimensions, name, content. SciPy's reader can end its process."""
     with pytest.raises(FileFormatError, match="damaged.mat"):

@@ -13,8 +13,7 @@ if not BENCHMARKS.is_dir():
     pytest.skip("the benchmarks are not part of an installed package", allow_module_level=True)
 sys.path.insert(0, str(BENCHMARKS))
 
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore", RuntimeWarning)
+with warnings.catch_warnings(action="ignore", category=RuntimeWarning):
     from bad_inputs_battery import every_kind, judge
 
     KINDS = every_kind()

@@ -131,8 +131,7 @@ def test_a_footer_is_named(columns_file, tail):
 def test_times_of_day_and_timestamps_are_a_clock(columns_file, written):
     of_day = [f"12:00:{59 + t:06.3f}" if t < 1 else f"12:01:{t - 1:06.3f}" for t in T]
     path = columns_file("Time;x1;F1", [of_day, point(X), point(F)])
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         assert read_record(path).fs == pytest.approx(200.0, rel=1e-12)
     stamps = "".join(f"2024-05-01T12:00:00.{k},{k}\n" for k in ("00", "25", "50"))
     assert read_record(written("time,a1\n" + stamps)).fs == pytest.approx(4.0)

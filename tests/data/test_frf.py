@@ -60,15 +60,12 @@ def test_text_round_trip_with_header_i_and_zero_line(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("f;H1\n1;0.1+0.2j\n2;oops\n3;0.1j\n", "row 3.*oops"),
-        ("f;H1\n1;0.1\n2;0.2\n", "no complex"),
-        ("1;0.1j;0.2\n2;0.1j\n", "row 1.* is not 2 numbers"),
-        ("just words\n", "one column"),
-        ("# only words\n% and more\n\n", "holds no rows"),
-        ("f;H1\n", "no rows of numbers"),
+        ("f;H1\n1;0.1+0.2j\n2;oops\n3;0.1j\n", "row 3.*oops"), ("f;H1\n1;0.1\n2;0.2\n", "no complex"),
+        ("1;0.1j;0.2\n2;0.1j\n", "row 1.* is not 2 numbers"), ("just words\n", "one column"),
+        ("# only words\n% and more\n\n", "holds no rows"), ("f;H1\n", "no rows of numbers"),
         ("f;H1 [m/s²/N]\n1;0.1j\n".encode("latin-1"), "H.csv"),
     ],
-)
+)  # fmt: skip
 def test_errors_name_row_and_cure(written, text, words):
     with pytest.raises(FileFormatError, match=words):
         read_frf(written(text, "H.csv"))

@@ -43,25 +43,19 @@ def test_the_mapping_grammar(archive):
 @pytest.mark.parametrize(
     ("mapping", "message"),
     [
-        ({"x1": "nope"}, "no variable 'nope'.*acc 50x3"),
-        ({"x1": "acc"}, r"shape \(50, 3\).*acc\[:, 0\]"),
-        ({"x1": "acc[:, 3]"}, "no column 3"),
-        ({"x1": "short", "F1": "drive"}, "differ in length"),
-        ({"x1": "drive + 2"}, "no variable 'drive \\+ 2'"),
-        ({"x1": "drive*2*3"}, "not understood"),
-        ({"x1": "drive*volts"}, "factor 'volts'"),
-        ({"x1": "drive*0"}, "factor '0'"),
+        ({"x1": "nope"}, "no variable 'nope'.*acc 50x3"), ({"x1": "acc"}, r"shape \(50, 3\).*acc\[:, 0\]"),
+        ({"x1": "acc[:, 3]"}, "no column 3"), ({"x1": "short", "F1": "drive"}, "differ in length"),
+        ({"x1": "drive + 2"}, "no variable 'drive \\+ 2'"), ({"x1": "drive*2*3"}, "not understood"),
+        ({"x1": "drive*volts"}, "factor 'volts'"), ({"x1": "drive*0"}, "factor '0'"),
         ({"x1": "drive @ wug"}, "unit 'wug'"),
         ({"x1": "drive @ g"}, "x1 is a displacement, but its unit 'g' measures acceleration"),
-        ({"x": "drive"}, "no number"),
-        ({"x1": "unknown"}, "cannot be 'unknown'"),
+        ({"x": "drive"}, "no number"), ({"x1": "unknown"}, "cannot be 'unknown'"),
         ({"F1": "drive"}, "no column is known to be a motion"),
         ({"x1": "__import__('os').system('touch mark')"}, "no variable"),
         ({"x1": "drive*__import__('os').system('touch mark')"}, "factor|understood"),
-        ({"x1": "exec(open('x').read())"}, "no variable"),
-        ({"x1": "().__class__"}, "no variable|understood"),
+        ({"x1": "exec(open('x').read())"}, "no variable"), ({"x1": "().__class__"}, "no variable|understood"),
     ],
-)
+)  # fmt: skip
 def test_a_bad_mapping_names_the_channel_and_is_never_run(archive, mapping, message, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     path, *_ = archive
@@ -122,23 +116,17 @@ def test_mapping_files_stay_in_their_folder(tmp_path):
     ("text", "words"),
     [
         ("chanels = {}", "'chanels' is unknown; did you mean 'channels'"),
-        ("fs = -5", "fs = -5 is not a positive number"),
-        ("fs = true", "fs = True is not a positive number"),
-        ("fs = nan", "fs = nan is not"),
-        (f"fs = {'5' * 400}", "is not a positive number"),
+        ("fs = -5", "fs = -5 is not a positive number"), ("fs = true", "fs = True is not a positive number"),
+        ("fs = nan", "fs = nan is not"), (f"fs = {'5' * 400}", "is not a positive number"),
         (f"fs = {'5' * 5000}", "mapping file"),
         (f"fs = 0x{'f' * 5000}", "a number too long to print is not a positive number"),
-        ('coordinates = "polar"', "'relative' or 'absolute'"),
-        ('files = "a.csv"', "a list of file names"),
-        ("files = []", "a list of file names"),
-        ("together = 1", "true or false"),
-        ("[channels]\nF1 = 3", "channels.F1 = 3 is not a text"),
-        ("[units]\na = ''", "units.a = '' is not a text"),
-        ("channels = 5", "channels = 5 is not a table"),
-        ("name = [1]", "name = .* is not a text"),
+        ('coordinates = "polar"', "'relative' or 'absolute'"), ('files = "a.csv"', "a list of file names"),
+        ("files = []", "a list of file names"), ("together = 1", "true or false"),
+        ("[channels]\nF1 = 3", "channels.F1 = 3 is not a text"), ("[units]\na = ''", "units.a = '' is not a text"),
+        ("channels = 5", "channels = 5 is not a table"), ("name = [1]", "name = .* is not a text"),
         ("= broken", "mapping file"),
     ],
-)
+)  # fmt: skip
 def test_a_wrong_key_is_named(written, text, words):
     with pytest.raises(FileFormatError, match=words):
         read_mapping(written(text + "\n", "m.toml"))

@@ -107,12 +107,9 @@ def test_files_of_another_type_than_their_name(tmp_path):
     (tmp_path / "c.csv").write_text("The quick brown fox\njumps over\n")
     savemat(tmp_path / "d.mat", {"note": "only text"})
     for name, words in {
-        "a.xyz": r"type \.xyz",
-        "b.csv": "called .csv but holds a ZIP",
-        "c.csv": "no rows of numbers",
-        "": "not a file",
+        "a.xyz": r"type \.xyz", "b.csv": "called .csv but holds a ZIP", "c.csv": "no rows of numbers", "": "not a file",
         "d.mat": "no channel of numbers",
-    }.items():
+    }.items():  # fmt: skip
         with pytest.raises(FileFormatError, match=words):
             read_table(tmp_path / name)
 

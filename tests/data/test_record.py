@@ -56,8 +56,7 @@ def test_a_record_without_a_clock_serves_an_element_without_mass_only():
     ],
 )
 def test_times_that_are_not_seconds_are_refused(time, words):
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", RuntimeWarning)
+    with warnings.catch_warnings(action="error", category=RuntimeWarning):
         with pytest.raises(ChannelError, match=words):
             Record(displacement=np.sin(np.arange(4.0))[:, None], time=np.array(time))
 
@@ -137,6 +136,5 @@ def test_only_values_far_beyond_all_others_are_fillers(line, value, times):
     ids=str,
 )  # fmt: skip
 def test_honest_channels_are_left_alone(line):
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         assert len(fillers(np.array(line, dtype=float))[0]) == 0

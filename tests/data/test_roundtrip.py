@@ -61,13 +61,10 @@ def records(draw):
     for base in draw(st.sets(st.sampled_from(BASES))):
         options[base] = draw(LINES)
     record = Record(
-        force=force,
-        fs=draw(st.floats(1e-3, 1e6)),
+        force=force, fs=draw(st.floats(1e-3, 1e6)),
         covariates={name: draw(LINES) for name in draw(st.sets(NAMES.filter(lambda x: not _taken(x)), max_size=2))},
-        name=draw(st.text(max_size=9)),
-        coordinates=draw(st.sampled_from(["relative", "absolute"])),
-        **options,
-    )
+        name=draw(st.text(max_size=9)), coordinates=draw(st.sampled_from(["relative", "absolute"])), **options,
+    )  # fmt: skip
     record.t0 = draw(st.floats(-1e6, 1e6))
     return record
 

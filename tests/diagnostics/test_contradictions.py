@@ -16,8 +16,7 @@ LINEAR = laws.PowerSeries(1, [20.0, 4e4])
 
 
 def fitted(record, **options):
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as said:
         model = NRFRegressor(degree=1, **options).fit(record)
     return model, " ".join(str(w.message) for w in said if issubclass(w.category, BiasWarning))
 

@@ -25,8 +25,7 @@ def record(truth, dofs=(3,), noise=0.0):
 
 
 def diagnosis(rec, **options):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         return NRFRegressor(**{"degree": 1, "dt": 1e-3, **options}).fit(*rec.to_features(smooth=False)).diagnose()
 
 
@@ -35,8 +34,7 @@ def test_noise_is_named_with_its_channel_and_the_bias_it_brings():
     rec = record(truth, noise=0.05)
     table = diagnosis(rec).table
     assert table["limit"][0] == "noise" and "low" in table["message"][0] and "iv" in table["message"][0]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         raw = NRFRegressor(degree=1).fit(*rec.to_features(smooth=False))
     true_bias = 1 - raw.masses_[2] / 12.4
     expected = table.loc[(table["limit"] == "noise") & (table["where"] == "m3"), "size"].item()
@@ -133,8 +131,7 @@ def faulty(fault):
 )
 def test_what_fit_said_of_channels_is_in_the_diagnosis(fault, words, records):
     rec = faulty(fault)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         model = NRFRegressor(degree=1).fit([rec] * records if records > 1 else rec)
     table = model.diagnose().table
     told = table.loc[table["limit"] == "channel", "message"]

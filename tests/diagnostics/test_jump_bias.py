@@ -22,8 +22,7 @@ def fitted(fs=500.0, noise=0.02, estimation="ls", friction=None, band=None, stor
     held[storey].append(friction or laws.CoulombFriction(FORCE))
     record = driven(ChainModel([18.0, 29.0], held), 2, 16.0, fs, 200.0, (1, 60))
     told = {site: [type(law)() for law in group] for site, group in held.items()}
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         model = NRFRegressor(laws=told, estimation=estimation, band=band).fit(
             add_noise(record, noise, random_state=50) if noise else record
         )

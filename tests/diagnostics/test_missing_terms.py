@@ -14,11 +14,9 @@ from pysindy_nrf.regression.errors import nrmse
 from pysindy_nrf.simulation.noise import add_noise
 
 MISSING = {
-    "friction": laws.CoulombFriction(25.0),
-    "hysteresis": laws.Dahl(sigma=2e3, Fd=40.0),
-    "gap": laws.TwoSidedGap(gap=2e-3, k=5e4),
-    "quadratic damping": laws.QuadraticDamping(400.0),
-}
+    "friction": laws.CoulombFriction(25.0), "hysteresis": laws.Dahl(sigma=2e3, Fd=40.0),
+    "gap": laws.TwoSidedGap(gap=2e-3, k=5e4), "quadratic damping": laws.QuadraticDamping(400.0),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", MISSING)
@@ -78,8 +76,7 @@ def test_a_missing_force_is_said_in_a_long_record_too():
         R = 80 * v + 1e5 * s + np.sign(v) * [friction, 0.0]  # at storey 1
         F = [10.0, 8.0] * a + R - np.column_stack([R[:, 1], np.zeros(len(R))])
         F += 0.005 * F.std(axis=0) * rng.standard_normal(F.shape)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(action="ignore"):
             found = NRFRegressor(degree=1).fit(np.hstack([a, v, s]), F).missing_terms_
         assert found["biased"].to_dict() == {"balance of DOF 2": False, "balance of DOF 1": friction > 0}
         left = friction * np.sqrt(1 - 2 / np.pi) / F[:, 0].std()

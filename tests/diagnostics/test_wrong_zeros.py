@@ -23,11 +23,9 @@ def three_storeys(shift=(0.0, 0.0, 0.0), ramp=0.0, mean=0.0, law=None):
 
 
 WRONG_ZEROS = {
-    "one, a tenth of its rms": {"shift": (0.1, 0.0, 0.0)},
-    "one, twice its rms": {"shift": (0.0, 2.0, 0.0)},
-    "all": {"shift": (0.5, -0.3, 0.4)},
-    "drift": {"ramp": 1.0},
-}
+    "one, a tenth of its rms": {"shift": (0.1, 0.0, 0.0)}, "one, twice its rms": {"shift": (0.0, 2.0, 0.0)},
+    "all": {"shift": (0.5, -0.3, 0.4)}, "drift": {"ramp": 1.0},
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("fault", WRONG_ZEROS)
@@ -38,8 +36,7 @@ def test_a_wrong_zero_is_asked_for_instead_of_a_law(fault):
     assert not any("A law is missing" in str(w.message) for w in caught)
     found = model.diagnose().table
     assert found["limit"][0] == "wrong zero" and "missing law" not in found["limit"].tolist()
-    with warnings.catch_warnings(record=True) as caught:  # what the sentence advises is a cure
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:  # what the sentence advises is a cure
         model = NRFRegressor(degree=1, band=(1.0, 60.0)).fit(rec)
     assert not any("zero" in str(w.message) for w in caught)
     assert model.masses_ == pytest.approx([12.0, 10.0, 8.0], rel=0.02)
@@ -51,8 +48,7 @@ def test_a_wrong_zero_is_asked_for_instead_of_a_law(fault):
     ids=["sound", "mean force", "one-sided contact", "hysteresis"],
 )
 def test_a_mean_that_forces_or_laws_make_is_no_wrong_zero(given):
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         model = NRFRegressor(degree=1).fit(three_storeys(**given))
     assert not any("zero" in str(w.message) for w in caught)
     assert "wrong zero" not in model.diagnose().table["limit"].tolist()

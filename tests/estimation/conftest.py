@@ -18,6 +18,5 @@ def data():
 
 @pytest.fixture(scope="session")
 def in_memory(data):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         return NRFRegressor().fit(*data)

@@ -33,8 +33,7 @@ def data():
 
 
 def fit(data, constraints=None):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         return NRFRegressor(degree=1, constraints=constraints, dt=1 / 500.0).fit(*data)
 
 
@@ -85,13 +84,10 @@ def test_contradictions_are_said(data):
 @pytest.mark.parametrize(
     ("constraint", "message"),
     [
-        (EqualMasses([1, 7]), "DOF 7"),
-        (KnownStiffness(2, 1e5, term="s^3"), "storey 2 has v, s"),
-        (KnownStiffness(9, 1e5), "storey 9"),
-        (TotalMass(-1.0), "not a mass"),
-        ("k > 0", "not a constraint"),
+        (EqualMasses([1, 7]), "DOF 7"), (KnownStiffness(2, 1e5, term="s^3"), "storey 2 has v, s"),
+        (KnownStiffness(9, 1e5), "storey 9"), (TotalMass(-1.0), "not a mass"), ("k > 0", "not a constraint"),
     ],
-)
+)  # fmt: skip
 def test_what_does_not_exist_is_refused(data, constraint, message):
     with pytest.raises(ChainError, match=message):
         fit(data, [constraint])

@@ -52,8 +52,7 @@ def test_masses_and_stiffnesses_survive_five_percent_noise(four_floors):
     damping = [[f.restoring_forces_[i].linear_part()["c"] for i in (1, 2, 3, 4)] for f in fits]
     assert np.median([worst(c, [C] * 4) for c in damping]) < 0.10
     # plain least squares on the raw channels loses a third of the mass or more
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         raw = NRFRegressor(degree=1).fit(*four_floors[0].to_features(smooth=False))
     assert raw.masses_.max() < 0.7 * M
 
@@ -86,8 +85,7 @@ def test_a_stick_slip_damper_of_the_size_of_the_noise():
     """70 N turn over within 0.02 mm, the noise of the drift: least squares loses 10 % of the masses, instruments do not."""
     case = cases.four_storey(cases.INCOMPLETE_FRAME, 70.0, 0.01, level=1000.0, duration=16.0)
     told = {"degree": 1, "laws": {"storey 4": [laws.PowerSeries(1), laws.Dahl(sigma=5e4)]}}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", BiasWarning)
+    with warnings.catch_warnings(action="ignore", category=BiasWarning):
         plain = NRFRegressor(**told).fit(case.measured)
     model = NRFRegressor(**told, estimation="iv").fit(case.measured)
     assert worst(plain.masses_, case.truth.masses) > 0.05
@@ -98,8 +96,7 @@ def test_a_stick_slip_damper_of_the_size_of_the_noise():
 def test_doubts_about_masses_and_laws_come_as_one_warning():
     truth = frame(2).with_laws({"storey 1": [laws.PowerSeries(1, [C, K]), laws.CoulombFriction(60.0)]})
     X, F = measured(truth, [2], 0).to_features(smooth=False)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         NRFRegressor(degree=1).fit(X, F)
     said = [str(w.message) for w in caught if w.category is BiasWarning]
     assert len(said) == 1 and "is likely biased" in said[0] and "A law is missing" in said[0]
@@ -127,8 +124,7 @@ def test_jointly_fused_motions_are_warned_of(four_floors):
     with pytest.warns(DataQualityWarning, match="joint=False"):
         NRFRegressor(degree=1, estimation="iv").fit(X, F)
     X, F = four_floors[0].to_features(smooth=KinematicSmoother(joint=False))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", DataQualityWarning)
+    with warnings.catch_warnings(action="error", category=DataQualityWarning):
         same = NRFRegressor(degree=1, estimation="iv").fit(X, F)
     assert worst(same.masses_, NRFRegressor(degree=1, estimation="iv").fit(four_floors[0]).masses_) < 1e-3
 
@@ -136,8 +132,7 @@ def test_jointly_fused_motions_are_warned_of(four_floors):
 def test_where_no_free_run_serves_least_squares_is_kept_and_said():
     rng = np.random.default_rng(0)
     X, F = rng.normal(size=(2000, 6)), rng.normal(size=(2000, 2))
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         model = NRFRegressor(degree=3, estimation="iv", dt=1e-3).fit(X, F)
     assert any("fell back on least squares" in str(w.message) for w in caught if w.category is BiasWarning)
     assert model.model_.info["estimation"]["found"] == "ls"
@@ -231,8 +226,7 @@ def test_three_equal_floors_of_a_measured_frame():
     frf = load_three_storey_frf(folder)
     spread, intervals = {}, {}
     for estimation in ("ls", "iv"):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", BiasWarning)
+        with warnings.catch_warnings(action="ignore", category=BiasWarning):
             model = fit_frequency_response(NRFRegressor(degree=1, estimation=estimation), frf, band=(4.0, 32.0))
         spread[estimation] = model.masses_.max() / model.masses_.min() - 1
         intervals[estimation] = model.confidence_intervals().set_index("parameter").loc[["m1", "m2", "m3"]]

@@ -90,8 +90,7 @@ def test_noise_reference_covers_what_noise_does_to_a_planar_storey():
 @pytest.mark.parametrize(("storey", "dofs"), [(1, [3]), (2, [1, 2, 3]), (3, [3])])
 def test_damper_located_wherever_it_sits(storey, dofs):
     X, F = features(run(chain((storey, laws.Dahl(sigma=2e4, Fd=25.0))), dofs))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", BiasWarning)
+    with warnings.catch_warnings(action="ignore", category=BiasWarning):
         model = NRFRegressor(degree=3).fit(X, F)
         location = locate_nonlinearity(model, X, F, draws=4, random_state=0)
     assert location.storeys == [f"storey {storey}"]

@@ -29,8 +29,7 @@ def top_forced(model, seconds, fs, band, rms=60.0, seed=1, dof=3):
 
 def fitted(record, **told):
     """A model by instrumental variables, of which no warning says that it is none."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", BiasWarning)
+    with warnings.catch_warnings(action="error", category=BiasWarning):
         model = NRFRegressor(degree=1, **({"estimation": "iv"} | told)).fit(record)
     assert model.model_.info["estimation"]["found"] != "ls"
     return model

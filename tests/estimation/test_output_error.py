@@ -100,8 +100,7 @@ def test_never_worse_on_a_record_it_did_not_see(held, told):
 
 
 def test_a_missing_law_is_still_warned_of():
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         truth = ChainModel(TRUE, {**LINEAR, "storey 1": [*LINEAR["storey 1"], laws.CoulombFriction(30.0)]})
         NRFRegressor(degree=1, estimation="simulation").fit(measured(truth, 1, noise=0.01))
     assert sum("A law is missing" in str(w.message) for w in caught) == 1

@@ -142,8 +142,7 @@ def test_nan_edges_inside_stacked_records(chain4, fitted):
 
 def test_orders_by_storey(chain4):
     model = NRFRegressor(degree=1, orders={"storey 2": 5, 3: (2, 1), 4: 3, 1: 3})
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", BiasWarning)
+    with warnings.catch_warnings(action="ignore", category=BiasWarning):
         with pytest.raises(ChainError, match="contradicts"):
             model.fit(chain4.X, chain4.F)
         R = NRFRegressor(orders={"storey 2": 5, 3: (2, 1)}).fit(chain4.X, chain4.F).restoring_forces_
@@ -212,8 +211,7 @@ def test_errors_are_on_the_one_ruler(chain4):
     """100 rms(e) / rms(F) on the forced DOF, / rms(m a) elsewhere; pooled over storey forces."""
     rng = np.random.default_rng(0)
     X = chain4.X + 0.03 * chain4.X.std(axis=0) * rng.standard_normal(chain4.X.shape)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", BiasWarning)
+    with warnings.catch_warnings(action="ignore", category=BiasWarning):
         model = NRFRegressor(degree=3).fit(X, chain4.F)
     rms = lambda y: np.sqrt(np.mean(y**2, axis=0))  # noqa: E731
     e = rms(model.predict(X) - chain4.F)
@@ -229,8 +227,7 @@ def test_errors_are_on_the_one_ruler(chain4):
 def test_the_third_law_gap_is_the_difference_of_two_estimates(dahl):
     """Complete strategy: R_2 from balance 2 and from balance 1, each by ordinary least squares."""
     case, *_ = dahl
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", BiasWarning)
+    with warnings.catch_warnings(action="ignore", category=BiasWarning):
         model = NRFRegressor(degree=1).fit(case.X, case.F)
     one = np.column_stack([case.a[:, 0], case.v[:, 0], case.s[:, 0], -case.v[:, 1], -case.s[:, 1]])
     two = np.column_stack([case.a[:, 1], case.v[:, 1], case.s[:, 1]])
@@ -275,8 +272,7 @@ def test_forces_may_be_numbered_and_few_rows_are_enough(chain2):
     numbered = NRFRegressor().fit(chain2.X, pd.DataFrame(chain2.F))
     np.testing.assert_array_equal(numbered.masses_, whole.masses_)
     single = chains.duffing(1, [1], seed=1, n_samples=400, cubic=False)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         few = NRFRegressor(degree=1).fit(single.X[200:207], single.F[200:207])
     assert few.masses_ == pytest.approx(single.m, rel=1e-6)
     with pytest.raises(ValueError, match="0 rows|no samples|0 sample"):

@@ -73,19 +73,16 @@ def test_links_by_any_spelling_are_the_link(capsys):
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [
-        (["identify"], 2, "FILE"),
-        (["identify", "a.csv", "--degree", "2.5"], 2, "degree"),
-        (["identify", "a.csv", "--kind", "mobility"], 2, "--frf only"),
-        (["conquer"], 2, "conquer"),
-        ([], 2, "identify"),
-        (["identify", "nowhere.csv"], 3, "nowhere.csv does not exist"),
+        (["identify"], 2, "FILE"), (["identify", "a.csv", "--degree", "2.5"], 2, "degree"),
+        (["identify", "a.csv", "--kind", "mobility"], 2, "--frf only"), (["conquer"], 2, "conquer"),
+        ([], 2, "identify"), (["identify", "nowhere.csv"], 3, "nowhere.csv does not exist"),
         (["identify", "a.csv", "--map", "x1=q"], 3, "no variable 'q'"),
         (["identify", "a.csv"], 3, "nothing scales the chain"),
         (["identify", "a.csv", "--known-mass", "9=1"], 3, "DOF 9"),
         (["identify", "a.csv", "--map", "F1=p", "--band", "0,999"], 3, "Nyquist"),
         (["identify", "a.csv", "--map", "F1=p", "--order", "storey 7=2"], 3, "storey 7"),
     ],
-)
+)  # fmt: skip
 def test_errors_are_sentences_with_exit_codes(here, capsys, arguments, code, words):
     t = np.arange(300) / 100
     pd.DataFrame({"t": t, "x1": np.sin(5 * t), "p": np.cos(5 * t)}).to_csv("a.csv", index=False)

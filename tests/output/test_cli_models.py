@@ -17,12 +17,9 @@ def test_demo_does_the_main_job(here, capsys):
     assert run(["demo"]) == 0
     said = capsys.readouterr().out
     for words in (
-        "known to be unforced: DOFs 1, 3",
-        "Balance of DOF 2 (forced): m2, storey 2, storey 3.",
-        "balance error, pooled",
-        "free-run error",
-        "(truth 12)",
-    ):
+        "known to be unforced: DOFs 1, 3", "Balance of DOF 2 (forced): m2, storey 2, storey 3.",
+        "balance error, pooled", "free-run error", "(truth 12)",
+    ):  # fmt: skip
         assert words in said
     folder = here / "nrf_output"
     model = ChainModel.from_json(folder / "model.json")
@@ -45,11 +42,8 @@ def test_own_file_in_mm_g_and_kn(here, spoken):
         own[f"Acc {j}"], own[f"Laser {j}"] = table[f"a{j}"] / 9.80665, 1e3 * table[f"x{j}"]
     own.to_csv("own.csv", sep=";", decimal=",", index=False)
     maps = [
-        "t=Zeit @ ms",
-        "F2=Shaker @ kN",
-        *(f"a{j}=Acc {j}" for j in (1, 2, 3)),
-        *(f"x{j}=Laser {j}" for j in (1, 2, 3)),
-    ]
+        "t=Zeit @ ms", "F2=Shaker @ kN", *(f"a{j}=Acc {j}" for j in (1, 2, 3)), *(f"x{j}=Laser {j}" for j in (1, 2, 3)),
+    ]  # fmt: skip
     before = Path("own.csv").read_bytes()
     command = ["identify", "own.csv", "--unit", "a=g", "--unit", "x=mm", "--json", "--no-figures"]
     for text in maps:
@@ -138,12 +132,10 @@ def response_file(path):
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        (["H.csv"], "--frf takes one FILE"),
-        (["--fs", "100"], "--fs does not go with --frf"),
-        (["--map", "F1=p"], "--map does not go with --frf"),
-        (["--degree", "3"], "linear laws only"),
+        (["H.csv"], "--frf takes one FILE"), (["--fs", "100"], "--fs does not go with --frf"),
+        (["--map", "F1=p"], "--map does not go with --frf"), (["--degree", "3"], "linear laws only"),
     ],
-)
+)  # fmt: skip
 def test_what_does_not_go_with_frequency_responses_is_refused(here, capsys, more, words):
     response_file("H.csv")
     assert run(["identify", "H.csv", "--frf", *more]) == 2

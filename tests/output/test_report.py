@@ -69,11 +69,9 @@ def loop_page():
 def pages(loop_page):
     model, rec = regressor()
     return {
-        "loop": Page(loop_page),
-        "regressor": Page(page(model, rec)),
-        "model": Page(page(model.model_)),
+        "loop": Page(loop_page), "regressor": Page(page(model, rec)), "model": Page(page(model.model_)),
         "nasty": Page(page(nasty_report())),
-    }
+    }  # fmt: skip
 
 
 def figures(text):
@@ -265,8 +263,7 @@ def test_notebook_views_are_small_and_escaped():
 
 
 def test_what_further_terms_would_explain_is_said_with_units(tmp_path):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         linear = NRFRegressor(degree=1).fit(datasets.load_demo())  # storey 1 is cubic
         write_html(tmp_path / "report.html", linear, datasets.load_demo())
     page = (tmp_path / "report.html").read_text("utf-8")

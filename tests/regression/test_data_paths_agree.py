@@ -80,8 +80,7 @@ def test_a_few_samples_between_two_gaps_are_left_out_and_never_joined_to_their_n
 def test_forces_are_predicted_at_the_few_samples_between_two_gaps_too(tables):
     X, F = tables
     fitted, kept = linear().fit(X, F), np.r_[0:300, 320:321, 330:340, 400:1000]
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         np.testing.assert_array_equal(fitted.predict(X.iloc[kept]), fitted.predict(X)[kept])
         np.testing.assert_array_equal(fitted.restoring_force(X.iloc[kept]), fitted.restoring_force(X)[kept])
         streamed = linear().partial_fit(X.iloc[kept], F.iloc[kept])

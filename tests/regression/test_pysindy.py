@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
-
 import chains
 import numpy as np
 import pysindy as ps
@@ -22,17 +20,12 @@ from pysindy_nrf import (
     StateSpaceChainOptimizer,
     laws,
 )
-from pysindy_nrf.exceptions import BiasWarning, ChannelError, ExcitationError, IdentifiabilityError, LawError, NRFError
+from pysindy_nrf.exceptions import ChannelError, ExcitationError, IdentifiabilityError, LawError, NRFError
 from pysindy_nrf.mechanics.identifiability import plan_solve_order
 from pysindy_nrf.regression.chain_solve import solve_blocks
 from pysindy_nrf.regression.layout import Layout, blocks_of
 
-
-@pytest.fixture(autouse=True)
-def _bias_is_not_the_point():
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", BiasWarning)
-        yield
+pytestmark = pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.BiasWarning")
 
 
 def sindy(X, F, dt, optimizer=None, degree=3, **options):
@@ -43,12 +36,9 @@ def sindy(X, F, dt, optimizer=None, degree=3, **options):
 # -- three entrances ------------------------------------------------------------------------------
 
 INNER = {
-    "least squares": None,
-    "STLSQ": ps.STLSQ(threshold=0.01),
-    "SR3": ps.SR3(reg_weight_lam=1e-3),
-    "SSR": ps.SSR(),
+    "least squares": None, "STLSQ": ps.STLSQ(threshold=0.01), "SR3": ps.SR3(reg_weight_lam=1e-3), "SSR": ps.SSR(),
     "FROLS": ps.FROLS(max_iter=6),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(

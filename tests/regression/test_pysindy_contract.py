@@ -179,14 +179,11 @@ def test_sums_that_make_no_sense_are_refused(add, message):
 # -- optimizers -----------------------------------------------------------------------------------
 
 INNER = {
-    "least squares": None,
-    "STLSQ": ps.STLSQ(threshold=0.003),
-    "STLSQ, biased": ps.STLSQ(threshold=0.003, alpha=1e-6, unbias=False),
-    "SR3": ps.SR3(reg_weight_lam=1e-5),
-    "SSR": ps.SSR(kappa=1e-4),
-    "FROLS": ps.FROLS(max_iter=8, kappa=1e-6),
+    "least squares": None, "STLSQ": ps.STLSQ(threshold=0.003),
+    "STLSQ, biased": ps.STLSQ(threshold=0.003, alpha=1e-6, unbias=False), "SR3": ps.SR3(reg_weight_lam=1e-5),
+    "SSR": ps.SSR(kappa=1e-4), "FROLS": ps.FROLS(max_iter=8, kappa=1e-6),
     "library ensemble": ps.EnsembleOptimizer(ps.STLSQ(threshold=0.003), library_ensemble=True, n_models=6),
-}
+}  # fmt: skip
 
 
 def problem(kind, seed=6):
@@ -207,8 +204,7 @@ def features(kind):
 @pytest.fixture(params=[ChainOptimizer, StateSpaceChainOptimizer], ids=lambda kind: kind.__name__)
 def kind(request):
     np.random.seed(0)  # EnsembleOptimizer draws from NumPy's global state
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", BiasWarning)
+    with warnings.catch_warnings(action="ignore", category=BiasWarning):
         yield request.param
 
 

@@ -132,8 +132,7 @@ def test_free_vibration_needs_no_u_and_one_known_mass(case, forced):
     run = solve_ivp(lambda _, y: A @ y, (0, t[-1]), [0.01, -0.02, 0.1, 0.3], t_eval=t, rtol=1e-11, atol=1e-14, method="DOP853").y.T
     library = InterstoryPolynomialLibrary(1, inputs="state", forced=forced)
     sindy = ps.SINDy(feature_library=library, optimizer=StateSpaceChainOptimizer(known_masses={2: 9.0}))
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as said:
         sindy.fit(run, t=0.005, x_dot=run @ A.T)
     assert any("x and xdot of 2 DOFs in free vibration" in str(w.message) for w in said) == (forced is None)
     model = ChainModel.from_sindy(sindy)
@@ -171,8 +170,7 @@ def test_a_plain_optimizer_on_our_library_is_read_too():
 
 def test_what_cannot_be_read_is_refused_in_words(case):
     plain = ps.SINDy(feature_library=ps.PolynomialLibrary(1))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         plain.fit(state_of(case), t=case.dt, x_dot=np.hstack([case.v.cumsum(axis=1), case.a]), u=case.F)
         with pytest.raises(ChainError, match="PolynomialLibrary does not say which column"):
             ChainModel.from_sindy(plain)

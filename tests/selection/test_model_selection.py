@@ -221,8 +221,7 @@ def test_a_fold_whose_terms_depend_on_each_other_does_not_spoil_the_others():
     R = 50 * v + 1e4 * s + 1e9 * s**3
     F = np.array([10.0, 12.0]) * a + R - np.column_stack([R[:, 1], np.zeros(4000)]) + 0.5 * rng.standard_normal((4000, 2))
     X = np.hstack([a, v, s])
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RankWarning)
+    with warnings.catch_warnings(action="ignore", category=RankWarning):
         found = select_order(X, F, degrees=[1, 2, 3], cv=2, scoring="balance").fold_scores.to_numpy()
         theirs = rule.fold_scores(searched(X, F, [1, 2, 3], 2).cv_results_, "balance")
     apart = np.abs(found - theirs)
@@ -319,8 +318,7 @@ def test_thresholds_are_searched_beside_degrees(cubic):
         NRFRegressor(optimizer=ps.STLSQ()), {"degree": [3], "optimizer__threshold": [0.001, 0.01, 0.1, 0.5]}, cv=3,
         refit=one_standard_error,
     )  # fmt: skip
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         search.fit(X, case.F)
     assert search.best_params_["optimizer__threshold"] in (0.01, 0.1)
 

@@ -85,8 +85,7 @@ def test_what_lies_along_the_path_is_within_its_tolerance(seed, p):
     x = rng.standard_normal((60, p)) @ rng.standard_normal((p, p))
     y = x @ (rng.standard_normal(p) * 10.0 ** rng.integers(-4, 1, p)) + 0.01 * rng.standard_normal(60)
     tau = 10.0 ** rng.uniform(-3, -0.5)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         model = AlongPath(ps.SSR(max_iter=99), tau).fit(x, y[:, None])
     full = y - x @ np.linalg.lstsq(x, y, rcond=None)[0]
     left = y - x @ model.coef_[0]

@@ -48,8 +48,7 @@ def test_the_lowest_frequency_follows_the_noise():
 def test_a_displacement_sensor_on_every_floor_needs_no_band():
     case = chains.duffing(2, [1], seed=1, n_samples=3000)
     rec = Record(force=case.F, acceleration=case.a, displacement=case.s.cumsum(axis=1), fs=1000.0)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         X, _ = rec.to_features()
     assert X.notna().all(axis=None) and KinematicSmoother(band="auto").fit(rec).band_ is None
 

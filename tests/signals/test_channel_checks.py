@@ -63,8 +63,7 @@ def test_a_fault_is_found_where_it_is(fault):
 def test_shares_count_samples():
     table = check_channels(faulty("dead on the way"))
     assert table["share"][0] == pytest.approx(3000 / 8000, abs=0.01)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         check_channels(record(), warn=True)
 
 

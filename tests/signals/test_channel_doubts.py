@@ -81,8 +81,7 @@ def test_a_fault_is_named_on_the_way_to_the_features(fault):
 @pytest.mark.parametrize("estimation", ["ls", "iv"])
 def test_fit_says_it_once(estimation):
     rec = FAULTS["wrong sign"][0]()
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         NRFRegressor(degree=1, estimation=estimation).fit(rec)
     named = [w for w in caught if w.category is DataQualityWarning and "a3" in str(w.message)]
     assert len(named) == 1 and "opposite sign" in str(named[0].message)

@@ -49,12 +49,9 @@ def test_levels_hold_forces_and_base_and_take_the_base_off_relative_motion():
     base = blows + 0.3 * rng.standard_normal(n)
     zeros = np.zeros((n, 2))
     record = Record(
-        fs=100.0,
-        coordinates="absolute",
-        force=np.column_stack([quiet, 0 * quiet]),
-        acceleration=zeros,
+        fs=100.0, coordinates="absolute", force=np.column_stack([quiet, 0 * quiet]), acceleration=zeros,
         base_acceleration=base,
-    )
+    )  # fmt: skip
     found = noise_levels.levels_of(record, {"a1": 0.5, "a2": 0.3, "x1": 0.5})
     assert found["F1"] == pytest.approx(0.1, rel=0.05) and found["ag"] == pytest.approx(0.3, rel=0.05)
     assert found["x1"] == 0.5 and found["a1"] == 0.5

@@ -136,11 +136,9 @@ def test_noise_free_motion_comes_back_unchanged(kinds):
     t, a, v, x = analytic()
     given = {"a": a, "v": v, "x": x}
     record = Record(
-        acceleration=given["a"] if "a" in kinds else None,
-        velocity=given["v"] if "v" in kinds else None,
-        displacement=x,
-        fs=FS,
-    )
+        acceleration=given["a"] if "a" in kinds else None, velocity=given["v"] if "v" in kinds else None,
+        displacement=x, fs=FS,
+    )  # fmt: skip
     fused = KinematicSmoother().transform_record(record)
     inside = slice(None) if "a" in kinds else slice(40, -40)  # at the very ends a derivative is extrapolation
     for truth, found in ((a, fused.acceleration), (v, fused.velocity), (x, fused.displacement)):

@@ -58,17 +58,11 @@ def test_unmeasured_columns_stay_nan_and_holes_are_refused():
 @pytest.mark.parametrize(
     ("band", "words"),
     [
-        ((None, 50.0), "Nyquist"),
-        ((60.0, None), "Nyquist"),
-        ((20.0, 10.0), "empty"),
-        ((10.0, 10.0), "empty"),
-        ((-1.0, 10.0), "impossible"),
-        ((np.nan, 10.0), "impossible"),
-        (5.0, "pair"),
-        ((1, 2, 3), "pair"),
+        ((None, 50.0), "Nyquist"), ((60.0, None), "Nyquist"), ((20.0, 10.0), "empty"), ((10.0, 10.0), "empty"),
+        ((-1.0, 10.0), "impossible"), ((np.nan, 10.0), "impossible"), (5.0, "pair"), ((1, 2, 3), "pair"),
         (("a", 2), "pair"),
     ],
-)
+)  # fmt: skip
 def test_impossible_bands_are_refused(band, words):
     with pytest.raises(ChannelError, match=words):
         FairFilter(band, fs=100.0)

@@ -290,16 +290,11 @@ def test_divergence_names_time_and_dof():
 @pytest.mark.parametrize(
     "change, word",
     [
-        ({"F": np.zeros((50, 3))}, "columns"),
-        ({"F": np.full((50, 2), np.nan)}, "F1"),
-        ({"x0": [0.0]}, "x0"),
-        ({"v0": [0.0, np.inf]}, "v2"),
-        ({"base_acceleration": np.zeros(49)}, "ag"),
-        ({"dt": 0.0}, "dt"),
-        ({"method": "rk4"}, "method='rk4' is unknown.*Choose 'default' or 'newmark'"),
-        ({"hold": "quintic"}, "hold"),
+        ({"F": np.zeros((50, 3))}, "columns"), ({"F": np.full((50, 2), np.nan)}, "F1"), ({"x0": [0.0]}, "x0"),
+        ({"v0": [0.0, np.inf]}, "v2"), ({"base_acceleration": np.zeros(49)}, "ag"), ({"dt": 0.0}, "dt"),
+        ({"method": "rk4"}, "method='rk4' is unknown.*Choose 'default' or 'newmark'"), ({"hold": "quintic"}, "hold"),
     ],
-)
+)  # fmt: skip
 def test_bad_input_is_named(change, word):
     call = {"F": np.zeros((50, 2)), "dt": DT} | change
     with pytest.raises((ChannelError, SimulationError), match=word):

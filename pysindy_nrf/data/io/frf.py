@@ -72,13 +72,11 @@ def read_frf(path: Any, *, driven: int = 1, kind: str = "accelerance", max_bytes
     --------
     >>> import pathlib, tempfile
     >>> from pysindy_nrf.data.io import read_frf
-    >>> folder = tempfile.TemporaryDirectory()
-    >>> path = pathlib.Path(folder.name, "shaker.csv")
-    >>> _ = path.write_text("f;H1;H2\\n1.0;0.1+0.01j;0.2+0.02j\\n2.0;0.3-0.1j;0.1+0j\\n")
-    >>> frf = read_frf(path, driven=1)
-    >>> frf.f, frf.H.shape
-    (array([1., 2.]), (2, 2))
-    >>> folder.cleanup()
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "shaker.csv")
+    ...     _ = path.write_text("f;H1;H2\\n1.0;0.1+0.01j;0.2+0.02j\\n2.0;0.3-0.1j;0.1+0j\\n")
+    ...     read_frf(path, driven=1).H.shape
+    (2, 2)
     """
     path = Path(path)
     check_file(path, max_bytes)
@@ -129,13 +127,9 @@ def frf_to_features(
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     r"""Rows of the force balances from a frequency response.
 
-    Under a force of 1 N at the circular frequency w the steady motion of a linear chain is ``a = H``,
-    ``v = H / (i w)``, ``x = H / (i w)^2``; the balances hold for these complex amplitudes,
-
-    .. math:: m_j a_j + R_j - R_{j+1} = F_j, \quad F_j = 1 \text{ N on the driven DOF, else } 0,
-
-    so their real and their imaginary parts are two rows each. This is exact for laws that are
-    linear in v and s, and for no others.
+    Under a force of 1 N at the circular frequency w a linear chain moves with ``a = H``, ``v = H / (i w)`` and
+    ``x = H / (i w)^2``; the balances hold for the real and for the imaginary parts. Exact for laws that are linear in
+    v and s, and for no others.
 
     Parameters
     ----------

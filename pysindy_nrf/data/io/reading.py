@@ -101,15 +101,12 @@ def read_record(path: Any, *, mapping: Mapping[str, str] | None = None, fs: floa
     --------
     >>> import pathlib, tempfile
     >>> from pysindy_nrf.data.io import read_record
-    >>> folder = tempfile.TemporaryDirectory()
-    >>> path = pathlib.Path(folder.name, "test 7.csv")
-    >>> _ = path.write_text("t,laser [m],drive\\n0.00,0.1,0.1\\n0.01,0.5,0.2\\n0.02,0.1,0.1\\n")
-    >>> rec = read_record(path, mapping={"x1": "laser", "F1": "drive*35.15"})
-    >>> rec
-    Record('test 7': 1 DOF, 3 samples at 100 Hz (0.03 s), channels F1, x1)
-    >>> rec.displacement.ravel(), rec.force.ravel()
-    (array([0.1, 0.5, 0.1]), array([3.515, 7.03 , 3.515]))
-    >>> folder.cleanup()
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "test 7.csv")
+    ...     _ = path.write_text("t,laser [m],drive\\n0.00,0.1,0.1\\n0.01,0.5,0.2\\n0.02,0.1,0.1\\n")
+    ...     rec = read_record(path, mapping={"x1": "laser", "F1": "drive*35.15"})
+    >>> rec, rec.force.ravel()
+    (Record('test 7': 1 DOF, 3 samples at 100 Hz (0.03 s), channels F1, x1), array([3.515, 7.03 , 3.515]))
     """
     return inspect_record(
         path, mapping=mapping, fs=fs, units=units, name=name, coordinates=coordinates, max_bytes=max_bytes
@@ -398,13 +395,11 @@ def read_table(path: Any, *, max_bytes: int = MAX_BYTES) -> Table:
     --------
     >>> import pathlib, tempfile
     >>> from pysindy_nrf.data.io import read_table
-    >>> folder = tempfile.TemporaryDirectory()
-    >>> path = pathlib.Path(folder.name, "test 7.csv")
-    >>> _ = path.write_text("t [s];x1;F1\\n0,000;0,0;1,5\\n0,001;0,2;1,4\\n")
-    >>> table = read_table(path)
-    >>> table.units, table.variables["x1"]
-    ({'t': 's'}, array([0. , 0.2]))
-    >>> folder.cleanup()
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "test 7.csv")
+    ...     _ = path.write_text("t [s];x1;F1\\n0,000;0,0;1,5\\n0,001;0,2;1,4\\n")
+    ...     read_table(path).variables["x1"]
+    array([0. , 0.2])
     """
     if isinstance(path, (list, tuple)):
         return _together([read_table(one, max_bytes=max_bytes) for one in path])

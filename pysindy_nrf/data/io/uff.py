@@ -40,8 +40,7 @@ def read_uff(path: Path, max_bytes: int = MAX_BYTES) -> Table:
         if any(n < 0 or n > path.stat().st_size for n in points):
             raise ValueError("a data set announces more points than the file holds")
         check_size(path, 8 * sum(points), max_bytes)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about values that pyuff drops; they are counted below
+        with warnings.catch_warnings(action="ignore"):  # about values that pyuff drops; they are counted below
             sets = [file.read_sets(i) for i, head in heads.items() if int(head["func_type"]) in (0, 1)]
             systems = [file.read_sets(i) for i, kind in enumerate(kinds) if kind == 164]
     if any("data" not in one for one in sets):

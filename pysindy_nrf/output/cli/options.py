@@ -291,11 +291,9 @@ def choice(flag: str, values: Sequence[str], words: str, default: str | None = N
 
 
 mapping_option = click.option(
-    "--mapping",
-    "mapping_file",
-    type=click.Path(path_type=Path),
+    "--mapping", "mapping_file", type=click.Path(path_type=Path),
     help="A TOML file that says all of this, and names the files: see docs/files.md. Options go before it.",
-)
+)  # fmt: skip
 map_option = repeated(
     "--map", "mapping", Text("CHANNEL=COLUMN", _pair("CHANNEL=COLUMN")),
     'Which column is which channel: "name", "-name[:, 2] * 9.81", "name @ mm", "none", or "unknown" '

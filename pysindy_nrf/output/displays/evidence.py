@@ -167,12 +167,10 @@ class BeforeAfterDisplay(Display):
 
     Parameters
     ----------
-    names : sequence of str
-        The baseline and each effect.
+    names, balances : sequence of str
+        The baseline and each effect; the names of the columns.
     errors : ndarray of shape (n_models, n_balances)
         Held-out balance error, percent NRMSE; the first column is the pooled one.
-    balances : sequence of str
-        Names of the columns.
     confirmed : sequence of bool, optional
         Whether the models are confirmed; all of them if None.
 

@@ -239,8 +239,7 @@ def _intervals(subject: Any, notes: list[str]) -> Any:
     if not hasattr(subject, "confidence_intervals"):
         return None
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", NRFWarning)
+        with warnings.catch_warnings(action="ignore", category=NRFWarning):
             return subject.confidence_intervals()
     except NRFError as error:
         notes.append(f"No intervals: {error}")
@@ -265,8 +264,7 @@ def as_measured(records: Record | Sequence[Record] | None) -> list[Measured]:
     for record in [] if records is None else [records] if isinstance(records, Record) else records:
         smoother = KinematicSmoother()
         try:
-            with warnings.catch_warnings():  # the fit has warned of faulty channels
-                warnings.simplefilter("ignore", NRFWarning)
+            with warnings.catch_warnings(action="ignore", category=NRFWarning):  # the fit has warned of faulty channels
                 to_features(record, smoother)
             noise = {str(k): float(v) for k, v in smoother.noise_.items()}
         except NRFError:  # the page shows the record, whatever fusion makes of it

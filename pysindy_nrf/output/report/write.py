@@ -92,11 +92,9 @@ def page(
 
     markup = jinja2.utils.markupsafe.Markup
     body = environment.get_template("page.html").render(
-        content=content,
-        register=register,
-        math=lambda pieces: markup(" ".join(pieces)),
+        content=content, register=register, math=lambda pieces: markup(" ".join(pieces)),
         style=markup(_template("style.css")),
-    )
+    )  # fmt: skip
     scripts = environment.get_template("scripts.html").render(
         figures=markup(script_json(drawn)), plotly=markup(offline.get_plotlyjs()), code=markup(_template("page.js"))
     )

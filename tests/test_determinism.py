@@ -58,9 +58,6 @@ def test_a_fit_has_the_same_bits_on_any_number_of_cores(cores, forced):
     np.testing.assert_allclose(found[0][0], case.m, rtol=0.02)
 
 
-# -- the same input, the same answer ----------------------------------------------------------------
-
-
 SCRIPT = """
 import json, sys, warnings
 import numpy as np

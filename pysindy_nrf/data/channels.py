@@ -196,7 +196,7 @@ def rate_of(step: float, tolerance: float = 1e-6) -> float:
 
 def by_record(record: Any, size: int) -> list[tuple[str, slice]]:
     """Name and rows of each record, from one id per sample."""
-    if record is None:
+    if record is None or not size:
         return [("record", slice(0, size))]
     ids = np.asarray(record).ravel()
     if len(ids) != size:

@@ -10,7 +10,7 @@ import pandas as pd
 from sklearn.model_selection import BaseCrossValidator
 from sklearn.utils.validation import _num_samples
 
-from ..data.channels import rows_text
+from ..data.channels import by_record
 from ..data.record import Record
 from ..exceptions import ChannelError
 from ..laws.power_series import whole
@@ -52,23 +52,14 @@ class _RecordSplitter(BaseCrossValidator):
         size = _num_samples(X)
         if isinstance(X, (list, tuple)) and X and isinstance(X[0], Record):
             return [np.array([i]) for i in range(size)]
-        if groups is None:
-            return [np.arange(size)]
-        ids = np.asarray(groups).ravel()
-        if len(ids) != size:
-            raise ChannelError(f"{len(ids)} record ids for {size} samples", "Give one id for each sample.")
-        lost = np.flatnonzero(pd.isna(ids))
-        if lost.size:
-            raise ChannelError(f"The record ids are missing in {rows_text(lost)}", "Give one id for each sample.")
-        starts = np.concatenate([[0], np.flatnonzero(ids[1:] != ids[:-1]) + 1])[:size]
-        names = ids[starts]
-        again = pd.Series(names).duplicated()
-        if again.any():
+        pieces = by_record(groups, size)
+        names = pd.Series([name for name, _ in pieces])
+        if len(again := names[names.duplicated()]):
             raise ChannelError(
-                f"The samples of record {names[again][0]} do not follow each other",
+                f"The samples of record {again.iloc[0]} do not follow each other",
                 "Sort the rows by record and time; never shuffle them.",
             )
-        return np.split(np.arange(size), starts[1:])
+        return [np.arange(rows.start, rows.stop) for _, rows in pieces]
 
     def _tests(self, records: list[np.ndarray]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Held-out rows of each fold, and rows near them that are left out of training."""

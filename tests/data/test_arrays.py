@@ -34,9 +34,6 @@ def refused(path, match="limit", **options):
     assert path.name in str(caught.value)
 
 
-# -- content ----------------------------------------------------------------------------------
-
-
 def test_parquet_keeps_numbers_and_the_time_index(tmp_path):
     path = tmp_path / "test.parquet"
     columns = {"a1": A.astype("float32"), "F1": pd.array([1, 2, None, 4], dtype="Int64")}
@@ -131,9 +128,6 @@ def test_hdf5_groups_texts_and_empty_sets(tmp_path):
     assert list(read_table(tmp_path / "a.h5").variables) == ["run.a1", "run.deep.x1", "t"]
 
 
-# -- damaged ----------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("suffix", [".csv", ".mat", ".npz", ".npy", ".parquet", ".h5"])
 def test_empty_missing_and_meaningless_files_are_named(tmp_path, suffix):
     path = tmp_path / f"broken{suffix}"
@@ -189,9 +183,6 @@ def test_a_damaged_matlab_file_is_refused_and_the_process_lives(written, body):
     """Level 5 of the format: tag, flags, dimensions, name, content. SciPy's reader can end its process."""
     with pytest.raises(FileFormatError, match="damaged.mat"):
         read_table(written(HEAD + body, "damaged.mat"))
-
-
-# -- lying and hostile ------------------------------------------------------------------------
 
 
 def test_compressed_files_beyond_the_limit(tmp_path):

@@ -62,8 +62,6 @@ def test_encodings(written, encoding):
     assert list(read_table(written("Zeit;Größe\n0;1\n1;2\n", encoding=encoding)).variables) == ["Zeit", "Größe"]
 
 
-# -- marks of thousands, units, footers, times of day -------------------------------------------
-
 T = np.arange(200) / 200.0
 X = 1.2e-3 * np.sin(20 * T)  # m
 A = -400 * X  # m/s^2, of the same motion
@@ -141,9 +139,6 @@ def test_a_word_among_numbers_is_located(written):
     rows = "".join(f"{i / 100},{i}\n" for i in range(200))
     with pytest.raises(FileFormatError, match="'overload' in data row 201"):
         read_record(written(f"t,a1\n{rows}2.00,overload\n2.01,3\n"))
-
-
-# -- values that stand for "not measured", files that were cut ------------------------------------
 
 
 @pytest.mark.parametrize(

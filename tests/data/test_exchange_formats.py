@@ -7,8 +7,6 @@ from pysindy_nrf import Record
 from pysindy_nrf.data.io import describe, from_sep005, inspect_record, read_record, read_table, to_sep005, write_record
 from pysindy_nrf.exceptions import ChannelError, FileFormatError
 
-# -- UFF --------------------------------------------------------------------------------------
-
 T = np.arange(64) / 256.0
 
 
@@ -98,8 +96,6 @@ def test_a_uff_file_that_announces_more_than_it_holds(tmp_path):
         with pytest.raises(FileFormatError, match=words):
             read_table(path)
 
-
-# -- SEP005 -----------------------------------------------------------------------------------
 
 S = np.arange(100) / 50
 

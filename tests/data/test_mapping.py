@@ -64,9 +64,6 @@ def test_a_bad_mapping_names_the_channel_and_is_never_run(archive, mapping, mess
     assert not (tmp_path / "mark").exists()
 
 
-# -- mapping files ----------------------------------------------------------------------------
-
-
 def test_the_example_of_the_documentation_runs(tmp_path, monkeypatch, capsys):
     """The file printed in docs/files.md, with data as it describes them."""
     pytest.importorskip("pint")

@@ -109,9 +109,6 @@ def test_a_part_of_a_record_keeps_its_times(frame):
             record.rows(rows)
 
 
-# -- fillers ----------------------------------------------------------------------------------
-
-
 @pytest.mark.fuzz
 @given(
     st.lists(st.floats(-1e5, 1e5, allow_nan=False), min_size=4, max_size=40),

@@ -148,9 +148,6 @@ def test_no_clock_and_unknown_names_are_refused():
         NRFRegressor(estimation="magic").fit(case.X, case.F)
 
 
-# -- unknown forces -----------------------------------------------------------------------------------
-
-
 def test_unknown_force_is_returned_where_the_chain_allows_it():
     """Record 1 is hit on DOF 3 and identifies all; in record 2 an unmeasured force acts on DOF 2."""
     truth = frame(3)
@@ -178,9 +175,6 @@ def test_unknown_force_everywhere_needs_the_mass():
     told = simulate(truth, F, 1 / FS).to_features(smooth=False)[1].assign(F3=np.nan)
     model = NRFRegressor(degree=1, known_masses={3: M}).fit(X, told)
     np.testing.assert_allclose(model.unknown_forces_["F3"], F[:, 2], atol=1e-5)
-
-
-# -- records with unknown forces ------------------------------------------------------------------------
 
 
 def unknown_on(rec, dof):
@@ -212,9 +206,6 @@ def test_a_record_with_an_unknown_force_is_left_out_of_the_instruments_alone():
         assert facts["found"] != "ls" and "1 records with an unknown force were left out" in str(facts)
         assert worst(model.masses_, [M, M]) < 0.03
     assert worst(NRFRegressor(degree=1, estimation="iv").fit(pair).masses_, [M, M]) < 0.03
-
-
-# -- measured -------------------------------------------------------------------------------------------
 
 
 def test_three_equal_floors_of_a_measured_frame():

@@ -22,8 +22,6 @@ from pysindy_nrf.estimation import (
 )
 from pysindy_nrf.exceptions import BiasWarning, ChainError, ChannelError
 
-# -- forces and energies ----------------------------------------------------------------------
-
 
 def test_damper_force_is_what_the_bare_structure_lacks():
     cubic = laws.CubicStiffness(2e8)
@@ -67,9 +65,6 @@ def test_diagonal_load_cell():
         horizontal_component([1.0], rise=0.3, run=0.0)
 
 
-# -- planarity and location -------------------------------------------------------------------
-
-
 def test_large_cubic_coefficients_at_small_drifts_are_planar():
     # the paper's "linear" storeys carry 1e9 N/m^3
     X, F = features(run(chain((2, laws.CubicStiffness(1e9))), [1, 2, 3], rms=0.5))
@@ -102,9 +97,6 @@ def test_linear_chain_has_no_nonlinear_storey():
     X, F = noisy(run(chain(), [3]), 0.02)
     location = locate_nonlinearity(NRFRegressor(degree=3).fit(X, F), X, F, draws=4, random_state=0)
     assert location.storeys == [] and str(location) == "Every storey is planar."
-
-
-# -- agreement --------------------------------------------------------------------------------
 
 
 def test_model_agreement_in_percent():

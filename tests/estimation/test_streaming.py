@@ -354,9 +354,6 @@ def test_a_state_that_cannot_be_written_costs_no_fit(exact, tmp_path):
     assert chains.worst(model.masses_, exact.m) < 1e-8
 
 
-# -- sums ---------------------------------------------------------------------------------------------
-
-
 MEMORY = """
 import resource, sys, threading, time
 from pathlib import Path
@@ -405,9 +402,6 @@ def right(model, case):
     assert chains.worst(model.masses_, case.m) < 1e-8
     for i in (1, 2):
         assert model.restoring_forces_[i].coefficients["s"] == pytest.approx(case.k[i - 1], rel=1e-7)
-
-
-# -- what the sources hold --------------------------------------------------------------------
 
 
 def test_parquet_row_groups_that_chunks_cut_through(exact, tmp_path):
@@ -480,9 +474,6 @@ def test_a_moving_base_in_absolute_coordinates_comes_from_its_own_columns(exact)
     names = [*feature_names(2, "absolute"), "F1", "F2"]
     frame = pd.DataFrame(dict(zip(names, np.hstack([exact.a, v, x, exact.F]).T)) | {"xdot0": xdot0, "x0": x0})
     right(NRFRegressor(coordinates="absolute").fit(iter([frame[:700], frame[700:]])), exact)
-
-
-# -- what is found ----------------------------------------------------------------------------
 
 
 def test_constraints_hold_in_a_fit_by_pieces(exact, tmp_path):

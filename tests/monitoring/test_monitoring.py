@@ -13,8 +13,6 @@ from pysindy_nrf.exceptions import ChainError, ChannelError, DataQualityWarning
 from pysindy_nrf.monitoring import compare_tests, find_onset, track
 from pysindy_nrf.simulation.noise import add_noise
 
-# -- change -----------------------------------------------------------------------------------
-
 
 def test_change_of_damping_and_stiffness_are_told_apart():
     before = noisy(run(chain(), [3], duration=30.0), 0.02, 1)
@@ -60,9 +58,6 @@ def test_motions_that_were_fused_together_are_said_to_look_too_alike():
 def test_compare_needs_blocks():
     with pytest.raises(ChainError, match="standard error"):
         compare_tests(NRFRegressor(degree=1), None, None, n_blocks=3)
-
-
-# -- parameters that vary with time -----------------------------------------------------------
 
 
 def test_track_follows_a_drifting_stiffness():

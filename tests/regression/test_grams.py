@@ -59,8 +59,6 @@ def assert_same(found, wanted, rel=1e-12):
         assert np.array_equal(found.sizes[dofs], wanted.sizes[dofs])
 
 
-# -- products of columns --------------------------------------------------------------------------
-
 SUMS = [(1,), (2,), (3,), (4,), (3, 4), (2, 3, 4), (1, 2, 3, 4)]
 
 
@@ -186,9 +184,6 @@ def test_gram_matrices_of_other_balances_or_kinds_do_not_add():
         total_of(random_columns()).merge(total_of(random_columns(), "root"))
 
 
-# -- triangular factors and their guesses ----------------------------------------------------------
-
-
 def one_mass(columns):
     """The balance of one DOF whose columns [terms | a | F] are given, one row for each sample."""
     columns = np.asarray(columns, dtype=float)
@@ -237,9 +232,6 @@ def test_columns_ten_orders_apart_keep_their_digits():
     F = 7 * a + terms @ np.array([[2e5], [3e11]])
     R = total_gram(layout, [layout.group((1,))], blocks_of(terms, a, F)).triangle((1,), np.eye(4))
     assert np.linalg.solve(R[:3, :3], R[:3, 3]) == pytest.approx([2e5, 3e11, 7.0], rel=1e-12)
-
-
-# -- operations on blocks --------------------------------------------------------------------------
 
 
 def direct(weights, group):

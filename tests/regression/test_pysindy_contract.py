@@ -46,9 +46,6 @@ def library(request):
     return libraries()[request.param]
 
 
-# -- libraries ------------------------------------------------------------------------------------
-
-
 def test_fit_returns_self_and_counts(library):
     assert library.fit(X) is library
     assert library.n_features_in_ == X.shape[1]
@@ -175,8 +172,6 @@ def test_sums_that_make_no_sense_are_refused(add, message):
     with pytest.raises(LawError, match=message):
         add().fit(X)
 
-
-# -- optimizers -----------------------------------------------------------------------------------
 
 INNER = {
     "least squares": None, "STLSQ": ps.STLSQ(threshold=0.003),

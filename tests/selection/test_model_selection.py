@@ -71,7 +71,7 @@ def test_records_are_never_divided(lengths, n_splits):
     [
         (lambda X: RecordSplit().split(X), "1 record cannot make 2 folds"),
         (lambda X: RecordSplit().split(X, groups=np.arange(20) % 2), "record 0 do not follow each other"),
-        (lambda X: RecordSplit().split(X, groups=[None] * 20), "record ids are missing"),
+        (lambda X: RecordSplit().split(X, groups=[None] * 20), "record has no id in rows 0, 1, 2"),
         (lambda X: BlockedTimeSplit(5, gap=8).split(X), "20 samples is too short"),
         (lambda X: BlockedTimeSplit(1).split(X), "n_splits=1"),
     ],

@@ -159,9 +159,6 @@ def test_no_measured_set_is_doubted():
     assert {rec.name: said for rec in recs if (said := data_warnings(rec))} == {}
 
 
-# -- values that stand for "not measured", and times in other units -------------------------------
-
-
 @pytest.fixture(scope="module")
 def table():
     """All motions and forces of three floors as a table."""

@@ -56,19 +56,8 @@ def diagnose(model: Any) -> Diagnosis:
     >>> "missing law" in diagnose(linear).table["limit"].tolist()
     True
     """
-    rows: list[Finding] = []
-    rows += (
-        _doubts(model)
-        + _missing(model)
-        + _jumping(model)
-        + _excitation(model)
-        + _conditioning(model)
-        + _uncertainty(model)
-        + _estimation(model)
-        + _delays(model)
-        + _noise(model)
-    )
-    rows.sort(key=lambda row: -row[0])
+    checks = _doubts, _missing, _jumping, _excitation, _conditioning, _uncertainty, _estimation, _delays, _noise
+    rows = sorted((row for check in checks for row in check(model)), key=lambda row: -row[0])
     return Diagnosis(pd.DataFrame([row[1:] for row in rows], columns=["limit", "where", "size", "message"]))
 
 

@@ -156,7 +156,7 @@ class FittedChain:
     def confidence_intervals(
         self, level: float = 0.95, *, of: Any = "parameters", method: str = "hac", random_state: Any = None,
         n_jobs: int | None = None,
-    ) -> pd.DataFrame:
+    ) -> pd.DataFrame:  # fmt: skip
         """Confidence intervals of masses and coefficients, or of anything that follows from the model.
 
         The whole chain is solved again without each of some 64 consecutive pieces of the data, so an

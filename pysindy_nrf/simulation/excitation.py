@@ -162,16 +162,11 @@ def sweep(
     if method == "logarithmic" and low == 0:
         raise ChannelError("A logarithmic sweep cannot pass 0 Hz", "Give a positive lowest frequency.")
     first, last = band
-    line = np.concatenate(
-        [
-            peak
-            * tukey(len(rows), 2 * taper)
-            * chirp(np.arange(len(rows)) / fs, first, len(rows) / fs, last, method, phi=-90)
-            for rows, peak in zip(np.array_split(np.arange(n), len(levels)), levels)
-        ]
-    )
     F = np.zeros((n, n_dof))
-    F[:, columns] = line[:, None]
+    for rows, peak in zip(np.array_split(np.arange(n), len(levels)), levels):
+        t = np.arange(len(rows)) / fs
+        line = peak * tukey(len(rows), 2 * taper) * chirp(t, first, len(rows) / fs, last, method, phi=-90)
+        F[rows[:, None], columns] = line[:, None]
     return F
 
 

@@ -86,20 +86,14 @@ def _extent(values: np.ndarray) -> str:
 def summary(record: Record) -> dict[str, Any]:
     """Summary of a record as plain data, for JSON."""
     return {
-        "name": record.name,
-        "n_dof": record.n_dof,
-        "n_samples": record.n_samples,
-        "fs": record.fs,
-        "duration": record.n_samples / record.fs,
-        "coordinates": record.coordinates,
-        "forced": list(record.forced),
-        "force_unknown": list(record.unknown),
-        "base_moves": record.base_moves,
+        "name": record.name, "n_dof": record.n_dof, "n_samples": record.n_samples, "fs": record.fs,
+        "duration": record.n_samples / record.fs, "coordinates": record.coordinates, "forced": list(record.forced),
+        "force_unknown": list(record.unknown), "base_moves": record.base_moves,
         "channels": {
             name: {"unit": si_unit(name), "rms": _rms(line), "peak": float(np.nanmax(np.abs(line)))}
             for name, line in record.channels().items()
         },
-    }
+    }  # fmt: skip
 
 
 def kind_of(record: Record, name: str) -> str:

@@ -215,9 +215,7 @@ class BeforeAfterDisplay(Display):
         ]
         return [
             Figure(
-                "Held-out balance error before and after",
-                marks,
-                Axis(ticks=self.balances),
+                "Held-out balance error before and after", marks, Axis(ticks=self.balances),
                 Axis("held-out balance error", "% NRMSE", (0, 1.25 * np.nanmax(self.errors))),
                 alt=f"Held-out error by balance; {self.balances[0]}: from {first:.3g} to {last:.3g} percent.",
                 caption="Data that neither the search nor any fit has seen.",
@@ -225,7 +223,6 @@ class BeforeAfterDisplay(Display):
                     "Held-out balance error, percent NRMSE",
                     pd.DataFrame(self.errors, names, self.balances), index="model",
                 ),
-                wide=True,
-                height=360,
+                wide=True, height=360,
             )
         ]  # fmt: skip

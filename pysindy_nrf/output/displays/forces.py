@@ -45,18 +45,15 @@ def surface_figure(
     rows = [[float(f"{v[i, 0]:.3g}"), *(float(R[i, j]) if visited[i, j] else "" for j in pick)] for i in pick]
     head = ["v (m/s)", *(f"s = {s[0, j]:.3g} m" for j in pick)]
     return Figure(
-        f"Restoring-force surface of {site}",
-        marks,
-        *_space(site, (low, high)),
+        f"Restoring-force surface of {site}", marks, *_space(site, (low, high)),
         alt=f"Restoring force of {site} over drift and rate. It reaches from {inside.min():.3g} to {inside.max():.3g} "
         f"N for drifts of {s.min():.3g} to {s.max():.3g} m and rates of {v.min():.3g} to {v.max():.3g} m/s.",
         caption="Coloured where the data were, grey where the law is extrapolated; the line is the path of the data. "
         + _TURN,
         heading=str(site),
         table=Table(f"Force of {site} (N) by rate and drift; empty where the data never were", head, rows),
-        size=(4.8, 4.0),
-        height=380,
-    )
+        size=(4.8, 4.0), height=380,
+    )  # fmt: skip
 
 
 def force_figure(model: Any, site: Site, loop: SiteLoop | None = None) -> Figure | None:

@@ -147,13 +147,10 @@ def response_figures(f: np.ndarray, measured: np.ndarray, found: np.ndarray) -> 
                 Line(f, np.abs(measured[:, j - 1]), "measured", "orange", 1.8),
                 Line(f, np.abs(found[:, j - 1]), "model", "blue", 0.9, "dash"),
             ],
-            _below(j, "frequency", "Hz"),
-            Axis(f"|H_{{{j}}}|", "m/s²/N", log=True),
-            legend="above",
-            size=(8.0, 2.1),
+            _below(j, "frequency", "Hz"), Axis(f"|H_{{{j}}}|", "m/s²/N", log=True), legend="above", size=(8.0, 2.1),
         )
         for j in range(measured.shape[1], 0, -1)
-    ]
+    ]  # fmt: skip
 
 
 def modes_figure(modes: pd.DataFrame) -> Figure:

@@ -14,6 +14,7 @@ from ..common.jackknife import variance
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw, registry
 from ..laws.friction import CoulombFriction
+from ..laws.general import PrandtlIshlinskii, SmoothSurface
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
 from ..regression.errors import free_run_of
@@ -85,10 +86,33 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
     if no_claim:
         stopped = f"{no_claim}. Nothing is claimed"
         steps, stands, confirmed = [], stands[:1], stands[0]
+    general = _general(confirmed)
+    there = general[general["there"]]
+    if len(there) and not no_claim and len(forward.state.effects) < settings["max_steps"]:
+        stopped += f". {words.not_in_catalogue(there)}"
     made = simulated(forward.state.ready, confirmed.trial, rng) if forward.state.ready is not None else None
     noise = None if made is None else made[1]
     _say_how_sure(steps, confirmed, noise)
-    return _report(forward, first, settings, steps, stands, confirmed, noise, stopped)
+    report = _report(forward, first, settings, steps, stands, confirmed, noise, stopped)
+    report.lack_of_fit = general.drop(columns="there")
+    return report
+
+
+def _general(final: Stand) -> pd.DataFrame:
+    """What the general law without memory and the general hysteresis still gain at each storey and tie, dB."""
+    trial = final.trial
+    rows = {}
+    for site in trial.chain.sites:
+        drift, rate, *_ = trial.ruler.work.scales(site)
+        for law in (SmoothSurface(S=drift, V=0.2 * rate), PrandtlIshlinskii(uy=2.0 * drift)):
+            try:
+                gain = trial.with_laws([(site, law)]).gain_over(trial)
+            except NRFError:  # its columns depend on those of the model
+                continue
+            words_of = "a function of drift and rate" if not law.has_memory else "a hysteresis of sliders"
+            rows[str(site), words_of] = gain.value, gain.error, judge.is_there(gain) and gain.value > FAR * gain.error
+    index = pd.MultiIndex.from_tuples(rows, names=["site", "general law"]) if rows else None
+    return pd.DataFrame(list(rows.values()), index, columns=["gain (dB)", "standard error", "there"])
 
 
 def _pair(forward: Forward, confirmed: Stand, effect: Effect) -> tuple[Stand, Stand]:

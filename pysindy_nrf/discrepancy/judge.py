@@ -60,15 +60,16 @@ def accepts(finding: Finding, state: State) -> bool:
     if finding.is_fault:
         return True
     positive = (after.trial.masses[0] > 0) | (state.trial.masses[0] <= 0)
-    return (is_large(finding, state) or gain.value >= LARGE_GAIN) and bool(positive.all())
+    share = _largest_share(finding, state)
+    return (share >= LEAST_SHARE or gain.value >= LARGE_GAIN) and share <= 1.0 and bool(positive.all())
 
 
-def is_large(finding: Finding, state: State) -> bool:
-    """Whether an effect changes the force at one of its sites by a share that matters."""
+def _largest_share(finding: Finding, state: State) -> float:
+    """Share of the force that an effect changes, at that of its sites where this is most."""
     after = finding.after
     assert after is not None
     new = [e for e in after.effects if e not in state.effects]
-    return max(share_of(after.trial, finding.state.trial, e.site) for e in new) >= LEAST_SHARE
+    return max(share_of(after.trial, finding.state.trial, e.site) for e in new)
 
 
 def is_clear(finding: Finding, state: State) -> bool:
@@ -76,7 +77,7 @@ def is_clear(finding: Finding, state: State) -> bool:
     if finding.is_fault:
         return finding.witnessed
     gain = over(finding, state)
-    return gain is not None and gain.value - gain.error >= LARGE_GAIN and is_large(finding, state)
+    return gain is not None and gain.value - gain.error >= LARGE_GAIN and _largest_share(finding, state) >= LEAST_SHARE
 
 
 def over(finding: Finding, state: State) -> Gain | None:
@@ -96,7 +97,7 @@ def chosen(pairs: Sequence[tuple[Finding, Gain]]) -> int:
     near = []
     for k, (f, gain) in enumerate(pairs):
         gap, error = difference(best, gain)
-        if gap <= min(error, TENTH * best.value):
+        if gap <= min(max(error, LEAST_GAIN), TENTH * best.value):
             near.append((f.size, -gain.value, k))
     return min(near)[2]
 
@@ -107,7 +108,7 @@ def rivals(pairs: Sequence[tuple[Finding, Gain]], number: int) -> list[Finding]:
     out = []
     for k, (f, gain) in enumerate(pairs):
         gap, error = difference(own, gain)
-        if k != number and gap <= FAR * error:
+        if k != number and gap <= max(FAR * error, LEAST_GAIN):
             out.append(f)
     return out
 

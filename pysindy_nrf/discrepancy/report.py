@@ -163,6 +163,10 @@ class LoopReport:
         The force of every site of the final model along the search data, thinned for drawing.
     settings : dict of str to dict
         Every setting of the run, by group.
+    lack_of_fit : DataFrame
+        What a general law without memory (:class:`~pysindy_nrf.laws.SmoothSurface`) and a general hysteresis
+        (:class:`~pysindy_nrf.laws.PrandtlIshlinskii`) would still gain at each storey beside the final model, dB:
+        what no law of the catalogue explains.
 
     Examples
     --------
@@ -188,6 +192,7 @@ class LoopReport:
     measured: list[Measured] = field(default_factory=list)
     loops: list[SiteLoop] = field(default_factory=list)
     settings: dict[str, dict[str, Any]] = field(default_factory=dict)
+    lack_of_fit: pd.DataFrame = field(default_factory=pd.DataFrame)
 
     def __str__(self) -> str:
         lines = [f"{i}. {step.sentence}" for i, step in enumerate(self.steps, 1)] or ["No effect was added."]

@@ -309,9 +309,12 @@ def simulated(ready: Prepared, trial: Trial, rng: np.random.Generator) -> tuple[
 def _produced(
     ready: Prepared, trial: Trial, model: ChainModel, rng: np.random.Generator
 ) -> tuple[Prepared, Ruler] | None:
-    """Records of a free run of a model with the noise of the channels; None where there is none."""
+    """Records of a free run of a model with the noise of the channels; None where there is none.
+
+    An element without mass has no free run: its records are the measured motion and the force of the model.
+    """
     work = trial.ruler.work
-    if (model.masses <= 0).any():
+    if model.masses.any() and (model.masses <= 0).any():
         return None
     fakes = []
     try:
@@ -341,10 +344,15 @@ def _record(
     record: Record, segment: Segment, model: ChainModel, noise: dict[str, float], rng: np.random.Generator
 ) -> Record:
     """The record the model would have produced, with fresh noise on the channels that were measured."""
+    quiet = quiet_drive(record, noise)
+    scatter = rng.standard_normal(record.force.shape) * [noise.get(f"F{j + 1}", 0.0) for j in range(record.n_dof)]
+    if not model.masses.any():
+        force = np.array(record.force, dtype=float)
+        force[segment.valid] = model.balance_forces(SegmentSet([segment], segment.n_samples))[0]
+        return record.replace(force=force + scatter)
     rows = _measured_rows(record)
     rest = np.zeros(record.n_dof)
     start = None if rows == segment.valid else (rest, rest)  # fusion left out the ends
-    quiet = quiet_drive(record, noise)
     driven = replace(segment, F=np.nan_to_num(quiet.force), ag=base_acceleration_if_any(quiet))
     run = free_run_of(model, driven, rows, record.dt, start)
     changes: dict[str, Any] = {}
@@ -360,9 +368,7 @@ def _record(
         changes[key] = np.full(measured.shape, np.nan)
         changes[key][rows] = own
     changes |= noisy_base(quiet, noise, rng)
-    changes["force"] = quiet.force + rng.standard_normal(record.force.shape) * [
-        noise.get(f"F{j + 1}", 0.0) for j in range(record.n_dof)
-    ]
+    changes["force"] = quiet.force + scatter
     return quiet.replace(coordinates="relative", **changes)
 
 

@@ -110,7 +110,7 @@ def _scanned(trial: Trial, suspect: Suspect) -> tuple[float, Suspect] | None:
         return None
     bounds = (0.0, most) if ends[h] > ends[-h] else (-most, 0.0)
     best = minimize_scalar(lambda x: -max(gain(x), -1e6), bounds=bounds, method="bounded", options={"maxiter": 16})
-    if -best.fun < LEAST_GAIN:
+    if -best.fun < LEAST_GAIN or abs(best.x) < LEAST_SHARE * unit:
         return None
     return -float(best.fun), replace(suspect, law=suspect.law.with_values([float(best.x)]))
 

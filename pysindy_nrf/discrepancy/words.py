@@ -288,6 +288,12 @@ def best_refused(last: Any) -> str:
     )
 
 
+def not_in_catalogue(found: pd.DataFrame) -> str:
+    """What general laws would still explain, which no law of the catalogue does."""
+    said = [f"{law} at {site} would gain {gain:.2g} dB more" for (site, law), gain in found["gain (dB)"].items()]
+    return f"What is left is not noise alone: {', '.join(said)}, and no law of the catalogue does"
+
+
 def hopeless(left: np.ndarray) -> str:
     """A balance of which the model explains next to nothing: a claim is no better than its worst balance."""
     worst = int(np.nanargmax(left)) + 1

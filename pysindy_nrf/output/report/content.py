@@ -492,6 +492,9 @@ def _end(evidence: Any, report: Any) -> Chapter:
         best = report.candidates.head(10)
         rows = [[names(law), *rest] for law, *rest in best.to_numpy().tolist()]
         tables.append(Table("The best candidates of the last search", list(best.columns), rows))
+    if len(report.lack_of_fit):
+        rows = report.lack_of_fit.reset_index().to_numpy().tolist()
+        tables.append(Table("What general laws would still gain", ["site", "law", "gain (dB)", "standard error"], rows))
     facts = [*_seen(evidence), ("Why it stopped", sentence(report.stopped_because))]
     return Chapter("What is left", "", facts, tables, evidence=evidence)
 

@@ -72,6 +72,7 @@ def default_catalogue(covariates: Sequence[str] = ()) -> list[ForceLaw]:
         laws.AddedMass(),
         laws.HiddenOscillator(covariate="ag" if "ag" in covariates else None),
         laws.LinkSpringDashpot(),
+        laws.BendingCoupling(),
         laws.ChannelDelay(),
         laws.GainError(),
         laws.SensorOffset(),
@@ -148,6 +149,8 @@ def candidates(
         anywhere = link_only and not (law.permanent_change or law.mimics_inertia or law.covariates)
         if "new link" in law.acts_at or (ties and anywhere):
             places += [s for s in new_links if s not in places]
+        if "two storeys" in law.acts_at:
+            places += [s for s in new_links if s.p - s.q == 2]
         for site in places:
             yield Candidate(law, site)
 

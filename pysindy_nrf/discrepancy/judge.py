@@ -60,16 +60,18 @@ def accepts(finding: Finding, state: State) -> bool:
     if finding.is_fault:
         return True
     positive = (after.trial.masses[0] > 0) | (state.trial.masses[0] <= 0)
-    share = _largest_share(finding, state)
-    return (share >= LEAST_SHARE or gain.value >= LARGE_GAIN) and share <= 1.0 and bool(positive.all())
+    shares = _shares(finding, state)
+    cancels = any(share > 1 and not finding.state.trial.laws.get(site) for site, share in shares.items())
+    large = max(shares.values()) >= LEAST_SHARE or gain.value >= LARGE_GAIN
+    return large and not cancels and bool(positive.all())
 
 
-def _largest_share(finding: Finding, state: State) -> float:
-    """Share of the force that an effect changes, at that of its sites where this is most."""
+def _shares(finding: Finding, state: State) -> dict[Site, float]:
+    """Share of the force that an effect changes at each of its sites; of a new tie, beside the storey below it."""
     after = finding.after
     assert after is not None
     new = [e for e in after.effects if e not in state.effects]
-    return max(share_of(after.trial, finding.state.trial, e.site) for e in new)
+    return {e.site: share_of(after.trial, finding.state.trial, e.site) for e in new}
 
 
 def is_clear(finding: Finding, state: State) -> bool:
@@ -77,7 +79,8 @@ def is_clear(finding: Finding, state: State) -> bool:
     if finding.is_fault:
         return finding.witnessed
     gain = over(finding, state)
-    return gain is not None and gain.value - gain.error >= LARGE_GAIN and _largest_share(finding, state) >= LEAST_SHARE
+    beyond = gain is not None and gain.value - gain.error >= LARGE_GAIN
+    return beyond and max(_shares(finding, state).values()) >= LEAST_SHARE
 
 
 def over(finding: Finding, state: State) -> Gain | None:

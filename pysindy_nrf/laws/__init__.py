@@ -24,6 +24,7 @@ from .elastic import QuadraticStiffness as QuadraticStiffness
 from .elastic import QuinticStiffness as QuinticStiffness
 from .forcing import AddedMass as AddedMass
 from .forcing import BaseMotion as BaseMotion
+from .forcing import BendingCoupling as BendingCoupling
 from .forcing import ConstantForce
 from .forcing import HarmonicForce as HarmonicForce
 from .forcing import HiddenOscillator as HiddenOscillator

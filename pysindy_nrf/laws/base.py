@@ -79,7 +79,7 @@ class ForceLaw:
         Whether the law can only take energy out, or store it, for positive coefficients.
     uses_time, uses_acceleration : bool
         Whether the kernel reads t or a.
-    acts_at : tuple of {"link", "ground", "new link", "dof", "sensor"}
+    acts_at : tuple of {"link", "ground", "new link", "two storeys", "dof", "sensor"}
         Sites at which a search tries the law: the links of the chain, a link between a DOF and the ground that the
         chain lacks, any link that the chain lacks, a DOF, a sensor.
     output : str

@@ -278,7 +278,7 @@ def check_text(law: ForceLaw, rng: np.random.Generator) -> None:
     """Name, family, symbols, units and the equation are present and unambiguous."""
     terms = law.terms()
     assert law.name.isidentifier() and law.family, f"{law}: name or family is missing"
-    places = {"link", "ground", "new link", "dof", "sensor"}
+    places = {"link", "ground", "new link", "two storeys", "dof", "sensor"}
     assert set(law.acts_at) <= places and law.acts_at, f"{law}: acts_at is {law.acts_at}"
     for field in ("symbol", "label"):
         texts = [getattr(term, field) for term in terms]

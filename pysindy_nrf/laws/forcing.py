@@ -147,7 +147,6 @@ class LinkSpringDashpot(ForceLaw):
     """Linear spring and dashpot side by side, ``R = k s + c v``.
 
     For links that a chain lacks: a brace that skips a floor (``"link 4-2"``), a tie to the ground (``"ground 3"``).
-    A negative stiffness of a link that skips a floor is coupling with the neighbouring storey's drift: the frame bends.
     """
 
     name = "link_spring_dashpot"
@@ -155,11 +154,32 @@ class LinkSpringDashpot(ForceLaw):
     columns = (Term("k", "s", "N/m"), Term("c", "v", "N s/m"))
     passive = True
     acts_at = ("new link",)
+    nonnegative = ("k", "c")
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
         out[0] = s
         out[1] = v
+
+
+class BendingCoupling(ForceLaw):
+    """Coupling of two neighbouring storeys by bending, ``R = -kb s`` between floors two apart.
+
+    The stiffness matrix of a frame that bends has positive terms two off its diagonal: floors two apart push each
+    other away, where a brace (:class:`LinkSpringDashpot`) holds them together. Its share in the storeys' own stiffness
+    is part of their linear springs.
+    """
+
+    name = "bending_coupling"
+    family = "coupling"
+    columns = (Term("kb", "-s", "N/m"),)
+    variable = "s"
+    acts_at = ("two storeys",)
+    nonnegative = ("kb",)
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = -s
 
 
 class HiddenOscillator(ForceLaw):

@@ -288,8 +288,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
     def _separate(self, X: Any, y: Any, data: SegmentSet, options: dict[str, Any]) -> SegmentSet:
         """Motions fused DOF by DOF, whose noise is independent of the motion, if records were given."""
         if holds_records(X):
-            with warnings.catch_warnings():  # the first fusion has warned of the channels
-                warnings.simplefilter("ignore", DataQualityWarning)
+            with warnings.catch_warnings(action="ignore", category=DataQualityWarning):  # the first fusion has warned
                 return self._data(X, y, **options, **one_by_one(X))
         if fused_together(X):
             warnings.warn(

@@ -197,9 +197,8 @@ class Accumulator:
                 self.origin = time[0]
             time = seconds_since(time, self.origin)
         data = from_arrays(
-            chunk.X, chunk.F, time=time, base_acceleration=chunk.base_acceleration,
-            covariates=chunk.covariates, coordinates=chunk.coordinates or self.estimator.coordinates,
-            dt=self.estimator.dt,
+            chunk.X, chunk.F, time=time, base_acceleration=chunk.base_acceleration, covariates=chunk.covariates,
+            coordinates=chunk.coordinates or self.estimator.coordinates, dt=self.estimator.dt,
             n_dof=None if model is None else model.chain.n_dof,
             has_memory=any(law.has_memory for law in law_list(self.estimator.laws)),
             every_row=True,  # a piece may go on in the next chunk

@@ -58,6 +58,8 @@ _CLEAN = 1e-5
 # Smallest singular value, as a share of the largest, that counts: round-off of a Gram matrix hides
 # what lies below the root of the machine precision.
 _RANK_CUT = {"gram": 3e-8, "root": 1e-9}
+# A rank is in doubt where a bound of the condition number comes this near to what counts as dependent.
+_SURE = 10.0
 # Residual over a mass's own part of its balance from which on the mass is warned of.
 _DOUBT = 0.5
 # Lengths of columns whose squares a double still holds with all digits.
@@ -88,6 +90,11 @@ class Solution:
     twins: dict[Site, np.ndarray] = field(default_factory=dict)
     fits: list[StepFit] = field(default_factory=list)
 
+    def of(self, number: int) -> Solution:
+        """Masses and coefficients of one of several blocks."""
+        masses = {j: float(np.ravel(m)[number if np.ndim(m) else 0]) for j, m in self.masses.items()}
+        return Solution(masses, {s: values[number] for s, values in self.coefficients.items()})
+
     def digits_at_risk(self) -> bool:
         """Whether the Gram matrix squared away digits that the data hold; a streamed QR keeps them."""
         eps = np.finfo(float).eps
@@ -95,6 +102,13 @@ class Solution:
             eps * fit.condition**2 > _DIGITS_AT_RISK or (fit.share < _CLEAN and eps * fit.condition**2 > 1e-13)
             for fit in self.fits
         )
+
+
+class NotTogether(NRFError):
+    """Blocks have to be solved one by one."""
+
+    def __init__(self) -> None:
+        super().__init__("These blocks cannot be solved all at once", "Solve them one by one.")
 
 
 def groups_of(layout: Layout, solve_order: SolveOrder) -> list[Group]:
@@ -159,36 +173,46 @@ def solve(
     known = {int(j): float(m) for j, m in dict(known_masses or {}).items()}
     solution = Solution(masses=dict(known))
     if solve_order.strategy == "joint":
+        if grams.shape:
+            raise NotTogether()
         _solve_joint(grams, solve_order, solution, inner)
         return solution
     for step in solve_order.steps:
         where, mass_at, target_at = grams.positions(step.dofs)
         signs = dict(zip(grams.groups[step.dofs].sites, grams.groups[step.dofs].signs))
-        target = np.zeros(grams.matrices[step.dofs].shape[-1])
-        target[target_at] = 1.0
+        target = np.zeros((*grams.shape, grams.matrices[step.dofs].shape[-1]))
+        target[..., target_at] = 1.0
         for site in step.known_sites:
-            target[where[site]] -= signs[site] * solution.coefficients[site]
+            target[..., where[site]] -= signs[site] * solution.coefficients[site]
         if mass_at is not None and not step.masses:
-            target[mass_at] -= known.get(step.dofs[0], solution.masses.get(step.dofs[0], 0.0))
+            target[..., mass_at] -= known.get(step.dofs[0], solution.masses.get(step.dofs[0], 0.0))
         columns = ([mass_at] if step.masses and mass_at is not None else []) + [
             c for s in step.sites for c in range(where[s].start, where[s].stop)
         ]
-        combine = np.zeros((len(target), len(columns) + 1))
-        combine[columns, np.arange(len(columns))] = 1.0
-        combine[:, -1] = target
-        triangle, size = grams.triangle(step.dofs, combine), float(grams.sizes[step.dofs])
-        values, fit = _least_squares(triangle, step, size, inner, grams.layout, _RANK_CUT[grams.kind])
+        combine = np.zeros((*target.shape, len(columns) + 1))
+        combine[..., columns, np.arange(len(columns))] = 1.0
+        combine[..., -1] = target
+        triangle, cut, size = grams.triangle(step.dofs, combine), _RANK_CUT[grams.kind], grams.sizes[step.dofs]
+        if grams.shape:
+            values, fit = _least_squares_together(triangle, step, size, inner, cut)
+        else:
+            values, fit = _least_squares(triangle, step, float(size), inner, grams.layout, cut)
         solution.fits.append(fit)
         at = 0
         if step.masses:
-            solution.masses[step.masses[0]], at = float(values[0]), 1
+            solution.masses[step.masses[0]], at = _number(values[..., 0]), 1
         for site in step.sites:
             width = grams.layout.counts[site]
-            found = signs[site] * values[at : at + width]
+            found = signs[site] * values[..., at : at + width]
             at += width
             second = solve_order.strategy == "complete" and site.p not in step.dofs
             (solution.twins if second else solution.coefficients)[site] = found
     return solution
+
+
+def _number(value: np.ndarray) -> Any:
+    """A plain number, or one for each block."""
+    return value if value.ndim else float(value)
 
 
 def _labels(step: Step, layout: Layout) -> list[str]:
@@ -239,6 +263,25 @@ def _least_squares(
     noise = _mass_noise(unit[:p], scaled, residual / size_y, len(step.masses)) if rank == p else ()
     fit = StepFit(step, condition, rank, p, residual / max(n_samples, 1) ** 0.5, residual / size_y, noise)
     return scaled * size_y / size if p else scaled, fit
+
+
+def _least_squares_together(
+    triangle: np.ndarray, step: Step, n_samples: Any, inner: Any, cut: float
+) -> tuple[np.ndarray, StepFit]:
+    """Solve stacked sub-problems whose columns are certainly independent; condition is an upper bound."""
+    p = triangle.shape[-1] - 1
+    size = np.linalg.norm(triangle, axis=-2)
+    if inner is not None or not p or not (np.isfinite(size) & (size >= _SMALLEST)).all():
+        raise NotTogether()
+    unit = triangle / size[..., None, :]
+    inverse, lost = zip(*(lapack.dtrtri(one.T, lower=1) for one in unit[..., :p, :p]))
+    condition = p**0.5 * np.array([np.linalg.norm(one) for one in inverse])
+    if any(lost) or not (condition * cut * _SURE < 1).all():
+        raise NotTogether()
+    scaled = np.array([_back(one[:p, :p], one[:p, p]) for one in unit])
+    share = np.abs(unit[..., p, p])
+    residual = share * size[..., p]
+    return scaled * size[..., p:] / size[..., :p], StepFit(step, condition, p, p, residual / n_samples**0.5, share)
 
 
 def _back(upper: np.ndarray, target: np.ndarray, transposed: bool = False) -> np.ndarray:

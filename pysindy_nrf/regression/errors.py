@@ -64,23 +64,27 @@ def balance_sizes(
     above = tuple(range(dof, grams.layout.n_dof + 1))
     dofs = above if above in grams.groups else (dof,)
     size = grams.sizes[dofs]
-    if not size:
+    if not np.any(size):
         return None
     where, mass_at, target_at = grams.positions(dofs)
     group = grams.groups[dofs]
     # columns: residual, force alone, inertia alone, storey force alone
-    weights = np.zeros((grams.matrices[dofs].shape[-1], 4))
+    weights = np.zeros((*grams.shape, grams.matrices[dofs].shape[-1], 4))
     own = None
     for site, sign in zip(group.sites, group.signs):
-        weights[where[site], 0] = sign * coefficients[site]
+        weights[..., where[site], 0] = sign * coefficients[site]
         if own is None and site.p == dof:
             own = site
-            weights[where[site], 3] = coefficients[site]
-    weights[target_at, 0], weights[target_at, 1] = -1.0, 1.0
+            weights[..., where[site], 3] = coefficients[site]
+    weights[..., target_at, 0], weights[..., target_at, 1] = -1.0, 1.0
     if mass_at is not None:
-        weights[mass_at, 0] = weights[mass_at, 2] = masses[dof]
-    residual, force, inertia, storey = grams.norms(dofs, weights) / size**0.5
-    of = "F" if force and mass_at is not None else "m a"
+        weights[..., mass_at, 0] = weights[..., mass_at, 2] = masses[dof]
+    residual, force, inertia, storey = np.moveaxis(grams.norms(dofs, weights), -1, 0) / size**0.5
+    of = "F" if np.all(force) and mass_at is not None else "m a"
+    if grams.shape:
+        reference = np.where(force, force, inertia)
+        storey = np.where(storey, storey, np.where(reference, reference, 1.0))
+        return Sizes(residual, reference, storey, of, size)  # type: ignore[arg-type]  # of each block
     reference = force or inertia
     return Sizes(float(residual), float(reference), float(storey or reference or 1.0), of, int(size))
 
@@ -95,7 +99,9 @@ def pooled_percent(balances: Iterable[Sizes | None]) -> float:
     return _percent(top**0.5, bottom**0.5)
 
 
-def _percent(part: float, whole: float) -> float:
+def _percent(part: Any, whole: Any) -> Any:
+    if np.ndim(whole):  # of blocks
+        return np.array([_percent(*pair) for pair in zip(part.tolist(), whole.tolist())])
     return 100.0 * part / whole if whole else (0.0 if part == 0 else np.inf)
 
 

@@ -20,7 +20,7 @@ from ..laws.shape import Motion
 from ..mechanics.chain import Chain
 from ..mechanics.identifiability import SolveOrder, plan_solve_order
 from ..mechanics.sites import Site
-from ..regression.chain_solve import Solution, groups_of, solve
+from ..regression.chain_solve import NotTogether, Solution, groups_of, solve
 from ..regression.gram_pass import GramPass
 from ..regression.grams import BlockGrams
 from ..regression.layout import Block, Group, LawLayout, cut_at
@@ -136,6 +136,7 @@ class OrthogonalPowers(Monomials):
 
 _ROWS = 2048  # sampled for the bases of the sites
 _SOUND = 1e3  # condition number of unit columns whose Gram matrix keeps the digits that are asked for
+EVERY = "every"  # stands for all folds, stacked
 PIECES = 20  # at least, over all records: blocks for the effective number of samples
 
 
@@ -295,25 +296,29 @@ class FoldMoments:
         if self.kind == "gram":
             self._accumulate("root")
 
-    def total(self, fold: int | None, side: str = "train") -> tuple[BlockGrams, np.ndarray, np.ndarray]:
-        """Roots of one side of a fold, sums of accelerations and counts; None: of all samples."""
+    def total(self, fold: Any, side: str = "train") -> tuple[BlockGrams, np.ndarray, np.ndarray]:
+        """Roots of one side of a fold, sums of accelerations and counts; None: of all samples, EVERY: stacked."""
         key = (fold, side)
         if key not in self._totals:
             if fold is None:
-                wanted = np.ones(len(self.pieces))
+                wanted = np.ones((1, len(self.pieces)))
             else:
-                wanted = 1.0 * (self.membership[self.piece_class, fold] == {"train": 1, "test": 2}[side])
-            if not wanted.any():
-                raise ChannelError(f"Fold {fold} has no {side} samples", "Check the splitter.")
-            self._totals[key] = self._sums(wanted), wanted @ np.array(self.sums), wanted @ np.array(self.counts)
+                chosen = self.membership[self.piece_class] == {"train": 1, "test": 2}[side]
+                wanted = 1.0 * chosen.T[slice(None) if fold == EVERY else [fold]]
+            empty = np.flatnonzero(~wanted.any(axis=1))
+            if empty.size:
+                number = empty[0] if fold == EVERY else fold
+                raise ChannelError(f"Fold {number} has no {side} samples", "Check the splitter.")
+            found = self._sums(wanted), wanted @ np.array(self.sums), wanted @ np.array(self.counts)
+            self._totals[key] = found if fold == EVERY else (found[0][0], found[1][0], found[2][0])
         return self._totals[key]
 
     def sum_of(self, pieces: Iterable[int]) -> BlockGrams:
         """Roots of some pieces, in the monomials themselves; a piece may be there several times."""
-        return self._sums(np.bincount(list(pieces), minlength=len(self.pieces)).astype(float))
+        return self._sums(np.bincount(list(pieces), minlength=len(self.pieces))[None].astype(float))[0]
 
     def _sums(self, wanted: np.ndarray) -> BlockGrams:
-        """Roots of the monomials, the sum of so many times each piece."""
+        """Roots of the monomials, each the sum of so many times each piece."""
         return self.pieces.sum(wanted).roots().transformed(self.layout, {g: self._back(g.dofs) for g in self.groups})
 
     def order(self, orders: Mapping[Site, Any]) -> Order:
@@ -334,9 +339,14 @@ class FoldMoments:
         """The solve that the forces in some samples allow."""
         forced, unknown = [], []
         for j in range(1, self.chain.n_dof + 1):
-            if not total.sizes[j,]:
+            seen = total.sizes[j,] > 0
+            pushed = np.linalg.norm(total.matrices[j,][..., -1], axis=-1) > 0
+            for held in (seen, pushed):
+                if np.any(held) != np.all(held):
+                    raise NotTogether()
+            if not np.all(seen):
                 unknown.append(j)
-            elif total.matrices[j,][:, -1].any():
+            elif np.all(pushed):
                 forced.append(j)
         key = tuple(forced), tuple(unknown), order.layout.acting
         if key not in self._solve_orders:
@@ -346,7 +356,7 @@ class FoldMoments:
         return self._solve_orders[key].require_complete()
 
     def fit(
-        self, order: Order, fold: int | None, inner: Any = None, total: BlockGrams | None = None
+        self, order: Order, fold: Any, inner: Any = None, total: BlockGrams | None = None
     ) -> tuple[Solution, SolveOrder, BlockGrams]:
         """Solve one candidate on the training side of a fold."""
         total = self.total(fold)[0] if total is None else total

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from ..regression.chain_solve import Solution, StepFit, model_of
 from ..regression.errors import balance_sizes, free_run_error, pooled_error, pooled_percent
 from ..regression.grams import BlockGrams
 from ..regression.segments import BlockRows
-from .fold_moments import FoldMoments, Order
+from .fold_moments import EVERY, FoldMoments, Order
 
 # What more terms must take off the held-out error, and the error below which nothing is missing: those of the closed
 # loop's gate (discrepancy/gate.py). Sensor offsets and slow drift are the same in all folds of a test, so the folds
@@ -163,29 +163,37 @@ class Heldout:
     sums: np.ndarray
     counts: np.ndarray
     solution: Solution
-    fold: int
+    fold: Any
 
 
-def _held_out(fold_moments: FoldMoments, order: Order) -> Iterator[tuple[Heldout, int]]:
-    """The folds on which a candidate can be fitted."""
+def _held_out(fold_moments: FoldMoments, order: Order) -> Iterator[tuple[Heldout, Any]]:
+    """All folds at once, or one by one where they differ too much or one of them fails; and where they stand."""
+
+    def one(fold: Any) -> Heldout:
+        solution, solve_order, _ = fold_moments.fit(order, fold)
+        test, sums, counts = fold_moments.total(fold, "test")
+        return Heldout(fold_moments.cut(test, order, order.groups(solve_order)), sums, counts, solution, fold)
+
+    try:
+        yield one(EVERY), slice(None)
+        return
+    except NRFError:
+        pass
     for fold in range(fold_moments.n_folds):
         try:
-            solution, solve_order, _ = fold_moments.fit(order, fold)
-            test, sums, counts = fold_moments.total(fold, "test")
-            cut = fold_moments.cut(test, order, order.groups(solve_order))
+            yield one(fold), fold
         except NRFError:
             continue
-        yield Heldout(cut, sums, counts, solution, fold), fold
 
 
 def on_folds(fold_moments: FoldMoments, order: Order, scorings: Iterable[str]) -> dict[str, np.ndarray]:
     """Scores of one candidate on all folds."""
     scores = {name: np.full(fold_moments.n_folds, np.nan) for name in scorings}
-    for held, fold in _held_out(fold_moments, order):
+    for held, where in _held_out(fold_moments, order):
         if fold_moments.kind == "gram":
             _require_digits(held)
         for name, values in scores.items():
-            values[fold] = _SCORES[name](fold_moments, order, held)
+            values[where] = _SCORES[name](fold_moments, order, held)
     return scores
 
 
@@ -193,9 +201,9 @@ def balances_on_folds(fold_moments: FoldMoments, order: Order, dofs: Iterable[in
     """Pooled error of some balances, of all if None, on all folds, percent NRMSE; infinite where a fit failed."""
     errors = np.full(fold_moments.n_folds, np.inf)
     dofs = range(1, order.layout.n_dof + 1) if dofs is None else dofs
-    for held, fold in _held_out(fold_moments, order):
+    for held, where in _held_out(fold_moments, order):
         found = held.solution.masses, held.solution.coefficients, held.grams
-        errors[fold] = pooled_percent(balance_sizes(j, *found) for j in dofs)
+        errors[where] = pooled_percent(balance_sizes(j, *found) for j in dofs)
     return errors
 
 
@@ -204,40 +212,45 @@ def _balance(fold_moments: FoldMoments, order: Order, held: Heldout) -> Any:
 
 
 def _acceleration(fold_moments: FoldMoments, order: Order, held: Heldout) -> Any:
-    left = error = 0.0
+    left = error = np.zeros(held.grams.shape)
     for j in range(1, order.layout.n_dof + 1):
-        if held.grams.sizes[j,]:
+        if np.any(held.grams.sizes[j,]):
             # of the residual, of the acceleration
-            weights = np.zeros((held.grams.matrices[j,].shape[-1], 2))
-            weights[:, 0] = residual_weights(held.grams, held.solution, (j,))
-            weights[held.grams.positions((j,))[1], 1] = 1.0
-            residual, own = held.grams.norms((j,), weights)
+            weights = np.zeros((*left.shape, held.grams.matrices[j,].shape[-1], 2))
+            weights[..., 0] = residual_weights(held.grams, held.solution, (j,))
+            weights[..., held.grams.positions((j,))[1], 1] = 1.0
+            residual, own = np.moveaxis(held.grams.norms((j,), weights), -1, 0)
             error = error + (residual / held.solution.masses[j]) ** 2
-            left = left + own**2 - held.sums[j - 1] ** 2 / held.counts[j - 1]
-    return 1.0 - error / left if left else np.nan
+            left = left + own**2 - held.sums[..., j - 1] ** 2 / held.counts[..., j - 1]
+    return 1.0 - np.divide(error, left, out=np.full(left.shape, np.nan), where=left != 0)
 
 
 def residual_weights(grams: BlockGrams, solution: Solution, dofs: tuple[int, ...]) -> np.ndarray:
     """Weights of the columns of one balance, or of several summed, whose sum is the residual."""
     where, mass_at, target_at = grams.positions(dofs)
     group = grams.groups[dofs]
-    weights = np.zeros(grams.matrices[dofs].shape[-1])
+    weights = np.zeros((*grams.shape, grams.matrices[dofs].shape[-1]))
     for site, sign in zip(group.sites, group.signs):
-        weights[where[site]] = sign * solution.coefficients[site]
+        weights[..., where[site]] = sign * solution.coefficients[site]
     if mass_at is not None:
-        weights[mass_at] = solution.masses[dofs[0]]
-    weights[target_at] = -1.0
+        weights[..., mass_at] = solution.masses[dofs[0]]
+    weights[..., target_at] = -1.0
     return weights
 
 
 def _require_digits(held: Heldout) -> None:
     for j in range(1, held.grams.layout.n_dof + 1):
         sizes = balance_sizes(j, held.solution.masses, held.solution.coefficients, held.grams)
-        if sizes is not None and sizes.residual < CLEAN * sizes.reference:
+        if sizes is not None and np.any(sizes.residual < CLEAN * sizes.reference):
             raise DigitsLost
 
 
 def _free_run(fold_moments: FoldMoments, order: Order, held: Heldout) -> Any:
+    if held.fold == EVERY:
+        return [
+            _free_run(fold_moments, order, replace(held, solution=held.solution.of(fold), fold=fold))
+            for fold in range(fold_moments.n_folds)
+        ]
     runs = _runs(fold_moments, held.fold)
     error = free_run_error(model_of(order.layout, held.solution), fold_moments.data, fold_moments.filters, runs)
     return -error if np.isfinite(error) else float("nan")

@@ -16,6 +16,7 @@ from pysindy_nrf.regression.chain_solve import (
     solve,
     solve_blocks,
 )
+from pysindy_nrf.regression.errors import balance_sizes
 from pysindy_nrf.regression.gram_pass import total_gram
 from pysindy_nrf.regression.grams import BlockGrams
 from pysindy_nrf.regression.layout import Layout, blocks_of
@@ -76,6 +77,28 @@ def least_squares(*columns, y):
     size = np.linalg.norm(A, axis=0)
     x = np.linalg.lstsq(A / size, y, rcond=None)[0] / size
     return x, y - A @ x
+
+
+# -- blocks, each by itself -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("known", [{}, {2: 7.0}], ids=str)
+def test_blocks_are_solved_as_each_by_itself(known):
+    """Three records of other noise: masses and laws of each balance are NumPy's least squares on that record alone."""
+    cases, solve_order = [Test(noise=5.0, seed=seed) for seed in range(3)], plan([1, 2, 3], known, "complete")
+    together = BlockGrams.stack([case.total(solve_order, "root", known) for case in cases])
+    found = solve(together, solve_order, known)
+    for i, case in enumerate(cases):
+        own, motion = found.of(i), [case.terms[s] for s, _ in BALANCES[1]]
+        x, left = least_squares(case.a[:, 0], *motion, y=case.F[:, 0])
+        assert own.masses[1] == pytest.approx(x[0], rel=1e-9)
+        assert own.coefficients["storey 1"].tolist() == pytest.approx(x[1:3].tolist(), rel=1e-9)
+        assert own.masses.get(2) == known.get(2, own.masses[2])
+        step = next(fit for fit in found.fits if fit.step.dofs == (1,))
+        assert step.residual[i] == pytest.approx(np.sqrt((left**2).mean()), rel=1e-9)
+        size = balance_sizes(1, found.masses, found.coefficients, together)
+        alone = balance_sizes(1, own.masses, own.coefficients, together[i])
+        assert [size.residual[i], size.reference[i], size.storey[i]] == pytest.approx(list(alone[:3]), rel=1e-12)
 
 
 # -- what the solve order finds --------------------------------------------------------------------------

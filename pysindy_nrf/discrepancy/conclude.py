@@ -12,7 +12,6 @@ from scipy.stats import t as student
 
 from ..common.jackknife import variance
 from ..exceptions import NRFError
-from ..laws.base import ForceLaw, registry
 from ..laws.friction import CoulombFriction
 from ..laws.general import PrandtlIshlinskii, SmoothSurface
 from ..mechanics.sites import Site
@@ -189,6 +188,7 @@ def _step(forward: Forward, effect: Effect, before: Stand, after: Stand) -> Step
         tied=[(f.proposal.law.name, ", ".join(map(str, f.proposal.sites)), _value(f)) for f in rivals],
     )
     if effect.is_fault:
+        step.sure = effect.witnessed
         step.parameters = dict(effect.law.parameters)
         step.sensors = [
             str(f.proposal.sites[0]) for f in rivals if f.is_fault and f.proposal.law.name == effect.law.name
@@ -197,6 +197,7 @@ def _step(forward: Forward, effect: Effect, before: Stand, after: Stand) -> Step
         laws = after.trial.model().laws[site]
         fitted = next(law for law in reversed(laws) if law.name == effect.law.name)
         step.parameters = dict(fitted.parameters)
+        step.sure = all((fitted.parameters[c] or 0.0) >= 0 for c in fitted.nonnegative)
         step.intervals = _intervals(after.trial, effect)
         step.share = judge.share_of(after.trial, after.trial.without(site, effect.law), site)
     step.evidence = words.acceptance(step)
@@ -285,21 +286,13 @@ def _say_how_sure(steps: list[Step], final: Stand, noise: Ruler | None) -> None:
         top = max(left_at**2 - (BY_NOISE * noise_at) ** 2 if known else left_at**2, 0.0)
         step.remainder = float(np.sqrt(top / max(before**2, 1e-300)))
         ratio = step.gain / max(step.gain_error, 1e-12)
-        signs = all(not step.parameters.get(c, 0.0) < 0 for c in registry()[step.law].nonnegative)
         step.sure = bool(
-            step.confirmed and not step.alternatives and step.remainder <= COMPLETE and ratio >= FAR and signs
+            step.sure and step.confirmed and not step.alternatives and step.remainder <= COMPLETE and ratio >= FAR
         )
     for step in steps:
-        beside = [s for s in steps if s is not step and balances_of(Site(s.site)) == balances_of(Site(step.site))]
-        company = [s.law for s in beside if _one_curve(registry()[step.law], registry()[s.law])]
-        if company:
-            step.company, step.sure = company, False
-
-
-def _one_curve(one: type[ForceLaw], two: type[ForceLaw]) -> bool:
-    """Whether two laws at one site may be parts of a single curve of the drift or of the rate."""
-    curves, variables = [law for law in (one, two) if law.variable in ("s", "v")], {one.variable, two.variable}
-    return bool(curves) and (len(variables) == 1 or ("1" in variables and not curves[0].jumps))
+        here = balances_of(Site(step.site))
+        step.company = [s.law for s in steps if s is not step and balances_of(Site(s.site)) == here]
+        step.sure = step.sure and not step.company
 
 
 def _report(

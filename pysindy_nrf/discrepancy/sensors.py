@@ -24,7 +24,7 @@ from ..mechanics.sites import Site
 from ..regression.segments import Segment, SegmentSet
 from ..signals.alignment import channel_alignment
 from ..simulation.api import as_true
-from .constants import LARGE_GAIN, LEAST_GAIN, LEAST_SHARE, SUSPECTS
+from .constants import LEAST_GAIN, LEAST_SHARE, SUSPECTS
 from .prepare import Prepared, Workspace, prepare
 from .ruler import Gain, Ruler, Trial
 from .state import Effect, Finding, Proposal, State
@@ -53,11 +53,11 @@ def findings_of_faults(state: State, laws: Sequence[SensorFault]) -> list[Findin
             assert isinstance(before.law, SensorFault)
             fault = before.law.followed_by(fault)
         template = next(law for law in laws if law.name == fault.name)
-        effects = (*(e for e in state.effects if e is not before), Effect(fault, suspect.site, template))
+        seen = suspect.witness is not None
+        effects = (*(e for e in state.effects if e is not before), Effect(fault, suspect.site, template, seen))
         gain = Gain(state.trial.powers, trial.powers, trial.ruler.informative)
         proposal = Proposal(template, (suspect.site,))
-        after, seen = State(trial, effects, fresh), suspect.witness is not None
-        found.append(Finding(proposal, (fault,), state, gain.value, gain, after, seen))
+        found.append(Finding(proposal, (fault,), state, gain.value, gain, State(trial, effects, fresh), seen))
     return found
 
 
@@ -110,7 +110,7 @@ def _scanned(trial: Trial, suspect: Suspect) -> tuple[float, Suspect] | None:
         return None
     bounds = (0.0, most) if ends[h] > ends[-h] else (-most, 0.0)
     best = minimize_scalar(lambda x: -max(gain(x), -1e6), bounds=bounds, method="bounded", options={"maxiter": 16})
-    if -best.fun < (LEAST_GAIN if abs(best.x) >= LEAST_SHARE * unit else LARGE_GAIN):
+    if -best.fun < LEAST_GAIN or abs(best.x) < LEAST_SHARE * unit:
         return None
     return -float(best.fun), replace(suspect, law=suspect.law.with_values([float(best.x)]))
 

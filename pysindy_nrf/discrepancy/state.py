@@ -35,11 +35,15 @@ class Proposal:
 
 @dataclass(frozen=True)
 class Effect:
-    """An accepted law at a site; ``template`` has its shape parameters free."""
+    """An accepted law at a site; ``template`` has its shape parameters free.
+
+    A fault of a sensor that no other channel of its DOF witnesses has no sure name: a bias of the fit looks alike.
+    """
 
     law: ForceLaw
     site: Site
     template: ForceLaw
+    witnessed: bool = True
 
     @property
     def is_fault(self) -> bool:

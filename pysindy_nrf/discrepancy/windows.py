@@ -55,11 +55,11 @@ def split(
             raise ChannelError(*_TOO_SHORT)
         return search, apart
     best, chosen_cut = np.inf, None
-    for pieces in PIECES:
+    for pieces, handicap in PIECES.items():
         for shift in range(FOLDS):
             search, held, unevenness = _scored(energy, hop, segments, pieces, shift)
-            if held and _enough(search, hop) and unevenness < best - 1e-9:
-                best, chosen_cut = unevenness, (search, held)
+            if held and _enough(search, hop) and unevenness + handicap < best - 1e-9:
+                best, chosen_cut = unevenness + handicap, (search, held)
     if chosen_cut is None:
         raise ChannelError(*_TOO_SHORT)
     return chosen_cut

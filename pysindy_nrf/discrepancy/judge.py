@@ -79,7 +79,7 @@ def is_clear(finding: Finding, state: State) -> bool:
     if finding.is_fault:
         return finding.witnessed
     gain = over(finding, state)
-    beyond = gain is not None and gain.value - gain.error >= LARGE_GAIN
+    beyond = gain is not None and gain.lower >= LARGE_GAIN
     return beyond and max(_shares(finding, state).values()) >= LEAST_SHARE
 
 

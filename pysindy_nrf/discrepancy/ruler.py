@@ -87,6 +87,18 @@ class Gain:
         return float(self.parts.min()) if np.isfinite(self.value) else -np.inf
 
     @property
+    def lower(self) -> float:
+        """Gain less its standard error; a fold without which it is larger counts as far as one without which it is not.
+
+        A sudden change is dated in one fold: without it the gain is larger by far, which is nothing against the effect.
+        """
+        if not np.isfinite(self.value):
+            return -np.inf
+        away = self.parts - self.value
+        away = np.minimum(away, max(-away.min(), 0.0))
+        return self.value - float(np.sqrt((len(away) - 1) / len(away) * (away @ away)))
+
+    @property
     def ratio(self) -> float:
         """Gain over its standard error."""
         return self.value / max(self.error, 1e-12)

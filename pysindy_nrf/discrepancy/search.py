@@ -223,7 +223,7 @@ class Forward:
             gain, kind = good[0][1], good[0][0].is_fault
             if kind not in chance:
                 chance[kind] = self._by_chance(state, faults=kind)
-            if gain.value - gain.error >= max(chance[kind], 0.0):
+            if gain.lower >= max(chance[kind], 0.0):
                 break
             good.pop(0)
         if not good:

@@ -405,13 +405,16 @@ def right(model, case):
 
 
 def test_parquet_row_groups_that_chunks_cut_through(exact, tmp_path):
-    """Groups of 300 rows, chunks of 400: every row comes once, and none of the chunks is larger."""
+    """Groups of 300 rows, chunks of 400: a fit that goes on at chunk 3 sees exactly the rows from 1200 on."""
     path = tmp_path / "a.parquet"
     table(exact.X, exact.F).to_parquet(path, row_group_size=300)
     right(fit_streamed(NRFRegressor(), path, chunk_samples=400), exact)
-    chunks = [chunk.X for chunk in open_source(path, chunk_samples=400).chunks()]
-    np.testing.assert_array_equal(np.vstack(chunks), exact.X)
-    assert max(map(len, chunks)) <= 400
+    source = open_source(path, chunk_samples=400)
+    late = np.vstack([chunk.X for chunk in source.chunks(3)])
+    np.testing.assert_array_equal(late, exact.X[1200:])
+    even = tmp_path / "even.parquet"
+    table(exact.X, exact.F).to_parquet(even, row_group_size=1000)
+    assert [chunk.n_samples for chunk in open_source(even, chunk_samples=400).chunks()] == [400] * 5
 
 
 def test_a_fit_by_path_reads_no_other_file(exact, tmp_path):

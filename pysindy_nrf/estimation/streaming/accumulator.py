@@ -311,11 +311,15 @@ class Accumulator:
 
     def merge(self, other: Accumulator) -> Accumulator:
         """Add the chunks of another accumulator of the same data; both closed."""
-        if self.model is None and other.model is not None:
+        if other.model is None:
+            self.runs = joined([*self.runs, *other.runs])
+            self.n_samples += other.n_samples
+            return self
+        if self.model is None:
             for name, value in vars(other).items():
                 if name not in ("runs", "n_samples"):
                     setattr(self, name, value)
-        elif self.model is not None and other.model is not None:
+        else:
             if self.model.chain.n_dof != other.model.chain.n_dof:
                 raise ChannelError(
                     f"One part of the data has {self.model.chain.n_dof} DOFs, another {other.model.chain.n_dof}",
@@ -341,7 +345,8 @@ class Accumulator:
 
     def grams(self) -> BlockGrams:
         """Gram matrices of all blocks, with the numbers of their records."""
-        if not (entries := self.entries):
+        entries = self.entries
+        if not entries:
             raise NRFError("There are no samples", "Check the source.")
         names = {name: i for i, name in enumerate(dict.fromkeys(e.record for e in entries))}
         return BlockGrams.stack([e.grams for e in entries], [names[e.record] for e in entries])
@@ -404,7 +409,7 @@ def _behind(last: Segment, segment: Segment) -> Segment:
 def _copied(segment: Segment, start: int, stop: int) -> Segment:
     """Some samples of a segment, copied."""
     rows, whole = slice(start, stop), slice(0, stop - start)
-    held = ((k, getattr(segment, k)) for k in LINES)
-    lines: dict[str, Any] = {k: None if x is None else np.array(x[rows], dtype=float) for k, x in held}
+    lines: dict[str, Any] = {k: np.array(getattr(segment, k)[rows], dtype=float) for k in ("a", "v", "s", "F")}
+    lines |= {k: None if getattr(segment, k) is None else np.array(getattr(segment, k)[rows]) for k in ("t", "ag")}
     covariates = {k: np.array(c[rows], dtype=float) for k, c in segment.covariates.items()}
     return replace(segment, rows=whole, **lines, covariates=covariates, valid=whole, _extent=None)

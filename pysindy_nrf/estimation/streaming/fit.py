@@ -10,7 +10,6 @@ import warnings
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -175,9 +174,13 @@ class _Passes:
             raise ChannelError(
                 "An iterator cannot be read again from the middle, so state= has no effect", "Give files by path."
             )
-        self.path: Path | None = None if state is None else Path(state)
-        if state is None and source.paths and os.access(folder := source.paths[0].parent, os.W_OK):
+        folder = source.folder() if source.again else None
+        if state is not None:
+            self.path: Path | None = Path(state)
+        elif folder is not None and os.access(folder, os.W_OK):
             self.path = folder / f".fit-{self.mark[:12]}.nrf-state"
+        else:
+            self.path = None
 
     def run(self, kind: str, guess: Any = None) -> Accumulator:
         """Result of one pass."""
@@ -196,7 +199,7 @@ class _Passes:
             disable=None if self.progress is None else not self.progress,
         ) as bar:  # fmt: skip
             try:
-                for chunk in islice(self.source.chunks(), self.number, None):
+                for chunk in self.source.chunks(self.number):
                     accumulator.add(chunk, self.number)
                     self.number += 1
                     bar.update(chunk.n_samples)

@@ -272,7 +272,7 @@ def load_dry_friction_storey_more(folder: Any = None) -> Record:
 def load_mr_damper_white_noise(folder: Any = None) -> Record:
     """``x1`` (m), ``F1`` (N) and the covariate ``voltage`` (V) of a damper by itself; 3004.8 Hz, 24.6 s.
 
-    The measured force IS the restoring force: a chain of one DOF without inertia, ``known_masses={1: 0.0}``. The file's
+    The measured force IS the restoring force: a chain of one DOF without inertia, ``massless=True``. The file's
     velocity was derived from its displacement (it loses 6 % at 80 Hz) and is left out; so is the actuator's
     acceleration, whose unit is not stated.
     """

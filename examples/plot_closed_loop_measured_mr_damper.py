@@ -25,7 +25,7 @@ folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)
 
 record = measured_sets.load_mr_damper_white_noise()
-report = close_loop(record, NRFRegressor(degree=1, known_masses={1: 0.0}), max_steps=2)
+report = close_loop(record, NRFRegressor(degree=1, massless=True), max_steps=2)
 print(f"{report}\n{report.table.round(2).to_string()}")
 
 X, F = record.to_features()

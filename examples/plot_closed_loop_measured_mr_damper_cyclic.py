@@ -27,7 +27,7 @@ folder.mkdir(parents=True, exist_ok=True)
 
 
 def declared(degree):
-    return NRFRegressor(laws={1: [laws.PowerSeries(degree), laws.ConstantForce()]}, known_masses={1: 0.0})
+    return NRFRegressor(laws={1: [laws.PowerSeries(degree), laws.ConstantForce()]}, massless=True)
 
 
 runs = measured_sets.mr_damper_cyclic_runs()[::12]

@@ -9,11 +9,17 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
+from glob import escape
 from importlib.resources import files
 from pathlib import Path
 from typing import IO, Any
 
 from ..exceptions import FileFormatError, NRFError
+
+try:
+    import fcntl
+except ImportError:  # Windows, where nothing is locked and nothing left behind is removed
+    fcntl = None  # type: ignore[assignment]
 
 
 @contextmanager
@@ -21,21 +27,58 @@ def atomic_write(path: Any, mode: str = "w") -> Iterator[IO[Any]]:
     """Open a temporary file that replaces the target on success: a reader sees the old or the complete new file."""
     if mode not in ("w", "wb"):
         raise NRFError(f"mode={mode!r} is unknown", "Choose 'w' or 'wb'.")
-    target = Path(path)
+    target = file_behind(path)
     target.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part")
+    handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=PART)
     try:
-        text: dict[str, Any] = {"encoding": "utf-8", "newline": ""} if mode == "w" else {}
+        # a name that UTF-8 cannot hold is written as its code, which JSON reads back as the same name
+        text: dict[str, Any] = {"encoding": "utf-8", "newline": "", "errors": "backslashreplace"} if mode == "w" else {}
         with os.fdopen(handle, mode, **text) as file:
+            hold(file.fileno())
+            for left in left_behind(target):
+                left.unlink(missing_ok=True)
             yield file
             file.flush()
             os.fsync(file.fileno())
         os.chmod(temporary, _permissions(target))
         os.replace(temporary, target)
-    except BaseException:
+    except BaseException as error:
         with suppress(FileNotFoundError):
             os.unlink(temporary)
+        if isinstance(error, OSError) and error.filename is None:  # a full disk
+            error.filename = str(target)
         raise
+
+
+PART = ".part"  # suffix of what is being written
+
+
+def file_behind(path: Any) -> Path:
+    """The file that a path leads to, links followed; an NRFError for a device, a pipe or a folder."""
+    target = Path(os.path.realpath(path))
+    if target.exists() and not target.is_file():
+        kind = "a folder" if target.is_dir() else "a device or pipe"
+        raise NRFError(f"{path} is {kind}, no file can be put in its place", "Give the name of a file.")
+    return target
+
+
+def hold(handle: int) -> bool:
+    """Lock an open file for as long as this process has it open; False if another process does."""
+    if fcntl is None:
+        return False
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
+
+
+def left_behind(target: Path, lock: str = "") -> Iterator[Path]:
+    """What processes that were killed left beside a target; each holds its temporary file (or ``lock`` in a folder)."""
+    for path in target.parent.glob(f".{escape(target.name)}.*{PART}"):
+        with suppress(OSError), open(path / lock, "rb") as file:
+            if hold(file.fileno()):
+                yield path
 
 
 def _permissions(target: Path) -> int:

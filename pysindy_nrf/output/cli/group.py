@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import _thread
+import errno
 import io
 import signal
 import sys
@@ -69,7 +70,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
     try:
         given = None if arguments is None else list(arguments)
         with _heard():
-            return cli.main(args=given, prog_name="pysindy-nrf", standalone_mode=False) or 0
+            words = sys.argv[1:] if given is None else given
+            return cli.main(args=given, prog_name="pysindy-nrf", standalone_mode=False, obj=words) or 0
     except click.exceptions.NoArgsIsHelpError as error:
         error.show()
         return USAGE
@@ -86,7 +88,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
         return _say("Stopped. No half-written file is left.", INTERRUPTED, "")
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
-        return _say(f"{where}{error.strerror or error}.", OTHER)
+        cure = " Make room there, or write elsewhere (-o)." if error.errno in (errno.ENOSPC, errno.EDQUOT) else ""
+        return _say(f"{where}{error.strerror or error}.{cure}", OTHER)
     except RecursionError:
         return _say("A file or expression is nested too deeply.", OTHER)
     except MemoryError:

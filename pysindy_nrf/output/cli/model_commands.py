@@ -18,7 +18,7 @@ from .options import Session
 @click.command(short_help="Identify a bundled record of a shaken frame.")
 @opt.output_option
 @opt.json_option
-def demo(output: Path, as_json: bool) -> None:
+def demo(as_json: bool, **options: Any) -> None:
     """Identify a bundled record: a shaken three-storey frame whose ground storey hardens.
 
     Only floor 2 is forced and every channel carries 2 % noise. The record was simulated, so the
@@ -36,7 +36,7 @@ def demo(output: Path, as_json: bool) -> None:
     record, estimator = reading.record, NRFRegressor(degree=3)
     _say_plan(session, 3, record.forced, record.unknown, {}, estimator)
     outcome = identify_records([record], estimator, raw=False, progress=session.progress)
-    finish(session, outcome, None, output, True, [summary(record)], demo_truth(), records=[record])
+    finish(session, outcome, None, True, [summary(record)], demo_truth(), records=[record])
     session.say("\nNext: pysindy-nrf inspect YOUR_TEST.csv, then identify, then close-loop   (pysindy-nrf --help)")
 
 
@@ -134,7 +134,7 @@ def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) 
         return
     outcome = identify_records(records, estimator, options["raw"], session.progress)
     more = {"tables": options["tables"], "forces": options["forces"], "records": records}
-    finish(session, outcome, band, options["output"], options["figures"], understood, **more)
+    finish(session, outcome, band, options["figures"], understood, **more)
     if estimator.missing_terms_["biased"].any():
         session.say("\nNext: pysindy-nrf close-loop, with the same files and channels, looks for the missing law.")
 
@@ -168,7 +168,7 @@ def _identify_frf(session: Session, files: tuple[Path, ...], settings: dict[str,
         _dry(session, plan, understood)
         return
     outcome = identify_frf(frf, estimator, band)
-    finish(session, outcome, band, options["output"], options["figures"], understood)
+    finish(session, outcome, band, options["figures"], understood)
 
 
 def _say_plan(session: Session, n: int, forced: Any, unknown: Any, masses: Any, estimator: Any) -> Any:
@@ -254,7 +254,10 @@ def close_loop(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
     session.take_care()
     steps = [{key: getattr(step, key) for key in _OF_A_STEP} for step in report.steps]
     data = {"steps": steps, "table": report.table, "stopped_because": report.stopped_because, "band_hz": report.band}
-    session.finish(data | {"model": report.model.to_dict()}, options["output"], _write(report, options["output"]))
+    report.model.info["inputs"] = session.results.sources
+    with session.aside() as folder:
+        written = _write(report, folder)
+    session.finish(data | {"model": report.model.to_dict()}, written)
 
 
 # what --json prints of each effect
@@ -331,14 +334,15 @@ def select_order(files: tuple[Path, ...], as_json: bool, **options: Any) -> None
             shown = _as_option(value)
             session.say(f"  {site} needs no more than {shown}: --order '{site}={shown}'")
     session.take_care()
-    written = [write_table(listed, options["output"] / "orders.csv")]
-    if options["figures"]:
-        from ..displays._matplotlib import save
-        from ..displays.models import OrderSelectionDisplay
+    with session.aside() as folder:
+        written = [write_table(listed, folder / "orders.csv")]
+        if options["figures"]:
+            from ..displays._matplotlib import save
+            from ..displays.models import OrderSelectionDisplay
 
-        written += save(options["output"] / "orders.png", OrderSelectionDisplay.from_selection(found).figures())
+            written += save(folder / "orders.png", OrderSelectionDisplay.from_selection(found).figures())
     data = {"records": [summary(rec) for rec in records], "best_order": found.best_order}
-    session.finish(data | {"orders_by_storey": found.orders_, "table": listed}, options["output"], written)
+    session.finish(data | {"orders_by_storey": found.orders_, "table": listed}, written)
 
 
 def _as_option(order: Any) -> str:
@@ -388,5 +392,6 @@ def compare(file: Path | None, as_json: bool, **options: Any) -> None:
         if note:
             session.say(f"  {name}: {note}")
     session.take_care()
-    written = [write_table(found, options["output"] / "comparison.csv")]
-    session.finish({"record": summary(readings[0].record), "table": found}, options["output"], written)
+    with session.aside() as folder:
+        written = [write_table(found, folder / "comparison.csv")]
+    session.finish({"record": summary(readings[0].record), "table": found}, written)

@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 
 from ...exceptions import NRFWarning
+from .results import Results
 
 
 class Session:
@@ -26,6 +27,9 @@ class Session:
     def __init__(self, as_json: bool) -> None:
         self.as_json = as_json
         self.warnings: list[str] = []
+        run = click.get_current_context()
+        place = next((p.type for p in run.command.params if p.name == "output"), None)
+        self._results = None if place is None else _results(run, place)
 
     def say(self, *words: str) -> None:
         """Print words for people, each on lines of its own."""
@@ -67,13 +71,38 @@ class Session:
         if self.warnings:
             self.headed("Take care", paragraphs(self.warnings))
 
-    def finish(self, data: dict[str, Any], folder: Path, files: Sequence[Path]) -> None:
+    @property
+    def results(self) -> Results:
+        """Where the running command writes."""
+        assert self._results is not None  # the command has the option --output
+        return self._results
+
+    def aside(self) -> contextlib.AbstractContextManager[Path]:
+        """A folder for the results of the running command, moved into place when all are written."""
+        run = click.get_current_context()
+        about = {"command": run.info_name, "arguments": run.obj, "settings": plain(run.params)}
+        return self.results.aside(about)
+
+    def finish(self, data: dict[str, Any], files: Sequence[Path]) -> None:
         """Print the data for machines, or for people what was written and the page to open."""
+        files = [self.results.home / path.name for path in files]
         self.emit(data, files)
-        self.say(f"\nWritten to {folder}: {', '.join(p.name for p in files)}")
+        self.say(f"\nWritten to {self.results.home}: {', '.join(p.name for p in files)}")
         for path in files:
             if path.suffix == ".html":
                 self.say(f"Open {path} in a browser.")
+
+
+_FORCE, _NAMED = "force", "named by the mapping file"  # what a run knows beside its options
+
+
+def _results(run: click.Context, place: Any) -> Results:
+    """The place of the results of a run; its inputs are all paths among its options, and those a mapping file names."""
+    inputs = run.meta.setdefault(_NAMED, [])
+    for name, value in run.params.items():
+        held = value if isinstance(value, tuple) else (value,)
+        inputs += [one for one in held if isinstance(one, Path) and name != "output"]
+    return Results(run.params["output"], place.file_okay, inputs, run.meta.get(_FORCE, False))
 
 
 @contextmanager
@@ -274,10 +303,25 @@ RANGE = Text("A-B|A,B,...", _range)
 
 files_argument = click.argument("files", nargs=-1, metavar="FILE...", type=click.Path(path_type=Path))
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of words.")
-output_option = click.option(
-    "--output", "-o", type=click.Path(path_type=Path, file_okay=False), default=Path("nrf_output"),
-    help="Folder for the model, tables and figures.",
-)  # fmt: skip
+
+
+def output_option(command: Any) -> Any:
+    """The option of a command that writes a folder."""
+    folder = click.Path(path_type=Path, file_okay=False)
+    return _output(folder, "nrf_output", "Folder for the model, tables and figures.")(command)
+
+
+def _output(kind: click.Path, name: str, words: str) -> Callable[[Any], Any]:
+    """Where results go, and whether they may take the place of files that no earlier run made."""
+
+    def options(command: Any) -> Any:
+        force = click.option(
+            "--force", is_flag=True, expose_value=False, callback=lambda run, _, on: run.meta.update({_FORCE: on}),
+            is_eager=True, help="Write over files that no earlier run made, inputs included.",
+        )  # fmt: skip
+        return click.option("--output", "-o", type=kind, default=Path(name), help=words)(force(command))
+
+    return options
 
 
 def repeated(flag: str, name: str, kind: click.ParamType, words: str, keyed: bool = True) -> Any:
@@ -334,8 +378,7 @@ def record_options(command: Any) -> Any:
 
 def output_file(name: str, words: str) -> Any:
     """The option of a command that writes one file."""
-    kind = click.Path(path_type=Path, dir_okay=False)
-    return click.option("--output", "-o", type=kind, default=Path(name), help=words)
+    return _output(click.Path(path_type=Path, dir_okay=False), name, words)
 
 
 def degree_option(default: int, words: str) -> Any:
@@ -364,6 +407,7 @@ def said_of(options: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
     from ...data.io.mapping import MappingFile, read_mapping
 
     said = MappingFile(Path()) if options["mapping_file"] is None else read_mapping(options["mapping_file"])
+    click.get_current_context().meta.setdefault(_NAMED, []).extend(said.files)
     how: dict[str, Any] = {
         "mapping": said.channels | options["mapping"],
         "units": said.units | options["units"],

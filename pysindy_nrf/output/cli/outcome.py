@@ -361,13 +361,15 @@ def _start_of_last_cycles(measured: np.ndarray) -> int:
 
 
 def finish(
-    session: Session, outcome: Outcome, band: Any, folder: Path, figures: bool, understood: list[dict],
-    truth: Any = None, **files: Any,
+    session: Session, outcome: Outcome, band: Any, figures: bool, understood: list[dict], truth: Any = None,
+    **files: Any,
 ) -> None:  # fmt: skip
     """Say what was found and write it; ``understood`` are the records in words."""
     session.say(result(outcome, band, truth))
-    written = write_all(outcome, folder, band, figures, **files)
-    session.finish(as_data(outcome, band, understood), folder, written)
+    outcome.estimator.model_.info["inputs"] = session.results.sources
+    with session.aside() as folder:
+        written = write_all(outcome, folder, band, figures, **files)
+    session.finish(as_data(outcome, band, understood), written)
     if figures and not available():
         session.say("No figures: matplotlib is not installed; pip install 'pysindy-nrf[plot]' brings it.")
     if outcome.frf is None and not any(p.suffix == ".html" for p in written):

@@ -110,7 +110,9 @@ def simulate(model: Path, forces: Path | None, as_json: bool, **options: Any) ->
     session.say(describe(run))
     session.warnings += _beyond(structure, run)
     session.take_care()
-    path = write_record(run, options["output"])
+    path = options["output"]
+    with session.aside() as folder:
+        write_record(run, folder / path.name)
     session.emit({"record": summary(run)}, [path])
     session.say(f"\nWritten: {path}")
 
@@ -223,7 +225,8 @@ def report(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
     with session.listening():
         subject = _result(results[0]) if results else _identified(records, options, session)
         said = {"title": options["title"], "notes": tuple(session.warnings), "band": options["band"]}
-        write_html(options["output"], subject, records or None, **said)
+        with session.aside() as folder:
+            write_html(folder / options["output"].name, subject, records or None, **said)
     session.take_care()
     session.emit({"title": options["title"], "records": [rec.name for rec in records]}, [options["output"]])
     session.say(f"Written: {options['output']}   (open it in a browser)")

@@ -15,7 +15,7 @@ import sys
 import warnings
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "estimation"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 import padded  # noqa: E402
 import pysindy as ps  # noqa: E402

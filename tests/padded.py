@@ -3,6 +3,8 @@ by functions of the row alone, so that nothing but their number changes."""
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 
 from pysindy_nrf import (
@@ -35,7 +37,7 @@ class PaddedRegressor(NRFRegressor):
         self.n_features_in_ = width
         return self
 
-    def fit(self, X, y=None):
+    def fit(self, X, y=None, sample_weight=None):
         Z = padded(checked(self, X, reset=True), 3)
         self._wide = None
         if y is not None:
@@ -45,7 +47,7 @@ class PaddedRegressor(NRFRegressor):
             Z = padded(Z, 3, 3 * columns.shape[1])
             y = np.hstack([columns, np.tile(columns[:, :1], Z.shape[1] // 3 - columns.shape[1])])
         width = self.n_features_in_
-        super().fit(Z, y)
+        super().fit(Z, y, sample_weight)
         self.n_features_in_ = width
         return self
 
@@ -92,6 +94,9 @@ SIGNALS = {
     "check_methods_subset_invariance": ORDER,
 }
 COLUMNS = {"check_estimators_nan_inf": EDGES}
+CHAIN = COLUMNS | {
+    "check_sample_weight_equivalence_on_dense_data": "30 features of 12 samples tell no mass from its storey: refused",
+}
 STATE = {
     "check_estimators_dtypes": "five columns are neither positions and velocities alone nor those with forces on each DOF",
 }
@@ -102,8 +107,8 @@ def cases():
     from pysindy_nrf import ChainOptimizer, KinematicSmoother
 
     return [
-        (KinematicSmoother(fs=100.0, channels="x"), SIGNALS), (ChainOptimizer(), COLUMNS),
-        (StateSpaceChainOptimizer(), COLUMNS), (InterstoryPolynomialLibrary(inputs="state"), STATE),
+        (KinematicSmoother(fs=100.0, channels="x"), SIGNALS), (ChainOptimizer(), CHAIN),
+        (StateSpaceChainOptimizer(), CHAIN), (InterstoryPolynomialLibrary(inputs="state"), STATE),
         (ForceLawLibrary(DUFFING, inputs="state"), STATE), (PaddedPolynomialLibrary(), {}), (PaddedLawLibrary(), {}),
         (PaddedRegressor(degree=1), COLUMNS),
     ]  # fmt: skip
@@ -115,10 +120,10 @@ def direct():
 
 
 def own_column_error(result):
-    """Whether a failed check failed because our own error says how many columns are needed."""
+    """Whether a failed check failed because our own error says how many columns, or which, are needed."""
     error = result["exception"]
     while error is not None:
-        if "columns (n_features = " in str(error):
+        if re.search("columns.* needed|X lacks a1", str(error)):
             return True
         error = error.__cause__ or error.__context__
     return False

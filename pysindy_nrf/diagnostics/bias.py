@@ -59,7 +59,8 @@ class MissingTerms:
         if self._recipe is None or self._recipe[0] is not block.recipe:
             self._recipe = block.recipe, _widened(block.recipe, self.layout, self.wide)
         source = np.vstack([block.terms if block.source is None else block.source, *window.offered.values()])
-        wide = Block(None, block.acceleration, block.force, source, self._recipe[1], self.wide.n_terms)
+        columns = source, self._recipe[1], self.wide.n_terms, block.weights
+        wide = Block(None, block.acceleration, block.force, *columns)
         self.folds.add(wide, number % FOLDS)
         known = (~np.isnan(block.force[:, 0])).tolist()
         for dofs in self.counts:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 from sklearn.base import BaseEstimator, RegressorMixin
 
-from ..data.channels import column_names, require_two_dimensions, same_columns
+from ..data.channels import column_names, require_two_dimensions, same_columns, sample_weights
 from ..data.record import Record
 from ..diagnostics.bias import JumpBias, MissingTerms, contradictions_of, sentences_of, warn_of_bias
 from ..diagnostics.windows import collect
@@ -116,7 +117,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
     condition_ : Series
         Scaled condition number of each step.
     n_samples_ : int
-        Samples used, NaN edges left out.
+        Samples used, NaN edges left out; the sum of their weights.
     n_features_in_ : int
 
     Examples
@@ -152,8 +153,8 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         self.massless = massless
 
     def fit(
-        self, X: Any, y: Any = None, *, record: Any = None, time: Any = None, base_acceleration: Any = None,
-        covariates: Mapping[str, Any] | None = None, state: Any = None,
+        self, X: Any, y: Any = None, sample_weight: Any = None, *, record: Any = None, time: Any = None,
+        base_acceleration: Any = None, covariates: Mapping[str, Any] | None = None, state: Any = None,
     ) -> NRFRegressor:  # fmt: skip
         """Identify masses and restoring forces.
 
@@ -166,6 +167,8 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         y : array-like of shape (n_samples, n_dof), optional
             The applied forces F_j, N. A column of zeros = known to be unforced, of NaN = unknown.
             None = no force anywhere (base excitation, known masses).
+        sample_weight : array-like of shape (n_samples,), optional
+            Of least squares, with all samples in memory: a sample of weight two counts as two, one of zero as none.
         record : array-like of shape (n_samples,), optional
             Record ids; rows without ids are one contiguous record.
         time : array-like of shape (n_samples,), optional
@@ -197,6 +200,10 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             raise ChannelError(f"coordinates={self.coordinates!r} is unknown", "Choose 'relative' or 'absolute'.")
         if self.estimation not in _ESTIMATIONS:
             raise ChainError(f"estimation={self.estimation!r} is unknown", f"Choose one of {', '.join(_ESTIMATIONS)}.")
+        if sample_weight is not None and (self.estimation != "ls" or is_streamed(X)):
+            raise ChannelError(
+                "sample_weight is for least squares of samples in memory", "Leave it out, or use estimation='ls'."
+            )
         if is_streamed(X):
             return fit_streamed(self, X, y, state=state, **beside)
         memory = any(law.has_memory for law in law_list(self.laws))
@@ -204,6 +211,9 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         if not isinstance(X, (Record, SegmentSet)):
             require_two_dimensions(X)
         data = self._data(X, y, **options)
+        if sample_weight is not None:
+            weights = sample_weights(sample_weight, data.n_samples)
+            data = SegmentSet([replace(seg, weights=weights[seg.rows]) for seg in data.segments], data.n_samples)
         separate = data if self.estimation == "ls" else self._separate(X, y, data, options)
         self._fit(data, separate)
         if self.estimation == "ls":

@@ -261,7 +261,7 @@ def _least_squares(
         scaled = _sparse(unit, target / size_y, len(step.masses), n_samples, inner)
     residual = float(np.linalg.norm(target / size_y - unit @ scaled)) * size_y if p else size_y
     noise = _mass_noise(unit[:p], scaled, residual / size_y, len(step.masses)) if rank == p else ()
-    fit = StepFit(step, condition, rank, p, residual / max(n_samples, 1) ** 0.5, residual / size_y, noise)
+    fit = StepFit(step, condition, rank, p, residual / (n_samples**0.5 or 1.0), residual / size_y, noise)
     return scaled * size_y / size if p else scaled, fit
 
 

@@ -54,7 +54,7 @@ class Sizes(NamedTuple):
     reference: float
     storey: float
     of: str  # "F" or "m a"
-    n_samples: int
+    n_samples: float  # or the sum of their weights
 
 
 def balance_sizes(
@@ -86,7 +86,7 @@ def balance_sizes(
         storey = np.where(storey, storey, np.where(reference, reference, 1.0))
         return Sizes(residual, reference, storey, of, size)  # type: ignore[arg-type]  # of each block
     reference = force or inertia
-    return Sizes(float(residual), float(reference), float(storey or reference or 1.0), of, int(size))
+    return Sizes(float(residual), float(reference), float(storey or reference or 1.0), of, float(size))
 
 
 def pooled_percent(balances: Iterable[Sizes | None]) -> float:

@@ -371,7 +371,7 @@ class IdentifiedChain(StateSpaceChainOptimizer):
         super().__init__()
         self.model = model
 
-    def fit(self, x_: Any, y: Any) -> Self:
+    def fit(self, x_: Any, y: Any, sample_weight: Any = None) -> Self:
         """Take the model's coefficients; the data are not used."""
         model = self.model
         if model is None:

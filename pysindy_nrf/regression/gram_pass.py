@@ -38,7 +38,7 @@ class GramPass:
     ) -> None:  # fmt: skip
         self.layout, self.groups, self.kind = layout, {g.dofs: g for g in groups}, kind
         self.known_masses, self.guess = dict(known_masses or {}), dict(guess or {})
-        self.counts: list[int] = []  # samples of each number
+        self.counts: list[float] = []  # samples of each number, by their weights
         self._sums: list[dict[tuple[bool, ...], list[Any]]] = []  # by the known forces: products, samples
         self._roots: list[dict[Dofs, _Root]] = []
         self._before: BlockGrams | None = None
@@ -63,15 +63,15 @@ class GramPass:
 
     @property
     def n_samples(self) -> int:
-        """Samples of all numbers."""
-        return sum(self.counts) + (0 if self._before is None else int(self._before.n_samples))
+        """Samples of all numbers, by their weights."""
+        return int(sum(self.counts) + (0 if self._before is None else self._before.n_samples))
 
     def add(self, block: Block, number: int = 0) -> GramPass:
         """Add samples to a number; self."""
         if self.kind == "root":
             self._add_root(block, number)
         else:
-            self.plan.multiply(block, self._room(number, [block]))
+            self.plan.multiply(block.weighted, self._room(number, [block]))
         return self
 
     def add_each(self, blocks: Iterable[tuple[int, Block]]) -> GramPass:
@@ -86,7 +86,7 @@ class GramPass:
         def multiplied(share: tuple[int, list[Block]]) -> tuple[int, list[Block], np.ndarray]:
             store = np.zeros(plan.size)
             for block in share[1]:
-                plan.multiply(block, store)
+                plan.multiply(block.weighted, store)
             return *share, store
 
         for number, held, products in in_threads(multiplied, _shares(blocks)):
@@ -131,7 +131,7 @@ class GramPass:
     def _room(self, number: int, blocks: Sequence[Block]) -> np.ndarray:
         """Where products of these blocks are summed up; counts their samples."""
         self._open(number)
-        size, known = sum(block.n_samples for block in blocks), blocks[0].known
+        size, known = sum(block.weight for block in blocks), blocks[0].known
         if known not in self._sums[number]:
             self._sums[number][known] = [np.zeros(self.plan.size), 0]
         held = self._sums[number][known]
@@ -141,24 +141,26 @@ class GramPass:
 
     def _add_root(self, block: Block, number: int) -> None:
         self._open(number)
-        self.counts[number] += block.n_samples
+        self.counts[number] += block.weight
+        columns = block.weighted
         for dofs, part in self._roots[number].items():
             if all(block.known[j - 1] for j in dofs):
-                part.add(rows_of(self.layout, self.groups[dofs], block, self.known_masses), self.guess.get(dofs))
+                rows = rows_of(self.layout, self.groups[dofs], columns, self.known_masses)
+                part.add(rows, block.weight, self.guess.get(dofs))
 
 
 class _Root:
     """Triangular root of the Gram matrix of some columns, by a streamed QR."""
 
     def __init__(self, n_columns: int) -> None:
-        self.n_samples = 0
+        self.n_samples = 0.0
         self._root = np.zeros((n_columns, n_columns))
         self._guess: np.ndarray | None = None
         self._near = np.zeros((0, 0))
 
-    def add(self, rows: np.ndarray, guess: np.ndarray | None) -> None:
+    def add(self, rows: np.ndarray, weight: float, guess: np.ndarray | None) -> None:
         """Add samples, (n_columns, n), through the Gram matrix of columns that a guess of the root makes orthogonal."""
-        self.n_samples += rows.shape[1]
+        self.n_samples += weight
         if guess is None:
             self._root = root_of(np.vstack([self.settled(), rows.T]))
             return

@@ -267,11 +267,11 @@ class Block:
 
     def __init__(
         self, terms: np.ndarray | None, acceleration: np.ndarray, force: np.ndarray, source: np.ndarray | None = None,
-        recipe: Recipe | None = None, n_terms: int = 0,
+        recipe: Recipe | None = None, n_terms: int = 0, weights: np.ndarray | None = None,
     ) -> None:  # fmt: skip
         # arrays may be views of the user's own; without finished columns, source and recipe say how they follow
         self._terms, self.acceleration, self.force = terms, acceleration, force
-        self.source, self.recipe, self.n_terms = source, recipe, n_terms
+        self.source, self.recipe, self.n_terms, self.weights = source, recipe, n_terms, weights
 
     @property
     def terms(self) -> np.ndarray:
@@ -288,6 +288,19 @@ class Block:
         return self.acceleration.shape[1]
 
     @property
+    def weight(self) -> float:
+        """Sum of the weights of the samples; their number where they have none."""
+        return self.n_samples if self.weights is None else float(self.weights.sum())
+
+    @property
+    def weighted(self) -> Block:
+        """Columns times the root of the weights, so that a sample of weight two counts as two."""
+        if self.weights is None:
+            return self
+        root = np.sqrt(self.weights)
+        return Block(self.terms * root, self.acceleration * root, self.force * root)
+
+    @property
     def known(self) -> tuple[bool, ...]:
         """Whether the force of each DOF is known."""
         return tuple(np.isfinite(self.force[:, 0]).tolist())
@@ -297,16 +310,20 @@ class Block:
         if isinstance(rows, slice) and rows == slice(0, self.acceleration.shape[1]):
             return self
         a, force = self.acceleration[:, rows], self.force[:, rows]
+        weights = None if self.weights is None else self.weights[rows]
         if self.recipe is None or self.source is None:
-            return Block(self.terms[:, rows], a, force)
-        return Block(None, a, force, self.source[:, rows], self.recipe, self.n_terms)
+            return Block(self.terms[:, rows], a, force, weights=weights)
+        return Block(None, a, force, self.source[:, rows], self.recipe, self.n_terms, weights)
 
 
-def blocks_of(terms: np.ndarray, acceleration: np.ndarray, force: np.ndarray, size: int = BLOCK) -> Iterator[Block]:
+def blocks_of(
+    terms: np.ndarray, acceleration: np.ndarray, force: np.ndarray, size: int = BLOCK, weights: np.ndarray | None = None
+) -> Iterator[Block]:
     """Cut ready-made columns, one row for each sample, into blocks of ``size`` samples."""
     for start in range(0, len(acceleration), size):
         rows = slice(start, start + size)
-        yield Block(terms[rows].T, acceleration[rows].T, force[rows].T)
+        part = None if weights is None else weights[rows]
+        yield Block(terms[rows].T, acceleration[rows].T, force[rows].T, weights=part)
 
 
 def cut_at(edges: np.ndarray, blocks: Iterable[Block], first: int = 0) -> Iterator[tuple[int, Block]]:

@@ -10,7 +10,7 @@ import numpy as np
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 from sklearn.utils.validation import check_is_fitted
 
-from ..data.channels import as_matrix, checked, finite_span
+from ..data.channels import as_matrix, checked, finite_span, sample_weights
 from ..exceptions import BiasWarning, ChannelError, ExcitationError
 from ..mechanics.chain import Chain
 from ..mechanics.identifiability import plan_solve_order
@@ -39,7 +39,7 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         self.terms = terms
         self.known_masses = known_masses
 
-    def _fit_columns(self, terms: np.ndarray, a: np.ndarray, F: np.ndarray) -> Layout:
+    def _fit_columns(self, terms: np.ndarray, a: np.ndarray, F: np.ndarray, sample_weight: Any) -> Layout:
         n = a.shape[1]
         chain = self.chain if self.chain is not None else Chain(n)
         if len(F) != len(a):
@@ -67,9 +67,11 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         labels = [*["feature"] * terms.shape[1], *(f"a{j + 1}" for j in range(n))]
         forces = {f"F{j + 1}": F[:, j] for j in range(n) if j + 1 not in unknown}
         rows = finite_span([*terms.T, *a.T, *forces.values()], [*labels, *forces])
-        terms, a, F = terms[rows], a[rows], F[rows]
+        weights = None if sample_weight is None else sample_weights(sample_weight, len(a))[rows]
+        data = terms[rows], a[rows], F[rows]
         inner = sub_optimizer(self.optimizer)
-        self.solution_, _ = solve_blocks(layout, solve_order, lambda: blocks_of(terms, a, F), self.known_masses, inner)
+        blocks = lambda: blocks_of(*data, weights=weights)  # noqa: E731
+        self.solution_, _ = solve_blocks(layout, solve_order, blocks, self.known_masses, inner)
         if said := doubtful_masses(self.solution_):
             warnings.warn(" ".join(said), BiasWarning, stacklevel=3)
         self.solve_order_ = solve_order
@@ -197,7 +199,7 @@ class ChainOptimizer(_ChainOptimizerBase):
     array([[ 10.,   3., 500.]])
     """
 
-    def fit(self, x_: Any, y: Any) -> Self:
+    def fit(self, x_: Any, y: Any, sample_weight: Any = None) -> Self:
         """Find masses and coefficients.
 
         Parameters
@@ -206,6 +208,8 @@ class ChainOptimizer(_ChainOptimizerBase):
             Features: a_1..a_n and the terms of every site.
         y : array-like of shape (n_samples, n_dof)
             Forces F_j, N.
+        sample_weight : array-like of shape (n_samples,), optional
+            A sample of weight two counts as two; one of weight zero as none.
 
         Raises
         ------
@@ -221,7 +225,7 @@ class ChainOptimizer(_ChainOptimizerBase):
             raise ChannelError(
                 f"{x.shape[1]} features for {n} balances", "The first columns are a_1..a_n, then the terms."
             )
-        layout = self._fit_columns(x[:, n:], x[:, :n], F)
+        layout = self._fit_columns(x[:, n:], x[:, :n], F, sample_weight)
         return self._finish(np.hstack([np.diag(self.masses_), self._rows(layout)]))
 
 
@@ -256,7 +260,7 @@ class StateSpaceChainOptimizer(_ChainOptimizerBase):
            [  0. ,  -0.3, -50. ,   0.1]])
     """
 
-    def fit(self, x_: Any, y: Any) -> Self:
+    def fit(self, x_: Any, y: Any, sample_weight: Any = None) -> Self:
         """Find masses and coefficients; errors as of :meth:`ChainOptimizer.fit`.
 
         Parameters
@@ -265,6 +269,8 @@ class StateSpaceChainOptimizer(_ChainOptimizerBase):
             Features: xdot_1..xdot_n, the terms of every site, F_1..F_n.
         y : array-like of shape (n_samples, 2 n_dof), (n_samples, n_dof) with n_dof odd, or (n_samples,)
             Targets: velocities and accelerations, or the accelerations alone.
+        sample_weight : array-like of shape (n_samples,), optional
+            See :meth:`ChainOptimizer.fit`.
         """
         x = checked(self, x_, reset=True, prefix="feature ")
         target = self._targets(y, "target ", "targets")
@@ -277,7 +283,8 @@ class StateSpaceChainOptimizer(_ChainOptimizerBase):
                 "The features are xdot, the terms and F: use InterstoryPolynomialLibrary(inputs='state') and pass u=F; "
                 "the targets are [xdot | a].",
             )
-        layout = self._fit_columns(x[:, n : x.shape[1] - n], target[:, -n:], x[:, x.shape[1] - n :])
+        forces = x[:, x.shape[1] - n :]
+        layout = self._fit_columns(x[:, n : x.shape[1] - n], target[:, -n:], forces, sample_weight)
         inverse = 1.0 / self.masses_
         coef = np.zeros((n, x.shape[1]))
         coef[:, n : x.shape[1] - n] = -inverse[:, None] * self._rows(layout)

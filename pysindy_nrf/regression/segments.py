@@ -205,6 +205,7 @@ class Segment:
     resolved: float | None = None  # Hz, up to which fused motions hold the motion; None as measured
     band: tuple[float | None, float | None] | None = None  # Hz, of motion and forces before they came here
     doubts: tuple[str, ...] = ()  # what looked wrong with the channels, in sentences
+    weights: np.ndarray | None = None  # of the samples in the Gram matrices
     _extent: tuple[slice, Extent] | None = field(default=None, repr=False, compare=False)
 
     @property
@@ -281,8 +282,9 @@ class Segment:
                 source = self._source(layout, recipe, rows, states, lead=int(begin > start or bool(states)))
                 a = _as_rows(self.a, rows)
             force = _as_rows(self.F, rows)
+            weights = None if self.weights is None else self.weights[rows]
             if filter is None:
-                yield Block(None, a, force, source, recipe, layout.n_terms)
+                yield Block(None, a, force, source, recipe, layout.n_terms, weights)
             else:
                 terms = recipe.finish(source, layout.n_terms)
                 terms = np.ascontiguousarray(filter.apply(terms.T).T)
@@ -291,7 +293,7 @@ class Segment:
                 if known.any():
                     force = force.copy()  # it may be the user's own array
                     force[known] = filter.apply(force[known].T).T
-                yield Block(terms, a, force)
+                yield Block(terms, a, force, weights=weights)
 
     def _source(self, layout: LawLayout, recipe: Recipe, rows: slice, states: dict | None, lead: int) -> np.ndarray:
         """Rates, drifts and the columns of laws that are not products of them, one row each."""

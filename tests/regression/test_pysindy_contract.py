@@ -273,3 +273,38 @@ def test_trajectories_of_different_length_inside_sindy(kind):
     whole = ps.SINDy(optimizer=kind(), feature_library=clone(library)).fit(x, t=case.dt, x_dot=y, u=u)
     assert np.allclose(model.optimizer.masses_, whole.optimizer.masses_, rtol=1e-9)
     assert [p.shape for p in model.predict(pieces(x), u=pieces(u))] == [y[rows].shape for rows in cut]
+
+
+class NextSINDy(ps.SINDy):
+    """What PySINDy's development version does at the seam: weights of the samples reach every ``optimizer.fit``."""
+
+    def fit(self, x, t, x_dot, u=None, sample_weight=None):
+        features = self.feature_library.fit_transform(x if u is None else np.hstack([x, u]))
+        self.optimizer.fit(features, x_dot, sample_weight=sample_weight)
+        return self
+
+
+@pytest.mark.parametrize("inner", [None, ps.STLSQ(threshold=0.02)], ids=["least squares", "STLSQ"])
+def test_a_weight_of_two_is_the_row_twice(kind, inner):
+    case, x, u, y, library = problem(kind)
+    rng = np.random.default_rng(0)
+    x = x + 0.01 * x.std(axis=0) * rng.standard_normal(x.shape)  # an inexact fit, so that weights tell
+    weights = rng.integers(0, 3, len(x))
+    twice = np.repeat(np.arange(len(x)), weights)
+    weighted = NextSINDy(kind(inner), library).fit(x, case.dt, y, u, weights).optimizer.coef_
+    repeated = NextSINDy(kind(inner), library).fit(x[twice], case.dt, y[twice], None if u is None else u[twice]).optimizer
+    assert np.allclose(weighted, repeated.coef_, rtol=1e-9) and np.array_equal(weighted != 0, repeated.ind_)
+    assert not np.allclose(weighted, NextSINDy(kind(inner), library).fit(x, case.dt, y, u).optimizer.coef_, rtol=1e-6)
+    if kind is ChainOptimizer:
+        ours, ours_twice = (
+            NRFRegressor(optimizer=inner).fit(x[rows], y[rows], sample_weight=w)
+            for rows, w in ((slice(None), weights), (twice, None))
+        )
+        assert np.allclose(ours.masses_, ours_twice.masses_, rtol=1e-9) and ours.n_samples_ == len(twice)
+        assert np.allclose(ours.errors_["error"], ours_twice.errors_["error"], rtol=1e-9)
+        assert np.allclose(ours.masses_, np.diag(weighted), rtol=1e-9)
+
+
+def test_weights_are_for_least_squares_in_memory():
+    with pytest.raises(ChannelError, match="sample_weight is for least squares"):
+        NRFRegressor(estimation="iv", dt=1e-3).fit(X, X[:, :3], sample_weight=np.ones(len(X)))

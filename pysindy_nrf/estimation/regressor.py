@@ -177,7 +177,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             m/s^2, as measured: it is filtered to the band of fused motions (``X.attrs["band"]``).
         covariates : mapping of str to array-like of shape (n_samples,), optional
         state : path-like, optional
-            File for the state of an interrupted fit from files; the next call continues from it.
+            File or folder for the state of an interrupted fit from files; the next call continues from it.
 
         Raises
         ------

@@ -18,6 +18,7 @@ from chains import same, table
 from pysindy_nrf import ChainModel, NRFRegressor, laws, simulate
 from pysindy_nrf.estimation.constraints import TotalMass
 from pysindy_nrf.estimation.streaming import Chunk, fit_streamed, open_source
+from pysindy_nrf.estimation.streaming.sources import Content
 from pysindy_nrf.exceptions import (
     ChainError,
     ChannelError,
@@ -291,7 +292,7 @@ def work(folder: Path, stop_after: int | None = None, how=signal.SIGKILL) -> lis
     files = folder / "X.npy", folder / "F.npy", 5, folder / "masses.npy"
     run = subprocess.Popen(
         [sys.executable, "-c", WORKER, *map(str, files)],
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder / "run",
     )  # fmt: skip
     seen = []
     for line in run.stdout:
@@ -311,15 +312,16 @@ def test_a_killed_fit_goes_on_and_gives_the_same_answer(tmp_path):
     """Killed in the first of two passes (kill -9), stopped in the second one (Ctrl-C)."""
     case = chains.duffing(2, [1, 2], seed=6, n_samples=4000)  # without noise, and degree 5: two passes
     save(tmp_path, case.X, case.F)
+    (tmp_path / "run").mkdir()
     assert work(tmp_path) == [*range(6), *range(6)]
     straight = np.load(tmp_path / "masses.npy")
     (tmp_path / "masses.npy").unlink()
     assert work(tmp_path, stop_after=4) == [0, 1, 2, 3]
-    assert not (tmp_path / "masses.npy").exists() and len(list(tmp_path.glob(".*"))) == 1
-    assert work(tmp_path, stop_after=6, how=signal.SIGINT) == [3, 4, 5, 0, 1, 2]
-    assert work(tmp_path) == [2, 3, 4, 5]
+    assert not (tmp_path / "masses.npy").exists() and len(list((tmp_path / "run").iterdir())) == 1
+    assert work(tmp_path, stop_after=9, how=signal.SIGINT) == [0, 1, 2, 3, 4, 5, 0, 1, 2]  # 0 to 2 are compared first
+    assert work(tmp_path) == [0, 1, 2, 3, 4, 5]  # the first pass is not repeated
     assert np.allclose(np.load(tmp_path / "masses.npy"), straight, rtol=1e-12, atol=0)
-    assert not list(tmp_path.glob(".*"))
+    assert not list((tmp_path / "run").iterdir()) and not list(tmp_path.glob(".*"))
 
 
 class Interrupted(np.ndarray):
@@ -344,6 +346,58 @@ def test_a_state_of_other_data_or_settings_is_not_taken(tmp_path, exact):
     assert state.read_bytes() == b"not a state"  # it may be a file of the user's
     with pytest.raises(ChannelError, match="cannot be read again"):
         fit(iter([table(exact.X, exact.F)]), state=state)
+
+
+def test_only_a_state_is_removed(tmp_path, exact):
+    (tmp_path / "run-2").write_text("mine")
+    (tmp_path / "folder").mkdir()
+    np.savez(tmp_path / "run.npz", meta=np.arange(9))
+    X, F = save(tmp_path, exact.X, exact.F)
+    for state in ("run", "folder"):
+        assert fit(X, F, state=tmp_path / state, save_every=0.0).n_samples_ == 2000
+    with pytest.raises(FileFormatError, match="run.npz is not the state"):
+        fit(X, F, state=tmp_path / "run.npz")
+    assert {p.name for p in tmp_path.iterdir()} == {"X.npy", "F.npy", "run-2", "run.npz", "folder"}
+    assert not list((tmp_path / "folder").iterdir()) and (tmp_path / "run-2").read_text() == "mine"
+
+
+CHANGES = {
+    "force": lambda X, given: given | {"F": 2 * given["F"]},
+    "record": lambda X, given: given | {"record": given["record"][::-1]},
+    "time": lambda X, given: given | {"time": 2 * given["time"]},
+    "digit": lambda X, given: given,
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_a_state_is_tied_to_what_was_used(tmp_path, exact, change):
+    """Arrays of the same shape with other content, and a law that differs in the seventh digit, begin anew."""
+    X = save(tmp_path, exact.X, exact.F)[0]
+    first = {"F": exact.F.copy(), "record": np.repeat(["a", "b"], 1000), "time": np.arange(2000) * 1e-3}
+    second = CHANGES[change](X, first)
+
+    def model(tau):
+        branch = [laws.LinearElastic(), laws.LinearViscous(), laws.MaxwellBranch(tau=tau)]
+        return NRFRegressor(laws={"storey 1": [laws.PowerSeries(3)], "storey 2": branch})
+
+    with pytest.raises(KeyboardInterrupt):
+        fit(X, model=model(0.1), **(first | {"F": first["F"].view(Interrupted)}), state=tmp_path / "s")
+    tau = 0.1000001 if change == "digit" else 0.1
+    anew = fit(X, model=model(tau), **second)
+    resumed = fit(X, model=model(tau), **second, state=tmp_path / "s")
+    np.testing.assert_allclose(resumed.masses_, anew.masses_, rtol=1e-12)
+
+
+def test_every_line_of_a_chunk_counts(exact):
+    def mark(**lines):
+        given = {"ids": np.repeat("a", 2000), "time": exact.a[:, 0], "base_acceleration": np.ones(2000)} | lines
+        content = Content()
+        content.add(Chunk(exact.X, exact.F, **({"covariates": {"u": np.ones(2000)}} | given)))
+        return content.value()
+
+    other = [{"ids": np.repeat(np.array("b", dtype=object), 2000)}, {"time": exact.a[:, 1]}, {"covariates": {"v": np.ones(2000)}},
+             {"covariates": {"u": np.zeros(2000)}}, {"base_acceleration": None}, {"first": False}, {}]  # fmt: skip
+    assert len({mark(**one) for one in other}) == len(other) and mark() == mark()
 
 
 def test_a_state_that_cannot_be_written_costs_no_fit(exact, tmp_path):

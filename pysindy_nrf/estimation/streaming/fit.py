@@ -9,7 +9,8 @@ import time as clock
 import warnings
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,7 @@ from ...regression.segments import Extent, Segment, SegmentSet
 from ..intervals import Resolver
 from ..problem import Estimate, law_list
 from .accumulator import LINES, Accumulator, BlockEntry, Model, Run
-from .sources import Chunk, Source, chunk_of, open_source
+from .sources import Chunk, Content, Source, chunk_of, open_source
 
 
 def fitted(add_up: Callable[[str, dict], Accumulator], kind: str = "gram") -> Any:
@@ -159,72 +160,89 @@ def partial_fit(estimator: Any, X: Any, F: Any, record: Any, time: Any, base_acc
 
 
 def _settings(estimator: Any) -> dict[str, str]:
-    return {k: repr(v) for k, v in estimator.get_params(deep=False).items()}
+    return {k: _exact(v) for k, v in estimator.get_params(deep=False).items()}
+
+
+def _exact(value: Any) -> str:
+    """A setting in all its digits; a law prints fewer."""
+    if isinstance(value, Mapping):
+        return ", ".join(sorted(f"{key!s}: {_exact(held)}" for key, held in value.items()))
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return f"[{', '.join(map(_exact, value))}]"
+    return _exact(value.to_dict()) if hasattr(value, "to_dict") else repr(value)
 
 
 class _Passes:
     """Passes over a source with progress and a state on disk."""
 
-    def __init__(self, estimator: Any, source: Any, state: Any, save_every: float, progress: bool | None) -> None:
+    def __init__(self, estimator: Any, source: Source, state: Any, save_every: float, progress: bool | None) -> None:
         self.estimator, self.source, self.save_every = estimator, source, save_every
         self.progress = progress
-        self.first: Accumulator | None = None  # what the first pass gave
         self.mark = identity(estimator, source) if source.again else ""
+        self.path: Path | None = None
+        self.own = False  # true once the file is known to be a state
         if state is not None and not source.again:
             raise ChannelError(
                 "An iterator cannot be read again from the middle, so state= has no effect", "Give files by path."
             )
-        folder = source.folder() if source.again else None
         if state is not None:
-            self.path: Path | None = Path(state)
-        elif folder is not None and os.access(folder, os.W_OK):
-            self.path = folder / f".fit-{self.mark[:12]}.nrf-state"
-        else:
-            self.path = None
+            self.path = Path(state) / "fit.nrf-state" if Path(state).is_dir() else Path(state)
+        elif source.again and os.access(Path.cwd(), os.W_OK):
+            self.path = Path.cwd() / f".fit-{self.mark[:12]}.nrf-state"
 
     def run(self, kind: str, guess: Any = None) -> Accumulator:
-        """Result of one pass."""
+        """Result of one pass; of the second one where a state of it is resumed."""
         from tqdm.auto import tqdm
 
+        accumulator, number = Accumulator(self.estimator, kind, guess, self.source.n_samples), 0
+        content = Content()
         if kind == "root":  # interrupted in the second pass, a fit does not repeat the first
-            self.save(self.first)
-        self.kind, self.number = kind, 0
-        accumulator = Accumulator(self.estimator, kind, guess, self.source.n_samples)
-        if self.path is not None and (found := load(self._file(self.path), self.estimator, self.mark)):
-            accumulator, self.number = found
+            self.save(accumulator, number, content)
+        elif self.path is not None and (found := self._resumed(self.path)):
+            accumulator, number, content = found
         saved = clock.monotonic()
         with tqdm(
             total=self.source.n_samples, initial=accumulator.n_samples, unit="sample", unit_scale=True, delay=1.0,
-            desc="fit" if kind != "root" else "fit, second pass",
+            desc="fit" if accumulator.kind != "root" else "fit, second pass",
             disable=None if self.progress is None else not self.progress,
         ) as bar:  # fmt: skip
             try:
-                for chunk in self.source.chunks(self.number):
-                    accumulator.add(chunk, self.number)
-                    self.number += 1
+                for chunk in self.source.chunks(number):
+                    if self.path is not None:
+                        content.add(chunk)
+                    accumulator.add(chunk, number)
+                    number += 1
                     bar.update(chunk.n_samples)
                     if clock.monotonic() - saved >= self.save_every:
-                        self.save(accumulator)
+                        self.save(accumulator, number, content)
                         saved = clock.monotonic()
             except KeyboardInterrupt as stop:
-                if self.number:
-                    self.save(accumulator)
-                if self.number and self.path is not None:  # without a path there is no state
-                    stop.add_note(f"The state is in {self._file(self.path)}; the same call continues from there.")
+                if number:
+                    self.save(accumulator, number, content)
+                if number and self.path is not None:  # without a path there is no state
+                    stop.add_note(f"The state is in {self.path}; the same call continues from there.")
                 raise
-        self.first = accumulator.close()
-        return self.first
+        return accumulator.close()
 
-    def _file(self, path: Path) -> Path:
-        """The file of this pass."""
-        return path.with_name(path.name + "-2") if self.kind == "root" else path
+    def _resumed(self, path: Path) -> tuple[Accumulator, int, Content] | None:
+        """Accumulator, number of the next chunk and hash of those before it, if they are as they were for the state."""
+        found = load(path, self.estimator, self.mark)
+        self.own = path.exists()  # load refuses any other file
+        if found is None:
+            return None
+        accumulator, number, mark = found
+        content = Content()
+        for chunk in islice(self.source.chunks(), number):
+            content.add(chunk)
+        return (accumulator, number, content) if content.value() == mark else None
 
-    def save(self, accumulator: Any) -> None:
+    def save(self, accumulator: Accumulator, number: int, content: Content) -> None:
         """Write the state of the pass; a warning if that fails."""
         if self.path is None:
             return
         try:
-            save(self._file(self.path), accumulator, self.number, self.mark)
+            save(self.path, accumulator, number, self.mark, content.value())
+            self.own = True
         except OSError as error:  # the fit goes on without a state
             warnings.warn(
                 f"The state of the fit cannot be written to {self.path} ({error}); the fit goes on, but cannot be "
@@ -236,24 +254,22 @@ class _Passes:
 
     def done(self) -> None:
         """Delete the state."""
-        for kind in ("gram", "root"):
-            self.kind = kind
-            if self.path is not None:
-                self._file(self.path).unlink(missing_ok=True)
+        if self.path is not None and self.own:
+            self.path.unlink(missing_ok=True)
 
 
-_VERSION = 3
+_SCHEMA, _VERSION = "pysindy_nrf.FitState", 4
 _DAMAGED = (OSError, ValueError, LookupError, TypeError, AttributeError, OverflowError, EOFError)
 
 
 def identity(estimator: Any, source: Source) -> str:
-    """Hash of the data, the laws and the settings of a pass."""
+    """Hash of the sources, the laws and the settings of a pass."""
     text = json.dumps([_VERSION, source.identity(), _settings(estimator)], default=str, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def save(path: Path, acc: Accumulator, following: int, mark: str) -> None:
-    """Write the state of a pass; ``following`` is the number of the next chunk."""
+def save(path: Path, acc: Accumulator, following: int, mark: str, content: str) -> None:
+    """Write the state of a pass; ``following`` is the next chunk, ``content`` the hash of those before it."""
     arrays: dict[str, Any] = {}
     entries, carry, extent = acc.entries, acc._carry, acc.extent
     if entries:
@@ -271,7 +287,8 @@ def save(path: Path, acc: Accumulator, following: int, mark: str) -> None:
     if acc.origin is not None:
         arrays["origin"] = np.asarray(acc.origin)
     meta = {
-        "mark": mark, "following": following, "n_dof": None if acc.model is None else acc.model.chain.n_dof,
+        "schema": _SCHEMA, "mark": mark, "content": content, "following": following,
+        "n_dof": None if acc.model is None else acc.model.chain.n_dof,
         "kind": acc.kind, "block_rows": acc.block_rows, "n_samples": acc.n_samples,
         "blocks": [[e.key, e.record] for e in entries], "open": acc._open is not None,
         "runs": [vars(run) for run in acc.runs], "windows": [[k, w.name] for k, w in acc.windows],
@@ -281,14 +298,16 @@ def save(path: Path, acc: Accumulator, following: int, mark: str) -> None:
         np.savez(file, meta=np.frombuffer(json.dumps(meta).encode(), dtype=np.uint8), **arrays)
 
 
-def load(path: Path, estimator: Any, mark: str) -> tuple[Accumulator, int] | None:
-    """Accumulator and number of the next chunk, if the file holds the state of these data and settings."""
+def load(path: Path, estimator: Any, mark: str) -> tuple[Accumulator, int, str] | None:
+    """Accumulator, number of the next chunk and hash of those before it, if the file is a state of these settings."""
     if not path.exists():
         return None
     try:
         with np.load(path, allow_pickle=False) as file:
             data = {name: file[name] for name in file.files}
         meta = json.loads(bytes(data.pop("meta")).decode())
+        if meta["schema"] != _SCHEMA:
+            raise ValueError("it bears another signature")
         if meta["mark"] != mark:
             return None
         acc = Accumulator(estimator, meta["kind"])
@@ -322,7 +341,7 @@ def load(path: Path, estimator: Any, mark: str) -> tuple[Accumulator, int] | Non
                 states[Site(site), int(law)] = data[name]
             last = _segment("last", data, "last") if "last.a" in data else None
             acc._carry = {"end": float(meta["carry"]), "states": states, "last": last}
-        return acc, int(meta["following"])
+        return acc, int(meta["following"]), str(meta["content"])
     except (*_DAMAGED, zipfile.BadZipFile, zlib.error) as error:
         raise FileFormatError(
             f"{path} is not the state of an interrupted fit ({type(error).__name__}: {error})",

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -53,6 +55,33 @@ class Chunk:
             )
             for i, (name, rows) in enumerate(pieces)
         ]  # fmt: skip
+
+
+class Content:
+    """Running hash of chunks, made in a thread of its own beside the work."""
+
+    def __init__(self) -> None:
+        self._hash, self._pool = hashlib.sha256(), ThreadPoolExecutor(1)
+        self._last = self._pool.submit(bytes)
+
+    def add(self, chunk: Chunk) -> None:
+        """Take a chunk in; one waits at most."""
+        self._last.result()
+        self._last = self._pool.submit(self._take, chunk)
+
+    def _take(self, chunk: Chunk) -> bytes:
+        lines = vars(chunk) | {"covariates": sorted(chunk.covariates)} | chunk.covariates
+        for name, value in lines.items():
+            array = np.atleast_1d(np.asarray(value))
+            array = array.astype(str) if array.dtype.hasobject else array
+            self._hash.update(f"{name} {array.dtype} {array.shape}".encode())
+            self._hash.update(np.ascontiguousarray(array.T if array.flags.f_contiguous else array).view(np.uint8).data)
+        return self._hash.digest()
+
+    def value(self) -> str:
+        """Hash of all chunks so far, hexadecimal."""
+        self._last.result()
+        return self._hash.hexdigest()
 
 
 def cut(value: Any, rows: slice) -> Any:
@@ -183,10 +212,6 @@ class Source:
     def chunks(self, start: int = 0) -> Iterator[Chunk]:
         """Chunks from number ``start`` on."""
         raise NotImplementedError
-
-    def folder(self) -> Path | None:
-        """Folder of the first file, or None."""
-        return self.paths[0].parent if self.paths else None
 
 
 def samples_in_chunk(n_dof: int, wanted: int | None) -> int:

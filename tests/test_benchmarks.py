@@ -81,6 +81,10 @@ def test_measured_records_are_searched_without_a_band():
     assert "## mr_cyclic, 2 runs" in said and "refused" not in said
 
 
+def test_half_of_a_record_holds_the_effect_of_the_whole():
+    assert "Kept: 1 of 1" in run("robustness.py", "--quick")
+
+
 def test_garbage_in_held_out_records_changes_nothing_of_the_search():
     said = run("heldout_garbage.py", "--quick")
     assert "| nothing | PASS |" in said and "FAIL" not in said

@@ -47,15 +47,17 @@ def difference(one: Gain, other: Gain) -> tuple[float, float]:
     return one.value - other.value, float(error)
 
 
-def is_there(gain: Gain) -> bool:
-    """Whether a gain stands whichever fold is left out."""
-    return gain.value >= LEAST_GAIN and gain.least >= 0.5 * LEAST_GAIN
+def is_there(gain: Gain, law: ForceLaw | None = None) -> bool:
+    """Whether a gain stands whichever fold is left out; that of a force in one band, where it acts."""
+    narrow = law is not None and law.narrow_band and gain.value > 0
+    value, least = (gain.there, gain.there_least) if narrow else (gain.value, gain.least)
+    return value >= LEAST_GAIN and least >= 0.5 * LEAST_GAIN
 
 
 def accepts(finding: Finding, state: State) -> bool:
     """Whether an effect is there and matters."""
     gain, after = over(finding, state), finding.after
-    if after is None or gain is None or not is_there(gain):
+    if after is None or gain is None or not is_there(gain, finding.proposal.law):
         return False
     if finding.is_fault:
         return True

@@ -69,13 +69,25 @@ def fall(before: np.ndarray, after: np.ndarray, informative: np.ndarray) -> np.n
 
 
 class Gain:
-    """Fall of the residual from one model to another, dB, with the standard error over folds."""
+    """Fall of the residual from one model to another, dB, with the standard error over folds.
+
+    Attributes
+    ----------
+    value, error : float
+        Mean over the informative bands: what ranks effects.
+    there, there_least : float
+        Mean over the bands that change by a tenth, up or down, and that without the fold that speaks most for it: what
+        is asked of a force that acts in one band.
+    """
 
     def __init__(self, before: Powers, after: Powers, informative: np.ndarray) -> None:
         self.value = float(fall(before.shares, after.shares, informative))
         one, two = (share(leave_one_out(p.folds), p.reference) for p in (before, after))
         with np.errstate(invalid="ignore"):
             self.parts = fall(one, two, informative)  # each fold left out
+            changed = informative & (np.abs(np.log(after.shares / before.shares)) >= TENTH)
+            self.there = float(fall(before.shares, after.shares, changed))
+            self.there_least = float(fall(one, two, changed).min())
             n = len(self.parts)
             self.error = float(np.sqrt((n - 1) / n * np.sum((self.parts - self.parts.mean()) ** 2)))
         if not np.isfinite(self.value) or not np.isfinite(self.error):

@@ -270,7 +270,7 @@ class Forward:
                 except NRFError:
                     continue
                 gain = self.state.trial.gain_over(without.trial)
-                if not judge.is_there(gain) and (weakest is None or gain.value < weakest[0]):
+                if not judge.is_there(gain, effect.law) and (weakest is None or gain.value < weakest[0]):
                     weakest = gain.value, without
             if weakest is None:
                 return
@@ -294,7 +294,7 @@ class Forward:
                 except NRFError:
                     continue
                 gain = after.gain_over(trial)
-                if judge.is_there(gain) and judge.share_of(after, trial, site) >= LEAST_SHARE:
+                if judge.is_there(gain, law) and judge.share_of(after, trial, site) >= LEAST_SHARE:
                     tried.append((gain.value, law, site, after))
             if not tried:
                 return

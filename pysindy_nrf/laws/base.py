@@ -271,6 +271,18 @@ class ForceLaw:
         return self.n_states > 0
 
     @property
+    def narrow_band(self) -> bool:
+        """True if the force has one frequency whatever the motion: a constant or harmonic force.
+
+        Examples
+        --------
+        >>> from pysindy_nrf import laws
+        >>> laws.ConstantForce().narrow_band, laws.HarmonicForce().narrow_band, laws.CoulombFriction().narrow_band
+        (True, True, False)
+        """
+        return self.variable == "1" or (self.uses_time and any(p.is_frequency for p in self.shapes))
+
+    @property
     def rate_dependent(self) -> bool:
         """True if a slower test along the same path gives another force: if time is in the unit of a parameter.
 

@@ -32,10 +32,11 @@ def confirmed(report):
     return [step for step in report.steps if step.confirmed]
 
 
-def test_emps_has_friction_and_an_offset(monkeypatch):
+@pytest.mark.parametrize("declared", [{"laws": {1: laws.LinearViscous()}}, {}], ids=["damper", "spring"])
+def test_emps_has_friction_and_an_offset(declared, monkeypatch):
     """Janot, Gautier, Brunot (2019): M = 95.11 kg, 203.5 N s/m, Coulomb 20.39 N, offset -3.16 N."""
     monkeypatch.setenv("PYSINDY_NRF_DATA", str(folder("emps")))
-    report = loop(measured_sets.load_emps(), laws={1: laws.LinearViscous()})
+    report = loop(measured_sets.load_emps(), **declared)
     first, *others = confirmed(report)
     assert "friction" in {first.family, *first.alternatives}
     assert report.model.masses[0] == pytest.approx(95.1, abs=1.5)

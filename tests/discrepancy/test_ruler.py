@@ -211,6 +211,16 @@ def test_one_fold_that_speaks_for_an_effect_alone_is_not_enough():
     assert always.value == pytest.approx(3.0, abs=0.1) and judge.is_there(always)
 
 
+def test_a_force_in_one_band_is_judged_where_it_acts():
+    """3 dB in one of twelve bands: there, if the force has one frequency by its nature."""
+    after = np.ones((8, 1, 12))
+    after[..., 0] = 0.5
+    reference = np.full((1, 12), 1e3)
+    gain = Gain(Powers(np.ones((8, 1, 12)), reference), Powers(after, reference), np.ones((1, 12), bool))
+    assert judge.is_there(gain, laws.ConstantForce()) and judge.is_there(gain, laws.HarmonicForce())
+    assert not judge.is_there(gain, laws.CoulombFriction())
+
+
 def test_of_what_the_data_cannot_tell_apart_the_simplest_is_taken():
     def pair(size, value, spread=0.3):
         parts = value + spread * np.random.default_rng(size).standard_normal(10)

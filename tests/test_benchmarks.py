@@ -52,6 +52,13 @@ def test_the_speed_table_compares_all_and_loses_no_digit(tmp_path):
         assert sum(by in row for row in rows) == 2, by
 
 
+@pytest.mark.slow
+def test_a_pair_of_each_kind_is_judged_right():
+    said = run("damage.py", "--quick").splitlines()
+    found = {line.split()[0]: line.split()[-2:] for line in said[1:10]}
+    assert found["changes"] == found["nothing"] == ["100.0", "100.0"]
+
+
 def test_promises_are_printed_beside_what_was_measured():
     said = run("promises.py", "--part", "intervals", "detection", "--runs", "2", "--jobs", "1")
     assert "| 95 % intervals that hold the truth | all | 2 | 92 to 98 |" in said

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +16,7 @@ from ..common.jackknife import variance
 from ..estimation.intervals import Resolver
 from ..estimation.problem import Problem
 from ..exceptions import ChainError, ChannelError, DataQualityWarning
+from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel, as_segments, storey_names
 from ..regression.chain_solve import groups_of, model_of
 from ..regression.gram_pass import pieces_of
@@ -22,58 +24,71 @@ from ..regression.grams import BlockGrams
 from ..regression.input_arrays import fused_together, one_by_one
 from ..regression.restoring_force import grid
 from ..regression.segments import SegmentSet
+from .force_change import Comparison, cut_of, in_words
 
 
 @dataclass
 class ChangeReport:
-    """Changes between two tests and their significance."""
+    """Changes between two tests: of the storeys' forces over the motion that both went through, and of masses."""
 
-    table: pd.DataFrame  # k and c of each storey: before, after, change (%), its error (points), p (after Holm)
+    changed: pd.DataFrame  # what changed: place, term, change and its error (%), amount (N or kg rms), p
+    table: pd.DataFrame  # parameters of the declared laws, fitted apart: before, after, change (%), its error, p
     level: float  # of significance
-    least: float  # percent; smaller changes are not reported
+    least: float  # percent of the force of the storey's spring, or of the mass; smaller changes are not reported
     before: ChainModel
     after: ChainModel
-    replicates: tuple[list[ChainModel], list[ChainModel]]  # with each block left out, for the map
-
-    @property
-    def changed(self) -> pd.DataFrame:
-        """Rows of the table that changed significantly, the largest change first."""
-        hit = self.table[(self.table["p"] < self.level) & (self.table["change"].abs() >= self.least)]
-        return hit.reindex(hit["change"].abs().sort_values(ascending=False).index)
+    comparison: Comparison
 
     @property
     def damaged(self) -> list[str]:
-        """Storeys whose stiffness fell significantly, the largest loss first."""
-        rows = self.changed
-        rows = rows[(rows["term"] == "k") & (rows["change"] < 0)]
-        return rows.sort_values("change")["storey"].tolist()
+        """Storeys whose force changed otherwise than by a gain of stiffness or damping, the largest change first."""
+        rows = self.changed[self.changed["place"].str.startswith("storey")]
+        return rows.loc[~(rows["term"].isin(["k", "c"]) & (rows["change"] > 0)), "place"].tolist()
+
+    @property
+    def explained(self) -> pd.DataFrame:
+        """Rows of the table that differ significantly though one force holds where both tests moved.
+
+        Another amplitude, or course of the motion, shows the declared laws the same force in another light.
+        """
+        rows = self.table[(self.table["p"] < self.level) & (self.table["change"].abs() >= self.least)]
+        same = [self.comparison.same(r.storey, r.term, self.level) for r in rows.itertuples()]
+        return rows[np.array(same, dtype=bool) & ~rows["storey"].isin(self.changed["place"])]
 
     def map(self, storey: Any, size: int = 41) -> pd.DataFrame:
-        """Change of a storey's force over the region that both visited, N, with its error and significance."""
+        """Change of a storey's force over the motion of both tests, N, with its error and significance.
+
+        Nothing is significant in a storey that is not in ``changed``. Friction is shown as it slides; what a declared
+        law with memory changed is no map.
+        """
         site = self.before.chain.site(storey)
-        regions = [m.visited[site] for m in (self.before, self.after)]
-        low = [max(r.low[k] for r in regions) for k in (0, 1)]
-        high = [min(r.high[k] for r in regions) for k in (0, 1)]
-        v, s = (x.ravel() for x in grid(low, high, size))
-        change = self.after.restoring_forces[site](v, s) - self.before.restoring_forces[site](v, s)
-        parts = [variance([m.restoring_forces[site](v, s) for m in models]) for models in self.replicates]
-        error = np.sqrt(sum(parts))
-        n_coefficients = sum(len(law.values) for held in self.before.laws.values() for law in held)
-        # all points of all maps together: a map has as many directions as coefficients (Bonferroni)
-        critical = -special.stdtrit(min(map(len, self.replicates)) - 1, self.level / n_coefficients / 2)
-        visited = regions[0].contains(v, s) & regions[1].contains(v, s)
-        significant = visited & (np.abs(change) > critical * error)
+        cut = self.comparison.cut(site.p)
+        v, s = (x.ravel() for x in grid(cut.low.tolist(), cut.high.tolist(), size))
+        change, error, n_terms = self.comparison.map(site.p, v, s)
+        # all points of a map together: it has as many directions as terms (Bonferroni)
+        critical = -special.stdtrit(self.comparison.freedom, self.level / n_terms / 2)
+        visited = np.all([m.visited[site].contains(v, s) for m in (self.before, self.after)], axis=0)
+        significant = visited & (np.abs(change) > critical * error) & (str(site) in set(self.changed["place"]))
         columns = {"v": v, "s": s, "change": change, "error": error, "significant": significant, "visited": visited}
         return pd.DataFrame(columns)
 
     def __str__(self) -> str:
-        rows = self.changed
-        if not len(rows):
-            return f"Nothing changed by more than {self.least:g} % at the {100 * self.level:g} % level."
-        return "\n".join(
-            f"{r.term} of {r.storey} changed by {r.change:+.2f} +- {1.96 * r.error:.2f} % (p = {r.p:.1g})."
-            for r in rows.itertuples()
-        )
+        said = []
+        for r in self.changed.itertuples():
+            size, of = f"{r.amount:.3g} {r.unit}", "" if r.term == "m" else " of its spring force"
+            said.append(
+                f"{in_words(r.term)} of {r.place} changed by {r.change:+.2f} +- {1.96 * r.error:.2f} %{of} "
+                f"({size}, p = {r.p:.1g})."
+            )
+        if not said:
+            said = [f"Nothing changed by more than {self.least:g} % at the {100 * self.level:g} % level."]
+        for storey, rows in self.explained.groupby("storey"):
+            apart = ", ".join(f"{r.term} by {r.change:+.2f} %" for r in rows.itertuples())
+            said.append(
+                f"{storey.capitalize()}: fitted apart, the tests differ in {apart}. The amplitude alone explains it "
+                f"(rms drift {self.comparison.cut(Site(storey).p).ratio:.2f} times): one force holds where both moved."
+            )
+        return "\n".join(said)
 
 
 def compare_tests(
@@ -82,8 +97,11 @@ def compare_tests(
 ) -> ChangeReport:  # fmt: skip
     """Compare two tests of one structure, e.g. before and after an earthquake.
 
-    Both are identified with the laws of the same regressor, by least squares. Standard errors come from leaving
-    out one of ``n_blocks`` consecutive pieces at a time (jackknife). Give Records where channels are noisy: their DOFs
+    Each storey's force follows from the forces and the inertia of the floors above it. Where both tests moved, one law
+    with kinks, loops and powers explains it in both, and a term of a storey, or a mass, counts as changed if its
+    difference is significant and large: then no amplitude, and no law that the regressor lacks, explains it. A declared
+    law with a state or a shape is compared on its own parameters. Standard errors come from leaving out one of
+    ``n_blocks`` consecutive pieces of a test at a time (jackknife). Give Records where channels are noisy: their DOFs
     are then fused one by one, so that errors are not alike in a whole record.
 
     Parameters
@@ -92,20 +110,20 @@ def compare_tests(
         Not necessarily fitted; it is cloned.
     before, after : (X, F) or Record or list of Record
     level : float
-        Significance level, for the whole table together (Holm's correction).
+        Significance level, for all terms of all places together (Bonferroni; Holm's correction in ``table``).
     least : float
-        Smallest change of interest, percent.
+        Smallest change of interest, percent of the force of the storey's spring, or of the mass.
     n_blocks : int
         Pieces of each test.
     same_masses : bool
-        Take the masses of both tests as equal: their mean is known in both (damage takes no mass away).
+        Masses are equal in both tests unless the data show that one changed. If False, each test has its own.
     options : mapping, optional
         Passed to ``fit`` (``dt`` is a parameter of the regressor).
 
     Raises
     ------
     ChainError
-        If fewer than 5 blocks are asked for.
+        If fewer than 5 blocks are asked for, or no storey's force is known in both tests.
 
     Examples
     --------
@@ -120,21 +138,31 @@ def compare_tests(
     """
     if n_blocks < 5:
         raise ChainError(f"{n_blocks} blocks give no standard error", "Use at least 5, 20 is usual.")
-    tests = [_fit(estimator, test, dict(options or {})) for test in (before, after)]
-    problems = [est.problem_ for est, _ in tests]
-    if same_masses:
-        mean = np.mean([est.masses_ for est, _ in tests], axis=0)
-        known = {j + 1: float(m) for j, m in enumerate(mean)} | problems[0].known_masses
-        problems = [problem.with_known_masses(known) for problem in problems]
+    fitted = [_fit(estimator, test, dict(options or {})) for test in (before, after)]
+    problems, tests = [est.problem_ for est, _ in fitted], [data for _, data in fitted]
+    masses = np.mean([est.masses_ for est, _ in fitted], axis=0)
+    free = [j for j in range(1, len(masses) + 1) if j not in problems[0].known_masses]
+    models, pairs = [est.model_ for est, _ in fitted], list(zip(problems, tests))
+    filters = [problem.filters(data) for problem, data in pairs]
+    edges = [[edges for edges, _ in _cuts(problem, data, n_blocks)] for problem, data in pairs]
+    cuts = [
+        cut for site in models[0].chain.sites if site.is_storey
+        if (cut := cut_of(site.p, tests, models, masses, filters, edges)) is not None
+    ]  # fmt: skip
+    if not cuts:
+        raise ChainError("No storey's force is known in both tests", "Measure the force on every floor above a storey.")
+    comparison = Comparison(cuts, masses, free, [] if same_masses else free)
+    comparison.search(level, least)
     models, replicates = [], []
-    for problem, (est, data) in zip(problems, tests):
-        resolver, _ = resolver_in_time(problem, data, n_blocks=n_blocks)
+    for problem, (est, data), own in zip(problems, fitted, comparison.masses_of_tests()):
+        known = dict(enumerate(own.tolist(), 1)) | dict(problem.known_masses)
+        resolver, _ = resolver_in_time(problem.with_known_masses(known), data, n_blocks=n_blocks)
         whole, without = plain_model(resolver, resolver.pieces.sum()), resolver.pieces.leave_one_out()
         whole.visited = est.model_.visited
         models.append(whole)
         replicates.append([plain_model(resolver, without[i]) for i in range(len(without))])
-    table = _table(models, replicates)
-    return ChangeReport(table, level, least, models[0], models[1], (replicates[0], replicates[1]))
+    table = _table(models, replicates, comparison)
+    return ChangeReport(comparison.table(), table, level, least, models[0], models[1], comparison)
 
 
 def resolver_in_time(
@@ -143,7 +171,15 @@ def resolver_in_time(
     """Least squares on consecutive pieces, ``n_blocks`` over all records or ``length`` s long."""
     layout, known = problem.layout, dict(problem.known_masses)
     solve_order = problem.solve_order(data.forced, data.unknown)
-    edges, spans = [], []
+    edges, spans = zip(*_cuts(problem, data, n_blocks, length))
+    pieces = pieces_of(data, layout, groups_of(layout, solve_order), problem.filters(data), known, edges=edges)
+    return Resolver(pieces, solve_order, known), np.concatenate(spans)
+
+
+def _cuts(
+    problem: Problem, data: SegmentSet, n_blocks: int | None = None, length: float | None = None
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Edges of the consecutive pieces of each record, and first and last time of each."""
     whole = sum(seg.n_valid for seg in data.segments)
     for seg in data.segments:
         n = seg.n_valid
@@ -153,15 +189,12 @@ def resolver_in_time(
             raise ChannelError("A window in seconds needs the sampling step", "Pass dt= (s), or X with a time index.")
         else:
             size = int(round(length / seg.dt))
-        if size < layout.n_dof + 2:
+        if size < problem.layout.n_dof + 2:
             raise ChannelError(f"Pieces of {size} samples are too short", "Use longer windows or fewer blocks.")
         # a rest shorter than half a piece joins the last one
         cuts = np.array([*range(0, max(n - size // 2, 1), size), n])
         t = seg.t[seg.valid] if seg.t is not None else np.arange(n, dtype=float)
-        edges.append(cuts)
-        spans.append(np.column_stack([t[cuts[:-1]], t[cuts[1:] - 1]]))
-    pieces = pieces_of(data, layout, groups_of(layout, solve_order), problem.filters(data), known, edges=edges)
-    return Resolver(pieces, solve_order, known), np.concatenate(spans)
+        yield cuts, np.column_stack([t[cuts[:-1]], t[cuts[1:] - 1]])
 
 
 def plain_model(resolver: Resolver, total: BlockGrams) -> ChainModel:
@@ -191,15 +224,30 @@ def _linear(model: ChainModel) -> np.ndarray:
     ])  # fmt: skip
 
 
-def _table(models: list[ChainModel], replicates: list[list[ChainModel]]) -> pd.DataFrame:
-    before, after = (_linear(m) for m in models)
-    errors = [np.sqrt(variance([_linear(m) for m in left_out])) for left_out in replicates]
+def _parameters(model: ChainModel) -> pd.Series:
+    """Stiffness and damping of every storey, and what its laws with a state or a shape have of their own."""
+    linear, names = _linear(model), storey_names(model)
+    values = {(name, term): linear[i, j] for j, term in enumerate(("k", "c")) for i, name in enumerate(names)}
+    for name in names:
+        for law in model.laws.get(Site(name), ()):
+            if law.shapes or law.has_memory:
+                values |= {(name, key): x for key, x in law.parameters.items() if x is not None}
+    return pd.Series(values, dtype=float)
+
+
+def _table(models: list[ChainModel], replicates: list[list[ChainModel]], comparison: Comparison) -> pd.DataFrame:
+    before, after = (_parameters(m) for m in models)
+    errors = [np.sqrt(variance([_parameters(m) for m in left_out])) for left_out in replicates]
     change = 100.0 * (after / before - 1.0)
     error = 100.0 * np.abs(after / before) * np.sqrt((errors[0] / before) ** 2 + (errors[1] / after) ** 2)
-    p = 2.0 * special.stdtr(min(map(len, replicates)) - 1, -np.abs(change) / error)
-    names, values = storey_names(models[0]), {"before": before, "after": after, "change": change, "error": error}
-    columns = {"storey": names * 2, "term": np.repeat(["k", "c"], len(names)).tolist()}
-    return pd.DataFrame(columns | {key: y.T.ravel() for key, y in values.items()} | {"p": _holm(p.T.ravel())})
+    for storey, name in change.index:  # pieces estimate no shapes; their difference is a term of the comparison
+        if name in {s.name for law in models[0].laws.get(Site(storey), ()) for s in law.shapes}:
+            error[storey, name] = comparison.error_of_shape(Site(storey).p) * abs(change[storey, name])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        p = 2.0 * special.stdtr(min(map(len, replicates)) - 1, -np.abs(change) / error)
+    columns = {"storey": [x for x, _ in change.index], "term": [x for _, x in change.index]}
+    values = {"before": before, "after": after, "change": change, "error": error}
+    return pd.DataFrame(columns | {key: y.to_numpy() for key, y in values.items()} | {"p": _holm(p.to_numpy())})
 
 
 def _holm(p: np.ndarray) -> np.ndarray:

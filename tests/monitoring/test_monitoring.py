@@ -20,12 +20,53 @@ def test_change_of_damping_and_stiffness_are_told_apart():
     report = compare_tests(NRFRegressor(degree=1), before, after)
     assert report.damaged == ["storey 3"]
     assert report.changed["change"].iloc[0] == pytest.approx(-8.0, abs=0.5)
-    assert str(report).startswith("k of storey 3 changed by -")
+    assert str(report).startswith("Stiffness of storey 3 changed by -")
     table = report.map(3, size=21)
     visited = table[table["visited"]]
     wrong = visited["change"] + 4e3 * visited["s"]
     assert np.abs(wrong).max() < 0.05 * np.abs(4e3 * visited["s"]).max()
     assert visited.loc[visited["s"].abs() > 0.5 * visited["s"].max(), "significant"].all()
+
+
+def test_a_cubic_spring_that_appears_is_a_change_and_the_map_shows_its_force():
+    """In the declared linear law a cubic spring is next to nothing; as a force it is 30 % of the storey's spring."""
+    before = run(chain(), [3], duration=12.0).record
+    drift = np.diff(before.displacement, axis=1)[:, 0]
+    k3 = 0.3 * 5e4 * drift.std() / (drift**3).std()
+    after = run(chain((2, laws.CubicStiffness(k3))), [3], rms=80.0, duration=12.0, seed=5).record
+    report = compare_tests(NRFRegressor(degree=1), *(add_noise(r, 0.01, random_state=i) for i, r in enumerate((before, after))))
+    assert report.damaged == ["storey 2"] and report.changed["term"].tolist() == ["k3"]
+    assert str(report).startswith("Cubic spring of storey 2 changed by")
+    table = report.map(2)
+    seen = table[table["visited"]]
+    assert np.abs(seen["change"] - k3 * seen["s"] ** 3).max() < 0.1 * np.abs(k3 * seen["s"] ** 3).max()
+    assert not report.map(3)["significant"].any() and not report.map(1)["significant"].any()
+
+
+def test_another_amplitude_of_a_damper_that_no_law_knows_is_no_change():
+    damped = chain((3, laws.Dahl(sigma=5e4, Fd=20.0)))
+    tests = [add_noise(run(damped, [3], rms=r, duration=20.0, seed=i).record, 0.01, random_state=i) for i, r in enumerate((80, 160))]
+    report = compare_tests(NRFRegressor(degree=1), *tests)
+    assert not len(report.changed) and report.damaged == []
+    assert "storey 3" in report.explained["storey"].tolist()
+    assert "Storey 3: fitted apart" in str(report) and "amplitude alone explains it (rms drift" in str(report)
+
+
+def test_a_law_with_a_state_is_compared_on_its_own_parameters():
+    own = {"storey 2": [laws.PowerSeries(1), laws.Dahl()]}
+    tests = [run(chain((2, laws.Dahl(sigma=s, Fd=f))), [3], duration=12.0, seed=i).record for i, (s, f) in enumerate([(2e4, 20.0), (2e4, 26.0)])]
+    report = compare_tests(NRFRegressor(degree=1, laws=own), *tests)
+    assert report.damaged == ["storey 2"] and report.changed["term"].iloc[0].startswith("own Fd")
+    change = report.table.set_index(["storey", "term"]).loc["storey 2", "change"]
+    assert change["Fd"] == pytest.approx(30.0, abs=0.5) and change["sigma"] == pytest.approx(0.0, abs=3.0)
+
+
+def test_added_mass_is_no_damage():
+    heavy = ChainModel([10.0, 10.8, 10.0], chain().laws)
+    report = compare_tests(NRFRegressor(degree=1), run(chain(), [3], duration=12.0).record, run(heavy, [1], duration=12.0, seed=4).record)
+    assert report.changed[["place", "term"]].to_numpy().tolist() == [["dof 2", "m"]] and report.damaged == []
+    assert report.changed["change"].iloc[0] == pytest.approx(8.0, abs=0.3)
+    assert report.after.masses - report.before.masses == pytest.approx([0.0, 0.8, 0.0], abs=0.03)
 
 
 @pytest.mark.slow

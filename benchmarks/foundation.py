@@ -151,7 +151,7 @@ def entrances(quick: bool) -> list[Row]:
             X = four_floors.with_noise([case.X], 0.02, np.random.default_rng(0))[0]
             own = NRFRegressor(degree=3, optimizer=inner).fit(X, case.F)
             library = InterstoryPolynomialLibrary(3)
-            inside = ps.SINDy(optimizer=ChainOptimizer(inner), feature_library=library)
+            inside = ps.SINDy(optimizer=ChainOptimizer(inner, terms=library), feature_library=library)
             inside = inside.fit(X, t=case.dt, x_dot=case.F).optimizer
             terms, chain = np.asarray(library.transform(X))[:, 4:], Chain(4)
             layout, solve_order = Layout(chain, dict.fromkeys(chain.sites, 9)), plan_solve_order(chain, forced)
@@ -190,7 +190,7 @@ def speed(n: int) -> list[Row]:
     state, rate = np.split(case.absolute[:, 4:], 2, axis=1)[::-1], case.a
     state, rate = np.hstack(state), np.hstack([state[1], rate])
     library = InterstoryPolynomialLibrary(3, inputs="state")
-    theirs = ps.SINDy(optimizer=StateSpaceChainOptimizer(), feature_library=library)
+    theirs = ps.SINDy(optimizer=StateSpaceChainOptimizer(terms=library), feature_library=library)
     theirs.fit(state, t=case.dt, x_dot=rate, u=case.F)
     ours = NRFRegressor(degree=3, dt=case.dt).fit(case.X, case.F)
     start = dict(x0=state[0, :4], v0=state[0, 4:], hold="cubic")  # PySINDy joins the forces by a cubic

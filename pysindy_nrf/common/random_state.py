@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -21,3 +23,13 @@ def generator(random_state: Any, purpose: str = "") -> np.random.Generator:
         raise NRFError(
             f"random_state={random_state!r} is no seed", "Give a whole number from 0, a numpy Generator, or None."
         ) from error
+
+
+@contextmanager
+def same_draws() -> Iterator[None]:
+    """Leave NumPy's global generator, from which PySINDy draws, as it was."""
+    state = np.random.get_state()  # noqa: NPY002
+    try:
+        yield
+    finally:
+        np.random.set_state(state)  # noqa: NPY002

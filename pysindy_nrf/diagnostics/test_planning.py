@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from ..exceptions import ChainError, NRFError
+from ..exceptions import NRFError
+from ..mechanics.sites import dofs_of
 from ..signals.spline_fusion import white_level
 from .bias import sentences_of, wrong_zeros
 from .delays import force_delay
@@ -240,17 +241,17 @@ class Plan:
 
 
 def plan(
-    chain: Chain, *, can_hit: Iterable[int] | None = None, sensors: Iterable[int] | None = None,
-    unknown: Iterable[int] = (), known_masses: Iterable[int] = (), model: Any = None, most: int = 2,
+    chain: Chain, *, can_hit: int | Iterable[int] | None = None, sensors: int | Iterable[int] | None = None,
+    unknown: int | Iterable[int] = (), known_masses: int | Iterable[int] = (), model: Any = None, most: int = 2,
 ) -> Plan:  # fmt: skip
     """Plan of floors to hit and sensors to add so that masses and laws can be identified.
 
     Parameters
     ----------
     chain : Chain
-    can_hit, sensors : iterable of int, optional
+    can_hit, sensors : int or iterable of int, optional
         Floors a hammer or shaker reaches, and whose motion is measured; all if None.
-    unknown, known_masses : iterable of int
+    unknown, known_masses : int or iterable of int
         DOFs on which an unmeasured force acts, and whose mass is known.
     model : ChainModel, optional
         A first guess; floors are then ranked by how well its modes respond to a blow there.
@@ -270,11 +271,11 @@ def plan(
     Hit floor 1 and 3: out of reach remain m2.
     """
     every = tuple(range(1, chain.n_dof + 1))
-    reach = every if can_hit is None else tuple(sorted(set(can_hit)))
-    bad = [j for j in (*reach, *(sensors or ())) if j not in every]
-    if bad:
-        raise ChainError(f"DOF {bad[0]} is not in the chain", f"It has DOFs 1 to {chain.n_dof}.")
-    blind = sorted(set(every) - set(every if sensors is None else sensors))
+    reach, seen, unknown = (
+        every if given is None else tuple(sorted(set(dofs_of(name, given, chain.n_dof))))
+        for name, given in (("can_hit", can_hit), ("sensors", sensors), ("unknown", unknown))
+    )
+    blind = sorted(set(every) - set(seen))
     advice = []
     if blind:
         without = ", ".join(map(str, blind))

@@ -17,7 +17,7 @@ from scipy import linalg, optimize, stats
 
 from ..exceptions import BiasWarning, ChainError
 from ..mechanics.chain import Chain
-from ..mechanics.sites import Site
+from ..mechanics.sites import Site, dofs_of
 from ..regression.chain_model import ChainModel
 from ..regression.layout import with_coefficients
 from .intervals import parameters_of
@@ -49,7 +49,7 @@ class EqualMasses(Constraint):
 
     Parameters
     ----------
-    dofs : iterable of int, optional
+    dofs : int or iterable of int, optional
         All if None.
 
     Examples
@@ -63,12 +63,11 @@ class EqualMasses(Constraint):
     array([10., 10.])
     """
 
-    def __init__(self, dofs: Iterable[int] | None = None) -> None:
-        self.dofs = None if dofs is None else tuple(dofs)
+    def __init__(self, dofs: int | Iterable[int] | None = None) -> None:
+        self.dofs = None if dofs is None else tuple(np.ravel(dofs).tolist())
 
     def _equations(self, names: Any, chain: Any, known: Any) -> Any:
-        dofs = self.dofs or tuple(range(1, chain.n_dof + 1))
-        _check_dofs(dofs, chain)
+        dofs = dofs_of("A constraint", self.dofs or range(1, chain.n_dof + 1), chain.n_dof)
         return [
             _mass_equation({dofs[0]: 1.0, j: -1.0}, 0.0, known)
             for j in dofs[1:]
@@ -83,7 +82,7 @@ class TotalMass(Constraint):
     ----------
     mass : float
         kg.
-    dofs : iterable of int, optional
+    dofs : int or iterable of int, optional
         All if None.
 
     Examples
@@ -95,13 +94,12 @@ class TotalMass(Constraint):
     30.0
     """
 
-    def __init__(self, mass: float, dofs: Iterable[int] | None = None) -> None:
+    def __init__(self, mass: float, dofs: int | Iterable[int] | None = None) -> None:
         self.mass = mass
-        self.dofs = None if dofs is None else tuple(dofs)
+        self.dofs = None if dofs is None else tuple(np.ravel(dofs).tolist())
 
     def _equations(self, names: Any, chain: Any, known: Any) -> Any:
-        dofs = self.dofs or tuple(range(1, chain.n_dof + 1))
-        _check_dofs(dofs, chain)
+        dofs = dofs_of("A constraint", self.dofs or range(1, chain.n_dof + 1), chain.n_dof)
         return [_mass_equation({j: 1.0 for j in dofs}, _positive("mass", self.mass), known)]
 
 
@@ -310,12 +308,6 @@ def _with_parameters(model: ChainModel, theta: pd.Series) -> ChainModel:
 def _mass_equation(factors: dict[int, float], value: float, known: dict[int, float]) -> tuple[dict[str, float], float]:
     value -= sum(c * known[j] for j, c in factors.items() if j in known)
     return {f"m{j}": c for j, c in factors.items() if j not in known}, value
-
-
-def _check_dofs(dofs: Iterable[int], chain: Chain) -> None:
-    for j in dofs:
-        if not 1 <= int(j) <= chain.n_dof:
-            raise ChainError(f"A constraint names DOF {j}", f"The chain has DOFs 1 to {chain.n_dof}.")
 
 
 def _existing(name: str, names: Sequence[str]) -> str:

@@ -17,7 +17,7 @@ from ..exceptions import ChannelError, DataQualityWarning
 from ..mechanics.chain import Chain
 from ..mechanics.identifiability import SolveOrder
 from ..regression.chain_model import ChainModel
-from ..regression.errors import judge
+from ..regression.errors import explained_accelerations, judge
 from ..regression.input_arrays import from_arrays, holds_records
 from ..regression.layout import Block
 from ..regression.segments import SegmentSet, feature_names
@@ -112,19 +112,12 @@ class FittedChain:
         given = dict(record=record, time=time, base_acceleration=base_acceleration, covariates=covariates)
         data = self._judged(X, y, **given)
         weights = sample_weights(sample_weight, data.n_samples)
-        left = error = 0.0
         judged = []
         for seg, part, filter in zip(data.segments, self.model_.balance_forces(data), self.problem_.filters(data)):
             a, gap = seg.a[seg.valid].astype(float), (seg.F[seg.valid] - part) / self.masses_
             a, gap = (a, gap) if filter is None else (filter.apply(a), filter.apply(gap))
             judged.append((a, gap, weights[seg.rows][seg.valid]))
-        for j in range(data.n_dof):
-            parts = [(a[:, j], gap[:, j], w) for a, gap, w in judged if not np.isnan(gap[0, j])]
-            if parts:
-                a, gap, w = (np.concatenate(column) for column in zip(*parts))
-                error += float(w @ gap**2)
-                left += float(w @ (a - np.average(a, weights=w)) ** 2)
-        return 1.0 - error / left if left else float("nan")
+        return explained_accelerations(judged)
 
     def balance_errors(self, X: Any, y: Any = None, **given: Any) -> pd.DataFrame:
         """Balance errors (one step) on other data, given as for :meth:`fit`, in the same band.

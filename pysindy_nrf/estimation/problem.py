@@ -8,13 +8,11 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from ..exceptions import ChainError, ExcitationError
 from ..laws import ForceLaw
-from ..mechanics.chain import Chain
+from ..mechanics.chain import Chain, chain_of, masses_of
 from ..mechanics.identifiability import SolveOrder, plan_solve_order
-from ..mechanics.sites import Site
+from ..mechanics.sites import Site, as_mapping, dofs_of
 from ..regression.chain_model import ChainModel
 from ..regression.chain_solve import (
     Solution,
@@ -51,7 +49,7 @@ class Problem:
         Links at which ``laws`` act are added to it.
     laws : mapping of str to sequence of ForceLaw
         By site; a storey without an entry transmits no force.
-    excited : tuple of int, optional
+    excited : int or iterable of int, optional
         DOFs whose measured force scales the chain; those with a force that is not zero if None.
     known_masses, band, strategy, optimizer
         See :class:`NRFRegressor`.
@@ -75,18 +73,19 @@ class Problem:
     known_masses: Mapping[int, float] = field(default_factory=dict)
     band: tuple[float | None, float | None] | None = None
     strategy: str = "auto"
-    excited: tuple[int, ...] | None = None
+    excited: int | tuple[int, ...] | None = None
     optimizer: Any = None
 
     def __post_init__(self) -> None:
-        chain = self.chain.with_links([s for s in map(self.chain.site, self.laws) if s.kind == "link"])
+        chain = chain_of(self.chain, 0)
+        chain = chain.with_links([s for s in map(chain.site, self.laws) if s.kind == "link"])
         given = {chain.site(s): tuple(held) for s, held in self.laws.items()}
         laws = {s: given.get(s, ()) for s in chain.sites} | given
         for name, value in (
             ("chain", chain),
             ("laws", MappingProxyType(laws)),
-            ("known_masses", MappingProxyType(_masses(self.known_masses, chain))),
-            ("excited", None if self.excited is None else tuple(self.excited)),
+            ("known_masses", MappingProxyType(masses_of(self.known_masses, chain))),
+            ("excited", None if self.excited is None else dofs_of("excited", self.excited, chain.n_dof)),
             ("optimizer", sub_optimizer(self.optimizer)),
         ):
             object.__setattr__(self, name, value)
@@ -127,12 +126,12 @@ class Problem:
         """
         return replace(self, known_masses=known_masses)
 
-    def solve_order(self, forced: Iterable[int], unknown: Iterable[int] = ()) -> SolveOrder:
+    def solve_order(self, forced: int | Iterable[int], unknown: int | Iterable[int] = ()) -> SolveOrder:
         """Balances in the order in which they are solved.
 
         Parameters
         ----------
-        forced, unknown : iterable of int
+        forced, unknown : int or iterable of int
             DOFs with a force that is not zero (``excited`` stands in for them where it is given) and of unknown force.
 
         Raises
@@ -140,7 +139,7 @@ class Problem:
         ExcitationError, IdentifiabilityError
             If nothing scales the chain (no force and no known mass), or a mass or a law is out of reach.
         """
-        forced = tuple(forced) if self.excited is None else self.excited
+        forced = dofs_of("forced", forced, self.chain.n_dof) if self.excited is None else self.excited
         if not forced and not self.known_masses:
             raise ExcitationError(
                 "No force is measured and no mass is known, so nothing scales the chain",
@@ -184,6 +183,7 @@ class Problem:
             layout = estimate_shapes(self.layout, scales_of(data, self.layout), trial, data, filters)
             problem = self.with_laws(layout.laws)
         solution, grams = _least_squares(problem, problem.layout, order, data, filters)
+        solution.warn(stacklevel=4)
         return Estimate(problem, order, model_of(problem.layout, solution), solution, grams)
 
 
@@ -230,9 +230,9 @@ def law_list(laws: Any) -> list[ForceLaw]:
 
 def laws_of_sites(chain: Chain, laws: Any, degree: Any, orders: Any) -> dict[Site, tuple[ForceLaw, ...]]:
     """The declared laws by site of the chain, and the power series at its other sites."""
-    orders = {chain.site(s): order for s, order in as_mapping("orders", orders, "{'storey 2': 5}").items()}
-    given = {chain.site(s): held for s, held in declared_laws(laws).items()}
     series = power_series_laws(chain, degree, orders)
+    orders = {chain.site(s): order for s, order in (orders or {}).items()}
+    given = {chain.site(s): held for s, held in declared_laws(laws).items()}
     both = [s for s in orders if s in given]
     if both:
         raise ChainError(f"{both[0]} has an order and laws", "Name it in orders or in laws, not in both.")
@@ -244,28 +244,3 @@ def laws_of_sites(chain: Chain, laws: Any, degree: Any, orders: Any) -> dict[Sit
                 "Leave degree out, or name in orders only the storeys that differ.",
             )
     return {s: tuple(held) for s, held in series.items()} | given
-
-
-def as_mapping(name: str, value: Any, example: str) -> Mapping[Any, Any]:
-    """A parameter that must be a mapping; empty for None."""
-    if value is None:
-        return {}
-    if not isinstance(value, Mapping):
-        raise ChainError(f"{name}={value!r} is not a mapping", f"Give e.g. {name}={example}.")
-    return value
-
-
-def _masses(given: Any, chain: Chain) -> dict[int, float]:
-    """Known masses, kg, by DOF."""
-    known = {}
-    for dof, mass in as_mapping("known_masses", given, "{2: 12.4}").items():
-        if isinstance(dof, bool) or not hasattr(dof, "__index__") or not 1 <= int(dof) <= chain.n_dof:
-            raise ChainError(f"known_masses names DOF {dof!r}", f"The chain has DOFs 1 to {chain.n_dof}.")
-        try:
-            value = float(mass)
-        except (TypeError, ValueError):
-            value = np.nan
-        if not np.isfinite(value) or value < 0:
-            raise ChainError(f"known_masses[{dof}]={mass!r} is not a mass", "Give kg.")
-        known[int(dof)] = value
-    return known

@@ -16,7 +16,8 @@ from ..data.record import Record
 from ..diagnostics.bias import JumpBias, MissingTerms, contradictions_of, sentences_of, warn_of_bias
 from ..diagnostics.windows import collect
 from ..exceptions import ChainError, ChannelError, DataQualityWarning
-from ..mechanics.chain import Chain
+from ..mechanics.chain import Chain, chain_of
+from ..mechanics.sites import as_mapping
 from ..regression.chain_model import ChainModel
 from ..regression.chain_solve import doubtful_masses, lost_masses, third_law_gap, unknown_forces, visited_regions
 from ..regression.errors import balance_errors
@@ -25,7 +26,7 @@ from ..regression.segments import SegmentSet
 from .constraints import constrained
 from .fitted import FittedChain
 from .free_run_fit import refine
-from .problem import DEFAULT_DEGREE, Estimate, Problem, as_mapping, declared_laws, law_list, laws_of_sites
+from .problem import DEFAULT_DEGREE, Estimate, Problem, declared_laws, law_list, laws_of_sites
 from .streaming import fit_streamed, is_streamed, partial_fit
 
 if TYPE_CHECKING:
@@ -114,6 +115,8 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
     unknown_forces_ : DataFrame
         Forces (N) on the DOFs whose force was NaN, from the balances, over the rows passed; a column ``F2``
         for each such DOF, NaN where the force was given.
+    inner_ : dict of str to PySINDy optimizer
+        The fitted ``optimizer`` of each balance; see :class:`ChainOptimizer`.
     condition_ : Series
         Scaled condition number of each step.
     n_samples_ : int
@@ -244,9 +247,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         ChainError
             If a site or DOF is not in the chain, or ``orders``, ``laws`` and ``degree`` contradict each other.
         """
-        if self.chain is not None and not isinstance(self.chain, Chain):
-            raise ChainError(f"chain={self.chain!r} is not a Chain", "Give e.g. Chain(3, links=['link 3-1']).")
-        chain = self.chain or Chain(n_dof)
+        chain = chain_of(self.chain, n_dof)
         chain = chain.with_links([s for s in map(chain.site, declared_laws(self.laws)) if s.kind == "link"])
         laws = laws_of_sites(chain, self.laws, self.degree, self.orders)
         known = as_mapping("known_masses", self.known_masses, "{2: 12.4}")
@@ -343,7 +344,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             "n_samples": self.n_samples_,
             "balance_error_percent": {k: float(e) for k, e in self.errors_["error"].items() if np.isfinite(e)},
         }
-        self.model_ = model
+        self.model_, self.inner_ = model, solution.inner
         self.restoring_forces_ = model.restoring_forces
         self.unknown_forces_ = unknown_forces(model, data)
         silent = self.band is not None or not least_squares

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from ..common import number_of
 from ..common.lazy import Hook
 from ..exceptions import ChainError
 from .identifiability import SolveOrder, plan_solve_order
-from .sites import Site
+from .sites import Site, as_mapping, dofs_of
 
 _GROUNDS = ("base", "both", "free")
 MOST_DOFS = 10_000  # a larger number is a mistake, or a file that would exhaust the memory
@@ -49,7 +50,7 @@ class Chain:
     array([[ 1, -1,  0, -1],
            [ 0,  1, -1,  0],
            [ 0,  0,  1,  1]])
-    >>> print(chain.identifiability(forced=[3]))
+    >>> print(chain.identifiability(excited=3))
     Balance of DOF 3 (forced): m3, storey 3, link 3-1.
     Balance of DOF 2: m2, storey 2.
     Balance of DOF 1: m1, storey 1.
@@ -152,14 +153,14 @@ class Chain:
         return Chain(self.n_dof, (*self.links, *new), self.ground)
 
     def identifiability(
-        self, forced: Iterable[int] = (), *, unknown: Iterable[int] = (), known_masses: Iterable[int] = (),
-        strategy: str = "auto",
+        self, excited: int | Iterable[int] = (), *, unknown: int | Iterable[int] = (),
+        known_masses: int | Iterable[int] = (), strategy: str = "auto",
     ) -> SolveOrder:  # fmt: skip
         """Masses and laws that an excitation can identify, from the topology alone.
 
         Parameters
         ----------
-        forced, unknown, known_masses : iterable of int
+        excited, unknown, known_masses : int or iterable of int
             DOFs on which a force acts and is measured, whose force is unknown (their balances are not used), and
             whose mass is known.
         strategy : {"auto", "complete", "sequential", "joint"}
@@ -170,7 +171,7 @@ class Chain:
         SolveOrder
             The order of the solve and what cannot be identified; ``str()`` describes it.
         """
-        return plan_solve_order(self, forced, unknown, known_masses, strategy)
+        return plan_solve_order(self, excited, unknown, known_masses, strategy)
 
     def plan(self, **options: Any) -> Any:
         """Recommend floors to excite or sensors to add.
@@ -206,3 +207,22 @@ class Chain:
         more = f", links={[str(s) for s in self.links]}" if self.links else ""
         more += f", ground={self.ground!r}" if self.ground != "base" else ""
         return f"Chain({self.n_dof}{more})"
+
+
+def chain_of(chain: Any, n_dof: int) -> Chain:
+    """The chain that a parameter gives; a plain one if None."""
+    if chain is not None and not isinstance(chain, Chain):
+        raise ChainError(f"chain={chain!r} is not a Chain", "Give e.g. Chain(3, links=['link 3-1']).")
+    return Chain(n_dof) if chain is None else chain
+
+
+def masses_of(given: Any, chain: Chain) -> dict[int, float]:
+    """Known masses, kg, by DOF."""
+    known = {}
+    for dof, mass in as_mapping("known_masses", given, "{2: 12.4}").items():
+        (j,) = dofs_of("known_masses", [dof], chain.n_dof)
+        value = number_of(mass)
+        if not np.isfinite(value) or value < 0:
+            raise ChainError(f"known_masses[{dof}]={mass!r} is not a mass", "Give kg.")
+        known[j] = value
+    return known

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 from ..exceptions import ChainError, IdentifiabilityError
-from .sites import Site
+from .sites import Site, dofs_of
 
 STRATEGIES = ("auto", "complete", "sequential", "joint")
 
@@ -71,27 +71,19 @@ class SolveOrder:
         return "\n".join([str(step) for step in self.steps] + list(self.reasons))
 
 
-def _dofs(name: str, values: Iterable[int], chain: Topology) -> frozenset[int]:
-    chosen = frozenset(int(j) for j in values)
-    wrong = sorted(j for j in chosen if not 1 <= j <= chain.n_dof)
-    if wrong:
-        raise ChainError(f"{name} names DOF {wrong[0]}", f"The chain has DOFs 1 to {chain.n_dof}.")
-    return chosen
-
-
 def _at(acting: tuple[Site, ...], dof: int) -> tuple[Site, ...]:
     return tuple(s for s in acting if s.incidence(dof))
 
 
 def plan_solve_order(
-    chain: Topology, forced: Iterable[int] = (), unknown: Iterable[int] = (), known_masses: Iterable[int] = (),
+    chain: Topology, excited: Any = (), unknown: Any = (), known_masses: Any = (),
     strategy: str = "auto", sites: Iterable[Site] | None = None,
 ) -> SolveOrder:  # fmt: skip
     """Order of the solve of a chain (paper eqs. 3-5) for the forces and masses that are known."""
     if strategy not in STRATEGIES:
         raise ChainError(f"strategy={strategy!r} is unknown", f"Choose one of {', '.join(STRATEGIES)}.")
-    forced_, unknown_ = _dofs("forced", forced, chain), _dofs("unknown", unknown, chain)
-    masses = _dofs("known_masses", known_masses, chain)
+    named = {"excited": excited, "unknown": unknown, "known_masses": known_masses}
+    forced_, unknown_, masses = (frozenset(dofs_of(name, given, chain.n_dof)) for name, given in named.items())
     forced_ -= unknown_
     acting = chain.sites if sites is None else tuple(sites)
     every = frozenset(range(1, chain.n_dof + 1))

@@ -7,6 +7,7 @@ spellings are one site: storey 1 = ground 1 = link 1-0.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ..exceptions import ChainError
@@ -123,3 +124,22 @@ def _parse(text: Any) -> tuple[str, int, int, str]:
     if match["word"] == "dof":
         return "dof", number, 0, ""
     return "link", number, (0 if match["word"] == "ground" else number - 1), ""
+
+
+def dofs_of(name: str, values: Any, n_dof: int) -> tuple[int, ...]:
+    """DOFs that a parameter names: one whole number or several."""
+    several = isinstance(values, Iterable) and getattr(values, "ndim", True)  # 0 of NumPy's single numbers
+    chosen = tuple(values) if several else (values,)
+    for j in chosen:
+        if isinstance(j, bool) or not hasattr(j, "__index__") or not 1 <= int(j) <= n_dof:
+            raise ChainError(f"{name} names DOF {j!r}", f"The chain has DOFs 1 to {n_dof}.")
+    return tuple(int(j) for j in chosen)
+
+
+def as_mapping(name: str, value: Any, example: str) -> Mapping[Any, Any]:
+    """A parameter that must be a mapping; empty for None."""
+    if value is None:
+        return {}
+    if not isinstance(value, Mapping):
+        raise ChainError(f"{name}={value!r} is not a mapping", f"Give e.g. {name}={example}.")
+    return value

@@ -11,46 +11,17 @@ import numpy as np
 import pandas as pd
 from scipy import linalg
 from scipy.linalg import lapack
-from sklearn.base import clone
 
-from ..exceptions import ChannelError, DataQualityWarning, IdentifiabilityError, NRFError, NRFWarning, RankWarning
+from ..exceptions import ChannelError, DataQualityWarning, IdentifiabilityError, NRFError, RankWarning
 from ..laws.shape import Motion, Scales
 from ..mechanics.identifiability import SolveOrder, Step
 from ..mechanics.sites import Site
 from .chain_model import ChainModel
 from .gram_pass import guess_of, total_gram
 from .grams import BlockGrams
+from .inner import fit_inner
 from .layout import Block, Group, LawLayout, Layout, with_coefficients
 from .segments import SegmentSet, VisitedRegion
-
-
-def fit_inner(optimizer: Any, columns: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Fit a clone of an optimizer and return its coefficients."""
-    if getattr(optimizer, "bagging", False):
-        raise NRFError(
-            f"{type(optimizer).__name__}(bagging=True) draws samples, but each sub-problem is a triangular factor of "
-            "all samples",
-            "Use library_ensemble=True, or bootstrap over records.",
-        )
-    if not hasattr(optimizer, "fit") or isinstance(optimizer, type):
-        raise NRFError(
-            f"optimizer={optimizer!r} is not an optimizer", "Give an instance, e.g. pysindy.STLSQ(threshold=0.01)."
-        )
-    fresh = clone(optimizer)
-    with warnings.catch_warnings(record=True, action="always") as caught:
-        fresh.fit(columns, target.reshape(-1, 1))
-    for message in caught:
-        if "eliminated all" in str(message.message):
-            warnings.warn(
-                f"{type(optimizer).__name__}: no term of a balance reached the threshold; its law is zero.",
-                NRFWarning,
-                stacklevel=3,
-            )
-    coefficients = np.asarray(fresh.coef_, dtype=float).ravel()
-    if not np.isfinite(coefficients).all():
-        raise NRFError(f"{type(optimizer).__name__} returned coefficients that are not finite", "Check its parameters.")
-    return coefficients
-
 
 # Squaring a scaled condition number c loses c^2 of the 1e16 digits of a double.
 _DIGITS_AT_RISK = 1e-9
@@ -78,6 +49,8 @@ class StepFit:
     share: float  # the same over the rms of the right-hand side
     # for each mass: residual over the part of its inertia that no other column imitates; near one, noise decides
     mass_noise: tuple[float, ...] = ()
+    inner: Any = None  # fitted optimizer
+    said: tuple[tuple[type[Warning], str], ...] = ()  # what it warned of
 
 
 @dataclass
@@ -89,6 +62,17 @@ class Solution:
     # complete strategy: the second estimate, from the balance at the other end (paper eq. 10b)
     twins: dict[Site, np.ndarray] = field(default_factory=dict)
     fits: list[StepFit] = field(default_factory=list)
+
+    @property
+    def inner(self) -> dict[str, Any]:
+        """Fitted optimizers by balance."""
+        return {fit.step.name: fit.inner for fit in self.fits if fit.inner is not None}
+
+    def warn(self, stacklevel: int) -> None:
+        """Say once what optimizers warned of, and on which balances."""
+        for kind, text in dict.fromkeys(said for fit in self.fits for said in fit.said):
+            where = [str(fit.step).rstrip(".") for fit in self.fits if (kind, text) in fit.said]
+            warnings.warn(f"{text.rstrip('.')} ({'; '.join(where)}).", kind, stacklevel=stacklevel + 1)
 
     def of(self, number: int) -> Solution:
         """Masses and coefficients of one of several blocks."""
@@ -252,16 +236,18 @@ def _least_squares(
         if inner is not None and step.known_sites:
             cure = f"The optimizer dropped every term of {step.known_sites[0]}, which scales it; lower its threshold."
         raise IdentifiabilityError(f"{step.name}: the right-hand side is zero throughout", cure)
+    fitted, said = None, ()
     if rank < p:
         _report_rank(unit, rank, step, _labels(step, layout))
         scaled = linalg.lstsq(unit, target / size_y, cond=cut, check_finite=False)[0]
     elif inner is None:
         scaled = _back(unit[:p], target[:p] / size_y)
     else:
-        scaled = _sparse(unit, target / size_y, len(step.masses), n_samples, inner)
+        scaled, fitted, said = _sparse(unit, target / size_y, len(step.masses), n_samples, inner)
     residual = float(np.linalg.norm(target / size_y - unit @ scaled)) * size_y if p else size_y
     noise = _mass_noise(unit[:p], scaled, residual / size_y, len(step.masses)) if rank == p else ()
-    fit = StepFit(step, condition, rank, p, residual / (n_samples**0.5 or 1.0), residual / size_y, noise)
+    rms = residual / (n_samples**0.5 or 1.0)
+    fit = StepFit(step, condition, rank, p, rms, residual / size_y, noise, fitted, said)
     return scaled * size_y / size if p else scaled, fit
 
 
@@ -300,19 +286,18 @@ def _mass_noise(upper: np.ndarray, scaled: np.ndarray, share: float, n_masses: i
     return tuple(float(share / part) if part else np.inf for part in own)
 
 
-def _sparse(unit: np.ndarray, target: np.ndarray, n_masses: int, n_samples: float, inner: Any) -> np.ndarray:
+def _sparse(unit: np.ndarray, target: np.ndarray, n_masses: int, n_samples: float, inner: Any) -> tuple:
     """Run a PySINDy optimizer on the problem with the masses, its first columns, eliminated; then solve for these."""
-
-    length = n_samples**0.5
+    length, fitted, said = n_samples**0.5, None, ()
     own, free = slice(0, n_masses), slice(n_masses, None)
     coefficients = np.zeros(unit.shape[1])
     sub_columns, sub_target = unit[free, free], target[free]
     if sub_columns.shape[1]:
-        coefficients[free] = fit_inner(inner, sub_columns * length, sub_target * length)
+        coefficients[free], fitted, said = fit_inner(inner, sub_columns * length, sub_target * length)
     if n_masses:
         rest = target[own] - unit[own, free] @ coefficients[free]
         coefficients[own] = _back(unit[own, own], rest)
-    return coefficients
+    return coefficients, fitted, said
 
 
 def _report_rank(unit: np.ndarray, rank: int, step: Step, labels: list[str]) -> None:

@@ -118,6 +118,18 @@ def judge(
     return run("root") if (errors["error"] < _HELD_BY_A_GRAM).any() else errors
 
 
+def explained_accelerations(parts: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> float:
+    """R^2 of accelerations, variance-weighted over the DOFs, from measured ones, gaps (NaN: unknown) and weights."""
+    left = error = 0.0
+    for j in range(parts[0][0].shape[1]):
+        held = [(a[:, j], gap[:, j], w) for a, gap, w in parts if not np.isnan(gap[0, j])]
+        if held:
+            a, gap, w = (np.concatenate(column) for column in zip(*held))
+            error += float(w @ gap**2)
+            left += float(w @ (a - np.average(a, weights=w)) ** 2)
+    return 1.0 - error / left if left else float("nan")
+
+
 def nrmse(measured: Any, found: Any) -> float:
     """Percent NRMSE of one signal, ``100 rms(found - measured) / rms(measured)``.
 

@@ -16,8 +16,8 @@ from sklearn.utils.validation import check_is_fitted
 from ..data.channels import checked, same_columns
 from ..exceptions import ChainError, ChannelError, DataQualityWarning, LawError
 from ..laws.base import ForceLaw, subscript
-from ..mechanics.chain import Chain
-from ..mechanics.sites import Site
+from ..mechanics.chain import MOST_DOFS, Chain, chain_of
+from ..mechanics.sites import Site, dofs_of
 from .chain_model import ChainModel
 from .layout import LawLayout, power_series_laws
 from .optimizers import StateSpaceChainOptimizer
@@ -43,7 +43,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
         features are xdot, the terms and F, for :class:`StateSpaceChainOptimizer`.
     dt : float, optional
         Sampling step, s, for laws that need the time or remember the path (not with ``inputs="state"``).
-    forced : int or sequence of int, optional
+    excited : int or sequence of int, optional
         With ``inputs="state"``: the DOFs on which the columns of u act, in their order; ``()`` is free vibration
         without any. The features F_j of the others are zero: known to be unforced. If None, u is one column a
         DOF, or, where the number of columns can only mean that and a warning says so, there is none.
@@ -52,14 +52,14 @@ class ForceLawLibrary(BaseFeatureLibrary):
     ----------
     n_features_in_, n_output_features_ : int
     layout_ : LawLayout
-    forced_ : tuple of int
+    excited_ : tuple of int
         DOFs that have a column of u; all of them with ``inputs="balance"``, which has none.
 
     Notes
     -----
     ``+`` of two such libraries holds the laws of both at every site and is again one for a chain. ``+`` with any
     other PySINDy library, and ``*``, are PySINDy's own: plain columns. They belong to no storey, so fit them with
-    a plain optimizer (``ps.STLSQ``); the chain optimizers know columns by their order and number alone.
+    a plain optimizer (``ps.STLSQ``).
 
     Examples
     --------
@@ -69,7 +69,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
     >>> (library + ForceLawLibrary({"storey 2": laws.CoulombFriction()})).fit(np.zeros((5, 6))).get_feature_names()
     ['a1', 'a2', 'v1', 's1', 's1^3', 'v2', 's2', 's2^3', 'sgn(v2)']
     >>> # one shaker, on the roof of two storeys; x, xdot and u are what ps.SINDy passes on
-    >>> shaken = ForceLawLibrary([laws.Duffing()], inputs="state", forced=[2]).fit(np.zeros((5, 5)))
+    >>> shaken = ForceLawLibrary([laws.Duffing()], inputs="state", excited=[2]).fit(np.zeros((5, 5)))
     >>> shaken.get_feature_names()
     ['xdot1', 'xdot2', 's1', 's1^3', 's2', 's2^3', 'F1', 'F2']
     """
@@ -78,13 +78,13 @@ class ForceLawLibrary(BaseFeatureLibrary):
 
     def __init__(
         self, laws: Any = None, chain: Chain | None = None, inputs: str = "balance", dt: float | None = None,
-        forced: int | Sequence[int] | None = None,
+        excited: int | Sequence[int] | None = None,
     ) -> None:  # fmt: skip
         self.laws = laws
         self.chain = chain
         self.inputs = inputs
         self.dt = dt
-        self.forced = forced
+        self.excited = excited
 
     def _laws(self, chain: Chain) -> Mapping[Any, Sequence[ForceLaw]]:
         given = self.laws
@@ -120,9 +120,8 @@ class ForceLawLibrary(BaseFeatureLibrary):
             raise ChannelError(f"inputs={self.inputs!r} is unknown", "Choose 'balance' or 'state'.")
         first = x[0] if _is_list_of_records(x) else x
         width = self._checked(first, reset=True).shape[-1]
-        n, self.forced_ = self._meaning(width)
-        chain = self.chain if self.chain is not None else Chain(n)
-        self.layout_ = LawLayout(chain, self._laws(chain))
+        n, self.excited_ = self._meaning(width)
+        self.layout_ = self.layout(n)
         for law in (law for group in self.layout_.laws.values() for law in group if self.inputs == "state"):
             if law.has_memory or law.uses_acceleration:
                 what = "that remembers the path" if law.has_memory else "of the acceleration"
@@ -132,17 +131,28 @@ class ForceLawLibrary(BaseFeatureLibrary):
         self.n_output_features_ = self.layout_.n_terms + (n if self.inputs == "balance" else 2 * n)
         return self
 
+    def layout(self, n_dof: int) -> LawLayout:
+        """Which of the terms belong to which site.
+
+        Parameters
+        ----------
+        n_dof : int
+            Number of DOFs; that of ``chain`` where one was given.
+        """
+        chain = chain_of(self.chain, n_dof)
+        return LawLayout(chain, self._laws(chain))
+
     def _meaning(self, width: int) -> tuple[int, tuple[int, ...]]:
         """Number of DOFs, and those with a column of u, of a table of so many columns."""
-        n = None if self.chain is None else self.chain.n_dof
+        n = None if self.chain is None else chain_of(self.chain, 0).n_dof
         free = width // 2 if n is None else n
-        if self.forced is not None:
-            return self._of_the_forced(width, n)
+        if self.excited is not None:
+            return self._of_the_excited(width, n)
         if self.inputs == "state" and width % 3 and width == 2 * free > 0:
             if n is None:
                 warnings.warn(
-                    f"{width} columns are taken as x and xdot of {free} DOFs in free vibration. Give forced=() if that "
-                    "is so, or forced=[...], the DOFs that the columns of u act on.",
+                    f"{width} columns are taken as x and xdot of {free} DOFs in free vibration. Give excited=() if "
+                    "that is so, or excited=[...], the DOFs that the columns of u act on.",
                     DataQualityWarning,
                     stacklevel=4,
                 )
@@ -150,28 +160,26 @@ class ForceLawLibrary(BaseFeatureLibrary):
         whole = width // 3 if n is None else n
         if whole < 1 or width != 3 * whole:
             what = "a, v, s" if self.inputs == "balance" else "x, xdot, u = F"
-            cure = "" if self.inputs == "balance" else ", or forced=[...], the DOFs that the columns of u act on"
+            cure = "" if self.inputs == "balance" else ", or excited=[...], the DOFs that the columns of u act on"
             raise ChannelError(
                 f"The library got {width} columns (n_features = {width}), {3 * max(whole, 1)} are needed",
                 f"Give {what} of every DOF{cure}.",
             )
         return whole, tuple(range(1, whole + 1))
 
-    def _of_the_forced(self, width: int, n: int | None) -> tuple[int, tuple[int, ...]]:
-        forced = tuple(int(j) for j in np.atleast_1d(np.asarray(self.forced, dtype=int)))
+    def _of_the_excited(self, width: int, n: int | None) -> tuple[int, tuple[int, ...]]:
         if self.inputs != "state":
-            raise ChannelError("forced= is for inputs='state'", "A balance has no column of u: pass F to fit.")
-        n = (width - len(forced)) // 2 if n is None else n
-        if n < 1 or width != 2 * n + len(forced):
+            raise ChannelError("excited= is for inputs='state'", "A balance has no column of u: pass F to fit.")
+        excited = dofs_of("excited", self.excited, MOST_DOFS if n is None else n)
+        n = (width - len(excited)) // 2 if n is None else n
+        if n < 1 or width != 2 * n + len(excited):
             raise ChannelError(
-                f"The library got {width} columns (n_features = {width}), {2 * max(n, 1) + len(forced)} are needed",
-                f"Give x and xdot of every DOF, and u of {len(forced)} (forced={list(forced)}).",
+                f"The library got {width} columns (n_features = {width}), {2 * max(n, 1) + len(excited)} are needed",
+                f"Give x and xdot of every DOF, and u of {len(excited)} (excited={list(excited)}).",
             )
-        if len(set(forced)) < len(forced) or not set(forced) <= set(range(1, n + 1)):
-            raise ChannelError(
-                f"forced={list(forced)} does not name DOFs of a chain of {n}", f"Give each once, from 1 to {n}."
-            )
-        return n, forced
+        if len(set(excited)) < len(excited):
+            raise ChainError(f"excited={list(excited)} names a DOF twice", "Give each column of u a DOF of its own.")
+        return n, dofs_of("excited", excited, n)
 
     def transform(self, x: Any) -> Any:
         """Columns of the balances.
@@ -217,15 +225,17 @@ class ForceLawLibrary(BaseFeatureLibrary):
         t = None if self.dt is None else np.arange(len(x)) * self.dt
         segment = Segment("record", rows, a, v, s, np.zeros_like(s), t, valid=rows)
         out = np.empty((len(x), self.n_output_features_), dtype=np.result_type(x.dtype, np.float32))
-        out[:, :n] = head
-        for site in self.layout_.acting:
-            where = self.layout_.slices[site]
-            out[:, n + where.start : n + where.stop] = self.layout_.columns(site, segment.motion(site, rows))
+        out[:, :n], at = head, 0
+        for block in segment.blocks(self.layout_):  # the columns that every fit sums up
+            out[at : at + block.n_samples, n : n + self.layout_.n_terms] = block.terms.T
+            at += block.n_samples
         if self.inputs == "state":
             out[:, n + self.layout_.n_terms :] = 0.0
-            out[:, [n + self.layout_.n_terms + j - 1 for j in self.forced_]] = third
+            out[:, [n + self.layout_.n_terms + j - 1 for j in self.excited_]] = third
         out = out.reshape(*lead, -1)
-        return AxesArray(out, {"ax_time": 0, "ax_coord": out.ndim - 1} if out.ndim == 2 else _axes(out))
+        out = AxesArray(out, {"ax_time": 0, "ax_coord": out.ndim - 1} if out.ndim == 2 else _axes(out))
+        out.made_by = self  # for ChainOptimizer; any copy or part loses it
+        return out
 
     def __add__(self, other: Any) -> Any:
         """Laws of both libraries at every site; PySINDy's concatenated columns with a library of another kind."""
@@ -251,7 +261,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
         n = self.layout_.n_dof
         heads = ("a", "v", "s") if self.inputs == "balance" else ("x", "xdot", "F")
         names = [f"{head}{j}" for head in heads for j in range(1, n + 1)]
-        inputs = [*range(2 * n), *(2 * n + j - 1 for j in self.forced_)]  # which of them are columns of the input
+        inputs = [*range(2 * n), *(2 * n + j - 1 for j in self.excited_)]  # which of them are columns of the input
         if input_features is not None:
             given = [str(name) for name in input_features]
             if len(given) != len(inputs):
@@ -319,8 +329,8 @@ class ForceLawLibrarySum(ForceLawLibrary):
         return self._shared("dt")
 
     @property
-    def forced(self) -> int | Sequence[int] | None:  # type: ignore[override]  # likewise
-        return self._shared("forced")
+    def excited(self) -> int | Sequence[int] | None:  # type: ignore[override]  # likewise
+        return self._shared("excited")
 
     def _laws(self, chain: Chain) -> Mapping[Any, Sequence[ForceLaw]]:
         merged: dict[Any, list[ForceLaw]] = {}
@@ -339,7 +349,7 @@ class InterstoryPolynomialLibrary(ForceLawLibrary):
         Total degree h + j (eq. 9), or the box (k, q): h <= k, j <= q.
     orders : mapping of str to int or (int, int), optional
         Other orders at some sites.
-    chain, inputs, forced
+    chain, inputs, excited
         See :class:`ForceLawLibrary`.
 
     Examples
@@ -352,13 +362,13 @@ class InterstoryPolynomialLibrary(ForceLawLibrary):
 
     def __init__(
         self, degree: Any = 3, chain: Chain | None = None, orders: Mapping[Any, Any] | None = None,
-        inputs: str = "balance", forced: int | Sequence[int] | None = None,
+        inputs: str = "balance", excited: int | Sequence[int] | None = None,
     ) -> None:  # fmt: skip
         self.degree = degree
         self.chain = chain
         self.orders = orders
         self.inputs = inputs
-        self.forced = forced
+        self.excited = excited
 
     def _laws(self, chain: Chain) -> Mapping[Any, Sequence[ForceLaw]]:
         return power_series_laws(chain, self.degree, self.orders)

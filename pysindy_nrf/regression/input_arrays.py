@@ -205,8 +205,9 @@ def _ordered_forces(F: Any, n: int, X: Any) -> Any:
     ):
         raise ChannelError("The rows of X and F have the same labels in another order", "Sort both the same way.")
     names, wanted = [str(c) for c in F.columns], [f"F{j}" for j in range(1, n + 1)]
-    if sorted(names) == sorted(wanted):
-        return F[[F.columns[names.index(c)] for c in wanted]]
+    if set(names) <= set(wanted) and len(set(names)) == len(names):  # as in files: no column, no force
+        F = F.set_axis(names, axis=1)
+        return F if names == wanted else F.reindex(columns=wanted, fill_value=0.0)
     if names == [str(i) for i in range(n)] or len(names) == n == 1:
         return F
     raise ChannelError(

@@ -15,7 +15,7 @@ from ..laws.base import ForceLaw, Term
 from ..laws.power_series import PowerSeries
 from ..laws.shape import Motion
 from ..mechanics.chain import Chain
-from ..mechanics.sites import Site
+from ..mechanics.sites import Site, as_mapping
 
 _MONOMIAL = re.compile(r"(1|v(\^\d+)?( s(\^\d+)?)?|s(\^\d+)?)\Z")
 
@@ -192,7 +192,7 @@ def with_coefficients(
 
 def power_series_laws(chain: Chain, degree: Any, orders: Mapping[Any, Any] | None = None) -> dict[Site, list[ForceLaw]]:
     """A power series at every site of a chain."""
-    given = {chain.site(text): order for text, order in dict(orders or {}).items()}
+    given = {chain.site(s): order for s, order in as_mapping("orders", orders, "{'storey 2': 5}").items()}
     if unknown := [str(site) for site in given if site not in chain.sites]:
         raise ChainError(
             f"orders names {unknown[0]!r}, which is not in the chain", f"Its sites are {', '.join(chain.sites)}."

@@ -10,11 +10,13 @@ import numpy as np
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 from sklearn.utils.validation import check_is_fitted
 
-from ..data.channels import as_matrix, checked, finite_span, sample_weights
-from ..exceptions import BiasWarning, ChannelError, ExcitationError
-from ..mechanics.chain import Chain
+from ..data.channels import as_matrix, checked, rows_text, sample_weights
+from ..exceptions import BiasWarning, ChainError, ChannelError, ExcitationError
+from ..mechanics.chain import Chain, chain_of, masses_of
 from ..mechanics.identifiability import plan_solve_order
+from ..mechanics.sites import dofs_of
 from .chain_solve import doubtful_masses, solve_blocks
+from .errors import explained_accelerations
 from .layout import Layout, blocks_of
 
 if TYPE_CHECKING:
@@ -26,10 +28,11 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
     # read by pysindy.EnsembleOptimizer from the optimizer it wraps
     max_iter, copy_X, initial_guess = 1, True, None
+    _inputs = "balance"  # of the library whose features are fitted
 
     def __init__(
         self, optimizer: Any = None, chain: Chain | None = None, strategy: str = "auto",
-        excited: Iterable[int] | None = None, terms: Sequence[int] | None = None,
+        excited: int | Iterable[int] | None = None, terms: Any = None,
         known_masses: Mapping[int, float] | None = None,
     ) -> None:  # fmt: skip
         self.optimizer = optimizer
@@ -39,43 +42,73 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         self.terms = terms
         self.known_masses = known_masses
 
-    def _fit_columns(self, terms: np.ndarray, a: np.ndarray, F: np.ndarray, sample_weight: Any) -> Layout:
+    def _fit_columns(self, x: Any, terms: np.ndarray, a: np.ndarray, F: np.ndarray, sample_weight: Any) -> Layout:
         n = a.shape[1]
-        chain = self.chain if self.chain is not None else Chain(n)
         if len(F) != len(a):
             raise ChannelError(
                 f"The features have {len(a)} samples, the targets {len(F)}", "Cut both to the same clock."
             )
-        if chain.n_dof != n:
-            raise ChannelError(
-                f"{n} balances for a chain with {chain.n_dof} DOFs", "Give one force column for each DOF."
-            )
-        if len(a) < 2:
-            raise ChannelError(f"{len(a)} sample is too few", "Give more samples than a balance has unknowns.")
-        layout = Layout(chain, dict(zip(chain.sites, _term_counts(self.terms, terms.shape[1], len(chain.sites)))))
+        layout = self._layout(x, n, terms.shape[1])
+        chain, known = layout.chain, masses_of(self.known_masses, layout.chain)
         unknown = [j + 1 for j in range(n) if np.isnan(F[:, j]).all()]
-        forced = (
-            [j + 1 for j in range(n) if np.nan_to_num(F[:, j]).any()] if self.excited is None else list(self.excited)
-        )
-        known = dict(self.known_masses or {})
+        forced = [j + 1 for j in range(n) if np.nan_to_num(F[:, j]).any()]
+        if self.excited is not None:
+            forced = list(dofs_of("excited", self.excited, n))
         if not forced and not known:
             raise ExcitationError(
                 "Every force is zero and no mass is known",
                 "Only ratios to a known mass come out: give known_masses={dof: kg}, or measure a force.",
             )
         solve_order = plan_solve_order(chain, forced, unknown, known, self.strategy, layout.acting).require_complete()
-        labels = [*["feature"] * terms.shape[1], *(f"a{j + 1}" for j in range(n))]
-        forces = {f"F{j + 1}": F[:, j] for j in range(n) if j + 1 not in unknown}
-        rows = finite_span([*terms.T, *a.T, *forces.values()], [*labels, *forces])
+        known_forces = {f"F{j + 1}": F[:, j] for j in range(n) if j + 1 not in unknown}
+        labels = [*["feature"] * terms.shape[1], *(f"a{j + 1}" for j in range(n)), *known_forces]
+        rows = _measured([*terms.T, *a.T, *known_forces.values()], labels)
         weights = None if sample_weight is None else sample_weights(sample_weight, len(a))[rows]
         data = terms[rows], a[rows], F[rows]
         inner = sub_optimizer(self.optimizer)
         blocks = lambda: blocks_of(*data, weights=weights)  # noqa: E731
-        self.solution_, _ = solve_blocks(layout, solve_order, blocks, self.known_masses, inner)
+        self.solution_, _ = solve_blocks(layout, solve_order, blocks, known, inner)
+        self.solution_.warn(stacklevel=3)
         if said := doubtful_masses(self.solution_):
             warnings.warn(" ".join(said), BiasWarning, stacklevel=3)
-        self.solve_order_ = solve_order
+        self.inner_, self.solve_order_ = self.solution_.inner, solve_order
         self.masses_ = np.array([self.solution_.masses[j] for j in range(1, n + 1)])
+        return layout
+
+    def _layout(self, x: Any, n: int, n_terms: int) -> Layout:
+        """Which of the columns behind the accelerations or velocities belong to which site."""
+        given, chain, source = self.terms, self.chain, getattr(x, "made_by", None)  # features straight from a library
+        if source is not None and (given is None or hasattr(given, "layout")):
+            given = source
+        if hasattr(given, "layout"):
+            if given.inputs != self._inputs:
+                raise ChannelError(
+                    f"{type(self).__name__} was given features of inputs={given.inputs!r}",
+                    f"Give the library inputs={self._inputs!r}.",
+                )
+            layout: Layout = given.layout(n)
+            made_for = getattr(given, "layout_", layout).n_dof
+            if made_for != n or layout.n_dof != n:
+                raise ChannelError(
+                    f"The library made features of {made_for} DOFs, the targets are those of {n}",
+                    "Give one target for each DOF; with fewer columns of u than DOFs the library needs excited=[...].",
+                )
+            if chain is not None and layout.chain != chain:
+                raise ChainError(f"chain={chain} is not the library's {layout.chain}", "Give it to the library alone.")
+        else:
+            chain = chain_of(chain, n)
+            if chain.n_dof != n:
+                raise ChannelError(
+                    f"{n} balances for a chain with {chain.n_dof} DOFs", "Give one force column for each DOF."
+                )
+            if given is None and (len(chain.sites) == 1 or n_terms == 0):
+                given = [n_terms] * len(chain.sites)
+            layout = Layout(chain, dict(zip(chain.sites, _counts(given, n_terms, len(chain.sites)))))
+        if layout.n_terms != n_terms or (source is not None and layout.slices != source.layout_.slices):
+            raise ChannelError(
+                f"{n_terms} columns do not come from terms={self.terms!r} on a chain of {n} DOFs",
+                "Give the library that made these features: terms=library.",
+            )
         return layout
 
     def _rows(self, layout: Layout) -> np.ndarray:
@@ -110,6 +143,7 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
     def __sklearn_tags__(self) -> Tags:
         tags = super().__sklearn_tags__()
         tags.regressor_tags.poor_score = True  # without an intercept: a balance of forces has none
+        tags.input_tags.allow_nan = True  # rows with NaN are left out, as PySINDy's optimizers do
         return tags
 
     def predict(self, x: Any) -> np.ndarray:
@@ -137,46 +171,73 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
 def sub_optimizer(optimizer: Any) -> Any:
     """The PySINDy optimizer that runs on every sub-problem: that inside a chain optimizer, or itself."""
-    return optimizer.optimizer if isinstance(optimizer, _ChainOptimizerBase) else optimizer
-
-
-def _term_counts(terms: Any, n_columns: int, n_sites: int) -> Sequence[int]:
-    if terms is None:
-        if n_sites == 0 or n_columns % n_sites:
-            raise ChannelError(
-                f"{n_columns} storey terms cannot be shared out evenly to {n_sites} sites",
-                "Give the number of terms at each site in terms=[...], in the order of chain.sites.",
-            )
-        return [n_columns // n_sites] * n_sites
-    counts = [int(k) for k in terms]
-    if len(counts) != n_sites or sum(counts) != n_columns:
-        raise ChannelError(
-            f"terms={counts} does not fit {n_columns} columns at {n_sites} sites",
-            "Give the number of terms at each site, in the order of chain.sites.",
+    if not isinstance(optimizer, _ChainOptimizerBase):
+        return optimizer
+    if not isinstance(optimizer, ChainOptimizer):
+        raise ChainError(
+            f"{type(optimizer).__name__} solves for the rates of a state, not for the balances of a chain",
+            "Give the optimizer inside it, optimizer=..., or none.",
         )
+    given, plain = (one.get_params(deep=False) for one in (optimizer, ChainOptimizer()))
+    if other := [name for name in plain if name != "optimizer" and given[name] != plain[name]]:
+        raise ChainError(
+            f"The inner ChainOptimizer has {', '.join(f'{name}={given[name]!r}' for name in other)}, which the "
+            "estimator around it decides",
+            "Give these to that estimator.",
+        )
+    return sub_optimizer(optimizer.optimizer)
+
+
+def _counts(terms: Any, n_columns: int, n_sites: int) -> Sequence[int]:
+    """Numbers of terms at the sites."""
+    cure = "Give the library that made the features, terms=library, or the number of terms at each site, terms=[...]."
+    if terms is None:
+        raise ChannelError(f"It is not known which of {n_columns} columns belong to which of {n_sites} sites", cure)
+    counts = [int(k) for k in terms] if isinstance(terms, Iterable) and not isinstance(terms, str) else []
+    if len(counts) != n_sites or sum(counts) != n_columns:
+        raise ChannelError(f"terms={terms!r} does not fit {n_columns} columns at {n_sites} sites", cure)
     return counts
+
+
+def _measured(columns: Sequence[np.ndarray], labels: Sequence[str]) -> np.ndarray:
+    """Rows without NaN, which a differentiation leaves at the ends of every trajectory."""
+    rows = np.ones(len(columns[0]), dtype=bool)
+    for column, label in zip(columns, labels):
+        if (infinite := np.flatnonzero(np.isinf(column))).size:
+            raise ChannelError(f"Channel {label} is infinite in {rows_text(infinite)}", "Repair or cut these rows.")
+        if (lost := np.isnan(column)).all():
+            raise ChannelError(f"Channel {label} holds nothing but NaN", "Leave it out, or measure it.")
+        rows &= ~lost
+    if rows.sum() < 2:
+        raise ChannelError(
+            f"{rows.sum()} of {len(rows)} samples have a number in every channel", "Give more than there are unknowns."
+        )
+    return rows
 
 
 class ChainOptimizer(_ChainOptimizerBase):
     """The paper's solve (eqs. 3-5) as a PySINDy optimizer, around any PySINDy optimizer.
 
-    In ``ps.SINDy(optimizer=ChainOptimizer(), feature_library=InterstoryPolynomialLibrary())`` the columns are a, v, s
-    (eq. 8) and the targets, passed as ``x_dot``, are the forces F_j. Every balance's columns and right-hand side are
+    In ``ps.SINDy(feature_library=library, optimizer=ChainOptimizer(terms=library))`` the columns are a, v, s (eq. 8)
+    and the targets, passed as ``x_dot``, are the forces F_j. Every balance's columns and right-hand side are
     divided by their rms (never shifted) before the inner optimizer sees them, so a threshold is a share of the
     balance's force, in any units and at any number of samples; the mass is eliminated first and never thresholded.
+    Rows with NaN are left out, as PySINDy's optimizers do.
 
     Parameters
     ----------
     optimizer : PySINDy optimizer, optional
         Cloned for each sub-problem; plain least squares if None. STLSQ, SR3, SSR, FROLS and others that are quadratic
-        in the data see the triangular factor of all samples, on which they give the same answer. Limits of PySINDy's
-        own: SSR never returns the full model, FROLS at most all terms but one; bagging draws samples and is refused.
+        in the data see the triangular factor of all samples, on which they give the same answer. What gives another
+        one there (an intercept, trimming, a noise level, a penalty by the number of rows, drawn samples) is refused.
+        Limits of PySINDy's own: SSR never returns the full model, FROLS at most all terms but one.
     chain : Chain, optional
-        A plain chain of as many DOFs as there are targets if None.
-    excited : iterable of int, optional
+        That of the library; a plain chain of as many DOFs as there are targets if None.
+    excited : int or iterable of int, optional
         DOFs on which a force acts; those with a non-zero target if None.
-    terms : sequence of int, optional
-        Number of library terms at each site, in the order of ``chain.sites``; equal if None.
+    terms : ForceLawLibrary or sequence of int, optional
+        The library that makes the features, or the number of its terms at each site, in the order of ``chain.sites``.
+        Not needed with one site, nor last in a scikit-learn pipeline behind the library, whose features bring it.
     strategy, known_masses
         See :class:`NRFRegressor`.
 
@@ -189,6 +250,8 @@ class ChainOptimizer(_ChainOptimizerBase):
         kg.
     solve_order_ : SolveOrder
     solution_ : Solution
+    inner_ : dict of str to PySINDy optimizer
+        By balance, the fitted inner optimizer (``history_``, ``coef_list``), its columns and target of rms one.
 
     Examples
     --------
@@ -225,17 +288,34 @@ class ChainOptimizer(_ChainOptimizerBase):
             raise ChannelError(
                 f"{x.shape[1]} features for {n} balances", "The first columns are a_1..a_n, then the terms."
             )
-        layout = self._fit_columns(x[:, n:], x[:, :n], F, sample_weight)
+        layout = self._fit_columns(x_, x[:, n:], x[:, :n], F, sample_weight)
         return self._finish(np.hstack([np.diag(self.masses_), self._rows(layout)]))
+
+    def score(self, X: Any, y: Any, sample_weight: Any = None) -> float:
+        """R^2 of the accelerations, as :meth:`NRFRegressor.score`: balances without a force count like the others.
+
+        Parameters
+        ----------
+        X, y : array-like
+            Features and forces, as for ``fit``.
+        sample_weight : array-like of shape (n_samples,), optional
+        """
+        check_is_fitted(self, "coef_")
+        x, F = checked(self, X, reset=False), as_matrix(y, "F", len(self.masses_), "forces F")
+        a, weights = x[:, : F.shape[1]], sample_weights(sample_weight, len(x))
+        gap = (F - x @ self.coef_.T) / self.masses_
+        rows = np.isfinite(gap[:, np.isfinite(F).any(axis=0)]).all(axis=1)
+        return explained_accelerations([(a[rows], gap[rows], weights[rows])])
 
 
 class StateSpaceChainOptimizer(_ChainOptimizerBase):
     """The paper's solve for a true state-space SINDy model of a chain.
 
     With x = [x_1..x_n, xdot_1..xdot_n] relative to the base, x_dot = [xdot | a], u = F and
-    ``InterstoryPolynomialLibrary(inputs="state")``, rows of ``coef_`` are -c/m, +c/m and 1/m; the kinematic rows are
-    fixed. The result prints, predicts, scores and simulates as any ``ps.SINDy``, also where only one floor was excited.
-    Outside of ``ps.SINDy`` an odd number of targets, a single one among them, is taken as the accelerations alone.
+    ``InterstoryPolynomialLibrary(inputs="state")`` as ``terms``, rows of ``coef_`` are -c/m, +c/m and 1/m; the
+    kinematic rows are fixed. The result prints, predicts, scores and simulates as any ``ps.SINDy``, also where only
+    one floor was excited. Outside of ``ps.SINDy`` an odd number of targets, a single one among them, is taken as the
+    accelerations alone.
 
     Parameters
     ----------
@@ -259,6 +339,8 @@ class StateSpaceChainOptimizer(_ChainOptimizerBase):
     array([[  1. ,   0. ,   0. ,   0. ],
            [  0. ,  -0.3, -50. ,   0.1]])
     """
+
+    _inputs = "state"
 
     def fit(self, x_: Any, y: Any, sample_weight: Any = None) -> Self:
         """Find masses and coefficients; errors as of :meth:`ChainOptimizer.fit`.
@@ -284,7 +366,7 @@ class StateSpaceChainOptimizer(_ChainOptimizerBase):
                 "the targets are [xdot | a].",
             )
         forces = x[:, x.shape[1] - n :]
-        layout = self._fit_columns(x[:, n : x.shape[1] - n], target[:, -n:], forces, sample_weight)
+        layout = self._fit_columns(x_, x[:, n : x.shape[1] - n], target[:, -n:], forces, sample_weight)
         inverse = 1.0 / self.masses_
         coef = np.zeros((n, x.shape[1]))
         coef[:, n : x.shape[1] - n] = -inverse[:, None] * self._rows(layout)

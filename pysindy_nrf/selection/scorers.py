@@ -1,14 +1,13 @@
 """Named scorers of identified chains, for scikit-learn's searches and for :func:`select_order`.
 
 ========================  ==============================================================================
-``scorers.balance``       minus the pooled balance error (one step), percent NRMSE; ``"balance"``
-``scorers.acceleration``  R^2 of the accelerations the model predicts, as ``NRFRegressor.score``;
-                          ``"acceleration"``
+``scorers.balance``       minus the pooled balance error (one step), percent NRMSE
+``scorers.acceleration``  R^2 of the accelerations the model predicts, as ``NRFRegressor.score``
 ``scorers.free_run``      minus the error of the displacements the model reaches alone under the measured
-                          forces, from the measured first state, percent NRMSE; ``"free_run"``
+                          forces, from the measured first state, percent NRMSE
 ========================  ==============================================================================
 
-Greater is better in all three; the band is the regressor's. scikit-learn's own ``scoring="r2"`` compares forces,
+:func:`select_order` knows them by name, scikit-learn's searches take the objects: ``scoring=scorers.balance``. Greater is better in all three; the band is the regressor's. scikit-learn's own ``scoring="r2"`` compares forces,
 which are zero on unforced DOFs: it means little under incomplete excitation.
 
 With ``sklearn.set_config(enable_metadata_routing=True)`` record ids, time, base acceleration and covariates that

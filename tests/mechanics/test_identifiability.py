@@ -80,7 +80,7 @@ def test_a_solve_order_finds_each_thing_once_and_uses_only_what_it_has(situation
 
 
 def test_the_words_name_the_storey_and_the_cure():
-    solve_order = Chain(4).identifiability(forced=[4], unknown=[3])
+    solve_order = Chain(4).identifiability(excited=4, unknown=[3])
     text = str(solve_order)
     assert "storey 3 cannot be scaled: the force on DOF 3 is unknown" in text and "hit floor 2" in text
     with pytest.raises(IdentifiabilityError, match="storey 3 cannot be scaled"):
@@ -100,7 +100,7 @@ def test_complete_and_joint_need_every_force(strategy):
 
 
 def test_dofs_that_do_not_exist():
-    with pytest.raises(ChainError, match="forced names DOF 4"):
+    with pytest.raises(ChainError, match="excited names DOF 4"):
         Chain(3).identifiability([4])
 
 

@@ -80,8 +80,8 @@ def test_the_regressor_gives_its_model(case):
 
 def test_trajectory_lists_with_one_floor_hit_in_each_give_the_chain():
     records = [chains.duffing(N, [j], seed=7, n_samples=3000) for j in (1, 2, 3)]
-    library, optimizer = InterstoryPolynomialLibrary(3, inputs="state"), StateSpaceChainOptimizer()
-    sindy = ps.SINDy(feature_library=library, optimizer=optimizer)
+    library = InterstoryPolynomialLibrary(3, inputs="state")
+    sindy = ps.SINDy(feature_library=library, optimizer=StateSpaceChainOptimizer(terms=library))
     rates = [np.hstack([r.v.cumsum(axis=1), r.a]) for r in records]
     sindy.fit([state_of(r) for r in records], t=records[0].dt, x_dot=rates, u=[r.F for r in records])
     found = ChainModel.from_sindy(sindy)
@@ -94,9 +94,10 @@ def test_trajectory_lists_with_one_floor_hit_in_each_give_the_chain():
 @pytest.mark.slow
 def test_without_measured_accelerations_sindy_differentiates(case):
     """Only states and one force: SINDy's own spline derivative stands in for the accelerations."""
+    library = InterstoryPolynomialLibrary(3, inputs="state")
     sindy = ps.SINDy(
-        feature_library=InterstoryPolynomialLibrary(3, inputs="state"),
-        optimizer=StateSpaceChainOptimizer(),
+        feature_library=library,
+        optimizer=StateSpaceChainOptimizer(terms=library),
         differentiation_method=ps.SINDyDerivative(kind="spline", s=1e-12),
     )
     middle = slice(200, 2700)
@@ -111,15 +112,15 @@ def rates_of(case):
 def test_one_shaker_is_one_column_of_u(case):
     """PySINDy's way with one actuator: the same chain as with zeros written out for the floors that rest."""
     found = {}
-    for forced, u in (((2,), case.F[:, 1:2]), (None, case.F)):
-        library = InterstoryPolynomialLibrary(3, inputs="state", forced=forced)
-        sindy = ps.SINDy(feature_library=library, optimizer=StateSpaceChainOptimizer())
+    for forced, u in ((2, case.F[:, 1:2]), (None, case.F)):
+        library = InterstoryPolynomialLibrary(3, inputs="state", excited=forced)
+        sindy = ps.SINDy(feature_library=library, optimizer=StateSpaceChainOptimizer(terms=library))
         sindy.fit(state_of(case), t=case.dt, x_dot=rates_of(case), u=u)
         found[forced] = ChainModel.from_sindy(sindy)
         assert np.abs(found[forced].masses / case.m - 1).max() < 1e-8
-        names = ["x1", "x2", "x3", "v1", "v2", "v3", *(f"shaker {j}" for j in library.forced_)]
+        names = ["x1", "x2", "x3", "v1", "v2", "v3", *(f"shaker {j}" for j in library.excited_)]
         assert library.get_feature_names(names)[-2] == "shaker 2"
-    assert found[(2,)] == found[None]
+    assert found[2] == found[None]
 
 
 @pytest.mark.parametrize("forced", [(), None])
@@ -130,8 +131,8 @@ def test_free_vibration_needs_no_u_and_one_known_mass(case, forced):
     A = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
     t = np.arange(2000) * 0.005
     run = solve_ivp(lambda _, y: A @ y, (0, t[-1]), [0.01, -0.02, 0.1, 0.3], t_eval=t, rtol=1e-11, atol=1e-14, method="DOP853").y.T
-    library = InterstoryPolynomialLibrary(1, inputs="state", forced=forced)
-    sindy = ps.SINDy(feature_library=library, optimizer=StateSpaceChainOptimizer(known_masses={2: 9.0}))
+    library = InterstoryPolynomialLibrary(1, inputs="state", excited=forced)
+    sindy = ps.SINDy(feature_library=library, optimizer=StateSpaceChainOptimizer(known_masses={2: 9.0}, terms=library))
     with warnings.catch_warnings(record=True, action="always") as said:
         sindy.fit(run, t=0.005, x_dot=run @ A.T)
     assert any("x and xdot of 2 DOFs in free vibration" in str(w.message) for w in said) == (forced is None)
@@ -143,16 +144,16 @@ def test_free_vibration_needs_no_u_and_one_known_mass(case, forced):
 
 @pytest.mark.parametrize(
     ("forced", "width", "words"),
-    [((2,), 6, "5 are needed"), ((3,), 5, "forced=\\[3\\] does not name DOFs of a chain of 2"), ((1, 1), 6, "names? DOFs of a chain")],
+    [((2,), 6, "5 are needed"), ((3,), 5, "excited names DOF 3"), ((1, 1), 6, "names a DOF twice")],
 )
 def test_columns_of_u_that_do_not_fit_are_refused(forced, width, words):
-    with pytest.raises(ChannelError, match=words):
-        InterstoryPolynomialLibrary(1, inputs="state", forced=forced).fit(np.zeros((5, width)))
+    with pytest.raises((ChainError, ChannelError), match=words):
+        InterstoryPolynomialLibrary(1, inputs="state", excited=forced).fit(np.zeros((5, width)))
 
 
 def test_a_balance_has_no_column_of_u():
     with pytest.raises(ChannelError, match="inputs='state'"):
-        InterstoryPolynomialLibrary(1, forced=(1,)).fit(np.zeros((5, 3)))
+        InterstoryPolynomialLibrary(1, excited=1).fit(np.zeros((5, 3)))
 
 
 def test_a_plain_optimizer_on_our_library_is_read_too():
@@ -187,6 +188,6 @@ def test_a_model_to_hold_must_be_given_and_a_shape_must_have_a_value():
         IdentifiedChain().fit(np.ones((9, 4)), np.ones((9, 2)))
     case = chains.duffing(1, [1], seed=3, n_samples=400, cubic=False)
     library = ForceLawLibrary({"storey 1": [laws.PowerSeries(1), laws.TwoSidedGap()]}, inputs="state")
-    sindy = ps.SINDy(feature_library=library, optimizer=StateSpaceChainOptimizer())
+    sindy = ps.SINDy(feature_library=library, optimizer=StateSpaceChainOptimizer(terms=library))
     with pytest.raises(LawError, match="gap|shape"):
         sindy.fit(np.hstack([case.s, case.v]), t=case.dt, x_dot=np.hstack([case.v, case.a]), u=case.F)

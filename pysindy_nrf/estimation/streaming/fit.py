@@ -57,6 +57,7 @@ def solution_of(accumulator: Accumulator) -> tuple[Solution | None, BlockGrams, 
 def publish(accumulator: Accumulator, solution: Solution, grams: BlockGrams, solve_order: SolveOrder) -> Any:
     """The estimator, with the results as its attributes."""
     problem = accumulator.require_model().problem
+    solution.warn(stacklevel=5)
     found = Estimate(problem, solve_order, model_of(problem.layout, solution), solution, grams)
     pieces, known = accumulator.grams().squares(), dict(problem.known_masses)
     data = _shown(accumulator)

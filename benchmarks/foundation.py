@@ -327,7 +327,7 @@ def emps(root: Path) -> list[Row]:
 
 def three_storey_frf(root: Path) -> list[Row]:
     path = root / "three_storey_frf" / "cristallo_Experimental.csv"
-    m = np.array(identify(str(path), "--frf", "--driven", "1", "--band", "4,32")["masses_kg"])
+    m = np.array(identify(str(path), "--frf", "--excited", "1", "--band", "4,32")["masses_kg"])
     spread = 100 * (m.max() / m.min() - 1)
     said = f"{', '.join(f'{x:.2f}' for x in m)} kg: {spread:.1f} %"
     return [row("three_storey_frf, force on floor 1 only: three masses within 10 %", said, spread < 10)]

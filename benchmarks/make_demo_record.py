@@ -26,7 +26,7 @@ FS, DURATION, OVERSAMPLING, NOISE, SEED = 200.0, 20.0, 10, 0.02, 20240501
 def measure() -> Record:
     """Shake the frame on floor 2 and record it with noisy sensors."""
     rate = FS * OVERSAMPLING
-    force = band_limited_random(3, DURATION, rate, dofs=2, rms=80.0, band=(1.0, 25.0), random_state=SEED)
+    force = band_limited_random(3, DURATION, rate, excited=2, rms=80.0, band=(1.0, 25.0), random_state=SEED)
     run = simulate(demo_truth(), force, 1.0 / rate, hold="cubic")
     F, a, x = (channel[::OVERSAMPLING] for channel in (run.force, run.acceleration, run.displacement))
     record = Record(force=F, acceleration=a, displacement=x, fs=FS, name="demo")

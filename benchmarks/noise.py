@@ -63,9 +63,9 @@ def exact_record(truth: ChainModel, dofs, seed: int, force: str = "random", dura
     """What happened."""
     duration = duration or DURATION
     if force == "hammer":
-        F = excitation.impact_hammer(N, duration, FS, dofs=dofs, level=1000.0, n_hits=8, random_state=seed)
+        F = excitation.impact_hammer(N, duration, FS, excited=dofs, level=1000.0, n_hits=8, random_state=seed)
     else:
-        F = excitation.band_limited_random(N, duration, FS, dofs=dofs, rms=100.0, band=(0.5, 60.0), random_state=seed)
+        F = excitation.band_limited_random(N, duration, FS, excited=dofs, rms=100.0, band=(0.5, 60), random_state=seed)
     return simulate(truth, F, 1 / FS, hold="cubic")
 
 
@@ -151,8 +151,8 @@ def sensors(case: str, estimation: str, seed: int) -> np.ndarray:
     truth, told = chain("plain", seed)
     if case == "displacements, moving base":
         rng = np.random.default_rng([seed, 5])
-        shape = excitation.band_limited_random(1, DURATION, FS, dofs=[1], rms=2.0, band=(0.5, 40.0), random_state=rng)
-        F = excitation.band_limited_random(N, DURATION, FS, dofs=[3], rms=100.0, band=(0.5, 60.0), random_state=seed)
+        shape = excitation.band_limited_random(1, DURATION, FS, excited=1, rms=2.0, band=(0.5, 40.0), random_state=rng)
+        F = excitation.band_limited_random(N, DURATION, FS, excited=[3], rms=100.0, band=(0.5, 60.0), random_state=seed)
         exact = simulate(truth, F, 1 / FS, hold="cubic", base_acceleration=shape[:, 0])
         rec = add_noise(exact, 0.02, random_state=[seed, 1000]).replace(acceleration=None, velocity=None)
     else:
@@ -214,7 +214,7 @@ def covered(kind: str, seed: int) -> np.ndarray:
     """Which 95 % intervals of masses, stiffnesses and dampings hold the truth: a chain of two, 8 s."""
     storey = laws.PowerSeries(1, [60.0, 1.0e5])
     truth = ChainModel([10.0, 12.0], {"storey 1": storey, "storey 2": storey})
-    F = excitation.band_limited_random(2, 8.0, 500.0, dofs=[2], rms=100.0, band=(0.5, 50.0), random_state=[seed, 3])
+    F = excitation.band_limited_random(2, 8.0, 500.0, excited=[2], rms=100.0, band=(0.5, 50.0), random_state=[seed, 3])
     exact = simulate(truth, F, 1 / 500.0, hold="cubic")
     if kind == "least squares, clean regressors":
         rec = add_noise(exact, 0.05, random_state=[seed, 4], channels=["F2"])

@@ -39,7 +39,7 @@ def record(n: int, samples: int, seed: int = 0) -> Record:
     parts = {f"storey {i}": [laws.LinearElastic(k), laws.LinearViscous(40.0)] for i, k in stiffness.items()}
     parts["storey 2"] = [*parts["storey 2"], laws.CoulombFriction(8.0)]
     F = excitation.band_limited_random(
-        n, samples / 1000.0, 1000.0, dofs=range(1, n + 1), rms=60.0, band=(1, 40), random_state=seed
+        n, samples / 1000.0, 1000.0, excited=range(1, n + 1), rms=60.0, band=(1, 40), random_state=seed
     )
     return simulate(ChainModel(masses, parts), F, 1e-3)
 

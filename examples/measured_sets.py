@@ -372,4 +372,4 @@ def load_three_storey_frf(folder: Any = None) -> FrequencyResponse:
     Linear, three floors of equal mass, 5.201 kg by its metadata; the scale of the responses is not stated, so the
     masses are judged against each other.
     """
-    return read_frf(data_file("three_storey_frf", folder=folder), driven=1)
+    return read_frf(data_file("three_storey_frf", folder=folder), excited=1)

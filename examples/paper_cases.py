@@ -80,7 +80,7 @@ def two_dof(
     if excitation not in known:
         raise ChainError(f"excitation={excitation!r} is unknown", f"Choose {' or '.join(map(repr, known))}.")
     dofs = known[excitation]
-    F = band_limited_random(2, duration, FS_TWO_DOF, dofs=dofs, rms=level, band=BAND, random_state=random_state)
+    F = band_limited_random(2, duration, FS_TWO_DOF, excited=dofs, rms=level, band=BAND, random_state=random_state)
     name = f"2 DOF, {excitation}, {noise:.0%} noise"
     return _case(name, two_dof_model(), two_dof_model(False), F, FS_TWO_DOF, noise, random_state, method=method)
 
@@ -135,7 +135,7 @@ def four_storey(
     ``floors`` are hit in turn by half-sine blows of 10 ms, the largest of ``level`` (N). ``model``: another structure,
     such as a damaged one.
     """
-    F = impact_hammer(4, duration, FS_FRAME, dofs=floors, level=level, n_hits=blows, random_state=random_state)
+    F = impact_hammer(4, duration, FS_FRAME, excited=floors, level=level, n_hits=blows, random_state=random_state)
     truth = frame_model(friction) if model is None else model
     where = "all floors hit" if len(floors) == 4 else f"floor {', '.join(map(str, floors))} hit"
     name = f"frame, {where}, {level:.0f} N, damper {friction:.0f} N, {noise:.0%} noise"

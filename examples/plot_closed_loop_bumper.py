@@ -32,7 +32,7 @@ frames = {
     "bumper": {"storey 3": [*storey(), bumper]},
     "bumper and friction": {"storey 3": [*storey(), bumper], "storey 1": [*storey(), friction]},
 }
-F = excitation.band_limited_random(4, 16.0, 1000.0, dofs=3, rms=150.0, band=(1, 40), random_state=1)
+F = excitation.band_limited_random(4, 16.0, 1000.0, excited=3, rms=150.0, band=(1, 40), random_state=1)
 figure, axes = plt.subplots(2, 2, figsize=(11, 7.5), layout="constrained")
 for row, (name, special) in zip(axes, frames.items()):
     plain = {f"storey {i}": storey() for i in range(1, 5)}

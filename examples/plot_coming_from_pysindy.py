@@ -54,7 +54,7 @@ print(ours.model_)
 # trial: the largest that leaves x' = v standing, for one number serves rows in m/s and in m/s^2. Here the threshold is
 # a share of the force.
 truth = ChainModel([20.0], {1: [laws.LinearViscous(60.0), laws.Duffing(8e4, 2e9)]})
-F = excitation.band_limited_random(1, 8.0, 1000.0, dofs=[1], rms=150.0, band=(1, 60), random_state=1)
+F = excitation.band_limited_random(1, 8.0, 1000.0, excited=[1], rms=150.0, band=(1, 60), random_state=1)
 record = add_noise(simulate(truth, F, 1e-3), 0.01, random_state=1)
 
 # plain SINDy
@@ -81,7 +81,7 @@ truth = ChainModel(
     [10.0, 8.0],
     {1: [laws.LinearViscous(40.0), laws.Duffing(8e4, 3e9)], 2: [laws.LinearViscous(50.0), laws.Duffing(6e4, 4e9)]},
 )
-F = excitation.band_limited_random(2, 8.0, 1000.0, dofs=[2], rms=100.0, band=(1, 60), random_state=0)
+F = excitation.band_limited_random(2, 8.0, 1000.0, excited=[2], rms=100.0, band=(1, 60), random_state=0)
 record = add_noise(simulate(truth, F, 1e-3), 0.01, random_state=2)
 
 # plain SINDy

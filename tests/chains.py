@@ -145,7 +145,7 @@ def each_single(n: int, seed: int, n_samples: int = 2000, dt: float = 1e-3, cubi
 
 def driven(model, dofs, seconds: float, fs: float, rms: float, band, seed=0, **how) -> Record:
     """Free run of a model under band-limited random forces on some DOFs."""
-    F = excitation.band_limited_random(model.n_dof, seconds, fs, dofs=dofs, rms=rms, band=band, random_state=seed)
+    F = excitation.band_limited_random(model.n_dof, seconds, fs, excited=dofs, rms=rms, band=band, random_state=seed)
     return simulate(model, F, 1 / fs, **how)
 
 

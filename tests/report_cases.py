@@ -63,5 +63,5 @@ def regressor():
 
 def two_storeys(seed=0, n=4000, fs=500.0, ag=None, name="r"):
     """Free run of a linear frame of 8 and 6 kg, forced on both floors or shaken at its base."""
-    force = excitation.band_limited_random(2, n / fs, fs, dofs=[1, 2], rms=60.0, band=(1, 40), random_state=seed)
+    force = excitation.band_limited_random(2, n / fs, fs, excited=[1, 2], rms=60.0, band=(1, 40), random_state=seed)
     return simulate(TWO_STOREYS, force if ag is None else 0.0 * force, 1 / fs, base_acceleration=ag, name=name)

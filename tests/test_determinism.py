@@ -67,7 +67,7 @@ from pysindy_nrf.simulation.noise import add_noise
 warnings.simplefilter("ignore")
 storey = [laws.LinearElastic(1e5), laws.LinearViscous(80.0)]
 truth = ChainModel([10.0, 12.0, 9.0], {1: [*storey, laws.Dahl(sigma=3e3, Fd=30.0)], 2: storey, 3: storey})
-F = excitation.band_limited_random(3, 2.0, 1000.0, dofs=2, rms=100.0, band=(1, 60), random_state=3)
+F = excitation.band_limited_random(3, 2.0, 1000.0, excited=2, rms=100.0, band=(1, 60), random_state=3)
 record = add_noise(simulate(truth, F, 1e-3), 0.01, random_state=4)
 X, F = record.to_features()
 model = NRFRegressor(degree=3, laws={1: [laws.PowerSeries(1), laws.Dahl()]}).fit(X, F)
@@ -116,12 +116,12 @@ def test_blas_threads_change_nothing_but_the_last_digits():
 @pytest.mark.parametrize("seed", ["lucky", -1, 1.5, [1, "a"]])
 def test_a_seed_that_is_none_is_refused(seed):
     with pytest.raises(NRFError, match="random_state=.* is no seed. Give a whole number"):
-        excitation.band_limited_random(2, 1.0, 100.0, dofs=1, rms=1.0, band=(1, 20), random_state=seed)
+        excitation.band_limited_random(2, 1.0, 100.0, excited=1, rms=1.0, band=(1, 20), random_state=seed)
 
 
 def test_seeds_and_generators():
     draw = [
-        excitation.band_limited_random(1, 1.0, 100.0, dofs=1, rms=1.0, band=(1, 20), random_state=s)
+        excitation.band_limited_random(1, 1.0, 100.0, excited=1, rms=1.0, band=(1, 20), random_state=s)
         for s in (3, 3, np.random.default_rng(3), 4)
     ]
     np.testing.assert_array_equal(draw[0], draw[1])

@@ -18,7 +18,7 @@ def chain(*extra, n=3):
 
 
 def run(model, dofs, rms=100.0, duration=16.0, seed=0):
-    F = band_limited_random(model.n_dof, duration, FS, dofs=dofs, rms=rms, band=(0.5, 40), random_state=seed)
+    F = band_limited_random(model.n_dof, duration, FS, excited=dofs, rms=rms, band=(0.5, 40), random_state=seed)
     return free_run(model, F, 1 / FS)
 
 

@@ -32,7 +32,7 @@ def usage() -> dict[str, tuple]:
         "a mapping without =": (call("identify", path, "--map", "x1"), "CHANNEL=COLUMN"),
         "a law of no name": (call("identify", path, "--law", "storey 1=magic"), "there is no law 'magic'"),
         "a rate in words": (call("identify", path, "--fs", "fast"), "fast"),
-        "frequency options without --frf": (call("identify", path, "--driven", "2"), "--driven goes with --frf"),
+        "frequency options without --frf": (call("identify", path, "--excited", "2"), "--excited goes with --frf"),
         "steps below zero": (call("close-loop", path, "--steps", "-1"), "-1"),
         "a seed in words": (call("close-loop", path, "--seed", "lucky"), "lucky"),
         "an output that is a file": (call("identify", path, "-o", str(path)), "is a file|file"),

@@ -212,7 +212,7 @@ def of_responses() -> dict[str, tuple]:
         "a record as a frequency response": (csv(), {}, "holds no complex responses", "export real and imaginary"),
         "frequencies that fall": (written("f.csv", "f;H1\n2;1+1j\n1;1+1j\n"), {}, "does not rise after row 0", "Sort"),
         "a response with a gap": (written("f.csv", lines.replace("0.5+0.01j", "nan+0j")), {}, "H1 is not finite in row", "Cut"),
-        "driven where there is nothing": (written("f.csv", lines), {"driven": 7}, "driven=7 is not one of the 2 DOFs", "Name the DOF"),
+        "driven where there is nothing": (written("f.csv", lines), {"excited": 7}, "excited=7 is not one of the 2 DOFs", "Name the DOF"),
         "an unknown kind": (written("f.csv", lines), {"kind": "magic"}, "kind='magic' is unknown", "Choose"),
         "text for a response": (written("f.csv", "f;H1\none;two\n"), {}, "'one;two' is not 2 numbers", "Write complex numbers"),
         "an empty response": (written("f.csv", ""), {}, "is empty", "Export"),

@@ -29,9 +29,8 @@ def chain_model() -> ChainModel:
 @cache
 def good(noise: float = 0.0, n_samples: int = N) -> Record:
     """A clean record, or one with noise."""
-    F = excitation.band_limited_random(3, n_samples * STEP, 1 / STEP, dofs=2, rms=300.0, band=(1, 60), random_state=1)[
-        :n_samples
-    ]
+    options = dict(excited=2, rms=300.0, band=(1, 60), random_state=1)
+    F = excitation.band_limited_random(3, n_samples * STEP, 1 / STEP, **options)[:n_samples]
     record = simulate(chain_model(), F, STEP, name="test 7")
     return add_noise(record, noise, random_state=2) if noise else record
 

@@ -93,7 +93,7 @@ def close_loop(
     >>> from pysindy_nrf import ChainModel, close_loop, excitation, laws, simulate
     >>> linear = [laws.LinearElastic(1e5), laws.LinearViscous(100.0)]
     >>> truth = ChainModel([10.0, 10.0], {"storey 1": [*linear, laws.CoulombFriction(30.0)], "storey 2": linear})
-    >>> F = excitation.band_limited_random(2, 8.0, 1000.0, dofs=2, rms=100.0, band=(1, 60), random_state=0)
+    >>> F = excitation.band_limited_random(2, 8.0, 1000.0, excited=2, rms=100.0, band=(1, 60), random_state=0)
     >>> report = close_loop(simulate(truth, F, 1e-3))
     >>> report.steps[0].family, report.steps[0].site, report.steps[0].confirmed
     ('friction', 'storey 1', True)

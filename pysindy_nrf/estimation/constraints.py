@@ -57,7 +57,7 @@ class EqualMasses(Constraint):
     >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
     >>> from pysindy_nrf.estimation.constraints import EqualMasses
     >>> frame = ChainModel([10.0, 10.0], {i: laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
-    >>> F = excitation.band_limited_random(2, 4.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
+    >>> F = excitation.band_limited_random(2, 4.0, 500.0, excited=2, rms=50.0, band=(1, 60), random_state=0)
     >>> X, F = simulate(frame, F, 0.002).to_features(smooth=False)
     >>> NRFRegressor(degree=1, constraints=EqualMasses(), dt=0.002).fit(X, F).masses_.round(3)
     array([10., 10.])
@@ -145,7 +145,7 @@ class EqualStoreys(Constraint):
     >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
     >>> from pysindy_nrf.estimation.constraints import EqualStoreys
     >>> frame = ChainModel([10.0, 10.0], {i: laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
-    >>> F = excitation.band_limited_random(2, 4.0, 500.0, dofs=2, rms=50.0, band=(1, 60), random_state=0)
+    >>> F = excitation.band_limited_random(2, 4.0, 500.0, excited=2, rms=50.0, band=(1, 60), random_state=0)
     >>> model = NRFRegressor(degree=1, constraints=EqualStoreys(terms=["s"])).fit(simulate(frame, F, 0.002))
     >>> k = [float(model.restoring_forces_[i].coefficients["s"]) for i in (1, 2)]  # N/m
     >>> abs(k[0] / k[1] - 1) < 1e-9

@@ -390,7 +390,7 @@ def fit_frequency_response(
     if len(H) <= 2 * SPACING:
         raise ChannelError(f"{frf.name} has {len(H)} lines", "Give more lines.")
     ends = np.pad(H, ((SPACING, SPACING), (0, 0)), mode="edge")
-    neighbours = FrequencyResponse(frf.f, 0.5 * (ends[: -2 * SPACING] + ends[2 * SPACING :]), frf.driven, frf.name)
+    neighbours = FrequencyResponse(frf.f, 0.5 * (ends[: -2 * SPACING] + ends[2 * SPACING :]), frf.excited, frf.name)
     Z, _ = frf_to_features(neighbours, band=band, weight=weight)
     data, others = (from_arrays(x, F, n_dof=frf.n_dof) for x in (X, Z))
     problem = model.problem_

@@ -89,7 +89,7 @@ def found_twice(estimator: Any, X: Any, F: Any, **options: Any) -> dict[str, pd.
     --------
     >>> from pysindy_nrf import ChainModel, NRFRegressor, estimation, excitation, laws, simulate
     >>> truth = ChainModel([10.0, 10.0], {i: laws.PowerSeries(1, [30.0, 4e4]) for i in (1, 2)})
-    >>> F = excitation.band_limited_random(2, 4.0, 500.0, dofs=[1, 2], rms=50.0, band=(1, 60), random_state=0)
+    >>> F = excitation.band_limited_random(2, 4.0, 500.0, excited=[1, 2], rms=50.0, band=(1, 60), random_state=0)
     >>> X, F = simulate(truth, F, 0.002).to_features(smooth=False)
     >>> estimation.found_twice(NRFRegressor(degree=1).fit(X, F), X, F)["storey 2"].loc["s"].round(2).tolist()
     [40000.0, 40000.0]

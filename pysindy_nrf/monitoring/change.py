@@ -130,7 +130,7 @@ def compare_tests(
     >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, monitoring, simulate
     >>> def test(k2, seed):
     ...     model = ChainModel([10.0, 10.0], {1: laws.PowerSeries(1, [30.0, 4e4]), 2: laws.PowerSeries(1, [30.0, k2])})
-    ...     F = excitation.band_limited_random(2, 8.0, 500.0, dofs=[1, 2], rms=50.0, band=(1, 60), random_state=seed)
+    ...     F = excitation.band_limited_random(2, 8.0, 500.0, excited=[1, 2], rms=50.0, band=(1, 60), random_state=seed)
     ...     return simulate(model, F, 0.002).to_features(smooth=False)
     >>> report = monitoring.compare_tests(NRFRegressor(degree=1, dt=0.002), test(4e4, 0), test(3.6e4, 1))
     >>> report.damaged, report.changed["change"].round(1).tolist()
@@ -298,7 +298,7 @@ def track(
     >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, monitoring, simulate
     >>> damaged = laws.StiffnessStep(t0=4.0, dk=-8e3)  # 20 % of the stiffness is lost after 4 s
     >>> truth = ChainModel([10.0], {1: [laws.PowerSeries(1, [30.0, 4e4]), damaged]})
-    >>> F = excitation.band_limited_random(1, 8.0, 500.0, dofs=1, rms=50.0, band=(1, 60), random_state=0)
+    >>> F = excitation.band_limited_random(1, 8.0, 500.0, excited=1, rms=50.0, band=(1, 60), random_state=0)
     >>> X, F = simulate(truth, F, 0.002).to_features(smooth=False)
     >>> table = monitoring.track(NRFRegressor(degree=1, dt=0.002).fit(X, F), X, F, masses={1: 10.0})
     >>> [int(table.loc[side, "k1"].median().round(-2)) for side in (table["t"] < 2.9, table["t"] > 5.1)]
@@ -370,7 +370,7 @@ def find_onset(
     >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, monitoring, simulate
     >>> damaged = laws.StiffnessStep(t0=4.0, dk=-8e3)
     >>> truth = ChainModel([10.0], {1: [laws.PowerSeries(1, [30.0, 4e4]), damaged]})
-    >>> F = excitation.band_limited_random(1, 8.0, 500.0, dofs=1, rms=50.0, band=(1, 60), random_state=0)
+    >>> F = excitation.band_limited_random(1, 8.0, 500.0, excited=1, rms=50.0, band=(1, 60), random_state=0)
     >>> X, F = simulate(truth, F, 0.002).to_features(smooth=False)
     >>> onset = monitoring.find_onset(NRFRegressor(degree=1, dt=0.002).fit(X, F), X, F, masses={1: 10.0})
     >>> onset.storey, round(onset.time, 1), round(onset.change)

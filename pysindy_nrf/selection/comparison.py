@@ -344,7 +344,7 @@ def compare(
     >>> from pysindy_nrf import ChainModel, excitation, laws, simulate
     >>> from pysindy_nrf.selection.comparison import compare
     >>> truth = ChainModel([10.0, 10.0], {i: laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
-    >>> F = excitation.band_limited_random(2, 2.0, 1000.0, dofs=[1, 2], rms=50.0, band=(1, 60), random_state=0)
+    >>> F = excitation.band_limited_random(2, 2.0, 1000.0, excited=[1, 2], rms=50.0, band=(1, 60), random_state=0)
     >>> found = compare(simulate(truth, F, 1e-3), truth=truth, free_run=2, optimizers={})
     >>> stiffness = found.coefficients.loc[("storey 1", "s")]
     >>> bool(abs(stiffness["truth"] - stiffness["pysindy_nrf, least squares"]) < 0.01)
@@ -455,7 +455,7 @@ def compare_with_sindy(
     >>> from pysindy_nrf import ChainModel, excitation, laws, simulate
     >>> from pysindy_nrf.selection.comparison import compare_with_sindy
     >>> truth = ChainModel([10.0, 10.0], {i: laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
-    >>> F = excitation.band_limited_random(2, 1.0, 1000.0, dofs=[1, 2], rms=50.0, band=(1, 60), random_state=0)
+    >>> F = excitation.band_limited_random(2, 1.0, 1000.0, excited=[1, 2], rms=50.0, band=(1, 60), random_state=0)
     >>> table = compare_with_sindy(simulate(truth, F, 1e-3), truth=truth, free_run=2)
     >>> bool(table.loc["pysindy_nrf, STLSQ", "terms"] < table.loc["SINDy, normalised", "terms"])
     True

@@ -7,8 +7,9 @@
                           forces, from the measured first state, percent NRMSE
 ========================  ==============================================================================
 
-:func:`select_order` knows them by name, scikit-learn's searches take the objects: ``scoring=scorers.balance``. Greater is better in all three; the band is the regressor's. scikit-learn's own ``scoring="r2"`` compares forces,
-which are zero on unforced DOFs: it means little under incomplete excitation.
+:func:`select_order` knows them by name; scikit-learn's searches take the objects, ``scoring=scorers.balance``. Greater
+is better in all three; the band is the regressor's. scikit-learn's own ``scoring="r2"`` compares forces, which are
+zero on unforced DOFs: it means little under incomplete excitation.
 
 With ``sklearn.set_config(enable_metadata_routing=True)`` record ids, time, base acceleration and covariates that
 are passed to ``cross_validate`` or to the ``fit`` of a search reach these scorers without further request; a

@@ -16,10 +16,11 @@ from scipy.signal.windows import tukey
 from ..common import number_of
 from ..common.random_state import generator
 from ..exceptions import ChainError, ChannelError
+from ..mechanics.sites import dofs_of
 
 
 def impact_hammer(
-    n_dof: int, duration: float, fs: float, *, dofs: int | Iterable[int], level: float | Iterable[float],
+    n_dof: int, duration: float, fs: float, *, excited: int | Iterable[int], level: float | Iterable[float],
     n_hits: int = 10, width: float = 0.01, spread: float = 0.5, random_state: Any = None,
 ) -> np.ndarray:  # fmt: skip
     r"""Half-sine hammer blows at random times and of random strength.
@@ -31,7 +32,7 @@ def impact_hammer(
     n_dof : int
     duration, fs : float
         Length (s) and sampling rate (Hz).
-    dofs : int or iterable of int
+    excited : int or iterable of int
         Floors that are hit in turn.
     level : float or iterable of float
         Largest peak of the blows, N; several levels are used in turn, blow after blow.
@@ -56,11 +57,11 @@ def impact_hammer(
     Examples
     --------
     >>> from pysindy_nrf.simulation.excitation import impact_hammer
-    >>> F = impact_hammer(4, 8.0, 1000.0, dofs=3, level=1000.0, n_hits=5, random_state=0)
+    >>> F = impact_hammer(4, 8.0, 1000.0, excited=3, level=1000.0, n_hits=5, random_state=0)
     >>> F.shape, bool(500 < F[:, 2].max() <= 1000), float(abs(F[:, [0, 1, 3]]).max())
     ((8000, 4), True, 0.0)
     """
-    n, columns = _frame(n_dof, duration, fs, dofs)
+    n, columns = _frame(n_dof, duration, fs, excited)
     levels = _levels(level)
     hits = _whole("n_hits", n_hits)
     width = _positive("width", width, "s")
@@ -87,14 +88,14 @@ def impact_hammer(
 
 
 def band_limited_random(
-    n_dof: int, duration: float, fs: float, *, dofs: int | Iterable[int], rms: float | Iterable[float],
+    n_dof: int, duration: float, fs: float, *, excited: int | Iterable[int], rms: float | Iterable[float],
     band: tuple[float, float], random_state: Any = None,
 ) -> np.ndarray:  # fmt: skip
     """Gaussian random forces of flat spectrum within a band and none outside; the rest as of :func:`impact_hammer`.
 
     Parameters
     ----------
-    dofs : int or iterable of int
+    excited : int or iterable of int
         DOFs that are driven, by independent forces.
     rms : float or iterable of float
         RMS of the force, N; several levels take equal parts of the record one after the other.
@@ -104,11 +105,11 @@ def band_limited_random(
     Examples
     --------
     >>> from pysindy_nrf.simulation.excitation import band_limited_random
-    >>> F = band_limited_random(2, 10.0, 1000.0, dofs=2, rms=200.0, band=(1.0, 100.0), random_state=0)
+    >>> F = band_limited_random(2, 10.0, 1000.0, excited=2, rms=200.0, band=(1.0, 100.0), random_state=0)
     >>> round(float((F[:, 1] ** 2).mean() ** 0.5), 6)
     200.0
     """
-    n, columns = _frame(n_dof, duration, fs, dofs)
+    n, columns = _frame(n_dof, duration, fs, excited)
     levels = _levels(rms)
     low, high = _band(band, fs)
     rng = generator(random_state)
@@ -131,7 +132,7 @@ def band_limited_random(
 
 
 def sweep(
-    n_dof: int, duration: float, fs: float, *, dofs: int | Iterable[int], level: float | Iterable[float],
+    n_dof: int, duration: float, fs: float, *, excited: int | Iterable[int], level: float | Iterable[float],
     band: tuple[float, float], method: str = "linear", taper: float = 0.02,
 ) -> np.ndarray:  # fmt: skip
     """Sine sweep, the same on every DOF; the rest as of :func:`impact_hammer`.
@@ -150,11 +151,11 @@ def sweep(
     Examples
     --------
     >>> from pysindy_nrf.simulation.excitation import sweep
-    >>> F = sweep(3, 10.0, 500.0, dofs=[1], level=50.0, band=(1.0, 40.0))
+    >>> F = sweep(3, 10.0, 500.0, excited=[1], level=50.0, band=(1.0, 40.0))
     >>> F.shape, bool(49.5 < F.max() <= 50.0)
     ((5000, 3), True)
     """
-    n, columns = _frame(n_dof, duration, fs, dofs)
+    n, columns = _frame(n_dof, duration, fs, excited)
     levels = _levels(level)
     if method not in ("linear", "logarithmic"):
         raise ChannelError(f"method={method!r} is unknown", "Choose 'linear' or 'logarithmic'.")
@@ -270,18 +271,13 @@ def _band(band: Any, fs: float) -> tuple[float, float]:
     return low, high
 
 
-def _frame(n_dof: Any, duration: Any, fs: Any, dofs: Any) -> tuple[int, list[int]]:
+def _frame(n_dof: Any, duration: Any, fs: Any, excited: Any) -> tuple[int, list[int]]:
     """Number of samples and columns of the forced DOFs."""
     count = _whole("n_dof", n_dof)
     n = round(_positive("duration", duration, "s") * _positive("fs", fs, "Hz"))
     if n < 2:
         raise ChannelError(f"{duration} s at {fs} Hz are {n} samples", "At least two are needed.")
-    wanted = [dofs] if hasattr(dofs, "__index__") else list(dofs)
-    for j in wanted:
-        if not hasattr(j, "__index__") or not 1 <= int(j) <= count:
-            raise ChainError(
-                f"DOF {j!r} does not exist on a chain with {count} DOFs", f"Give numbers from 1 to {count}."
-            )
+    wanted = dofs_of("excited", excited, count)
     if not wanted:
-        raise ChainError("No DOF is forced", f"Give numbers from 1 to {count} in dofs=.")
-    return n, [int(j) - 1 for j in wanted]
+        raise ChainError("No DOF is excited", f"Give numbers from 1 to {count} in excited=.")
+    return n, [j - 1 for j in wanted]

@@ -11,23 +11,23 @@ from pysindy_nrf.exceptions import ChannelError, FileFormatError
 M, C, K = np.array([5.0, 4.0, 6.0]), np.array([3.0, 2.0, 4.0]), np.array([3e4, 4e4, 2e4])
 
 
-def receptance(f, driven):
+def receptance(f, excited):
     """Of a chain on the ground, from its matrices: (K - w^2 M + i w C)^-1."""
     B = np.eye(3) - np.eye(3, k=-1)
     w = 2 * np.pi * f[:, None, None]
     Z = B.T @ np.diag(K) @ B - w**2 * np.diag(M) + 1j * w * (B.T @ np.diag(C) @ B)
-    return np.linalg.inv(Z)[:, :, driven - 1]
+    return np.linalg.inv(Z)[:, :, excited - 1]
 
 
 F = np.linspace(2.0, 25.0, 120)
 H = -((2 * np.pi * F[:, None]) ** 2) * receptance(F, 2)
 
 
-@pytest.mark.parametrize("driven", [1, 2, 3])
-def test_every_parameter_comes_out_exactly(driven):
+@pytest.mark.parametrize("excited", [1, 2, 3])
+def test_every_parameter_comes_out_exactly(excited):
     f = np.linspace(2, 30, 300)
     w = 2 * np.pi * f[:, None]
-    X, F = frf_to_features(f, -(w**2) * receptance(f, driven), driven)
+    X, F = frf_to_features(f, -(w**2) * receptance(f, excited), excited)
     model = NRFRegressor(degree=1).fit(X, F)
     np.testing.assert_allclose(model.masses_, M, rtol=1e-9)
     for i in (1, 2, 3):
@@ -48,13 +48,13 @@ def test_text_round_trip_with_header_i_and_zero_line(tmp_path):
     H = np.array([[0, 0], [1 + 2j, -3e-3 - 4j], [0.5j, 7]])
     rows = [";".join([f"{a:.17g}", *(f"{z.real:.17g}{z.imag:+.17g}i" for z in row)]) for a, row in zip(f, H)]
     (tmp_path / "H.csv").write_text("\n".join(["f;H1;H2", *rows]) + "\n")
-    frf = read_frf(tmp_path / "H.csv", driven=2)
+    frf = read_frf(tmp_path / "H.csv", excited=2)
     np.testing.assert_array_equal(frf.f, f[1:])
     np.testing.assert_array_equal(frf.H, H[1:])
     np.savez(tmp_path / "H.npz", f=f, H=H)
     np.testing.assert_array_equal(read_frf(tmp_path / "H.npz").H, H[1:])
     np.savez(tmp_path / "one_by_one.npz", freq=f, H1=H[:, 0], H2=H[:, 1])
-    np.testing.assert_array_equal(read_frf(tmp_path / "one_by_one.npz", driven=2).H, H[1:])
+    np.testing.assert_array_equal(read_frf(tmp_path / "one_by_one.npz", excited=2).H, H[1:])
 
 
 @pytest.mark.parametrize(
@@ -87,13 +87,13 @@ def test_arrays_that_are_no_response(tmp_path, content):
         (dict(f=F - 5.0), "the frequency in row 0 is -3"),
         (dict(f=np.where(F > 20, np.nan, F)), "the frequency in row 94 is nan"),
         (dict(f=F[::-1]), "does not rise after row 0"),
-        (dict(driven=4), "driven=4 is not one of the 3 DOFs"),
+        (dict(excited=4), "excited=4 is not one of the 3 DOFs"),
         (dict(H=np.where(np.arange(360).reshape(120, 3) == 4, np.nan, H)), "H2 is not finite in row 1"),
     ],
 )
 def test_a_response_that_cannot_be_one(change, words):
     with pytest.raises(ChannelError, match=words):
-        frequency_response(**(dict(f=F, H=H, driven=2) | change))
+        frequency_response(**(dict(f=F, H=H, excited=2) | change))
 
 
 def test_weights_leave_an_exact_response_exact_and_are_checked():

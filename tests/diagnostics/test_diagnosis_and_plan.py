@@ -19,7 +19,7 @@ STOREY = laws.PowerSeries(1, [25.0, 1.4e5])
 
 def record(truth, dofs=(3,), noise=0.0):
     F = excitation.band_limited_random(
-        truth.n_dof, 8.0, 1000.0, dofs=list(dofs), rms=100.0, band=(0.5, 60.0), random_state=0
+        truth.n_dof, 8.0, 1000.0, excited=list(dofs), rms=100.0, band=(0.5, 60.0), random_state=0
     )
     return add_noise(simulate(truth, F, 1e-3, hold="cubic"), noise, random_state=1)
 
@@ -147,7 +147,7 @@ def test_what_fit_said_of_channels_is_in_the_diagnosis(fault, words, records):
 def test_the_bias_that_is_said_is_the_bias_that_is_there(band):
     masses = np.array([10.0, 12.0, 8.0])
     truth = ChainModel(masses, {i: laws.PowerSeries(1, [60.0, 4e4]) for i in (1, 2, 3)})
-    F = excitation.band_limited_random(3, 8.0, 500.0, dofs=[1, 2, 3], rms=50.0, band=(1, 60), random_state=3)
+    F = excitation.band_limited_random(3, 8.0, 500.0, excited=[1, 2, 3], rms=50.0, band=(1, 60), random_state=3)
     X, F = simulate(truth, F, 2e-3).to_features(smooth=False)
     X = X + 0.1 * X.std().to_numpy() * np.random.default_rng(0).standard_normal(X.shape)
     model = NRFRegressor(degree=1, dt=2e-3, band=band).fit(X, F)

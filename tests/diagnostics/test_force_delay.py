@@ -23,9 +23,9 @@ TRUTH = ChainModel([10.0, 12.0], {"storey 1": STOREY, "storey 2": STOREY})
 
 def record(kind="random", noise=0.0, dofs=(1, 2)):
     if kind == "hammer":
-        F = excitation.impact_hammer(2, 8.0, 1000.0, dofs=dofs, level=500.0, n_hits=6, random_state=0)
+        F = excitation.impact_hammer(2, 8.0, 1000.0, excited=dofs, level=500.0, n_hits=6, random_state=0)
     else:
-        F = excitation.band_limited_random(2, 8.0, 1000.0, dofs=dofs, rms=100.0, band=(0.5, 60.0), random_state=0)
+        F = excitation.band_limited_random(2, 8.0, 1000.0, excited=dofs, rms=100.0, band=(0.5, 60.0), random_state=0)
     rec = simulate(TRUTH, F, 1e-3, hold="cubic")
     return add_noise(rec, noise, random_state=1) if noise else rec
 
@@ -72,7 +72,7 @@ def test_a_balance_that_does_not_hold_tells_no_delay(kind):
 
 
 def test_without_a_force_there_is_nothing_to_tell():
-    ag = excitation.band_limited_random(1, 4.0, 1000.0, dofs=[1], rms=2.0, band=(1, 30), random_state=0)[:, 0]
+    ag = excitation.band_limited_random(1, 4.0, 1000.0, excited=[1], rms=2.0, band=(1, 30), random_state=0)[:, 0]
     rec = simulate(TRUTH, None, 1e-3, base_acceleration=ag)
     model = NRFRegressor(degree=1, known_masses={1: 10.0, 2: 12.0}).fit(rec)
     with pytest.raises(ChannelError, match="No force"):

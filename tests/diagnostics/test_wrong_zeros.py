@@ -16,7 +16,7 @@ def three_storeys(shift=(0.0, 0.0, 0.0), ramp=0.0, mean=0.0, law=None):
     storey = laws.PowerSeries(1, [25.0, 5e4])
     first = [storey] if law is None else [storey, law]
     truth = ChainModel([12.0, 10.0, 8.0], {"storey 1": first, "storey 2": storey, "storey 3": storey})
-    F = excitation.band_limited_random(3, 12.0, 500.0, dofs=[3], rms=60.0, band=(2, 40), random_state=1)
+    F = excitation.band_limited_random(3, 12.0, 500.0, excited=[3], rms=60.0, band=(2, 40), random_state=1)
     rec = add_noise(simulate(truth, F + [0.0, 0.0, mean], 0.002).replace(velocity=None), 0.02, random_state=2)
     wrong = np.array(shift) + ramp * np.linspace(0, 1, rec.n_samples)[:, None]
     return rec.replace(displacement=rec.displacement + wrong * rec.displacement.std(axis=0))

@@ -37,7 +37,7 @@ def _record(n, forced, noise, seed=3, sensors=None, seconds=8.0):
     if sensors:
         model = ChainModel(model.masses, {**model.laws, **sensors})
     F = excitation.band_limited_random(
-        n, seconds, FS, dofs=forced, rms=100.0, band=(1, 50), random_state=np.random.default_rng(seed)
+        n, seconds, FS, excited=forced, rms=100.0, band=(1, 50), random_state=np.random.default_rng(seed)
     )
     record = simulate(model, F, 1 / FS)
     return add_noise(record, noise, random_state=np.random.default_rng(seed + 1)) if noise else record
@@ -84,7 +84,7 @@ def test_a_structure_does_not_heal_between_two_tests():
 @settings(max_examples=25, deadline=None)
 @given(st.floats(-8.0, 8.0), st.floats(-0.6, 2.0), st.floats(-3.0, 3.0), st.integers(0, 99))
 def test_a_reading_is_taken_back_to_the_truth(samples, e, b, seed):
-    y = excitation.band_limited_random(1, 1.0, FS, dofs=1, rms=1.0, band=(1, 60), random_state=seed)[:, 0]
+    y = excitation.band_limited_random(1, 1.0, FS, excited=1, rms=1.0, band=(1, 60), random_state=seed)[:, 0]
     for law in (laws.ChannelDelay(samples / FS), laws.GainError(e), laws.SensorOffset(b)):
         back = law.corrected(law.reading(y, 1 / FS), 1 / FS)
         inside = slice(30, -30)
@@ -198,7 +198,7 @@ def test_along_a_drift_of_one_sign_an_offset_goes_before_a_curved_spring():
 def test_a_record_cut_out_of_a_running_test_keeps_its_memory():
     law = laws.BoucWen(beta=800.0, rho=-0.4, n=1.5, alpha=5e4)
     truth = ChainModel([2.0], {1: [laws.LinearElastic(5e4), laws.LinearViscous(10.0), law]})
-    F = excitation.band_limited_random(1, 9.0, 2000.0, dofs=1, rms=100.0, band=(5, 60), random_state=1)
+    F = excitation.band_limited_random(1, 9.0, 2000.0, excited=1, rms=100.0, band=(5, 60), random_state=1)
     whole = simulate(truth, F, 1 / 2000)
     report = close_loop(whole.window(2.0, 9.0), catalogue=[laws.BoucWen(), laws.Dahl()], max_steps=1)
     found = report.steps[0].parameters

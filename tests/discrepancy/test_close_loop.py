@@ -258,7 +258,7 @@ def test_bands_are_found_where_the_chain_is_heard():
     """Driven up to 25 Hz: with noise there is nothing to hear far above, and no band has to be given."""
     storeys = {i: [laws.LinearElastic(k), laws.LinearViscous(c)] for i, (k, c) in enumerate(zip(K, C), 1)}
     truth = ChainModel(M, {**storeys, 2: [*storeys[2], laws.CubicStiffness(1.2e9)]})
-    F = excitation.band_limited_random(3, 40.0, 200.0, dofs=3, rms=60.0, band=(0.5, 25.0), random_state=1)
+    F = excitation.band_limited_random(3, 40.0, 200.0, excited=3, rms=60.0, band=(0.5, 25.0), random_state=1)
     rec = add_noise(simulate(truth, F, 1 / 200), 0.02, random_state=2)
     for band, lows, highs in ((None, (0.0, 2.0), (15.0, 60.0)), ((3.0, 12.0), (3.0, 4.0), (10.0, 12.01))):
         report = close_loop(rec, catalogue=FEW, max_steps=1, band=band)

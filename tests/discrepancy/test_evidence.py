@@ -71,7 +71,7 @@ def test_channels_are_compared_and_noise_is_sized_on_rows_of_the_search():
 def test_a_law_with_memory_follows_its_path_through_what_is_held_out():
     spring = [laws.LinearElastic(3e4), laws.LinearViscous(30.0)]
     truth = ChainModel([10.0, 8.0], {1: [*spring, laws.Dahl(sigma=1e4, Fd=20.0)], 2: spring})
-    F = excitation.band_limited_random(2, 6.0, 500.0, dofs=2, rms=60.0, band=(0.5, 25), random_state=0)
+    F = excitation.band_limited_random(2, 6.0, 500.0, excited=2, rms=60.0, band=(0.5, 25), random_state=0)
     found = look(workspace(simulate(truth, F, 2e-3)), truth)
     assert found.sizes["percent"].max() < 1.0  # a fresh start of every stretch would leave about 20 %
 

@@ -115,7 +115,7 @@ def test_friction_in_every_storey_is_found_though_none_stands_out():
         i: [laws.LinearElastic(k), laws.LinearViscous(c), laws.CoulombFriction(R)]
         for i, (k, c, R) in enumerate(zip(K, C, (4.0, 3.0, 2.5)), 1)
     }
-    F = excitation.band_limited_random(3, 12.0, FS, dofs=[1, 2, 3], rms=36.0, band=(1, 35), random_state=0)
+    F = excitation.band_limited_random(3, 12.0, FS, excited=[1, 2, 3], rms=36.0, band=(1, 35), random_state=0)
     tried = [laws.CoulombFriction(), laws.QuadraticDamping()]
     report = loop(simulate(ChainModel(M, storeys), F, 1 / FS), tried, 0.01)
     assert set(steps(report)) == {("coulomb_friction", f"storey {i}") for i in (1, 2, 3)}
@@ -123,7 +123,7 @@ def test_friction_in_every_storey_is_found_though_none_stands_out():
 
 def test_one_law_at_every_storey_is_as_many_steps():
     spring = [*SOFT, laws.CubicStiffness(3e8)]
-    F = excitation.band_limited_random(2, 10.0, 200.0, dofs=[1, 2], rms=5.0, band=(0.5, 15.0), random_state=0)
+    F = excitation.band_limited_random(2, 10.0, 200.0, excited=[1, 2], rms=5.0, band=(0.5, 15.0), random_state=0)
     record = simulate(ChainModel([12.0, 12.0], {1: spring, 2: spring}), F, 1 / 200)
     assert len(close_loop(record, catalogue=[laws.CubicStiffness()], max_steps=1).steps) == 1
 
@@ -170,7 +170,7 @@ def soft(effects, n=1, rms=30.0):
     storeys = {f"storey {i}": [*SOFT, *at.pop(f"storey {i}", [])] for i in range(1, n + 1)}
     truth = ChainModel([12.0] * n, {**storeys, **at})
     every = list(range(1, n + 1))
-    F = excitation.band_limited_random(n, 20.0, 200.0, dofs=every, rms=rms, band=(0.5, 15.0), random_state=0)
+    F = excitation.band_limited_random(n, 20.0, 200.0, excited=every, rms=rms, band=(0.5, 15.0), random_state=0)
     return simulate(truth, F, 1 / 200)
 
 
@@ -207,7 +207,7 @@ def test_a_bouc_wen_hysteresis_is_not_mended_by_simpler_ones():
     held = {1: [laws.LinearElastic(8.5e4), laws.LinearViscous(400.0), laws.BoucWen(beta=300.0, rho=0.0, n=1.5, alpha=4e4)],
             2: [laws.LinearElastic(7e4), laws.LinearViscous(200.0)]}  # fmt: skip
     t = np.arange(int(30 * fs)) / fs
-    shaking = excitation.band_limited_random(1, 30.0, fs, dofs=[1], rms=1.5, band=(0.3, 12.0), random_state=3)[:, 0]
+    shaking = excitation.band_limited_random(1, 30.0, fs, excited=[1], rms=1.5, band=(0.3, 12.0), random_state=3)[:, 0]
     ag = shaking * (t / 8 * np.exp(1 - t / 8)) ** 2
     record = simulate(ChainModel([12.0, 9.0], held), np.zeros((len(t), 2)), 1 / fs, base_acceleration=ag)
     catalogue = [laws.Dahl(), laws.Jenkins(), laws.Iwan(), laws.BoucWen()]

@@ -49,7 +49,7 @@ def first_effect(own, catalogue, noise=0.0):
     """The effect that one step of the search finds in storey 2 of a chain of two masses."""
     linear = [laws.LinearElastic(2e5), laws.LinearViscous(80.0)]
     truth = ChainModel([12.0, 12.0], {1: linear, 2: [*linear, own]})
-    F = excitation.band_limited_random(2, 16.0, 500.0, dofs=2, rms=60.0, band=(1.0, 40.0), random_state=1)
+    F = excitation.band_limited_random(2, 16.0, 500.0, excited=2, rms=60.0, band=(1.0, 40.0), random_state=1)
     record = simulate(truth, F, 1 / 500)
     if noise:
         record = add_noise(record, noise, random_state=0)

@@ -24,7 +24,7 @@ M, K, C = 12.0, 1e5, 60.0
 def data():
     storey = laws.PowerSeries(1, [C, K])
     truth = ChainModel([M] * 3, {f"storey {i}": storey for i in (1, 2, 3)})
-    F = excitation.band_limited_random(3, 8.0, 500.0, dofs=[2], rms=100.0, band=(0.5, 50.0), random_state=0)
+    F = excitation.band_limited_random(3, 8.0, 500.0, excited=[2], rms=100.0, band=(0.5, 50.0), random_state=0)
     rec = simulate(truth, F, 1 / 500.0)
     X, F = rec.to_features(smooth=False)
     rng = np.random.default_rng(1)
@@ -65,7 +65,7 @@ def test_nonnegative_is_inactive_where_it_holds_and_zero_where_it_does_not(data)
     X, F = data
     storey = laws.PowerSeries(1, [C, K])
     sinking = ChainModel([M] * 3, {"storey 1": storey, "storey 2": laws.PowerSeries(1, [-5.0, K]), "storey 3": storey})
-    force = excitation.band_limited_random(3, 8.0, 500.0, dofs=[2], rms=100.0, band=(0.5, 50.0), random_state=0)
+    force = excitation.band_limited_random(3, 8.0, 500.0, excited=[2], rms=100.0, band=(0.5, 50.0), random_state=0)
     X, F = simulate(sinking, force, 1 / 500.0).to_features(smooth=False)
     F = F + np.random.default_rng(0).normal(size=F.shape) * [0, 1, 0]
     held = fit((X, F), [NonNegative("v", sites=[2])])

@@ -151,8 +151,8 @@ def test_no_clock_and_unknown_names_are_refused():
 def test_unknown_force_is_returned_where_the_chain_allows_it():
     """Record 1 is hit on DOF 3 and identifies all; in record 2 an unmeasured force acts on DOF 2."""
     truth = frame(3)
-    F = excitation.band_limited_random(3, 4.0, FS, dofs=[3], rms=100.0, band=(0.5, 60.0), random_state=0)
-    both = F + excitation.band_limited_random(3, 4.0, FS, dofs=[2], rms=70.0, band=(0.5, 60.0), random_state=1)
+    F = excitation.band_limited_random(3, 4.0, FS, excited=[3], rms=100.0, band=(0.5, 60.0), random_state=0)
+    both = F + excitation.band_limited_random(3, 4.0, FS, excited=[2], rms=70.0, band=(0.5, 60.0), random_state=1)
     first, second = (simulate(truth, f, 1 / FS).to_features(smooth=False) for f in (F, both))
     X = np.vstack([first[0], second[0]])
     told = np.vstack([first[1], second[1]])
@@ -166,7 +166,7 @@ def test_unknown_force_is_returned_where_the_chain_allows_it():
 
 def test_unknown_force_everywhere_needs_the_mass():
     truth = frame(3)
-    F = excitation.band_limited_random(3, 4.0, FS, dofs=[1, 3], rms=100.0, band=(0.5, 60.0), random_state=0)
+    F = excitation.band_limited_random(3, 4.0, FS, excited=[1, 3], rms=100.0, band=(0.5, 60.0), random_state=0)
     X, told = simulate(truth, F, 1 / FS).to_features(smooth=False)
     told = told.assign(F1=np.nan)
     model = NRFRegressor(degree=1, known_masses={1: M}, chain=None)

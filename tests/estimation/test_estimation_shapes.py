@@ -17,7 +17,7 @@ def shaken(n, hidden, dofs=None, seconds=(20.0,), beside=()):
     records = []
     for k, duration in enumerate(seconds):
         F = excitation.band_limited_random(
-            n, duration, FS, dofs=dofs or list(range(1, n + 1)), rms=40.0, band=(0.5, 40.0), random_state=k
+            n, duration, FS, excited=dofs or list(range(1, n + 1)), rms=40.0, band=(0.5, 40.0), random_state=k
         )
         records.append(add_noise(simulate(truth, F, 1 / FS), 0.02, random_state=9 + k))
     return records

@@ -55,7 +55,7 @@ def test_newey_west_sums_the_autocovariances_of_a_moving_average():
 
 
 def _force():
-    return excitation.band_limited_random(3, 8.0, 500.0, dofs=[3], rms=100.0, band=(0.5, 50.0), random_state=0)
+    return excitation.band_limited_random(3, 8.0, 500.0, excited=[3], rms=100.0, band=(0.5, 50.0), random_state=0)
 
 
 @pytest.fixture(scope="module")

@@ -41,7 +41,7 @@ def off(model, truth):
 
 def shaken(noise):
     fs = 200.0
-    ag = excitation.band_limited_random(1, 30.0, fs, dofs=[1], rms=2.0, band=(0.5, 20), random_state=2)
+    ag = excitation.band_limited_random(1, 30.0, fs, excited=[1], rms=2.0, band=(0.5, 20), random_state=2)
     ag = np.asarray(ag)[:, 0]
     rec = simulate(THREE, None, 1 / fs, base_acceleration=ag, hold="cubic")
     return add_noise(rec.replace(velocity=None, displacement=None), noise, random_state=3)

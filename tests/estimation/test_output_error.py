@@ -89,7 +89,7 @@ def test_intervals_are_those_of_the_refined_estimate(fits):
 def test_never_worse_on_a_record_it_did_not_see(held, told):
     truth = ChainModel(TRUE, held)
     rec, F = measured(truth, 7), excitation.band_limited_random(
-        2, 4.0, FS, dofs=[2], rms=100.0, band=(0.5, 40.0), random_state=70
+        2, 4.0, FS, excited=[2], rms=100.0, band=(0.5, 40.0), random_state=70
     )  # fmt: skip
     exact = simulate(truth, F, 1 / FS, hold="cubic")
     gap = {}

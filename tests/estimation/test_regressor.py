@@ -283,7 +283,7 @@ def test_forces_may_be_numbered_and_few_rows_are_enough(chain2):
 def test_a_band_leaves_an_unknown_force_unknown():
     """Floor 2 has an unknown force: the balance of floor 1 alone, in the band, gives m1."""
     truth = ChainModel([8.0, 6.0], {f"storey {i}": [laws.PowerSeries(1, [30.0, 4e4])] for i in (1, 2)})
-    F = excitation.band_limited_random(2, 8.0, 500.0, dofs=[1, 2], rms=60.0, band=(1, 40), random_state=0)
+    F = excitation.band_limited_random(2, 8.0, 500.0, excited=[1, 2], rms=60.0, band=(1, 40), random_state=0)
     X, _ = simulate(truth, F, 1 / 500).to_features(smooth=False)
     model = NRFRegressor(degree=1, dt=1 / 500, band=(3, 60), known_masses={2: 6.0})
     assert model.fit(X.to_numpy(), F * [1.0, np.nan]).masses_[0] == pytest.approx(8.0, rel=1e-3)

@@ -21,7 +21,7 @@ TRUTH = ChainModel([12.4] * 3, {f"storey {i}": laws.PowerSeries(1, [25.0, 1.4e5]
 
 @pytest.fixture(scope="module")
 def noisy():
-    F = excitation.band_limited_random(3, 16.0, FS, dofs=[3], rms=100.0, band=(0.5, 60.0), random_state=0)
+    F = excitation.band_limited_random(3, 16.0, FS, excited=[3], rms=100.0, band=(0.5, 60.0), random_state=0)
     rec = add_noise(simulate(TRUTH, F, 1 / FS, hold="cubic"), LEVEL, random_state=np.random.default_rng(1))
     segment = from_arrays(rec, smooth=KinematicSmoother(joint=False)).segments[0]
     run = run_of(TRUTH, segment)

@@ -182,7 +182,7 @@ LINEAR = laws.PowerSeries(1, [60.0, 4e4])
 def forced(model, seconds=4.0, fs=500.0, seed=0, **options):
     n = model.n_dof
     F = excitation.band_limited_random(
-        n, seconds, fs, dofs=range(1, n + 1), rms=50.0, band=(1, 60), random_state=seed, **options
+        n, seconds, fs, excited=range(1, n + 1), rms=50.0, band=(1, 60), random_state=seed, **options
     )
     return simulate(model, F, 1 / fs)
 

@@ -105,7 +105,7 @@ def test_emps(here, capsys, spoken):
 
 def test_frequency_responses(here, capsys, spoken):
     path = measured.folder("three_storey_frf") / "three_storey_frf" / "cristallo_Experimental.csv"
-    assert run(["identify", str(path), "--frf", "--driven", "1", "--band", "4,32", "--json"]) == 0
+    assert run(["identify", str(path), "--frf", "--excited", "1", "--band", "4,32", "--json"]) == 0
     masses = spoken()["masses_kg"]
     assert max(masses) / min(masses) - 1 < 0.10
     assert (here / "nrf_output" / "frequency_response.png").is_file()

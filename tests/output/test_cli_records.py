@@ -41,7 +41,7 @@ def test_inspect_speaks_json(here, spoken, demo_file):
 
 def test_simulate_is_the_free_run_of_the_model(here, capsys, truth_file):
     """Against simulate() in Python; a force in kN, a name with markup, motions in the file left out."""
-    force = excitation.band_limited_random(3, 3.0, 500.0, dofs=2, rms=80.0, band=(1, 30), random_state=0)
+    force = excitation.band_limited_random(3, 3.0, 500.0, excited=2, rms=80.0, band=(1, 30), random_state=0)
     pd.DataFrame({"t": np.arange(len(force)) / 500, "<b>Shaker</b>": force[:, 1] / 1e3, "a1": 0.0}).to_csv(
         "f.csv", index=False
     )
@@ -72,7 +72,7 @@ x = "mm"
 def test_simulate_reads_the_mapping_file_of_the_campaign(here, truth_file, with_motions, named):
     """The file of the next test holds the shaker, and perhaps no motion; the words said once are for all of them."""
     pytest.importorskip("pint")
-    force = excitation.band_limited_random(3, 3.0, 500.0, dofs=2, rms=80.0, band=(1, 30), random_state=0)
+    force = excitation.band_limited_random(3, 3.0, 500.0, excited=2, rms=80.0, band=(1, 30), random_state=0)
     table = {"Zeit": 2.0 * np.arange(len(force)), "Shaker": force[:, 1] / 1e3}
     motions = {"Acc 1": 0.1, "Laser 2": 3.0} if with_motions else {}
     pd.DataFrame(table | motions).to_csv("f.csv", index=False)

@@ -18,7 +18,7 @@ MASSES = [10.0, 12.0]
 @pytest.fixture(scope="module")
 def record():
     storey = laws.PowerSeries(1, [30.0, 4e4])
-    force = excitation.band_limited_random(2, 2.0, FS, dofs=2, rms=50.0, band=(1, 60), random_state=0)
+    force = excitation.band_limited_random(2, 2.0, FS, excited=2, rms=50.0, band=(1, 60), random_state=0)
     return simulate(ChainModel(MASSES, {1: storey, 2: storey}), force, 1 / FS)
 
 

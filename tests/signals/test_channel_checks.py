@@ -18,9 +18,9 @@ def record(force: str = "random", noise: float = 0.01):
     storey = laws.PowerSeries(1, [60.0, 1e5])
     truth = ChainModel([10.0, 12.0], {"storey 1": storey, "storey 2": storey})
     if force == "random":
-        F = excitation.band_limited_random(2, 8.0, 1000.0, dofs=[2], rms=100.0, band=(0.5, 60.0), random_state=0)
+        F = excitation.band_limited_random(2, 8.0, 1000.0, excited=[2], rms=100.0, band=(0.5, 60.0), random_state=0)
     else:
-        F = excitation.impact_hammer(2, 8.0, 1000.0, dofs=[2], level=1000.0, n_hits=4, random_state=0)
+        F = excitation.impact_hammer(2, 8.0, 1000.0, excited=[2], level=1000.0, n_hits=4, random_state=0)
     return add_noise(simulate(truth, F, 1e-3), noise, random_state=1)
 
 

@@ -25,7 +25,7 @@ TRUTH = ChainModel([10.0, 12.0, 11.0], {f"storey {i}": STOREY for i in (1, 2, 3)
 @cache
 def record(noise=0.02, base=False):
     if base:
-        ag = excitation.band_limited_random(1, 8.0, 500.0, dofs=[1], rms=2.0, band=(0.5, 40), random_state=3)[:, 0]
+        ag = excitation.band_limited_random(1, 8.0, 500.0, excited=[1], rms=2.0, band=(0.5, 40), random_state=3)[:, 0]
         rec = simulate(TRUTH, None, 1 / 500.0, base_acceleration=ag)
     else:
         rec = driven(TRUTH, [3], 8.0, 500.0, 100.0, (0.5, 60.0))

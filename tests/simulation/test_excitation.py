@@ -18,7 +18,7 @@ def rms(x, axis=0):
 
 
 def test_hammer_blows_are_half_sines_on_the_floors_in_turn():
-    F = impact_hammer(4, 12.0, FS, dofs=[2, 4], level=[1000.0, 300.0], n_hits=6, width=0.02, spread=0.2, random_state=1)
+    F = impact_hammer(4, 12.0, FS, excited=[2, 4], level=[1000.0, 300.0], n_hits=6, width=0.02, spread=0.2, random_state=1)
     assert not F[:, [0, 2]].any()
     for j, level in ((1, 1000.0), (3, 300.0)):
         hits = np.flatnonzero(np.diff((F[:, j] != 0).astype(int)) == 1)
@@ -31,7 +31,7 @@ def test_hammer_blows_are_half_sines_on_the_floors_in_turn():
 
 
 def test_random_force_has_its_rms_and_stays_in_its_band():
-    F = band_limited_random(3, 20.0, FS, dofs=[1, 3], rms=[100.0, 400.0], band=(5.0, 60.0), random_state=2)
+    F = band_limited_random(3, 20.0, FS, excited=[1, 3], rms=[100.0, 400.0], band=(5.0, 60.0), random_state=2)
     np.testing.assert_allclose(rms(F[:10000])[[0, 2]], 100.0)
     np.testing.assert_allclose(rms(F[10000:])[[0, 2]], 400.0)
     assert not F[:, 1].any() and abs(np.corrcoef(F[:, 0], F[:, 2])[0, 1]) < 0.1
@@ -41,7 +41,7 @@ def test_random_force_has_its_rms_and_stays_in_its_band():
 
 
 def test_sweep_passes_through_its_frequencies_in_time():
-    F = sweep(1, 20.0, FS, dofs=1, level=5.0, band=(2.0, 42.0))
+    F = sweep(1, 20.0, FS, excited=1, level=5.0, band=(2.0, 42.0))
     frequency = np.gradient(np.unwrap(np.angle(hilbert(F[:, 0])))) * FS / 2 / np.pi
     t = np.arange(len(F)) / FS
     inside = (t > 3) & (t < 17)
@@ -79,7 +79,7 @@ def test_noise_is_a_share_of_the_rms_of_each_channel():
 
 @pytest.mark.parametrize("seed", [0, 3, np.int64(20)])
 @pytest.mark.parametrize("excite", [
-    lambda n, **how: band_limited_random(1, n / FS, FS, dofs=1, rms=1.0, band=(0, FS / 2), **how),
+    lambda n, **how: band_limited_random(1, n / FS, FS, excited=1, rms=1.0, band=(0, FS / 2), **how),
     lambda n, **how: earthquake(n / FS, FS, rms=1.0, ground_frequency=200.0, rise=0.01, fall=0.98, **how)[:, None],
 ])  # fmt: skip
 def test_noise_of_the_same_seed_is_no_copy_of_the_excitation(excite, seed):
@@ -96,16 +96,16 @@ def test_noise_of_the_same_seed_is_no_copy_of_the_excitation(excite, seed):
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: drive.impact_hammer(2, 1.0, FS, dofs=1, level=1.0, spread=1.0), "spread=1.0 is not between 0 and 1"),
-        (lambda: drive.impact_hammer(2, 1.0, FS, dofs=1, level=1.0, n_hits=2.5), "n_hits=2.5 is not a whole number"),
-        (lambda: drive.impact_hammer(2, 1.0, FS, dofs=1, level=[]), "No level is given"),
-        (lambda: drive.impact_hammer(2, 1.0, FS, dofs=1, level="loud"), "level='loud' is not a positive number. .*N"),
-        (lambda: drive.impact_hammer(2, 1.0, FS, dofs=[], level=1.0), "No DOF is forced"),
-        (lambda: drive.impact_hammer(2, 0.001, FS, dofs=1, level=1.0), "0.001 s at 1000.0 Hz are 1 samples"),
-        (lambda: drive.impact_hammer(True, 1.0, FS, dofs=1, level=1.0), "n_dof=True is not a whole number"),
-        (lambda: drive.band_limited_random(1, 1.0, FS, dofs=1, rms=1.0, band=5.0), "band=5.0 is not a pair"),
-        (lambda: drive.sweep(1, 1.0, FS, dofs=1, level=1.0, band=(1, 50), method="cubic"), "method='cubic' is unknown"),
-        (lambda: drive.sweep(1, 1.0, FS, dofs=1, level=1.0, band=(0, 50), method="logarithmic"), "cannot pass 0 Hz"),
+        (lambda: drive.impact_hammer(2, 1.0, FS, excited=1, level=1.0, spread=1.0), "spread=1.0 is not between 0 and 1"),
+        (lambda: drive.impact_hammer(2, 1.0, FS, excited=1, level=1.0, n_hits=2.5), "n_hits=2.5 is not a whole number"),
+        (lambda: drive.impact_hammer(2, 1.0, FS, excited=1, level=[]), "No level is given"),
+        (lambda: drive.impact_hammer(2, 1.0, FS, excited=1, level="loud"), "level='loud' is not a positive number. .*N"),
+        (lambda: drive.impact_hammer(2, 1.0, FS, excited=[], level=1.0), "No DOF is excited"),
+        (lambda: drive.impact_hammer(2, 0.001, FS, excited=1, level=1.0), "0.001 s at 1000.0 Hz are 1 samples"),
+        (lambda: drive.impact_hammer(True, 1.0, FS, excited=1, level=1.0), "n_dof=True is not a whole number"),
+        (lambda: drive.band_limited_random(1, 1.0, FS, excited=1, rms=1.0, band=5.0), "band=5.0 is not a pair"),
+        (lambda: drive.sweep(1, 1.0, FS, excited=1, level=1.0, band=(1, 50), method="cubic"), "method='cubic' is unknown"),
+        (lambda: drive.sweep(1, 1.0, FS, excited=1, level=1.0, band=(0, 50), method="logarithmic"), "cannot pass 0 Hz"),
         (lambda: drive.earthquake(10.0, FS, peak=3.0, rise=0.8, fall=0.2), "rise=0.8, fall=0.2 are not in order"),
         (lambda: add_noise(datasets.load_demo(), "5 %"), "level='5 %' is not a share of the RMS"),
     ],

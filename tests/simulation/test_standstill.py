@@ -88,7 +88,7 @@ def test_a_run_that_chatters_without_end_is_given_up_aloud():
         laws.LuGre(Fc=550.0, sigma=9.6e6, vs=0.006, ratio=2.5, sigma1=2.1e6),
     ]
     model = ChainModel([45e3], {1: storey})
-    F = excitation.band_limited_random(1, 8.0, 500.0, dofs=[1], rms=2e4, band=(0.5, 40.0), random_state=0)
+    F = excitation.band_limited_random(1, 8.0, 500.0, excited=[1], rms=2e4, band=(0.5, 40.0), random_state=0)
     with pytest.raises(SimulationError, match="more than 250 steps a sample"):
         simulate(model, F, 1 / 500)
     assert simulate(model, F, 1 / 500, method="newmark").n_samples == len(F)  # as the error says

@@ -25,7 +25,7 @@ class FrequencyResponse:
 
     f: np.ndarray  # Hz, rising, positive
     H: np.ndarray  # accelerance, m/s^2/N, (n_lines, n_dof)
-    driven: int = 1  # DOF on which the force acts
+    excited: int = 1  # DOF on which the force acts
     name: str = "frequency response"
 
     @property
@@ -38,16 +38,18 @@ class FrequencyResponse:
         size = ", ".join(f"H{j + 1} {a:.4g}" for j, a in enumerate(np.abs(self.H).max(axis=0)))
         used = self.f[in_band(self.f, band)]
         part = f"; {len(used)} of them in {used[0]:g} to {used[-1]:g} Hz are used" if len(used) else ""
-        idle = ", ".join(str(j) for j in range(1, self.n_dof + 1) if j != self.driven)
+        idle = ", ".join(str(j) for j in range(1, self.n_dof + 1) if j != self.excited)
         return (
             f"{self.name}: frequency response of {self.n_dof} DOF{'s' if self.n_dof > 1 else ''}, "
             f"{len(self.f)} lines from {self.f[0]:g} to {self.f[-1]:g} Hz{part}\n"
             f"  accelerance in m/s^2/N, peak {size}\n"
-            f"  forced: DOF {self.driven}" + (f"; known to be unforced: DOF {idle}" if idle else "")
+            f"  forced: DOF {self.excited}" + (f"; known to be unforced: DOF {idle}" if idle else "")
         )
 
 
-def read_frf(path: Any, *, driven: int = 1, kind: str = "accelerance", max_bytes: int = MAX_BYTES) -> FrequencyResponse:
+def read_frf(
+    path: Any, *, excited: int = 1, kind: str = "accelerance", max_bytes: int = MAX_BYTES
+) -> FrequencyResponse:
     """Read measured frequency responses.
 
     Parameters
@@ -55,7 +57,7 @@ def read_frf(path: Any, *, driven: int = 1, kind: str = "accelerance", max_bytes
     path : path-like
         Delimited text (``;``, tab or ``,``) with columns f (Hz), H1, H2, .. of complex numbers (``0.1-0.2j``), header
         or not; or MATLAB, HDF5 or NumPy with ``f`` and ``H`` (lines x DOFs) or ``H1``, ``H2``, ...
-    driven : int
+    excited : int
         The DOF on which the force acts.
     kind : {"accelerance", "mobility", "receptance"}
         Acceleration, velocity or displacement over force, SI units.
@@ -66,7 +68,7 @@ def read_frf(path: Any, *, driven: int = 1, kind: str = "accelerance", max_bytes
     FileFormatError
         If the file holds no frequencies and complex responses.
     ChannelError
-        If ``driven`` or ``kind`` is wrong, or a number is not finite.
+        If ``excited`` or ``kind`` is wrong, or a number is not finite.
 
     Examples
     --------
@@ -75,7 +77,7 @@ def read_frf(path: Any, *, driven: int = 1, kind: str = "accelerance", max_bytes
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = pathlib.Path(folder, "shaker.csv")
     ...     _ = path.write_text("f;H1;H2\\n1.0;0.1+0.01j;0.2+0.02j\\n2.0;0.3-0.1j;0.1+0j\\n")
-    ...     read_frf(path, driven=1).H.shape
+    ...     read_frf(path, excited=1).H.shape
     (2, 2)
     """
     path = Path(path)
@@ -84,11 +86,11 @@ def read_frf(path: Any, *, driven: int = 1, kind: str = "accelerance", max_bytes
         f, H = _from_text(path)
     else:
         f, H = _from_variables(path, max_bytes)
-    return frequency_response(f, H, driven, kind, path.stem)
+    return frequency_response(f, H, excited, kind, path.stem)
 
 
 def frequency_response(
-    f: Any, H: Any, driven: int = 1, kind: str = "accelerance", name: str = "frequency response"
+    f: Any, H: Any, excited: int = 1, kind: str = "accelerance", name: str = "frequency response"
 ) -> FrequencyResponse:
     """Check frequencies and responses and convert them to accelerance."""
     f, H = np.asarray(f), np.asarray(H)
@@ -104,9 +106,9 @@ def frequency_response(
         )
     if kind not in KINDS:
         raise ChannelError(f"kind={kind!r} is unknown", f"Choose one of {', '.join(KINDS)}.")
-    if isinstance(driven, bool) or not hasattr(driven, "__index__") or not 1 <= int(driven) <= H.shape[1]:
+    if isinstance(excited, bool) or not hasattr(excited, "__index__") or not 1 <= int(excited) <= H.shape[1]:
         raise ChannelError(
-            f"driven={driven!r} is not one of the {H.shape[1]} DOFs of {name}", "Name the DOF on which the force acts."
+            f"excited={excited!r} is not one of the {H.shape[1]} DOFs of {name}", "Name the DOF the force acts on."
         )
     for row, j in np.argwhere(~np.isfinite(H))[:1]:
         raise ChannelError(f"{name}: H{j + 1} is not finite in row {row}", "Cut this line.")
@@ -119,11 +121,11 @@ def frequency_response(
         )
     moving = f > 0
     f, H = f[moving], H[moving]
-    return FrequencyResponse(f, H * (2j * np.pi * f[:, None]) ** KINDS[kind], int(driven), name)
+    return FrequencyResponse(f, H * (2j * np.pi * f[:, None]) ** KINDS[kind], int(excited), name)
 
 
 def frf_to_features(
-    f: Any, H: Any = None, driven: int = 1, band: tuple[float | None, float | None] | None = None, weight: Any = None
+    f: Any, H: Any = None, excited: int = 1, band: tuple[float | None, float | None] | None = None, weight: Any = None
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     r"""Rows of the force balances from a frequency response.
 
@@ -137,7 +139,7 @@ def frf_to_features(
         Hz.
     H : array-like of complex, shape (n_lines, n_dof)
         Accelerance, m/s^2/N; left out with a FrequencyResponse.
-    driven : int
+    excited : int
     band : (float, float), optional
         Hz; lines outside are left out.
     weight : array-like of shape (n_lines,), optional
@@ -166,12 +168,12 @@ def frf_to_features(
     >>> f = np.linspace(1, 10, 50)
     >>> w = 2 * np.pi * f
     >>> H = -(w**2) / (3000.0 + 4j * w - 2.5 * w**2)
-    >>> X, F = io.frf_to_features(f, H[:, None], driven=1)
+    >>> X, F = io.frf_to_features(f, H[:, None], excited=1)
     >>> model = NRFRegressor(degree=1).fit(X, F)
     >>> model.masses_.round(9), model.restoring_forces_[1].coefficients.round(6).to_dict()
     (array([2.5]), {'v': 4.0, 's': 3000.0})
     """
-    frf = f if isinstance(f, FrequencyResponse) else frequency_response(f, H, driven)
+    frf = f if isinstance(f, FrequencyResponse) else frequency_response(f, H, excited)
     used = in_band(frf.f, band)
     if not used.any():
         raise ChannelError(
@@ -189,7 +191,7 @@ def frf_to_features(
     columns = np.hstack([a, *drifts])
     n = frf.n_dof
     force = np.zeros((len(scale), n), dtype=complex)
-    force[:, frf.driven - 1] = scale
+    force[:, frf.excited - 1] = scale
 
     def rows(values: np.ndarray, kinds: str) -> pd.DataFrame:
         names = [f"{kind}{j}" for kind in kinds for j in range(1, n + 1)]

@@ -64,7 +64,7 @@ def demo(as_json: bool, **options: Any) -> None:
 @click.option(
     "--frf", is_flag=True, help="FILE holds frequency responses: columns f (Hz), H1, H2, .. complex, e.g. 0.1-0.2j."
 )
-@click.option("--driven", type=int, default=1, help="With --frf: the floor that is driven.")
+@click.option("--excited", type=int, default=1, help="With --frf: the floor that is excited.")
 @opt.choice(
     "--kind", ["accelerance", "mobility", "receptance"],
     "With --frf: acceleration, velocity or displacement over force.", "accelerance",
@@ -98,7 +98,7 @@ def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) 
       pysindy-nrf identify DATA_EMPS.mat --map x1=qm --map F1='vir*35.1507' --band 0,20 --degree 1
       pysindy-nrf identify hammer1.csv hammer2.csv hammer3.csv
       pysindy-nrf identify quake.csv --map ag='table @ g' --known-mass 3=5200 --band 0.2,10
-      pysindy-nrf identify shaker.csv --frf --driven 1 --band 4,32
+      pysindy-nrf identify shaker.csv --frf --excited 1 --band 4,32
     """
     from ...estimation.regressor import NRFRegressor
 
@@ -112,7 +112,7 @@ def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) 
     if frf:
         _identify_frf(session, files, settings, options)
         return
-    for name in ("driven", "kind"):
+    for name in ("excited", "kind"):
         if _given(name):
             raise click.UsageError(f"--{name} goes with --frf only.")
     from ...data.io import describe
@@ -156,14 +156,14 @@ def _identify_frf(session: Session, files: tuple[Path, ...], settings: dict[str,
         raise click.UsageError(
             "Frequency responses identify linear laws only: leave out --order and --law, and --degree or set it to 1."
         )
-    frf = read_frf(files[0], driven=options["driven"], kind=options["kind"])
+    frf = read_frf(files[0], excited=options["excited"], kind=options["kind"])
     band = options["band"]
     session.measured(frf.describe(band))
     settings["chain"] = Chain(frf.n_dof, options["links"]) if options["links"] else None
     estimator = NRFRegressor(**settings)
     masses = settings["known_masses"] or {}
-    plan = _say_plan(session, frf.n_dof, [frf.driven], [], masses, estimator)
-    understood = [{"name": frf.name, "n_dof": frf.n_dof, "n_lines": len(frf.f), "driven": frf.driven}]
+    plan = _say_plan(session, frf.n_dof, [frf.excited], [], masses, estimator)
+    understood = [{"name": frf.name, "n_dof": frf.n_dof, "n_lines": len(frf.f), "excited": frf.excited}]
     if options["dry_run"]:
         _dry(session, plan, understood)
         return

@@ -157,7 +157,7 @@ def _free_runs(outcome: Outcome, records: Sequence[Record], data: SegmentSet, pr
 
 def _response(model: Any, frf: FrequencyResponse) -> np.ndarray:
     """Accelerance of the model at the measured lines."""
-    return 2j * np.pi * frf.f[:, None] * transfer(model.matrices(), frf.f)[:, :, frf.driven - 1]
+    return 2j * np.pi * frf.f[:, None] * transfer(model.matrices(), frf.f)[:, :, frf.excited - 1]
 
 
 def _unique(name: str, taken: Any) -> str:
@@ -328,7 +328,7 @@ def _figures(outcome: Outcome, folder: Path, band: Any) -> list[Path]:
     if outcome.frf is not None:
         frf, found = outcome.frf
         used = outcome.used
-        title = f"Accelerance, force on DOF {frf.driven}, {band_text(band)}"
+        title = f"Accelerance, force on DOF {frf.excited}, {band_text(band)}"
         responses = response_figures(frf.f[used], frf.H[used], found[used])
         return save(folder / "frequency_response.png", responses, title=title)
     if outcome.data is not None:

@@ -83,7 +83,7 @@ class Record:
             raise ChannelError(
                 f"coordinates={coordinates!r} is unknown", "Choose 'relative' (to the base) or 'absolute'."
             )
-        self.name = str(name)
+        self.name = str(name).encode("utf-8", "backslashreplace").decode()  # a file's name may be no text
         self.coordinates = coordinates
         given = {"acceleration": acceleration, "velocity": velocity, "displacement": displacement, "force": force}
         arrays = {key: as_matrix(value, MATRICES[key], what=key) for key, value in given.items() if value is not None}

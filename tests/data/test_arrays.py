@@ -204,6 +204,20 @@ def test_compressed_files_beyond_the_limit(tmp_path):
     refused(tmp_path / "a.csv", max_bytes=5)
 
 
+def test_files_that_unpack_out_of_all_proportion(tmp_path):
+    """Below the limit of 4 GB, but a thousand times their own size, as no measured channels are."""
+    with zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        content = io.BytesIO()
+        np.save(content, np.zeros(30_000_000))
+        archive.writestr("x1.npy", content.getbuffer())
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("x1", (400_000_000,), "f8", chunks=(1_000_000,), compression="gzip")
+    for name in ("a.npz", "a.h5"):
+        with pytest.raises(FileFormatError, match=f"{name}, a file of .* MB, unpacks to more than"):
+            read_table(tmp_path / name)
+
+
 @pytest.mark.parametrize("shape", [(10**12,), (10**6, 10**6), (2**62, 8), (-5,)])
 def test_numpy_headers_that_lie(tmp_path, shape):
     stream = io.BytesIO()

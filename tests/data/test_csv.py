@@ -1,6 +1,8 @@
 """Delimited text as people and programs write it: the numbers that were measured, or a refusal that names the cell."""
 
+import os
 import re
+import time
 import warnings
 
 import numpy as np
@@ -8,7 +10,7 @@ import pandas as pd
 import pytest
 
 from pysindy_nrf import Record
-from pysindy_nrf.data.io import read_record, read_table, write_record
+from pysindy_nrf.data.io import read_record, read_table, write_record, write_table
 from pysindy_nrf.exceptions import ChannelError, FileFormatError
 
 DIALECTS = {
@@ -48,6 +50,38 @@ def test_brackets_that_hold_no_unit_stay_in_the_name(written):
     rec = read_record(path, mapping={"a1": "acc (N)", "a2": "acc (S)", "x1": "laser"})
     np.testing.assert_array_equal(rec.acceleration, [[1, 2], [2, 3], [3, 4]])
     np.testing.assert_allclose(rec.displacement[:, 0], [3e-3, 4e-3, 5e-3])
+
+
+@pytest.mark.parametrize("name", ["(" * 40_000, "a" + "[" * 40_000, "a (" * 13_000, "a [" + " " * 40_000 + "x]"], ids=len)
+def test_a_header_of_brackets_is_a_name_like_any_other(written, name):
+    """In a moment; and no message drowns in it."""
+    start = time.perf_counter()
+    with pytest.raises(FileFormatError, match="no column is known to be a motion") as error:
+        read_record(written(f"t,{name}\n0,1\n1,2\n"))
+    assert time.perf_counter() - start < 1.0 and len(str(error.value)) < 400
+
+
+@pytest.mark.parametrize("cell", ["1.5,", "1.5"])
+def test_a_text_of_one_line_is_refused_by_its_first_part(written, cell):
+    with pytest.raises(FileFormatError, match="first line is longer than 64 KB"):
+        read_table(written(cell * 5_000_000))
+
+
+def test_a_name_that_is_no_text_is_written_as_its_code(frame, tmp_path):
+    path = tmp_path / os.fsdecode(b"test \xff.csv")
+    frame.to_csv(path, index=False)
+    record = read_record(path)
+    assert record.name == r"test \udcff"
+    assert read_record(write_record(record, tmp_path / "own.csv")).name == record.name
+
+
+def test_cells_that_a_spreadsheet_would_run_are_quoted(frame, tmp_path):
+    table = pd.DataFrame({"=1+1": ["=cmd", "+1", "-2", "@x", "m1"], "value": [-1.5, 2.0, 3.0, 4.0, 5.0]})
+    lines = write_table(table, tmp_path / "a.csv").read_text().splitlines()
+    assert lines == ["'=1+1,value", "'=cmd,-1.5", "'+1,2.0", "'-2,3.0", "'@x,4.0", "m1,5.0"]
+    record = Record.from_frame(frame.assign(**{"=volt": 1.0}))
+    path = write_record(record, tmp_path / "b.csv")
+    assert ",'=volt" in path.read_text().splitlines()[1] and list(read_record(path).covariates) == ["=volt"]
 
 
 def test_columns_without_names_are_numbered(written):

@@ -123,8 +123,10 @@ def sniff(path: Path) -> Dialect:
     lines = re.split(r"\r\n|\n|\r", text)  # splitlines() also splits at characters that pandas keeps
     if not lines[-1]:
         lines.pop()
-    elif not whole and len(lines) > 1:
+    elif not whole:
         lines.pop()  # probably cut
+    if not lines:
+        raise unreadable(path, "delimited text", f"its first line is longer than {_HEAD_BYTES // 1024} KB")
     trials = [(sep, mark) for sep in _SEPARATORS for mark in (".", ",") if sep != mark]
     found = next(filter(None, (_try(lines, *trial, encoding, 1.0) for trial in trials)), None)
     if found is None:  # a column holds text: take the reading under which most cells are numbers
@@ -203,15 +205,12 @@ def _try(lines: list[str], separator: str, decimal: str, encoding: str, share: f
     return Dialect(separator, decimal, header, units, rows[start][0], encoding, named)
 
 
-_UNIT = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\))\s*\Z")
-
-
-def _split_unit(column: str) -> tuple[str, str | None]:
+def split_unit(column: str) -> tuple[str, str | None]:
     """Name of a column and the unit written behind it, ``"a1 [mm]"`` or ``"a1 (g)"``."""
-    match = _UNIT.match(column.strip())
-    if match is None or not match["name"]:
-        return column.strip(), None
-    return match["name"], (match["square"] or match["round"] or "").strip() or None
+    text = column.strip()
+    opening = text.rfind({"]": "[", ")": "("}.get(text[-1:], "\n"))
+    name = text[: max(opening, 0)].strip()
+    return (name, text[opening + 1 : -1].strip() or None) if name else (text, None)
 
 
 def _header(
@@ -233,7 +232,7 @@ def _header(
     if not above:
         return tuple(f"c{i + 1}" for i in range(width)), tuple(units), False
     cells = [cell.strip('"') for cell in above[-1]]
-    split = [_split_unit(cell) for cell in cells]
+    split = [split_unit(cell) for cell in cells]
     bare = [name for name, _ in split]
     names = []
     for i, (name, unit) in enumerate(split):

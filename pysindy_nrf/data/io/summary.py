@@ -9,7 +9,7 @@ import numpy as np
 from ..channels import finite_span
 from ..record import BASES, Record
 from .reading import Reading
-from .table import Table
+from .table import Table, short
 from .units import si_unit
 
 _KINDS = {"a": "absolute acceleration", "v": "velocity", "x": "displacement", "F": "force"}
@@ -69,7 +69,7 @@ def contents(table: Table, most: int = 40) -> str:
     width = min(max((len(name) for name in table.variables), default=0), 40)
     lines = [f"{table.path} holds ({'; '.join([table.kind, *table.notes])}):"]
     for name, values in list(table.variables.items())[:most]:
-        lines.append(f"  {name:{width}s}  {_extent(values)}{' ' + table.units[name] if name in table.units else ''}")
+        lines.append(f"  {short(name):{width}s}  {_extent(values)}{' ' + table.units[name] if name in table.units else ''}")
     rest = len(table.variables) - most
     return "\n".join([*lines, *([f"  and {rest} more"] if rest > 0 else [])])
 

@@ -36,9 +36,14 @@ class Table:
         """Names and shapes of the variables, for messages."""
         shown = [
             name if values.ndim == 1 else f"{name} {'x'.join(map(str, values.shape)) if values.ndim else '(a number)'}"
-            for name, values in self.variables.items()
+            for name, values in zip(map(short, self.variables), self.variables.values())
         ]
         return ", ".join(shown[:20]) + (f" and {len(shown) - 20} more" if len(shown) > 20 else "")
+
+
+def short(name: str) -> str:
+    """A name, cut where a message would drown in it."""
+    return name if len(name) <= 80 else f"{name[:60]}... ({len(name)} characters)"
 
 
 def check_file(path: Path, max_bytes: int = MAX_BYTES) -> None:
@@ -53,8 +58,18 @@ def check_file(path: Path, max_bytes: int = MAX_BYTES) -> None:
     check_size(path, size, max_bytes)
 
 
+# Samples of sensors shrink to a third or a tenth; a channel of zeros shrinks a thousandfold, but is not alone in a file.
+_SHRINKS, _HARMLESS = 100, 200_000_000  # times, and bytes below which it does not matter
+
+
 def check_size(path: Path, size: int, max_bytes: int) -> None:
-    """Refuse a content of more bytes than the limit."""
+    """Refuse a content of more bytes than the limit, or out of all proportion to its file."""
+    if _HARMLESS < size <= max_bytes and size > _SHRINKS * path.stat().st_size:
+        raise FileFormatError(
+            f"{path}, a file of {path.stat().st_size / 1e6:.2g} MB, unpacks to more than {size / 1e9:.2g} GB, as no "
+            "measured channels do",
+            "Save it uncompressed if it is right.",
+        )
     if size > max_bytes:
         raise FileFormatError(
             f"{path} holds {size / 1e9:.3g} GB, more than the limit of {max_bytes / 1e9:.3g} GB",

@@ -90,6 +90,8 @@ def is_unit(text: str) -> bool:
 def _clean(unit: str) -> str:
     """One spelling of powers, products and brackets; SI as ``m/s^2``."""
     text = unit.strip().strip("[]()").strip()
+    if len(text) > 2 * _MOST:
+        return text
     for old, new in (("⁻¹", "^-1"), ("⁻²", "^-2"), ("²", "^2"), ("·", "*"), ("**", "^"), ("μ", "µ")):
         text = text.replace(old, new)
     text = re.sub(r"\s*([*/^])\s*", r"\1", text)

@@ -63,7 +63,7 @@ def _write_csv(path: Path, columns: dict[str, np.ndarray], attributes: Attribute
     with atomic_write(path) as file:
         file.write(f"# {attributes.to_json()}\n")
         # the second line is for human readers; names are read from the first
-        csv.writer(file, lineterminator="\n").writerow([" ".join(name.split()) for name in columns])
+        csv.writer(file, lineterminator="\n").writerow([_no_formula(" ".join(name.split())) for name in columns])
         frame = pd.DataFrame({i: line for i, line in enumerate(columns.values())})
         frame.to_csv(file, index=False, header=False, na_rep="nan", lineterminator="\n")
 
@@ -80,6 +80,11 @@ def _write_parquet(path: Path, columns: dict[str, np.ndarray], attributes: Attri
         table = table.replace_schema_metadata({ATTRIBUTES_KEY: attributes.to_json().encode()})
     with atomic_write(path, "wb") as file:
         parquet.write_table(table, file)
+
+
+def _no_formula(cell: Any) -> Any:
+    """A text that spreadsheets would run as a formula, quoted for them."""
+    return f"'{cell}" if isinstance(cell, str) and cell[:1] in tuple("=+-@\t\r") else cell
 
 
 def write_table(table: pd.DataFrame, path: Any) -> Path:
@@ -114,7 +119,7 @@ def write_table(table: pd.DataFrame, path: Any) -> Path:
     flat = table.reset_index() if table.index.name else table
     if suffix == ".csv":
         with atomic_write(path) as file:
-            flat.to_csv(file, index=False, lineterminator="\n")
+            flat.map(_no_formula).rename(columns=_no_formula).to_csv(file, index=False, lineterminator="\n")
     else:
         _write_parquet(path, {str(name): flat[name].to_numpy() for name in flat.columns})
     return path

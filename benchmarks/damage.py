@@ -75,7 +75,7 @@ def pair(number: int) -> Pair:
     if kind == "amplitude":
         noise[1] = noise[0]
     forces = [
-        band_limited_random(n, SECONDS, FS, dofs=dofs, rms=LEVEL * r, band=(0.5, 40), random_state=[26, number, at])
+        band_limited_random(n, SECONDS, FS, excited=dofs, rms=LEVEL * r, band=(0.5, 40), random_state=[26, number, at])
         for at, r in enumerate((1.0, ratio))
     ]
     healthy = ChainModel(m, {f"storey {i}": law for i, law in held.items()})

@@ -12,7 +12,7 @@ from ..exceptions import ChainError, ExcitationError
 from ..laws import ForceLaw
 from ..mechanics.chain import Chain, chain_of, masses_of
 from ..mechanics.identifiability import SolveOrder, plan_solve_order
-from ..mechanics.sites import Site, as_mapping, dofs_of
+from ..mechanics.sites import Site, dofs_of
 from ..regression.chain_model import ChainModel
 from ..regression.chain_solve import (
     Solution,
@@ -25,7 +25,7 @@ from ..regression.chain_solve import (
 )
 from ..regression.grams import BlockGrams
 from ..regression.input_arrays import from_arrays
-from ..regression.layout import Block, LawLayout, power_series_laws
+from ..regression.layout import Block, LawLayout, declared_laws, power_series_laws
 from ..regression.optimizers import sub_optimizer
 from ..regression.segments import SegmentSet
 from ..regression.shape_search import estimate_shapes
@@ -207,20 +207,6 @@ def _least_squares(
             yield from segment.blocks(layout, filter=filter, states={} if filter is None else None)
 
     return solve_blocks(layout, order, blocks, problem.known_masses, problem.optimizer)
-
-
-def declared_laws(laws: Any) -> dict[Any, tuple[ForceLaw, ...]]:
-    """The laws that a user declared, by the user's own names of the sites."""
-    given = {}
-    for site, value in as_mapping("laws", laws, "{'storey 1': [...]}").items():
-        held = tuple(value) if isinstance(value, (list, tuple)) else (value,)
-        wrong = [law for law in held if not isinstance(law, ForceLaw)]
-        if wrong:
-            raise ChainError(
-                f"laws[{site!r}] holds {wrong[0]!r}, which is not a force law", "Use those of pysindy_nrf.laws."
-            )
-        given[site] = held
-    return given
 
 
 def law_list(laws: Any) -> list[ForceLaw]:

@@ -154,27 +154,19 @@ def _sequential(
 
 def _reasons(masses: tuple[int, ...], sites: tuple[Site, ...], unknown: frozenset[int]) -> tuple[str, ...]:
     said = []
-    for site in sorted(sites, key=lambda s: (-s.p, -s.q)):
+    for site in sites:
         ends = [j for j in (site.q, site.p) if j > 0]
-        blind = [j for j in ends if j in unknown]
+        blind = " and ".join(str(j) for j in ends if j in unknown)
         hit = " or ".join(str(j) for j in ends if j not in unknown)
-        hit = f"hit floor {hit}" if hit else ""
+        why = "no force and no known mass reaches it; "
         if blind:
-            measure = " and ".join(str(j) for j in blind)
-            said.append(
-                (
-                    (-site.p, 0),
-                    f"{site} cannot be scaled: the force on DOF {measure} is unknown and nothing else "
-                    f"reaches it; measure the force on floor {measure}{', or ' + hit if hit else ''}.",
-                )
-            )
-        else:
-            said.append(((-site.p, 0), f"{site} cannot be scaled: no force and no known mass reaches it; {hit}."))
+            why = f"the force on DOF {blind} is unknown and nothing else reaches it; measure the force on floor {blind}"
+            why += ", or " * bool(hit)
+        why += f"hit floor {hit}" if hit else ""
+        said.append(((-site.p, 0, -site.q), f"{site} cannot be scaled: {why}."))
     for j in masses:
+        why = f"no force and no known mass reaches DOF {j}; hit floor {j}."
         if j in unknown:
-            said.append(
-                ((-j, 1), f"m{j} cannot be found: the force on DOF {j} is unknown; measure it or weigh the floor.")
-            )
-        else:
-            said.append(((-j, 1), f"m{j} cannot be found: no force and no known mass reaches DOF {j}; hit floor {j}."))
+            why = f"the force on DOF {j} is unknown; measure it or weigh the floor."
+        said.append(((-j, 1, 0), f"m{j} cannot be found: {why}"))
     return tuple(text for _, text in sorted(said, key=lambda item: item[0]))

@@ -17,10 +17,10 @@ from ..data.channels import checked, same_columns
 from ..exceptions import ChainError, ChannelError, DataQualityWarning, LawError
 from ..laws.base import ForceLaw, subscript
 from ..mechanics.chain import MOST_DOFS, Chain, chain_of
-from ..mechanics.sites import Site, dofs_of
+from ..mechanics.sites import dofs_of
 from .chain_model import ChainModel
-from .layout import LawLayout, power_series_laws
-from .optimizers import StateSpaceChainOptimizer
+from .layout import LawLayout, declared_laws, power_series_laws, with_coefficients
+from .optimizers import StateSpaceChainOptimizer, balance_rows
 from .segments import Segment
 
 _INPUTS = ("balance", "state")
@@ -87,16 +87,11 @@ class ForceLawLibrary(BaseFeatureLibrary):
         self.excited = excited
 
     def _laws(self, chain: Chain) -> Mapping[Any, Sequence[ForceLaw]]:
-        given = self.laws
-        if given is None:
+        if self.laws is None:
             raise LawError(
                 "The library has no laws", "Pass laws={'storey 1': [...], ...}, or one list for every storey."
             )
-        if isinstance(given, ForceLaw):
-            given = [given]
-        if not isinstance(given, Mapping):
-            given = dict.fromkeys(chain.sites, list(given))
-        return {s: [v] if isinstance(v, ForceLaw) else list(v) for s, v in given.items()}
+        return declared_laws(self.laws if isinstance(self.laws, Mapping) else dict.fromkeys(chain.sites, self.laws))
 
     def fit(self, x: Any, y: Any = None) -> Any:
         """Count the features.
@@ -145,41 +140,34 @@ class ForceLawLibrary(BaseFeatureLibrary):
     def _meaning(self, width: int) -> tuple[int, tuple[int, ...]]:
         """Number of DOFs, and those with a column of u, of a table of so many columns."""
         n = None if self.chain is None else chain_of(self.chain, 0).n_dof
-        free = width // 2 if n is None else n
-        if self.excited is not None:
-            return self._of_the_excited(width, n)
-        if self.inputs == "state" and width % 3 and width == 2 * free > 0:
+        state, excited = self.inputs == "state", self.excited
+        if excited is not None and not state:
+            raise ChannelError("excited= is for inputs='state'", "A balance has no column of u: pass F to fit.")
+        if state and excited is None and width % 3 and width == 2 * (n or width // 2) > 0:
+            excited = ()
             if n is None:
                 warnings.warn(
-                    f"{width} columns are taken as x and xdot of {free} DOFs in free vibration. Give excited=() if "
-                    "that is so, or excited=[...], the DOFs that the columns of u act on.",
+                    f"{width} columns are taken as x and xdot of {width // 2} DOFs in free vibration. Give excited=() "
+                    "if that is so, or excited=[...], the DOFs that the columns of u act on.",
                     DataQualityWarning,
                     stacklevel=4,
                 )
-            return free, ()
-        whole = width // 3 if n is None else n
-        if whole < 1 or width != 3 * whole:
-            what = "a, v, s" if self.inputs == "balance" else "x, xdot, u = F"
-            cure = "" if self.inputs == "balance" else ", or excited=[...], the DOFs that the columns of u act on"
+        if excited is None:
+            n = max(width // 3, 1) if n is None else n
+            acting, needed = tuple(range(1, n + 1)), 3 * n
+        else:
+            named = dofs_of("excited", excited, MOST_DOFS)
+            n = max((width - len(named)) // 2, 1) if n is None else n
+            acting, needed = dofs_of("excited", named, n), 2 * n + len(named)
+        if width != needed:
+            what = "x, xdot, u = F of every DOF, or excited=[...], the DOFs that the columns of u act on"
             raise ChannelError(
-                f"The library got {width} columns (n_features = {width}), {3 * max(whole, 1)} are needed",
-                f"Give {what} of every DOF{cure}.",
+                f"The library got {width} columns (n_features = {width}), {needed} are needed",
+                f"Give {what if state else 'a, v, s of every DOF'}.",
             )
-        return whole, tuple(range(1, whole + 1))
-
-    def _of_the_excited(self, width: int, n: int | None) -> tuple[int, tuple[int, ...]]:
-        if self.inputs != "state":
-            raise ChannelError("excited= is for inputs='state'", "A balance has no column of u: pass F to fit.")
-        excited = dofs_of("excited", self.excited, MOST_DOFS if n is None else n)
-        n = (width - len(excited)) // 2 if n is None else n
-        if n < 1 or width != 2 * n + len(excited):
-            raise ChannelError(
-                f"The library got {width} columns (n_features = {width}), {2 * max(n, 1) + len(excited)} are needed",
-                f"Give x and xdot of every DOF, and u of {len(excited)} (excited={list(excited)}).",
-            )
-        if len(set(excited)) < len(excited):
-            raise ChainError(f"excited={list(excited)} names a DOF twice", "Give each column of u a DOF of its own.")
-        return n, dofs_of("excited", excited, n)
+        if len(set(acting)) < len(acting):
+            raise ChainError(f"excited={list(acting)} names a DOF twice", "Give each column of u a DOF of its own.")
+        return n, acting
 
     def transform(self, x: Any) -> Any:
         """Columns of the balances.
@@ -316,21 +304,11 @@ class ForceLawLibrarySum(ForceLawLibrary):
             )
         return values[0] if values else None
 
-    @property
-    def inputs(self) -> str:  # type: ignore[override]  # read-only: it is that of the libraries added
-        return self._shared("inputs")
-
-    @property
-    def chain(self) -> Chain | None:  # type: ignore[override]  # likewise
-        return self._shared("chain")
-
-    @property
-    def dt(self) -> float | None:  # type: ignore[override]  # likewise
-        return self._shared("dt")
-
-    @property
-    def excited(self) -> int | Sequence[int] | None:  # type: ignore[override]  # likewise
-        return self._shared("excited")
+    # read-only: those of the libraries added
+    inputs, chain, dt, excited = (
+        property(lambda self, name=name: self._shared(name))  # type: ignore[misc]
+        for name in ("inputs", "chain", "dt", "excited")
+    )
 
     def _laws(self, chain: Chain) -> Mapping[Any, Sequence[ForceLaw]]:
         merged: dict[Any, list[ForceLaw]] = {}
@@ -383,20 +361,13 @@ class IdentifiedChain(StateSpaceChainOptimizer):
 
     def fit(self, x_: Any, y: Any, sample_weight: Any = None) -> Self:
         """Take the model's coefficients; the data are not used."""
-        model = self.model
-        if model is None:
+        if self.model is None:
             raise ChainError("There is no model to hold", "Pass model=.")
-        layout, n, coefficients = LawLayout(model.chain, model.laws), model.n_dof, model.coefficients
-        rows = np.zeros((n, layout.n_terms))
-        for site in layout.acting:
-            incidence = [site.incidence(j) for j in range(1, n + 1)]
-            rows[:, layout.slices[site]] = np.outer(incidence, coefficients[site])
-        coef = np.zeros((2 * n, 2 * n + layout.n_terms))
-        coef[:n, :n] = np.eye(n)
-        coef[n:, n : n + layout.n_terms] = -rows / model.masses[:, None]
-        coef[n:, n + layout.n_terms :] = np.diag(1.0 / model.masses)
-        self.masses_, self.n_features_in_, self._one_target = model.masses, coef.shape[1], False
-        return self._finish(coef)
+        layout = LawLayout(self.model.chain, self.model.laws)
+        self.masses_, self._one_target = self.model.masses, False
+        self._finish(self._state_rows(balance_rows(layout, self.model.coefficients)))
+        self.n_features_in_ = self.coef_.shape[1]
+        return self
 
 
 def to_sindy(model: ChainModel, dt: float = 1.0) -> Any:
@@ -435,14 +406,7 @@ def from_sindy(sindy: Any) -> ChainModel:
             )
         masses = 1.0 / own if state else own
     rows = -masses[:, None] * coef[n:, n : n + layout.n_terms] if state else coef[:, n:]
-    laws: dict[Site, list] = {}
-    for site in layout.acting:
-        values = site.incidence(site.p) * rows[site.p - 1, layout.slices[site]]
-        laws[site] = []
-        for law in layout.laws[site]:
-            width = len(law.terms())
-            if law.free_shape:
-                raise LawError(f"{site}: {law!r} has shape parameters without values", "Give them to the library.")
-            laws[site].append(law.with_values(coefficients=values[:width]))
-            values = values[width:]
-    return ChainModel(masses, laws, layout.chain)
+    if free := [f"{site}: {law!r}" for site, held in layout.laws.items() for law in held if law.free_shape]:
+        raise LawError(f"{free[0]} has shape parameters without values", "Give them to the library.")
+    values = {s: s.incidence(s.p) * rows[s.p - 1, layout.slices[s]] for s in layout.acting}
+    return ChainModel(masses, with_coefficients(layout.laws, values), layout.chain)

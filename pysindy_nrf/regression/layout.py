@@ -190,6 +190,20 @@ def with_coefficients(
     return out
 
 
+def declared_laws(laws: Any) -> dict[Any, tuple[ForceLaw, ...]]:
+    """The laws that a user declared, by the user's own names of the sites."""
+    given = {}
+    for site, value in as_mapping("laws", laws, "{'storey 1': [...]}").items():
+        held = tuple(value) if isinstance(value, (list, tuple)) else (value,)
+        wrong = [law for law in held if not isinstance(law, ForceLaw)]
+        if wrong:
+            raise ChainError(
+                f"laws[{site!r}] holds {wrong[0]!r}, which is not a force law", "Use those of pysindy_nrf.laws."
+            )
+        given[site] = held
+    return given
+
+
 def power_series_laws(chain: Chain, degree: Any, orders: Mapping[Any, Any] | None = None) -> dict[Site, list[ForceLaw]]:
     """A power series at every site of a chain."""
     given = {chain.site(s): order for s, order in as_mapping("orders", orders, "{'storey 2': 5}").items()}

@@ -42,7 +42,7 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         self.terms = terms
         self.known_masses = known_masses
 
-    def _fit_columns(self, x: Any, terms: np.ndarray, a: np.ndarray, F: np.ndarray, sample_weight: Any) -> Layout:
+    def _fit_columns(self, x: Any, terms: np.ndarray, a: np.ndarray, F: np.ndarray, sample_weight: Any) -> np.ndarray:
         n = a.shape[1]
         if len(F) != len(a):
             raise ChannelError(
@@ -73,7 +73,7 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
             warnings.warn(" ".join(said), BiasWarning, stacklevel=3)
         self.inner_, self.solve_order_ = self.solution_.inner, solve_order
         self.masses_ = np.array([self.solution_.masses[j] for j in range(1, n + 1)])
-        return layout
+        return balance_rows(layout, self.solution_.coefficients, self.solution_.twins)
 
     def _layout(self, x: Any, n: int, n_terms: int) -> Layout:
         """Which of the columns behind the accelerations or velocities belong to which site."""
@@ -110,17 +110,6 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
                 "Give the library that made these features: terms=library.",
             )
         return layout
-
-    def _rows(self, layout: Layout) -> np.ndarray:
-        """Coefficients of the storey terms in each balance, shape (n_dof, n_terms)."""
-        rows = np.zeros((layout.n_dof, layout.n_terms))
-        for site in layout.acting:
-            for j in (site.p, site.q):
-                if site.incidence(j):
-                    second = self.solve_order_.strategy == "complete" and j != site.p
-                    held = self.solution_.twins if second else self.solution_.coefficients
-                    rows[j - 1, layout.slices[site]] = site.incidence(j) * held[site]
-        return rows
 
     def _finish(self, coef: np.ndarray) -> Self:
         self.coef_ = coef
@@ -167,6 +156,17 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         """Number of coefficients that are not zero."""
         check_is_fitted(self, "coef_")
         return int(np.count_nonzero(self.coef_))
+
+
+def balance_rows(layout: Layout, found: Mapping[Any, np.ndarray], twins: Mapping[Any, np.ndarray] = {}) -> np.ndarray:
+    """Coefficients of the terms in each balance, shape (n_dof, n_terms); ``twins`` are those at the lower ends."""
+    rows = np.zeros((layout.n_dof, layout.n_terms))
+    for site in layout.acting:
+        for j in (site.p, site.q):
+            if site.incidence(j):
+                held = found[site] if j == site.p else twins.get(site, found[site])
+                rows[j - 1, layout.slices[site]] = site.incidence(j) * held
+    return rows
 
 
 def sub_optimizer(optimizer: Any) -> Any:
@@ -288,8 +288,8 @@ class ChainOptimizer(_ChainOptimizerBase):
             raise ChannelError(
                 f"{x.shape[1]} features for {n} balances", "The first columns are a_1..a_n, then the terms."
             )
-        layout = self._fit_columns(x_, x[:, n:], x[:, :n], F, sample_weight)
-        return self._finish(np.hstack([np.diag(self.masses_), self._rows(layout)]))
+        rows = self._fit_columns(x_, x[:, n:], x[:, :n], F, sample_weight)
+        return self._finish(np.hstack([np.diag(self.masses_), rows]))
 
     def score(self, X: Any, y: Any, sample_weight: Any = None) -> float:
         """R^2 of the accelerations, as :meth:`NRFRegressor.score`: balances without a force count like the others.
@@ -366,11 +366,11 @@ class StateSpaceChainOptimizer(_ChainOptimizerBase):
                 "the targets are [xdot | a].",
             )
         forces = x[:, x.shape[1] - n :]
-        layout = self._fit_columns(x_, x[:, n : x.shape[1] - n], target[:, -n:], forces, sample_weight)
-        inverse = 1.0 / self.masses_
-        coef = np.zeros((n, x.shape[1]))
-        coef[:, n : x.shape[1] - n] = -inverse[:, None] * self._rows(layout)
-        coef[:, x.shape[1] - n :] = np.diag(inverse)
-        if moving:
-            coef = np.vstack([np.eye(n, x.shape[1]), coef])
-        return self._finish(coef)
+        rows = self._fit_columns(x_, x[:, n : x.shape[1] - n], target[:, -n:], forces, sample_weight)
+        coef = self._state_rows(rows)
+        return self._finish(coef if moving else coef[n:])
+
+    def _state_rows(self, rows: np.ndarray) -> np.ndarray:
+        """Kinematic rows and those of the accelerations from those of the balances."""
+        n, m = len(self.masses_), self.masses_[:, None]
+        return np.block([[np.eye(n, 2 * n + rows.shape[1])], [np.zeros((n, n)), -rows / m, np.eye(n) / m]])

@@ -110,14 +110,4 @@ free_run = ChainScorer("free_run", _free_run)
 
 SCORERS = {scorer.name: scorer for scorer in (balance, acceleration, free_run)}
 
-
-def get_scorer(scoring: str | Callable[..., float]) -> Callable[..., float]:
-    """A scorer by name."""
-    if callable(scoring):
-        return scoring
-    if scoring not in SCORERS:
-        raise NRFError(f"There is no scorer {scoring!r}", f"Choose {', '.join(SCORERS)}, or pass a callable.")
-    return SCORERS[scoring]
-
-
 __all__ = ["acceleration", "balance", "free_run"]

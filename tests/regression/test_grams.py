@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pysindy_nrf import Chain, laws
+from pysindy_nrf import Chain, ForceLawLibrary, laws
 from pysindy_nrf.exceptions import NRFError
 from pysindy_nrf.regression.gram_pass import GramPass, guess_of, total_gram
 from pysindy_nrf.regression.grams import BlockGrams
@@ -109,35 +109,38 @@ def test_chunks_add(kind, cuts, size):
     assert_same(pooled, total_of(data, kind))
 
 
+POWERS = [
+    [laws.PowerSeries(3)], [laws.PowerSeries((1, 3))], [laws.LinearElastic(), laws.CubicStiffness(), laws.LinearViscous()], [],
+]  # fmt: skip
+OTHERS = [laws.CoulombFriction(), laws.Dahl(sigma=300.0), laws.QuadraticDamping(), laws.Jenkins(uy=1e-3)]
+
+
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 @pytest.mark.parametrize("order", ["C", "F", "strided", "read-only"])
-def test_columns_built_in_the_pass_are_those_of_the_laws(order, dtype):
-    """Products of v and s, and laws that are none, whatever the layout of the user's arrays; float32 is added in double."""
-    held = {
-        "storey 1": [laws.PowerSeries((2, 3))],
-        "storey 2": [laws.LinearElastic(), laws.LinearViscous(), laws.CubicStiffness(), laws.CoulombFriction()],
-        "storey 3": [laws.Dahl(sigma=300.0), laws.PowerSeries(1)],
-        "link 3-1": [laws.PowerSeries(2)],
-    }
-    layout = LawLayout(Chain(3, ["link 3-1"]), held)
-    rng = np.random.default_rng(0)
-    s = np.cumsum(rng.normal(size=(5000, 3)), axis=0) * 1e-4
-    X = np.hstack([rng.normal(size=(5000, 3)), np.gradient(s, axis=0) * 1e3, s]).astype(dtype)
-    F = rng.normal(size=(5000, 3)).astype(dtype)
+@settings(max_examples=15)
+@given(seed=st.integers(0, 2**31), n=st.integers(1, 4))
+def test_what_the_library_says_a_column_is_the_pass_sums_up(order, dtype, seed, n):
+    """Random laws and chains, whatever the layout of the user's arrays; float32 is added in double."""
+    rng = np.random.default_rng(seed)
+    chain = Chain(n, [f"link {p}-1" for p in range(3, n + 1) if rng.random() < 0.5], rng.choice(["base", "free"]) if n > 1 else "base")
+    held = {s: [*POWERS[rng.integers(4)], *rng.choice(OTHERS, rng.integers(3), replace=False)] for s in [*chain.sites, "dof 1"]}
+    s = np.cumsum(rng.normal(size=(2000, n)), axis=0) * 1e-4
+    X = np.hstack([rng.normal(size=(2000, n)), np.gradient(s, axis=0) * 1e3, s]).astype(dtype)
+    F = rng.normal(size=(2000, n)).astype(dtype)
     given = {
         "C": X, "F": np.asfortranarray(X), "strided": np.repeat(X, 2, axis=0)[::2], "read-only": X.copy(),
     }[order]  # fmt: skip
     given.flags.writeable = order != "read-only"
+    library = ForceLawLibrary(held, chain, dt=1e-3)
+    features, layout = np.asarray(library.fit_transform(given.astype(float))), library.layout_
     segment = from_arrays(given, F, dt=1e-3).segments[0]
-    groups = [layout.group((j,)) for j in (1, 2, 3)]
-    total = total_gram(layout, groups, segment.blocks(layout, 700, states={}))
-    whole = slice(0, 5000)
-    for (j,), gram in total.matrices.items():
-        own = [
-            law.features(segment.motion(site, whole)) for site in total.groups[(j,)].sites for law in layout.laws[site]
-        ]
-        columns = np.hstack([*own, X[:, [j - 1]].astype(float), F[:, [j - 1]].astype(float)])
-        assert_gram(gram, columns.T @ columns, 1e-13)
+    own = [law.features(segment.motion(site, slice(0, 2000))) for site in layout.acting for law in layout.laws[site]]
+    by_hand = np.hstack([X[:, :n].astype(float), *own])
+    assert np.allclose(features, by_hand, rtol=1e-12, atol=0.0)
+    total = total_gram(layout, [layout.group((j,)) for j in range(1, n + 1)], segment.blocks(layout, 700, states={}))
+    for dofs, gram in total.matrices.items():
+        columns = columns_of(layout, total.groups[dofs], (features[:, n:], features[:, :n], F.astype(float)))
+        assert_gram(gram, columns.T @ columns, 1e-12)
     assert X.dtype == dtype  # the user's array is as it was
 
 

@@ -46,17 +46,12 @@ def library(request):
     return libraries()[request.param]
 
 
-def test_fit_returns_self_and_counts(library):
-    assert library.fit(X) is library
-    assert library.n_features_in_ == X.shape[1]
+def test_fit_counts_what_transform_gives_as_an_axes_array(library):
+    assert library.fit(X) is library and library.n_features_in_ == X.shape[1]
+    out = library.transform(X)
+    assert out.shape == (len(X), library.n_output_features_) and np.isfinite(out).all()
     assert library.size == library.n_output_features_ == len(library.get_feature_names())
-
-
-def test_transform_has_the_size_it_says_and_is_an_axes_array(library):
-    out = library.fit(X).transform(X)
-    assert out.shape == (len(X), library.n_output_features_)
     assert isinstance(out, AxesArray) and (out.ax_time, out.ax_coord) == (0, 1)
-    assert np.isfinite(out).all()
 
 
 def test_not_fitted(library):
@@ -77,14 +72,6 @@ def test_feature_names_with_and_without_input_features(library):
     assert renamed[N : len(names) - len(trailing)] == names[N : len(names) - len(trailing)]  # terms belong to storeys
     with pytest.raises(ChannelError, match="2 names for 9 columns"):
         library.get_feature_names(["a", "b"])
-
-
-def test_the_leading_columns_are_passed_through(library):
-    out = np.asarray(library.fit(X).transform(X))
-    if library.inputs == "balance":
-        assert np.array_equal(out[:, :N], X[:, :N])
-    else:
-        assert np.array_equal(out[:, :N], X[:, N : 2 * N]) and np.array_equal(out[:, -N:], X[:, 2 * N :])
 
 
 def test_columns_are_what_their_names_say():
@@ -148,16 +135,9 @@ def test_generalized_library_takes_ours_on_some_channels():
 
 
 def test_the_sum_of_two_chain_libraries_is_one_of_the_chain():
-    polynomial, friction = InterstoryPolynomialLibrary(1), ForceLawLibrary({2: laws.CoulombFriction()})
-    both = (polynomial + friction + ForceLawLibrary({1: laws.CubicStiffness()})).fit(X)
-    assert both.get_feature_names() == ["a1", "a2", "a3", "v1", "s1", "s1^3", "v2", "s2", "sgn(v2)", "v3", "s3"]
-    case = chains.duffing(N, [2], seed=3, n_samples=1500, cubic=False)
-    friction_force = 20.0 * np.sign(case.v[:, 1])  # on storey 2: pulls DOF 2 back, DOF 1 along
-    F = case.F + np.column_stack([-friction_force, friction_force, 0 * friction_force])
-    model = ps.SINDy(optimizer=ChainOptimizer(excited=[1, 2], terms=[2, 3, 2]), feature_library=polynomial + friction)
-    model.fit(case.X, t=case.dt, x_dot=F)
-    assert np.abs(model.optimizer.masses_ / case.m - 1).max() < 1e-8
-    assert dict(zip(model.get_feature_names(), model.coefficients()[1]))["sgn(v2)"] == pytest.approx(20.0, rel=1e-8)
+    both = InterstoryPolynomialLibrary(1) + ForceLawLibrary({2: laws.CoulombFriction()}) + ForceLawLibrary({1: laws.CubicStiffness()})
+    names = both.fit(X).get_feature_names()
+    assert names == ["a1", "a2", "a3", "v1", "s1", "s1^3", "v2", "s2", "sgn(v2)", "v3", "s3"]
 
 
 @pytest.mark.parametrize(

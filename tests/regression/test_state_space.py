@@ -91,20 +91,6 @@ def test_trajectory_lists_with_one_floor_hit_in_each_give_the_chain():
         assert law["s"] == pytest.approx(records[0].k[i], rel=1e-6) and law["s^3"] == pytest.approx(records[0].k3[i], rel=1e-5)
 
 
-@pytest.mark.slow
-def test_without_measured_accelerations_sindy_differentiates(case):
-    """Only states and one force: SINDy's own spline derivative stands in for the accelerations."""
-    library = InterstoryPolynomialLibrary(3, inputs="state")
-    sindy = ps.SINDy(
-        feature_library=library,
-        optimizer=StateSpaceChainOptimizer(terms=library),
-        differentiation_method=ps.SINDyDerivative(kind="spline", s=1e-12),
-    )
-    middle = slice(200, 2700)
-    sindy.fit(state_of(case)[middle], t=case.dt, u=case.F[middle])
-    assert np.abs(ChainModel.from_sindy(sindy).masses / case.m - 1).max() < 0.02
-
-
 def rates_of(case):
     return np.hstack([case.v.cumsum(axis=1), case.a])
 
@@ -143,17 +129,15 @@ def test_free_vibration_needs_no_u_and_one_known_mass(case, forced):
 
 
 @pytest.mark.parametrize(
-    ("forced", "width", "words"),
-    [((2,), 6, "5 are needed"), ((3,), 5, "excited names DOF 3"), ((1, 1), 6, "names a DOF twice")],
-)
-def test_columns_of_u_that_do_not_fit_are_refused(forced, width, words):
+    ("excited", "inputs", "width", "words"),
+    [
+        ((2,), "state", 6, "5 are needed"), ((3,), "state", 5, "excited names DOF 3"), ((1, 1), "state", 6, "names a DOF twice"),
+        (1, "balance", 3, "inputs='state'"),
+    ],
+)  # fmt: skip
+def test_columns_of_u_that_do_not_fit_are_refused(excited, inputs, width, words):
     with pytest.raises((ChainError, ChannelError), match=words):
-        InterstoryPolynomialLibrary(1, inputs="state", excited=forced).fit(np.zeros((5, width)))
-
-
-def test_a_balance_has_no_column_of_u():
-    with pytest.raises(ChannelError, match="inputs='state'"):
-        InterstoryPolynomialLibrary(1, excited=1).fit(np.zeros((5, 3)))
+        InterstoryPolynomialLibrary(1, inputs=inputs, excited=excited).fit(np.zeros((5, width)))
 
 
 def test_a_plain_optimizer_on_our_library_is_read_too():

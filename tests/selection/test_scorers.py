@@ -73,10 +73,6 @@ def test_a_clean_model_has_an_error_of_round_off(fitted):
 
 
 def test_names():
-    assert scorers.get_scorer("balance") is scorers.balance
-    assert scorers.get_scorer(len) is len
-    with pytest.raises(NRFError, match="no scorer 'r2'.*balance, acceleration, free_run"):
-        scorers.get_scorer("r2")
     for scorer in (scorers.balance, scorers.free_run):
         assert pickle.loads(pickle.dumps(scorer)) == scorer == clone(scorer, safe=False)
     with pytest.raises(NRFError, match="not a chain regressor"):

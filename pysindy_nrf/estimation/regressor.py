@@ -21,7 +21,7 @@ from ..mechanics.sites import as_mapping
 from ..regression.chain_model import ChainModel
 from ..regression.chain_solve import doubtful_masses, lost_masses, third_law_gap, unknown_forces, visited_regions
 from ..regression.errors import balance_errors
-from ..regression.input_arrays import fused_together, holds_records, one_by_one
+from ..regression.input_arrays import doubted, fused_together, holds_records, one_by_one
 from ..regression.segments import SegmentSet
 from .constraints import constrained
 from .fitted import FittedChain
@@ -213,7 +213,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         options = beside | {"has_memory": memory, "n_dof": getattr(self.chain, "n_dof", None)}
         if not isinstance(X, (Record, SegmentSet)):
             require_two_dimensions(X)
-        data = self._data(X, y, **options)
+        data = doubted(self._data(X, y, **options), X)
         if sample_weight is not None:
             weights = sample_weights(sample_weight, data.n_samples)
             data = SegmentSet([replace(seg, weights=weights[seg.rows]) for seg in data.segments], data.n_samples)

@@ -14,6 +14,7 @@ from ..data.channels import EvenClock, as_matrix, by_record, contiguous, finite_
 from ..data.record import Record, row_times
 from ..exceptions import ChannelError, DataQualityWarning, LawError
 from ..signals import KinematicSmoother
+from ..signals.channel_checks import motion_doubts
 from ..signals.kinematics import base_acceleration_if_any
 from ..signals.zero_phase_filter import FairFilter
 from .segments import Extent, Segment, SegmentSet, feature_names
@@ -31,6 +32,20 @@ def holds_records(X: Any) -> bool:
 def fused_together(X: Any) -> bool:
     """Whether a table of motions was made so that its DOFs improve each other."""
     return bool(getattr(X, "attrs", {}).get("joint_fusion"))
+
+
+def doubted(data: SegmentSet, X: Any) -> SegmentSet:
+    """The same data with what looks wrong with motions that were passed as they are, which a warning says too."""
+    if isinstance(X, SegmentSet) or holds_records(X) or "joint_fusion" in getattr(X, "attrs", {}):
+        return data  # fused motions were looked at before the fusion
+    at = int(np.argmax([seg.n_valid for seg in data.segments]))
+    seg = data.segments[at]
+    rows = seg.valid
+    ag = None if seg.ag is None else seg.ag[rows]
+    if found := motion_doubts(seg.a[rows], seg.v[rows], seg.s[rows], ag, seg.dt):
+        warnings.warn(f"X: {'; '.join(found)}.", DataQualityWarning, stacklevel=4)
+        data.segments[at] = replace(seg, doubts=(*seg.doubts, *found))
+    return data
 
 
 def one_by_one(X: Any) -> dict[str, Any]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from functools import cache
 
+import chains
 import measured
 import measured_sets
 import numpy as np
@@ -197,3 +199,27 @@ def test_a_right_clock_and_slow_displacements_are_not_doubted(table):
     assert data_warnings(Record.from_frame(slow)) == []
     one = table.assign(**{f"v{j}": table[f"v{j}"] * 1e-3 for j in (1, 2, 3)})  # one kind in another unit
     assert not any("the time" in text for text in data_warnings(Record.from_frame(one)))
+
+
+DT = 1e-3
+ARRAYS = {
+    "v and s swapped": (lambda x: x[:, [0, 1, 2, 6, 7, 8, 3, 4, 5]], DT, "v1 .*s1 "),
+    "a and v swapped": (lambda x: x[:, [3, 4, 5, 0, 1, 2, 6, 7, 8]], DT, "v1 "),
+    "a clock ten times too slow": (lambda x: x, 10 * DT, "v1 is 0.1 times as large"),
+    "standardised": (lambda x: (x - x.mean(axis=0)) / x.std(axis=0), None, "standard deviation of one"),
+    "as they are": (lambda x: x, DT, ""),
+    "two folds": (lambda x: np.delete(x, slice(900, 1700), axis=0), DT, ""),
+    "in no order": (lambda x: np.random.default_rng(0).permutation(x), DT, ""),
+}
+
+
+@pytest.mark.parametrize("fault", ARRAYS)
+def test_arrays_that_are_no_motion_are_named_by_fit_and_by_diagnose(fault):
+    change, dt, words = ARRAYS[fault]
+    case = chains.duffing(3, [1, 2, 3], seed=0, n_samples=3000)
+    model = NRFRegressor(degree=1, dt=dt)
+    with warnings.catch_warnings(record=True, action="always") as caught:
+        model.fit(change(case.noisy(0.05)), change(np.tile(case.F, 3))[:, :3])
+    said = [str(w.message) for w in caught if w.category is DataQualityWarning and str(w.message)[:2] == "X:"]
+    assert len(said) == bool(words) and (not words or re.search(words, said[0]))
+    assert ("channel" in set(model.diagnose().table["limit"])) == bool(words)

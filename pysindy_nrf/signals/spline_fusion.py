@@ -8,7 +8,7 @@ the second derivative right to ``(2 pi f / fs)^6 / 30240``.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from math import comb
 from typing import Any
 
@@ -128,6 +128,12 @@ class FusedMotion:
     spacing: float  # of the knots, samples
     high_pass: float  # cycles per sample at which half of the motion is lost; 0 if x is measured
     clean: bool = False  # free of noise: the measured channels are passed on unchanged
+
+
+@lru_cache(maxsize=2)  # the records of a search and those held out; a length has an upper bound, BLOCK
+def ladder_of(n: int) -> BasisLadder:
+    """Spline bases of a record length, kept for the next records of that length."""
+    return BasisLadder(n)
 
 
 class BasisLadder:
@@ -422,9 +428,9 @@ def fuse_all(
     """Motions of all degrees of freedom from their channels, in units of samples."""
     n = len(next(y for y in views[0] if y is not None))
     if n <= 3 * BLOCK // 2:
-        return _fuse_block(views, levels, [corner] * len(views), BasisLadder(n), joint)
+        return _fuse_block(views, levels, [corner] * len(views), ladder_of(n), joint)
     starts = np.linspace(0, n - BLOCK, -(-(n - OVERLAP) // (BLOCK - OVERLAP))).astype(int)
-    ladder = BasisLadder(BLOCK)
+    ladder = ladder_of(BLOCK)
     sampled = [_part(views, start) for start in starts[:: -(-len(starts) // LEVEL_BLOCKS)]]
     first = [[fuse(y, ladder, s, corner) for y, s in zip(part, levels, strict=True)] for part in sampled]
     levels = np.median([[m.noise for m in motions] for motions in first], axis=0)

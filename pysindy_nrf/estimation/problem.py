@@ -8,7 +8,7 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from ..exceptions import ChainError, ExcitationError
+from ..exceptions import ChainError
 from ..laws import ForceLaw
 from ..mechanics.chain import Chain, chain_of, masses_of
 from ..mechanics.identifiability import SolveOrder, plan_solve_order
@@ -139,12 +139,7 @@ class Problem:
         ExcitationError, IdentifiabilityError
             If nothing scales the chain (no force and no known mass), or a mass or a law is out of reach.
         """
-        forced = dofs_of("forced", forced, self.chain.n_dof) if self.excited is None else self.excited
-        if not forced and not self.known_masses:
-            raise ExcitationError(
-                "No force is measured and no mass is known, so nothing scales the chain",
-                "Measure a force on one DOF, or give a mass: known_masses={dof: kg}; ratios to it then come out.",
-            )
+        forced = forced if self.excited is None else self.excited
         order = plan_solve_order(self.chain, forced, unknown, self.known_masses, self.strategy, self.layout.acting)
         return order.require_complete()
 

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from ..exceptions import ChainError, IdentifiabilityError
+from ..exceptions import ChainError, ExcitationError, IdentifiabilityError
 from .sites import Site, dofs_of
 
 STRATEGIES = ("auto", "complete", "sequential", "joint")
@@ -62,7 +62,12 @@ class SolveOrder:
         return not (self.missing_masses or self.missing_sites)
 
     def require_complete(self) -> SolveOrder:
-        """The order itself; raises IdentifiabilityError if anything cannot be identified."""
+        """The order itself; raises an error if anything cannot be identified."""
+        if not self.steps:
+            raise ExcitationError(
+                "No force is measured and no mass is known, so nothing scales the chain",
+                "Measure a force on one DOF, or give a mass: known_masses={dof: kg}; ratios to it then come out.",
+            )
         if not self.complete:
             raise IdentifiabilityError(" ".join(self.reasons))
         return self

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ _SWITCHES = (
 )
 _USE = "Use STLSQ, SR3, SSR or FROLS of PySINDy, or scikit-learn's Ridge(fit_intercept=False)."
 _SAME = 1e-6  # coefficients from 200 rows and from their factor agree to some 1e-12, or differ by more than 1e-3
-_verdicts: dict[tuple[type, str, int], bool] = {}
+_verdicts: dict[tuple[type, str, int], bool | None] = {}
 
 
 def fit_inner(optimizer: Any, columns: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, Any, tuple]:
@@ -40,11 +41,8 @@ def fit_inner(optimizer: Any, columns: np.ndarray, target: np.ndarray) -> tuple[
         cure = _USE if inside is None else f"Give what is inside it: optimizer={inside!r}."
         raise NRFError(f"{name} cannot fit one balance of {p} terms ({error})", cure) from error
     if coefficients.size != p or not np.isfinite(coefficients).all():
-        raise NRFError(
-            f"{name} returned {coefficients.size} coefficients for {p} terms, {np.isfinite(coefficients).sum()} of "
-            "them finite",
-            _USE,
-        )
+        good = np.isfinite(coefficients).sum()
+        raise NRFError(f"{name} returned {good} finite coefficients of {coefficients.size} for {p} terms", _USE)
     said = ((w.category, f"{name}: {w.message}") for w in caught)
     none = NRFWarning, f"{name}: no term reached the threshold; the law is zero"
     return coefficients, fitted, tuple(none if "eliminated all" in text else (kind, text) for kind, text in said)
@@ -73,24 +71,26 @@ def require_quadratic(optimizer: Any, p: int) -> None:
 
 
 def _is_quadratic(optimizer: Any, p: int) -> bool:
-    """Whether 200 random rows and their triangular factor give the same coefficients; True where the rows fail."""
+    """Whether random rows and their triangular factor give the same coefficients; True where the rows fail."""
+    verdict = _verdict(optimizer, 4)
+    return (_verdict(optimizer, p) if verdict is None else verdict) is not False  # None: settings for p columns
+
+
+def _verdict(optimizer: Any, p: int) -> bool | None:
     key = type(optimizer), str(optimizer.get_params()), p
     if key not in _verdicts:
         rng = np.random.default_rng(p)
+        found: list[np.ndarray] = []
         rows = rng.standard_normal((200 + p, p + 1))
         rows[:, p] += rows[:, :p] @ (np.geomspace(1e3, 1e-2, p) * rng.choice([-1.0, 1.0], p))
-        found: list[np.ndarray | None] = []
         with warnings.catch_warnings(action="ignore"):
             for data in (rows, np.asarray(np.linalg.qr(rows, mode="r"))):
-                with same_draws():
-                    try:
-                        found.append(_fit(optimizer, data[:, :p], data[:, p])[1])
-                    except Exception:
-                        found.append(None)
-        first, second = found
-        _verdicts[key] = first is None or (
-            second is not None
-            and first.shape == second.shape
-            and np.allclose(first, second, rtol=_SAME, atol=1e-9 * np.abs(first).max(initial=0.0))
-        )
+                with same_draws(), suppress(Exception):
+                    found.append(_fit(optimizer, data[:, :p], data[:, p])[1])
+                if not found:
+                    break
+        _verdicts[key] = False if found else None
+        if len(found) == 2 and found[0].shape == found[1].shape:
+            size = np.abs(found[0]).max(initial=0.0)
+            _verdicts[key] = bool(np.allclose(found[0], found[1], rtol=_SAME, atol=1e-9 * size))
     return _verdicts[key]

@@ -11,10 +11,9 @@ from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 from sklearn.utils.validation import check_is_fitted
 
 from ..data.channels import as_matrix, checked, rows_text, sample_weights
-from ..exceptions import BiasWarning, ChainError, ChannelError, ExcitationError
+from ..exceptions import BiasWarning, ChainError, ChannelError
 from ..mechanics.chain import Chain, chain_of, masses_of
 from ..mechanics.identifiability import plan_solve_order
-from ..mechanics.sites import dofs_of
 from .chain_solve import doubtful_masses, solve_blocks
 from .errors import explained_accelerations
 from .layout import Layout, blocks_of
@@ -51,14 +50,8 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         layout = self._layout(x, n, terms.shape[1])
         chain, known = layout.chain, masses_of(self.known_masses, layout.chain)
         unknown = [j + 1 for j in range(n) if np.isnan(F[:, j]).all()]
-        forced = [j + 1 for j in range(n) if np.nan_to_num(F[:, j]).any()]
-        if self.excited is not None:
-            forced = list(dofs_of("excited", self.excited, n))
-        if not forced and not known:
-            raise ExcitationError(
-                "Every force is zero and no mass is known",
-                "Only ratios to a known mass come out: give known_masses={dof: kg}, or measure a force.",
-            )
+        moved = [j + 1 for j in range(n) if np.nan_to_num(F[:, j]).any()]
+        forced = moved if self.excited is None else self.excited
         solve_order = plan_solve_order(chain, forced, unknown, known, self.strategy, layout.acting).require_complete()
         known_forces = {f"F{j + 1}": F[:, j] for j in range(n) if j + 1 not in unknown}
         labels = [*["feature"] * terms.shape[1], *(f"a{j + 1}" for j in range(n)), *known_forces]

@@ -100,6 +100,7 @@ class PlainSINDy:
     """``ps.SINDy`` on state [x | xdot], u = F."""
 
     finds_masses = False
+    targets_of_one = False  # targets divided by their norm
     note = ""
 
     def __init__(self, degree: int, normalise: bool) -> None:
@@ -123,7 +124,7 @@ class PlainSINDy:
 
         return PolynomialLibrary(self.degree)
 
-    def optimizer(self, data: Part) -> Any:
+    def optimizer(self) -> Any:
         from pysindy import STLSQ
 
         return STLSQ(normalize_columns=self.normalise)
@@ -132,44 +133,48 @@ class PlainSINDy:
         from pysindy import SINDy
 
         self.forced = data.forced  # a force that is zero throughout would be 0/0 when normalised
-        model = SINDy(optimizer=self.optimizer(data), feature_library=self.library(data))
-        self.model = model.fit(self.state(data), t=data.dt, x_dot=self.rate(data), u=data.F[:, self.forced])
-        self.coefficients = np.asarray(self.model.coefficients())
+        model = SINDy(optimizer=self.optimizer(), feature_library=self.library(data))
+        rate = self.rate(data)
+        self.size = np.linalg.norm(rate, axis=0) if self.targets_of_one else np.ones(rate.shape[1])
+        self.model = model.fit(self.state(data), t=data.dt, x_dot=rate / self.size, u=data.F[:, self.forced])
+        # of the accelerations: that the rate of a position is a velocity is no term found
+        self.coefficients = (np.asarray(self.model.coefficients()) * self.size[:, None])[-data.n_dof :]
         self.names = self.model.get_feature_names()
 
     @property
-    def terms(self) -> int:
-        return int(np.count_nonzero(self.coefficients))
+    def kept(self) -> set[int]:
+        """Features that stand in the acceleration of any DOF."""
+        return set(np.flatnonzero(self.coefficients.any(axis=0)).tolist())
 
-    def linear(self, prefix: str, rows: slice) -> np.ndarray:
-        """Coefficients of the terms x0.. or u0.. in some rows."""
+    @property
+    def terms(self) -> int:
+        return len(self.kept)
+
+    def linear(self, prefix: str) -> np.ndarray:
+        """Coefficients of the terms x0.. or u0.. in the accelerations."""
         column = {name: i for i, name in enumerate(self.names)}
         count = sum(1 for name in self.names if name[:1] == prefix and name[1:].isdigit())
-        return self.coefficients[rows][:, [column[f"{prefix}{i}"] for i in range(count)]]
-
-    def to_absolute(self, rows: np.ndarray) -> np.ndarray:
-        """Rows of accelerations of the state as absolute accelerations of the DOFs."""
-        return rows
+        return self.coefficients[:, [column[f"{prefix}{i}"] for i in range(count)]]
 
     def stiffness(self, n: int) -> np.ndarray:
         """d a / d x of the linear terms."""
-        return self.linear("x", slice(n, 2 * n))[:, :n]
+        return self.linear("x")[:, :n]
 
     def masses(self, data: Part) -> np.ndarray:
-        n = data.n_dof
-        inverse = self.to_absolute(self.linear("u", slice(n, 2 * n)))
-        found = np.full(n, np.nan)
-        with np.errstate(divide="ignore"):
-            for k, j in enumerate(self.forced):
-                found[j] = 1.0 / inverse[j, k]
-        return np.where(np.isfinite(found), found, np.nan)
+        """1/m is the coefficient of the force on the DOF; NaN where none acts, or its term was dropped."""
+        found = np.full(data.n_dof, np.nan)
+        inverse = self.linear("u")[self.forced, np.arange(len(self.forced))]
+        found[self.forced] = np.divide(1.0, inverse, out=np.full(len(inverse), np.nan), where=inverse != 0)
+        return found
 
     def predict(self, state: np.ndarray, u: np.ndarray) -> np.ndarray:
-        return np.asarray(self.model.predict(state, u=u))
+        return np.asarray(self.model.predict(state, u=u)) * self.size
 
     def accelerations(self, data: Part) -> np.ndarray:
-        rates = self.predict(self.state(data), data.F[:, self.forced])
-        return self.to_absolute(rates[:, data.n_dof :].T).T
+        return self.predict(self.state(data), data.F[:, self.forced])[:, -data.n_dof :]
+
+    def derivative(self, state: np.ndarray, u: np.ndarray) -> np.ndarray:
+        return self.predict(state, u)
 
     def hits(self, data: Part, truth: ChainModel) -> tuple[float, float]:
         """The true terms are those of an exact fit of the true accelerations at random points."""
@@ -182,13 +187,11 @@ class PlainSINDy:
         points = Part(a, v, s, F, data.dt)
         features = np.asarray(self.model.feature_library.transform(np.hstack([self.state(points), F[:, self.forced]])))
         scale = np.sqrt(np.mean(features**2, axis=0))
-        target = self.rate(points)
-        target_size = np.sqrt(np.mean(target**2, axis=0))
-        exact, *_ = np.linalg.lstsq(features / scale, target / target_size, rcond=None)
-        if np.abs(features / scale @ exact - target / target_size).max() > 1e-6:
+        target = a / np.sqrt(np.mean(a**2, axis=0))
+        exact, *_ = np.linalg.lstsq(features / scale, target, rcond=None)
+        if np.abs(features / scale @ exact - target).max() > 1e-6:
             return np.nan, np.nan  # the library cannot hold the truth
-        true = {tuple(i) for i in np.argwhere(np.abs(exact.T) > 1e-7)}
-        return shares({tuple(i) for i in np.argwhere(self.coefficients)}, true)
+        return shares(self.kept, set(np.flatnonzero((np.abs(exact) > 1e-7).any(axis=1)).tolist()))
 
     def third_law(self, masses: np.ndarray) -> tuple[float, str]:
         """Stiffness of each storey from the balance above it and from the one below."""
@@ -208,7 +211,7 @@ class PlainSINDy:
         out[0] = y[0]
 
         def rate(state: np.ndarray, force: np.ndarray) -> np.ndarray:
-            return self.predict(state[None], force[None])[0]
+            return self.derivative(state[None], force[None])[0]
 
         for i in range(len(y) - 1):
             middle = 0.5 * (u[i] + u[i + 1])
@@ -226,11 +229,14 @@ class PlainSINDy:
         return position
 
 
-_HAND_THRESHOLD = 0.01
+_HAND_THRESHOLD = 0.01  # of an acceleration's norm
+_HAND_RIDGE = 1e-8  # enough for the conditioning of a chain's columns; PySINDy's 0.05 outweighs normalised columns
 
 
 class HandSteeredSINDy(PlainSINDy):
-    """``ps.SINDy`` as one who knows both would use it: inter-storey state, no products between storeys."""
+    """``ps.SINDy`` as one who knows both would use it: accelerations from the terms of each storey by itself."""
+
+    targets_of_one = True
 
     def __init__(self, degree: int) -> None:
         super().__init__(degree, normalise=True)
@@ -242,7 +248,11 @@ class HandSteeredSINDy(PlainSINDy):
         return np.hstack([data.s, data.v])
 
     def rate(self, data: Part) -> np.ndarray:
-        return np.hstack([data.v, np.diff(data.a, axis=1, prepend=0.0)])
+        return data.a
+
+    def derivative(self, state: np.ndarray, u: np.ndarray) -> np.ndarray:
+        a = self.predict(state, u)
+        return np.hstack([state[:, a.shape[1] :], np.diff(a, axis=1, prepend=0.0)])
 
     def library(self, data: Part) -> Any:
         from pysindy import GeneralizedLibrary, PolynomialLibrary
@@ -255,17 +265,13 @@ class HandSteeredSINDy(PlainSINDy):
             inputs_per_library=[*storeys, list(range(2 * n, 2 * n + m))],
         )
 
-    def optimizer(self, data: Part) -> Any:
+    def optimizer(self) -> Any:
         from pysindy import STLSQ
 
-        smallest = np.linalg.norm(self.rate(data), axis=0).min()
-        return STLSQ(threshold=_HAND_THRESHOLD * smallest, normalize_columns=True)
-
-    def to_absolute(self, rows: np.ndarray) -> np.ndarray:
-        return np.cumsum(rows, axis=0)
+        return STLSQ(threshold=_HAND_THRESHOLD, alpha=_HAND_RIDGE, normalize_columns=True)
 
     def stiffness(self, n: int) -> np.ndarray:
-        inter_storey = np.cumsum(self.linear("x", slice(n, 2 * n))[:, :n], axis=0)  # d a / d s
+        inter_storey = self.linear("x")[:, :n]  # d a / d s
         return inter_storey - np.hstack([inter_storey[:, 1:], np.zeros((n, 1))])
 
     def displacement(self, position: np.ndarray) -> np.ndarray:
@@ -278,8 +284,8 @@ class Ours:
     finds_masses = True
     note = ""
 
-    def __init__(self, degree: int, optimizer: Any) -> None:
-        self.degree, self.optimizer = degree, optimizer
+    def __init__(self, degree: int, optimizer: Any, estimation: str = "ls") -> None:
+        self.degree, self.optimizer, self.estimation = degree, optimizer, estimation
 
     def work(self, data: Part) -> float:
         return 0.0
@@ -291,7 +297,8 @@ class Ours:
             self.note = f"chosen: {found.table.index[found.table['chosen']][0][1]}"
             one = found.regressor("path").get_params(deep=False)
             chosen = {"optimizer": one["optimizer"], "laws": one["laws"]}
-        self.model = NRFRegressor(degree=self.degree, dt=data.dt).set_params(**chosen).fit(data.X, data.F)
+        model = NRFRegressor(degree=self.degree, dt=data.dt, estimation=self.estimation)
+        self.model = model.set_params(**chosen).fit(data.X, data.F)
 
     @property
     def terms(self) -> int:
@@ -372,6 +379,7 @@ def compare(
         "SINDy, normalised": PlainSINDy(degree, normalise=True),
         "SINDy, hand-steered": HandSteeredSINDy(degree),
         "pysindy_nrf, least squares": Ours(degree, None),
+        "pysindy_nrf, instrumental variables": Ours(degree, None, "iv"),
         **{f"pysindy_nrf, {name}": Ours(degree, optimizer) for name, optimizer in given.items()},
     }
     with warnings.catch_warnings(action="ignore"):
@@ -428,14 +436,16 @@ def compare_with_sindy(
 
         * ``SINDy, defaults``: state [x, xdot], u = F, ``PolynomialLibrary(degree)``, default STLSQ;
         * ``SINDy, normalised``: the same with ``normalize_columns=True``;
-        * ``SINDy, hand-steered``: inter-storey state, no products between storeys, only the forces that
-          act, normalised columns, threshold one percent of the smallest target;
-        * ``pysindy_nrf, ...``: least squares and the optimizers given.
+        * ``SINDy, hand-steered``: SINDy at its best: the accelerations alone from terms of each storey by itself and
+          the forces that act, columns and targets of norm one, threshold 0.01, ridge 1e-8;
+        * ``pysindy_nrf, ...``: least squares, instrumental variables and the optimizers given.
 
-        Columns: ``terms`` (coefficients that are not zero), ``precision`` and ``recall`` (shares) of the true terms in
-        each model's own library; ``mass_error`` (largest, percent); ``restoring_force_error`` and ``balance_error``
-        (pooled percent NRMSE, one step); ``free_run_error`` (percent NRMSE of the displacements, inf if it diverges);
-        ``third_law_gap`` (largest disagreement of the two estimates of a storey, percent) and ``storeys_found``
+        Columns: ``terms`` found (each counted once, in however many accelerations it stands; rows that say that the
+        rate of a position is a velocity do not count), ``precision`` and ``recall`` (shares) of the true terms in
+        each model's own library; ``mass_error`` (largest, percent); ``restoring_force_error``, where SINDy is given
+        the masses, and ``force_error_own_masses``, where it finds them as 1/m (NaN where a DOF is not forced);
+        ``balance_error`` (pooled percent NRMSE, one step, as the two before); ``free_run_error`` (percent NRMSE of the
+        displacements, inf if it diverges); ``third_law_gap`` (largest disagreement of the two estimates of a storey, percent) and ``storeys_found``
         (``"once"`` or ``"twice"``); ``seconds`` of the fit, choosing included; ``note``. NaN = cannot be known.
 
     Raises
@@ -479,8 +489,8 @@ def _optimizers(given: Mapping[str, Any] | str | None) -> Mapping[str, Any]:
 
 
 COLUMNS = [
-    "terms", "precision", "recall", "mass_error", "restoring_force_error", "balance_error", "free_run_error",
-    "third_law_gap", "storeys_found", "seconds", "note",
+    "terms", "precision", "recall", "mass_error", "restoring_force_error", "force_error_own_masses", "balance_error",
+    "free_run_error", "third_law_gap", "storeys_found", "seconds", "note",
 ]  # fmt: skip
 _MOST_WORK = 2e11  # multiplications of a fit, some ten seconds
 
@@ -493,14 +503,17 @@ def row_of(
         size = entry.n_features(search)
         gigabytes = 32e-9 * size * (len(search.a) + size)
         note = f"not run: {size} columns of {len(search.a)} samples take minutes and {gigabytes:.1f} GB"
-        return [np.nan] * 8 + ["", np.nan, note], None
+        return [np.nan] * 9 + ["", np.nan, note], None
     start = time.perf_counter()
-    entry.fit(search)
+    try:
+        entry.fit(search)
+    except NRFError as error:
+        return [np.nan] * 9 + ["", np.nan, f"no fit: {error}"], None
     seconds = time.perf_counter() - start
     masses = entry.masses(search)
     handed = masses if entry.finds_masses else ruler.model.masses
     a_hat = entry.accelerations(rest)
-    R = np.cumsum((rest.F - handed * a_hat)[:, ::-1], axis=1)[:, ::-1]
+    R, own = (np.cumsum((rest.F - m * a_hat)[:, ::-1], axis=1)[:, ::-1] for m in (handed, masses))
     precision, recall = (
         entry.hits(search, ruler.model) if ruler.known and not ruler.model.has_memory else (np.nan, np.nan)
     )
@@ -509,8 +522,8 @@ def row_of(
     return [
         entry.terms, precision, recall,
         float(np.max(np.abs(100 * (masses / ruler.model.masses - 1)))) if ruler.known else np.nan,
-        ruler.force_error(R) if ruler.known else np.nan, ruler.balance_error(handed, a_hat, rest), run, gap, found,
-        seconds, "; ".join(filter(None, (entry.note, note))),
+        ruler.force_error(R) if ruler.known else np.nan, ruler.force_error(own) if ruler.known else np.nan,
+        ruler.balance_error(handed, a_hat, rest), run, gap, found, seconds, "; ".join(filter(None, (entry.note, note))),
     ], R  # fmt: skip
 
 

@@ -67,18 +67,14 @@ def balance_sizes(
     if not np.any(size):
         return None
     where, mass_at, target_at = grams.positions(dofs)
-    group = grams.groups[dofs]
     # columns: residual, force alone, inertia alone, storey force alone
     weights = np.zeros((*grams.shape, grams.matrices[dofs].shape[-1], 4))
-    own = None
-    for site, sign in zip(group.sites, group.signs):
-        weights[..., where[site], 0] = sign * coefficients[site]
-        if own is None and site.p == dof:
-            own = site
-            weights[..., where[site], 3] = coefficients[site]
-    weights[..., target_at, 0], weights[..., target_at, 1] = -1.0, 1.0
+    weights[..., 0] = residual_weights(masses, coefficients, grams, dofs)
+    weights[..., target_at, 1] = 1.0
     if mass_at is not None:
-        weights[..., mass_at, 0] = weights[..., mass_at, 2] = masses[dof]
+        weights[..., mass_at, 2] = masses[dof]
+    for site in [site for site in where if site.p == dof][:1]:
+        weights[..., where[site], 3] = coefficients[site]
     residual, force, inertia, storey = np.moveaxis(grams.norms(dofs, weights), -1, 0) / size**0.5
     of = "F" if np.all(force) and mass_at is not None else "m a"
     if grams.shape:
@@ -87,6 +83,20 @@ def balance_sizes(
         return Sizes(residual, reference, storey, of, size)  # type: ignore[arg-type]  # of each block
     reference = force or inertia
     return Sizes(float(residual), float(reference), float(storey or reference or 1.0), of, float(size))
+
+
+def residual_weights(
+    masses: Mapping[int, float], coefficients: Mapping[Site, np.ndarray], grams: BlockGrams, dofs: tuple[int, ...]
+) -> np.ndarray:
+    """Weights of the columns of one balance, or of several summed, whose sum is the residual."""
+    where, mass_at, target_at = grams.positions(dofs)
+    weights = np.zeros((*grams.shape, grams.matrices[dofs].shape[-1]))
+    for site, sign in zip(where, grams.groups[dofs].signs):
+        weights[..., where[site]] = sign * coefficients[site]
+    if mass_at is not None:
+        weights[..., mass_at] = masses[dofs[0]]
+    weights[..., target_at] = -1.0
+    return weights
 
 
 def pooled_percent(balances: Iterable[Sizes | None]) -> float:

@@ -70,38 +70,27 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
     def _layout(self, x: Any, n: int, n_terms: int) -> Layout:
         """Which of the columns behind the accelerations or velocities belong to which site."""
-        given, chain, source = self.terms, self.chain, getattr(x, "made_by", None)  # features straight from a library
-        if source is not None and (given is None or hasattr(given, "layout")):
-            given = source
-        if hasattr(given, "layout"):
-            if given.inputs != self._inputs:
-                raise ChannelError(
-                    f"{type(self).__name__} was given features of inputs={given.inputs!r}",
-                    f"Give the library inputs={self._inputs!r}.",
-                )
-            layout: Layout = given.layout(n)
-            made_for = getattr(given, "layout_", layout).n_dof
-            if made_for != n or layout.n_dof != n:
-                raise ChannelError(
-                    f"The library made features of {made_for} DOFs, the targets are those of {n}",
-                    "Give one target for each DOF; with fewer columns of u than DOFs the library needs excited=[...].",
-                )
-            if chain is not None and layout.chain != chain:
-                raise ChainError(f"chain={chain} is not the library's {layout.chain}", "Give it to the library alone.")
+        source = getattr(x, "made_by", None)  # features straight from a library bring it
+        own = self.terms is None or hasattr(self.terms, "layout")
+        library = source if source is not None and own else self.terms if own else None
+        if library is None:
+            chain = chain_of(self.chain, n)
+            layout = Layout(chain, dict(zip(chain.sites, _counts(self.terms, n_terms, len(chain.sites)))))
         else:
-            chain = chain_of(chain, n)
-            if chain.n_dof != n:
-                raise ChannelError(
-                    f"{n} balances for a chain with {chain.n_dof} DOFs", "Give one force column for each DOF."
-                )
-            if given is None and (len(chain.sites) == 1 or n_terms == 0):
-                given = [n_terms] * len(chain.sites)
-            layout = Layout(chain, dict(zip(chain.sites, _counts(given, n_terms, len(chain.sites)))))
-        if layout.n_terms != n_terms or (source is not None and layout.slices != source.layout_.slices):
-            raise ChannelError(
-                f"{n_terms} columns do not come from terms={self.terms!r} on a chain of {n} DOFs",
-                "Give the library that made these features: terms=library.",
-            )
+            layout = library.layout(n)
+        inputs, made_for = getattr(library, "inputs", self._inputs), getattr(library, "layout_", layout).n_dof
+        same = layout.n_terms == n_terms and (source is None or layout.slices == source.layout_.slices)
+        for right, what, cure in (
+            (inputs == self._inputs, f"The library makes features of inputs={inputs!r}", f"It needs {self._inputs!r}."),
+            (layout.n_dof == n, f"{n} balances for a chain with {layout.n_dof} DOFs", "Give one force column a DOF."),
+            (made_for == n, f"The library made features of {made_for} DOFs, the targets are those of {n}",
+             "With fewer columns of u than DOFs the library needs excited=[...]."),
+            (self.chain in (None, layout.chain), f"chain={self.chain} is not the library's", "Give it there alone."),
+            (same, f"{n_terms} columns do not come from terms={self.terms!r} on a chain of {n} DOFs",
+             "Give the library that made these features: terms=library."),
+        ):  # fmt: skip
+            if not right:
+                raise ChannelError(what, cure)
         return layout
 
     def _finish(self, coef: np.ndarray) -> Self:
@@ -184,6 +173,8 @@ def sub_optimizer(optimizer: Any) -> Any:
 def _counts(terms: Any, n_columns: int, n_sites: int) -> Sequence[int]:
     """Numbers of terms at the sites."""
     cure = "Give the library that made the features, terms=library, or the number of terms at each site, terms=[...]."
+    if terms is None and (n_sites == 1 or n_columns == 0):
+        return [n_columns] * n_sites
     if terms is None:
         raise ChannelError(f"It is not known which of {n_columns} columns belong to which of {n_sites} sites", cure)
     counts = [int(k) for k in terms] if isinstance(terms, Iterable) and not isinstance(terms, str) else []

@@ -11,7 +11,7 @@ import numpy as np
 from ..exceptions import NRFError
 from ..laws.power_series import exponents_of
 from ..regression.chain_solve import Solution, StepFit, model_of
-from ..regression.errors import balance_sizes, free_run_error, pooled_error, pooled_percent
+from ..regression.errors import balance_sizes, free_run_error, pooled_error, pooled_percent, residual_weights
 from ..regression.grams import BlockGrams
 from ..regression.segments import BlockRows
 from .fold_moments import EVERY, FoldMoments, Order
@@ -217,25 +217,12 @@ def _acceleration(fold_moments: FoldMoments, order: Order, held: Heldout) -> Any
         if np.any(held.grams.sizes[j,]):
             # of the residual, of the acceleration
             weights = np.zeros((*left.shape, held.grams.matrices[j,].shape[-1], 2))
-            weights[..., 0] = residual_weights(held.grams, held.solution, (j,))
+            weights[..., 0] = residual_weights(held.solution.masses, held.solution.coefficients, held.grams, (j,))
             weights[..., held.grams.positions((j,))[1], 1] = 1.0
             residual, own = np.moveaxis(held.grams.norms((j,), weights), -1, 0)
             error = error + (residual / held.solution.masses[j]) ** 2
             left = left + own**2 - held.sums[..., j - 1] ** 2 / held.counts[..., j - 1]
     return 1.0 - np.divide(error, left, out=np.full(left.shape, np.nan), where=left != 0)
-
-
-def residual_weights(grams: BlockGrams, solution: Solution, dofs: tuple[int, ...]) -> np.ndarray:
-    """Weights of the columns of one balance, or of several summed, whose sum is the residual."""
-    where, mass_at, target_at = grams.positions(dofs)
-    group = grams.groups[dofs]
-    weights = np.zeros((*grams.shape, grams.matrices[dofs].shape[-1]))
-    for site, sign in zip(group.sites, group.signs):
-        weights[..., where[site]] = sign * solution.coefficients[site]
-    if mass_at is not None:
-        weights[..., mass_at] = solution.masses[dofs[0]]
-    weights[..., target_at] = -1.0
-    return weights
 
 
 def _require_digits(held: Heldout) -> None:
@@ -288,7 +275,8 @@ def independent_shares(fold_moments: FoldMoments, order: Order) -> dict[tuple[in
     solution, solve_order, grams = fold_moments.fit(order, None)
     shares = {}
     for dofs in grams.groups:
-        square, size = fold_moments.piece_norms(order, dofs, residual_weights(grams, solution, dofs))
+        weights = residual_weights(solution.masses, solution.coefficients, grams, dofs)
+        square, size = fold_moments.piece_norms(order, dofs, weights)
         held = size > 0
         if held.sum() < 4:
             continue

@@ -6,13 +6,7 @@ import pytest
 from scipy.io import savemat
 
 from pysindy_nrf import io
-from pysindy_nrf.data.io import (
-    describe,
-    inspect_record,
-    read_record,
-    read_table,
-    write_record,
-)
+from pysindy_nrf.data.io import describe, inspect_record, read_record, read_table, write_record
 from pysindy_nrf.data.io.reading import read_excitation
 from pysindy_nrf.data.io.summary import summary
 from pysindy_nrf.exceptions import ChannelError, FileFormatError

@@ -8,13 +8,7 @@ import numpy as np
 import pytest
 
 from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
-from pysindy_nrf.estimation.constraints import (
-    EqualMasses,
-    EqualStoreys,
-    KnownStiffness,
-    NonNegative,
-    TotalMass,
-)
+from pysindy_nrf.estimation.constraints import EqualMasses, EqualStoreys, KnownStiffness, NonNegative, TotalMass
 from pysindy_nrf.exceptions import BiasWarning, ChainError
 
 M, K, C = 12.0, 1e5, 60.0

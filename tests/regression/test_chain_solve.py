@@ -10,12 +10,7 @@ import pytest
 from pysindy_nrf import Chain, NRFRegressor
 from pysindy_nrf.exceptions import IdentifiabilityError, NRFError, RankWarning
 from pysindy_nrf.mechanics.identifiability import SolveOrder, plan_solve_order
-from pysindy_nrf.regression.chain_solve import (
-    Solution,
-    groups_of,
-    solve,
-    solve_blocks,
-)
+from pysindy_nrf.regression.chain_solve import Solution, groups_of, solve, solve_blocks
 from pysindy_nrf.regression.errors import balance_sizes
 from pysindy_nrf.regression.gram_pass import total_gram
 from pysindy_nrf.regression.grams import BlockGrams

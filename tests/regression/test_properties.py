@@ -196,30 +196,6 @@ def test_records_that_are_pooled_keep_their_boundary(test, cut):
     np.testing.assert_allclose(both, np.vstack(apart), rtol=1e-12, atol=1e-9 * np.abs(both).max())
 
 
-@given(measured_tests(excitations=("complete",), extras=("none",), noise=(0.02,)), st.integers(200, N - 200))
-def test_pooling_two_records_is_adding_their_normal_equations(test, cut):
-    """The joint estimate is that of NumPy on the stacked rows, not a mean of the two estimates."""
-    ids = np.arange(N) >= cut
-    model = test.fit(record=ids)
-    top = test.n
-    force = model.restoring_forces_[top]
-    labels = list(force.coefficients.index)
-    columns = [test.a[:, top - 1]] + [_column(label, test.v[:, top - 1], test.s[:, top - 1]) for label in labels]
-    A = np.column_stack(columns)
-    size = np.linalg.norm(A, axis=0)
-    solved = np.linalg.lstsq(A / size, test.F[:, top - 1], rcond=None)[0] / size
-    np.testing.assert_allclose(model.masses_[top - 1], solved[0], rtol=1e-8)
-    np.testing.assert_allclose(A[:, 1:] @ force.coefficients, A[:, 1:] @ solved[1:], atol=1e-7 * np.abs(test.F).max())
-
-
-def _column(label: str, v: np.ndarray, s: np.ndarray) -> np.ndarray:
-    out = np.ones_like(v)
-    for factor in label.split():
-        base, _, power = factor.partition("^")
-        out = out * {"v": v, "s": s}[base] ** int(power or 1)
-    return out
-
-
 # -- symmetry -----------------------------------------------------------------------------------
 
 
@@ -361,10 +337,3 @@ def test_a_record_is_the_same_as_its_arrays(test):
     )
     X, F = record.to_features(smooth=False)
     same(test.fit(X, F, {**test.settings, "dt": None}), test.fit(), tolerance=1e-7)
-
-
-@given(measured_tests(excitations=("complete",), extras=("none", "coulomb", "quadratic damping"), noise=(0.0,)))
-def test_strategies_agree_where_the_balances_close(test):
-    every = [test.fit(settings={**test.settings, "strategy": s}) for s in ("complete", "sequential", "joint")]
-    for model in every:
-        np.testing.assert_allclose(model.masses_, test.masses, rtol=1e-6)

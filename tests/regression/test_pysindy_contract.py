@@ -89,14 +89,6 @@ def test_columns_are_what_their_names_say():
             assert np.allclose(column, expected, rtol=1e-12, atol=1e-14), (inputs, name)
 
 
-def test_a_change_of_shape_is_an_error(library):
-    library.fit(X)
-    with pytest.raises(ValueError):
-        library.transform(X[:, :-1])
-    with pytest.raises(ValueError):
-        clone(library).fit(X[:, :-2])  # one fewer might be four storeys in free vibration, of which a warning speaks
-
-
 def test_lists_of_trajectories(library):
     records = [X, X[:7], X[:1]]
     out = clone(library).fit(records).transform(records)
@@ -116,22 +108,6 @@ def test_pysindys_algebra_with_another_library(library):
     out = np.asarray(product.fit(X).transform(X))
     assert isinstance(product, ps.TensoredLibrary) and len(product.get_feature_names()) == out.shape[1]
     assert np.allclose(out, (np.asarray(own)[:, :, None] * extra[:, None, :]).reshape(len(X), -1))
-
-
-def test_generalized_library_takes_ours_on_some_channels():
-    """The channels of DOFs 1 and 2 to ours, the third DOF's to PySINDy's, and their product."""
-    chosen = [0, 1, 3, 4, 6, 7]
-    both = ps.GeneralizedLibrary(
-        [InterstoryPolynomialLibrary(2), ps.PolynomialLibrary(1, include_bias=False)],
-        tensor_array=[[1, 1]],
-        inputs_per_library=[chosen, [2, 5, 8]],
-    )
-    out = np.asarray(both.fit(X).transform(X))
-    ours = np.asarray(InterstoryPolynomialLibrary(2).fit_transform(X[:, chosen]))
-    theirs = X[:, [2, 5, 8]]
-    assert np.allclose(out, np.hstack([ours, theirs, (ours[:, :, None] * theirs[:, None, :]).reshape(len(X), -1)]))
-    names = both.get_feature_names([f"c{i}" for i in range(9)])
-    assert names[:4] == ["c0", "c1", "v1", "s1"] and len(names) == out.shape[1] and "v1 c2" in names
 
 
 def test_the_sum_of_two_chain_libraries_is_one_of_the_chain():

@@ -9,13 +9,7 @@ from chains import driven
 
 from pysindy_nrf import ChainModel, Record, laws
 from pysindy_nrf.exceptions import ChannelError
-from pysindy_nrf.signals.alignment import (
-    align,
-    channel_alignment,
-    resampled,
-    shifted,
-    split_at_gaps,
-)
+from pysindy_nrf.signals.alignment import align, channel_alignment, resampled, shifted, split_at_gaps
 from pysindy_nrf.simulation.noise import add_noise
 
 

@@ -101,8 +101,8 @@ print(f"k2/m1 = {6e4 / 10:.0f}, k2/m2 = {6e4 / 8:.0f} 1/s^2 in truth")
 # %%
 # The third case on one ruler: each model's storey forces taken apart into the terms of their own storey, all fitted to
 # the first 70 % of the noisy record. SINDy is handed the true masses, which it cannot find; with them the forces of its
-# normalised and hand-steered models are even a little better than ours. What it lacks is the masses, the terms that are
-# really there, and newtons.
+# normalised and hand-steered models are even a little better than ours. What it lacks is the masses where no force
+# acts, and with them newtons.
 found = compare(record, truth=truth, optimizers={"STLSQ, threshold 0.01": ps.STLSQ(threshold=0.01)}, free_run=2)
 print(found.table[["terms", "precision", "recall", "mass_error", "restoring_force_error"]].round(2).to_string())
 CoefficientsDisplay.from_comparison(found).plot().figure_.savefig(folder / "coming_from_pysindy.png", dpi=150)

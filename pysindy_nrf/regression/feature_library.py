@@ -192,6 +192,8 @@ class ForceLawLibrary(BaseFeatureLibrary):
         return tags
 
     def _checked(self, x: Any, reset: bool) -> np.ndarray:
+        if isinstance(x, AxesArray) and x.ndim == 1:  # one sample, by which the weak form asks for the columns
+            x = np.asarray(x)[None]
         if getattr(x, "ndim", 2) > 2:  # PySINDy's leading axes
             x = np.asarray(x)
             same_columns(self, x.shape[-1], None, reset)

@@ -441,12 +441,13 @@ def compare_with_sindy(
         * ``pysindy_nrf, ...``: least squares, instrumental variables and the optimizers given.
 
         Columns: ``terms`` found (each counted once, in however many accelerations it stands; rows that say that the
-        rate of a position is a velocity do not count), ``precision`` and ``recall`` (shares) of the true terms in
-        each model's own library; ``mass_error`` (largest, percent); ``restoring_force_error``, where SINDy is given
-        the masses, and ``force_error_own_masses``, where it finds them as 1/m (NaN where a DOF is not forced);
+        rate of a position is a velocity do not count), ``precision`` and ``recall`` (shares) of the true terms in each
+        model's own library; ``mass_error`` (largest, percent); ``restoring_force_error``, where SINDy is given the
+        masses, and ``force_error_own_masses``, where it finds them as 1/m (NaN where a DOF is not forced);
         ``balance_error`` (pooled percent NRMSE, one step, as the two before); ``free_run_error`` (percent NRMSE of the
-        displacements, inf if it diverges); ``third_law_gap`` (largest disagreement of the two estimates of a storey, percent) and ``storeys_found``
-        (``"once"`` or ``"twice"``); ``seconds`` of the fit, choosing included; ``note``. NaN = cannot be known.
+        displacements, inf if it diverges); ``third_law_gap`` (largest disagreement of the two estimates of a storey,
+        percent) and ``storeys_found`` (``"once"`` or ``"twice"``); ``seconds`` of the fit, choosing included; ``note``.
+        NaN = cannot be known.
 
     Raises
     ------

@@ -152,7 +152,8 @@ class _Motion:
     def laws(self, where: str) -> list[str]:
         """Columns of the laws that enter one balance or storey."""
         site = Site(where)
-        return [f"law {s}" for s in (self.chain.sites_of(site.p) if site.kind == "dof" else [site])]
+        entering = [s for s in self.chain.sites if s.incidence(site.p)] if site.kind == "dof" else [site]
+        return [f"law {s}" for s in entering]
 
     def fit(self, where: str) -> Regression:
         """The regression on all records in which a residual is known."""

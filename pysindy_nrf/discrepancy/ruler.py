@@ -275,7 +275,7 @@ class Trial:
     def __init__(self, ruler: Ruler, chain: Chain, laws: Laws) -> None:
         self.ruler, self.base = ruler, chain
         self.laws = {s: tuple(held) for s, held in laws.items() if held}
-        self.chain = chain.with_links([s for s in self.laws if s.kind == "link"])
+        self.chain = chain.with_links(self.laws)
         self.layout = LawLayout(self.chain, self.laws)
         columns = [ruler.columns(s, [law]) for s in self.layout.sites for law in self.laws.get(s, ())]
         self.spectra = np.vstack([*columns, ruler.fixed])
@@ -398,7 +398,7 @@ class Slot:
             laws[site] = (*laws.get(site, ()), law)
             where[site] = [*where.get(site, ()), *range(at, at + width)]
             at += width
-        chain = trial.base.with_links([s for s in laws if s.kind == "link"])
+        chain = trial.base.with_links(laws)
         layout = Layout(chain, {s: len(where.get(s, ())) for s in LawLayout(chain, laws).sites})
         self.fit = trial.fit_of(layout, {s: where.get(s, []) for s in layout.sites})
 

@@ -64,10 +64,10 @@ class EqualMasses(Constraint):
     """
 
     def __init__(self, dofs: int | Iterable[int] | None = None) -> None:
-        self.dofs = None if dofs is None else tuple(np.ravel(dofs).tolist())
+        self.dofs = tuple(dofs) if isinstance(dofs, Iterable) else dofs
 
     def _equations(self, names: Any, chain: Any, known: Any) -> Any:
-        dofs = dofs_of("A constraint", self.dofs or range(1, chain.n_dof + 1), chain.n_dof)
+        dofs = dofs_of("A constraint", range(1, chain.n_dof + 1) if self.dofs is None else self.dofs, chain.n_dof)
         return [
             _mass_equation({dofs[0]: 1.0, j: -1.0}, 0.0, known)
             for j in dofs[1:]
@@ -96,10 +96,10 @@ class TotalMass(Constraint):
 
     def __init__(self, mass: float, dofs: int | Iterable[int] | None = None) -> None:
         self.mass = mass
-        self.dofs = None if dofs is None else tuple(np.ravel(dofs).tolist())
+        self.dofs = tuple(dofs) if isinstance(dofs, Iterable) else dofs
 
     def _equations(self, names: Any, chain: Any, known: Any) -> Any:
-        dofs = dofs_of("A constraint", self.dofs or range(1, chain.n_dof + 1), chain.n_dof)
+        dofs = dofs_of("A constraint", range(1, chain.n_dof + 1) if self.dofs is None else self.dofs, chain.n_dof)
         return [_mass_equation({j: 1.0 for j in dofs}, _positive("mass", self.mass), known)]
 
 

@@ -77,8 +77,7 @@ class Problem:
     optimizer: Any = None
 
     def __post_init__(self) -> None:
-        chain = chain_of(self.chain, 0)
-        chain = chain.with_links([s for s in map(chain.site, self.laws) if s.kind == "link"])
+        chain = chain_of(self.chain, 0).with_links(self.laws)
         given = {chain.site(s): tuple(held) for s, held in self.laws.items()}
         laws = {s: given.get(s, ()) for s in chain.sites} | given
         for name, value in (

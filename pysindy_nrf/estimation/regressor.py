@@ -26,7 +26,7 @@ from ..regression.segments import SegmentSet
 from .constraints import constrained
 from .fitted import FittedChain
 from .free_run_fit import refine
-from .problem import DEFAULT_DEGREE, Estimate, Problem, declared_laws, law_list, laws_of_sites
+from .problem import DEFAULT_DEGREE, Estimate, Problem, law_list, laws_of_sites
 from .streaming import fit_streamed, is_streamed, partial_fit
 
 if TYPE_CHECKING:
@@ -248,7 +248,6 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             If a site or DOF is not in the chain, or ``orders``, ``laws`` and ``degree`` contradict each other.
         """
         chain = chain_of(self.chain, n_dof)
-        chain = chain.with_links([s for s in map(chain.site, declared_laws(self.laws)) if s.kind == "link"])
         laws = laws_of_sites(chain, self.laws, self.degree, self.orders)
         known = as_mapping("known_masses", self.known_masses, "{2: 12.4}")
         if self.massless:

@@ -132,24 +132,15 @@ class Chain:
             [[site.incidence(j) for site in chosen] for j in range(1, self.n_dof + 1)], dtype=float
         ).reshape(self.n_dof, len(chosen))
 
-    def sites_of(self, dof: int) -> tuple[Site, ...]:
-        """Sites of the chain whose force enters the balance of a DOF.
-
-        Parameters
-        ----------
-        dof : int
-        """
-        return tuple(site for site in self.sites if site.incidence(dof))
-
     def with_links(self, links: Iterable[str]) -> Chain:
         """The same chain with further links.
 
         Parameters
         ----------
         links : iterable of str
-            Links to add; those that the chain already has are ignored.
+            Sites; the links among them that the chain does not have are added.
         """
-        new = [s for s in dict.fromkeys(Site(text) for text in links) if s not in self.sites]
+        new = [s for s in dict.fromkeys(map(self.site, links)) if s.kind == "link" and s not in self.sites]
         return Chain(self.n_dof, (*self.links, *new), self.ground)
 
     def identifiability(

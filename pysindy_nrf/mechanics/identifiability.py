@@ -76,10 +76,6 @@ class SolveOrder:
         return "\n".join([str(step) for step in self.steps] + list(self.reasons))
 
 
-def _at(acting: tuple[Site, ...], dof: int) -> tuple[Site, ...]:
-    return tuple(s for s in acting if s.incidence(dof))
-
-
 def plan_solve_order(
     chain: Topology, excited: Any = (), unknown: Any = (), known_masses: Any = (),
     strategy: str = "auto", sites: Iterable[Site] | None = None,
@@ -95,9 +91,7 @@ def plan_solve_order(
     if strategy == "auto":
         strategy = "complete" if forced_ == every else "sequential"
     if strategy in ("complete", "joint"):
-        scaled = forced_ | (masses - unknown_)
-        if strategy == "joint":
-            scaled = forced_
+        scaled = forced_ if strategy == "joint" else forced_ | (masses - unknown_)
         if scaled != every:
             idle = ", ".join(str(j) for j in sorted(every - scaled))
             raise IdentifiabilityError(
@@ -105,7 +99,7 @@ def plan_solve_order(
                 "Use strategy='sequential', or hit those floors too (in the same or in another record).",
             )
         steps = [
-            Step((j,), (() if j in masses else (j,)), _at(acting, j), (), j in forced_)
+            Step((j,), (() if j in masses else (j,)), tuple(s for s in acting if s.incidence(j)), (), j in forced_)
             for j in range(chain.n_dof, 0, -1)
         ]
         return SolveOrder(strategy, tuple(steps))
@@ -135,7 +129,7 @@ def _sequential(
     def row_step() -> Step | None:
         best = None
         for j in open_rows:
-            here = _at(acting, j)
+            here = [s for s in acting if s.incidence(j)]
             known = tuple(s for s in here if s in sites)
             fresh = tuple(s for s in here if s not in sites)
             mass = () if j in masses else (j,)

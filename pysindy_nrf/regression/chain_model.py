@@ -77,7 +77,7 @@ class ChainModel:
             raise ChainError("The masses are not a list of finite numbers", "Give one mass in kg for each DOF.")
         n = len(self.masses)
         if chain is None:
-            chain = Chain(n).with_links([s for s in map(Site, laws) if s.kind == "link" and not s.is_storey])
+            chain = Chain(n).with_links(laws)
         if chain.n_dof != n:
             raise ChainError(f"{n} masses for a chain with {chain.n_dof} DOFs", "Give one mass in kg for each DOF.")
         self.chain = chain

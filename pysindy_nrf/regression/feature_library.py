@@ -10,6 +10,7 @@ from typing import Any, Self
 import numpy as np
 from pysindy import AxesArray
 from pysindy.feature_library.base import BaseFeatureLibrary
+from pysindy.utils import comprehend_axes
 from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted
 
@@ -116,7 +117,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
         first = x[0] if _is_list_of_records(x) else x
         width = self._checked(first, reset=True).shape[-1]
         n, self.excited_ = self._meaning(width)
-        self.layout_ = self.layout(n)
+        self.layout_ = self._layout_of(n)
         for law in (law for group in self.layout_.laws.values() for law in group if self.inputs == "state"):
             if law.has_memory or law.uses_acceleration:
                 what = "that remembers the path" if law.has_memory else "of the acceleration"
@@ -126,14 +127,8 @@ class ForceLawLibrary(BaseFeatureLibrary):
         self.n_output_features_ = self.layout_.n_terms + (n if self.inputs == "balance" else 2 * n)
         return self
 
-    def layout(self, n_dof: int) -> LawLayout:
-        """Which of the terms belong to which site.
-
-        Parameters
-        ----------
-        n_dof : int
-            Number of DOFs; that of ``chain`` where one was given.
-        """
+    def _layout_of(self, n_dof: int) -> LawLayout:
+        """Which of the terms belong to which site."""
         chain = chain_of(self.chain, n_dof)
         return LawLayout(chain, self._laws(chain))
 
@@ -182,9 +177,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
         AxesArray of shape (n_samples, n_output_features), or list of them
         """
         check_is_fitted(self)
-        if _is_list_of_records(x):
-            return [self._columns(item) for item in x]
-        return self._columns(x)
+        return [self._columns(item) for item in x] if _is_list_of_records(x) else self._columns(x)
 
     def __sklearn_tags__(self) -> Tags:
         tags = super().__sklearn_tags__()
@@ -223,7 +216,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
             out[:, n + self.layout_.n_terms :] = 0.0
             out[:, [n + self.layout_.n_terms + j - 1 for j in self.excited_]] = third
         out = out.reshape(*lead, -1)
-        out = AxesArray(out, {"ax_time": 0, "ax_coord": out.ndim - 1} if out.ndim == 2 else _axes(out))
+        out = AxesArray(out, comprehend_axes(out))
         out.made_by = self  # for ChainOptimizer; any copy or part loses it
         return out
 
@@ -277,10 +270,6 @@ class ForceLawLibrary(BaseFeatureLibrary):
 
 def _is_list_of_records(x: Any) -> bool:
     return isinstance(x, (list, tuple)) and len(x) > 0 and np.ndim(np.asarray(x[0])) > 1
-
-
-def _axes(array: np.ndarray) -> dict[str, Any]:
-    return {"ax_spatial": list(range(array.ndim - 2)), "ax_time": array.ndim - 2, "ax_coord": array.ndim - 1}
 
 
 def term_names(layout: LawLayout) -> list[str]:

@@ -57,10 +57,13 @@ class BlockGrams:
     def __getitem__(self, which: Any) -> BlockGrams:
         """Some of the blocks, or a single one."""
         record = None if self.record is None or np.ndim(self.record[which]) == 0 else self.record[which]
-        return replace(
-            self, matrices={dofs: x[which] for dofs, x in self.matrices.items()},
-            sizes={dofs: n[which] for dofs, n in self.sizes.items()}, n_samples=self.n_samples[which], record=record,
-        )  # fmt: skip
+        return self._each(lambda x: x[which], lambda n: n[which], record=record)
+
+    def _each(self, of_matrix: Callable, of_number: Callable, **changes: Any) -> BlockGrams:
+        """Every matrix and every number of samples put through a function."""
+        matrices = {dofs: of_matrix(x) for dofs, x in self.matrices.items()}
+        sizes = {dofs: of_number(n) for dofs, n in self.sizes.items()}
+        return replace(self, matrices=matrices, sizes=sizes, n_samples=of_number(self.n_samples), **changes)
 
     def positions(self, dofs: Dofs) -> tuple[dict[Site, slice], int | None, int]:
         """Where the columns of a balance stand: slice of each site, mass column (or None), target column."""
@@ -73,22 +76,14 @@ class BlockGrams:
     def sum(self, weights: Any = None) -> BlockGrams:
         """Sum of the blocks, each taken ``weights`` times, (..., n_blocks)."""
         weights = np.ones(self.shape) if weights is None else np.asarray(weights, dtype=float)
-        if self.kind == "root":
-            sums = {dofs: _sum_of_roots(x, weights) for dofs, x in self.matrices.items()}
-        else:
-            sums = {dofs: np.tensordot(weights, x, 1) for dofs, x in self.matrices.items()}
-        sizes = {dofs: (weights @ n)[()] for dofs, n in self.sizes.items()}
-        count = (weights @ self.n_samples)[()]
-        return replace(self, matrices=sums, sizes=sizes, n_samples=count, record=None)
+        total = _sum_of_roots if self.kind == "root" else lambda x, w: np.tensordot(w, x, 1)
+        return self._each(lambda x: total(x, weights), lambda n: (weights @ n)[()], record=None)
 
     def leave_one_out(self) -> BlockGrams:
         """Sums of all blocks but one, for each block; what is zero in all others stays exactly zero."""
         if self.kind == "root":
             return self.sum(1.0 - np.eye(len(self)))
-        return replace(
-            self, matrices={dofs: leave_one_out(x) for dofs, x in self.matrices.items()},
-            sizes={dofs: leave_one_out(n) for dofs, n in self.sizes.items()}, n_samples=leave_one_out(self.n_samples),
-        )  # fmt: skip
+        return self._each(leave_one_out, leave_one_out)
 
     def running(self) -> tuple[BlockGrams, BlockGrams]:
         """Sums of the blocks before each boundary, and of those behind it: n_blocks + 1 of each."""

@@ -71,13 +71,13 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
     def _layout(self, x: Any, n: int, n_terms: int) -> Layout:
         """Which of the columns behind the accelerations or velocities belong to which site."""
         source = getattr(x, "made_by", None)  # features straight from a library bring it
-        own = self.terms is None or hasattr(self.terms, "layout")
+        own = self.terms is None or hasattr(self.terms, "_layout_of")
         library = source if source is not None and own else self.terms if own else None
         if library is None:
             chain = chain_of(self.chain, n)
             layout = Layout(chain, dict(zip(chain.sites, _counts(self.terms, n_terms, len(chain.sites)))))
         else:
-            layout = library.layout(n)
+            layout = library._layout_of(n)
         inputs, made_for = getattr(library, "inputs", self._inputs), getattr(library, "layout_", layout).n_dof
         same = layout.n_terms == n_terms and (source is None or layout.slices == source.layout_.slices)
         for right, what, cure in (

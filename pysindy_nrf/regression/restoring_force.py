@@ -87,13 +87,8 @@ class RestoringForce:
 
     def equation(self, digits: int = 4) -> str:
         """The equation in the manner of the paper's eq. (11a)."""
-        index = (
-            self.site.p
-            if self.site.is_storey
-            else f"_{self.site.p}{self.site.q}"
-            if self.site.kind == "link"
-            else f"_dof{self.site.p}"
-        )
+        p, q = self.site.p, self.site.q
+        index = p if self.site.is_storey else f"_{p}{q}" if self.site.kind == "link" else f"_dof{p}"
         pieces = [law.equation(index, digits) for law in self.laws] or ["0"]
         return f"R{index} = " + " + ".join(pieces).replace("+ -", "- ")
 

@@ -108,6 +108,4 @@ balance = ChainScorer("balance", _balance)
 acceleration = ChainScorer("acceleration", _acceleration)
 free_run = ChainScorer("free_run", _free_run)
 
-SCORERS = {scorer.name: scorer for scorer in (balance, acceleration, free_run)}
-
 __all__ = ["acceleration", "balance", "free_run"]

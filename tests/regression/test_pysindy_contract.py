@@ -21,7 +21,7 @@ from pysindy_nrf import (
     StateSpaceChainOptimizer,
     laws,
 )
-from pysindy_nrf.exceptions import BiasWarning, ChainError, ChannelError, LawError
+from pysindy_nrf.exceptions import BiasWarning, ChannelError, LawError
 
 N = 3
 X = np.random.default_rng(0).normal(size=(40, 3 * N))
@@ -205,19 +205,6 @@ def test_the_users_names_reach_the_equations(capsys):
     model.print()
     said = capsys.readouterr().out.splitlines()
     assert said[1] == "(x_mid)' =  1.000 v_mid" and "shaker" in said[4]
-
-
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda: ForceLawLibrary().fit(np.zeros((5, 6))), "The library has no laws"),
-        (lambda: ForceLawLibrary(laws.Duffing(), inputs="both").fit(np.zeros((5, 6))), "inputs='both' is unknown"),
-        (lambda: NRFRegressor(orders={"link 2-0": 2}).fit(np.ones((50, 6)), np.ones((50, 2))), "'ground 2', which is not in the chain"),
-    ],
-)  # fmt: skip
-def test_the_argument_and_its_cure_are_named(call, words):
-    with pytest.raises((ChannelError, ChainError, LawError), match=words):
-        call()
 
 
 def test_trajectories_of_different_length_inside_sindy(kind):

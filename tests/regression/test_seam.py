@@ -149,6 +149,9 @@ def test_balances_without_a_force_do_not_lower_a_score(case):
         (lambda X, F: InterstoryPolynomialLibrary(chain=3).fit(X), "chain=3 is not a Chain.*Chain\\(3"),
         (lambda X, F: ChainOptimizer(chain=3).fit(X, F), "chain=3 is not a Chain"),
         (lambda X, F: Problem(3, {}), "chain=3 is not a Chain"),
+        (lambda X, F: ForceLawLibrary().fit(X), "The library has no laws"),
+        (lambda X, F: ForceLawLibrary(laws.Duffing(), inputs="both").fit(X), "inputs='both' is unknown"),
+        (lambda X, F: NRFRegressor(orders={"link 2-0": 2}).fit(X, F), "'ground 2', which is not in the chain"),
         (lambda X, F: InterstoryPolynomialLibrary(orders=[3, 3, 1]).fit(X), "orders=\\[3, 3, 1\\] is not a mapping.*orders={"),
         (lambda X, F: ChainOptimizer(terms=9).fit(X, F), "terms=9 does not fit . columns at 3 sites.*terms=library"),
         (lambda X, F: ChainOptimizer(terms=[2] * 3, known_masses=[1.0]).fit(X, F), "known_masses=\\[1.0\\] is not a mapping"),
@@ -158,7 +161,7 @@ def test_balances_without_a_force_do_not_lower_a_score(case):
     ],
 )  # fmt: skip
 def test_wrong_settings_are_named_with_their_cure(case, call, message):
-    with pytest.raises((ChainError, ChannelError), match=message):
+    with pytest.raises(NRFError, match=message):
         call(case.X, case.F)
 
 

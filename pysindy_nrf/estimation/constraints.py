@@ -5,8 +5,6 @@ distance): :math:`\min_\theta (\theta - \hat\theta)^T P^{-1} (\theta - \hat\thet
 :math:`\theta_i \ge 0`. No balance is solved jointly with another. A warning is raised if the data contradict it.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -206,9 +204,8 @@ def constrained(model: ChainModel, constraints: Any, resolver: Any) -> ChainMode
     given = (constraints,) if isinstance(constraints, Constraint) else tuple(constraints)
     wrong = [c for c in given if not isinstance(c, Constraint)]
     if wrong:
-        raise ChainError(
-            f"constraints holds {wrong[0]!r}, which is not a constraint", "Use those of estimation.constraints."
-        )
+        cure = "Use those of estimation.constraints."
+        raise ChainError(f"constraints holds {wrong[0]!r}, which is not a constraint", cure)
     known = dict(resolver.known_masses)
     theta = parameters_of(model, known)
     names = list(theta.index)
@@ -217,10 +214,8 @@ def constrained(model: ChainModel, constraints: Any, resolver: Any) -> ChainMode
     b = np.array([value for _, value in rows])
     empty = ~A.any(axis=1)  # equations of known masses alone
     if np.abs(b[empty]).max(initial=0.0) > 1e-6 * np.abs(model.masses).sum():
-        raise ChainError(
-            f"The known masses differ from a constraint by {np.abs(b[empty]).max():.4g} kg",
-            "Correct known_masses, or leave the constraint out.",
-        )
+        cure = "Correct known_masses, or leave the constraint out."
+        raise ChainError(f"The known masses differ from a constraint by {np.abs(b[empty]).max():.4g} kg", cure)
     A, b = A[~empty], b[~empty]
     bounded = np.array([n in {x for c in given for x in c._bounded(names, model.chain)} for n in names])
     resolver.constrain = None
@@ -290,9 +285,8 @@ def _warn_of_contradiction(theta: pd.Series, A: np.ndarray, b: np.ndarray, P: np
             f"The data contradict the constraints {', '.join(map(repr, given))}: without them {involved}, "
             f"{abs(gap[worst]) / size[worst]:.0f} standard errors away. The constrained estimate satisfies the "
             "constraints, not the data.",
-            BiasWarning,
-            stacklevel=6,
-        )
+            BiasWarning, stacklevel=6,
+        )  # fmt: skip
 
 
 def _with_parameters(model: ChainModel, theta: pd.Series) -> ChainModel:
@@ -314,9 +308,8 @@ def _existing(name: str, names: Sequence[str]) -> str:
     if name not in names:
         where = Site(name.partition(": ")[0])
         held = [n.partition(": ")[2] for n in names if n.startswith(f"{where}: ")]
-        raise ChainError(
-            f"A constraint names {name!r}, which the model does not have", f"{where} has {', '.join(held) or 'no law'}."
-        )
+        cure = f"{where} has {', '.join(held) or 'no law'}."
+        raise ChainError(f"A constraint names {name!r}, which the model does not have", cure)
     return name
 
 

@@ -1,7 +1,5 @@
 """Fits of Dask collections: the sums of each partition are computed where it lies and added as a tree."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
@@ -88,9 +86,8 @@ def _items(dask: Any, X: Any, F: Any, given: dict[str, Any]) -> tuple[list[Any],
         if F is not None and hasattr(F, "to_delayed") and not hasattr(F, "chunks"):
             refuse(given, "a table")
             if F.npartitions != X.npartitions:
-                raise ChannelError(
-                    f"X has {X.npartitions} partitions, F {F.npartitions}", "Put the forces into the same table."
-                )
+                cure = "Put the forces into the same table."
+                raise ChannelError(f"X has {X.npartitions} partitions, F {F.npartitions}", cure)
             pairs = zip(X.to_delayed(), F.to_delayed())
             return [dask.delayed(_side_by_side, pure=False)(x, f) for x, f in pairs], False
         refuse({"F": F, **given} if F is not None else given, "a table, whose columns hold them")
@@ -104,9 +101,8 @@ def _items(dask: Any, X: Any, F: Any, given: dict[str, Any]) -> tuple[list[Any],
         value = value if is_dask(value) else array.from_array(np.asarray(value), chunks=-1)
         known = not np.isnan(value.shape[0]) and not np.isnan(X.shape[0])
         if known and value.shape[0] != X.shape[0]:
-            raise ChannelError(
-                f"{name} has {value.shape[0]} samples, X has {X.shape[0]}", "Cut both to the same clock."
-            )
+            cure = "Cut both to the same clock."
+            raise ChannelError(f"{name} has {value.shape[0]} samples, X has {X.shape[0]}", cure)
         if not known and len(value.chunks[0]) != len(X.chunks[0]):
             raise ChannelError(f"{name} and X have different partitions", "Call compute_chunk_sizes() on both.")
         wanted = {0: X.chunks[0]} if known else {}

@@ -1,7 +1,5 @@
 """Results of a fitted estimator: forces, errors, intervals, modes, free runs."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
@@ -259,9 +257,8 @@ class FittedChain:
                 "The motions in X were fused jointly over the DOFs; their remaining noise is correlated over the whole "
                 "record, so the intervals are up to three times too narrow. Give the records "
                 "themselves, or make X with record.to_features(smooth=KinematicSmoother(joint=False)).",
-                DataQualityWarning,
-                stacklevel=3,
-            )
+                DataQualityWarning, stacklevel=3,
+            )  # fmt: skip
         if self._fused_separately is None:
             return self._resolving()
         if self._separate_resolver is None:

@@ -7,8 +7,6 @@ the effect of an error in its initial state is projected out. Starts from instru
 predicts unseen parts of the records, both halves of them, better.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Confidence intervals: the whole chain is solved again without each piece of the data, or on resampled pieces."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -64,10 +62,8 @@ def energies_of(layout: LawLayout, data: SegmentSet) -> Statistic:
     stored = dict.fromkeys(sites, 0.0)
     for seg in data.segments:
         if seg.dt is None:
-            raise ChannelError(
-                "Energies need the sampling step",
-                "Pass dt= (s) to the estimator, time= to fit, or X with a time index.",
-            )
+            cure = "Pass dt= (s) to the estimator, time= to fit, or X with a time index."
+            raise ChannelError("Energies need the sampling step", cure)
         for site in sites:
             motion = seg.motion(site, seg.valid)
             work[site] += np.trapezoid(layout.columns(site, motion) * motion.v[:, None], dx=seg.dt, axis=0)
@@ -146,9 +142,8 @@ class Resolver:
         """Number of pieces; a ChannelError if they are too few."""
         n = len(self.record)
         if n < FEWEST:
-            raise ChannelError(
-                f"{n} pieces of data are too few for an interval", "Use a longer record, or more records."
-            )
+            cure = "Use a longer record, or more records."
+            raise ChannelError(f"{n} pieces of data are too few for an interval", cure)
         return n
 
     def left_out(self, statistic: Statistic) -> np.ndarray:
@@ -157,10 +152,8 @@ class Resolver:
         try:
             return np.array([statistic(self.at(w)).to_numpy(float) for w in 1.0 - np.eye(n)])
         except IdentifiabilityError as error:
-            raise IdentifiabilityError(
-                f"A single part of the data determines the estimate ({error.what})",
-                "Excite the structure more than once.",
-            ) from error
+            what = f"A single part of the data determines the estimate ({error.what})"
+            raise IdentifiabilityError(what, "Excite the structure more than once.") from error
 
     def covariance(self, statistic: Statistic) -> np.ndarray:
         """Covariance of statistics: delete-one-block jackknife, correlated neighbours included."""
@@ -181,10 +174,8 @@ class Resolver:
         found = Parallel(n_jobs=n_jobs)(delayed(_each)(self, statistic, share) for share in shares)
         out: list[np.ndarray] = sum(found, [])
         if len(out) < DRAWS / 2:
-            raise IdentifiabilityError(
-                "Most bootstrap samples cannot be solved: few parts of the data determine the estimate",
-                "Excite the structure more than once.",
-            )
+            what = "Most bootstrap samples cannot be solved: few parts of the data determine the estimate"
+            raise IdentifiabilityError(what, "Excite the structure more than once.")
         return np.array(out)
 
 
@@ -281,9 +272,8 @@ def force_intervals(
             f"{site}: {int((~visited).sum())} of {len(visited)} points (v, s) lie outside the region the data visited "
             f"(v {region.low[0]:.3g} to {region.high[0]:.3g} m/s, s {region.low[1]:.3g} to {region.high[1]:.3g} m); "
             "the force there is an extrapolation of the law, and its interval is widened.",
-            ExtrapolationWarning,
-            stacklevel=3,
-        )
+            ExtrapolationWarning, stacklevel=3,
+        )  # fmt: skip
     return pd.DataFrame({"v": rate, "s": drift, "force": force, "lower": low, "upper": high, "visited": visited})
 
 

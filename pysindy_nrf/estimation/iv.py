@@ -8,8 +8,6 @@ must not be shrunk towards a prior, as the joint step of :class:`~pysindy_nrf.Ki
 Of a frequency response the instruments are neighbouring lines, :math:`Z(f_k) = \tfrac12 (H(f_{k-2}) + H(f_{k+2}))`.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -228,9 +226,8 @@ def instrumental_variables(
     warnings.warn(
         f"estimation='iv' stopped after round {round_}: {why}. The estimate of round {best.rounds} is kept; its free "
         f"run has the highest correlation with the measured motion ({correlation:.2f}).",
-        BiasWarning,
-        stacklevel=5,
-    )
+        BiasWarning, stacklevel=5,
+    )  # fmt: skip
     return best
 
 
@@ -238,9 +235,8 @@ def _fall_back(why: str, cure: str) -> None:
     warnings.warn(
         f"estimation='iv' fell back on least squares: {why}. Noise in the motion then biases masses and "
         f"stiffnesses low. {cure}",
-        BiasWarning,
-        stacklevel=6,
-    )
+        BiasWarning, stacklevel=6,
+    )  # fmt: skip
 
 
 def delay_of(band: Any, dt: float) -> int:
@@ -375,9 +371,8 @@ def fit_frequency_response(
     from ..data.io.frf import FrequencyResponse
 
     if estimator.estimation not in ("ls", "iv"):
-        raise ChainError(
-            f"estimation={estimator.estimation!r} does not work on frequency responses", "Use 'ls' or 'iv'."
-        )
+        cure = "Use 'ls' or 'iv'."
+        raise ChainError(f"estimation={estimator.estimation!r} does not work on frequency responses", cure)
     X, F = frf_to_features(frf, band=band, weight=weight)
     model = clone(estimator).set_params(estimation="ls")
     with warnings.catch_warnings():

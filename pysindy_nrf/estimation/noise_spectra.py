@@ -6,8 +6,6 @@ linearised along its run, of covariance :math:`S = \Sigma_x + G \Sigma_u G^*`. T
 in system identification, 2007), so runs under it can be instruments. Spectra are densities, unit^2/Hz.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 

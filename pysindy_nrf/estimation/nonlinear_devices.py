@@ -1,7 +1,5 @@
 """Nonlinear devices: where they are, their forces and energy; linear twins and comparison of models."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -198,9 +196,8 @@ def locate_nonlinearity(
     ['storey 1']
     """
     if not hasattr(estimator, "solve_order_"):
-        raise ChainError(
-            "locate_nonlinearity needs the regressor that was fitted to the data", "Give a fitted NRFRegressor."
-        )
+        cure = "Give a fitted NRFRegressor."
+        raise ChainError("locate_nonlinearity needs the regressor that was fitted to the data", cure)
     first = last = planarity(estimator, X, F, draws=draws, random_state=random_state, **options)
     found: list[str] = []
     laws = dict(estimator.laws or {})
@@ -316,10 +313,8 @@ def horizontal_component(force: Any, rise: float, run: float) -> np.ndarray:
     """
     length = np.hypot(rise, run)
     if not np.isfinite(length) or run <= 0 or rise < 0:
-        raise ChannelError(
-            f"A device with rise={rise!r} and run={run!r} has no horizontal component",
-            "Give the distances of its ends; run must be positive.",
-        )
+        cure = "Give the distances of its ends; run must be positive."
+        raise ChannelError(f"A device with rise={rise!r} and run={run!r} has no horizontal component", cure)
     return np.asarray(force, dtype=float) * (run / length)
 
 

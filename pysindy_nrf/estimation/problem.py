@@ -86,7 +86,7 @@ class Problem:
             ("known_masses", MappingProxyType(masses_of(self.known_masses, chain))),
             ("excited", None if self.excited is None else dofs_of("excited", self.excited, chain.n_dof)),
             ("optimizer", sub_optimizer(self.optimizer)),
-        ):
+        ):  # fmt: skip
             object.__setattr__(self, name, value)
 
     def __reduce__(self) -> Any:
@@ -219,8 +219,6 @@ def laws_of_sites(chain: Chain, laws: Any, degree: Any, orders: Any) -> dict[Sit
     if orders and degree != DEFAULT_DEGREE and all(s in orders or s in given for s in chain.sites):
         clash = next(s for s in chain.sites if s in orders)
         if any(order != degree for order in orders.values()):
-            raise ChainError(
-                f"degree={degree!r} contradicts orders, which set every storey ({clash}: {orders[clash]!r})",
-                "Leave degree out, or name in orders only the storeys that differ.",
-            )
+            what = f"degree={degree!r} contradicts orders, which set every storey ({clash}: {orders[clash]!r})"
+            raise ChainError(what, "Leave degree out, or name in orders only the storeys that differ.")
     return {s: tuple(held) for s, held in series.items()} | given

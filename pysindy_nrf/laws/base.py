@@ -252,17 +252,14 @@ class ForceLaw:
                 return None
             unknown = [k for k in values if k not in symbols]
             if unknown:
-                raise LawError(
-                    f"{type(self).__name__} has no coefficient {unknown[0]!r}", f"It has {', '.join(symbols)}."
-                )
+                cure = f"It has {', '.join(symbols)}."
+                raise LawError(f"{type(self).__name__} has no coefficient {unknown[0]!r}", cure)
             values = [values.get(symbol) or 0.0 for symbol in symbols]
         flat = np.ravel(np.asarray(values, dtype=object))
         numbers = np.array([self._number("coefficient", c) for c in flat], dtype=float)
         if len(numbers) != len(symbols):
-            raise LawError(
-                f"{type(self).__name__} has {len(symbols)} coefficients, {len(numbers)} were given",
-                f"Their order is {', '.join(symbols)}.",
-            )
+            cure = f"Their order is {', '.join(symbols)}."
+            raise LawError(f"{type(self).__name__} has {len(symbols)} coefficients, {len(numbers)} were given", cure)
         return numbers
 
     @property
@@ -359,10 +356,8 @@ class ForceLaw:
     def theta(self) -> np.ndarray:
         """Parameters as the kernel reads them, shape (n_theta,)."""
         if self.free_shape:
-            raise LawError(
-                f"{type(self).__name__}: {', '.join(self.free_shape)} has no value",
-                "Set it, or let NRFRegressor estimate it.",
-            )
+            cure = "Set it, or let NRFRegressor estimate it."
+            raise LawError(f"{type(self).__name__}: {', '.join(self.free_shape)} has no value", cure)
         return np.array(list(self.shape.values()), dtype=float)
 
     @property
@@ -400,9 +395,8 @@ class ForceLaw:
         new.shape = dict(self.shape)
         for key, value in dict(shape or {}).items():
             if key not in new.shape:
-                raise LawError(
-                    f"{type(self).__name__} has no shape parameter {key!r}", f"It has {', '.join(new.shape) or 'none'}."
-                )
+                cure = f"It has {', '.join(new.shape) or 'none'}."
+                raise LawError(f"{type(self).__name__} has no shape parameter {key!r}", cure)
             new.shape[key] = new._shape_value(key, value)
         if coefficients is not None:
             new.coefficients = new._coefficients(coefficients)
@@ -487,11 +481,9 @@ class ForceLaw:
         dict
         """
         return {
-            "law": self.name,
-            "options": self.options(),
-            "shape": dict(self.shape),
+            "law": self.name, "options": self.options(), "shape": dict(self.shape),
             "coefficients": None if self.coefficients is None else [float(c) for c in self.coefficients],
-        }
+        }  # fmt: skip
 
     def __eq__(self, other: object) -> bool:
         return type(other) is type(self) and other.to_dict() == self.to_dict()

@@ -5,8 +5,6 @@ the source and of everything it calls. A second process therefore starts fast, a
 with stale code.
 """
 
-from __future__ import annotations
-
 import hashlib
 import pickle
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Springs that are in contact only part of the time: bumpers, cracks, loose joints."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -117,9 +115,8 @@ class DeadZone(ForceLaw):
 
     .. math:: R = k \, (s - \min(\max(s, g (c - 1)), g (c + 1)))
 
-    The play is 2 g wide and reaches from ``g (c - 1)`` to ``g (c + 1)``; c = 0 is
-    :class:`TwoSidedGap`. (A backlash that lags its input, the play operator, would return more
-    energy than it takes, so it cannot be a restoring force.)
+    The play is 2 g wide and reaches from ``g (c - 1)`` to ``g (c + 1)``; c = 0 is :class:`TwoSidedGap`. (A backlash
+    that lags its input, the play operator, would return more energy than it takes, so it cannot be a restoring force.)
     """
 
     name = "dead_zone"

@@ -4,8 +4,6 @@
 ``AssertionError`` with a sentence.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -48,12 +46,9 @@ def random_motion(law: ForceLaw, rng: np.random.Generator, n_periods: int = 2, n
         wave = np.sin(3 * t + rng.uniform(0, 2 * np.pi))
         covariates[name] = 1.5 + wave if unit == "[u]" else 20 * _DRIFT * wave
     return _Whole(
-        (size * np.sin(phase)).sum(axis=0),
-        (size * omega * np.cos(phase)).sum(axis=0),
-        (-size * omega**2 * np.sin(phase)).sum(axis=0),
-        t,
-        covariates,
-    )
+        (size * np.sin(phase)).sum(axis=0), (size * omega * np.cos(phase)).sum(axis=0),
+        (-size * omega**2 * np.sin(phase)).sum(axis=0), t, covariates,
+    )  # fmt: skip
 
 
 def random_values(law: ForceLaw, rng: np.random.Generator) -> ForceLaw:
@@ -242,12 +237,9 @@ def check_units(law: ForceLaw, rng: np.random.Generator) -> None:
         for (c, x), unit in zip(motion.covariates.items(), covariate_units(law), strict=True)
     }
     other = Motion(
-        motion.s * size["m"],
-        motion.v * size["m"] / size["s"],
-        motion.a * size["m"] / size["s"] ** 2,
-        motion.t * size["s"],
-        covariates,
-    )
+        motion.s * size["m"], motion.v * size["m"] / size["s"], motion.a * size["m"] / size["s"] ** 2,
+        motion.t * size["s"], covariates,
+    )  # fmt: skip
     shape = {p.name: (law.shape[p.name] or 0.0) * _in(p.unit, size, law) for p in law.shapes}
     columns, scaled = law.features(motion), law.with_values(shape=shape).features(other)
     for k, term in enumerate(law.terms()):

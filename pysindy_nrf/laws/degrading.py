@@ -1,7 +1,5 @@
 """Hysteresis that degrades or pinches: Bouc-Wen with the terms of Baber, Noori and Wen."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -120,14 +118,9 @@ class DegradingBoucWen(_BaberNoori):
     }
 
     def __init__(
-        self,
-        beta: float | None = None,
-        strength: float | None = None,
-        stiffness: float | None = None,
-        alpha: float | None = None,
-        rho: float = 0.0,
-        n: float = 1.0,
-    ) -> None:
+        self, beta: float | None = None, strength: float | None = None, stiffness: float | None = None,
+        alpha: float | None = None, rho: float = 0.0, n: float = 1.0,
+    ) -> None:  # fmt: skip
         super().__init__({"beta": beta, "strength": strength, "stiffness": stiffness}, alpha, rho=rho, n=n)
 
 
@@ -153,13 +146,7 @@ class PinchedBoucWen(_BaberNoori):
     }
 
     def __init__(
-        self,
-        beta: float | None = None,
-        slip: float | None = None,
-        width: float | None = None,
-        alpha: float | None = None,
-        q: float = 0.0,
-        rho: float = 0.0,
-        n: float = 1.0,
-    ) -> None:
+        self, beta: float | None = None, slip: float | None = None, width: float | None = None,
+        alpha: float | None = None, q: float = 0.0, rho: float = 0.0, n: float = 1.0,
+    ) -> None:  # fmt: skip
         super().__init__({"beta": beta, "slip": slip, "width": width}, alpha, q=q, rho=rho, n=n)

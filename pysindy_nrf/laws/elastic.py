@@ -1,7 +1,5 @@
 """Dampers, springs, and elements whose coefficient changes during a record (t is the time on its clock)."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -4,8 +4,6 @@ Like every law they stand on the left of ``m a + R = F``: an applied force f tha
 appears here as ``R = -f``.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -208,12 +206,9 @@ class HiddenOscillator(ForceLaw):
     special_cases = {AddedMass: lambda c: HiddenOscillator(1e4, 0.5, c.values[0])}
 
     def __init__(
-        self,
-        omega: float | None = None,
-        zeta: float | None = None,
-        m: float | None = None,
+        self, omega: float | None = None, zeta: float | None = None, m: float | None = None,
         covariate: str | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         if covariate is not None:
             self.covariates, self.covariate_units = (covariate,), ("m/s^2",)  # type: ignore[misc]
             self.symmetry, self.at_rest, self.passive = "none", None, False  # type: ignore[misc]

@@ -4,8 +4,6 @@ Friction against the ground is :class:`CoulombFriction` at the site ``"ground j"
 moving base, friction against a fixed object beside the structure is :class:`GroundFriction`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 
@@ -290,13 +288,9 @@ class LaggedCovariateFriction(_CovariateFriction):
     }
 
     def __init__(
-        self,
-        covariate: str = "voltage",
-        tau: float | None = None,
-        Fc: float | None = None,
-        Fu: float | None = None,
+        self, covariate: str = "voltage", tau: float | None = None, Fc: float | None = None, Fu: float | None = None,
         Cu: float | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         super().__init__(covariate, {"tau": tau}, {"Fc": Fc, "Fu": Fu, "Cu": Cu})
 
     @staticmethod
@@ -339,14 +333,9 @@ class CovariateDahl(_CovariateFriction):
     }
 
     def __init__(
-        self,
-        covariate: str = "voltage",
-        sigma: float | None = None,
-        tau: float | None = None,
-        Fc: float | None = None,
-        Fu: float | None = None,
-        Cu: float | None = None,
-    ) -> None:
+        self, covariate: str = "voltage", sigma: float | None = None, tau: float | None = None, Fc: float | None = None,
+        Fu: float | None = None, Cu: float | None = None,
+    ) -> None:  # fmt: skip
         super().__init__(covariate, {"sigma": sigma, "tau": tau}, {"Fc": Fc, "Fu": Fu, "Cu": Cu})
 
     @staticmethod

@@ -1,7 +1,5 @@
 """General laws: what they leave, no law of their class explains. They measure a lack of fit and name no effect."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

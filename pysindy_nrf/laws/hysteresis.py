@@ -1,7 +1,5 @@
 """Hysteresis: Dahl and the paper's modified Dahl, elasto-plastic elements, LuGre, Bouc-Wen."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -92,13 +90,9 @@ class ModifiedDahl(ForceLaw):
     special_cases = {Dahl: lambda c: ModifiedDahl(0.0, 0.0, c.values[0], 0.0, c.theta[0])}
 
     def __init__(
-        self,
-        K0: float | None = None,
-        C0: float | None = None,
-        Fd: float | None = None,
-        f0: float | None = None,
+        self, K0: float | None = None, C0: float | None = None, Fd: float | None = None, f0: float | None = None,
         sigma: float | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         super().__init__({"sigma": sigma}, {"K0": K0, "C0": C0, "Fd": Fd, "f0": f0})
 
     @staticmethod
@@ -214,10 +208,8 @@ class LuGre(ForceLaw):
     name = "lugre"
     family = "hysteresis"
     shapes = (
-        Shape("sigma", "1/m", 0.1, 3000.0, "1/s"),
-        Shape("vs", "m/s", 0.02, 2.0, "v"),
-        Shape("ratio", "1", 1.05, 3.0),
-    )
+        Shape("sigma", "1/m", 0.1, 3000.0, "1/s"), Shape("vs", "m/s", 0.02, 2.0, "v"), Shape("ratio", "1", 1.05, 3.0),
+    )  # fmt: skip
     columns = (Term("Fc", "LuGre[s]", "N"), Term("sigma1", "d/dt bristle[s]", "N s/m"))
     n_states = 1
     nonnegative = ("Fc", "sigma1")
@@ -295,10 +287,8 @@ class BoucWen(ForceLaw):
     name = "bouc_wen"
     family = "hysteresis"
     shapes = (
-        Shape("beta", "1/m", 0.03, 100.0, "1/s"),
-        Shape("rho", "1", -2.0, 1.0, log=False),
-        Shape("n", "1", 1.0, 4.0),
-    )
+        Shape("beta", "1/m", 0.03, 100.0, "1/s"), Shape("rho", "1", -2.0, 1.0, log=False), Shape("n", "1", 1.0, 4.0),
+    )  # fmt: skip
     columns = (Term("alpha", "BoucWen[s]", "N/m"),)
     n_states = 1
     nonnegative = ("alpha",)

@@ -1,7 +1,5 @@
 """Compiled integration of a law's internal state along a sampled motion, with exact velocity reversals."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
@@ -278,7 +276,5 @@ def _explain(law: Any, motion: Motion) -> None:
     """Raise the error for a state that is not finite."""
     if motion.t is None:
         raise LawError(f"{type(law).__name__} needs the time of the samples", "Pass time= or dt=.")
-    raise LawError(
-        f"The state of {type(law).__name__} diverges on this motion",
-        f"Change its shape parameters ({', '.join(f'{k} = {x}' for k, x in law.shape.items())}).",
-    )
+    cure = f"Change its shape parameters ({', '.join(f'{k} = {x}' for k, x in law.shape.items())})."
+    raise LawError(f"The state of {type(law).__name__} diverges on this motion", cure)

@@ -1,7 +1,5 @@
 """The paper's power series (eq. 2)."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Motion at a site, shape parameters of laws and the scale on which they are searched."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple

@@ -70,19 +70,15 @@ class Chain:
         sites = [Site(i) for i in range(1 if ground != "free" else 2, self.n_dof + 1)]
         if ground == "both":
             if self.n_dof == 1:
-                raise ChainError(
-                    "A single mass grounded at both ends has two springs side by side",
-                    "They act as one; use ground='base'.",
-                )
+                cure = "They act as one; use ground='base'."
+                raise ChainError("A single mass grounded at both ends has two springs side by side", cure)
             sites.append(Site(f"ground {self.n_dof}"))
         extra = []
         for text in links:
             site = Site(text)
             if site.kind != "link" or site.p > self.n_dof:
-                raise ChainError(
-                    f"{str(site)!r} is not a link of a chain with {self.n_dof} DOFs",
-                    f"Links are 'link p-q' with 0 <= q < p <= {self.n_dof}.",
-                )
+                cure = f"Links are 'link p-q' with 0 <= q < p <= {self.n_dof}."
+                raise ChainError(f"{str(site)!r} is not a link of a chain with {self.n_dof} DOFs", cure)
             if site in sites or site in extra:
                 raise ChainError(f"{str(site)!r} is in the chain already", "Give each link once.")
             extra.append(site)
@@ -108,10 +104,8 @@ class Chain:
         if site.kind == "sensor":
             return site
         if site.p > self.n_dof or (site.kind == "link" and site.q < 0):
-            raise ChainError(
-                f"{str(site)!r} does not exist on a chain with {self.n_dof} DOFs",
-                f"Its sites are {', '.join(self.sites)}.",
-            )
+            cure = f"Its sites are {', '.join(self.sites)}."
+            raise ChainError(f"{str(site)!r} does not exist on a chain with {self.n_dof} DOFs", cure)
         return site
 
     def incidence(self, sites: Iterable[str] | None = None) -> np.ndarray:

@@ -94,10 +94,9 @@ def plan_solve_order(
         scaled = forced_ if strategy == "joint" else forced_ | (masses - unknown_)
         if scaled != every:
             idle = ", ".join(str(j) for j in sorted(every - scaled))
-            raise IdentifiabilityError(
-                f"strategy={strategy!r} needs a force on every DOF; none is measured on DOF {idle}",
-                "Use strategy='sequential', or hit those floors too (in the same or in another record).",
-            )
+            what = f"strategy={strategy!r} needs a force on every DOF; none is measured on DOF {idle}"
+            cure = "Use strategy='sequential', or hit those floors too (in the same or in another record)."
+            raise IdentifiabilityError(what, cure)
         steps = [
             Step((j,), (() if j in masses else (j,)), tuple(s for s in acting if s.incidence(j)), (), j in forced_)
             for j in range(chain.n_dof, 0, -1)

@@ -1,7 +1,5 @@
 """Errors on held-out folds, and the simplest order that is as good as the best as far as the folds can tell."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -131,10 +129,8 @@ def complexity_of(params: Mapping[str, Any]) -> tuple[float, ...]:
     penalties = [k for k in _PENALTIES if k in last]
     fewer = [k for k in _SIZES if k in last]
     if not (known or penalties or fewer):
-        raise NRFError(
-            f"The complexity of {dict(params)} is unknown",
-            "Pass complexity=, e.g. functools.partial(one_standard_error, complexity=lambda params: ...).",
-        )
+        cure = "Pass complexity=, e.g. functools.partial(one_standard_error, complexity=lambda params: ...)."
+        raise NRFError(f"The complexity of {dict(params)} is unknown", cure)
     degree = last.get("degree")
     orders = dict(last.get("orders") or {})
     terms = 0.0 if degree is None else float(len(exponents_of(degree)))

@@ -1,7 +1,5 @@
 """Order selection: all degrees, all boxes (k, q), all folds from one pass over the samples."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cached_property
 from typing import Any
@@ -160,10 +158,8 @@ def select_order(
     """
     labels = _labels(degrees, boxes)
     if scoring not in rules.SCORINGS:
-        raise NRFError(
-            f"scoring={scoring!r} is unknown here",
-            f"Choose {', '.join(rules.SCORINGS)}, or use GridSearchCV with your own scorer.",
-        )
+        cure = f"Choose {', '.join(rules.SCORINGS)}, or use GridSearchCV with your own scorer."
+        raise NRFError(f"scoring={scoring!r} is unknown here", cure)
     _rule(rule)
     if "degree" in regressor_params:
         raise ChainError("degree is what is selected", "Give degrees=..., or orders= for storeys whose order is known.")
@@ -251,10 +247,8 @@ def fold_moments_of(
     given = law_list(estimator.laws)
     free = [law for law in given if law.free_shape]
     if free:
-        raise ChainError(
-            f"{free[0]!r} has shape parameters to be estimated",
-            "Give their values, or use GridSearchCV over NRFRegressor.",
-        )
+        cure = "Give their values, or use GridSearchCV over NRFRegressor."
+        raise ChainError(f"{free[0]!r} has shape parameters to be estimated", cure)
     data = from_arrays(
         X, F, coordinates=estimator.coordinates, dt=estimator.dt, **options,
         has_memory=any(law.has_memory for law in given),

@@ -1,7 +1,5 @@
 """Which terms: thresholds and paths of sparse optimizers, judged on data they were not fitted to."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -58,9 +56,8 @@ class AlongPath(BaseEstimator):
         fitted = clone(self.optimizer).fit(x, y)
         history = getattr(fitted, "history_", None)
         if history is None:
-            raise NRFError(
-                f"{type(self.optimizer).__name__} keeps no history_ of its models", "Use SSR, FROLS or STLSQ."
-            )
+            cure = "Use SSR, FROLS or STLSQ."
+            raise NRFError(f"{type(self.optimizer).__name__} keeps no history_ of its models", cure)
         seen = {tuple(np.flatnonzero(np.ravel(coef)).tolist()) for coef in history}
         return sorted({(), everything} | seen, key=lambda columns: (len(columns), self._left(x, y, columns)))
 

@@ -1,7 +1,5 @@
 """Splitters that respect records and time: neighbouring samples of a vibration are nearly copies of each other."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 
@@ -55,10 +53,8 @@ class _RecordSplitter(BaseCrossValidator):
         pieces = by_record(groups, size)
         names = pd.Series([name for name, _ in pieces])
         if len(again := names[names.duplicated()]):
-            raise ChannelError(
-                f"The samples of record {again.iloc[0]} do not follow each other",
-                "Sort the rows by record and time; never shuffle them.",
-            )
+            cure = "Sort the rows by record and time; never shuffle them."
+            raise ChannelError(f"The samples of record {again.iloc[0]} do not follow each other", cure)
         return [np.arange(rows.start, rows.stop) for _, rows in pieces]
 
     def _tests(self, records: list[np.ndarray]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -96,10 +92,8 @@ class RecordSplit(_RecordSplitter):
         """Whole records, dealt to the folds in turn."""
         n = len(records) if self.n_splits is None else whole("n_splits", self.n_splits, 2)
         if len(records) < max(n, 2):
-            raise ChannelError(
-                f"{len(records)} record{'s' * (len(records) != 1)} cannot make {max(n, 2)} folds",
-                "Pass the record ids as groups= (or record= with metadata routing), or use BlockedTimeSplit.",
-            )
+            cure = "Pass the record ids as groups= (or record= with metadata routing), or use BlockedTimeSplit."
+            raise ChannelError(f"{len(records)} record{'s' * (len(records) != 1)} cannot make {max(n, 2)} folds", cure)
         for i in range(n):
             yield np.sort(np.concatenate(records[i::n])), np.zeros(0, dtype=int)
 
@@ -136,10 +130,8 @@ class BlockedTimeSplit(_RecordSplitter):
         n, gap = whole("n_splits", self.n_splits, 2), whole("gap", self.gap)
         short = min(records, key=len)
         if len(short) < n or len(short) - len(short) // n <= 2 * gap:
-            raise ChannelError(
-                f"A record of {len(short)} samples is too short for {n} blocks with a gap of {gap} samples",
-                "Use fewer blocks, a smaller gap, or RecordSplit.",
-            )
+            what = f"A record of {len(short)} samples is too short for {n} blocks with a gap of {gap} samples"
+            raise ChannelError(what, "Use fewer blocks, a smaller gap, or RecordSplit.")
         # sizes as in scikit-learn's KFold: the first blocks are one sample longer
         blocks = [np.array_split(rows, n) for rows in records]
         for i in range(n):

@@ -6,8 +6,6 @@ between them says why: its phase is a delay (straight in frequency) or an invers
 .. math:: \frac{X_c(f)}{X_r(f)} (2 \pi i f)^{k} = g \, e^{-2 \pi i f \tau} .
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from typing import Any, NamedTuple
@@ -75,10 +73,8 @@ def channel_alignment(
             if kind != first:
                 rows[f"{kind}{j}"] = against(record, base, (first, own[first]), (kind, values), j, band, runs)
     if not rows:
-        raise ChannelError(
-            f"No DOF of record {record.name!r} has two kinds of motion channels",
-            "Delays between DOFs show in the balances only.",
-        )
+        cure = "Delays between DOFs show in the balances only."
+        raise ChannelError(f"No DOF of record {record.name!r} has two kinds of motion channels", cure)
     columns = ["reference", "delay", "samples", "gain", "scatter", "sign", "coherence", "aligned", "message"]
     return pd.DataFrame.from_dict(rows, orient="index", columns=columns).rename_axis("channel")
 
@@ -166,9 +162,8 @@ def resampled(
         line = as_matrix(values, [name], 1)[:, 0].astype(float)
         ratio = Fraction(wanted / own[name]).limit_denominator(1000)
         if abs(float(ratio) * own[name] / wanted - 1) > 1e-6:
-            raise ChannelError(
-                f"{own[name]:g} Hz of channel {name} and {wanted:g} Hz have no simple ratio", "Give another fs."
-            )
+            cure = "Give another fs."
+            raise ChannelError(f"{own[name]:g} Hz of channel {name} and {wanted:g} Hz have no simple ratio", cure)
         out[name] = line if ratio == 1 else resample_poly(line, ratio.numerator, ratio.denominator, padtype="line")
     n = min(map(len, out.values()))
     return Record.from_frame(pd.DataFrame({k: y[:n] for k, y in out.items()}), fs=wanted, **options)
@@ -247,9 +242,8 @@ def _base(record: Record, channels: Mapping[str, np.ndarray]) -> np.ndarray | No
     if record.coordinates == "absolute" or not record.base_moves:
         return None
     if "ag" not in channels:
-        raise ChannelError(
-            f"Record {record.name!r} has a moving base without its acceleration", "Give base_acceleration."
-        )
+        cure = "Give base_acceleration."
+        raise ChannelError(f"Record {record.name!r} has a moving base without its acceleration", cure)
     return channels["ag"]
 
 

@@ -1,7 +1,5 @@
 """Channels of one record: faults of sensors and of the line, wrong units, signs and clocks; a summary for pages."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from collections.abc import Mapping

@@ -6,8 +6,6 @@ its static displacement. A part x (1 - x) m_j couples the two accelerations, whi
 right to that part only, stiffnesses to the square of frequency over the resonance.
 """
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import dataclass, field
 
@@ -73,10 +71,8 @@ def condense(record: Record) -> Condensed:
     gone = [j for j in every if j not in kept]
     forced = [j for j in gone if record.force[:, j - 1].any()]  # NaN counts: an unknown force is one
     if forced:
-        raise ChannelError(
-            f"A force acts on floor {forced[0]} of record {record.name!r}, which has no motion channel",
-            f"Put a sensor on floor {forced[0]}, or hit another floor.",
-        )
+        what = f"A force acts on floor {forced[0]} of record {record.name!r}, which has no motion channel"
+        raise ChannelError(what, f"Put a sensor on floor {forced[0]}, or hit another floor.")
     if not gone:
         return Condensed(record, tuple(kept), _meaning(kept, record.n_dof)[0])
     columns = [j - 1 for j in kept]
@@ -87,9 +83,8 @@ def condense(record: Record) -> Condensed:
     warnings.warn(
         f"Record {record.name!r}: floor {', '.join(map(str, gone))} has no sensor and is left out. In the condensed "
         f"chain {unlike}. Fit below that resonance (band=).",
-        DataQualityWarning,
-        stacklevel=2,
-    )
+        DataQualityWarning, stacklevel=2,
+    )  # fmt: skip
     return Condensed(record.replace(**chosen), tuple(kept), meaning)
 
 

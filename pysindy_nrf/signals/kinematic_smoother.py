@@ -224,10 +224,8 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
 
     def _named(self, X: Any, learn: bool) -> pd.DataFrame:
         if self.channels is None:
-            raise ChannelError(
-                f"KinematicSmoother needs to know the channels, {type(X).__name__} has no names",
-                "Give a Record, a DataFrame with columns a1.., v1.., x1.., or channels= beside an array.",
-            )
+            cure = "Give a Record, a DataFrame with columns a1.., v1.., x1.., or channels= beside an array."
+            raise ChannelError(f"KinematicSmoother needs to know the channels, {type(X).__name__} has no names", cure)
         matrix = checked(self, X, reset=learn)
         width = matrix.shape[1]
         if isinstance(self.channels, str):
@@ -253,10 +251,8 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         fs = self._rate(record, table)
         names = [str(c) for c in table.columns]
         if not learn and names != self._names_in:
-            raise ChannelError(
-                f"The channels {', '.join(names[:9])} are not those of fit, {', '.join(self._names_in[:9])}",
-                "Fit again, or give the same columns in the same order.",
-            )
+            what = f"The channels {', '.join(names[:9])} are not those of fit, {', '.join(self._names_in[:9])}"
+            raise ChannelError(what, "Fit again, or give the same columns in the same order.")
         columns = {
             n: as_matrix(table.iloc[:, i], [n], 1)[:, 0].astype(float)
             for i, n in enumerate(names)
@@ -289,10 +285,8 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         """Fused motion columns, and the other columns."""
         motion = {(m[1], int(m[2])): n for n in live if (m := _MOTION.fullmatch(n))}
         if not motion:
-            raise ChannelError(
-                f"No channel of {', '.join(list(live)[:9]) or 'the table'} is a motion",
-                "Name accelerations a1.., velocities v1.., displacements x1...",
-            )
+            cure = "Name accelerations a1.., velocities v1.., displacements x1..."
+            raise ChannelError(f"No channel of {', '.join(list(live)[:9]) or 'the table'} is a motion", cure)
         dofs = sorted({j for _, j in motion})
         n = len(next(iter(live.values())))
         if n < _FEWEST:
@@ -329,9 +323,8 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
                 f"DOF {', '.join(map(str, lost))}: no displacement is measured, so motion below about "
                 f"{2 * max(high_pass[j] for j in lost):.3g} Hz is lost while the force keeps it. "
                 "Give band=(lo, hi) above that, so that force and response are treated alike.",
-                DataQualityWarning,
-                stacklevel=6,
-            )
+                DataQualityWarning, stacklevel=6,
+            )  # fmt: skip
         return a | v | x, {n: y for n, y in live.items() if n not in motion.values()}
 
     def _chosen_band(self, pieces: list[_Piece]) -> Band:
@@ -353,30 +346,26 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
             f"DOF {', '.join(map(str, sorted(blind)))}: only the acceleration is measured, which tells the "
             f"displacement above about {lo:.3g} Hz. Force and response are taken from there up; give band=(lo, hi) to "
             "choose yourself.",
-            DataQualityWarning,
-            stacklevel=5,
-        )
+            DataQualityWarning, stacklevel=5,
+        )  # fmt: skip
         return (lo, None)
 
     def _level(self, kind: str, name: str) -> float:
         if isinstance(self.noise, str) and self.noise == "estimate":
             return np.nan
         if not isinstance(self.noise, Mapping):
-            raise ChannelError(
-                f"noise={self.noise!r} is unknown", "Give 'estimate' or levels like {'a': 0.02, 'x': 1e-5}."
-            )
+            cure = "Give 'estimate' or levels like {'a': 0.02, 'x': 1e-5}."
+            raise ChannelError(f"noise={self.noise!r} is unknown", cure)
         unknown = [k for k in self.noise if k not in _ORDERS and not _MOTION.fullmatch(str(k))]
         if unknown:
-            raise ChannelError(
-                f"noise has an unknown key {unknown[0]!r}", "Use 'a', 'v', 'x' or channel names like 'a1'."
-            )
+            cure = "Use 'a', 'v', 'x' or channel names like 'a1'."
+            raise ChannelError(f"noise has an unknown key {unknown[0]!r}", cure)
         value = self.noise.get(name, self.noise.get(kind))
         if value is None:
             return np.nan
         if not np.isfinite(value) or value <= 0:
-            raise ChannelError(
-                f"The noise level {value!r} of channel {name} is not positive", "Give its rms in SI units."
-            )
+            cure = "Give its rms in SI units."
+            raise ChannelError(f"The noise level {value!r} of channel {name} is not positive", cure)
         return float(value)
 
     def _rate(self, record: Record | None, table: Any) -> float:
@@ -387,9 +376,8 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
             if seconds is not None:
                 rate = Record(displacement=np.zeros(len(table)), time=seconds).fs
         if rate is None:
-            raise ChannelError(
-                "The sampling rate is unknown", "Give KinematicSmoother(fs=...) in Hz, or a table with a time column t."
-            )
+            cure = "Give KinematicSmoother(fs=...) in Hz, or a table with a time column t."
+            raise ChannelError("The sampling rate is unknown", cure)
         if self.fs is not None and abs(float(self.fs) - rate) > 0.01 * rate:
             raise ChannelError(f"fs={self.fs} Hz contradicts the clock of the data, {rate:g} Hz", "Leave fs out.")
         check_band(None, rate)
@@ -401,10 +389,9 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
             self.edge_ = operator.edge
         n = len(next(iter(columns.values())))
         if n <= 2 * operator.edge:
-            raise ChannelError(
-                f"The record has {n} samples, the filter {self.band_} Hz spoils {operator.edge} at each end",
-                "Raise the lower band edge, give a longer record, or filter with FairFilter and keep the ends.",
-            )
+            what = f"The record has {n} samples, the filter {self.band_} Hz spoils {operator.edge} at each end"
+            cure = "Raise the lower band edge, give a longer record, or filter with FairFilter and keep the ends."
+            raise ChannelError(what, cure)
         limited = operator.apply(np.column_stack(list(columns.values())))
         limited[: operator.edge] = np.nan
         limited[n - operator.edge :] = np.nan

@@ -1,7 +1,5 @@
 """From the measured channels of a record to the regressor's input (paper eq. 8); integration of motions."""
 
-from __future__ import annotations
-
 import warnings
 from typing import Any
 
@@ -117,9 +115,8 @@ def _data_warnings(record: Record) -> list[str]:
         warnings.warn(
             f"Record {record.name!r}: {'; '.join(text.rstrip('.') for text in found)}. See "
             "pysindy_nrf.signals.alignment and pysindy_nrf.signals.channel_checks.",
-            DataQualityWarning,
-            stacklevel=4,
-        )
+            DataQualityWarning, stacklevel=4,
+        )  # fmt: skip
     return found
 
 
@@ -147,10 +144,8 @@ def _missing(record: Record, kinds: str) -> list[str]:
 def _all_measured(record: Record) -> None:
     missing = _missing(record, "avx")
     if missing:
-        raise ChannelError(
-            f"Record {record.name!r} lacks {', '.join(missing[:6])}{' and more' if len(missing) > 6 else ''}",
-            "Use smooth=True, which derives them from the other channels, or measure them.",
-        )
+        what = f"Record {record.name!r} lacks {', '.join(missing[:6])}{' and more' if len(missing) > 6 else ''}"
+        raise ChannelError(what, "Use smooth=True, which derives them from the other channels, or measure them.")
 
 
 def paper_processing(record: Record, high_pass: float = 1.0, filter_force: bool = False) -> Record:
@@ -191,10 +186,8 @@ def paper_processing(record: Record, high_pass: float = 1.0, filter_force: bool 
     """
     missing = _missing(record, "ax")
     if missing:
-        raise ChannelError(
-            f"Record {record.name!r} lacks {', '.join(missing[:6])}, which the paper's processing needs",
-            "Use KinematicSmoother, which completes missing channels.",
-        )
+        what = f"Record {record.name!r} lacks {', '.join(missing[:6])}, which the paper's processing needs"
+        raise ChannelError(what, "Use KinematicSmoother, which completes missing channels.")
     measured = record.acceleration
     assert measured is not None  # no channel of it is missing
     operator = FairFilter((high_pass, None), record.fs)
@@ -290,9 +283,8 @@ def _checked(x: Any, dt: float, method: str) -> tuple[np.ndarray, float]:
         raise ChannelError(f"method={method!r} is unknown", f"Choose {', '.join(methods)}.")
     values = np.asarray(x, dtype=float)
     if values.ndim not in (1, 2):
-        raise ChannelError(
-            f"The motion has {values.ndim} dimensions", "Give one row per sample and one column per channel."
-        )
+        cure = "Give one row per sample and one column per channel."
+        raise ChannelError(f"The motion has {values.ndim} dimensions", cure)
     if len(values) < 3:
         raise ChannelError(f"{len(values)} samples are too few", "Give a longer record.")
     if not np.isfinite(values).all():

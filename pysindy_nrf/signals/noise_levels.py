@@ -1,7 +1,5 @@
 """Noise of measured channels: its level by quiet frequencies or times, a drive freed of it, fresh noise for a run."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -5,8 +5,6 @@ samples. No periodicity is assumed; everything is banded, so the cost is linear 
 the second derivative right to ``(2 pi f / fs)^6 / 30240``.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from math import comb
@@ -90,10 +88,8 @@ class SplineBasis:
                 return solveh_banded(band, rhs, overwrite_ab=True, check_finite=False)
             except LinAlgError:
                 continue
-        raise ChannelError(
-            "The motion cannot be determined at this sampling rate: it changes too little between samples",
-            "Resample to a lower rate, or give noise= levels to KinematicSmoother.",
-        )
+        what = "The motion cannot be determined at this sampling rate: it changes too little between samples"
+        raise ChannelError(what, "Resample to a lower rate, or give noise= levels to KinematicSmoother.")
 
     def evaluate(self, order: int, coefficients: np.ndarray) -> np.ndarray:
         """The motion (order 0) or its derivatives per sample at the samples."""

@@ -1,7 +1,5 @@
 """Zero-phase filters, the same for force, response and law columns; the usable band of accelerations."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -91,10 +89,8 @@ class FairFilter:
         bad = ~finite.all(axis=0) & ~unmeasured
         if bad.any():
             j = int(np.flatnonzero(bad)[0])
-            raise ChannelError(
-                f"Column {j + 1} given to the filter is not finite in {rows_text(np.flatnonzero(~finite[:, j]))}",
-                "Filter the rows between the masked edges, one contiguous record at a time.",
-            )
+            what = f"Column {j + 1} given to the filter is not finite in {rows_text(np.flatnonzero(~finite[:, j]))}"
+            raise ChannelError(what, "Filter the rows between the masked edges, one contiguous record at a time.")
         out = np.full(matrix.shape, np.nan)
         use = ~unmeasured
         if use.any():
@@ -121,25 +117,21 @@ def check_band(band: Band, fs: float) -> tuple[float | None, float | None]:
     try:
         lo, hi = (None if b is None else float(b) for b in band)
     except (TypeError, ValueError):
-        raise ChannelError(
-            f"band={band!r} is not a pair of frequencies", "Give (lo, hi) in Hz; None for an open end."
-        ) from None
+        cure = "Give (lo, hi) in Hz; None for an open end."
+        raise ChannelError(f"band={band!r} is not a pair of frequencies", cure) from None
     if any(b is not None and not np.isfinite(b) and b != np.inf for b in (lo, hi)) or (lo is not None and lo < 0):
         raise ChannelError(f"band={band!r} holds an impossible frequency", "Give (lo, hi) in Hz with 0 <= lo < hi.")
     lo = None if not lo else lo
     hi = None if hi is None or hi == np.inf else hi
     nyquist = fs / 2
     if hi is not None and hi >= nyquist:
-        raise ChannelError(
-            f"Band edge {hi:g} Hz is not below the Nyquist frequency {nyquist:g} Hz of fs = {fs:g} Hz",
-            "Lower it, or give None for no upper edge.",
-        )
+        what = f"Band edge {hi:g} Hz is not below the Nyquist frequency {nyquist:g} Hz of fs = {fs:g} Hz"
+        raise ChannelError(what, "Lower it, or give None for no upper edge.")
     if lo is not None and lo >= nyquist:
         raise ChannelError(f"Band edge {lo:g} Hz is not below the Nyquist frequency {nyquist:g} Hz", "Lower it.")
     if hi is not None and hi <= (lo or 0.0):
-        raise ChannelError(
-            f"band={band!r} is empty: the upper edge is not above the lower one", "Give (lo, hi) in Hz with lo < hi."
-        )
+        cure = "Give (lo, hi) in Hz with lo < hi."
+        raise ChannelError(f"band={band!r} is empty: the upper edge is not above the lower one", cure)
     return lo, hi
 
 
@@ -176,16 +168,13 @@ def filters_of(band: Band, data: Any) -> list[FairFilter | None]:
     filters: list[FairFilter | None] = []
     for seg in data.segments:
         if seg.dt is None:
-            raise ChannelError(
-                "band= needs the sampling step", "Pass dt= (s) to the estimator, time= to fit, or X with a time index."
-            )
+            cure = "Pass dt= (s) to the estimator, time= to fit, or X with a time index."
+            raise ChannelError("band= needs the sampling step", cure)
         steps = np.diff(seg.t)
         uneven = np.flatnonzero(np.abs(steps - np.median(steps)) > 0.05 * seg.dt)
         if uneven.size:
-            raise ChannelError(
-                f"band= needs an even clock; the step changes after row {seg.rows.start + int(uneven[0])}",
-                "Split the record at gaps, or resample it.",
-            )
+            what = f"band= needs an even clock; the step changes after row {seg.rows.start + int(uneven[0])}"
+            raise ChannelError(what, "Split the record at gaps, or resample it.")
         filters.append(FairFilter(band, 1.0 / seg.dt))
     return filters
 

@@ -1,7 +1,5 @@
 """Free runs of chain models: simulate and free_run, the checks of their input, the channels as sensors show them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -237,9 +235,8 @@ def finite(value: Any, names: Any, n_columns: int, what: str) -> np.ndarray:
         bad = np.flatnonzero(~np.isfinite(array[:, j]))
         if bad.size:
             name = f"{names}{j + 1}" if isinstance(names, str) else names[j]
-            raise ChannelError(
-                f"Channel {name} of the {what} is not finite in {rows_text(bad)}", "Give a number for every sample."
-            )
+            cure = "Give a number for every sample."
+            raise ChannelError(f"Channel {name} of the {what} is not finite in {rows_text(bad)}", cure)
     return array
 
 
@@ -249,9 +246,8 @@ def initial(value: Any, prefix: str, n_dof: int, what: str) -> np.ndarray:
         return np.zeros(n_dof)
     array = np.asarray(value)
     if array.shape != (n_dof,):
-        raise ChannelError(
-            f"{prefix}0 has shape {array.shape}, ({n_dof},) is needed", f"Give one initial {what} for each DOF."
-        )
+        cure = f"Give one initial {what} for each DOF."
+        raise ChannelError(f"{prefix}0 has shape {array.shape}, ({n_dof},) is needed", cure)
     return finite(array[None, :], prefix, n_dof, f"initial {what}")[0]
 
 
@@ -264,10 +260,8 @@ def input_matrix(
     given = dict(covariates or {})
     for name in names:
         if name not in given:
-            raise ChannelError(
-                f"The laws of the model read the covariate {name!r}, which is not given",
-                f"Pass covariates={{{name!r}: ...}}.",
-            )
+            cure = f"Pass covariates={{{name!r}: ...}}."
+            raise ChannelError(f"The laws of the model read the covariate {name!r}, which is not given", cure)
         lines.append((name, given[name]))
     columns = []
     for name, line in lines:
@@ -308,10 +302,8 @@ def _changed(record: Record, site: Site, change: Callable[[np.ndarray, float], n
     """A record with one channel passed through a function of its values and dt."""
     kind, number = site.channel[:1], site.channel[1:]
     if kind not in OF_LETTER or not number.isdigit() or not 1 <= int(number) <= record.n_dof:
-        raise ChannelError(
-            f"{str(site)!r} is not a channel of record {record.name!r}",
-            f"Its channels are {', '.join(record.channels())}.",
-        )
+        cure = f"Its channels are {', '.join(record.channels())}."
+        raise ChannelError(f"{str(site)!r} is not a channel of record {record.name!r}", cure)
     values = getattr(record, OF_LETTER[kind])
     if values is None:
         return record

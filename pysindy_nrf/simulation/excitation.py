@@ -4,8 +4,6 @@ Every function returns forces of shape (n_samples, n_dof) that start at time 0; 
 places add up. All randomness comes from ``random_state``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 
@@ -68,13 +66,11 @@ def impact_hammer(
     if not 0 <= spread < 1:
         raise ChannelError(f"spread={spread!r} is not between 0 and 1", "Give 0 for blows of equal strength.")
     if hits * width > 0.5 * duration:
-        raise ChannelError(
-            f"{hits} blows of {width:g} s do not fit into {duration:g} s", "Take fewer or a longer record."
-        )
+        cure = "Take fewer or a longer record."
+        raise ChannelError(f"{hits} blows of {width:g} s do not fit into {duration:g} s", cure)
     if width * fs < 2:
-        raise ChannelError(
-            f"Blows of {width:g} s are shorter than two samples at {fs:g} Hz", "Sample faster, or take softer blows."
-        )
+        cure = "Sample faster, or take softer blows."
+        raise ChannelError(f"Blows of {width:g} s are shorter than two samples at {fs:g} Hz", cure)
     rng = generator(random_state)
     t = np.arange(n) / fs
     F = np.zeros((n, n_dof))
@@ -123,10 +119,8 @@ def band_limited_random(
             piece = np.fft.irfft(spectrum, len(rows))
             size = np.sqrt(np.mean(piece**2))
             if size == 0:
-                raise ChannelError(
-                    f"The band {low:g}-{high:g} Hz holds no frequency of a record of {len(rows) / fs:g} s",
-                    "Widen it or take a longer record.",
-                )
+                what = f"The band {low:g}-{high:g} Hz holds no frequency of a record of {len(rows) / fs:g} s"
+                raise ChannelError(what, "Widen it or take a longer record.")
             F[rows, j] = piece * (level / size)
     return F
 
@@ -221,9 +215,8 @@ def earthquake(
     fg, corner = _positive("ground_frequency", ground_frequency, "Hz"), _positive("highpass", highpass, "Hz")
     zeta = _positive("ground_damping", ground_damping, "share of critical")
     if not 0 < rise < fall < 1:
-        raise ChannelError(
-            f"rise={rise!r}, fall={fall!r} are not in order", "They are shares of the duration, 0 < rise < fall < 1."
-        )
+        cure = "They are shares of the duration, 0 < rise < fall < 1."
+        raise ChannelError(f"rise={rise!r}, fall={fall!r} are not in order", cure)
     rng = generator(random_state)
     frequency = np.fft.rfftfreq(2 * n, 1 / fs)  # twice as long: no wrapping round
     r = 1j * frequency / fg
@@ -264,10 +257,8 @@ def _band(band: Any, fs: float) -> tuple[float, float]:
     except (TypeError, ValueError):
         raise ChannelError(f"band={band!r} is not a pair of frequencies", "Give (lowest, highest) in Hz.") from None
     if not 0 <= low < high <= fs / 2:
-        raise ChannelError(
-            f"band={band!r} Hz does not fit the sampling rate of {fs:g} Hz",
-            f"Stay between 0 and {fs / 2:g} Hz, lowest first.",
-        )
+        cure = f"Stay between 0 and {fs / 2:g} Hz, lowest first."
+        raise ChannelError(f"band={band!r} Hz does not fit the sampling rate of {fs:g} Hz", cure)
     return low, high
 
 

@@ -1,7 +1,5 @@
 """Compiled integrators: Runge-Kutta with located velocity reversals, and Newmark of average acceleration."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Measurement noise as a share of each channel's RMS."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from typing import Any

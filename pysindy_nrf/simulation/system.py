@@ -1,7 +1,5 @@
 """A chain model as flat arrays and compiled callbacks, and its force balance at one instant."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -47,10 +45,8 @@ def flatten(model: Any, t0: float = 0.0) -> tuple[System, Layout]:
     masses = np.array(model.masses, dtype=float)
     bad = np.flatnonzero(~(np.isfinite(masses) & (masses > 0)))
     if bad.size:
-        raise SimulationError(
-            f"m{bad[0] + 1} = {masses[bad[0]]:.4g} kg; a free run needs positive masses",
-            "Weigh that floor and give its mass in known_masses=, or excite the chain better.",
-        )
+        cure = "Weigh that floor and give its mass in known_masses=, or excite the chain better."
+        raise SimulationError(f"m{bad[0] + 1} = {masses[bad[0]]:.4g} kg; a free run needs positive masses", cure)
     groups = {site: group for site, group in model.laws.items() if site.kind != "sensor" and group}
     missing = [(law, site) for site, group in groups.items() for law in group if law.coefficients is None]
     if missing:

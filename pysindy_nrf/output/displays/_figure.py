@@ -1,7 +1,5 @@
 """A figure apart from how it is drawn: axes in SI units, marks, words, and the table of its numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

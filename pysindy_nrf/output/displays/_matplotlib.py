@@ -1,7 +1,5 @@
 """Figures on matplotlib's axes, and the base of all displays; matplotlib is imported when something is drawn."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from pathlib import Path

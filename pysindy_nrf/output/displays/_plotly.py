@@ -1,7 +1,5 @@
 """Figures as plotly's plain dictionaries; colours are names that the page's style sheet defines."""
 
-from __future__ import annotations
-
 import math
 import re
 from typing import Any

@@ -1,18 +1,14 @@
 """Figures of what a model leaves: residuals, what explains them, where the missing force acts, what it depends on."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
 
+from ...discrepancy.evidence import Evidence
 from ._figure import CYCLE, Axis, Bars, Figure, Line, Mark, dof_words, table
 from ._matplotlib import Display
-
-if TYPE_CHECKING:
-    from ...discrepancy.evidence import Evidence
 
 _VARIABLES = {
     "s": ("drift s", "m"), "v": ("rate v", "m/s"),
@@ -107,8 +103,7 @@ def localisation_figure(found: pd.DataFrame, chosen: str = "", most: int = 8) ->
     }  # fmt: skip
     low, high = heads["low"].clip(0, 100), heads["high"].clip(0, 100)
     return Figure(
-        "Localisation: where the missing force acts",
-        [Bars(heads["share"], color=colors, low=low, high=high)],
+        "Localisation: where the missing force acts", [Bars(heads["share"], color=colors, low=low, high=high)],
         **_lying(len(names), "residual explained by a force there", names),
         alt=f"A force at {found.index[0]} would explain {heads['share'].iloc[0]:.0f} percent of the residual.",
         caption="By the pattern of signs across the balances (Newton's third law); lines are about 95 %."
@@ -131,16 +126,14 @@ def dependence_figures(found: Any, variables: Sequence[str] = ("s", "v"), where:
     head = {"share": "explains (%)", "low": "from (%)", "high": "to (%)", "gain": "more than linear (points)"}
     out = [
         Figure(
-            f"Characterisation: what the force{where} depends on",
-            [bars],
-            **_lying(len(names), "explained on data left out", names) | {"size": (4.2, 3.2)},
-            alt=found.sentence,
+            f"Characterisation: what the force{where} depends on", [bars],
+            **_lying(len(names), "explained on data left out", names) | {"size": (4.2, 3.2)}, alt=found.sentence,
             caption="Without any formula. Highlighted: the simplest that explains nearly as much as the best.",
             table=table(
                 "Share of the missing force that is a function of", shares[list(head)].set_axis(names), head, index="of"
             ),
         )
-    ]
+    ]  # fmt: skip
     for name in variables:
         if name in found.curves:
             out.append(_mean(found.curves[name], *_VARIABLES.get(name, (name, "")), where))
@@ -190,7 +183,7 @@ class BeforeAfterDisplay(Display):
         self.errors = np.asarray(errors, dtype=float)
 
     @classmethod
-    def from_report(cls, report: Any) -> BeforeAfterDisplay:
+    def from_report(cls, report: Any) -> Self:
         """The errors of a report of :func:`pysindy_nrf.close_loop`.
 
         Parameters

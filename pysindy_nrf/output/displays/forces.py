@@ -1,9 +1,7 @@
 """Figures of restoring forces: surfaces, loops, the force of a device, its energy."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
@@ -154,9 +152,7 @@ class RestoringForceSurfaceDisplay(Display):
         self.surface, self.site, self.reference, self.reference_label = surface, site, reference, reference_label
 
     @classmethod
-    def from_estimator(
-        cls, estimator: Any, site: Any, reference: Any = None, size: int = 41
-    ) -> RestoringForceSurfaceDisplay:
+    def from_estimator(cls, estimator: Any, site: Any, reference: Any = None, size: int = 41) -> Self:
         """Display of a fitted regressor or model.
 
         Parameters
@@ -202,7 +198,7 @@ class HysteresisLoopDisplay(Display):
         self.site = site
 
     @classmethod
-    def from_estimator(cls, estimator: Any, X: Any, F: Any, site: Any, **options: Any) -> HysteresisLoopDisplay:
+    def from_estimator(cls, estimator: Any, X: Any, F: Any, site: Any, **options: Any) -> Self:
         """Loops of a storey; "measured" is the force that balances the inertia above it with the identified masses.
 
         Parameters
@@ -221,9 +217,8 @@ class HysteresisLoopDisplay(Display):
         model = as_model(estimator)
         place = model.chain.site(site)
         if not place.is_storey or any(model.laws[s] for s in model.laws if not s.is_storey):
-            raise ChannelError(
-                f"The force of {place} cannot be read off the balances above it", "Pass drift and forces yourself."
-            )
+            cure = "Pass drift and forces yourself."
+            raise ChannelError(f"The force of {place} cannot be read off the balances above it", cure)
         i = place.p - 1
         data = as_segments(estimator, X, F, **options)
         drift = data.scatter([seg.s[seg.valid] for seg in data.segments])[:, i]
@@ -270,7 +265,7 @@ class DamperForceDisplay(Display):
     @classmethod
     def from_estimator(
         cls, estimator: Any, linear: Any, X: Any, site: Any, measured: Any = None, over: str = "drift", **options: Any
-    ) -> DamperForceDisplay:
+    ) -> Self:
         """Device force by subtraction; see :func:`pysindy_nrf.estimation.damper_force` for ``X`` and the options.
 
         Parameters
@@ -332,7 +327,7 @@ class EnergyDisplay(Display):
         self.energy = {name: np.asarray(line, dtype=float) for name, line in energy.items()}
 
     @classmethod
-    def from_estimator(cls, estimator: Any, X: Any, without: Any = None, **options: Any) -> EnergyDisplay:
+    def from_estimator(cls, estimator: Any, X: Any, without: Any = None, **options: Any) -> Self:
         """Energy dissipated in every storey; parameters as of :func:`pysindy_nrf.estimation.dissipated_energy`.
 
         Parameters

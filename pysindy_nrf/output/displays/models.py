@@ -1,9 +1,7 @@
 """Figures that compare models: coefficients, orders, planarity, the change between two tests."""
 
-from __future__ import annotations
-
 import re
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
@@ -38,7 +36,7 @@ class CoefficientsDisplay(Display):
         self.shares = shares
 
     @classmethod
-    def from_comparison(cls, comparison: Any) -> CoefficientsDisplay:
+    def from_comparison(cls, comparison: Any) -> Self:
         """The coefficients that :func:`pysindy_nrf.selection.comparison.compare` found.
 
         Parameters
@@ -78,7 +76,7 @@ class OrderSelectionDisplay(Display):
         self.table, self.folds, self.ylabel = table, folds, ylabel
 
     @classmethod
-    def from_selection(cls, selection: Any) -> OrderSelectionDisplay:
+    def from_selection(cls, selection: Any) -> Self:
         """From what :func:`pysindy_nrf.select_order` found."""
         scores = selection.fold_scores
         folds = pd.DataFrame(100.0 * errors_of(scores.to_numpy()), index=scores.index, columns=scores.columns)
@@ -131,7 +129,7 @@ class PlanarityDisplay(Display):
         self.table = table
 
     @classmethod
-    def from_estimator(cls, estimator: Any, X: Any, F: Any = None, **options: Any) -> PlanarityDisplay:
+    def from_estimator(cls, estimator: Any, X: Any, F: Any = None, **options: Any) -> Self:
         """Planarity of a fitted regressor; parameters as of :func:`pysindy_nrf.estimation.planarity`."""
         return cls(planarity(estimator, X, F, **options))
 
@@ -178,7 +176,7 @@ class ChangeMapDisplay(Display):
         self.table, self.site, self.largest, self.colorbar = table, site, largest, colorbar
 
     @classmethod
-    def from_report(cls, report: Any, site: Any, largest: float | None = None, size: int = 41) -> ChangeMapDisplay:
+    def from_report(cls, report: Any, site: Any, largest: float | None = None, size: int = 41) -> Self:
         """Map of one storey of a :class:`pysindy_nrf.monitoring.change.ChangeReport`.
 
         Parameters

@@ -1,8 +1,6 @@
 """Figures of motion: channels of a record, free runs, modes, frequency responses, stiffness over time."""
 
-from __future__ import annotations
-
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
@@ -85,7 +83,7 @@ class FreeRunDisplay(Display):
         self.measured, self.predicted = np.asarray(measured, dtype=float), np.asarray(predicted, dtype=float)
 
     @classmethod
-    def from_estimator(cls, estimator: Any, record: Any, **options: Any) -> FreeRunDisplay:
+    def from_estimator(cls, estimator: Any, record: Any, **options: Any) -> Self:
         """Simulate the model under the forces of a record.
 
         Parameters
@@ -102,10 +100,8 @@ class FreeRunDisplay(Display):
             If the record has no displacement to compare with.
         """
         if record.displacement is None:
-            raise ChannelError(
-                f"Record {record.name!r} has no displacement to compare with",
-                "Fuse its channels with KinematicSmoother first.",
-            )
+            cure = "Fuse its channels with KinematicSmoother first."
+            raise ChannelError(f"Record {record.name!r} has no displacement to compare with", cure)
         measured, rate = _relative(record)
         given = {"x0": measured[0], "v0": None if rate is None else rate[0], "covariates": record.covariates}
         given |= {"base_acceleration": base_acceleration_if_any(record)} | options
@@ -194,7 +190,7 @@ class ModesDisplay(Display):
         self.modes, self.frequency, self.spectrum = modes, frequency, spectrum
 
     @classmethod
-    def from_estimator(cls, estimator: Any, record: Any = None) -> ModesDisplay:
+    def from_estimator(cls, estimator: Any, record: Any = None) -> Self:
         """Modes of a fitted regressor or model.
 
         Parameters
@@ -248,9 +244,7 @@ class TrackDisplay(Display):
         self.table, self.onset, self.window = table, onset, window
 
     @classmethod
-    def from_estimator(
-        cls, estimator: Any, X: Any, F: Any = None, onset: float | None = None, **options: Any
-    ) -> TrackDisplay:
+    def from_estimator(cls, estimator: Any, X: Any, F: Any = None, onset: float | None = None, **options: Any) -> Self:
         """Moving-window identification; parameters as of :func:`pysindy_nrf.monitoring.track`.
 
         Parameters

@@ -1,7 +1,5 @@
 """Equations as MathML, made from the laws' own labels; no network and no script is needed to show them."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from html import escape

@@ -1,7 +1,5 @@
 """The views of a result: one self-contained page, Markdown, and small HTML for notebooks, which escapes every name."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import replace
@@ -75,9 +73,8 @@ def page(
     elif hasattr(subject, "model_") or hasattr(subject, "restoring_forces"):
         content = of_model(subject, record, title, notes, band)
     else:
-        raise NRFError(
-            f"{type(subject).__name__} cannot be reported", "Give a LoopReport, a fitted NRFRegressor or a ChainModel."
-        )
+        cure = "Give a LoopReport, a fitted NRFRegressor or a ChainModel."
+        raise NRFError(f"{type(subject).__name__} cannot be reported", cure)
     environment = jinja2.Environment(
         loader=jinja2.FunctionLoader(_template), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True,
         lstrip_blocks=True,

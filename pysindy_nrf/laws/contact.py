@@ -11,14 +11,19 @@ from .shape import Shape
 _GAP = Shape("gap", "m", 0.05, 4.0, "s")
 
 
-class _OneSided(ForceLaw):
-    """A spring that acts on one side only; ``labels`` are those of its term for side 1 and -1."""
+class _Contact(ForceLaw):
+    """Base of springs in contact only part of the time."""
 
     family = "contact"
     symmetry = "none"
     passive = True
     variable = "s"
     nonnegative = ("k",)
+
+
+class _OneSided(_Contact):
+    """A spring that acts on one side only; ``labels`` are those of its term for side 1 and -1."""
+
     labels = ("", "")
 
     def __init__(self, shape: dict[str, float | None], k: float | None, side: int) -> None:
@@ -91,26 +96,23 @@ class PreloadedContact(_OneSided):
         out[0] = theta[1] * np.maximum(theta[1] * s, -theta[0])
 
 
-class TwoSidedGap(ForceLaw):
+class TwoSidedGap(_Contact):
     r"""Stops on both sides: a spring that acts beyond an equal gap.
 
     .. math:: R = k \, (s - \min(\max(s, -g), g))
     """
 
     name = "two_sided_gap"
-    family = "contact"
+    symmetry = "odd"
     shapes = (_GAP,)
     columns = (Term("k", "beyond(s, gap)", "N/m"),)
-    passive = True
-    variable = "s"
-    nonnegative = ("k",)
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
         out[0] = np.maximum(s - theta[0], 0.0) + np.minimum(s + theta[0], 0.0)
 
 
-class DeadZone(ForceLaw):
+class DeadZone(_Contact):
     r"""Backlash of a loose joint: no force while the drift is inside the play.
 
     .. math:: R = k \, (s - \min(\max(s, g (c - 1)), g (c + 1)))
@@ -120,13 +122,8 @@ class DeadZone(ForceLaw):
     """
 
     name = "dead_zone"
-    family = "contact"
     shapes = (_GAP, Shape("centre", "1", -0.95, 0.95, log=False))
     columns = (Term("k", "beyond(s, gap, centre)", "N/m"),)
-    symmetry = "none"
-    passive = True
-    variable = "s"
-    nonnegative = ("k",)
     special_cases = {
         TwoSidedGap: lambda c: DeadZone(c.theta[0], 0.0, c.values[0]),
         OneSidedGap: lambda c: DeadZone(1e3, c.side * (c.theta[0] / 1e3 - 1.0), c.values[0]),  # other stop out of reach
@@ -139,7 +136,7 @@ class DeadZone(ForceLaw):
         out[0] = np.maximum(s - high, 0.0) + np.minimum(s - low, 0.0)
 
 
-class Bilinear(ForceLaw):
+class Bilinear(_Contact):
     """Breathing crack: a further spring, of either sign, for positive drift only, ``R = dk max(s, 0)``.
 
     Beside a linear spring k the stiffness is k + dk for s > 0 and k for s < 0 (Chondros,
@@ -147,11 +144,8 @@ class Bilinear(ForceLaw):
     """
 
     name = "bilinear"
-    family = "contact"
     columns = (Term("dk", "max(s, 0)", "N/m"),)
-    symmetry = "none"
-    passive = True
-    variable = "s"
+    nonnegative = ()
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):

@@ -5,17 +5,31 @@ import math
 import numpy as np
 
 from .base import ForceLaw, Term
+from .hysteresis import Element
 from .shape import Shape
 
 
-class QuadraticDamping(ForceLaw):
+class _Damper(ForceLaw):
+    """Base of forces that oppose the rate."""
+
+    family = "damping"
+    passive = True
+    variable = "v"
+
+
+class _Spring(ForceLaw):
+    """Base of forces that follow the drift alone."""
+
+    family = "stiffness"
+    passive = True
+    variable = "s"
+
+
+class QuadraticDamping(_Damper):
     """Quadratic damping, ``R = c2 v |v|``: drag of a turbulent fluid (Morison)."""
 
     name = "quadratic_damping"
-    family = "damping"
     columns = (Term("c2", "v |v|", "N s^2/m^2"),)
-    passive = True
-    variable = "v"
     nonnegative = ("c2",)
 
     @staticmethod
@@ -23,7 +37,7 @@ class QuadraticDamping(ForceLaw):
         out[0] = v * np.abs(v)
 
 
-class PowerLawDamping(ForceLaw):
+class PowerLawDamping(_Damper):
     r"""Power-law damping, ``R = cn sgn(v) |v|^n``.
 
     Fluid viscous dampers have n between 0.3 and 1 (Constantinou and Symans, 1993); n = 0 is Coulomb
@@ -31,12 +45,9 @@ class PowerLawDamping(ForceLaw):
     """
 
     name = "power_law_damping"
-    family = "damping"
     # published fluid dampers have n of at least 0.3
     shapes = (Shape("n", "1", 0.15, 4.0, friction_below=0.25),)
     columns = (Term("cn", "sgn(v) |v|^n", "N s^n/m^n"),)
-    passive = True
-    variable = "v"
     nonnegative = ("cn",)
     special_cases = {QuadraticDamping: lambda c: PowerLawDamping(n=2.0, cn=c.values[0])}
 
@@ -45,21 +56,18 @@ class PowerLawDamping(ForceLaw):
         out[0] = np.sign(v) * np.abs(v) ** theta[0]
 
 
-class DisplacementDependentDamping(ForceLaw):
+class DisplacementDependentDamping(_Damper):
     """Damping that grows with the drift, ``R = c s^2 v`` (van der Pol)."""
 
     name = "displacement_dependent_damping"
-    family = "damping"
     columns = (Term("c", "v s^2", "N s/m^3"),)
-    passive = True
-    variable = "v"
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
         out[0] = v * s * s
 
 
-class MaxwellBranch(ForceLaw):
+class MaxwellBranch(Element):
     r"""Spring in series with a dashpot.
 
     .. math:: R = k z, \quad \dot z = \dot s - z / \tau
@@ -69,17 +77,10 @@ class MaxwellBranch(ForceLaw):
     """
 
     name = "maxwell_branch"
-    family = "hysteresis"
     shapes = (Shape("tau", "s", 0.3, 20.0, "s/v"),)
     columns = (Term("k", "Maxwell[s]", "N/m"),)
-    n_states = 1
-    passive = True
     nonnegative = ("k",)
     mimics_inertia = True
-
-    @staticmethod
-    def kernel(s, v, a, t, u, z, theta, out):
-        out[0] = z[0]
 
     @staticmethod
     def advance(z, s0, v0, s1, v1, dt, u, theta):
@@ -97,7 +98,7 @@ class MaxwellBranch(ForceLaw):
         z[0] = z[0] * math.exp(-x) + (s1 - s0) * first + (v1 - v0) * dt * second
 
 
-class LinearElastic(ForceLaw):
+class LinearElastic(_Spring):
     """Linear spring, ``R = k s``.
 
     Parameters
@@ -113,17 +114,14 @@ class LinearElastic(ForceLaw):
     """
 
     name = "linear_elastic"
-    family = "stiffness"
     columns = (Term("k", "s", "N/m"),)
-    passive = True
-    variable = "s"
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
         out[0] = s
 
 
-class LinearViscous(ForceLaw):
+class LinearViscous(_Damper):
     """Linear dashpot, ``R = c v``.
 
     Parameters
@@ -139,17 +137,14 @@ class LinearViscous(ForceLaw):
     """
 
     name = "linear_viscous"
-    family = "damping"
     columns = (Term("c", "v", "N s/m"),)
-    passive = True
-    variable = "v"
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
         out[0] = v
 
 
-class Duffing(ForceLaw):
+class Duffing(_Spring):
     """Linear and cubic spring, ``R = k s + k3 s^3``.
 
     Parameters
@@ -167,10 +162,7 @@ class Duffing(ForceLaw):
     """
 
     name = "duffing"
-    family = "stiffness"
     columns = (Term("k", "s", "N/m"), Term("k3", "s^3", "N/m^3"))
-    passive = True
-    variable = "s"
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
@@ -178,36 +170,30 @@ class Duffing(ForceLaw):
         out[1] = s * s * s
 
 
-class QuadraticStiffness(ForceLaw):
+class QuadraticStiffness(_Spring):
     """Quadratic spring, ``R = k2 s^2``: stiffer in one direction than in the other (a cable, an arch)."""
 
     name = "quadratic_stiffness"
-    family = "stiffness"
     columns = (Term("k2", "s^2", "N/m^2"),)
     symmetry = "even"
-    passive = True
-    variable = "s"
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
         out[0] = s * s
 
 
-class AbsoluteQuadraticStiffness(ForceLaw):
+class AbsoluteQuadraticStiffness(_Spring):
     """Odd quadratic spring, ``R = k2 s |s|``."""
 
     name = "absolute_quadratic_stiffness"
-    family = "stiffness"
     columns = (Term("k2", "s |s|", "N/m^2"),)
-    passive = True
-    variable = "s"
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
         out[0] = s * np.abs(s)
 
 
-class CubicStiffness(ForceLaw):
+class CubicStiffness(_Spring):
     """Cubic spring, ``R = k3 s^3``: hardening for k3 > 0, softening for k3 < 0.
 
     Parameters
@@ -223,24 +209,18 @@ class CubicStiffness(ForceLaw):
     """
 
     name = "cubic_stiffness"
-    family = "stiffness"
     columns = (Term("k3", "s^3", "N/m^3"),)
-    passive = True
-    variable = "s"
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
         out[0] = s * s * s
 
 
-class QuinticStiffness(ForceLaw):
+class QuinticStiffness(_Spring):
     """Quintic spring, ``R = k5 s^5``."""
 
     name = "quintic_stiffness"
-    family = "stiffness"
     columns = (Term("k5", "s^5", "N/m^5"),)
-    passive = True
-    variable = "s"
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):

@@ -14,7 +14,18 @@ from .hysteresis import Dahl
 from .shape import Shape
 
 
-class CoulombFriction(ForceLaw):
+class _Friction(ForceLaw):
+    """Base of dry friction between two floors, or of one against the ground."""
+
+    family = "friction"
+    passive = True
+    acts_at = ("link", "ground")
+    variable = "v"
+    jumps = True
+    nonnegative = ("Fc",)
+
+
+class CoulombFriction(_Friction):
     r"""Coulomb friction.
 
     .. math:: R = F_c \operatorname{sgn} v
@@ -34,20 +45,14 @@ class CoulombFriction(ForceLaw):
     """
 
     name = "coulomb_friction"
-    family = "friction"
     columns = (Term("Fc", "sgn(v)", "N"),)
-    passive = True
-    acts_at = ("link", "ground")
-    variable = "v"
-    jumps = True
-    nonnegative = ("Fc",)
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
         out[0] = np.sign(v)
 
 
-class AsymmetricFriction(ForceLaw):
+class AsymmetricFriction(_Friction):
     r"""Coulomb friction of different level in the two directions.
 
     .. math:: R = F_p \, [v > 0] - F_m \, [v < 0]
@@ -57,13 +62,8 @@ class AsymmetricFriction(ForceLaw):
     """
 
     name = "asymmetric_friction"
-    family = "friction"
     columns = (Term("Fp", "max(sgn(v), 0)", "N"), Term("Fm", "min(sgn(v), 0)", "N"))
     symmetry = "none"
-    passive = True
-    acts_at = ("link", "ground")
-    variable = "v"
-    jumps = True
     nonnegative = ("Fp", "Fm")
     special_cases = {CoulombFriction: lambda c: AsymmetricFriction(Fp=c.values[0], Fm=c.values[0])}
 
@@ -74,7 +74,7 @@ class AsymmetricFriction(ForceLaw):
         out[1] = np.minimum(sign, 0.0)
 
 
-class StribeckFriction(ForceLaw):
+class StribeckFriction(_Friction):
     r"""Friction whose level falls from static to sliding.
 
     .. math:: R = \operatorname{sgn} v \, (F_c + \Delta F \, e^{-|v| / v_s})
@@ -84,13 +84,8 @@ class StribeckFriction(ForceLaw):
     """
 
     name = "stribeck_friction"
-    family = "friction"
     shapes = (Shape("vs", "m/s", 0.02, 2.0, "v"),)
     columns = (Term("Fc", "sgn(v)", "N"), Term("dF", "sgn(v) exp(-|v|/vs)", "N"))
-    passive = True
-    acts_at = ("link", "ground")
-    variable = "v"
-    jumps = True
     nonnegative = ("Fc", "dF")  # with a negative dF the force would grow with the rate
     special_cases = {CoulombFriction: lambda c: StribeckFriction(vs=1.0, Fc=c.values[0], dF=0.0)}
 
@@ -101,20 +96,14 @@ class StribeckFriction(ForceLaw):
         out[1] = sign * np.exp(-np.minimum(np.abs(v) / theta[0], 700.0))
 
 
-class PositionDependentFriction(ForceLaw):
+class PositionDependentFriction(_Friction):
     r"""Friction whose level changes with the drift, as of wedges, ring springs or a tapered guide.
 
     .. math:: R = (F_c + F_s |s|) \operatorname{sgn} v
     """
 
     name = "position_dependent_friction"
-    family = "friction"
     columns = (Term("Fc", "sgn(v)", "N"), Term("Fs", "|s| sgn(v)", "N/m"))
-    passive = True
-    acts_at = ("link", "ground")
-    variable = "v"
-    jumps = True
-    nonnegative = ("Fc",)
     special_cases = {CoulombFriction: lambda c: PositionDependentFriction(Fc=c.values[0], Fs=0.0)}
 
     @staticmethod
@@ -123,7 +112,7 @@ class PositionDependentFriction(ForceLaw):
         out[1] = np.abs(s) * np.sign(v)
 
 
-class BreakAwayFriction(ForceLaw):
+class BreakAwayFriction(_Friction):
     r"""Friction with a peak after each reversal that decays with the distance slid since.
 
     .. math:: R = F_c \operatorname{sgn} v + \Delta F \, Z, \quad Z = \pm e^{-|s - s_r| / d}
@@ -133,15 +122,9 @@ class BreakAwayFriction(ForceLaw):
     """
 
     name = "break_away_friction"
-    family = "friction"
     shapes = (Shape("d", "m", 0.02, 2.0, "s"),)
     columns = (Term("Fc", "sgn(v)", "N"), Term("dF", "Peak[s]", "N"))
     n_states = 1
-    passive = True
-    acts_at = ("link", "ground")
-    variable = "v"
-    jumps = True
-    nonnegative = ("Fc",)
     expected_positive = ("dF",)
     special_cases = {CoulombFriction: lambda c: BreakAwayFriction(d=1.0, Fc=c.values[0], dF=0.0)}
 
@@ -160,7 +143,7 @@ class BreakAwayFriction(ForceLaw):
         z[0] = sign * max(peak * math.exp(-abs(ds) / theta[0]), 1e-100)
 
 
-class ShiftedFriction(ForceLaw):
+class ShiftedFriction(_Friction):
     r"""Friction that reverses with v + kappa s instead of with v.
 
     .. math:: R = F_c \operatorname{sgn}(v + \kappa s)
@@ -170,14 +153,8 @@ class ShiftedFriction(ForceLaw):
     """
 
     name = "shifted_friction"
-    family = "friction"
     shapes = (Shape("kappa", "1/s", 0.01, 3.0, "v/s"),)
     columns = (Term("Fc", "sgn(v + kappa s)", "N"),)
-    passive = True
-    acts_at = ("link", "ground")
-    variable = "v"
-    jumps = True
-    nonnegative = ("Fc",)
     special_cases = {CoulombFriction: lambda c: ShiftedFriction(kappa=1e-12, Fc=c.values[0])}
 
     @staticmethod

@@ -10,7 +10,19 @@ from .shape import Shape
 _SIGMA = Shape("sigma", "1/m", 0.03, 3000.0, "1/s")
 
 
-class Dahl(ForceLaw):
+class Element(ForceLaw):
+    """Base of passive elements with one state, which is the force unless they say otherwise."""
+
+    family = "hysteresis"
+    n_states = 1
+    passive = True
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = z[0]
+
+
+class Dahl(Element):
     r"""Dahl friction, ``R = Fd Z``.
 
     .. math:: \dot Z = \sigma \dot s \, (1 - Z \operatorname{sgn} \dot s)
@@ -34,17 +46,10 @@ class Dahl(ForceLaw):
     """
 
     name = "dahl"
-    family = "hysteresis"
     shapes = (_SIGMA,)
     columns = (Term("Fd", "Z", "N"),)
-    n_states = 1
-    passive = True
     nonnegative = ("Fd",)
     saturates_at = "sigma"
-
-    @staticmethod
-    def kernel(s, v, a, t, u, z, theta, out):
-        out[0] = z[0]
 
     @staticmethod
     def advance(z, s0, v0, s1, v1, dt, u, theta):
@@ -105,7 +110,7 @@ class ModifiedDahl(ForceLaw):
     advance = staticmethod(Dahl.advance)
 
 
-class Jenkins(ForceLaw):
+class Jenkins(Element):
     r"""Elasto-plastic element (Jenkin 1922): a spring in series with a Coulomb slider.
 
     .. math:: R = F_y Z, \quad \dot Z = \dot s / u_y \text{ while } |Z| < 1 \text{ or unloading, else } 0
@@ -115,24 +120,17 @@ class Jenkins(ForceLaw):
     """
 
     name = "jenkins"
-    family = "hysteresis"
     shapes = (Shape("uy", "m", 0.01, 4.0, "s"),)
     columns = (Term("Fy", "Jenkins[s]", "N"),)
-    n_states = 1
-    passive = True
     nonnegative = ("Fy",)
     saturates_at = "uy"
-
-    @staticmethod
-    def kernel(s, v, a, t, u, z, theta, out):
-        out[0] = z[0]
 
     @staticmethod
     def advance(z, s0, v0, s1, v1, dt, u, theta):
         z[0] = min(max(z[0] + (s1 - s0) / theta[0], -1.0), 1.0)
 
 
-class BacklashFriction(ForceLaw):
+class BacklashFriction(Element):
     r"""Friction slider behind a spring with backlash: a friction damper whose joints are loose.
 
     .. math:: R = F_y \operatorname{sgn}(w) \min(\max((|w| - g) / u_y, 0), 1), \quad w = s - p
@@ -143,11 +141,8 @@ class BacklashFriction(ForceLaw):
     """
 
     name = "backlash_friction"
-    family = "hysteresis"
     shapes = (Shape("gap", "m", 0.02, 2.0, "s"), Shape("uy", "m", 0.01, 1.0, "s"))
     columns = (Term("Fy", "Jenkins[s; gap]", "N"),)
-    n_states = 1  # w
-    passive = True
     nonnegative = ("Fy",)
     special_cases = {Jenkins: lambda c: BacklashFriction(1e-12 * c.theta[0], c.theta[0], c.values[0])}
 

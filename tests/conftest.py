@@ -1,7 +1,5 @@
 """What every test file shares."""
 
-from __future__ import annotations
-
 import chains
 import pytest
 from hypothesis import settings

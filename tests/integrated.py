@@ -1,7 +1,5 @@
 """Chains integrated by SciPy's DOP853, of which the package knows nothing but the channels."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Where the measured records are, or why a test is skipped."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

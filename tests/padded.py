@@ -1,8 +1,6 @@
 """Estimators of chains on the generic tables of scikit-learn's checks: columns padded to whole DOFs
 by functions of the row alone, so that nothing but their number changes."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The quick settings of the benchmarks run from end to end, and what they claim of accuracy holds."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The same input gives the same answer: on several cores, in another process, from the same seed."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

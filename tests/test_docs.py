@@ -1,7 +1,5 @@
 """The code on the pages of the documentation runs as printed."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from pathlib import Path

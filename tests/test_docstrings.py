@@ -1,7 +1,5 @@
 """Every public function and class is documented: what goes in, what comes out, and an example that runs."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import inspect

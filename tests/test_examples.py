@@ -1,7 +1,5 @@
 """Every example of the gallery runs as it stands and draws what it promises."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Errors and warnings: all typed, all of one shape, all documented; nothing else is raised on purpose."""
 
-from __future__ import annotations
-
 import ast
 import inspect
 import pickle

@@ -1,7 +1,5 @@
 """The paper's results beside ours: what benchmarks/paper_tables.py prints must hold."""
 
-from __future__ import annotations
-
 import importlib.util
 import warnings
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The README alone leads from a file with odd names in mm and g to masses and a page."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Nothing in a file is written outside the chosen folder (that nothing of it runs, the rules S of ruff check)."""
 
-from __future__ import annotations
-
 import pytest
 
 

@@ -1,7 +1,5 @@
 """Laws of time read the clock of the record: a part of it says what the whole says."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

@@ -1,7 +1,5 @@
 """Constraints: obeyed exactly, harmless where true, helpful where data are poor, contradicted aloud."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Instrumental variables and output error: noise does not bias them, and they say where they cannot serve."""
 
-from __future__ import annotations
-
 import os
 import warnings
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Forces, energies, planarity and agreement of identified chains."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Intervals: as wide as theory says where theory is exact, and honest where residuals are coloured."""
 
-from __future__ import annotations
-
 import pickle
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The free run fitted to the motion: as sharp as the noise allows, and kept only where it predicts better."""
 
-from __future__ import annotations
-
 import pickle
 import warnings
 

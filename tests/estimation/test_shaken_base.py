@@ -1,7 +1,5 @@
 """A shaken base and nothing but accelerometers: what the floors go through, the base goes through as well."""
 
-from __future__ import annotations
-
 import integrated
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """scikit-learn's own checks on every public estimator; copies, names, tables and pickles."""
 
-from __future__ import annotations
-
 import chains
 import numpy as np
 import padded

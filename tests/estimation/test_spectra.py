@@ -1,7 +1,5 @@
 """Noise levels from the error of a free run, and the force corrected by the motion."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The page on writing a law runs as it is printed."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

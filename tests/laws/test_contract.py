@@ -1,7 +1,5 @@
 """Every law keeps the one contract; each check of the contract refuses a law that breaks it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

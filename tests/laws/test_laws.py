@@ -1,7 +1,5 @@
 """States of the laws against the differential equations of the literature, energies, free runs."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

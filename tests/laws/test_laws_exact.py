@@ -1,7 +1,5 @@
 """Force laws against formulas of the literature, closed-form paths of their states, and each promise of the contract."""
 
-from __future__ import annotations
-
 import json
 import math
 

@@ -1,7 +1,5 @@
 """Chain and sites: who pulls on whom, written once."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 

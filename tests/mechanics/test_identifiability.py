@@ -1,7 +1,5 @@
 """What an excitation can identify: said before any number, and true."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """Displays: what is drawn is what the model says, in SI units, on matplotlib's sheet and on plotly's page alike."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

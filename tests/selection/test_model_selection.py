@@ -1,7 +1,5 @@
 """Order selection: splitters, the rule, and the fast path against GridSearchCV."""
 
-from __future__ import annotations
-
 import warnings
 
 import chains

@@ -1,7 +1,5 @@
 """Raw channels to a model in one scikit-learn pipeline; records, time, base and covariates as routed metadata."""
 
-from __future__ import annotations
-
 import chains
 import numpy as np
 import pandas as pd

@@ -1,7 +1,5 @@
 """Named scorers: what they mean, on estimators and pipelines, with and without metadata routing."""
 
-from __future__ import annotations
-
 import pickle
 
 import chains

@@ -1,7 +1,5 @@
 """Which terms are kept: sparse optimizers judged on data they were not fitted to."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Quirks of PySINDy and scikit-learn that the package works round; if a test fails, its work-round can go."""
 
-from __future__ import annotations
-
 import numpy as np
 import pysindy as ps
 import pytest

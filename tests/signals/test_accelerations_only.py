@@ -1,7 +1,5 @@
 """Accelerations and one force are enough: nothing but what such a test measures is passed."""
 
-from __future__ import annotations
-
 import warnings
 
 import chains

@@ -1,7 +1,5 @@
 """Alignment: known delays, gains and signs come back; clocks are brought together; gaps are cut."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

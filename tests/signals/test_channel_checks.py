@@ -1,7 +1,5 @@
 """Each fault is found and named; healthy channels, hammers and rests are left alone."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

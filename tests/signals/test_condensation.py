@@ -1,7 +1,5 @@
 """Floors without a sensor: refused, or left out with the meaning of what is left."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from chains import driven

@@ -1,7 +1,5 @@
 """Records that are long, or rest for most of the time."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

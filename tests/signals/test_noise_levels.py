@@ -1,7 +1,5 @@
 """Levels of noise against noise that was added."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

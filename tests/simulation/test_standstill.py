@@ -1,7 +1,5 @@
 """Dry friction where sites come to rest and start to slip: by hand, and whatever the order of the sites."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp

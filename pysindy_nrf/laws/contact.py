@@ -1,6 +1,6 @@
 """Springs that are in contact only part of the time: bumpers, cracks, loose joints."""
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -18,7 +18,7 @@ class _Contact(ForceLaw):
     symmetry = "none"
     passive = True
     variable = "s"
-    nonnegative = ("k",)
+    nonnegative: ClassVar[tuple[str, ...]] = ("k",)
 
 
 class _OneSided(_Contact):

@@ -6,6 +6,7 @@ moving base, friction against a fixed object beside the structure is :class:`Gro
 
 import math
 from collections.abc import Sequence
+from typing import ClassVar
 
 import numpy as np
 
@@ -22,7 +23,7 @@ class _Friction(ForceLaw):
     acts_at = ("link", "ground")
     variable = "v"
     jumps = True
-    nonnegative = ("Fc",)
+    nonnegative: ClassVar[tuple[str, ...]] = ("Fc",)
 
 
 class CoulombFriction(_Friction):

@@ -34,6 +34,11 @@ class _Piece(NamedTuple):
     live: dict[str, np.ndarray]
     span: slice
 
+    @property
+    def absolute(self) -> bool:
+        """True for a record whose motions are absolute."""
+        return self.record is not None and self.record.coordinates == "absolute"
+
 
 class KinematicSmoother(TransformerMixin, BaseEstimator):
     """Fuse the measured acceleration, velocity and displacement of each DOF into one motion.
@@ -228,10 +233,8 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
             raise ChannelError(f"KinematicSmoother needs to know the channels, {type(X).__name__} has no names", cure)
         matrix = checked(self, X, reset=learn)
         width = matrix.shape[1]
-        if isinstance(self.channels, str):
-            names = [f"{self.channels}{j + 1}" for j in range(width)]
-        else:
-            names = [str(c) for c in self.channels]
+        whole = isinstance(self.channels, str)  # a kind
+        names = [f"{self.channels}{j + 1}" for j in range(width)] if whole else [str(c) for c in self.channels]
         if len(names) != width:
             raise ChannelError(f"{len(names)} channels are named, X has {width} columns", "Name each column once.")
         return pd.DataFrame(matrix, columns=names)
@@ -264,25 +267,31 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
 
     def _fused(self, piece: _Piece, learn: bool) -> Any:
         record, table, fs, names, columns, live, span = piece
-        fused, rest = self._fuse(live, fs, record, learn)
-        result = fused | rest
+        result = self._fuse(piece, learn)
         if self.band_ is not None:
             result = self._limit(result, fs, learn)
-        out = {n: _pad(y, span, len(table)) for n, y in result.items()}
+        out = {n: np.full(len(table), np.nan) for n in result}
+        for n, y in result.items():
+            out[n][span] = y
         out |= {n: y for n, y in columns.items() if n not in live and n not in out}
         if learn:
             self.n_features_in_, self.feature_names_in_ = len(names), np.array(names, dtype=object)
             self._names_in = names
             self._names_out = [n for n in ("t", "time") if n in names] + list(out)
         if record is not None:
-            return _to_record(record, out)
+            nothing, dofs = np.full(record.n_samples, np.nan), range(1, record.n_dof + 1)
+            parts: dict[str, Any] = {
+                key: np.column_stack([out.get(f"{letter}{j}", nothing) for j in dofs])
+                for key, letter in MATRICES.items()
+            }
+            parts |= {key: out.get(short) for key, short in BASES.items()}
+            return record.replace(**parts, covariates={k: out[k] for k in record.covariates})
         clock = {n: table[n].to_numpy() for n in ("t", "time") if n in names}
         return pd.DataFrame(clock | out, index=table.index)
 
-    def _fuse(
-        self, live: dict[str, np.ndarray], fs: float, record: Record | None, learn: bool
-    ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    def _fuse(self, piece: _Piece, learn: bool) -> dict[str, np.ndarray]:
         """Fused motion columns, and the other columns."""
+        live, fs = piece.live, piece.fs
         motion = {(m[1], int(m[2])): n for n in live if (m := _MOTION.fullmatch(n))}
         if not motion:
             cure = "Name accelerations a1.., velocities v1.., displacements x1..."
@@ -293,8 +302,7 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
             raise ChannelError(f"{n} samples are too few to fuse", "Give a longer record, or use smooth=False.")
         lo, _ = check_band(self.band_, fs)
         corner = None if lo is None else lo / 8 / fs
-        absolute = record is not None and record.coordinates == "absolute"
-        base = np.zeros(n) if absolute else derived_base(live, fs)
+        base = np.zeros(n) if piece.absolute else derived_base(live, fs)
         units = {"x": 1.0, "v": 1.0 / fs, "a": 1.0 / fs**2}
         every, levels = [], np.full((len(dofs), 3), np.nan)
         for row, j in enumerate(dofs):
@@ -325,7 +333,7 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
                 "Give band=(lo, hi) above that, so that force and response are treated alike.",
                 DataQualityWarning, stacklevel=6,
             )  # fmt: skip
-        return a | v | x, {n: y for n, y in live.items() if n not in motion.values()}
+        return a | v | x | {n: y for n, y in live.items() if n not in motion.values()}
 
     def _chosen_band(self, pieces: list[_Piece]) -> Band:
         """The band that was given, or the one that all pieces support."""
@@ -336,9 +344,14 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         blind: set[int] = set()
         edges: list[float] = []
         for piece in pieces:
-            dofs = _without_displacement(piece.live)
-            if dofs and (lo := _lower_edge(piece, dofs)) is not None:
-                blind, edges = blind | set(dofs), [*edges, lo]
+            motion = {(m[1], int(m[2])) for n in piece.live if (m := _MOTION.fullmatch(n))}
+            dofs = {j for _, j in motion} - {j for kind, j in motion if kind in "xv"}
+            if not dofs:
+                continue
+            base = 0.0 if piece.absolute else derived_base(piece.live, piece.fs)
+            lo = lowest_frequency(np.column_stack([piece.live[f"a{j}"] - base for j in sorted(dofs)]), piece.fs)
+            if lo is not None:
+                blind, edges = blind | dofs, [*edges, lo]
         if not edges:
             return None
         lo = max(edges)
@@ -398,19 +411,6 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         return dict(zip(columns, limited.T))
 
 
-def _without_displacement(live: Mapping[str, np.ndarray]) -> list[int]:
-    """DOFs of which only the acceleration is measured."""
-    motion = {(m[1], int(m[2])) for n in live if (m := _MOTION.fullmatch(n))}
-    return sorted({j for _, j in motion} - {j for kind, j in motion if kind in "xv"})
-
-
-def _lower_edge(piece: _Piece, dofs: list[int]) -> float | None:
-    """Frequency, Hz, down to which the accelerations of one piece tell the displacements of some DOFs."""
-    absolute = piece.record is not None and piece.record.coordinates == "absolute"
-    base = 0.0 if absolute else derived_base(piece.live, piece.fs)
-    return lowest_frequency(np.column_stack([piece.live[f"a{j}"] - base for j in dofs]), piece.fs)
-
-
 def _require_moving(dof: int, channels: Mapping[str, np.ndarray]) -> None:
     """Raise an error for constant channels, which would pass for perfect ones; a DOF of zeros is at standstill."""
     if not any(y.any() for y in channels.values()):
@@ -432,20 +432,3 @@ def derived_base(live: Mapping[str, np.ndarray], fs: float) -> np.ndarray:
         return np.zeros(len(next(iter(live.values()))))
     views = [live.get("xg"), live["vg"] / fs if "vg" in live else None, None]
     return fuse_all([views], np.full((1, 3), np.nan))[0].motion[2] * fs**2
-
-
-def _pad(values: np.ndarray, span: slice, n: int) -> np.ndarray:
-    if len(values) == n:
-        return values
-    out = np.full(n, np.nan)
-    out[span] = values
-    return out
-
-
-def _to_record(record: Record, columns: Mapping[str, np.ndarray]) -> Record:
-    nothing, dofs = np.full(record.n_samples, np.nan), range(1, record.n_dof + 1)
-    parts: dict[str, Any] = {
-        key: np.column_stack([columns.get(f"{letter}{j}", nothing) for j in dofs]) for key, letter in MATRICES.items()
-    }
-    parts |= {key: columns.get(short) for key, short in BASES.items()}
-    return record.replace(**parts, covariates={k: columns[k] for k in record.covariates})

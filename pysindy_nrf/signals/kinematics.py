@@ -35,10 +35,17 @@ def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.Da
                 f"Measure a{j}, v{j} or x{j}: the storeys beside an uninstrumented floor cannot be told apart. "
                 "Or leave the floor out: pysindy_nrf.signals.condensation.condense(record) says what then remains.",
             )
-    smoother = None if smooth is False else _smoother(smooth)
-    messages = _data_warnings(record)
+    if not isinstance(smooth, (bool, KinematicSmoother)):
+        raise ChannelError(f"smooth={smooth!r} is unknown", "Give True, False or a KinematicSmoother.")
+    smoother = KinematicSmoother(band="auto") if smooth is True else smooth or None
+    if messages := data_warnings(record):
+        warnings.warn(
+            f"Record {record.name!r}: {'; '.join(text.rstrip('.') for text in messages)}. See "
+            "pysindy_nrf.signals.alignment and pysindy_nrf.signals.channel_checks.",
+            DataQualityWarning, stacklevel=3,
+        )  # fmt: skip
     if smoother is None:
-        _all_measured(record)
+        _require(record, "avx", "", "Use smooth=True, which derives them from the other channels, or measure them.")
         fused = record
     else:
         fused = smoother.transform_record(record)
@@ -109,17 +116,6 @@ def _ground(record: Record, **measured: Any) -> Record:
     return KinematicSmoother().transform_record(ground)
 
 
-def _data_warnings(record: Record) -> list[str]:
-    """Messages on channels that are probably wrong, raised as a warning too."""
-    if found := data_warnings(record):
-        warnings.warn(
-            f"Record {record.name!r}: {'; '.join(text.rstrip('.') for text in found)}. See "
-            "pysindy_nrf.signals.alignment and pysindy_nrf.signals.channel_checks.",
-            DataQualityWarning, stacklevel=4,
-        )  # fmt: skip
-    return found
-
-
 def _as_measured(record: Record, fused: np.ndarray) -> bool:
     """True if the fusion passed clean accelerations on unchanged."""
     return record.acceleration is not None and np.allclose(
@@ -127,25 +123,13 @@ def _as_measured(record: Record, fused: np.ndarray) -> bool:
     )
 
 
-def _smoother(smooth: Any) -> Any:
-    if smooth is True:
-        return KinematicSmoother(band="auto")
-    if isinstance(smooth, KinematicSmoother):
-        return smooth
-    raise ChannelError(f"smooth={smooth!r} is unknown", "Give True, False or a KinematicSmoother.")
-
-
-def _missing(record: Record, kinds: str) -> list[str]:
-    """Motion channels of some kinds that were not measured."""
+def _require(record: Record, kinds: str, why: str, cure: str) -> None:
+    """Raise an error that names the motion channels of some kinds that were not measured."""
     have = set(record.measured)
-    return [f"{kind}{j}" for j in range(1, record.n_dof + 1) for kind in kinds if f"{kind}{j}" not in have]
-
-
-def _all_measured(record: Record) -> None:
-    missing = _missing(record, "avx")
+    missing = [f"{kind}{j}" for j in range(1, record.n_dof + 1) for kind in kinds if f"{kind}{j}" not in have]
     if missing:
-        what = f"Record {record.name!r} lacks {', '.join(missing[:6])}{' and more' if len(missing) > 6 else ''}"
-        raise ChannelError(what, "Use smooth=True, which derives them from the other channels, or measure them.")
+        more = why or " and more" * (len(missing) > 6)
+        raise ChannelError(f"Record {record.name!r} lacks {', '.join(missing[:6])}{more}", cure)
 
 
 def paper_processing(record: Record, high_pass: float = 1.0, filter_force: bool = False) -> Record:
@@ -184,10 +168,8 @@ def paper_processing(record: Record, high_pass: float = 1.0, filter_force: bool 
     >>> bool(np.std(gap) < 0.02 * 60)  # m/s; the high-pass and the trapezoid leave one percent
     True
     """
-    missing = _missing(record, "ax")
-    if missing:
-        what = f"Record {record.name!r} lacks {', '.join(missing[:6])}, which the paper's processing needs"
-        raise ChannelError(what, "Use KinematicSmoother, which completes missing channels.")
+    cure = "Use KinematicSmoother, which completes missing channels."
+    _require(record, "ax", ", which the paper's processing needs", cure)
     measured = record.acceleration
     assert measured is not None  # no channel of it is missing
     operator = FairFilter((high_pass, None), record.fs)
@@ -244,7 +226,19 @@ def integrate(a: Any, dt: float, method: str = "spline", order: int = 1, detrend
     >>> bool(np.abs(v - np.sin(30 * t) / 30).max() < 1e-9)
     True
     """
-    values, dt = _checked(a, dt, method)
+    methods = ("spline", "spectral", "cumulative")
+    if method not in methods:
+        raise ChannelError(f"method={method!r} is unknown", f"Choose {', '.join(methods)}.")
+    values = np.asarray(a, dtype=float)
+    if values.ndim not in (1, 2):
+        cure = "Give one row per sample and one column per channel."
+        raise ChannelError(f"The motion has {values.ndim} dimensions", cure)
+    if len(values) < 3:
+        raise ChannelError(f"{len(values)} samples are too few", "Give a longer record.")
+    if not np.isfinite(values).all():
+        rows = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
+        raise ChannelError(f"The motion is not finite in row {rows[0]}", "Cut the masked edges and repair gaps first.")
+    dt = 1.0 / check_rate(1.0 / dt if dt else None)
     if order not in (1, 2):
         raise ChannelError(f"order={order!r} is not 1 or 2", "Integrate once or twice.")
     n = len(values)
@@ -261,33 +255,10 @@ def integrate(a: Any, dt: float, method: str = "spline", order: int = 1, detrend
         for _ in range(order):
             out = cumulative_trapezoid(out, dx=dt, axis=0, initial=0.0)
     else:
-        out = spline_of(values, dt).antiderivative(order)(t)
+        degree = min(7, n - 1 if n % 2 == 0 else n - 2)  # less than 7 for the shortest records
+        out = make_interp_spline(t, values, k=max(1, degree), axis=0).antiderivative(order)(t)
     if detrend:
         line = np.linspace(-1.0, 1.0, n)
         basis = np.polynomial.legendre.legvander(line, order)
         out = out - basis @ np.linalg.lstsq(basis, out, rcond=None)[0]
     return out
-
-
-def spline_of(values: np.ndarray, dt: float) -> Any:
-    """Interpolating spline of degree 7 (less for the shortest records), as a function of s."""
-    n = len(values)
-    degree = min(7, n - 1 if n % 2 == 0 else n - 2)
-    return make_interp_spline(dt * np.arange(n), values, k=max(1, degree), axis=0)
-
-
-def _checked(x: Any, dt: float, method: str) -> tuple[np.ndarray, float]:
-    """Motion as an array of numbers and the sampling step, or an error."""
-    methods = ("spline", "spectral", "cumulative")
-    if method not in methods:
-        raise ChannelError(f"method={method!r} is unknown", f"Choose {', '.join(methods)}.")
-    values = np.asarray(x, dtype=float)
-    if values.ndim not in (1, 2):
-        cure = "Give one row per sample and one column per channel."
-        raise ChannelError(f"The motion has {values.ndim} dimensions", cure)
-    if len(values) < 3:
-        raise ChannelError(f"{len(values)} samples are too few", "Give a longer record.")
-    if not np.isfinite(values).all():
-        rows = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
-        raise ChannelError(f"The motion is not finite in row {rows[0]}", "Cut the masked edges and repair gaps first.")
-    return values, 1.0 / check_rate(1.0 / dt if dt else None)

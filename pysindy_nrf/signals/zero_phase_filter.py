@@ -136,16 +136,10 @@ def check_band(band: Band, fs: float) -> tuple[float | None, float | None]:
 
 
 def _design(band: tuple[float | None, float | None], fs: float, order: int) -> np.ndarray | None:
-    lo, hi = band
-    if lo is None and hi is None:
-        return None
     # a high-pass after a low-pass: better conditioned than one band-pass of the doubled order
-    parts = []
-    if hi is not None:
-        parts.append(signal.butter(order, hi, "lowpass", fs=fs, output="sos"))
-    if lo is not None:
-        parts.append(signal.butter(order, lo, "highpass", fs=fs, output="sos"))
-    return np.vstack(parts)
+    edges = zip(band[::-1], ("lowpass", "highpass"))
+    parts = [signal.butter(order, edge, kind, fs=fs, output="sos") for edge, kind in edges if edge is not None]
+    return np.vstack(parts) if parts else None
 
 
 def _edge(sos: np.ndarray) -> int:

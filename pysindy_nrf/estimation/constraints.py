@@ -25,13 +25,14 @@ __all__ = ["EqualMasses", "EqualStoreys", "KnownStiffness", "NonNegative", "Tota
 _UNLIKELY = 1e-3
 
 
+Equation = tuple[dict[str, float], float]  # factor by name, and right-hand side
+
+
 class Constraint:
     """Linear equations, or bounds, of masses and coefficients by names such as ``"m1"`` and ``"storey 2: s"``."""
 
-    def _equations(
-        self, names: Sequence[str], chain: Chain, known: dict[int, float]
-    ) -> list[tuple[dict[str, float], float]]:
-        """Equations as (factor by name, right-hand side)."""
+    def _equations(self, names: Sequence[str], chain: Chain, known: dict[int, float]) -> list[Equation]:
+        """What must hold."""
         return []
 
     def _bounded(self, names: Sequence[str], chain: Chain) -> list[str]:
@@ -155,10 +156,8 @@ class EqualStoreys(Constraint):
         self.terms = None if terms is None else tuple(terms)
 
     def _equations(self, names: Any, chain: Any, known: Any) -> Any:
-        sites = (
-            [s for s in chain.sites if s.is_storey] if self.storeys is None else [chain.site(s) for s in self.storeys]
-        )
-        out = []
+        every = [s for s in chain.sites if s.is_storey]
+        sites, out = every if self.storeys is None else [chain.site(s) for s in self.storeys], []
         for site in sites[1:]:
             for name in names:
                 where, _, term = name.partition(": ")
@@ -219,25 +218,27 @@ def constrained(model: ChainModel, constraints: Any, resolver: Any) -> ChainMode
     A, b = A[~empty], b[~empty]
     bounded = np.array([n in {x for c in given for x in c._bounded(names, model.chain)} for n in names])
     resolver.constrain = None
-    P = _covariance(resolver.covariance(lambda m: parameters_of(m, known)), theta.to_numpy(), len(resolver.record))
+    # the covariance made regular: shrunk towards its diagonal where the pieces are few, with a floor at round-off
+    raw = resolver.covariance(lambda m: parameters_of(m, known))
+    share = len(theta) / (len(theta) + len(resolver.record))
+    spread = np.diag(raw) + (1e-9 * np.abs(theta.to_numpy())) ** 2 + 1e-300
+    P = (1 - share) * raw + np.diag(spread - (1 - share) * np.diag(raw))
 
     def obey(free: ChainModel) -> ChainModel:
-        return _with_parameters(
-            free, pd.Series(_nearest(parameters_of(free, known).to_numpy(), P, A, b, bounded), index=names)
-        )
+        nearest = pd.Series(_nearest(parameters_of(free, known).to_numpy(), P, A, b, bounded), index=names)
+        masses = [nearest.get(f"m{j + 1}", m) for j, m in enumerate(free.masses)]
+        values = {
+            site: nearest[[f"{site}: {term}" for term in force.coefficients.index]].to_numpy()
+            for site, force in free.restoring_forces.items()
+            if force.laws
+        }
+        return ChainModel(masses, with_coefficients(free.laws, values), free.chain, free.visited, free.info)
 
     new = obey(model)
     _warn_of_contradiction(theta, A, b, P, given)
     resolver.constrain = obey
     new.visited, new.info = model.visited, model.info
     return new
-
-
-def _covariance(raw: np.ndarray, theta: np.ndarray, n_pieces: int) -> np.ndarray:
-    """Covariance made regular: shrunk towards its diagonal where the pieces are few, with a floor at round-off."""
-    share = len(theta) / (len(theta) + n_pieces)
-    spread = np.diag(raw) + (1e-9 * np.abs(theta)) ** 2 + 1e-300
-    return (1 - share) * raw + np.diag(spread - (1 - share) * np.diag(raw))
 
 
 def _nearest(theta: np.ndarray, P: np.ndarray, A: np.ndarray, b: np.ndarray, bounded: np.ndarray) -> np.ndarray:
@@ -275,10 +276,8 @@ def _warn_of_contradiction(theta: pd.Series, A: np.ndarray, b: np.ndarray, P: np
     size = np.sqrt(np.diag(inner))
     distance = float(gap / size @ np.linalg.lstsq(inner / size[:, None] / size, gap / size, rcond=1e-10)[0])
     rank = np.linalg.matrix_rank(inner / size[:, None] / size, tol=1e-10)
-    if (
-        stats.chi2.sf(distance, rank) < _UNLIKELY
-        and np.abs(gap).max() > 1e-4 * np.abs(theta.to_numpy() * np.abs(A)).max()
-    ):
+    large = np.abs(gap).max() > 1e-4 * np.abs(theta.to_numpy() * np.abs(A)).max()
+    if stats.chi2.sf(distance, rank) < _UNLIKELY and large:
         worst = int(np.argmax(np.abs(gap) / size))
         involved = ", ".join(f"{n} = {theta[n]:.4g}" for n, factor in zip(theta.index, A[worst]) if factor)
         warnings.warn(
@@ -287,16 +286,6 @@ def _warn_of_contradiction(theta: pd.Series, A: np.ndarray, b: np.ndarray, P: np
             "constraints, not the data.",
             BiasWarning, stacklevel=6,
         )  # fmt: skip
-
-
-def _with_parameters(model: ChainModel, theta: pd.Series) -> ChainModel:
-    masses = [theta.get(f"m{j + 1}", m) for j, m in enumerate(model.masses)]
-    values = {
-        site: theta[[f"{site}: {term}" for term in force.coefficients.index]].to_numpy()
-        for site, force in model.restoring_forces.items()
-        if force.laws
-    }
-    return ChainModel(masses, with_coefficients(model.laws, values), model.chain, model.visited, model.info)
 
 
 def _mass_equation(factors: dict[int, float], value: float, known: dict[int, float]) -> tuple[dict[str, float], float]:
@@ -311,10 +300,3 @@ def _existing(name: str, names: Sequence[str]) -> str:
         cure = f"{where} has {', '.join(held) or 'no law'}."
         raise ChainError(f"A constraint names {name!r}, which the model does not have", cure)
     return name
-
-
-def _positive(name: str, value: Any) -> float:
-    number = float(value)
-    if not np.isfinite(number) or number <= 0:
-        raise ChainError(f"{name}={value!r} is not a mass", "Give kg.")
-    return number

@@ -166,21 +166,17 @@ class _FreeRunFit:
         low, high = common_band([s.segment for s in shots], band)
         resolved = [s.segment.resolved for s in shots if s.segment.resolved is not None]
         self.low, self.high = max(low, noise.signal_band[0]), min([noise.signal_band[1], high, *resolved])
-        self._choose_hold()
+        # the hold of the force between samples that predicts the motion best
+        whole, costs = [slice(0, s.n_samples) for s in shots], {}
+        for hold in FORCE_HOLDS:
+            for shot in shots:
+                shot.hold = hold
+            costs[hold] = self.judge(start, whole)[1]
+        for shot in shots:
+            shot.hold = min(costs, key=costs.__getitem__)
         runs = [shot.run(start) for shot in shots]
         # the corrected force comes from the initial model and does not change in the iterations
         self.better = [corrected(shot.segment, run, noise) for shot, run in zip(shots, runs)]
-
-    def _choose_hold(self) -> None:
-        """Choose the hold of the force between samples that predicts the motion best."""
-        whole = [slice(0, s.n_samples) for s in self.shots]
-        costs = {}
-        for hold in FORCE_HOLDS:
-            for shot in self.shots:
-                shot.hold = hold
-            costs[hold] = self.judge(self.start, whole)[1]
-        for shot in self.shots:
-            shot.hold = min(costs, key=costs.__getitem__)
 
     def solve(self, rows: Sequence[slice], steps: int = STEPS) -> _Solution:
         """Estimate from some rows of every shot."""
@@ -361,10 +357,9 @@ def refine(
     model = iv.model
     if method == "simulation":
         result = output_error(model, data, problem.layout, known, problem.band, _halves(resolver))
-        facts |= {
-            "free_run_error_before": _finite(result.error_before),
-            "free_run_error_after": _finite(result.error_after),
-        }
+        for key in ("error_before", "error_after"):
+            error = float(getattr(result, key))
+            facts[f"free_run_{key}"] = error if np.isfinite(error) else None
         if best := result.found:
             model, facts["found"] = best.model, "simulation"
             theta, rebuild, _ = free_parameters(model, known)
@@ -406,7 +401,3 @@ def _halves(resolver: Resolver) -> list[ChainModel] | None:
         return [resolver.at(half.astype(float)) for half in (first, ~first)]
     except IdentifiabilityError:
         return None
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if abs(value) < float("inf") else None

@@ -47,14 +47,6 @@ def parameters_of(model: ChainModel, known_masses: Mapping[int, float] | None = 
     return pd.Series(values, dtype=float)
 
 
-def modes_of(model: ChainModel) -> pd.Series:
-    """Frequencies (Hz) and damping ratios by name: ``frequency 1``, ``damping 1``, ..."""
-    modes = model.modes()
-    return pd.Series(
-        {f"{key} {i}": modes.loc[i, key] for key in ("frequency", "damping") for i in modes.index}, dtype=float
-    )
-
-
 def energies_of(layout: LawLayout, data: SegmentSet) -> Statistic:
     """A function of a model: the energy (J) that every site dissipates along the data, ``energy of storey 1``, ..."""
     sites = [s for s in layout.acting if s.kind == "link"]
@@ -96,7 +88,8 @@ def statistic_of(
     if of == "coefficients":
         return lambda m: parameters(m)[lambda p: p.index.str.contains(":")]
     if of == "modes":
-        return modes_of
+        names = ("frequency", "damping")  # Hz, and ratio
+        return lambda m: pd.Series({f"{k} {i}": x for k in names for i, x in m.modes()[k].items()}, dtype=float)
     if of == "energies":
         if data is None:
             raise ChannelError("Energies need the data", "Ask for their intervals before saving the model.")
@@ -288,23 +281,16 @@ def _bounds(
         low, high = np.percentile(draws, [tail, 100 - tail], axis=0)
         return 2 * estimate - high, 2 * estimate - low
     influences = resolver.influences(statistic)
-    deviation = _deviation(influences, resolver.record)
-    half = stats.t.ppf(0.5 + level / 2, _freedom(influences)) * deviation
-    return estimate - half, estimate + half
-
-
-def _deviation(influences: np.ndarray, record: np.ndarray) -> np.ndarray:
-    """Standard errors; correlated neighbours count if they increase them; corrected for the subtracted mean."""
+    # standard errors; correlated neighbours count if they increase them; corrected for the subtracted mean
     n = len(influences)
-    own, both = (np.diag(newey_west(influences, record, lags)) for lags in (0, 1))
-    return np.sqrt(np.maximum(own, both) * n / (n - 2))
-
-
-def _freedom(influences: np.ndarray) -> np.ndarray:
-    """Degrees of freedom of each variance (Satterthwaite): fewer if few pieces determine the estimate."""
+    own, both = (np.diag(newey_west(influences, resolver.record, lags)) for lags in (0, 1))
+    deviation = np.sqrt(np.maximum(own, both) * n / (n - 2))
+    # degrees of freedom of each variance (Satterthwaite): fewer if few pieces determine the estimate
     fourth = (influences**4).sum(axis=0)
-    own = np.where(fourth > 0, 3 * (influences**2).sum(axis=0) ** 2 / np.where(fourth > 0, fourth, 1.0), np.inf)
-    return np.clip(np.minimum(own, len(influences) - 1) / 1.5, 2.0, None)
+    freedom = np.where(fourth > 0, 3 * (influences**2).sum(axis=0) ** 2 / np.where(fourth > 0, fourth, 1.0), np.inf)
+    freedom = np.clip(np.minimum(freedom, n - 1) / 1.5, 2.0, None)
+    half = stats.t.ppf(0.5 + level / 2, freedom) * deviation
+    return estimate - half, estimate + half
 
 
 def _share(level: Any) -> float:

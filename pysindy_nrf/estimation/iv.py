@@ -239,12 +239,6 @@ def _fall_back(why: str, cure: str) -> None:
     )  # fmt: skip
 
 
-def delay_of(band: Any, dt: float) -> int:
-    """Delay of the instruments in samples, which keeps the force's noise out of them."""
-    high = None if band is None else band[1]
-    return 1 if high is None or not np.isfinite(high) else max(1, round(1.0 / (4 * high * dt)))
-
-
 class _Instruments:
     """Free runs of models under the forces of some records, as instruments of their balances."""
 
@@ -266,7 +260,9 @@ class _Instruments:
     def delayed(self, model: ChainModel) -> tuple[list[Segment | None], float]:
         """Free runs under the measured forces, delayed to keep the noise of the force out of them."""
         model = steady(model)
-        return self._placed([run_of(model, seg, delay_of(self.band, seg.step), limited=True) for seg in self.segments])
+        high = self.band[1]
+        late = [1 if not np.isfinite(high) else max(1, round(1.0 / (4 * high * seg.step))) for seg in self.segments]
+        return self._placed([run_of(model, seg, n, limited=True) for seg, n in zip(self.segments, late)])
 
     def first(self, start: ChainModel) -> tuple[list[Segment | None], float]:
         """Free runs of the first model that follows the measured motion, or of the best one."""

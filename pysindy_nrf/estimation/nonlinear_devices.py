@@ -52,11 +52,8 @@ def linear_part(model: Any) -> ChainModel:
     R1 = 0 v1 + 4e+04 s1
     """
     model = as_model(model)
-    held = {
-        site: (PowerSeries(1, force.linear_part().to_numpy()),)
-        for site, force in model.restoring_forces.items()
-        if force.laws
-    }
+    forces = {site: force.linear_part() for site, force in model.restoring_forces.items() if force.laws}
+    held = {site: (PowerSeries(1, part.to_numpy()),) for site, part in forces.items()}
     return ChainModel(model.masses, held, model.chain, model.visited)
 
 
@@ -208,11 +205,8 @@ def locate_nonlinearity(
         found.append(worst)
         own = model.laws[model.chain.site(worst)] or (PowerSeries(1),)
         laws[worst] = (*(law for law in own if not (law.has_memory or law.jumps)), Dahl())
-        orders = {
-            s: o
-            for s, o in dict(estimator.orders or {}).items()
-            if model.chain.site(s) not in map(model.chain.site, laws)
-        }
+        named = {model.chain.site(s) for s in laws}
+        orders = {s: o for s, o in dict(estimator.orders or {}).items() if model.chain.site(s) not in named}
         estimator = clone(estimator).set_params(laws=laws, orders=orders or None).fit(X, F, **options)
         last = planarity(estimator, X, F, draws=draws, random_state=random_state, **options)
     return Location(found, first, last, estimator)
@@ -223,9 +217,8 @@ def _off_plane(data: SegmentSet, forces: list[np.ndarray]) -> tuple[np.ndarray, 
     R = np.concatenate(forces)
     off, size = np.empty(R.shape[1]), np.empty(R.shape[1])
     for i in range(R.shape[1]):
-        plane = np.column_stack(
-            [np.concatenate([getattr(seg, key)[seg.valid, i] for seg in data.segments]) for key in "vs"]
-        )
+        sides = ([getattr(seg, key)[seg.valid, i] for seg in data.segments] for key in "vs")
+        plane = np.column_stack([np.concatenate(side) for side in sides])
         plane = plane / (np.sqrt((plane**2).mean(axis=0)) + np.finfo(float).tiny)
         rest = R[:, i] - plane @ np.linalg.lstsq(plane, R[:, i], rcond=None)[0]
         off[i], size[i] = np.sqrt(np.mean(rest**2)), np.sqrt(np.mean(R[:, i] ** 2))

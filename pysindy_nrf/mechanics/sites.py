@@ -65,17 +65,9 @@ class Site(str):
         if isinstance(text, Site):
             return text
         kind, p, q, channel = _parse(text)
-        if kind == "sensor":
-            canonical = f"sensor {channel}"
-        elif kind == "dof":
-            canonical = f"dof {p}"
-        elif p == q + 1:
-            canonical = f"storey {p}"
-        elif q == 0:
-            canonical = f"ground {p}"
-        else:
-            canonical = f"link {p}-{q}"
-        self = super().__new__(cls, canonical)
+        link = f"storey {p}" if p == q + 1 else f"ground {p}" if q == 0 else f"link {p}-{q}"
+        canonical = {"sensor": f"sensor {channel}", "dof": f"dof {p}", "link": link}
+        self = super().__new__(cls, canonical[kind])
         self.kind, self.p, self.q, self.channel = kind, p, q, channel
         return self
 

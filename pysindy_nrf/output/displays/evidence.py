@@ -10,9 +10,7 @@ from ...discrepancy.evidence import Evidence
 from ._figure import CYCLE, Axis, Bars, Figure, Line, Mark, dof_words, table
 from ._matplotlib import Display
 
-_VARIABLES = {
-    "s": ("drift s", "m"), "v": ("rate v", "m/s"),
-}  # fmt: skip
+_VARIABLES = {"s": ("drift s", "m"), "v": ("rate v", "m/s")}
 _DEPENDENCES = {
     "constant": "nothing (constant)", "linear": "s, v, a linearly", "line": "a spectral line",
     "path": "the path (memory)",

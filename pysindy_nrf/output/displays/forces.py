@@ -96,10 +96,8 @@ def loop_figure(loop: SiteLoop, stiffness: float = 0.0) -> Figure:
     if loop.record not in ("", "0"):
         how += f" Around the largest motion of {loop.record}."
     if stiffness:
-        how = (
-            f"The same without its linear spring, k = {stiffness / 1e3:.4g} kN/m: what is left is damping, friction, "
-            "memory and curvature."
-        )
+        how = f"The same without its linear spring, k = {stiffness / 1e3:.4g} kN/m: what is left is damping, friction, "
+        how += "memory and curvature."
     i, without = index_of(loop.site), " without its linear spring" if stiffness else ""
     return Figure(
         f"Loops of {loop.site} without its spring" if stiffness else f"Hysteresis loops of {loop.site}", marks,
@@ -114,12 +112,10 @@ def _loop_table(loop: SiteLoop, spring: Any = 0.0) -> Table:
     forces = {"identified": loop.identified - spring}
     if loop.measured is not None:
         forces |= {"measured": loop.measured - spring, "difference": loop.measured - loop.identified}
-    rows = [
-        [name, rms(R), float(np.abs(R).max()), float(np.trapezoid(R * loop.v, loop.t))] for name, R in forces.items()
-    ]
-    return Table(
-        f"Forces of {loop.site} in the stretch drawn", ["force", "rms (N)", "peak (N)", "energy taken out (J)"], rows
-    )
+    sizes = ((n, rms(R), np.abs(R).max(), np.trapezoid(R * loop.v, loop.t)) for n, R in forces.items())
+    rows = [[name, *map(float, of)] for name, *of in sizes]
+    head = ["force", "rms (N)", "peak (N)", "energy taken out (J)"]
+    return Table(f"Forces of {loop.site} in the stretch drawn", head, rows)
 
 
 def _span(x: np.ndarray) -> str:

@@ -102,7 +102,10 @@ class FreeRunDisplay(Display):
         if record.displacement is None:
             cure = "Fuse its channels with KinematicSmoother first."
             raise ChannelError(f"Record {record.name!r} has no displacement to compare with", cure)
-        measured, rate = _relative(record)
+        measured, rate = record.displacement, record.velocity
+        if record.coordinates == "absolute" and record.base_moves:  # all relative to the base
+            vg, xg = base_motion(record, record, not {"vg", "xg"} <= set(record.measured))
+            measured, rate = measured - xg[:, None], None if rate is None else rate - vg[:, None]
         given = {"x0": measured[0], "v0": None if rate is None else rate[0], "covariates": record.covariates}
         given |= {"base_acceleration": base_acceleration_if_any(record)} | options
         run = getattr(estimator, "model_", estimator).simulate(record.force, record.dt, **given)
@@ -126,27 +129,15 @@ class FreeRunDisplay(Display):
         return out
 
 
-def _relative(record: Any) -> tuple[np.ndarray, np.ndarray | None]:
-    """Displacement and, if measured, velocity of the DOFs relative to the base."""
-    if record.coordinates == "relative" or not record.base_moves:
-        return record.displacement, record.velocity
-    vg, xg = base_motion(record, record, not {"vg", "xg"} <= set(record.measured))
-    return record.displacement - xg[:, None], None if record.velocity is None else record.velocity - vg[:, None]
-
-
 def response_figures(f: np.ndarray, measured: np.ndarray, found: np.ndarray) -> list[Figure]:
     """Size of measured and modelled frequency responses (accelerance), one figure a DOF, the uppermost first."""
-    return [
-        Figure(
-            f"Accelerance of DOF {j}",
-            [
-                Line(f, np.abs(measured[:, j - 1]), "measured", "orange", 1.8),
-                Line(f, np.abs(found[:, j - 1]), "model", "blue", 0.9, "dash"),
-            ],
-            _below(j, "frequency", "Hz"), Axis(f"|H_{{{j}}}|", "m/s²/N", log=True), legend="above", size=(8.0, 2.1),
-        )
-        for j in range(measured.shape[1], 0, -1)
-    ]  # fmt: skip
+    out = []
+    for j in range(measured.shape[1], 0, -1):
+        marks: list[Mark] = [Line(f, np.abs(measured[:, j - 1]), "measured", "orange", 1.8)]
+        marks.append(Line(f, np.abs(found[:, j - 1]), "model", "blue", 0.9, "dash"))
+        x, y = _below(j, "frequency", "Hz"), Axis(f"|H_{{{j}}}|", "m/s²/N", log=True)
+        out.append(Figure(f"Accelerance of DOF {j}", marks, x, y, legend="above", size=(8.0, 2.1)))
+    return out
 
 
 def modes_figure(modes: pd.DataFrame) -> Figure:

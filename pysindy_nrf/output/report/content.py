@@ -127,10 +127,8 @@ def of_model(
     content.tiles += [("Total mass", f"{float(model.masses.sum()):.4g} kg", ""), ("Band", band_text(band), "")]
     forces = sum(bool(held) for held in model.laws.values())
     content.title = title or "Identified chain"
-    content.lead = (
-        f"{model.n_dof} mass{'es' if model.n_dof > 1 else ''} and {forces} restoring "
-        f"force{'s' if forces != 1 else ''}, identified from measured forces and motions."
-    )
+    content.lead = f"{model.n_dof} mass{'es' * (model.n_dof > 1)} and {forces} restoring force{'s' * (forces != 1)}, "
+    content.lead += "identified from measured forces and motions."
     content.measured = [(m, _channels(m)) for m in as_measured(records)]
     content.warnings = notes
     groups = {"model": model.info | {"band": band}}
@@ -160,10 +158,11 @@ def _model_part(model: ChainModel, loops: Sequence[SiteLoop], intervals: Any) ->
         if loop is not None:
             spring = float(force.linear_part()["k"])
             drawn += [loop_figure(loop), *([loop_figure(loop, spring)] if spring else [])]
-        sections.append(
-            SiteSection(str(site), law_equation(force), shape_values(force), [f for f in drawn if f is not None])
-        )
-    bounds = bounds_of(intervals)
+        shown = [figure for figure in drawn if figure is not None]
+        sections.append(SiteSection(str(site), law_equation(force), shape_values(force), shown))
+    bounds: dict[str, tuple[float, float]] = {}  # by parameter
+    if isinstance(intervals, pd.DataFrame) and "parameter" in intervals:
+        bounds = {str(r.parameter): (float(r.lower), float(r.upper)) for r in intervals.itertuples()}
     tables, figures = [_masses(model, bounds), _coefficients(model, bounds)], []
     if (model.masses > 0).all():
         try:
@@ -177,13 +176,6 @@ def _model_part(model: ChainModel, loops: Sequence[SiteLoop], intervals: Any) ->
             figures.append(modes_figure(modes))
     held = Table("Versions", ["package", "version"], [list(row) for row in versions().items()])
     return Content(balance_equations(model), sections, tables, figures, held, str(model).splitlines())
-
-
-def bounds_of(intervals: Any) -> dict[str, tuple[float, float]]:
-    """Lower and upper bound by parameter name."""
-    if not isinstance(intervals, pd.DataFrame) or "parameter" not in intervals:
-        return {}
-    return {str(r.parameter): (float(r.lower), float(r.upper)) for r in intervals.itertuples()}
 
 
 _NO_BOUNDS = (float("nan"), float("nan"))
@@ -203,12 +195,9 @@ def _coefficients(model: ChainModel, bounds: dict[str, tuple[float, float]]) -> 
             ends = bounds.get(f"{site}: {term}", _NO_BOUNDS)
             rows.append([str(site), pretty(str(term)), float(value), *ends, pretty(unit)])
         for law in force.laws:
-            units = {p.name: p.unit for p in law.shapes}
-            given = ((name, x) for name, x in law.shape.items() if x is not None)
-            rows += [
-                [str(site), f"{n} ({names(law.name)})", float(x), *_NO_BOUNDS, pretty(units.get(n, "1"))]
-                for n, x in given
-            ]
+            given = ((p, law.shape[p.name]) for p in law.shapes)
+            known = [(f"{p.name} ({names(law.name)})", float(x), pretty(p.unit)) for p, x in given if x is not None]
+            rows += [[str(site), what, x, *_NO_BOUNDS, unit] for what, x, unit in known]
     head = ["site", "term or shape parameter", "estimate", "lower", "upper", "unit"]
     if np.isnan([row[3] for row in rows]).all():
         head, rows = [*head[:3], "unit"], [[*row[:3], row[5]] for row in rows]
@@ -224,15 +213,14 @@ def _channels(m: Measured) -> Table:
 
 
 def _settings(groups: dict[str, dict[str, Any]]) -> Table:
-    rows = [[group, k, _said(v)] for group, values in groups.items() for k, v in values.items()]
+    def said(value: Any) -> str:
+        """A setting in words; numbers of a mapping to four digits."""
+        if isinstance(value, dict) and value and all(isinstance(x, float) for x in value.values()):
+            return listed(f"{key}: {as_text(x)}" for key, x in value.items())
+        return str(value)
+
+    rows = [[group, k, said(v)] for group, values in groups.items() for k, v in values.items()]
     return Table("Every setting of this run", ["of", "setting", "value"], rows)
-
-
-def _said(value: Any) -> str:
-    """A setting in words; numbers of a mapping to four digits."""
-    if isinstance(value, dict) and value and all(isinstance(x, float) for x in value.values()):
-        return listed(f"{key}: {as_text(x)}" for key, x in value.items())
-    return str(value)
 
 
 def _intervals(subject: Any, notes: list[str]) -> Any:
@@ -281,9 +269,8 @@ def _fitted_to(data: SegmentSet, records: Sequence[Record]) -> bool:
         inputs = [(seg.F, rec.force)]
         if rec.base_acceleration is not None and seg.ag is not None:
             inputs.append((seg.ag, rec.base_acceleration))
-        if not all(np.array_equal(mine, given, equal_nan=True) for mine, given in inputs):
-            return False
-        if seg.name != rec.name and not any(np.nan_to_num(given).any() for _, given in inputs):
+        same = all(np.array_equal(mine, given, equal_nan=True) for mine, given in inputs)
+        if not same or (seg.name != rec.name and not any(np.nan_to_num(given).any() for _, given in inputs)):
             return False
     return True
 
@@ -361,15 +348,11 @@ def lead(report: Any) -> str:
     before, after = report.table["held-out"].iloc[0], final(report)["held-out"]
     found = [_where(step) for step in confirmed(report)]
     if found:
-        told = (
-            f"The declared model lacked {joined(found)}, confirmed on held-out data: with "
-            f"{'it' if len(found) == 1 else 'them'} the balance error there falls from {before:.3g} to {after:.3g} %."
-        )
+        told = f"The declared model lacked {joined(found)}, confirmed on held-out data: with {'it' if len(found) == 1 else 'them'} "
+        told += f"the balance error there falls from {before:.3g} to {after:.3g} %."
     else:
-        told = (
-            f"The declared model leaves {before:.3g} % of the balances unexplained on held-out data, and the loop "
-            "added nothing to it."
-        )
+        told = f"The declared model leaves {before:.3g} % of the balances unexplained on held-out data, and the loop "
+        told += "added nothing to it."
         if not report.steps and "Nothing is claimed" in report.stopped_because:
             told += f" {sentence(report.stopped_because)}"
     refused = [_where(step) for step in report.steps if not step.confirmed]
@@ -385,13 +368,10 @@ def _where(step: Any) -> str:
 
 def effects(report: Any) -> Table | None:
     """Every effect with its gain, in the order of acceptance; None if there is none."""
-    rows = [
-        [_where(s), s.gain, s.gain_error, s.gain_least, s.gain_heldout, 100 * s.share, verdict(s)] for s in report.steps
-    ]
-    head = [
-        "effect", "gain (dB)", "std. error (dB)", "least (dB)", "held-out gain (dB)", "share of force (%)",
-        "held-out data",
-    ]  # fmt: skip
+    sizes = ("gain", "gain_error", "gain_least", "gain_heldout")
+    rows = [[_where(s), *(getattr(s, x) for x in sizes), 100 * s.share, verdict(s)] for s in report.steps]
+    head = ["effect", "gain (dB)", "std. error (dB)", "least (dB)", "held-out gain (dB)", "share of force (%)"]
+    head.append("held-out data")
     return Table("Effects in the order in which they were accepted", head, rows) if rows else None
 
 
@@ -465,13 +445,9 @@ def _not_told_apart(step: Any) -> list[str]:
 def _step(number: int, step: Any, evidence: Any, report: Any) -> Chapter:
     """What was seen, decided and gained with one effect."""
     facts = [*_seen(evidence), ("Decision", sentence(step.evidence))]
-    facts.append(
-        (
-            "Held-out data",
-            f"{verdict(step)}: balance error {step.error_before:.3g} → {step.error_after:.3g} %, gain "
-            f"{step.gain_heldout:.2g} dB" + ("" if step.confirmed else "; the model does not hold this effect"),
-        )
-    )
+    said = f"{verdict(step)}: balance error {step.error_before:.3g} → {step.error_after:.3g} %, gain "
+    said += f"{step.gain_heldout:.2g} dB" + "; the model does not hold this effect" * (not step.confirmed)
+    facts.append(("Held-out data", said))
     if np.isfinite(step.free_run_before) and np.isfinite(step.free_run_after):
         facts.append(("Held-out free-run error", f"{step.free_run_before:.3g} → {step.free_run_after:.3g} %"))
     apart = _not_told_apart(step)
@@ -482,7 +458,9 @@ def _step(number: int, step: Any, evidence: Any, report: Any) -> Chapter:
         rows = [[names(law), site, float(gain)] for law, site, gain in step.tied]
         tables.append(Table(f"The data cannot tell from {names(step.law)}", ["law", "site", "gain (dB)"], rows))
     title = f"Step {number}: {'' if step.sure or not step.confirmed else 'closest law: '}{_where(step)}"
-    return Chapter(title, _about(step), facts, tables, step.family, verdict(step), evidence)
+    doc = (getattr(registry().get(step.law), "__doc__", None) or "").strip()  # the law's own first line
+    about = doc.splitlines()[0].strip().replace("``", "") if doc else ""
+    return Chapter(title, about, facts, tables, step.family, verdict(step), evidence)
 
 
 def _end(evidence: Any, report: Any) -> Chapter:
@@ -501,13 +479,8 @@ def _end(evidence: Any, report: Any) -> Chapter:
 
 def _seen(evidence: Any) -> list[tuple[str, str]]:
     """Answers to the three questions asked before any law is tried."""
-    if evidence is None:
-        return []
-    return [
-        ("Is it noise?", evidence.detection_sentence),
-        ("Where?", evidence.localisation_sentence),
-        ("What kind?", evidence.characterisation_sentence),
-    ]
+    asked = {"Is it noise?": "detection", "Where?": "localisation", "What kind?": "characterisation"}
+    return [] if evidence is None else [(words, getattr(evidence, f"{x}_sentence")) for words, x in asked.items()]
 
 
 def _parameters(step: Any, report: Any) -> Table:
@@ -524,10 +497,3 @@ def _parameters(step: Any, report: Any) -> Table:
     frame = pd.DataFrame({"estimate": pd.Series(step.parameters, dtype=float)}).join(ends).dropna(axis=1, how="all")
     rows = [[name, *values, pretty(units.get(str(name), ""))] for name, *values in frame.itertuples(name=None)]
     return Table(f"Parameters of {names(step.law)} at {step.site}", ["parameter", *frame.columns, "unit"], rows)
-
-
-def _about(step: Any) -> str:
-    """The first line of the law's own documentation."""
-    law = registry().get(step.law)
-    lines = [line.strip() for line in (getattr(law, "__doc__", None) or "").strip().splitlines()]
-    return lines[0].replace("``", "") if lines else ""

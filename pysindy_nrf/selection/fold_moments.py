@@ -35,11 +35,6 @@ class Monomials(PowerSeries):
         self.degree = max((h + j for h, j in self.exponents), default=0)
         ForceLaw.__init__(self, {}, None)
 
-    @classmethod
-    def holding(cls, orders: Iterable[Any]) -> Monomials:
-        """The terms of several orders (total degrees, or boxes (k, q)) together."""
-        return cls(pair for order in orders for pair in exponents_of(order))
-
     def positions(self, order: Any) -> np.ndarray:
         """Where the terms of one order stand among these."""
         place = {pair: i for i, pair in enumerate(self.exponents)}
@@ -180,7 +175,9 @@ class FoldMoments:
         self.chain, self.laws = chain, {s: tuple(held) for s, held in laws.items()}
         self.data, self.filters, self.inner = data, filters, inner
         self.known_masses, self.strategy = dict(known_masses), strategy
-        self.union = {site: Monomials.holding(given) for site, given in orders.items()}
+        self.union = {
+            site: Monomials(pair for order in given for pair in exponents_of(order)) for site, given in orders.items()
+        }
         self.layout = LawLayout(chain, {**{s: (law,) for s, law in self.union.items()}, **self.laws})
         self.groups = self._groups()
         self.basis: dict[Site, OrthogonalPowers] = {}
@@ -212,9 +209,9 @@ class FoldMoments:
             parts = [seg.motion(site, slice(seg.valid.start, seg.valid.stop, stride)) for seg in self.data.segments]
             sample = Motion(np.concatenate([part.s for part in parts]), np.concatenate([part.v for part in parts]))
             self.basis[site] = OrthogonalPowers(law.exponents, sample.v, sample.s)
-            factor = _factor(self.basis[site].features(sample))
-            if factor is not None:
-                self.factors[site] = factor
+            columns = self.basis[site].features(sample)
+            if not _sound(columns):
+                self.factors[site] = _factor(columns)
 
     def _whiten(self, block: Block) -> Block:
         if not self.factors:
@@ -228,19 +225,13 @@ class FoldMoments:
     def _back(self, dofs: tuple[int, ...]) -> np.ndarray:
         """Accumulated columns of a group times this are its monomials."""
         if dofs not in self._backs:
-            self._backs[dofs] = self._change(next(g for g in self.groups if g.dofs == dofs))
+            group, blocks = next(g for g in self.groups if g.dofs == dofs), []
+            for site in group.sites:
+                change = self.basis[site].change if site in self.basis else np.eye(self.layout.counts[site])
+                whitened = site in self.factors and self.kind == "gram"
+                blocks.append(self.factors[site] @ change if whitened else change)
+            self._backs[dofs] = linalg.block_diag(*blocks, np.eye(2 if len(group.dofs) == 1 else 1))
         return self._backs[dofs]
-
-    def _change(self, group: Group) -> np.ndarray:
-        blocks = []
-        for site in group.sites:
-            if site not in self.basis:
-                blocks.append(np.eye(self.layout.counts[site]))
-            elif site in self.factors and self.kind == "gram":
-                blocks.append(self.factors[site] @ self.basis[site].change)
-            else:
-                blocks.append(self.basis[site].change)
-        return linalg.block_diag(*blocks, np.eye(2 if len(group.dofs) == 1 else 1))
 
     def _accumulate(self, kind: str) -> None:
         self.kind = kind
@@ -266,8 +257,7 @@ class FoldMoments:
                 first = len(self.piece_class)
                 for low in cuts:
                     self._open(int(classes[low]))
-                for piece, block in cut_at(cuts, blocks, first):
-                    yield self._counted(piece, block)
+                yield from (self._counted(*part) for part in cut_at(cuts, blocks, first))
                 continue
             at = 0
             for block in blocks:
@@ -350,9 +340,8 @@ class FoldMoments:
                 forced.append(j)
         key = tuple(forced), tuple(unknown), order.layout.acting
         if key not in self._solve_orders:
-            self._solve_orders[key] = plan_solve_order(
-                self.chain, forced, unknown, self.known_masses, self.strategy, order.layout.acting
-            )
+            known = self.known_masses, self.strategy, order.layout.acting
+            self._solve_orders[key] = plan_solve_order(self.chain, forced, unknown, *known)
         return self._solve_orders[key].require_complete()
 
     def fit(
@@ -374,10 +363,8 @@ class FoldMoments:
         return self.pieces.norms(dofs, (back @ whole)[:, None])[:, 0] ** 2, self.pieces.sizes[dofs]
 
 
-def _factor(columns: np.ndarray) -> np.ndarray | None:
-    """Triangular factor of some columns that can be divided by; None where they are sound as they are."""
-    if _sound(columns):
-        return None
+def _factor(columns: np.ndarray) -> np.ndarray:
+    """Triangular factor of some columns that can be divided by."""
     upper = np.zeros((columns.shape[1],) * 2)
     found = linalg.qr(columns, mode="r", check_finite=False)[0][: len(upper)]
     upper[: len(found)] = found
@@ -422,10 +409,5 @@ def _cuts(classes: np.ndarray, longest: int) -> np.ndarray | None:
     starts = np.concatenate([[0], np.flatnonzero(np.diff(classes)) + 1])
     if len(starts) > 8 and len(classes) / len(starts) < 64:
         return None
-    stops = [*starts[1:], len(classes)]
-    return np.concatenate(
-        [
-            np.linspace(lo, hi, max(1, round((hi - lo) / longest)), endpoint=False).astype(int)
-            for lo, hi in zip(starts, stops)
-        ]
-    )
+    ends = ((lo, hi, max(1, round((hi - lo) / longest))) for lo, hi in zip(starts, [*starts[1:], len(classes)]))
+    return np.concatenate([np.linspace(*part, endpoint=False).astype(int) for part in ends])

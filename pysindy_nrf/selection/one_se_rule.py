@@ -106,10 +106,8 @@ def choose(
     if not np.isfinite(mean).any():
         raise NRFError("No candidate could be fitted and scored on every fold", "Use fewer folds or lower orders.")
     best = int(np.argmin(mean))
-    if paired:
-        se = np.array([standard_error(row - errors[best]) for row in errors])
-    else:
-        se = np.full(len(errors), standard_error(errors[best]))
+    alone = np.full(len(errors), standard_error(errors[best]))
+    se = np.array([standard_error(row - errors[best]) for row in errors]) if paired else alone
     good = np.flatnonzero(mean <= np.maximum(mean[best] + se, mean[best] / (1.0 - min_gain)))
     return min(good.tolist(), key=lambda i: (complexity[i], mean[i]))
 
@@ -122,9 +120,7 @@ def standard_error(errors: np.ndarray) -> float:
 
 def complexity_of(params: Mapping[str, Any]) -> tuple[float, ...]:
     """Sort key of a candidate: fewer terms first, then the larger threshold or weight."""
-    last = {}
-    for name, value in params.items():
-        last[name.rsplit("__", 1)[-1]] = value
+    last = {name.rsplit("__", 1)[-1]: value for name, value in params.items()}
     known = {"degree", "orders"} & last.keys()
     penalties = [k for k in _PENALTIES if k in last]
     fewer = [k for k in _SIZES if k in last]
@@ -186,8 +182,10 @@ def on_folds(fold_moments: FoldMoments, order: Order, scorings: Iterable[str]) -
     """Scores of one candidate on all folds."""
     scores = {name: np.full(fold_moments.n_folds, np.nan) for name in scorings}
     for held, where in _held_out(fold_moments, order):
-        if fold_moments.kind == "gram":
-            _require_digits(held)
+        for j in range(1, held.grams.layout.n_dof + 1) if fold_moments.kind == "gram" else ():
+            sizes = balance_sizes(j, held.solution.masses, held.solution.coefficients, held.grams)
+            if sizes is not None and np.any(sizes.residual < CLEAN * sizes.reference):
+                raise DigitsLost
         for name, values in scores.items():
             values[where] = _SCORES[name](fold_moments, order, held)
     return scores
@@ -230,10 +228,8 @@ def _require_digits(held: Heldout) -> None:
 
 def _free_run(fold_moments: FoldMoments, order: Order, held: Heldout) -> Any:
     if held.fold == EVERY:
-        return [
-            _free_run(fold_moments, order, replace(held, solution=held.solution.of(fold), fold=fold))
-            for fold in range(fold_moments.n_folds)
-        ]
+        each = (replace(held, solution=held.solution.of(fold), fold=fold) for fold in range(fold_moments.n_folds))
+        return [_free_run(fold_moments, order, one) for one in each]
     runs = _runs(fold_moments, held.fold)
     error = free_run_error(model_of(order.layout, held.solution), fold_moments.data, fold_moments.filters, runs)
     return -error if np.isfinite(error) else float("nan")

@@ -1,7 +1,7 @@
 """Which terms: thresholds and paths of sparse optimizers, judged on data they were not fitted to."""
 
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -108,8 +108,7 @@ def restricted(held: FoldMoments, order: Order, support: Support) -> Order:
 def resampled(held: FoldMoments, fold: int | None, rng: np.random.Generator) -> BlockGrams:
     """Roots of as many pieces of the training side as there are, drawn with replacement (block bootstrap)."""
     chosen = [i for i, code in enumerate(held.piece_class) if fold is None or held.membership[code, fold] == 1]
-    drawn = rng.choice(chosen, size=len(chosen))
-    return held.sum_of(drawn)
+    return held.sum_of(rng.choice(chosen, size=len(chosen)))
 
 
 def inclusion(
@@ -149,11 +148,10 @@ class Pruned:
 
 
 def pruned(
-    held: FoldMoments, order: Order, support: Mapping[Site, np.ndarray], least: np.ndarray
-) -> list[tuple[tuple[tuple[str, str], ...], dict[Site, np.ndarray], np.ndarray]]:
-    """Terms left out one by one from the chosen setting while the held-out rule allows: names, support, errors."""
+    held: FoldMoments, order: Order, support: Support, least: np.ndarray
+) -> Iterator[tuple[tuple[tuple[str, str], ...], Order, np.ndarray]]:
+    """Terms left out one by one from the chosen setting while the held-out rule allows: names, what is left, errors."""
     gone: tuple[tuple[str, str], ...] = ()
-    out: list[tuple[tuple[tuple[str, str], ...], dict[Site, np.ndarray], np.ndarray]] = []
     while (weakest := _weakest(held, order, support)) is not None:
         site, at = weakest
         support = {**support, site: support[site] & (np.arange(len(support[site])) != at)}
@@ -162,11 +160,10 @@ def pruned(
         if choose(np.array([least, errors]), [1, 0], min_gain=MARGIN, paired=True) == 0:
             break
         gone = (*gone, (str(site), order.layout.labels(site)[at]))
-        out.append((gone, support, errors))
-    return out
+        yield gone, one, errors
 
 
-def _weakest(held: FoldMoments, order: Order, support: Mapping[Site, np.ndarray]) -> tuple[Site, int] | None:
+def _weakest(held: FoldMoments, order: Order, support: Support) -> tuple[Site, int] | None:
     """The power whose absence raises the balance error on all data least; a storey keeps one at least."""
     rises = {}
     for site in held.union:
@@ -372,9 +369,8 @@ def _pruned(held: FoldMoments, order: Order, candidates: dict, found: dict) -> N
         errors = np.array([found[key][0] for key in path]) / 100.0
         chosen = path[choose(errors, [_terms(found[key][1]) for key in path], min_gain=MARGIN, paired=True)]
         least = errors[np.argmin(errors.mean(axis=1))]
-        for gone, support, own in pruned(held, order, support_of(found[chosen][1]), least):
+        for gone, kept, own in list(pruned(held, order, support_of(found[chosen][1]), least)):
             candidate = Pruned(candidates[chosen], gone)
-            kept = restricted(held, order, support)
             key = name, setting_of(candidate)
             candidates[key] = candidate
             found[key] = 100.0 * own, _whole(order, kept, held.fit(kept, None)[0]), found[chosen][2]
@@ -437,12 +433,8 @@ def _selection(found: dict, candidates: dict, estimator: Any, order: Order, held
         if included is not None:
             shares[name] = labels_of(order, included)
     fold_errors = pd.DataFrame(errors, index=index, columns=[f"fold {i + 1}" for i in range(held.n_folds)])
-    kept, included = (
-        pd.DataFrame(part).rename_axis(["site", "term"]) if part else pd.DataFrame() for part in (terms, shares)
-    )
-    supports = {
-        name: [key for key, value in labels_of(order, whole).items() if value]
-        for name, (_, whole, _) in found.items()
-        if whole
-    }
+    axes = ["site", "term"]
+    kept, included = (pd.DataFrame(x).rename_axis(axes) if x else pd.DataFrame() for x in (terms, shares))
+    labelled = {name: labels_of(order, whole) for name, (_, whole, _) in found.items() if whole}
+    supports = {name: [key for key, value in whole.items() if value] for name, whole in labelled.items()}
     return SparsitySelection(table, fold_errors, kept, included, supports, candidates, estimator, order, held)

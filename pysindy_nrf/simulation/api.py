@@ -256,15 +256,13 @@ def input_matrix(
 ) -> np.ndarray:
     """Forces, base acceleration and the covariates that the laws read, side by side."""
     n = len(force)
-    lines = [("ag", np.zeros(n) if base_acceleration is None else base_acceleration)]
-    given = dict(covariates or {})
+    given, columns = dict(covariates or {}), []
     for name in names:
         if name not in given:
             cure = f"Pass covariates={{{name!r}: ...}}."
             raise ChannelError(f"The laws of the model read the covariate {name!r}, which is not given", cure)
-        lines.append((name, given[name]))
-    columns = []
-    for name, line in lines:
+    base = np.zeros(n) if base_acceleration is None else base_acceleration
+    for name, line in [("ag", base), *((name, given[name]) for name in names)]:
         column = finite(line, [name], 1, "input")[:, 0]
         if len(column) != n:
             raise ChannelError(f"{name} has {len(column)} samples, the force {n}", "Cut or resample them to one clock.")
@@ -286,10 +284,9 @@ def polynomials(samples: np.ndarray, hold: str) -> np.ndarray:
 def as_read(record: Record, laws: Mapping[Site, Sequence[ForceLaw]]) -> Record:
     """A true record as the sensors of a model show it."""
     for site, group in laws.items():
-        if site.kind == "sensor":
-            for law in group:
-                if isinstance(law, SensorFault):
-                    record = _changed(record, site, law.reading)
+        for law in group if site.kind == "sensor" else ():
+            if isinstance(law, SensorFault):
+                record = _changed(record, site, law.reading)
     return record
 
 

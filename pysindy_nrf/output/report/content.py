@@ -348,8 +348,9 @@ def lead(report: Any) -> str:
     before, after = report.table["held-out"].iloc[0], final(report)["held-out"]
     found = [_where(step) for step in confirmed(report)]
     if found:
-        told = f"The declared model lacked {joined(found)}, confirmed on held-out data: with {'it' if len(found) == 1 else 'them'} "
-        told += f"the balance error there falls from {before:.3g} to {after:.3g} %."
+        them = "it" if len(found) == 1 else "them"
+        told = f"The declared model lacked {joined(found)}, confirmed on held-out data: with {them} the balance error "
+        told += f"there falls from {before:.3g} to {after:.3g} %."
     else:
         told = f"The declared model leaves {before:.3g} % of the balances unexplained on held-out data, and the loop "
         told += "added nothing to it."

@@ -28,15 +28,6 @@ def test_second_process_loads_the_integrator_from_disk():
     assert second.stdout.split() == ["1", "0"]
 
 
-def test_first_loading_of_dahl_is_the_exponential():
-    t = np.arange(50) / 1000
-    s, v, a = 1e-3 * np.sin(90 * t), 0.09 * np.cos(90 * t), -8.1 * np.sin(90 * t)
-    law = laws.Dahl(sigma=5e3)
-    z = law.features(Motion(s, v, a, t))[:, 0]
-    loading = slice(0, 17)  # up to the first reversal the state is 1 - exp(-sigma s)
-    np.testing.assert_allclose(z[loading], 1 - np.exp(-5e3 * s[loading]), rtol=1e-12)
-
-
 def test_fingerprints_are_of_the_code_and_of_all_it_uses():
     def make(table, factor=2.0, deeper=3.0, function=np.sin):
         def inner(x):

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import quad, solve_ivp
+from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, nnls
 
 from pysindy_nrf import ChainModel, laws, simulate
@@ -136,9 +136,6 @@ def test_bouc_wen_takes_any_step_however_long(n, rho):
             assert there == pytest.approx(50.0, rel=1e-9)
         else:
             assert there == 1e6
-    short = laws.BoucWen(beta=1.0, rho=rho, n=n).features(Motion(np.array([0.0, 0.6]), np.ones(2), t=np.arange(2.0)))
-    y = short[-1, 0]
-    assert quad(lambda x: 1.0 / (1.0 - (1.0 + rho) * x**n), 0.0, y)[0] == pytest.approx(0.6, rel=1e-6)
 
 
 @pytest.mark.parametrize(("sigma0", "sigma1", "vs", "level"), [(1e5, 300.0, 5e-3, 1.5), (2e4, 0.0, 2e-2, 2.5)])
@@ -230,24 +227,6 @@ def test_smooth_surface_holds_friction_and_polynomials():
     assert left(laws.CoulombFriction(), power, known) > 0.2
 
 
-@pytest.mark.slow
-def test_covariate_lags_by_its_time_constant():
-    tau = 0.02
-    run = solve_ivp(
-        lambda t, w: (1.0 + np.sin(7.0 * t) - w) / tau, (0.0, T[-1]), [1.0], "DOP853", T, rtol=1e-11, atol=1e-13
-    )
-    motion = Motion(PATH.s, PATH.v, PATH.a, T, {"voltage": 1.0 + np.sin(7.0 * T)})
-    columns = laws.LaggedCovariateFriction(tau=tau).features(motion)
-    _assert_same(columns[:, 2], run.y[0] * PATH.v, 1e-3)
-    later = T > 10 * tau
-    _assert_same(columns[later, 2], (run.y[0] * PATH.v)[later], 1e-5)
-    both = laws.CovariateDahl(sigma=3e3, tau=tau).features(motion)
-    assert np.allclose(both[:, 0], laws.Dahl(sigma=3e3).features(PATH)[:, 0], rtol=0, atol=1e-12)
-    _assert_same(both[:, 1], both[:, 0] * run.y[0], 1e-3)
-    fast = laws.LaggedCovariateFriction(tau=1e-6).features(motion)
-    _assert_same(fast, laws.CovariateFriction().features(motion), 5e-3)
-
-
 # -- numbers an engineer knows --------------------------------------------------------------------
 
 
@@ -289,38 +268,6 @@ def _loss(law, motion):
 )
 def test_energy_lost_in_a_cycle(law, expected):
     assert _loss(law, _cycle(0.01, 12.0, cycles=8 if law.has_memory else 1)) == pytest.approx(expected, rel=1e-4)
-
-
-def test_friction_slides_at_its_level():
-    s = np.linspace(0.0, 0.1, 2001)
-    v = np.full_like(s, 0.01)
-    sliding = Motion(s, v, 0 * s, s / 0.01)
-    stribeck = laws.StribeckFriction(vs=0.02, Fc=10.0, dF=6.0)
-    assert stribeck.force(sliding)[-1] == pytest.approx(10.0 + 6.0 * math.exp(-0.5))
-    lugre = laws.LuGre(sigma=1e4, vs=0.02, ratio=1.6, Fc=10.0, sigma1=50.0)
-    assert lugre.force(sliding)[-1] == pytest.approx(10.0 + 6.0 * math.exp(-0.25))
-    creeping = Motion(s * 1e-3, v * 1e-6, 0 * s, s / 0.01 * 1e3)
-    assert laws.StribeckFriction(vs=0.02, Fc=10.0, dF=6.0).force(creeping)[0] == pytest.approx(16.0)
-
-
-def test_laws_that_are_special_cases_of_each_other():
-    motion = Motion(PATH.s, PATH.v, PATH.a, T, {"vg": 0 * T})
-
-    def column(law, k=0):
-        return law.features(motion)[:, k]
-
-    assert np.allclose(column(laws.PowerLawDamping(n=2.0)), column(laws.QuadraticDamping()), rtol=1e-12)
-    assert np.allclose(column(laws.PowerLawDamping(n=1.0)), column(laws.LinearViscous()), rtol=1e-12)
-    assert np.array_equal(column(laws.GroundFriction()), column(laws.CoulombFriction()))
-    both = column(laws.OneSidedGap(gap=3e-4)) + column(laws.OneSidedGap(gap=3e-4, side=-1))
-    assert np.array_equal(both, column(laws.TwoSidedGap(gap=3e-4)))
-    assert np.array_equal(column(laws.DeadZone(gap=3e-4, centre=0.0)), column(laws.TwoSidedGap(gap=3e-4)))
-    moving = (np.abs(PATH.v) > 1e-4) & (T > 0)
-    assert np.allclose(column(laws.Dahl(sigma=1e10))[moving], column(laws.CoulombFriction())[moving], atol=1e-9)
-    dahl = column(laws.Dahl(sigma=2e3))
-    assert np.allclose(column(laws.LuGre(sigma=2e3, vs=1e-2, ratio=1.0)), dahl, atol=1e-12)
-    assert np.allclose(2e3 * column(laws.BoucWen(beta=2e3, rho=0.0, n=1.0)), dahl, atol=1e-12)
-    assert np.array_equal(column(laws.AddedMass()), PATH.a)
 
 
 # -- the law in a free run ------------------------------------------------------------------------

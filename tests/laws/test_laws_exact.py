@@ -283,15 +283,6 @@ def stroke(law, start, ds, v0=1.0, v1=1.0, dt=1.0, u=(), s0=0.3):
     return z
 
 
-@pytest.mark.parametrize("start", [-0.7, 0.0, 0.4])
-@pytest.mark.parametrize("cls", [laws.Dahl, laws.ModifiedDahl])
-def test_dahl_in_one_stroke(cls, start):
-    law = cls(sigma=200.0)
-    assert stroke(law, start, 0.01)[0] == pytest.approx(1.0 + (start - 1.0) * math.exp(-2.0), rel=1e-12)
-    assert stroke(law, start, -0.01)[0] == pytest.approx(-1.0 + (start + 1.0) * math.exp(-2.0), rel=1e-12)
-    assert stroke(law, start, 0.0)[0] == start
-
-
 @pytest.mark.parametrize(
     ("start", "ds", "end"),
     [(0.0, 1e-3, 0.5), (0.0, 3e-3, 1.0), (0.8, 1e-3, 1.0), (0.8, -1e-3, 0.3), (-0.8, -1e-3, -1.0), (1.0, -4e-3, -1.0)],
@@ -387,18 +378,3 @@ def test_bouc_wen_that_unloads_at_its_fixed_point_stays(n):
     assert stroke(law, fixed, 0.5, s0=0.0)[0] == pytest.approx(fixed, rel=1e-9)
     assert stroke(law, 0.9 * fixed, 30.0, s0=0.0)[0] == pytest.approx(0.25 ** (1.0 / n), rel=1e-6)
     assert stroke(law, 1.1 * fixed, 0.2, s0=0.0)[0] < 1.1 * fixed
-
-
-def test_forces_from_a_state():
-    def force(law, z, s=0.0, v=0.0):
-        out = np.empty(len(law.terms()))
-        law.kernel(s, v, 0.0, 0.0, np.empty(0), np.array(z), law.theta, out)
-        return law.values @ out
-
-    law = laws.BoucWen(beta=20.0, rho=0.0, n=1.0, alpha=5e4)  # alpha times the hysteretic drift in metres
-    assert force(law, stroke(law, 0.0, 0.01)) == pytest.approx(5e4 * (1.0 - math.exp(-0.2)) / 20.0, rel=1e-12)
-    damper = laws.ModifiedDahl(K0=50.0, C0=400.0, Fd=35.0, f0=2.0, sigma=1e3)
-    assert force(damper, [-0.2], s=0.1, v=0.2) == pytest.approx(5.0 + 80.0 - 7.0 + 2.0, rel=1e-14)
-    assert force(laws.Dahl(sigma=1e3, Fd=35.0), [-0.2], s=0.1, v=0.2) == -7.0
-    assert force(laws.Iwan(uy=1.0, ratio=2.0, F1=3.0, F2=5.0), [0.5, -1.0], s=0.1, v=0.2) == -3.5
-    assert force(laws.MaxwellBranch(tau=1.0, k=1e4), [-2e-3], s=0.1, v=0.2) == -20.0

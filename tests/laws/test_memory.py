@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
-from scipy.integrate import solve_ivp
 
 from pysindy_nrf import laws
 from pysindy_nrf.exceptions import ChannelError, LawError
@@ -21,24 +20,6 @@ def two_tones(t):
     v = 0.06 * np.cos(60 * t) + 0.0684 * np.cos(171 * t + 1)
     a = -3.6 * np.sin(60 * t) - 11.6964 * np.sin(171 * t + 1)
     return s, v, a
-
-
-def reference(t):
-    """Dahl's differential equation (paper eq. 7) by an independent integrator."""
-
-    def rate(t, z):
-        v = two_tones(t)[1]
-        return [SIGMA * (v - z[0] * abs(v))]
-
-    return solve_ivp(rate, (0, t[-1]), [0.0], method="DOP853", rtol=1e-11, atol=1e-13, t_eval=t, max_step=1e-4).y[0]
-
-
-@pytest.mark.parametrize("with_a, bound", [(True, 2e-6), (False, 2e-3)])
-def test_path_solves_the_differential_equation(with_a, bound):
-    t = np.arange(401) / 1000
-    s, v, a = two_tones(t)
-    z = laws.Dahl(sigma=SIGMA).features(Motion(s, v, a if with_a else None, t))[:, 0]
-    np.testing.assert_allclose(z, reference(t), atol=bound)
 
 
 def test_path_in_blocks_that_share_a_sample_is_the_same_to_the_last_bit():

@@ -87,21 +87,6 @@ def test_curves_are_the_models_on_the_sheet_and_on_the_page(fitted):
     np.testing.assert_allclose(unit * np.array(trace["y"]), force, atol=2e-4 * np.abs(force).max())
 
 
-def test_a_surface_is_the_restoring_force_where_the_data_were(made, fitted):
-    display, model = made["surface"], fitted[3].model_
-    grid = display.surface
-    assert 0.05 < grid["visited"].mean() < 1.0  # a free decay does not fill its rectangle
-    z = display.figures()[0].marks[0].z.ravel()
-    expected = model.restoring_forces[4](grid["v"].to_numpy(), grid["s"].to_numpy())
-    np.testing.assert_allclose(z[grid["visited"]], expected[grid["visited"]])
-    assert np.isnan(z[~grid["visited"]]).all()
-
-
-def test_free_run_of_the_true_model_lies_on_the_measured_one(fitted):
-    case, *_ = fitted
-    assert displays.FreeRunDisplay.from_estimator(case.truth, case.exact).error.max() < 1e-6
-
-
 def test_loops_show_the_force_that_balances_the_inertia_above(fitted):
     case, X, F, _ = fitted
     display = displays.HysteresisLoopDisplay.from_estimator(case.truth, X, F, 2)

@@ -64,10 +64,8 @@ class SolveOrder:
     def require_complete(self) -> SolveOrder:
         """The order itself; raises an error if anything cannot be identified."""
         if not self.steps:
-            raise ExcitationError(
-                "No force is measured and no mass is known, so nothing scales the chain",
-                "Measure a force on one DOF, or give a mass: known_masses={dof: kg}; ratios to it then come out.",
-            )
+            cure = "Measure a force on one DOF, or give a mass: known_masses={dof: kg}; ratios to it then come out."
+            raise ExcitationError("No force is measured and no mass is known, so nothing scales the chain", cure)
         if not self.complete:
             raise IdentifiabilityError(" ".join(self.reasons))
         return self

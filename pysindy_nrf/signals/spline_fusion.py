@@ -126,12 +126,6 @@ class FusedMotion:
     clean: bool = False  # free of noise: the measured channels are passed on unchanged
 
 
-@lru_cache(maxsize=2)  # the records of a search and those held out; a length has an upper bound, BLOCK
-def ladder_of(n: int) -> BasisLadder:
-    """Spline bases of a record length, kept for the next records of that length."""
-    return BasisLadder(n)
-
-
 class BasisLadder:
     """Spline bases of one record length, built when needed and shared by all degrees of freedom."""
 
@@ -144,6 +138,12 @@ class BasisLadder:
         if spacing not in self.built:
             self.built[spacing] = SplineBasis(self.n, spacing)
         return self.built[spacing]
+
+
+@lru_cache(maxsize=2)  # the records of a search and those held out; a length has an upper bound, BLOCK
+def ladder_of(n: int) -> BasisLadder:
+    """Spline bases of a record length, kept for the next records of that length."""
+    return BasisLadder(n)
 
 
 def fuse(

@@ -1,7 +1,5 @@
 """Channels that contradict each other are named where a record becomes features, once; good data pass in silence."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from functools import cache

@@ -219,13 +219,6 @@ def _acceleration(fold_moments: FoldMoments, order: Order, held: Heldout) -> Any
     return 1.0 - np.divide(error, left, out=np.full(left.shape, np.nan), where=left != 0)
 
 
-def _require_digits(held: Heldout) -> None:
-    for j in range(1, held.grams.layout.n_dof + 1):
-        sizes = balance_sizes(j, held.solution.masses, held.solution.coefficients, held.grams)
-        if sizes is not None and np.any(sizes.residual < CLEAN * sizes.reference):
-            raise DigitsLost
-
-
 def _free_run(fold_moments: FoldMoments, order: Order, held: Heldout) -> Any:
     if held.fold == EVERY:
         each = (replace(held, solution=held.solution.of(fold), fold=fold) for fold in range(fold_moments.n_folds))

@@ -66,12 +66,10 @@ class EqualMasses(Constraint):
         self.dofs = tuple(dofs) if isinstance(dofs, Iterable) else dofs
 
     def _equations(self, names: Any, chain: Any, known: Any) -> Any:
-        dofs = dofs_of("A constraint", range(1, chain.n_dof + 1) if self.dofs is None else self.dofs, chain.n_dof)
-        return [
-            _mass_equation({dofs[0]: 1.0, j: -1.0}, 0.0, known)
-            for j in dofs[1:]
-            if not (j in known and dofs[0] in known)
-        ]
+        every = range(1, chain.n_dof + 1)
+        first, *others = dofs_of("A constraint", every if self.dofs is None else self.dofs, chain.n_dof)
+        unknown = [j for j in others if not (j in known and first in known)]
+        return [_mass_equation({first: 1.0, j: -1.0}, 0.0, known) for j in unknown]
 
 
 class TotalMass(Constraint):
@@ -99,7 +97,10 @@ class TotalMass(Constraint):
 
     def _equations(self, names: Any, chain: Any, known: Any) -> Any:
         dofs = dofs_of("A constraint", range(1, chain.n_dof + 1) if self.dofs is None else self.dofs, chain.n_dof)
-        return [_mass_equation({j: 1.0 for j in dofs}, _positive("mass", self.mass), known)]
+        total = float(self.mass)
+        if not np.isfinite(total) or total <= 0:
+            raise ChainError(f"mass={self.mass!r} is not a mass", "Give kg.")
+        return [_mass_equation(dict.fromkeys(dofs, 1.0), total, known)]
 
 
 class KnownStiffness(Constraint):

@@ -14,14 +14,14 @@ from sklearn.base import clone
 
 from ..common.jackknife import variance
 from ..estimation.intervals import Resolver
-from ..estimation.problem import Problem
+from ..estimation.problem import Estimate, Problem, law_list
 from ..exceptions import ChainError, ChannelError, DataQualityWarning
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel, as_segments, storey_names
-from ..regression.chain_solve import groups_of, model_of
+from ..regression.chain_solve import groups_of, model_of, visited_regions
 from ..regression.gram_pass import pieces_of
 from ..regression.grams import BlockGrams
-from ..regression.input_arrays import fused_together, one_by_one
+from ..regression.input_arrays import from_arrays, fused_together, one_by_one
 from ..regression.restoring_force import grid
 from ..regression.segments import SegmentSet
 from .force_change import Comparison, cut_of, in_words
@@ -139,10 +139,11 @@ def compare_tests(
     if n_blocks < 5:
         raise ChainError(f"{n_blocks} blocks give no standard error", "Use at least 5, 20 is usual.")
     fitted = [_fit(estimator, test, dict(options or {})) for test in (before, after)]
-    problems, tests = [est.problem_ for est, _ in fitted], [data for _, data in fitted]
-    masses = np.mean([est.masses_ for est, _ in fitted], axis=0)
+    problems, models = [est.problem for est, _ in fitted], [est.model for est, _ in fitted]
+    tests = [data for _, data in fitted]
+    masses = np.mean([model.masses for model in models], axis=0)
     free = [j for j in range(1, len(masses) + 1) if j not in problems[0].known_masses]
-    models, pairs = [est.model_ for est, _ in fitted], list(zip(problems, tests))
+    pairs = list(zip(problems, tests))
     filters = [problem.filters(data) for problem, data in pairs]
     edges = [[edges for edges, _ in _cuts(problem, data, n_blocks)] for problem, data in pairs]
     cuts = [
@@ -153,14 +154,14 @@ def compare_tests(
         raise ChainError("No storey's force is known in both tests", "Measure the force on every floor above a storey.")
     comparison = Comparison(cuts, masses, free, [] if same_masses else free)
     comparison.search(level, least)
-    models, replicates = [], []
-    for problem, (est, data), own in zip(problems, fitted, comparison.masses_of_tests()):
+    replicates = []
+    for i, ((problem, data), own) in enumerate(zip(pairs, comparison.masses_of_tests())):
         known = dict(enumerate(own.tolist(), 1)) | dict(problem.known_masses)
         resolver, _ = resolver_in_time(problem.with_known_masses(known), data, n_blocks=n_blocks)
-        whole, without = plain_model(resolver, resolver.pieces.sum()), resolver.pieces.leave_one_out()
-        whole.visited = est.model_.visited
-        models.append(whole)
-        replicates.append([plain_model(resolver, without[i]) for i in range(len(without))])
+        without = resolver.pieces.leave_one_out()
+        replicates.append([plain_model(resolver, without[k]) for k in range(len(without))])
+        visited, models[i] = models[i].visited, plain_model(resolver, resolver.pieces.sum())
+        models[i].visited = visited
     table = _table(models, replicates, comparison)
     return ChangeReport(comparison.table(), table, level, least, models[0], models[1], comparison)
 
@@ -202,7 +203,8 @@ def plain_model(resolver: Resolver, total: BlockGrams) -> ChainModel:
     return model_of(resolver.pieces.layout, resolver.solve(total))
 
 
-def _fit(estimator: Any, test: Any, options: dict[str, Any]) -> tuple[Any, SegmentSet]:
+def _fit(estimator: Any, test: Any, options: dict[str, Any]) -> tuple[Estimate, SegmentSet]:
+    """Least-squares estimate of a test, and its motions, DOFs fused one by one."""
     X, F = test if isinstance(test, tuple) else (test, None)
     if fused_together(X):
         warnings.warn(
@@ -211,8 +213,13 @@ def _fit(estimator: Any, test: Any, options: dict[str, Any]) -> tuple[Any, Segme
             DataQualityWarning,
             stacklevel=3,
         )
-    est = clone(estimator).fit(X, F, **options)
-    return est, as_segments(est, X, F, **options, **one_by_one(X))
+    est = clone(estimator)
+    memory = any(law.has_memory for law in law_list(est.laws))
+    given = {"coordinates": est.coordinates, "dt": est.dt, "has_memory": memory} | options | one_by_one(X)
+    data = from_arrays(X, F, n_dof=None if est.chain is None else est.chain.n_dof, **given)
+    found = est.problem(data.n_dof).solve(data)
+    found.model.visited = visited_regions(data, found.problem.layout)
+    return found, data
 
 
 def _linear(model: ChainModel) -> np.ndarray:

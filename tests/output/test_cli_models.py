@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from report_cases import two_storeys
 
-from pysindy_nrf import ChainModel, datasets, simulate
+from pysindy_nrf import ChainModel, datasets, excitation, laws, simulate
 from pysindy_nrf.data.io import read_table, write_record
 from pysindy_nrf.output.cli.group import run
 
@@ -249,3 +249,33 @@ def test_compare_with_the_truth(here, spoken, demo_file, truth_file):
     table = spoken()["table"]
     assert table["pysindy_nrf, least squares"]["mass_error"] < 1 < table["SINDy, defaults"]["terms"] / 100
     assert "terms" in pd.read_csv("nrf_output/comparison.csv")
+
+
+@pytest.fixture
+def two_tests(here):
+    """A frame of two storeys, tested before and after storey 2 lost 10 %, and with a viscous damper in storey 1."""
+    F = excitation.band_limited_random(2, 8.0, 500.0, excited=[1, 2], rms=50.0, band=(1, 40), random_state=1)
+    for name, k2, c1 in (("before", 4e4, 60.0), ("after", 3.6e4, 60.0), ("damped", 4e4, 160.0)):
+        model = ChainModel([10.0, 12.0], {1: laws.PowerSeries(1, [c1, 4e4]), 2: laws.PowerSeries(1, [60.0, k2])})
+        simulate(model, F, 2e-3).to_frame().to_csv(f"{name}.csv")
+
+
+def test_damage_says_where_how_much_and_draws_it(two_tests, here, spoken):
+    assert run(["damage", "before.csv", "after.csv", "--json"]) == 0
+    data = spoken()
+    assert data["damaged"] == ["storey 2"] and data["said"][0].startswith("Stiffness of storey 2 changed by -10.0")
+    assert data["changed"][0]["change"] == pytest.approx(-10.0, abs=0.05)
+    assert [Path(name).name for name in data["files"]] == ["changed.csv", "fitted_apart.csv", "change.png"]
+    assert pd.read_csv(here / "nrf_output" / "changed.csv")["place"].tolist() == ["storey 2"]
+
+
+def test_forces_of_storeys_and_of_a_damper(two_tests, here, spoken):
+    assert run(["forces", "damped.csv", "--bare", "before.csv", "--degree", "1", "--json"]) == 0
+    storeys = spoken()["storeys"]
+    written = pd.read_csv(here / "nrf_output" / "forces.csv")
+    motion = pd.read_csv("damped.csv")
+    rate = motion["v1"]
+    assert storeys["storey 1"]["damper, rms (N)"] == pytest.approx(100.0 * np.sqrt(np.mean(rate**2)), rel=0.02)
+    assert storeys["storey 2"]["damper, rms (N)"] < 0.02 * storeys["storey 1"]["damper, rms (N)"]
+    assert storeys["storey 1"]["dissipated by the damper (J)"] == pytest.approx(100.0 * np.trapezoid(rate**2, motion["t"]), rel=0.02)
+    assert len(written) == len(motion) and (here / "nrf_output" / "energy.png").read_bytes()[:4] == b"\x89PNG"

@@ -16,6 +16,7 @@ import click
 
 from ... import __version__
 from ...exceptions import MissingExtraError, NRFError
+from .change_commands import damage, forces
 from .model_commands import close_loop, compare, demo, identify, select_order
 from .options import in_options, printable
 from .record_commands import inspect, plan, report, simulate
@@ -53,7 +54,7 @@ def cli() -> None:
     """
 
 
-for command in (demo, inspect, identify, close_loop, select_order, compare, simulate, report, plan):
+for command in (demo, inspect, identify, close_loop, select_order, forces, damage, compare, simulate, report, plan):
     cli.add_command(command)
 
 

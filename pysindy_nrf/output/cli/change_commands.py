@@ -1,0 +1,155 @@
+"""Commands on what a structure does and how it changed: ``forces`` and ``damage``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+import pandas as pd
+
+from . import options as opt
+from .options import Session
+
+
+def _estimator(options: dict[str, Any], **more: Any) -> Any:
+    """The regressor that the options describe."""
+    from ...estimation.regressor import NRFRegressor
+
+    laws = opt.laws_of(options["laws"], options["degree"])
+    given = {"known_masses": options["masses"] or None, "band": options["band"], "laws": laws}
+    return NRFRegressor(degree=options["degree"], **given | more)
+
+
+def _read(files: list[Path], options: dict[str, Any], session: Session) -> list[Any]:
+    """One record of each file; what they hold is said."""
+    from ...data.io import describe
+
+    readings = [reading for file in files for reading in opt.readings_of([file], options, session)]
+    session.measured(*map(describe, readings))
+    return [reading.record for reading in readings]
+
+
+_path = click.Path(path_type=Path)
+_figures = click.option("--figures/--no-figures", default=True, help="Draw figures (needs matplotlib).")
+
+
+@click.command(short_help="Storey forces, the force of a damper, dissipated energy.")
+@click.argument("file", type=_path)
+@opt.record_options
+@click.option("--bare", type=_path, help="A test of the structure without its damper: the damper's force (eq. 21).")
+@opt.degree_option(3, "Total degree of the power series, or box k,q.")
+@opt.law_option
+@opt.mass_option
+@opt.band_option
+@opt.output_option
+@_figures
+@opt.json_option
+def forces(file: Path, bare: Path | None, as_json: bool, **options: Any) -> None:
+    """Storey forces along a record, the energy that each storey dissipates, and the force of a damper.
+
+    FILE is read as by identify. With --bare, a test of the same structure without its damper, the linear force found
+    there is subtracted: what is left is the damper's, storey by storey.
+
+    \b
+    Examples
+      pysindy-nrf forces shaker.csv
+      pysindy-nrf forces with_damper.csv --bare without.csv --law 'storey 4=power_series+dahl'
+    """
+    from ...data.io import write_table
+    from ...estimation import damper_force, dissipated_energy, linear_twin
+    from ...regression.chain_model import as_segments, storey_names
+    from ..displays import EnergyDisplay
+
+    session = Session(as_json)
+    records = _read([file, *([bare] if bare else [])], options, session)
+    with session.listening():
+        estimator = _estimator(options).fit(records[0])
+        linear = None if bare is None else linear_twin(estimator).fit(records[1])
+        data = as_segments(estimator, records[0])
+        energy = dissipated_energy(estimator, data, linear)
+        names = storey_names(estimator.model_)
+        found = pd.DataFrame(estimator.model_.restoring_force(data), columns=names, index=energy.index)
+        device = None if linear is None else damper_force(estimator, linear, data).add_prefix("damper, ")
+    table = pd.DataFrame({"rms (N)": np.sqrt((found**2).mean()), "peak (N)": found.abs().max()})
+    if device is not None:
+        table["damper, rms (N)"] = np.sqrt((device**2).mean()).to_numpy()
+    whose = "dissipated" if device is None else "dissipated by the damper"
+    table[f"{whose} (J)"] = last = energy.iloc[-1]
+    table["share (%)"] = 100 * last / last.sum()
+    session.headed("Forces of the storeys", opt.table(table))
+    session.take_care()
+    with session.aside() as folder:
+        whole = found if device is None else found.join(device)
+        written = [
+            write_table(whole.rename_axis("t"), folder / "forces.csv"),
+            write_table(energy.rename_axis("t"), folder / "energy.csv"),
+            write_table(table.rename_axis("storey"), folder / "storeys.csv"),
+        ]
+        if options["figures"]:
+            from ...discrepancy.residual import loops_of
+            from ..displays._matplotlib import save
+            from ..displays.forces import loop_figure
+
+            loops = [loop_figure(loop) for loop in loops_of(estimator.model_, data, estimator.problem_.filters(data))]
+            written += save(folder / "loops.png", loops, columns=max(1, min(3, len(loops))))
+            written += save(folder / "energy.png", EnergyDisplay(energy.index, dict(energy.items())).figures())
+    session.finish({"storeys": table, "masses_kg": estimator.masses_}, written)
+
+
+@click.command(short_help="What changed between two tests: where, how much, which term.")
+@click.argument("before", type=_path)
+@click.argument("after", type=_path)
+@opt.record_options
+@opt.degree_option(1, "Total degree of the declared storeys, or box k,q.")
+@opt.law_option
+@opt.mass_option
+@opt.band_option
+@click.option("--least", type=float, default=1.0, help="Smallest change of interest, % of the spring or mass.")
+@click.option("--level", type=float, default=0.01, help="Level of significance, of all places and terms together.")
+@click.option("--blocks", type=click.IntRange(5), default=20, help="Pieces of each test, left out in turn.")
+@opt.output_option
+@_figures
+@opt.json_option
+def damage(before: Path, after: Path, as_json: bool, **options: Any) -> None:
+    """Say which storey's force, or which mass, changed between two tests of one structure.
+
+    BEFORE and AFTER are read as by identify. Forces are compared where both tests moved, so that another amplitude is
+    no change; a declared law with a state or a shape (--law) is compared on its own parameters.
+
+    \b
+    Examples
+      pysindy-nrf damage may.csv october.csv
+      pysindy-nrf damage may.csv october.csv --law 'storey 4=power_series+dahl' --band 0.5,40 --least 2
+    """
+    from ...data.io import write_table
+    from ...monitoring import compare_tests
+
+    session = Session(as_json)
+    records = _read([before, after], options, session)
+    with session.listening():
+        report = compare_tests(
+            _estimator(options), *records, level=options["level"], least=options["least"], n_blocks=options["blocks"]
+        )
+    session.headed("What changed", str(report))
+    if len(report.changed):
+        session.say("", opt.table(report.changed))
+    session.headed("The tests fitted apart", opt.table(report.table))
+    session.take_care()
+    with session.aside() as folder:
+        written = [
+            write_table(report.changed, folder / "changed.csv"), write_table(report.table, folder / "fitted_apart.csv"),
+        ]  # fmt: skip
+        if options["figures"]:
+            from ..displays import ChangeMapDisplay
+            from ..displays._matplotlib import save
+
+            sites = [f"storey {cut.storey}" for cut in report.comparison.cuts]
+            largest = max(report.map(site)["change"].abs().max() for site in sites)
+            maps = [fig for site in sites for fig in ChangeMapDisplay.from_report(report, site, largest).figures()]
+            written += save(folder / "change.png", maps, columns=min(3, len(maps)))
+    words = {"said": str(report).splitlines(), "damaged": report.damaged}
+    listed = {"changed": report.changed, "explained": report.explained, "fitted_apart": report.table}
+    masses = [{"before": a, "after": b} for a, b in zip(report.before.masses, report.after.masses)]
+    session.finish(words | {k: t.to_dict("records") for k, t in listed.items()} | {"masses_kg": masses}, written)

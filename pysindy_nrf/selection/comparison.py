@@ -77,14 +77,10 @@ class Ruler:
         return float(100 * np.sqrt(np.mean(share**2)))
 
     def balance_error(self, masses: np.ndarray, a_hat: np.ndarray, rest: Part) -> float:
-        balances = []
-        rms = lambda y: float(np.sqrt(np.mean(y**2)))  # noqa: E731
-        for j in range(rest.n_dof):
-            force, inertia = rms(rest.F[:, j]), rms(masses[j] * rest.a[:, j])
-            residual = rms(masses[j] * (a_hat[:, j] - rest.a[:, j]))
-            size = float(self.size[j])
-            balances.append(Sizes(residual, force or inertia, size, "F" if force else "m a", len(rest.a)))
-        return pooled_percent(balances)
+        columns = masses * (a_hat - rest.a), rest.F, masses * rest.a
+        residual, force, inertia = (np.sqrt(np.mean(y**2, axis=0)).tolist() for y in columns)
+        sizes = zip(residual, force, inertia, self.size.tolist())
+        return pooled_percent(Sizes(r, f or i, size, "F" if f else "m a", len(rest.a)) for r, f, i, size in sizes)
 
 
 def shares(kept: set, true: set) -> tuple[float, float]:
@@ -287,18 +283,14 @@ class Ours:
     def __init__(self, degree: int, optimizer: Any, estimation: str = "ls") -> None:
         self.degree, self.optimizer, self.estimation = degree, optimizer, estimation
 
-    def work(self, data: Part) -> float:
-        return 0.0
-
     def fit(self, data: Part) -> None:
-        chosen = {"optimizer": self.optimizer}
         if isinstance(self.optimizer, Sequence):
             found = select_sparsity(data.X, data.F, paths={"path": self.optimizer}, degree=self.degree, dt=data.dt)
             self.note = f"chosen: {found.table.index[found.table['chosen']][0][1]}"
-            one = found.regressor("path").get_params(deep=False)
-            chosen = {"optimizer": one["optimizer"], "laws": one["laws"]}
-        model = NRFRegressor(degree=self.degree, dt=data.dt, estimation=self.estimation)
-        self.model = model.set_params(**chosen).fit(data.X, data.F)
+            model = found.regressor("path")
+        else:
+            model = NRFRegressor(self.degree, optimizer=self.optimizer, estimation=self.estimation, dt=data.dt)
+        self.model = model.fit(data.X, data.F)
 
     @property
     def terms(self) -> int:
@@ -500,7 +492,7 @@ def row_of(
     entry: Any, search: Part, rest: Part, ruler: Ruler, free_run: int, time_limit: float
 ) -> tuple[list[Any], np.ndarray | None]:
     """The row of one model (see ``COLUMNS``), and the storey forces (N) it finds on the held-out part."""
-    if entry.work(search) > _MOST_WORK:
+    if not entry.finds_masses and entry.work(search) > _MOST_WORK:
         size = entry.n_features(search)
         gigabytes = 32e-9 * size * (len(search.a) + size)
         note = f"not run: {size} columns of {len(search.a)} samples take minutes and {gigabytes:.1f} GB"
@@ -534,7 +526,7 @@ def _free_run(entry: Any, rest: Part, time_limit: float) -> tuple[float, str]:
     except TimeoutError:
         return np.nan, f"free run given up after {time_limit:g} s"
     except (SimulationError, OverflowError, FloatingPointError):
-        return np.inf, "free run diverges"
+        x = np.full(1, np.nan)
     if not np.isfinite(x).all():
         return np.inf, "free run diverges"
     share = [nrmse(rest.x[:, j], x[:, j]) for j in range(rest.n_dof)]

@@ -28,21 +28,13 @@ def table(case):
     return compare_with_sindy(case.X, case.F, case.dt, truth=true_model(case), free_run=5)
 
 
-def test_rows_and_columns(table):
-    assert list(table.index) == [
-        "SINDy, defaults", "SINDy, normalised", "SINDy, hand-steered",
-        "pysindy_nrf, least squares", "pysindy_nrf, instrumental variables", "pysindy_nrf, STLSQ",
-        "pysindy_nrf, STLSQ, threshold 0.01",
-    ]  # fmt: skip
-    assert (table["seconds"] > 0).all()
-
-
-@pytest.mark.parametrize("noise", [0.0, 0.02])
-@pytest.mark.parametrize("excited", [[2], [1, 2]])
+@pytest.mark.parametrize(("excited", "noise"), [([2], 0.0), ([2], 0.02), ([1, 2], 0.02)])
 def test_sindy_is_dealt_its_best_hand(excited, noise):
     """v, s, s^3 of each storey and the forces, each counted once; all masses are 1/m only where all DOFs are forced."""
     case = chains.duffing(2, excited, seed=1, n_samples=3000)
-    hand = compare_with_sindy(case.noisy(noise), case.F, case.dt, truth=true_model(case), free_run=1).loc["SINDy, hand-steered"]
+    table = compare_with_sindy(case.noisy(noise), case.F, case.dt, truth=true_model(case), free_run=1, optimizers={})
+    hand, iv = table.loc["SINDy, hand-steered"], table.loc["pysindy_nrf, instrumental variables"]
+    assert iv.mass_error < (1.0 if noise else 1e-6) and iv.force_error_own_masses == iv.restoring_force_error
     assert (hand.terms, hand.precision, hand.recall) == (6 + len(excited), 1.0, 1.0)
     assert hand.restoring_force_error < (1.0 if noise else 1e-6)
     own = hand[["mass_error", "force_error_own_masses"]]
@@ -129,15 +121,6 @@ def test_without_the_truth_only_what_can_be_known_is_said(case):
     assert table["balance_error"].notna().all() and "pysindy_nrf, SSR" in table.index
 
 
-def test_errors_are_those_of_the_held_out_end(case):
-    """Spoil the end of the record: the fits stay, the errors grow."""
-    X = case.X.copy()
-    X[2500:, :2] += 5.0 * np.random.default_rng(0).standard_normal((500, 2))
-    table = compare_with_sindy(X, case.F, case.dt, truth=true_model(case), free_run=1, optimizers={})
-    row = table.loc["pysindy_nrf, least squares"]
-    assert row.mass_error < 1e-6 and row.balance_error > 1
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [({"dt": None}, "sampling step"), ({"heldout": 0.0}, "heldout=0.0"), ({"F": np.full((3000, 2), np.nan)}, "A force is unknown|No force")],
@@ -176,6 +159,7 @@ def test_the_held_out_rule_chooses_within_the_first_part(case):
     row = table.loc["pysindy_nrf, STLSQ selected"]
     assert (row.terms, row.precision, row.recall) == (8, 1.0, 1.0)
     assert row.note.startswith("chosen: threshold=0.005")
+    assert row.mass_error < 1 and row.balance_error > 1  # fitted to the first part, judged on the rest
 
 
 @pytest.mark.slow

@@ -1,7 +1,5 @@
 """Audit trail: the settings of a run and the versions of all packages."""
 
-from __future__ import annotations
-
 import platform
 from collections.abc import Mapping
 from importlib import metadata

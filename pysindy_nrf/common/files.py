@@ -1,7 +1,5 @@
 """Files: atomic writing, strict JSON, and schemas of the files that this package writes."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """The jackknife."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Late imports: public names of a package (PEP 562), optional packages, methods carried out by upper layers."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Mapping
 from enum import Enum

@@ -1,7 +1,5 @@
 """Random numbers from the argument ``random_state``."""
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager

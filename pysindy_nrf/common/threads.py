@@ -1,7 +1,5 @@
 """Independent shares of one pass on all cores; compiled code releases the interpreter's lock."""
 
-from __future__ import annotations
-
 import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator

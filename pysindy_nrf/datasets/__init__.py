@@ -1,7 +1,5 @@
 """The bundled demonstration record, and the frame it was simulated with."""
 
-from __future__ import annotations
-
 from importlib.resources import files
 from typing import Any
 

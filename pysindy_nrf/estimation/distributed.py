@@ -89,7 +89,7 @@ def _items(dask: Any, X: Any, F: Any, given: dict[str, Any]) -> tuple[list[Any],
                 cure = "Put the forces into the same table."
                 raise ChannelError(f"X has {X.npartitions} partitions, F {F.npartitions}", cure)
             pairs = zip(X.to_delayed(), F.to_delayed())
-            return [dask.delayed(_side_by_side, pure=False)(x, f) for x, f in pairs], False
+            return [dask.delayed(pd.concat, pure=False)([x, f], axis=1) for x, f in pairs], False
         refuse({"F": F, **given} if F is not None else given, "a table, whose columns hold them")
         return list(X.to_delayed()), False
     array = require("dask.array", "dask", "Fitting Dask arrays")
@@ -109,8 +109,3 @@ def _items(dask: Any, X: Any, F: Any, given: dict[str, Any]) -> tuple[list[Any],
         collections[name] = value.rechunk({**wanted, **({1: -1} if value.ndim == 2 else {})})
     parts = {name: value.to_delayed().ravel() for name, value in collections.items()}
     return [{name: blocks[i] for name, blocks in parts.items()} for i in range(len(X.chunks[0]))], False
-
-
-def _side_by_side(x: Any, f: Any) -> Any:
-    """Motions and forces in one table."""
-    return pd.concat([x, f], axis=1)

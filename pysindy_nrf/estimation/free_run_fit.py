@@ -23,7 +23,7 @@ from ..regression.layout import LawLayout, with_coefficients
 from ..regression.segments import Segment, SegmentSet
 from .intervals import InfluenceResolver, Resolver
 from .iv import IVResult, instrumental_variables, run_of
-from .noise_spectra import NoiseModel, common_band, corrected, noise_model, spectrum, velocities
+from .noise_spectra import NoiseModel, common_band, corrected, noise_model, spectrum, transfer, velocities
 from .problem import Estimate
 
 SHOT = 32768  # largest number of samples of a shot
@@ -242,7 +242,7 @@ class _FreeRunFit:
         length, dt = rows.stop - rows.start, shot.segment.step
         block = next(iter(replace(run, valid=rows).blocks(self.layout, size=length)))
         f = np.fft.rfftfreq(length, dt)
-        G = self.noise.transfer(np.maximum(f, 0.25 * f[1]))[:, :, :n]
+        G = transfer(self.noise.matrices, np.maximum(f, 0.25 * f[1]))[:, :, :n]
         out = np.empty((length, n, len(self.columns)))
         for k, column in enumerate(self.columns):
             if isinstance(column, int):

@@ -53,15 +53,11 @@ class NoiseModel:
     # hz; frequencies in which the run moves and the filters of the motions pass; only these are used
     signal_band: tuple[float, float]
 
-    def transfer(self, f: np.ndarray) -> np.ndarray:
-        """Relative velocities from forces and base acceleration, shape (len(f), n_dof, n_dof + 1)."""
-        return transfer(self.matrices, f)
-
     def blocks(self, f: np.ndarray) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
         """Rows of f, the transfer G there and the covariance S of the free run's error."""
         for start in range(0, len(f), LINES):
             rows = slice(start, start + LINES)
-            G = self.transfer(f[rows])
+            G = transfer(self.matrices, f[rows])
             S = (G * self.force) @ G.conj().transpose(0, 2, 1)
             diagonal = np.arange(S.shape[1])
             S[:, diagonal, diagonal] += self.motion(f[rows])

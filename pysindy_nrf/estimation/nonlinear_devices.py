@@ -95,12 +95,11 @@ def found_twice(estimator: Any, X: Any, F: Any, **options: Any) -> dict[str, pd.
     data = as_segments(estimator, X, F, **options)
     problem = replace(estimator.problem_, optimizer=None)
     layout, solution = problem.layout, problem.solve(data).solution
-    return {
-        str(site): pd.DataFrame(
-            {f"balance {site.p}": solution.coefficients[site], f"balance {site.q}": twin}, index=layout.labels(site)
-        )
-        for site, twin in sorted(solution.twins.items())
-    }
+    out = {}
+    for site, twin in sorted(solution.twins.items()):
+        both = {f"balance {site.p}": solution.coefficients[site], f"balance {site.q}": twin}
+        out[str(site)] = pd.DataFrame(both, index=layout.labels(site))
+    return out
 
 
 LEAST = 1.0  # percent of the force; a surface below this is planar at any noise

@@ -219,13 +219,8 @@ class ForceLaw:
         theta : ndarray of shape (n_shapes,)
         """
 
-    def options(self) -> dict[str, Any]:
-        """Structural constructor arguments (not shape, not coefficients), for JSON and copies.
-
-        Returns
-        -------
-        dict
-        """
+    def options(self) -> dict:
+        """Structural constructor arguments (not shape, not coefficients), for JSON and copies."""
         return {}
 
     def _number(self, key: str, value: Any) -> float | None:
@@ -473,13 +468,8 @@ class ForceLaw:
         known = [f"{k} = {value:.{digits}g}" for k, value in self.shape.items() if value is not None]
         return text + (f"  ({', '.join(known)})" if known else "")
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-        """
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
         return {
             "law": self.name, "options": self.options(), "shape": dict(self.shape),
             "coefficients": None if self.coefficients is None else [float(c) for c in self.coefficients],

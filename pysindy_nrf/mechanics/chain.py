@@ -173,13 +173,8 @@ class Chain:
         """
         return Hook.PLAN(self, **options)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-        """
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
         return {"n_dof": self.n_dof, "links": [str(s) for s in self.links], "ground": self.ground}
 
     def __eq__(self, other: object) -> bool:

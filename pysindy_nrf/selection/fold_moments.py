@@ -175,9 +175,8 @@ class FoldMoments:
         self.chain, self.laws = chain, {s: tuple(held) for s, held in laws.items()}
         self.data, self.filters, self.inner = data, filters, inner
         self.known_masses, self.strategy = dict(known_masses), strategy
-        self.union = {
-            site: Monomials(pair for order in given for pair in exponents_of(order)) for site, given in orders.items()
-        }
+        terms = {site: [pair for order in given for pair in exponents_of(order)] for site, given in orders.items()}
+        self.union = {site: Monomials(pairs) for site, pairs in terms.items()}
         self.layout = LawLayout(chain, {**{s: (law,) for s, law in self.union.items()}, **self.laws})
         self.groups = self._groups()
         self.basis: dict[Site, OrthogonalPowers] = {}

@@ -110,9 +110,8 @@ def _stuck(name: str, y: np.ndarray) -> tuple[float, str] | None:
         return None
     if not start or np.ptp(y[:start]) == 0:  # at standstill before the test begins
         return None
-    return length / len(y), (
-        f"{name} does not change for {length} samples from row {start} on: a lost connection. Cut the record there."
-    )
+    text = f"{name} does not change for {length} samples from row {start} on: a lost connection. Cut the record there."
+    return length / len(y), text
 
 
 def _resolution(y: np.ndarray) -> float:

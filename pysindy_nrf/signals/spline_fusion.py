@@ -371,10 +371,8 @@ def _group(views: Any, single: Any, basis: Any, order: int) -> list[np.ndarray] 
                 for column in range(n):
                     if (off := lag * n + column - row) >= 0:
                         band[width - off, order - i : size - i, column] += block[row, column]
-    solution = solveh_banded(
-        band.reshape(width + 1, size * n), (rhs * scale).ravel(), overwrite_ab=True, check_finite=False
-    )
-    c = solution.reshape(size, n) * scale + mean
+    flat = band.reshape(width + 1, size * n), (rhs * scale).ravel()
+    c = solveh_banded(*flat, overwrite_ab=True, check_finite=False).reshape(size, n) * scale + mean
     return [np.stack([basis.evaluate(o, c[:, j]) for o in range(3)]) for j in range(n)]
 
 

@@ -491,6 +491,5 @@ def rule_of(method: str) -> tuple[np.ndarray, ...]:
     from scipy.integrate import DOP853
 
     s = DOP853.n_stages
-    return tuple(
-        np.ascontiguousarray(m) for m in (DOP853.A[:s, :s], DOP853.B, DOP853.C[:s], DOP853.E3[:s], DOP853.E5[:s])
-    )
+    tables = DOP853.A[:s, :s], DOP853.B, DOP853.C[:s], DOP853.E3[:s], DOP853.E5[:s]
+    return tuple(np.ascontiguousarray(m) for m in tables)

@@ -88,14 +88,11 @@ def page(
         return name, drawn[name]["layout"]["height"]
 
     markup = jinja2.utils.markupsafe.Markup
-    body = environment.get_template("page.html").render(
-        content=content, register=register, math=lambda pieces: markup(" ".join(pieces)),
-        style=markup(_template("style.css")),
-    )  # fmt: skip
-    scripts = environment.get_template("scripts.html").render(
-        figures=markup(script_json(drawn)), plotly=markup(offline.get_plotlyjs()), code=markup(_template("page.js"))
-    )
-    return f"{body}{scripts}</body>\n</html>\n"
+    style, code, plotly = markup(_template("style.css")), markup(_template("page.js")), markup(offline.get_plotlyjs())
+    words = {"content": content, "register": register, "math": lambda pieces: markup(" ".join(pieces)), "style": style}
+    body = environment.get_template("page.html").render(words)  # registers the figures
+    scripts = {"figures": markup(script_json(drawn)), "plotly": plotly, "code": code}
+    return f"{body}{environment.get_template('scripts.html').render(scripts)}</body>\n</html>\n"
 
 
 def script_json(value: Any) -> str:
@@ -194,11 +191,9 @@ def _box(title: str, words: str, body: str) -> str:
 
 def _html_table(t: Table) -> str:
     head = "".join(f"<th scope='col'>{escape(name)}</th>" for name in t.head)
-    rows = "".join(f"<tr>{''.join(_cell(x) for x in row)}</tr>" for row in t.rows[:_MOST])
+    places = {True: "right", False: "left"}
+    shown = [[cell(x) for x in row] for row in t.rows[:_MOST]]
+    lines = ["".join(f"<td style='text-align:{places[c.number]}'>{escape(c.text)}</td>" for c in row) for row in shown]
+    rows = "".join(f"<tr>{line}</tr>" for line in lines)
     more = f"<p>and {len(t.rows) - _MOST} more rows</p>" if len(t.rows) > _MOST else ""
     return f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>{more}"
-
-
-def _cell(value: Any) -> str:
-    c = cell(value)
-    return f"<td style='text-align:{'right' if c.number else 'left'}'>{escape(c.text)}</td>"

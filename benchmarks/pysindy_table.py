@@ -4,11 +4,13 @@
     python benchmarks/pysindy_table.py --write      # the table of docs/coming_from_pysindy.md
 
 Duffing chains of three masses, all DOFs or the roof alone excited, clean and with 2 % white noise on every channel;
-the noisy records are fused, unless ``--raw``, and both sides see the same channels. Ours: ``NRFRegressor``. PySINDy's:
-what an expert would set up. For each DOF its acceleration, from the terms of all storeys one by one and the forces
-that act, columns and target of rms one, all samples; masses are 1/m of the forces. The optimizers have the same settings
-on both sides. True terms: v, s, s^3 of the storeys of each balance. A mass error is that of the worst mass of a chain,
-median over the chains; "none" where a DOF is not excited and so has no force whose coefficient is 1/m.
+the noisy records are fused, unless ``--raw``, and both sides see the same channels. Ours: ``NRFRegressor``.
+PySINDy's: what an expert would set up. For each DOF its acceleration, from the terms of all storeys one by one and
+the forces that act, columns and target of rms one, all samples; masses are 1/m of the forces. The optimizers have
+the same paths of settings on both sides; as a share of the force is not one of the acceleration, each side is shown
+at the setting that finds the true terms of the most chains. True terms: v, s, s^3 of the storeys of each balance;
+right: no other and no fewer. A mass error is that of the worst mass of a chain, median over the chains; "none"
+where a DOF is not excited, so that no force has the coefficient 1/m.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ import argparse
 import os
 import sys
 import warnings
+from itertools import product
 from pathlib import Path
 
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -34,17 +37,18 @@ from pysindy_nrf import InterstoryPolynomialLibrary, NRFRegressor  # noqa: E402
 from pysindy_nrf.simulation.noise import add_noise  # noqa: E402
 
 N, TRUE, DT = 3, ("v", "s", "s^3"), 1e-3
+SHARES = (0.003, 0.01, 0.03, 0.1)
 OPTIMIZERS = {
-    "least squares": None,
-    "instrumental variables": "iv",
-    "STLSQ(threshold=0.01)": ps.STLSQ(threshold=0.01),
-    "SR3(reg_weight_lam=5e-5)": ps.SR3(reg_weight_lam=5e-5),
-    "SSR(kappa=1e-6)": ps.SSR(kappa=1e-6),
-    "FROLS(max_iter=8, kappa=1e-6)": ps.FROLS(max_iter=8, kappa=1e-6),
-    "EnsembleOptimizer(STLSQ(threshold=0.01), library_ensemble=True)": ps.EnsembleOptimizer(
-        ps.STLSQ(threshold=0.01), library_ensemble=True, n_models=20
-    ),
-}
+    "least squares": [None],
+    "instrumental variables": ["iv"],
+    "`STLSQ(threshold=...)`": [ps.STLSQ(threshold=t) for t in SHARES],
+    "`SR3(reg_weight_lam=...)`": [ps.SR3(reg_weight_lam=t**2 / 2) for t in SHARES],
+    "`SSR(kappa=...)`": [ps.SSR(kappa=t**2) for t in SHARES],
+    "`FROLS(max_iter=9, kappa=...)`": [ps.FROLS(max_iter=9, kappa=t**2) for t in SHARES],
+    "`EnsembleOptimizer(STLSQ(threshold=...), library_ensemble=True)`": [
+        ps.EnsembleOptimizer(ps.STLSQ(threshold=t), library_ensemble=True, n_models=10) for t in SHARES
+    ],
+}  # fmt: skip
 EXCITED = {"all DOFs": [1, 2, 3], "roof": [3]}
 START, END = "<!-- benchmarks/pysindy_table.py -->\n", "<!-- end -->"
 
@@ -103,29 +107,24 @@ def rows(seeds: int, n_samples: int, noises: tuple[float, ...], raw: bool) -> pd
         for word, dofs in EXCITED.items():
             case = chain(seed, dofs, n_samples)
             held |= {(word, noise, seed): (case.m, *channels(case, noise, seed, raw)) for noise in noises}
-    for name, optimizer in OPTIMIZERS.items():
-        for word in EXCITED:
-            for noise in noises:
-                line = {"optimizer": name, "excited": word, "noise": f"{100 * noise:g} %"}
-                if optimizer != "iv" and optimizer is not None:
-                    line["optimizer"] = f"`{name}`"
-                for side, fit in (("here", ours), ("PySINDy", theirs)):
-                    if optimizer == "iv" and side != "here":
-                        line |= {f"{side}: {what}": "" for what in ("worst mass", "terms right", "terms wrong")}
-                        continue
-                    errors, exact, wrong = [], 0, []
-                    for seed in range(seeds):
-                        m, X, F = held[word, noise, seed]
-                        np.random.seed(seed)  # noqa: NPY002  ensembles draw from NumPy's global state
-                        masses, kept = fit(X, F, optimizer)
-                        errors.append(100 * np.abs(masses / m - 1).max())
-                        exact += kept == true
-                        wrong.append(len(kept ^ true))
-                    error = np.median(errors)
-                    line[f"{side}: worst mass"] = "none" if np.isnan(error) else f"{error:.2g} %"
-                    line[f"{side}: terms right"] = f"{exact} of {seeds}"
-                    line[f"{side}: terms wrong"] = f"{np.median(wrong):g}"
-                lines.append(line)
+    for (name, path), word, noise in product(OPTIMIZERS.items(), EXCITED, noises):
+        line = {"optimizer": name, "excited": word, "noise": f"{100 * noise:g} %"}
+        for side, fit in (("here", ours), ("PySINDy", theirs)):
+            found = []
+            for optimizer in path if side == "here" or path != ["iv"] else []:
+                errors, wrong = [], []
+                for seed in range(seeds):
+                    m, X, F = held[word, noise, seed]
+                    np.random.seed(seed)  # noqa: NPY002  ensembles draw from NumPy's global state
+                    masses, kept = fit(X, F, optimizer)
+                    errors.append(100 * np.abs(masses / m - 1).max())
+                    wrong.append(len(kept ^ true))
+                found.append((-wrong.count(0), np.median(wrong), np.median(errors)))
+            exact, wrong, error = min(found, default=(0, 0, 0))
+            shown = "none" if np.isnan(error) else "exact" if error < 1e-6 else f"{error:.2g} %"
+            values = (shown, f"{-exact} of {seeds}", f"{wrong:g}") if found else ("", "", "")
+            line |= dict(zip((f"{side}: {what}" for what in ("worst mass", "terms right", "terms wrong")), values))
+        lines.append(line)
     return pd.DataFrame(lines)
 
 
@@ -143,7 +142,7 @@ def main(arguments: list[str] | None = None) -> pd.DataFrame:
     parser.add_argument("--raw", action="store_true", help="noisy channels as they are")
     given = parser.parse_args(arguments)
     warnings.simplefilter("ignore")
-    table = rows(1, 2000, (0.02,), given.raw) if given.quick else rows(10, 6000, (0.0, 0.02), given.raw)
+    table = rows(1, 2000, (0.02,), given.raw) if given.quick else rows(6, 6000, (0.0, 0.02), given.raw)
     print(markdown(table))
     if given.write:
         page = ROOT / "docs" / "coming_from_pysindy.md"

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pysindy as ps
 
 from ..estimation.regressor import NRFRegressor
 from ..exceptions import ChannelError, NRFError, SimulationError
@@ -67,11 +68,6 @@ class Ruler:
     R: np.ndarray
     size: np.ndarray
 
-    @classmethod
-    def of(cls, model: ChainModel, known: bool, whole: Part, cut: int) -> Ruler:
-        R = model.restoring_force(whole.X, dt=whole.dt)[cut:]
-        return cls(model, known, R, np.sqrt(np.mean(R**2, axis=0)))
-
     def force_error(self, R: np.ndarray) -> float:
         share = np.sqrt(np.mean((R - self.R) ** 2, axis=0)) / self.size
         return float(100 * np.sqrt(np.mean(share**2)))
@@ -116,20 +112,14 @@ class PlainSINDy:
         return np.hstack([data.xdot, data.a])
 
     def library(self, data: Part) -> Any:
-        from pysindy import PolynomialLibrary
-
-        return PolynomialLibrary(self.degree)
+        return ps.PolynomialLibrary(self.degree)
 
     def optimizer(self) -> Any:
-        from pysindy import STLSQ
-
-        return STLSQ(normalize_columns=self.normalise)
+        return ps.STLSQ(normalize_columns=self.normalise)
 
     def fit(self, data: Part) -> None:
-        from pysindy import SINDy
-
         self.forced = data.forced  # a force that is zero throughout would be 0/0 when normalised
-        model = SINDy(optimizer=self.optimizer(), feature_library=self.library(data))
+        model = ps.SINDy(optimizer=self.optimizer(), feature_library=self.library(data))
         rate = self.rate(data)
         self.size = np.linalg.norm(rate, axis=0) if self.targets_of_one else np.ones(rate.shape[1])
         self.model = model.fit(self.state(data), t=data.dt, x_dot=rate / self.size, u=data.F[:, self.forced])
@@ -251,20 +241,16 @@ class HandSteeredSINDy(PlainSINDy):
         return np.hstack([state[:, a.shape[1] :], np.diff(a, axis=1, prepend=0.0)])
 
     def library(self, data: Part) -> Any:
-        from pysindy import GeneralizedLibrary, PolynomialLibrary
-
         n, m = data.n_dof, len(data.forced)
         storeys = [[j, n + j] for j in range(n)]
-        return GeneralizedLibrary(
-            [PolynomialLibrary(self.degree, include_bias=False) for _ in storeys]
-            + [PolynomialLibrary(1, include_bias=False)],
+        return ps.GeneralizedLibrary(
+            [ps.PolynomialLibrary(self.degree, include_bias=False) for _ in storeys]
+            + [ps.PolynomialLibrary(1, include_bias=False)],
             inputs_per_library=[*storeys, list(range(2 * n, 2 * n + m))],
         )
 
     def optimizer(self) -> Any:
-        from pysindy import STLSQ
-
-        return STLSQ(threshold=_HAND_THRESHOLD, alpha=_HAND_RIDGE, normalize_columns=True)
+        return ps.STLSQ(threshold=_HAND_THRESHOLD, alpha=_HAND_RIDGE, normalize_columns=True)
 
     def stiffness(self, n: int) -> np.ndarray:
         inter_storey = self.linear("x")[:, :n]  # d a / d s
@@ -290,7 +276,7 @@ class Ours:
             model = found.regressor("path")
         else:
             model = NRFRegressor(self.degree, optimizer=self.optimizer, estimation=self.estimation, dt=data.dt)
-        self.model = model.fit(data.X, data.F)
+        self.model: Any = model.fit(data.X, data.F)
 
     @property
     def terms(self) -> int:
@@ -365,7 +351,13 @@ def compare(
         raise ChannelError("A force is unknown", "SINDy needs every force: give zeros where none acts.")
     cut = round(len(whole.a) * (1 - heldout))
     search, rest = whole.part(slice(0, cut)), whole.part(slice(cut, None))
-    given = _optimizers(optimizers)
+    given: Any = optimizers
+    if given is None:
+        given = {"STLSQ": ps.STLSQ(), "STLSQ, threshold 0.01": ps.STLSQ(threshold=0.01)}
+    if given == "select":
+        given = {f"{name} selected": path for name, path in default_paths().items()}
+    if isinstance(given, str):
+        raise NRFError(f"optimizers={given!r} is unknown", "Give 'select', or optimizers by name.")
     entries: dict[str, Any] = {
         "SINDy, defaults": PlainSINDy(degree, normalise=False),
         "SINDy, normalised": PlainSINDy(degree, normalise=True),
@@ -377,7 +369,9 @@ def compare(
     with warnings.catch_warnings(action="ignore"):
         reference = Ours(degree, None)
         reference.fit(search)
-        ruler = Ruler.of(truth if truth is not None else reference.model.model_, truth is not None, whole, cut)
+        model = reference.model.model_ if truth is None else truth
+        R = model.restoring_force(whole.X, dt=whole.dt)[cut:]
+        ruler = Ruler(model, truth is not None, R, np.sqrt(np.mean(R**2, axis=0)))
         found = {name: row_of(entry, search, rest, ruler, free_run, time_limit) for name, entry in entries.items()}
     lines = {name: line for name, (line, _) in found.items()}
     forces = {name: R for name, (_, R) in found.items() if R is not None}
@@ -467,18 +461,6 @@ def compare_with_sindy(
         X, F, dt, truth=truth, degree=degree, optimizers=optimizers, heldout=heldout, free_run=free_run,
         time_limit=time_limit, coordinates=coordinates,
     ).table  # fmt: skip
-
-
-def _optimizers(given: Mapping[str, Any] | str | None) -> Mapping[str, Any]:
-    if given is None:
-        from pysindy import STLSQ
-
-        return {"STLSQ": STLSQ(), "STLSQ, threshold 0.01": STLSQ(threshold=0.01)}
-    if given == "select":
-        return {f"{name} selected": path for name, path in default_paths().items()}
-    if isinstance(given, str):
-        raise NRFError(f"optimizers={given!r} is unknown", "Give 'select', or optimizers by name.")
-    return given
 
 
 COLUMNS = [

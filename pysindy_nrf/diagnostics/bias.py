@@ -25,7 +25,7 @@ from ..regression.chain_solve import Solution, groups_of, solve
 from ..regression.errors import balance_sizes
 from ..regression.gram_pass import GramPass
 from ..regression.grams import BlockGrams
-from ..regression.layout import Block, LawLayout, Layout, Recipe
+from ..regression.layout import Block, LawLayout, Layout, Recipe, copies
 from .windows import FOLDS, LASTING, OFFERED, Window
 
 GAIN = 5.0  # percent of the held-out residual that the extra columns must remove
@@ -135,17 +135,17 @@ def _widened(recipe: Recipe | None, layout: LawLayout, wide: Layout) -> Recipe:
     """Recipe of own and offered columns from [source of the own | offered columns of each site]."""
     if recipe is None:  # the columns of the laws are given
         given = np.arange(layout.n_terms)
-        recipe = Recipe(np.column_stack([given, given, np.full_like(given, -1)]), (), (), layout.n_terms)
+        recipe = Recipe(*copies(given, given), (), (), layout.n_terms)
     sites = layout.acting
     own = [row for s in sites for row in range(wide.slices[s].start, wide.slices[s].stop - OFFERED)]
     offered = [row for s in sites for row in range(wide.slices[s].stop - OFFERED, wide.slices[s].stop)]
     helpers = np.arange(max(0, int(recipe.steps[:, 0].max(initial=-1)) + 1 - layout.n_terms))
-    at = np.array([*own, *(wide.n_terms + helpers)], dtype=np.int64)
-    row, p, q = recipe.steps.T
-    steps = np.column_stack([at[row], np.where(q < 0, p, at[np.where(q < 0, 0, p)]) if len(at) else p, q])
-    added = np.column_stack([offered, recipe.n_source + np.arange(len(offered)), np.full(len(offered), -1)])
-    whole = np.vstack([steps, added]).astype(np.int64)
-    return replace(recipe, steps=whole, n_source=recipe.n_source + len(offered))
+    at = np.array([*own, *(wide.n_terms + helpers), -1], dtype=np.int64)
+    row, x, p, q = recipe.steps.T
+    added = copies(offered, recipe.n_source + np.arange(len(offered)))
+    whole = np.vstack([np.column_stack([at[row], x, at[p], at[q]]), added[0]])
+    numbers = np.vstack([recipe.numbers, added[1]])
+    return replace(recipe, steps=whole, numbers=numbers, n_source=recipe.n_source + len(offered))
 
 
 def _combination(step: Any, layout: LawLayout, coefficients: dict, masses: dict, grams: BlockGrams) -> np.ndarray:

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
 TILE = 256  # samples whose columns stay in the first and second cache
 _PAD = 8  # rows of the scratch are not a power of two apart, which would map them onto one cache line
-_COPY = -1  # second factor of a row that is copied
 
 
 class Plan:
@@ -44,6 +43,8 @@ class Plan:
                 for j, right in enumerate(own[: i + 1]):
                     low, high = sorted((left, right), key=units.__getitem__)
                     (x, m), (y, k) = units[high], units[low]
+                    if x != y and counts[low] == 2:
+                        k = 2  # acceleration and force of a DOF need no third column
                     if (x, y) not in place:
                         place[x, y] = size
                         pairs.append((x, m, y, k, size))
@@ -60,7 +61,7 @@ class Plan:
         self.size = size
         self.n_rows = sum(size for _, size in units.values())
         self._channels = np.r_[3 * np.arange(n), 3 * np.arange(n) + 1]
-        self._placed: tuple[Recipe | None, np.ndarray, np.ndarray, int] | None = None
+        self._placed: tuple[Recipe | None, np.ndarray, np.ndarray, np.ndarray, int] | None = None
         self._own = local()  # each thread's scratch
 
     def multiply(self, block: Block, store: np.ndarray) -> None:
@@ -68,37 +69,30 @@ class Plan:
         recipe, placed = block.recipe, self._placed
         if placed is None or placed[0] is not recipe:
             self._placed = placed = recipe, *self._rows(recipe)
-        _, places, steps, n_rows = placed
+        _, places, steps, numbers, n_rows = placed
         scratch = getattr(self._own, "scratch", None)
         if scratch is None or len(scratch) < n_rows:
             self._own.scratch = scratch = np.zeros((n_rows, TILE + _PAD))
         source = block.terms if recipe is None else block.source
         given = (np.asarray(x, dtype=np.float64) for x in (block.acceleration, block.force, source))
-        _kernel()(*given, places, steps, self.sums, self.masses, self.pairs, scratch, store)
+        _kernel()(*given, places, steps, numbers, self.sums, self.masses, self.pairs, scratch, store)
 
-    def _rows(self, recipe: Recipe | None) -> tuple[np.ndarray, np.ndarray, int]:
+    def _rows(self, recipe: Recipe | None) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
         """Rows of the channels of a block, how those of the terms are built from them, and how many there are."""
         if recipe is None:
             places = _places(self._channels, self.terms)
-            return places, np.zeros((0, 3), dtype=np.int64), self.n_rows
+            return places, np.zeros((0, 4), dtype=np.int64), np.zeros((0, 3)), self.n_rows
         helpers = max(0, int(recipe.steps[:, 0].max(initial=-1)) + 1 - len(self.terms))
         size = self.n_rows + helpers
-        rows = np.concatenate([self.terms, np.arange(self.n_rows, size)])
+        rows = np.concatenate([self.terms, np.arange(self.n_rows, size), [-1]])
+        copies = (recipe.steps[:, 2:] < 0).all(axis=1) & (recipe.numbers == (1.0, 0.0, 0.0)).all(axis=1)
         at = np.full(recipe.n_source, -1)
-        steps = []
-        for row, p, q in recipe.steps.tolist():
-            if q != _COPY:
-                steps.append((rows[row], rows[p], q))
-            elif at[p] < 0:  # a channel that is a term is put where the term stands
-                at[p] = rows[row]
-            else:
-                steps.append((rows[row], at[p], _COPY))
+        at[recipe.steps[copies, 1]] = rows[recipe.steps[copies, 0]]  # put where the (last) term stands
         beside = np.flatnonzero(at < 0)
         at[beside] = size + np.arange(len(beside))
-        moved = np.array(steps, dtype=np.int64).reshape(-1, 3)
-        product = moved[:, 2] != _COPY
-        moved[product, 2] = at[moved[product, 2]]
-        return _places(self._channels, at), moved, size + len(beside)
+        steps = np.column_stack([rows[recipe.steps[:, 0]], at[recipe.steps[:, 1]], rows[recipe.steps[:, 2:]]])
+        left = steps[:, 0] != steps[:, 1]
+        return _places(self._channels, at), steps[left], recipe.numbers[left], size + len(beside)
 
 
 def _places(*rows: np.ndarray) -> np.ndarray:
@@ -137,13 +131,34 @@ def _kernel() -> Callable[..., None]:
         out[at + 2 * step + 1] += s21
         out[at + 2 * step + 2] += s22
 
-    threes = inline(dot33, fastmath={"reassoc", "contract", "nsz"})
+    def dot32(x, i, j, b, out, at):
+        s00 = s01 = s10 = s11 = s20 = s21 = 0.0
+        for t in range(b):
+            a0, a1, a2, b0, b1 = x[i, t], x[i + 1, t], x[i + 2, t], x[j, t], x[j + 1, t]
+            s00 += a0 * b0
+            s01 += a0 * b1
+            s10 += a1 * b0
+            s11 += a1 * b1
+            s20 += a2 * b0
+            s21 += a2 * b1
+        out[at] += s00
+        out[at + 1] += s01
+        out[at + 2] += s10
+        out[at + 3] += s11
+        out[at + 4] += s20
+        out[at + 5] += s21
+
+    fast = {"reassoc", "contract", "nsz"}
+    threes, twos = inline(dot33, fastmath=fast), inline(dot32, fastmath=fast)
 
     def product(x, i, m, j, k, b, out, at):
         """Rows i..i+m times rows j..j+k into out[at:], row-major; only once for a pair of equal rows."""
         for p in range(0, m, 3):
-            for q in range(0, p + 3 if i == j else k, 3):
-                threes(x, i + p, j + q, b, out, at + p * k + q, k)
+            if k == 2:
+                twos(x, i + p, j, b, out, at + 2 * p)
+            else:
+                for q in range(0, p + 3 if i == j else k, 3):
+                    threes(x, i + p, j + q, b, out, at + p * k + q, k)
 
     products = inline(product)
 
@@ -155,7 +170,15 @@ def _kernel() -> Callable[..., None]:
         for t in range(out.size):
             out[t] = left[t] * right[t]
 
-    copied, multiplied = inline(copy), inline(multiply)
+    def scale(out, x, g, h):
+        for t in range(out.size):
+            out[t] = g * x[t] + h
+
+    def ascend(out, x, below, second, g, h, k):
+        for t in range(out.size):
+            out[t] = (g * x[t] + h) * below[t] + k * second[t]
+
+    copied, multiplied, scaled, ascended = (inline(f) for f in (copy, multiply, scale, ascend))
 
     def load(x, places, channels, start, b):
         if abs(channels.strides[0]) < abs(channels.strides[1]):  # the channels of a sample lie side by side
@@ -169,7 +192,7 @@ def _kernel() -> Callable[..., None]:
 
     loaded = inline(load)
 
-    def gram_pass(a, force, source, places, steps, sums, masses, pairs, x, store):
+    def gram_pass(a, force, source, places, steps, numbers, sums, masses, pairs, x, store):
         n = a.shape[0]
         for start in range(0, a.shape[1], TILE):
             b = min(TILE, a.shape[1] - start)
@@ -188,11 +211,16 @@ def _kernel() -> Callable[..., None]:
                         x[row, t] += x[3 * j + 1, t] - masses[j] * x[3 * j, t]
                 end = sums[i]
             for k in range(steps.shape[0]):
-                row, p, q = steps[k, 0], steps[k, 1], steps[k, 2]
-                if q < 0:
-                    copied(x[row, :b], x[p, :b])
+                row, of, p, q = steps[k, 0], steps[k, 1], steps[k, 2], steps[k, 3]
+                g, h, c = numbers[k, 0], numbers[k, 1], numbers[k, 2]
+                if p < 0:
+                    scaled(x[row, :b], x[of, :b], g, h)
+                elif q < 0 and g == 1.0 and h == 0.0:
+                    multiplied(x[row, :b], x[p, :b], x[of, :b])
+                elif q < 0:
+                    ascended(x[row, :b], x[of, :b], x[p, :b], x[p, :b], g, h, 0.0)
                 else:
-                    multiplied(x[row, :b], x[p, :b], x[q, :b])
+                    ascended(x[row, :b], x[of, :b], x[p, :b], x[q, :b], g, h, c)
             for k in range(pairs.shape[0]):
                 products(x, pairs[k, 0], pairs[k, 1], pairs[k, 2], pairs[k, 3], b, store, pairs[k, 4])
 
@@ -200,6 +228,6 @@ def _kernel() -> Callable[..., None]:
     given, whole = types.Array(types.float64, 2, "A", readonly=True), types.Array(types.float64, 2, "C")
     places, table = types.Array(types.uint64, 1, "C"), types.Array(types.int64, 2, "C")
     line, starts = types.Array(types.float64, 1, "C"), types.Array(types.int64, 1, "C")
-    multiply_all.compile((given, given, given, places, table, starts, line, table, whole, line))
+    multiply_all.compile((given, given, given, places, table, whole, starts, line, table, whole, line))
     multiply_all.disable_compile()
     return multiply_all

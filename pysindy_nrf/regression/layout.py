@@ -65,49 +65,66 @@ class Layout:
 
 @dataclass(frozen=True)
 class Recipe:
-    """Columns v^h s^j as products of earlier columns with v or s."""
+    """Columns that follow from earlier ones: v^h s^j, and what laws state as a recurrence."""
 
-    # (n_steps, 3); ``(row, p, q)``: the row is row p of the source if q is -1, else row p times row q of the source.
-    # Rows from ``n_terms`` on are helpers
+    # (n_steps, 4); ``(row, x, p, q)``: the row is (g x + h) times row p plus k times row q, where x is a row of the
+    # source; a p of -1 stands for ones, a q of -1 for nothing. Rows from ``n_terms`` on are helpers
     steps: np.ndarray
+    numbers: np.ndarray  # (n_steps, 3); g, h and k
     motions: tuple[Site, ...]  # sites whose rates are the first rows of the source, and whose drifts are the next ones
-    # laws (by site and number) whose columns are no such products, and how many of them follow in the source, in order
+    # laws (by site and number) whose columns follow from no others, and how many of them follow in the source, in order
     others: tuple[tuple[Site, int, int], ...]
     n_source: int  # rows of the source
 
     def finish(self, source: np.ndarray, n_terms: int) -> np.ndarray:
         """All columns of a block."""
         out = np.empty((max(n_terms, int(self.steps[:, 0].max(initial=-1)) + 1), source.shape[1]))
-        for row, p, q in self.steps.tolist():
-            if q < 0:
-                out[row] = source[p]
-            else:
-                np.multiply(out[p], source[q], out=out[row])
+        for (row, x, p, q), (g, h, k) in zip(self.steps.tolist(), self.numbers.tolist()):
+            np.multiply(source[x], g, out=out[row])
+            out[row] += h
+            if p >= 0:
+                out[row] *= out[p]
+            if q >= 0:
+                out[row] += k * out[q]
         return out[:n_terms]
 
 
+_PLAIN = 1.0, 0.0, 0.0  # g, h and k of a copy or product
+
+
+def copies(rows: Any, sources: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Steps, and their numbers, that take rows as they stand in the source."""
+    steps = np.full((len(rows), 4), -1, dtype=np.int64)
+    steps[:, 0], steps[:, 1] = rows, sources
+    return steps, np.tile(_PLAIN, (len(rows), 1))
+
+
 def _recipe(layout: LawLayout) -> Recipe:
-    steps: list[tuple[int, int, int]] = []
+    steps: list[tuple[int, int, int, int]] = []
+    numbers: list[Sequence[float]] = []
     motions: list[Site] = []
     others: list[tuple[Site, int, int]] = []
     given: list[int] = []  # first column of each of them
     helper = layout.n_terms
     for site in layout.acting:
-        at = layout.slices[site].start
+        at, v = layout.slices[site].start, 2 * len(motions)
         made: dict[tuple[int, int], int] = {}
         rows: dict[tuple[int, int], int] = {}
         for number, law in enumerate(layout.laws[site]):
             width = len(law.terms())
-            powers = _products(law)
-            if powers is not None:
+            recurrence = law.recurrence()
+            powers = _products(law) if recurrence is None else None
+            if recurrence is not None:
+                steps += [(at + i, v + x, *(at + k if k >= 0 else -1 for k in pq)) for i, x, *pq in recurrence[0]]
+                numbers += recurrence[1]
+            elif powers is not None:
                 rows |= {power: at + k for k, power in enumerate(powers)}
             else:
                 others.append((site, number, width))
                 given.append(at)
             at += width
-        v = 2 * len(motions)
-        if rows:
-            motions.append(site)
+            if site not in motions[-1:] and (recurrence is not None or powers is not None):
+                motions.append(site)
         for power in sorted(rows, key=sum):
             chain = [power]  # down to what is there already: s is taken off first, as the power series multiplies
             while sum(chain[-1]) > 1:
@@ -122,18 +139,18 @@ def _recipe(layout: LawLayout) -> Recipe:
                 row = rows.get((h, j))
                 if row is None:
                     row, helper = helper, helper + 1
-                if h + j == 1:
-                    steps.append((row, v + j, -1))
-                else:
-                    steps.append((row, made[(h, j - 1) if j else (h - 1, 0)], v + (1 if j else 0)))
+                steps.append((row, v + (j > 0), made.get((h, j - 1) if j else (h - 1, 0), -1), -1))
+                numbers.append(_PLAIN)
                 made[h, j] = row
     size = 2 * len(motions)
     order = np.arange(size).reshape(2, -1).T.ravel()  # rates first, then drifts
-    steps = [(row, order[p], q) if q < 0 else (row, p, order[q]) for row, p, q in steps]
+    steps = [(row, int(order[x]), p, q) for row, x, p, q in steps]
     for (_, _, width), at in zip(others, given):
-        steps += [(at + k, size + k, -1) for k in range(width)]
+        steps += [(at + k, size + k, -1, -1) for k in range(width)]
+        numbers += [_PLAIN] * width
         size += width
-    return Recipe(np.array(steps, dtype=np.int64).reshape(-1, 3), tuple(motions), tuple(others), size)
+    table = np.array(steps, dtype=np.int64).reshape(-1, 4)
+    return Recipe(table, np.array(numbers, dtype=float).reshape(-1, 3), tuple(motions), tuple(others), size)
 
 
 _PROBE = Motion(np.array([0.7, -1.3, 0.4]), np.array([-0.6, 0.8, 1.7]))

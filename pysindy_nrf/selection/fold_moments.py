@@ -122,6 +122,17 @@ class OrthogonalPowers(Monomials):
         """Columns, by one multiplication each."""
         return self._products(self._v(motion.v), self._s(motion.s))
 
+    def recurrence(self) -> tuple[list[tuple[int, int, int, int]], list[tuple[float, float, float]]]:
+        """Along s from one column to the next, and along v where there is no s."""
+        place = {pair: i for i, pair in enumerate(self.exponents)}
+        rows, numbers = [], []
+        for (h, j), i in place.items():
+            along, k = (self._s, j) if j else (self._v, h)
+            below, second = ((h, j - n) if j else (h - n, 0) for n in (1, 2))
+            rows.append((i, int(j > 0), place.get(below, -1), place[second] if k > 2 else -1))
+            numbers.append((1.0 / along.scale, -float(along.a[k - 1]), -float(along.b[k - 1]) if k > 2 else 0.0))
+        return rows, numbers
+
     @property
     def change(self) -> np.ndarray:
         """The columns times this are the powers, shape (n_terms, n_terms)."""

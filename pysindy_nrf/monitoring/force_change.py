@@ -110,13 +110,12 @@ def cut_of(
         blocks = []
         for seg, motion, filter, cut in zip(tests[test].segments, motions, filters[test], edges[test]):
             force = _force_above(storey, seg, models[test], masses)
-            if np.isnan(force).any():
-                continue
             terms, columns = _columns(motion, unit, [m.laws.get(site, ()) for m in models])
             rows = np.column_stack([columns, seg.a[seg.valid] * above, force])
             rows = rows if filter is None else filter.apply(rows)
             v, s = motion.v, motion.s
-            inside = (v >= low[0]) & (v <= high[0]) & (s >= low[1]) & (s <= high[1])
+            known = not np.isnan(force).any()  # a record of unknown forces counts as blocks without samples
+            inside = known & (v >= low[0]) & (v <= high[0]) & (s >= low[1]) & (s <= high[1])
             count[test] += int(inside.sum())
             blocks += [(part := rows[a:b][inside[a:b]]).T @ part for a, b in zip(cut[:-1], cut[1:])]
         if not count[test]:
@@ -141,14 +140,15 @@ class Comparison:
         self.base = [j - 1 for j in free] + [n + j - 1 for j in own]  # those that nobody asks about
         self.found: list[int] = []
         self.p: dict[int, float] = {}
+        departures = np.zeros(n)
         for _ in range(3):  # cuts and tests are weighted by what they leave, which depends on the masses
-            self.total = self._total(self.departures)
+            self.total = self._total(departures)
+            departures[[j - 1 for j in self.free]] = self._solved()[0, : len(self.free)]
 
     def cut(self, storey: int) -> Cut:
         """The cut below a storey's floor; a ChainError if not all forces above it are known."""
-        for cut in self.cuts:
-            if cut.storey == storey:
-                return cut
+        if held := [cut for cut in self.cuts if cut.storey == storey]:
+            return held[0]
         raise ChainError(f"The force of storey {storey} is not known in both tests", "Measure all forces above it.")
 
     @property
@@ -170,19 +170,11 @@ class Comparison:
 
     def error_of_shape(self, storey: int) -> float:
         """Standard error of the difference of a storey's shape parameters, as a share of it."""
-        at = [i for i, name in enumerate(self.names) if name == (f"storey {storey}", "shape")]
-        if not at:
+        name = f"storey {storey}", "shape"
+        if name not in self.names:
             return np.nan
-        use = list(dict.fromkeys([*self.base, *self.found, *at]))
-        return float(np.sqrt(self._variance(self._solved(at)[:, use.index(at[0])])))
-
-    @property
-    def departures(self) -> np.ndarray:
-        """Masses found in both tests less those given, kg."""
-        out = np.zeros(len(self.masses))
-        if hasattr(self, "total"):
-            out[[j - 1 for j in self.free]] = self._solved()[0, : len(self.free)]
-        return out
+        use = list(dict.fromkeys([*self.base, *self.found, self.names.index(name)]))
+        return float(np.sqrt(self._variance(self._solved(use)[:, use.index(self.names.index(name))])))
 
     def _total(self, departures: np.ndarray) -> np.ndarray:
         """Gram matrices of all unknowns and the forces: of all blocks, and without each of them."""
@@ -215,7 +207,8 @@ class Comparison:
 
     def search(self, level: float, least: float) -> None:
         """Take in one difference after the other: that which removes most, if it is sure and large."""
-        asked = [i for i in range(len(self.masses), len(self.names)) if i not in self.base]
+        n = len(self.masses)
+        asked = [i for i in range(n, len(self.names)) if i not in self.base and (i >= 2 * n or i - n + 1 in self.free)]
         while (best := self._best(asked, level, least)) is not None:
             place = self.names[best[0]][0]
             mine = [i for i in asked if self.names[i][0] == place]

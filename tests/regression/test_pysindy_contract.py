@@ -10,7 +10,6 @@ import pysindy as ps
 import pytest
 from pysindy import AxesArray
 from sklearn.base import clone
-from sklearn.exceptions import NotFittedError
 
 from pysindy_nrf import (
     Chain,
@@ -52,12 +51,6 @@ def test_fit_counts_what_transform_gives_as_an_axes_array(library):
     assert out.shape == (len(X), library.n_output_features_) and np.isfinite(out).all()
     assert library.size == library.n_output_features_ == len(library.get_feature_names())
     assert isinstance(out, AxesArray) and (out.ax_time, out.ax_coord) == (0, 1)
-
-
-def test_not_fitted(library):
-    for ask in (lambda: library.transform(X), library.get_feature_names, lambda: library.size):
-        with pytest.raises(NotFittedError):
-            ask()
 
 
 def test_feature_names_with_and_without_input_features(library):
@@ -244,8 +237,3 @@ def test_a_weight_of_two_is_the_row_twice(kind, inner):
         assert np.allclose(ours.masses_, again.masses_, rtol=1e-9) and ours.n_samples_ == len(twice)
         assert np.allclose(ours.errors_["error"], again.errors_["error"], rtol=1e-9)
         assert np.allclose(ours.masses_, np.diag(weighted), rtol=1e-9)
-
-
-def test_weights_are_for_least_squares_in_memory():
-    with pytest.raises(ChannelError, match="sample_weight is for least squares"):
-        NRFRegressor(estimation="iv", dt=1e-3).fit(X, X[:, :3], sample_weight=np.ones(len(X)))

@@ -156,6 +156,7 @@ def test_balances_without_a_force_do_not_lower_a_score(case):
         (lambda X, F: ChainOptimizer(terms=9).fit(X, F), "terms=9 does not fit . columns at 3 sites.*terms=library"),
         (lambda X, F: ChainOptimizer(terms=[2] * 3, known_masses=[1.0]).fit(X, F), "known_masses=\\[1.0\\] is not a mapping"),
         (lambda X, F: ChainOptimizer(terms=[2] * 3, excited="2").fit(X, F), "excited names DOF '2'"),
+        (lambda X, F: NRFRegressor(estimation="iv", dt=1.0).fit(X, F, np.ones(len(X))), "sample_weight is for least squares"),
         (lambda X, F: Chain(3).identifiability(True), "excited names DOF True"),
         (lambda X, F: excitation.band_limited_random(3, 1.0, 100.0, excited=4, rms=1.0, band=(1, 9)), "excited names DOF 4"),
     ],

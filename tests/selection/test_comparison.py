@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import chains
 import numpy as np
 import pysindy as ps
@@ -160,19 +158,3 @@ def test_the_held_out_rule_chooses_within_the_first_part(case):
     assert (row.terms, row.precision, row.recall) == (8, 1.0, 1.0)
     assert row.note.startswith("chosen: threshold=0.005")
     assert row.mass_error < 1 and row.balance_error > 1  # fitted to the first part, judged on the rest
-
-
-@pytest.mark.slow
-def test_the_benchmark_runs_and_every_optimizer_of_ours_finds_the_true_terms(monkeypatch):
-    benchmarks = Path(__file__).parents[2] / "benchmarks"
-    if not benchmarks.exists():
-        pytest.skip("the benchmarks are not part of an installed package")
-    monkeypatch.syspath_prepend(str(benchmarks))
-    import compare_with_sindy as benchmark
-
-    table = benchmark.main(["--quick"])
-    ours = table[table.index.get_level_values("model").str.contains("selected")]
-    assert len(ours) == 10 and (ours["recall"] == 1.0).all() and (ours["precision"] == 1.0).all()
-    plain = table.xs("SINDy, defaults", level="model")
-    assert (plain["recall"] < 1).all() and (plain["restoring_force_error"] > 20).all()
-    assert (ours["restoring_force_error"] < 1.0).all()

@@ -12,7 +12,7 @@ import paper_cases as cases
 import pytest
 from chains import driven
 
-from pysindy_nrf import ChainModel, NRFRegressor, Record, close_loop, excitation, laws, simulate
+from pysindy_nrf import ChainModel, NRFRegressor, Record, excitation, laws, simulate
 from pysindy_nrf.data.io import read_record
 from pysindy_nrf.exceptions import DataQualityWarning
 from pysindy_nrf.signals.channel_checks import check_channels, data_warnings
@@ -85,14 +85,6 @@ def test_fit_says_it_once(estimation):
         NRFRegressor(degree=1, estimation=estimation).fit(rec)
     named = [w for w in caught if w.category is DataQualityWarning and "a3" in str(w.message)]
     assert len(named) == 1 and "opposite sign" in str(named[0].message)
-
-
-def test_the_loop_says_it_too():
-    with pytest.warns(DataQualityWarning, match="x2 .* mm"):
-        try:
-            close_loop(FAULTS["mm beside m/s^2"][0](), catalogue=["linear_stiffness"])
-        except Exception:  # what becomes of such data is another matter
-            pass
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.1])

@@ -33,7 +33,7 @@ MISSING = 2.0  # percent of the balance's right-hand side that they must explain
 STILL = 90.0  # percent of the held-out residual that a constant and a ramp must remove for zeros to be doubted
 _PIVOT = 1e-10  # of a Gram matrix of columns of unit length; below it columns may depend on each other
 _ROUND_OFF = 1e-6  # share of the balance below which a residual is round-off
-_ROWS_PER_COLUMN = 20  # fewer samples than this are too few for further columns
+ROWS_PER_COLUMN = 20  # fewer samples than this are too few for further columns
 
 
 class MissingTerms:
@@ -75,7 +75,7 @@ class MissingTerms:
             combine = _combination(step, self.layout, self.coefficients, self.masses, folds)
             n_own = len(step.masses) + sum(self.layout.counts[s] for s in step.sites)
             p = combine.shape[1] - 1
-            enough = self.counts[step.dofs] >= 2 * FOLDS and self.n_rows >= _ROWS_PER_COLUMN * p
+            enough = self.counts[step.dofs] >= 2 * FOLDS and self.n_rows >= ROWS_PER_COLUMN * p
             grams = combine.T @ folds.matrices[step.dofs] @ combine
             alike.setdefault((p, n_own), []).append((step.name, bool(step.masses), enough, grams))
         rows: dict[str, np.ndarray] = {}
@@ -179,9 +179,9 @@ def _judged(grams: np.ndarray, n_own: int, has_mass: np.ndarray, enough: np.ndar
     lasting_from = max(p - LASTING, n_own)  # no site, no further columns
     both = np.arange(lasting_from)
     still = np.r_[own, lasting_from:p]
-    alone = _solve(total, own)
+    alone = solved(total, own)
     force = total[:, p, p]
-    share = np.sqrt(_left(total, own, alone) / np.where(force > 0, force, 1.0))
+    share = np.sqrt(left_over(total, own, alone) / np.where(force > 0, force, 1.0))
     out = np.zeros((len(grams), 4))
     out[:, 0] = 100 * share
     out[~has_mass, 2] = np.nan
@@ -189,18 +189,18 @@ def _judged(grams: np.ndarray, n_own: int, has_mass: np.ndarray, enough: np.ndar
     if some.size:
         tests = grams[some]
         train = total[some, None] - tests
-        with_own, *with_more = (_left(tests, c, _solve(train, c)).sum(axis=1) for c in (own, both, still))
+        with_own, *with_more = (left_over(tests, c, solved(train, c)).sum(axis=1) for c in (own, both, still))
         for at, left in zip((1, 3), with_more):
             out[some, at] = 100 * np.maximum(0.0, 1 - left / with_own)
         moved = some[has_mass[some]]
         if moved.size:
             mass = alone[moved, 0]
-            new = _solve(total[moved], both)[:, 0]
+            new = solved(total[moved], both)[:, 0]
             out[moved, 2] = np.where(mass, 100 * (new / np.where(mass, mass, 1.0) - 1), 0.0)
     return out
 
 
-def _solve(grams: np.ndarray, columns: np.ndarray) -> np.ndarray:
+def solved(grams: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Coefficients of some columns from the Gram matrices of [columns | right-hand side], the last axes."""
     matrix, target = grams[..., columns[:, None], columns], grams[..., columns, -1]
     if not columns.size:
@@ -217,7 +217,7 @@ def _solve(grams: np.ndarray, columns: np.ndarray) -> np.ndarray:
     return out
 
 
-def _left(grams: np.ndarray, columns: np.ndarray, c: np.ndarray) -> np.ndarray:
+def left_over(grams: np.ndarray, columns: np.ndarray, c: np.ndarray) -> np.ndarray:
     """Residual sums of squares of given coefficients."""
     matrix, target = grams[..., columns[:, None], columns], grams[..., columns, -1]
     image = (matrix @ c[..., None])[..., 0] - 2 * target

@@ -65,7 +65,7 @@ def diagnose(model: Any) -> Diagnosis:
 def _doubts(model: Any) -> list[Finding]:
     """Findings that ``fit`` warned of: faulty channels, contradicting balances, implausible masses."""
     # a faulty channel causes many other findings; noise in the motion, if found, explains a doubtful mass
-    gravity = {"channels": 7.0, "forces": 6.0, "masses": 3.9}
+    gravity = {"channels": 7.0, "records": 6.5, "forces": 6.0, "masses": 3.9}
     return [
         (gravity[key], "channel" if key == "channels" else "doubt", key, np.nan, text)
         for key, held in model.data_warnings_.items()

@@ -28,6 +28,7 @@ class Window:
     block: Block
     offered: dict[Site, np.ndarray]
     every: int = 1  # one sample of so many is enough where their order does not matter
+    record: int = 0  # number of the segment
 
     @property
     def n_samples(self) -> int:
@@ -47,7 +48,8 @@ class Window:
         if self.every == 1:
             return self
         some = slice(None, None, self.every)
-        return Window(self.block.take(some), {site: x[:, some] for site, x in self.offered.items()})
+        offered = {site: x[:, some] for site, x in self.offered.items()}
+        return Window(self.block.take(some), offered, record=self.record)
 
 
 def collect(layout: LawLayout, data: SegmentSet, band: Any, diagnostics: Sequence[Any]) -> None:
@@ -70,7 +72,7 @@ def windows(layout: LawLayout, data: SegmentSet, band: Any) -> Iterator[Window]:
     every = max(1, -(-total // (size * _WINDOWS)))
     thin = max(1, total // every // _ENOUGH)
     count = 0
-    for seg, filter in zip(data.segments, filters_of(band, data)):
+    for record, (seg, filter) in enumerate(zip(data.segments, filters_of(band, data))):
         if whole:
             block = next(iter(seg.blocks(layout, filter=filter)))
             extra = list(probe_regressors(*_motions(seg, layout), scales, _clock(seg.n_valid, slice(0, seg.n_valid))))
@@ -85,12 +87,13 @@ def windows(layout: LawLayout, data: SegmentSet, band: Any) -> Iterator[Window]:
             if (count - 1) % every:
                 continue
             if whole:
-                yield Window(block.take(rows), dict(zip(layout.acting, (e[:, rows] for e in extra))), thin)
+                probes = dict(zip(layout.acting, (e[:, rows] for e in extra)))
+                yield Window(block.take(rows), probes, thin, record)
             else:
                 piece = _part(seg, rows)
                 window = window or next(iter(piece.blocks(layout, size=rows.stop - rows.start)))
                 offered = probe_regressors(*_motions(piece, layout, window), scales, _clock(n, rows))
-                yield Window(window, dict(zip(layout.acting, offered)), thin)
+                yield Window(window, dict(zip(layout.acting, offered)), thin, record)
 
 
 def _clock(n: int, rows: slice) -> np.ndarray:

@@ -14,6 +14,7 @@ from sklearn.base import BaseEstimator, RegressorMixin
 from ..data.channels import column_names, require_two_dimensions, same_columns, sample_weights
 from ..data.record import Record
 from ..diagnostics.bias import JumpBias, MissingTerms, contradictions_of, sentences_of, warn_of_bias
+from ..diagnostics.forces import ForceProbes, copies_of
 from ..diagnostics.windows import collect
 from ..exceptions import ChainError, ChannelError, DataQualityWarning
 from ..mechanics.chain import Chain, chain_of
@@ -104,8 +105,9 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         a BiasWarning is raised if they differ.
     data_warnings_ : dict of str to list of str
         ``"channels"``: texts of the DataQualityWarning on channels (units, sign, gain, delay, clipped, dead). Texts of
-        the BiasWarning: ``"forces"``, balances that contradict each other (a force in other units, a wrong known mass),
-        and ``"masses"``, which are not positive or not determined against noise.
+        the BiasWarning: ``"records"``, copies of others; ``"forces"``, balances that contradict each other (a force in
+        other units, a wrong known mass), a force whose channel is not linear or steady, records of unlike structures;
+        ``"masses"``, which are not positive or not determined against noise.
     model_ : ChainModel
     problem_ : Problem
         The problem solved: chain, laws with their shape parameters, known masses, band, strategy and optimizer.
@@ -350,14 +352,17 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         held = layout if least_squares else None  # the shapes of its laws are those of the model
         terms = MissingTerms(model, solve_order, held)
         jumps = JumpBias(model, solve_order, problem.known_masses, problem.optimizer, silent, held)
-        collect(terms.layout, judged, self.band, [terms, *jumps.active])
+        forces = [] if self._records is None else [ForceProbes(terms.layout, judged)]
+        collect(terms.layout, judged, self.band, [terms, *jumps.active, *forces])
         self.missing_terms_, self.jump_bias_ = terms.table(), jumps.table()
         self.data_warnings_ = {
             "channels": data.doubts,
-            "forces": contradictions_of(solution, grams),
+            "forces": contradictions_of(solution, grams) + [one for held in forces for one in held.sentences()],
+            "records": copies_of(data) if forces else [],
             "masses": doubtful_masses(solution) + lost_masses(model),
         }
-        said = [*self.data_warnings_["forces"], *self.data_warnings_["masses"], *sentences_of(self.jump_bias_)]
+        said = [text for key in ("records", "forces", "masses") for text in self.data_warnings_[key]]
+        said += sentences_of(self.jump_bias_)
         warn_of_bias(self.missing_terms_, said, stacklevel=5)
 
     def __sklearn_is_fitted__(self) -> bool:

@@ -4,6 +4,7 @@ import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -64,7 +65,7 @@ def check_channels(record: Record, warn: bool = False) -> pd.DataFrame:
         if what:
             rows.append((name, "filled", len(filled) / len(values), f"{name} holds {what}. {FILLED}"))
             continue
-        for problem, check in (("dead", _stuck), ("clipped", _clipped), ("quantised", _quantised), ("spiky", _spiky)):
+        for problem, check in (*_CHECKS, ("hum", partial(_hum, fs=record.fs))):
             if found := check(name, y):
                 rows.append((name, problem, *found))
     table = pd.DataFrame(rows, columns=["channel", "problem", "share", "message"])
@@ -159,6 +160,65 @@ def _spiky(name: str, y: np.ndarray) -> tuple[float, str] | None:
         f"{name} has {len(single)} single samples far off, the first in row {single[0] + 1}: spikes of the line. "
         "Replace them by their neighbours' mean."
     )
+
+
+def _interpolated(name: str, y: np.ndarray) -> tuple[float, str] | None:
+    """Share of samples that were made up between those of a slower clock, and the message."""
+    for order, words in ((1, "is the same"), (2, "lies on a straight line")):
+        change = np.abs(np.diff(y, order))
+        steps = np.diff(np.flatnonzero(change > _STRAIGHT * change.max()))
+        every = int(np.median(steps)) if len(steps) > 50 else 1
+        if every > 1 and (steps % every == 0).mean() > 0.9:
+            return 1 - 1 / every, (
+                f"{name} {words} between every {every}th sample: it comes from a slower logger, and is late or low but "
+                "for slow frequencies. Resample the others to its clock."
+            )
+    return None
+
+
+def _dropouts(name: str, y: np.ndarray) -> tuple[float, str] | None:
+    """Share of samples that are zero between large ones, and the message."""
+    starts, lengths = _runs(y == 0)
+    between = np.median(_runs(y != 0)[1])  # a hammer's blows are shorter than the rests
+    inside = (lengths > 1) & (lengths < between) & (starts > 0) & (starts + lengths < len(y))
+    starts, lengths = starts[inside], lengths[inside]
+    size = 0.5 * np.sqrt(np.mean(y[y != 0] ** 2))
+    lost = (np.abs(y[starts - 1]) > size) | (np.abs(y[starts + lengths]) > size)
+    if lost.sum() < 2:  # a load that is released or set on falls to zero once
+        return None
+    n = int(lengths[lost].sum())
+    return n / len(y), (
+        f"{name} drops to zero {lost.sum()} times in the midst of large values, for {n} samples: a loose contact. Cut "
+        "the record there."
+    )
+
+
+def _hum(name: str, y: np.ndarray, fs: float) -> tuple[float, str] | None:
+    """Share of a line at the frequency of the mains, and the message."""
+    for mains in (50.0, 60.0):
+        if mains * 1.1 > fs / 2 or len(y) < 4 * fs:
+            continue
+        power = np.abs(np.fft.rfft(y * np.hanning(len(y)))) ** 2
+        f = np.arange(len(power)) * fs / len(y)
+        off = (f - mains) * len(y) / fs  # lines away from it
+        near = np.abs(off) < 2.5
+        sides = [(off * side > 2.5) & (np.abs(f - mains) < 2.0) for side in (-1, 1)]
+        floor = max(np.median(power[one]) for one in sides) * near.sum()
+        share = np.sqrt(power[near].sum() / power.sum())
+        if power[near].sum() > _LINE * floor and share > 0.01:
+            return share, (
+                f"{name} holds a line at {mains:g} Hz, {100 * share:.2g} % of it: hum of the mains. Ground it, or give "
+                "a band (band=) without it."
+            )
+    return None
+
+
+_STRAIGHT = 1e-9  # of the largest step, below which three samples lie on a straight line
+_LINE = 1000.0  # times the power of its surroundings, from which on a line is no resonance (30 dB within 2 Hz)
+_CHECKS = (
+    ("dead", _stuck), ("clipped", _clipped), ("quantised", _quantised), ("spiky", _spiky),
+    ("interpolated", _interpolated), ("dropouts", _dropouts),
+)  # fmt: skip
 
 
 def data_warnings(record: Record) -> list[str]:

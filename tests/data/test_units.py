@@ -4,10 +4,12 @@ import subprocess
 import sys
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pysindy_nrf.data.io import read_record
 from pysindy_nrf.data.io.units import factor, is_unit
 from pysindy_nrf.exceptions import ChannelError
 
@@ -89,3 +91,17 @@ def test_without_pint_si_is_read_and_other_units_name_the_extra(written):
     path = written("t [s],a1 [m/s²],F1 [N]\n0,1,1\n1,2,2\n2,3,3\n", "si.csv")
     run = subprocess.run([sys.executable, "-c", WITHOUT_PINT, str(path)], capture_output=True, text=True, timeout=120)
     assert run.stdout.startswith("3.0\n") and "pysindy_nrf[files]" in run.stdout, run.stderr
+
+
+@pytest.mark.parametrize("unit", ["kg", "V", "t", "furlong", "floor 2"])
+def test_a_force_whose_unit_cannot_be_used_is_not_known_to_be_unforced(tmp_path, unit):
+    path = tmp_path / "a.csv"
+    path.write_text(f"t,F2 [{unit}],x1,x2\n" + "".join(f"{k / 100},{k % 7},{k % 5},{k % 3}\n" for k in range(40)))
+    with pytest.raises(ChannelError, match=f"(F2.*{unit}|{unit}.*F2)"):
+        read_record(path)
+    assert read_record(path, mapping={"F2": "none"}).forced == ()
+    name = "F2" if unit == "furlong" else f"F2 [{unit}]"  # a unit that is known leaves the name
+    assert read_record(path, mapping={"F2": f'"{name}" * 9.81 @ N'}).force[:, 1].max() == 6 * 9.81
+    table = pd.read_csv(path).rename(columns={f"F2 [{unit}]": "F2 [kN]"})
+    table.to_parquet(tmp_path / "a.parquet")
+    assert read_record(tmp_path / "a.parquet").force[:, 1].max() == 6000

@@ -88,4 +88,4 @@ def test_instruments_are_not_doubted_either(record, estimation):
 def test_one_force_says_nothing_twice(record):
     assert "contradict" not in fitted(with_gain(record, 2, 2.0), strategy="joint")[1]
     one = ChainModel([5.0], {1: LINEAR})
-    assert fitted(driven(one, 1, 4.0, FS, 40.0, (1, 40), hold="cubic"))[0].data_warnings_ == {"channels": [], "forces": [], "masses": []}
+    assert not any(fitted(driven(one, 1, 4.0, FS, 40.0, (1, 40), hold="cubic"))[0].data_warnings_.values())

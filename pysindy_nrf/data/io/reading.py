@@ -15,7 +15,7 @@ from ...exceptions import ChannelError, FileFormatError
 from ..channels import channel_of
 from ..record import BASES, MATRICES, Record, seconds_of
 from .arrays import SIGNATURE, read_hdf5, read_mat, read_npz, read_parquet
-from .delimited import read_delimited
+from .delimited import read_delimited, split_unit
 from .mapping import Expression, line_of, parse
 from .strong_motion import is_strong_motion, read_strong_motion
 from .table import MAX_BYTES, Table, check_file, restored
@@ -273,11 +273,19 @@ def _chosen(table: Table, mapping: Mapping[str, str]) -> dict[str, Expression | 
                     f"Rename one, or map it: {channel}=name.",
                 )
             chosen[channel] = Expression(name)
-    for key, text in mapping.items():
-        channel = channel_of(str(key)) or str(key)
+    said = {channel_of(str(key)) or str(key): text for key, text in mapping.items()}
+    for name in table.variables:
+        bare, unit = split_unit(name)
+        channel = channel_of(bare) or ""
+        used = channel in chosen or channel in said or any(name in str(text) for text in said.values())
+        if unit and dimension_of(channel) == "force" and not used:
+            factor(unit, channel)  # an error: a force that acts is not "known to be unforced"
+            chosen[channel] = Expression(name, unit=unit)
+    for channel, text in said.items():
         if channel in ("a", "v", "x", "F", "f", ""):
             raise ChannelError(
-                f"The channel {key!r} has no number", "Write a1, v2, x3, F1, ag, vg, xg, t, or the name of a covariate."
+                f"The channel {channel!r} has no number",
+                "Write a1, v2, x3, F1, ag, vg, xg, t, or the name of a covariate.",
             )
         word = text.strip().lower() if isinstance(text, str) else ""
         if word == "none":

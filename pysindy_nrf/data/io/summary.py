@@ -69,7 +69,8 @@ def contents(table: Table, most: int = 40) -> str:
     width = min(max((len(name) for name in table.variables), default=0), 40)
     lines = [f"{table.path} holds ({'; '.join([table.kind, *table.notes])}):"]
     for name, values in list(table.variables.items())[:most]:
-        lines.append(f"  {short(name):{width}s}  {_extent(values)}{' ' + table.units[name] if name in table.units else ''}")
+        unit = f" {table.units[name]}" if name in table.units else ""
+        lines.append(f"  {short(name):{width}s}  {_extent(values)}{unit}")
     rest = len(table.variables) - most
     return "\n".join([*lines, *([f"  and {rest} more"] if rest > 0 else [])])
 

@@ -58,7 +58,7 @@ def check_file(path: Path, max_bytes: int = MAX_BYTES) -> None:
     check_size(path, size, max_bytes)
 
 
-# Samples of sensors shrink to a third or a tenth; a channel of zeros shrinks a thousandfold, but is not alone in a file.
+# Samples of sensors shrink to a third or a tenth; a channel of zeros shrinks a thousandfold, but is not alone.
 _SHRINKS, _HARMLESS = 100, 200_000_000  # times, and bytes below which it does not matter
 
 

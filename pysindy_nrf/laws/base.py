@@ -16,7 +16,7 @@ import numpy as np
 
 from ..common import number_of
 from ..exceptions import LawError
-from .shape import Motion, Shape
+from .shape import Given, Motion, Shape
 
 
 class Term(NamedTuple):
@@ -514,9 +514,7 @@ def _constructor(cls: type[ForceLaw]) -> Callable[..., None]:
 class CovariateLaw(ForceLaw):
     """Base of the laws of one covariate, whose name is an option."""
 
-    def __init__(
-        self, covariate: str, shape: Mapping[str, float | None], coefficients: Mapping[str, float | None]
-    ) -> None:
+    def __init__(self, covariate: str, shape: Mapping[str, Given], coefficients: Mapping[str, Given]) -> None:
         if not isinstance(covariate, str) or not covariate.strip():
             raise LawError(f"covariate={covariate!r} is not the name of a channel", "Give e.g. covariate='voltage'.")
         self.covariates = (covariate,)

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..exceptions import LawError
 from .base import ForceLaw, Term
-from .shape import Shape
+from .shape import Given, Shape
 
 _GAP = Shape("gap", "m", 0.05, 4.0, "s")
 
@@ -26,7 +26,7 @@ class _OneSided(_Contact):
 
     labels = ("", "")
 
-    def __init__(self, shape: dict[str, float | None], k: float | None, side: int) -> None:
+    def __init__(self, shape: dict[str, Given], k: Given, side: int) -> None:
         if side not in (1, -1):
             raise LawError(f"{type(self).__name__}: side={side!r} is unknown", "Give 1 or -1, the sign of the drift.")
         self.side = int(side)
@@ -68,7 +68,7 @@ class OneSidedGap(_OneSided):
     shapes = (_GAP,)
     labels = ("max(s - gap, 0)", "min(s + gap, 0)")
 
-    def __init__(self, gap: float | None = None, k: float | None = None, side: int = 1) -> None:
+    def __init__(self, gap: Given = None, k: Given = None, side: int = 1) -> None:
         super().__init__({"gap": gap}, k, side)
 
     @staticmethod
@@ -88,7 +88,7 @@ class PreloadedContact(_OneSided):
     shapes = (Shape("u", "m", 0.05, 4.0, "s"),)
     labels = ("max(s, -u)", "min(s, u)")
 
-    def __init__(self, u: float | None = None, k: float | None = None, side: int = 1) -> None:
+    def __init__(self, u: Given = None, k: Given = None, side: int = 1) -> None:
         super().__init__({"u": u}, k, side)
 
     @staticmethod

@@ -7,7 +7,7 @@ import numpy as np
 
 from .base import ForceLaw, Term
 from .hysteresis import BoucWen, Dahl
-from .shape import Shape
+from .shape import Given, Shape
 
 _BETA = Shape("beta", "1/m", 0.2, 20.0, "1/s")
 
@@ -23,7 +23,7 @@ class _BaberNoori(ForceLaw):
     n_states = 2  # y, e
     nonnegative = ("alpha",)
 
-    def __init__(self, shape: dict[str, float | None], alpha: float | None, **fixed: float) -> None:
+    def __init__(self, shape: dict[str, Given], alpha: Given, **fixed: float) -> None:
         super().__init__(shape, {"alpha": alpha})
         self._fixed = {key: self._number(key, value) for key, value in fixed.items()}
 
@@ -118,8 +118,8 @@ class DegradingBoucWen(_BaberNoori):
     }
 
     def __init__(
-        self, beta: float | None = None, strength: float | None = None, stiffness: float | None = None,
-        alpha: float | None = None, rho: float = 0.0, n: float = 1.0,
+        self, beta: Given = None, strength: Given = None, stiffness: Given = None,
+        alpha: Given = None, rho: float = 0.0, n: float = 1.0,
     ) -> None:  # fmt: skip
         super().__init__({"beta": beta, "strength": strength, "stiffness": stiffness}, alpha, rho=rho, n=n)
 
@@ -146,7 +146,7 @@ class PinchedBoucWen(_BaberNoori):
     }
 
     def __init__(
-        self, beta: float | None = None, slip: float | None = None, width: float | None = None,
-        alpha: float | None = None, q: float = 0.0, rho: float = 0.0, n: float = 1.0,
+        self, beta: Given = None, slip: Given = None, width: Given = None,
+        alpha: Given = None, q: float = 0.0, rho: float = 0.0, n: float = 1.0,
     ) -> None:  # fmt: skip
         super().__init__({"beta": beta, "slip": slip, "width": width}, alpha, q=q, rho=rho, n=n)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from .base import CovariateLaw, ForceLaw, Term
-from .shape import Shape
+from .shape import Given, Shape
 
 
 class HarmonicForce(ForceLaw):
@@ -84,7 +84,7 @@ class BaseMotion(CovariateLaw):
     mimics_inertia = True
     superposes = True
 
-    def __init__(self, m: float | None = None, covariate: str = "ag") -> None:
+    def __init__(self, m: Given = None, covariate: str = "ag") -> None:
         super().__init__(covariate, {}, {"m": m})
 
     def terms(self) -> tuple[Term, ...]:
@@ -205,10 +205,7 @@ class HiddenOscillator(ForceLaw):
     mimics_inertia = True
     special_cases = {AddedMass: lambda c: HiddenOscillator(1e4, 0.5, c.values[0])}
 
-    def __init__(
-        self, omega: float | None = None, zeta: float | None = None, m: float | None = None,
-        covariate: str | None = None,
-    ) -> None:  # fmt: skip
+    def __init__(self, omega: Given = None, zeta: Given = None, m: Given = None, covariate: str | None = None) -> None:
         if covariate is not None:
             self.covariates, self.covariate_units = (covariate,), ("m/s^2",)  # type: ignore[misc]
             self.symmetry, self.at_rest, self.passive = "none", None, False  # type: ignore[misc]

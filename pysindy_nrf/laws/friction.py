@@ -12,7 +12,7 @@ import numpy as np
 
 from .base import CovariateLaw, ForceLaw, Term
 from .hysteresis import Dahl
-from .shape import Shape
+from .shape import Given, Shape
 
 
 class _Friction(ForceLaw):
@@ -183,7 +183,7 @@ class GroundFriction(CovariateLaw):
     jumps = True
     nonnegative = ("Fc",)
 
-    def __init__(self, Fc: float | None = None, covariate: str = "vg") -> None:
+    def __init__(self, Fc: Given = None, covariate: str = "vg") -> None:
         super().__init__(covariate, {}, {"Fc": Fc})
 
     def terms(self) -> tuple[Term, ...]:
@@ -229,9 +229,7 @@ class CovariateFriction(_CovariateFriction):
     jumps = True
     special_cases = {CoulombFriction: lambda c: CovariateFriction(Fc=c.values[0], Fu=0.0, Cu=0.0)}
 
-    def __init__(
-        self, covariate: str = "voltage", Fc: float | None = None, Fu: float | None = None, Cu: float | None = None
-    ) -> None:
+    def __init__(self, covariate: str = "voltage", Fc: Given = None, Fu: Given = None, Cu: Given = None) -> None:
         super().__init__(covariate, {}, {"Fc": Fc, "Fu": Fu, "Cu": Cu})
 
     @staticmethod
@@ -266,9 +264,8 @@ class LaggedCovariateFriction(_CovariateFriction):
     }
 
     def __init__(
-        self, covariate: str = "voltage", tau: float | None = None, Fc: float | None = None, Fu: float | None = None,
-        Cu: float | None = None,
-    ) -> None:  # fmt: skip
+        self, covariate: str = "voltage", tau: Given = None, Fc: Given = None, Fu: Given = None, Cu: Given = None
+    ) -> None:
         super().__init__(covariate, {"tau": tau}, {"Fc": Fc, "Fu": Fu, "Cu": Cu})
 
     @staticmethod
@@ -311,8 +308,8 @@ class CovariateDahl(_CovariateFriction):
     }
 
     def __init__(
-        self, covariate: str = "voltage", sigma: float | None = None, tau: float | None = None, Fc: float | None = None,
-        Fu: float | None = None, Cu: float | None = None,
+        self, covariate: str = "voltage", sigma: Given = None, tau: Given = None, Fc: Given = None,
+        Fu: Given = None, Cu: Given = None,
     ) -> None:  # fmt: skip
         super().__init__(covariate, {"sigma": sigma, "tau": tau}, {"Fc": Fc, "Fu": Fu, "Cu": Cu})
 

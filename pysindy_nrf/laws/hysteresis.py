@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from .base import ForceLaw, Term
-from .shape import Shape
+from .shape import Given, Shape
 
 _SIGMA = Shape("sigma", "1/m", 0.03, 3000.0, "1/s")
 
@@ -95,9 +95,8 @@ class ModifiedDahl(ForceLaw):
     special_cases = {Dahl: lambda c: ModifiedDahl(0.0, 0.0, c.values[0], 0.0, c.theta[0])}
 
     def __init__(
-        self, K0: float | None = None, C0: float | None = None, Fd: float | None = None, f0: float | None = None,
-        sigma: float | None = None,
-    ) -> None:  # fmt: skip
+        self, K0: Given = None, C0: Given = None, Fd: Given = None, f0: Given = None, sigma: Given = None
+    ) -> None:
         super().__init__({"sigma": sigma}, {"K0": K0, "C0": C0, "Fd": Fd, "f0": f0})
 
     @staticmethod

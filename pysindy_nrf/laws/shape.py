@@ -42,6 +42,7 @@ class Motion:
         """Number of samples."""
         return len(self.s)
 
+Given = float | None  # the value of a parameter; None: to be estimated
 # Scales of a site, of which bounds are multiples: rms drift (m), rms rate (m/s), longest record (s), first and last
 # time of all records (s).
 Scales = tuple[float, float, float, tuple[float, float]]

@@ -51,12 +51,6 @@ def test_energy_shares_do_not_depend_on_the_level_but_on_the_damage():
     assert shares[2].sum() == pytest.approx(100.0)
 
 
-def test_linear_part_is_the_tangent_at_rest():
-    part = linear_part(chain((1, laws.CubicStiffness(1e9)), (2, laws.LinearElastic(1e3))))
-    assert part.restoring_forces[1].linear_part().to_dict() == {"c": 60.0, "k": 5e4}
-    assert part.restoring_forces[2].linear_part()["k"] == 5.1e4
-
-
 def test_diagonal_load_cell():
     assert horizontal_component([100.0], rise=1.0, run=1.0)[0] == pytest.approx(100 / np.sqrt(2))
     with pytest.raises(ChannelError, match="no horizontal"):

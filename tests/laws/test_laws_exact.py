@@ -318,21 +318,6 @@ def test_lag_of_a_covariate_in_one_step():
     assert stroke(both, [0.0, 1.0, 0.5], 0.0, dt=0.5, u=[1.0]).tolist() == pytest.approx([1.0 - 1.0 / E, 1.0, 0.5])
 
 
-def _stribeck(v, vs, ratio):
-    return 1.0 + (ratio - 1.0) * math.exp(-((v / vs) ** 2))
-
-
-@pytest.mark.parametrize("speed", [0.0, 0.01, 0.02, 0.05, 5.0])
-@pytest.mark.parametrize("start", [-0.9, 0.0, 1.2])
-def test_lugre_at_steady_speed_is_dahl_with_the_stribeck_level(speed, start):
-    law = laws.LuGre(sigma=300.0, vs=0.02, ratio=1.6)
-    level = _stribeck(speed, 0.02, 1.6)
-    end = level + (start - level) * math.exp(-300.0 * 2e-3 / level)
-    assert stroke(law, start, 2e-3, speed, speed)[0] == pytest.approx(end, rel=1e-11)
-    assert stroke(law, -start, -2e-3, -speed, -speed)[0] == pytest.approx(-end, rel=1e-11)
-    assert stroke(law, start, 0.0, speed, 2 * speed + 0.1)[0] == start
-
-
 # -- Bouc-Wen in one stroke -----------------------------------------------------------------------
 
 

@@ -86,11 +86,6 @@ def test_the_words_name_the_storey_and_the_cure():
     assert "no force and no known mass" in str(Chain(2).identifiability())
 
 
-def test_forces_on_every_dof_are_the_complete_case():
-    assert Chain(3).identifiability([1, 2, 3]).strategy == "complete"
-    assert Chain(3).identifiability([1, 2]).strategy == "sequential"
-
-
 @pytest.mark.parametrize("strategy", ["complete", "joint"])
 def test_complete_and_joint_need_every_force(strategy):
     with pytest.raises(IdentifiabilityError, match="DOF 1, 3"):

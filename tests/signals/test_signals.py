@@ -246,13 +246,6 @@ def test_forces_are_filtered_only_with_a_band_and_then_like_the_response():
 # -- integrals --------------------------------------------------------------------------------
 
 
-def test_spline_integral_against_analytic_motion():
-    t, a, v, x = analytic()
-    assert np.abs(integrate(v, 1 / FS) - (x - x[0])).max() < 1e-6 * rms(x).min()
-    twice = integrate(a, 1 / FS, order=2) + x[0] + t[:, None] * v[0]
-    assert np.abs(twice - x).max() < 5e-4 * rms(x).min()
-
-
 @pytest.mark.parametrize("method", ["spline", "spectral", "cumulative"])
 def test_every_integral_starts_at_zero(method):
     """Of a cos(w t + p), once: (sin(w t + p) - sin p) / w; twice, about rest or about a mean of zero."""

@@ -36,15 +36,6 @@ def test_gain_is_the_squared_butterworth_and_the_phase_is_zero():
         np.testing.assert_allclose(gain, [low * high, 0.0], atol=1e-3)
 
 
-def test_no_band_changes_nothing_and_nothing_is_written_to():
-    values = np.random.default_rng(0).normal(size=(100, 3))
-    before = values.copy()
-    np.testing.assert_array_equal(FairFilter(None, 100.0).apply(values), values)
-    FairFilter((1.0, 20.0), 100.0).apply(values)
-    np.testing.assert_array_equal(values, before)
-    assert FairFilter(None, 100.0).edge == 0
-
-
 def test_unmeasured_columns_stay_nan_and_holes_are_refused():
     values = np.random.default_rng(0).normal(size=(1000, 3))
     values[:, 1] = np.nan

@@ -9,7 +9,6 @@ from scipy.linalg import expm
 
 from pysindy_nrf import Chain, ChainModel, Site, laws
 from pysindy_nrf.exceptions import ChainError, ChannelError, SimulationError
-from pysindy_nrf.laws.shape import Motion
 from pysindy_nrf.simulation import free_run, simulate
 from pysindy_nrf.simulation.api import classical_run
 
@@ -88,19 +87,6 @@ def test_energy_and_sampled_balance_close(kind):
         + (1e9 if kind == "duffing" else 0) * (x[:, 1] - x[:, 0]) ** 3
     )
     assert np.abs(10 * a[:, 1] + R2 - F[:, 1]).max() < 1e-12 * np.abs(F).max()
-
-
-@pytest.mark.parametrize("rms", [50.0, 800.0])
-def test_dahl_features_of_the_sampled_record_close_the_balance(rms):
-    """The state rebuilt from samples alone is the state inside the run."""
-    F = top_force(rms, 4000)
-    rec = simulate(two_storeys("dahl"), F, 0.5 * DT)
-    a, x, v = rec.acceleration, rec.displacement, rec.velocity
-    motion = Motion(x[:, 0], v[:, 0], a[:, 0], rec.time)
-    R1 = LINEAR.force(motion) + DAHL.force(motion)
-    R2 = F[:, 1] - 10 * a[:, 1]
-    gap = 10 * a[:, 0] + R1 - R2 - F[:, 0]
-    assert np.sqrt(np.mean(gap**2)) < 1e-6 * np.sqrt(np.mean(R1**2))
 
 
 def linear_system(M, K, C, x0, v0, t):

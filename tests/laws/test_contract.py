@@ -146,9 +146,7 @@ BREAKS = {
         (laws.PowerLawDamping, {"columns": (Term("cn", "sgn(v) |v|^n", "N s/m"),)}, "cn has not the unit"),
         (laws.Dahl, {"shapes": (Shape("sigma", "1/s", 0.03, 3000.0, "1/s"),)}, "Fd has not the unit"),
     ],
-    "force": [
-        (laws.Duffing, {"force": lambda self, m: 1.001 * laws.Duffing.force(self, m)}, "not the features times"),
-    ],
+    "force": [(laws.Duffing, {"force": lambda self, m: 1.001 * laws.Duffing.force(self, m)}, "not the features times")],
     "text": [
         (laws.Duffing, {"__doc__": None}, "BrokenDuffing has no documentation"),
         (laws.Duffing, {"family": ""}, "name or family is missing"),

@@ -79,9 +79,7 @@ def test_bouc_wen_follows_the_published_equation(gamma, delta, nu, tolerance):
         v = _rate(t)
         return alpha * v - beta * (gamma * abs(v) * abs(z) ** (nu - 1.0) * z + delta * v * abs(z) ** nu)
 
-    law = laws.BoucWen(
-        beta=(beta * gamma * alpha ** (nu - 1.0)) ** (1.0 / nu), rho=delta / gamma, n=nu, alpha=alpha
-    )
+    law = laws.BoucWen(beta=(beta * gamma * alpha ** (nu - 1.0)) ** (1.0 / nu), rho=delta / gamma, n=nu, alpha=alpha)
     _assert_same(law.force(PATH), _reference(published)[0], tolerance)
 
 

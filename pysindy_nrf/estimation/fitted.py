@@ -118,12 +118,7 @@ class FittedChain:
         return explained_accelerations(judged)
 
     def balance_errors(self, X: Any, y: Any = None, **given: Any) -> pd.DataFrame:
-        """Balance errors (one step) on other data, given as for :meth:`fit`, in the same band.
-
-        Parameters
-        ----------
-        **given
-            Record, time, base_acceleration and covariates.
+        """Balance errors (one step) in the same band on other data, as for :meth:`fit` and :meth:`restoring_force`.
 
         Returns
         -------

@@ -435,7 +435,7 @@ class ForceLaw:
         return out.T
 
     def recurrence(self) -> tuple[list[tuple[int, int, int, int]], list[tuple[float, float, float]]] | None:
-        """Rows (i, x, p, q) and numbers (g, h, k): column i is (g x + h) column[p] + k column[q]; None if there is none.
+        """Rows (i, x, p, q) and numbers (g, h, k): column i is (g x + h) column[p] + k column[q]; None without any.
 
         x is 0 for the rate and 1 for the drift, p = -1 stands for a column of ones, q = -1 for none.
         """

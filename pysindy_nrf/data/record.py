@@ -108,10 +108,9 @@ class Record:
                 "Give channels by name: covariates={'voltage': u}.",
             )
         bases = {
-            "base acceleration ag": base_acceleration,
-            "base velocity vg": base_velocity,
+            "base acceleration ag": base_acceleration, "base velocity vg": base_velocity,
             "base displacement xg": base_displacement,
-        }
+        }  # fmt: skip
         bases |= {f"covariate {k}": v for k, v in dict(covariates or {}).items()}
         lines = {k: as_matrix(v, [k], 1, k)[:, 0] for k, v in bases.items() if v is not None}
         lengths = {k: len(a) for k, a in (arrays | lines).items()}

@@ -210,9 +210,8 @@ def _fit(estimator: Any, test: Any, options: dict[str, Any]) -> tuple[Estimate, 
         warnings.warn(
             "The motions of a test were fused so that the DOFs improve each other; what that leaves of noise is alike "
             "in the whole record, and the standard errors come out up to four times too small. Give the Records.",
-            DataQualityWarning,
-            stacklevel=3,
-        )
+            DataQualityWarning, stacklevel=3,
+        )  # fmt: skip
     est = clone(estimator)
     memory = any(law.has_memory for law in law_list(est.laws))
     given = {"coordinates": est.coordinates, "dt": est.dt, "has_memory": memory} | options | one_by_one(X)

@@ -356,22 +356,16 @@ def _timestamps(table: Table, values: np.ndarray) -> pd.DatetimeIndex | pd.Timed
 
 READERS = {
     **dict.fromkeys((".csv", ".txt", ".tsv", ".dat", ".asc"), read_delimited),
-    **dict.fromkeys((".parquet", ".pq"), read_parquet),
-    ".mat": read_mat,
-    **dict.fromkeys((".h5", ".hdf5"), read_hdf5),
-    **dict.fromkeys((".npz", ".npy"), read_npz),
-    **dict.fromkeys((".uff", ".unv"), read_uff),
+    **dict.fromkeys((".parquet", ".pq"), read_parquet), ".mat": read_mat, **dict.fromkeys((".h5", ".hdf5"), read_hdf5),
+    **dict.fromkeys((".npz", ".npy"), read_npz), **dict.fromkeys((".uff", ".unv"), read_uff),
     **dict.fromkeys((".v2", ".v2c", ".v1", ".v1c", ".v0c"), read_strong_motion),
-}
+}  # fmt: skip
 # First bytes of a file, the suffixes that fit them, and their name.
 _SIGNATURES = (
-    (b"PAR1", (".parquet", ".pq"), "Parquet"),
-    (SIGNATURE, (".h5", ".hdf5", ".mat"), "HDF5"),
-    (b"MATLAB 5.0", (".mat",), "MATLAB"),
-    (b"MATLAB 7.3", (".mat",), "MATLAB v7.3"),
-    (b"PK\x03\x04", (".npz",), "a ZIP archive (an Excel sheet or NPZ)"),
-    (b"\x93NUMPY", (".npy",), "NumPy"),
-)
+    (b"PAR1", (".parquet", ".pq"), "Parquet"), (SIGNATURE, (".h5", ".hdf5", ".mat"), "HDF5"),
+    (b"MATLAB 5.0", (".mat",), "MATLAB"), (b"MATLAB 7.3", (".mat",), "MATLAB v7.3"),
+    (b"PK\x03\x04", (".npz",), "a ZIP archive (an Excel sheet or NPZ)"), (b"\x93NUMPY", (".npy",), "NumPy"),
+)  # fmt: skip
 
 
 def read_table(path: Any, *, max_bytes: int = MAX_BYTES) -> Table:

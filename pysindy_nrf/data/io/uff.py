@@ -163,17 +163,13 @@ def history(line: np.ndarray, fs: float, t0: float, texts: Sequence[str], kind: 
     data = np.asarray(line, dtype="<f8").tobytes()
     axis = "{:10d}    0    0    0 {:<20} {:<20}"
     head = [
-        f"{-1:6d}",
-        f"{58:6d}b{1:6d}{2:6d}{11:12d}{len(data):12d}{0:6d}{0:6d}{0:12d}{0:12d}",
+        f"{-1:6d}", f"{58:6d}b{1:6d}{2:6d}{11:12d}{len(data):12d}{0:6d}{0:6d}{0:12d}{0:12d}",
         *(f"{text:<80}" for text in texts),
         f"{1:5d}{0:10d}{0:5d}{0:10d} {'NONE':>10}{node:10d}{1 if kind else 0:4d} "
         f"{'NONE':>10}{reference:10d}{1 if reference else 0:4d}",
-        f"{4:10d}{len(line):10d}{1:10d}{t0:13.5e}{1 / fs:13.5e}{0:13.5e}",
-        axis.format(17, "time", "s"),
-        axis.format(kind, "NONE", unit or "NONE"),
-        axis.format(0, "NONE", "NONE"),
-        axis.format(0, "NONE", "NONE"),
-    ]
+        f"{4:10d}{len(line):10d}{1:10d}{t0:13.5e}{1 / fs:13.5e}{0:13.5e}", axis.format(17, "time", "s"),
+        axis.format(kind, "NONE", unit or "NONE"), axis.format(0, "NONE", "NONE"), axis.format(0, "NONE", "NONE"),
+    ]  # fmt: skip
     return ("\n".join(head) + "\n").encode("ascii") + data + f"{-1:6d}\n".encode()
 
 

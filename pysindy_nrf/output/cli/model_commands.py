@@ -232,10 +232,9 @@ def close_loop(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
 
     session = Session(as_json)
     baseline = NRFRegressor(
-        degree=options["degree"],
-        laws=opt.laws_of(options["laws"], options["degree"]),
+        degree=options["degree"], laws=opt.laws_of(options["laws"], options["degree"]),
         known_masses=options["masses"] or None,
-    )
+    )  # fmt: skip
     readings = opt.readings_of(files, options, session)
     kept = opt.readings_of(options["heldout"], options, session) if options["heldout"] else []
     session.measured(*map(describe, (*readings, *kept)))

@@ -409,10 +409,9 @@ def said_of(options: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
     said = MappingFile(Path()) if options["mapping_file"] is None else read_mapping(options["mapping_file"])
     click.get_current_context().meta.setdefault(_NAMED, []).extend(said.files)
     how: dict[str, Any] = {
-        "mapping": said.channels | options["mapping"],
-        "units": said.units | options["units"],
+        "mapping": said.channels | options["mapping"], "units": said.units | options["units"],
         "fs": said.fs if options["fs"] is None else options["fs"],
-    }
+    }  # fmt: skip
     return said, how
 
 

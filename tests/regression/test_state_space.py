@@ -83,7 +83,7 @@ def test_trajectory_lists_with_one_floor_hit_in_each_give_the_chain():
     library = InterstoryPolynomialLibrary(3, inputs="state")
     sindy = ps.SINDy(feature_library=library, optimizer=StateSpaceChainOptimizer(terms=library))
     rates = [np.hstack([r.v.cumsum(axis=1), r.a]) for r in records]
-    sindy.fit([state_of(r) for r in records], t=records[0].dt, x_dot=rates, u=[r.F for r in records])
+    sindy.fit([state_of(r) for r in records], t=[np.arange(3000) * r.dt for r in records], x_dot=rates, u=[r.F for r in records])
     found = ChainModel.from_sindy(sindy)
     assert np.abs(found.masses / records[0].m - 1).max() < 1e-8
     for i in range(N):

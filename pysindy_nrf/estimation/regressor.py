@@ -206,9 +206,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         if self.estimation not in _ESTIMATIONS:
             raise ChainError(f"estimation={self.estimation!r} is unknown", f"Choose one of {', '.join(_ESTIMATIONS)}.")
         if sample_weight is not None and (self.estimation != "ls" or is_streamed(X)):
-            raise ChannelError(
-                "sample_weight is for least squares of samples in memory", "Leave it out, or use estimation='ls'."
-            )
+            raise ChannelError("sample_weight is for least squares of samples in memory", "Leave it out otherwise.")
         if is_streamed(X):
             return fit_streamed(self, X, y, state=state, **beside)
         memory = any(law.has_memory for law in law_list(self.laws))

@@ -241,8 +241,7 @@ def motion_doubts(a: np.ndarray, v: np.ndarray, s: np.ndarray, ag: Any, dt: floa
     rows = _smooth_stretch(s, v)
     if dt is None or rows.stop - rows.start < _LEAST_ROWS:
         return []
-    below = np.zeros((rows.stop - rows.start, 1)) if ag is None else ag[rows, None]
-    relative = np.diff(a[rows], axis=1, prepend=below)
+    relative = np.diff(a[rows], axis=1, prepend=0.0 if ag is None else ag[rows, None])
     storeys = Record(acceleration=relative, velocity=v[rows], displacement=s[rows], fs=1.0 / dt)
     table = channel_alignment(storeys)
     gain, delay = np.abs(np.log(table["gain"].astype(float))), table["samples"].abs()

@@ -18,7 +18,7 @@ from pysindy_nrf import (
     StateSpaceChainOptimizer,
     laws,
 )
-from pysindy_nrf.exceptions import ChannelError, ExcitationError, IdentifiabilityError, LawError, NRFError
+from pysindy_nrf.exceptions import ChannelError, ExcitationError, IdentifiabilityError, NRFError
 from pysindy_nrf.mechanics.identifiability import plan_solve_order
 from pysindy_nrf.regression.chain_solve import solve_blocks
 from pysindy_nrf.regression.layout import Layout, blocks_of
@@ -189,12 +189,6 @@ def test_state_space_rows_are_the_equations_of_motion(state_space, capsys):
     assert np.array_equal(C[:3, :3], np.eye(3)) and not C[:3, 3:].any()
     model.print()
     assert len(capsys.readouterr().out.splitlines()) == 6
-
-
-def test_laws_without_a_right_hand_side_are_refused():
-    for law, word in [(laws.Dahl(sigma=1.0), "remembers"), (laws.Inerter(), "acceleration")]:
-        with pytest.raises(LawError, match=word):
-            ForceLawLibrary({1: law}, inputs="state").fit(np.zeros((5, 3)))
 
 
 # -- contract of an optimizer and a library -------------------------------------------------------

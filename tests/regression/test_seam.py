@@ -150,6 +150,8 @@ def test_balances_without_a_force_do_not_lower_a_score(case):
         (lambda X, F: ChainOptimizer(chain=3).fit(X, F), "chain=3 is not a Chain"),
         (lambda X, F: Problem(3, {}), "chain=3 is not a Chain"),
         (lambda X, F: ForceLawLibrary().fit(X), "The library has no laws"),
+        (lambda X, F: ForceLawLibrary({1: laws.Dahl(sigma=1.0)}, inputs="state").fit(X), "law that remembers the path"),
+        (lambda X, F: ForceLawLibrary({1: laws.Inerter()}, inputs="state").fit(X), "law of the acceleration"),
         (lambda X, F: ForceLawLibrary(laws.Duffing(), inputs="both").fit(X), "inputs='both' is unknown"),
         (lambda X, F: NRFRegressor(orders={"link 2-0": 2}).fit(X, F), "'ground 2', which is not in the chain"),
         (lambda X, F: InterstoryPolynomialLibrary(orders=[3, 3, 1]).fit(X), "orders=\\[3, 3, 1\\] is not a mapping.*orders={"),

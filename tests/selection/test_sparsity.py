@@ -9,6 +9,7 @@ import pysindy as ps
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sklearn.linear_model import Ridge
 
 from pysindy_nrf import laws
 from pysindy_nrf.exceptions import NRFError
@@ -91,13 +92,6 @@ def test_what_lies_along_the_path_is_within_its_tolerance(seed, p):
     assert np.abs(x[:, model.ind_[0]].T @ left).max(initial=0.0) < 1e-7 * np.abs(x.T @ y).max()
 
 
-def test_a_path_needs_a_history():
-    from sklearn.linear_model import Ridge
-
-    with pytest.raises(NRFError, match="Ridge keeps no history_"):
-        AlongPath(Ridge()).fit(np.eye(3), np.ones((3, 1)))
-
-
 @pytest.mark.slow
 def test_every_optimizer_finds_the_true_terms_of_a_noisy_chain_hit_on_one_floor(monkeypatch):
     """The quick benchmark: 2 % noise on every channel; the damping is the smallest term, a percent of the force."""
@@ -138,6 +132,8 @@ def test_sparsity_asks_for_paths_that_exist():
     rec = record_of(chains.duffing(2, [1, 2], seed=5, cubic=False), 0.01)
     with pytest.raises(NRFError, match="no default path 'LASSO'. Choose from"):
         select_sparsity(rec, paths=["LASSO"])
+    with pytest.raises(NRFError, match="Ridge keeps no history_"):
+        AlongPath(Ridge()).fit(np.eye(3), np.ones((3, 1)))
     with pytest.raises(NRFError, match="no optimizer to choose from"):
         select_sparsity(rec, paths={})
     found = select_sparsity(rec, degree=2, paths={"STLSQ": [ps.STLSQ(threshold=t) for t in (1e-3, 0.5)]})

@@ -35,48 +35,16 @@ class Candidate:
 def default_catalogue(covariates: Sequence[str] = ()) -> list[ForceLaw]:
     """All laws of the package that can be an undeclared effect."""
     plain: list[ForceLaw] = [
-        laws.CoulombFriction(),
-        laws.StribeckFriction(),
-        laws.PositionDependentFriction(),
-        laws.BreakAwayFriction(),
-        laws.ShiftedFriction(),
-        laws.QuadraticDamping(),
-        laws.PowerLawDamping(),
-        laws.DisplacementDependentDamping(),
-        laws.QuadraticStiffness(),
-        laws.AbsoluteQuadraticStiffness(),
-        laws.CubicStiffness(),
-        laws.QuinticStiffness(),
-        laws.OneSidedGap(),
-        laws.OneSidedGap(side=-1),
-        laws.PreloadedContact(),
-        laws.PreloadedContact(side=-1),
-        laws.TwoSidedGap(),
-        laws.DeadZone(),
-        laws.Bilinear(),
-        laws.Jenkins(),
-        laws.BacklashFriction(),
-        laws.Iwan(),
-        laws.Dahl(),
-        laws.LuGre(),
-        laws.BoucWen(),
-        laws.DegradingBoucWen(),
-        laws.PinchedBoucWen(),
-        laws.MaxwellBranch(),
-        laws.StiffnessStep(),
-        laws.StiffnessDrift(),
-        laws.DampingDrift(),
-        laws.Inerter(),
-        laws.HarmonicForce(),
-        laws.ConstantForce(),
-        laws.AddedMass(),
-        laws.HiddenOscillator(covariate="ag" if "ag" in covariates else None),
-        laws.LinkSpringDashpot(),
-        laws.BendingCoupling(),
-        laws.ChannelDelay(),
-        laws.GainError(),
-        laws.SensorOffset(),
-    ]
+        laws.CoulombFriction(), laws.StribeckFriction(), laws.PositionDependentFriction(), laws.BreakAwayFriction(),
+        laws.ShiftedFriction(), laws.QuadraticDamping(), laws.PowerLawDamping(), laws.DisplacementDependentDamping(),
+        laws.QuadraticStiffness(), laws.AbsoluteQuadraticStiffness(), laws.CubicStiffness(), laws.QuinticStiffness(),
+        laws.OneSidedGap(), laws.OneSidedGap(side=-1), laws.PreloadedContact(), laws.PreloadedContact(side=-1),
+        laws.TwoSidedGap(), laws.DeadZone(), laws.Bilinear(), laws.Jenkins(), laws.BacklashFriction(), laws.Iwan(),
+        laws.Dahl(), laws.LuGre(), laws.BoucWen(), laws.DegradingBoucWen(), laws.PinchedBoucWen(), laws.MaxwellBranch(),
+        laws.StiffnessStep(), laws.StiffnessDrift(), laws.DampingDrift(), laws.Inerter(), laws.HarmonicForce(),
+        laws.ConstantForce(), laws.AddedMass(), laws.HiddenOscillator(covariate="ag" if "ag" in covariates else None),
+        laws.LinkSpringDashpot(), laws.BendingCoupling(), laws.ChannelDelay(), laws.GainError(), laws.SensorOffset(),
+    ]  # fmt: skip
     for name in covariates:
         if name == "ag":
             plain.append(laws.BaseMotion(covariate=name))
@@ -101,9 +69,8 @@ def as_laws(catalogue: Iterable[Any] | None, covariates: Sequence[str]) -> list[
     for item in catalogue:
         law = item() if isinstance(item, type) and issubclass(item, ForceLaw) else item
         if not isinstance(law, ForceLaw):
-            raise LawError(
-                f"The catalogue holds {item!r}, which is not a force law", "Use those of pysindy_nrf.laws, or your own."
-            )
+            cure = "Use those of pysindy_nrf.laws, or your own."
+            raise LawError(f"The catalogue holds {item!r}, which is not a force law", cure)
         chosen.append(law)
     return chosen
 
@@ -114,13 +81,9 @@ def balances_of(site: Site) -> Site:
 
 
 def candidates(
-    catalogue: Iterable[ForceLaw],
-    chain: Chain,
-    known_masses: Iterable[int],
-    covariates: Sequence[str],
-    forced: Iterable[int],
-    n_records: int = 1,
-) -> Iterator[Candidate]:
+    catalogue: Iterable[ForceLaw], chain: Chain, known_masses: Iterable[int], covariates: Sequence[str],
+    forced: Iterable[int], n_records: int = 1,
+) -> Iterator[Candidate]:  # fmt: skip
     """Every force law at every site where it makes sense."""
     n = chain.n_dof
     grounds = [Site(f"ground {j}") for j in range(1, n + 1)]  # of DOF 1 it is storey 1, which a free chain has not

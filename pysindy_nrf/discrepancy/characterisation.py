@@ -210,17 +210,13 @@ class Basis:
         carriers = np.column_stack([one, x, y, sign])
         gaps = [np.maximum(np.column_stack([x, -x]) - gap, 0.0) for gap in _GAPS]
         groups = {
-            "constant": one[:, None],
-            "linear": np.column_stack([m.s, m.v] if m.a is None else [m.s, m.v, m.a]),
-            "powers": np.column_stack([x**2, x**3, x**4, x**5]),
-            "drift": self._hats(m, "s", 9),
-            **{f"gap {k}": gap for k, gap in enumerate(gaps)},
-            "jump": sign[:, None],
-            "rate powers": np.column_stack([y * np.abs(y), y**2, y**3, y**4, y**5]),
-            "rate": self._hats(m, "v", 9),
+            "constant": one[:, None], "linear": np.column_stack([m.s, m.v] if m.a is None else [m.s, m.v, m.a]),
+            "powers": np.column_stack([x**2, x**3, x**4, x**5]), "drift": self._hats(m, "s", 9),
+            **{f"gap {k}": gap for k, gap in enumerate(gaps)}, "jump": sign[:, None],
+            "rate powers": np.column_stack([y * np.abs(y), y**2, y**3, y**4, y**5]), "rate": self._hats(m, "v", 9),
             "surface": np.column_stack([_products(self._hats(m, "s", 4), self._hats(m, "v", 4)), sign * x]),
             "sliders": _sliders(m, self.s, _YIELD),
-        }
+        }  # fmt: skip
         if self.timed:
             groups["time"] = _products(self._hats(m, "t", 7), carriers)
         for c in self.covariates:
@@ -231,16 +227,11 @@ class Basis:
 _DRIFT, _RATE = ["powers", "drift"], ["jump", "rate powers", "rate"]
 # Groups of the rows of the table of shares beside constant and linear terms, simplest first.
 ROWS = {
-    Dependence.CONSTANT.value: [],
-    Dependence.LINEAR.value: [],
-    Dependence.LINE.value: ["line"],
-    Dependence.DRIFT.value: _DRIFT,
-    Dependence.RATE.value: _RATE,
-    Dependence.COVARIATE.value: [],
-    Dependence.TIME.value: ["time"],
-    Dependence.SURFACE.value: [*_RATE, *_DRIFT, "surface"],
+    Dependence.CONSTANT.value: [], Dependence.LINEAR.value: [], Dependence.LINE.value: ["line"],
+    Dependence.DRIFT.value: _DRIFT, Dependence.RATE.value: _RATE, Dependence.COVARIATE.value: [],
+    Dependence.TIME.value: ["time"], Dependence.SURFACE.value: [*_RATE, *_DRIFT, "surface"],
     Dependence.PATH.value: [*_RATE, *_DRIFT, "surface", "sliders"],
-}
+}  # fmt: skip
 
 
 # -- what a force depends on ------------------------------------------------------------------------
@@ -270,22 +261,16 @@ class Characterisation:
 
 
 def characterise(
-    force: Sequence[np.ndarray],
-    motions: Sequence[Motion],
-    *,
-    filters: Sequence[Any] | None = None,
-    beside: Sequence[np.ndarray] | None = None,
-    noise: float | None = None,
-) -> Characterisation:
+    force: Sequence[np.ndarray], motions: Sequence[Motion], *, filters: Sequence[Any] | None = None,
+    beside: Sequence[np.ndarray] | None = None, noise: float | None = None,
+) -> Characterisation:  # fmt: skip
     """Tell what a missing force depends on: one force and motion for each record.
 
     ``beside`` are columns of which the force may hold any multiple.
     """
     if not all(np.isfinite(f).all() for f in force):
-        raise ChannelError(
-            "The force to characterise is not finite",
-            "A balance above with an unknown force leaves no storey residual.",
-        )
+        cure = "A balance above with an unknown force leaves no storey residual."
+        raise ChannelError("The force to characterise is not finite", cure)
     if sum(map(len, force)) < 200:
         raise ChannelError("The force has fewer than 200 samples", "Give a longer record.")
     work = _Work(force, motions, [None] * len(force) if filters is None else filters, beside)
@@ -302,29 +287,20 @@ def characterise(
     odd, whole = work.odd(row), np.concatenate(force)
     curves = {k: conditional_mean(np.concatenate([getattr(m, k) for m in motions]), whole) for k in "sv"}
     return Characterisation(
-        table[["share", "low", "high", "gain", "chosen"]],
-        dependence,
-        memory=float(table.loc["path", "share"] - table.loc["s and v", "share"]),
-        odd=odd,
-        frequency=work.frequency,
-        features=work.features(dependence, odd),
-        curves=curves,
-        covariate=covariate,
-        rms=float(np.sqrt(np.mean(whole**2))),
-        noise=noise,
-    )
+        table[["share", "low", "high", "gain", "chosen"]], dependence,
+        memory=float(table.loc["path", "share"] - table.loc["s and v", "share"]), odd=odd, frequency=work.frequency,
+        features=work.features(dependence, odd), curves=curves, covariate=covariate,
+        rms=float(np.sqrt(np.mean(whole**2))), noise=noise,
+    )  # fmt: skip
 
 
 class _Work:
     """The columns and the regression of one characterisation."""
 
     def __init__(
-        self,
-        force: Sequence[np.ndarray],
-        motions: Sequence[Motion],
-        filters: Sequence[Any],
+        self, force: Sequence[np.ndarray], motions: Sequence[Motion], filters: Sequence[Any],
         beside: Sequence[np.ndarray] | None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.motions, self.filters = motions, filters
         self.basis = Basis(motions)
         self.whole = [self.basis.of(m) for m in motions]

@@ -135,12 +135,10 @@ def _stand(name: str, trial: Trial) -> Stand:
     errors = held.errors(powers)
     within = Powers(trial.within[None], trial.powers.reference)
     row = {
-        "search": ruler.error(within),
-        "validation": ruler.error(trial.powers),
-        "held-out": held.error(powers, ruler.scale(trial.powers)),
-        "free run": free_run_error(trial.model(), work),
+        "search": ruler.error(within), "validation": ruler.error(trial.powers),
+        "held-out": held.error(powers, ruler.scale(trial.powers)), "free run": free_run_error(trial.model(), work),
         **{f"held-out dof {j}": float(e) for j, e in enumerate(errors, 1)},
-    }
+    }  # fmt: skip
     return Stand(name, trial, powers, row)
 
 
@@ -169,24 +167,13 @@ def _step(forward: Forward, effect: Effect, before: Stand, after: Stand) -> Step
     if effect.law.variable == "1":
         families = dict.fromkeys(["sensor"])  # the wrong zero of a displacement is the same
     step = Step(
-        effect.law.name,
-        effect.law.family,
-        str(site),
-        shape=dict(effect.law.shape),
-        alternatives=list(families)[:2],
-        error_before=before.error,
-        error_after=after.error,
-        free_run_before=before.row["free run"],
-        free_run_after=after.row["free run"],
-        validation_before=before.row["validation"],
-        validation_after=after.row["validation"],
-        gain=gain.value,
-        gain_error=gain.error,
-        gain_least=gain.least,
-        gain_heldout=held.value,
-        confirmed=bool(after.error < before.error),
+        effect.law.name, effect.law.family, str(site), shape=dict(effect.law.shape), alternatives=list(families)[:2],
+        error_before=before.error, error_after=after.error, free_run_before=before.row["free run"],
+        free_run_after=after.row["free run"], validation_before=before.row["validation"],
+        validation_after=after.row["validation"], gain=gain.value, gain_error=gain.error, gain_least=gain.least,
+        gain_heldout=held.value, confirmed=bool(after.error < before.error),
         tied=[(f.proposal.law.name, ", ".join(map(str, f.proposal.sites)), _value(f)) for f in rivals],
-    )
+    )  # fmt: skip
     if effect.is_fault:
         step.sure = effect.witnessed
         step.parameters = dict(effect.law.parameters)

@@ -224,9 +224,8 @@ class Localiser:
         self.residual, self.chain = residual, chain
         self.known = np.flatnonzero(residual.known.all(axis=0))
         if not len(self.known):
-            raise ChannelError(
-                "No balance is known in every record", "Judge records with different unknown forces one by one."
-            )
+            cure = "Judge records with different unknown forces one by one."
+            raise ChannelError("No balance is known in every record", cure)
         layout = LawLayout(chain, model.laws)
         signs = chain.incidence(layout.sites)
         terms = [signs[:, k] for k, site in enumerate(layout.sites) for _ in range(layout.counts[site])]
@@ -500,12 +499,8 @@ class Evidence:
 
 
 def look(
-    work: Workspace,
-    model: ChainModel,
-    name: str = "model",
-    chosen: str = "",
-    floor: NoiseFloor | None = None,
-) -> Evidence:
+    work: Workspace, model: ChainModel, name: str = "model", chosen: str = "", floor: NoiseFloor | None = None,
+) -> Evidence:  # fmt: skip
     """Detection, localisation and characterisation of what one model leaves of the search data."""
     out = Evidence(name, chosen=chosen)
     residual = _tried(out, "residual", lambda: searched_residual(work, model))
@@ -537,12 +532,9 @@ def _characterised(where: Localiser, site: Site, floor: NoiseFloor | None) -> Ch
     segments = residual.data.segments
     noise = np.nan if floor is None else floor.at(str(site) if site.is_storey else f"dof {of_motion.p}")
     return characterise(
-        force,
-        [seg.motion(of_motion, seg.valid) for seg in segments],
-        filters=residual.filters,
-        beside=beside if beside[0].shape[1] else None,
-        noise=float(noise) if np.isfinite(noise) else None,
-    )
+        force, [seg.motion(of_motion, seg.valid) for seg in segments], filters=residual.filters,
+        beside=beside if beside[0].shape[1] else None, noise=float(noise) if np.isfinite(noise) else None,
+    )  # fmt: skip
 
 
 def _tried(out: Evidence, room: str, enter: Callable[[], Any]) -> Any:

@@ -31,17 +31,10 @@ from .windows import Windows, split, window_length
 
 
 def close_loop(
-    records: Any,
-    baseline: NRFRegressor | None = None,
-    catalogue: Iterable[Any] | None = None,
-    heldout: Any = None,
-    band: tuple[float | None, float | None] | None = None,
-    random_state: Any = 0,
-    *,
-    max_steps: int = 4,
-    noise_floor: Any = "channels",
-    progress: bool = False,
-) -> LoopReport:
+    records: Any, baseline: NRFRegressor | None = None, catalogue: Iterable[Any] | None = None, heldout: Any = None,
+    band: tuple[float | None, float | None] | None = None, random_state: Any = 0, *, max_steps: int = 4,
+    noise_floor: Any = "channels", progress: bool = False,
+) -> LoopReport:  # fmt: skip
     """Find the effects a model lacks, add them, and report the error before and after.
 
     The records are fused (:class:`KinematicSmoother`) and cut into folds; a quarter of each is put aside until the
@@ -140,10 +133,8 @@ def _ruler(ready: Prepared, problem: Problem, strategy: str, band: Any) -> tuple
     length = window_length([s for i, s in enumerate(segments) if i not in (ready.heldout or ())])
     work = Workspace(ready.data, *split(segments, length, ready.heldout), problem.known_masses, strategy)
     if not work.forced and not work.known_masses:
-        raise ExcitationError(
-            "No force is measured and no mass is known, so nothing scales the chain",
-            "Give the baseline known_masses={dof: kg}.",
-        )
+        cure = "Give the baseline known_masses={dof: kg}."
+        raise ExcitationError("No force is measured and no mass is known, so nothing scales the chain", cure)
     laws = _baseline_laws(problem, work)
     rich = flexible(laws, problem.chain, work)
     windows = Windows(ready.data, work.search, length)
@@ -181,10 +172,8 @@ def _require_covariates(laws: Mapping[Site, Sequence[ForceLaw]], ready: Prepared
         needed = {name: law.name for law in held for name in law.covariates}
         for seg in ready.data.segments:
             for name in needed.keys() - seg.covariates.keys():
-                raise ChannelError(
-                    f"Record {seg.name!r} has no covariate {name!r}, which {needed[name]} at {site} needs",
-                    "Give it in covariates=, or leave the record out.",
-                )
+                what = f"Record {seg.name!r} has no covariate {name!r}, which {needed[name]} at {site} needs"
+                raise ChannelError(what, "Give it in covariates=, or leave the record out.")
 
 
 def _say_what_is_not_used(baseline: NRFRegressor) -> None:
@@ -195,9 +184,8 @@ def _say_what_is_not_used(baseline: NRFRegressor) -> None:
         warnings.warn(
             f"close_loop fits by plain least squares and does not use {', '.join(asked)} of the baseline. Fit "
             "NRFRegressor(laws=report.model.laws, ...) with it to the records afterwards.",
-            BiasWarning,
-            stacklevel=3,
-        )
+            BiasWarning, stacklevel=3,
+        )  # fmt: skip
 
 
 __all__ = ["close_loop"]

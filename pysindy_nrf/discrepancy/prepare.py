@@ -65,11 +65,9 @@ class Prepared:
 
 
 def prepare(
-    records: Any,
-    heldout: Any = None,
-    noise: Sequence[dict[str, float]] | None = None,
+    records: Any, heldout: Any = None, noise: Sequence[dict[str, float]] | None = None,
     bands: Sequence[Any] | None = None,
-) -> Prepared:
+) -> Prepared:  # fmt: skip
     """Fuse the channels of every record."""
     mine, kept = as_records(records, "records"), as_records(heldout, "heldout")
     every = [*mine, *kept]
@@ -79,9 +77,8 @@ def prepare(
     every = [_zeroed(rec) for rec in every]
     for rec, known, band in zip(every, given, bands or ["auto"] * len(every), strict=True):
         if rec.n_dof != n:
-            raise ChannelError(
-                f"Record {rec.name!r} has {rec.n_dof} DOFs, {n} are needed", "Give records of one chain."
-            )
+            cure = "Give records of one chain."
+            raise ChannelError(f"Record {rec.name!r} has {rec.n_dof} DOFs, {n} are needed", cure)
         smoother = KinematicSmoother(noise=known or "estimate", band=band)
         X, F = to_features(rec, smoother)
         told.append(smoother.band_)
@@ -137,9 +134,8 @@ def as_records(records: Any, name: str) -> list[Record]:
         if not records and name == "records":
             raise ChannelError("There is no record to search", "Pass a Record or a list of them.")
         return list(records)
-    raise ChannelError(
-        f"{name} holds something that is not a Record", "Build them with Record(...) or Record.from_frame(df)."
-    )
+    cure = "Build them with Record(...) or Record.from_frame(df)."
+    raise ChannelError(f"{name} holds something that is not a Record", cure)
 
 
 def _is_clean(record: Record, noise: dict[str, float]) -> bool:
@@ -189,13 +185,9 @@ class Workspace:
     """
 
     def __init__(
-        self,
-        data: SegmentSet,
-        search: Sequence[BlockRows],
-        held: Sequence[BlockRows],
-        known_masses: Mapping[int, float],
-        strategy: str,
-    ) -> None:
+        self, data: SegmentSet, search: Sequence[BlockRows], held: Sequence[BlockRows],
+        known_masses: Mapping[int, float], strategy: str,
+    ) -> None:  # fmt: skip
         self.data = data
         self.filters: list[Any] = [None] * len(data.segments)
         self.search, self.held = list(search), list(held)

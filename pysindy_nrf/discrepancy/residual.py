@@ -118,11 +118,8 @@ def searched(work: Workspace, most: int = ENOUGH) -> tuple[SegmentSet, list[Any]
 
 
 def residual_of(
-    model: ChainModel,
-    data: Any,
-    filters: Sequence[Any] | None = None,
-    forces: Sequence[np.ndarray] | None = None,
-) -> Residual:
+    model: ChainModel, data: Any, filters: Sequence[Any] | None = None, forces: Sequence[np.ndarray] | None = None,
+) -> Residual:  # fmt: skip
     """One-step residual of a model through filters; forces of its sites are its own unless they are given."""
     data = model.segments(data)
     filters = [None] * len(data.segments) if filters is None else list(filters)
@@ -138,10 +135,8 @@ def residual_of(
             out.append(part if filter is None else filter.apply(part))
     balance, inertias, applied, storeys = found
     if not any(np.isfinite(e[0]).any() for e in balance):
-        raise ChannelError(
-            "The force is unknown on every DOF, so no balance has a residual",
-            "Give F, with zeros on DOFs known to be unforced.",
-        )
+        cure = "Give F, with zeros on DOFs known to be unforced."
+        raise ChannelError("The force is unknown on every DOF, so no balance has a residual", cure)
     size = rms(applied)
     inertia = rms([np.where(np.isnan(f), np.nan, i) for i, f in zip(inertias, applied)])
     cut = rms([from_top(f - i) for f, i in zip(applied, inertias)])
@@ -203,9 +198,8 @@ class NoiseFloor:
         if isinstance(levels, Mapping):
             wrong = [j for j in levels if j not in range(1, n_dof + 1)]
             if wrong:
-                raise ChannelError(
-                    f"The noise floor names balance {wrong[0]!r}", f"The chain has balances 1 to {n_dof}."
-                )
+                what = f"The noise floor names balance {wrong[0]!r}"
+                raise ChannelError(what, f"The chain has balances 1 to {n_dof}.")
             levels = [levels.get(j, np.nan) for j in range(1, n_dof + 1)]
         values = np.array(levels, dtype=float)
         cure = "Give the rms of the noise in each balance, N."
@@ -227,10 +221,8 @@ class NoiseFloor:
             drive = np.array(bases)
         common = drive.mean(axis=0)
         if drive.any() and np.sqrt(np.mean((drive - common) ** 2)) > LOUDEST * np.sqrt(np.mean(common**2)):
-            raise ChannelError(
-                "The records were not excited alike, so their difference is not noise",
-                "Align repetitions of one test sample by sample, or use noise_floor='channels'.",
-            )
+            cure = "Align repetitions of one test sample by sample, or use noise_floor='channels'."
+            raise ChannelError("The records were not excited alike, so their difference is not noise", cure)
         mean, factor = np.mean(every, axis=0), np.sqrt(count / (count - 1))
         noise = replace(residual, balance=[factor * (e - mean) for e in every])
         return cls.from_draws([noise], f"{count} repeated records")
@@ -246,10 +238,8 @@ def floor_of(given: Any, work: Workspace, model: ChainModel, noise: Workspace | 
     """The noise floor that a user gave or asked for, and where it comes from."""
     if isinstance(given, NoiseFloor):
         if len(given.balance) != work.n_dof:
-            raise ChannelError(
-                f"The noise floor has {len(given.balance)} balances, the chain {work.n_dof}",
-                "Make it of records of the same chain.",
-            )
+            cure = "Make it of records of the same chain."
+            raise ChannelError(f"The noise floor has {len(given.balance)} balances, the chain {work.n_dof}", cure)
         return given, given.source
     if isinstance(given, str) and given == "repeats":
         floor = NoiseFloor.from_repeats(_repeated(work, model))
@@ -262,10 +252,8 @@ def floor_of(given: Any, work: Workspace, model: ChainModel, noise: Workspace | 
     elif isinstance(given, (Mapping, float, int, list, tuple, np.ndarray)) and not isinstance(given, bool):
         floor = NoiseFloor.given(given, work.n_dof)
     else:
-        raise ChannelError(
-            f"noise_floor={given!r} is unknown",
-            "Choose 'channels' or 'repeats', or give the rms of the noise in each balance, N: {dof: rms}.",
-        )
+        cure = "Choose 'channels' or 'repeats', or give the rms of the noise in each balance, N: {dof: rms}."
+        raise ChannelError(f"noise_floor={given!r} is unknown", cure)
     return floor, floor.source
 
 
@@ -278,10 +266,8 @@ def _repeated(work: Workspace, model: ChainModel) -> Residual:
     runs = np.flatnonzero(np.diff(np.r_[False, seen, False].astype(int))).reshape(-1, 2)
     first, last = max(runs, key=lambda r: r[1] - r[0]) if len(runs) else (0, 0)
     if len(used) < 2 or last - first < _FEWEST:
-        raise ChannelError(
-            f"{len(used)} record{'s' * (len(used) != 1)} with {last - first} rows in common tell no noise",
-            "Give repetitions of one test, aligned sample by sample, or noise_floor='channels'.",
-        )
+        what = f"{len(used)} record{'s' * (len(used) != 1)} with {last - first} rows in common tell no noise"
+        raise ChannelError(what, "Give repetitions of one test, aligned sample by sample, or noise_floor='channels'.")
     pieces = [replace(seg, valid=slice(int(first), int(last))) for seg in segments]
     return residual_of(model, SegmentSet(pieces, work.data.n_samples), [work.filters[i] for i in used])
 

@@ -125,12 +125,8 @@ class Ruler:
     """
 
     def __init__(
-        self,
-        work: Workspace,
-        windows: Windows,
-        informative: np.ndarray | None = None,
-        clear: np.ndarray | None = None,
-    ) -> None:
+        self, work: Workspace, windows: Windows, informative: np.ndarray | None = None, clear: np.ndarray | None = None,
+    ) -> None:  # fmt: skip
         self.work, self.windows = work, windows
         self.segments = sorted({b.segment for b in windows.blocks})
         self.fixed = windows.spectra({i: work.fixed(i) for i in self.segments})
@@ -177,10 +173,8 @@ class Ruler:
                     part = powers.residual / reference
                 shares.append(np.where(np.isfinite(part), part, np.inf))
             if not shares:
-                raise NRFError(
-                    "The declared model cannot be fitted: columns of its balances depend on each other or are zero",
-                    "Declare fewer terms, or give longer records.",
-                )
+                what = "The declared model cannot be fitted: columns of its balances depend on each other or are zero"
+                raise NRFError(what, "Declare fewer terms, or give longer records.")
             left = np.min(shares, axis=0)
             if core is None:
                 new = core = np.array([_strongest(own) for own in reference])

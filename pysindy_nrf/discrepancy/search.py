@@ -144,11 +144,9 @@ class Search:
             return None
         effects = (*base.effects, *(Effect(law, s, proposal.law) for law, s in zip(laws, proposal.sites)))
         return replace(
-            finding,
-            laws=laws,
-            after=State(trial, effects, base.ready),
+            finding, laws=laws, after=State(trial, effects, base.ready),
             gain=Gain(base.trial.powers, trial.powers, trial.ruler.informative),
-        )
+        )  # fmt: skip
 
     def polished(self, state: State) -> State:
         """The shape parameters of all effects refined once more, one effect after the other."""

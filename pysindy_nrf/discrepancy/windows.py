@@ -43,10 +43,8 @@ def split(
     energy = {i: _energy(segments[i], hop[i]) for i in chosen}
     total = sum(e.sum(axis=0) for e in energy.values())
     if not total[: segments[chosen[0]].n_dof].any():
-        raise ChannelError(
-            "Nothing moves in the records that are searched: drifts and velocities are zero",
-            "Dead sensors or wrong columns; check them.",
-        )
+        cure = "Dead sensors or wrong columns; check them."
+        raise ChannelError("Nothing moves in the records that are searched: drifts and velocities are zero", cure)
     energy = {i: e / np.where(total > 0, total, 1.0) for i, e in energy.items()}
     apart = [BlockRows(i, slice(0, segments[i].n_valid)) for i in whole]
     if heldout is not None:
@@ -77,13 +75,9 @@ def _energy(segment: Segment, hop: int) -> np.ndarray:
 
 
 def _cut(
-    energy: dict[int, np.ndarray],
-    hop: Sequence[int],
-    segments: Sequence[Segment],
-    share: float,
-    pieces: int,
+    energy: dict[int, np.ndarray], hop: Sequence[int], segments: Sequence[Segment], share: float, pieces: int,
     shift: int,
-) -> tuple[list[BlockRows], list[BlockRows]]:
+) -> tuple[list[BlockRows], list[BlockRows]]:  # fmt: skip
     """Folds and held-out pieces of every record."""
     cells = sum(len(e) for e in energy.values())
     search: list[BlockRows] = []
@@ -160,13 +154,9 @@ class Windows:
     """
 
     def __init__(
-        self,
-        data: SegmentSet,
-        blocks: Sequence[BlockRows],
-        length: float,
-        edges: np.ndarray | None = None,
+        self, data: SegmentSet, blocks: Sequence[BlockRows], length: float, edges: np.ndarray | None = None,
         centred: bool = True,
-    ) -> None:
+    ) -> None:  # fmt: skip
         steps = [segment.dt or 1.0 for segment in data.segments]
         self.data, self.length, self.centred = data, length, centred
         self.sizes = [2 * max(4, round(0.5 * length / dt)) for dt in steps]
@@ -200,10 +190,8 @@ class Windows:
         edges = np.concatenate([[lowest], inside, [highest]])
         edges = edges[np.unique(np.searchsorted(np.fft.rfftfreq(size, dt), edges), return_index=True)[1]]
         if len(edges) < 2:
-            raise ChannelError(
-                f"No spectral line of a window of {self.length:.3g} s lies between {lowest:g} and {highest:g} Hz",
-                f"Give longer records, or a band wider than {1 / self.length:.3g} Hz.",
-            )
+            what = f"No spectral line of a window of {self.length:.3g} s lies between {lowest:g} and {highest:g} Hz"
+            raise ChannelError(what, f"Give longer records, or a band wider than {1 / self.length:.3g} Hz.")
         return Windows(self.data, self.blocks, self.length, edges, self.centred)
 
     def count(self, block: BlockRows) -> int:

@@ -38,7 +38,6 @@ import pysindy as ps  # noqa: E402
 import test_comparison  # noqa: E402
 import test_signals as four_floors  # noqa: E402
 import test_simulation as two_storeys  # noqa: E402
-import test_solve as reference  # noqa: E402
 from bad_inputs_battery import every_kind, judge  # noqa: E402
 from paper_tables import independent_masses  # noqa: E402
 
@@ -214,14 +213,39 @@ def speed(n: int) -> list[Row]:
 # -- 4: the paper's damper --------------------------------------------------------------------------
 
 
+def extended_least_squares(A: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Least squares by Gram-Schmidt, twice, in 80-bit arithmetic."""
+    A = np.asarray(A, dtype=np.longdouble)
+    size = np.sqrt((A**2).sum(axis=0))
+    A, y = A / size, np.asarray(y, dtype=np.longdouble)
+    p = A.shape[1]
+    Q, R = A.copy(), np.zeros((p, p), dtype=np.longdouble)
+    for j in range(p):
+        for _ in range(2):
+            share = Q[:, :j].T @ Q[:, j]
+            R[:j, j] += share
+            Q[:, j] -= Q[:, :j] @ share
+        R[j, j] = np.sqrt((Q[:, j] ** 2).sum())
+        Q[:, j] /= R[j, j]
+    x, z = np.zeros(p, dtype=np.longdouble), Q.T @ y
+    for j in range(p - 1, -1, -1):
+        x[j] = (z[j] - R[j, j + 1 :] @ x[j + 1 :]) / R[j, j]
+    return (x / size).astype(float)
+
+
+def powers(case: Any, i: int) -> np.ndarray:
+    """Columns v^h s^j of a cubic of storey i."""
+    v, s = case.v[:, i - 1], case.s[:, i - 1]
+    return np.column_stack([v**h * s ** (d - h) for d in range(1, 4) for h in range(d, -1, -1)])
+
+
 def dahl(quick: bool) -> list[Row]:
     case, *_ = chains.paper_case(duration=2.0 if quick else 4.0)
     cubic = NRFRegressor(degree=3).fit(case.X, case.F)
     R2 = case.storey_forces[:, 1]
     gap2 = np.abs(cubic.restoring_force(case.X)[:, 1] - R2).max() / rms(R2)
-    powers = reference._power_columns
     A = np.column_stack([case.a[:, 0], powers(case, 1), -powers(case, 2)])
-    exact = reference.extended_least_squares(A, case.F[:, 0])[:10]
+    exact = extended_least_squares(A, case.F[:, 0])[:10]
     own = np.array([cubic.masses_[0], *cubic.restoring_forces_[1].coefficients])
     gap = np.abs((own - exact) * rms(A[:, :10])).max() / rms(case.F[:, 0])
     held = {"storey 1": [laws.PowerSeries(1), laws.Dahl(sigma=chains.DAMPER["sigma"])]}

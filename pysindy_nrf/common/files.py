@@ -123,7 +123,5 @@ def check(data: Any, rules: dict[str, Any], where: str) -> None:
     if fault is not None:
         title = rules["title"].partition(",")[0].lower()
         said = fault.message if len(fault.message) <= 120 else f"{fault.message[:60]} ... {fault.message[-55:]}"
-        raise FileFormatError(
-            f"{where} is not a readable {title}: {fault.json_path[2:] or 'the whole'}: {said}",
-            "Write the file again, or correct it there.",
-        )
+        cure = "Write the file again, or correct it there."
+        raise FileFormatError(f"{where} is not a readable {title}: {fault.json_path[2:] or 'the whole'}: {said}", cure)

@@ -18,9 +18,8 @@ def generator(random_state: Any, purpose: str = "") -> np.random.Generator:
             return np.random.default_rng(np.random.SeedSequence(int(random_state), spawn_key=(key,)))
         return np.random.default_rng(random_state)
     except (TypeError, ValueError) as error:
-        raise NRFError(
-            f"random_state={random_state!r} is no seed", "Give a whole number from 0, a numpy Generator, or None."
-        ) from error
+        cure = "Give a whole number from 0, a numpy Generator, or None."
+        raise NRFError(f"random_state={random_state!r} is no seed", cure) from error
 
 
 @contextmanager

@@ -81,8 +81,7 @@ class Problem:
         given = {chain.site(s): tuple(held) for s, held in self.laws.items()}
         laws = {s: given.get(s, ()) for s in chain.sites} | given
         for name, value in (
-            ("chain", chain),
-            ("laws", MappingProxyType(laws)),
+            ("chain", chain), ("laws", MappingProxyType(laws)),
             ("known_masses", MappingProxyType(masses_of(self.known_masses, chain))),
             ("excited", None if self.excited is None else dofs_of("excited", self.excited, chain.n_dof)),
             ("optimizer", sub_optimizer(self.optimizer)),

@@ -305,9 +305,8 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
                 f"estimation={self.estimation!r} was given motions that were fused jointly over the DOFs; their noise "
                 "depends on the motion, and masses are about 1 % too high. Give the records themselves, or make X "
                 "with record.to_features(smooth=KinematicSmoother(joint=False)).",
-                DataQualityWarning,
-                stacklevel=3,
-            )
+                DataQualityWarning, stacklevel=3,
+            )  # fmt: skip
         return data
 
     def _adopt(self, model: ChainModel, resolver: Any, facts: dict[str, Any]) -> NRFRegressor:
@@ -339,10 +338,9 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         model.visited = visited_regions(data, layout)
         model.info = {
             "band": None if self.band is None else [None if b is None or np.isinf(b) else float(b) for b in self.band],
-            "strategy": solve_order.strategy,
-            "n_samples": self.n_samples_,
+            "strategy": solve_order.strategy, "n_samples": self.n_samples_,
             "balance_error_percent": {k: float(e) for k, e in self.errors_["error"].items() if np.isfinite(e)},
-        }
+        }  # fmt: skip
         self.model_, self.inner_ = model, solution.inner
         self.restoring_forces_ = model.restoring_forces
         self.unknown_forces_ = unknown_forces(model, data)

@@ -293,9 +293,8 @@ class ChainModel:
         site = self.chain.site(site)
         force = self.restoring_forces[site]
         if force.has_memory:
-            raise LawError(
-                f"The force of {site} depends on the path, it is no surface", "Draw its loops along a record instead."
-            )
+            cure = "Draw its loops along a record instead."
+            raise LawError(f"The force of {site} depends on the path, it is no surface", cure)
         if site not in self.visited:
             raise ChannelError(f"The visited region of {site} is not known", "Fit the model, or set model.visited.")
         region = self.visited[site]
@@ -445,15 +444,12 @@ class ChainModel:
             if not isinstance(data, dict) or data.get("schema") != SCHEMA:
                 raise FileFormatError(f"{where} does not hold a chain model", f'It needs "schema": "{SCHEMA}".')
             if isinstance(data.get("version"), int) and data["version"] > VERSION:
-                raise FileVersionError(
-                    f"{where} has version {data['version']}, this package reads up to {VERSION}", "Update pysindy_nrf."
-                )
+                what = f"{where} has version {data['version']}, this package reads up to {VERSION}"
+                raise FileVersionError(what, "Update pysindy_nrf.")
             check(data, schema("chain_model"), where)
             if data["chain"]["n_dof"] != len(data["masses"]):
-                raise FileFormatError(
-                    f"{where} has {len(data['masses'])} masses for {data['chain']['n_dof']!r} DOFs",
-                    "Write it with ChainModel.to_json.",
-                )
+                what = f"{where} has {len(data['masses'])} masses for {data['chain']['n_dof']!r} DOFs"
+                raise FileFormatError(what, "Write it with ChainModel.to_json.")
             chain = Chain(data["chain"]["n_dof"], data["chain"].get("links", ()), data["chain"].get("ground", "base"))
             return cls(
                 data["masses"], {site: [from_dict(law) for law in held] for site, held in data["laws"].items()}, chain,
@@ -463,9 +459,8 @@ class ChainModel:
         except FileFormatError:
             raise
         except (ValueError, KeyError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
-            raise FileFormatError(
-                f"{where} is not a readable chain model: {error}", "Write it with ChainModel.to_json."
-            ) from error
+            cure = "Write it with ChainModel.to_json."
+            raise FileFormatError(f"{where} is not a readable chain model: {error}", cure) from error
 
 
 def state_matrix(M: np.ndarray, C: np.ndarray, K: np.ndarray) -> np.ndarray:

@@ -216,17 +216,14 @@ def _least_squares(
     wild = np.flatnonzero(~np.isfinite(sizes) | ((sizes > 0) & (sizes < _SMALLEST)))
     if wild.size:
         name = [*_labels(step, layout), "the force"][wild[0]]
-        raise NRFError(
-            f"{step.name}: the squares of {name} leave the range of a double",
-            "Check the units of its channels, or lower the degree.",
-        )
+        cure = "Check the units of its channels, or lower the degree."
+        raise NRFError(f"{step.name}: the squares of {name} leave the range of a double", cure)
     idle = np.flatnonzero(size == 0)
     if idle.size:
         name = _labels(step, layout)[idle[0]]
-        raise IdentifiabilityError(
-            f"{step.name}: the column of {name} is zero throughout, or its squares leave the range of a double",
-            "Nothing moves there, or its channels have wrong units; check them, leave the term out, or excite it.",
-        )
+        what = f"{step.name}: the column of {name} is zero throughout, or its squares leave the range of a double"
+        cure = "Nothing moves there, or its channels have wrong units; check them, leave the term out, or excite it."
+        raise IdentifiabilityError(what, cure)
     unit = columns / size if p else columns
     values = np.linalg.svd(unit, compute_uv=False) if p else np.ones(1)
     rank = int((values > cut * values[0]).sum()) if p else 0
@@ -315,9 +312,8 @@ def _report_rank(unit: np.ndarray, rank: int, step: Step, labels: list[str]) -> 
     warnings.warn(
         f"{what}. Their coefficients are the smallest that fit; excite more frequencies or amplitudes, or lower the "
         "degree.",
-        RankWarning,
-        stacklevel=4,
-    )
+        RankWarning, stacklevel=4,
+    )  # fmt: skip
 
 
 def _solve_joint(grams: BlockGrams, solve_order: SolveOrder, solution: Solution, inner: Any) -> None:
@@ -442,10 +438,8 @@ def require_moving(data: SegmentSet, layout: LawLayout) -> None:
             if name != "a" and not (site in layout.counts and layout.counts[site]):
                 continue
             if all(seg.extent.is_constant(at * data.n_dof + j) for seg in data.segments):
-                raise ChannelError(
-                    f"Channel {name}{j + 1} is constant in every record",
-                    "A dead sensor, a wrong column or a floor that is not excited; check it, or leave the DOF out.",
-                )
+                cure = "A dead sensor, a wrong column or a floor that is not excited; check it, or leave the DOF out."
+                raise ChannelError(f"Channel {name}{j + 1} is constant in every record", cure)
 
 
 def require_samples(data: SegmentSet, solve_order: SolveOrder, layout: LawLayout) -> None:
@@ -456,10 +450,8 @@ def require_samples(data: SegmentSet, solve_order: SolveOrder, layout: LawLayout
             seg.n_valid for seg in data.segments if not any(np.isnan(seg.F[seg.valid.start, j - 1]) for j in step.dofs)
         )
         if rows < unknowns + 1:
-            raise ChannelError(
-                f"{rows} samples are too few for the {step.name}, which has {unknowns} unknowns",
-                "Use a longer record or a lower degree.",
-            )
+            cure = "Use a longer record or a lower degree."
+            raise ChannelError(f"{rows} samples are too few for the {step.name}, which has {unknowns} unknowns", cure)
 
 
 def require_clock(data: SegmentSet, layout: LawLayout) -> None:
@@ -468,6 +460,5 @@ def require_clock(data: SegmentSet, layout: LawLayout) -> None:
         warnings.warn(
             "A law remembers the path and the time of the samples is unknown: where the motion turns between two "
             "samples is guessed, which costs accuracy. Pass dt= (s) to the estimator or time= to fit.",
-            DataQualityWarning,
-            stacklevel=5,
-        )
+            DataQualityWarning, stacklevel=5,
+        )  # fmt: skip

@@ -89,9 +89,8 @@ class ForceLawLibrary(BaseFeatureLibrary):
 
     def _laws(self, chain: Chain) -> Mapping[Any, Sequence[ForceLaw]]:
         if self.laws is None:
-            raise LawError(
-                "The library has no laws", "Pass laws={'storey 1': [...], ...}, or one list for every storey."
-            )
+            cure = "Pass laws={'storey 1': [...], ...}, or one list for every storey."
+            raise LawError("The library has no laws", cure)
         return declared_laws(self.laws if isinstance(self.laws, Mapping) else dict.fromkeys(chain.sites, self.laws))
 
     def fit(self, x: Any, y: Any = None) -> Any:
@@ -121,9 +120,8 @@ class ForceLawLibrary(BaseFeatureLibrary):
         for law in (law for group in self.layout_.laws.values() for law in group if self.inputs == "state"):
             if law.has_memory or law.uses_acceleration:
                 what = "that remembers the path" if law.has_memory else "of the acceleration"
-                raise LawError(
-                    f"A law {what} cannot stand in a state-space SINDy model", "Use NRFRegressor, or inputs='balance'."
-                )
+                cure = "Use NRFRegressor, or inputs='balance'."
+                raise LawError(f"A law {what} cannot stand in a state-space SINDy model", cure)
         self.n_output_features_ = self.layout_.n_terms + (n if self.inputs == "balance" else 2 * n)
         return self
 
@@ -144,9 +142,8 @@ class ForceLawLibrary(BaseFeatureLibrary):
                 warnings.warn(
                     f"{width} columns are taken as x and xdot of {width // 2} DOFs in free vibration. Give excited=() "
                     "if that is so, or excited=[...], the DOFs that the columns of u act on.",
-                    DataQualityWarning,
-                    stacklevel=4,
-                )
+                    DataQualityWarning, stacklevel=4,
+                )  # fmt: skip
         if excited is None:
             n = max(width // 3, 1) if n is None else n
             acting, needed = tuple(range(1, n + 1)), 3 * n
@@ -156,10 +153,8 @@ class ForceLawLibrary(BaseFeatureLibrary):
             acting, needed = dofs_of("excited", named, n), 2 * n + len(named)
         if width != needed:
             what = "x, xdot, u = F of every DOF, or excited=[...], the DOFs that the columns of u act on"
-            raise ChannelError(
-                f"The library got {width} columns (n_features = {width}), {needed} are needed",
-                f"Give {what if state else 'a, v, s of every DOF'}.",
-            )
+            cure = f"Give {what if state else 'a, v, s of every DOF'}."
+            raise ChannelError(f"The library got {width} columns (n_features = {width}), {needed} are needed", cure)
         if len(set(acting)) < len(acting):
             raise ChainError(f"excited={list(acting)} names a DOF twice", "Give each column of u a DOF of its own.")
         return n, acting
@@ -248,10 +243,8 @@ class ForceLawLibrary(BaseFeatureLibrary):
         if input_features is not None:
             given = [str(name) for name in input_features]
             if len(given) != len(inputs):
-                raise ChannelError(
-                    f"{len(given)} names for {len(inputs)} columns",
-                    f"Give the names of {', '.join(heads)} of every DOF.",
-                )
+                cure = f"Give the names of {', '.join(heads)} of every DOF."
+                raise ChannelError(f"{len(given)} names for {len(inputs)} columns", cure)
             if not all(_UNNAMED.fullmatch(name) for name in given):
                 for i, name in zip(inputs, given):
                     names[i] = name
@@ -290,9 +283,8 @@ class ForceLawLibrarySum(ForceLawLibrary):
     def _shared(self, name: str) -> Any:
         values = [value for lib in self.libraries if (value := getattr(lib, name)) is not None]
         if any(value != values[0] for value in values):
-            raise LawError(
-                f"The libraries added have {name}={values[0]!r} and another", f"Give all of them one {name}."
-            )
+            cure = f"Give all of them one {name}."
+            raise LawError(f"The libraries added have {name}={values[0]!r} and another", cure)
         return values[0] if values else None
 
     # read-only: those of the libraries added
@@ -377,10 +369,8 @@ def from_sindy(sindy: Any) -> ChainModel:
     """The chain model behind a ``ps.SINDy`` that was fitted with a library and an optimizer of this package."""
     library, optimizer = sindy.feature_library, sindy.optimizer
     if not isinstance(library, ForceLawLibrary):
-        raise ChainError(
-            f"{type(library).__name__} does not say which column acts at which storey",
-            "Fit the SINDy with InterstoryPolynomialLibrary or ForceLawLibrary.",
-        )
+        cure = "Fit the SINDy with InterstoryPolynomialLibrary or ForceLawLibrary."
+        raise ChainError(f"{type(library).__name__} does not say which column acts at which storey", cure)
     if isinstance(getattr(optimizer, "model", None), ChainModel):
         return optimizer.model
     coef = np.asarray(sindy.coefficients(), dtype=float)
@@ -391,10 +381,9 @@ def from_sindy(sindy: Any) -> ChainModel:
         own = np.diag(coef[n:, n + layout.n_terms :]) if state else np.diag(coef[:, :n])
         gone = [f"m{j + 1}" for j in np.flatnonzero(own == 0)]
         if gone:
-            raise ChainError(
-                f"{', '.join(gone)} cannot be read off: the coefficient of the force or of the acceleration is zero",
-                "Lower the optimizer's threshold, or use StateSpaceChainOptimizer or ChainOptimizer.",
-            )
+            what = f"{', '.join(gone)} cannot be read off: the coefficient of the force or of the acceleration is zero"
+            cure = "Lower the optimizer's threshold, or use StateSpaceChainOptimizer or ChainOptimizer."
+            raise ChainError(what, cure)
         masses = 1.0 / own if state else own
     rows = -masses[:, None] * coef[n:, n : n + layout.n_terms] if state else coef[:, n:]
     if free := [f"{site}: {law!r}" for site, held in layout.laws.items() for law in held if law.free_shape]:

@@ -110,23 +110,20 @@ class BlockGrams:
         for other in parts[1:]:
             first._require_alike(other)
         return replace(
-            first,
-            matrices={dofs: np.stack([p.matrices[dofs] for p in parts]) for dofs in first.matrices},
+            first, matrices={dofs: np.stack([p.matrices[dofs] for p in parts]) for dofs in first.matrices},
             sizes={dofs: np.stack([p.sizes[dofs] for p in parts]) for dofs in first.sizes},
             n_samples=np.stack([p.n_samples for p in parts]),
             record=None if record is None else np.asarray(record, dtype=int),
-        )
+        )  # fmt: skip
 
     def _require_alike(self, other: BlockGrams) -> None:
         if set(self.matrices) != set(other.matrices):
-            raise NRFError(
-                "Gram matrices of different balances cannot be added", "Accumulate both with the same layout."
-            )
+            cure = "Accumulate both with the same layout."
+            raise NRFError("Gram matrices of different balances cannot be added", cure)
         wide = [x.shape[-1] == other.matrices[dofs].shape[-1] for dofs, x in self.matrices.items()]
         if self.kind != other.kind or not all(wide):
-            raise NRFError(
-                "Gram matrices of different columns or kinds cannot be added", "Accumulate both with the same layout."
-            )
+            cure = "Accumulate both with the same layout."
+            raise NRFError("Gram matrices of different columns or kinds cannot be added", cure)
 
     def roots(self) -> BlockGrams:
         """Triangular roots of the Gram matrices."""

@@ -27,9 +27,8 @@ def fit_inner(optimizer: Any, columns: np.ndarray, target: np.ndarray) -> tuple[
     """Coefficients of a sub-problem, the clone of the optimizer that found them, and what it warned of."""
     name, p = type(optimizer).__name__, columns.shape[1]
     if not hasattr(optimizer, "fit") or isinstance(optimizer, type):
-        raise NRFError(
-            f"optimizer={optimizer!r} is not an optimizer", "Give an instance, e.g. pysindy.STLSQ(threshold=0.01)."
-        )
+        cure = "Give an instance, e.g. pysindy.STLSQ(threshold=0.01)."
+        raise NRFError(f"optimizer={optimizer!r} is not an optimizer", cure)
     try:
         require_quadratic(optimizer, p)
         with warnings.catch_warnings(record=True, action="always") as caught:

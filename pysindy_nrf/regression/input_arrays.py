@@ -78,19 +78,15 @@ def from_arrays(
     else:
         x = as_matrix(X, _array_names(X, coordinates), what="columns of X")
         if x.shape[1] == 0:
-            raise ChannelError(
-                f"X has 0 feature(s) (shape={x.shape}) while a minimum of 1 is required",
-                f"Give {', '.join(feature_names(n_dof or 1, coordinates)[:9])}.",
-            )
+            cure = f"Give {', '.join(feature_names(n_dof or 1, coordinates)[:9])}."
+            raise ChannelError(f"X has 0 feature(s) (shape={x.shape}) while a minimum of 1 is required", cure)
         if not x.size:
             raise ChannelError("X has no samples", "Give at least as many samples as a balance has unknowns.")
         if x.shape[1] % 3 or (n_dof and x.shape[1] != 3 * n_dof):
             wanted = feature_names(n_dof or max(1, x.shape[1] // 3), coordinates)
             need = f"{3 * n_dof} are needed" if n_dof else "a multiple of 3 is needed"
-            raise ChannelError(
-                f"X has {x.shape[1]} columns (n_features = {x.shape[1]}), {need}",
-                f"Give accelerations, inter-storey velocities and drifts of all DOFs: {', '.join(wanted[:9])}.",
-            )
+            cure = f"Give accelerations, inter-storey velocities and drifts of all DOFs: {', '.join(wanted[:9])}."
+            raise ChannelError(f"X has {x.shape[1]} columns (n_features = {x.shape[1]}), {need}", cure)
         n = x.shape[1] // 3
     names = feature_names(n, coordinates)
     a, v, s = x[:, :n], x[:, n : 2 * n], x[:, 2 * n :]
@@ -103,16 +99,13 @@ def from_arrays(
     ag = None if base_acceleration is None else _line(base_acceleration, "base_acceleration", size)
     if coordinates == "absolute":
         if base_v is None and ag is not None and np.nan_to_num(ag).any():
-            raise ChannelError(
-                "coordinates='absolute' with a moving base needs the columns xdot0 and x0",
-                "Add them to X, or give the motion relative to the ground.",
-            )
+            cure = "Add them to X, or give the motion relative to the ground."
+            raise ChannelError("coordinates='absolute' with a moving base needs the columns xdot0 and x0", cure)
         v = np.diff(v, axis=1, prepend=0.0 if base_v is None else base_v)
         s = np.diff(s, axis=1, prepend=0.0 if base_s is None else base_s)
     if not isinstance(covariates, (Mapping, pd.DataFrame, type(None))):
-        raise ChannelError(
-            "The covariates are not a mapping", "Give channels by name: covariates={'voltage': u}, or a table."
-        )
+        cure = "Give channels by name: covariates={'voltage': u}, or a table."
+        raise ChannelError("The covariates are not a mapping", cure)
     extra = {
         str(k): _line(c, f"covariate {k}", size) for k, c in ({} if covariates is None else dict(covariates)).items()
     }
@@ -145,10 +138,8 @@ def _from_records(records: Sequence[Record], beside: Sequence[str], n_dof: int |
     segments, at = [], 0
     for rec in records:
         if rec.n_dof != (n_dof or records[0].n_dof):
-            raise ChannelError(
-                f"Record {rec.name!r} has {rec.n_dof} DOFs, {n_dof or records[0].n_dof} are needed",
-                "Give records of one chain.",
-            )
+            what = f"Record {rec.name!r} has {rec.n_dof} DOFs, {n_dof or records[0].n_dof} are needed"
+            raise ChannelError(what, "Give records of one chain.")
         x, force = rec.to_features(smooth=smooth)
         n, values = rec.n_dof, x.to_numpy()
         ag = base_acceleration_if_any(rec)
@@ -225,10 +216,8 @@ def _ordered_forces(F: Any, n: int, X: Any) -> Any:
         return F if names == wanted else F.reindex(columns=wanted, fill_value=0.0)
     if names == [str(i) for i in range(n)] or len(names) == n == 1:
         return F
-    raise ChannelError(
-        f"F has the columns {', '.join(names[:9])}",
-        f"Name them {', '.join(wanted)}, or pass F.to_numpy() in that order.",
-    )
+    cure = f"Name them {', '.join(wanted)}, or pass F.to_numpy() in that order."
+    raise ChannelError(f"F has the columns {', '.join(names[:9])}", cure)
 
 
 def _line(value: Any, name: str, size: int) -> np.ndarray:
@@ -241,10 +230,8 @@ def _line(value: Any, name: str, size: int) -> np.ndarray:
 def _pieces(record: Any, size: int, has_memory: bool) -> list[tuple[str, slice]]:
     pieces = by_record(record, size)
     if has_memory and len({name for name, _ in pieces}) < len(pieces):
-        raise LawError(
-            "The rows of a record do not follow each other, and a law remembers the path",
-            "Sort the rows by record and time; never shuffle them.",
-        )
+        cure = "Sort the rows by record and time; never shuffle them."
+        raise LawError("The rows of a record do not follow each other, and a law remembers the path", cure)
     return pieces
 
 
@@ -271,9 +258,8 @@ def _long_enough(name: str, parts: Sequence[slice]) -> list[slice]:
         warnings.warn(
             f"{name[:1].upper()}{name[1:]}: {', '.join(which[:6])}{more} stand alone between gaps of the clock. "
             f"Pieces of fewer than {_PIECE} samples are left out; fill the gaps to keep them.",
-            DataQualityWarning,
-            stacklevel=6,
-        )
+            DataQualityWarning, stacklevel=6,
+        )  # fmt: skip
     return [p for p in parts if p not in short]
 
 
@@ -341,9 +327,8 @@ def _trimmed(segment: Segment, names: Sequence[str], packed: np.ndarray | None =
     where = "" if segment.name == "record" else f"record {segment.name!r}"
     segment.valid = finite_span(motion, labels, where)
     if segment.n_valid < 1:
-        raise ChannelError(
-            f"{where or 'X'}: no row is finite in every channel", f"Check the edges of {rate}, {drift} and the forces."
-        )
+        cure = f"Check the edges of {rate}, {drift} and the forces."
+        raise ChannelError(f"{where or 'X'}: no row is finite in every channel", cure)
     return segment
 
 

@@ -38,9 +38,8 @@ class Layout:
         self.sites: tuple[Site, ...] = (*chain.sites, *(s for s in counts if s not in chain.sites))
         wrong = [s for s in self.sites if s.kind == "sensor"]
         if wrong:
-            raise ChainError(
-                f"{str(wrong[0])!r} is not a place for a force law", "Use a storey, link, ground or dof site."
-            )
+            cure = "Use a storey, link, ground or dof site."
+            raise ChainError(f"{str(wrong[0])!r} is not a place for a force law", cure)
         self.n_dof = chain.n_dof
         self.counts = {s: counts.get(s, 0) for s in self.sites}
         ends = np.cumsum([0, *(self.counts[s] for s in self.sites)])
@@ -214,9 +213,8 @@ def declared_laws(laws: Any) -> dict[Any, tuple[ForceLaw, ...]]:
         held = tuple(value) if isinstance(value, (list, tuple)) else (value,)
         wrong = [law for law in held if not isinstance(law, ForceLaw)]
         if wrong:
-            raise ChainError(
-                f"laws[{site!r}] holds {wrong[0]!r}, which is not a force law", "Use those of pysindy_nrf.laws."
-            )
+            cure = "Use those of pysindy_nrf.laws."
+            raise ChainError(f"laws[{site!r}] holds {wrong[0]!r}, which is not a force law", cure)
         given[site] = held
     return given
 
@@ -225,9 +223,8 @@ def power_series_laws(chain: Chain, degree: Any, orders: Mapping[Any, Any] | Non
     """A power series at every site of a chain."""
     given = {chain.site(s): order for s, order in as_mapping("orders", orders, "{'storey 2': 5}").items()}
     if unknown := [str(site) for site in given if site not in chain.sites]:
-        raise ChainError(
-            f"orders names {unknown[0]!r}, which is not in the chain", f"Its sites are {', '.join(chain.sites)}."
-        )
+        cure = f"Its sites are {', '.join(chain.sites)}."
+        raise ChainError(f"orders names {unknown[0]!r}, which is not in the chain", cure)
     return {site: [PowerSeries(given.get(site, degree))] for site in chain.sites}
 
 
@@ -244,10 +241,8 @@ class LawLayout(Layout):
                     if not _MONOMIAL.match(term.label):
                         continue
                     if term.label in owner:
-                        raise LawError(
-                            f"{site}: {owner[term.label]} and {type(law).__name__} both hold the term {term.label!r}",
-                            "Their coefficients cannot be told apart; leave one out.",
-                        )
+                        what = f"{site}: {owner[term.label]} and {type(law).__name__} both hold the term {term.label!r}"
+                        raise LawError(what, "Their coefficients cannot be told apart; leave one out.")
                     owner[term.label] = type(law).__name__
 
     def terms_at(self, site: str) -> list[Term]:

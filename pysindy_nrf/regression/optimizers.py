@@ -31,8 +31,7 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
     def __init__(
         self, optimizer: Any = None, chain: Chain | None = None, strategy: str = "auto",
-        excited: int | Iterable[int] | None = None, terms: Any = None,
-        known_masses: Mapping[int, float] | None = None,
+        excited: int | Iterable[int] | None = None, terms: Any = None, known_masses: Mapping[int, float] | None = None,
     ) -> None:  # fmt: skip
         self.optimizer = optimizer
         self.chain = chain
@@ -44,9 +43,8 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
     def _fit_columns(self, x: Any, terms: np.ndarray, a: np.ndarray, F: np.ndarray, sample_weight: Any) -> np.ndarray:
         n = a.shape[1]
         if len(F) != len(a):
-            raise ChannelError(
-                f"The features have {len(a)} samples, the targets {len(F)}", "Cut both to the same clock."
-            )
+            cure = "Cut both to the same clock."
+            raise ChannelError(f"The features have {len(a)} samples, the targets {len(F)}", cure)
         layout = self._layout(x, n, terms.shape[1])
         chain, known = layout.chain, masses_of(self.known_masses, layout.chain)
         unknown = [j + 1 for j in range(n) if np.isnan(F[:, j]).all()]
@@ -102,9 +100,8 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
     def _targets(self, y: Any, names: str, what: str) -> np.ndarray:
         if y is None:
-            raise ChannelError(
-                f"{type(self).__name__} requires y to be passed, but the target y is None", f"Give the {what}."
-            )
+            cure = f"Give the {what}."
+            raise ChannelError(f"{type(self).__name__} requires y to be passed, but the target y is None", cure)
         matrix = as_matrix(y, names, what=what)
         self._one_target = np.ndim(np.asarray(y)) == 1
         if np.isinf(matrix).any():
@@ -156,10 +153,8 @@ def sub_optimizer(optimizer: Any) -> Any:
     if not isinstance(optimizer, _ChainOptimizerBase):
         return optimizer
     if not isinstance(optimizer, ChainOptimizer):
-        raise ChainError(
-            f"{type(optimizer).__name__} solves for the rates of a state, not for the balances of a chain",
-            "Give the optimizer inside it, optimizer=..., or none.",
-        )
+        what = f"{type(optimizer).__name__} solves for the rates of a state, not for the balances of a chain"
+        raise ChainError(what, "Give the optimizer inside it, optimizer=..., or none.")
     given, plain = (one.get_params(deep=False) for one in (optimizer, ChainOptimizer()))
     if other := [name for name in plain if name != "optimizer" and given[name] != plain[name]]:
         raise ChainError(
@@ -193,9 +188,8 @@ def _measured(columns: Sequence[np.ndarray], labels: Sequence[str]) -> np.ndarra
             raise ChannelError(f"Channel {label} holds nothing but NaN", "Leave it out, or measure it.")
         rows &= ~lost
     if rows.sum() < 2:
-        raise ChannelError(
-            f"{rows.sum()} of {len(rows)} samples have a number in every channel", "Give more than there are unknowns."
-        )
+        cure = "Give more than there are unknowns."
+        raise ChannelError(f"{rows.sum()} of {len(rows)} samples have a number in every channel", cure)
     return rows
 
 
@@ -269,9 +263,8 @@ class ChainOptimizer(_ChainOptimizerBase):
         F = self._targets(y, "F", "forces F")
         n = F.shape[1]
         if x.shape[1] < n:
-            raise ChannelError(
-                f"{x.shape[1]} features for {n} balances", "The first columns are a_1..a_n, then the terms."
-            )
+            cure = "The first columns are a_1..a_n, then the terms."
+            raise ChannelError(f"{x.shape[1]} features for {n} balances", cure)
         rows = self._fit_columns(x_, x[:, n:], x[:, :n], F, sample_weight)
         return self._finish(np.hstack([np.diag(self.masses_), rows]))
 

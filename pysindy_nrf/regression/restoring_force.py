@@ -50,14 +50,11 @@ class RestoringForce:
         try:
             rate, drift = np.broadcast_arrays(np.asarray(v, dtype=float), np.asarray(s, dtype=float))
         except (TypeError, ValueError) as error:
-            raise ChannelError(
-                f"v and s of {self.site} are not numbers of one shape: {error}", "Give rates in m/s and drifts in m."
-            ) from error
+            cure = "Give rates in m/s and drifts in m."
+            raise ChannelError(f"v and s of {self.site} are not numbers of one shape: {error}", cure) from error
         if self.has_memory and drift.ndim != 1:
-            raise LawError(
-                f"The force of {self.site} depends on the path",
-                "Give v and s as one-dimensional paths in order of time.",
-            )
+            cure = "Give v and s as one-dimensional paths in order of time."
+            raise LawError(f"The force of {self.site} depends on the path", cure)
         shape = drift.shape
 
         def flat(line: Any) -> np.ndarray:
@@ -110,9 +107,8 @@ class RestoringForces(Mapping):
         try:
             return self._forces[self._chain.site(site)]
         except (ChainError, KeyError):
-            raise UnknownSiteError(
-                f"The model has no site {site!r}", f"It has {', '.join(map(str, self._forces))}."
-            ) from None
+            cure = f"It has {', '.join(map(str, self._forces))}."
+            raise UnknownSiteError(f"The model has no site {site!r}", cure) from None
 
     def __iter__(self) -> Iterator[Site]:
         return iter(self._forces)

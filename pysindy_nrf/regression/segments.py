@@ -173,10 +173,9 @@ class VisitedRegion:
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
         return {
-            "low": list(self.low),
-            "high": list(self.high),
+            "low": list(self.low), "high": list(self.high),
             "cells": ["".join("x" if c else "." for c in row) for row in self.cells],
-        }
+        }  # fmt: skip
 
     @classmethod
     def from_dict(cls, data: Any) -> VisitedRegion:
@@ -236,10 +235,8 @@ class Segment:
     def step(self) -> float:
         """Sampling step, s; a ChannelError where the time is not known."""
         if self.dt is None:
-            raise ChannelError(
-                f"The sampling step of {self.name!r} is not known",
-                "Pass dt= (s) to the estimator, time= to fit, or X with a time index.",
-            )
+            cure = "Pass dt= (s) to the estimator, time= to fit, or X with a time index."
+            raise ChannelError(f"The sampling step of {self.name!r} is not known", cure)
         return self.dt
 
     def motion(self, site: Site, rows: slice) -> Motion:

@@ -106,3 +106,7 @@ def test_the_battery_says_what_sure_names_are_worth():
     assert len(set(three["kinds"])) == 3 and three["noise"] == 0.01
     case = make_case(**alone, n_samples=2048, most=3)
     assert set(case.seen[0]) == {"fs", "acceleration", "force"} and len(case.forced) == 1 and case.noise == 0.005
+
+
+def test_masses_and_terms_beside_pysindy_are_printed():
+    assert run("pysindy_table.py", "--quick").count("| roof | 2 % |") == 7

@@ -11,6 +11,12 @@ refused   an error of the package;
 named     a word of ``fit``, ``inspect`` or ``diagnose`` that says the fault at its channel, floor or record;
 right     masses and stiffnesses within 3 % (or twice the error without the fault): it does no harm;
 silent    anything else.
+
+Measured on 300 faults: 15 refused, 259 named, 16 right, 10 silent. Why these stay silent: a gain or unit of the only
+force (3) scales all masses and laws alike and cannot be known from that test; a wrong known mass of a shaken chain (4)
+scales what hangs on it, and laws take up the rest where one mode dominates; another mass on a floor without a force (2)
+is said of its balance, as a missing law; a displacement whose gain drifts by 20 % (1) stays within the scatter of its
+ratio to the accelerometer.
 """
 
 from __future__ import annotations
@@ -138,16 +144,16 @@ CHANNEL: dict[str, tuple[Change, tuple[float, ...], str, str]] = {
     "sign": (lambda y, g, rng: -y, (1,), "axF", "sign|invert|contradict|not positive|negative"),
     "unit": (lambda y, g, rng: g * y, (1e-3, 1 / 9.80665, 1e3), "axF", "unit|times as large|contradict|gain|reaches"),
     "late": (late, (2, 8), "axF", "late|delay|early|contradict"),
-    "offset": (lambda y, b, rng: y + b * rms(y), (0.3, 1.0), "axF", "zero|offset|mean"),
+    "offset": (lambda y, b, rng: y + b * rms(y), (0.3, 1.0), "axF", "zero|offset|mean|contradict"),
     "drift": (lambda y, b, rng: y + b * rms(y) * T, (1.0, 3.0), "axF", "drift|zero"),
     "hard saturation": (
         lambda y, c, rng: np.clip(y, -c * rms(y), c * rms(y)), (1.0, 1.8), "axF", "cut off|clipped|satur",
     ),
     "soft saturation": (
         lambda y, c, rng: c * rms(y) * np.tanh(y / (c * rms(y))), (1.5, 3.0), "aF",
-        "satur|peaks|missing|terms|contradict",
+        "satur|peaks|missing|terms|contradict|calibration",
     ),
-    "dead band": (dead, (0.1, 0.3), "aF", "dead band|either side|missing|terms|contradict"),
+    "dead band": (dead, (0.1, 0.3), "aF", "dead band|either side|missing|terms|contradict|calibration"),
     "push and pull": (
         lambda y, g, rng: np.where(y > 0, y, g * y), (0.8, 0.9), "aF",
         "push|pull|missing|terms|zero|contradict|calibration",
@@ -176,7 +182,8 @@ def channel_fault(name: str, kind: str, size: float) -> Callable[[int], Case]:
         j = int(made.rng.choice(rec.forced if kind == "F" else range(1, rec.n_dof + 1)))
         matrix = getattr(rec, PARTS[kind]).copy()
         matrix[:, j - 1] = CHANNEL[name][0](matrix[:, j - 1], size, made.rng)
-        made.where = {f"{kind}{j}", f"DOF {j}", f"m{j}", f"storey {j}", f"storey {j + 1}", "motions", f"dof {j}"}
+        made.where = {f"{kind}{j}", f"DOF {j}", f"dof {j}", f"m{j}", f"storey {j}", f"storey {j + 1}"}
+        made.where |= {"motions", "neighbour"}
         made.where |= {f"{other}{j}" for other in "ax"} if kind in "ax" else set()
         made.records = [rec.replace(**{PARTS[kind]: matrix})]
         return made

@@ -57,6 +57,11 @@ def test_a_pair_of_each_kind_is_judged_right():
     assert found["changes"] == found["nothing"] == ["100.0", "100.0"]
 
 
+def test_careless_measurements_are_named_and_clean_ones_left_in_peace():
+    said = run("careless.py", "--quick", "--jobs", "1")
+    assert "10 clean records, 0 accused" in said and int(said.split(" faults, ")[1].split()[0]) <= 1
+
+
 def test_promises_are_printed_beside_what_was_measured():
     said = run("promises.py", "--part", "intervals", "detection", "--runs", "2", "--jobs", "1")
     assert "| 95 % intervals that hold the truth | all | 2 | 92 to 98 |" in said

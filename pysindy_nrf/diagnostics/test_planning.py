@@ -25,6 +25,7 @@ WEAK = 0.05  # rms drift of a storey as a share of the largest, below which its 
 ILL = 1e4  # scaled condition number from which on terms are hard to tell apart
 WIDE = 0.05  # half-width of a 95 % interval, as a share, from which on a parameter is uncertain
 QUICK = 10  # order of the differences that tell noise from motion; see signals.spline_fusion
+LARGE_ERROR = 15.0  # percent of a balance unexplained, above which its estimates deserve a word
 BIASED = 0.01  # expected relative bias of a mass from which on it is named
 
 Finding = tuple[float, str, str, float, str]  # gravity; limit, where, size and message as in the table
@@ -57,7 +58,10 @@ def diagnose(model: Any) -> Diagnosis:
     >>> "missing law" in diagnose(linear).table["limit"].tolist()
     True
     """
-    checks = _doubts, _missing, _jumping, _excitation, _conditioning, _uncertainty, _estimation, _delays, _noise
+    checks = (
+        _doubts, _missing, _jumping, _excitation, _conditioning, _uncertainty, _energy, _estimation, _delays, _noise,
+        _unexplained,
+    )  # fmt: skip
     rows = sorted((row for check in checks for row in check(model)), key=lambda row: -row[0])
     return Diagnosis(pd.DataFrame([row[1:] for row in rows], columns=["limit", "where", "size", "message"]))
 
@@ -145,6 +149,35 @@ def _uncertainty(model: Any) -> list[Finding]:
                 "nearer to it.",
             ))  # fmt: skip
     return out
+
+
+def _energy(model: Any) -> list[Finding]:
+    """Modes whose damping is negative beyond its error."""
+    try:
+        ci = model.confidence_intervals(of="modes").set_index("parameter")
+    except (NRFError, np.linalg.LinAlgError):
+        return []
+    return [
+        (3.8, "energy", name, float(row["estimate"]), creates_energy(name.split()[-1], row["estimate"]))
+        for name, row in ci.iterrows()
+        if name.startswith("damping") and row["upper"] < 0
+    ]
+
+
+def creates_energy(mode: Any, damping: float) -> str:
+    """The verdict on a mode that grows by itself."""
+    return (
+        f"This model creates energy: mode {mode} has a damping of {100 * damping:.2g} % of critical. No structure does "
+        "so by itself: a sign, a unit, a delay or a mass is wrong, a law is missing, or noise outweighs the damping."
+    )
+
+
+def _unexplained(model: Any) -> list[Finding]:
+    error = float(model.errors_.loc["pooled", "error"])
+    if not error > LARGE_ERROR:
+        return []
+    text = f"{error:.0f} % of the balances is unexplained in all. Is it noise (estimation='iv'), or is a law missing?"
+    return [(0.9, "unexplained", "all", error, text)]
 
 
 def _estimation(model: Any) -> list[Finding]:

@@ -68,6 +68,14 @@ def test_noise_of_the_force_is_not_called_noise_of_a_quick_motion():
     assert "noise" not in diagnosis(rec).table["limit"].tolist()
 
 
+def test_a_model_that_creates_energy_is_told_so():
+    """A damper of the wrong sign: negative damping beyond its error is a verdict, the right one none."""
+    for c, bad in ((-2.0, True), (2.0, False)):
+        truth = ChainModel([12.0, 9.0], {i: laws.PowerSeries(1, [c, 3e4]) for i in (1, 2)})
+        table = diagnosis(record(truth, (1, 2), noise=0.001)).table
+        assert ("energy" in table["limit"].tolist()) == bad
+
+
 def test_a_missing_law_and_a_sleeping_storey_are_named():
     hysteresis = ChainModel([12.4] * 2, {"storey 1": [STOREY, laws.Dahl(sigma=5e4, Fd=60.0)], "storey 2": STOREY})
     table = diagnosis(record(hysteresis, dofs=(1, 2))).table

@@ -14,6 +14,7 @@ import pandas as pd
 from ...data.io import frf_to_features, write_forces, write_table
 from ...data.io.frf import FrequencyResponse, in_band
 from ...data.record import Record
+from ...diagnostics.test_planning import LARGE_ERROR, creates_energy
 from ...discrepancy.residual import loops_of
 from ...estimation.noise_spectra import transfer
 from ...exceptions import SimulationError
@@ -32,9 +33,6 @@ from ..report import available as pages_available
 from ..report import write_html
 from ..report.content import band_text, listed, not_positive
 from .options import Session, heading, paragraphs, table, warned
-
-# Above this share of a balance unexplained, the estimates deserve a warning.
-LARGE_ERROR = 15.0
 
 Progress = Callable[[Iterable[Any], str], Iterable[Any]]
 
@@ -251,8 +249,11 @@ def advice(outcome: Outcome) -> list[str]:
         said.append(f"Much of the force is unexplained in the balance of {listed(poor)}. {cause}")
     said += not_positive(outcome.estimator.masses_, "negative")
     if outcome.free_run is not None and np.nanmax(outcome.free_run.to_numpy()) > 50:
+        damping = pd.Series([0.0]) if outcome.modes is None else outcome.modes["damping"]
         said.append(
-            "The free run leaves the measured motion. A model can be right and still drift (a stage without a "
+            creates_energy(damping.idxmin(), damping.min())
+            if damping.min() < 0
+            else "The free run leaves the measured motion. A model can be right and still drift (a stage without a "
             "spring, a yielding storey, a record that starts in motion); check the figure."
         )
     return said

@@ -28,14 +28,9 @@ def settings_of(**groups: Mapping[str, Any]) -> dict[str, dict[str, str]]:
 def constants_of(*modules: Any) -> dict[str, Any]:
     """Constants of modules (names in capitals): what no argument changes."""
     return {
-        k.lower().replace("_", " "): v
-        for module in modules
-        for k, v in vars(module).items()
-        if k.isupper()
-        and not k.startswith("_")
-        and isinstance(v, (int, float, tuple, dict))
-        and not isinstance(v, bool)
-    }
+        k.lower().replace("_", " "): v for module in modules for k, v in vars(module).items() if k.isupper()
+        and not k.startswith("_") and isinstance(v, (int, float, tuple, dict)) and not isinstance(v, bool)
+    }  # fmt: skip
 
 
 def _text(value: Any) -> str:

@@ -1,8 +1,6 @@
 """Random numbers from the argument ``random_state``."""
 
 import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -20,13 +18,3 @@ def generator(random_state: Any, purpose: str = "") -> np.random.Generator:
     except (TypeError, ValueError) as error:
         cure = "Give a whole number from 0, a numpy Generator, or None."
         raise NRFError(f"random_state={random_state!r} is no seed", cure) from error
-
-
-@contextmanager
-def same_draws() -> Iterator[None]:
-    """Leave NumPy's global generator, from which PySINDy draws, as it was."""
-    state = np.random.get_state()  # noqa: NPY002
-    try:
-        yield
-    finally:
-        np.random.set_state(state)  # noqa: NPY002

@@ -83,10 +83,8 @@ def statistic_of(
         return lambda m: pd.Series(of(m), dtype=float)
     if of == "parameters":
         return parameters
-    if of == "masses":
-        return lambda m: parameters(m)[lambda p: ~p.index.str.contains(":")]
-    if of == "coefficients":
-        return lambda m: parameters(m)[lambda p: p.index.str.contains(":")]
+    if of in ("masses", "coefficients"):
+        return lambda m: parameters(m)[lambda p: p.index.str.contains(":") == (of == "coefficients")]
     if of == "modes":
         names = ("frequency", "damping")  # Hz, and ratio
         return lambda m: pd.Series({f"{k} {i}": x for k in names for i, x in m.modes()[k].items()}, dtype=float)

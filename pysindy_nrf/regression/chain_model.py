@@ -149,15 +149,11 @@ class ChainModel:
         list of ndarray of shape (n_valid_samples, n_sites)
             Columns in the order of ``model.laws``; N.
         """
-        forces = self.restoring_forces
-        out = []
-        for seg in data.segments:
-            columns = [
-                force.along(seg.motion(site, seg.valid)) if force.laws else np.zeros(seg.n_valid)
-                for site, force in forces.items()
-            ]
-            out.append(np.column_stack(columns))
-        return out
+        forces = self.restoring_forces.items()
+        return [
+            np.column_stack([force.along(seg.motion(site, seg.valid)) for site, force in forces])
+            for seg in data.segments
+        ]
 
     def balance_forces(self, data: SegmentSet) -> list[np.ndarray]:
         """Left-hand sides ``m_j a_j + R_j - R_{j+1}`` along each record; see :meth:`site_forces`.
@@ -223,8 +219,7 @@ class ChainModel:
                 for term, c in zip(law.terms(), law.values):
                     if term.label == "a":
                         M = M + c * np.outer(b, b)
-        C = to_link.T @ (np.array([p["c"] for p in linear])[:, None] * to_link)
-        K = to_link.T @ (np.array([p["k"] for p in linear])[:, None] * to_link)
+        C, K = (to_link.T @ (np.array([p[key] for p in linear])[:, None] * to_link) for key in "ck")
         return M, C, K
 
     def modes(self) -> pd.DataFrame:
@@ -385,11 +380,9 @@ class ChainModel:
 
     def __eq__(self, other: object) -> bool:
         return (
-            isinstance(other, ChainModel)
-            and np.array_equal(self.masses, other.masses)
-            and self.chain == other.chain
+            isinstance(other, ChainModel) and np.array_equal(self.masses, other.masses) and self.chain == other.chain
             and self.laws == other.laws
-        )
+        )  # fmt: skip
 
     __hash__ = None  # type: ignore[assignment]  # how Python says that an object that can change has no hash
 

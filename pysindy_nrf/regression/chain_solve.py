@@ -109,17 +109,14 @@ def doubtful_masses(solution: Solution) -> list[str]:
             mass = solution.masses[dof]
             if mass > 0 and noise < _DOUBT:
                 continue
-            if noise < _DOUBT:
-                why = (
-                    "is not positive: does the force or the acceleration have the wrong sign, "
-                    "or a channel stand in the wrong column?"
-                )
-            else:
-                why = (
-                    f"is likely biased: what the {fit.step.name} leaves unexplained is {noise:.2g} times the part of "
-                    "its inertia that no other term can imitate. Fuse or filter the channels, excite more frequencies, "
-                    "add the missing law, or give the mass."
-                )
+            why = (
+                "is not positive: does the force or the acceleration have the wrong sign, or a channel stand in the "
+                "wrong column?"
+                if noise < _DOUBT
+                else f"is likely biased: what the {fit.step.name} leaves unexplained is {noise:.2g} times the part of "
+                "its inertia that no other term can imitate. Fuse or filter the channels, excite more frequencies, add "
+                "the missing law, or give the mass."
+            )
             said.append(f"m{dof} = {mass:.4g} kg {why}")
     return said
 
@@ -386,13 +383,10 @@ def third_law_gap(solution: Solution, grams: BlockGrams) -> pd.Series:
 def unknown_forces(model: ChainModel, data: SegmentSet) -> pd.DataFrame:
     """Forces (N) on the DOFs whose force was not known, from the balances; NaN where it was given."""
     hidden = [j for j in range(data.n_dof) if any(np.isnan(seg.F[seg.valid.start, j]) for seg in data.segments)]
-    parts = [np.zeros((seg.n_valid, 0)) for seg in data.segments]
-    if hidden:
-        forces = model.balance_forces(data)
-        parts = [
-            np.where(np.isnan(seg.F[seg.valid][:, hidden]), f[:, hidden], np.nan)
-            for seg, f in zip(data.segments, forces)
-        ]
+    forces = model.balance_forces(data) if hidden else [seg.F[seg.valid] for seg in data.segments]
+    parts = [
+        np.where(np.isnan(seg.F[seg.valid][:, hidden]), f[:, hidden], np.nan) for seg, f in zip(data.segments, forces)
+    ]
     return pd.DataFrame(data.scatter(parts), columns=[f"F{j + 1}" for j in hidden])
 
 

@@ -35,9 +35,7 @@ def balance_errors(model: ChainModel, grams: BlockGrams) -> pd.DataFrame:
     coefficients = model.coefficients
     masses = dict(enumerate(model.masses, 1))
     balances = {j: balance_sizes(j, masses, coefficients, grams) for j in masses}
-    rows = {
-        f"dof {j}": [_percent(x.residual, x.reference), x.residual, x.reference, x.of] for j, x in balances.items() if x
-    }
+    rows = {f"dof {j}": [_percent(*x[:2]), *x[:2], x.of] for j, x in balances.items() if x}
     rows["pooled"] = [pooled_percent(balances.values()), np.nan, np.nan, ""]
     return pd.DataFrame.from_dict(rows, orient="index", columns=COLUMNS)
 

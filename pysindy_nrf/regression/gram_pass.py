@@ -69,16 +69,21 @@ class GramPass:
     def add(self, block: Block, number: int = 0) -> GramPass:
         """Add samples to a number; self."""
         if self.kind == "root":
-            self._add_root(block, number)
-        else:
-            self.plan.multiply(block.weighted, self._room(number, [block]))
+            return self.add_each([(number, block)])
+        self.plan.multiply(block.weighted, self._room(number, [block]))
         return self
 
     def add_each(self, blocks: Iterable[tuple[int, Block]]) -> GramPass:
         """Add numbered blocks, on all cores; self."""
         if self.kind == "root":
             for number, block in blocks:
-                self._add_root(block, number)
+                self._open(number)
+                self.counts[number] += block.weight
+                columns = block.weighted
+                for dofs, part in self._roots[number].items():
+                    if all(block.known[j - 1] for j in dofs):
+                        rows = rows_of(self.layout, self.groups[dofs], columns, self.known_masses)
+                        part.add(rows, block.weight, self.guess.get(dofs))
             return self
 
         plan = self.plan  # made before the threads ask for it
@@ -138,15 +143,6 @@ class GramPass:
         self.counts[number] += size
         held[1] += size
         return held[0]
-
-    def _add_root(self, block: Block, number: int) -> None:
-        self._open(number)
-        self.counts[number] += block.weight
-        columns = block.weighted
-        for dofs, part in self._roots[number].items():
-            if all(block.known[j - 1] for j in dofs):
-                rows = rows_of(self.layout, self.groups[dofs], columns, self.known_masses)
-                part.add(rows, block.weight, self.guess.get(dofs))
 
 
 class _Root:
@@ -218,7 +214,7 @@ def _shares(blocks: Iterable[tuple[int, Block]]) -> Iterator[tuple[int, list[Blo
 
 def pieces_of(
     data: SegmentSet, layout: LawLayout, groups: Sequence[Group], filters: Sequence[Any],
-    known_masses: Mapping[int, float], runs: Sequence[Segment | None] | None = None, n_pieces: int = N_PIECES,
+    known_masses: Mapping[int, float], runs: Sequence[Segment | None] | None = None,
     whiteners: Mapping[tuple[int, ...], Any] | None = None, edges: Sequence[np.ndarray] | None = None,
 ) -> BlockGrams:  # fmt: skip
     """Gram matrices of consecutive pieces of the data."""
@@ -226,7 +222,7 @@ def pieces_of(
     known = {int(j): float(m) for j, m in known_masses.items()}
     if edges is None:
         lengths = {i: data.segments[i].n_valid for i in chosen}
-        length = max(1, -(-sum(lengths.values()) // n_pieces))
+        length = max(1, -(-sum(lengths.values()) // N_PIECES))
         cuts = {i: np.linspace(0, n, max(1, round(n / length)) + 1).astype(int) for i, n in lengths.items()}
     else:
         cuts = {i: np.asarray(edges[i]) for i in chosen}
@@ -268,7 +264,5 @@ def pieces_of(
 def whole_block(segment: Any, layout: LawLayout, filter: Any) -> Block:
     """All valid rows of a record as one block, its arrays our own."""
     parts = list(segment.blocks(layout, filter=filter))
-    terms, acceleration, force = (
-        np.concatenate([getattr(p, k) for p in parts], axis=1) for k in ("terms", "acceleration", "force")
-    )
-    return Block(terms, acceleration, force)
+    whole = [np.concatenate([getattr(p, k) for p in parts], axis=1) for k in ("terms", "acceleration", "force")]
+    return Block(whole[0], whole[1], whole[2])

@@ -49,10 +49,9 @@ class BlockGrams:
         return True
 
     def __repr__(self) -> str:
-        what = [f"{n} block{'s' * (n != 1)}" for n in self.shape]
-        n = len(self.groups)
-        samples = f"{int(np.rint(np.sum(self.n_samples)))} samples"
-        return f"BlockGrams({', '.join([*what, f'{n} balance' + 's' * (n != 1), samples])})"
+        counts = [*((n, "block") for n in self.shape), (len(self.groups), "balance")]
+        what = [f"{n} {word}{'s' * (n != 1)}" for n, word in counts]
+        return f"BlockGrams({', '.join(what)}, {np.sum(self.n_samples):.0f} samples)"
 
     def __getitem__(self, which: Any) -> BlockGrams:
         """Some of the blocks, or a single one."""
@@ -117,13 +116,11 @@ class BlockGrams:
         )  # fmt: skip
 
     def _require_alike(self, other: BlockGrams) -> None:
-        if set(self.matrices) != set(other.matrices):
-            cure = "Accumulate both with the same layout."
-            raise NRFError("Gram matrices of different balances cannot be added", cure)
-        wide = [x.shape[-1] == other.matrices[dofs].shape[-1] for dofs, x in self.matrices.items()]
-        if self.kind != other.kind or not all(wide):
-            cure = "Accumulate both with the same layout."
-            raise NRFError("Gram matrices of different columns or kinds cannot be added", cure)
+        same = set(self.matrices) == set(other.matrices)
+        wide = same and all(x.shape[-1] == other.matrices[dofs].shape[-1] for dofs, x in self.matrices.items())
+        if self.kind != other.kind or not wide:
+            what = f"Gram matrices of different {'columns or kinds' if same else 'balances'} cannot be added"
+            raise NRFError(what, "Accumulate both with the same layout.")
 
     def roots(self) -> BlockGrams:
         """Triangular roots of the Gram matrices."""

@@ -109,18 +109,25 @@ def from_arrays(
     extra = {
         str(k): _line(c, f"covariate {k}", size) for k, c in ({} if covariates is None else dict(covariates)).items()
     }
-    pieces = _pieces(record, size, has_memory)
-    seconds = _seconds(time, dt, size, pieces)
+    pieces = by_record(record, size)
+    if has_memory and len({name for name, _ in pieces}) < len(pieces):
+        what = "The rows of a record do not follow each other, and a law remembers the path"
+        raise LawError(what, "Sort the rows by record and time; never shuffle them.")
+    is_step = isinstance(dt, (int, float, np.number)) and not isinstance(dt, bool) and np.isfinite(dt) and dt > 0
+    if time is None and dt is not None and not is_step:
+        raise ChannelError(f"dt={dt!r} is not a sampling step", "Give a positive number in s.")
+    seconds = None if time is None else row_times(time, size, pieces)
     if seconds is not None and has_memory:
         _require_no_gap(pieces, seconds)
-    if seconds is not None and not has_memory:
+    elif seconds is not None:
         # what a filter masked lies at the edges of the pieces
         masked = not Extent.of([x, force]).finite.all()
         pieces = contiguous(size, record, seconds) if masked else _cut_at_gaps(pieces, seconds, every_row)
     segments = []
     for name, rows in pieces:
+        even: Any = EvenClock(rows.stop - rows.start, float(dt)) if seconds is None and dt is not None else None
         segment = Segment(
-            name, rows, a[rows], v[rows], s[rows], force[rows], _clock(seconds, rows, dt),
+            name, rows, a[rows], v[rows], s[rows], force[rows], even if seconds is None else seconds[rows],
             None if ag is None else ag[rows], {k: c[rows] for k, c in extra.items()},
             resolved=getattr(X, "attrs", {}).get("resolved"), band=getattr(X, "attrs", {}).get("band"),
             doubts=tuple(getattr(X, "attrs", {}).get("doubts", ())),
@@ -204,11 +211,9 @@ def _ordered_forces(F: Any, n: int, X: Any) -> Any:
     if not hasattr(F, "columns"):
         return F
     if (
-        hasattr(X, "columns")
-        and len(X) == len(F)
-        and not X.index.equals(F.index)
+        hasattr(X, "columns") and len(X) == len(F) and not X.index.equals(F.index)
         and not X.index.symmetric_difference(F.index).size
-    ):
+    ):  # fmt: skip
         raise ChannelError("The rows of X and F have the same labels in another order", "Sort both the same way.")
     names, wanted = [str(c) for c in F.columns], [f"F{j}" for j in range(1, n + 1)]
     if set(names) <= set(wanted) and len(set(names)) == len(names):  # as in files: no column, no force
@@ -225,14 +230,6 @@ def _line(value: Any, name: str, size: int) -> np.ndarray:
     if len(line) != size:
         raise ChannelError(f"{name} has {len(line)} samples, X has {size}", "Cut both to the same clock.")
     return line
-
-
-def _pieces(record: Any, size: int, has_memory: bool) -> list[tuple[str, slice]]:
-    pieces = by_record(record, size)
-    if has_memory and len({name for name, _ in pieces}) < len(pieces):
-        cure = "Sort the rows by record and time; never shuffle them."
-        raise LawError("The rows of a record do not follow each other, and a law remembers the path", cure)
-    return pieces
 
 
 def _cut_at_gaps(pieces: Sequence[tuple[str, slice]], seconds: np.ndarray, every_row: bool) -> list[tuple[str, slice]]:
@@ -272,23 +269,6 @@ def _require_no_gap(pieces: Sequence[tuple[str, slice]], seconds: np.ndarray) ->
                 "Rows were left out or shuffled. Hold out whole records (RecordSplit), or give each contiguous piece "
                 "its own record id.",
             )
-
-
-def _seconds(time: Any, dt: float | None, size: int, pieces: Sequence[tuple[str, slice]]) -> np.ndarray | None:
-    if time is None:
-        if dt is None:
-            return None
-        if isinstance(dt, bool) or not isinstance(dt, (int, float, np.number)) or not np.isfinite(dt) or dt <= 0:
-            raise ChannelError(f"dt={dt!r} is not a sampling step", "Give a positive number in s.")
-        return None
-    return row_times(time, size, pieces)
-
-
-def _clock(seconds: np.ndarray | None, rows: slice, dt: float | None) -> Any:
-    """Time of some rows as given, s (from zero with a step alone), or None."""
-    if seconds is not None:
-        return seconds[rows]
-    return None if dt is None else EvenClock(rows.stop - rows.start, float(dt))
 
 
 def _base_in_band(segment: Segment) -> Segment:

@@ -31,17 +31,14 @@ class RestoringForce:
     @property
     def coefficients(self) -> pd.Series:
         """Coefficients by term (``"v"``, ``"s"``, ``"v^2 s"``, ...), SI units."""
-        values = [float(c) for law in self.laws for c in law.values]
-        return pd.Series(
-            values, index=pd.Index(distinct_labels(self.laws), name="term"), name=str(self.site), dtype=float
-        )
+        values, terms = [float(c) for law in self.laws for c in law.values], distinct_labels(self.laws)
+        return pd.Series(values, index=pd.Index(terms, name="term"), name=str(self.site), dtype=float)
 
     @property
     def units(self) -> pd.Series:
         """Units of the coefficients by term."""
-        return pd.Series(
-            [t.unit for law in self.laws for t in law.terms()], index=self.coefficients.index, dtype=object
-        )
+        units = [term.unit for law in self.laws for term in law.terms()]
+        return pd.Series(units, index=self.coefficients.index, dtype=object)
 
     def __call__(self, v: Any, s: Any, *, t: Any = None, covariates: Mapping[str, Any] | None = None) -> np.ndarray:
         """Force for rates and drifts."""

@@ -8,6 +8,7 @@ from functools import cache
 from typing import Any, Literal
 
 import numpy as np
+from scipy import ndimage
 
 from ..common.threads import in_threads
 from ..exceptions import ChannelError
@@ -148,10 +149,7 @@ class VisitedRegion:
 
     def contains(self, v: Any, s: Any) -> np.ndarray:
         """Whether points lie in a visited cell, or next to one."""
-        near = np.zeros(tuple(n + 2 for n in self.cells.shape), dtype=bool)
-        for i in range(3):
-            for j in range(3):
-                near[i : i + self.cells.shape[0], j : j + self.cells.shape[1]] |= self.cells
+        near = ndimage.binary_dilation(np.pad(self.cells, 1), np.ones((3, 3)))
         index, inside = [], np.ones(np.broadcast(v, s).shape, dtype=bool)
         for values, a, b, n in zip((v, s), self.low, self.high, self.cells.shape):
             values = np.broadcast_to(np.asarray(values, dtype=float), inside.shape)
@@ -305,18 +303,17 @@ class Segment:
             for i, (low, high) in enumerate(ends):
                 out[i] = self.v[rows, low:high].sum(axis=1, dtype=np.float64)
                 out[m + i] = self.s[rows, low:high].sum(axis=1, dtype=np.float64)
-        last: Site | None = None
-        motion: Motion | None = None
+        motions: dict[Site, Motion] = {}
         for site, number, width in recipe.others:
             law = layout.laws[site][number]
-            if motion is None or site != last:
-                last, motion = site, self.motion(site, rows)
             if law.has_memory and states is not None:
                 state = states.setdefault((site, number), np.zeros(law.n_states))
                 wide = self.motion(site, slice(rows.start - lead, rows.stop))
                 out[at : at + width] = law.features(wide, state)[lead:].T
             else:
-                out[at : at + width] = law.features(motion).T
+                if site not in motions:
+                    motions = {site: self.motion(site, rows)}
+                out[at : at + width] = law.features(motions[site]).T
             at += width
         return out
 
@@ -386,10 +383,9 @@ class SegmentSet:
         """Sampling step of the first record, s."""
         return self.segments[0].dt
 
-    def scatter(self, parts: Sequence[np.ndarray], fill: float = np.nan) -> np.ndarray:
+    def scatter(self, parts: Sequence[np.ndarray]) -> np.ndarray:
         """Put arrays of the segments' valid rows back into the rows the user passed."""
-        width = parts[0].shape[1]
-        out = np.full((self.n_samples, width), fill)
+        out = np.full((self.n_samples, parts[0].shape[1]), np.nan)
         for seg, part in zip(self.segments, parts):
             out[seg.rows][seg.valid] = part
         return out

@@ -51,12 +51,9 @@ class _Search:
     def __init__(self, layout: LawLayout, scales: Mapping[Site, Scales], solve: Solve, fastest: float) -> None:
         self.layout, self.solve, self._fastest = layout, solve, fastest
         self.free: Free = [
-            (site, i, p)
-            for site, held in layout.laws.items()
-            for i, law in enumerate(held)
-            for p in law.shapes
+            (site, i, p) for site, held in layout.laws.items() for i, law in enumerate(held) for p in law.shapes
             if law.shape[p.name] is None
-        ]
+        ]  # fmt: skip
         self.scale = ShapeScale([p for *_, p in self.free], [scales[site] for site, *_ in self.free], fastest)
         self.low, self.high = self.scale.low, self.scale.high
         self.u = 0.5 * (self.low + self.high)
@@ -68,7 +65,10 @@ class _Search:
 
     def trial(self, u: np.ndarray) -> LawLayout:
         """The laws with shape parameters at a point of the search."""
-        return _with_shapes(self.layout, self.free, self.scale.values(np.clip(u, self.low, self.high)))
+        laws = {site: list(held) for site, held in self.layout.laws.items()}
+        for (site, i, p), value in zip(self.free, self.scale.values(np.clip(u, self.low, self.high))):
+            laws[site][i] = laws[site][i].with_values(shape={p.name: float(value)})
+        return LawLayout(self.layout.chain, laws)
 
     def cost(self, u: np.ndarray) -> float:
         """Sum of the squared shares that the steps leave unexplained."""
@@ -120,13 +120,6 @@ class _Search:
         return self.trial(best.x)
 
 
-def _with_shapes(layout: LawLayout, free: Free, values: np.ndarray) -> LawLayout:
-    laws = {site: list(held) for site, held in layout.laws.items()}
-    for (site, i, p), value in zip(free, values):
-        laws[site][i] = laws[site][i].with_values(shape={p.name: float(value)})
-    return LawLayout(layout.chain, laws)
-
-
 def _lines(
     layout: LawLayout, unheard: Free, site: Site, solve: Solve, data: SegmentSet, filters: Sequence[Any]
 ) -> list[float]:
@@ -142,7 +135,9 @@ def _lines(
         return []
     without, left = _without(layout, {(place, i) for place, i, _ in unheard}, solution)
     seg = data.segments[longest]
-    rows = _rows(seg, without, filters[longest] if filters else None)
+    filter = filters[longest] if filters else None
+    blocks = seg.blocks(without, filter=filter, states={} if filter is None else None)
+    rows = np.hstack([np.vstack([b.terms, b.acceleration, np.nan_to_num(b.force)]) for b in blocks])
     return balance_lines(rows, without, left, site.p, seg.step, site.p in data.forced, False, driven_at(seg))
 
 
@@ -159,16 +154,6 @@ def _without(layout: LawLayout, out: set[tuple[Site, int]], solution: Solution) 
         laws[site] = tuple(law for law, _ in kept)
         coefficients[site] = np.concatenate([np.zeros(0), *(part for _, part in kept)])
     return LawLayout(layout.chain, laws), Solution(solution.masses, coefficients)
-
-
-def _rows(seg: Segment, layout: LawLayout, filter: Any) -> np.ndarray:
-    """Columns ``[terms | a | F]`` along one record; zero for a force that is not known."""
-    states: dict | None = {} if filter is None else None
-    blocks = [
-        np.vstack([b.terms, b.acceleration, np.nan_to_num(b.force)])
-        for b in seg.blocks(layout, filter=filter, states=states)
-    ]
-    return np.hstack(blocks)
 
 
 # Share of a drive's power in one line that makes a test harmonic; bins of the record a line is wide.
@@ -223,10 +208,8 @@ def hidden_lines(
     rest = left[:, -1, -1] - (xy * (np.linalg.pinv(x, rcond=1e-12, hermitian=True) @ xy)).sum(axis=(1, 2))
     found: list[int] = []
     for k in bins[np.argsort(rest)].tolist():
-        if all(abs(k - other) > _PADDED for other in found):
+        if len(found) < most and all(abs(k - other) > _PADDED for other in found):
             found.append(k)
-            if len(found) == most:
-                break
     return [k / (_PADDED * n * dt) for k in found]
 
 

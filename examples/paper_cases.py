@@ -36,7 +36,7 @@ from pysindy_nrf.simulation.noise import add_noise
 MASS, STIFFNESS, DAMPING = 10.0, 1e5, 100.0
 MR_DAMPER = {"K0": 50.0, "C0": 399.0, "Fd": 34.85, "f0": 0.0, "sigma": 5e4}
 # Rms of the random forces, N. The paper does not print it: with this one our polynomials are nearest to its (11b) and
-# (16), 2 % of the force apart (see calibrate_level). Its m_1 = 9.85 kg alone asks for 345 N, where (16) is 13 % off.
+# (16), 2 % of the force apart (see calibrate_level). Its m_1 = 9.85 kg alone asks for 345 N, where (16) is 16 % off.
 FORCE_LEVEL = 200.0
 BAND = (0.5, 60.0)  # Hz, of the random forces
 FS_TWO_DOF, DURATION_TWO_DOF = 1000.0, 20.0

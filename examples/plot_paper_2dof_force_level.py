@@ -5,7 +5,7 @@ How hard must one shake? The cubic's bias and the force level
 The paper's power series cannot hold a damper that remembers its path. How much too low the mass
 beside it comes out depends on how large the damper's friction is beside the force. The paper does not print
 its force level; the one used here is that at which our polynomials are nearest to all coefficients of its (11b) and
-(16). Its m_1 = 9.85 kg alone asks for a higher one, at which (16) is 13 % off.
+(16). Its m_1 = 9.85 kg alone asks for a higher one, at which (16) is 16 % off.
 
 Run: ``python plot_paper_2dof_force_level.py [folder]``
 """

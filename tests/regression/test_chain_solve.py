@@ -124,10 +124,8 @@ def test_sequential_takes_what_it_knows_to_the_right():
     y1 = case.F[:, 0] + T["storey 2"] @ x2[1:] + T["link 3-1"] @ x3[3:]
     x1, e1 = least_squares(case.a[:, 0], T["storey 1"], y=y1)
     assert found.masses == pytest.approx({3: x3[0], 2: x2[0], 1: x1[0]}, rel=1e-9)
-    assert found.coefficients["storey 3"].tolist() == pytest.approx(x3[1:3].tolist(), rel=1e-9)
-    assert found.coefficients["link 3-1"].tolist() == pytest.approx(x3[3:].tolist(), rel=1e-9)
-    assert found.coefficients["storey 2"].tolist() == pytest.approx(x2[1:].tolist(), rel=1e-9)
-    assert found.coefficients["storey 1"].tolist() == pytest.approx(x1[1:].tolist(), rel=1e-9)
+    for site, x in zip(("storey 3", "link 3-1", "storey 2", "storey 1"), (x3[1:3], x3[3:], x2[1:], x1[1:])):
+        assert found.coefficients[site].tolist() == pytest.approx(x.tolist(), rel=1e-9)
     assert not found.twins
     assert [fit.step.dofs for fit in found.fits] == [(3,), (2,), (1,)]
     for fit, e, y, p in zip(found.fits, (e3, e2, e1), (case.F[:, 2], y2, y1), (4, 2, 3)):
@@ -171,16 +169,12 @@ def test_joint_is_least_squares_of_all_balances_divided_by_their_rms_force(known
             own = [sign.get(site, 0) * record.terms[site] for site in LAWS]
             rows.append((dof, np.hstack([*a.values(), *own])))
             right.append(record.F[:, dof - 1] - known.get(dof, 0.0) * record.a[:, dof - 1])
-    rms = {
-        dof: np.sqrt(np.mean(np.concatenate([y for (d, _), y in zip(rows, right) if d == dof]) ** 2))
-        for dof in (1, 2, 3)
-    }
+    force = {dof: np.concatenate([y for (d, _), y in zip(rows, right) if d == dof]) for dof in (1, 2, 3)}
+    rms = {dof: np.sqrt(np.mean(y**2)) for dof, y in force.items()}
     A, y = (np.concatenate([x / rms[d] for (d, _), x in zip(rows, of)]) for of in ([A for _, A in rows], right))
     x, e = least_squares(A, y=y)
     assert [found.masses[j] for j in free] == pytest.approx(x[: len(free)].tolist(), rel=1e-9)
-    assert np.concatenate([found.coefficients[site] for site in LAWS]).tolist() == pytest.approx(
-        x[len(free) :].tolist(), rel=1e-9
-    )
+    assert np.concatenate([found.coefficients[site] for site in LAWS]) == pytest.approx(x[len(free) :], rel=1e-9)
     (fit,) = found.fits
     assert (fit.step.dofs, fit.step.masses, fit.rank) == ((1, 2, 3), tuple(free), len(x))
     assert fit.step.forced and fit.share == pytest.approx(np.linalg.norm(e) / np.linalg.norm(y), rel=1e-9)
@@ -249,9 +243,7 @@ def _passes(angle, noise):
 def test_data_whose_squares_keep_their_digits_are_seen_once():
     found, kind, passes = _passes(0.5, 0.0)
     assert (kind, passes) == ("gram", 1)
-    assert found.masses[1] == pytest.approx(2.0) and found.coefficients["storey 1"].tolist() == pytest.approx(
-        [3.0, 5.0]
-    )
+    assert [found.masses[1], *found.coefficients["storey 1"]] == pytest.approx([2.0, 3.0, 5.0])
     assert _passes(1e-2, 0.1)[1:] == ("gram", 1)  # noise covers what the squares lose
 
 
@@ -263,23 +255,14 @@ def test_where_squares_lose_digits_the_data_are_seen_again_by_qr(angle):
     assert found.coefficients["storey 1"].tolist() == pytest.approx([3.0, 5.0], rel=1e-14 / angle)
 
 
-def _dependent(mass_too):
-    """Terms s and -3 s; with the mass among them where the acceleration is -s too."""
-    s, a = at_angle(0.5)[2:]
-    a = -s if mass_too else a
-    solve_order = plan_solve_order(ONE.chain, [1], strategy="complete", sites=ONE.acting)
-    blocks = blocks_of(np.column_stack([s, -3 * s]), a[:, None], (2 * a + 12 * s)[:, None])
-    return total_gram(ONE, groups_of(ONE, solve_order), blocks), solve_order
-
-
 # -- rank -----------------------------------------------------------------------------------------
 
 
 def test_terms_that_cannot_be_told_apart_share_the_force():
     """Of all coefficients that fit, the smallest on columns of unit length: half of the force to each of the two."""
-    total, solve_order = _dependent(False)
+    s, a = at_angle(0.5)[2:]
     with pytest.warns(RankWarning, match=r"rank 2 of 3; .* are linearly dependent on this excitation\. ") as caught:
-        found = solve(total, solve_order)
+        found = single(np.column_stack([s, -3 * s]), a, 2 * a + 12 * s)
     assert caught[0].filename == __file__  # where the caller stands
     text = str(caught[0].message)
     assert text.startswith("balance of DOF 1: ") and "storey 1: term 1" in text and "storey 1: term 2" in text

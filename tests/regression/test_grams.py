@@ -181,35 +181,26 @@ def test_records_whose_unknown_forces_differ_come_one_after_the_other(kind):
 
 
 def test_gram_matrices_of_other_balances_or_kinds_do_not_add():
-    with pytest.raises(NRFError, match="different balances cannot be added"):
-        total_of(random_columns()).merge(total_gram(LAYOUT, GROUPS[:1], blocks_of(*random_columns())))
-    with pytest.raises(NRFError, match="different columns or kinds cannot be added"):
-        total_of(random_columns()).merge(total_of(random_columns(), "root"))
-
-
-def one_mass(columns):
-    """The balance of one DOF whose columns [terms | a | F] are given, one row for each sample."""
-    columns = np.asarray(columns, dtype=float)
-    layout = Layout(Chain(1), {"storey 1": columns.shape[1] - 2})
-    return layout, [layout.group((1,))], list(blocks_of(columns[:, :-2], columns[:, -2:-1], columns[:, -1:], 100))
+    data = random_columns()
+    for other, what in ((total_gram(LAYOUT, GROUPS[:1], blocks_of(*data)), "balances"), (total_of(data, "root"), "columns or kinds")):
+        with pytest.raises(NRFError, match=f"different {what} cannot be added"):
+            total_of(data).merge(other)
 
 
 def of_columns(columns, kind="gram", guess=None):
-    layout, groups, blocks = one_mass(columns)
-    return total_gram(layout, groups, blocks, kind=kind, guess=None if guess is None else {(1,): guess})
+    """The balance of one DOF whose columns [terms | a | F] are given, one row for each sample."""
+    layout = Layout(Chain(1), {"storey 1": columns.shape[1] - 2})
+    blocks = blocks_of(columns[:, :-2], columns[:, -2:-1], columns[:, -1:], 100)
+    return total_gram(layout, [layout.group((1,))], blocks, kind=kind, guess=guess)
 
 
 @pytest.mark.parametrize("condition", [1e1, 1e5, 1e9, 1e13])
 def test_a_guess_of_the_root_loses_no_digit(condition):
     """The root through a guess is that of Householder's QR, up to signs, at any condition number and any units."""
-    rng = np.random.default_rng(3)
-    p = 12
-    layout = Layout(Chain(1), {"storey 1": p - 2})
+    rng, p = np.random.default_rng(3), 12
     mix = np.linalg.qr(rng.normal(size=(p, p)))[0] * np.logspace(0, -np.log10(condition), p)
     columns = ((mix @ rng.normal(size=(p, 4000))) * 10.0 ** rng.uniform(-8, 8, p)[:, None]).T
-    groups, data = [layout.group((1,))], (columns[:, : p - 2], columns[:, p - 2 : p - 1], columns[:, p - 1 :])
-    first = total_gram(layout, groups, blocks_of(*(x[:2000] for x in data)))  # half the samples are enough to guess
-    guessed = total_gram(layout, groups, blocks_of(*data, 800), kind="root", guess=guess_of(first))
+    guessed = of_columns(columns, "root", guess_of(of_columns(columns[:2000])))  # half the samples are enough to guess
     size = np.linalg.norm(columns, axis=0)
     R, truth = (np.linalg.qr(rows / size, mode="r") for rows in (guessed.matrices[1,], columns))
     sign = np.sign(np.diag(R) * np.diag(truth))[:, None]
@@ -228,12 +219,9 @@ def test_dependent_columns_leave_zeros_and_the_others_their_digits():
 
 def test_columns_ten_orders_apart_keep_their_digits():
     """Gram matrices are scaled after accumulation: the small column is found to round-off."""
-    rng = np.random.default_rng(0)
-    layout = Layout(Chain(1), {"storey 1": 2})
-    a, s = rng.normal(size=(2, 4000, 1))
-    terms = np.column_stack([1e-3 * s, 1e-9 * s**3])
-    F = 7 * a + terms @ np.array([[2e5], [3e11]])
-    R = total_gram(layout, [layout.group((1,))], blocks_of(terms, a, F)).triangle((1,), np.eye(4))
+    a, s = np.random.default_rng(0).normal(size=(2, 4000))
+    columns = np.column_stack([1e-3 * s, 1e-9 * s**3, a])
+    R = of_columns(np.column_stack([columns, columns @ [2e5, 3e11, 7.0]])).triangle((1,), np.eye(4))
     assert np.linalg.solve(R[:3, :3], R[:3, 3]) == pytest.approx([2e5, 3e11, 7.0], rel=1e-12)
 
 

@@ -66,13 +66,12 @@ def measured_tests(draw, excitations=("complete", "incomplete", "base"), extras=
     v, s = motion(n, rng)
     m, k = rng.uniform(5, 50, n), rng.uniform(2e4, 2e5, n)
     held = {i: [laws.PowerSeries(degree), *(EXTRA[extra]() if i == 1 else [])] for i in range(1, n + 1)}
-    values = {}
-    for i, group in held.items():
-        values[i] = []
-        for law in group:
-            size = [k[i - 1] * 2e-3 / _size(term.label) for term in law.terms()]
-            values[i].append(law.with_values(coefficients=rng.uniform(0.2, 1.0, len(size)) * size))
-    truth = ChainModel(m, values)
+
+    def drawn(i, law):
+        size = [k[i - 1] * 2e-3 / _size(term.label) for term in law.terms()]
+        return law.with_values(coefficients=rng.uniform(0.2, 1.0, len(size)) * size)
+
+    truth = ChainModel(m, {i: [drawn(i, law) for law in group] for i, group in held.items()})
     R = truth.restoring_force(np.hstack([0 * v, v, s]), dt=DT)
     total = R - np.hstack([R[:, 1:], np.zeros((N, 1))])
     F = np.zeros((N, n))
@@ -87,12 +86,12 @@ def measured_tests(draw, excitations=("complete", "incomplete", "base"), extras=
     return Measured(a, v, s, F, m, options)
 
 
-def _size(label: str) -> float:
-    """Size of a term at 2 mm and 0.4 m/s."""
+def _size(label: str, v: float = 0.4, s: float = 2e-3) -> float:
+    """Size of a term at a rate and a drift."""
     size = 1.0
     for factor in label.split():
         base, _, power = factor.partition("^")
-        size *= {"v": 0.4, "|v|": 0.4, "s": 2e-3}.get(base, 1.0) ** float(power or 1)
+        size *= {"v": v, "|v|": v, "s": s}.get(base, 1.0) ** float(power or 1)
     return size
 
 
@@ -139,16 +138,8 @@ def rescaled(test: Measured, L: float, M: float, T: float) -> tuple[Measured, np
     for i in range(1, test.n + 1):
         held = (options["laws"] or {}).get(i, [laws.PowerSeries(options["degree"])])
         for law in held:
-            factors.append(np.array([force / _unit(term.label, L, T) for term in law.terms()]))
+            factors.append(np.array([force / _size(term.label, L / T, L) for term in law.terms()]))
     return other, np.concatenate(factors)
-
-
-def _unit(label: str, L: float, T: float) -> float:
-    size = 1.0
-    for factor in label.split():
-        base, _, power = factor.partition("^")
-        size *= {"v": L / T, "|v|": L / T, "s": L}.get(base, 1.0) ** float(power or 1)
-    return size
 
 
 @given(measured_tests(), *(st.sampled_from([-6, -3, -1, 1, 3, 6]) for _ in range(3)))
@@ -163,8 +154,7 @@ def test_powers_of_two_as_units_change_nothing_but_units(test, l2, m2, t2):
 @given(measured_tests(extras=("none", "coulomb", "quadratic damping")), st.integers(0, 2**31))
 def test_the_order_of_samples_does_not_matter_without_memory(test, seed):
     order = np.random.default_rng(seed).permutation(N)
-    settings = {**test.settings, "dt": None}
-    same(test.fit(test.X[order], test.F[order], settings), test.fit())
+    same(test.fit(test.X[order], test.F[order], {**test.settings, "dt": None}), test.fit())
 
 
 @given(measured_tests(), st.lists(st.integers(40, N - 40), min_size=1, max_size=3, unique=True), st.randoms())
@@ -173,10 +163,8 @@ def test_the_order_of_records_does_not_matter(test, cuts, random):
     assume(min(np.diff(edges)) > 4)
     parts = [np.arange(a, b) for a, b in zip(edges[:-1], edges[1:])]
     ids = np.repeat([f"run {i}" for i in range(len(parts))], [len(p) for p in parts])
-    shuffled = random.sample(parts, len(parts))
-    order = np.concatenate(shuffled)
-    found = test.fit(test.X[order], test.F[order], record=ids[order])
-    same(found, test.fit(record=ids))
+    order = np.concatenate(random.sample(parts, len(parts)))
+    same(test.fit(test.X[order], test.F[order], record=ids[order]), test.fit(record=ids))
 
 
 @given(measured_tests(extras=("none", "coulomb", "quadratic damping")), st.lists(st.integers(1, N - 1), max_size=6, unique=True))
@@ -233,11 +221,7 @@ def test_a_shaken_base_is_a_force_of_minus_mass_times_acceleration(n, seed):
     """d'Alembert: relative motion under ag is that under the forces -m ag; accelerations differ by ag."""
     rng = np.random.default_rng(seed)
     m = rng.uniform(5, 50, n)
-    held = {
-        i: [laws.Duffing(k=rng.uniform(2e4, 2e5), k3=rng.uniform(0, 1e10)), laws.LinearViscous(50.0)]
-        for i in range(1, n + 1)
-    }
-    model = ChainModel(m, held)
+    model = ChainModel(m, {i: [laws.Duffing(k=rng.uniform(2e4, 2e5), k3=rng.uniform(0, 1e10)), laws.LinearViscous(50.0)] for i in range(1, n + 1)})
     ag = np.sin(2 * np.pi * rng.uniform(1, 20) * np.arange(400) * DT) * 5.0
     shaken = simulate(model, np.zeros((400, n)), DT, base_acceleration=ag)
     pushed = simulate(model, -np.outer(ag, m), DT)
@@ -332,8 +316,6 @@ def test_rows_lost_at_the_edges_cost_rows_and_nothing_else(test, first, last):
 
 @given(measured_tests(excitations=("complete", "incomplete"), extras=("none",), noise=(0.0,)))
 def test_a_record_is_the_same_as_its_arrays(test):
-    record = Record(
-        test.F, test.a, test.v.cumsum(axis=1), test.s.cumsum(axis=1), fs=1 / DT
-    )
+    record = Record(test.F, test.a, test.v.cumsum(axis=1), test.s.cumsum(axis=1), fs=1 / DT)
     X, F = record.to_features(smooth=False)
     same(test.fit(X, F, {**test.settings, "dt": None}), test.fit(), tolerance=1e-7)

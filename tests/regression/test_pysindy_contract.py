@@ -11,16 +11,9 @@ import pytest
 from pysindy import AxesArray
 from sklearn.base import clone
 
-from pysindy_nrf import (
-    Chain,
-    ChainOptimizer,
-    ForceLawLibrary,
-    InterstoryPolynomialLibrary,
-    NRFRegressor,
-    StateSpaceChainOptimizer,
-    laws,
-)
+from pysindy_nrf import Chain, ChainOptimizer, NRFRegressor, StateSpaceChainOptimizer, laws
 from pysindy_nrf.exceptions import BiasWarning, ChannelError, LawError
+from pysindy_nrf.regression.feature_library import ForceLawLibrary, InterstoryPolynomialLibrary
 
 N = 3
 X = np.random.default_rng(0).normal(size=(40, 3 * N))

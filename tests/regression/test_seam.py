@@ -17,18 +17,9 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.model_selection import GridSearchCV, KFold
 from sklearn.pipeline import make_pipeline
 
-from pysindy_nrf import (
-    Chain,
-    ChainOptimizer,
-    ForceLawLibrary,
-    InterstoryPolynomialLibrary,
-    NRFRegressor,
-    Problem,
-    StateSpaceChainOptimizer,
-    excitation,
-    laws,
-)
+from pysindy_nrf import Chain, ChainOptimizer, NRFRegressor, Problem, StateSpaceChainOptimizer, excitation, laws
 from pysindy_nrf.exceptions import ChainError, ChannelError, NRFError
+from pysindy_nrf.regression.feature_library import ForceLawLibrary, InterstoryPolynomialLibrary
 
 pytestmark = pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.BiasWarning")
 DOCS = Path(__file__).parents[2] / "docs"

@@ -12,16 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from pysindy_nrf import (
-    ChainModel,
-    ForceLawLibrary,
-    InterstoryPolynomialLibrary,
-    NRFRegressor,
-    StateSpaceChainOptimizer,
-    laws,
-)
+from pysindy_nrf import ChainModel, InterstoryPolynomialLibrary, NRFRegressor, StateSpaceChainOptimizer, laws
 from pysindy_nrf.exceptions import ChainError, ChannelError, LawError
-from pysindy_nrf.regression.feature_library import IdentifiedChain
+from pysindy_nrf.regression.feature_library import ForceLawLibrary, IdentifiedChain
 
 N = 3
 
@@ -33,6 +26,10 @@ def case():
 
 def state_of(case):
     return case.absolute[:, case.n :][:, np.r_[case.n : 2 * case.n, 0 : case.n]]
+
+
+def rates_of(case):
+    return np.hstack([case.v.cumsum(axis=1), case.a])
 
 
 def truth_of(case):
@@ -106,10 +103,6 @@ def test_the_weak_form_takes_library_and_optimizer_as_they_are(case):
     assert worst[0] < 0.05 and worst[1] > 0.4
 
 
-def rates_of(case):
-    return np.hstack([case.v.cumsum(axis=1), case.a])
-
-
 def test_one_shaker_is_one_column_of_u(case):
     """PySINDy's way with one actuator: the same chain as with zeros written out for the floors that rest."""
     found = {}
@@ -158,26 +151,23 @@ def test_columns_of_u_that_do_not_fit_are_refused(excited, inputs, width, words)
 def test_a_plain_optimizer_on_our_library_is_read_too():
     """Every floor forced, normalised STLSQ of PySINDy itself: masses are the reciprocals of its coefficients."""
     case = chains.duffing(2, [1, 2], seed=3, n_samples=4000)
-    sindy = ps.SINDy(
-        feature_library=InterstoryPolynomialLibrary(3, inputs="state"),
-        optimizer=ps.STLSQ(threshold=1e-6, alpha=0.0, normalize_columns=True),
-    )
-    sindy.fit(state_of(case), t=case.dt, x_dot=np.hstack([case.v.cumsum(axis=1), case.a]), u=case.F)
+    plain = ps.STLSQ(threshold=1e-6, alpha=0.0, normalize_columns=True)
+    sindy = ps.SINDy(plain, InterstoryPolynomialLibrary(3, inputs="state"))
+    sindy.fit(state_of(case), t=case.dt, x_dot=rates_of(case), u=case.F)
     found = ChainModel.from_sindy(sindy)
     assert np.abs(found.masses / case.m - 1).max() < 1e-6
     assert found.restoring_forces[2].coefficients["s"] == pytest.approx(case.k[1], rel=1e-4)
 
 
 def test_what_cannot_be_read_is_refused_in_words(case):
-    plain = ps.SINDy(feature_library=ps.PolynomialLibrary(1))
-    with warnings.catch_warnings(action="ignore"):
-        plain.fit(state_of(case), t=case.dt, x_dot=np.hstack([case.v.cumsum(axis=1), case.a]), u=case.F)
-        with pytest.raises(ChainError, match="PolynomialLibrary does not say which column"):
-            ChainModel.from_sindy(plain)
-        lost = ps.SINDy(feature_library=InterstoryPolynomialLibrary(1, inputs="state"), optimizer=ps.STLSQ(threshold=0.5))
-        lost.fit(state_of(case), t=case.dt, x_dot=np.hstack([case.v.cumsum(axis=1), case.a]), u=case.F)
-    with pytest.raises(ChainError, match="m1, m2, m3 cannot be read off"):
-        ChainModel.from_sindy(lost)
+    for sindy, words in (
+        (ps.SINDy(feature_library=ps.PolynomialLibrary(1)), "PolynomialLibrary does not say which column"),
+        (ps.SINDy(ps.STLSQ(threshold=0.5), InterstoryPolynomialLibrary(1, inputs="state")), "m1, m2, m3 cannot be read off"),
+    ):
+        with warnings.catch_warnings(action="ignore"):
+            sindy.fit(state_of(case), t=case.dt, x_dot=rates_of(case), u=case.F)
+        with pytest.raises(ChainError, match=words):
+            ChainModel.from_sindy(sindy)
     with pytest.raises(LawError, match="remembers the path"):
         ChainModel([1.0], {1: laws.Dahl(1e3, 10.0)}).to_sindy()
 
@@ -189,4 +179,4 @@ def test_a_model_to_hold_must_be_given_and_a_shape_must_have_a_value():
     library = ForceLawLibrary({"storey 1": [laws.PowerSeries(1), laws.TwoSidedGap()]}, inputs="state")
     sindy = ps.SINDy(feature_library=library, optimizer=StateSpaceChainOptimizer(terms=library))
     with pytest.raises(LawError, match="gap|shape"):
-        sindy.fit(np.hstack([case.s, case.v]), t=case.dt, x_dot=np.hstack([case.v, case.a]), u=case.F)
+        sindy.fit(state_of(case), t=case.dt, x_dot=rates_of(case), u=case.F)

@@ -118,9 +118,10 @@ class ForceProbes:
             force = whole[-1, -1]
             theirs = solved(others, columns)
             apart = float(left_over(whole, columns, theirs))
+            together = float(left_over(whole, columns, solved(whole + others, columns)))  # theirs may be ill determined
             kept = [float(left_over(g, columns, solved(whole - g, columns))) for g in mine]
             alone = sum(kept) if len(kept) > 1 else np.inf
-            if apart < max(_UNLIKE**2 * alone, _LEAST**2 * force):
+            if together < _UNLIKE**2 * alone or apart < _LEAST**2 * force:
                 continue
             fit = theirs @ whole[columns, -1] / max(theirs @ whole[np.ix_(columns, columns)] @ theirs, 1e-300)
             scaled = float(left_over(whole, columns, fit * theirs))

@@ -12,14 +12,16 @@ from typing import Any
 import numpy as np
 
 from ..regression.gram_pass import rows_of
-from ..regression.layout import LawLayout
+from ..regression.layout import Block, LawLayout
 from ..regression.segments import SegmentSet
 from .bias import GAIN, ROWS_PER_COLUMN, left_over, solved
-from .windows import FOLDS, LASTING, Window
+from .windows import FOLDS, LASTING, SCALE_ROWS, Window
 
 _SIZE = 0.01  # of the rms of the force, or of its gain, below which a fault does not matter
 _UNLIKE = 1.5  # times what a record leaves with its own coefficients, from which on those of the others do not fit it
 _LEAST = 0.03  # of the force of its balance, that the others must leave of a record
+_ENOUGH = 4096  # samples, of 40 to 50 columns
+_LOST = 1e-9  # of the square of a column, what rounding leaves of it
 _ALIKE = 1.2  # times what its own coefficients leave: a gain of the force explains the difference
 
 
@@ -33,35 +35,45 @@ class ForceProbes:
 
     def __init__(self, layout: LawLayout, data: SegmentSet) -> None:
         self.layout, self.names = layout, [seg.name for seg in data.segments]
-        forces = np.vstack([seg.F[seg.valid] for seg in data.segments])
-        self.rms = np.sqrt(np.nanmean(forces.astype(float) ** 2, axis=0))
+        step = max(1, data.n_samples // SCALE_ROWS)
+        forces = np.vstack([seg.F[seg.valid][::step] for seg in data.segments]).astype(float)
+        self.rms = np.sqrt(np.nanmean(forces**2, axis=0))
         self.peak = np.nanmax(np.abs(forces), axis=0)
-        self.grams: dict[int, dict[tuple[int, int], np.ndarray]] = {}
         self.widths: dict[int, tuple[int, int]] = {}
         self.n_rows = 0
+        self._windows: dict[tuple[int, int], list[Window]] = {}
 
     def add(self, number: int, window: Window) -> None:
         """Take a window in."""
         window = window.enough()
         self.n_rows += window.n_samples
+        self._windows.setdefault((window.record, number % FOLDS), []).append(window)
+
+    def grams(self) -> dict[int, dict[tuple[int, int], np.ndarray]]:
+        """Gram matrices by balance, then by record and fold; those of balances whose force is known and acts."""
         none = dict.fromkeys(range(1, self.layout.n_dof + 1), 0.0)
-        for j in (np.flatnonzero(self.rms > 0) + 1).tolist():
-            if not window.block.force[j - 1].any() or np.isnan(window.block.force[j - 1, 0]):
-                continue
-            group = self.layout.group((j,))
-            *own, force = rows_of(self.layout, group, window.block, none)
-            more = [window.offered[s][:-LASTING] for s in group.sites]
-            u = force / self.rms[j - 1]
-            rows = np.vstack([*own, *more, _probes(u, window.offered[group.sites[0]][-1]), u])
-            self.widths[j] = len(own), sum(map(len, more))
-            held = self.grams.setdefault(j, {})
-            key = window.record, number % FOLDS
-            held[key] = held.get(key, 0.0) + rows @ rows.T
+        out: dict[int, dict[tuple[int, int], np.ndarray]] = {}
+        some = slice(None, None, max(1, self.n_rows // _ENOUGH))
+        for key, windows in self._windows.items():
+            blocks = [w.block.take(some) for w in windows]
+            block = Block(*(np.hstack([getattr(b, k) for b in blocks]) for k in ("terms", "acceleration", "force")))
+            for j in (np.flatnonzero(self.rms > 0) + 1).tolist():
+                if not np.isfinite(block.force[j - 1]).all():
+                    continue
+                group = self.layout.group((j,))
+                *own, force = rows_of(self.layout, group, block, none)
+                offered = np.stack([np.hstack([w.offered[s][:, some] for w in windows]) for s in group.sites])
+                more = offered[:, :-LASTING].reshape(-1, block.n_samples)
+                u = force / self.rms[j - 1]
+                rows = np.vstack([*own, more, _probes(u, offered[0, -1]), u])
+                self.widths[j] = len(own), len(more)
+                out.setdefault(j, {})[key] = rows @ rows.T
+        return out
 
     def sentences(self) -> list[str]:
         """What is wrong with forces and records, in words."""
         out = []
-        for j, held in self.grams.items():
+        for j, held in self.grams().items():
             own, more = self.widths[j]
             if self.n_rows < ROWS_PER_COLUMN * (own + more):
                 continue
@@ -76,6 +88,8 @@ class ForceProbes:
         alike = raw[first:-1, -1] / raw[-1, -1]  # what a function shares with the force is a gain, which noise makes
         aside = np.eye(len(raw))
         aside[first:-1, -1] = -alike
+        left = np.einsum("ij,jk,ik->i", aside, raw, aside)[first:-1]
+        aside[first:-1][left <= _LOST * np.diag(raw)[first:-1]] = 0.0  # of a force of two values all is a gain
         folds = np.array([_sum(g for (_, fold), g in held.items() if fold == k) for k in range(FOLDS)])
         folds = _scaled(aside @ folds @ aside.T)
         total = folds.sum(axis=0)
@@ -141,13 +155,15 @@ def _sum(grams: Any) -> Any:
 
 def _scaled(grams: np.ndarray) -> np.ndarray:
     """Gram matrices of columns of unit length."""
-    scale = np.sqrt(np.einsum("kii->i", grams))
+    scale = np.sqrt(np.maximum(np.einsum("kii->i", grams), 0.0))
     scale[scale == 0] = 1.0
     return grams / scale[:, None] / scale
 
 
 def copies_of(data: SegmentSet) -> list[str]:
     """A sentence on records that hold the same samples; they narrow intervals that they say nothing new for."""
+    if len(data.segments) < 2:
+        return []
     seen: dict[bytes, str] = {}
     twice = []
     for seg in data.segments:

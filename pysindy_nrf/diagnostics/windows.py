@@ -18,7 +18,7 @@ FOLDS = 4  # the windows are dealt out to that many, and there are twice as many
 _WINDOW = 1024
 _WINDOWS = 32
 _ENOUGH = 8192  # samples of all windows where their order does not matter
-_SCALE_ROWS = 2048  # are enough for the rms of a channel
+SCALE_ROWS = 2048  # are enough for the rms of a channel
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def windows(layout: LawLayout, data: SegmentSet, band: Any) -> Iterator[Window]:
     total = sum(seg.n_valid for seg in data.segments)
     size = min(_WINDOW, max(total // (2 * FOLDS), 1))
     first = data.segments[0].valid
-    some = slice(first.start, first.stop, max(1, (first.stop - first.start) // _SCALE_ROWS))
+    some = slice(first.start, first.stop, max(1, (first.stop - first.start) // SCALE_ROWS))
     motions = [data.segments[0].motion(site, some) for site in layout.acting]
     scales = np.array([(m.v.std() or 1.0, m.s.std() or 1.0) for m in motions]).reshape(-1, 2)
     whole = band is not None

@@ -31,7 +31,7 @@ def _probes(u: np.ndarray, clock: np.ndarray) -> np.ndarray:
 
 
 class ForceProbes:
-    """Gram matrices of [own columns | further laws | functions of the force | force] by balance, record and fold."""
+    """Gram matrices of [own columns | further laws | constant, ramp | functions of the force | force] by balance and fold."""
 
     def __init__(self, layout: LawLayout, data: SegmentSet) -> None:
         self.layout, self.names = layout, [seg.name for seg in data.segments]
@@ -63,7 +63,7 @@ class ForceProbes:
                 group = self.layout.group((j,))
                 *own, force = rows_of(self.layout, group, block, none)
                 offered = np.stack([np.hstack([w.offered[s][:, some] for w in windows]) for s in group.sites])
-                more = offered[:, :-LASTING].reshape(-1, block.n_samples)
+                more = np.vstack([offered[:, :-LASTING].reshape(-1, block.n_samples), offered[0, -LASTING:]])
                 u = force / self.rms[j - 1]
                 rows = np.vstack([*own, more, _probes(u, offered[0, -1]), u])
                 self.widths[j] = len(own), len(more)
@@ -84,7 +84,8 @@ class ForceProbes:
         """The function of the force that explains most, if it explains more than all further laws."""
         if {fold for _, fold in held} != set(range(FOLDS)):
             return []
-        raw, first, plain = _sum(held.values()), own + more, np.arange(own)
+        raw, first = _sum(held.values()), own + more
+        plain = np.r_[:own, first - LASTING : first]  # a wrong zero or a drift is no fault of the force
         alike = raw[first:-1, -1] / raw[-1, -1]  # what a function shares with the force is a gain, which noise makes
         aside = np.eye(len(raw))
         aside[first:-1, -1] = -alike

@@ -35,6 +35,7 @@ class FittedChain:
     coordinates: str
     dt: float | None
     _resolver: Resolver | None
+    _measured = False  # whether they were records
     _records: SegmentSet | None = None  # data of the fit; None after a fit in chunks or a load
     _fused_separately: Callable[[], SegmentSet] | None = None  # the motions fused DOF by DOF, if records were given
     _separate_resolver: Resolver | None = None

@@ -22,7 +22,7 @@ from ..mechanics.sites import as_mapping
 from ..regression.chain_model import ChainModel
 from ..regression.chain_solve import doubtful_masses, lost_masses, third_law_gap, unknown_forces, visited_regions
 from ..regression.errors import balance_errors
-from ..regression.input_arrays import doubted, fused_together, holds_records, one_by_one
+from ..regression.input_arrays import as_measured, doubted, fused_together, holds_records, one_by_one
 from ..regression.segments import SegmentSet
 from .constraints import constrained
 from .fitted import FittedChain
@@ -213,7 +213,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         options = beside | {"has_memory": memory, "n_dof": getattr(self.chain, "n_dof", None)}
         if not isinstance(X, (Record, SegmentSet)):
             require_two_dimensions(X)
-        data = doubted(self._data(X, y, **options), X)
+        data, self._measured = doubted(self._data(X, y, **options), X), as_measured(X)
         if sample_weight is not None:
             weights = sample_weights(sample_weight, data.n_samples)
             data = SegmentSet([replace(seg, weights=weights[seg.rows]) for seg in data.segments], data.n_samples)
@@ -348,13 +348,14 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         held = layout if least_squares else None  # the shapes of its laws are those of the model
         terms = MissingTerms(model, solve_order, held)
         jumps = JumpBias(model, solve_order, problem.known_masses, problem.optimizer, silent, held)
-        forces = [] if self._records is None else [ForceProbes(terms.layout, judged)]
+        # fusion costs far more; of arrays, whose fit may take milliseconds, it would double the time
+        forces = [ForceProbes(terms.layout, judged)] if self._records is not None and self._measured else []
         collect(terms.layout, judged, self.band, [terms, *jumps.active, *forces])
         self.missing_terms_, self.jump_bias_ = terms.table(), jumps.table()
         self.data_warnings_ = {
             "channels": data.doubts,
             "forces": contradictions_of(solution, grams) + [one for held in forces for one in held.sentences()],
-            "records": copies_of(data) if forces else [],
+            "records": copies_of(data) if self._records is not None else [],
             "masses": doubtful_masses(solution) + lost_masses(model),
         }
         said = [text for key in ("records", "forces", "masses") for text in self.data_warnings_[key]]

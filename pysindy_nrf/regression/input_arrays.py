@@ -34,9 +34,14 @@ def fused_together(X: Any) -> bool:
     return bool(getattr(X, "attrs", {}).get("joint_fusion"))
 
 
+def as_measured(X: Any) -> bool:
+    """Whether X is records, or what ``Record.to_features`` made of one."""
+    return holds_records(X) or "joint_fusion" in getattr(X, "attrs", {})
+
+
 def doubted(data: SegmentSet, X: Any) -> SegmentSet:
     """The same data with what looks wrong with motions that were passed as they are, which a warning says too."""
-    if isinstance(X, SegmentSet) or holds_records(X) or "joint_fusion" in getattr(X, "attrs", {}):
+    if isinstance(X, SegmentSet) or as_measured(X):
         return data  # fused motions were looked at before the fusion
     at = int(np.argmax([seg.n_valid for seg in data.segments]))
     seg = data.segments[at]

@@ -23,8 +23,6 @@ from .intervals import parameters_of
 __all__ = ["EqualMasses", "EqualStoreys", "KnownStiffness", "NonNegative", "TotalMass"]
 
 _UNLIKELY = 1e-3
-
-
 Equation = tuple[dict[str, float], float]  # factor by name, and right-hand side
 
 
@@ -289,7 +287,7 @@ def _warn_of_contradiction(theta: pd.Series, A: np.ndarray, b: np.ndarray, P: np
         )  # fmt: skip
 
 
-def _mass_equation(factors: dict[int, float], value: float, known: dict[int, float]) -> tuple[dict[str, float], float]:
+def _mass_equation(factors: dict[int, float], value: float, known: dict[int, float]) -> Equation:
     value -= sum(c * known[j] for j, c in factors.items() if j in known)
     return {f"m{j}": c for j, c in factors.items() if j not in known}, value
 

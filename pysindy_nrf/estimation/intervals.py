@@ -137,24 +137,19 @@ class Resolver:
             raise ChannelError(f"{n} pieces of data are too few for an interval", cure)
         return n
 
-    def left_out(self, statistic: Statistic) -> np.ndarray:
-        """Statistics without each piece in turn, shape (n_pieces, n_statistics)."""
+    def influences(self, statistic: Statistic) -> np.ndarray:
+        """Influence of each piece on the statistics, shape (n_pieces, n_statistics): what they are without it."""
         n = self._enough()
         try:
-            return np.array([statistic(self.at(w)).to_numpy(float) for w in 1.0 - np.eye(n)])
+            values = np.array([statistic(self.at(w)).to_numpy(float) for w in 1.0 - np.eye(n)])
         except IdentifiabilityError as error:
             what = f"A single part of the data determines the estimate ({error.what})"
             raise IdentifiabilityError(what, "Excite the structure more than once.") from error
+        return (values - values.mean(axis=0)) * np.sqrt((n - 1) / n)
 
     def covariance(self, statistic: Statistic) -> np.ndarray:
         """Covariance of statistics: delete-one-block jackknife, correlated neighbours included."""
         return newey_west(self.influences(statistic), self.record)
-
-    def influences(self, statistic: Statistic) -> np.ndarray:
-        """Influence of each piece on the statistics, shape (n_pieces, n_statistics)."""
-        values = self.left_out(statistic)
-        n = len(values)
-        return (values - values.mean(axis=0)) * np.sqrt((n - 1) / n)
 
     def drawn(self, statistic: Statistic, random_state: Any, n_jobs: int | None = None) -> np.ndarray:
         """Statistics of block-bootstrap samples, shape (n_draws, n_statistics); the same for any ``n_jobs``."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -89,10 +89,8 @@ class Problem:
             object.__setattr__(self, name, value)
 
     def __reduce__(self) -> Any:
-        return type(self), (
-            self.chain, dict(self.laws), dict(self.known_masses), self.band, self.strategy, self.excited,
-            self.optimizer,
-        )  # fmt: skip
+        held = (getattr(self, one.name) for one in fields(self))
+        return type(self), tuple(dict(value) if isinstance(value, MappingProxyType) else value for value in held)
 
     @property
     def needs_clock(self) -> bool:
@@ -170,10 +168,8 @@ class Problem:
         filters = self.filters(data)
         problem = self
         if any(law.free_shape for held in self.laws.values() for law in held):
-            def trial(layout: LawLayout) -> tuple[Solution, BlockGrams]:
-                return _least_squares(self, layout, order, data, filters)
-
-            layout = estimate_shapes(self.layout, scales_of(data, self.layout), trial, data, filters)
+            scales, solve = scales_of(data, self.layout), lambda laws: _least_squares(self, laws, order, data, filters)
+            layout = estimate_shapes(self.layout, scales, solve, data, filters)
             problem = self.with_laws(layout.laws)
         solution, grams = _least_squares(problem, problem.layout, order, data, filters)
         solution.warn(stacklevel=4)

@@ -292,7 +292,6 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         """The estimate that obeys the constraints."""
         if self.constraints is None:
             return found
-
         return found._replace(model=constrained(found.model, self.constraints, self._resolving()))
 
     def _separate(self, X: Any, y: Any, data: SegmentSet, options: dict[str, Any]) -> SegmentSet:
@@ -330,9 +329,8 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         self.chain_, self.solve_order_ = layout.chain, solve_order
         self.masses_ = model.masses
         self.errors_ = balance_errors(model, grams)
-        self.condition_ = pd.Series(
-            {fit.step.name: fit.condition for fit in solution.fits}, name="condition", dtype=float
-        )
+        conditions = {fit.step.name: fit.condition for fit in solution.fits}
+        self.condition_ = pd.Series(conditions, name="condition", dtype=float)
         self.n_samples_ = int(grams.n_samples)
         self.third_law_gap_ = third_law_gap(solution, grams)
         model.visited = visited_regions(data, layout)

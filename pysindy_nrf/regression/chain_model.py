@@ -196,11 +196,8 @@ class ChainModel:
         """
         data = self.segments(X, **options, every_row=True)
         order = list(self.laws)
-        pick = [order.index(Site(j)) if Site(j) in order else None for j in range(1, self.n_dof + 1)]
-        parts = [
-            np.column_stack([np.zeros(len(f)) if i is None else f[:, i] for i in pick]) for f in self.site_forces(data)
-        ]
-        return data.scatter(parts)
+        pick = [order.index(Site(j)) if Site(j) in order else -1 for j in range(1, self.n_dof + 1)]
+        return data.scatter([np.pad(f, ((0, 0), (0, 1)))[:, pick] for f in self.site_forces(data)])
 
     def matrices(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Mass, damping and stiffness matrix of the linear part.
@@ -296,9 +293,8 @@ class ChainModel:
         middle = [(a + b) / 2 for a, b in zip(region.low, region.high)]
         half = [(b - a) / 2 * (1 + margin) for a, b in zip(region.low, region.high)]
         v, s = grid([m - h for m, h in zip(middle, half)], [m + h for m, h in zip(middle, half)], size)
-        return pd.DataFrame(
-            {"v": v.ravel(), "s": s.ravel(), "R": force(v, s).ravel(), "visited": region.contains(v, s).ravel()}
-        )
+        table = {"v": v, "s": s, "R": force(v, s), "visited": region.contains(v, s)}
+        return pd.DataFrame({name: values.ravel() for name, values in table.items()})
 
     def simulate(self, F: Any, dt: float, **options: Any) -> Any:
         """Free run under sampled forces; parameters as of :func:`pysindy_nrf.simulate`.

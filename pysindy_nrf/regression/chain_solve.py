@@ -384,9 +384,7 @@ def unknown_forces(model: ChainModel, data: SegmentSet) -> pd.DataFrame:
     """Forces (N) on the DOFs whose force was not known, from the balances; NaN where it was given."""
     hidden = [j for j in range(data.n_dof) if any(np.isnan(seg.F[seg.valid.start, j]) for seg in data.segments)]
     forces = model.balance_forces(data) if hidden else [seg.F[seg.valid] for seg in data.segments]
-    parts = [
-        np.where(np.isnan(seg.F[seg.valid][:, hidden]), f[:, hidden], np.nan) for seg, f in zip(data.segments, forces)
-    ]
+    parts = [np.where(np.isnan(seg.F[seg.valid]), f, np.nan)[:, hidden] for seg, f in zip(data.segments, forces)]
     return pd.DataFrame(data.scatter(parts), columns=[f"F{j + 1}" for j in hidden])
 
 
@@ -440,9 +438,8 @@ def require_samples(data: SegmentSet, solve_order: SolveOrder, layout: LawLayout
     """Refuse fewer samples than a step of the solve order has unknowns."""
     for step in solve_order.steps:
         unknowns = len(step.masses) + sum(layout.counts[s] for s in step.sites)
-        rows = sum(
-            seg.n_valid for seg in data.segments if not any(np.isnan(seg.F[seg.valid.start, j - 1]) for j in step.dofs)
-        )
+        own = [j - 1 for j in step.dofs]
+        rows = sum(seg.n_valid for seg in data.segments if not np.isnan(seg.F[seg.valid.start, own]).any())
         if rows < unknowns + 1:
             cure = "Use a longer record or a lower degree."
             raise ChannelError(f"{rows} samples are too few for the {step.name}, which has {unknowns} unknowns", cure)

@@ -338,14 +338,12 @@ class InterstoryPolynomialLibrary(ForceLawLibrary):
 class IdentifiedChain(StateSpaceChainOptimizer):
     """An optimizer whose fit is done: it holds the coefficients of a chain model."""
 
-    def __init__(self, model: ChainModel | None = None) -> None:
+    def __init__(self, model: ChainModel) -> None:
         super().__init__()
         self.model = model
 
     def fit(self, x_: Any, y: Any, sample_weight: Any = None) -> Self:
         """Take the model's coefficients; the data are not used."""
-        if self.model is None:
-            raise ChainError("There is no model to hold", "Pass model=.")
         layout = LawLayout(self.model.chain, self.model.laws)
         self.masses_, self._one_target = self.model.masses, False
         self._finish(self._state_rows(balance_rows(layout, self.model.coefficients)))

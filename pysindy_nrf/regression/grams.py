@@ -93,12 +93,10 @@ class BlockGrams:
     def merge(self, other: BlockGrams) -> BlockGrams:
         """Sum of these and others, block by block."""
         self._require_alike(other)
-        if self.kind == "root":
-            sums = {d: _upper(np.concatenate([x, other.matrices[d]], axis=-2)) for d, x in self.matrices.items()}
-        else:
-            sums = {d: x + other.matrices[d] for d, x in self.matrices.items()}
+        add = (lambda x, y: _upper(np.concatenate([x, y], axis=-2))) if self.kind == "root" else np.add
         return replace(
-            self, matrices=sums, sizes={dofs: n + other.sizes[dofs] for dofs, n in self.sizes.items()},
+            self, matrices={dofs: add(x, other.matrices[dofs]) for dofs, x in self.matrices.items()},
+            sizes={dofs: n + other.sizes[dofs] for dofs, n in self.sizes.items()},
             n_samples=self.n_samples + other.n_samples,
         )  # fmt: skip
 

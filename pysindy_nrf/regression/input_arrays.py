@@ -55,10 +55,7 @@ def doubted(data: SegmentSet, X: Any) -> SegmentSet:
 
 def one_by_one(X: Any) -> dict[str, Any]:
     """Options by which the DOFs of Records are fused one by one; none where motions were given."""
-    if not holds_records(X):
-        return {}
-
-    return {"smooth": KinematicSmoother(band="auto", joint=False)}
+    return {"smooth": KinematicSmoother(band="auto", joint=False)} if holds_records(X) else {}
 
 
 def from_arrays(
@@ -69,9 +66,8 @@ def from_arrays(
     """Check what the user passed and cut it into contiguous records."""
     if isinstance(X, SegmentSet):
         return X
-    if isinstance(X, Record):
-        X = [X]
-    if isinstance(X, (list, tuple)) and X and isinstance(X[0], Record):
+    if holds_records(X):
+        X = [X] if isinstance(X, Record) else X
         if not all(isinstance(rec, Record) for rec in X):
             raise ChannelError("X is a list of records with something else in it", "Give Record objects only.")
         beside = dict(F=F, record=record, time=time, base_acceleration=base_acceleration, covariates=covariates)
@@ -111,9 +107,8 @@ def from_arrays(
     if not isinstance(covariates, (Mapping, pd.DataFrame, type(None))):
         cure = "Give channels by name: covariates={'voltage': u}, or a table."
         raise ChannelError("The covariates are not a mapping", cure)
-    extra = {
-        str(k): _line(c, f"covariate {k}", size) for k, c in ({} if covariates is None else dict(covariates)).items()
-    }
+    given = {} if covariates is None else dict(covariates)
+    extra = {str(k): _line(c, f"covariate {k}", size) for k, c in given.items()}
     pieces = by_record(record, size)
     if has_memory and len({name for name, _ in pieces}) < len(pieces):
         what = "The rows of a record do not follow each other, and a law remembers the path"
@@ -173,7 +168,7 @@ def _from_frame(
     twice = sorted({c for c in names if names.count(c) > 1})
     if twice:
         raise ChannelError(f"Column {twice[0]!r} is in X more than once", "Rename or drop one.")
-    rate = "v" if coordinates == "relative" else "xdot"
+    rate, drift = ("v", "s") if coordinates == "relative" else ("xdot", "x")
     present = {rate + c[1:] if c[:1] == "v" and c[1:].isdigit() else c: c for c in names}
     n = n_dof or sum(1 for c in present if c[:1] == "a" and c[1:].isdigit() and c != "a0")
     base = {"xdot0", "x0"} if coordinates == "absolute" else set()
@@ -181,24 +176,19 @@ def _from_frame(
     missing = [c for c in wanted if c not in present]
     unknown = [c for c in present if c not in wanted and c not in base and c not in ("t", "time")]
     if missing or unknown:
-        pieces = ([f"lacks {', '.join(missing[:6])}"] if missing else []) + (
-            [f"has the unknown column{'s' if len(unknown) > 1 else ''} {', '.join(unknown[:6])}"] if unknown else []
-        )
-        raise ChannelError(
-            f"X {' and '.join(pieces)}",
-            f"Name the columns a1.., {rate}1.., {'s' if rate == 'v' else 'x'}1..; covariates and base acceleration are "
-            "passed beside X.",
-        )
+        has = f"has the unknown column{'s' if len(unknown) > 1 else ''}"
+        pieces = [f"{word} {', '.join(some[:6])}" for word, some in (("lacks", missing), (has, unknown)) if some]
+        cure = f"Name the columns a1.., {rate}1.., {drift}1..; covariates and base acceleration are passed beside X."
+        raise ChannelError(f"X {' and '.join(pieces)}", cure)
     columns = [present[c] for c in wanted]
     values = as_matrix(frame if columns == list(frame.columns) else frame[columns], wanted, what="X")
     bases = [as_matrix(frame[present[c]], [c], 1)[:, :1] if c in present else None for c in ("xdot0", "x0")]
     if (bases[0] is None) != (bases[1] is None) and base:
         raise ChannelError("X has only one of the columns xdot0 and x0", "Give both, or neither for a base at rest.")
     time = next((frame[present[c]].to_numpy() for c in ("t", "time") if c in present), None)
-    if time is None and frame.index.name in ("t", "time"):
+    named, dated = frame.index.name in ("t", "time"), isinstance(frame.index, (pd.DatetimeIndex, pd.TimedeltaIndex))
+    if time is None and (named or dated):
         time = frame.index.to_numpy() if frame.index.dtype.kind in "fiu" else frame.index
-    elif time is None and isinstance(frame.index, (pd.DatetimeIndex, pd.TimedeltaIndex)):
-        time = frame.index
     return values, bases[0], bases[1], time, n
 
 

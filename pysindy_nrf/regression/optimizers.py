@@ -92,9 +92,7 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         return layout
 
     def _finish(self, coef: np.ndarray) -> Self:
-        self.coef_ = coef
-        self.ind_ = np.abs(coef) > 0
-        self.intercept_ = 0.0
+        self.coef_, self.ind_, self.intercept_ = coef, np.abs(coef) > 0, 0.0
         self.n_iter_ = 1  # the solve is direct; an inner optimizer counts its own steps
         return self
 

@@ -106,9 +106,8 @@ def _scan(kind: str, layout: Literal["C", "A"]) -> Callable[[np.ndarray, np.ndar
                 out[2, j] += y * 0.0
 
     scan = jit(extent_scan)
-    scan.compile(
-        (types.Array(from_dtype(np.dtype(kind)), 2, layout, readonly=True), types.Array(types.float64, 2, "C"))
-    )
+    given = types.Array(from_dtype(np.dtype(kind)), 2, layout, readonly=True)
+    scan.compile((given, types.Array(types.float64, 2, "C")))
     scan.disable_compile()
     return scan
 
@@ -141,9 +140,8 @@ class VisitedRegion:
         span = high - low
         scale = np.where(span > 0, _CELLS / np.where(span > 0, span, 1.0), 0.0)
         for piece in pieces:
-            i, j = (
-                np.clip((x[::step] - low[:, k]) * scale[:, k], 0, _CELLS - 1).astype(int) for k, x in enumerate(piece)
-            )
+            places = ((x[::step] - low[:, k]) * scale[:, k] for k, x in enumerate(piece))
+            i, j = (np.clip(place, 0, _CELLS - 1).astype(int) for place in places)
             cells[np.arange(len(low)), i, j] = True
         return [cls(tuple(a), tuple(b), c) for a, b, c in zip(low.tolist(), high.tolist(), cells)]
 
@@ -243,9 +241,8 @@ class Segment:
 
         def along(array: np.ndarray) -> np.ndarray:
             part = array[rows, low:high]
-            return np.ascontiguousarray(
-                part[:, 0] if part.shape[1] == 1 else part.sum(axis=1, dtype=np.float64), dtype=np.float64
-            )
+            line = part[:, 0] if part.shape[1] == 1 else part.sum(axis=1, dtype=np.float64)
+            return np.ascontiguousarray(line, dtype=np.float64)
 
         top = self.a[rows, high - 1].astype(np.float64)
         if low > 0:
@@ -362,9 +359,8 @@ class SegmentSet:
     @property
     def unknown(self) -> tuple[int, ...]:
         """DOFs whose force is unknown in every record."""
-        return tuple(
-            j + 1 for j in range(self.n_dof) if all(np.isnan(seg.F[seg.valid.start, j]) for seg in self.segments)
-        )
+        lost = np.all([np.isnan(seg.F[seg.valid.start]) for seg in self.segments], axis=0)
+        return tuple((np.flatnonzero(lost) + 1).tolist())
 
     @property
     def base_moves(self) -> bool:

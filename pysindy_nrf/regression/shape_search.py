@@ -133,27 +133,19 @@ def _lines(
             solution, _ = solve(layout)
     except (IdentifiabilityError, LawError):
         return []
-    without, left = _without(layout, {(place, i) for place, i, _ in unheard}, solution)
+    # their coefficients are left out, the others stay what they are
+    out, laws, coefficients = {(place, i) for place, i, _ in unheard}, {}, {}
+    for place, held in layout.laws.items():
+        parts = np.split(solution.coefficients[place], np.cumsum([len(law.terms()) for law in held])[:-1])
+        kept = [(law, part) for i, (law, part) in enumerate(zip(held, parts)) if (place, i) not in out]
+        laws[place] = tuple(law for law, _ in kept)
+        coefficients[place] = np.concatenate([np.zeros(0), *(part for _, part in kept)])
+    without, left = LawLayout(layout.chain, laws), Solution(solution.masses, coefficients)
     seg = data.segments[longest]
     filter = filters[longest] if filters else None
     blocks = seg.blocks(without, filter=filter, states={} if filter is None else None)
     rows = np.hstack([np.vstack([b.terms, b.acceleration, np.nan_to_num(b.force)]) for b in blocks])
     return balance_lines(rows, without, left, site.p, seg.step, site.p in data.forced, False, driven_at(seg))
-
-
-def _without(layout: LawLayout, out: set[tuple[Site, int]], solution: Solution) -> tuple[LawLayout, Solution]:
-    """A layout and its solution without some laws: their coefficients are left out, the others stay what they are."""
-    laws, coefficients = {}, {}
-    for site, held in layout.laws.items():
-        ends = np.cumsum([len(law.terms()) for law in held])[:-1]
-        kept = [
-            (law, part)
-            for i, (law, part) in enumerate(zip(held, np.split(solution.coefficients[site], ends)))
-            if (site, i) not in out
-        ]
-        laws[site] = tuple(law for law, _ in kept)
-        coefficients[site] = np.concatenate([np.zeros(0), *(part for _, part in kept)])
-    return LawLayout(layout.chain, laws), Solution(solution.masses, coefficients)
 
 
 # Share of a drive's power in one line that makes a test harmonic; bins of the record a line is wide.

@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 
 from pysindy_nrf import ChainModel, InterstoryPolynomialLibrary, NRFRegressor, StateSpaceChainOptimizer, laws
 from pysindy_nrf.exceptions import ChainError, ChannelError, LawError
-from pysindy_nrf.regression.feature_library import ForceLawLibrary, IdentifiedChain
+from pysindy_nrf.regression.feature_library import ForceLawLibrary
 
 N = 3
 
@@ -172,9 +172,7 @@ def test_what_cannot_be_read_is_refused_in_words(case):
         ChainModel([1.0], {1: laws.Dahl(1e3, 10.0)}).to_sindy()
 
 
-def test_a_model_to_hold_must_be_given_and_a_shape_must_have_a_value():
-    with pytest.raises(ChainError, match="There is no model to hold"):
-        IdentifiedChain().fit(np.ones((9, 4)), np.ones((9, 2)))
+def test_a_shape_must_have_a_value():
     case = chains.duffing(1, [1], seed=3, n_samples=400, cubic=False)
     library = ForceLawLibrary({"storey 1": [laws.PowerSeries(1), laws.TwoSidedGap()]}, inputs="state")
     sindy = ps.SINDy(feature_library=library, optimizer=StateSpaceChainOptimizer(terms=library))

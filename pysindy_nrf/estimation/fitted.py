@@ -91,8 +91,7 @@ class FittedChain:
         ndarray of shape (n_samples, n_dof)
             Force of storey j in column j-1, N.
         """
-        data = self._judged(X, None, every_row=True, **given)
-        return self.model_.restoring_force(data)
+        return self.model_.restoring_force(self._judged(X, None, every_row=True, **given))
 
     def score(
         self, X: Any, y: Any = None, sample_weight: Any = None, *, record: Any = None, time: Any = None,

@@ -269,10 +269,9 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         judged = data
         if self.estimation != "ls":
             found, self._resolver, facts, judged = refine(self.estimation, found, separate)
-            if facts["found"] == "ls":  # the least-squares estimate was kept
-                judged = data
+        plain = facts["found"] == "ls"  # also where the least-squares estimate was kept
         self.solve_order_ = found.order
-        self._publish(self._constrained(found), data, judged, facts["found"] == "ls")
+        self._publish(self._constrained(found), data, data if plain else judged, plain)
         self.model_.info["estimation"] = facts
 
     def _publish_chunks(

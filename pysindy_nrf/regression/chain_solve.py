@@ -383,8 +383,9 @@ def third_law_gap(solution: Solution, grams: BlockGrams) -> pd.Series:
 def unknown_forces(model: ChainModel, data: SegmentSet) -> pd.DataFrame:
     """Forces (N) on the DOFs whose force was not known, from the balances; NaN where it was given."""
     hidden = [j for j in range(data.n_dof) if any(np.isnan(seg.F[seg.valid.start, j]) for seg in data.segments)]
-    forces = model.balance_forces(data) if hidden else [seg.F[seg.valid] for seg in data.segments]
-    parts = [np.where(np.isnan(seg.F[seg.valid]), f, np.nan)[:, hidden] for seg, f in zip(data.segments, forces)]
+    given = [seg.F[seg.valid] for seg in data.segments]
+    forces = model.balance_forces(data) if hidden else given
+    parts = [np.where(np.isnan(F[:, hidden]), f[:, hidden], np.nan) for F, f in zip(given, forces)]
     return pd.DataFrame(data.scatter(parts), columns=[f"F{j + 1}" for j in hidden])
 
 
@@ -429,7 +430,8 @@ def require_moving(data: SegmentSet, layout: LawLayout) -> None:
             site = Site(j + 1)
             if name != "a" and not (site in layout.counts and layout.counts[site]):
                 continue
-            if all(seg.extent.is_constant(at * data.n_dof + j) for seg in data.segments):
+            channel = at * data.n_dof + j
+            if all(seg.extent.low[channel] >= seg.extent.high[channel] for seg in data.segments):
                 cure = "A dead sensor, a wrong column or a floor that is not excited; check it, or leave the DOF out."
                 raise ChannelError(f"Channel {name}{j + 1} is constant in every record", cure)
 

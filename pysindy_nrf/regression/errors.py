@@ -169,8 +169,9 @@ def free_run_of(
     """The model alone under the forces and base motion of some rows, from their first state."""
     rows = segment.valid if rows is None else rows
     x0, v0 = start or (np.cumsum(y[rows.start].astype(float)) for y in (segment.s, segment.v))
+    t0 = 0.0 if segment.t is None else float(segment.t[rows.start])  # on the clock that the laws read
     return integrator(
-        model, segment.F[rows], segment.step if dt is None else dt, x0=x0, v0=v0, t0=segment.time_at(rows.start),
+        model, segment.F[rows], segment.step if dt is None else dt, x0=x0, v0=v0, t0=t0,
         base_acceleration=None if segment.ag is None else segment.ag[rows],
         covariates={k: c[rows] for k, c in segment.covariates.items()} or None, **options,
     )  # fmt: skip

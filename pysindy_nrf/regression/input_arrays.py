@@ -118,7 +118,13 @@ def from_arrays(
         raise ChannelError(f"dt={dt!r} is not a sampling step", "Give a positive number in s.")
     seconds = None if time is None else row_times(time, size, pieces)
     if seconds is not None and has_memory:
-        _require_no_gap(pieces, seconds)
+        for name, rows in pieces:
+            if (where := gaps(seconds[rows])).size:
+                raise LawError(
+                    f"The time of {name} jumps after {rows_text(rows.start + where)}, and a law remembers the path",
+                    "Rows were left out or shuffled. Hold out whole records (RecordSplit), or give each contiguous "
+                    "piece its own record id.",
+                )
     elif seconds is not None:
         # what a filter masked lies at the edges of the pieces
         masked = not Extent.of([x, force]).finite.all()
@@ -228,42 +234,24 @@ def _line(value: Any, name: str, size: int) -> np.ndarray:
 
 
 def _cut_at_gaps(pieces: Sequence[tuple[str, slice]], seconds: np.ndarray, every_row: bool) -> list[tuple[str, slice]]:
-    """Pieces whose clock ticks evenly; rows drawn at random stay one piece."""
+    """Pieces whose clock ticks evenly, short ones left out with a warning; rows drawn at random stay one piece."""
     out: list[tuple[str, slice]] = []
     for name, rows in pieces:
         size = rows.stop - rows.start
         parts = [slice(rows.start + p.start, rows.start + p.stop) for _, p in contiguous(size, None, seconds[rows])]
         if len(parts) == 1 or size < _PIECE * len(parts):
             parts = [rows]
-        elif not every_row:
-            parts = _long_enough(name, parts)
+        elif not every_row and (short := [p for p in parts if p.stop - p.start < _PIECE]):
+            which = [f"row {p.start}" if p.stop - p.start == 1 else f"rows {p.start} to {p.stop - 1}" for p in short]
+            more = " and more" if len(which) > 6 else ""
+            warnings.warn(
+                f"{name[:1].upper()}{name[1:]}: {', '.join(which[:6])}{more} stand alone between gaps of the clock. "
+                f"Pieces of fewer than {_PIECE} samples are left out; fill the gaps to keep them.",
+                DataQualityWarning, stacklevel=5,
+            )  # fmt: skip
+            parts = [p for p in parts if p not in short]
         out += [(name, part) for part in parts]
     return out
-
-
-def _long_enough(name: str, parts: Sequence[slice]) -> list[slice]:
-    """Pieces between gaps without the short ones, with a warning that names these."""
-    short = [p for p in parts if p.stop - p.start < _PIECE]
-    if short:
-        which = [f"row {p.start}" if p.stop - p.start == 1 else f"rows {p.start} to {p.stop - 1}" for p in short]
-        more = " and more" if len(which) > 6 else ""
-        warnings.warn(
-            f"{name[:1].upper()}{name[1:]}: {', '.join(which[:6])}{more} stand alone between gaps of the clock. "
-            f"Pieces of fewer than {_PIECE} samples are left out; fill the gaps to keep them.",
-            DataQualityWarning, stacklevel=6,
-        )  # fmt: skip
-    return [p for p in parts if p not in short]
-
-
-def _require_no_gap(pieces: Sequence[tuple[str, slice]], seconds: np.ndarray) -> None:
-    for name, rows in pieces:
-        where = gaps(seconds[rows])
-        if where.size:
-            raise LawError(
-                f"The time of {name} jumps after {rows_text(rows.start + where)}, and a law remembers the path",
-                "Rows were left out or shuffled. Hold out whole records (RecordSplit), or give each contiguous piece "
-                "its own record id.",
-            )
 
 
 def _base_in_band(segment: Segment) -> Segment:

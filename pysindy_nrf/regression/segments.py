@@ -45,10 +45,6 @@ class Extent:
         """Whether a channel holds anything but zeros and NaN."""
         return bool(self.low[channel] < 0.0 or self.high[channel] > 0.0)
 
-    def is_constant(self, channel: int) -> bool:
-        """Whether a channel holds one value only."""
-        return bool(self.low[channel] >= self.high[channel])
-
     def boxes(self, n_dof: int) -> tuple[np.ndarray, np.ndarray]:
         """Least and largest (v, s) of each storey, shape (n_dof, 2), where the channels are a, v, s, F of n DOFs."""
         low, high = (x[n_dof : 3 * n_dof].reshape(2, n_dof).T.copy() for x in (self.low, self.high))
@@ -222,10 +218,6 @@ class Segment:
     def dt(self) -> float | None:
         """Sampling step, s, if the time is known."""
         return None if self.t is None or len(self.t) < 2 else float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
-
-    def time_at(self, row: int) -> float:
-        """Time of a row on the clock that the laws read, s; zero if the data have none."""
-        return 0.0 if self.t is None else float(self.t[row])
 
     @property
     def step(self) -> float:

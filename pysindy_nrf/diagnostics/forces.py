@@ -31,7 +31,7 @@ def _probes(u: np.ndarray, clock: np.ndarray) -> np.ndarray:
 
 
 class ForceProbes:
-    """Gram matrices of [own columns | further laws | constant, ramp | functions of the force | force] by balance and fold."""
+    """Gram matrices of [own columns | further laws | constant, ramp | functions of the force | force], by fold."""
 
     def __init__(self, layout: LawLayout, data: SegmentSet) -> None:
         self.layout, self.names = layout, [seg.name for seg in data.segments]

@@ -356,13 +356,11 @@ def compare(
     if isinstance(given, str):
         raise NRFError(f"optimizers={given!r} is unknown", "Give 'select', or optimizers by name.")
     entries: dict[str, Any] = {
-        "SINDy, defaults": PlainSINDy(degree, normalise=False),
-        "SINDy, normalised": PlainSINDy(degree, normalise=True),
-        "SINDy, hand-steered": HandSteeredSINDy(degree),
-        "pysindy_nrf, least squares": Ours(degree, None),
+        "SINDy, defaults": PlainSINDy(degree, normalise=False), "SINDy, normalised": PlainSINDy(degree, normalise=True),
+        "SINDy, hand-steered": HandSteeredSINDy(degree), "pysindy_nrf, least squares": Ours(degree, None),
         "pysindy_nrf, instrumental variables": Ours(degree, None, "iv"),
         **{f"pysindy_nrf, {name}": Ours(degree, optimizer) for name, optimizer in given.items()},
-    }
+    }  # fmt: skip
     with warnings.catch_warnings(action="ignore"):
         reference = Ours(degree, None)
         reference.fit(search)

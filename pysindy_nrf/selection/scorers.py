@@ -80,10 +80,8 @@ def _unwrapped(estimator: Any, X: Any, metadata: dict[str, Any]) -> tuple[Any, A
             X = before.transform(X, **{k: metadata[k] for k in consumed})
         estimator = estimator[-1]
     if not hasattr(estimator, "balance_errors"):
-        raise NRFError(
-            f"{type(estimator).__name__} is not a chain regressor",
-            "These scorers judge NRFRegressor, alone or last in a Pipeline.",
-        )
+        cure = "These scorers judge NRFRegressor, alone or last in a Pipeline."
+        raise NRFError(f"{type(estimator).__name__} is not a chain regressor", cure)
     return estimator, X, metadata
 
 

@@ -10,7 +10,7 @@ from functools import cache
 from glob import escape
 from importlib.resources import files
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, Literal
 
 from ..exceptions import FileFormatError, NRFError
 
@@ -21,10 +21,8 @@ except ImportError:  # Windows, where nothing is locked and nothing left behind 
 
 
 @contextmanager
-def atomic_write(path: Any, mode: str = "w") -> Iterator[IO[Any]]:
+def atomic_write(path: Any, mode: Literal["w", "wb"] = "w") -> Iterator[IO[Any]]:
     """Open a temporary file that replaces the target on success: a reader sees the old or the complete new file."""
-    if mode not in ("w", "wb"):
-        raise NRFError(f"mode={mode!r} is unknown", "Choose 'w' or 'wb'.")
     target = file_behind(path)
     target.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=PART)

@@ -200,8 +200,7 @@ class NonNegative(Constraint):
 def constrained(model: ChainModel, constraints: Any, resolver: Any) -> ChainModel:
     """The estimate nearest to a model that satisfies the constraints; the resolver then applies them to all models."""
     given = (constraints,) if isinstance(constraints, Constraint) else tuple(constraints)
-    wrong = [c for c in given if not isinstance(c, Constraint)]
-    if wrong:
+    if wrong := [c for c in given if not isinstance(c, Constraint)]:
         cure = "Use those of estimation.constraints."
         raise ChainError(f"constraints holds {wrong[0]!r}, which is not a constraint", cure)
     known = dict(resolver.known_masses)

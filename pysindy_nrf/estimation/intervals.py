@@ -226,8 +226,7 @@ def _forces_table(
     for site, pair in points.items():
         if not hasattr(pair, "__len__") or len(pair) != 2:
             raise ChainError(f"of[{site!r}]={pair!r} is not a pair (v, s)", "Give m/s and m.")
-        rate, drift = pair
-        table = force_intervals(resolver, model, site, rate, drift, level, method, random_state)
+        table = force_intervals(resolver, model, site, pair[0], pair[1], level, method, random_state)
         name = [f"{model.chain.site(site)} at v = {v:.4g} m/s, s = {s:.4g} m" for v, s in zip(table["v"], table["s"])]
         parts.append(table[["force", "lower", "upper"]].rename(columns={"force": "estimate"}))
         parts[-1].insert(0, "parameter", name)

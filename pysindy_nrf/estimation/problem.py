@@ -208,12 +208,11 @@ def laws_of_sites(chain: Chain, laws: Any, degree: Any, orders: Any) -> dict[Sit
     series = power_series_laws(chain, degree, orders)
     orders = {chain.site(s): order for s, order in (orders or {}).items()}
     given = {chain.site(s): held for s, held in declared_laws(laws).items()}
-    both = [s for s in orders if s in given]
-    if both:
+    if both := [s for s in orders if s in given]:
         raise ChainError(f"{both[0]} has an order and laws", "Name it in orders or in laws, not in both.")
-    if orders and degree != DEFAULT_DEGREE and all(s in orders or s in given for s in chain.sites):
+    every = degree != DEFAULT_DEGREE and all(s in orders or s in given for s in chain.sites)
+    if every and any(order != degree for order in orders.values()):
         clash = next(s for s in chain.sites if s in orders)
-        if any(order != degree for order in orders.values()):
-            what = f"degree={degree!r} contradicts orders, which set every storey ({clash}: {orders[clash]!r})"
-            raise ChainError(what, "Leave degree out, or name in orders only the storeys that differ.")
+        what = f"degree={degree!r} contradicts orders, which set every storey ({clash}: {orders[clash]!r})"
+        raise ChainError(what, "Leave degree out, or name in orders only the storeys that differ.")
     return {s: tuple(held) for s, held in series.items()} | given

@@ -210,13 +210,11 @@ def _least_squares(
     size = np.linalg.norm(columns, axis=0)
     size_y = float(np.linalg.norm(target))
     sizes = np.append(size, size_y)
-    wild = np.flatnonzero(~np.isfinite(sizes) | ((sizes > 0) & (sizes < _SMALLEST)))
-    if wild.size:
+    if (wild := np.flatnonzero(~np.isfinite(sizes) | ((sizes > 0) & (sizes < _SMALLEST)))).size:
         name = [*_labels(step, layout), "the force"][wild[0]]
         cure = "Check the units of its channels, or lower the degree."
         raise NRFError(f"{step.name}: the squares of {name} leave the range of a double", cure)
-    idle = np.flatnonzero(size == 0)
-    if idle.size:
+    if (idle := np.flatnonzero(size == 0)).size:
         name = _labels(step, layout)[idle[0]]
         what = f"{step.name}: the column of {name} is zero throughout, or its squares leave the range of a double"
         cure = "Nothing moves there, or its channels have wrong units; check them, leave the term out, or excite it."

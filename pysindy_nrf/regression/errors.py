@@ -130,8 +130,7 @@ def explained_accelerations(parts: Sequence[tuple[np.ndarray, np.ndarray, np.nda
     """R^2 of accelerations, variance-weighted over the DOFs, from measured ones, gaps (NaN: unknown) and weights."""
     left = error = 0.0
     for j in range(parts[0][0].shape[1]):
-        held = [(a[:, j], gap[:, j], w) for a, gap, w in parts if not np.isnan(gap[0, j])]
-        if held:
+        if held := [(a[:, j], gap[:, j], w) for a, gap, w in parts if not np.isnan(gap[0, j])]:
             a, gap, w = (np.concatenate(column) for column in zip(*held))
             error += float(w @ gap**2)
             left += float(w @ (a - np.average(a, weights=w)) ** 2)

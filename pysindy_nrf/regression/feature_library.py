@@ -377,8 +377,7 @@ def from_sindy(sindy: Any) -> ChainModel:
     masses = getattr(optimizer, "masses_", None)
     if masses is None:
         own = np.diag(coef[n:, n + layout.n_terms :]) if state else np.diag(coef[:, :n])
-        gone = [f"m{j + 1}" for j in np.flatnonzero(own == 0)]
-        if gone:
+        if gone := [f"m{j + 1}" for j in np.flatnonzero(own == 0)]:
             what = f"{', '.join(gone)} cannot be read off: the coefficient of the force or of the acceleration is zero"
             cure = "Lower the optimizer's threshold, or use StateSpaceChainOptimizer or ChainOptimizer."
             raise ChainError(what, cure)

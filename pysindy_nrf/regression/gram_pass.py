@@ -38,6 +38,7 @@ class GramPass:
     ) -> None:  # fmt: skip
         self.layout, self.groups, self.kind = layout, {g.dofs: g for g in groups}, kind
         self.known_masses, self.guess = dict(known_masses or {}), dict(guess or {})
+        self._widths = {g.dofs: width_of(layout, g) for g in groups}
         self.counts: list[float] = []  # samples of each number, by their weights
         self._sums: list[dict[tuple[bool, ...], list[Any]]] = []  # by the known forces: products, samples
         self._roots: list[dict[Dofs, _Root]] = []
@@ -102,7 +103,7 @@ class GramPass:
     def grams(self) -> BlockGrams:
         """Gram matrices or roots of each number."""
         shape = (len(self.counts),)
-        matrices = {dofs: np.zeros((*shape, p, p)) for dofs, p in self._widths()}
+        matrices = {dofs: np.zeros((*shape, p, p)) for dofs, p in self._widths.items()}
         sizes = {dofs: np.zeros(shape) for dofs in matrices}
         for number in range(len(self.counts)):
             for dofs, matrix in matrices.items():
@@ -124,14 +125,11 @@ class GramPass:
         out = self.grams()[0]
         return out if self._before is None else self._before.merge(out)
 
-    def _widths(self) -> Iterator[tuple[Dofs, int]]:
-        return ((dofs, width_of(self.layout, group)) for dofs, group in self.groups.items())
-
     def _open(self, number: int) -> None:
         while len(self.counts) <= number:
             self.counts.append(0)
             self._sums.append({})
-            self._roots.append({d: _Root(p) for d, p in self._widths()} if self.kind == "root" else {})
+            self._roots.append({d: _Root(p) for d, p in self._widths.items()} if self.kind == "root" else {})
 
     def _room(self, number: int, blocks: Sequence[Block]) -> np.ndarray:
         """Where products of these blocks are summed up; counts their samples."""

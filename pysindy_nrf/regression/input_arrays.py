@@ -171,8 +171,7 @@ def _from_frame(
 ) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None, Any, int]:
     """Matrix of the columns, rate and drift of the base, time, number of DOFs."""
     names = [str(c) for c in frame.columns]
-    twice = sorted({c for c in names if names.count(c) > 1})
-    if twice:
+    if twice := sorted({c for c in names if names.count(c) > 1}):
         raise ChannelError(f"Column {twice[0]!r} is in X more than once", "Rename or drop one.")
     rate, drift = ("v", "s") if coordinates == "relative" else ("xdot", "x")
     present = {rate + c[1:] if c[:1] == "v" and c[1:].isdigit() else c: c for c in names}

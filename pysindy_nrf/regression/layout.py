@@ -36,8 +36,7 @@ class Layout:
         counts = {chain.site(s): int(k) for s, k in terms.items()}
         self.chain = chain
         self.sites: tuple[Site, ...] = (*chain.sites, *(s for s in counts if s not in chain.sites))
-        wrong = [s for s in self.sites if s.kind == "sensor"]
-        if wrong:
+        if wrong := [s for s in self.sites if s.kind == "sensor"]:
             cure = "Use a storey, link, ground or dof site."
             raise ChainError(f"{str(wrong[0])!r} is not a place for a force law", cure)
         self.n_dof = chain.n_dof
@@ -211,8 +210,7 @@ def declared_laws(laws: Any) -> dict[Any, tuple[ForceLaw, ...]]:
     given = {}
     for site, value in as_mapping("laws", laws, "{'storey 1': [...]}").items():
         held = tuple(value) if isinstance(value, (list, tuple)) else (value,)
-        wrong = [law for law in held if not isinstance(law, ForceLaw)]
-        if wrong:
+        if wrong := [law for law in held if not isinstance(law, ForceLaw)]:
             cure = "Use those of pysindy_nrf.laws."
             raise ChainError(f"laws[{site!r}] holds {wrong[0]!r}, which is not a force law", cure)
         given[site] = held

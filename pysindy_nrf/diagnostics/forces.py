@@ -36,9 +36,8 @@ class ForceProbes:
     def __init__(self, layout: LawLayout, data: SegmentSet) -> None:
         self.layout, self.names = layout, [seg.name for seg in data.segments]
         step = max(1, data.n_samples // SCALE_ROWS)
-        forces = np.vstack([seg.F[seg.valid][::step] for seg in data.segments]).astype(float)
-        self.rms = np.sqrt(np.nanmean(forces**2, axis=0))
-        self.peak = np.nanmax(np.abs(forces), axis=0)
+        forces = np.nan_to_num(np.vstack([seg.F[seg.valid][::step] for seg in data.segments]).astype(float))
+        self.rms, self.peak = np.sqrt(np.mean(forces**2, axis=0)), np.abs(forces).max(axis=0)
         self.widths: dict[int, tuple[int, int]] = {}
         self.n_rows = 0
         self._windows: dict[tuple[int, int], list[Window]] = {}

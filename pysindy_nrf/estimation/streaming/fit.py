@@ -308,7 +308,7 @@ def load(path: Path, estimator: Any, mark: str) -> tuple[Accumulator, int, str] 
             data = {name: file[name] for name in file.files}
         meta = json.loads(bytes(data.pop("meta")).decode())
         if meta["schema"] != _SCHEMA:
-            raise ValueError("it bears another signature")
+            raise FileFormatError(f"{path} bears the signature {meta['schema']!r}", "Give another path for the state.")
         if meta["mark"] != mark:
             return None
         acc = Accumulator(estimator, meta["kind"])
@@ -343,6 +343,8 @@ def load(path: Path, estimator: Any, mark: str) -> tuple[Accumulator, int, str] 
             last = _segment("last", data, "last") if "last.a" in data else None
             acc._carry = {"end": float(meta["carry"]), "states": states, "last": last}
         return acc, int(meta["following"]), str(meta["content"])
+    except FileFormatError:
+        raise
     except (*_DAMAGED, zipfile.BadZipFile, zlib.error) as error:
         raise FileFormatError(
             f"{path} is not the state of an interrupted fit ({type(error).__name__}: {error})",

@@ -55,7 +55,8 @@ class ForceProbes:
         some = slice(None, None, max(1, self.n_rows // _ENOUGH))
         for key, windows in self._windows.items():
             blocks = [w.block.take(some) for w in windows]
-            block = Block(*(np.hstack([getattr(b, k) for b in blocks]) for k in ("terms", "acceleration", "force")))
+            lines: Any = (np.hstack([getattr(b, k) for b in blocks]) for k in ("terms", "acceleration", "force"))
+            block = Block(*lines)
             for j in (np.flatnonzero(self.rms > 0) + 1).tolist():
                 if not np.isfinite(block.force[j - 1]).all():
                     continue

@@ -227,9 +227,8 @@ def constrained(model: ChainModel, constraints: Any, resolver: Any) -> ChainMode
         masses = [nearest.get(f"m{j + 1}", m) for j, m in enumerate(free.masses)]
         values = {
             site: nearest[[f"{site}: {term}" for term in force.coefficients.index]].to_numpy()
-            for site, force in free.restoring_forces.items()
-            if force.laws
-        }
+            for site, force in free.restoring_forces.items() if force.laws
+        }  # fmt: skip
         return ChainModel(masses, with_coefficients(free.laws, values), free.chain, free.visited, free.info)
 
     new = obey(model)

@@ -62,11 +62,9 @@ def energies_of(layout: LawLayout, data: SegmentSet) -> Statistic:
             stored[site] += 0.5 * float(motion.s[-1] ** 2 - motion.s[0] ** 2)
 
     def energies(model: ChainModel) -> pd.Series:
-        out, coefficients = {}, model.coefficients
-        for s in sites:
-            stiffness = model.restoring_forces[s].linear_part()["k"]
-            out[f"energy of {s}"] = float(coefficients[s] @ work[s] - stiffness * stored[s])
-        return pd.Series(out, dtype=float)
+        own, forces = model.coefficients, model.restoring_forces
+        lost = {f"energy of {s}": own[s] @ work[s] - forces[s].linear_part()["k"] * stored[s] for s in sites}
+        return pd.Series(lost, dtype=float)
 
     return energies
 

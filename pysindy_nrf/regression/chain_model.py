@@ -238,14 +238,11 @@ class ChainModel:
         n = self.n_dof
         if (self.masses <= 0).any():
             raise ChainError(f"m{int(np.argmin(self.masses)) + 1} is not positive", "Modes need positive masses.")
-        total = self.total_masses
-        if (total <= 0).any():
-            j = int(np.argmin(total))
-            raise ChainError(
-                f"DOF {j + 1} has {self.masses[j]:.4g} kg and {total[j] - self.masses[j]:.4g} kg added to it, "
-                f"{total[j]:.4g} kg in all",
-                "Modes need positive masses; weigh that floor.",
-            )
+        j, total = int(np.argmin(self.total_masses)), self.total_masses
+        if total[j] <= 0:
+            own = self.masses[j]
+            what = f"DOF {j + 1} has {own:.4g} kg and {total[j] - own:.4g} kg added to it, {total[j]:.4g} kg in all"
+            raise ChainError(what, "Modes need positive masses; weigh that floor.")
         values, vectors = np.linalg.eig(state_matrix(M, C, K))
         shapes = vectors[:n] / np.linalg.norm(vectors[:n], axis=0)
         pairs = [(i, i) for i in np.flatnonzero(values.imag > 0)]

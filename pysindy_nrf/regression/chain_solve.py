@@ -283,12 +283,10 @@ def _sparse(unit: np.ndarray, target: np.ndarray, n_masses: int, n_samples: floa
     length, fitted, said = n_samples**0.5, None, ()
     own, free = slice(0, n_masses), slice(n_masses, None)
     coefficients = np.zeros(unit.shape[1])
-    sub_columns, sub_target = unit[free, free], target[free]
-    if sub_columns.shape[1]:
-        coefficients[free], fitted, said = fit_inner(inner, sub_columns * length, sub_target * length)
+    if unit[free, free].shape[1]:
+        coefficients[free], fitted, said = fit_inner(inner, unit[free, free] * length, target[free] * length)
     if n_masses:
-        rest = target[own] - unit[own, free] @ coefficients[free]
-        coefficients[own] = _back(unit[own, own], rest)
+        coefficients[own] = _back(unit[own, own], target[own] - unit[own, free] @ coefficients[free])
     return coefficients, fitted, said
 
 
@@ -374,8 +372,7 @@ def third_law_gap(solution: Solution, grams: BlockGrams) -> pd.Series:
         both[where[site]] = np.column_stack([solution.coefficients[site] - twin, solution.coefficients[site]])
         gap, whole = grams.norms((site.p,), both)
         gaps[str(site)] = 100.0 * gap / whole if whole else np.inf
-    names = sorted(gaps)
-    return pd.Series([gaps[name] for name in names], index=names, name="third-law gap (%)", dtype=float)
+    return pd.Series(dict(sorted(gaps.items())), name="third-law gap (%)", dtype=float)
 
 
 def unknown_forces(model: ChainModel, data: SegmentSet) -> pd.DataFrame:

@@ -63,17 +63,13 @@ def as_matrix(
         return f"{names}{i + 1}" if isinstance(names, str) else str(names[i])
 
     if n_columns is not None and array.shape[1] != n_columns:
-        raise ChannelError(
-            f"The {what} have {array.shape[1]} columns, {n_columns} are needed",
-            f"Expected {', '.join(name(i) for i in range(min(n_columns, 12)))}{', ...' if n_columns > 12 else ''}.",
-        )
+        cure = f"Expected {', '.join(name(i) for i in range(min(n_columns, 12)))}{', ...' if n_columns > 12 else ''}."
+        raise ChannelError(f"The {what} have {array.shape[1]} columns, {n_columns} are needed", cure)
     if array.dtype == np.float32 or array.dtype == np.float64:
         return array
     if np.iscomplexobj(array):
-        raise ChannelError(
-            f"Complex data not supported: channel {name(0)} of the {what} is complex",
-            "Give real time series; take .real if the imaginary part is zero.",
-        )
+        cure = "Give real time series; take .real if the imaginary part is zero."
+        raise ChannelError(f"Complex data not supported: channel {name(0)} of the {what} is complex", cure)
     if array.dtype.kind == "b" and not what.startswith("covariate"):
         raise ChannelError(f"Channel {name(0)} of the {what} holds boolean values", "Give the measured numbers.")
     if array.dtype == np.float16:
@@ -108,19 +104,16 @@ def finite_span(columns: Sequence[np.ndarray], names: Sequence[str], record: str
             continue
         infinite = np.flatnonzero(np.isinf(column))
         if infinite.size:
-            raise ChannelError(
-                f"Channel {name}{where} is infinite in {rows_text(infinite)}", "Repair or cut these rows."
-            )
+            cure = "Repair or cut these rows."
+            raise ChannelError(f"Channel {name}{where} is infinite in {rows_text(infinite)}", cure)
         inside = np.flatnonzero(good)
         if not inside.size:
             raise ChannelError(f"Channel {name}{where} holds nothing but NaN", "Leave it out, or measure it.")
         start, stop = inside[0], inside[-1] + 1
         holes = start + np.flatnonzero(~good[start:stop])
         if holes.size:
-            raise ChannelError(
-                f"Channel {name}{where} is NaN in {rows_text(holes)}",
-                "Split the record there, or fill the gap; only leading and trailing NaN rows are masked.",
-            )
+            cure = "Split the record there, or fill the gap; only leading and trailing NaN rows are masked."
+            raise ChannelError(f"Channel {name}{where} is NaN in {rows_text(holes)}", cure)
         first, last = max(first, start), min(last, stop)
         if stop - start < shortest:
             shortest, worst = stop - start, name
@@ -241,10 +234,8 @@ def checked(estimator: Any, X: Any, *, reset: bool, prefix: str = "column ") -> 
     require_two_dimensions(X)
     matrix = as_matrix(X, names or prefix, what="columns of X")
     if matrix.shape[1] == 0:  # in the words that scikit-learn's checks expect, here and below
-        raise ChannelError(
-            f"X has 0 feature(s) (shape={matrix.shape}) while a minimum of 1 is required",
-            "Give one column per channel.",
-        )
+        cure = "Give one column per channel."
+        raise ChannelError(f"X has 0 feature(s) (shape={matrix.shape}) while a minimum of 1 is required", cure)
     if len(matrix) == 0:
         raise ChannelError("X has no samples (0 rows)", "Give a record.")
     same_columns(estimator, matrix.shape[1], names, reset)
@@ -268,9 +259,8 @@ def same_columns(estimator: Any, width: int, names: list[str] | None, reset: boo
         )
     fitted = getattr(estimator, "feature_names_in_", None)
     if names is not None and fitted is not None and names != list(fitted):
-        raise ChannelError(
-            f"The columns {', '.join(names[:9])} are not those of fit, {', '.join(fitted[:9])}", "Fit again."
-        )
+        cure = "Fit again."
+        raise ChannelError(f"The columns {', '.join(names[:9])} are not those of fit, {', '.join(fitted[:9])}", cure)
 
 
 def require_two_dimensions(X: Any) -> None:
@@ -280,10 +270,8 @@ def require_two_dimensions(X: Any) -> None:
     else:
         flat = not hasattr(X, "columns") and not hasattr(X, "nnz") and np.ndim(np.asarray(X)) == 1
     if flat:
-        raise ChannelError(
-            "Expected a 2D array, got a 1D array",
-            "Reshape your data: X.reshape(-1, 1) if it is one channel, X.reshape(1, -1) if it is one sample.",
-        )
+        cure = "Reshape your data: X.reshape(-1, 1) if it is one channel, X.reshape(1, -1) if it is one sample."
+        raise ChannelError("Expected a 2D array, got a 1D array", cure)
 
 
 def is_dask(X: Any) -> bool:
@@ -299,7 +287,6 @@ def sample_weights(weights: Any, size: int) -> np.ndarray:
     if len(line) != size:
         raise ChannelError(f"sample_weight has {len(line)} values, X has {size} samples", "Give one for each sample.")
     if not np.isfinite(line).all() or (line < 0).any() or not line.any():
-        raise ChannelError(
-            "sample_weight holds values that are not valid weights", "Give numbers from zero up, not all zero."
-        )
+        cure = "Give numbers from zero up, not all zero."
+        raise ChannelError("sample_weight holds values that are not valid weights", cure)
     return line

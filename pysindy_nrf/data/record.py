@@ -80,9 +80,8 @@ class Record:
         coordinates: str = "relative", time: Any = None,
     ) -> None:  # fmt: skip
         if coordinates not in ("relative", "absolute"):
-            raise ChannelError(
-                f"coordinates={coordinates!r} is unknown", "Choose 'relative' (to the base) or 'absolute'."
-            )
+            cure = "Choose 'relative' (to the base) or 'absolute'."
+            raise ChannelError(f"coordinates={coordinates!r} is unknown", cure)
         self.name = str(name).encode("utf-8", "backslashreplace").decode()  # a file's name may be no text
         self.coordinates = coordinates
         given = {"acceleration": acceleration, "velocity": velocity, "displacement": displacement, "force": force}
@@ -92,21 +91,15 @@ class Record:
             raise ChannelError(f"Record {self.name!r} has no motion", "Give acceleration, velocity or displacement.")
         n_dof = {a.shape[1] for a in arrays.values()}
         if len(n_dof) > 1:
-            raise ChannelError(
-                f"Record {self.name!r}: " + ", ".join(f"{k} has {a.shape[1]} columns" for k, a in arrays.items()),
-                "Give one column for each DOF everywhere; NaN for a channel that is not measured.",
-            )
+            what = f"Record {self.name!r}: " + ", ".join(f"{k} has {a.shape[1]} columns" for k, a in arrays.items())
+            raise ChannelError(what, "Give one column for each DOF everywhere; NaN for a channel that is not measured.")
         self.n_dof = n_dof.pop()
         if not 1 <= self.n_dof <= MOST_DOFS:
-            raise ChannelError(
-                f"Record {self.name!r} has {self.n_dof} DOFs",
-                "Give one row per sample and one column per DOF; transpose the arrays?",
-            )
+            cure = "Give one row per sample and one column per DOF; transpose the arrays?"
+            raise ChannelError(f"Record {self.name!r} has {self.n_dof} DOFs", cure)
         if not isinstance(covariates, (Mapping, type(None))):
-            raise ChannelError(
-                f"Record {self.name!r}: the covariates are not a mapping",
-                "Give channels by name: covariates={'voltage': u}.",
-            )
+            cure = "Give channels by name: covariates={'voltage': u}."
+            raise ChannelError(f"Record {self.name!r}: the covariates are not a mapping", cure)
         bases = {
             "base acceleration ag": base_acceleration, "base velocity vg": base_velocity,
             "base displacement xg": base_displacement,
@@ -124,9 +117,8 @@ class Record:
         if self.n_samples < 2:
             raise ChannelError(f"Record {self.name!r} has {self.n_samples} samples", "At least two are needed.")
         if all(np.isnan(motion).all() for motion in motions):
-            raise ChannelError(
-                f"Record {self.name!r} has no motion, every channel is NaN", "Give at least one measured channel."
-            )
+            cure = "Give at least one measured channel."
+            raise ChannelError(f"Record {self.name!r} has no motion, every channel is NaN", cure)
         if fs is None and time is None and arrays.keys() == {"force", "displacement"} and not lines:
             self.fs, self.t0 = np.nan, 0.0
         else:
@@ -247,10 +239,8 @@ class Record:
                     raise ChannelError(f"{column!r} and another column both mean {channel}", "Rename or drop one.")
                 numbered[channel] = columns.pop(column)
         if all(channel[0] == "F" for channel in numbered):
-            raise ChannelError(
-                f"No column of {', '.join(names[:10])} is a motion",
-                "Name accelerations a1.., velocities v1.., displacements x1.., forces F1.., base acceleration ag.",
-            )
+            cure = "Name accelerations a1.., velocities v1.., displacements x1.., forces F1.., base acceleration ag."
+            raise ChannelError(f"No column of {', '.join(names[:10])} is a motion", cure)
         n = max(int(channel[1:]) for channel in numbered)
         if n > MOST_DOFS:
             raise ChannelError(f"A column names DOF {n}, more than the {MOST_DOFS} a chain may have", "Rename it.")
@@ -315,10 +305,8 @@ class Record:
         inside = (self.time >= start - 0.5 * self.dt) & (self.time < stop - 0.5 * self.dt)
         rows = np.flatnonzero(inside)
         if len(rows) < 2:
-            raise ChannelError(
-                f"Record {self.name!r} has no samples from {start} to {stop} s",
-                f"It lasts from {self.time[0]:g} to {self.time[-1]:g} s.",
-            )
+            cure = f"It lasts from {self.time[0]:g} to {self.time[-1]:g} s."
+            raise ChannelError(f"Record {self.name!r} has no samples from {start} to {stop} s", cure)
         return self.rows(slice(rows[0], rows[-1] + 1))
 
     def rows(self, rows: slice) -> Record:
@@ -330,10 +318,8 @@ class Record:
         """
         start = range(self.n_samples)[rows]
         if len(start) < 2 or start.step != 1:
-            raise ChannelError(
-                f"Record {self.name!r}: {rows} is not a part of its {self.n_samples} samples",
-                "Take two or more consecutive rows.",
-            )
+            cure = "Take two or more consecutive rows."
+            raise ChannelError(f"Record {self.name!r}: {rows} is not a part of its {self.n_samples} samples", cure)
         new = copy.copy(self)
         new.n_samples, new.t0 = len(start), self.t0 + start[0] / self.fs
         for key in (*MATRICES, *BASES):
@@ -431,10 +417,8 @@ def seconds_of(time: Any, name: str = "record") -> np.ndarray:
     else:
         seconds = as_matrix(array, ["time"], 1, "time")[:, 0].astype(float)
     if not np.isfinite(seconds).all():
-        raise ChannelError(
-            f"Record {name!r}: the time is not finite in row {int(np.flatnonzero(~np.isfinite(seconds))[0])}",
-            "Repair it.",
-        )
+        what = f"Record {name!r}: the time is not finite in row {int(np.flatnonzero(~np.isfinite(seconds))[0])}"
+        raise ChannelError(what, "Repair it.")
     return seconds
 
 
@@ -446,10 +430,8 @@ def row_times(time: Any, size: int, pieces: Iterable[tuple[str, slice]]) -> np.n
     for name, rows in pieces:
         bad = np.flatnonzero(np.diff(seconds[rows]) <= 0)
         if bad.size:
-            raise ChannelError(
-                f"The time of {name} does not increase after row {rows.start + int(bad[0])}",
-                "Pass record= ids where several records are stacked; sort the rows of each; never shuffle them.",
-            )
+            cure = "Pass record= ids where several records are stacked; sort the rows of each; never shuffle them."
+            raise ChannelError(f"The time of {name} does not increase after row {rows.start + int(bad[0])}", cure)
     return seconds
 
 

@@ -50,10 +50,8 @@ def force_delay(estimator: Any, X: Any = None, F: Any = None, **options: Any) ->
     if not data.forced:
         raise ChannelError("No force is measured, so no delay can be estimated", "Measure a force.")
     if not rows:
-        raise ChannelError(
-            "No balance determines the delay of its force",
-            f"Records of more than {8 * MOST} samples and laws that explain the balance are needed.",
-        )
+        cure = f"Records of more than {8 * MOST} samples and laws that explain the balance are needed."
+        raise ChannelError("No balance determines the delay of its force", cure)
     columns = ["delay", "samples", "error", "aligned", "message"]
     return pd.DataFrame.from_dict(rows, orient="index", columns=columns).rename_axis("channel")
 

@@ -69,10 +69,8 @@ def _check_header(path: Path, stream: IO[bytes], held: int) -> None:
         return  # NumPy itself refuses unknown versions
     shape, _, dtype = read[version](stream)
     if dtype.hasobject:
-        raise FileFormatError(
-            f"{path} holds pickled Python objects, which could run code and are never loaded",
-            "Save plain arrays: numpy.savez(path, a1=..., x1=...).",
-        )
+        cure = "Save plain arrays: numpy.savez(path, a1=..., x1=...)."
+        raise FileFormatError(f"{path} holds pickled Python objects, which could run code and are never loaded", cure)
     if any(n < 0 for n in shape) or math.prod(shape) * dtype.itemsize > held:
         raise ValueError(f"an array declares the shape {shape} of {dtype} but the file holds {held} bytes")
 
@@ -103,10 +101,8 @@ def read_hdf5(path: Path, max_bytes: int = MAX_BYTES, matlab: bool = False) -> T
 def require_own(path: Any, name: str, item: Any) -> None:
     """Refuse a data set whose values lie in other files."""
     if item.external or item.is_virtual:
-        raise FileFormatError(
-            f"{path}: the data set {name!r} lies in another file, which is not opened",
-            "Export the measured values themselves into one file.",
-        )
+        cure = "Export the measured values themselves into one file."
+        raise FileFormatError(f"{path}: the data set {name!r} lies in another file, which is not opened", cure)
 
 
 def data_sets(h5py: Any, file: Any) -> Iterator[tuple[str, Any]]:

@@ -136,14 +136,10 @@ def sniff(path: Path) -> Dialect:
         return found
     first = next((line for line in lines if not _is_comment(line)), "")
     if re.search(r"\d[+-]\s*[\d.]+(e[+-]?\d+)?[ij]\b", lines[-1] if lines else "", re.IGNORECASE):
-        raise FileFormatError(
-            f"{path} holds complex numbers, so it is a frequency response, not a record",
-            "Read it with read_frf (--frf).",
-        )
-    raise FileFormatError(
-        f"{path} holds no rows of numbers separated by ';', ',', tab, '|' or blanks (it starts with {first[:60]!r})",
-        "Give a table of numbers: one row per sample, one column per channel.",
-    )
+        cure = "Read it with read_frf (--frf)."
+        raise FileFormatError(f"{path} holds complex numbers, so it is a frequency response, not a record", cure)
+    what = f"{path} holds no rows of numbers separated by ';', ',', tab, '|' or blanks (it starts with {first[:60]!r})"
+    raise FileFormatError(what, "Give a table of numbers: one row per sample, one column per channel.")
 
 
 def _decode(raw: bytes, path: Path) -> tuple[str, str]:

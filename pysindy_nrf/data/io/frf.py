@@ -100,25 +100,21 @@ def frequency_response(
         f = f.real
     f, H = f.astype(float), np.atleast_2d(H.T).T.astype(complex)
     if H.ndim != 2 or f.ndim != 1 or len(f) != len(H):
-        raise ChannelError(
-            f"{name}: {f.shape} frequencies for responses of shape {H.shape}",
-            "Give one row of H for each frequency, one column for each DOF.",
-        )
+        cure = "Give one row of H for each frequency, one column for each DOF."
+        raise ChannelError(f"{name}: {f.shape} frequencies for responses of shape {H.shape}", cure)
     if kind not in KINDS:
         raise ChannelError(f"kind={kind!r} is unknown", f"Choose one of {', '.join(KINDS)}.")
     if isinstance(excited, bool) or not hasattr(excited, "__index__") or not 1 <= int(excited) <= H.shape[1]:
-        raise ChannelError(
-            f"excited={excited!r} is not one of the {H.shape[1]} DOFs of {name}", "Name the DOF the force acts on."
-        )
+        cure = "Name the DOF the force acts on."
+        raise ChannelError(f"excited={excited!r} is not one of the {H.shape[1]} DOFs of {name}", cure)
     for row, j in np.argwhere(~np.isfinite(H))[:1]:
         raise ChannelError(f"{name}: H{j + 1} is not finite in row {row}", "Cut this line.")
     bad = np.flatnonzero(~np.isfinite(f) | (f < 0))
     if bad.size:
         raise ChannelError(f"{name}: the frequency in row {bad[0]} is {f[bad[0]]}", "Give positive frequencies in Hz.")
     if (np.diff(f) <= 0).any():
-        raise ChannelError(
-            f"{name}: the frequency does not rise after row {int(np.argmax(np.diff(f) <= 0))}", "Sort the lines."
-        )
+        cure = "Sort the lines."
+        raise ChannelError(f"{name}: the frequency does not rise after row {int(np.argmax(np.diff(f) <= 0))}", cure)
     moving = f > 0
     f, H = f[moving], H[moving]
     return FrequencyResponse(f, H * (2j * np.pi * f[:, None]) ** KINDS[kind], int(excited), name)
@@ -176,15 +172,12 @@ def frf_to_features(
     frf = f if isinstance(f, FrequencyResponse) else frequency_response(f, H, excited)
     used = in_band(frf.f, band)
     if not used.any():
-        raise ChannelError(
-            f"{frf.name} has no line in the band {band} Hz", f"Its lines go from {frf.f[0]:g} to {frf.f[-1]:g} Hz."
-        )
+        cure = f"Its lines go from {frf.f[0]:g} to {frf.f[-1]:g} Hz."
+        raise ChannelError(f"{frf.name} has no line in the band {band} Hz", cure)
     scale = np.ones(len(frf.f)) if weight is None else np.asarray(weight, dtype=float)
     if scale.shape != frf.f.shape or not np.isfinite(scale).all() or (scale < 0).any():
-        raise ChannelError(
-            f"weight has the shape {scale.shape} for {len(frf.f)} lines, or is not positive and finite",
-            "Give one positive number for each line.",
-        )
+        what = f"weight has the shape {scale.shape} for {len(frf.f)} lines, or is not positive and finite"
+        raise ChannelError(what, "Give one positive number for each line.")
     iw = 2j * np.pi * frf.f[used, None]
     a, scale = frf.H[used] * scale[used, None], scale[used]
     drifts = [np.diff(y, axis=1, prepend=0.0) for y in (a / iw, a / iw**2)]
@@ -226,19 +219,15 @@ def _from_text(path: Path) -> tuple[np.ndarray, np.ndarray]:
     for number, line in enumerate(lines[start:], start + 1):
         row = _row(line.split(separator))
         if row is None or len(row) != width:
-            raise FileFormatError(
-                f"{path}, row {number}: {line[:60]!r} is not {width} numbers separated by {separator!r}",
-                "Write complex numbers as 0.1-0.2j.",
-            )
+            what = f"{path}, row {number}: {line[:60]!r} is not {width} numbers separated by {separator!r}"
+            raise FileFormatError(what, "Write complex numbers as 0.1-0.2j.")
         rows.append(row)
     if not rows:
         raise FileFormatError(f"{path} holds no rows of numbers", _CURE)
     values = np.array(rows)
     if np.abs(values[:, 1:].imag).max() == 0:
-        raise FileFormatError(
-            f"{path} holds no complex responses",
-            "Magnitudes alone do not identify a model; export real and imaginary parts as 0.1-0.2j.",
-        )
+        cure = "Magnitudes alone do not identify a model; export real and imaginary parts as 0.1-0.2j."
+        raise FileFormatError(f"{path} holds no complex responses", cure)
     return values[:, 0], values[:, 1:]
 
 

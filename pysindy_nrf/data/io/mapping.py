@@ -72,9 +72,8 @@ def parse(text: str, table: Table, channel: str) -> Expression:
 def line_of(expression: Expression, table: Table, channel: str) -> np.ndarray:
     """Samples of a mapping, shape (n_samples,), before units are converted."""
     if expression.name not in table.variables:
-        raise FileFormatError(
-            f"{table.path} has no variable {expression.name!r} for channel {channel}", f"It holds {table.names}."
-        )
+        what = f"{table.path} has no variable {expression.name!r} for channel {channel}"
+        raise FileFormatError(what, f"It holds {table.names}.")
     values = table.variables[expression.name]
     wanted = f"Channel {channel} = {expression.name!r} of {table.path}"
     index = expression.column if expression.row is None else expression.row
@@ -82,10 +81,8 @@ def line_of(expression: Expression, table: Table, channel: str) -> np.ndarray:
         axis = 1 if expression.row is None else 0
         if values.ndim != 2 or not -values.shape[axis] <= index < values.shape[axis]:
             kind = "column" if axis else "row"
-            raise FileFormatError(
-                f"{wanted} has the shape {values.shape}, there is no {kind} {index}",
-                f"{kind.capitalize()}s count from 0.",
-            )
+            what = f"{wanted} has the shape {values.shape}, there is no {kind} {index}"
+            raise FileFormatError(what, f"{kind.capitalize()}s count from 0.")
         values = values.take(index, axis)
     if values.ndim != 1:
         cure = (
@@ -118,10 +115,8 @@ def _factor(expression: Expression, table: Table, channel: str) -> float:
             ) from None
         value = float(scalar.reshape(())[()])
     if not np.isfinite(value) or value == 0:
-        raise ChannelError(
-            f"The factor {expression.factor!r} of channel {channel} is not a usable number",
-            "Give a finite factor, not zero.",
-        )
+        cure = "Give a finite factor, not zero."
+        raise ChannelError(f"The factor {expression.factor!r} of channel {channel} is not a usable number", cure)
     return value
 
 
@@ -180,18 +175,14 @@ def read_mapping(path: Any) -> MappingFile:
     for key, value in data.items():
         if key not in _KEYS:
             near = difflib.get_close_matches(key, _KEYS, 1)
-            raise FileFormatError(
-                f"{path}: the key {key!r} is unknown" + (f"; did you mean {near[0]!r}?" if near else ""),
-                f"Keys are {', '.join(_KEYS)}.",
-            )
+            what = f"{path}: the key {key!r} is unknown" + (f"; did you mean {near[0]!r}?" if near else "")
+            raise FileFormatError(what, f"Keys are {', '.join(_KEYS)}.")
         if not _good(key, value):
             raise FileFormatError(f"{path}: {key} = {_shown(value)} is not {_KEYS[key]}", "Correct it.")
         for name, text in value.items() if isinstance(value, dict) else ():
             if not isinstance(text, str) or not text.strip():
-                raise FileFormatError(
-                    f"{path}: {key}.{name} = {_shown(text)} is not a text",
-                    "Write e.g. F2 = 'Shaker @ kN'." if key == "channels" else "Write e.g. a = 'g'.",
-                )
+                cure = "Write e.g. F2 = 'Shaker @ kN'." if key == "channels" else "Write e.g. a = 'g'."
+                raise FileFormatError(f"{path}: {key}.{name} = {_shown(text)} is not a text", cure)
     files = tuple(_inside(path, name) for name in data.pop("files", ()))
     return MappingFile(path, files, **(data | ({"fs": float(data["fs"])} if "fs" in data else {})))
 
@@ -223,7 +214,6 @@ def _inside(path: Path, name: str) -> Path:
     except (OSError, ValueError, RuntimeError):  # a zero byte, a loop of links
         good = False
     if not good:
-        raise FileFormatError(
-            f"{path}: the file {name!r} is not in the folder of the mapping file", "Put both into one folder."
-        )
+        cure = "Put both into one folder."
+        raise FileFormatError(f"{path}: the file {name!r} is not in the folder of the mapping file", cure)
     return path.parent / name

@@ -147,10 +147,8 @@ def read_excitation(path: Any, n_dof: int, *, mapping: Mapping[str, str] | None 
     lines, sources = lines_of(table, mapping, units)
     lines = {c: line for c, line in lines.items() if not _is_motion(c)}
     if not any(dimension_of(c) == "force" or c == "ag" for c in lines):
-        raise FileFormatError(
-            f"{table.path}: no column is known to be a force or the base acceleration; it holds {table.names}",
-            "Name columns F1.., ag, t, or map them: mapping={'F1': 'name'}, --map F1=name.",
-        )
+        what = f"{table.path}: no column is known to be a force or the base acceleration; it holds {table.names}"
+        raise FileFormatError(what, "Name columns F1.., ag, t, or map them: mapping={'F1': 'name'}, --map F1=name.")
     beyond = [c for c in lines if c[:1] == "F" and c[1:].isdigit() and int(c[1:]) > n_dof]
     if beyond:
         raise ChannelError(f"{beyond[0]} acts on a DOF that the model does not have", f"It has DOFs 1 to {n_dof}.")
@@ -182,10 +180,8 @@ def understand(table: Table, *, mapping: Mapping[str, str] | None = None, fs: fl
         return Reading(record, table, sources, (), f"{record.fs:g} Hz, as written by this package")
     lines, sources = lines_of(table, mapping, units)
     if not any(dimension_of(c) in _MOTIONS and c not in BASES.values() for c in lines):
-        raise FileFormatError(
-            f"{table.path}: no column is known to be a motion; it holds {table.names}",
-            "Name columns a1.., v1.., x1.., F1.., ag, t, or map them: mapping={'x1': 'name'}, --map x1=name.",
-        )
+        cure = "Name columns a1.., v1.., x1.., F1.., ag, t, or map them: mapping={'x1': 'name'}, --map x1=name."
+        raise FileFormatError(f"{table.path}: no column is known to be a motion; it holds {table.names}", cure)
     title = name or (own.name if own else table.path.stem)
     record, clock = record_of(table, lines, sources, fs, title, coordinates or (own.coordinates if own else "relative"))
     used = {source.name for source in sources.values()}
@@ -213,16 +209,12 @@ def lines_of(
         sources[channel] = Source(expression.text, unit or si_unit(channel), expression.name)
     stray = [key for key in declared if not any(key in (c, c[:1]) for c in lines)]
     if stray:
-        raise ChannelError(
-            f"A unit is given for {stray[0]!r}, which is not among the channels {', '.join(lines) or '(none)'}",
-            "Name a channel (x1) or a kind (x, v, a, F, t).",
-        )
+        what = f"A unit is given for {stray[0]!r}, which is not among the channels {', '.join(lines) or '(none)'}"
+        raise ChannelError(what, "Name a channel (x1) or a kind (x, v, a, F, t).")
     lengths = {c: len(line) for c, line in lines.items()}
     if len(set(lengths.values())) > 1:
-        raise ChannelError(
-            f"{table.path}: channels differ in length, " + ", ".join(f"{c} {n}" for c, n in lengths.items()),
-            "Map channels of one test; resample channels that were sampled with another clock.",
-        )
+        what = f"{table.path}: channels differ in length, " + ", ".join(f"{c} {n}" for c, n in lengths.items())
+        raise ChannelError(what, "Map channels of one test; resample channels that were sampled with another clock.")
     for channel in (c for c, expression in chosen.items() if expression is None):
         lines[channel] = np.full(max(lengths.values(), default=0), np.nan)
         sources[channel] = Source("unknown", "")
@@ -240,9 +232,8 @@ def record_of(
     elif "t" not in lines and fs is None:
         fs, said = table.fs, "as stated in the file"
         if fs is None:
-            raise ChannelError(
-                f"{table.path} has no time column", "Give the sampling rate, fs= (--fs, Hz), or map one: --map t=name."
-            )
+            cure = "Give the sampling rate, fs= (--fs, Hz), or map one: --map t=name."
+            raise ChannelError(f"{table.path} has no time column", cure)
     channels = {c: line for c, line in lines.items() if dimension_of(c)}
     record = Record.from_frame(pd.DataFrame(channels), fs=fs, name=name, coordinates=coordinates)
     if len(channels) < len(lines):  # no name of a covariate makes it a channel
@@ -268,10 +259,8 @@ def _chosen(table: Table, mapping: Mapping[str, str]) -> dict[str, Expression | 
                 chosen[f"{name}{k + 1}"] = Expression(name, column=k)
         elif (channel := channel_of(name)) and values.ndim == 1:
             if channel in chosen:
-                raise FileFormatError(
-                    f"{table.path} has two columns that are channel {channel}",
-                    f"Rename one, or map it: {channel}=name.",
-                )
+                cure = f"Rename one, or map it: {channel}=name."
+                raise FileFormatError(f"{table.path} has two columns that are channel {channel}", cure)
             chosen[channel] = Expression(name)
     said = {channel_of(str(key)) or str(key): text for key, text in mapping.items()}
     for name in table.variables:
@@ -283,19 +272,15 @@ def _chosen(table: Table, mapping: Mapping[str, str]) -> dict[str, Expression | 
             chosen[channel] = Expression(name, unit=unit)
     for channel, text in said.items():
         if channel in ("a", "v", "x", "F", "f", ""):
-            raise ChannelError(
-                f"The channel {channel!r} has no number",
-                "Write a1, v2, x3, F1, ag, vg, xg, t, or the name of a covariate.",
-            )
+            cure = "Write a1, v2, x3, F1, ag, vg, xg, t, or the name of a covariate."
+            raise ChannelError(f"The channel {channel!r} has no number", cure)
         word = text.strip().lower() if isinstance(text, str) else ""
         if word == "none":
             chosen.pop(channel, None)
         elif word == "unknown":
             if dimension_of(channel) != "force":
-                raise ChannelError(
-                    f"Channel {channel} cannot be 'unknown'",
-                    "Only a force can act and not be measured; write 'none' to drop a channel.",
-                )
+                cure = "Only a force can act and not be measured; write 'none' to drop a channel."
+                raise ChannelError(f"Channel {channel} cannot be 'unknown'", cure)
             chosen[channel] = None
         else:
             chosen[channel] = parse(text, table, channel)
@@ -339,19 +324,15 @@ def _timestamps(table: Table, values: np.ndarray) -> pd.DatetimeIndex | pd.Timed
     numbers = pd.to_numeric(pd.Series(values), errors="coerce").notna().to_numpy()
     if len(values) > numbers.sum() > len(values) / 2:  # a footer, or repeated names
         row = int(np.argmin(numbers))
-        raise FileFormatError(
-            f"{table.path}: the time holds the text {values[row]!r} in data row {row + 1}",
-            "Remove this row; every row is one sample.",
-        )
+        cure = "Remove this row; every row is one sample."
+        raise FileFormatError(f"{table.path}: the time holds the text {values[row]!r} in data row {row + 1}", cure)
     try:
         if _TIME_OF_DAY.fullmatch(str(values[0]).strip()):
             return pd.TimedeltaIndex(pd.to_timedelta(pd.Series(values)))
         return pd.DatetimeIndex(pd.to_datetime(pd.Series(values)))
     except (ValueError, TypeError) as error:
-        raise FileFormatError(
-            f"{table.path}: the time {values[0]!r} is not understood",
-            "Give seconds, or timestamps like 2024-05-01T12:00:00.125.",
-        ) from error
+        cure = "Give seconds, or timestamps like 2024-05-01T12:00:00.125."
+        raise FileFormatError(f"{table.path}: the time {values[0]!r} is not understood", cure) from error
 
 
 READERS = {
@@ -410,23 +391,20 @@ def read_table(path: Any, *, max_bytes: int = MAX_BYTES) -> Table:
     suffix = path.suffix.lower()
     reader = READERS.get(suffix)
     if reader is None:
-        raise FileFormatError(
-            f"{path} has the type {suffix or '(none)'}, which is not read", f"Supported types are {' '.join(READERS)}."
-        )
+        cure = f"Supported types are {' '.join(READERS)}."
+        raise FileFormatError(f"{path} has the type {suffix or '(none)'}, which is not read", cure)
     with open(path, "rb") as file:
         head = file.read(400)
     for signature, suffixes, kind in _SIGNATURES:
         if head.startswith(signature) and suffix not in suffixes:
-            raise FileFormatError(
-                f"{path} is called {suffix} but holds {kind}", f"Rename it to {suffixes[0]}, or export it as {suffix}."
-            )
+            cure = f"Rename it to {suffixes[0]}, or export it as {suffix}."
+            raise FileFormatError(f"{path} is called {suffix} but holds {kind}", cure)
     if reader is read_delimited and is_strong_motion(head.decode("latin-1")):
         reader = read_strong_motion
     table = reader(path, max_bytes)
     if not any(values.size > 1 for values in table.variables.values()):
-        raise FileFormatError(
-            f"{path} holds no channel of numbers", "Give one variable or column for each measured channel."
-        )
+        cure = "Give one variable or column for each measured channel."
+        raise FileFormatError(f"{path} holds no channel of numbers", cure)
     return table
 
 
@@ -453,14 +431,12 @@ def _together(tables: list[Table]) -> Table:
     if all("t" in table.variables for table in tables):
         for stem, table in by_stem.items():
             if not np.array_equal(table.variables["t"], first.variables["t"]):
-                raise FileFormatError(
-                    f"The times of the files {first.path.stem!r} and {stem!r} differ", "Resample them to one clock."
-                )
+                cure = "Resample them to one clock."
+                raise FileFormatError(f"The times of the files {first.path.stem!r} and {stem!r} differ", cure)
         written = {table.units.get("t", "s") for table in tables}
         if len({factor(unit, "t") for unit in written}) > 1:
-            raise FileFormatError(
-                f"The times of the files have different units: {', '.join(sorted(written))}", "Export them in one unit."
-            )
+            cure = "Export them in one unit."
+            raise FileFormatError(f"The times of the files have different units: {', '.join(sorted(written))}", cure)
         together.variables["t"] = first.variables["t"]
         together.units |= {"t": first.units["t"]} if "t" in first.units else {}
     return together

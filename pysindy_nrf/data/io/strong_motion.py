@@ -67,9 +67,8 @@ def read_strong_motion(path: Path, max_bytes: int = MAX_BYTES) -> Table:
         raise unreadable(path, "strong motion", reason)
     steps = sorted({s.step for s in series})
     if len(steps) > 1:
-        raise FileFormatError(
-            f"{path}: its series are sampled every {', '.join(f'{s:g}' for s in steps)} s", "Split it by channel."
-        )
+        cure = "Split it by channel."
+        raise FileFormatError(f"{path}: its series are sampled every {', '.join(f'{s:g}' for s in steps)} s", cure)
     channels = list(dict.fromkeys(s.channel for s in series))
     variables, units = {}, {}
     for one in series:
@@ -103,19 +102,15 @@ def _read(path: Path, lines: Sequence[str]) -> tuple[list[_Series], list[str]]:
         elif match := _COSMOS_SERIES.match(line):
             n, kind = int(match[1]), match[2].upper()
             if match[4].lower().startswith("count"):
-                raise FileFormatError(
-                    f"{path} holds raw counts of channel {channel} (COSMOS V0), not a motion in physical units",
-                    "Get the uncorrected or corrected record (V1, V2), in cm/s^2.",
-                )
+                what = f"{path} holds raw counts of channel {channel} (COSMOS V0), not a motion in physical units"
+                raise FileFormatError(what, "Get the uncorrected or corrected record (V1, V2), in cm/s^2.")
             if step is None:
                 raise unreadable(path, "COSMOS", "no real header with the sampling interval stands above the series")
             values, row = _fixed(path, lines, row, n, int(match[6]), f"{_KINDS[kind]} of channel {channel}")
             seconds = _number(path, match[3])
             if seconds and abs(n * step - seconds) > max(1.0, 0.02 * seconds):
-                raise FileFormatError(
-                    f"{path}: {n} points every {step:g} s are {n * step:g} s, the header says {match[3]} s",
-                    "The file is damaged; export it again.",
-                )
+                what = f"{path}: {n} points every {step:g} s are {n * step:g} s, the header says {match[3]} s"
+                raise FileFormatError(what, "The file is damaged; export it again.")
             out.append(_Series(channel, _KINDS[kind], values, step, match[4]))
         elif match := _REALS.match(line):
             reals, row = _fixed(path, lines, row, int(match[1]), int(match[3]), "real header")
@@ -150,10 +145,8 @@ def _fixed(path: Path, lines: Sequence[str], row: int, n: int, width: int, what:
         reason = f"the {what} is not made of numbers {width} characters wide ({error})"
         raise unreadable(path, "strong motion", reason) from error
     if len(values) != n:
-        raise FileFormatError(
-            f"{path}: the header announces {n} points of the {what}, {len(values)} are there",
-            "The file is cut off or damaged; export it again.",
-        )
+        cure = "The file is cut off or damaged; export it again."
+        raise FileFormatError(f"{path}: the header announces {n} points of the {what}, {len(values)} are there", cure)
     return values, row
 
 
@@ -168,9 +161,8 @@ def _number(path: Path, text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise FileFormatError(
-            f"{path}: {text!r} in a header is not a number", "The file is damaged; export it again."
-        ) from None
+        cure = "The file is damaged; export it again."
+        raise FileFormatError(f"{path}: {text!r} in a header is not a number", cure) from None
 
 
 def _positive(path: Path, step: float) -> float:

@@ -71,10 +71,8 @@ def check_size(path: Path, size: int, max_bytes: int) -> None:
             "Save it uncompressed if it is right.",
         )
     if size > max_bytes:
-        raise FileFormatError(
-            f"{path} holds {size / 1e9:.3g} GB, more than the limit of {max_bytes / 1e9:.3g} GB",
-            "Split it into records, or raise max_bytes=.",
-        )
+        what = f"{path} holds {size / 1e9:.3g} GB, more than the limit of {max_bytes / 1e9:.3g} GB"
+        raise FileFormatError(what, "Split it into records, or raise max_bytes=.")
 
 
 def unreadable(path: Path, kind: str, error: Exception | str) -> FileFormatError:
@@ -133,9 +131,8 @@ class Attributes:
         except FileFormatError:
             raise
         except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
-            raise FileFormatError(
-                f"The attributes of the record in {where} are damaged: {error}", "Write it again with write_record."
-            ) from error
+            cure = "Write it again with write_record."
+            raise FileFormatError(f"The attributes of the record in {where} are damaged: {error}", cure) from error
 
     @classmethod
     def checked(cls, data: Mapping[str, Any], where: Any) -> Attributes:
@@ -144,10 +141,8 @@ class Attributes:
         if not isinstance(version, int) or isinstance(version, bool):
             raise ValueError(f"its version is {version!r}")
         if version > VERSION:
-            raise FileVersionError(
-                f"The record in {where} has version {version}, this package reads up to {VERSION}",
-                "Update pysindy_nrf.",
-            )
+            what = f"The record in {where} has version {version}, this package reads up to {VERSION}"
+            raise FileVersionError(what, "Update pysindy_nrf.")
         texts: dict[str, Any] = {key: data[key] for key in ("name", "coordinates")}
         numbers: dict[str, Any] = {key: float(data[key]) for key in ("fs", "t0")}
         lists: dict[str, Any] = {key: tuple(data[key]) for key in ("columns", "covariates", "float32")}
@@ -172,10 +167,8 @@ def columns_of(record: Record) -> dict[str, np.ndarray]:
     out |= {short: line for key, short in BASES.items() if (line := getattr(record, key)) is not None}
     for name, line in record.covariates.items():
         if name in out or name == "t":
-            raise ChannelError(
-                f"The covariate {name!r} of record {record.name!r} has the name of another column of the file",
-                "Rename it: record.replace(covariates=...).",
-            )
+            what = f"The covariate {name!r} of record {record.name!r} has the name of another column of the file"
+            raise ChannelError(what, "Rename it: record.replace(covariates=...).")
         out[str(name)] = line
     return out
 
@@ -187,16 +180,13 @@ def restored(attributes: Attributes, columns: Mapping[str, np.ndarray]) -> Recor
         if name not in columns:
             raise FileFormatError(f"The file lacks the column {name!r} of {attributes.name!r}", "Write it again.")
         if len(columns[name]) != attributes.n_samples:
-            raise FileFormatError(
-                f"{attributes.name!r} had {attributes.n_samples} samples, {len(columns[name])} of {name!r} are there",
-                "The file is cut off; write it again.",
-            )
+            what = f"{attributes.name!r} had {attributes.n_samples} samples, {len(columns[name])} of {name!r} are there"
+            raise FileFormatError(what, "The file is cut off; write it again.")
         try:
             lines[name] = np.asarray(columns[name]).astype(np.float32 if name in attributes.float32 else np.float64)
         except (TypeError, ValueError) as error:
-            raise FileFormatError(
-                f"The column {name!r} of record {attributes.name!r} holds no numbers", "Write it again."
-            ) from error
+            what = f"The column {name!r} of record {attributes.name!r} holds no numbers"
+            raise FileFormatError(what, "Write it again.") from error
     covariates = {name: lines.pop(name) for name in attributes.covariates}
     parts: dict[str, Any] = {key: lines[short] for key, short in BASES.items() if short in lines}
     for key, prefix in MATRICES.items():

@@ -63,10 +63,8 @@ def _foreign(path: Path, sets: Sequence[Mapping[str, Any]], systems: Sequence[Ma
     length, force = _SYSTEMS.get(int(systems[0]["units_code"]), ("", "")) if systems else ("m", "N")
     lengths = {len(one["data"]) for one in sets}
     if len(lengths) > 1:
-        raise FileFormatError(
-            f"{path}: its time histories have {', '.join(map(str, sorted(lengths)))} points",
-            "Export those of one test into one file.",
-        )
+        cure = "Export those of one test into one file."
+        raise FileFormatError(f"{path}: its time histories have {', '.join(map(str, sorted(lengths)))} points", cure)
     implied = {"x": length, "v": f"{length}/s", "a": f"{length}/s^2", "F": force} if length else {}
     variables, units, notes = {}, {}, []
     for name, sign, one in zip(names, signs, sets):
@@ -86,10 +84,8 @@ def _foreign(path: Path, sets: Sequence[Mapping[str, Any]], systems: Sequence[Ma
     if all(even for even, _ in spacing):
         steps = {step for _, step in spacing}
         if len(steps) > 1 or min(steps) <= 0:
-            raise FileFormatError(
-                f"{path}: its time histories are sampled every {', '.join(f'{s:g}' for s in sorted(steps))} s",
-                "Export those of one clock into one file.",
-            )
+            what = f"{path}: its time histories are sampled every {', '.join(f'{s:g}' for s in sorted(steps))} s"
+            raise FileFormatError(what, "Export those of one clock into one file.")
         return Table(path, "UFF 58", variables, units, notes, fs=rate_of(steps.pop(), 1e-5))
     time = np.asarray(sets[0]["x"], dtype=float)
     if any(not np.array_equal(time, np.asarray(one["x"], dtype=float)) for one in sets):
@@ -184,10 +180,8 @@ def _quoted(text: str, what: str) -> str:
     plain = text.isascii() and text.isprintable() and text == text.strip() and text and text[0] != '"'
     line = text if plain and text.upper() != "NONE" else json.dumps(text)
     if len(line) > _LINE:
-        raise ChannelError(
-            f"The {what} {text[:60]!r}... does not fit into the {_LINE} characters of a UFF line",
-            "Shorten it, or write Parquet.",
-        )
+        cure = "Shorten it, or write Parquet."
+        raise ChannelError(f"The {what} {text[:60]!r}... does not fit into the {_LINE} characters of a UFF line", cure)
     return line
 
 

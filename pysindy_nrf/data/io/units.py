@@ -46,9 +46,8 @@ def factor(unit: str, channel: str) -> float:
     """Factor from a unit to the SI unit of a channel."""
     kind = dimension_of(channel)
     if kind is None:
-        raise ChannelError(
-            f"{channel!r} is a covariate and keeps its unit, {unit!r} cannot be converted", "Scale it: name * number."
-        )
+        cure = "Scale it: name * number."
+        raise ChannelError(f"{channel!r} is a covariate and keeps its unit, {unit!r} cannot be converted", cure)
     text = _clean(unit)
     if text == _SI[kind]:
         return 1.0
@@ -63,14 +62,10 @@ def factor(unit: str, channel: str) -> float:
     if measured:
         other = next((k for k, words in _JARGON.items() if text in words), None)
         other = other or next((name for name, known in _EXPONENTS.items() if known == measured[0]), "something else")
-        raise ChannelError(
-            f"Channel {channel} is {_ARTICLE[kind]}, but its unit {unit!r} measures {other}",
-            f"Write e.g. {_EXAMPLES[kind]}.",
-        )
-    raise ChannelError(
-        f"The unit {unit!r} of channel {channel} is unknown",
-        f"Write e.g. {_EXAMPLES[kind]}, or scale the channel: name * number.",
-    )
+        cure = f"Write e.g. {_EXAMPLES[kind]}."
+        raise ChannelError(f"Channel {channel} is {_ARTICLE[kind]}, but its unit {unit!r} measures {other}", cure)
+    cure = f"Write e.g. {_EXAMPLES[kind]}, or scale the channel: name * number."
+    raise ChannelError(f"The unit {unit!r} of channel {channel} is unknown", cure)
 
 
 def is_unit(text: str) -> bool:

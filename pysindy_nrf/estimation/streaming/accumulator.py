@@ -53,16 +53,12 @@ class Run:
         """This run and the one that follows it."""
         if not (self.empty or other.empty):
             if self.tail or other.head:
-                raise ChannelError(
-                    f"Record {self.name!r} holds NaN about row {self.rows}, between finite rows",
-                    "Split the record there, or fill the gap; only leading and trailing NaN rows are masked.",
-                )
+                cure = "Split the record there, or fill the gap; only leading and trailing NaN rows are masked."
+                raise ChannelError(f"Record {self.name!r} holds NaN about row {self.rows}, between finite rows", cure)
             if self.unknown != other.unknown:
                 j = min(set(self.unknown) ^ set(other.unknown))
-                raise ChannelError(
-                    f"F{j} of record {self.name!r} is NaN on one side of row {self.rows} and known on the other",
-                    "Split the record there (a column record=), or fill the gap.",
-                )
+                what = f"F{j} of record {self.name!r} is NaN on one side of row {self.rows} and known on the other"
+                raise ChannelError(what, "Split the record there (a column record=), or fill the gap.")
         return Run(
             self.name, self.first, other.last, self.starts, other.ends,
             self.empty or self.head, other.empty or other.tail, self.empty and other.empty,
@@ -122,9 +118,8 @@ def require_streamable(estimator: Any, layout: LawLayout) -> None:
     if estimator.estimation != "ls":
         raise ChainError(f"estimation={estimator.estimation!r} needs whole records", cure)
     if estimator.band is not None:
-        raise ChainError(
-            "band= filters whole records and cannot be applied to pieces of them", f"Filter them before. {cure}"
-        )
+        what = "band= filters whole records and cannot be applied to pieces of them"
+        raise ChainError(what, f"Filter them before. {cure}")
     for site, held in layout.laws.items():
         for law in held:
             if law.free_shape:
@@ -218,10 +213,8 @@ class Accumulator:
                 segment.t = segment.t + (carry["end"] + self.estimator.dt)
             end = float(segment.t[-1])
             if carry is not None and segment.t[0] <= carry["end"]:
-                raise ChannelError(
-                    f"The time of record {segment.name!r} does not increase from one piece to the next",
-                    "Give the pieces in order.",
-                )
+                what = f"The time of record {segment.name!r} does not increase from one piece to the next"
+                raise ChannelError(what, "Give the pieces in order.")
         states: dict = {}
         if layout.has_memory and carry is not None:
             states = carry["states"]
@@ -321,10 +314,8 @@ class Accumulator:
                     setattr(self, name, value)
         else:
             if self.model.chain.n_dof != other.model.chain.n_dof:
-                raise ChannelError(
-                    f"One part of the data has {self.model.chain.n_dof} DOFs, another {other.model.chain.n_dof}",
-                    "Give records of one chain.",
-                )
+                what = f"One part of the data has {self.model.chain.n_dof} DOFs, another {other.model.chain.n_dof}"
+                raise ChannelError(what, "Give records of one chain.")
             self.blocks = sorted([*self.blocks, *other.blocks], key=lambda b: b.key)
             while len(self.blocks) > 2 * N_BLOCKS:
                 self.blocks = _halved(self.blocks)
@@ -369,9 +360,8 @@ class Accumulator:
         solve_order = model.problem.solve_order(self.forced, self.unknown)
         held = {g.dofs for g in model.groups}
         if any(g.dofs not in held for g in groups_of(model.layout, solve_order)):
-            raise NRFError(
-                "These data need sums of balances that were not accumulated", "Give them as arrays that fit in memory."
-            )
+            cure = "Give them as arrays that fit in memory."
+            raise NRFError("These data need sums of balances that were not accumulated", cure)
         return solve_order
 
 

@@ -74,10 +74,8 @@ def _require_usable(accumulator: Accumulator, grams: BlockGrams) -> None:
     for dofs, matrix in grams.matrices.items():
         unknowns, size = matrix.shape[0] - 1, int(grams.sizes[dofs])
         if 0 < size < unknowns + 1 and len(dofs) == 1:
-            raise ChannelError(
-                f"{size} samples are too few for the balance of DOF {dofs[0]}, which has up to {unknowns} unknowns",
-                "Use a longer record or a lower degree.",
-            )
+            what = f"{size} samples are too few for the balance of DOF {dofs[0]}, which has up to {unknowns} unknowns"
+            raise ChannelError(what, "Use a longer record or a lower degree.")
 
 
 def _judged(accumulator: Accumulator, data: SegmentSet) -> SegmentSet:
@@ -141,10 +139,8 @@ def partial_fit(estimator: Any, X: Any, F: Any, record: Any, time: Any, base_acc
     # a copy: a call that fails does not change the samples of earlier calls
     accumulator, number = (Accumulator(estimator, "careful"), 0) if held is None else (held[0].copy(), held[1])
     if held is not None and accumulator.settings != _settings(estimator):
-        raise NRFError(
-            "The settings of the estimator changed between two calls of partial_fit",
-            "Set them back, or start again with fit or with a clone.",
-        )
+        cure = "Set them back, or start again with fit or with a clone."
+        raise NRFError("The settings of the estimator changed between two calls of partial_fit", cure)
     if holds_records(X):
         chunks: Iterable[Chunk] = (chunk_of(r) for r in ([X] if isinstance(X, Record) else X))
     else:
@@ -183,9 +179,8 @@ class _Passes:
         self.path: Path | None = None
         self.own = False  # true once the file is known to be a state
         if state is not None and not source.again:
-            raise ChannelError(
-                "An iterator cannot be read again from the middle, so state= has no effect", "Give files by path."
-            )
+            cure = "Give files by path."
+            raise ChannelError("An iterator cannot be read again from the middle, so state= has no effect", cure)
         if state is not None:
             self.path = Path(state) / "fit.nrf-state" if Path(state).is_dir() else Path(state)
         elif source.again and os.access(Path.cwd(), os.W_OK):
@@ -248,9 +243,8 @@ class _Passes:
             warnings.warn(
                 f"The state of the fit cannot be written to {self.path} ({error}); the fit goes on, but cannot be "
                 "resumed.",
-                DataQualityWarning,
-                stacklevel=4,
-            )
+                DataQualityWarning, stacklevel=4,
+            )  # fmt: skip
             self.path = None
 
     def done(self) -> None:
@@ -346,10 +340,8 @@ def load(path: Path, estimator: Any, mark: str) -> tuple[Accumulator, int, str] 
     except FileFormatError:
         raise
     except (*_DAMAGED, zipfile.BadZipFile, zlib.error) as error:
-        raise FileFormatError(
-            f"{path} is not the state of an interrupted fit ({type(error).__name__}: {error})",
-            "Give another path for the state, or delete the file to start again.",
-        ) from error
+        what = f"{path} is not the state of an interrupted fit ({type(error).__name__}: {error})"
+        raise FileFormatError(what, "Give another path for the state, or delete the file to start again.") from error
 
 
 def _lines(name: str, segment: Segment) -> dict[str, np.ndarray]:

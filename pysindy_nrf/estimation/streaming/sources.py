@@ -145,10 +145,8 @@ def wanted_columns(
     some = [c for c in forces if c in columns]
     if missing or (some and len(some) < n_dof):
         lost = (missing or [c for c in forces if c not in columns])[:6]
-        raise ChannelError(
-            f"{where} lacks the column{'s' if len(lost) > 1 else ''} {', '.join(lost)}",
-            "A force known to be zero is a column of zeros, an unknown one of NaN.",
-        )
+        cure = "A force known to be zero is a column of zeros, an unknown one of NaN."
+        raise ChannelError(f"{where} lacks the column{'s' if len(lost) > 1 else ''} {', '.join(lost)}", cure)
     base = ("xdot0", "x0") if coordinates == "absolute" else ()
     return [*needed, *some, *(c for c in (*base, "t", "time", "ag", "record") if c in columns)]
 
@@ -255,16 +253,13 @@ class ArraySource(FileSource):
         self.arrays = {k: load_rows(v, k) for k, v in given.items()}
         x = self.arrays["X"]
         if getattr(x, "ndim", 0) != 2 or not x.shape[1] or x.shape[1] % 3:
-            raise ChannelError(
-                f"X has the shape {np.shape(x)}, (n_samples, 3 n_dof) is needed",
-                f"Its columns are {', '.join(feature_names(2))} for two DOFs.",
-            )
+            cure = f"Its columns are {', '.join(feature_names(2))} for two DOFs."
+            raise ChannelError(f"X has the shape {np.shape(x)}, (n_samples, 3 n_dof) is needed", cure)
         self.n_samples = len(x)
         for name, values in self.arrays.items():
             if len(values) != self.n_samples:
-                raise ChannelError(
-                    f"{name} has {len(values)} samples, X has {self.n_samples}", "Cut both to the same clock."
-                )
+                cure = "Cut both to the same clock."
+                raise ChannelError(f"{name} has {len(values)} samples, X has {self.n_samples}", cure)
         self.rows = samples_in_chunk(x.shape[1] // 3, chunk_samples)
 
     def identity(self) -> list[Any]:
@@ -367,9 +362,8 @@ class HDF5Source(TableSource):
                     require_own(self.path, name, held)
                 lengths = {len(v) for v in sets.values() if v.ndim and len(v) > 1}
                 if len(lengths) != 1:
-                    raise ChannelError(
-                        f"The data sets of {self.path} have {sorted(lengths)} samples", "Give all of them one clock."
-                    )
+                    cure = "Give all of them one clock."
+                    raise ChannelError(f"The data sets of {self.path} have {sorted(lengths)} samples", cure)
                 self.n_samples = lengths.pop()
                 rate, drift = ("v", "s") if self.coordinates == "relative" else ("xdot", "x")
                 self._spread: dict[str, list[str]] = {}
@@ -407,10 +401,8 @@ class ListSource(Source):
     def __init__(self, parts: Sequence[Source]) -> None:
         self.parts = [p for p in parts if isinstance(p, FileSource)]
         if len(self.parts) < len(parts):
-            raise ChannelError(
-                "A list of sources holds something that is not a file",
-                "Give a list of paths without lists in it, or one iterator that yields all the pieces.",
-            )
+            cure = "Give a list of paths without lists in it, or one iterator that yields all the pieces."
+            raise ChannelError("A list of sources holds something that is not a file", cure)
         self.n_samples, self.paths = sum(p.n_samples for p in self.parts), self.parts[0].paths
         self._counts = [-(-p.n_samples // p.rows) for p in self.parts]
 

@@ -187,10 +187,8 @@ def _dry(session: Session, plan: Any, records: list[dict]) -> None:
 def _same_chain(records: list[Any]) -> None:
     for rec in records[1:]:
         if rec.n_dof != records[0].n_dof:
-            raise ChannelError(
-                f"{rec.name!r} has {rec.n_dof} DOFs, {records[0].name!r} has {records[0].n_dof}",
-                "Files given together are tests of one chain; identify others by themselves.",
-            )
+            cure = "Files given together are tests of one chain; identify others by themselves."
+            raise ChannelError(f"{rec.name!r} has {rec.n_dof} DOFs, {records[0].name!r} has {records[0].n_dof}", cure)
 
 
 def _given(option: str) -> bool:

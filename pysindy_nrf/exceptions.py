@@ -1,7 +1,5 @@
 """Errors and warnings: what is wrong, where, and what to do about it; each is also the built-in exception expected."""
 
-from __future__ import annotations
-
 __all__ = [
     "NRFError", "FileVersionError", "MissingExtraError", "NRFWarning", "BiasWarning", "DataQualityWarning",
     "ExtrapolationWarning",

@@ -1,7 +1,5 @@
 """Checks of the arrays that users pass in: channels, record ids, times, and the input of estimators."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from collections.abc import Sequence

@@ -5,8 +5,6 @@ through the lowest three residuals gives the delay; leaving out pieces of the re
 a single blow, the curve of the residuals and the course of the force between two samples.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

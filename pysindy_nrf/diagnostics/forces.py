@@ -4,8 +4,6 @@ A force that a channel distorts, F_true = F + sum_k c_k phi_k(F, t), leaves phi_
 named where it explains more of what is left, on windows held out, than all further laws of the sites there together.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

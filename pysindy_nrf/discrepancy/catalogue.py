@@ -1,7 +1,5 @@
 """Which laws are tried, and where."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

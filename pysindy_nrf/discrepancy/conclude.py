@@ -1,7 +1,5 @@
 """The end of the search: confirmation on held-out data, intervals, certainty, safeguards, the report."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

@@ -5,8 +5,6 @@ Silverbox, dry friction 60.52 and 70.83, the shaken frame, MR dampers, friction 
 bounds the effort of a computation (iterations, points of a drawing, memory) stands where it is used.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 # -- samples ----------------------------------------------------------------------------------

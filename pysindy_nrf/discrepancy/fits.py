@@ -5,8 +5,6 @@ law, site, shape and fold costs microseconds. The model that is reported is solv
 which this agrees to round-off (tested).
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache

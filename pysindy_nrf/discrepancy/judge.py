@@ -1,7 +1,5 @@
 """The judge: is an effect there, does it matter, which names cannot be told apart."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

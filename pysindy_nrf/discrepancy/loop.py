@@ -1,7 +1,5 @@
 """Close the loop: prepare, search, judge, conclude, report."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext

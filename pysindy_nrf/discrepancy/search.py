@@ -1,7 +1,5 @@
 """The search: forward by the largest gain, backward, exchange; every decision on the ruler."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """What a search handles: proposals, accepted effects, the current state, findings."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product

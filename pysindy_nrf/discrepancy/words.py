@@ -3,8 +3,6 @@
 All verdicts become words here, and nothing reads them back.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum

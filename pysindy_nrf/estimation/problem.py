@@ -172,7 +172,7 @@ class Problem:
             layout = estimate_shapes(self.layout, scales, solve, data, filters)
             problem = self.with_laws(layout.laws)
         solution, grams = _least_squares(problem, problem.layout, order, data, filters)
-        solution.warn(stacklevel=4)
+        solution.pass_on(stacklevel=4)
         return Estimate(problem, order, model_of(problem.layout, solution), solution, grams)
 
 

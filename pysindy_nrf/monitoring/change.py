@@ -1,7 +1,5 @@
 """Changes of a structure: between two tests, and within a record by moving windows and change points."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ differences of the second test explain the rest: of a term at a storey, or of a 
 remove. A law that another amplitude shows in another light needs no difference.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

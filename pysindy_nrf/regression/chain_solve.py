@@ -68,7 +68,7 @@ class Solution:
         """Fitted optimizers by balance."""
         return {fit.step.name: fit.inner for fit in self.fits if fit.inner is not None}
 
-    def warn(self, stacklevel: int) -> None:
+    def pass_on(self, stacklevel: int) -> None:
         """Say once what optimizers warned of, and on which balances."""
         for kind, text in dict.fromkeys(said for fit in self.fits for said in fit.said):
             where = [str(fit.step).rstrip(".") for fit in self.fits if (kind, text) in fit.said]

@@ -113,7 +113,8 @@ def _recipe(layout: LawLayout) -> Recipe:
             recurrence = law.recurrence()
             powers = _products(law) if recurrence is None else None
             if recurrence is not None:
-                steps += [(at + i, v + x, *(at + k if k >= 0 else -1 for k in pq)) for i, x, *pq in recurrence[0]]
+                behind = [(at + i, v + x, p + at * (p >= 0), q + at * (q >= 0)) for i, x, p, q in recurrence[0]]
+                steps += behind
                 numbers += recurrence[1]
             elif powers is not None:
                 rows |= {power: at + k for k, power in enumerate(powers)}

@@ -59,7 +59,7 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         inner = sub_optimizer(self.optimizer)
         blocks = lambda: blocks_of(*data, weights=weights)  # noqa: E731
         self.solution_, _ = solve_blocks(layout, solve_order, blocks, known, inner)
-        self.solution_.warn(stacklevel=3)
+        self.solution_.pass_on(stacklevel=3)
         if said := doubtful_masses(self.solution_):
             warnings.warn(" ".join(said), BiasWarning, stacklevel=3)
         self.inner_, self.solve_order_ = self.solution_.inner, solve_order

@@ -1,7 +1,5 @@
 """Moments of all orders in one pass over the samples, fold by fold, in orthogonal polynomials."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -3,8 +3,6 @@
 Sizes that a file declares are checked before memory is taken. Pickled objects, which could run code, are never loaded.
 """
 
-from __future__ import annotations
-
 import math
 import pickle
 import struct

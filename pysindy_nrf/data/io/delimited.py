@@ -1,7 +1,5 @@
 """Delimited text: separator, decimal mark, comments, header and units are found from the file itself."""
 
-from __future__ import annotations
-
 import csv
 import re
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Measured frequency responses as rows of the force balances."""
 
-from __future__ import annotations
-
 import itertools
 import re
 from dataclasses import dataclass

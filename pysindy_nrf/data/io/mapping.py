@@ -3,8 +3,6 @@
 The grammar of one mapping is ``[-] name [ "[:, k]" | "[k, :]" ] [* factor] [@ unit]``.
 """
 
-from __future__ import annotations
-
 import difflib
 import re
 import sys

@@ -1,7 +1,5 @@
 """From a file to its variables, to a record, or to the excitation of a simulation: reader, columns, units, clock."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """SEP005 dictionaries, the signal format of the SDyPy packages."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

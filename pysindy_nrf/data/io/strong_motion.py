@@ -9,8 +9,6 @@ References: A. F. Shakal, M. J. Huang, "Standard tape format for CSMIP strong-mo
 Division of Mines and Geology, OSMS 85-03, 1985; COSMOS, "Strong-motion data format", version 1.20, 2001.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass

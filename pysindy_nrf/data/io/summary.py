@@ -1,7 +1,5 @@
 """Summaries of records and files, in words and as plain data."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Universal files, data set 58 ("function at nodal DOF"): time histories in (by pyuff) and out."""
 
-from __future__ import annotations
-
 import json
 import warnings
 from collections.abc import Mapping, Sequence

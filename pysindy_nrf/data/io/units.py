@@ -1,7 +1,5 @@
 """Units of channels, converted to SI by pint."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from functools import cache, lru_cache

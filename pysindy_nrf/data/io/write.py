@@ -1,7 +1,5 @@
 """Writing of records, tables of results and reconstructed forces. A file is written completely or not at all."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Fits of data that do not fit in memory, the state of an interrupted fit on disk, and ``partial_fit``."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os
@@ -57,7 +55,7 @@ def solution_of(accumulator: Accumulator) -> tuple[Solution | None, BlockGrams, 
 def publish(accumulator: Accumulator, solution: Solution, grams: BlockGrams, solve_order: SolveOrder) -> Any:
     """The estimator, with the results as its attributes."""
     problem = accumulator.require_model().problem
-    solution.warn(stacklevel=5)
+    solution.pass_on(stacklevel=5)
     found = Estimate(problem, solve_order, model_of(problem.layout, solution), solution, grams)
     pieces, known = accumulator.grams().squares(), dict(problem.known_masses)
     data = _shown(accumulator)

@@ -1,7 +1,5 @@
 """Commands on what a structure does and how it changed: ``forces`` and ``damage``."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

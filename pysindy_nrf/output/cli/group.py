@@ -1,7 +1,5 @@
 """The command group, and what happens to errors: a sentence and an exit code, no traceback."""
 
-from __future__ import annotations
-
 import _thread
 import errno
 import io

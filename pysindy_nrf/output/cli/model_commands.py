@@ -1,7 +1,5 @@
 """Commands that find models: ``demo``, ``identify``, ``close-loop``, ``select-order`` and ``compare``."""
 
-from __future__ import annotations
-
 import textwrap
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What the commands share: words before the work, results as words or JSON, warnings at the end, errors in words."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import math

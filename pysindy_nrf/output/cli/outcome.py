@@ -1,7 +1,5 @@
 """An identification by the command line: features, fit and free run; the result in words, as data and in files."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """Commands on records and runs: ``inspect``, ``simulate``, ``plan`` a test, ``report`` as a page."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -4,8 +4,6 @@ A manifest names the files of a run with their SHA-256. A run replaces files tha
 changed, and no others. Earlier results that share a file with it, or came from other inputs, go.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import platform

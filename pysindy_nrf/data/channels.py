@@ -84,10 +84,8 @@ def as_matrix(
                 out[:, i] = array[:, i].astype(np.float64)
         except (TypeError, ValueError, np.exceptions.ComplexWarning) as error:
             kind = ChannelTypeError if isinstance(error, TypeError) and array.dtype == object else ChannelError
-            raise kind(
-                f"Channel {name(i)} of the {what} does not hold numbers" + (f" ({error})" if str(error) else ""),
-                "Convert it to float (decimal point, no text).",
-            ) from None
+            what = f"Channel {name(i)} of the {what} does not hold numbers" + (f" ({error})" if str(error) else "")
+            raise kind(what, "Convert it to float (decimal point, no text).") from None
     return out
 
 
@@ -210,10 +208,9 @@ def contiguous(size: int, record: Any = None, seconds: np.ndarray | None = None)
     if seconds is None:
         return pieces
     return [
-        (name, piece)
-        for name, rows in pieces
+        (name, piece) for name, rows in pieces
         for piece in _between(rows.start + gaps(seconds[rows]) + 1, rows.start, rows.stop)
-    ]
+    ]  # fmt: skip
 
 
 def _between(cuts: np.ndarray, start: int, stop: int) -> list[slice]:

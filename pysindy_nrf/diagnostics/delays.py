@@ -81,10 +81,9 @@ def _delay(data: SegmentSet, filters: Sequence[Any], layout: LawLayout, j: int) 
         else:
             rates.append([(seg, filter)])
     found = [
-        np.array(one) * (held[0][0].dt / data.dt if held[0][0].dt and data.dt else 1.0)
-        for held in rates
+        np.array(one) * (held[0][0].dt / data.dt if held[0][0].dt and data.dt else 1.0) for held in rates
         if (one := _delay_at(held, layout, j)) is not None
-    ]
+    ]  # fmt: skip
     if not found:
         return None
     found = [one for one in found if np.isfinite(one).all()] or found[:1]

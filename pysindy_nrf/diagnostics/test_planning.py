@@ -72,9 +72,8 @@ def _doubts(model: Any) -> list[Finding]:
     gravity = {"channels": 7.0, "records": 6.5, "forces": 6.0, "masses": 3.9}
     return [
         (gravity[key], "channel" if key == "channels" else "doubt", key, np.nan, text)
-        for key, held in model.data_warnings_.items()
-        for text in held
-    ]
+        for key, held in model.data_warnings_.items() for text in held
+    ]  # fmt: skip
 
 
 def _missing(model: Any) -> list[Finding]:
@@ -159,9 +158,8 @@ def _energy(model: Any) -> list[Finding]:
         return []
     return [
         (3.8, "energy", name, float(row["estimate"]), creates_energy(name.split()[-1], row["estimate"]))
-        for name, row in ci.iterrows()
-        if name.startswith("damping") and row["upper"] < 0
-    ]
+        for name, row in ci.iterrows() if name.startswith("damping") and row["upper"] < 0
+    ]  # fmt: skip
 
 
 def creates_energy(mode: Any, damping: float) -> str:
@@ -197,10 +195,9 @@ def _delays(model: Any) -> list[Finding]:
     except NRFError:
         return []
     return [
-        (2.6, "delay", name, float(row["samples"]), row["message"])
-        for name, row in table.iterrows()
+        (2.6, "delay", name, float(row["samples"]), row["message"]) for name, row in table.iterrows()
         if not row["aligned"]
-    ]
+    ]  # fmt: skip
 
 
 def _noise(model: Any) -> list[Finding]:

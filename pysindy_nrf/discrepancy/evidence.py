@@ -368,9 +368,8 @@ class Localiser:
         piece, scaled = self._pieces(b)
         loose = [
             (weights @ owners) * (self.values + delta) * (owners[piece == p] != 0).any(axis=0)
-            for p in np.unique(piece[(piece >= 0) & ~scaled])
-            if not self.held[self.known[piece == p]].any()
-        ]
+            for p in np.unique(piece[(piece >= 0) & ~scaled]) if not self.held[self.known[piece == p]].any()
+        ]  # fmt: skip
         # columns that enter the balances like the force itself: nothing else can tell their coefficients
         alone = np.array([np.abs(o).sum() > 0 and np.allclose(o, (o @ b) / (b @ b) * b) for o in owners.T])
         alone[k - n :] &= ~self.held

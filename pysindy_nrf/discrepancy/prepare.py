@@ -262,9 +262,8 @@ class Workspace:
         """The data that the search may see, as contiguous segments with the numbers of their records."""
         return [
             (i, replace(seg, valid=slice(seg.valid.start + rows.start, seg.valid.start + rows.stop)))
-            for i, seg in enumerate((data or self.data).segments)
-            for rows in self.runs(i)
-        ]
+            for i, seg in enumerate((data or self.data).segments) for rows in self.runs(i)
+        ]  # fmt: skip
 
     def seen_rows(self, record: int) -> np.ndarray:
         """Which samples of a record the search may look at."""

@@ -119,10 +119,9 @@ class Step:
         """The step in words."""
         values = ", ".join(f"{k} = {v:.4g}" for k, v in self.parameters.items() if v is not None)
         name = (
-            f"{self.law} at {self.site}"
-            if self.sure
+            f"{self.law} at {self.site}" if self.sure
             else f"closest law {self.law} at {self.site}, unexplained remainder {100 * self.remainder:.0f} %"
-        )
+        )  # fmt: skip
         text = f"{name} ({values}): {self.evidence}; {words.confirmation(self)}."
         if self.alternatives:
             text += f" The data cannot tell it from: {', '.join(self.alternatives)}."

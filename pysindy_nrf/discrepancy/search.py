@@ -123,10 +123,9 @@ class Search:
         if not np.isfinite(gains[best]):
             return None
         lost = (
-            Gain(base.trial.powers, state.trial.powers, base.trial.ruler.informative).value
-            if base is not state
+            Gain(base.trial.powers, state.trial.powers, base.trial.ruler.informative).value if base is not state
             else 0.0
-        )
+        )  # fmt: skip
         return Finding(proposal, axes.at(points[best]), base, float(gains[best]) - lost)
 
     def judged(self, finding: Finding) -> Finding | None:

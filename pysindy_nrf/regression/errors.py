@@ -5,8 +5,6 @@
 the summed squares, each balance first divided by the rms of its storey force.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 

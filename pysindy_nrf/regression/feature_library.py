@@ -1,7 +1,5 @@
 """Force laws as PySINDy feature libraries, and a chain model as a ``ps.SINDy`` of first-order equations."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from collections.abc import Mapping, Sequence

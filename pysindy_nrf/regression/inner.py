@@ -1,7 +1,5 @@
 """PySINDy optimizers on the sub-problems of a chain, each given as the triangular factor of all its samples."""
 
-from __future__ import annotations
-
 import warnings
 from contextlib import suppress
 from typing import Any

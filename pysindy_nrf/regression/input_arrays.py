@@ -1,7 +1,5 @@
 """From what a user passes to ``fit`` to contiguous records of drifts, rates, accelerations and forces."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

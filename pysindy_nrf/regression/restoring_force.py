@@ -1,7 +1,5 @@
 """The restoring force of one site: a callable, its coefficients, its equation."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 

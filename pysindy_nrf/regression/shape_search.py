@@ -1,7 +1,5 @@
 """Shape parameters of laws by variable projection: coefficients eliminated on Gram matrices."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any

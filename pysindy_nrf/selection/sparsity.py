@@ -133,10 +133,9 @@ def inclusion(
 def labels_of(order: Order, values: Mapping[Site, Sequence[float]]) -> dict[tuple[str, str], float]:
     """Values of the terms by (site, label)."""
     return {
-        (str(site), label): float(value)
-        for site in order.layout.acting
+        (str(site), label): float(value) for site in order.layout.acting
         for label, value in zip(order.layout.labels(site), values[site])
-    }
+    }  # fmt: skip
 
 
 @dataclass(frozen=True)

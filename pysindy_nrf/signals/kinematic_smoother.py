@@ -257,10 +257,9 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
             what = f"The channels {', '.join(names[:9])} are not those of fit, {', '.join(self._names_in[:9])}"
             raise ChannelError(what, "Fit again, or give the same columns in the same order.")
         columns = {
-            n: as_matrix(table.iloc[:, i], [n], 1)[:, 0].astype(float)
-            for i, n in enumerate(names)
+            n: as_matrix(table.iloc[:, i], [n], 1)[:, 0].astype(float) for i, n in enumerate(names)
             if n not in ("t", "time")
-        }
+        }  # fmt: skip
         live = {n: y for n, y in columns.items() if not np.isnan(y).all()}
         span = finite_span(list(live.values()), list(live), f"record {record.name!r}" if record is not None else "")
         return _Piece(record, table, fs, names, columns, {n: y[span] for n, y in live.items()}, span)

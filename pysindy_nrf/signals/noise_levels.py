@@ -62,9 +62,8 @@ def quiet_drive(record: Record, levels: Mapping[str, float]) -> Record:
     """A record whose forces and base motion are freed of noise, for a free run."""
     changes = {
         key: denoised(np.asarray(getattr(record, key), dtype=float), levels[name], record.fs)
-        for name, key in BASE.items()
-        if name in levels and getattr(record, key) is not None
-    }
+        for name, key in BASE.items() if name in levels and getattr(record, key) is not None
+    }  # fmt: skip
     force = np.array(record.force, dtype=float)
     for j in record.forced:
         force[:, j - 1] = denoised(force[:, j - 1], levels.get(f"F{j}", 0.0), record.fs)

@@ -84,10 +84,9 @@ def line_of(expression: Expression, table: Table, channel: str) -> np.ndarray:
         values = values.take(index, axis)
     if values.ndim != 1:
         cure = (
-            f"Pick one column, {expression.name}[:, 0], or one row, {expression.name}[0, :]."
-            if values.ndim == 2
+            f"Pick one column, {expression.name}[:, 0], or one row, {expression.name}[0, :]." if values.ndim == 2
             else "Give one value per sample."
-        )
+        )  # fmt: skip
         raise FileFormatError(f"{wanted} has the shape {values.shape}, not one line of samples", cure)
     if channel == "t" and (values.dtype.kind in "mM" or expression.factor is None and values.dtype == object):
         return values

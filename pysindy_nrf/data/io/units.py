@@ -74,10 +74,9 @@ def is_unit(text: str) -> bool:
     if _tokens(cleaned) is None or (len(cleaned) == 1 and cleaned not in "msgNGh"):
         return False  # "acc (A)" numbers a sensor
     return any(
-        found is not None and found[1] == _EXPONENTS[kind]
-        for kind in _SI
+        found is not None and found[1] == _EXPONENTS[kind] for kind in _SI
         for found in map(_parsed, _readings(cleaned, kind))
-    )
+    )  # fmt: skip
 
 
 def _clean(unit: str) -> str:

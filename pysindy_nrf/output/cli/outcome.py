@@ -314,10 +314,9 @@ def page(write: Callable[[Path], Any], path: Path) -> list[Path]:
 def coefficients(model: Any) -> pd.DataFrame:
     """All coefficients of a model: ``site``, ``term``, ``value``, ``unit``."""
     rows = [
-        (str(site), term, value, unit)
-        for site, force in model.restoring_forces.items()
+        (str(site), term, value, unit) for site, force in model.restoring_forces.items()
         for (term, value), unit in zip(force.coefficients.items(), force.units)
-    ]
+    ]  # fmt: skip
     return pd.DataFrame(rows, columns=["site", "term", "value", "unit"])
 
 

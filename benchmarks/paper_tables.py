@@ -25,7 +25,6 @@ from pysindy_nrf.estimation import (
 from pysindy_nrf.exceptions import BiasWarning, DataQualityWarning
 from pysindy_nrf.monitoring import compare_tests, find_onset
 from pysindy_nrf.regression.errors import nrmse
-from pysindy_nrf.signals import paper_processing
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "examples"))
 import paper_cases as cases  # noqa: E402
@@ -337,7 +336,7 @@ def _processed(case: cases.Case, noise: float) -> dict[str, tuple[pd.DataFrame, 
     """The data as they are, by the paper's processing and by fusion."""
     tag = f"{noise:.0%} noise, " if noise else ""
     out = {} if noise else {"exact": exact(case)}
-    X, F = paper_processing(case.measured).to_features(smooth=False)
+    X, F = cases.paper_processing(case.measured).to_features(smooth=False)
     edge = int(3 * case.measured.fs)  # what the 1 Hz high-pass spoils
     out[f"{tag}a, x; paper's velocity"] = (X.iloc[edge:-edge], F.iloc[edge:-edge])
     out[f"{tag}a, x; fused"] = case.measured.to_features()

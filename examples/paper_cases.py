@@ -28,6 +28,8 @@ from pysindy_nrf.exceptions import BiasWarning, ChainError
 from pysindy_nrf.laws import ModifiedDahl, PowerSeries
 from pysindy_nrf.regression.chain_model import as_model
 from pysindy_nrf.regression.errors import nrmse
+from pysindy_nrf.signals import integrate
+from pysindy_nrf.signals.zero_phase_filter import FairFilter
 from pysindy_nrf.simulation import free_run
 from pysindy_nrf.simulation.excitation import band_limited_random, impact_hammer
 from pysindy_nrf.simulation.noise import add_noise
@@ -65,6 +67,20 @@ class Case:
     force: np.ndarray  # true storey forces (samples x DOFs), N
     damper: np.ndarray  # true force of the damper in each storey, N
     noise: float = 0.0  # share of the rms of each channel in ``measured``
+
+
+def paper_processing(record: Record, high_pass: float = 1.0, filter_force: bool = False) -> Record:
+    """High-pass the accelerations, integrate them to velocities, leave the displacements (section 4).
+
+    Accelerations go through a zero-phase high-pass (Hz), velocities are their trapezoid integral; ``filter_force`` puts
+    the forces through the same filter, which the paper does not. The three have not gone through the same filter;
+    :class:`pysindy_nrf.KinematicSmoother` avoids that.
+    """
+    operator = FairFilter((high_pass, None), record.fs)
+    acceleration = operator.apply(record.acceleration)
+    velocity = integrate(acceleration, record.dt, "cumulative")
+    force = operator.apply(record.force) if filter_force else record.force
+    return record.replace(acceleration=acceleration, velocity=velocity, force=force)
 
 
 def two_dof_model(damper: bool = True) -> ChainModel:

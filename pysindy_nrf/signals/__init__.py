@@ -2,6 +2,6 @@
 
 from ..common.lazy import public_names
 
-_NAMES = {"KinematicSmoother": "kinematic_smoother", "integrate": "kinematics", "paper_processing": "kinematics"}
+_NAMES = {"KinematicSmoother": "kinematic_smoother", "integrate": "kinematics"}
 __all__ = [*_NAMES]
 __getattr__, __dir__ = public_names(__name__, _NAMES)

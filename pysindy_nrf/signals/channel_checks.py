@@ -66,7 +66,7 @@ def check_channels(record: Record, warn: bool = False) -> pd.DataFrame:
             rows.append((name, "filled", len(filled) / len(values), f"{name} holds {what}. {FILLED}"))
             continue
         for problem, check in (*_CHECKS, ("hum", partial(_hum, fs=record.fs))):
-            if found := check(name, y):
+            if (found := check(name, y)) and not (problem == "dropouts" and _stands(name, y, record.channels())):
                 rows.append((name, problem, *found))
     table = pd.DataFrame(rows, columns=["channel", "problem", "share", "message"])
     if warn and len(table):
@@ -191,6 +191,12 @@ def _dropouts(name: str, y: np.ndarray) -> tuple[float, str] | None:
         f"{name} drops to zero {lost.sum()} times in the midst of large values, for {n} samples: a loose contact. Cut "
         "the record there."
     )
+
+
+def _stands(name: str, y: np.ndarray, channels: Mapping[str, np.ndarray]) -> bool:
+    """Whether the velocity is zero where the acceleration is: a floor that friction holds."""
+    v = channels.get(name.replace("a", "v"))
+    return name.startswith("a") and v is not None and v.shape == y.shape and not v[y == 0].any()
 
 
 def _hum(name: str, y: np.ndarray, fs: float) -> tuple[float, str] | None:

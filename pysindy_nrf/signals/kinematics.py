@@ -8,11 +8,10 @@ import pandas as pd
 from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import make_interp_spline
 
-from ..data.channels import finite_span
 from ..data.record import Record
 from ..exceptions import ChannelError, DataQualityWarning
 from .channel_checks import data_warnings
-from .kinematic_smoother import KinematicSmoother, derived_base
+from .kinematic_smoother import KinematicSmoother
 from .zero_phase_filter import Band, FairFilter, check_band, check_rate
 
 # Share of the knots' Nyquist frequency up to which a fused motion is reliable.
@@ -45,7 +44,10 @@ def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.Da
             DataQualityWarning, stacklevel=3,
         )  # fmt: skip
     if smoother is None:
-        _require(record, "avx", "", "Use smooth=True, which derives them from the other channels, or measure them.")
+        missing = [f"{kind}{j}" for j in range(1, record.n_dof + 1) for kind in "avx" if f"{kind}{j}" not in have]
+        if missing:
+            lacks = f"Record {record.name!r} lacks {', '.join(missing[:6])}{' and more' * (len(missing) > 6)}"
+            raise ChannelError(lacks, "Use smooth=True, which derives them from the other channels, or measure them.")
         fused = record
     else:
         fused = smoother.transform_record(record)
@@ -121,71 +123,6 @@ def _as_measured(record: Record, fused: np.ndarray) -> bool:
     return record.acceleration is not None and np.allclose(
         record.acceleration, fused, rtol=1e-4, atol=1e-4 * np.nanstd(fused), equal_nan=True
     )
-
-
-def _require(record: Record, kinds: str, why: str, cure: str) -> None:
-    """Raise an error that names the motion channels of some kinds that were not measured."""
-    have = set(record.measured)
-    missing = [f"{kind}{j}" for j in range(1, record.n_dof + 1) for kind in kinds if f"{kind}{j}" not in have]
-    if missing:
-        more = why or " and more" * (len(missing) > 6)
-        raise ChannelError(f"Record {record.name!r} lacks {', '.join(missing[:6])}{more}", cure)
-
-
-def paper_processing(record: Record, high_pass: float = 1.0, filter_force: bool = False) -> Record:
-    """High-pass the accelerations, integrate them to velocities, leave the displacements.
-
-    Measured accelerations (relative to the base, if it moves) go through a zero-phase high-pass, velocities are their
-    trapezoid integral. The three have not gone through the same filter; :class:`KinematicSmoother` avoids that.
-
-    Parameters
-    ----------
-    record : Record
-        Accelerations and displacements of every DOF.
-    high_pass : float
-        Hz.
-    filter_force : bool
-        Put the forces through the same high-pass (the paper leaves them).
-
-    Raises
-    ------
-    ChannelError
-        If an acceleration or a displacement was not measured.
-
-    References
-    ----------
-    "Data-based identification of nonlinear restoring force under spatially incomplete excitations with power series
-    polynomial model", the section on the four-storey frame.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf import Record, signals
-    >>> t = np.arange(8000) / 1000
-    >>> rec = Record(acceleration=-3600 * np.sin(60 * t), displacement=np.sin(60 * t), fs=1000.0)
-    >>> out = signals.paper_processing(rec)
-    >>> gap = out.velocity[1000:-1000, 0] - 60 * np.cos(60 * t[1000:-1000])
-    >>> bool(np.std(gap) < 0.02 * 60)  # m/s; the high-pass and the trapezoid leave one percent
-    True
-    """
-    cure = "Use KinematicSmoother, which completes missing channels."
-    _require(record, "ax", ", which the paper's processing needs", cure)
-    measured = record.acceleration
-    assert measured is not None  # no channel of it is missing
-    operator = FairFilter((high_pass, None), record.fs)
-    channels = record.channels()
-    span = finite_span(list(channels.values()), list(channels), f"record {record.name!r}")
-    base = np.zeros(record.n_samples)
-    if record.coordinates == "relative" and record.base_moves:
-        base[span] = derived_base({k: y[span] for k, y in channels.items()}, record.fs)
-    acceleration, velocity = (np.full((record.n_samples, record.n_dof), np.nan) for _ in range(2))
-    relative = operator.apply(measured[span] - base[span, None])
-    acceleration[span] = relative + base[span, None]
-    velocity[span] = integrate(relative, record.dt, "cumulative")
-    force = np.array(record.force, dtype=float)
-    if filter_force:
-        force[span] = operator.apply(force[span])
-    return record.replace(acceleration=acceleration, velocity=velocity, force=force)
 
 
 def integrate(a: Any, dt: float, method: str = "spline", order: int = 1, detrend: bool = False) -> np.ndarray:

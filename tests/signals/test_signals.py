@@ -8,7 +8,7 @@ import pytest
 
 from pysindy_nrf import ChainModel, Record, datasets, laws, simulate
 from pysindy_nrf.exceptions import ChainError, ChannelError, DataQualityWarning
-from pysindy_nrf.signals import KinematicSmoother, integrate, paper_processing
+from pysindy_nrf.signals import KinematicSmoother, integrate
 from pysindy_nrf.signals.kinematics import to_features
 from pysindy_nrf.signals.zero_phase_filter import FairFilter
 
@@ -293,28 +293,6 @@ def test_inside_the_edges_the_filter_does_not_feel_where_the_record_was_cut():
     assert gap[band.edge : -band.edge].max() < 1e-3 and gap.max() > 1e-2
 
 
-# -- the paper's processing ---------------------------------------------------------------------
-
-
-def test_paper_processing_filters_accelerations_and_leaves_displacements():
-    F, a, v, x = chain_test("random", 7)
-    drift = a + 0.5  # a sensor offset
-    record = Record(F, drift, None, x, fs=FS)
-    out = paper_processing(record)
-    np.testing.assert_array_equal(out.displacement, x)
-    np.testing.assert_array_equal(out.force, F)
-    middle = slice(4000, -4000)
-    filtered = FairFilter((1.0, None), FS).apply(a)
-    np.testing.assert_allclose(out.acceleration[middle], filtered[middle], atol=1e-3 * rms(a).max())
-    truth = FairFilter((1.0, None), FS).apply(v)
-    error = out.velocity - truth
-    assert (rms((error - error[middle].mean(axis=0))[middle]) < 0.02 * rms(truth)).all()
-    both = paper_processing(record, filter_force=True)
-    assert np.abs(both.force[middle] - F[middle]).max() > 1.0
-    with pytest.raises(ChannelError, match="x1"):
-        paper_processing(Record(F, a, v, None, fs=FS))
-
-
 # -- long records -------------------------------------------------------------------------------
 
 
@@ -368,21 +346,6 @@ def test_an_exact_derivative_beside_a_noisy_displacement_leaves_the_position_whe
     assert abs(left.mean()) < 5 * sigma / np.sqrt(len(t))
     assert left.std() < 0.1 * sigma
     assert np.abs(out[f"{exact}1"] - {"v": v, "a": a}[exact]).max() < 1e-3 * np.abs({"v": v, "a": a}[exact]).max()
-
-
-def shaken(seconds, ag):
-    """Two floors on a shaken base, 500 Hz, absolute accelerations, motion relative to the base."""
-    truth = ChainModel([8.0, 6.0], {f"storey {i}": [laws.PowerSeries(1, [30.0, 4e4])] for i in (1, 2)})
-    return simulate(truth, np.zeros((int(500 * seconds), 2)), 1 / 500, base_acceleration=ag)
-
-
-def test_the_papers_processing_of_a_shaken_frame_removes_the_base():
-    """Absolute accelerations minus the base's, integrated: the relative velocity of the simulation."""
-    t = np.arange(8000) / 500
-    rec = shaken(16.0, np.sin(2 * np.pi * 4.0 * t) + 0.7 * np.sin(2 * np.pi * 7.3 * t))
-    truth = FairFilter((1.0, None), 500).apply(rec.velocity)[3000:5000]
-    gap = paper_processing(rec).velocity[3000:5000] - truth
-    assert np.nanstd(gap) < 0.05 * truth.std()
 
 
 @pytest.mark.parametrize(

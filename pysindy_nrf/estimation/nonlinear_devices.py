@@ -9,7 +9,7 @@ from scipy.integrate import cumulative_trapezoid
 from sklearn.base import clone
 
 from ..common.random_state import generator
-from ..exceptions import ChainError, ChannelError
+from ..exceptions import ChainError
 from ..laws import Dahl, PowerSeries
 from ..regression.chain_model import ChainModel, as_model, as_segments, frame, storey_names
 from ..regression.segments import SegmentSet
@@ -275,39 +275,6 @@ def damper_force(model: Any, linear: Any, X: Any, **options: Any) -> pd.DataFram
     data = as_segments(model, X, **options)
     forces = whole.restoring_force(data) - bare.restoring_force(data)
     return frame(data, [forces[seg.rows][seg.valid] for seg in data.segments], storey_names(whole))
-
-
-def horizontal_component(force: Any, rise: float, run: float) -> np.ndarray:
-    """Horizontal component of the force in a diagonal device.
-
-    Parameters
-    ----------
-    force : array-like of shape (n_samples,)
-        Measured along the device, N.
-    rise, run : float
-        Vertical and horizontal distance of its ends, m (any one unit).
-
-    Returns
-    -------
-    ndarray of shape (n_samples,)
-        N.
-
-    Raises
-    ------
-    ChannelError
-        If the device has no horizontal extent.
-
-    Examples
-    --------
-    >>> from pysindy_nrf.estimation import horizontal_component
-    >>> horizontal_component([50.0], rise=0.3, run=0.4).round(9).tolist()
-    [40.0]
-    """
-    length = np.hypot(rise, run)
-    if not np.isfinite(length) or run <= 0 or rise < 0:
-        cure = "Give the distances of its ends; run must be positive."
-        raise ChannelError(f"A device with rise={rise!r} and run={run!r} has no horizontal component", cure)
-    return np.asarray(force, dtype=float) * (run / length)
 
 
 def path_energy(force: Any, drift: Any) -> np.ndarray:

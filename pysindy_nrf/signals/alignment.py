@@ -20,7 +20,7 @@ from ..data.record import OF_LETTER, Record, seconds_of
 from ..exceptions import ChannelError
 from ..laws.sensor import shifted
 
-__all__ = ["align", "channel_alignment", "displacement_from_drifts", "resampled", "split_at_gaps"]
+__all__ = ["align", "channel_alignment", "resampled", "split_at_gaps"]
 
 
 def channel_alignment(
@@ -215,27 +215,6 @@ def split_at_gaps(table: pd.DataFrame, fs: float | None = None, shortest: int = 
     if not out:
         raise ChannelError(f"No piece without a gap has {shortest} samples", "Repair the channels, or lower shortest=.")
     return out
-
-
-def displacement_from_drifts(drifts: Any) -> np.ndarray:
-    """Displacements relative to the base from drifts measured between neighbouring floors.
-
-    Parameters
-    ----------
-    drifts : array-like of shape (n_samples, n_dof)
-        x_1 - x_0, x_2 - x_1, ..., m. Velocities likewise.
-
-    Returns
-    -------
-    ndarray of shape (n_samples, n_dof)
-
-    Examples
-    --------
-    >>> from pysindy_nrf.signals.alignment import displacement_from_drifts
-    >>> displacement_from_drifts([[0.002, 0.001, -0.0005]]).round(6)  # three storeys, one instant
-    array([[0.002 , 0.003 , 0.0025]])
-    """
-    return np.cumsum(as_matrix(drifts, "s").astype(float), axis=1)
 
 
 def _base(record: Record, channels: Mapping[str, np.ndarray]) -> np.ndarray | None:

@@ -13,12 +13,11 @@ from pysindy_nrf.estimation import (
     dissipated_energy,
     energy_shares,
     found_twice,
-    horizontal_component,
     linear_part,
     locate_nonlinearity,
     planarity,
 )
-from pysindy_nrf.exceptions import BiasWarning, ChainError, ChannelError
+from pysindy_nrf.exceptions import BiasWarning, ChainError
 
 
 def test_damper_force_is_what_the_bare_structure_lacks():
@@ -49,12 +48,6 @@ def test_energy_shares_do_not_depend_on_the_level_but_on_the_damage():
     assert shares[1].to_numpy() == pytest.approx(shares[0].to_numpy(), rel=1e-6)
     assert (shares[2] - shares[0]).idxmax() == "storey 2"
     assert shares[2].sum() == pytest.approx(100.0)
-
-
-def test_diagonal_load_cell():
-    assert horizontal_component([100.0], rise=1.0, run=1.0)[0] == pytest.approx(100 / np.sqrt(2))
-    with pytest.raises(ChannelError, match="no horizontal"):
-        horizontal_component([1.0], rise=0.3, run=0.0)
 
 
 def test_large_cubic_coefficients_at_small_drifts_are_planar():

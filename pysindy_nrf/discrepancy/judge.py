@@ -62,7 +62,8 @@ def accepts(finding: Finding, state: State) -> bool:
     positive = (after.trial.masses[0] > 0) | (state.trial.masses[0] <= 0)
     shares = _shares(finding, state)
     cancels = any(share > 1 and not finding.state.trial.laws.get(site) for site, share in shares.items())
-    large = max(shares.values()) >= LEAST_SHARE or gain.value >= LARGE_GAIN
+    fall = gain.there if finding.proposal.law.narrow_band else gain.value
+    large = max(shares.values()) >= LEAST_SHARE or fall >= LARGE_GAIN
     return large and not cancels and bool(positive.all())
 
 

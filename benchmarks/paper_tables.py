@@ -20,7 +20,6 @@ from pysindy_nrf import NRFRegressor, laws
 from pysindy_nrf.estimation import (
     dissipated_energy,
     found_twice,
-    locate_nonlinearity,
 )
 from pysindy_nrf.exceptions import BiasWarning, DataQualityWarning
 from pysindy_nrf.monitoring import compare_tests, find_onset
@@ -29,6 +28,7 @@ from pysindy_nrf.regression.errors import nrmse
 sys.path.append(str(Path(__file__).resolve().parents[1] / "examples"))
 import paper_cases as cases  # noqa: E402
 import paper_published as published  # noqa: E402
+from planarity import locate_nonlinearity  # noqa: E402
 
 HYSTERETIC = {"storey 4": [laws.PowerSeries(1), laws.Dahl()]}  # sigma is estimated
 TERMS = ["v", "s", "v^2", "v s", "s^2", "v^3", "v^2 s", "v s^2", "s^3"]

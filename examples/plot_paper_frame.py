@@ -20,18 +20,17 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import paper_cases as cases
 import paper_published as published
+from planarity import PlanarityDisplay, locate_nonlinearity
 
 from pysindy_nrf import NRFRegressor, laws
 from pysindy_nrf.estimation import (
     linear_twin,
-    locate_nonlinearity,
     path_energy,
 )
 from pysindy_nrf.output.displays import (
     DamperForceDisplay,
     EnergyDisplay,
     ModesDisplay,
-    PlanarityDisplay,
     RecordDisplay,
     RestoringForceSurfaceDisplay,
 )

@@ -1,6 +1,6 @@
-"""Nonlinear devices: where they are, their forces and energy; linear twins and comparison of models."""
+"""Nonlinear devices: their forces and energy; linear twins and comparison of models."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,11 +8,9 @@ import pandas as pd
 from scipy.integrate import cumulative_trapezoid
 from sklearn.base import clone
 
-from ..common.random_state import generator
 from ..exceptions import ChainError
-from ..laws import Dahl, PowerSeries
+from ..laws import PowerSeries
 from ..regression.chain_model import ChainModel, as_model, as_segments, frame, storey_names
-from ..regression.segments import SegmentSet
 
 
 def linear_twin(estimator: Any) -> Any:
@@ -100,150 +98,6 @@ def found_twice(estimator: Any, X: Any, F: Any, **options: Any) -> dict[str, pd.
         both = {f"balance {site.p}": solution.coefficients[site], f"balance {site.q}": twin}
         out[str(site)] = pd.DataFrame(both, index=layout.labels(site))
     return out
-
-
-LEAST = 1.0  # percent of the force; a surface below this is planar at any noise
-_BLOCKS = 40
-
-
-def planarity(
-    estimator: Any, X: Any, F: Any = None, *, draws: int = 20, random_state: Any = None, **options: Any
-) -> pd.DataFrame:
-    """Planarity index of every storey, with a noise reference.
-
-    The index is the share of the storey's force along the data, percent of its rms, that the best plane ``c v + k s``
-    does not explain. Its reference is the index that noise gives a planar storey: the residuals are added to the
-    identified balances with random signs in consecutive blocks (wild bootstrap), the chain is solved again, and the
-    95 % quantile is taken of what the coefficients' scatter does to the surface.
-
-    Parameters
-    ----------
-    estimator : fitted NRFRegressor, or ChainModel
-        A model has no noise reference.
-    X, F, **options
-        The data it was fitted to.
-    draws : int
-        Bootstrap draws; 0 leaves the reference out.
-    random_state : int or None
-
-    Returns
-    -------
-    DataFrame
-        One row for each storey: ``index``, ``reference`` (percent; NaN without draws), ``planar``
-        (bool: the index is below the reference or below 1 %).
-
-    Examples
-    --------
-    >>> from pysindy_nrf import NRFRegressor, datasets, estimation
-    >>> X, F = datasets.load_demo().to_features()  # a cubic spring in storey 1, the others linear
-    >>> estimation.planarity(NRFRegressor(degree=3).fit(X, F), X, F, draws=3, random_state=0)["planar"].tolist()
-    [False, True, True]
-    """
-    model = as_model(estimator)
-    data = as_segments(estimator, X, F, **options)
-    forces = [model.restoring_force(data)[seg.rows][seg.valid] for seg in data.segments]
-    index, scale = _off_plane(data, forces)
-    reference = np.full(model.n_dof, np.nan)
-    if draws and hasattr(estimator, "solve_order_"):
-        reference = _reference(estimator, data, scale, draws, random_state)
-    planar = index < np.fmax(reference, LEAST)
-    return pd.DataFrame({"index": index, "reference": reference, "planar": planar}, index=storey_names(model))
-
-
-@dataclass
-class Location:
-    """Location of the nonlinearity."""
-
-    storeys: list[str]  # storeys that are not planar, in the order in which they were found
-    first: pd.DataFrame  # :func:`planarity` of the regressor as given
-    last: pd.DataFrame  # the same with a hysteretic law in these storeys: the others are planar
-    estimator: Any  # fitted, with these laws
-
-    def __str__(self) -> str:
-        if not self.storeys:
-            return "Every storey is planar."
-        return f"The nonlinearity is in {' and '.join(self.storeys)}; the other storeys are planar."
-
-
-def locate_nonlinearity(
-    estimator: Any, X: Any, F: Any = None, *, draws: int = 20, random_state: Any = None, **options: Any
-) -> Location:
-    """Find the storeys whose restoring force is not planar; parameters as of :func:`planarity`.
-
-    A hysteretic storey biases its neighbours, whose surfaces bend too. The least planar storey gets a Dahl law
-    beside its power series and the chain is solved again, while further storeys are not planar.
-
-    Returns
-    -------
-    Location
-        ``storeys`` in the order in which they were found, :func:`planarity` of the ``first`` fit and of the ``last``,
-        and the fitted ``estimator`` with these laws.
-
-    Raises
-    ------
-    ChainError
-        If the estimator is not a fitted NRFRegressor.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import NRFRegressor, datasets, estimation
-    >>> X, F = datasets.load_demo().to_features()  # a cubic spring in storey 1
-    >>> estimation.locate_nonlinearity(NRFRegressor(degree=3).fit(X, F), X, F, draws=3, random_state=0).storeys
-    ['storey 1']
-    """
-    if not hasattr(estimator, "solve_order_"):
-        cure = "Give a fitted NRFRegressor."
-        raise ChainError("locate_nonlinearity needs the regressor that was fitted to the data", cure)
-    first = last = planarity(estimator, X, F, draws=draws, random_state=random_state, **options)
-    found: list[str] = []
-    laws = dict(estimator.laws or {})
-    model = estimator.model_
-    while not last.drop(index=found)["planar"].all():
-        open_ = last.drop(index=found)
-        worst = str(open_.loc[~open_["planar"], "index"].idxmax())
-        found.append(worst)
-        own = model.laws[model.chain.site(worst)] or (PowerSeries(1),)
-        laws[worst] = (*(law for law in own if not (law.has_memory or law.jumps)), Dahl())
-        named = {model.chain.site(s) for s in laws}
-        orders = {s: o for s, o in dict(estimator.orders or {}).items() if model.chain.site(s) not in named}
-        estimator = clone(estimator).set_params(laws=laws, orders=orders or None).fit(X, F, **options)
-        last = planarity(estimator, X, F, draws=draws, random_state=random_state, **options)
-    return Location(found, first, last, estimator)
-
-
-def _off_plane(data: SegmentSet, forces: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Share of forces that the best plane does not explain (percent), and their rms."""
-    R = np.concatenate(forces)
-    off, size = np.empty(R.shape[1]), np.empty(R.shape[1])
-    for i in range(R.shape[1]):
-        sides = ([getattr(seg, key)[seg.valid, i] for seg in data.segments] for key in "vs")
-        plane = np.column_stack([np.concatenate(side) for side in sides])
-        plane = plane / (np.sqrt((plane**2).mean(axis=0)) + np.finfo(float).tiny)
-        rest = R[:, i] - plane @ np.linalg.lstsq(plane, R[:, i], rcond=None)[0]
-        off[i], size[i] = np.sqrt(np.mean(rest**2)), np.sqrt(np.mean(R[:, i] ** 2))
-    return 100.0 * off / np.where(size > 0, size, 1.0), size
-
-
-def _reference(estimator: Any, data: SegmentSet, scale: np.ndarray, draws: int, random_state: Any) -> np.ndarray:
-    rng = generator(random_state)
-    model = estimator.model_
-    implied = model.balance_forces(data)
-    found = [model.restoring_force(data)[seg.rows][seg.valid] for seg in data.segments]
-    values = []
-    for _ in range(draws):
-        segments = []
-        for seg, left in zip(data.segments, implied):
-            n = len(left)
-            signs = rng.choice([-1.0, 1.0], size=_BLOCKS)[np.minimum(np.arange(n) * _BLOCKS // n, _BLOCKS - 1)]
-            force = seg.F.copy()
-            force[seg.valid] = left + signs[:, None] * (seg.F[seg.valid] - left)
-            segments.append(replace(seg, F=force))
-        again = SegmentSet(segments, data.n_samples)
-        other = estimator.problem_.solve(again).model
-        change = [other.restoring_force(data)[seg.rows][seg.valid] - R for seg, R in zip(data.segments, found)]
-        share, size = _off_plane(data, change)
-        values.append(share * size / scale)
-    return np.quantile(values, 0.95, axis=0)
 
 
 def damper_force(model: Any, linear: Any, X: Any, **options: Any) -> pd.DataFrame:

@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 import pytest
 from paper_cases import model_agreement
+from planarity import locate_nonlinearity, planarity
 from three_floors import chain, features, noisy, run
 
 from pysindy_nrf import ChainModel, NRFRegressor, laws
@@ -14,8 +15,6 @@ from pysindy_nrf.estimation import (
     energy_shares,
     found_twice,
     linear_part,
-    locate_nonlinearity,
-    planarity,
 )
 from pysindy_nrf.exceptions import BiasWarning, ChainError
 

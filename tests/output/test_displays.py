@@ -8,9 +8,9 @@ import pandas as pd
 import paper_cases as cases
 import paper_published as published
 import pytest
+from planarity import PlanarityDisplay, planarity
 
 from pysindy_nrf import ChainModel, NRFRegressor, datasets, laws, simulate
-from pysindy_nrf.estimation import planarity
 from pysindy_nrf.exceptions import ChannelError, LawError
 from pysindy_nrf.monitoring import compare_tests
 from pysindy_nrf.output.displays._figure import Axis, Bars, Figure, Line
@@ -53,7 +53,7 @@ def made(fitted):
         "free run": displays.FreeRunDisplay.from_estimator(model, case.exact),
         "change": displays.ChangeMapDisplay.from_report(report, 2, size=15),
         "modes": displays.ModesDisplay.from_estimator(model, case.exact),
-        "planarity": displays.PlanarityDisplay(planarity(model, X, F, draws=2, random_state=0)),
+        "planarity": PlanarityDisplay(planarity(model, X, F, draws=2, random_state=0)),
         "record": displays.RecordDisplay(case.measured, "velocity"),
         "track": displays.TrackDisplay.from_estimator(NRFRegressor(degree=1).fit(X, F), X, F, window=1.0, onset=3.0),
     }

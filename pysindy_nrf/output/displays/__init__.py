@@ -6,11 +6,11 @@ sheet, plotly (extra ``report``) on the page of a report. Both are imported when
 
 from .evidence import BeforeAfterDisplay
 from .forces import DamperForceDisplay, EnergyDisplay, HysteresisLoopDisplay, RestoringForceSurfaceDisplay
-from .models import ChangeMapDisplay, CoefficientsDisplay, PlanarityDisplay
+from .models import ChangeMapDisplay, CoefficientsDisplay
 from .motion import FreeRunDisplay, ModesDisplay, RecordDisplay, TrackDisplay
 
 __all__ = [
     "BeforeAfterDisplay", "ChangeMapDisplay", "CoefficientsDisplay", "DamperForceDisplay", "EnergyDisplay",
-    "FreeRunDisplay", "HysteresisLoopDisplay", "ModesDisplay", "PlanarityDisplay", "RecordDisplay",
+    "FreeRunDisplay", "HysteresisLoopDisplay", "ModesDisplay", "RecordDisplay",
     "RestoringForceSurfaceDisplay", "TrackDisplay",
 ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Figures that compare models: coefficients, orders, planarity, the change between two tests."""
+"""Figures that compare models: coefficients, orders, the change between two tests."""
 
 import re
 from typing import Any, Self
@@ -6,7 +6,6 @@ from typing import Any, Self
 import numpy as np
 import pandas as pd
 
-from ...estimation.nonlinear_devices import LEAST, planarity
 from ...selection.one_se_rule import errors_of, standard_error
 from ._figure import CYCLE, Axis, Bars, Figure, Line, Map, Mark, index_of
 from ._matplotlib import Display
@@ -105,45 +104,6 @@ class OrderSelectionDisplay(Display):
         y = Axis(self.ylabel, limits=(0, None) if low >= 0 and not log else None, log=log)
         x = Axis("order of the power series: total degree, or box (k, q)", ticks=[str(n) for n in self.table.index])
         return [Figure("Order selection", marks, x, y)]
-
-
-class PlanarityDisplay(Display):
-    """How far every storey's surface is from a plane, and how far noise alone would bend it.
-
-    Parameters
-    ----------
-    table : DataFrame
-        As of :func:`pysindy_nrf.estimation.planarity`.
-
-    Examples
-    --------
-    >>> import pandas as pd
-    >>> from pysindy_nrf.output.displays import PlanarityDisplay
-    >>> table = pd.DataFrame({"index": [21.0, 0.9], "reference": [2.1, 2.0], "planar": [False, True]})
-    >>> table.index = ["storey 1", "storey 2"]
-    >>> [label.get_text() for label in PlanarityDisplay(table).plot().ax_.get_yticklabels()]
-    ['storey 1', 'storey 2']
-    """
-
-    def __init__(self, table: pd.DataFrame) -> None:
-        self.table = table
-
-    @classmethod
-    def from_estimator(cls, estimator: Any, X: Any, F: Any = None, **options: Any) -> Self:
-        """Planarity of a fitted regressor; parameters as of :func:`pysindy_nrf.estimation.planarity`."""
-        return cls(planarity(estimator, X, F, **options))
-
-    def figures(self) -> list[Figure]:
-        index, reference = self.table["index"], np.fmax(self.table["reference"].to_numpy(), LEAST)
-        planar = self.table["planar"].to_numpy()
-        texts = ["planar" if p else "not planar" for p in planar]
-        marks: list[Mark] = [
-            Bars(index, color=["sky" if p else "blue" for p in planar], texts=texts),
-            Line(reference, np.arange(len(index)), "reference (noise, at least 1 %)", "ink", dash="", marker="|"),
-        ]
-        x = Axis("off the plane", "% of the storey's force", (0, 1.35 * max(index.max(), reference.max())))
-        y = Axis(ticks=[str(n) for n in self.table.index])
-        return [Figure("Planarity", marks, x, y, lying=True)]
 
 
 class ChangeMapDisplay(Display):

@@ -244,10 +244,15 @@ def motion_doubts(a: np.ndarray, v: np.ndarray, s: np.ndarray, ag: Any, dt: floa
             "every column of X has a standard deviation of one, as behind a StandardScaler: without their units "
             "they are no motion. Pass X as measured"
         ]
-    rows = _smooth_stretch(s, v)
-    if dt is None or rows.stop - rows.start < _LEAST_ROWS:
+    if dt is None or len(s) < _LEAST_ROWS:
         return []
-    relative = np.diff(a[rows], axis=1, prepend=0.0 if ag is None else ag[rows, None])
+    rows = _largest_drift(s)
+    if _integrates(s[rows], v[rows], dt) and _integrates(v[rows], _relative(a, ag, rows), dt):
+        return []
+    rows = _smooth_stretch(s, v, rows)
+    if rows.stop - rows.start < _LEAST_ROWS:
+        return []
+    relative = _relative(a, ag, rows)
     storeys = Record(acceleration=relative, velocity=v[rows], displacement=s[rows], fs=1.0 / dt)
     table = channel_alignment(storeys)
     gain, delay = np.abs(np.log(table["gain"].astype(float))), table["samples"].abs()
@@ -258,11 +263,33 @@ def motion_doubts(a: np.ndarray, v: np.ndarray, s: np.ndarray, ag: Any, dt: floa
     return [re.sub(r"\bx(\d)", r"s\1", text) for text in _contradictions(storeys)]
 
 
-def _smooth_stretch(s: np.ndarray, v: np.ndarray) -> slice:
-    """Rows about the largest drift between jumps, where folds were joined; none where the rows follow no clock."""
+def _relative(a: np.ndarray, ag: Any, rows: slice) -> np.ndarray:
+    """Accelerations of the floors against those below."""
+    return np.diff(a[rows], axis=1, prepend=0.0 if ag is None else ag[rows, None])
+
+
+def _largest_drift(s: np.ndarray) -> slice:
+    """Rows about the largest drift of storey 1."""
     step = max(1, len(s) // _MOST_ROWS)
     start = max(min(step * int(np.abs(s[::step, 0]).argmax()) - _MOST_ROWS // 2, len(s) - _MOST_ROWS), 0)
-    part = np.hstack([y[start : start + _MOST_ROWS] for y in (s, v)])
+    return slice(start, min(start + _MOST_ROWS, len(s)))
+
+
+def _integrates(y: np.ndarray, rate: np.ndarray, dt: float) -> bool:
+    """Whether all columns move as their rates say, over steps of about one radian of their motion."""
+    lag = int(np.median(y.std(axis=0)) / max(np.median(np.diff(y, axis=0).std(axis=0)), 1e-300))
+    if not 1 < lag < len(y) // 4:
+        return False
+    path = np.cumsum(rate, axis=0)
+    moved, said = y[lag:] - y[:-lag], dt * (path[lag:] - path[:-lag])
+    size, other, along = ((one * two).sum(axis=0) for one, two in ((moved, moved), (said, said), (moved, said)))
+    return bool(np.all((along > 0.9 * np.sqrt(size * other)) & (size < 4 * other) & (other < 4 * size)))
+
+
+def _smooth_stretch(s: np.ndarray, v: np.ndarray, rows: slice) -> slice:
+    """Rows of these between jumps, where folds were joined; none where the rows follow no clock."""
+    start = rows.start
+    part = np.hstack([s[rows], v[rows]])
     steps = np.abs(np.diff(part, axis=0))
     rms, power = np.sqrt(np.mean(steps**2, axis=0)), part.var(axis=0)
     if len(part) < _LEAST_ROWS or not power.all() or np.median(rms**2 / power) > _ROUGH:

@@ -3,6 +3,7 @@
     python benchmarks/careless.py                  # 300 faults, 300 clean records
     python benchmarks/careless.py --quick          # 10 and 5
     python benchmarks/careless.py --silent         # every silent case and every accusation in words
+    python benchmarks/careless.py --seed 1000      # other chains, noise and places
 
 Cases are sentences of a grammar, fault x channel x size, on random chains of 2 to 4 floors (linear or with one cubic
 storey, all floors or the lowest forced, 0.2 to 1 % noise). A case is
@@ -330,7 +331,7 @@ def judged(sentence: tuple, seed: int) -> tuple[str, str]:
     if np.isfinite(error) and error <= max(CLOSE, 2 * clean):
         return "right", f"{100 * error:.1f} %"
     words = " | ".join(said)[:300] or "nothing"
-    return "silent", f"{name} of {kind}, size {size:.3g}: {100 * error:.0f} % off; said: {words}"
+    return "silent", f"{seed}: {name} of {kind}, size {size:.3g}: {100 * error:.0f} % off; said: {words}"
 
 
 def accused(seed: int) -> str:
@@ -339,9 +340,10 @@ def accused(seed: int) -> str:
     try:
         said, _ = heard(made)
     except NRFError as refusal:
-        return str(refusal)
+        return f"{seed}: {refusal}"
     weak = r"is known to \+-|moves .* at most|condition number|is expected to come out"  # limits, not faults
-    return " | ".join(text for text in said if not re.search(weak, text))
+    accusations = [text for text in said if not re.search(weak, text)]
+    return f"{seed}: {' | '.join(accusations)}" if accusations else ""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -349,13 +351,14 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="10 faults and 5 clean records")
     parser.add_argument("--silent", action="store_true", help="print silent cases and accusations")
+    parser.add_argument("--seed", type=int, default=0, help="added to the seed of every case")
     parser.add_argument("--jobs", type=int, default=2)
     options = parser.parse_args(arguments)
     n_faults, n_clean = (10, 5) if options.quick else (300, 300)
     sentences = grammar()
     stride = len(sentences) // n_faults if options.quick else 1
     chosen = [sentences[i * stride % len(sentences)] for i in range(n_faults)]
-    found = Parallel(n_jobs=options.jobs)(delayed(judged)(s, i) for i, s in enumerate(chosen))
+    found = Parallel(n_jobs=options.jobs)(delayed(judged)(s, options.seed + i) for i, s in enumerate(chosen))
     rows: dict[str, Counter] = defaultdict(Counter)
     for (name, kind, *_), (got, _) in zip(chosen, found):
         for key in (f"{name}, {'force' if kind == 'F' else 'motion' if kind in 'ax' else 'test'}", "all"):
@@ -368,7 +371,7 @@ def main(arguments: list[str] | None = None) -> int:
     print(f"\n{n_faults} faults, {len(silent)} silent ({100 * len(silent) / n_faults:.1f} %; asked: 2 % at most).")
     if options.silent:
         print("\n".join(["", "Silent:", *silent, ""]), flush=True)
-    wrong = list(filter(None, Parallel(n_jobs=options.jobs)(delayed(accused)(i) for i in range(n_clean))))
+    wrong = list(filter(None, Parallel(n_jobs=options.jobs)(delayed(accused)(options.seed + i) for i in range(n_clean))))
     print(f"{n_clean} clean records, {len(wrong)} accused ({100 * len(wrong) / n_clean:.1f} %; asked: 2 % at most).")
     if options.silent:
         print("\n".join(["", "Accused:", *wrong]))

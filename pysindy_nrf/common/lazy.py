@@ -52,6 +52,7 @@ class Hook(Enum):
     ORDER_FIGURE = "pysindy_nrf.output.displays.models:OrderSelectionDisplay.from_selection"
     PAGE = "pysindy_nrf.output.report:write_html"
     RECORD_HTML = "pysindy_nrf.output.report.write:record_html"
+    LATEX = "pysindy_nrf.output.report.equations:latex"
     MODEL_HTML = "pysindy_nrf.output.report.write:model_html"
     LOOP_MARKDOWN = "pysindy_nrf.output.report.write:markdown"
     LOOP_HTML = "pysindy_nrf.output.report.write:loop_html"

@@ -348,6 +348,10 @@ class ChainModel:
         """
         return [force.equation(digits) for force in self.restoring_forces.values() if force.laws]
 
+    def to_latex(self) -> str:
+        """Force balances and restoring forces as one ``aligned`` block of LaTeX."""
+        return str(Hook.LATEX(self))
+
     def __str__(self) -> str:
         masses = ", ".join(f"m{j + 1} = {m:.5g} kg" for j, m in enumerate(self.masses))
         return "\n".join([masses, *self.equations()])

@@ -195,7 +195,7 @@ def test_a_model_with_a_floor_that_nothing_holds():
     """A free mass above a spring: its site has no law, and neither words nor notebook view fail on it."""
     model = ChainModel([5.0, 4.0], {"storey 1": [laws.PowerSeries(1, [3.0, 3e4])], "storey 2": []})
     shown = model._repr_html_()
-    assert "m2 = 4 kg" in shown and 'alttext="R 1 ="' in shown and 'alttext="R 2 ="' not in shown
+    assert "m2 = 4 kg" in shown and 'alttext="R_{1}(' in shown and 'alttext="R_{2}(' not in shown
     run = simulate(model, np.column_stack([np.zeros(400), 8.0 * np.ones(400)]), 1e-3)
     np.testing.assert_allclose(run.displacement[-1, 1], 0.5 * 2.0 * 0.399**2, rtol=1e-6)  # x = F t^2 / (2 m)
     assert not run.displacement[:, 0].any()

@@ -1,7 +1,6 @@
-"""Equations as MathML, made from the laws' own labels; no network and no script is needed to show them."""
+"""Equations in LaTeX, made from the laws' own labels, and as MathML, which needs neither a network nor a script."""
 
 import re
-from collections.abc import Iterator
 from html import escape
 from typing import Any
 
@@ -11,73 +10,58 @@ from ...regression.chain_model import ChainModel
 from ...regression.restoring_force import RestoringForce
 from ..displays._figure import index_of
 
-_GREEK = {
-    "alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "kappa": "κ", "omega": "ω", "pi": "π", "rho": "ρ",
-    "sigma": "σ", "tau": "τ", "zeta": "ζ",
-}  # fmt: skip
+_GREEK = "alpha|beta|gamma|delta|kappa|omega|pi|rho|sigma|tau|zeta"
 _MOTION = ("s", "v", "a", "x", "Z")
-_SPACE = "<mspace width='0.2em'></mspace>"
-_TOKEN = re.compile(r"\s*([A-Za-zΑ-ω]\w*|\d+(?:\.\d+)?(?:e[+-]?\d+)?|.)", re.DOTALL)
-_CLOSING = {"(": ")", "[": "]", "|": "|"}
+_TOKEN = re.compile(r"\^-?\w+|[^\W\d]\w*|\d+(?:\.\d+)?(?:e[+-]?\d+)?|\S")
 _WORDS = ("sgn", "max", "min", "exp", "cos", "sin", "lag", "gap")
 _RAISED = str.maketrans("0123456789n-", "⁰¹²³⁴⁵⁶⁷⁸⁹ⁿ⁻")
-_SIGNS = {"-": "−", "*": "⋅", "<": "&lt;", ">": "&gt;", "&": "&amp;"}
+_SIGNS = {"*": r"\cdot", "\\": r"\backslash", "~": r"\sim", "^": r"\wedge"} | {c: f"\\{c}" for c in "{}%&#$_"}
 
 
 def number(value: float, digits: int = 4) -> str:
-    """A number as MathML, with a power of ten where it is needed."""
-    sign = "<mo>−</mo>" if value < 0 else ""
-    mantissa, _, exponent = f"{abs(value):.{digits}g}".partition("e")
-    out = f"<mn>{mantissa}</mn>"
-    if exponent:
-        power = int(exponent)
-        inside = f"<mn>{power}</mn>" if power > 0 else f"<mrow><mo>−</mo><mn>{-power}</mn></mrow>"
-        out += f"<mo>×</mo><msup><mn>10</mn>{inside}</msup>"
-    return f"<mrow>{sign}{out}</mrow>"
+    """A number, with a power of ten where it is needed."""
+    mantissa, _, exponent = f"{value:.{digits}g}".partition("e")
+    return mantissa + (rf"\times 10^{{{int(exponent)}}}" if exponent else "")
 
 
 def symbol(name: str) -> str:
-    """A name as MathML: ``k3`` with a subscript, ``sigma`` in Greek, a word as a word."""
-    if name in _GREEK:
-        return f"<mi>{_GREEK[name]}</mi>"
-    head = next((g for g in _GREEK if name.startswith(g) and name[len(g) :].isdigit()), name[:1])
-    rest = name[len(head) :].strip("_").replace("_", "")
-    if rest and name not in _WORDS and (len(name) <= 3 or rest.isdigit()):
-        return f"<msub><mi>{_GREEK.get(head, escape(head))}</mi>{_atom(rest)}</msub>"
-    return f"<mi>{escape(name)}</mi>"
+    """A name: ``k3`` with a subscript, ``sigma`` in Greek, a word as a word."""
+    head, rest = re.fullmatch(rf"((?:{_GREEK})(?=\d*$)|.)(\w*)", name).groups()  # type: ignore[union-attr]
+    rest = rest.strip("_").replace("_", "")
+    if name in _WORDS:
+        return rf"\operatorname{{{name}}}"
+    if rest and len(name) > 3 and not rest.isdigit():
+        return rf"\text{{{name}}}".replace("_", " ")
+    return (f"\\{head}" if len(head) > 1 else head if head != "_" else r"\_") + (f"_{{{rest}}}" if rest else "")
 
 
 def feature(label: str, index: str = "") -> str:
-    """The label of a term as MathML."""
-    return _row(iter([t for t in _TOKEN.findall(label) if t.strip()]), index, "")[0]
+    """The label of a term, its motions with the index of the site."""
+    return " ".join(_item(token, index) for token in _TOKEN.findall(label)).replace(" ^", "^")
 
 
 def law_equation(force: RestoringForce) -> list[str]:
     """The equation of a site as pieces that may stand on several lines."""
     index = index_of(force.site)
-    arguments = f"<mo>(</mo>{feature('s', index)}<mo>,</mo>{feature('v', index)}<mo>)</mo>"
-    pieces = [_math(f"{_indexed('R', index)}{arguments}<mo form='infix'>=</mo>", f"R {index} =")]
+    pieces = [f"{_indexed('R', index)}({feature('s', index)}, {feature('v', index)}) ="]
     for law in force.laws:
         for term, c in zip(law.terms(), np.asarray(law.coefficients, dtype=float)):
-            sign = "−" if c < 0 else "+"
-            lead = f"<mo form='infix'>{sign}</mo>" if len(pieces) > 1 or c < 0 else ""
-            inside = "" if term.label == "1" else f"{_SPACE}{feature(term.label, index)}"
-            pieces.append(_math(f"{lead}{number(abs(c))}{inside}", f"{sign} {abs(c):.4g} {term.label}"))
-    if len(pieces) == 1:
-        pieces.append(_math("<mn>0</mn>", "0"))
-    return pieces
+            sign = "-" if c < 0 else "+" if len(pieces) > 1 else ""
+            inside = "" if term.label == "1" else rf"\, {feature(term.label, index)}"
+            pieces.append(f"{sign} {number(abs(c))}{inside}".strip())
+    return pieces if len(pieces) > 1 else [*pieces, "0"]
 
 
 def shape_values(force: RestoringForce) -> list[str]:
-    """Shape parameters of a site's laws, e.g. sigma = 2e4, as ``<math>`` elements with their units as text."""
+    """Shape parameters of a site's laws with their units, e.g. sigma = 2e4 1/m."""
     out = []
     for law in force.laws:
         units = {p.name: p.unit for p in law.shapes}
         for name, value in law.shape.items():
             if value is not None:
-                said = _math(f"{symbol(name)}<mo>=</mo>{number(value)}", f"{name} = {value:.4g}")
                 unit = units.get(name, "")
-                out.append(said + (f" {escape(pretty(unit))}" if unit not in ("", "1") else ""))
+                said = f"{symbol(name)} = {number(value)}"
+                out.append(said + (rf"\,\text{{{pretty(unit)}}}" if unit not in ("", "1") else ""))
     return out
 
 
@@ -87,14 +71,30 @@ def balance_equations(model: ChainModel) -> list[list[str]]:
     signs = model.chain.incidence(sites) if sites else np.zeros((model.n_dof, 0))
     out = []
     for j, mass in enumerate(model.masses, 1):
-        pieces = [_math(f"{number(mass)}{_SPACE}{feature('a', str(j))}", f"{mass:.4g} a{j}")]
-        for site, sign in zip(sites, signs[j - 1]):
-            if sign:
-                mark, index = ("+" if sign > 0 else "−"), index_of(site)
-                pieces.append(_math(f"<mo form='infix'>{mark}</mo>{_indexed('R', index)}", f"{mark} R {index}"))
-        pieces.append(_math(f"<mo form='infix'>=</mo>{_indexed('F', str(j))}", f"= F{j}"))
-        out.append(pieces)
+        pieces = [rf"{number(mass)}\, {feature('a', str(j))}"]
+        held = [(site, sign) for site, sign in zip(sites, signs[j - 1]) if sign]
+        pieces += [f"{'+' if sign > 0 else '-'} {_indexed('R', index_of(site))}" for site, sign in held]
+        out.append([*pieces, f"= {_indexed('F', str(j))}"])
     return out
+
+
+def latex(model: ChainModel) -> str:
+    """Force balances and restoring forces as one aligned block."""
+    rows = balance_equations(model) + [law_equation(force) for force in model.restoring_forces.values() if force.laws]
+    lines = [" ".join(pieces).replace("=", "&=", 1) for pieces in rows]
+    return "\\begin{aligned}\n" + " \\\\\n".join(lines) + "\n\\end{aligned}"
+
+
+def mathml(pieces: list[str]) -> str:
+    """Pieces of an equation as MathML with their LaTeX; LaTeX alone without the extra, or if a label is no formula."""
+    try:
+        from latex2mathml.converter import convert
+
+        spaced = [piece if piece[0] not in "+-=" else f"{{}} {piece}" for piece in pieces]  # signs between two terms
+        shown = [convert(piece).replace("<math ", f'<math alttext="{escape(piece)}" ', 1) for piece in spaced]
+    except Exception:  # the converter's errors share no other class
+        shown = [f"<code>{escape(piece)}</code>" for piece in pieces]
+    return " ".join(shown)
 
 
 def pretty(text: str) -> str:
@@ -102,49 +102,20 @@ def pretty(text: str) -> str:
     return re.sub(r"\^(-?\d+|n)", lambda m: m[1].translate(_RAISED), text)
 
 
-def _math(inside: str, text: str) -> str:
-    return f'<math alttext="{escape(text, quote=True)}"><mrow>{inside}</mrow></math>'
-
-
 def _indexed(letter: str, index: str) -> str:
-    return f"<msub><mi>{letter}</mi>{_atom(index)}</msub>"
+    """A letter with an index, e.g. of a site."""
+    return f"{letter}_{{{index}}}" if index.replace(",", "").isdigit() else rf"{letter}_{{\text{{{index}}}}}"
 
 
-def _atom(text: str) -> str:
-    return f"<mn>{text}</mn>" if text.isdigit() else f"<mtext>{escape(text)}</mtext>"
-
-
-def _row(tokens: Iterator[str], index: str, closing: str) -> tuple[str, bool]:
-    """Items up to a closing bracket in one row."""
-    items: list[str] = []
-    raised = False
-    for token in tokens:
-        if token == closing:
-            return f"<mrow>{''.join(items)}</mrow>", True
-        if token == "^":
-            raised = True
-            continue
-        item = _item(token, tokens, index)
-        if raised and items:
-            items[-1] = f"<msup>{items[-1]}{item}</msup>"
-        else:
-            items.append(item)
-        raised = False
-    return f"<mrow>{''.join(items)}</mrow>", False
-
-
-def _item(token: str, tokens: Iterator[str], index: str) -> str:
-    if token in _CLOSING:
-        inside, closed = _row(tokens, index, _CLOSING[token])
-        end = f"<mo>{_CLOSING[token]}</mo>" if closed else ""
-        return f"<mrow><mo>{token}</mo>{inside}{end}</mrow>"
+def _item(token: str, index: str) -> str:
+    """One token of a label."""
+    if token[0] == "^" and len(token) > 1:
+        return f"^{{{token[1:]}}}"
     if token in _MOTION and index:
         return _indexed(token, index)
     if token[0].isdigit():
-        return number(float(token)) if "e" in token else f"<mn>{token}</mn>"
-    if token[0].isalpha():
-        return symbol(token)
-    return f"<mo>{_SIGNS.get(token, escape(token))}</mo>"
+        return number(float(token)) if "e" in token else token
+    return symbol(token) if len(token) > 1 or token.isalpha() else _SIGNS.get(token, token)
 
 
 def as_text(value: Any) -> str:

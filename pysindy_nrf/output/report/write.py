@@ -14,7 +14,7 @@ from ...common.files import atomic_write
 from ...common.lazy import require
 from ...exceptions import NRFError
 from ..displays._figure import Table, table
-from .equations import as_text, law_equation, pretty, shape_values
+from .equations import as_text, law_equation, mathml, pretty, shape_values
 
 _PURPOSE = "The HTML report"
 
@@ -89,7 +89,7 @@ def page(
 
     markup = jinja2.utils.markupsafe.Markup
     style, code, plotly = markup(_template("style.css")), markup(_template("page.js")), markup(offline.get_plotlyjs())
-    words = {"content": content, "register": register, "math": lambda pieces: markup(" ".join(pieces)), "style": style}
+    words = {"content": content, "register": register, "math": lambda pieces: markup(mathml(pieces)), "style": style}
     body = environment.get_template("page.html").render(words)  # registers the figures
     scripts = {"figures": markup(script_json(drawn)), "plotly": plotly, "code": code}
     return f"{body}{environment.get_template('scripts.html').render(scripts)}</body>\n</html>\n"
@@ -167,8 +167,8 @@ def model_html(model: Any) -> str:
     lines = []
     for force in list(model.restoring_forces.values())[:_MOST]:
         if force.laws:
-            shapes = ", ".join(shape_values(force))
-            lines.append(" ".join(law_equation(force)) + (f" with {shapes}" if shapes else ""))
+            shapes = ", ".join(mathml([value]) for value in shape_values(force))
+            lines.append(mathml(law_equation(force)) + (f" with {shapes}" if shapes else ""))
     body = "".join(f"<p style='margin:.2em 0'>{line}</p>" for line in lines)
     return _box(f"Chain of {model.n_dof} DOF{'s' if model.n_dof > 1 else ''}", masses, body)
 

@@ -371,7 +371,8 @@ def main(arguments: list[str] | None = None) -> int:
     print(f"\n{n_faults} faults, {len(silent)} silent ({100 * len(silent) / n_faults:.1f} %; asked: 2 % at most).")
     if options.silent:
         print("\n".join(["", "Silent:", *silent, ""]), flush=True)
-    wrong = list(filter(None, Parallel(n_jobs=options.jobs)(delayed(accused)(options.seed + i) for i in range(n_clean))))
+    clean = range(options.seed, options.seed + n_clean)
+    wrong = list(filter(None, Parallel(n_jobs=options.jobs)(delayed(accused)(i) for i in clean)))
     print(f"{n_clean} clean records, {len(wrong)} accused ({100 * len(wrong) / n_clean:.1f} %; asked: 2 % at most).")
     if options.silent:
         print("\n".join(["", "Accused:", *wrong]))

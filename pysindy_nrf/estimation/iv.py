@@ -1,11 +1,9 @@
-r"""Instrumental variables from the free run of the model itself, for records and for frequency responses.
+r"""Instrumental variables from the free run of the model itself.
 
 :math:`Z^T (y - \Phi \theta) = 0` with Z the columns of the simulated motion, repeated three or four times (Young,
 Refined instrumental variable methods, 1976). First instruments are one sample late, which keeps white force noise out;
 later runs use the corrected force (:mod:`.noise_spectra`), so that balances can be weighted by frequency. The motion
 must not be shrunk towards a prior, as the joint step of :class:`~pysindy_nrf.KinematicSmoother` does.
-
-Of a frequency response the instruments are neighbouring lines, :math:`Z(f_k) = \tfrac12 (H(f_{k-2}) + H(f_{k+2}))`.
 """
 
 import warnings
@@ -14,9 +12,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from sklearn.base import clone
 
-from ..exceptions import BiasWarning, ChainError, ChannelError, IdentifiabilityError, RankWarning, SimulationError
+from ..exceptions import BiasWarning, IdentifiabilityError, RankWarning, SimulationError
 from ..laws import PowerSeries
 from ..mechanics.identifiability import SolveOrder
 from ..regression.chain_model import ChainModel, state_matrix
@@ -24,12 +21,10 @@ from ..regression.chain_solve import Solution, groups_of, model_of, solve, solve
 from ..regression.errors import free_run_of
 from ..regression.gram_pass import pieces_of, rows_of, whole_block
 from ..regression.grams import BlockGrams
-from ..regression.input_arrays import from_arrays
 from ..regression.layout import Block, LawLayout, with_coefficients
 from ..regression.segments import Segment, SegmentSet
 from ..signals.zero_phase_filter import FairFilter, filters_of
 from ..simulation.api import classical_run
-from .intervals import Resolver
 from .noise_spectra import (
     NoiseModel,
     Smooth,
@@ -354,42 +349,3 @@ class _Instruments:
         with warnings.catch_warnings(action="ignore", category=RankWarning):
             solution, _ = solve_blocks(layout, self.order, blocks, self.problem.known_masses)
         return model_of(layout, solution)
-
-
-SPACING = 2  # lines; the noise of a Hann-windowed response reaches its next neighbour
-
-
-def fit_frequency_response(
-    estimator: Any, frf: Any, band: tuple[float | None, float | None] | None = None, weight: Any = None
-) -> Any:
-    """Fit a regressor to a measured frequency response."""
-    from ..data.io import frf_to_features
-    from ..data.io.frf import FrequencyResponse
-
-    if estimator.estimation not in ("ls", "iv"):
-        cure = "Use 'ls' or 'iv'."
-        raise ChainError(f"estimation={estimator.estimation!r} does not work on frequency responses", cure)
-    X, F = frf_to_features(frf, band=band, weight=weight)
-    model = clone(estimator).set_params(estimation="ls")
-    with warnings.catch_warnings():
-        if estimator.estimation == "iv":  # instrumental variables remove this bias
-            warnings.simplefilter("ignore", BiasWarning)
-        model.fit(X, F)
-    if estimator.estimation == "ls":
-        return model
-    H = frf.H
-    if len(H) <= 2 * SPACING:
-        raise ChannelError(f"{frf.name} has {len(H)} lines", "Give more lines.")
-    ends = np.pad(H, ((SPACING, SPACING), (0, 0)), mode="edge")
-    neighbours = FrequencyResponse(frf.f, 0.5 * (ends[: -2 * SPACING] + ends[2 * SPACING :]), frf.excited, frf.name)
-    Z, _ = frf_to_features(neighbours, band=band, weight=weight)
-    data, others = (from_arrays(x, F, n_dof=frf.n_dof) for x in (X, Z))
-    problem = model.problem_
-    layout, known, optimizer = problem.layout, dict(problem.known_masses), problem.optimizer
-    pieces = pieces_of(data, layout, groups_of(layout, model.solve_order_), [None], known, others.segments)
-    solution = solve(pieces.sum().projected(), model.solve_order_, known, optimizer)
-    return model._adopt(
-        model_of(layout, solution),
-        Resolver(pieces, model.solve_order_, known, optimizer),
-        {"asked": "iv", "found": "iv", "notes": ["neighbouring lines"]},
-    )

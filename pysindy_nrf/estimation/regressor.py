@@ -12,6 +12,7 @@ import pandas as pd
 from sklearn.base import BaseEstimator, RegressorMixin
 
 from ..data.channels import column_names, require_two_dimensions, same_columns, sample_weights
+from ..data.io.frf import FrequencyResponse
 from ..data.record import Record
 from ..diagnostics.bias import JumpBias, MissingTerms, contradictions_of, sentences_of, warn_of_bias
 from ..diagnostics.forces import ForceProbes, copies_of
@@ -27,6 +28,7 @@ from ..regression.segments import SegmentSet
 from .constraints import constrained
 from .fitted import FittedChain
 from .free_run_fit import refine
+from .frequency_response import fit_frequency_response
 from .problem import DEFAULT_DEGREE, Estimate, Problem, law_list, laws_of_sites
 from .streaming import fit_streamed, is_streamed, partial_fit
 
@@ -168,7 +170,8 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         X : array-like of shape (n_samples, 3 n_dof), DataFrame, Record or list of Record
             Columns a_1..a_n (absolute, m/s^2), v_1..v_n (inter-storey, m/s), s_1..s_n (m), paper
             eq. 8; with ``coordinates="absolute"`` xdot and x of the DOFs. Files by path (``.npy``, Parquet,
-            HDF5), iterators of tables, and Dask arrays, tables and delayed records are read in chunks.
+            HDF5), iterators of tables, and Dask arrays, tables and delayed records are read in chunks. What
+            ``io.read_frf`` returns gives a linear chain; its noise is measured and biases nothing.
         y : array-like of shape (n_samples, n_dof), optional
             The applied forces F_j, N. A column of zeros = known to be unforced, of NaN = unknown.
             None = no force anywhere (base excitation, known masses).
@@ -207,6 +210,8 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             raise ChainError(f"estimation={self.estimation!r} is unknown", f"Choose one of {', '.join(_ESTIMATIONS)}.")
         if sample_weight is not None and (self.estimation != "ls" or is_streamed(X)):
             raise ChannelError("sample_weight is for least squares of samples in memory", "Leave it out otherwise.")
+        if isinstance(X, FrequencyResponse):
+            return fit_frequency_response(self, X)
         if is_streamed(X):
             return fit_streamed(self, X, y, state=state, **beside)
         memory = any(law.has_memory for law in law_list(self.laws))

@@ -1,4 +1,6 @@
-"""Frequency responses as rows of the balances: exact in theory, and on a measured frame."""
+"""Frequency responses: rows of the balances, exact in theory; noise that biases nothing; faults that are named."""
+
+import warnings
 
 import numpy as np
 import pytest
@@ -6,7 +8,7 @@ import pytest
 from pysindy_nrf import NRFRegressor
 from pysindy_nrf.data.io import frf_to_features, read_frf
 from pysindy_nrf.data.io.frf import frequency_response
-from pysindy_nrf.exceptions import ChannelError, FileFormatError
+from pysindy_nrf.exceptions import ChannelError, DataQualityWarning, FileFormatError
 
 M, C, K = np.array([5.0, 4.0, 6.0]), np.array([3.0, 2.0, 4.0]), np.array([3e4, 4e4, 2e4])
 
@@ -107,3 +109,42 @@ def test_weights_leave_an_exact_response_exact_and_are_checked():
             frf_to_features(F, H, 2, weight=weight)
     with pytest.raises(ChannelError, match="no line in the band"):
         frf_to_features(F, H, 1, band=(27, 29))
+
+
+LINES = np.linspace(1.0, 25.0, 500)
+W = 2 * np.pi * LINES[:, None]
+NOISE = 0.01 * np.random.default_rng(4).standard_normal((2, 500, 3)) / np.sqrt(2)
+TRUE = -(W**2) * receptance(LINES, 2)
+
+
+@pytest.mark.parametrize("size", [np.abs(TRUE), np.sqrt((np.abs(TRUE) ** 2).mean(axis=0))], ids=["relative", "white"])
+def test_one_percent_noise_biases_no_mass_and_accuses_nothing(size):
+    """Least squares on the same rows is 7 % off with relative noise, and 93 % with white noise."""
+    response = frequency_response(LINES, TRUE + size * (NOISE[0] + 1j * NOISE[1]), 2)
+    with warnings.catch_warnings(action="error"):
+        model = NRFRegressor(degree=1).fit(response)
+    np.testing.assert_allclose(model.masses_, M, rtol=0.01)
+    np.testing.assert_allclose([model.restoring_forces_[i].linear_part()["k"] for i in (1, 2, 3)], K, rtol=0.01)
+    assert model.errors_.loc["pooled", "error"] < 3
+
+
+def only(j, factor):
+    return np.where(np.arange(1, 4) == j, factor, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (dict(factor=only(3, -1.0)), "DOF 2, 3.*sign.*H3"), (dict(factor=only(3, 1 / 9.80665)), "unit.*H3"),
+        (dict(factor=only(3, 1.2)), "gain.*H3"), (dict(factor=np.exp(-4e-3j * W * (only(3, 2.0) - 1))), "delay of .*H3"),
+        (dict(order=[1, 0, 2]), "order of the channels"), (dict(factor=np.exp(-4e-3j * W)), "the force .is it late"),
+        (dict(kind="mobility"), "kind"), (dict(excited=3), "the force acts on DOF 2 .excited=2"),
+        (dict(factor=-1.0), "H2, where the force acts, gives energy back"),
+    ],
+    ids=["sign", "unit", "gain", "delay", "swapped", "late force", "kind", "floor", "all signs"],
+)  # fmt: skip
+def test_a_fault_of_a_response_is_named(change, words):
+    noisy = TRUE * (1 + NOISE[0] + 1j * NOISE[1]) * change.get("factor", 1.0)
+    response = frequency_response(LINES, noisy[:, change.get("order", [0, 1, 2])], change.get("excited", 2), change.get("kind", "accelerance"))
+    with pytest.warns(DataQualityWarning, match=words):
+        NRFRegressor(degree=1).fit(response)

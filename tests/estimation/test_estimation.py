@@ -1,8 +1,6 @@
 """Instrumental variables and output error: noise does not bias them, and they say where they cannot serve."""
 
-import os
 import warnings
-from pathlib import Path
 
 import chains
 import numpy as np
@@ -12,7 +10,6 @@ from chains import driven, worst
 
 from pysindy_nrf import ChainModel, KinematicSmoother, NRFRegressor, excitation, laws, simulate
 from pysindy_nrf.data.io.frf import frequency_response
-from pysindy_nrf.estimation.iv import fit_frequency_response
 from pysindy_nrf.exceptions import BiasWarning, ChainError, ChannelError, DataQualityWarning
 from pysindy_nrf.simulation.noise import add_noise
 
@@ -206,31 +203,12 @@ def test_a_record_with_an_unknown_force_is_left_out_of_the_instruments_alone():
     assert worst(NRFRegressor(degree=1, estimation="iv").fit(pair).masses_, [M, M]) < 0.03
 
 
-def test_three_equal_floors_of_a_measured_frame():
-    folder = Path(os.environ.get("PYSINDY_NRF_DATA", Path(__file__).resolve().parents[2].parent / "shared" / "data"))
-    if not (folder / "three_storey_frf").is_dir():
-        pytest.skip(f"measured data not found in {folder}")
-    from measured_sets import load_three_storey_frf
-
-    frf = load_three_storey_frf(folder)
-    spread, intervals = {}, {}
-    for estimation in ("ls", "iv"):
-        with warnings.catch_warnings(action="ignore", category=BiasWarning):
-            model = fit_frequency_response(NRFRegressor(degree=1, estimation=estimation), frf, band=(4.0, 32.0))
-        spread[estimation] = model.masses_.max() / model.masses_.min() - 1
-        intervals[estimation] = model.confidence_intervals().set_index("parameter").loc[["m1", "m2", "m3"]]
-    assert spread["ls"] == pytest.approx(0.078, abs=0.002)  # what plain least squares is known to give here
-    assert spread["iv"] < 0.07
-    assert intervals["iv"]["lower"].max() < intervals["iv"]["upper"].min()
-
-
 def test_frequency_responses_are_linear_and_need_lines():
     f = np.linspace(2.0, 25.0, 40)
     w = 2 * np.pi * f
     H = -(w**2) / (1e4 - 2.0 * w**2 + 8j * w)
     response = frequency_response(f, H[:, None])
     with pytest.raises(ChainError, match="estimation='simulation' does not work on frequency responses"):
-        fit_frequency_response(NRFRegressor(degree=1, estimation="simulation"), response)
-    few = frequency_response(f[:4], H[:4, None])
-    with pytest.raises(ChannelError, match="has 4 lines"):
-        fit_frequency_response(NRFRegressor(degree=1, estimation="iv"), few)
+        NRFRegressor(degree=1, estimation="simulation").fit(response)
+    with pytest.raises(ChainError, match="8 lines .* do not tell noise"):
+        NRFRegressor(degree=1).fit(frequency_response(f[:8], H[:8, None]))

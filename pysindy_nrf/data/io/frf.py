@@ -152,8 +152,8 @@ def frf_to_features(
 
     Notes
     -----
-    Noise in H is noise in the regressors: it biases all masses and stiffnesses low together, and their ratios much
-    less.
+    Noise in H is noise in the regressors and biases what least squares finds from these rows low;
+    ``NRFRegressor.fit`` of a FrequencyResponse measures the noise and is not biased.
 
     Examples
     --------

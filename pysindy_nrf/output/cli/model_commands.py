@@ -158,14 +158,14 @@ def _identify_frf(session: Session, files: tuple[Path, ...], settings: dict[str,
     band = options["band"]
     session.measured(frf.describe(band))
     settings["chain"] = Chain(frf.n_dof, options["links"]) if options["links"] else None
-    estimator = NRFRegressor(**settings)
+    estimator = NRFRegressor(**settings, band=band)
     masses = settings["known_masses"] or {}
     plan = _say_plan(session, frf.n_dof, [frf.excited], [], masses, estimator)
     understood = [{"name": frf.name, "n_dof": frf.n_dof, "n_lines": len(frf.f), "excited": frf.excited}]
     if options["dry_run"]:
         _dry(session, plan, understood)
         return
-    outcome = identify_frf(frf, estimator, band)
+    outcome = identify_frf(frf, estimator)
     finish(session, outcome, band, options["figures"], understood)
 
 

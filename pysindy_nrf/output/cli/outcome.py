@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ...data.io import frf_to_features, write_forces, write_table
+from ...data.io import write_forces, write_table
 from ...data.io.frf import FrequencyResponse, in_band
 from ...data.record import Record
 from ...diagnostics.test_planning import LARGE_ERROR, creates_energy
@@ -85,14 +85,12 @@ def identify_records(records: Sequence[Record], estimator: Any, raw: bool, progr
     return outcome
 
 
-def identify_frf(frf: FrequencyResponse, estimator: Any, band: Any) -> Outcome:
-    """Identify a linear chain from its frequency responses; the estimator has no band, lines are cut here."""
+def identify_frf(frf: FrequencyResponse, estimator: Any) -> Outcome:
+    """Identify a linear chain from its frequency responses."""
     with warned() as messages:
-        estimator.fit(*frf_to_features(frf, band=band))
-    model = estimator.model_
-    model.visited = {}  # amplitudes of a steady state are no visited motion
-    model.info["band"] = None if band is None else [None if b is None or np.isinf(b) else b for b in band]
-    return Outcome(estimator, frf=(frf, _response(model, frf)), used=in_band(frf.f, band), warnings=messages())
+        estimator.fit(frf)
+    response, used = _response(estimator.model_, frf), in_band(frf.f, estimator.band)
+    return Outcome(estimator, frf=(frf, response), used=used, warnings=messages())
 
 
 def _beside(records: Sequence[Record]) -> dict[str, Any]:
@@ -236,24 +234,20 @@ def advice(outcome: Outcome) -> list[str]:
     said: list[str] = []
     errors = outcome.estimator.errors_.drop(index="pooled")["error"]
     poor = [f"{dof_words(k)} ({e:.3g} %)" for k, e in errors.items() if e > LARGE_ERROR]
-    if poor and not outcome.warnings:
-        cause = (
-            "A law is missing, or the channels are noisy; either biases masses and stiffnesses, noise biases them "
-            "low. Try another degree or law, or a band."
-            if outcome.frf is None
-            else "Noise in the responses biases all masses and stiffnesses low together; trust their ratios and the "
-            "frequencies more than their size."
-        )
-        said.append(f"Much of the force is unexplained in the balance of {listed(poor)}. {cause}")
-    said += not_positive(outcome.estimator.masses_, "negative")
-    if outcome.free_run is not None and np.nanmax(outcome.free_run.to_numpy()) > 50:
-        damping = pd.Series([0.0]) if outcome.modes is None else outcome.modes["damping"]
+    if poor and outcome.frf is None and not outcome.warnings:
         said.append(
-            creates_energy(damping.idxmin(), damping.min())
-            if damping.min() < 0
-            else "The free run leaves the measured motion. A model can be right and still drift (a stage without a "
+            f"Much of the force is unexplained in the balance of {listed(poor)}. A law is missing, or the channels are "
+            "noisy; either biases masses and stiffnesses, noise biases them low. Try another degree or law, or a band."
+        )
+    said += not_positive(outcome.estimator.masses_, "negative")
+    dampings = pd.Series([0.0]) if outcome.modes is None else outcome.modes["damping"]
+    if (astray := outcome.free_run is not None and np.nanmax(outcome.free_run.to_numpy()) > 50) and dampings.min() >= 0:
+        said.append(
+            "The free run leaves the measured motion. A model can be right and still drift (a stage without a "
             "spring, a yielding storey, a record that starts in motion); check the figure."
         )
+    elif dampings.min() < 0 and (astray or outcome.frf is not None):
+        said.append(creates_energy(dampings.idxmin(), dampings.min()))
     return said
 
 

@@ -311,7 +311,7 @@ def _whole(first: np.ndarray, second: np.ndarray, order: int, fs: float) -> _Lin
     f = np.fft.rfftfreq(length, 1 / fs)
     Y, Z = np.fft.rfft(bell * y), np.fft.rfft(bell * z)
     # derived line by line before lines are averaged: however steep the spectra, nothing leaks then
-    U = Y * np.where(f > 0, 2j * np.pi * f, 1.0) ** order
+    U = Y * (2j * np.pi * np.maximum(f, f[1])) ** order  # a running mean loses what is far below its largest line
     # the window is differentiated too: lines with few cycles within it, or within its decay, are unreliable
     lasting = min(_duration(bell * y), _duration(bell * z)) / fs
     sums = _mean(np.conj(U) * Z), _mean(np.abs(U) ** 2), _mean(np.abs(Z) ** 2), _mean(np.abs(Y) ** 2)

@@ -24,7 +24,7 @@ ENOUGH = 20_000  # samples used to find the quantisation step, and largest numbe
 LEVELS = 64  # fewer distinct steps over the range than this are coarse
 
 # Motions or forces above these sizes suggest a wrong unit.
-_LARGE = {"a": (1e5, "m/s^2"), "v": (50.0, "m/s"), "x": (10.0, "m"), "F": (1e9, "N")}
+_LARGE = {"a": (np.inf, "m/s^2"), "v": (50.0, "m/s"), "x": (10.0, "m"), "F": (1e9, "N")}  # of a see _BRISK
 # Ratios of two channels of one motion that indicate a unit.
 _RATIOS = {9.80665: "g", 1e3: "mm", 1e2: "cm", 1e6: "µm", 39.3701: "inches", 3.28084: "feet", 100 / 9.80665: "gal"}
 # Acceleration (m/s^2) and the displacement (m) it implies at its strongest frequency, both exceeded for a wrong unit.

@@ -15,6 +15,7 @@ from chains import driven
 from pysindy_nrf import ChainModel, NRFRegressor, Record, excitation, laws, simulate
 from pysindy_nrf.data.io import read_record
 from pysindy_nrf.exceptions import DataQualityWarning
+from pysindy_nrf.signals.alignment import channel_alignment
 from pysindy_nrf.signals.channel_checks import check_channels, data_warnings
 from pysindy_nrf.simulation.noise import add_noise
 
@@ -117,6 +118,18 @@ def test_a_light_frame_may_shake_hard_and_millimetres_for_metres_are_still_asked
     hard = rec.replace(acceleration=rec.acceleration * (15 * hertz / np.abs(rec.acceleration).max()))  # 300, 1950 m/s^2
     assert data_warnings(hard) == []
     assert "unit" in data_warnings(hard.replace(acceleration=1e3 * hard.acceleration))[0]
+
+
+@pytest.mark.parametrize(("length", "second"), [(1.0, 1.0), (1e-6, 1e-4), (1e-8, 1e-6), (10.0, 10.0)])
+def test_channels_agree_or_not_at_any_scale(length, second):
+    """A chain in micrometres and megahertz is the same chain."""
+    rec = record()
+    small = rec.replace(
+        acceleration=rec.acceleration * length / second**2, displacement=rec.displacement * length, velocity=None, fs=rec.fs / second
+    )
+    assert not data_warnings(small)
+    table = channel_alignment(small.replace(displacement=1.1 * small.displacement))
+    np.testing.assert_allclose(table["gain"].astype(float), 1.1, rtol=0.02)
 
 
 def test_an_integration_rule_is_no_wrong_calibration():

@@ -182,7 +182,7 @@ def test_moving_base_relative_and_absolute_give_the_same_features():
     }
     for name, record in cases.items():
         got, _ = to_features(record)
-        worst = (np.abs(got - want)[40:-40].max() / want.std()).max()
+        worst = (np.abs(got - want).iloc[40:-40].max() / want.std()).max()
         assert worst < 1e-5, name
     assert np.isfinite(relative[0]).all()
     with pytest.raises(ChannelError, match="base_displacement"):

@@ -47,7 +47,7 @@ class ForceProbes:
         self._windows.setdefault((window.record, number % FOLDS), []).append(window)
 
     def grams(self) -> dict[int, dict[tuple[int, int], np.ndarray]]:
-        """Gram matrices by balance, then by record and fold; those of balances whose force is known and acts."""
+        """Gram matrices by balance, then by record and fold; of balances without a force where records are compared."""
         none = dict.fromkeys(range(1, self.layout.n_dof + 1), 0.0)
         out: dict[int, dict[tuple[int, int], np.ndarray]] = {}
         some = slice(None, None, max(1, self.n_rows // _ENOUGH))
@@ -55,14 +55,17 @@ class ForceProbes:
             blocks = [w.block.take(some) for w in windows]
             lines: Any = (np.hstack([getattr(b, k) for b in blocks]) for k in ("terms", "acceleration", "force"))
             block = Block(*lines)
-            for j in (np.flatnonzero(self.rms > 0) + 1).tolist():
-                if not np.isfinite(block.force[j - 1]).all():
+            for j in range(1, self.layout.n_dof + 1):
+                acts = self.rms[j - 1] > 0
+                if not np.isfinite(block.force[j - 1]).all() or not acts and len(self.names) < 2:
                     continue
                 group = self.layout.group((j,))
                 *own, force = rows_of(self.layout, group, block, none)
+                if not acts:  # its inertia is what its laws have to explain
+                    *own, force = own
                 offered = np.stack([np.hstack([w.offered[s][:, some] for w in windows]) for s in group.sites])
                 more = np.vstack([offered[:, :-LASTING].reshape(-1, block.n_samples), offered[0, -LASTING:]])
-                u = force / self.rms[j - 1]
+                u = force / (self.rms[j - 1] or 1.0)
                 rows = np.vstack([*own, more, _probes(u, offered[0, -1]), u])
                 self.widths[j] = len(own), len(more)
                 out.setdefault(j, {})[key] = rows @ rows.T
@@ -75,7 +78,7 @@ class ForceProbes:
             own, more = self.widths[j]
             if self.n_rows < ROWS_PER_COLUMN * (own + more):
                 continue
-            out += self._unlike(j, held, own) or self._distorted(j, held, own, more)
+            out += self._unlike(j, held, own) or (self._distorted(j, held, own, more) if self.rms[j - 1] else [])
         return out
 
     def _distorted(self, j: int, held: Mapping[tuple[int, int], np.ndarray], own: int, more: int) -> list[str]:
@@ -140,7 +143,7 @@ class ForceProbes:
             scaled = float(left_over(whole, columns, fit * theirs))
             said = f"is {np.sqrt(apart / force):.0%} off with the masses and laws that the others give, "
             said += f"{np.sqrt(alone / force):.0%} with its own"
-            if scaled < _ALIKE**2 * alone:
+            if self.rms[j - 1] and scaled < _ALIKE**2 * alone:
                 said += f"; with its F{j} divided by {fit:.3g} they agree: is the gain of F{j} another one there?"
             else:
                 said += ". Is it another structure, another amplitude of a law that is missing, or another calibration?"

@@ -352,13 +352,14 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         jumps = JumpBias(model, solve_order, problem.known_masses, problem.optimizer, silent, held)
         # fusion costs far more; of arrays, whose fit may take milliseconds, it would double the time
         forces = [ForceProbes(terms.layout, judged)] if self._records is not None and self._measured else []
+        known = problem.wrong_masses(data, float(self.errors_.loc["pooled", "error"])) if forces else []
         collect(terms.layout, judged, self.band, [terms, *jumps.active, *forces])
         self.missing_terms_, self.jump_bias_ = terms.table(), jumps.table()
         self.data_warnings_ = {
             "channels": data.doubts,
             "forces": contradictions_of(solution, grams) + [one for held in forces for one in held.sentences()],
             "records": copies_of(data) if self._records is not None else [],
-            "masses": doubtful_masses(solution) + lost_masses(model),
+            "masses": doubtful_masses(solution) + lost_masses(model) + known,
         }
         said = [text for key in ("records", "forces", "masses") for text in self.data_warnings_[key]]
         said += sentences_of(self.jump_bias_)

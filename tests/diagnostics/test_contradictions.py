@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 
+import numpy as np
 import pytest
 from chains import driven
 
-from pysindy_nrf import Chain, ChainModel, NRFRegressor, laws
+from pysindy_nrf import Chain, ChainModel, NRFRegressor, laws, simulate
 from pysindy_nrf.exceptions import BiasWarning
+from pysindy_nrf.simulation.excitation import band_limited_random
 from pysindy_nrf.simulation.noise import add_noise
 
 FS = 500.0
@@ -56,6 +59,18 @@ def test_of_a_storey_at_the_end_either_floor_is_asked(record):
 def test_a_wrong_known_mass_is_one_too(record):
     _, said = fitted(record, known_masses={2: 0.4})
     assert "of DOF 2, where all of them meet" in said
+
+
+@pytest.mark.parametrize("dof", [1, 2, 3])
+def test_one_wrong_mass_of_a_shaken_chain_is_named_with_its_size(dof):
+    """All masses together scale the laws, which no motion tells; one against the others shows in the balances."""
+    known = {1: 5.0, 2: 4.0, 3: 3.0}
+    base = band_limited_random(1, 8.0, FS, excited=[1], rms=2.0, band=(0.5, 40), random_state=0)[:, 0]
+    truth = ChainModel([5.0, 4.0, 3.0], dict.fromkeys((1, 2, 3), LINEAR))
+    run = add_noise(simulate(truth, np.zeros((4000, 3)), 1 / FS, base_acceleration=base), 0.01, random_state=0)
+    assert "left free" not in fitted(run, known_masses=known)[1]
+    found = re.search(r"left free, m(\d) is ([\d.]+) kg", fitted(run, known_masses=known | {dof: 1.2 * known[dof]})[1])
+    assert found and int(found[1]) == dof and float(found[2]) == pytest.approx(known[dof], rel=0.01)
 
 
 def test_a_brace_that_two_balances_find_differently():

@@ -14,8 +14,8 @@ LAWS = {f"storey {i}": (laws.LinearElastic(k), laws.LinearViscous(50.0)) for i, 
 FRAME, OTHER = (ChainModel([12.0, 9.0, m], LAWS) for m in (15.0, 18.0))
 
 
-def record(seed=0, model=FRAME):
-    F = excitation.band_limited_random(3, 15.0, 400.0, excited=[1, 2, 3], rms=100.0, band=(1, 40), random_state=seed)
+def record(seed=0, model=FRAME, excited=(1, 2, 3)):
+    F = excitation.band_limited_random(3, 15.0, 400.0, excited=list(excited), rms=100.0, band=(1, 40), random_state=seed)
     return add_noise(simulate(model, F, 1 / 400, name=f"test {seed}"), 0.01, random_state=seed)
 
 
@@ -79,3 +79,5 @@ def test_records_that_do_not_belong_together_are_named(one):
     assert "do not belong together" in said and "is the gain of F2 another one there?" in said
     said = " ".join(doubts([one, record(1, OTHER)])["forces"])
     assert "the balance of DOF 3" in said and "another structure" in said
+    alone, other = (record(k, model, [1]) for k, model in enumerate((FRAME, OTHER)))
+    assert "the balance of DOF 3 in record" in " ".join(doubts([alone, other])["forces"])  # on which no force acts

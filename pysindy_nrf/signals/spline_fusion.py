@@ -15,6 +15,7 @@ from scipy.interpolate import BSpline
 from scipy.linalg import LinAlgError, solveh_banded
 from scipy.signal import csd, welch
 from scipy.sparse import csr_array, diags_array
+from scipy.special import erfinv
 from threadpoolctl import threadpool_limits
 
 from ..exceptions import ChannelError
@@ -110,9 +111,12 @@ FLOOR = 1e-9
 # A derivative does not determine the mean position. Its noise level is taken as at least this share of the level of the
 # channel it is a derivative of (units of samples); otherwise the position is lost in rounding when squared.
 REACH = 2e-7
-# Channels count as computed, not measured, if their white noise is below the first share of their rms and they
-# contradict each other by less than the second (as under a force held linear between samples).
-CLEAN_NOISE, CLEAN_CONTRADICTION = 1e-6, 2e-3
+# Channels count as computed, not measured, if their white noise is below a share of their rms and they contradict each
+# other by less than the last (as under a force held linear between samples), both in the quietest tenth of the samples:
+# friction and blows leave kinks, noise is everywhere (36 computed chains with friction, gaps, hysteresis: 1e-4 and 3e-4
+# at most). Derivatives of what is measured raise its noise; where nothing has to be derived, the drifts have some ten
+# times its share, and the bias of least squares is the square of that, 1e-6.
+CLEAN_DERIVED, CLEAN_MEASURED, CLEAN_CONTRADICTION, QUIETEST = 1e-6, 1e-4, 2e-3, 0.1
 
 
 @dataclass
@@ -169,7 +173,7 @@ def fuse(
     worse = 0
     for spacing in spacings:
         fit = _fit(channels, measured, ladder[spacing], start, given, floor, corner)
-        if spacing == spacings[0] and _clean(channels, measured, given, fit[2], scale):
+        if spacing == spacings[0] and _clean(channels, measured, given, ladder[spacing], fit[1], scale):
             return _as_measured(channels, measured, ladder, given, floor, fit[2], corner)
         if best is None or fit[0] < best[0]:
             best, worse = (*fit, spacing), 0
@@ -202,10 +206,12 @@ def refine(views: list[list[np.ndarray | None]], single: list[FusedMotion], ladd
     return out
 
 
-def _clean(channels: Any, measured: list[int], given: np.ndarray, levels: np.ndarray, scale: np.ndarray) -> bool:
-    white = np.array([white_level(y, 10) if y is not None else 0.0 for y in channels])
-    white = np.where(np.isnan(given), white, given)
-    return all(white[o] < CLEAN_NOISE * scale[o] and levels[o] < CLEAN_CONTRADICTION * scale[o] for o in measured)
+def _clean(channels: Any, measured: list[int], given: Any, basis: SplineBasis, c: Any, scale: np.ndarray) -> bool:
+    """Whether the channels are free of noise, and agree with the spline of all of them."""
+    white = [_quiet_level(channels[o]) if np.isnan(given[o]) else given[o] for o in measured]
+    left = [_quietest(basis.evaluate(o, c) - channels[o]) for o in measured]
+    size, limit = scale[measured], CLEAN_MEASURED if len(measured) == 3 else CLEAN_DERIVED
+    return bool(np.all((white < limit * size) & (left < CLEAN_CONTRADICTION * size)))
 
 
 def _as_measured(
@@ -215,7 +221,7 @@ def _as_measured(
     motion = np.stack([ladder[1.0].evaluate(o, coefficients) for o in range(3)])
     noise = np.full(3, np.nan)
     for o in measured:
-        noise[o] = max(white_level(channels[o], 10), floor[o]) if np.isnan(given[o]) else given[o]
+        noise[o] = max(_quiet_level(channels[o]), floor[o]) if np.isnan(given[o]) else given[o]
         if corner == 0.0:
             motion[o] = channels[o]
     return FusedMotion(motion, noise, 1.0, corner, clean=True)
@@ -290,6 +296,17 @@ def white_level(y: np.ndarray, order: int = 4) -> float:
     if 2 * np.count_nonzero(steps) < steps.size:  # constant to the last bit for the most part: see _changing
         steps = steps[steps > 0]
     return float(np.median(steps) / 0.6745 / np.sqrt(comb(2 * order, order))) if steps.size else 0.0
+
+
+def _quiet_level(y: np.ndarray) -> float:
+    """Level of the white noise of a channel in its quietest samples, by tenth differences."""
+    steps = np.diff(y, 10)
+    return _quietest(steps[steps != 0]) / comb(20, 10) ** 0.5 if len(y) >= 40 and steps.any() else white_level(y, 10)
+
+
+def _quietest(noise: np.ndarray) -> float:
+    """Rms of normal noise with the same quietest tenth."""
+    return float(np.quantile(np.abs(noise), QUIETEST) / (2**0.5 * erfinv(QUIETEST)))
 
 
 def _changing(y: np.ndarray) -> slice | np.ndarray:

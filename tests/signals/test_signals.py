@@ -5,8 +5,9 @@ from functools import cache
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.integrate import solve_ivp
 
-from pysindy_nrf import ChainModel, Record, datasets, laws, simulate
+from pysindy_nrf import ChainModel, NRFRegressor, Record, datasets, laws, simulate
 from pysindy_nrf.exceptions import ChainError, ChannelError, DataQualityWarning
 from pysindy_nrf.signals import KinematicSmoother, integrate
 from pysindy_nrf.signals.kinematics import to_features
@@ -127,6 +128,32 @@ def test_noise_free_hammer_keeps_its_kinks_and_the_masses_are_exact():
     F, a, v, x = chain_test("hammer", 0, over=1)
     X, F = to_features(Record(F, a, v, x, fs=FS))
     np.testing.assert_allclose(sequential_masses(X, F), MASS, rtol=1e-8)
+
+
+def test_noise_free_friction_is_not_smoothed_and_every_parameter_is_exact():
+    """Friction that creeps through some 20 reversals a second leaves kinks in most samples; truth by LSODA."""
+    t, k, c, tones = np.arange(3000) / 250, np.array([9e4, 6e4]), np.array([60.0, 40.0]), np.array([5.1, 8.3, 13.7, 21.9])
+
+    def force(now):
+        return 60.0 * np.sin(2 * np.pi * np.outer(now, tones) + tones).sum(axis=1)
+
+    def acceleration(now, x, v):
+        drift, rate = (np.diff(y, axis=0, prepend=0.0) for y in (x, v))
+        storeys = k[:, None] * drift + c[:, None] * rate
+        storeys[1] += 20.0 * np.tanh(rate[1] / 1e-4)
+        applied = np.stack([np.zeros(len(now)), force(now)])
+        return (applied - storeys + np.append(storeys[1:], np.zeros((1, len(now))), axis=0)) / 10.0
+
+    def rates(now, y):
+        return np.concatenate([y[2:], acceleration(np.array([now]), y[:2, None], y[2:, None])[:, 0]])
+
+    y = solve_ivp(rates, (0, t[-1]), np.zeros(4), "LSODA", t, rtol=1e-10, atol=1e-13, max_step=2e-3).y
+    F = np.column_stack([np.zeros_like(t), force(t)])
+    record = Record(F, acceleration(t, y[:2], y[2:]).T, y[2:].T, y[:2].T, fs=250.0)
+    linear = [laws.LinearElastic(), laws.LinearViscous()]
+    model = NRFRegressor(laws={1: linear, 2: [*linear, laws.RegularizedFriction()]}).fit(record)
+    np.testing.assert_allclose(model.masses_, 10.0, rtol=1e-6)
+    assert model.model_.laws[model.chain_.site(2)][2].parameters == pytest.approx({"v0": 1e-4, "Fc": 20.0}, rel=1e-4)
 
 
 def test_fused_channels_are_derivatives_of_each_other():

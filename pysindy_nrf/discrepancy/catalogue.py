@@ -33,9 +33,10 @@ class Candidate:
 def default_catalogue(covariates: Sequence[str] = ()) -> list[ForceLaw]:
     """All laws of the package that can be an undeclared effect."""
     plain: list[ForceLaw] = [
-        laws.CoulombFriction(), laws.StribeckFriction(), laws.PositionDependentFriction(), laws.BreakAwayFriction(),
-        laws.ShiftedFriction(), laws.QuadraticDamping(), laws.PowerLawDamping(), laws.DisplacementDependentDamping(),
-        laws.QuadraticStiffness(), laws.AbsoluteQuadraticStiffness(), laws.CubicStiffness(), laws.QuinticStiffness(),
+        laws.CoulombFriction(), laws.RegularizedFriction(), laws.StribeckFriction(), laws.PositionDependentFriction(),
+        laws.BreakAwayFriction(), laws.ShiftedFriction(), laws.QuadraticDamping(), laws.PowerLawDamping(),
+        laws.DisplacementDependentDamping(), laws.QuadraticStiffness(), laws.AbsoluteQuadraticStiffness(),
+        laws.CubicStiffness(), laws.QuinticStiffness(),
         laws.OneSidedGap(), laws.OneSidedGap(side=-1), laws.PreloadedContact(), laws.PreloadedContact(side=-1),
         laws.TwoSidedGap(), laws.DeadZone(), laws.Bilinear(), laws.Jenkins(), laws.BacklashFriction(), laws.Iwan(),
         laws.Dahl(), laws.LuGre(), laws.BoucWen(), laws.DegradingBoucWen(), laws.PinchedBoucWen(), laws.MaxwellBranch(),

@@ -38,6 +38,7 @@ from .friction import CovariateFriction as CovariateFriction
 from .friction import GroundFriction as GroundFriction
 from .friction import LaggedCovariateFriction as LaggedCovariateFriction
 from .friction import PositionDependentFriction as PositionDependentFriction
+from .friction import RegularizedFriction as RegularizedFriction
 from .friction import ShiftedFriction as ShiftedFriction
 from .friction import StribeckFriction as StribeckFriction
 from .general import PrandtlIshlinskii as PrandtlIshlinskii

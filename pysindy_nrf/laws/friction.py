@@ -97,6 +97,23 @@ class StribeckFriction(_Friction):
         out[1] = sign * np.exp(-np.minimum(np.abs(v) / theta[0], 700.0))
 
 
+class RegularizedFriction(_Friction):
+    r"""Friction that creeps through a velocity reversal, as of wet contacts and as most simulations write it.
+
+    .. math:: R = F_c \tanh(v / v_0)
+    """
+
+    name = "regularized_friction"
+    jumps = False
+    shapes = (Shape("v0", "m/s", 1e-4, 0.3, "v"),)
+    columns = (Term("Fc", "tanh(v/v0)", "N"),)
+    special_cases = {CoulombFriction: lambda c: RegularizedFriction(v0=1e-12, Fc=c.values[0])}
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = np.tanh(v / theta[0])
+
+
 class PositionDependentFriction(_Friction):
     r"""Friction whose level changes with the drift, as of wedges, ring springs or a tapered guide.
 

@@ -47,6 +47,7 @@ POINTS = [
     (laws.StribeckFriction(0.02, 10.0, 6.0), at(v=0.04), 10.0 + 6.0 / E**2),
     (laws.StribeckFriction(0.02, 10.0, 6.0), at(v=1e30), 10.0),
     (laws.StribeckFriction(0.02, 10.0, 6.0), at(v=0.0), 0.0),
+    (laws.RegularizedFriction(0.02, 10.0), at(v=-0.02), -10.0 * (E**2 - 1) / (E**2 + 1)),
     (laws.PositionDependentFriction(5.0, 2e3), at(s=-2e-3, v=0.1), 9.0),
     (laws.PositionDependentFriction(5.0, 2e3), at(s=2e-3, v=0.0), 0.0),
     (laws.ShiftedFriction(4.0, 7.0), at(s=0.01, v=-0.03), 7.0),

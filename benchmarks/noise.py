@@ -97,7 +97,7 @@ CASES = {
     "10 %": ("plain", [3], 0.10, "random"),
     "5 %, hammer": ("plain", [3], 0.05, "hammer"),
     "5 %, all DOFs forced": ("plain", [1, 2, 3, 4], 0.05, "random"),
-    "5 %, all DOFs forced, strategy='joint'": ("plain", [1, 2, 3, 4], 0.05, "random"),
+    "5 %, all DOFs forced, strategy='complete'": ("plain", [1, 2, 3, 4], 0.05, "random"),
     "5 %, cubic storey 2": ("cubic storey", [3], 0.05, "random"),
     "5 %, MR damper, its law in the model": ("damper", [3], 0.05, "random"),
     "5 %, random parameters": ("random parameters", [3], 0.05, "random"),
@@ -109,8 +109,8 @@ def one(case: str, estimation: str, seed: int) -> np.ndarray:
     kind, dofs, noise, force = CASES[case]
     truth, told = chain(kind, seed)
     rec = record(truth, dofs, seed, noise, force)
-    if "joint" in case:
-        told["strategy"] = "joint"
+    if "complete" in case:
+        told["strategy"] = "complete"
     if estimation == "ls, raw channels":
         try:
             return errors(NRFRegressor(**told, dt=1 / FS).fit(*rec.to_features(smooth=False)).model_, truth)

@@ -35,7 +35,8 @@ TERMS = ["v", "s", "v^2", "v s", "s^2", "v^3", "v^2 s", "v s^2", "s^3"]
 
 
 def fit(X: pd.DataFrame, F: pd.DataFrame, **options) -> tuple[NRFRegressor, bool]:
-    """A regressor, and whether it warned of bias."""
+    """A regressor that solves as the paper does, and whether it warned of bias."""
+    options = {"strategy": cases.paper_strategy(X, F)} | options
     with warnings.catch_warnings(record=True) as raised:
         warnings.simplefilter("ignore", DataQualityWarning)
         warnings.simplefilter("always", BiasWarning)

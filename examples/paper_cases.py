@@ -138,12 +138,18 @@ def calibrate_level(random_state: int = 0) -> float:
     )
 
 
+def paper_strategy(X: Any, F: Any = None) -> str:
+    """The paper's way for a record, or features and forces: each balance alone (eq. 3), or in sequence (eqs. 4-5)."""
+    force = np.asarray(X.force if F is None else F)
+    return "complete" if force.any(axis=0).all() else "sequential"
+
+
 def polynomial_gap(level: float, excitation: str = "incomplete", random_state: int = 0) -> float:
     """Rms difference of the paper's and our polynomial of storey 1 along our motion, percent of the force."""
     case = two_dof(excitation, level=level, random_state=random_state)
     X, F = case.exact.to_features(smooth=False)
     with warnings.catch_warnings(action="ignore", category=BiasWarning):
-        ours = NRFRegressor(degree=3).fit(X, F).restoring_forces_[1](X["v1"], X["s1"])
+        ours = NRFRegressor(degree=3, strategy=paper_strategy(X, F)).fit(X, F).restoring_forces_[1](X["v1"], X["s1"])
     paper = TWO_DOF_COMPLETE if excitation == "complete" else TWO_DOF_INCOMPLETE
     return nrmse(case.force[:, 0], case.force[:, 0] + printed_force(paper.storeys[1], X["v1"], X["s1"]) - ours)
 
@@ -153,7 +159,8 @@ def first_mass(level: float, excitation: str = "incomplete", random_state: int =
     case = two_dof(excitation, level=level, random_state=random_state)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", BiasWarning)
-        return float(NRFRegressor(degree=3).fit(*case.exact.to_features(smooth=False)).masses_[0])
+        X, F = case.exact.to_features(smooth=False)
+        return float(NRFRegressor(degree=3, strategy=paper_strategy(X, F)).fit(X, F).masses_[0])
 
 
 def frame_model(friction: float = 0.0, sigma: float = FRAME_SIGMA) -> ChainModel:
@@ -228,7 +235,7 @@ def calibrate_frame(evaluations: int = 12) -> dict[str, float]:
             case = damped_frame(excitation, damper=damper, level=at[excitation], duration=10.0, blows=5)
             X, F = case.exact.to_features(smooth=False)
             with warnings.catch_warnings(action="ignore", category=BiasWarning):
-                model = NRFRegressor(degree=3).fit(X, F)
+                model = NRFRegressor(degree=3, strategy=paper_strategy(X, F)).fit(X, F)
             linear, (k, c) = model.restoring_forces_[4].linear_part(), paper.storeys[4][:2]
             device = model.restoring_force(X)[:, 3] - case.bare.restoring_force(X)[:, 3]
             energy = np.trapezoid(device * X["v4"]) / np.trapezoid(case.damper[:, 3] * X["v4"])

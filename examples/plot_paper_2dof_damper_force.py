@@ -38,7 +38,7 @@ energies, energy_axes = plt.subplots(2, 2, figsize=(9, 6.5), layout="constrained
 for (excitation, noise), (number, paper), ax in zip(figures, figures.values(), energy_axes.ravel()):
     case = cases.two_dof(excitation, noise)
     X, F = case.measured.to_features(smooth=noise > 0)
-    model = NRFRegressor(degree=3).fit(X, F)
+    model = NRFRegressor(degree=3, strategy=cases.paper_strategy(X, F)).fit(X, F)
     found = damper_force(model, case.bare, X)
 
     # The damper force of both storeys, on identical scales, over drift and rate; the last two seconds.

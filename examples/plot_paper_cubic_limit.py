@@ -34,7 +34,7 @@ for ax, floors in zip(axes, (cases.COMPLETE_FRAME, cases.INCOMPLETE_FRAME)):
             X, F = case.exact.to_features(smooth=False)
             with warnings.catch_warnings(record=True) as raised:
                 warnings.simplefilter("always", BiasWarning)
-                cubic = NRFRegressor(degree=3).fit(X, F)
+                cubic = NRFRegressor(degree=3, strategy=cases.paper_strategy(X, F)).fit(X, F)
             hysteretic = {"storey 4": [laws.PowerSeries(1), laws.Dahl()]}
             closed = NRFRegressor(degree=1, laws=hysteretic).fit(X, F)
             bias = [100 * (m.masses_ / case.truth.masses - 1) for m in (cubic, closed)]

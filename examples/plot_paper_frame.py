@@ -64,7 +64,7 @@ def draw(excitation, paper, paper_linear, fig):
 
     # The paper's way: a cubic for the frame with its damper, a linear model for the frame without it.
     X, F = test.measured.to_features()
-    cubic = NRFRegressor(degree=3).fit(X, F)
+    cubic = NRFRegressor(degree=3, strategy=cases.paper_strategy(X, F)).fit(X, F)
     linear = linear_twin(cubic).fit(*bare_test.measured.to_features())
     # The same data with a law that can hold the damper.
     closed = NRFRegressor(degree=1, laws={"storey 4": [laws.PowerSeries(1), laws.Dahl()]}).fit(X, F)

@@ -22,7 +22,6 @@ from ..exceptions import BiasWarning, NRFError, RankWarning
 from ..laws.friction import jump_at_reversal
 from ..mechanics.sites import Site
 from ..regression.chain_solve import Solution, groups_of, solve
-from ..regression.errors import balance_sizes
 from ..regression.gram_pass import GramPass
 from ..regression.grams import BlockGrams
 from ..regression.layout import Block, LawLayout, Layout, Recipe, copies
@@ -224,43 +223,27 @@ def left_over(grams: np.ndarray, columns: np.ndarray, c: np.ndarray) -> np.ndarr
     return np.maximum(grams[..., -1, -1] + (c * image).sum(axis=-1), 0.0)
 
 
-# Percent of a balance that the law found by the other end leaves, and how many times what its own law leaves.
-_MUCH, _TIMES = 10.0, 3.0
-
-
-def contradictions_of(solution: Solution, grams: BlockGrams) -> list[str]:
+def contradictions_of(solution: Solution) -> list[str]:
     """Sentences on storeys and links that two balances find unlike each other."""
-    hit = []
-    for site in sorted(solution.twins, key=str):
-        own = {s: twin if s.q == site.q else solution.coefficients[s] for s, twin in solution.twins.items()}
-        error, alone = (
-            _percent(site.q, solution, coefficients, grams)
-            for coefficients in (solution.coefficients, solution.coefficients | own)
-        )
-        if error > max(_MUCH, _TIMES * alone):
-            hit.append((site, error, alone))
+    solution = solution.alone or solution
+    fits = {fit.step.dofs[0]: fit for fit in solution.fits if fit.contradicts}
+    hit = [site for site in sorted(solution.twins, key=str) if site.q in fits]
     if not hit:
         return []
-    site, error, alone = max(hit, key=lambda found: found[1])
-    shared = set.intersection(*({s.p, s.q} for s, _, _ in hit))
+    site = max(hit, key=lambda site: fits[site.q].crossed)
+    shared = set.intersection(*({s.p, s.q} for s in hit))
     if len(hit) > 1 and len(shared) == 1:
         whose = f"DOF {shared.pop()}, where all of them meet,"
     else:
-        whose = "one of DOF " + ", ".join(map(str, sorted({j for s, _, _ in hit for j in (s.p, s.q)})))
+        whose = "one of DOF " + ", ".join(map(str, sorted({j for s in hit for j in (s.p, s.q)})))
     is_are = "are" if len(hit) > 1 else "is"
-    names = " and ".join(str(s) for s, _, _ in hit)
+    names = " and ".join(map(str, hit))
     return [
         f"Balances contradict each other: {names} {is_are} found twice, and unlike each other. "
-        f"The balance of DOF {site.q} is {error:.0f} % off with the law of {site} that the balance of DOF {site.p} "
-        f"finds, {alone:.2g} % with its own. Is the force (its unit, gain, sign, channel) or the known mass of "
-        f"{whose} wrong? Otherwise noise or a missing law biases one of them."
+        f"The balance of DOF {site.q} is {100 * fits[site.q].crossed:.0f} % off with the law of {site} that the "
+        f"balance of DOF {site.p} finds, {100 * fits[site.q].share:.2g} % with its own. Is the force (its unit, gain, "
+        f"sign, channel) or the known mass of {whose} wrong? Otherwise noise or a missing law biases one of them."
     ]
-
-
-def _percent(j: int, solution: Solution, coefficients: dict, grams: BlockGrams) -> float:
-    """Balance error of a DOF, percent NRMSE; NaN where its force is unknown."""
-    sizes = balance_sizes(j, solution.masses, coefficients, grams)
-    return 100.0 * sizes.residual / sizes.reference if sizes is not None and sizes.reference else np.nan
 
 
 # Groups of windows whose scatter gives the standard errors.

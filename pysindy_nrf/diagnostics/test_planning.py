@@ -201,7 +201,7 @@ def _delays(model: Any) -> list[Finding]:
 
 
 def _noise(model: Any) -> list[Finding]:
-    """The bias that white noise still in the motions gives a least-squares mass, balance by balance."""
+    """The bias that white noise still in the motions gives a least-squares mass, as its balances are solved."""
     data = model._records
     if data is None or model.model_.info.get("estimation", {}).get("found") != "ls":
         return []
@@ -219,43 +219,56 @@ def _noise(model: Any) -> list[Finding]:
     size = {name: float(np.sqrt(np.mean([rms**2 for _, rms in held]))) for name, held in shares.items()}
     pieces = model._resolving().pieces
     coefficients = model.model_.coefficients
-    out = []
+    # Gram matrix, noise in it and estimate of the linear terms: by balance, or of all balances over their residuals
+    systems: dict[int, tuple[dict[str, float], np.ndarray, np.ndarray]] = {}
     for step in model.solve_order_.steps:
         if len(step.dofs) > 1 or not step.masses or pieces.instrumented:
             continue
-        group = layout.group(step.dofs)
-        names: list[str] = []  # empty for what is not a linear term of this storey
-        for site in group.sites:
-            for term in layout.terms_at(site):
-                own = term.label in ("v", "s") and site.is_storey and site in step.sites
-                names.append(f"{term.label}{site.p}" if own else "")
-        free = [i for i, name in enumerate(names) if name] + [len(names)]
-        names.append(f"a{step.dofs[0]}")
-        gram = pieces.matrices[step.dofs].sum(axis=0)[np.ix_(free, free)]
+        group, j = layout.group(step.dofs), step.dofs[0]
+        terms = [
+            (site.is_storey and site in step.sites and term.label in ("v", "s"), f"{term.label}{site.p}", sign, value)
+            for site, sign in zip(group.sites, group.signs)
+            for term, value in zip(layout.terms_at(site), coefficients[site])
+        ] + [(True, f"a{j}", 1, model.masses_[j - 1])]
+        free = [i for i, (own, *_) in enumerate(terms) if own]
+        found, sign = {terms[i][1]: terms[i][3] for i in free}, np.array([terms[i][2] for i in free])
+        gram = pieces.matrices[step.dofs].sum(axis=0)[np.ix_(free, free)] * sign * sign[:, None]
         n = pieces.sizes[step.dofs].sum()
-        lost = np.diag([n * passed * noise[names[i]] ** 2 for i in free])
+        lost = np.diag([n * passed * noise[name] ** 2 for name in found])
+        # what is quick in a channel may be motion: noise leaves at least theta^T N theta of the balance
+        theta = np.array([*found.values()])
+        implied, left = float(theta @ lost @ theta), n * float(model.errors_.loc[f"dof {j}", "residual"]) ** 2
+        systems[j] = found, gram, lost * min(1.0, left / implied) if implied else lost
+    channels = {j: list(found) for j, (found, *_) in systems.items()}
+    if model.solve_order_.strategy == "joint" and systems:
+        every = {name: value for found, *_ in systems.values() for name, value in found.items()}
+        gram, lost = np.zeros((2, len(every), len(every)))
+        for j, (found, *own) in systems.items():
+            at = np.ix_(*[[list(every).index(name) for name in found]] * 2)
+            weight = 1.0 / max(float(model.errors_.loc[f"dof {j}", "residual"]), 1e-300) ** 2
+            gram[at] += weight * own[0]
+            lost[at] += weight * own[1]
+        systems = {0: (every, gram, lost)}
+    out = []
+    for estimate, gram, lost in systems.values():
         scale = np.sqrt(np.diag(gram))
         gram, lost = gram / scale[:, None] / scale, lost / scale[:, None] / scale
-        signed = [sign * coefficients[site] for site, sign in zip(group.sites, group.signs)]
-        found = np.concatenate([*signed, [model.masses_[step.dofs[0] - 1]]])[free] * scale
-        # what is quick in a channel may be motion: noise leaves at least theta^T N theta of the balance
-        implied = float(found @ lost @ found)
-        left = n * float(model.errors_.loc[f"dof {step.dofs[0]}", "residual"]) ** 2
-        lost = lost * min(1.0, left / implied) if implied else lost
+        theta = np.array([*estimate.values()]) * scale
         values, vectors = np.linalg.eigh(gram - lost)
         # directions that noise makes up altogether cannot be restored; the bias is then larger still
-        true = vectors @ (vectors.T @ (gram @ found) / np.maximum(values, 0.1 * np.diag(vectors.T @ gram @ vectors)))
-        share = float(np.clip(1 - found[-1] / true[-1], 0.0, 1.0)) if true[-1] else 0.0
-        if share < BIASED:
-            continue
-        worst = max((names[i] for i in free), key=lambda name: noise[name] / size[name])
-        out.append((
-            4.0 + share, "noise", f"m{step.dofs[0]}", share,
-            f"m{step.dofs[0]} is expected to come out {100 * share:.0f} % low or more, and with it all that is "
-            f"solved from it: white noise in the motion, most in {worst} "
-            f"({100 * noise[worst] / size[worst]:.1f} % of its rms). Give the records so that the channels are "
-            "fused, with estimation='iv'.",
-        ))  # fmt: skip
+        true = vectors @ (vectors.T @ (gram @ theta) / np.maximum(values, 0.1 * np.diag(vectors.T @ gram @ vectors)))
+        for name, own, whole in zip(estimate, theta, true):
+            share = float(np.clip(1 - own / whole, 0.0, 1.0)) if whole else 0.0
+            if name[0] != "a" or share < BIASED:
+                continue
+            worst = max(channels[int(name[1:])], key=lambda name: noise[name] / size[name])
+            out.append((
+                4.0 + share, "noise", f"m{name[1:]}", share,
+                f"m{name[1:]} is expected to come out {100 * share:.0f} % low or more, and with it all that is "
+                f"solved from it: white noise in the motion, most in {worst} "
+                f"({100 * noise[worst] / size[worst]:.1f} % of its rms). Give the records so that the channels are "
+                "fused, with estimation='iv'.",
+            ))  # fmt: skip
     return out
 
 

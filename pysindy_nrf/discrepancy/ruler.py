@@ -298,7 +298,7 @@ class Trial:
         """The solve of a set of columns."""
         work = self.ruler.work
         order = plan_solve_order(
-            layout.chain, work.forced, work.unknown, dict(work.known_masses), work.strategy, layout.acting
+            layout.chain, work.forced, work.unknown, dict(work.known_masses), work.strategy, layout.acting, alone=True
         ).require_complete()
         return ChainFit(layout, order, work.known_masses, where, self.at, work.forced)
 

@@ -63,20 +63,20 @@ def found_twice(estimator: Any, X: Any, F: Any, **options: Any) -> dict[str, pd.
     Parameters
     ----------
     estimator : fitted NRFRegressor
-        Of complete strategy.
+        With a force on every DOF.
     X, F, **options
         As for its ``fit``.
 
     Returns
     -------
     dict of str to DataFrame
-        By storey: coefficients by term from the ``"balance i"`` (the one returned by the
-        regressor) and from ``"balance i-1"``.
+        By storey: coefficients by term from the ``"balance i"`` (the one that a regressor of
+        complete strategy returns) and from ``"balance i-1"``.
 
     Raises
     ------
     ChainError
-        If the strategy was not complete.
+        If some DOF was not forced.
 
     Examples
     --------
@@ -88,10 +88,10 @@ def found_twice(estimator: Any, X: Any, F: Any, **options: Any) -> dict[str, pd.
     [40000.0, 40000.0]
     """
     strategy = estimator.solve_order_.strategy
-    if strategy != "complete":
+    if strategy == "sequential":
         raise ChainError(f"The {strategy} strategy estimates no storey twice", "Force every DOF.")
     data = as_segments(estimator, X, F, **options)
-    problem = replace(estimator.problem_, optimizer=None)
+    problem = replace(estimator.problem_, optimizer=None, strategy="complete")
     layout, solution = problem.layout, problem.solve(data).solution
     out = {}
     for site, twin in sorted(solution.twins.items()):

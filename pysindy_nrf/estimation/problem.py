@@ -142,8 +142,8 @@ class Problem:
             If nothing scales the chain (no force and no known mass), or a mass or a law is out of reach.
         """
         forced = forced if self.excited is None else self.excited
-        order = plan_solve_order(self.chain, forced, unknown, self.known_masses, self.strategy, self.layout.acting)
-        return order.require_complete()
+        given = self.known_masses, self.strategy, self.layout.acting, self.optimizer is not None
+        return plan_solve_order(self.chain, forced, unknown, *given).require_complete()
 
     def filters(self, data: SegmentSet) -> list[FairFilter | None]:
         """Zero-phase filters of the band, one for each record; None without a band.
@@ -179,7 +179,7 @@ class Problem:
             problem = self.with_laws(layout.laws)
         solution, grams = _least_squares(problem, problem.layout, order, data, filters)
         solution.pass_on(stacklevel=4)
-        return Estimate(problem, order, model_of(problem.layout, solution), solution, grams)
+        return Estimate(problem, solution.followed(order), model_of(problem.layout, solution), solution, grams)
 
     def wrong_masses(self, data: SegmentSet, error: float) -> list[str]:
         """A sentence on known masses that the others contradict: left free, they explain most of what is left."""

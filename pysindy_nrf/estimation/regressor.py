@@ -46,8 +46,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
 
     .. math:: m_j a_j + R_j(v_j, s_j) - R_{j+1}(v_{j+1}, s_{j+1}) = F_j ,
 
-    each balance by itself where every DOF is forced (complete, eq. 3), in sequence along the chain
-    where only some are (eqs. 4-5).
+    all at once where every DOF is forced, in sequence along the chain where only some are (eqs. 4-5).
 
     Parameters
     ----------
@@ -56,8 +55,10 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
     orders : mapping of str to int or (int, int), optional
         Other orders at some storeys, e.g. ``{"storey 2": 5, "storey 3": (2, 1)}``.
     strategy : {"auto", "complete", "sequential", "joint"}
-        ``"auto"``: complete where every DOF is forced (in one record or another), else sequential.
-        ``"joint"``: all balances at once with shared laws; only where every DOF is forced.
+        ``"joint"``: all balances at once with shared laws, each over the residual that it leaves by itself;
+        ``"complete"``: each by itself, the paper's way (eq. 3); both only where every DOF is forced (in one record or
+        another). ``"auto"``: joint there, but complete with an ``optimizer``, which chooses terms balance by balance,
+        and where two balances contradict each other; elsewhere sequential.
     optimizer : PySINDy optimizer, optional
         Runs inside :class:`ChainOptimizer` on every balance; plain least squares if None.
     coordinates : {"relative", "absolute"}
@@ -95,8 +96,9 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
     restoring_forces_ : RestoringForces
         By site: ``["storey 2"]``, ``[2]``, ``["link 4-2"]``; each callable (v, s) -> N.
     third_law_gap_ : Series
-        Complete strategy: rms difference of the two estimates of each storey's force (paper eq.
-        10b), percent of its rms. The one from the upper end (balance i for storey i) is returned.
+        Where every DOF is forced: rms difference of the two estimates of each storey's force from
+        either balance by itself (paper eq. 10b), percent of its rms. Complete strategy returns that from the upper
+        end (balance i for storey i), the joint one neither.
     errors_ : DataFrame
         Balance errors (one step) on the fitted data, percent NRMSE; see :mod:`pysindy_nrf.regression.errors`.
     missing_terms_ : DataFrame
@@ -357,7 +359,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         self.missing_terms_, self.jump_bias_ = terms.table(), jumps.table()
         self.data_warnings_ = {
             "channels": data.doubts,
-            "forces": contradictions_of(solution, grams) + [one for held in forces for one in held.sentences()],
+            "forces": contradictions_of(solution) + [one for held in forces for one in held.sentences()],
             "records": copies_of(data) if self._records is not None else [],
             "masses": doubtful_masses(solution) + lost_masses(model) + known,
         }

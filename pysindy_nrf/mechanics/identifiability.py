@@ -55,6 +55,7 @@ class SolveOrder:
     missing_masses: tuple[int, ...] = ()
     missing_sites: tuple[Site, ...] = ()
     reasons: tuple[str, ...] = ()  # one sentence for each missing unknown, with a remedy
+    yields: bool = False  # joint by default: each balance by itself where two of them contradict each other
 
     @property
     def complete(self) -> bool:
@@ -76,9 +77,9 @@ class SolveOrder:
 
 def plan_solve_order(
     chain: Topology, excited: Any = (), unknown: Any = (), known_masses: Any = (),
-    strategy: str = "auto", sites: Iterable[Site] | None = None,
+    strategy: str = "auto", sites: Iterable[Site] | None = None, alone: bool = False,
 ) -> SolveOrder:  # fmt: skip
-    """Order of the solve of a chain (paper eqs. 3-5) for the forces and masses that are known."""
+    """Order of the solve of a chain (paper eqs. 3-5); "auto" is never joint where balances are used alone."""
     if strategy not in STRATEGIES:
         raise ChainError(f"strategy={strategy!r} is unknown", f"Choose one of {', '.join(STRATEGIES)}.")
     named = {"excited": excited, "unknown": unknown, "known_masses": known_masses}
@@ -86,8 +87,10 @@ def plan_solve_order(
     forced_ -= unknown_
     acting = chain.sites if sites is None else tuple(sites)
     every = frozenset(range(1, chain.n_dof + 1))
-    if strategy == "auto":
-        strategy = "complete" if forced_ == every else "sequential"
+    auto = strategy == "auto"
+    if auto:
+        whole = "complete" if alone or chain.n_dof == 1 else "joint"
+        strategy = whole if forced_ == every else "sequential"
     if strategy in ("complete", "joint"):
         scaled = forced_ if strategy == "joint" else forced_ | (masses - unknown_)
         if scaled != every:
@@ -99,7 +102,7 @@ def plan_solve_order(
             Step((j,), (() if j in masses else (j,)), tuple(s for s in acting if s.incidence(j)), (), j in forced_)
             for j in range(chain.n_dof, 0, -1)
         ]
-        return SolveOrder(strategy, tuple(steps))
+        return SolveOrder(strategy, tuple(steps), yields=auto and strategy == "joint")
     return _sequential(chain, forced_, unknown_, masses, acting)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from ..mechanics.identifiability import SolveOrder, Step
 from ..mechanics.sites import Site
 from .chain_model import ChainModel
 from .gram_pass import guess_of, total_gram
-from .grams import BlockGrams
+from .grams import BlockGrams, root_of, upper_of
 from .inner import fit_inner
 from .layout import Block, Group, LawLayout, Layout, with_coefficients
 from .segments import SegmentSet, VisitedRegion
@@ -33,6 +33,12 @@ _RANK_CUT = {"gram": 3e-8, "root": 1e-9}
 _SURE = 10.0
 # Residual over a mass's own part of its balance from which on the mass is warned of.
 _DOUBT = 0.5
+# Residual of a balance, as a share of its force, below which a joint solve takes it for as good as any: forces and
+# motions are not calibrated better than to a thousandth.
+_BEST = 1e-3
+# Share of a balance that the laws of its neighbours leave, and how many times what its own leave, from which on one of
+# them is wrong.
+_MUCH, _TIMES = 0.1, 3.0
 # Lengths of columns whose squares a double still holds with all digits.
 _SMALLEST = 1e-145
 
@@ -51,6 +57,12 @@ class StepFit:
     mass_noise: tuple[float, ...] = ()
     inner: Any = None  # fitted optimizer
     said: tuple[tuple[type[Warning], str], ...] = ()  # what it warned of
+    crossed: Any = 0.0  # as ``share``, with the laws that the neighbouring balances find in place of its own
+
+    @property
+    def contradicts(self) -> Any:
+        """Whether the neighbours find laws that this balance excludes."""
+        return self.crossed > np.maximum(_MUCH, _TIMES * self.share)
 
 
 @dataclass
@@ -59,14 +71,20 @@ class Solution:
 
     masses: dict[int, float] = field(default_factory=dict)
     coefficients: dict[Site, np.ndarray] = field(default_factory=dict)
-    # complete strategy: the second estimate, from the balance at the other end (paper eq. 10b)
+    # of each balance by itself: the second estimate, from the balance at the other end (paper eq. 10b)
     twins: dict[Site, np.ndarray] = field(default_factory=dict)
     fits: list[StepFit] = field(default_factory=list)
+    alone: Solution | None = None  # joint strategy: that of each balance by itself, if every balance has one
 
     @property
     def inner(self) -> dict[str, Any]:
         """Fitted optimizers by balance."""
         return {fit.step.name: fit.inner for fit in self.fits if fit.inner is not None}
+
+    def followed(self, solve_order: SolveOrder) -> SolveOrder:
+        """The order that was followed: each balance by itself where the default found contradictions."""
+        gave_way = solve_order.yields and bool(self.twins)
+        return replace(solve_order, strategy="complete" if gave_way else solve_order.strategy, yields=False)
 
     def pass_on(self, stacklevel: int) -> None:
         """Say once what optimizers warned of, and on which balances."""
@@ -151,44 +169,69 @@ def solve(
     grams: BlockGrams, solve_order: SolveOrder, known_masses: Mapping[int, float] | None = None, inner: Any = None,
 ) -> Solution:  # fmt: skip
     """Find masses and coefficients from the Gram matrices of the balances."""
-    known = {int(j): float(m) for j, m in dict(known_masses or {}).items()}
-    solution = Solution(masses=dict(known))
+    solution = Solution(masses={int(j): float(m) for j, m in dict(known_masses or {}).items()})
     if solve_order.strategy == "joint":
-        if grams.shape:
-            raise NotTogether()
-        _solve_joint(grams, solve_order, solution, inner)
-        return solution
-    for step in solve_order.steps:
-        where, mass_at, target_at = grams.positions(step.dofs)
-        signs = dict(zip(grams.groups[step.dofs].sites, grams.groups[step.dofs].signs))
-        target = np.zeros((*grams.shape, grams.matrices[step.dofs].shape[-1]))
-        target[..., target_at] = 1.0
-        for site in step.known_sites:
-            target[..., where[site]] -= signs[site] * solution.coefficients[site]
-        if mass_at is not None and not step.masses:
-            target[..., mass_at] -= known.get(step.dofs[0], solution.masses.get(step.dofs[0], 0.0))
-        columns = ([mass_at] if step.masses and mass_at is not None else []) + [
-            c for s in step.sites for c in range(where[s].start, where[s].stop)
-        ]
-        combine = np.zeros((*target.shape, len(columns) + 1))
-        combine[..., columns, np.arange(len(columns))] = 1.0
-        combine[..., -1] = target
-        triangle, cut, size = grams.triangle(step.dofs, combine), _RANK_CUT[grams.kind], grams.sizes[step.dofs]
-        if grams.shape:
-            values, fit = _least_squares_together(triangle, step, size, inner, cut)
-        else:
-            values, fit = _least_squares(triangle, step, float(size), inner, grams.layout, cut)
-        solution.fits.append(fit)
-        at = 0
-        if step.masses:
-            solution.masses[step.masses[0]], at = _number(values[..., 0]), 1
-        for site in step.sites:
-            width = grams.layout.counts[site]
-            found = signs[site] * values[..., at : at + width]
-            at += width
-            second = solve_order.strategy == "complete" and site.p not in step.dofs
-            (solution.twins if second else solution.coefficients)[site] = found
+        return _solve_joint(grams, solve_order, solution, inner)
+    _one_by_one(grams, solve_order, solution, inner)
     return solution
+
+
+def _one_by_one(
+    grams: BlockGrams, solve_order: SolveOrder, solution: Solution, inner: Any, triangles: Sequence[np.ndarray] = ()
+) -> None:
+    """Solve the steps; of a balance whose laws are found twice, also what it leaves with those of its neighbours."""
+    held = list(triangles)
+    for i, step in enumerate(solve_order.steps):
+        if not triangles:
+            held.append(_triangle(grams, step, solution))
+        _take(grams, step, held[i], solution, inner, solve_order.strategy != "sequential")
+    for step, triangle, fit in zip(solve_order.steps, held, solution.fits):
+        if any(site in solution.twins for site in step.sites if site.p not in step.dofs):
+            laws = [site.incidence(step.dofs[0]) * solution.coefficients[site] for site in step.sites]
+            masses = [np.reshape(solution.masses[j], (*grams.shape, 1)) for j in step.masses]
+            full = np.concatenate([*masses, *laws, -np.ones((*grams.shape, 1))], axis=-1)
+            left = np.linalg.norm((triangle @ full[..., None])[..., 0], axis=-1)
+            fit.crossed = left / np.linalg.norm(triangle[..., -1], axis=-1)
+
+
+def _triangle(grams: BlockGrams, step: Step, solution: Solution) -> np.ndarray:
+    """Triangular factor of [unknown mass | unknown sites | right-hand side] of a step, given what is solved before."""
+    where, mass_at, target_at = grams.positions(step.dofs)
+    signs = dict(zip(grams.groups[step.dofs].sites, grams.groups[step.dofs].signs))
+    target = np.zeros((*grams.shape, grams.matrices[step.dofs].shape[-1]))
+    target[..., target_at] = 1.0
+    for site in step.known_sites:
+        target[..., where[site]] -= signs[site] * solution.coefficients[site]
+    if mass_at is not None and not step.masses:
+        target[..., mass_at] -= solution.masses.get(step.dofs[0], 0.0)
+    columns = ([mass_at] if step.masses and mass_at is not None else []) + [
+        c for s in step.sites for c in range(where[s].start, where[s].stop)
+    ]
+    combine = np.zeros((*target.shape, len(columns) + 1))
+    combine[..., columns, np.arange(len(columns))] = 1.0
+    combine[..., -1] = target
+    return grams.triangle(step.dofs, combine)
+
+
+def _take(
+    grams: BlockGrams, step: Step, triangle: np.ndarray, solution: Solution, inner: Any, twice: bool
+) -> None:
+    """Solve one step and add what it finds to a solution."""
+    cut, size = _RANK_CUT[grams.kind], grams.sizes[step.dofs]
+    if grams.shape:
+        values, fit = _least_squares_together(triangle, step, size, inner, cut)
+    else:
+        values, fit = _least_squares(triangle, step, float(size), inner, grams.layout, cut)
+    solution.fits.append(fit)
+    at = 0
+    if step.masses:
+        solution.masses[step.masses[0]], at = _number(values[..., 0]), 1
+    signs = dict(zip(grams.groups[step.dofs].sites, grams.groups[step.dofs].signs))
+    for site in step.sites:
+        width = grams.layout.counts[site]
+        found = signs[site] * values[..., at : at + width]
+        at += width
+        (solution.twins if twice and site.p not in step.dofs else solution.coefficients)[site] = found
 
 
 def _number(value: np.ndarray) -> Any:
@@ -305,46 +348,79 @@ def _report_rank(unit: np.ndarray, rank: int, step: Step, labels: list[str]) -> 
     warnings.warn(
         f"{what}. Their coefficients are the smallest that fit; excite more frequencies or amplitudes, or lower the "
         "degree.",
-        RankWarning, stacklevel=4,
+        RankWarning, stacklevel=6,
     )  # fmt: skip
 
 
-def _solve_joint(grams: BlockGrams, solve_order: SolveOrder, solution: Solution, inner: Any) -> None:
-    """All balances at once with shared laws (Newton's third law built in), each divided by its rms force."""
-    layout, n = grams.layout, grams.layout.n_dof
-    free = [step.dofs[0] for step in solve_order.steps if step.masses]
-    column: dict[Any, int] = {("m", j): i for i, j in enumerate(free)}
-    at = len(free)
-    for site in layout.acting:
-        column[site], at = at, at + layout.counts[site]
-    rows = []
-    for j in range(1, n + 1):
-        where, mass_at, target_at = grams.positions((j,))
-        group = grams.groups[(j,)]
-        combine = np.zeros((grams.matrices[j,].shape[-1], at + 1))
-        for site, sign in zip(group.sites, group.signs):
-            inside = np.arange(where[site].start, where[site].stop)
-            combine[inside, column[site] + np.arange(len(inside))] = sign
-        combine[target_at, at] = 1.0
-        if j in free:
-            combine[mass_at, column["m", j]] = 1.0
+def _solve_joint(grams: BlockGrams, solve_order: SolveOrder, solution: Solution, inner: Any) -> Solution:
+    """All balances at once with shared laws (Newton's third law built in), each over what it leaves by itself."""
+    layout, steps = grams.layout, solve_order.steps
+    if grams.shape and inner is not None:
+        raise NotTogether()
+    triangles = [_triangle(grams, step, solution) for step in steps]
+    alone, shares = Solution(masses=dict(solution.masses)), [np.ones(())] * len(steps)
+    try:  # columns independent in every balance are so together: the condition is at most the worst of the balances
+        with warnings.catch_warnings(action="error", category=RankWarning):
+            _one_by_one(grams, solve_order, alone, None, triangles)
+        solution.alone, solution.fits = alone, alone.fits
+        shares = [np.maximum(fit.share, _BEST) for fit in alone.fits]
+    except (IdentifiabilityError, RankWarning):
+        pass  # together they may have a solution
+    if solve_order.yields and solution.alone and np.any([fit.contradicts for fit in alone.fits]):
+        if grams.shape:
+            raise NotTogether()
+        return alone
+    upper, at = _together(grams, steps, triangles, shares)
+    p = upper.shape[-1] - 1
+    if solution.alone and inner is None:
+        values = np.array([_back(one[:p, :p], one[:p, p]) for one in upper.reshape(-1, p + 1, p + 1)])
+        values = values.reshape(*grams.shape, p)
+    else:
+        free = tuple(j for step in steps for j in step.masses)
+        whole = Step(tuple(range(1, layout.n_dof + 1)), free, layout.acting, (), True)
+        own = np.concatenate([*(at[j] for j in free), *(at[site] for site in layout.acting)])
+        samples = float(sum(grams.sizes[step.dofs] for step in steps))
+        triangle = root_of(upper[:, [*own, p]])
+        found, fit = _least_squares(triangle, whole, samples, inner, layout, _RANK_CUT[grams.kind])
+        solution.fits, values = [fit], np.empty(p)
+        values[own] = found
+    for key, columns in at.items():
+        if isinstance(key, Site):
+            solution.coefficients[key] = values[..., columns]
         else:
-            combine[mass_at, at] = -solution.masses[j]
-        used = np.flatnonzero(combine.any(axis=0))
-        small = grams.triangle((j,), combine[:, used])
-        triangle = np.zeros((len(used), at + 1))
-        triangle[:, used] = small
-        rows.append(triangle * (grams.sizes[j,] ** 0.5 / np.linalg.norm(small[:, -1])))
-    stacked = np.vstack(rows)
-    upper = linalg.qr(stacked, mode="r", check_finite=False)[0][: at + 1]
-    samples = float(sum(grams.sizes[j,] for j in range(1, n + 1)))
-    step = Step(tuple(range(1, n + 1)), tuple(free), layout.acting, (), True)
-    values, fit = _least_squares(upper, step, samples, inner, layout, _RANK_CUT[grams.kind])
-    solution.fits.append(fit)
-    for j in free:
-        solution.masses[j] = float(values[column["m", j]])
-    for site in layout.acting:
-        solution.coefficients[site] = values[column[site] : column[site] + layout.counts[site]]
+            solution.masses[key] = _number(values[..., columns[0]])
+    return solution
+
+
+def _together(
+    grams: BlockGrams, steps: Sequence[Step], triangles: Sequence[np.ndarray], shares: Sequence[Any]
+) -> tuple[np.ndarray, dict[int | Site, np.ndarray]]:
+    """Triangular factor of all balances, unknowns eliminated after the last balance they are in; and their columns."""
+    unknowns: list[list[int | Site]] = [[*step.masses, *step.sites] for step in steps]
+    last = {key: i for i, keys in enumerate(unknowns) for key in keys}
+    at: dict[int | Site, np.ndarray] = {}
+    p = 0
+    for key in sorted(last, key=last.__getitem__):
+        width = grams.layout.counts[key] if isinstance(key, Site) else 1
+        at[key], p = np.arange(p, p + width), p + width
+    upper = np.zeros((*grams.shape, p + 1, p + 1))
+    held, carry, first = np.array([p]), np.zeros((*grams.shape, 0, 1)), 0
+    for i, (step, triangle, share) in enumerate(zip(steps, triangles, shares)):
+        own = np.concatenate([*(at[key] for key in unknowns[i]), [p]])
+        signs = np.ones(len(own))
+        for site in step.sites:
+            signs[np.isin(own, at[site])] = site.incidence(step.dofs[0])
+        scale = np.asarray(np.sqrt(grams.sizes[step.dofs]) / np.linalg.norm(triangle[..., -1], axis=-1) / share)
+        columns = np.union1d(held, own)
+        rows = np.zeros((*grams.shape, carry.shape[-2] + triangle.shape[-2], len(columns)))
+        rows[..., : carry.shape[-2], np.searchsorted(columns, held)] = carry
+        rows[..., carry.shape[-2] :, np.searchsorted(columns, own)] = triangle * signs * scale[..., None, None]
+        factor = upper_of(rows)
+        done = sum(len(at[key]) for key in at if last[key] == i)
+        upper[..., first : first + done, columns] = factor[..., :done, :]
+        held, carry, first = columns[done:], factor[..., done:, done:], first + done
+    upper[..., p, p] = carry[..., 0, 0]
+    return upper, at
 
 
 def model_of(layout: LawLayout, solution: Solution) -> ChainModel:
@@ -365,7 +441,7 @@ def lost_masses(model: ChainModel) -> list[str]:
 
 def third_law_gap(solution: Solution, grams: BlockGrams) -> pd.Series:
     """Rms difference of the two estimates of each storey's force (paper eq. 10b), percent of its rms."""
-    gaps = {}
+    solution, gaps = solution.alone or solution, {}
     for site, twin in solution.twins.items():
         where, *_ = grams.positions((site.p,))
         both = np.zeros((grams.matrices[site.p,].shape[-1], 2))

@@ -93,7 +93,7 @@ class BlockGrams:
     def merge(self, other: BlockGrams) -> BlockGrams:
         """Sum of these and others, block by block."""
         self._require_alike(other)
-        add = (lambda x, y: _upper(np.concatenate([x, y], axis=-2))) if self.kind == "root" else np.add
+        add = (lambda x, y: upper_of(np.concatenate([x, y], axis=-2))) if self.kind == "root" else np.add
         return replace(
             self, matrices={dofs: add(x, other.matrices[dofs]) for dofs, x in self.matrices.items()},
             sizes={dofs: n + other.sizes[dofs] for dofs, n in self.sizes.items()},
@@ -184,7 +184,7 @@ class BlockGrams:
         if self.kind == "gram":
             gram = combine.swapaxes(-1, -2) @ matrix @ combine
             return scaled_cholesky(0.5 * (gram + gram.swapaxes(-1, -2)))
-        return _upper(matrix @ combine)
+        return upper_of(matrix @ combine)
 
     def norms(self, dofs: Dofs, weights: np.ndarray) -> np.ndarray:
         """Lengths, (..., p), of combinations of the columns of a balance; ``weights`` is (..., n_columns, p)."""
@@ -234,7 +234,7 @@ def root_of(rows: np.ndarray) -> np.ndarray:
     return _squared_off(linalg.qr(rows, mode="r", overwrite_a=True, check_finite=False)[0][: rows.shape[1]])
 
 
-def _upper(rows: np.ndarray) -> np.ndarray:
+def upper_of(rows: np.ndarray) -> np.ndarray:
     """The same of rows (..., n, p)."""
     return _squared_off(np.asarray(np.linalg.qr(rows, mode="r")))
 

@@ -50,19 +50,20 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         unknown = [j + 1 for j in range(n) if np.isnan(F[:, j]).all()]
         moved = [j + 1 for j in range(n) if np.nan_to_num(F[:, j]).any()]
         forced = moved if self.excited is None else self.excited
-        solve_order = plan_solve_order(chain, forced, unknown, known, self.strategy, layout.acting).require_complete()
+        inner = sub_optimizer(self.optimizer)
+        given = known, self.strategy, layout.acting, inner is not None
+        solve_order = plan_solve_order(chain, forced, unknown, *given).require_complete()
         known_forces = {f"F{j + 1}": F[:, j] for j in range(n) if j + 1 not in unknown}
         labels = [*["feature"] * terms.shape[1], *(f"a{j + 1}" for j in range(n)), *known_forces]
         rows = _measured([*terms.T, *a.T, *known_forces.values()], labels)
         weights = None if sample_weight is None else sample_weights(sample_weight, len(a))[rows]
         data = terms[rows], a[rows], F[rows]
-        inner = sub_optimizer(self.optimizer)
         blocks = lambda: blocks_of(*data, weights=weights)  # noqa: E731
         self.solution_, _ = solve_blocks(layout, solve_order, blocks, known, inner)
         self.solution_.pass_on(stacklevel=3)
         if said := doubtful_masses(self.solution_):
             warnings.warn(" ".join(said), BiasWarning, stacklevel=3)
-        self.inner_, self.solve_order_ = self.solution_.inner, solve_order
+        self.inner_, self.solve_order_ = self.solution_.inner, self.solution_.followed(solve_order)
         self.masses_ = np.array([self.solution_.masses[j] for j in range(1, n + 1)])
         return balance_rows(layout, self.solution_.coefficients, self.solution_.twins)
 

@@ -333,8 +333,8 @@ class FoldMoments:
         """A candidate's own columns."""
         return total.transformed(order.layout, {g: order.index(g, total) for g in groups})
 
-    def solve_order(self, total: BlockGrams, order: Order) -> SolveOrder:
-        """The solve that the forces in some samples allow."""
+    def solve_order(self, total: BlockGrams, order: Order, inner: Any = None) -> SolveOrder:
+        """The solve that the forces in some samples and an optimizer allow."""
         forced, unknown = [], []
         for j in range(1, self.chain.n_dof + 1):
             seen = total.sizes[j,] > 0
@@ -346,21 +346,21 @@ class FoldMoments:
                 unknown.append(j)
             elif np.all(pushed):
                 forced.append(j)
-        key = tuple(forced), tuple(unknown), order.layout.acting
+        key = tuple(forced), tuple(unknown), order.layout.acting, inner is not None
         if key not in self._solve_orders:
-            known = self.known_masses, self.strategy, order.layout.acting
-            self._solve_orders[key] = plan_solve_order(self.chain, forced, unknown, *known)
+            known = self.known_masses, self.strategy
+            self._solve_orders[key] = plan_solve_order(self.chain, *key[:2], *known, *key[2:])
         return self._solve_orders[key].require_complete()
 
     def fit(
         self, order: Order, fold: Any, inner: Any = None, total: BlockGrams | None = None
     ) -> tuple[Solution, SolveOrder, BlockGrams]:
         """Solve one candidate on the training side of a fold."""
-        total = self.total(fold)[0] if total is None else total
-        solve_order = self.solve_order(total, order)
+        total, inner = self.total(fold)[0] if total is None else total, inner or self.inner
+        solve_order = self.solve_order(total, order, inner)
         own = self.cut(total, order, order.groups(solve_order))
         with warnings.catch_warnings(action="ignore", category=RankWarning):
-            return solve(own, solve_order, self.known_masses, inner or self.inner), solve_order, own
+            return solve(own, solve_order, self.known_masses, inner), solve_order, own
 
     def piece_norms(self, order: Order, dofs: tuple[int, ...], weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Squared length of a combination of a candidate's columns in each piece, and the samples behind it."""

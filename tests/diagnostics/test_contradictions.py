@@ -42,6 +42,7 @@ def test_a_force_in_another_unit_is_said_and_whose(record, gain, noise):
     noisy = add_noise(record, noise, random_state=0) if noise else record
     model, said = fitted(with_gain(noisy, 2, gain))
     assert model.masses_ == pytest.approx([5, 4 * gain, 3], rel=0.02)  # each balance fits by itself
+    assert model.solve_order_.strategy == "complete"  # and is left by itself
     assert "storey 2 and storey 3 are found twice" in said and "of DOF 2, where all of them meet" in said
     top = model.diagnose().table.iloc[0]
     assert top["limit"] == "doubt" and "contradict" in top["message"]
@@ -100,7 +101,8 @@ def test_instruments_are_not_doubted_either(record, estimation):
     assert "contradict" in fitted(with_gain(noisy, 2, 2.0), estimation=estimation)[1]
 
 
-def test_one_force_says_nothing_twice(record):
-    assert "contradict" not in fitted(with_gain(record, 2, 2.0), strategy="joint")[1]
+def test_a_joint_solve_says_so_too_and_one_floor_never(record):
+    model, said = fitted(with_gain(record, 2, 2.0), strategy="joint")
+    assert "contradict" in said and model.solve_order_.strategy == "joint"
     one = ChainModel([5.0], {1: LINEAR})
     assert not any(fitted(driven(one, 1, 4.0, FS, 40.0, (1, 40), hold="cubic"))[0].data_warnings_.values())

@@ -48,7 +48,7 @@ def test_links_join_the_chain_and_a_storey_without_laws_transmits_no_force():
 
 def test_the_order_of_the_solve_follows_from_what_is_excited():
     problem = Problem(Chain(2), storeys(2))
-    assert problem.solve_order([1, 2]).strategy == "complete"
+    assert problem.solve_order([1, 2]).strategy == "joint"
     assert replace(problem, excited=[2]).solve_order([1, 2]).strategy == "sequential"
     with pytest.raises(ExcitationError, match="known_masses"):
         problem.solve_order([])

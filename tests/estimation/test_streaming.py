@@ -130,7 +130,7 @@ def test_partial_fit_adds_records_and_a_roving_hammer_reaches_every_mass():
     assert model.solve_order_.strategy == "sequential"
     for case in cases[:2]:
         model = pickle.loads(pickle.dumps(model)).partial_fit(case.X, case.F)
-    assert model.solve_order_.strategy == "complete"
+    assert model.solve_order_.strategy == "joint"
     assert chains.worst(model.masses_, m) < 1e-9
     pooled = NRFRegressor().fit(np.vstack([c.X for c in cases]), np.vstack([c.F for c in cases]), record=np.repeat([3, 1, 2], 3000))
     assert chains.worst(model.masses_, pooled.masses_) < 1e-9 and model.n_samples_ == 9000

@@ -44,7 +44,7 @@ def test_the_three_entrances_agree(inner, forced):
 
     chain = Chain(4)
     terms = np.asarray(InterstoryPolynomialLibrary(3).fit_transform(X))[:, 4:]
-    layout, order = Layout(chain, dict.fromkeys(chain.sites, 9)), plan_solve_order(chain, forced)
+    layout, order = Layout(chain, dict.fromkeys(chain.sites, 9)), plan_solve_order(chain, forced, alone=inner is not None)
     direct, _ = solve_blocks(layout, order, lambda: blocks_of(terms, X[:, :4], case.F), inner=inner)
 
     assert worst(optimizer.masses_, regressor.masses_) < 1e-10

@@ -56,6 +56,7 @@ def publish(accumulator: Accumulator, solution: Solution, grams: BlockGrams, sol
     """The estimator, with the results as its attributes."""
     problem = accumulator.require_model().problem
     solution.pass_on(stacklevel=5)
+    solve_order = solution.followed(solve_order)
     found = Estimate(problem, solve_order, model_of(problem.layout, solution), solution, grams)
     pieces, known = accumulator.grams().squares(), dict(problem.known_masses)
     data = _shown(accumulator)

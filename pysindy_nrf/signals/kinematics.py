@@ -32,7 +32,7 @@ def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.Da
             raise ChannelError(
                 f"DOF {j} of record {record.name!r} has no motion channel",
                 f"Measure a{j}, v{j} or x{j}: the storeys beside an uninstrumented floor cannot be told apart. "
-                "Or leave the floor out: pysindy_nrf.signals.condensation.condense(record) says what then remains.",
+                "Or leave the floor out: the storeys are then those in series, right well below its resonance."
             )
     if not isinstance(smooth, (bool, KinematicSmoother)):
         raise ChannelError(f"smooth={smooth!r} is unknown", "Give True, False or a KinematicSmoother.")

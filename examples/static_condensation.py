@@ -11,10 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..data.record import Record
-from ..exceptions import ChannelError, DataQualityWarning
-
-__all__ = ["condense"]
+from pysindy_nrf import Record
+from pysindy_nrf.exceptions import ChannelError, DataQualityWarning
 
 
 @dataclass
@@ -55,7 +53,7 @@ def condense(record: Record) -> Condensed:
     --------
     >>> import numpy as np, warnings
     >>> from pysindy_nrf import Record
-    >>> from pysindy_nrf.signals.condensation import condense
+    >>> from static_condensation import condense
     >>> x = np.column_stack([np.sin(np.arange(500) / 9), np.full(500, np.nan), np.cos(np.arange(500) / 9)])
     >>> with warnings.catch_warnings(action="ignore"):
     ...     print(condense(Record(displacement=x, fs=100.0)))

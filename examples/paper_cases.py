@@ -20,13 +20,14 @@ from paper_published import (
     TWO_DOF_INCOMPLETE,
 )
 from paper_published import force as printed_force
+from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import least_squares, minimize_scalar
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, Site
-from pysindy_nrf.estimation import linear_part
+from pysindy_nrf.estimation import dissipated_energy, linear_part
 from pysindy_nrf.exceptions import BiasWarning, ChainError
 from pysindy_nrf.laws import ModifiedDahl, PowerSeries
-from pysindy_nrf.regression.chain_model import as_model
+from pysindy_nrf.regression.chain_model import as_model, as_segments
 from pysindy_nrf.regression.errors import nrmse
 from pysindy_nrf.signals import integrate
 from pysindy_nrf.signals.zero_phase_filter import FairFilter
@@ -304,3 +305,35 @@ def model_agreement(first: Any, second: Any, X: Any) -> pd.DataFrame:
         change = {"mass": two.masses[i] / one.masses[i], "k": b["k"] / a["k"], "c": b["c"] / a["c"]}
         rows[name] = {k: 100.0 * (ratio - 1.0) for k, ratio in change.items()} | {"force": nrmse(R1, R2)}
     return pd.DataFrame.from_dict(rows, orient="index")
+
+
+def found_twice(estimator: NRFRegressor, X: Any, F: Any, **options: Any) -> dict[str, pd.DataFrame]:
+    """Of each storey in two balances the coefficients by term from either (eqs. 10a and 10b); all floors are forced."""
+    strategy = estimator.solve_order_.strategy
+    if strategy == "sequential":
+        raise ChainError(f"The {strategy} strategy estimates no storey twice", "Force every DOF.")
+    problem = replace(estimator.problem_, optimizer=None, strategy="complete")
+    layout, solution = problem.layout, problem.solve(as_segments(estimator, X, F, **options)).solution
+    return {
+        str(site): pd.DataFrame(
+            {f"balance {site.p}": solution.coefficients[site], f"balance {site.q}": twin}, index=layout.labels(site)
+        )
+        for site, twin in sorted(solution.twins.items())
+    }
+
+
+def path_energy(force: Any, drift: Any) -> np.ndarray:
+    """Energy over time that a force takes up along its drift, J (Figs. 13 and 16): the area of its loops."""
+    return cumulative_trapezoid(np.asarray(force, dtype=float), np.asarray(drift, dtype=float), axis=0, initial=0.0)
+
+
+def energy_shares(model: Any, X: Any, **options: Any) -> pd.DataFrame:
+    """Energy (J) that each storey dissipates, and its share in percent: an index of damage.
+
+    For a linear structure the shares do not depend on how hard it is excited. Friction, yielding or a damper in a
+    storey raises its share; a change between two tests with the same excitation points to the storey that changed.
+    """
+    data = as_segments(as_model(model), X, **options)
+    energy = dissipated_energy(model, data)
+    last = np.sum([energy.to_numpy()[seg.rows][seg.valid][-1] for seg in data.segments], axis=0)
+    return pd.DataFrame({"energy": last, "share": 100.0 * last / last.sum()}, index=energy.columns)

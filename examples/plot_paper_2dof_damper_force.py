@@ -21,7 +21,7 @@ import paper_cases as cases
 import paper_published as published
 
 from pysindy_nrf import NRFRegressor
-from pysindy_nrf.estimation import damper_force, path_energy
+from pysindy_nrf.estimation import damper_force
 from pysindy_nrf.output.displays import DamperForceDisplay, EnergyDisplay
 from pysindy_nrf.regression.errors import nrmse
 
@@ -56,9 +56,9 @@ for (excitation, noise), (number, paper), ax in zip(figures, figures.values(), e
     drift = X["s1"].to_numpy()
     bare = case.bare.restoring_forces[1](X["v1"], X["s1"])
     energy = {
-        "true": path_energy(case.damper[:, 0], case.exact.displacement[:, 0]),
-        "identified": path_energy(found["storey 1"], drift),
-        f"paper's polynomial {paper.equations}": path_energy(
+        "true": cases.path_energy(case.damper[:, 0], case.exact.displacement[:, 0]),
+        "identified": cases.path_energy(found["storey 1"], drift),
+        f"paper's polynomial {paper.equations}": cases.path_energy(
             published.force(paper.storeys[1], X["v1"], X["s1"]) - bare, drift
         ),
     }

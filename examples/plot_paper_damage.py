@@ -17,7 +17,6 @@ import numpy as np
 import paper_cases as cases
 
 from pysindy_nrf import NRFRegressor, laws
-from pysindy_nrf.estimation import energy_shares
 from pysindy_nrf.monitoring import compare_tests, find_onset, track
 from pysindy_nrf.output.displays import ChangeMapDisplay, FreeRunDisplay, TrackDisplay
 
@@ -82,7 +81,7 @@ shares = {}
 for name, test in {"before": before, "after": rubbing}.items():
     X, F = test.measured.to_features()
     own = {"storey 4": [laws.PowerSeries(1), laws.Dahl()]} if name == "after" else None
-    shares[name] = energy_shares(NRFRegressor(degree=1, laws=own).fit(X, F), X)["share"]
+    shares[name] = cases.energy_shares(NRFRegressor(degree=1, laws=own).fit(X, F), X)["share"]
 print({name: share.round(1).to_dict() for name, share in shares.items()})
 figure, ax = plt.subplots(figsize=(4.8, 3.2), layout="constrained")
 y = np.arange(4)

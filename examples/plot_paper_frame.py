@@ -23,10 +23,7 @@ import paper_published as published
 from planarity import PlanarityDisplay, locate_nonlinearity
 
 from pysindy_nrf import NRFRegressor, laws
-from pysindy_nrf.estimation import (
-    linear_twin,
-    path_energy,
-)
+from pysindy_nrf.estimation import linear_twin
 from pysindy_nrf.output.displays import (
     DamperForceDisplay,
     EnergyDisplay,
@@ -106,10 +103,10 @@ def draw(excitation, paper, paper_linear, fig):
     s4, v4 = X["s4"], X["v4"]
     bare4 = linear.restoring_forces_[4](v4, s4)
     energy = {
-        "true": path_energy(test.damper[:, 3], test.exact.to_features(smooth=False)[0]["s4"]),
-        "cubic": path_energy(cubic.restoring_force(X)[:, 3] - bare4, s4),
-        "with Dahl law": path_energy(closed.restoring_force(X)[:, 3] - bare4, s4),
-        f"paper's polynomial {paper.equations}": path_energy(
+        "true": cases.path_energy(test.damper[:, 3], test.exact.to_features(smooth=False)[0]["s4"]),
+        "cubic": cases.path_energy(cubic.restoring_force(X)[:, 3] - bare4, s4),
+        "with Dahl law": cases.path_energy(closed.restoring_force(X)[:, 3] - bare4, s4),
+        f"paper's polynomial {paper.equations}": cases.path_energy(
             published.force(paper.storeys[4], v4, s4) - published.force(paper_linear.storeys[4], v4, s4), s4
         ),
     }

@@ -50,10 +50,7 @@ def noise_of(H: np.ndarray) -> np.ndarray:
 def nearest(
     frf: FrequencyResponse, noise: np.ndarray, sites: Any, j: int, free: int = 0
 ) -> tuple[float, np.ndarray, np.ndarray]:
-    """Responses that obey the balance of DOF j: their distance in variances of noise, themselves, weights of lines.
-
-    The balance holds the laws of ``sites``; the gain of DOF ``free`` may be any, and differ with frequency.
-    """
+    """Distance, in variances of noise, of responses that obey a balance (with any gain of DOF free); they; weights."""
     unit, iw = np.eye(frf.n_dof + 1)[:, 1:], 2j * np.pi * frf.f[:, None, None]
     drifts = np.array([unit[s.p] - unit[s.q or 0] for s in sites if j in (s.p, s.q)]).reshape(-1, frf.n_dof)
     masses = unit[[j]]
@@ -82,14 +79,12 @@ def nearest(
 def doubts(frf: FrequencyResponse, noise: np.ndarray, sites: Any, found: dict[int, Any]) -> list[str]:
     """Sentences on responses that no chain of these sites has, whatever its masses and laws."""
     out, e = [], frf.excited
-    driven = frf.H[:, e - 1].imag / frf.f, noise[:, e - 1] / 2 / frf.f**2
-    if driven[0].sum() < -3 * np.sqrt(driven[1].sum()):
+    if (frf.H[:, e - 1].imag / frf.f).sum() < -3 * np.sqrt((noise[:, e - 1] / 2 / frf.f**2).sum()):
         out.append(
             f"H{e}, where the force acts, gives energy back: its sign, that of the imaginary parts, or kind= is wrong."
         )
-    sizes = {
-        j: np.median(linalg.norm(H - frf.H, axis=1) / linalg.norm(frf.H, axis=1)) for j, (_, H, _) in found.items()
-    }
+    whole = linalg.norm(frf.H, axis=1)
+    sizes = {j: np.median(linalg.norm(H - frf.H, axis=1) / whole) for j, (_, H, _) in found.items()}
     bad = [j for j, (distance, *_) in found.items() if distance > BEYOND and sizes[j] > MATTERS]
     if not bad:
         return out
@@ -103,18 +98,17 @@ def doubts(frf: FrequencyResponse, noise: np.ndarray, sites: Any, found: dict[in
     if alone := [f"H{k}" for k, left in free.items() if max(left) < limit]:
         causes.append(f"the gain, sign, unit or delay of {' or '.join(alone)}")
     cause = " or ".join(causes) or "the order of the channels, or a link that the chain lacks"
-    which = f"balance of DOF {bad[0]}" if len(bad) == 1 else f"balances of DOF {', '.join(map(str, bad))}"
     return [
         *out,
-        f"No masses and laws fit the {which}: the responses would have to differ by {100 * sizes[worst]:.2g} %, their "
-        f"noise is {100 * level:.2g} %. Check {cause}.",
+        f"No masses and laws fit the balance of DOF {', '.join(map(str, bad))}: the responses would have to differ by "
+        f"{100 * sizes[worst]:.2g} %, their noise is {100 * level:.2g} %. Check {cause}.",
     ]
 
 
 def fit_frequency_response(estimator: Any, frf: FrequencyResponse) -> Any:
     """Fit a regressor to measured frequency responses; its band chooses lines."""
-    asked = {"band": estimator.band, "estimation": estimator.estimation}
-    use = in_band(frf.f, estimator.band)
+    band, asked = estimator.band, {"band": estimator.band, "estimation": estimator.estimation}
+    use = in_band(frf.f, band)
     n_lines, n = int(use.sum()), frf.n_dof
     if estimator.estimation == "simulation":
         raise ChainError("estimation='simulation' does not work on frequency responses", "Use 'ls' or 'iv'.")
@@ -143,12 +137,13 @@ def fit_frequency_response(estimator: Any, frf: FrequencyResponse) -> Any:
     layout, order, known = estimator.problem_.layout, estimator.solve_order_, dict(problem.known_masses)
     pieces = pieces_of(data, layout, groups_of(layout, order), [None] * n, known, near.segments)
     solution = solve(pieces.sum().projected(), order, known, problem.optimizer)
-    facts = {"asked": asked["estimation"], "found": "iv", "notes": ["nearest responses that obey the balances"]}
-    estimator._adopt(model_of(layout, solution), Resolver(pieces, order, known, problem.optimizer), facts)
+    how = {"asked": asked["estimation"], "found": "iv", "notes": ["nearest responses"]}
+    lines = None if band is None else [None if b is None or np.isinf(b) else b for b in band]
+    model = model_of(layout, solution)  # amplitudes of a steady state are no visited motion
+    model.info = estimator.model_.info | {"estimation": how, "band": lines}
+    estimator.model_, estimator.masses_, estimator.restoring_forces_ = model, model.masses, model.restoring_forces
+    estimator._resolver = Resolver(pieces, order, known, problem.optimizer)
     estimator.errors_ = estimator.balance_errors(X, F, record=ids)
-    estimator.model_.visited = {}  # amplitudes of a steady state are no visited motion
-    band = asked["band"]
-    estimator.model_.info["band"] = None if band is None else [None if b is None or np.isinf(b) else b for b in band]
     estimator.missing_terms_ = estimator.missing_terms_.iloc[:0]
     estimator.data_warnings_ = {"channels": said}
     if said:

@@ -1,6 +1,5 @@
 """Nonlinear devices: their forces and energy; linear twins and comparison of models."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,7 +7,6 @@ import pandas as pd
 from scipy.integrate import cumulative_trapezoid
 from sklearn.base import clone
 
-from ..exceptions import ChainError
 from ..laws import PowerSeries
 from ..regression.chain_model import ChainModel, as_model, as_segments, frame, storey_names
 
@@ -55,51 +53,6 @@ def linear_part(model: Any) -> ChainModel:
     return ChainModel(model.masses, held, model.chain, model.visited)
 
 
-def found_twice(estimator: Any, X: Any, F: Any, **options: Any) -> dict[str, pd.DataFrame]:
-    """Both estimates of every storey that enters two balances (paper eqs. 10a and 10b).
-
-    Under complete excitation R_i is in balance i and, with opposite sign, in balance i-1.
-
-    Parameters
-    ----------
-    estimator : fitted NRFRegressor
-        With a force on every DOF.
-    X, F, **options
-        As for its ``fit``.
-
-    Returns
-    -------
-    dict of str to DataFrame
-        By storey: coefficients by term from the ``"balance i"`` (the one that a regressor of
-        complete strategy returns) and from ``"balance i-1"``.
-
-    Raises
-    ------
-    ChainError
-        If some DOF was not forced.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import ChainModel, NRFRegressor, estimation, excitation, laws, simulate
-    >>> truth = ChainModel([10.0, 10.0], {i: laws.PowerSeries(1, [30.0, 4e4]) for i in (1, 2)})
-    >>> F = excitation.band_limited_random(2, 4.0, 500.0, excited=[1, 2], rms=50.0, band=(1, 60), random_state=0)
-    >>> X, F = simulate(truth, F, 0.002).to_features(smooth=False)
-    >>> estimation.found_twice(NRFRegressor(degree=1).fit(X, F), X, F)["storey 2"].loc["s"].round(2).tolist()
-    [40000.0, 40000.0]
-    """
-    strategy = estimator.solve_order_.strategy
-    if strategy == "sequential":
-        raise ChainError(f"The {strategy} strategy estimates no storey twice", "Force every DOF.")
-    data = as_segments(estimator, X, F, **options)
-    problem = replace(estimator.problem_, optimizer=None, strategy="complete")
-    layout, solution = problem.layout, problem.solve(data).solution
-    out = {}
-    for site, twin in sorted(solution.twins.items()):
-        both = {f"balance {site.p}": solution.coefficients[site], f"balance {site.q}": twin}
-        out[str(site)] = pd.DataFrame(both, index=layout.labels(site))
-    return out
-
-
 def damper_force(model: Any, linear: Any, X: Any, **options: Any) -> pd.DataFrame:
     """Identified force of every storey less that of the bare structure (paper eq. 21), :math:`R^{non} - R^{lin}`.
 
@@ -129,29 +82,6 @@ def damper_force(model: Any, linear: Any, X: Any, **options: Any) -> pd.DataFram
     data = as_segments(model, X, **options)
     forces = whole.restoring_force(data) - bare.restoring_force(data)
     return frame(data, [forces[seg.rows][seg.valid] for seg in data.segments], storey_names(whole))
-
-
-def path_energy(force: Any, drift: Any) -> np.ndarray:
-    r"""Work of a force along its path, :math:`\int R \, ds`: the area of its loops.
-
-    Parameters
-    ----------
-    force, drift : array-like of shape (n_samples,) or (n_samples, p)
-        N and m.
-
-    Returns
-    -------
-    ndarray of the same shape
-        J, zero at the first sample.
-
-    Examples
-    --------
-    >>> from pysindy_nrf.estimation import path_energy
-    >>> path_energy([0.0, 2.0, 2.0], [0.0, 0.1, 0.2]).round(3).tolist()
-    [0.0, 0.1, 0.3]
-    """
-    R, s = np.asarray(force, dtype=float), np.asarray(drift, dtype=float)
-    return cumulative_trapezoid(R, s, axis=0, initial=0.0)
 
 
 def dissipated_energy(model: Any, X: Any, without: Any = None, **options: Any) -> pd.DataFrame:
@@ -198,38 +128,8 @@ def dissipated_energy(model: Any, X: Any, without: Any = None, **options: Any) -
         stored = 0.5 * stiffness * (s**2 - s[0] ** 2)
         R = forces[seg.rows][seg.valid]
         if seg.t is None:
-            work = path_energy(R, s)
+            work = cumulative_trapezoid(R, s, axis=0, initial=0.0)
         else:  # more exact than the area of the sampled loops
             work = cumulative_trapezoid(R * seg.v[seg.valid], seg.t[seg.valid], axis=0, initial=0.0)
         parts.append(work - stored)
     return frame(data, parts, storey_names(whole))
-
-
-def energy_shares(model: Any, X: Any, **options: Any) -> pd.DataFrame:
-    """Share of the dissipated energy of each storey, a damage index.
-
-    For a linear structure the shares do not depend on how hard it is excited. Friction, yielding or a damper in a
-    storey raises its share; a change between two tests with the same excitation points to the storey that changed.
-
-    Parameters
-    ----------
-    model, X, **options
-        As for :func:`dissipated_energy`.
-
-    Returns
-    -------
-    DataFrame
-        One row for each storey: ``energy`` (J, at the end of the records), ``share`` (percent).
-
-    Examples
-    --------
-    >>> from pysindy_nrf import datasets, estimation
-    >>> X, F = datasets.load_demo().to_features()
-    >>> shares = estimation.energy_shares(datasets.demo_truth(), X)
-    >>> float(shares["share"].sum().round(6)), shares["share"].idxmax()
-    (100.0, 'storey 3')
-    """
-    model_, data = as_model(model), as_segments(model, X, **options)
-    energy = dissipated_energy(model_, data).to_numpy()
-    last = np.sum([energy[seg.rows][seg.valid][-1] for seg in data.segments], axis=0)
-    return pd.DataFrame({"energy": last, "share": 100.0 * last / last.sum()}, index=storey_names(model_))

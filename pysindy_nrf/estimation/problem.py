@@ -181,26 +181,6 @@ class Problem:
         solution.pass_on(stacklevel=4)
         return Estimate(problem, solution.followed(order), model_of(problem.layout, solution), solution, grams)
 
-    def wrong_masses(self, data: SegmentSet, error: float) -> list[str]:
-        """A sentence on known masses that the others contradict: left free, they explain most of what is left."""
-        known = {j: mass for j, mass in self.known_masses.items() if mass}
-        freed: dict[int, tuple[float, float]] = {}
-        for j in known if len(known) > 1 else ():
-            with suppress(NRFError), warnings.catch_warnings(action="ignore", category=NRFWarning):
-                found = self.with_known_masses({i: m for i, m in self.known_masses.items() if i != j}).solve(data)
-                left = float(balance_errors(found.model, found.grams).loc["pooled", "error"])
-                if left < SHRINKS * error and abs(found.model.masses[j - 1] / known[j] - 1) > ANOTHER:
-                    freed[j] = left, float(found.model.masses[j - 1])
-        if not freed:
-            return []
-        ranked = sorted(freed, key=lambda j: freed[j])
-        best = freed[ranked[0]][0]
-        said = [f"m{j} is {freed[j][1]:.4g} kg, not {known[j]:.4g}" for j in ranked if freed[j][0] < 1.5 * best]
-        return [
-            f"The known masses contradict each other: left free, {'; or '.join(said)}; and {best:.2g} % of the "
-            f"balances is unexplained instead of {error:.2g} %. Weigh it again."
-        ]
-
 
 class Estimate(NamedTuple):
     """Least-squares estimate of a :class:`Problem`."""
@@ -222,6 +202,27 @@ def _least_squares(
             yield from segment.blocks(layout, filter=filter, states={} if filter is None else None)
 
     return solve_blocks(layout, order, blocks, problem.known_masses, problem.optimizer)
+
+
+def wrong_masses(problem: Problem, data: SegmentSet, error: float) -> list[str]:
+    """A sentence on known masses that the others contradict: left free, they explain most of what is left."""
+    known = {j: mass for j, mass in problem.known_masses.items() if mass}
+    freed: dict[int, tuple[float, float]] = {}
+    for j in known if len(known) > 1 else ():
+        with suppress(NRFError), warnings.catch_warnings(action="ignore", category=NRFWarning):
+            found = problem.with_known_masses({i: m for i, m in problem.known_masses.items() if i != j}).solve(data)
+            left = float(balance_errors(found.model, found.grams).loc["pooled", "error"])
+            if left < SHRINKS * error and abs(found.model.masses[j - 1] / known[j] - 1) > ANOTHER:
+                freed[j] = left, float(found.model.masses[j - 1])
+    if not freed:
+        return []
+    best = min(freed.values())[0]
+    ranked = [j for j in sorted(freed, key=lambda j: freed[j]) if freed[j][0] < 1.5 * best]
+    said = "; or ".join(f"m{j} is {freed[j][1]:.4g} kg, not {known[j]:.4g}" for j in ranked)
+    return [
+        f"The known masses contradict each other: left free, {said}; and {best:.2g} % of the balances is unexplained "
+        f"instead of {error:.2g} %. Weigh it again."
+    ]
 
 
 def law_list(laws: Any) -> list[ForceLaw]:

@@ -20,7 +20,6 @@ from ..diagnostics.windows import collect
 from ..exceptions import ChainError, ChannelError, DataQualityWarning
 from ..mechanics.chain import Chain, chain_of
 from ..mechanics.sites import as_mapping
-from ..regression.chain_model import ChainModel
 from ..regression.chain_solve import doubtful_masses, lost_masses, third_law_gap, unknown_forces, visited_regions
 from ..regression.errors import balance_errors
 from ..regression.input_arrays import as_measured, doubted, fused_together, holds_records, one_by_one
@@ -29,7 +28,7 @@ from .constraints import constrained
 from .fitted import FittedChain
 from .free_run_fit import refine
 from .frequency_response import fit_frequency_response
-from .problem import DEFAULT_DEGREE, Estimate, Problem, law_list, laws_of_sites
+from .problem import DEFAULT_DEGREE, Estimate, Problem, law_list, laws_of_sites, wrong_masses
 from .streaming import fit_streamed, is_streamed, partial_fit
 
 if TYPE_CHECKING:
@@ -314,14 +313,6 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             )  # fmt: skip
         return data
 
-    def _adopt(self, model: ChainModel, resolver: Any, facts: dict[str, Any]) -> NRFRegressor:
-        """Take a model that was estimated by another method from the same data."""
-        model.visited, model.info = self.model_.visited, {**self.model_.info, "estimation": facts}
-        self.set_params(estimation=facts["asked"])
-        self.model_, self.masses_, self.restoring_forces_ = model, model.masses, model.restoring_forces
-        self._resolver, self._fused_separately, self._fused_jointly = resolver, None, False
-        return self
-
     def __getstate__(self) -> dict[str, Any]:
         state = super().__getstate__()
         data = "_records", "_fused_separately", "_separate_resolver"  # not part of the model
@@ -354,7 +345,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         jumps = JumpBias(model, solve_order, problem.known_masses, problem.optimizer, silent, held)
         # fusion costs far more; of arrays, whose fit may take milliseconds, it would double the time
         forces = [ForceProbes(terms.layout, judged)] if self._records is not None and self._measured else []
-        known = problem.wrong_masses(data, float(self.errors_.loc["pooled", "error"])) if forces else []
+        known = wrong_masses(problem, data, float(self.errors_.loc["pooled", "error"])) if forces else []
         collect(terms.layout, judged, self.band, [terms, *jumps.active, *forces])
         self.missing_terms_, self.jump_bias_ = terms.table(), jumps.table()
         self.data_warnings_ = {

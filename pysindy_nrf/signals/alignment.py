@@ -358,8 +358,6 @@ def _hann(length: int) -> np.ndarray:
 
 def _mean(product: np.ndarray) -> np.ndarray:
     """Mean over neighbouring lines."""
-    if np.iscomplexobj(product):
-        return np.asarray(uniform_filter1d(product.real, NEIGHBOURS) + 1j * uniform_filter1d(product.imag, NEIGHBOURS))
     return np.asarray(uniform_filter1d(product, NEIGHBOURS))
 
 

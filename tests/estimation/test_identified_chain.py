@@ -4,18 +4,12 @@ import warnings
 
 import numpy as np
 import pytest
-from paper_cases import model_agreement
+from paper_cases import energy_shares, found_twice, model_agreement
 from planarity import locate_nonlinearity, planarity
 from three_floors import chain, features, noisy, run
 
 from pysindy_nrf import ChainModel, NRFRegressor, laws
-from pysindy_nrf.estimation import (
-    damper_force,
-    dissipated_energy,
-    energy_shares,
-    found_twice,
-    linear_part,
-)
+from pysindy_nrf.estimation import damper_force, dissipated_energy, linear_part
 from pysindy_nrf.exceptions import BiasWarning, ChainError
 
 

@@ -89,7 +89,8 @@ def identify_frf(frf: FrequencyResponse, estimator: Any) -> Outcome:
     """Identify a linear chain from its frequency responses."""
     with warned() as messages:
         estimator.fit(frf)
-    response, used = _response(estimator.model_, frf), in_band(frf.f, estimator.band)
+    mobility = transfer(estimator.model_.matrices(), frf.f)[:, :, frf.excited - 1]
+    response, used = 2j * np.pi * frf.f[:, None] * mobility, in_band(frf.f, estimator.band)
     return Outcome(estimator, frf=(frf, response), used=used, warnings=messages())
 
 
@@ -147,11 +148,6 @@ def _free_runs(outcome: Outcome, records: Sequence[Record], data: SegmentSet, pr
         outcome.free_run = pd.DataFrame.from_dict(
             rows, orient="index", columns=[f"x{j}" for j in range(1, model.n_dof + 1)]
         )
-
-
-def _response(model: Any, frf: FrequencyResponse) -> np.ndarray:
-    """Accelerance of the model at the measured lines."""
-    return 2j * np.pi * frf.f[:, None] * transfer(model.matrices(), frf.f)[:, :, frf.excited - 1]
 
 
 def _unique(name: str, taken: Any) -> str:

@@ -252,6 +252,9 @@ _GROUPS = 8
 _NOTHING = 1e-3
 
 
+_NO_JUMPS = pd.DataFrame(columns=["found", "away", "lost", "wrong", "unit"])  # made once: it takes as long as a solve
+
+
 class JumpBias:
     """Gram matrices with and without the samples near velocity reversals."""
 
@@ -302,9 +305,8 @@ class JumpBias:
 
     def table(self) -> pd.DataFrame:
         """``jump_bias_`` of a regressor; empty where nothing jumps or too few samples are left."""
-        empty = pd.DataFrame(columns=["found", "away", "lost", "wrong", "unit"])
         if not self.places:
-            return empty
+            return _NO_JUMPS.copy()
         all_windows, fewer = self.whole.grams(), [kept.grams() for kept in self.kept]
         total = all_windows.sum()
         try:
@@ -312,13 +314,13 @@ class JumpBias:
                 found, without = self._with_chance(all_windows)
                 kept = list(self._settling(fewer))
         except (NRFError, np.linalg.LinAlgError):
-            return empty
+            return _NO_JUMPS.copy()
         whole = _rms(total, self.places)
         # forces that hardly act in the samples kept cannot be estimated away from standstill
         acting = [_rms(grams.sum(), self.places) >= _KEPT * whole for grams, _ in zip(fewer, kept)]
         determined = np.all(acting, axis=0)
         if not kept or not determined.any():
-            return empty
+            return _NO_JUMPS.copy()
         away, left_out = kept[first_settled([a[determined] for a, _ in kept], [r[:, determined] for _, r in kept])]
         lost = np.where(away, (away - found) / np.where(away, away, 1.0), 0.0)
         size = np.abs(away - found) * _weights(total, self.places, self.model.masses)
@@ -326,7 +328,7 @@ class JumpBias:
         values = self.model.coefficients
         rows = [(values[s][k], away[i], lost[i], wrong[i], unit) for i, (s, k, unit) in enumerate(self.places)]
         labels = [f"{site}: {self.layout.labels(site)[at]}" for site, at, _ in self.places]
-        return pd.DataFrame(rows, index=labels, columns=empty.columns)[determined]
+        return pd.DataFrame(rows, index=labels, columns=_NO_JUMPS.columns)[determined]
 
 
 def _rms(total: BlockGrams, places: list[tuple[Site, int, str]]) -> np.ndarray:

@@ -9,9 +9,10 @@ the rate is unreliable, must not change the coefficient of a force that jumps th
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from itertools import product
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -22,9 +23,12 @@ from ..exceptions import BiasWarning, NRFError, RankWarning
 from ..laws.friction import jump_at_reversal
 from ..mechanics.sites import Site
 from ..regression.chain_solve import Solution, groups_of, solve
+from ..regression.errors import residual_weights
 from ..regression.gram_pass import GramPass
 from ..regression.grams import BlockGrams
 from ..regression.layout import Block, LawLayout, Layout, Recipe, copies
+from ..regression.segments import SegmentSet
+from ..signals.spline_fusion import white_level
 from .windows import FOLDS, LASTING, OFFERED, Window
 
 GAIN = 5.0  # percent of the held-out residual that the extra columns must remove
@@ -252,6 +256,118 @@ _GROUPS = 8
 _NOTHING = 1e-3
 
 
+# Bias over standard error that leaves a 95 % interval 92 %: Phi(1.96 - b) - Phi(-1.96 - b) = 0.921 at b = 0.5.
+NEGLIGIBLE = 0.5
+# White noise below this share of a channel's rms is rounding, as in the fusion.
+_ROUNDING = 1e-6
+# Noise of a smooth nonlinear column over that of the motion: the power of a cubic.
+_STEEPNESS = 3.0
+
+
+def noise_shares(data: SegmentSet, filters: Sequence[Any]) -> dict[str, float]:
+    """Noise over rms of each acceleration, rate and drift: as fusion measured it; of arrays with a clock if white."""
+    squares: dict[str, np.ndarray] = {}
+    for seg, filter in zip(data.segments, filters):
+        passed = 1.0 if filter is None else filter.noise_gain()
+        for kind, j in product("avs", range(seg.n_dof)):
+            y = getattr(seg, kind)[seg.valid, j].astype(float)
+            level = 0.0 if seg.dt is None else white_level(y, 10)
+            if seg.noise:
+                ends = [j + 1] if kind == "a" or j == 0 else [j + 1, j]
+                level = float(np.linalg.norm([_level(seg.noise, kind.replace("s", "x"), i) for i in ends]))
+            held = squares.setdefault(f"{kind}{j + 1}", np.zeros(2))
+            held += len(y) * passed * level**2, y @ y
+    return {name: float(np.sqrt(noise / size)) if size else 0.0 for name, (noise, size) in squares.items()}
+
+
+def _level(noise: Mapping[str, float], kind: str, j: int) -> float:
+    """Noise of a channel; of a rate that was not measured at most the geometric mean of its neighbours' (Landau)."""
+    if kind == "v" and f"v{j}" not in noise:
+        return float(np.sqrt(_level(noise, "x", j) * _level(noise, "a", j)))
+    return noise.get(f"{kind}{j}", np.inf)
+
+
+class NoiseBias(NamedTuple):
+    """What noise in the motion does to least squares in one balance."""
+
+    errors: float  # largest bias, in standard errors of its parameter
+    dof: int | None  # whose mass is solved for
+    mass: float  # share of it that is lost
+    channel: str  # the noisiest, and its noise over its rms
+    share: float
+
+
+def noise_bias(model: Any, solve_order: Any, grams: BlockGrams, shares: Mapping[str, float]) -> list[NoiseBias]:
+    r"""Bias :math:`-(G - N)^{-1} N \theta` as the balances are solved, G their Gram matrix, N that of the noise in it."""
+    if max((share for share in shares.values() if np.isfinite(share)), default=np.inf) < _ROUNDING:
+        return []
+    grams, systems = grams.squares(), []
+    for step in solve_order.steps:
+        gram, (where, mass_at, _) = grams.matrices[step.dofs], grams.positions(step.dofs)
+        weights = residual_weights(dict(enumerate(model.masses, 1)), model.coefficients, grams, step.dofs)
+        # by column: its parameter, sign, noise over rms, channel
+        held = {mass_at: (step.dofs[0], 1.0, shares[f"a{step.dofs[0]}"], f"a{step.dofs[0]}")} if step.masses else {}
+        for site, sign in zip(where, grams.groups[step.dofs].signs):
+            ends = range((site.q or 0) + 1, site.p + 1)
+            for at, label in enumerate(grams.layout.labels(site) if site in step.sites else (), where[site].start):
+                linear = label in ("v", "s")
+                noisy = max((f"{k}{j}" for k, j in product(label if linear else "vs", ends)), key=shares.__getitem__)
+                held[at] = (site, at - where[site].start), sign, shares[noisy] * (1.0 if linear else _STEEPNESS), noisy
+        held = {at: one for at, one in held.items() if gram[at, at] > 0}
+        left = float(weights @ gram @ weights) / max(float(grams.sizes[step.dofs]), 1.0)
+        if held and left > 0:
+            at, (keys, signs, noise, names) = np.array([*held]), zip(*held.values())
+            lost, sign = np.square(noise) * np.diag(gram)[at], np.array(signs)
+            # what is quick in a channel may be motion: noise leaves at least its own force of the balance
+            force = float(lost @ weights[at] ** 2)
+            if np.isfinite(force) and force > 0:
+                lost = lost * min(1.0, left * float(grams.sizes[step.dofs]) / force)
+            own = gram[np.ix_(at, at)] * sign * sign[:, None]
+            systems.append((list(keys), own / left, lost / left, weights[at] * sign, list(names)))
+    if solve_order.strategy == "joint" and systems:
+        systems = [_together(systems)]
+    return [one for system in systems for one in _biases(*system, shares)]
+
+
+def _together(systems: list[Any]) -> Any:
+    """Balances that are solved together, each over the power of its residual, as one system."""
+    found = {key: (value, name) for keys, _, _, theta, names in systems for key, value, name in zip(keys, theta, names)}
+    gram, lost = np.zeros((len(found), len(found))), np.zeros(len(found))
+    for keys, own, noise, *_ in systems:
+        at = [[*found].index(key) for key in keys]
+        gram[np.ix_(at, at)] += own
+        lost[at] += noise
+    return [*found], gram, lost, np.array([value for value, _ in found.values()]), [name for _, name in found.values()]
+
+
+def _biases(
+    keys: list[Any],
+    gram: np.ndarray,
+    lost: np.ndarray,
+    theta: np.ndarray,
+    names: list[str],
+    shares: Mapping[str, float],
+) -> list[NoiseBias]:
+    """Of each mass of a system, or of a system without one."""
+    dofs = [key for key in keys if isinstance(key, int)] or [None]
+    if not np.isfinite(lost).all():
+        return [NoiseBias(np.inf, dof, 0.0, max(names, key=shares.__getitem__), np.inf) for dof in dofs]
+    size = np.sqrt(np.diag(gram))
+    unit, noise, theta = gram / size[:, None] / size, lost / size**2, theta * size
+    values, vectors = np.linalg.eigh(unit - np.diag(noise))
+    # directions that noise makes up altogether cannot be restored; the bias is then larger still
+    values = np.maximum(values, 0.1 * np.diag(vectors.T @ unit @ vectors))
+    bias = vectors @ (vectors.T @ (noise * theta) / values)
+    error = np.sqrt(np.diag(np.linalg.pinv(unit, hermitian=True)))
+    errors = float(np.max(np.abs(bias) / np.maximum(error, np.finfo(float).tiny)))
+    out = []
+    for dof in dofs:
+        k = 0 if dof is None else keys.index(dof)
+        part = 0.0 if dof is None else float(np.clip(bias[k] / (theta[k] + bias[k] or 1.0), 0.0, 1.0))
+        near = [name for name in names if dof is None or int(name[1:]) in (dof, dof + 1)]
+        worst = max(near, key=shares.__getitem__)
+        out.append(NoiseBias(errors, dof, part, worst, shares[worst]))
+    return out
 _NO_JUMPS = pd.DataFrame(columns=["found", "away", "lost", "wrong", "unit"])  # made once: it takes as long as a solve
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -10,9 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from ..exceptions import NRFError
+from ..exceptions import BiasWarning, NRFError
 from ..mechanics.sites import dofs_of
-from ..signals.spline_fusion import white_level
 from .bias import sentences_of, wrong_zeros
 from .delays import force_delay
 
@@ -24,7 +24,6 @@ __all__ = ["diagnose", "plan"]
 WEAK = 0.05  # rms drift of a storey as a share of the largest, below which its excitation is poor
 ILL = 1e4  # scaled condition number from which on terms are hard to tell apart
 WIDE = 0.05  # half-width of a 95 % interval, as a share, from which on a parameter is uncertain
-QUICK = 10  # order of the differences that tell noise from motion; see signals.spline_fusion
 LARGE_ERROR = 15.0  # percent of a balance unexplained, above which its estimates deserve a word
 BIASED = 0.01  # expected relative bias of a mass from which on it is named
 
@@ -132,8 +131,9 @@ def _conditioning(model: Any) -> list[Finding]:
 
 def _uncertainty(model: Any) -> list[Finding]:
     try:
-        ci = model.confidence_intervals()
-    except NRFError as error:
+        with warnings.catch_warnings(action="error", category=BiasWarning):
+            ci = model.confidence_intervals()
+    except (NRFError, BiasWarning) as error:
         return [(1.0, "uncertainty", "data", np.nan, f"No interval can be given: {error}")]
     out = []
     for row in ci.itertuples():
@@ -153,7 +153,8 @@ def _uncertainty(model: Any) -> list[Finding]:
 def _energy(model: Any) -> list[Finding]:
     """Modes whose damping is negative beyond its error."""
     try:
-        ci = model.confidence_intervals(of="modes").set_index("parameter")
+        with warnings.catch_warnings(action="ignore", category=BiasWarning):
+            ci = model.confidence_intervals(of="modes").set_index("parameter")
     except (NRFError, np.linalg.LinAlgError):
         return []
     return [
@@ -180,10 +181,11 @@ def _unexplained(model: Any) -> list[Finding]:
 
 def _estimation(model: Any) -> list[Finding]:
     facts = model.model_.info.get("estimation", {})
-    if facts.get("asked", "ls") == "iv" and facts.get("found") == "ls":
+    if (facts.get("asked") == "iv" or facts.get("notes")) and facts.get("found") == "ls":
+        why = " ".join(facts.get("notes", ["see the warning of fit"]))
         text = (
-            "Instrumental variables could not be used (see the warning of fit): noise in the motion biases masses "
-            "and stiffnesses low."
+            f"Instrumental variables could not be used ({why.rstrip('.')}): noise in the motion biases masses and "
+            "stiffnesses low."
         )
         return [(2.5, "estimation", "all", np.nan, text)]
     return []
@@ -201,75 +203,16 @@ def _delays(model: Any) -> list[Finding]:
 
 
 def _noise(model: Any) -> list[Finding]:
-    """The bias that white noise still in the motions gives a least-squares mass, as its balances are solved."""
-    data = model._records
-    if data is None or model.model_.info.get("estimation", {}).get("found") != "ls":
-        return []
-
-    layout, filters = model.problem_.layout, model.problem_.filters(data)
-    sizes = [seg.n_valid for seg in data.segments]
-    passed = float(np.average([1.0 if f is None else f.noise_gain() for f in filters], weights=sizes))
-    shares: dict[str, list[tuple[float, float]]] = {}
-    for seg in data.segments:
-        for kind in "avs":
-            for j in range(seg.n_dof):
-                y = getattr(seg, kind)[seg.valid, j].astype(float)
-                shares.setdefault(f"{kind}{j + 1}", []).append((white_level(y, QUICK), float(np.sqrt(np.mean(y**2)))))
-    noise = {name: float(np.sqrt(np.mean([level**2 for level, _ in held]))) for name, held in shares.items()}
-    size = {name: float(np.sqrt(np.mean([rms**2 for _, rms in held]))) for name, held in shares.items()}
-    pieces = model._resolving().pieces
-    coefficients = model.model_.coefficients
-    # Gram matrix, noise in it and estimate of the linear terms: by balance, or of all balances over their residuals
-    systems: dict[int, tuple[dict[str, float], np.ndarray, np.ndarray]] = {}
-    for step in model.solve_order_.steps:
-        if len(step.dofs) > 1 or not step.masses or pieces.instrumented:
-            continue
-        group, j = layout.group(step.dofs), step.dofs[0]
-        terms = [
-            (site.is_storey and site in step.sites and term.label in ("v", "s"), f"{term.label}{site.p}", sign, value)
-            for site, sign in zip(group.sites, group.signs)
-            for term, value in zip(layout.terms_at(site), coefficients[site])
-        ] + [(True, f"a{j}", 1, model.masses_[j - 1])]
-        free = [i for i, (own, *_) in enumerate(terms) if own]
-        found, sign = {terms[i][1]: terms[i][3] for i in free}, np.array([terms[i][2] for i in free])
-        gram = pieces.matrices[step.dofs].sum(axis=0)[np.ix_(free, free)] * sign * sign[:, None]
-        n = pieces.sizes[step.dofs].sum()
-        lost = np.diag([n * passed * noise[name] ** 2 for name in found])
-        # what is quick in a channel may be motion: noise leaves at least theta^T N theta of the balance
-        theta = np.array([*found.values()])
-        implied, left = float(theta @ lost @ theta), n * float(model.errors_.loc[f"dof {j}", "residual"]) ** 2
-        systems[j] = found, gram, lost * min(1.0, left / implied) if implied else lost
-    channels = {j: list(found) for j, (found, *_) in systems.items()}
-    if model.solve_order_.strategy == "joint" and systems:
-        every = {name: value for found, *_ in systems.values() for name, value in found.items()}
-        gram, lost = np.zeros((2, len(every), len(every)))
-        for j, (found, *own) in systems.items():
-            at = np.ix_(*[[list(every).index(name) for name in found]] * 2)
-            weight = 1.0 / max(float(model.errors_.loc[f"dof {j}", "residual"]), 1e-300) ** 2
-            gram[at] += weight * own[0]
-            lost[at] += weight * own[1]
-        systems = {0: (every, gram, lost)}
-    out = []
-    for estimate, gram, lost in systems.values():
-        scale = np.sqrt(np.diag(gram))
-        gram, lost = gram / scale[:, None] / scale, lost / scale[:, None] / scale
-        theta = np.array([*estimate.values()]) * scale
-        values, vectors = np.linalg.eigh(gram - lost)
-        # directions that noise makes up altogether cannot be restored; the bias is then larger still
-        true = vectors @ (vectors.T @ (gram @ theta) / np.maximum(values, 0.1 * np.diag(vectors.T @ gram @ vectors)))
-        for name, own, whole in zip(estimate, theta, true):
-            share = float(np.clip(1 - own / whole, 0.0, 1.0)) if whole else 0.0
-            if name[0] != "a" or share < BIASED:
-                continue
-            worst = max(channels[int(name[1:])], key=lambda name: noise[name] / size[name])
-            out.append((
-                4.0 + share, "noise", f"m{name[1:]}", share,
-                f"m{name[1:]} is expected to come out {100 * share:.0f} % low or more, and with it all that is "
-                f"solved from it: white noise in the motion, most in {worst} "
-                f"({100 * noise[worst] / size[worst]:.1f} % of its rms). Give the records so that the channels are "
-                "fused, with estimation='iv'.",
-            ))  # fmt: skip
-    return out
+    """The bias that noise in the motions gives a least-squares mass, balance by balance."""
+    return [
+        (
+            4.0 + one.mass, "noise", f"m{one.dof}", one.mass,
+            f"m{one.dof} is expected to come out {100 * one.mass:.0f} % low or more, and with it all that is "
+            f"solved from it: noise in the motion, most in {one.channel} ({100 * one.share:.1f} % of its rms). Give "
+            "the records so that the channels are fused, with estimation='iv'.",
+        )
+        for one in model._noise_bias() if one.mass >= BIASED
+    ]  # fmt: skip
 
 
 @dataclass

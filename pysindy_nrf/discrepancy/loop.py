@@ -8,7 +8,7 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from ..common.random_state import generator
-from ..estimation.problem import Problem
+from ..estimation.problem import LEAST_SQUARES, Problem
 from ..estimation.regressor import NRFRegressor
 from ..exceptions import BiasWarning, ChannelError, ExcitationError, NRFError
 from ..laws.base import ForceLaw
@@ -176,7 +176,7 @@ def _require_covariates(laws: Mapping[Site, Sequence[ForceLaw]], ready: Prepared
 
 def _say_what_is_not_used(baseline: NRFRegressor) -> None:
     """The search is least squares: what else the baseline asks for has no part in it."""
-    asked = [f"estimation={baseline.estimation!r}"] if baseline.estimation != "ls" else []
+    asked = [f"estimation={baseline.estimation!r}"] if baseline.estimation not in LEAST_SQUARES else []
     asked += [f"{name}=" for name in ("constraints", "optimizer") if getattr(baseline, name) is not None]
     if asked:
         warnings.warn(

@@ -10,6 +10,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from ..data.channels import require_two_dimensions, sample_weights
 from ..data.record import Record
+from ..diagnostics.bias import NEGLIGIBLE, NoiseBias, noise_bias, noise_shares
 from ..diagnostics.test_planning import Diagnosis, diagnose
 from ..exceptions import ChannelError, DataQualityWarning
 from ..mechanics.chain import Chain
@@ -22,6 +23,11 @@ from ..regression.segments import SegmentSet, feature_names
 from .intervals import Resolver, force_intervals, least_squares_resolver, parameter_intervals
 from .problem import Problem
 
+# Percent of the balances, pooled, that 16 bits of a range ten times the rms leave; below, the rest is arithmetic and
+# interpolation, which no further sample averages out.
+EXACT = 0.01
+CURE = "Give the Records themselves, with estimation='auto' or 'iv'."
+
 
 class FittedChain:
     """Methods of a fitted :class:`~pysindy_nrf.NRFRegressor`."""
@@ -31,6 +37,8 @@ class FittedChain:
     solve_order_: SolveOrder
     problem_: Problem
     masses_: np.ndarray
+    errors_: pd.DataFrame
+    n_samples_: int
     band: tuple[float | None, float | None] | None
     coordinates: str
     dt: float | None
@@ -167,7 +175,10 @@ class FittedChain:
         Returns
         -------
         DataFrame
-            Columns ``parameter``, ``estimate``, ``lower``, ``upper``; SI units. Known masses are left out.
+            Columns ``parameter``, ``estimate``, ``lower``, ``upper``; SI units. Known masses are left out. NaN with a
+            BiasWarning where noise in the motion may bias least squares by half a standard error or more; arrays show
+            white noise only, with a clock, so intervals from smoothed ones or without a clock hold for motions free
+            of noise.
         """
         check_is_fitted(self)
         return parameter_intervals(
@@ -254,10 +265,31 @@ class FittedChain:
                 "themselves, or make X with record.to_features(smooth=KinematicSmoother(joint=False)).",
                 DataQualityWarning, stacklevel=3,
             )  # fmt: skip
-        if self._fused_separately is None:
-            return self._resolving()
+        resolver = self._resolving()
+        resolver.withheld = self._withheld()
+        if self.errors_.loc["pooled", "error"] < EXACT:
+            resolver.repeats = self.n_samples_
+        if self._fused_separately is None or resolver.withheld:
+            return resolver
         if self._separate_resolver is None:
             apart = self._fused_separately()
             self._separate_resolver = least_squares_resolver(self.problem_, self.solve_order_, apart)
-            self._separate_resolver.constrain = self._resolving().constrain
+            self._separate_resolver.constrain, self._separate_resolver.repeats = resolver.constrain, resolver.repeats
         return self._separate_resolver
+
+    def _noise_bias(self) -> list[NoiseBias]:
+        """What noise in the motion does to least squares, by balance; empty for other estimates, or without data."""
+        if self.model_.info["estimation"]["found"] != "ls" or self._records is None:
+            return []
+        shares = noise_shares(self._records, self.problem_.filters(self._records))
+        return noise_bias(self.model_, self.solve_order_, self._resolving().pieces.sum(), shares)
+
+    def _withheld(self) -> str:
+        """Why least squares on these data has no valid interval; empty if noise does not bias it noticeably."""
+        bias = max((one.errors for one in self._noise_bias()), default=0.0)
+        if bias <= NEGLIGIBLE:
+            return ""
+        return (
+            f"noise in the motion may bias least squares by {bias:.2g} standard errors; up to {NEGLIGIBLE:g} leave "
+            f"95 % intervals valid. {' '.join(self.model_.info['estimation'].get('notes', ())) or CURE}"
+        )

@@ -11,7 +11,7 @@ from joblib import Parallel, delayed, effective_n_jobs
 from scipy import stats
 
 from ..common.random_state import generator
-from ..exceptions import ChainError, ChannelError, ExtrapolationWarning, IdentifiabilityError, RankWarning
+from ..exceptions import BiasWarning, ChainError, ChannelError, ExtrapolationWarning, IdentifiabilityError, RankWarning
 from ..mechanics.identifiability import SolveOrder
 from ..regression.chain_model import ChainModel
 from ..regression.chain_solve import Solution, groups_of, model_of, solve
@@ -106,6 +106,8 @@ class Resolver:
     known_masses: Mapping[int, float]
     inner: Any = None
     constrain: Callable[[ChainModel], ChainModel] | None = None
+    withheld: str = ""  # why no interval can be given
+    repeats: float = 1.0  # samples that share one error: all of them where no noise is left, only arithmetic
 
     @property
     def record(self) -> np.ndarray:
@@ -264,12 +266,16 @@ def _bounds(
     resolver: Resolver, statistic: Statistic, estimate: np.ndarray, level: float, method: str, random_state: Any,
     n_jobs: int | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    if resolver.withheld:
+        warnings.warn(f"Intervals are withheld: {resolver.withheld}", BiasWarning, stacklevel=5)
+        return np.full(len(estimate), np.nan), np.full(len(estimate), np.nan)
+    wider = np.sqrt(resolver.repeats)
     if method == "bootstrap":
         draws = resolver.drawn(statistic, random_state, n_jobs=n_jobs)
         draws += estimate - statistic(resolver.at(np.ones(len(resolver.record)))).to_numpy(float)
         tail = 100 * (1 - level) / 2
         low, high = np.percentile(draws, [tail, 100 - tail], axis=0)
-        return 2 * estimate - high, 2 * estimate - low
+        return estimate - wider * (high - estimate), estimate + wider * (estimate - low)
     influences = resolver.influences(statistic)
     # standard errors; correlated neighbours count if they increase them; corrected for the subtracted mean
     n = len(influences)
@@ -279,7 +285,7 @@ def _bounds(
     fourth = (influences**4).sum(axis=0)
     freedom = np.where(fourth > 0, 3 * (influences**2).sum(axis=0) ** 2 / np.where(fourth > 0, fourth, 1.0), np.inf)
     freedom = np.clip(np.minimum(freedom, n - 1) / 1.5, 2.0, None)
-    half = stats.t.ppf(0.5 + level / 2, freedom) * deviation
+    half = wider * stats.t.ppf(0.5 + level / 2, freedom) * deviation
     return estimate - half, estimate + half
 
 

@@ -38,6 +38,8 @@ DEFAULT_DEGREE = 3
 # Of 36 shaken chains with one mass 20 % wrong all are named, of 18 with right ones none: freed, a right mass leaves
 # what was left or more, a wrong one among right ones at most 74 %.
 SHRINKS, ANOTHER = 0.8, 0.03
+# Settings of ``estimation`` that begin with least squares and need no motion made for them.
+LEAST_SQUARES = ("auto", "ls")
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,16 @@ from sklearn.base import BaseEstimator, RegressorMixin
 from ..data.channels import column_names, require_two_dimensions, same_columns, sample_weights
 from ..data.io.frf import FrequencyResponse
 from ..data.record import Record
-from ..diagnostics.bias import JumpBias, MissingTerms, contradictions_of, sentences_of, warn_of_bias
+from ..diagnostics.bias import (
+    NEGLIGIBLE,
+    JumpBias,
+    MissingTerms,
+    contradictions_of,
+    noise_bias,
+    noise_shares,
+    sentences_of,
+    warn_of_bias,
+)
 from ..diagnostics.forces import ForceProbes, copies_of
 from ..diagnostics.windows import collect
 from ..exceptions import ChainError, ChannelError, DataQualityWarning
@@ -28,14 +37,14 @@ from .constraints import constrained
 from .fitted import FittedChain
 from .free_run_fit import refine
 from .frequency_response import fit_frequency_response
-from .problem import DEFAULT_DEGREE, Estimate, Problem, law_list, laws_of_sites, wrong_masses
+from .problem import DEFAULT_DEGREE, LEAST_SQUARES, Estimate, Problem, law_list, laws_of_sites, wrong_masses
 from .streaming import fit_streamed, is_streamed, partial_fit
 
 if TYPE_CHECKING:
     from sklearn.utils import Tags
 
 
-_ESTIMATIONS = ("ls", "iv", "simulation")
+_ESTIMATIONS = ("auto", "ls", "iv", "simulation")
 
 
 class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
@@ -62,11 +71,13 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         Runs inside :class:`ChainOptimizer` on every balance; plain least squares if None.
     coordinates : {"relative", "absolute"}
         X holds inter-storey motion v, s (eq. 8), or motion xdot, x of the DOFs.
-    estimation : {"ls", "iv", "simulation"}
+    estimation : {"auto", "ls", "iv", "simulation"}
         ``"ls"``: least squares. ``"iv"``: instrumental variables from the model's own free run, which
         noise in the motion does not bias; give records, or motions made with
-        ``KinematicSmoother(joint=False)``. ``"simulation"``: the free run fitted to the motion, started
-        from ``"iv"`` and kept where it predicts better. See :mod:`pysindy_nrf.estimation`.
+        ``KinematicSmoother(joint=False)``. ``"auto"``: the first where the noise that fusion measured leaves its
+        bias below half a standard error, and of arrays; else the second where it is possible. ``"simulation"``: the
+        free run fitted to the motion, started from ``"iv"`` and kept where it predicts better. See
+        :mod:`pysindy_nrf.estimation`.
     laws : mapping of str to ForceLaw or sequence of ForceLaw, optional
         Laws at some sites, in place of the power series there; further links and ``"dof j"`` sites
         join the chain. Shape parameters without a value are estimated; those with one are kept. Coefficients are
@@ -141,7 +152,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
 
     def __init__(
         self, degree: Any = DEFAULT_DEGREE, orders: Mapping[Any, Any] | None = None, strategy: str = "auto",
-        optimizer: Any = None, coordinates: str = "relative", estimation: str = "ls",
+        optimizer: Any = None, coordinates: str = "relative", estimation: str = "auto",
         laws: Mapping[Any, Any] | None = None, known_masses: Mapping[int, float] | None = None,
         band: tuple[float | None, float | None] | None = None, dt: float | None = None, chain: Chain | None = None,
         constraints: Any = None, massless: bool = False,
@@ -209,7 +220,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             raise ChannelError(f"coordinates={self.coordinates!r} is unknown", "Choose 'relative' or 'absolute'.")
         if self.estimation not in _ESTIMATIONS:
             raise ChainError(f"estimation={self.estimation!r} is unknown", f"Choose one of {', '.join(_ESTIMATIONS)}.")
-        if sample_weight is not None and (self.estimation != "ls" or is_streamed(X)):
+        if sample_weight is not None and (self.estimation not in LEAST_SQUARES or is_streamed(X)):
             raise ChannelError("sample_weight is for least squares of samples in memory", "Leave it out otherwise.")
         if isinstance(X, FrequencyResponse):
             return fit_frequency_response(self, X)
@@ -223,9 +234,9 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         if sample_weight is not None:
             weights = sample_weights(sample_weight, data.n_samples)
             data = SegmentSet([replace(seg, weights=weights[seg.rows]) for seg in data.segments], data.n_samples)
-        separate = data if self.estimation == "ls" else self._separate(X, y, data, options)
-        self._fit(data, separate)
-        if self.estimation == "ls":
+        least_squares = self.estimation == "ls" or (self.estimation == "auto" and not holds_records(X))
+        self._fit(data, None if least_squares else lambda: self._separate(X, y, data, options))
+        if self.model_.info["estimation"]["found"] == "ls":
             if holds_records(X):
                 self._fused_separately = lambda: self._separate(X, y, data, options)
             self._fused_jointly = fused_together(X)
@@ -268,24 +279,42 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             X = X if self.problem(X[0].n_dof).needs_clock else [rec.by_sample() for rec in X]
         return super()._data(X, y, **options)
 
-    def _fit(self, data: SegmentSet, separate: SegmentSet) -> None:
+    def _fit(self, data: SegmentSet, separate: Callable[[], SegmentSet] | None) -> None:
         found = self.problem(data.n_dof).solve(data)
         self._resolver, self._records, self.problem_ = None, data, found.problem
-        facts: dict[str, Any] = {"asked": "ls", "found": "ls"}
-        judged = data
-        if self.estimation != "ls":
-            found, self._resolver, facts, judged = refine(self.estimation, found, separate)
-        plain = facts["found"] == "ls"  # also where the least-squares estimate was kept
+        facts: dict[str, Any] = {"asked": self.estimation, "found": "ls"}
+        examined, judged = None, data  # the channels are examined by least squares unless another method is asked for
+        if self.estimation == "auto" and separate is not None:
+            shares = noise_shares(data, found.problem.filters(data))
+            biases = noise_bias(found.model, found.order, found.grams, shares)
+            if max((one.errors for one in biases), default=0.0) > NEGLIGIBLE:
+                with warnings.catch_warnings(record=True) as said:
+                    warnings.simplefilter("always")
+                    refined = refine("iv", found, separate())
+                given = [(str(one.message), one.category) for one in said]
+                if refined[2]["found"] == "iv":
+                    examined = self._constrained(found)
+                    found, self._resolver, facts, _ = refined
+                    for text, kind in given:
+                        warnings.warn(text, kind, stacklevel=3)
+                facts |= {"asked": "auto", "notes": [text for text, _ in given]}
+        elif separate is not None:
+            found, self._resolver, facts, judged = refine(self.estimation, found, separate())
+        plain = facts["found"] == "ls" or examined is not None  # also where the least-squares estimate was kept
         self.solve_order_ = found.order
-        self._publish(self._constrained(found), data, data if plain else judged, plain)
+        found = self._constrained(found)
+        self._publish(found, data)
         self.model_.info["estimation"] = facts
+        self._examine(examined or found, data, data if plain else judged, plain)
 
     def _publish_chunks(
         self, found: Estimate, resolver: Any, data: SegmentSet, judged: SegmentSet, unknown: list[int]
     ) -> NRFRegressor:
         """Take an estimate from chunks, of which some windows are kept."""
         self._resolver, self._records = resolver, None
-        self._publish(self._constrained(found), data, judged)
+        found = self._constrained(found)
+        self._publish(found, data)
+        self._examine(found, data, judged, True)
         self.unknown_forces_ = pd.DataFrame({f"F{j}": np.zeros(0) for j in unknown})
         self.model_.info["estimation"] = {"asked": "ls", "found": "ls"}
         self.n_features_in_, self._one_force = 3 * self.model_.n_dof, False
@@ -318,7 +347,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         data = "_records", "_fused_separately", "_separate_resolver"  # not part of the model
         return state | {key: None for key in data if key in state}
 
-    def _publish(self, found: Estimate, data: SegmentSet, judged: SegmentSet, least_squares: bool = True) -> None:
+    def _publish(self, found: Estimate, data: SegmentSet) -> None:
         self._fused_separately, self._separate_resolver, self._fused_jointly = None, None, False
         problem, solve_order, model, solution, grams = found
         layout = problem.layout
@@ -339,7 +368,12 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         self.model_, self.inner_ = model, solution.inner
         self.restoring_forces_ = model.restoring_forces
         self.unknown_forces_ = unknown_forces(model, data)
-        silent = self.band is not None or not least_squares
+
+    def _examine(self, found: Estimate, data: SegmentSet, judged: SegmentSet, least_squares: bool) -> None:
+        """Say what may be wrong with the channels, the forces and the laws."""
+        problem, solve_order, model, solution, grams = found
+        layout = problem.layout
+        silent = self.band is not None or self.model_.info.get("estimation", {}).get("found", "ls") != "ls"
         held = layout if least_squares else None  # the shapes of its laws are those of the model
         terms = MissingTerms(model, solve_order, held)
         jumps = JumpBias(model, solve_order, problem.known_masses, problem.optimizer, silent, held)
@@ -352,7 +386,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             "channels": data.doubts,
             "forces": contradictions_of(solution) + [one for held in forces for one in held.sentences()],
             "records": copies_of(data) if self._records is not None else [],
-            "masses": doubtful_masses(solution) + lost_masses(model) + known,
+            "masses": doubtful_masses(solution) + lost_masses(self.model_) + known,
         }
         said = [text for key in ("records", "forces", "masses") for text in self.data_warnings_[key]]
         said += sentences_of(self.jump_bias_)

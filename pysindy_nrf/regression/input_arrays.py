@@ -134,7 +134,7 @@ def from_arrays(
             name, rows, a[rows], v[rows], s[rows], force[rows], even if seconds is None else seconds[rows],
             None if ag is None else ag[rows], {k: c[rows] for k, c in extra.items()},
             resolved=getattr(X, "attrs", {}).get("resolved"), band=getattr(X, "attrs", {}).get("band"),
-            doubts=tuple(getattr(X, "attrs", {}).get("doubts", ())),
+            doubts=tuple(getattr(X, "attrs", {}).get("doubts", ())), noise=getattr(X, "attrs", {}).get("noise", {}),
         )  # fmt: skip
         segments.append(_trimmed(_base_in_band(segment), names, x[rows] if coordinates == "relative" else None))
     if has_memory:
@@ -157,7 +157,7 @@ def _from_records(records: Sequence[Record], beside: Sequence[str], n_dof: int |
         segment = Segment(
             rec.name, slice(at, at + len(x)), values[:, :n], values[:, n : 2 * n], values[:, 2 * n :], force.to_numpy(),
             rec.time, ag, dict(rec.covariates), resolved=x.attrs.get("resolved"), band=x.attrs.get("band"),
-            doubts=tuple(x.attrs.get("doubts", ())),
+            doubts=tuple(x.attrs.get("doubts", ())), noise=x.attrs.get("noise", {}),
         )  # fmt: skip
         segments.append(_trimmed(_base_in_band(segment), feature_names(n)))
         at += len(x)

@@ -197,6 +197,7 @@ class Segment:
     band: tuple[float | None, float | None] | None = None  # Hz, of motion and forces before they came here
     doubts: tuple[str, ...] = ()  # what looked wrong with the channels, in sentences
     weights: np.ndarray | None = None  # of the samples in the Gram matrices
+    noise: dict[str, float] = field(default_factory=dict)  # of the measured motion channels, SI rms, if known
     _extent: tuple[slice, Extent] | None = field(default=None, repr=False, compare=False)
 
     @property

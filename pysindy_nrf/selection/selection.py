@@ -9,7 +9,7 @@ import pandas as pd
 from sklearn.base import clone
 
 from ..common.lazy import Hook
-from ..estimation.problem import law_list
+from ..estimation.problem import LEAST_SQUARES, law_list
 from ..estimation.regressor import NRFRegressor
 from ..exceptions import ChainError, ChannelError, NRFError
 from ..laws.power_series import exponents_of
@@ -241,7 +241,7 @@ def fold_moments_of(
     estimator: Any, labels: list[Any], X: Any, F: Any, cv: Any, options: Mapping[str, Any]
 ) -> FoldMoments:
     """Gram matrices for all folds of what an estimator would be fitted to, with several orders where none is given."""
-    if estimator.estimation != "ls" or estimator.constraints is not None:
+    if estimator.estimation not in LEAST_SQUARES or estimator.constraints is not None:
         what = "constraints" if estimator.constraints is not None else f"estimation={estimator.estimation!r}"
         raise ChainError(f"{what} cannot be had from Gram matrices alone", "Use GridSearchCV over NRFRegressor.")
     given = law_list(estimator.laws)

@@ -66,6 +66,8 @@ def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.Da
         if blind:
             X.attrs["resolved"] = RESOLVED * record.fs / (2 * float(max(blind)))
         X.attrs["joint_fusion"] = smoother.joint and not _as_measured(record, a)
+    if smoother is not None:
+        X.attrs["noise"] = {str(name): float(level) for name, level in smoother.noise_.items()}
     if smoother is not None and smoother.band_ is not None:
         X.attrs["band"] = check_band(smoother.band_, record.fs)
     if messages:

@@ -20,7 +20,7 @@ def data():
     rec = simulate(truth, F, 1 / 500.0)
     X, F = rec.to_features(smooth=False)
     rng = np.random.default_rng(1)
-    X = X + [0.3] * 3 * rng.normal(size=(len(X), 3)) @ np.eye(3, 9)  # noisy accelerations
+    X = X + [0.02] * 3 * rng.normal(size=(len(X), 3)) @ np.eye(3, 9)  # noisy accelerations
     return X, F + 10.0 * rng.normal(size=F.shape) * [0, 1, 0]
 
 

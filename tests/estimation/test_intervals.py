@@ -1,17 +1,19 @@
 """Intervals: as wide as theory says where theory is exact, and honest where residuals are coloured."""
 
 import pickle
+import warnings
 
 import numpy as np
 import pytest
 from chains import driven
 from scipy import stats
 from scipy.signal import lfilter
+from sklearn.base import clone
 
 from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
 from pysindy_nrf.estimation import dissipated_energy
 from pysindy_nrf.estimation.intervals import newey_west, parameter_intervals
-from pysindy_nrf.exceptions import ChainError, ChannelError, ExtrapolationWarning, IdentifiabilityError
+from pysindy_nrf.exceptions import BiasWarning, ChainError, ChannelError, ExtrapolationWarning, IdentifiabilityError
 from pysindy_nrf.simulation.noise import add_noise
 
 TRUE = np.array([10.0, 30.0, 2000.0])
@@ -187,3 +189,49 @@ def test_a_single_blow_carries_the_whole_estimate():
     with pytest.raises(IdentifiabilityError, match="A single part of the data determines the estimate"):
         model.confidence_intervals()
     assert "No interval can be given: A single part of the data" in " ".join(str(model.diagnose()).split())
+
+
+def cubic_frame(noise, seed):
+    """Three floors, floor 1 forced, storey 2 cubic, with noise on every channel; the estimator is told the laws."""
+    soft = [laws.PowerSeries((0, 3), [3.5e4, 0.0, 3e9]), laws.LinearViscous(20.0)]
+    stiff = [laws.LinearElastic(4e4), laws.LinearViscous(25.0)]
+    truth = ChainModel([12.0, 10.0, 8.0], {1: stiff, 2: soft, 3: stiff})
+    F = excitation.band_limited_random(3, 8.0, 500.0, excited=[1], rms=100.0, band=(0.5, 30.0), random_state=[seed, 3])
+    return add_noise(simulate(truth, F, 2e-3, hold="cubic"), noise, random_state=[seed, 4]).replace(velocity=None)
+
+
+TOLD = {"degree": 1, "laws": {"storey 2": [laws.PowerSeries((0, 3)), laws.LinearViscous()]}}
+
+
+@pytest.mark.parametrize(("noise", "found"), [(1e-5, "ls"), (0.05, "iv")])
+def test_the_default_takes_instruments_where_noise_would_bias_least_squares_and_its_intervals_hold(noise, found):
+    model = NRFRegressor(**TOLD).fit(cubic_frame(noise, 0))
+    assert model.model_.info["estimation"]["found"] == found and clone(model).get_params()["estimation"] == "auto"
+    ci = model.confidence_intervals(0.999).set_index("parameter")
+    for name, true in {"m1": 12.0, "m2": 10.0, "m3": 8.0, "storey 1: s": 4e4, "storey 2: s^3": 3e9}.items():
+        assert ci.loc[name, "lower"] < true < ci.loc[name, "upper"]
+
+
+def test_intervals_of_biased_least_squares_are_withheld_with_the_reason():
+    rec = cubic_frame(0.05, 0)
+    unknown = rec.replace(force=np.where([False, False, True], np.nan, rec.force))  # no free run without F3
+    with warnings.catch_warnings(action="ignore"):
+        models = [
+            NRFRegressor(**TOLD, estimation="ls").fit(rec),
+            NRFRegressor(**TOLD).fit(*rec.to_features()),
+            NRFRegressor(**TOLD, known_masses={3: 8.0}).fit(unknown),
+        ]
+    for model in models:
+        with pytest.warns(BiasWarning, match="withheld: noise in the motion may bias"):
+            ci = model.confidence_intervals()
+        assert ci[["lower", "upper"]].isna().all(axis=None) and ci["estimate"].notna().all()
+        assert "withheld" in str(model.diagnose())
+    with pytest.warns(BiasWarning, match="a free run needs all forces"):
+        model.confidence_intervals()
+
+
+def test_where_no_noise_is_left_intervals_hold_the_error_of_interpolation():
+    ci = NRFRegressor(**TOLD).fit(cubic_frame(0.0, 0)).confidence_intervals().set_index("parameter")
+    for name, true in {"m1": 12.0, "m2": 10.0, "m3": 8.0, "storey 2: s^3": 3e9}.items():
+        assert ci.loc[name, "lower"] < true < ci.loc[name, "upper"]
+        assert ci.loc[name, "upper"] - ci.loc[name, "lower"] < 5e-3 * true

@@ -18,7 +18,7 @@ from ...regression.grams import BlockGrams
 from ...regression.input_arrays import from_arrays
 from ...regression.layout import Block, Group, LawLayout, block_size
 from ...regression.segments import Extent, Segment
-from ..problem import Problem, law_list
+from ..problem import LEAST_SQUARES, Problem, law_list
 from .sources import Chunk, seconds_since
 
 Key = tuple[int, int]  # number of the chunk, number of the piece in it
@@ -115,7 +115,7 @@ class Model:
 def require_streamable(estimator: Any, layout: LawLayout) -> None:
     """Raise a ChainError for settings that need whole records in memory."""
     cure = "Give Records, or arrays that fit in memory."
-    if estimator.estimation != "ls":
+    if estimator.estimation not in LEAST_SQUARES:
         raise ChainError(f"estimation={estimator.estimation!r} needs whole records", cure)
     if estimator.band is not None:
         what = "band= filters whole records and cannot be applied to pieces of them"

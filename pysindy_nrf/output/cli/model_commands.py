@@ -52,9 +52,10 @@ def demo(as_json: bool, **options: Any) -> None:
 @opt.mass_option
 @opt.band_option
 @opt.choice(
-    "--estimation", ["ls", "iv", "simulation"],
+    "--estimation", ["auto", "ls", "iv", "simulation"],
     "Least squares; instrumental variables, which noise in the motion does not bias; or these and then the free "
-    "run fitted to the motion: see docs/noise.md.", "ls",
+    "run fitted to the motion; auto takes the first where the measured noise is negligible, else the second: see "
+    "docs/noise.md.", "auto",
 )  # fmt: skip
 @click.option(
     "--raw", is_flag=True, help="Take all channels as they are, no fusion: every floor then needs a, v and x."

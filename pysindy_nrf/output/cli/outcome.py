@@ -19,7 +19,6 @@ from ...exceptions import SimulationError
 from ...regression.errors import free_run_of, squares_of
 from ...regression.input_arrays import from_arrays
 from ...regression.segments import Segment, SegmentSet
-from ...signals.kinematic_smoother import KinematicSmoother
 from ...signals.kinematics import base_acceleration
 from ...signals.zero_phase_filter import FairFilter, filters_of
 from ..displays import FreeRunDisplay
@@ -71,14 +70,14 @@ class Outcome:
 def identify_records(records: Sequence[Record], estimator: Any, raw: bool, progress: Progress) -> Outcome:
     """Identify a chain from records (``raw``: no fusion) and run the model free."""
     with warned() as messages:
-        smooth: Any = not raw
-        if smooth and estimator.estimation != "ls":  # which needs noise that is independent of the motion
-            smooth = KinematicSmoother(band="auto", joint=False)
-        pairs = [rec.to_features(smooth=smooth) for rec in progress(records, "fusing channels")]
-        X, F = (pd.concat([pair[k] for pair in pairs]) for k in (0, 1))
-        options = _beside(records)
-        estimator.fit(X, F, **options)
-        data = from_arrays(X, F, n_dof=records[0].n_dof, **options)
+        if raw:
+            pairs = [rec.to_features(smooth=False) for rec in progress(records, "reading channels")]
+            X, F = (pd.concat([pair[k] for pair in pairs]) for k in (0, 1))
+            options = _beside(records)
+            estimator.fit(X, F, **options)
+            data = from_arrays(X, F, n_dof=records[0].n_dof, **options)
+        else:
+            data = estimator.fit(records).fit_data("")
         outcome = Outcome(estimator, shares=term_shares(estimator.model_, data), data=data)
         _free_runs(outcome, records, data, progress)
     outcome.warnings = messages()

@@ -14,7 +14,7 @@ from ...common.audit import settings_of, versions
 from ...data.record import Record
 from ...discrepancy.prepare import prepare
 from ...discrepancy.residual import SiteLoop, loops_of, residual_of
-from ...exceptions import NRFError, NRFWarning
+from ...exceptions import BiasWarning, NRFError, NRFWarning
 from ...laws.base import registry
 from ...regression.chain_model import ChainModel
 from ...regression.segments import SegmentSet
@@ -228,7 +228,11 @@ def _intervals(subject: Any, notes: list[str]) -> Any:
         return None
     try:
         with warnings.catch_warnings(action="ignore", category=NRFWarning):
+            warnings.simplefilter("error", BiasWarning)
             return subject.confidence_intervals()
+    except BiasWarning as withheld:
+        notes.append(str(withheld))
+        return None
     except NRFError as error:
         notes.append(f"No intervals: {error}")
         return None

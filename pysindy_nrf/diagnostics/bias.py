@@ -298,15 +298,18 @@ class NoiseBias(NamedTuple):
 
 
 def noise_bias(model: Any, solve_order: Any, grams: BlockGrams, shares: Mapping[str, float]) -> list[NoiseBias]:
-    r"""Bias :math:`-(G - N)^{-1} N \theta` as the balances are solved, G their Gram matrix, N that of the noise in it."""
+    r"""Bias :math:`-(G - N)^{-1} N \theta` as the balances are solved, G their Gram matrix, N that of its noise."""
     if max((share for share in shares.values() if np.isfinite(share)), default=np.inf) < _ROUNDING:
         return []
-    grams, systems = grams.squares(), []
+    grams = grams.squares()
+    systems: list[Any] = []
     for step in solve_order.steps:
         gram, (where, mass_at, _) = grams.matrices[step.dofs], grams.positions(step.dofs)
         weights = residual_weights(dict(enumerate(model.masses, 1)), model.coefficients, grams, step.dofs)
         # by column: its parameter, sign, noise over rms, channel
-        held = {mass_at: (step.dofs[0], 1.0, shares[f"a{step.dofs[0]}"], f"a{step.dofs[0]}")} if step.masses else {}
+        held: dict[Any, Any] = (
+            {mass_at: (step.dofs[0], 1.0, shares[f"a{step.dofs[0]}"], f"a{step.dofs[0]}")} if step.masses else {}
+        )
         for site, sign in zip(where, grams.groups[step.dofs].signs):
             ends = range((site.q or 0) + 1, site.p + 1)
             for at, label in enumerate(grams.layout.labels(site) if site in step.sites else (), where[site].start):
@@ -316,7 +319,8 @@ def noise_bias(model: Any, solve_order: Any, grams: BlockGrams, shares: Mapping[
         held = {at: one for at, one in held.items() if gram[at, at] > 0}
         left = float(weights @ gram @ weights) / max(float(grams.sizes[step.dofs]), 1.0)
         if held and left > 0:
-            at, (keys, signs, noise, names) = np.array([*held]), zip(*held.values())
+            at = np.array([*held])
+            keys, signs, noise, names = zip(*held.values())
             lost, sign = np.square(noise) * np.diag(gram)[at], np.array(signs)
             # what is quick in a channel may be motion: noise leaves at least its own force of the balance
             force = float(lost @ weights[at] ** 2)
@@ -349,7 +353,7 @@ def _biases(
     shares: Mapping[str, float],
 ) -> list[NoiseBias]:
     """Of each mass of a system, or of a system without one."""
-    dofs = [key for key in keys if isinstance(key, int)] or [None]
+    dofs: list[Any] = [key for key in keys if isinstance(key, int)] or [None]
     if not np.isfinite(lost).all():
         return [NoiseBias(np.inf, dof, 0.0, max(names, key=shares.__getitem__), np.inf) for dof in dofs]
     size = np.sqrt(np.diag(gram))

@@ -312,25 +312,26 @@ def noise_bias(model: Any, solve_order: Any, grams: BlockGrams, shares: Mapping[
         )
         for site, sign in zip(where, grams.groups[step.dofs].signs):
             ends = range((site.q or 0) + 1, site.p + 1)
-            for at, label in enumerate(grams.layout.labels(site) if site in step.sites else (), where[site].start):
+            for k, label in enumerate(grams.layout.labels(site) if site in step.sites else (), where[site].start):
                 linear = label in ("v", "s")
-                noisy = max((f"{k}{j}" for k, j in product(label if linear else "vs", ends)), key=shares.__getitem__)
-                held[at] = (site, at - where[site].start), sign, shares[noisy] * (1.0 if linear else _STEEPNESS), noisy
-        held = {at: one for at, one in held.items() if gram[at, at] > 0}
+                kinds = label if linear else "vs"
+                noisy = max((f"{one}{j}" for one, j in product(kinds, ends)), key=shares.__getitem__)
+                held[k] = (site, k - where[site].start), sign, shares[noisy] * (1.0 if linear else _STEEPNESS), noisy
+        held = {k: one for k, one in held.items() if gram[k, k] > 0}
         left = float(weights @ gram @ weights) / max(float(grams.sizes[step.dofs]), 1.0)
         if held and left > 0:
-            at = np.array([*held])
+            own = np.array([*held])
             keys, signs, noise, names = zip(*held.values())
-            lost, sign = np.square(noise) * np.diag(gram)[at], np.array(signs)
+            lost, ways = np.square(noise) * np.diag(gram)[own], np.array(signs)
             # what is quick in a channel may be motion: noise leaves at least its own force of the balance
-            force = float(lost @ weights[at] ** 2)
+            force = float(lost @ weights[own] ** 2)
             if np.isfinite(force) and force > 0:
                 lost = lost * min(1.0, left * float(grams.sizes[step.dofs]) / force)
-            own = gram[np.ix_(at, at)] * sign * sign[:, None]
-            systems.append((list(keys), own / left, lost / left, weights[at] * sign, list(names)))
+            signed = gram[np.ix_(own, own)] * ways * ways[:, None]
+            systems.append((list(keys), signed / left, lost / left, weights[own] * ways, list(names)))
     if solve_order.strategy == "joint" and systems:
         systems = [_together(systems)]
-    return [one for system in systems for one in _biases(*system, shares)]
+    return [one for system in systems for one in _biases(shares, *system)]
 
 
 def _together(systems: list[Any]) -> Any:
@@ -345,13 +346,8 @@ def _together(systems: list[Any]) -> Any:
 
 
 def _biases(
-    keys: list[Any],
-    gram: np.ndarray,
-    lost: np.ndarray,
-    theta: np.ndarray,
-    names: list[str],
-    shares: Mapping[str, float],
-) -> list[NoiseBias]:
+    shares: Mapping[str, float], keys: list[Any], gram: Any, lost: Any, theta: Any, names: list[str]
+) -> list[Any]:
     """Of each mass of a system, or of a system without one."""
     dofs: list[Any] = [key for key in keys if isinstance(key, int)] or [None]
     if not np.isfinite(lost).all():

@@ -120,6 +120,15 @@ def test_a_light_frame_may_shake_hard_and_millimetres_for_metres_are_still_asked
     assert "unit" in data_warnings(hard.replace(acceleration=1e3 * hard.acceleration))[0]
 
 
+@pytest.mark.parametrize(("key", "name"), [("displacement", "x2"), ("acceleration", "a2")])
+def test_a_gain_that_drifts_is_named_with_its_size(key, name):
+    rec = record()
+    ramp = 1 + 0.2 * np.linspace(-0.5, 0.5, rec.n_samples)
+    (said,) = data_warnings(changed(rec.replace(velocity=None), key, 2, lambda y: y * ramp))
+    share = float(re.search(r"the gain of x2 or a2 drifts: their ratio changes by ([+-]\d+) %", said)[1])
+    assert share == pytest.approx(20 if key == "displacement" else -20, abs=5)
+
+
 @pytest.mark.parametrize(("length", "second"), [(1.0, 1.0), (1e-6, 1e-4), (1e-8, 1e-6), (10.0, 10.0)])
 def test_channels_agree_or_not_at_any_scale(length, second):
     """A chain in micrometres and megahertz is the same chain."""

@@ -8,6 +8,7 @@ import pandas as pd
 import paper_cases as cases
 import paper_published as published
 import pytest
+from paper_displays import DamperForceDisplay, TrackDisplay
 from planarity import PlanarityDisplay, planarity
 
 from pysindy_nrf import ChainModel, NRFRegressor, datasets, laws, simulate
@@ -47,15 +48,15 @@ def made(fitted):
     return {
         "surface": displays.RestoringForceSurfaceDisplay.from_estimator(model, 4, law, size=15),
         "loops": displays.HysteresisLoopDisplay.from_estimator(model, X, F, 2),
-        "damper": displays.DamperForceDisplay.from_estimator(model, case.bare, X, 4, case.damper[:, 3], "rate"),
-        "damper over time": displays.DamperForceDisplay.from_estimator(model, case.bare, X, 4, over="time"),
+        "damper": DamperForceDisplay.from_estimator(model, case.bare, X, 4, case.damper[:, 3], "rate"),
+        "damper over time": DamperForceDisplay.from_estimator(model, case.bare, X, 4, over="time"),
         "energy": displays.EnergyDisplay.from_estimator(model, X),
         "free run": displays.FreeRunDisplay.from_estimator(model, case.exact),
         "change": displays.ChangeMapDisplay.from_report(report, 2, size=15),
         "modes": displays.ModesDisplay.from_estimator(model, case.exact),
         "planarity": PlanarityDisplay(planarity(model, X, F, draws=2, random_state=0)),
         "record": displays.RecordDisplay(case.measured, "velocity"),
-        "track": displays.TrackDisplay.from_estimator(NRFRegressor(degree=1).fit(X, F), X, F, window=1.0, onset=3.0),
+        "track": TrackDisplay.from_estimator(NRFRegressor(degree=1).fit(X, F), X, F, window=1.0, onset=3.0),
     }
 
 
@@ -96,7 +97,7 @@ def test_loops_show_the_force_that_balances_the_inertia_above(fitted):
 def test_a_stiffness_that_drops_by_a_fifth_is_drawn_as_twenty_percent():
     t = np.arange(1.0, 9.0, 0.25)
     table = pd.DataFrame({"record": "quake", "t": t, "k1": np.where(t < 5, 4e4, 3.2e4), "k2": 3e4})
-    first, second, onset = displays.TrackDisplay(table, onset=5.0).figures()[0].marks
+    first, second, onset = TrackDisplay(table, onset=5.0).figures()[0].marks
     assert first.y.iloc[-1] == pytest.approx(-20.0) and (second.y == 0).all() and onset.x == 5.0
 
 
@@ -132,7 +133,7 @@ def test_a_force_with_memory_is_no_surface():
 def test_wrong_requests_are_refused(fitted):
     case, X, F, model = fitted
     with pytest.raises(ChannelError, match="over="):
-        displays.DamperForceDisplay.from_estimator(model, case.bare, X, 1, over="colour")
+        DamperForceDisplay.from_estimator(model, case.bare, X, 1, over="colour")
     with pytest.raises(ChannelError, match="balances above"):
         displays.HysteresisLoopDisplay.from_estimator(model, X, F, "dof 2")
     with pytest.raises(ChannelError, match="no displacement"):
@@ -163,7 +164,7 @@ def test_everything_draws_on_axes_that_are_given():
     displays.CoefficientsDisplay(pd.DataFrame({"truth": [0.1, 0.9]}, index=index)).plot(axes[:1])
     displays.ModesDisplay.from_estimator(datasets.demo_truth()).plot(axes[1:2])
     track = pd.DataFrame({"record": "quake", "t": np.arange(8.0), "k1": 4e4, "k2": 3e4})
-    displays.TrackDisplay(track).plot(axes[2])
+    TrackDisplay(track).plot(axes[2])
     assert all(ax.has_data() for ax in axes) and len(plt.get_fignums()) == 1
     assert not [text for text in axes[2].texts if "s" in text.get_text()]  # no onset, no mark of one
 

@@ -5,12 +5,11 @@ sheet, plotly (extra ``report``) on the page of a report. Both are imported when
 """
 
 from .evidence import BeforeAfterDisplay
-from .forces import DamperForceDisplay, EnergyDisplay, HysteresisLoopDisplay, RestoringForceSurfaceDisplay
+from .forces import EnergyDisplay, HysteresisLoopDisplay, RestoringForceSurfaceDisplay
 from .models import ChangeMapDisplay, CoefficientsDisplay
-from .motion import FreeRunDisplay, ModesDisplay, RecordDisplay, TrackDisplay
+from .motion import FreeRunDisplay, ModesDisplay, RecordDisplay
 
 __all__ = [
-    "BeforeAfterDisplay", "ChangeMapDisplay", "CoefficientsDisplay", "DamperForceDisplay", "EnergyDisplay",
-    "FreeRunDisplay", "HysteresisLoopDisplay", "ModesDisplay", "RecordDisplay",
-    "RestoringForceSurfaceDisplay", "TrackDisplay",
+    "BeforeAfterDisplay", "ChangeMapDisplay", "CoefficientsDisplay", "EnergyDisplay", "FreeRunDisplay",
+    "HysteresisLoopDisplay", "ModesDisplay", "RecordDisplay", "RestoringForceSurfaceDisplay",
 ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Figures of restoring forces: surfaces, loops, the force of a device, its energy."""
+"""Figures of restoring forces: surfaces, loops, the energy dissipated."""
 
 from collections.abc import Mapping
 from typing import Any, Self
@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from ...discrepancy.residual import SiteLoop
-from ...estimation import damper_force, dissipated_energy
+from ...estimation import dissipated_energy
 from ...exceptions import ChannelError, NRFError
 from ...mechanics.sites import Site
 from ...regression.chain_model import as_model, as_segments
@@ -224,79 +224,6 @@ class HysteresisLoopDisplay(Display):
     def figures(self) -> list[Figure]:
         none = np.empty(0)
         return [loop_figure(SiteLoop(self.site, "", none, self.drift, none, self.identified, self.measured))]
-
-
-_OVER = {"time": ("time", "s"), "drift": ("drift s_{{{i}}}", "m"), "rate": ("rate v_{{{i}}}", "m/s")}
-
-
-class DamperForceDisplay(Display):
-    """Device force of one storey, identified and true or measured (paper Figs. 4, 5, 7, 8, 12, 15).
-
-    Parameters
-    ----------
-    abscissa : ndarray of shape (n_samples,)
-        Time (s), drift (m) or rate (m/s).
-    identified, measured : ndarray of shape (n_samples,)
-        N; the second may be None.
-    site : str
-    over : {"time", "drift", "rate"}
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf.output.displays import DamperForceDisplay
-    >>> t = np.linspace(0, 6.3, 500)
-    >>> display = DamperForceDisplay(t, 20.0 * np.tanh(9 * np.cos(t)), 20.0 * np.sign(np.cos(t)), over="time").plot()
-    >>> display.ax_.get_xlabel(), display.ax_.get_ylabel()
-    ('time (s)', 'damper force (N)')
-    """
-
-    def __init__(
-        self, abscissa: Any, identified: Any, measured: Any = None, site: str = "storey 1", over: str = "drift"
-    ) -> None:
-        self.abscissa, self.identified = np.asarray(abscissa, dtype=float), np.asarray(identified, dtype=float)
-        self.measured = None if measured is None else np.asarray(measured, dtype=float)
-        self.site, self.over = site, over
-
-    @classmethod
-    def from_estimator(
-        cls, estimator: Any, linear: Any, X: Any, site: Any, measured: Any = None, over: str = "drift", **options: Any
-    ) -> Self:
-        """Device force by subtraction; see :func:`pysindy_nrf.estimation.damper_force` for ``X`` and the options.
-
-        Parameters
-        ----------
-        estimator, linear : fitted NRFRegressor or ChainModel
-            Of the structure with and without its devices.
-        site : str or int
-            A storey.
-        measured : ndarray of shape (n_samples,), optional
-            N.
-        over : {"time", "drift", "rate"}
-
-        Raises
-        ------
-        ChannelError
-            If ``over`` is none of these.
-        """
-        if over not in _OVER:
-            raise ChannelError(f"over={over!r} is unknown", f"Choose one of {', '.join(_OVER)}.")
-        place = as_model(estimator).chain.site(site)
-        force = damper_force(estimator, linear, X, **options)
-        data = as_segments(estimator, X, **options)
-        abscissa = force.index.to_numpy()
-        if over != "time":
-            key = "s" if over == "drift" else "v"
-            abscissa = data.scatter([getattr(seg, key)[seg.valid] for seg in data.segments])[:, place.p - 1]
-        return cls(abscissa, force[str(place)].to_numpy(), measured, str(place), over)
-
-    def figures(self) -> list[Figure]:
-        marks: list[Mark] = [Line(self.abscissa, self.identified, "identified", "blue", 0.6)]
-        if self.measured is not None:
-            marks.insert(0, Line(self.abscissa, self.measured, "true", "orange", 1.4))
-        label, unit = _OVER[self.over]
-        x, y = Axis(label.format(i=index_of(self.site)), unit), Axis("damper force", "N")
-        return [Figure(f"Device force of {self.site}", marks, x, y, heading=self.site)]
 
 
 class EnergyDisplay(Display):

@@ -1,4 +1,4 @@
-"""Figures of motion: channels of a record, free runs, modes, frequency responses, stiffness over time."""
+"""Figures of motion: channels of a record, free runs, modes, frequency responses."""
 
 from typing import Any, Self
 
@@ -7,7 +7,6 @@ import pandas as pd
 from scipy.signal import welch
 
 from ...exceptions import ChannelError
-from ...monitoring import track
 from ...regression.errors import nrmse
 from ...signals.kinematics import base_acceleration_if_any, base_motion
 from ._figure import CYCLE, DASHES, Axis, Figure, Line, Mark, Rule
@@ -206,54 +205,3 @@ class ModesDisplay(Display):
         marks += [Line(f, line, f"a_{{{j}}}", CYCLE[j % 6 - 1], 0.9) for j, line in enumerate(spectrum.T, 1)]
         y = Axis("acceleration", "(m/s²)/√Hz", (0.5 * spectrum.min(), 2 * spectrum.max()), log=True)
         return [shapes, Figure("Spectrum of the accelerations", marks, Axis("frequency", "Hz", (0, f[-1])), y)]
-
-
-class TrackDisplay(Display):
-    """Stiffness of every storey over time, as a change from its first window.
-
-    Parameters
-    ----------
-    table : DataFrame
-        As of :func:`pysindy_nrf.monitoring.track`, of one record.
-    onset : float, optional
-        Time of a change, s; marked.
-    window : float, optional
-        Length of the windows, s; shown.
-
-    Examples
-    --------
-    >>> import numpy as np, pandas as pd
-    >>> from pysindy_nrf.output.displays import TrackDisplay
-    >>> t = np.arange(1.0, 9.0, 0.25)
-    >>> table = pd.DataFrame({"record": "quake", "t": t, "k1": np.where(t < 5, 4e4, 3.2e4), "k2": 3e4})
-    >>> display = TrackDisplay(table, onset=5.0).plot()
-    >>> display.ax_.get_ylabel()
-    'change of stiffness (%)'
-    """
-
-    def __init__(self, table: pd.DataFrame, onset: float | None = None, window: float | None = None) -> None:
-        self.table, self.onset, self.window = table, onset, window
-
-    @classmethod
-    def from_estimator(cls, estimator: Any, X: Any, F: Any = None, onset: float | None = None, **options: Any) -> Self:
-        """Moving-window identification; parameters as of :func:`pysindy_nrf.monitoring.track`.
-
-        Parameters
-        ----------
-        onset : float, optional
-            s.
-        """
-        return cls(track(estimator, X, F, **options), onset, options.get("window", 2.0))
-
-    def figures(self) -> list[Figure]:
-        stiffness = self.table[[c for c in self.table if str(c).startswith("k")]]
-        change = 100 * (stiffness / stiffness.iloc[0] - 1)
-        marks: list[Mark] = [
-            Line(self.table["t"], change[k], f"storey {k[1:]}", CYCLE[i % 6], 1.5, DASHES[i % 6])
-            for i, k in enumerate(change)
-        ]
-        if self.onset is not None and np.isfinite(self.onset):
-            marks.append(Rule(self.onset, f"onset {self.onset:.2f} s"))
-        window = "window" if self.window is None else f"{self.window:g} s window"
-        x, y = Axis(f"time at the middle of the {window}", "s"), Axis("change of stiffness", "%")
-        return [Figure("Stiffness over time", marks, x, y, size=(6.0, 3.2))]

@@ -125,18 +125,13 @@ def test_one_percent_noise_biases_no_mass_and_accuses_nothing(size):
         model = NRFRegressor(degree=1).fit(response)
     np.testing.assert_allclose(model.masses_, M, rtol=0.01)
     np.testing.assert_allclose([model.restoring_forces_[i].linear_part()["k"] for i in (1, 2, 3)], K, rtol=0.01)
-    assert model.errors_.loc["pooled", "error"] < 3
-
-
-def only(j, factor):
-    return np.where(np.arange(1, 4) == j, factor, 1.0)
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (dict(factor=only(3, -1.0)), "DOF 2, 3.*sign.*H3"), (dict(factor=only(3, 1 / 9.80665)), "unit.*H3"),
-        (dict(factor=only(3, 1.2)), "gain.*H3"), (dict(factor=np.exp(-4e-3j * W * (only(3, 2.0) - 1))), "delay of .*H3"),
+        (dict(factor=[1, 1, -1.0]), "DOF 2, 3.*sign.*H3"), (dict(factor=[1, 1, 1 / 9.80665]), "unit.*H3"),
+        (dict(factor=[1, 1, 1.2]), "gain.*H3"), (dict(factor=np.exp(-4e-3j * W * [0, 0, 1.0])), "delay of .*H3"),
         (dict(order=[1, 0, 2]), "order of the channels"), (dict(factor=np.exp(-4e-3j * W)), "the force .is it late"),
         (dict(kind="mobility"), "kind"), (dict(excited=3), "the force acts on DOF 2 .excited=2"),
         (dict(factor=-1.0), "H2, where the force acts, gives energy back"),
@@ -144,7 +139,7 @@ def only(j, factor):
     ids=["sign", "unit", "gain", "delay", "swapped", "late force", "kind", "floor", "all signs"],
 )  # fmt: skip
 def test_a_fault_of_a_response_is_named(change, words):
-    noisy = TRUE * (1 + NOISE[0] + 1j * NOISE[1]) * change.get("factor", 1.0)
+    noisy = TRUE * (1 + NOISE[0] + 1j * NOISE[1]) * np.asarray(change.get("factor", 1.0))
     response = frequency_response(LINES, noisy[:, change.get("order", [0, 1, 2])], change.get("excited", 2), change.get("kind", "accelerance"))
     with pytest.warns(DataQualityWarning, match=words):
         NRFRegressor(degree=1).fit(response)

@@ -5,17 +5,14 @@ law, site, shape and fold costs microseconds. The model that is reported is solv
 which this agrees to round-off (tested).
 """
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 
 import numpy as np
 
-from ..exceptions import NRFError, RankWarning
 from ..mechanics.identifiability import SolveOrder
 from ..mechanics.sites import Site
-from ..regression.chain_solve import groups_of, solve
-from ..regression.grams import BlockGrams
+from ..regression.chain_solve import groups_of
 from ..regression.layout import Layout
 
 OWN, KNOWN, MASS, SECOND = range(4)  # roles of a column in a step of the solve order
@@ -132,7 +129,7 @@ class ChainFit:
         entries: list[tuple[int, int, int, int]] = []
         steps: list[tuple[int, ...]] = []
         dofs: list[int] = []
-        for step in order.steps if order.strategy != "joint" else ():
+        for step in order.steps:
             signs = {s: sum(s.incidence(j) for j in step.dofs) for s in (*step.sites, *step.known_sites)}
             begin, first = len(entries), len(dofs)
             entries += [(at + j - 1, 1, MASS, j - 1) for j in step.masses]
@@ -161,10 +158,7 @@ class ChainFit:
         """Masses (n_fits, n_dof) and coefficients (n_fits, p) from Gram matrices (n_fits, n_groups, p, p)."""
         masses = np.tile(self._known, (len(fit), 1))
         theta = np.zeros((len(fit), fit.shape[2]))
-        if self.order.strategy == "joint":
-            self._joint(fit, masses, theta)
-        else:
-            _compiled()(np.ascontiguousarray(fit), self.n, self.at, *self._plan, masses, theta)
+        _compiled()(np.ascontiguousarray(fit), self.n, self.at, *self._plan, masses, theta)
         return masses, theta
 
     def rows(self, masses: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -191,24 +185,3 @@ class ChainFit:
                 for where, sign in self._given.get(dofs, ()):
                     reference[:, i, where] = sign * theta[:, where]
         return residual, reference
-
-    def _joint(self, fit: np.ndarray, masses: np.ndarray, theta: np.ndarray) -> None:
-        """One after another by the chain solve itself."""
-        rows = [c for s in self.layout.sites for c in self.where.get(s, ())]
-        rows += range(self.at, self.at + 2 * self.n)
-        index = {g.dofs: u for u, g in enumerate(self.groups)}
-        for b, matrices in enumerate(fit):
-            grams = BlockGrams.from_shared(
-                self.layout, self.groups, lambda dofs: (matrices[index[dofs]][np.ix_(rows, rows)], 1.0),  # noqa: B023
-                self.known_masses,
-            )  # fmt: skip
-            try:
-                with warnings.catch_warnings():
-                    warnings.simplefilter("error", RankWarning)
-                    found = solve(grams, self.order, self.known_masses)
-            except (NRFError, RankWarning):
-                theta[b] = np.nan
-                continue
-            masses[b] = [found.masses[j] for j in range(1, self.n + 1)]
-            for s, values in found.coefficients.items():
-                theta[b, list(self.where[s])] = values

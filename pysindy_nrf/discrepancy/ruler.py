@@ -297,9 +297,9 @@ class Trial:
     def fit_of(self, layout: Layout, where: Mapping[Site, Sequence[int]]) -> ChainFit:
         """The solve of a set of columns."""
         work = self.ruler.work
-        order = plan_solve_order(
-            layout.chain, work.forced, work.unknown, dict(work.known_masses), work.strategy, layout.acting, alone=True
-        ).require_complete()
+        way = "auto" if work.strategy == "joint" else work.strategy  # a missing law is located by balances one by one
+        given = work.forced, work.unknown, dict(work.known_masses), way, layout.acting, True
+        order = plan_solve_order(layout.chain, *given).require_complete()
         return ChainFit(layout, order, work.known_masses, where, self.at, work.forced)
 
     def _judged(self) -> tuple[Powers, np.ndarray, np.ndarray, np.ndarray]:

@@ -22,9 +22,9 @@ from ..regression.chain_model import ChainModel, state_matrix
 from ..regression.layout import LawLayout, with_coefficients
 from ..regression.segments import Segment, SegmentSet
 from .intervals import InfluenceResolver, Resolver
-from .iv import IVResult, instrumental_variables, run_of
+from .iv import IVResult, instrumental_variables, run_of, with_shapes
 from .noise_spectra import NoiseModel, common_band, corrected, noise_model, spectrum, transfer, velocities
-from .problem import Estimate
+from .problem import Estimate, Problem
 
 SHOT = 32768  # largest number of samples of a shot
 STEPS, FEW = 6, 2  # largest number of iterations: on all data, on each half
@@ -340,7 +340,7 @@ _NEGLIGIBLE = 0.2  # change of a mass in the last round, in standard errors
 
 
 def refine(
-    method: str, start: Estimate, data: SegmentSet
+    method: str, asked: Problem, start: Estimate, data: SegmentSet
 ) -> tuple[Estimate, Resolver | None, dict[str, Any], SegmentSet]:
     """Estimate by instrumental variables (and output error), its resolver, facts, and data to judge it on."""
     facts: dict[str, Any] = {"asked": method, "found": "ls"}
@@ -349,6 +349,7 @@ def refine(
     iv = instrumental_variables(start.model, data, problem, solve_order)
     if iv is None:
         return start, None, facts, data
+    problem, iv = with_shapes(asked, problem, solve_order, data, iv)
     facts |= {"found": "iv", "rounds": iv.rounds, "correlation": iv.correlation, "notes": list(iv.notes)}
     resolver = Resolver(iv.pieces, solve_order, known, inner)
     if note := _convergence_note(iv, resolver):
@@ -369,7 +370,7 @@ def refine(
             )  # fmt: skip
         else:
             facts["notes"] = [*facts["notes"], f"instrumental variables kept: {result.why}"]
-    return start._replace(model=model, solution=iv.solution), resolver, facts, iv.judged(data)
+    return start._replace(problem=problem, model=model, solution=iv.solution), resolver, facts, iv.judged(data)
 
 
 def _convergence_note(iv: IVResult, resolver: Resolver) -> str:

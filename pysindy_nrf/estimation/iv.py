@@ -12,17 +12,19 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from scipy import linalg
 
-from ..exceptions import BiasWarning, IdentifiabilityError, RankWarning, SimulationError
+from ..exceptions import BiasWarning, IdentifiabilityError, LawError, RankWarning, SimulationError
 from ..laws import PowerSeries
 from ..mechanics.identifiability import SolveOrder
 from ..regression.chain_model import ChainModel, state_matrix
-from ..regression.chain_solve import Solution, groups_of, model_of, solve, solve_blocks
+from ..regression.chain_solve import Solution, groups_of, model_of, scales_of, solve, solve_blocks
 from ..regression.errors import free_run_of
 from ..regression.gram_pass import pieces_of, rows_of, whole_block
 from ..regression.grams import BlockGrams
-from ..regression.layout import Block, LawLayout, with_coefficients
+from ..regression.layout import Block, LawLayout, Layout, with_coefficients
 from ..regression.segments import Segment, SegmentSet
+from ..regression.shape_search import ShapeSearch
 from ..signals.zero_phase_filter import FairFilter, filters_of
 from ..simulation.api import classical_run
 from .noise_spectra import (
@@ -232,6 +234,69 @@ def _fall_back(why: str, cure: str) -> None:
         f"stiffnesses low. {cure}",
         BiasWarning, stacklevel=6,
     )  # fmt: skip
+
+
+# On the scale of the search (logarithms, shares of the range of what may be zero): half the distance of the two shapes
+# whose difference stands for a derivative, wide enough for laws with kinks; the largest step; a step that is at rest.
+SPAN, MOST, STILL, PASSES = 0.2, 1.0, 0.01, 3
+
+
+def with_shapes(
+    asked: Problem, problem: Problem, order: SolveOrder, data: SegmentSet, iv: IVResult
+) -> tuple[Problem, IVResult]:
+    """Estimate anew with other values of the shape parameters that were searched, while their steps contract."""
+    laws = {  # lines of a spectrum and instants are told by other means
+        site: [b if any(p.is_frequency or p.instant for p in a.shapes) else a for a, b in zip(held, problem.laws[site])]
+        for site, held in asked.laws.items()
+    }
+    if not any(law.free_shape for held in laws.values() for law in held):
+        return problem, iv
+    search = ShapeSearch(LawLayout(problem.chain, laws), scales_of(data, problem.layout))
+    unit = np.where(search.scale.log, 1.0, search.high - search.low)
+    u = search.scale.point(np.array([problem.laws[site][i].shape[p.name] for site, i, p in search.free]))
+    last = MOST * unit
+    for _ in range(PASSES):
+        try:
+            step = _shape_step(problem, order, data, iv, search, u, SPAN * unit)
+        except (IdentifiabilityError, LawError):
+            break
+        if not (np.abs(step) <= last).all():
+            break
+        u, last = np.clip(u + step, search.low, search.high), np.maximum(np.abs(step), STILL * unit)
+        trial = problem.with_laws(search.trial(u).laws)
+        again = instrumental_variables(model_of(trial.layout, iv.solution), data, trial, order)
+        if again is None or not again.settled:
+            break
+        problem, iv = trial, again
+        if (last <= STILL * unit).all():
+            break
+    return problem, iv
+
+
+def _shape_step(
+    problem: Problem, order: SolveOrder, data: SegmentSet, iv: IVResult, search: ShapeSearch, u: np.ndarray,
+    span: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """Gauss-Newton step: derivatives of the laws along the measured motion as columns, along the run as instruments."""
+    own, laws = problem.layout, {site: list(held) for site, held in problem.laws.items()}
+    ends = [np.clip(u + sign * np.diag(span), search.low, search.high) for sign in (1.0, -1.0)]
+    change = {site: [np.eye(own.counts[site])] for site in own.acting}
+    for k, (site, i, _) in enumerate(search.free):
+        laws[site] += [search.trial(end[k]).laws[site][i] for end in ends]
+        at = np.cumsum([0, *(len(law.terms()) for law in problem.laws[site])])
+        part = iv.model.coefficients[site][at[i] : at[i + 1]] / (ends[0] - ends[1])[k, k]
+        change[site].append(np.concatenate([part, -part])[:, None])
+    wide, whole = LawLayout(problem.chain, laws), {s: linalg.block_diag(*parts) for s, parts in change.items()}
+    narrow = Layout(problem.chain, {site: matrix.shape[1] for site, matrix in whole.items()})
+    groups = [wide.group(group.dofs) for group in groups_of(own, order)]
+    total = pieces_of(data, wide, groups, problem.filters(data), problem.known_masses, iv.runs).sum()
+    changes = {}
+    for group in groups:
+        matrix = linalg.block_diag(*(whole[site] for site in group.sites), np.eye(1 + (len(group.dofs) == 1)))
+        changes[narrow.group(group.dofs)] = linalg.block_diag(matrix, matrix[:-1, :-1])
+    found = solve(total.transformed(narrow, changes).projected(), order, problem.known_masses)
+    seen = {site: iter(found.coefficients[site][own.counts[site] :]) for site in own.acting}
+    return np.array([next(seen[site]) for site, *_ in search.free])
 
 
 class _Instruments:

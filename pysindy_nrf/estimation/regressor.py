@@ -73,7 +73,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         X holds inter-storey motion v, s (eq. 8), or motion xdot, x of the DOFs.
     estimation : {"auto", "ls", "iv", "simulation"}
         ``"ls"``: least squares. ``"iv"``: instrumental variables from the model's own free run, which
-        noise in the motion does not bias; give records, or motions made with
+        noise in the motion does not bias, also of shapes that were searched; give records, or motions made with
         ``KinematicSmoother(joint=False)``. ``"auto"``: the first where the noise that fusion measured leaves its
         bias below half a standard error, and of arrays; else the second where it is possible. ``"simulation"``: the
         free run fitted to the motion, started from ``"iv"`` and kept where it predicts better. See
@@ -280,7 +280,8 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         return super()._data(X, y, **options)
 
     def _fit(self, data: SegmentSet, separate: Callable[[], SegmentSet] | None) -> None:
-        found = self.problem(data.n_dof).solve(data)
+        asked = self.problem(data.n_dof)
+        found = asked.solve(data)
         self._resolver, self._records, self.problem_ = None, data, found.problem
         facts: dict[str, Any] = {"asked": self.estimation, "found": "ls"}
         examined, judged = None, data  # the channels are examined by least squares unless another method is asked for
@@ -290,7 +291,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             if max((one.errors for one in biases), default=0.0) > NEGLIGIBLE:
                 with warnings.catch_warnings(record=True) as said:
                     warnings.simplefilter("always")
-                    refined = refine("iv", found, separate())
+                    refined = refine("iv", asked, found, separate())
                 given = [(str(one.message), one.category) for one in said]
                 if refined[2]["found"] == "iv":
                     examined = self._constrained(found)
@@ -299,7 +300,9 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
                         warnings.warn(text, kind, stacklevel=3)
                 facts |= {"asked": "auto", "notes": [text for text, _ in given]}
         elif separate is not None:
-            found, self._resolver, facts, judged = refine(self.estimation, found, separate())
+            found, self._resolver, facts, judged = refine(self.estimation, asked, found, separate())
+        if found.problem is not self.problem_:  # with other shape parameters
+            self.problem_, found = found.problem, found._replace(grams=found.problem.solve(data).grams)
         plain = facts["found"] == "ls" or examined is not None  # also where the least-squares estimate was kept
         self.solve_order_ = found.order
         found = self._constrained(found)

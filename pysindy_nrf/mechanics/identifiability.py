@@ -89,8 +89,7 @@ def plan_solve_order(
     every = frozenset(range(1, chain.n_dof + 1))
     auto = strategy == "auto"
     if auto:
-        whole = "complete" if alone or chain.n_dof == 1 else "joint"
-        strategy = whole if forced_ == every else "sequential"
+        strategy = "sequential" if forced_ != every else "complete" if alone or chain.n_dof == 1 else "joint"
     if strategy in ("complete", "joint"):
         scaled = forced_ if strategy == "joint" else forced_ | (masses - unknown_)
         if scaled != every:

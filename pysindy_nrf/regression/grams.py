@@ -153,30 +153,6 @@ class BlockGrams:
         matrices = {dofs: _projected(x, (x.shape[-1] + 1) // 2) for dofs, x in self.matrices.items()}
         return replace(self, matrices=matrices, kind="root", instrumented=False)
 
-    @classmethod
-    def from_shared(
-        cls, layout: Layout, groups: Sequence[Group], gram: Callable[[Dofs], tuple[np.ndarray, Any]],
-        known_masses: Mapping[int, float] | None = None,
-    ) -> BlockGrams:  # fmt: skip
-        """Balances cut out of Gram matrices of all columns ``[terms | a_1..a_n | F_1..F_n]``."""
-        k, n, known = layout.n_terms, layout.n_dof, dict(known_masses or {})
-        matrices: dict[Dofs, np.ndarray] = {}
-        sizes: dict[Dofs, Any] = {}
-        for group in groups:
-            matrix, sizes[group.dofs] = gram(group.dofs)  # of the samples in which its forces are known
-            index = [i for s in group.sites for i in range(layout.slices[s].start, layout.slices[s].stop)]
-            if len(group.dofs) == 1:
-                at = np.array([*index, k + group.dofs[0] - 1, k + n + group.dofs[0] - 1])
-                matrices[group.dofs] = matrix[..., at[:, None], at]
-                continue
-            combine = np.zeros((matrix.shape[-1], len(index) + 1))
-            combine[index, np.arange(len(index))] = 1.0
-            for j in group.dofs:
-                combine[k + n + j - 1, -1], combine[k + j - 1, -1] = 1.0, -known[j]
-            matrices[group.dofs] = combine.T @ matrix @ combine
-        most = np.max(list(sizes.values()), axis=0)
-        return cls(layout, {g.dofs: g for g in groups}, matrices, sizes, most, known)
-
     def triangle(self, dofs: Dofs, combine: np.ndarray) -> np.ndarray:
         """Upper triangular R, (..., p, p), with ``R.T @ R`` the Gram matrix of the columns of a balance times
         ``combine``, (..., n_columns, p)."""

@@ -30,7 +30,7 @@ def estimate_shapes(
 ) -> LawLayout:  # fmt: skip
     """Values for every shape parameter that has none."""
     fastest = np.inf if data is None else half_the_rate(data.segments)
-    search = _Search(layout, scales, solve, fastest)
+    search = ShapeSearch(layout, scales, solve, fastest)
     unheard = [place for place in search.free if search.heard(place)]
     for k in sorted(range(len(search.free)), key=lambda k: search.heard(search.free[k])):
         place = search.free[k]
@@ -43,10 +43,12 @@ def estimate_shapes(
     return search.refined()
 
 
-class _Search:
+class ShapeSearch:
     """The shape parameters without a value, and where their search stands."""
 
-    def __init__(self, layout: LawLayout, scales: Mapping[Site, Scales], solve: Solve, fastest: float) -> None:
+    def __init__(
+        self, layout: LawLayout, scales: Mapping[Site, Scales], solve: Any = None, fastest: float = np.inf
+    ) -> None:
         self.layout, self.solve, self._fastest = layout, solve, fastest
         self.free: Free = [
             (site, i, p) for site, held in layout.laws.items() for i, law in enumerate(held) for p in law.shapes

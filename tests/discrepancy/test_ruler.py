@@ -148,7 +148,6 @@ PLAIN = Layout(Chain(4), {f"storey {i}": 2 for i in range(1, 5)})
         (PLAIN, (4,), {}, "sequential"),
         (PLAIN, (2,), {3: 2.0}, "auto"),
         (PLAIN, (), {1: 1.0, 2: 2.0, 3: 3.0, 4: 4.0}, "auto"),
-        (PLAIN, (1, 2, 3, 4), {}, "joint"),
     ],
 )
 def test_the_compiled_solve_is_the_chain_solve(layout, forced, known, strategy):

@@ -16,12 +16,10 @@ from pysindy_nrf.simulation.noise import add_noise
 M, K, C, FS = 12.4, 1.4e5, 25.0, 1000.0
 
 
-def frame(n: int = 4, cubic: float = 0.0, dahl: bool = False) -> ChainModel:
+def frame(n: int = 4, cubic: float = 0.0) -> ChainModel:
     held = {f"storey {i}": [laws.PowerSeries(1, [C, K])] for i in range(1, n + 1)}
     if cubic:
         held["storey 2"] = [laws.PowerSeries((0, 3), [K, 0.0, cubic]), laws.LinearViscous(C)]
-    if dahl:
-        held["storey 1"].append(laws.Dahl(sigma=5e4, Fd=34.85))
     return ChainModel([M] * n, held)
 
 
@@ -57,11 +55,10 @@ def test_masses_and_stiffnesses_survive_five_percent_noise(four_floors):
     ("truth", "told", "dofs"),
     [
         (frame(2), {}, [1, 2]),
-        (frame(2), {"strategy": "joint"}, [1, 2]),
+        (frame(2), {"strategy": "complete"}, [1, 2]),
         (frame(3, cubic=5e8), {"orders": {"storey 2": 3}}, [3]),
-        (frame(2, dahl=True), {"laws": {"storey 1": [laws.PowerSeries(1), laws.Dahl(sigma=5e4)]}}, [2]),
     ],
-    ids=["complete", "joint", "cubic storey", "Dahl damper"],
+    ids=["joint", "complete", "cubic storey"],
 )
 def test_every_strategy_and_nonlinear_laws(truth, told, dofs):
     fits = [NRFRegressor(degree=1, estimation="iv", **told).fit(measured(truth, dofs, seed)) for seed in range(3)]
@@ -70,9 +67,6 @@ def test_every_strategy_and_nonlinear_laws(truth, told, dofs):
     if "orders" in told:
         cubic = [f.restoring_forces_[2].coefficients["s^3"] for f in fits]
         assert np.mean(cubic) == pytest.approx(5e8, rel=0.25)
-    if "laws" in told:
-        friction = [f.restoring_forces_[1].coefficients.iloc[-1] for f in fits]
-        assert np.mean(friction) == pytest.approx(34.85, rel=0.05)
 
 
 @pytest.mark.slow
@@ -212,3 +206,13 @@ def test_frequency_responses_are_linear_and_need_lines():
         NRFRegressor(degree=1, estimation="simulation").fit(response)
     with pytest.raises(ChainError, match="8 lines .* do not tell noise"):
         NRFRegressor(degree=1).fit(frequency_response(f[:8], H[:8, None]))
+
+
+def test_instruments_find_the_shape_of_a_law():
+    """Truth by LSODA: at 2 % noise least squares finds sigma a quarter and the friction a tenth too low."""
+    case, *_ = chains.paper_case(duration=2.0, fs=500.0)
+    noisy, told = add_noise(case.record(), 0.02, random_state=0), {"storey 1": [laws.PowerSeries(1), laws.Dahl()]}
+    plain, model = (NRFRegressor(degree=1, laws=told, estimation=e).fit(noisy).model_ for e in ("ls", "iv"))
+    assert plain.laws["storey 1"][1].shape["sigma"] < 4e4 and plain.coefficients["storey 1"][-1] < 32.5
+    assert model.laws["storey 1"][1].shape["sigma"] == pytest.approx(5e4, rel=0.03)
+    assert model.coefficients["storey 1"][-1] == pytest.approx(34.85, rel=0.015)

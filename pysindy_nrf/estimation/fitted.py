@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.stats import norm
 from sklearn.utils.validation import check_is_fitted
 
 from ..data.channels import require_two_dimensions, sample_weights
@@ -20,7 +21,14 @@ from ..regression.errors import explained_accelerations, judge
 from ..regression.input_arrays import from_arrays, holds_records
 from ..regression.layout import Block
 from ..regression.segments import SegmentSet, feature_names
-from .intervals import Resolver, force_intervals, least_squares_resolver, parameter_intervals
+from .intervals import (
+    Resolver,
+    calibration_spread,
+    force_intervals,
+    least_squares_resolver,
+    parameter_intervals,
+    statistic_of,
+)
 from .problem import Problem
 
 # Percent of the balances, pooled, that 16 bits of a range ten times the rms leave; below, the rest is arithmetic and
@@ -149,7 +157,7 @@ class FittedChain:
 
     def confidence_intervals(
         self, level: float = 0.95, *, of: Any = "parameters", method: str = "hac", random_state: Any = None,
-        n_jobs: int | None = None,
+        n_jobs: int | None = None, calibration: Mapping[str, float] | None = None,
     ) -> pd.DataFrame:  # fmt: skip
         """Confidence intervals of masses and coefficients, or of anything that follows from the model.
 
@@ -171,6 +179,10 @@ class FittedChain:
             Of the bootstrap.
         n_jobs : int, optional
             Joblib jobs of the bootstrap, -1 for all cores.
+        calibration : mapping, optional
+            Tolerances of every channel by itself, ``{"gain": 0.01, "cross_axis": 0.0, "delay": 0.0}`` where they are
+            not given (shares, and s). Columns ``combined_lower``, ``combined_upper`` then hold them, too (GUM: type A
+            and B); not for a mapping of sites.
 
         Returns
         -------
@@ -181,9 +193,19 @@ class FittedChain:
             of noise.
         """
         check_is_fitted(self)
-        return parameter_intervals(
-            self._interval_resolver(), self.model_, level, of, method, random_state, n_jobs, self._records
-        )
+        resolver, data = self._interval_resolver(), self._records
+        table = parameter_intervals(resolver, self.model_, level, of, method, random_state, n_jobs, data)
+        if calibration is None:
+            return table
+        if isinstance(of, Mapping):
+            raise ChannelError("calibration does not go with a mapping of sites", "Give of= a function of the model.")
+        data = self.fit_data("Fit again, or ask for intervals before saving.")
+        statistic = statistic_of(of, resolver.known_masses, resolver.pieces.layout, data)
+        spread = calibration_spread(self.problem_, self.solve_order_, data, statistic, calibration)
+        for end, sign in (("lower", -1), ("upper", 1)):
+            half = np.hypot(table[end] - table["estimate"], norm.ppf((1 + level) / 2) * spread)
+            table[f"combined_{end}"] = table["estimate"] + sign * half
+        return table
 
     def force_intervals(self, site: Any, v: Any, s: Any, level: float = 0.95) -> pd.DataFrame:
         """Restoring force of a site at points (v, s) with its interval.

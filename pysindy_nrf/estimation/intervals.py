@@ -2,7 +2,8 @@
 
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -201,6 +202,45 @@ def least_squares_resolver(problem: Problem, solve_order: SolveOrder, data: Segm
     layout, known = problem.layout, dict(problem.known_masses)
     pieces = pieces_of(data, layout, groups_of(layout, solve_order), problem.filters(data), known)
     return Resolver(pieces, solve_order, known, problem.optimizer)
+
+
+# Tolerances of a channel where none are given: gain and part of another DOF's channel that it reads; delay, s.
+CALIBRATION = {"gain": 0.01, "cross_axis": 0.0, "delay": 0.0}
+
+
+def calibration_spread(
+    problem: Problem, solve_order: SolveOrder, data: SegmentSet, statistic: Statistic, given: Mapping[str, float]
+) -> np.ndarray:
+    """Standard uncertainty of statistics by errors of each channel within tolerances (GUM, type B, rectangular)."""
+    tolerances = CALIBRATION | dict(given)
+    if wrong := [key for key, size in tolerances.items() if key not in CALIBRATION or not 0 <= size < np.inf]:
+        what = f"calibration[{wrong[0]!r}]={tolerances[wrong[0]]!r} is not a tolerance of a channel"
+        raise ChannelError(what, "Give gain and cross_axis as shares, delay in s, none below zero.")
+
+    def found(kind: str = "", j: int = 0, name: str = "", other: int = 0) -> np.ndarray:
+        """Statistics by least squares of motions and forces with an error in one channel."""
+        segments = []
+        for seg in data.segments:
+            own = {key: getattr(seg, key).astype(float) for key in ("a", "v", "s", "F")}
+            x, rate = (np.cumsum(own[key], axis=1) for key in ("s", "v"))
+            derived = bool(seg.noise) and f"x{j + 1}" not in seg.noise  # the motion then follows the acceleration
+            hit = {"": (), "F": ("F",), "x": () if derived else ("v", "s"), "a": ("a", "v", "s") if derived else ("a",)}
+            for key in hit[kind]:
+                y = {"v": rate, "s": x}.get(key, own[key])
+                error = tolerances[name] * (np.gradient(y[:, j], seg.step) if name == "delay" else y[:, other])
+                own[key][:, j] += error
+                if key in ("v", "s") and j + 1 < seg.n_dof:  # the storey above
+                    own[key][:, j + 1] -= error
+            segments.append(replace(seg, **own))
+        resolver = least_squares_resolver(problem, solve_order, SegmentSet(segments, data.n_samples))
+        return statistic(resolver.model(resolver.pieces.sum())).to_numpy(float)
+
+    cases = []
+    for kind, j, name in product("axF", range(data.n_dof), (name for name, size in tolerances.items() if size)):
+        others = [k for k in range(data.n_dof) if k != j and kind != "F"] if name == "cross_axis" else [j]
+        cases += [(kind, j, name, k) for k in others if kind != "F" or j + 1 in data.forced]
+    moved = [found(*case) for case in cases]
+    return np.sqrt(np.sum(np.square(np.array(moved).reshape(len(cases), -1) - found()), axis=0) / 3)
 
 
 def parameter_intervals(

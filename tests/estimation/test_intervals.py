@@ -235,3 +235,18 @@ def test_where_no_noise_is_left_intervals_hold_the_error_of_interpolation():
     for name, true in {"m1": 12.0, "m2": 10.0, "m3": 8.0, "storey 2: s^3": 3e9}.items():
         assert ci.loc[name, "lower"] < true < ci.loc[name, "upper"]
         assert ci.loc[name, "upper"] - ci.loc[name, "lower"] < 5e-3 * true
+
+
+def test_tolerances_of_gains_widen_intervals_as_much_as_gains_move_the_estimate():
+    """One mass: m = F / a and k = F / x, so two gains of +-1 %, rectangular, make sqrt(2/3) % of each."""
+    truth = ChainModel([5.0], {1: [laws.LinearElastic(2e4), laws.LinearViscous(20.0)]})
+    F = excitation.band_limited_random(1, 8.0, 500.0, excited=[1], rms=100.0, band=(0.5, 30.0), random_state=0)
+    model = NRFRegressor(degree=1).fit(simulate(truth, F, 2e-3, hold="cubic").replace(velocity=None))
+    ci = model.confidence_intervals(0.95, calibration={"gain": 0.01}).set_index("parameter")
+    half = (ci["combined_upper"] - ci["combined_lower"]) / 2 / ci["estimate"]
+    np.testing.assert_allclose(half[["m1", "storey 1: s"]], 1.96 * 0.01 * (2 / 3) ** 0.5, rtol=0.02)
+    late = model.confidence_intervals(calibration={"gain": 0.0, "delay": 1e-3}).set_index("parameter")
+    moved = (late["combined_upper"] - late["combined_lower"]) / 2
+    assert moved["storey 1: v"] > 1.96 * 1e-3 * 2e4 / 3**0.5  # a force that is 1 ms late looks like k dt of damping
+    with pytest.raises(ChannelError, match="not a tolerance"):
+        model.confidence_intervals(calibration={"gains": 0.01})

@@ -191,6 +191,11 @@ class FittedChain:
             BiasWarning where noise in the motion may bias least squares by half a standard error or more; arrays show
             white noise only, with a clock, so intervals from smoothed ones or without a clock hold for motions free
             of noise.
+
+        Raises
+        ------
+        ChannelError
+            If the model has no data, they are too few pieces, or ``calibration`` is no table of tolerances.
         """
         check_is_fitted(self)
         resolver, data = self._interval_resolver(), self._records

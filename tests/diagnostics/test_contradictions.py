@@ -41,8 +41,7 @@ def with_gain(record, dof, gain):
 def test_a_force_in_another_unit_is_said_and_whose(record, gain, noise):
     noisy = add_noise(record, noise, random_state=0) if noise else record
     model, said = fitted(with_gain(noisy, 2, gain))
-    assert model.masses_ == pytest.approx([5, 4 * gain, 3], rel=0.02)  # each balance fits by itself
-    assert model.solve_order_.strategy == "complete"  # and is left by itself
+    assert model.masses_ == pytest.approx([5, 4 * gain, 3], rel=0.02) and model.solve_order_.strategy == "complete"
     assert "storey 2 and storey 3 are found twice" in said and "of DOF 2, where all of them meet" in said
     top = model.diagnose().table.iloc[0]
     assert top["limit"] == "doubt" and "contradict" in top["message"]

@@ -238,7 +238,6 @@ def test_the_third_law_gap_is_the_difference_of_two_estimates(dahl):
     expected = 100 * np.linalg.norm(motion @ (upper[1:] - lower[3:])) / np.linalg.norm(motion @ upper[1:])
     assert model.third_law_gap_["storey 2"] == pytest.approx(expected, rel=1e-6)
     model.set_params(strategy="complete").fit(case.X, case.F)
-    assert model.third_law_gap_["storey 2"] == pytest.approx(expected, rel=1e-6)
     assert model.restoring_forces_[2].coefficients.to_numpy() == pytest.approx(upper[1:], rel=1e-9)  # balance 2's own
 
 

@@ -1,15 +1,17 @@
-"""Figures of the paper's cases: the force of a device, and stiffness over time."""
+"""Figures of the paper's cases: channels of a test, the force of a device, modes, stiffness over time."""
 
 from typing import Any, Self
 
 import numpy as np
 import pandas as pd
+from scipy.signal import welch
 
 from pysindy_nrf.estimation import damper_force
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.monitoring import track
 from pysindy_nrf.output.displays._figure import CYCLE, DASHES, Axis, Figure, Line, Mark, Rule, index_of
 from pysindy_nrf.output.displays._matplotlib import Display
+from pysindy_nrf.output.displays.motion import below, modes_figure
 from pysindy_nrf.regression.chain_model import as_model, as_segments
 
 _OVER = {"time": ("time", "s"), "drift": ("drift s_{{{i}}}", "m"), "rate": ("rate v_{{{i}}}", "m/s")}
@@ -134,3 +136,90 @@ class TrackDisplay(Display):
         window = "window" if self.window is None else f"{self.window:g} s window"
         x, y = Axis(f"time at the middle of the {window}", "s"), Axis("change of stiffness", "%")
         return [Figure("Stiffness over time", marks, x, y, size=(6.0, 3.2))]
+
+
+_KINDS = {"force": ("F", "N"), "acceleration": ("a", "m/s²"), "velocity": ("v", "m/s"), "displacement": ("x", "m")}
+
+
+class RecordDisplay(Display):
+    """Measured channels of one kind over time, one line of axes for each DOF (paper Figs. 2, 10).
+
+    Parameters
+    ----------
+    record : Record
+    kind : {"force", "acceleration", "velocity", "displacement"}
+
+    Examples
+    --------
+    >>> from pysindy_nrf import datasets, displays
+    >>> display = displays.RecordDisplay(datasets.load_demo(), "displacement").plot()
+    >>> display.ax_[-1].get_xlabel(), [axis.get_ylabel() for axis in display.ax_]
+    ('time (s)', ['$x_{3}$ (mm)', '$x_{2}$ (mm)', '$x_{1}$ (mm)'])
+    """
+
+    _columns = 1
+
+    def __init__(self, record: Any, kind: str = "acceleration") -> None:
+        self.record, self.kind = record, kind
+
+    def figures(self) -> list[Figure]:
+        values, (symbol, unit) = getattr(self.record, self.kind), _KINDS[self.kind]
+        out = []
+        for j in range(self.record.n_dof, 0, -1):
+            known = values is not None and not np.isnan(values[:, j - 1]).all()
+            color = "red" if symbol == "F" else "blue"
+            marks: list[Mark] = [Line(self.record.time, values[:, j - 1], color=color, width=0.7)] if known else []
+            y = Axis(f"{symbol}_{{{j}}}" if known else f"{symbol}_{{{j}}}, not measured", unit)
+            out.append(Figure(f"{self.kind} of DOF {j}", marks, below(j, "time", "s"), y, size=(6.5, 1.2)))
+        return out
+
+
+class ModesDisplay(Display):
+    """Shapes of the linear part's modes, and the measured spectrum with their frequencies.
+
+    Parameters
+    ----------
+    modes : DataFrame
+        As of :meth:`ChainModel.modes`.
+    frequency, spectrum : ndarray, optional
+        Hz, and the acceleration spectrum by DOF, shape (n_frequencies, n_dof), (m/s^2)/sqrt(Hz).
+
+    Examples
+    --------
+    >>> from paper_displays import ModesDisplay
+    >>> from pysindy_nrf import datasets
+    >>> len(ModesDisplay.from_estimator(datasets.demo_truth()).modes)
+    3
+    """
+
+    _columns = 2
+
+    def __init__(self, modes: pd.DataFrame, frequency: Any = None, spectrum: Any = None) -> None:
+        self.modes, self.frequency, self.spectrum = modes, frequency, spectrum
+
+    @classmethod
+    def from_estimator(cls, estimator: Any, record: Any = None) -> Self:
+        """Modes of a fitted regressor or model.
+
+        Parameters
+        ----------
+        estimator : fitted NRFRegressor or ChainModel
+        record : Record, optional
+            With accelerations, for the spectrum.
+        """
+        modes = getattr(estimator, "model_", estimator).modes()
+        if record is None or record.acceleration is None:
+            return cls(modes)
+        f, power = welch(record.acceleration, record.fs, nperseg=min(record.n_samples, int(8 * record.fs)), axis=0)
+        return cls(modes, f, np.sqrt(power))
+
+    def figures(self) -> list[Figure]:
+        shapes = modes_figure(self.modes)
+        if self.spectrum is None:
+            return [shapes]
+        shown = (self.frequency > 0) & (self.frequency < 2.5 * self.modes["frequency"].max())
+        f, spectrum = self.frequency[shown], self.spectrum[shown]
+        marks: list[Mark] = [Rule(f) for f in self.modes["frequency"]]
+        marks += [Line(f, line, f"a_{{{j}}}", CYCLE[j % 6 - 1], 0.9) for j, line in enumerate(spectrum.T, 1)]
+        y = Axis("acceleration", "(m/s²)/√Hz", (0.5 * spectrum.min(), 2 * spectrum.max()), log=True)
+        return [shapes, Figure("Spectrum of the accelerations", marks, Axis("frequency", "Hz", (0, f[-1])), y)]

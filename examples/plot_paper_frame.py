@@ -20,15 +20,13 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import paper_cases as cases
 import paper_published as published
-from paper_displays import DamperForceDisplay
+from paper_displays import DamperForceDisplay, ModesDisplay, RecordDisplay
 from planarity import PlanarityDisplay, locate_nonlinearity
 
 from pysindy_nrf import NRFRegressor, laws
 from pysindy_nrf.estimation import linear_twin
 from pysindy_nrf.output.displays import (
     EnergyDisplay,
-    ModesDisplay,
-    RecordDisplay,
     RestoringForceSurfaceDisplay,
 )
 

@@ -8,7 +8,7 @@ import pandas as pd
 import paper_cases as cases
 import paper_published as published
 import pytest
-from paper_displays import DamperForceDisplay, TrackDisplay
+from paper_displays import DamperForceDisplay, ModesDisplay, RecordDisplay, TrackDisplay
 from planarity import PlanarityDisplay, planarity
 
 from pysindy_nrf import ChainModel, NRFRegressor, datasets, laws, simulate
@@ -53,9 +53,9 @@ def made(fitted):
         "energy": displays.EnergyDisplay.from_estimator(model, X),
         "free run": displays.FreeRunDisplay.from_estimator(model, case.exact),
         "change": displays.ChangeMapDisplay.from_report(report, 2, size=15),
-        "modes": displays.ModesDisplay.from_estimator(model, case.exact),
+        "modes": ModesDisplay.from_estimator(model, case.exact),
         "planarity": PlanarityDisplay(planarity(model, X, F, draws=2, random_state=0)),
-        "record": displays.RecordDisplay(case.measured, "velocity"),
+        "record": RecordDisplay(case.measured, "velocity"),
         "track": TrackDisplay.from_estimator(NRFRegressor(degree=1).fit(X, F), X, F, window=1.0, onset=3.0),
     }
 
@@ -162,7 +162,7 @@ def test_everything_draws_on_axes_that_are_given():
     _, axes = plt.subplots(1, 3)
     index = pd.MultiIndex.from_tuples([("storey 1", "v"), ("storey 1", "s")])
     displays.CoefficientsDisplay(pd.DataFrame({"truth": [0.1, 0.9]}, index=index)).plot(axes[:1])
-    displays.ModesDisplay.from_estimator(datasets.demo_truth()).plot(axes[1:2])
+    ModesDisplay.from_estimator(datasets.demo_truth()).plot(axes[1:2])
     track = pd.DataFrame({"record": "quake", "t": np.arange(8.0), "k1": 4e4, "k2": 3e4})
     TrackDisplay(track).plot(axes[2])
     assert all(ax.has_data() for ax in axes) and len(plt.get_fignums()) == 1

@@ -7,9 +7,9 @@ sheet, plotly (extra ``report``) on the page of a report. Both are imported when
 from .evidence import BeforeAfterDisplay
 from .forces import EnergyDisplay, HysteresisLoopDisplay, RestoringForceSurfaceDisplay
 from .models import ChangeMapDisplay, CoefficientsDisplay
-from .motion import FreeRunDisplay, ModesDisplay, RecordDisplay
+from .motion import FreeRunDisplay
 
 __all__ = [
     "BeforeAfterDisplay", "ChangeMapDisplay", "CoefficientsDisplay", "EnergyDisplay", "FreeRunDisplay",
-    "HysteresisLoopDisplay", "ModesDisplay", "RecordDisplay", "RestoringForceSurfaceDisplay",
+    "HysteresisLoopDisplay", "RestoringForceSurfaceDisplay",
 ]  # fmt: skip

@@ -4,53 +4,17 @@ from typing import Any, Self
 
 import numpy as np
 import pandas as pd
-from scipy.signal import welch
 
 from ...exceptions import ChannelError
 from ...regression.errors import nrmse
 from ...signals.kinematics import base_acceleration_if_any, base_motion
-from ._figure import CYCLE, DASHES, Axis, Figure, Line, Mark, Rule
+from ._figure import CYCLE, DASHES, Axis, Figure, Line, Mark
 from ._matplotlib import Display
 
-_KINDS = {"force": ("F", "N"), "acceleration": ("a", "m/s²"), "velocity": ("v", "m/s"), "displacement": ("x", "m")}
 
-
-def _below(dof: int, label: str, unit: str) -> Axis:
+def below(dof: int, label: str, unit: str) -> Axis:
     """The abscissa of a column of figures: labelled below the lowest, DOF 1."""
     return Axis(label, unit) if dof == 1 else Axis()
-
-
-class RecordDisplay(Display):
-    """Measured channels of one kind over time, one line of axes for each DOF (paper Figs. 2, 10).
-
-    Parameters
-    ----------
-    record : Record
-    kind : {"force", "acceleration", "velocity", "displacement"}
-
-    Examples
-    --------
-    >>> from pysindy_nrf import datasets, displays
-    >>> display = displays.RecordDisplay(datasets.load_demo(), "displacement").plot()
-    >>> display.ax_[-1].get_xlabel(), [axis.get_ylabel() for axis in display.ax_]
-    ('time (s)', ['$x_{3}$ (mm)', '$x_{2}$ (mm)', '$x_{1}$ (mm)'])
-    """
-
-    _columns = 1
-
-    def __init__(self, record: Any, kind: str = "acceleration") -> None:
-        self.record, self.kind = record, kind
-
-    def figures(self) -> list[Figure]:
-        values, (symbol, unit) = getattr(self.record, self.kind), _KINDS[self.kind]
-        out = []
-        for j in range(self.record.n_dof, 0, -1):
-            known = values is not None and not np.isnan(values[:, j - 1]).all()
-            color = "red" if symbol == "F" else "blue"
-            marks: list[Mark] = [Line(self.record.time, values[:, j - 1], color=color, width=0.7)] if known else []
-            y = Axis(f"{symbol}_{{{j}}}" if known else f"{symbol}_{{{j}}}, not measured", unit)
-            out.append(Figure(f"{self.kind} of DOF {j}", marks, _below(j, "time", "s"), y, size=(6.5, 1.2)))
-        return out
 
 
 class FreeRunDisplay(Display):
@@ -122,7 +86,7 @@ class FreeRunDisplay(Display):
                 Line(self.time, self.measured[:, j - 1], "measured", "orange", 1.6),
                 Line(self.time, self.predicted[:, j - 1], f"free run ({error:.2g} % NRMSE)", "blue", 0.8, "dash"),
             ]
-            x, y = _below(j, "time", "s"), Axis(f"x_{{{j}}}", "m")
+            x, y = below(j, "time", "s"), Axis(f"x_{{{j}}}", "m")
             x.limits = None if self.begin is None else (self.begin, self.time[-1])
             out.append(Figure(f"Free run of DOF {j}", marks, x, y, legend="above", size=(6.5, 1.4)))
         return out
@@ -134,7 +98,7 @@ def response_figures(f: np.ndarray, measured: np.ndarray, found: np.ndarray) -> 
     for j in range(measured.shape[1], 0, -1):
         marks: list[Mark] = [Line(f, np.abs(measured[:, j - 1]), "measured", "orange", 1.8)]
         marks.append(Line(f, np.abs(found[:, j - 1]), "model", "blue", 0.9, "dash"))
-        x, y = _below(j, "frequency", "Hz"), Axis(f"|H_{{{j}}}|", "m/s²/N", log=True)
+        x, y = below(j, "frequency", "Hz"), Axis(f"|H_{{{j}}}|", "m/s²/N", log=True)
         out.append(Figure(f"Accelerance of DOF {j}", marks, x, y, legend="above", size=(8.0, 2.1)))
     return out
 
@@ -155,53 +119,3 @@ def modes_figure(modes: pd.DataFrame) -> Figure:
         Axis(ticks=["base", *(f"DOF {f[4:]}" for f in floors)]), alt=f"Shapes of the modes, largest entry 1: {said}.",
         legend="above", height=120 + 58 * len(floors),
     )  # fmt: skip
-
-
-class ModesDisplay(Display):
-    """Shapes of the linear part's modes, and the measured spectrum with their frequencies.
-
-    Parameters
-    ----------
-    modes : DataFrame
-        As of :meth:`ChainModel.modes`.
-    frequency, spectrum : ndarray, optional
-        Hz, and the acceleration spectrum by DOF, shape (n_frequencies, n_dof), (m/s^2)/sqrt(Hz).
-
-    Examples
-    --------
-    >>> from pysindy_nrf import datasets, displays
-    >>> len(displays.ModesDisplay.from_estimator(datasets.demo_truth()).modes)
-    3
-    """
-
-    _columns = 2
-
-    def __init__(self, modes: pd.DataFrame, frequency: Any = None, spectrum: Any = None) -> None:
-        self.modes, self.frequency, self.spectrum = modes, frequency, spectrum
-
-    @classmethod
-    def from_estimator(cls, estimator: Any, record: Any = None) -> Self:
-        """Modes of a fitted regressor or model.
-
-        Parameters
-        ----------
-        estimator : fitted NRFRegressor or ChainModel
-        record : Record, optional
-            With accelerations, for the spectrum.
-        """
-        modes = getattr(estimator, "model_", estimator).modes()
-        if record is None or record.acceleration is None:
-            return cls(modes)
-        f, power = welch(record.acceleration, record.fs, nperseg=min(record.n_samples, int(8 * record.fs)), axis=0)
-        return cls(modes, f, np.sqrt(power))
-
-    def figures(self) -> list[Figure]:
-        shapes = modes_figure(self.modes)
-        if self.spectrum is None:
-            return [shapes]
-        shown = (self.frequency > 0) & (self.frequency < 2.5 * self.modes["frequency"].max())
-        f, spectrum = self.frequency[shown], self.spectrum[shown]
-        marks: list[Mark] = [Rule(f) for f in self.modes["frequency"]]
-        marks += [Line(f, line, f"a_{{{j}}}", CYCLE[j % 6 - 1], 0.9) for j, line in enumerate(spectrum.T, 1)]
-        y = Axis("acceleration", "(m/s²)/√Hz", (0.5 * spectrum.min(), 2 * spectrum.max()), log=True)
-        return [shapes, Figure("Spectrum of the accelerations", marks, Axis("frequency", "Hz", (0, f[-1])), y)]

@@ -368,6 +368,8 @@ def _biases(
         worst = max(near, key=shares.__getitem__)
         out.append(NoiseBias(errors, dof, part, worst, shares[worst]))
     return out
+
+
 _NO_JUMPS = pd.DataFrame(columns=["found", "away", "lost", "wrong", "unit"])  # made once: it takes as long as a solve
 
 

@@ -282,7 +282,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
     def _fit(self, data: SegmentSet, separate: Callable[[], SegmentSet] | None) -> None:
         asked = self.problem(data.n_dof)
         found = asked.solve(data)
-        self._resolver, self._records, self.problem_ = None, data, found.problem
+        self._resolver, self._records, self.problem_, self.solve_order_ = None, data, found.problem, found.order
         facts: dict[str, Any] = {"asked": self.estimation, "found": "ls"}
         examined, judged = None, data  # the channels are examined by least squares unless another method is asked for
         if self.estimation == "auto" and separate is not None:

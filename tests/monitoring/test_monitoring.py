@@ -90,10 +90,7 @@ def test_motions_that_were_fused_together_are_said_to_look_too_alike():
     fitted = NRFRegressor(degree=1).fit(*records[0].to_features())
     with pytest.warns(DataQualityWarning, match="up to three times too narrow"):
         narrow = fitted.confidence_intervals()
-    honest = NRFRegressor(degree=1).fit(records[0]).confidence_intervals()
-    assert np.allclose(narrow["estimate"], honest["estimate"], rtol=1e-12)
-    width = [(t["upper"] - t["lower"]).to_numpy() for t in (narrow, honest)]
-    assert (width[1] > width[0]).all() and np.median(width[1] / width[0]) > 1.2
+    assert narrow["lower"].isna().all(), "nor is least squares unbiased at 5 % noise"
 
 
 def test_track_follows_a_drifting_stiffness():

@@ -156,16 +156,15 @@ class FittedChain:
         return self.model_.modes()
 
     def confidence_intervals(
-        self, level: float = 0.95, *, of: Any = "parameters", method: str = "hac", random_state: Any = None,
-        n_jobs: int | None = None, calibration: Mapping[str, float] | None = None,
-    ) -> pd.DataFrame:  # fmt: skip
+        self, level: float = 0.95, *, of: Any = "parameters", calibration: Mapping[str, float] | None = None
+    ) -> pd.DataFrame:
         """Confidence intervals of masses and coefficients, or of anything that follows from the model.
 
-        The whole chain is solved again without each of some 64 consecutive pieces of the data, so an
-        error in one storey reaches every mass below it. Shape parameters and the choice of terms are
-        taken as known: the error of a wrong law is not in the interval (see ``missing_terms_``). For a least-squares
-        fit to Records the motions are fused DOF by DOF, because the remaining noise of a joint fusion is correlated
-        over the whole record. Compute intervals before pickling, which leaves the data behind.
+        The whole chain is solved again without each of some 64 consecutive pieces of the data (jackknife, neighbours
+        correlated: Newey and West), so an error in one storey reaches every mass below it. Shape parameters and the
+        choice of terms are taken as known: the error of a wrong law is not in the interval (see ``missing_terms_``).
+        For a least-squares fit to Records the motions are fused DOF by DOF, because the remaining noise of a joint
+        fusion is correlated over the whole record. Compute intervals before pickling, which leaves the data behind.
 
         Parameters
         ----------
@@ -173,12 +172,6 @@ class FittedChain:
         of : {"parameters", "masses", "coefficients", "modes", "energies"}, mapping or callable
             ``"energies"``: dissipated by every storey along the data of the fit, J. A mapping of site to points,
             ``{"storey 2": (v, s)}``, gives forces there. A callable takes a ChainModel and returns a Series.
-        method : {"hac", "bootstrap"}
-            Delete-one-block jackknife with correlated neighbours (Newey and West), or block bootstrap.
-        random_state : int, Generator or None
-            Of the bootstrap.
-        n_jobs : int, optional
-            Joblib jobs of the bootstrap, -1 for all cores.
         calibration : mapping, optional
             Tolerances of every channel by itself, ``{"gain": 0.01, "cross_axis": 0.0, "delay": 0.0}`` where they are
             not given (shares, and s). Columns ``combined_lower``, ``combined_upper`` then hold them, too (GUM: type A
@@ -199,7 +192,7 @@ class FittedChain:
         """
         check_is_fitted(self)
         resolver, data = self._interval_resolver(), self._records
-        table = parameter_intervals(resolver, self.model_, level, of, method, random_state, n_jobs, data)
+        table = parameter_intervals(resolver, self.model_, level, of, data)
         if calibration is None:
             return table
         if isinstance(of, Mapping):

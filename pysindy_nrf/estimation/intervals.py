@@ -1,4 +1,4 @@
-"""Confidence intervals: the whole chain is solved again without each piece of the data, or on resampled pieces."""
+"""Confidence intervals: the whole chain is solved again without each piece of the data."""
 
 import warnings
 from collections.abc import Callable, Mapping
@@ -8,10 +8,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from joblib import Parallel, delayed, effective_n_jobs
 from scipy import stats
 
-from ..common.random_state import generator
 from ..exceptions import BiasWarning, ChainError, ChannelError, ExtrapolationWarning, IdentifiabilityError, RankWarning
 from ..mechanics.identifiability import SolveOrder
 from ..regression.chain_model import ChainModel
@@ -22,9 +20,7 @@ from ..regression.layout import LawLayout
 from ..regression.segments import SegmentSet
 from .problem import Problem
 
-METHODS = ("hac", "bootstrap")
 FEWEST = 8  # pieces
-DRAWS = 300
 Statistic = Callable[[ChainModel], pd.Series]
 
 
@@ -152,30 +148,6 @@ class Resolver:
         """Covariance of statistics: delete-one-block jackknife, correlated neighbours included."""
         return newey_west(self.influences(statistic), self.record)
 
-    def drawn(self, statistic: Statistic, random_state: Any, n_jobs: int | None = None) -> np.ndarray:
-        """Statistics of block-bootstrap samples, shape (n_draws, n_statistics); the same for any ``n_jobs``."""
-        n = self._enough()
-        rng = generator(random_state)
-        weights = rng.multinomial(n, np.full(n, 1.0 / n), size=DRAWS).astype(float)
-        shares = np.array_split(weights, effective_n_jobs(n_jobs))
-        found = Parallel(n_jobs=n_jobs)(delayed(_each)(self, statistic, share) for share in shares)
-        out: list[np.ndarray] = sum(found, [])
-        if len(out) < DRAWS / 2:
-            what = "Most bootstrap samples cannot be solved: few parts of the data determine the estimate"
-            raise IdentifiabilityError(what, "Excite the structure more than once.")
-        return np.array(out)
-
-
-def _each(resolver: Resolver, statistic: Statistic, weights: np.ndarray) -> list[np.ndarray]:
-    """Statistics of the draws that can be solved."""
-    out = []
-    for w in weights:
-        try:
-            out.append(statistic(resolver.at(w)).to_numpy(float))
-        except IdentifiabilityError:  # a draw without excitation has no solution
-            continue
-    return out
-
 
 @dataclass
 class InfluenceResolver(Resolver):
@@ -244,39 +216,31 @@ def calibration_spread(
 
 
 def parameter_intervals(
-    resolver: Resolver, model: ChainModel, level: float, of: Any = "parameters", method: str = "hac",
-    random_state: Any = None, n_jobs: int | None = None, data: SegmentSet | None = None,
+    resolver: Resolver, model: ChainModel, level: float, of: Any = "parameters", data: SegmentSet | None = None,
 ) -> pd.DataFrame:  # fmt: skip
     """Confidence intervals of anything that follows from a model."""
     level = _share(level)
-    if method not in METHODS:
-        raise ChainError(f"method={method!r} is unknown", f"Choose {' or '.join(map(repr, METHODS))}.")
     if isinstance(of, Mapping):
-        return _forces_table(resolver, model, of, level, method, random_state)
+        return _forces_table(resolver, model, of, level)
     statistic = statistic_of(of, resolver.known_masses, resolver.pieces.layout, data)
     estimate = statistic(model)
-    low, high = _bounds(resolver, statistic, estimate.to_numpy(float), level, method, random_state, n_jobs)
+    low, high = _bounds(resolver, statistic, estimate.to_numpy(float), level)
     return pd.DataFrame({"parameter": estimate.index, "estimate": estimate.to_numpy(), "lower": low, "upper": high})
 
 
-def _forces_table(
-    resolver: Resolver, model: ChainModel, points: Mapping[Any, Any], level: float, method: str, random_state: Any
-) -> pd.DataFrame:
+def _forces_table(resolver: Resolver, model: ChainModel, points: Mapping[Any, Any], level: float) -> pd.DataFrame:
     parts = []
     for site, pair in points.items():
         if not hasattr(pair, "__len__") or len(pair) != 2:
             raise ChainError(f"of[{site!r}]={pair!r} is not a pair (v, s)", "Give m/s and m.")
-        table = force_intervals(resolver, model, site, pair[0], pair[1], level, method, random_state)
+        table = force_intervals(resolver, model, site, pair[0], pair[1], level)
         name = [f"{model.chain.site(site)} at v = {v:.4g} m/s, s = {s:.4g} m" for v, s in zip(table["v"], table["s"])]
         parts.append(table[["force", "lower", "upper"]].rename(columns={"force": "estimate"}))
         parts[-1].insert(0, "parameter", name)
     return pd.concat(parts, ignore_index=True)
 
 
-def force_intervals(
-    resolver: Resolver, model: ChainModel, site: Any, v: Any, s: Any, level: float, method: str = "hac",
-    random_state: Any = None,
-) -> pd.DataFrame:  # fmt: skip
+def force_intervals(resolver: Resolver, model: ChainModel, site: Any, v: Any, s: Any, level: float) -> pd.DataFrame:
     """Restoring force of a site at points (v, s) with its interval."""
     site = model.chain.site(site)
     rate, drift = (np.ravel(x).astype(float) for x in np.broadcast_arrays(np.asarray(v, float), np.asarray(s, float)))
@@ -285,7 +249,7 @@ def force_intervals(
         return pd.Series(m.restoring_forces[site](rate, drift))
 
     force = statistic(model).to_numpy()
-    low, high = _bounds(resolver, statistic, force, _share(level), method, random_state)
+    low, high = _bounds(resolver, statistic, force, _share(level))
     region = model.visited.get(site)
     visited = np.ones(len(rate), dtype=bool) if region is None else region.contains(rate, drift)
     if region is not None and not visited.all():
@@ -303,19 +267,12 @@ def force_intervals(
 
 
 def _bounds(
-    resolver: Resolver, statistic: Statistic, estimate: np.ndarray, level: float, method: str, random_state: Any,
-    n_jobs: int | None = None,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    resolver: Resolver, statistic: Statistic, estimate: np.ndarray, level: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Ends of the intervals of statistics."""
     if resolver.withheld:
         warnings.warn(f"Intervals are withheld: {resolver.withheld}", BiasWarning, stacklevel=5)
         return np.full(len(estimate), np.nan), np.full(len(estimate), np.nan)
-    wider = np.sqrt(resolver.repeats)
-    if method == "bootstrap":
-        draws = resolver.drawn(statistic, random_state, n_jobs=n_jobs)
-        draws += estimate - statistic(resolver.at(np.ones(len(resolver.record)))).to_numpy(float)
-        tail = 100 * (1 - level) / 2
-        low, high = np.percentile(draws, [tail, 100 - tail], axis=0)
-        return estimate - wider * (high - estimate), estimate + wider * (estimate - low)
     influences = resolver.influences(statistic)
     # standard errors; correlated neighbours count if they increase them; corrected for the subtracted mean
     n = len(influences)
@@ -325,7 +282,7 @@ def _bounds(
     fourth = (influences**4).sum(axis=0)
     freedom = np.where(fourth > 0, 3 * (influences**2).sum(axis=0) ** 2 / np.where(fourth > 0, fourth, 1.0), np.inf)
     freedom = np.clip(np.minimum(freedom, n - 1) / 1.5, 2.0, None)
-    half = wider * stats.t.ppf(0.5 + level / 2, freedom) * deviation
+    half = np.sqrt(resolver.repeats) * stats.t.ppf(0.5 + level / 2, freedom) * deviation
     return estimate - half, estimate + half
 
 

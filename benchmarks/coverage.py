@@ -7,17 +7,16 @@ the share of intervals that hold the truth (masses, stiffness, damping, cubic te
 half-width in percent and the time of a fit with its intervals, by ``estimation`` = "auto" (the default), "ls" and "iv".
 """
 
+if __name__ != "__main__":  # numba looks for the package of this name, also where another benchmark is run
+    raise ImportError("a benchmark to be run, not the package 'coverage'")
+
 import argparse
 import os
-import sys
 import time
 import warnings
-from pathlib import Path
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
-# numba looks for the package of this name
-sys.path[:] = [p for p in sys.path if Path(p).resolve() != Path(__file__).resolve().parent]
 import pandas as pd  # noqa: E402
 from joblib import Parallel, delayed  # noqa: E402
 

@@ -12,7 +12,7 @@ from sklearn.base import clone
 
 from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
 from pysindy_nrf.estimation import dissipated_energy
-from pysindy_nrf.estimation.intervals import newey_west, parameter_intervals
+from pysindy_nrf.estimation.intervals import newey_west
 from pysindy_nrf.exceptions import BiasWarning, ChainError, ChannelError, ExtrapolationWarning, IdentifiabilityError
 from pysindy_nrf.simulation.noise import add_noise
 
@@ -144,23 +144,17 @@ def test_intervals_that_were_asked_for_survive_saving(fitted):
 
 
 @pytest.mark.slow
-def test_least_squares_on_noisy_records_says_how_far_it_may_be_off():
-    """Motions fused together err alike in a whole record: pieces of them agree better with each other than with the truth."""
+def test_default_intervals_of_noisy_records_say_how_far_they_may_be_off():
+    """Errors over half the interval's width are standard normal; of eight records their rms is below 1.7 in 99.9 %."""
     storey = laws.PowerSeries(1, [60.0, 5e4])
     truth = ChainModel([10.0, 10.0, 10.0], {f"storey {i}": storey for i in (1, 2, 3)})
-    z: dict[str, list] = {"apart": [], "together": []}
+    z = []
     for seed in range(8):
         record = add_noise(driven(truth, [3], 16.0, 500.0, 100.0, (0.5, 40.0), seed=seed, hold="cubic"), 0.02, random_state=seed)
-        fitted = NRFRegressor(degree=1).fit(record)
-        for how, ci in (
-            ("apart", fitted.confidence_intervals()),
-            ("together", parameter_intervals(fitted._resolving(), fitted.model_, 0.95)),
-        ):
-            true = np.where(ci["parameter"].str.startswith("m"), 10.0, np.where(ci["parameter"].str.endswith("v"), 60.0, 5e4))
-            z[how].append((ci["estimate"] - true) / ((ci["upper"] - ci["lower"]) / 3.92))
-    each = {how: np.sqrt(np.mean(np.square(values), axis=0)) for how, values in z.items()}
-    assert each["apart"].max() < 2.2
-    assert each["together"].max() > 2.0 and np.median(each["together"] / each["apart"]) > 1.2
+        ci = NRFRegressor(degree=1).fit(record).confidence_intervals()
+        true = np.where(ci["parameter"].str.startswith("m"), 10.0, np.where(ci["parameter"].str.endswith("v"), 60.0, 5e4))
+        z.append((ci["estimate"] - true) / ((ci["upper"] - ci["lower"]) / 3.92))
+    assert np.sqrt(np.mean(np.square(z), axis=0)).max() < 1.7
 
 
 def test_intervals_of_coefficients_and_of_energies_without_a_clock_or_the_data(fitted):

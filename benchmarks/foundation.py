@@ -154,7 +154,8 @@ def entrances(quick: bool) -> list[Row]:
             inside = ps.SINDy(optimizer=ChainOptimizer(inner, terms=library), feature_library=library)
             inside = inside.fit(X, t=case.dt, x_dot=case.F).optimizer
             terms, chain = np.asarray(library.transform(X))[:, 4:], Chain(4)
-            layout, solve_order = Layout(chain, dict.fromkeys(chain.sites, 9)), plan_solve_order(chain, forced)
+            solve_order = plan_solve_order(chain, forced, alone=inner is not None)
+            layout = Layout(chain, dict.fromkeys(chain.sites, 9))
             rows_of = partial(blocks_of, terms, X[:, :4], case.F)
             direct, _ = solve_blocks(layout, solve_order, rows_of, inner=inner)
             gaps = [chains.worst(m, own.masses_) for m in (inside.masses_, [direct.masses[j] for j in range(1, 5)])]
@@ -242,7 +243,7 @@ def powers(case: Any, i: int) -> np.ndarray:
 
 def dahl(quick: bool) -> list[Row]:
     case, *_ = chains.paper_case(duration=2.0 if quick else 4.0)
-    cubic = NRFRegressor(degree=3).fit(case.X, case.F)
+    cubic = NRFRegressor(degree=3, strategy="complete").fit(case.X, case.F)  # the paper's way
     R2 = case.storey_forces[:, 1]
     gap2 = np.abs(cubic.restoring_force(case.X)[:, 1] - R2).max() / rms(R2)
     A = np.column_stack([case.a[:, 0], powers(case, 1), -powers(case, 2)])

@@ -104,7 +104,9 @@ def of_models() -> dict[str, tuple]:
         "rates and drifts of other lengths": (with_X(lambda s: m.restoring_forces_[1](np.zeros(3), s), np.zeros(2)), "not numbers of one shape", "drifts in m"),
         "a surface of one point": (with_X(lambda n: m.model_.surface(1, size=n), 1), "surface", "at least 2"),
         "intervals of level 95": (with_X(m.confidence_intervals, 95), "level=95", "0.95"),
-        "intervals by magic": (with_X(lambda how: m.confidence_intervals(method=how), "magic"), "method='magic'", "Choose"),
+        "a tolerance below zero": (
+            with_X(lambda gain: m.confidence_intervals(calibration={"gain": gain}), -0.01), "calibration\\['gain'\\]=-0.01", "none below zero"
+        ),
         "intervals of nothing known": (with_X(lambda of: m.confidence_intervals(of=of), "colours"), "of='colours'", "parameters|modes"),
         "free run without a clock": (with_X(m.simulate, F), "needs the sampling step of F", "dt="),
         "free run with a gap in the force": (run(changed(push, 7, 1, np.nan)), "F2 of the force is not finite in row 7", "number for every sample"),

@@ -35,7 +35,7 @@ import numpy as np  # noqa: E402
 import pandas as pd  # noqa: E402
 
 from pysindy_nrf import NRFRegressor, laws  # noqa: E402
-from pysindy_nrf.laws.memory import state_path, state_paths  # noqa: E402
+from pysindy_nrf.laws.memory import state_path  # noqa: E402
 
 DEGREE = 3
 PARTS = ("limits", "passes", "scaling", "laws", "starts", "file", "dask")
@@ -523,24 +523,15 @@ def memory_laws(verdicts: Verdicts, size: int, rounds: int) -> pd.DataFrame:
     ]
     rows = []
     for name, law, bare, wanted in cases:
-        many = np.tile(law.theta, (16, 1))
-        many[:, 0] *= np.linspace(0.9, 1.1, 16)
-        short = laws.Motion(*(x[: size // 16] for x in (s, v, a, t)))
         run = {
             "law": lambda law=law: along(law),
             "bare": bare,
-            "batch": lambda law=law, many=many, short=short: state_paths(law, [short], many),
         }
         for f in run.values():
             f()
         best = alternate(run, rounds, np.inf)
         rate = size / best["law"]
-        rows.append(
-            {
-                "law": name, "samples/s": f"{rate:.2e}", "bare loop": f"{size / best['bare']:.2e}",
-                "16 candidates in one pass": f"{size // 16 * 16 / best['batch']:.2e}",
-            }
-        )  # fmt: skip
+        rows.append({"law": name, "samples/s": f"{rate:.2e}", "bare loop": f"{size / best['bare']:.2e}"})
         verdicts.add(f"{name}: {wanted:.0e} samples a second", f"{rate:.2e}", rate >= wanted)
     return pd.DataFrame(rows)
 

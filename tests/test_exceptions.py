@@ -21,7 +21,6 @@ WARNINGS = [c for c in CLASSES if issubclass(c, NRFWarning)]
 # What is raised besides, with the reason. (file, class)
 ALLOWED = {
     ("common/lazy.py", "AttributeError"): "the protocol of module attributes",
-    ("data/channels.py", "AttributeError"): "the protocol of attributes",
     ("laws/contract.py", "AssertionError"): "a check that a law failed, as documented",
     ("data/channels.py", "TypeError"): "caught some lines below",
     ("data/channels.py", "kind"): "one of two typed errors, chosen above",

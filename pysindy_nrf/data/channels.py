@@ -148,35 +148,6 @@ def fillers(line: np.ndarray) -> tuple[np.ndarray, str]:
     return rows, said
 
 
-class EvenClock(np.lib.mixins.NDArrayOperatorsMixin):
-    """Times 0, dt, 2 dt, ... in s that behave as an array; only the rows asked for are computed."""
-
-    def __init__(self, size: int, dt: float) -> None:
-        self._size, self._dt = size, dt
-
-    def __len__(self) -> int:
-        return self._size
-
-    def __getitem__(self, index: Any) -> Any:
-        if isinstance(index, slice):
-            return np.arange(*index.indices(self._size)) * self._dt
-        if isinstance(index, (int, np.integer)):
-            return np.float64(range(self._size)[index] * self._dt)
-        return np.asarray(self)[index]
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
-        return np.asarray(self[:], dtype=dtype)
-
-    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
-        arrays = (np.asarray(value) if isinstance(value, EvenClock) else value for value in inputs)
-        return getattr(ufunc, method)(*arrays, **options)
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("_"):
-            raise AttributeError(name)
-        return getattr(self[:], name)
-
-
 def rate_of(step: float, tolerance: float = 1e-6) -> float:
     """Sampling rate, Hz, of a step in s; a whole number if rounding of the step explains the difference."""
     rate = 1.0 / step

@@ -138,17 +138,16 @@ def _widened(recipe: Recipe | None, layout: LawLayout, wide: Layout) -> Recipe:
     """Recipe of own and offered columns from [source of the own | offered columns of each site]."""
     if recipe is None:  # the columns of the laws are given
         given = np.arange(layout.n_terms)
-        recipe = Recipe(*copies(given, given), (), (), layout.n_terms)
+        recipe = Recipe(copies(given, given), (), (), layout.n_terms)
     sites = layout.acting
     own = [row for s in sites for row in range(wide.slices[s].start, wide.slices[s].stop - OFFERED)]
     offered = [row for s in sites for row in range(wide.slices[s].stop - OFFERED, wide.slices[s].stop)]
     helpers = np.arange(max(0, int(recipe.steps[:, 0].max(initial=-1)) + 1 - layout.n_terms))
     at = np.array([*own, *(wide.n_terms + helpers), -1], dtype=np.int64)
-    row, x, p, q = recipe.steps.T
+    row, x, p = recipe.steps.T
     added = copies(offered, recipe.n_source + np.arange(len(offered)))
-    whole = np.vstack([np.column_stack([at[row], x, at[p], at[q]]), added[0]])
-    numbers = np.vstack([recipe.numbers, added[1]])
-    return replace(recipe, steps=whole, numbers=numbers, n_source=recipe.n_source + len(offered))
+    whole = np.vstack([np.column_stack([at[row], x, at[p]]), added])
+    return replace(recipe, steps=whole, n_source=recipe.n_source + len(offered))
 
 
 def _combination(step: Any, layout: LawLayout, coefficients: dict, masses: dict, grams: BlockGrams) -> np.ndarray:

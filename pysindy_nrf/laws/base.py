@@ -434,13 +434,6 @@ class ForceLaw:
         self.kernel(motion.s, motion.v, a, t, u, z, theta, out)
         return out.T
 
-    def recurrence(self) -> tuple[list[tuple[int, int, int, int]], list[tuple[float, float, float]]] | None:
-        """Rows (i, x, p, q) and numbers (g, h, k): column i is (g x + h) column[p] + k column[q]; None without any.
-
-        x is 0 for the rate and 1 for the drift, p = -1 stands for a column of ones, q = -1 for none.
-        """
-        return None
-
     def covariates_of(self, motion: Motion) -> np.ndarray:
         """Covariates in the order in which the kernel reads them, (n_covariates, n_samples), for :meth:`features`."""
         u = np.empty((len(self.covariates), motion.n_samples))

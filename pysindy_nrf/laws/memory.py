@@ -1,6 +1,6 @@
 """Compiled integration of a law's internal state along a sampled motion, with exact velocity reversals."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -11,7 +11,7 @@ from ..exceptions import ChannelError, LawError
 from .compiled import borrow, cannot_compile, inline, jit, on_stack, part, read_only
 from .shape import Motion
 
-_STRETCH = 2048  # intervals whose reversals are found before the states of all candidates are moved
+_STRETCH = 2048  # intervals whose reversals are found before the state is moved
 _LOOK = 64  # intervals that are checked together: most contain no reversal
 
 
@@ -160,8 +160,8 @@ def _find_reversals(s, v, a, t, low, high, doubtful, at, shares, drifts):
 
 
 @cache
-def _paths(advance: Callable, n_states: int) -> Callable[..., None]:
-    """Compiled paths of one law's state for many shape parameters; one machine-code file for each law."""
+def _path(advance: Callable, n_states: int) -> Callable[..., None]:
+    """Compiled path of one law's state; one machine-code file for each law."""
     step = inline(advance)
     find = part(_find_reversals)
 
@@ -198,7 +198,7 @@ def _paths(advance: Callable, n_states: int) -> Callable[..., None]:
     between, across = part(between), part(across)
 
     def one_path(s, v, t, u, middle, state, theta, z, low, high, at, shares, drifts, count):
-        """Move the state from sample ``low`` to ``high`` for one set of parameters."""
+        """Move the state from sample ``low`` to ``high``."""
         s, v, t, u, middle = borrow(s), borrow(v), borrow(t), borrow(u), borrow(middle)
         state, theta, z = borrow(state), borrow(theta), borrow(z)
         w, begin = 0, low + 1
@@ -213,62 +213,36 @@ def _paths(advance: Callable, n_states: int) -> Callable[..., None]:
 
     path = part(one_path)
 
-    def memory_paths(s, v, a, t, u, thetas, states, z):
+    def memory_path(s, v, a, t, u, theta, state, z):
         doubtful, at = np.empty(_LOOK, dtype=np.uint8), np.empty(2 * _STRETCH, dtype=np.int64)
         shares, drifts = np.empty(2 * _STRETCH), np.empty(2 * _STRETCH)
         middle = np.empty(u.shape[0])
-        for c in range(states.shape[0]):
-            z[c, :, 0] = states[c]
+        z[:, 0] = state
         for low in range(0, s.size - 1, _STRETCH):
             high = min(low + _STRETCH + 1, s.size)
-            count = find(s, v, a, t, low, high, doubtful, at, shares, drifts)  # the same for all
-            for c in range(states.shape[0]):
-                path(s, v, t, u, middle, states[c], thetas[c], z[c], low, high, at, shares, drifts, count)
+            count = find(s, v, a, t, low, high, doubtful, at, shares, drifts)
+            path(s, v, t, u, middle, state, theta, z, low, high, at, shares, drifts, count)
 
-    return jit(memory_paths)
+    return jit(memory_path)
 
 
 def state_path(
     law: Any, motion: Motion, u: np.ndarray, theta: np.ndarray, state: np.ndarray | None = None
 ) -> np.ndarray:
-    """Internal state of a law along one contiguous record."""
-    now = np.zeros((1, law.n_states)) if state is None else np.array(state, dtype=float)[None]
-    z = _along(law, motion, u, np.asarray(theta, dtype=float)[None], now)[0]
-    if not np.isfinite(now).all():
-        _explain(law, motion)
-    if state is not None:
-        state[:] = now[0]
-    return z
-
-
-def state_paths(law: Any, motions: Sequence[Motion], thetas: np.ndarray) -> list[np.ndarray]:
-    """Internal states of a law along several records for many shape parameters, in one pass over each."""
-    thetas = np.atleast_2d(np.asarray(thetas, dtype=float))
-    out = []
-    for motion in motions:
-        states = np.zeros((len(thetas), law.n_states))
-        out.append(_along(law, motion, law.covariates_of(motion), thetas, states))
-        if len(thetas) and not np.isfinite(states).all(axis=1).any():
-            _explain(law, motion)
-    return out
-
-
-def _along(law: Any, motion: Motion, u: np.ndarray, thetas: np.ndarray, states: np.ndarray) -> np.ndarray:
-    """Paths for each row of ``thetas``; ``states`` is overwritten by the states at the last sample."""
+    """Internal state of a law along one contiguous record, (n_states, n_samples); ``state`` is moved to its end."""
     none = np.empty(0)
-
-    def line(array: np.ndarray | None) -> np.ndarray:
-        return read_only(none if array is None else array)
-
-    s, v, a, t = line(motion.s), line(motion.v), line(motion.a), line(motion.t)
-    z = np.empty((len(thetas), law.n_states, len(s)))
+    state = np.zeros(law.n_states) if state is None else state
+    s, v, a, t = (read_only(none if x is None else x) for x in (motion.s, motion.v, motion.a, motion.t))
+    z = np.empty((law.n_states, len(s)))
     if not np.isfinite(s.sum() + v.sum()):
         raise ChannelError("The motion of a law with memory is not finite", "Remove NaN rows at both ends first.")
     if len(s):
         try:
-            _paths(type(law).advance, law.n_states)(s, v, a, t, read_only(u), read_only(thetas), states, z)
+            _path(type(law).advance, law.n_states)(s, v, a, t, read_only(u), read_only(theta), state, z)
         except NumbaError as error:
             raise cannot_compile(law, error) from error
+    if not np.isfinite(state).all():
+        _explain(law, motion)
     return z
 
 

@@ -61,7 +61,7 @@ class Plan:
         self.size = size
         self.n_rows = sum(size for _, size in units.values())
         self._channels = np.r_[3 * np.arange(n), 3 * np.arange(n) + 1]
-        self._placed: tuple[Recipe | None, np.ndarray, np.ndarray, np.ndarray, int] | None = None
+        self._placed: tuple[Recipe | None, np.ndarray, np.ndarray, int] | None = None
         self._own = local()  # each thread's scratch
 
     def multiply(self, block: Block, store: np.ndarray) -> None:
@@ -69,30 +69,29 @@ class Plan:
         recipe, placed = block.recipe, self._placed
         if placed is None or placed[0] is not recipe:
             self._placed = placed = recipe, *self._rows(recipe)
-        _, places, steps, numbers, n_rows = placed
+        _, places, steps, n_rows = placed
         scratch = getattr(self._own, "scratch", None)
         if scratch is None or len(scratch) < n_rows:
             self._own.scratch = scratch = np.zeros((n_rows, TILE + _PAD))
         source = block.terms if recipe is None else block.source
         given = (np.asarray(x, dtype=np.float64) for x in (block.acceleration, block.force, source))
-        _kernel()(*given, places, steps, numbers, self.sums, self.masses, self.pairs, scratch, store)
+        _kernel()(*given, places, steps, self.sums, self.masses, self.pairs, scratch, store)
 
-    def _rows(self, recipe: Recipe | None) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    def _rows(self, recipe: Recipe | None) -> tuple[np.ndarray, np.ndarray, int]:
         """Rows of the channels of a block, how those of the terms are built from them, and how many there are."""
         if recipe is None:
-            places = _places(self._channels, self.terms)
-            return places, np.zeros((0, 4), dtype=np.int64), np.zeros((0, 3)), self.n_rows
+            return _places(self._channels, self.terms), np.zeros((0, 3), dtype=np.int64), self.n_rows
         helpers = max(0, int(recipe.steps[:, 0].max(initial=-1)) + 1 - len(self.terms))
         size = self.n_rows + helpers
-        rows = np.concatenate([self.terms, np.arange(self.n_rows, size), [-1]])
-        copies = (recipe.steps[:, 2:] < 0).all(axis=1) & (recipe.numbers == (1.0, 0.0, 0.0)).all(axis=1)
+        rows = np.concatenate([self.terms, np.arange(self.n_rows, size)])
+        row, x, p = recipe.steps.T
+        copied = p < 0
         at = np.full(recipe.n_source, -1)
-        at[recipe.steps[copies, 1]] = rows[recipe.steps[copies, 0]]  # put where the (last) term stands
+        at[x[copied]] = rows[row[copied]]  # put where the (last) term stands
         beside = np.flatnonzero(at < 0)
         at[beside] = size + np.arange(len(beside))
-        steps = np.column_stack([rows[recipe.steps[:, 0]], at[recipe.steps[:, 1]], rows[recipe.steps[:, 2:]]])
-        left = steps[:, 0] != steps[:, 1]
-        return _places(self._channels, at), steps[left], recipe.numbers[left], size + len(beside)
+        steps = np.column_stack([rows[row], at[x], np.where(copied, -1, rows[p])])
+        return _places(self._channels, at), steps[steps[:, 0] != steps[:, 1]], size + len(beside)
 
 
 def _places(*rows: np.ndarray) -> np.ndarray:
@@ -170,15 +169,7 @@ def _kernel() -> Callable[..., None]:
         for t in range(out.size):
             out[t] = left[t] * right[t]
 
-    def scale(out, x, g, h):
-        for t in range(out.size):
-            out[t] = g * x[t] + h
-
-    def ascend(out, x, below, second, g, h, k):
-        for t in range(out.size):
-            out[t] = (g * x[t] + h) * below[t] + k * second[t]
-
-    copied, multiplied, scaled, ascended = (inline(f) for f in (copy, multiply, scale, ascend))
+    copied, multiplied = inline(copy), inline(multiply)
 
     def load(x, places, channels, start, b):
         if abs(channels.strides[0]) < abs(channels.strides[1]):  # the channels of a sample lie side by side
@@ -192,7 +183,7 @@ def _kernel() -> Callable[..., None]:
 
     loaded = inline(load)
 
-    def gram_pass(a, force, source, places, steps, numbers, sums, masses, pairs, x, store):
+    def gram_pass(a, force, source, places, steps, sums, masses, pairs, x, store):
         n = a.shape[0]
         for start in range(0, a.shape[1], TILE):
             b = min(TILE, a.shape[1] - start)
@@ -211,16 +202,11 @@ def _kernel() -> Callable[..., None]:
                         x[row, t] += x[3 * j + 1, t] - masses[j] * x[3 * j, t]
                 end = sums[i]
             for k in range(steps.shape[0]):
-                row, of, p, q = steps[k, 0], steps[k, 1], steps[k, 2], steps[k, 3]
-                g, h, c = numbers[k, 0], numbers[k, 1], numbers[k, 2]
+                row, of, p = steps[k, 0], steps[k, 1], steps[k, 2]
                 if p < 0:
-                    scaled(x[row, :b], x[of, :b], g, h)
-                elif q < 0 and g == 1.0 and h == 0.0:
-                    multiplied(x[row, :b], x[p, :b], x[of, :b])
-                elif q < 0:
-                    ascended(x[row, :b], x[of, :b], x[p, :b], x[p, :b], g, h, 0.0)
+                    copied(x[row, :b], x[of, :b])
                 else:
-                    ascended(x[row, :b], x[of, :b], x[p, :b], x[q, :b], g, h, c)
+                    multiplied(x[row, :b], x[p, :b], x[of, :b])
             for k in range(pairs.shape[0]):
                 products(x, pairs[k, 0], pairs[k, 1], pairs[k, 2], pairs[k, 3], b, store, pairs[k, 4])
 
@@ -228,6 +214,6 @@ def _kernel() -> Callable[..., None]:
     given, whole = types.Array(types.float64, 2, "A", readonly=True), types.Array(types.float64, 2, "C")
     places, table = types.Array(types.uint64, 1, "C"), types.Array(types.int64, 2, "C")
     line, starts = types.Array(types.float64, 1, "C"), types.Array(types.int64, 1, "C")
-    multiply_all.compile((given, given, given, places, table, whole, starts, line, table, whole, line))
+    multiply_all.compile((given, given, given, places, table, starts, line, table, whole, line))
     multiply_all.disable_compile()
     return multiply_all

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ..data.channels import EvenClock, as_matrix, by_record, contiguous, finite_span, gaps, rows_text
+from ..data.channels import as_matrix, by_record, contiguous, finite_span, gaps, rows_text
 from ..data.record import Record, row_times
 from ..exceptions import ChannelError, DataQualityWarning, LawError
 from ..signals import KinematicSmoother
@@ -129,7 +129,7 @@ def from_arrays(
         pieces = contiguous(size, record, seconds) if masked else _cut_at_gaps(pieces, seconds, every_row)
     segments = []
     for name, rows in pieces:
-        even: Any = EvenClock(rows.stop - rows.start, float(dt)) if seconds is None and dt is not None else None
+        even = None if seconds is not None or dt is None else np.arange(rows.stop - rows.start) * float(dt)
         segment = Segment(
             name, rows, a[rows], v[rows], s[rows], force[rows], even if seconds is None else seconds[rows],
             None if ag is None else ag[rows], {k: c[rows] for k, c in extra.items()},

@@ -63,12 +63,11 @@ class Layout:
 
 @dataclass(frozen=True)
 class Recipe:
-    """Columns that follow from earlier ones: v^h s^j, and what laws state as a recurrence."""
+    """Columns v^h s^j that follow from earlier ones by one multiplication each, and those of other laws."""
 
-    # (n_steps, 4); ``(row, x, p, q)``: the row is (g x + h) times row p plus k times row q, where x is a row of the
-    # source; a p of -1 stands for ones, a q of -1 for nothing. Rows from ``n_terms`` on are helpers
+    # (n_steps, 3); ``(row, x, p)``: the row is row x of the source times row p; a p of -1 stands for ones. Rows from
+    # ``n_terms`` on are helpers
     steps: np.ndarray
-    numbers: np.ndarray  # (n_steps, 3); g, h and k
     motions: tuple[Site, ...]  # sites whose rates are the first rows of the source, and whose drifts are the next ones
     # laws (by site and number) whose columns follow from no others, and how many of them follow in the source, in order
     others: tuple[tuple[Site, int, int], ...]
@@ -77,29 +76,18 @@ class Recipe:
     def finish(self, source: np.ndarray, n_terms: int) -> np.ndarray:
         """All columns of a block."""
         out = np.empty((max(n_terms, int(self.steps[:, 0].max(initial=-1)) + 1), source.shape[1]))
-        for (row, x, p, q), (g, h, k) in zip(self.steps.tolist(), self.numbers.tolist()):
-            np.multiply(source[x], g, out=out[row])
-            out[row] += h
-            if p >= 0:
-                out[row] *= out[p]
-            if q >= 0:
-                out[row] += k * out[q]
+        for row, x, p in self.steps.tolist():
+            np.multiply(source[x], out[p] if p >= 0 else 1.0, out=out[row])
         return out[:n_terms]
 
 
-_PLAIN = 1.0, 0.0, 0.0  # g, h and k of a copy or product
-
-
-def copies(rows: Any, sources: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Steps, and their numbers, that take rows as they stand in the source."""
-    steps = np.full((len(rows), 4), -1, dtype=np.int64)
-    steps[:, 0], steps[:, 1] = rows, sources
-    return steps, np.tile(_PLAIN, (len(rows), 1))
+def copies(rows: Any, sources: Any) -> np.ndarray:
+    """Steps that take rows as they stand in the source."""
+    return np.column_stack([rows, sources, np.full(len(rows), -1)]).astype(np.int64)
 
 
 def _recipe(layout: LawLayout) -> Recipe:
-    steps: list[tuple[int, int, int, int]] = []
-    numbers: list[Sequence[float]] = []
+    steps: list[tuple[int, int, int]] = []
     motions: list[Site] = []
     others: list[tuple[Site, int, int]] = []
     given: list[int] = []  # first column of each of them
@@ -110,20 +98,15 @@ def _recipe(layout: LawLayout) -> Recipe:
         rows: dict[tuple[int, int], int] = {}
         for number, law in enumerate(layout.laws[site]):
             width = len(law.terms())
-            recurrence = law.recurrence()
-            powers = _products(law) if recurrence is None else None
-            if recurrence is not None:
-                behind = [(at + i, v + x, p + at * (p >= 0), q + at * (q >= 0)) for i, x, p, q in recurrence[0]]
-                steps += behind
-                numbers += recurrence[1]
-            elif powers is not None:
+            powers = _products(law)
+            if powers is not None:
                 rows |= {power: at + k for k, power in enumerate(powers)}
             else:
                 others.append((site, number, width))
                 given.append(at)
             at += width
-            if site not in motions[-1:] and (recurrence is not None or powers is not None):
-                motions.append(site)
+        if rows:
+            motions.append(site)
         for power in sorted(rows, key=sum):
             chain = [power]  # down to what is there already: s is taken off first, as the power series multiplies
             while sum(chain[-1]) > 1:
@@ -138,18 +121,15 @@ def _recipe(layout: LawLayout) -> Recipe:
                 row = rows.get((h, j))
                 if row is None:
                     row, helper = helper, helper + 1
-                steps.append((row, v + (j > 0), made.get((h, j - 1) if j else (h - 1, 0), -1), -1))
-                numbers.append(_PLAIN)
+                steps.append((row, v + (j > 0), made.get((h, j - 1) if j else (h - 1, 0), -1)))
                 made[h, j] = row
     size = 2 * len(motions)
     order = np.arange(size).reshape(2, -1).T.ravel()  # rates first, then drifts
-    steps = [(row, int(order[x]), p, q) for row, x, p, q in steps]
+    steps = [(row, int(order[x]), p) for row, x, p in steps]
     for (_, _, width), at in zip(others, given):
-        steps += [(at + k, size + k, -1, -1) for k in range(width)]
-        numbers += [_PLAIN] * width
+        steps += [(at + k, size + k, -1) for k in range(width)]
         size += width
-    table = np.array(steps, dtype=np.int64).reshape(-1, 4)
-    return Recipe(table, np.array(numbers, dtype=float).reshape(-1, 3), tuple(motions), tuple(others), size)
+    return Recipe(np.array(steps, dtype=np.int64).reshape(-1, 3), tuple(motions), tuple(others), size)
 
 
 _PROBE = Motion(np.array([0.7, -1.3, 0.4]), np.array([-0.6, 0.8, 1.7]))

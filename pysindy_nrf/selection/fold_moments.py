@@ -1,9 +1,8 @@
-"""Moments of all orders in one pass over the samples, fold by fold, in orthogonal polynomials."""
+"""Moments of all orders in one pass over the samples, fold by fold."""
 
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,9 +11,8 @@ from scipy import linalg
 from scipy.linalg import blas
 
 from ..exceptions import ChannelError, NRFError, RankWarning
-from ..laws.base import ForceLaw, Term
+from ..laws.base import ForceLaw
 from ..laws.power_series import PowerSeries, exponents_of
-from ..laws.shape import Motion
 from ..mechanics.chain import Chain
 from ..mechanics.identifiability import SolveOrder, plan_solve_order
 from ..mechanics.sites import Site
@@ -38,108 +36,8 @@ class Monomials(PowerSeries):
         place = {pair: i for i, pair in enumerate(self.exponents)}
         return np.array([place[pair] for pair in exponents_of(order)], dtype=int)
 
-    def features(self, motion: Motion, state: Any = None) -> np.ndarray:
-        """Columns, by one multiplication each."""
-        return self._products(*(
-            _powers(x, max((p[i] for p in self.exponents), default=0)) for i, x in enumerate((motion.v, motion.s))
-        ))  # fmt: skip
 
-    def _products(self, of_v: np.ndarray, of_s: np.ndarray) -> np.ndarray:
-        """Column (h, j) is row h of the first times row j of the second."""
-        out = np.empty((len(self.exponents), of_v.shape[1]))
-        for row, (h, j) in zip(out, self.exponents):
-            np.multiply(of_v[h], of_s[j], out=row)
-        return out.T
-
-
-def _powers(x: np.ndarray, highest: int) -> np.ndarray:
-    out = np.ones((highest + 1, len(x)))
-    for k in range(1, highest + 1):
-        np.multiply(out[k - 1], x, out=out[k])
-    return out
-
-
-class Polynomials:
-    """1 and y times the polynomials orthogonal on a sample with the weight y^2 (Gautschi, 2004, sec. 2.2)."""
-
-    def __init__(self, x: np.ndarray, highest: int) -> None:
-        self.highest = highest
-        self.scale = float(np.sqrt(np.mean(x**2))) if x.size else 0.0
-        self.scale = self.scale or 1.0  # nothing moves
-        self.a, self.b = np.zeros((2, max(highest, 1)))
-        y = x / self.scale
-        p, below, size = y, np.zeros(len(y)), 0.0
-        for k in range(1, highest):
-            squares = float(p @ p)
-            if not squares:
-                break  # fewer different values than powers
-            self.a[k] = (y * p) @ p / squares
-            self.b[k] = squares / size if size else 0.0
-            p, below, size = (y - self.a[k]) * p - self.b[k] * below, p, squares
-
-    def __call__(self, x: np.ndarray) -> np.ndarray:
-        """Values, shape (highest + 1, n)."""
-        out = np.ones((self.highest + 1, len(x)))
-        if self.highest:
-            np.divide(x, self.scale, out=out[1])
-        for k in range(1, self.highest):
-            np.subtract(out[1], self.a[k], out=out[k + 1])
-            out[k + 1] *= out[k]
-            if k > 1:
-                out[k + 1] -= self.b[k] * out[k - 1]
-        return out
-
-    @cached_property
-    def powers(self) -> np.ndarray:
-        """Coefficients of the powers of x in the polynomials: x^h is the sum over k of powers[k, h] p_k."""
-        size = self.highest + 1
-        times_y = np.diag(np.ones(self.highest), -1)  # y p_k = p_{k+1} + a_k p_k + b_k p_{k-1}
-        inside = np.arange(1, self.highest)
-        times_y[inside, inside] = self.a[1:]
-        times_y[inside[:-1], inside[1:]] = self.b[2:]
-        out = np.eye(size)
-        for h in inside:
-            out[:, h + 1] = times_y @ out[:, h]
-        return out * self.scale ** np.arange(size)
-
-
-class OrthogonalPowers(Monomials):
-    """Products P_h(v) Q_j(s) that span the powers v^h s^j, orthogonal on a sample of the motion."""
-
-    def __init__(self, exponents: Iterable[tuple[int, int]], v: np.ndarray, s: np.ndarray) -> None:
-        super().__init__(exponents)
-        self._v, self._s = (
-            Polynomials(x, max((p[i] for p in self.exponents), default=0)) for i, x in enumerate((v, s))
-        )
-
-    def terms(self) -> tuple[Term, ...]:
-        """One term for each product."""
-        return tuple(Term(f"q_{h}_{j}", f"P{h}(v) Q{j}(s)", "N") for h, j in self.exponents)
-
-    def features(self, motion: Motion, state: Any = None) -> np.ndarray:
-        """Columns, by one multiplication each."""
-        return self._products(self._v(motion.v), self._s(motion.s))
-
-    def recurrence(self) -> tuple[list[tuple[int, int, int, int]], list[tuple[float, float, float]]]:
-        """Along s from one column to the next, and along v where there is no s."""
-        place = {pair: i for i, pair in enumerate(self.exponents)}
-        rows, numbers = [], []
-        for (h, j), i in place.items():
-            along, k = (self._s, j) if j else (self._v, h)
-            below, second = ((h, j - n) if j else (h - n, 0) for n in (1, 2))
-            rows.append((i, int(j > 0), place.get(below, -1), place[second] if k > 2 else -1))
-            numbers.append((1.0 / along.scale, -float(along.a[k - 1]), -float(along.b[k - 1]) if k > 2 else 0.0))
-        return rows, numbers
-
-    @property
-    def change(self) -> np.ndarray:
-        """The columns times this are the powers, shape (n_terms, n_terms)."""
-        h, j = np.array(self.exponents).reshape(-1, 2).T
-        return self._v.powers[np.ix_(h, h)] * self._s.powers[np.ix_(j, j)]
-
-
-_ROWS = 2048  # sampled for the bases of the sites
-_SOUND = 1e3  # condition number of unit columns whose Gram matrix keeps the digits that are asked for
+_ROWS = 2048  # sampled for the factors of the sites
 EVERY = "every"  # stands for all folds, stacked
 PIECES = 20  # at least, over all records: blocks for the effective number of samples
 
@@ -188,10 +86,7 @@ class FoldMoments:
         self.union = {site: Monomials(pairs) for site, pairs in terms.items()}
         self.layout = LawLayout(chain, {**{s: (law,) for s, law in self.union.items()}, **self.laws})
         self.groups = self._groups()
-        self.basis: dict[Site, OrthogonalPowers] = {}
-        self.factors: dict[Site, np.ndarray] = {}
-        self._choose_bases()
-        self.accumulated = LawLayout(chain, {**{s: (law,) for s, law in self.basis.items()}, **self.laws})
+        self.factors = self._sampled_factors()
         self.class_of, self.membership = _classes(data.n_samples, folds)
         self.n_folds = len(folds)
         self._solve_orders: dict[Any, SolveOrder] = {}
@@ -207,49 +102,39 @@ class FoldMoments:
         held = {g.dofs: g for g in groups_of(self.layout, solve_order)}
         return [*held.values(), *(self.layout.group(dofs) for dofs in sums if dofs not in held)]
 
-    def _choose_bases(self) -> None:
-        """Polynomials for each searched site from some rows, and the triangular factor of what they leave dependent."""
-        whole = sum(seg.n_valid for seg in self.data.segments)
-        stride = max(1, whole // _ROWS)
+    def _sampled_factors(self) -> dict[Site, np.ndarray]:
+        """For each searched site the triangular factor that makes its powers orthogonal on some of the samples."""
+        stride = max(1, sum(seg.n_valid for seg in self.data.segments) // _ROWS)
+        out = {}
         for site, law in self.union.items():
-            if not self.layout.counts[site]:
-                continue
-            parts = [seg.motion(site, slice(seg.valid.start, seg.valid.stop, stride)) for seg in self.data.segments]
-            sample = Motion(np.concatenate([part.s for part in parts]), np.concatenate([part.v for part in parts]))
-            self.basis[site] = OrthogonalPowers(law.exponents, sample.v, sample.s)
-            columns = self.basis[site].features(sample)
-            if not _sound(columns):
-                self.factors[site] = _factor(columns)
+            if self.layout.counts[site]:
+                parts = (seg.motion(site, slice(seg.valid.start, seg.valid.stop, stride)) for seg in self.data.segments)
+                out[site] = _factor(np.concatenate([law.features(part) for part in parts]))
+        return out
 
     def _whiten(self, block: Block) -> Block:
-        if not self.factors:
-            return block
-        terms = np.array(block.terms, order="C")
-        for site, upper in self.factors.items():
-            where = self.accumulated.slices[site]
-            terms[where] = blas.dtrsm(1.0, upper, terms[where].T, side=1, lower=0).T
-        return Block(terms, block.acceleration, block.force)
+        """The same samples with the powers of each searched site divided by its factor: products keep their digits."""
+        for site, upper in self.factors.items():  # in place: the columns of a block are its own
+            blas.dtrsm(1.0, upper, block.terms[self.layout.slices[site]].T, side=1, overwrite_b=1)
+        return Block(block.terms, block.acceleration, block.force)
 
     def _back(self, dofs: tuple[int, ...]) -> np.ndarray:
-        """Accumulated columns of a group times this are its monomials."""
+        """Accumulated columns of a group times this are its powers."""
         if dofs not in self._backs:
-            group, blocks = next(g for g in self.groups if g.dofs == dofs), []
-            for site in group.sites:
-                change = self.basis[site].change if site in self.basis else np.eye(self.layout.counts[site])
-                whitened = site in self.factors and self.kind == "gram"
-                blocks.append(self.factors[site] @ change if whitened else change)
+            group = next(g for g in self.groups if g.dofs == dofs)
+            plain = (np.eye(self.layout.counts[site]) for site in group.sites)
+            blocks = plain if self.kind == "root" else map(self.factors.get, group.sites, plain)
             self._backs[dofs] = linalg.block_diag(*blocks, np.eye(2 if len(group.dofs) == 1 else 1))
         return self._backs[dofs]
 
     def _accumulate(self, kind: str) -> None:
         self.kind = kind
         self._backs: dict[tuple[int, ...], np.ndarray] = {}
-        groups = [self.accumulated.group(g.dofs) for g in self.groups]
         self.piece_class: list[int] = []
         self.sums: list[np.ndarray] = []  # of the accelerations, for the variance behind R^2
         self.counts: list[np.ndarray] = []
         self._totals: dict[Any, tuple[BlockGrams, np.ndarray, np.ndarray]] = {}
-        self.pieces = GramPass(self.accumulated, groups, self.known_masses, kind).add_each(self._blocks()).grams()
+        self.pieces = GramPass(self.layout, self.groups, self.known_masses, kind).add_each(self._blocks()).grams()
 
     def _blocks(self) -> Iterator[tuple[int, Block]]:
         """All samples, and the number of the piece they belong to."""
@@ -258,7 +143,7 @@ class FoldMoments:
             classes = self.class_of[seg.rows][seg.valid]
             cuts = _cuts(classes, max(whole // PIECES, 256) if self.kind == "gram" else whole)
             shuffled: dict[int, int] = {}  # piece of each class
-            blocks = seg.blocks(self.accumulated, filter=filter)
+            blocks = seg.blocks(self.layout, filter=filter)
             if self.kind == "gram":
                 blocks = map(self._whiten, blocks)
             if cuts is not None:
@@ -380,16 +265,6 @@ def _factor(columns: np.ndarray) -> np.ndarray:
     least[least == 0] = 1.0  # nothing moves
     np.fill_diagonal(upper, np.where(np.abs(np.diag(upper)) > least, np.diag(upper), least))
     return upper
-
-
-def _sound(columns: np.ndarray) -> bool:
-    """Whether columns of unit length are far from dependent."""
-    gram = columns.T @ columns
-    size = np.sqrt(np.diag(gram))
-    if not size.all():
-        return False
-    squares = np.linalg.eigvalsh(gram / size / size[:, None])  # of the singular values
-    return bool(squares[-1] < _SOUND**2 * squares[0])
 
 
 def _classes(size: int, folds: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:

@@ -15,7 +15,7 @@ from ..regression.segments import BlockRows
 from .fold_moments import EVERY, FoldMoments, Order
 
 # What more terms must take off the held-out error, and the error below which nothing is missing: those of the closed
-# loop's gate (discrepancy/gate.py). Sensor offsets and slow drift are the same in all folds of a test, so the folds
+# loop. Sensor offsets and slow drift are the same in all folds of a test, so the folds
 # do not see them as scatter, and even powers can imitate them.
 MIN_GAIN = 0.15
 FLOOR = 2e-4

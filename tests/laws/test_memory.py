@@ -7,7 +7,7 @@ from numpy.polynomial import Polynomial
 from pysindy_nrf import laws
 from pysindy_nrf.exceptions import ChannelError, LawError
 from pysindy_nrf.laws import ForceLaw, Motion, Shape, Term
-from pysindy_nrf.laws.memory import state_path, state_paths
+from pysindy_nrf.laws.memory import state_path
 
 SIGMA = 5e3
 
@@ -42,29 +42,6 @@ def test_velocity_that_contradicts_the_drift_takes_the_straight_way():
     s, v = np.array([0.0, 1e-3, 2e-3]), np.array([1.0, -1.0, 1.0])
     z = laws.Dahl(sigma=500.0).features(Motion(s, v, t=t))[:, 0]
     np.testing.assert_allclose(z, 1 - np.exp(-500.0 * s), rtol=1e-14)
-
-
-@pytest.mark.parametrize(
-    "law, shapes",
-    [
-        (laws.Dahl(), [{"sigma": x} for x in (1e2, 5e3, 4e4)]),
-        (laws.Jenkins(), [{"uy": x} for x in (1e-4, 7e-4, 5e-3)]),
-        (laws.Iwan(), [{"uy": 1e-4, "ratio": 2.0}, {"uy": 4e-4, "ratio": 5.0}]),
-        (laws.BoucWen(), [{"beta": 900.0, "rho": r, "n": n} for r in (-1.4, 0.5) for n in (1.0, 1.7)]),
-    ],
-    ids=lambda x: getattr(x, "name", ""),
-)
-def test_many_shapes_in_one_pass_are_the_single_passes_to_the_last_bit(law, shapes):
-    t = np.arange(2000) / 1000
-    s, v, a = two_tones(t)
-    motions = [Motion(s, v, a, t), Motion(-0.3 * s[:700], -0.3 * v[:700], t=t[:700]), Motion(2 * s[:50], 2 * v[:50])]
-    candidates = [law.with_values(shape=shape) for shape in shapes]
-    found = state_paths(law, motions, np.array([c.theta for c in candidates]))
-    for motion, z in zip(motions, found, strict=True):
-        none = np.empty((0, motion.n_samples))
-        assert z.shape == (len(shapes), law.n_states, motion.n_samples)
-        for one, candidate in zip(z, candidates, strict=True):
-            assert np.array_equal(one, state_path(candidate, motion, none, candidate.theta))
 
 
 # -- the way between two samples --------------------------------------------------------------------
@@ -232,19 +209,12 @@ def test_records_of_one_sample_and_of_none():
     state = np.array([0.4])
     assert law.features(ONE_SAMPLE, state).tolist() == [[0.4]] and state.tolist() == [0.4]
     assert law.features(Motion(np.empty(0), np.empty(0))).shape == (0, 1)
-    (z,) = state_paths(law, [ONE_SAMPLE], np.array([[1.0], [2.0]]))
-    assert z.tolist() == [[[0.0]], [[0.0]]]
-    assert state_paths(law, [], np.array([[1.0]])) == []
-    (z,) = state_paths(law, [ONE_SAMPLE], np.empty((0, 1)))
-    assert z.shape == (0, 1, 1)
 
 
 def test_states_that_cannot_be_moved_are_named():
     s, level = np.array([0.0, 1.0]), {"level": np.ones(2)}
     with pytest.raises(LawError, match="Diary needs the time of the samples"):
         DIARY.features(Motion(s, s, covariates=level))
-    with pytest.raises(LawError, match="Diary needs the time"):
-        state_paths(DIARY, [Motion(s, s, covariates=level)], np.array([[1.5], [1.6]]))
     with pytest.raises(LawError, match=r"The state of Diary diverges .*\(pace = 1.5\)"):
         DIARY.features(Motion(s, s, t=np.array([0.0, np.nan]), covariates=level))
     for bad in (Motion(np.array([0.0, np.nan]), s), Motion(s, np.array([np.inf, 0.0]))):

@@ -33,16 +33,14 @@ def fit_distributed(estimator: Any, X: Any, F: Any = None, **given: Any) -> Any:
                 "Give a list of delayed records; each is then read from its start.",
             )
     with threadpool_limits(1, "blas"):
-        return fitted(lambda kind, guess: _pass(dask, estimator, items, whole, kind, guess))
+        return fitted(lambda kind: _pass(dask, estimator, items, whole, kind))
 
 
-def _pass(dask: Any, estimator: Any, items: Sequence[Any], whole: bool, kind: str, guess: dict) -> Accumulator:
+def _pass(dask: Any, estimator: Any, items: Sequence[Any], whole: bool, kind: str) -> Accumulator:
     """Sums of all partitions, added as a tree."""
     plain = dask.delayed(clone(estimator), pure=False)
-    level = [
-        dask.delayed(accumulate, pure=False)(plain, item, number, whole, kind, guess)
-        for number, item in enumerate(items)
-    ]
+    task = dask.delayed(accumulate, pure=False)
+    level = [task(plain, item, number, whole, kind) for number, item in enumerate(items)]
     while len(level) > 1:
         level = [dask.delayed(added, pure=False)(level[i : i + FAN_IN]) for i in range(0, len(level), FAN_IN)]
     (accumulator,) = dask.compute(level[0])
@@ -50,11 +48,9 @@ def _pass(dask: Any, estimator: Any, items: Sequence[Any], whole: bool, kind: st
     return accumulator
 
 
-def accumulate(
-    estimator: Any, item: Any, number: int, whole: bool, kind: str = "gram", guess: dict | None = None
-) -> Accumulator:
+def accumulate(estimator: Any, item: Any, number: int, whole: bool, kind: str = "gram") -> Accumulator:
     """Sums of one partition: the work of one task."""
-    accumulator = Accumulator(estimator, kind, guess)
+    accumulator = Accumulator(estimator, kind)
     read = sorted({c for law in law_list(estimator.laws) for c in law.covariates})
     with threadpool_limits(1, "blas"):  # several workers share the machine
         if isinstance(item, dict):
@@ -71,7 +67,7 @@ def accumulate(
 def added(accumulators: Sequence[Accumulator]) -> Accumulator:
     """The sum of some accumulators, none of which is changed."""
     first = accumulators[0]
-    out = Accumulator(first.estimator, first.kind, first.guess)
+    out = Accumulator(first.estimator, first.kind)
     for accumulator in accumulators:
         out.merge(accumulator)
     return out

@@ -14,6 +14,7 @@ from typing import Any
 
 import numba
 import numpy as np
+from llvmlite import ir
 from numba import carray, types  # type: ignore[attr-defined]  # public, but not in numba's __all__
 from numba.core import cgutils
 from numba.core.caching import FunctionCache, IndexDataCacheFile
@@ -154,19 +155,58 @@ def _on_stack(typing_context: Any, size: Any) -> Any:
 on_stack: Any = intrinsic(prefer_literal=True)(_on_stack)
 
 
-def _borrowed(typing_context: Any, array: Any) -> Any:
-    """Array without its owner, passed on without reference counting. The owner must outlive it."""
+def _borrowed(typing_context: Any, given: Any) -> Any:
+    """Array, or tuple of arrays, without its owner, passed on without reference counting. The owner must outlive it."""
 
-    def codegen(context, builder, signature, args):
-        view = cgutils.create_struct_proxy(signature.args[0])(context, builder, value=args[0])
+    def without_owner(context, builder, kind, value):
+        if isinstance(kind, types.BaseTuple):
+            parts = zip(kind.types, cgutils.unpack_tuple(builder, value))
+            return context.make_tuple(builder, kind, [without_owner(context, builder, *part) for part in parts])
+        if not isinstance(kind, types.Array):
+            return value
+        view = cgutils.create_struct_proxy(kind)(context, builder, value=value)
         view.meminfo = cgutils.get_null_value(view.meminfo.type)
         view.parent = cgutils.get_null_value(view.parent.type)
         return view._getvalue()
 
-    return array(array), codegen
+    def codegen(context, builder, signature, args):
+        return without_owner(context, builder, signature.args[0], args[0])
+
+    return given(given), codegen
 
 
 borrow: Any = intrinsic(_borrowed)
+
+
+def _address(typing_context: Any, array: Any, start: Any) -> Any:
+    """Address of an element of a flat array."""
+
+    def codegen(context, builder, signature, args):
+        view = cgutils.create_struct_proxy(signature.args[0])(context, builder, value=args[0])
+        return builder.gep(view.data, [args[1]])
+
+    return _VECTOR(array, types.intp), codegen
+
+
+address_of: Any = intrinsic(_address)
+
+
+def _caller(function: Any) -> Any:
+    """Call a machine-code callback of some signature by its address: ``call(address, (argument, ...))``."""
+
+    def call(typing_context, address, arguments):
+        def codegen(context, builder, signature, args):
+            kinds = [context.get_value_type(kind) for kind in function.args]
+            pointer = builder.inttoptr(args[0], ir.FunctionType(ir.VoidType(), kinds).as_pointer())
+            builder.call(pointer, cgutils.unpack_tuple(builder, args[1]))
+            return context.get_dummy_value()
+
+        return types.void(address, arguments), codegen
+
+    return intrinsic(call)
+
+
+call_kernel, call_advance = _caller(_KERNEL_SIGNATURE), _caller(_ADVANCE_SIGNATURE)
 
 
 def _pointer(function: Callable, signature: Any) -> CFunc:

@@ -17,7 +17,7 @@ from ..laws.shape import Motion, Scales
 from ..mechanics.identifiability import SolveOrder, Step
 from ..mechanics.sites import Site
 from .chain_model import ChainModel
-from .gram_pass import guess_of, total_gram
+from .gram_pass import total_gram
 from .grams import BlockGrams, root_of, upper_of
 from .inner import fit_inner
 from .layout import Block, Group, LawLayout, Layout, with_coefficients
@@ -148,7 +148,7 @@ def solve_blocks(
     grams = total_gram(layout, groups, blocks(), known)
     solution = solved_safely(grams, solve_order, known_masses, inner)
     if solution is None:
-        grams = total_gram(layout, groups, blocks(), known, "root", guess_of(grams))
+        grams = total_gram(layout, groups, blocks(), known, "root")
         solution = solve(grams, solve_order, known_masses, inner)
     return solution, grams
 

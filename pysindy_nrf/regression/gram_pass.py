@@ -3,41 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.linalg import blas
 
 from ..common.threads import in_threads
 from .gram import Plan
-from .grams import BlockGrams, Dofs, root_of, scaled_cholesky, width_of
+from .grams import BlockGrams, Dofs, root_of, width_of
 from .layout import Block, Group, LawLayout, Layout, cut_at
 from .segments import Segment, SegmentSet
 
 N_PIECES = 64  # over all records
 SHARE = 4  # blocks that a thread takes at once
-# Pivots of a scaled Gram matrix below this are round-off.
-_LOST = 3e-8
 
 
 def total_gram(
     layout: Layout, groups: Sequence[Group], blocks: Iterable[Block], known_masses: Mapping[int, float] | None = None,
-    kind: str = "gram", guess: Mapping[Dofs, np.ndarray] | None = None,
+    kind: str = "gram",
 ) -> BlockGrams:  # fmt: skip
-    """Gram matrices of all samples of some blocks; ``kind`` and ``guess`` as for :class:`GramPass`."""
-    return GramPass(layout, groups, known_masses, kind, guess).add_each((0, block) for block in blocks).total()
+    """Gram matrices of all samples of some blocks; ``kind`` as for :class:`GramPass`."""
+    return GramPass(layout, groups, known_masses, kind).add_each((0, block) for block in blocks).total()
 
 
 class GramPass:
-    """Running sums of the products of the columns; "root" keeps all digits (CholeskyQR2: Yamamoto, ETNA 44, 2015)."""
+    """Running sums of the products of the columns; "root" keeps all digits, by a streamed QR."""
 
     def __init__(
         self, layout: Layout, groups: Sequence[Group], known_masses: Mapping[int, float] | None = None,
-        kind: str = "gram", guess: Mapping[Dofs, np.ndarray] | None = None, n_blocks: int = 0,
+        kind: str = "gram", n_blocks: int = 0,
     ) -> None:  # fmt: skip
         self.layout, self.groups, self.kind = layout, {g.dofs: g for g in groups}, kind
-        self.known_masses, self.guess = dict(known_masses or {}), dict(guess or {})
+        self.known_masses = dict(known_masses or {})
         self._widths = {g.dofs: width_of(layout, g) for g in groups}
         self.counts: list[float] = []  # samples of each number, by their weights
         self._sums: list[dict[tuple[bool, ...], list[Any]]] = []  # by the known forces: products, samples
@@ -58,7 +55,7 @@ class GramPass:
 
     def empty(self, before: BlockGrams | None = None) -> GramPass:
         """A pass over the same columns that has seen nothing, or that goes on behind a total."""
-        out = GramPass(self.layout, list(self.groups.values()), self.known_masses, self.kind, self.guess)
+        out = GramPass(self.layout, list(self.groups.values()), self.known_masses, self.kind)
         out._plan, out._before = (self.plan if self.kind == "gram" else None), before
         return out
 
@@ -84,7 +81,8 @@ class GramPass:
                 for dofs, part in self._roots[number].items():
                     if all(block.known[j - 1] for j in dofs):
                         rows = rows_of(self.layout, self.groups[dofs], columns, self.known_masses)
-                        part.add(rows, block.weight, self.guess.get(dofs))
+                        part.root = root_of(np.hstack([part.root.T, rows]).T)
+                        part.n_samples += block.weight
             return self
 
         plan = self.plan  # made before the threads ask for it
@@ -109,7 +107,7 @@ class GramPass:
             for dofs, matrix in matrices.items():
                 if self.kind == "root":
                     part = self._roots[number][dofs]
-                    matrix[number], sizes[dofs][number] = part.settled(), part.n_samples
+                    matrix[number], sizes[dofs][number] = part.root, part.n_samples
                     continue
                 take = self.plan.take[dofs]
                 for known, (store, size) in self._sums[number].items():
@@ -129,7 +127,8 @@ class GramPass:
         while len(self.counts) <= number:
             self.counts.append(0)
             self._sums.append({})
-            self._roots.append({d: _Root(p) for d, p in self._widths.items()} if self.kind == "root" else {})
+            roots = self._widths.items() if self.kind == "root" else ()
+            self._roots.append({dofs: _Root(np.zeros((p, p))) for dofs, p in roots})
 
     def _room(self, number: int, blocks: Sequence[Block]) -> np.ndarray:
         """Where products of these blocks are summed up; counts their samples."""
@@ -143,34 +142,12 @@ class GramPass:
         return held[0]
 
 
+@dataclass
 class _Root:
-    """Triangular root of the Gram matrix of some columns, by a streamed QR."""
+    """Triangular root of the Gram matrix of some columns."""
 
-    def __init__(self, n_columns: int) -> None:
-        self.n_samples = 0.0
-        self._root = np.zeros((n_columns, n_columns))
-        self._guess: np.ndarray | None = None
-        self._near = np.zeros((0, 0))
-
-    def add(self, rows: np.ndarray, weight: float, guess: np.ndarray | None) -> None:
-        """Add samples, (n_columns, n), through the Gram matrix of columns that a guess of the root makes orthogonal."""
-        self.n_samples += weight
-        if guess is None:
-            self._root = root_of(np.vstack([self.settled(), rows.T]))
-            return
-        if self._guess is not guess:
-            self._root = self.settled()
-            self._guess, self._near = guess, np.zeros(guess.shape)
-        columns = blas.dtrsm(1.0, guess, np.asarray(rows, dtype=float).T, side=1)
-        self._near += columns.T @ columns
-
-    def settled(self) -> np.ndarray:
-        """Root of all samples."""
-        if self._guess is not None:
-            root = scaled_cholesky(self._near) @ self._guess
-            self._guess = None
-            self._root = root_of(np.vstack([self._root, root])) if self._root.any() else root
-        return self._root
+    root: np.ndarray
+    n_samples: float = 0.0
 
 
 def rows_of(layout: Layout, group: Group, block: Block, known_masses: Mapping[int, float]) -> np.ndarray:
@@ -181,20 +158,6 @@ def rows_of(layout: Layout, group: Group, block: Block, known_masses: Mapping[in
         return np.vstack([*own, block.acceleration[index], block.force[index]])
     inertia = np.array([known_masses[j] for j in group.dofs]) @ block.acceleration[index]
     return np.vstack([*own, block.force[index].sum(axis=0) - inertia])
-
-
-def guess_of(total: BlockGrams) -> dict[Dofs, np.ndarray]:
-    """By balance, a triangular factor that can be divided by: pivots lost to round-off are what may be lost."""
-    out = {}
-    for dofs, root in total.roots().matrices.items():
-        upper = np.array(root)
-        scale = np.linalg.norm(upper, axis=0)
-        scale[scale == 0] = 1.0
-        low = np.flatnonzero(np.abs(np.diag(upper)) < _LOST * scale)
-        upper[low] = 0.0
-        upper[low, low] = _LOST * scale[low]
-        out[dofs] = np.ascontiguousarray(upper)
-    return out
 
 
 def _shares(blocks: Iterable[tuple[int, Block]]) -> Iterator[tuple[int, list[Block]]]:

@@ -14,9 +14,6 @@ from .system import (
     accelerate,
     advance_site,
     advance_states,
-    borrow_stages,
-    borrow_system,
-    borrow_work,
     inputs_at,
     relative,
     site_force,
@@ -228,7 +225,7 @@ def runge_kutta(system, w, k, polynomials, samples, dt, x, v, z, jump, tables, a
     a1, force1 = np.zeros(n), np.zeros(n_sites)
     # the caller owns every array: hand them on without counting references
     x, v, z, samples, polynomials = borrow(x), borrow(v), borrow(z), borrow(samples), borrow(polynomials)
-    system, w, k = borrow_system(system), borrow_work(w), borrow_stages(k)
+    system, w, k = borrow(system), borrow(w), borrow(k)
     steps, rejected, forced = 0, 0, 0
     bent = polynomials.shape[0] > 2  # a force that bends may pass between two samples what friction can hold
     proposal = dt
@@ -390,7 +387,7 @@ def _end_force(system, w, site, t, row, middle, dt, x0, v0, x1, v1, z0, z1, nudg
 def newmark(system, w, samples, dt, x, v, z, out):
     """March a system over its samples."""
     x, v, z, samples = borrow(x), borrow(v), borrow(z), borrow(samples)
-    system, w = borrow_system(system), borrow_work(w)
+    system, w = borrow(system), borrow(w)
     n, n_sites, base = x.size, system.sites.shape[0], x.size
     regime = np.full(n_sites, FREE)
     a, a1, found, step = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)

@@ -3,12 +3,9 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-from llvmlite import ir
-from numba.core import cgutils, types
-from numba.extending import intrinsic
 
 from ..exceptions import LawError, SimulationError
-from ..laws.compiled import borrow, inline, part, pointers
+from ..laws.compiled import address_of, call_advance, call_kernel, inline, part, pointers
 from ..laws.forcing import total_masses
 from ..laws.friction import jump_at_reversal
 
@@ -165,97 +162,6 @@ class Output(NamedTuple):
     work: np.ndarray  # of the input and into the sites, J
 
 
-@inline
-def borrow_system(s):
-    return System(
-        borrow(s.masses), borrow(s.sites), borrow(s.laws), borrow(s.coefficients), borrow(s.theta), borrow(s.channels),
-        s.link_inertia, s.t0,
-    )  # fmt: skip
-
-
-@inline
-def borrow_work(w):
-    return Work(
-        borrow(w.out), borrow(w.u), borrow(w.mass), borrow(w.inertia), borrow(w.matrix), borrow(w.column),
-        borrow(w.hold), borrow(w.load), borrow(w.jump), borrow(w.share), borrow(w.stuck),
-    )  # fmt: skip
-
-
-@inline
-def borrow_stages(k):
-    return Stages(
-        borrow(k.v), borrow(k.a), borrow(k.power), borrow(k.row), borrow(k.middle), borrow(k.force), borrow(k.force0),
-        borrow(k.x_half), borrow(k.v_half), borrow(k.z_once), borrow(k.z_top), borrow(k.top), borrow(k.work),
-    )  # fmt: skip
-
-
-_DOUBLE, _INT = ir.DoubleType(), ir.IntType(64)
-
-
-def _part(context, builder, array_type, array, start):
-    """Address of array[start]."""
-    view = cgutils.create_struct_proxy(array_type)(context, builder, value=array)
-    return builder.gep(view.data, [start])
-
-
-def _kernel_at(typing_context, address, s, v, a, t, u, n_u, z, z0, n_z, theta, theta0, n_theta, out, n_out):
-    """Call a law's kernel by its address on parts of flat arrays."""
-
-    def codegen(context, builder, signature, args):
-        address, s, v, a, t, u, n_u, z, z0, n_z, theta, theta0, n_theta, out, n_out = args
-        kinds = signature.args
-        vector = [_DOUBLE.as_pointer(), _INT]
-        function = ir.FunctionType(ir.VoidType(), [_DOUBLE] * 4 + vector * 4)
-        zero = ir.Constant(_INT, 0)
-        builder.call(
-            builder.inttoptr(address, function.as_pointer()),
-            [
-                s, v, a, t,
-                _part(context, builder, kinds[5], u, zero), n_u,
-                _part(context, builder, kinds[7], z, z0), n_z,
-                _part(context, builder, kinds[10], theta, theta0), n_theta,
-                _part(context, builder, kinds[13], out, zero), n_out,
-            ],
-        )  # fmt: skip
-        return context.get_dummy_value()
-
-    whole, number, vector = types.int64, types.float64, types.float64[::1]
-    return types.void(
-        whole, number, number, number, number, vector, whole, vector, whole, whole, vector, whole, whole, vector, whole
-    ), codegen
-
-
-_call_kernel: Any = intrinsic(_kernel_at)
-
-
-def _advance_at(typing_context, address, z, z0, n_z, s0, v0, s1, v1, dt, u, n_u, theta, theta0, n_theta):
-    """Call a law's state update by its address on parts of flat arrays."""
-
-    def codegen(context, builder, signature, args):
-        address, z, z0, n_z, s0, v0, s1, v1, dt, u, n_u, theta, theta0, n_theta = args
-        kinds = signature.args
-        vector = [_DOUBLE.as_pointer(), _INT]
-        function = ir.FunctionType(ir.VoidType(), vector + [_DOUBLE] * 5 + vector * 2)
-        builder.call(
-            builder.inttoptr(address, function.as_pointer()),
-            [
-                _part(context, builder, kinds[1], z, z0), n_z,
-                s0, v0, s1, v1, dt,
-                _part(context, builder, kinds[9], u, ir.Constant(_INT, 0)), n_u,
-                _part(context, builder, kinds[11], theta, theta0), n_theta,
-            ],
-        )  # fmt: skip
-        return context.get_dummy_value()
-
-    whole, number, vector = types.int64, types.float64, types.float64[::1]
-    return types.void(
-        whole, vector, whole, whole, number, number, number, number, number, vector, whole, vector, whole, whole
-    ), codegen
-
-
-_call_advance: Any = intrinsic(_advance_at)
-
-
 @part
 def inputs_at(polynomials, interval, x, row):
     """Applied forces, base acceleration and covariates at the share x of a sample interval."""
@@ -279,10 +185,9 @@ def law_force(system, law, s, v, a, t, row, z, u, out):
     n_u, n_terms = law[N_INPUTS], law[N_TERMS]
     for k in range(n_u):
         u[k] = row[system.channels[law[INPUT] + k]]
-    _call_kernel(
-        law[KERNEL], s, v, a, system.t0 + t, u, n_u, z, law[STATE], law[N_STATES],
-        system.theta, law[THETA], law[N_THETA], out, n_terms,
-    )  # fmt: skip
+    given = address_of(u, 0), n_u, address_of(z, law[STATE]), law[N_STATES]
+    more = address_of(system.theta, law[THETA]), law[N_THETA], address_of(out, 0), n_terms
+    call_kernel(law[KERNEL], (s, v, a, system.t0 + t, *given, *more))
     force = 0.0
     for k in range(n_terms):
         force += system.coefficients[law[TERM] + k] * out[k]
@@ -310,10 +215,8 @@ def advance_site(system, site, s0, r0, s1, r1, z, dt, middle, u):
         if law[N_STATES]:
             for j in range(law[N_INPUTS]):
                 u[j] = middle[system.channels[law[INPUT] + j]]
-            _call_advance(
-                law[ADVANCE], z, law[STATE], law[N_STATES], s0, r0, s1, r1, dt, u, law[N_INPUTS],
-                system.theta, law[THETA], law[N_THETA],
-            )  # fmt: skip
+            more = address_of(u, 0), law[N_INPUTS], address_of(system.theta, law[THETA]), law[N_THETA]
+            call_advance(law[ADVANCE], (address_of(z, law[STATE]), law[N_STATES], s0, r0, s1, r1, dt, *more))
 
 
 @part

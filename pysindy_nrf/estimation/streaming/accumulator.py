@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
@@ -13,10 +13,10 @@ from ...data.record import plain_times
 from ...exceptions import ChainError, ChannelError, NRFError
 from ...mechanics.identifiability import SolveOrder
 from ...regression.chain_solve import groups_of
-from ...regression.gram_pass import GramPass, guess_of
+from ...regression.gram_pass import GramPass
 from ...regression.grams import BlockGrams
 from ...regression.input_arrays import from_arrays
-from ...regression.layout import Block, Group, LawLayout, block_size
+from ...regression.layout import Group, LawLayout, block_size
 from ...regression.segments import Extent, Segment
 from ..problem import LEAST_SQUARES, Problem, law_list
 from .sources import Chunk, seconds_since
@@ -133,11 +133,8 @@ def require_streamable(estimator: Any, layout: LawLayout) -> None:
 class Accumulator:
     """One pass over chunks; accumulators of different chunks of the same data add."""
 
-    def __init__(
-        self, estimator: Any, kind: str = "gram", guess: Mapping[tuple[int, ...], np.ndarray] | None = None,
-        n_samples: int | None = None,
-    ) -> None:  # fmt: skip
-        self.estimator, self.kind, self.guess = estimator, kind, dict(guess or {})
+    def __init__(self, estimator: Any, kind: str = "gram", n_samples: int | None = None) -> None:
+        self.estimator, self.kind = estimator, kind
         self.block_rows = 64 if n_samples is None else max(64, -(-n_samples // N_BLOCKS))
         self.model: Model | None = None
         self.blocks: list[BlockEntry] = []  # in the order of time after close()
@@ -149,7 +146,7 @@ class Accumulator:
         self.origin: Any = None  # of time
         self.settings: dict[str, str] = {}  # of the estimator, between calls of partial_fit
         self._open: tuple[Key3, str, GramPass] | None = None  # key, record and sums of the last block
-        self._gram: GramPass | None = None  # its plan of products is that of all blocks
+        self._pass: GramPass | None = None  # its plan of products is that of all blocks
         self._carry: dict[str, Any] | None = None  # end of the last run: states, last sample, its time
 
     def add(self, chunk: Chunk, number: int) -> None:
@@ -222,11 +219,7 @@ class Accumulator:
         if self._open is not None and not goes_on:
             self._shut()
         size = min(block_size(layout), self.block_rows)
-        blocks: Iterable[Block] = segment.blocks(layout, size, states=states)
-        if self.kind == "careful":
-            blocks = list(blocks)
-            self._own_guess(blocks)
-        for i, block in enumerate(blocks):
+        for i, block in enumerate(segment.blocks(layout, size, states=states)):
             if self._open is None:
                 self._open = (*key, i), segment.name, self.sums()
             sums = self._open[2].add(block)
@@ -239,21 +232,9 @@ class Accumulator:
     def sums(self, before: BlockGrams | None = None) -> GramPass:
         """Running sums of an empty block, or of one that continues a total."""
         model = self.require_model()
-        if self.kind != "gram":
-            return GramPass(model.layout, model.groups, model.known_masses, "root", self.guess).empty(before)
-        return self._plain().empty(before)
-
-    def _plain(self) -> GramPass:
-        model = self.require_model()
-        if self._gram is None:
-            self._gram = GramPass(model.layout, model.groups, model.known_masses)
-        return self._gram
-
-    def _own_guess(self, blocks: list[Block]) -> None:
-        """Take the guess of the root from the Gram matrices of some blocks."""
-        self.guess = guess_of(self._plain().empty().add_each((0, block) for block in blocks).total())
-        if self._open is not None:
-            self._open[2].guess = self.guess
+        if self._pass is None:
+            self._pass = GramPass(model.layout, model.groups, model.known_masses, self.kind)
+        return self._pass.empty(before)
 
     def _shut(self) -> None:
         """Close the block being filled; if there are many blocks, neighbours are merged."""

@@ -22,7 +22,6 @@ from ...exceptions import ChannelError, DataQualityWarning, FileFormatError, NRF
 from ...mechanics.identifiability import SolveOrder
 from ...mechanics.sites import Site
 from ...regression.chain_solve import Solution, model_of, require_clock, require_moving, solve, solved_safely
-from ...regression.gram_pass import guess_of
 from ...regression.grams import BlockGrams
 from ...regression.input_arrays import holds_records
 from ...regression.segments import Extent, Segment, SegmentSet
@@ -32,12 +31,12 @@ from .accumulator import LINES, Accumulator, BlockEntry, Model, Run
 from .sources import Chunk, Content, Source, chunk_of, open_source
 
 
-def fitted(add_up: Callable[[str, dict], Accumulator], kind: str = "gram") -> Any:
-    """The estimator, fitted from one pass; from a second one, with orthogonalised columns, if digits were lost."""
-    accumulator = add_up(kind, {})
+def fitted(add_up: Callable[[str], Accumulator], kind: str = "gram") -> Any:
+    """The estimator, fitted from one pass; from a second one, by QR, if digits were lost."""
+    accumulator = add_up(kind)
     solution, grams, solve_order = solution_of(accumulator)
     if solution is None:
-        accumulator = add_up("root", guess_of(grams))
+        accumulator = add_up("root")
         solution, grams, solve_order = solution_of(accumulator)
     assert solution is not None  # only Gram matrices lose digits
     return publish(accumulator, solution, grams, solve_order)
@@ -126,7 +125,7 @@ def fit_streamed(
     source = open_source(X, F, **beside, **options)
     with threadpool_limits(1, "blas"):  # the matrices are small, and other fits may run beside this one
         passes = _Passes(estimator, source, state, save_every, progress)
-        fitted(passes.run, "gram" if source.again else "careful")
+        fitted(passes.run, "gram" if source.again else "root")
     passes.done()
     return estimator
 
@@ -136,7 +135,7 @@ def partial_fit(estimator: Any, X: Any, F: Any, record: Any, time: Any, base_acc
 
     held = getattr(estimator, "_stream", None)
     # a copy: a call that fails does not change the samples of earlier calls
-    accumulator, number = (Accumulator(estimator, "careful"), 0) if held is None else (held[0].copy(), held[1])
+    accumulator, number = (Accumulator(estimator, "root"), 0) if held is None else (held[0].copy(), held[1])
     if held is not None and accumulator.settings != _settings(estimator):
         cure = "Set them back, or start again with fit or with a clone."
         raise NRFError("The settings of the estimator changed between two calls of partial_fit", cure)
@@ -185,24 +184,24 @@ class _Passes:
         elif source.again and os.access(Path.cwd(), os.W_OK):
             self.path = Path.cwd() / f".fit-{self.mark[:12]}.nrf-state"
 
-    def run(self, kind: str, guess: Any = None) -> Accumulator:
+    def run(self, kind: str) -> Accumulator:
         """Result of one pass; of the second one where a state of it is resumed."""
         from tqdm.auto import tqdm
 
-        accumulator, number = Accumulator(self.estimator, kind, guess, self.source.n_samples), 0
-        content = Content()
+        accumulator, number = Accumulator(self.estimator, kind, self.source.n_samples), 0
+        content, chunks = Content(), self.source.chunks()
         if kind == "root":  # interrupted in the second pass, a fit does not repeat the first
             self.save(accumulator, number, content)
         elif self.path is not None and (found := self._resumed(self.path)):
-            accumulator, number, content = found
+            accumulator, number, content, chunks = found
         saved = clock.monotonic()
         with tqdm(
             total=self.source.n_samples, initial=accumulator.n_samples, unit="sample", unit_scale=True, delay=1.0,
-            desc="fit" if accumulator.kind != "root" else "fit, second pass",
+            desc="fit, second pass" if self.source.again and accumulator.kind == "root" else "fit",
             disable=None if self.progress is None else not self.progress,
         ) as bar:  # fmt: skip
             try:
-                for chunk in self.source.chunks(number):
+                for chunk in chunks:
                     if self.path is not None:
                         content.add(chunk)
                     accumulator.add(chunk, number)
@@ -219,17 +218,17 @@ class _Passes:
                 raise
         return accumulator.close()
 
-    def _resumed(self, path: Path) -> tuple[Accumulator, int, Content] | None:
-        """Accumulator, number of the next chunk and hash of those before it, if they are as they were for the state."""
+    def _resumed(self, path: Path) -> tuple[Accumulator, int, Content, Iterator[Chunk]] | None:
+        """Accumulator, number of the next chunk, hash of those before it if they are as they were, and the others."""
         found = load(path, self.estimator, self.mark)
         self.own = path.exists()  # load refuses any other file
         if found is None:
             return None
         accumulator, number, mark = found
-        content = Content()
-        for chunk in islice(self.source.chunks(), number):
+        content, chunks = Content(), self.source.chunks()
+        for chunk in islice(chunks, number):
             content.add(chunk)
-        return (accumulator, number, content) if content.value() == mark else None
+        return (accumulator, number, content, chunks) if content.value() == mark else None
 
     def save(self, accumulator: Accumulator, number: int, content: Content) -> None:
         """Write the state of the pass; a warning if that fails."""
@@ -252,7 +251,7 @@ class _Passes:
             self.path.unlink(missing_ok=True)
 
 
-_SCHEMA, _VERSION = "pysindy_nrf.FitState", 4
+_SCHEMA, _VERSION = "pysindy_nrf.FitState", 5
 _DAMAGED = (OSError, ValueError, LookupError, TypeError, AttributeError, OverflowError, EOFError)
 
 
@@ -270,8 +269,6 @@ def save(path: Path, acc: Accumulator, following: int, mark: str, content: str) 
         arrays |= {f"grams.{k}": x for k, x in BlockGrams.stack([e.grams for e in entries]).to_arrays().items()}
     for i, (_, segment) in enumerate(acc.windows):
         arrays |= _lines(f"window{i}", segment)
-    for dofs, guess in acc.guess.items():
-        arrays["guess" + "-".join(map(str, dofs))] = guess
     if carry is not None:
         arrays |= {f"state {site} {law}": state for (site, law), state in carry["states"].items()}
         if carry["last"] is not None:
@@ -311,10 +308,6 @@ def load(path: Path, estimator: Any, mark: str) -> tuple[Accumulator, int, str] 
         for run in meta["runs"]:
             values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in run.items()}
             acc.runs.append(Run(**values))
-        acc.guess = {
-            tuple(int(j) for j in k[5:].split("-")): np.ascontiguousarray(v)
-            for k, v in data.items() if k.startswith("guess")
-        }  # fmt: skip
         if meta["n_dof"] is not None:
             acc.model = Model(estimator, meta["n_dof"])
             if meta["blocks"]:

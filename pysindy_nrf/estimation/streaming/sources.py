@@ -202,15 +202,15 @@ class Source:
     """Chunks of samples in a fixed order."""
 
     n_samples: int | None = None  # in all, if known
-    again: bool = True  # true if it can be read more than once, and from the middle
+    again: bool = True  # true if it can be read more than once
     paths: Sequence[Path] = ()  # files that are read
 
     def identity(self) -> list[Any]:
         """Values that identify the data, as JSON: paths, sizes and times of change."""
         return [[str(p.resolve()), p.stat().st_size, p.stat().st_mtime_ns] for p in self.paths]
 
-    def chunks(self, start: int = 0) -> Iterator[Chunk]:
-        """Chunks from number ``start`` on."""
+    def chunks(self) -> Iterator[Chunk]:
+        """All chunks, from the first one on."""
         raise NotImplementedError
 
 
@@ -234,7 +234,7 @@ def load_rows(value: Any, what: str) -> Any:
 
 
 class FileSource(Source):
-    """A source that can be read from the middle: its samples are counted, its chunks have one size."""
+    """A source whose samples are counted and whose chunks have one size."""
 
     n_samples: int
     rows: int  # in a chunk; the last one may be shorter
@@ -267,10 +267,10 @@ class ArraySource(FileSource):
         arrays = ((k, v) for k, v in self.arrays.items() if hasattr(v, "dtype"))
         return super().identity() + [[k, list(np.shape(v)), str(v.dtype)] for k, v in arrays]
 
-    def chunks(self, start: int = 0) -> Iterator[Chunk]:
+    def chunks(self) -> Iterator[Chunk]:
         """Slices of the arrays."""
         name = self.paths[0].stem if self.paths else "record"
-        for low in range(start * self.rows, self.n_samples, self.rows):
+        for low in range(0, self.n_samples, self.rows):
             rows = {k: np.asarray(v[low : low + self.rows]) for k, v in self.arrays.items()}
             yield chunk_of_arrays(rows, name, low == 0)
 
@@ -314,40 +314,16 @@ class ParquetSource(TableSource):
         except (self._pyarrow.ArrowException, OSError) as error:
             raise unreadable(self.path, "Parquet", error) from error
 
-    def chunks(self, start: int = 0) -> Iterator[Chunk]:
-        """Batches of rows; groups before the first one wanted are not read."""
+    def chunks(self) -> Iterator[Chunk]:
+        """Batches of rows, across the file's own groups of rows."""
         wanted = self.wanted()
         try:
             with self._parquet.ParquetFile(self.path) as file:
-                sizes = [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
-                ends = np.cumsum([0, *sizes])
-                at = start * self.rows
-                group = int(np.searchsorted(ends, at, side="right")) - 1 if at < ends[-1] else len(sizes)
-                skip = at - int(ends[group])
-                groups = list(range(group, len(sizes)))
-                pending: list[Any] = []
-                held, number = 0, start
-                for batch in file.iter_batches(self.rows, row_groups=groups, columns=wanted, use_threads=False):
-                    if skip >= batch.num_rows:
-                        skip -= batch.num_rows
-                        continue
-                    batch, skip = batch.slice(skip), 0
-                    while batch.num_rows:
-                        piece = batch.slice(0, self.rows - held)
-                        batch = batch.slice(piece.num_rows)
-                        pending.append(piece)
-                        held += piece.num_rows
-                        if held == self.rows:
-                            yield self._chunk(pending, number == 0)
-                            pending, held, number = [], 0, number + 1
-                if held:
-                    yield self._chunk(pending, number == 0)
+                for i, batch in enumerate(file.iter_batches(self.rows, columns=wanted, use_threads=False)):
+                    values = {name: batch.column(name).to_numpy(zero_copy_only=False) for name in wanted}
+                    yield self.chunk(values, i == 0)
         except (self._pyarrow.ArrowException, OSError) as error:
             raise unreadable(self.path, "Parquet", error) from error
-
-    def _chunk(self, pieces: list[Any], first: bool) -> Chunk:
-        table = self._pyarrow.Table.from_batches(pieces)
-        return self.chunk({name: table.column(name).to_numpy() for name in table.column_names}, first)
 
 
 class HDF5Source(TableSource):
@@ -377,12 +353,12 @@ class HDF5Source(TableSource):
         except (OSError, RuntimeError, KeyError) as error:
             raise unreadable(self.path, "HDF5", error) from error
 
-    def chunks(self, start: int = 0) -> Iterator[Chunk]:
+    def chunks(self) -> Iterator[Chunk]:
         """Slices of the data sets."""
         wanted = set(self.wanted())
         try:
             with self._h5py.File(self.path, "r") as file:
-                for low in range(start * self.rows, self.n_samples, self.rows):
+                for low in range(0, self.n_samples, self.rows):
                     rows = slice(low, low + self.rows)
                     values: dict[str, Any] = {}
                     for name, columns in self._spread.items():
@@ -404,20 +380,15 @@ class ListSource(Source):
             cure = "Give a list of paths without lists in it, or one iterator that yields all the pieces."
             raise ChannelError("A list of sources holds something that is not a file", cure)
         self.n_samples, self.paths = sum(p.n_samples for p in self.parts), self.parts[0].paths
-        self._counts = [-(-p.n_samples // p.rows) for p in self.parts]
 
     def identity(self) -> list[Any]:
         """Identities of the parts."""
         return [p.identity() for p in self.parts]
 
-    def chunks(self, start: int = 0) -> Iterator[Chunk]:
+    def chunks(self) -> Iterator[Chunk]:
         """Chunks of the parts, each part its own record."""
-        for part, count in zip(self.parts, self._counts):
-            if start >= count:
-                start -= count
-                continue
-            yield from part.chunks(start)
-            start = 0
+        for part in self.parts:
+            yield from part.chunks()
 
 
 class IteratorSource(Source):
@@ -428,7 +399,7 @@ class IteratorSource(Source):
     def __init__(self, items: Iterable[Any], covariates: Sequence[str] = (), coordinates: str = "relative") -> None:
         self.items, self.covariates, self.coordinates = items, tuple(covariates), coordinates
 
-    def chunks(self, start: int = 0) -> Iterator[Chunk]:
+    def chunks(self) -> Iterator[Chunk]:
         """Chunks in the order of the iterator."""
         first = True
         for item in self.items:

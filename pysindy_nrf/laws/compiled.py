@@ -159,7 +159,7 @@ def _borrowed(typing_context: Any, given: Any) -> Any:
     """Array, or tuple of arrays, without its owner, passed on without reference counting. The owner must outlive it."""
 
     def without_owner(context, builder, kind, value):
-        if isinstance(kind, types.BaseTuple):
+        if hasattr(kind, "types"):
             parts = zip(kind.types, cgutils.unpack_tuple(builder, value))
             return context.make_tuple(builder, kind, [without_owner(context, builder, *part) for part in parts])
         if not isinstance(kind, types.Array):

@@ -26,16 +26,20 @@ sys.path.insert(0, str(Path(__file__).parent))
 import numpy as np  # noqa: E402
 import pandas as pd  # noqa: E402
 from battery.generators import KINDS, Case, effect_cycle, make_case  # noqa: E402
+from battery.sensors import FAULTS  # noqa: E402
 
 # Three in five at 5 %: there few effects stand out of the noise far enough to be eligible.
 BLIND_NOISE = (0.0, 0.05, 0.01, 0.05, 0.05)
 NOTHING_NOISE = (0.0, 0.01, 0.02, 0.05, 0.10)
-SIZES = {"base": 66, "blind": 360, "nothing": 400, "two": 60, "withheld": 60, "three": 40, "acceleration": 60}
+SIZES = {
+    "base": 66, "blind": 360, "nothing": 400, "two": 60, "withheld": 60, "three": 40, "acceleration": 60,
+    "sensors": 200,
+}  # fmt: skip
 # Effects at once.
 NUMBER = {"two": 2, "three": 3}
 # Short records of small chains.
 SMALL = {"n_samples": 4096, "most": 3}
-QUICK = {"base": 1, "blind": 3, "nothing": 1, "two": 0, "withheld": 1, "three": 0, "acceleration": 0}
+QUICK = {"base": 1, "blind": 3, "nothing": 1, "two": 0, "withheld": 1, "three": 0, "acceleration": 0, "sensors": 1}
 TARGET = {0.0: 97.0, 0.01: 97.0, 0.05: 90.0}
 SURE_RIGHT, RIGHT_SURE = 97.0, 60.0
 
@@ -70,6 +74,8 @@ def specifications(group: str, count: int, seed: int, noise: float | None = None
             kinds = [k for k in effect_cycle(6, False) if k != "constant"]
             spec |= {"kinds": (kinds[5 * i % len(kinds)],), "noise": 0.005 if noise is None else noise}
             spec |= {"accelerations_only": True}
+        elif group == "sensors":
+            spec |= {"sensors": FAULTS[i % len(FAULTS)], "noise": 0.002 if noise is None else noise}
         else:
             spec |= {"kinds": _several(rng, NUMBER[group]), "noise": 0.01 if noise is None else noise}
             if "most" in size:
@@ -151,6 +157,7 @@ def summary(table: pd.DataFrame) -> list[str]:
         out.append("")
     for group, what, target in (
         ("nothing", "nothing to find: nothing added", "99"),
+        ("sensors", "imperfect sensors, nothing else: no effect of the structure", "95"),
         ("withheld", "not in the catalogue: no confident wrong name", "100"),
         ("two", "two effects: both found (eligible cases)", "92"),
         ("three", "three effects: all found (eligible cases)", "85"),
@@ -162,6 +169,10 @@ def summary(table: pd.DataFrame) -> list[str]:
             out.append(f"- {what}: {percent(part.right.sum(), len(part))} % of {len(part)} (target {target} %)")
             if group == "nothing":
                 out += [f"  - noise {x:g} %: {p.right.sum()} of {len(p)}" for x, p in part.groupby("noise %")]
+            if group == "sensors":
+                out += [f"  - {x}: {p.right.sum()} of {len(p)}" for x, p in part.groupby("sensors", sort=False)]
+                wrong = part[~part.right & (part.sure > 0)]
+                out.append(f"  - wrong with a sure name: {percent(len(wrong), len(part))} % (target 1 %)")
     return out + certainty(table)
 
 
@@ -196,7 +207,7 @@ def failures(table: pd.DataFrame) -> list[str]:
     """One row for each failure, with what was found instead."""
     table = table.assign(found=table.get("found", pd.Series("", index=table.index)).fillna(""))
     wrong = table[~table.right.astype(bool)]
-    wrong = wrong[(wrong.eligible.astype(bool)) | wrong.group.isin(["nothing", "withheld"])]
+    wrong = wrong[(wrong.eligible.astype(bool)) | wrong.group.isin(["nothing", "withheld", "sensors"])]
     if not len(wrong):
         return ["", "No failures."]
     columns = ["case", "noise %", "n", "forced", "excitation", "effect", "site", "share %", "heard", "found", "stopped"]

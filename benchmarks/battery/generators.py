@@ -8,6 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from .formulas import CODE, KINDS, N_PAR, along, integrate
+from .sensors import imperfect
 
 EXCITATIONS = ("random", "hammer", "sweep", "earthquake")
 N_SAMPLES = 8192
@@ -107,6 +108,7 @@ class Case:
     runs: list[Run] = field(default_factory=list)
     seen: list[dict] = field(default_factory=list)
     unseen: list[dict] = field(default_factory=list)
+    sensors: str = ""
 
     @property
     def base(self) -> bool:
@@ -388,6 +390,7 @@ def make_case(
     most: int = 6,
     excitation: str | None = None,
     accelerations_only: bool = False,
+    sensors: str = "",
 ) -> Case:
     """Draw one case; the same arguments always give the same case.
 
@@ -410,6 +413,8 @@ def make_case(
     excitation : str, optional
     accelerations_only : bool
         One force and the accelerations of all DOFs are all that is measured.
+    sensors : str
+        One of ``sensors.FAULTS``: an imperfection that all sensors share.
 
     Returns
     -------
@@ -455,6 +460,9 @@ def make_case(
         every = [channels(rng, r, noise, forced) for r in (run, *others)]
         if accelerations_only:
             every = [{k: y for k, y in one.items() if k in ("fs", "acceleration", "force")} for one in every]
+        case.sensors = sensors
+        if sensors:  # one installation for all tests
+            every = [imperfect(np.random.default_rng([seed, 7]), one, sensors) for one in every]
         case.seen, case.unseen = every[:1], every[1:]
         return case
     raise RuntimeError(f"no chain was found for {name} (seed {seed}, {kinds})")

@@ -221,6 +221,7 @@ def run_case(case: Case) -> dict:
         "group": case.group,
         "seed": case.seed,
         "noise %": 100 * case.noise,
+        "sensors": case.sensors,
         "n": case.structure.n,
         "degree": case.degree,
         "excitation": ("base " if case.base else "") + case.excitation,
@@ -300,6 +301,8 @@ def judge(case: Case, report) -> dict:
     steps = claims(report) if report is not None else []
     if case.group == "nothing":
         return {"right": report is not None and not steps}
+    if case.group == "sensors":
+        return {"right": report is not None and all(place(s.site).kind == "sensor" for s in steps)}
     if case.group == "withheld":
         wrong = [s for s in steps if s.sure and not any(all(matches(e, s)) for e in case.effects)]
         return {"right": report is not None and not wrong}

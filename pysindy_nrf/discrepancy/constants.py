@@ -46,8 +46,6 @@ TENTH: Final = 0.1
 GRID: Final = {1: 9, 2: 5, 3: 4}
 # Candidates that are refined and cross-validated; the right one was among the first three in all battery cases.
 FINALISTS: Final = 8
-# Faults of sensors that are tried on rebuilt records.
-SUSPECTS: Final = 3
 
 # -- the judge --------------------------------------------------------------------------------
 
@@ -58,6 +56,10 @@ LEAST_GAIN: Final = 0.5
 # both beyond a standard error is not compared with chance.
 LEAST_SHARE: Final = 0.03
 LARGE_GAIN: Final = 2.0
+# Errors that every channel may have where nothing else is said: gain and part of another DOF's channel as shares, delay
+# in samples. Three standard deviations of 1 %, which calibrations and mountings hold; channels that are read in one
+# sample, in turn, differ by less than half of one.
+TOLERANCES: Final = {"gain": 0.03, "cross_axis": 0.03, "delay": 0.5}
 # Families are tied if their gains differ by less than two standard errors (95 %).
 FAR: Final = 2.0
 

@@ -8,6 +8,7 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from ..common.random_state import generator
+from ..estimation.intervals import tolerances_of
 from ..estimation.problem import LEAST_SQUARES, Problem
 from ..estimation.regressor import NRFRegressor
 from ..exceptions import BiasWarning, ChannelError, ExcitationError, NRFError
@@ -20,6 +21,7 @@ from ..regression.segments import SegmentSet
 from ..signals.zero_phase_filter import filters_of
 from .catalogue import as_laws, candidates, flexible
 from .conclude import concluded
+from .constants import TOLERANCES
 from .prepare import Prepared, Workspace, as_records, prepare
 from .report import LoopReport
 from .ruler import Ruler, Trial
@@ -31,7 +33,7 @@ from .windows import Windows, split, window_length
 def close_loop(
     records: Any, baseline: NRFRegressor | None = None, catalogue: Iterable[Any] | None = None, heldout: Any = None,
     band: tuple[float | None, float | None] | None = None, random_state: Any = 0, *, max_steps: int = 4,
-    noise_floor: Any = "channels", progress: bool = False,
+    noise_floor: Any = "channels", calibration: Mapping[str, float] | None = None, progress: bool = False,
 ) -> LoopReport:  # fmt: skip
     """Find the effects a model lacks, add them, and report the error before and after.
 
@@ -40,7 +42,8 @@ def close_loop(
     the frequency bands in which the chain explains the balances are found once, before the search. Every law of the
     catalogue is then tried at every site where it makes sense, and laws of the storeys at all of them at once. The
     gain of a candidate is the fall of the cross-validated residual in dB, meaned over informative bands. An effect
-    is accepted if its gain stands whichever fold is left out and if it changes the force at its site enough to matter.
+    is accepted if its gain stands whichever fold is left out, if it changes the force at its site enough to matter, and
+    if errors of the channels within their tolerances do not explain it as well.
     After each effect all shape parameters are refined and effects that became needless are taken out; at the end
     effects are exchanged where another does better beside the rest. Held-out data have the last word: an effect that
     does not lower their error is not confirmed, and the model does not hold it.
@@ -66,6 +69,10 @@ def close_loop(
         run of the model with the noise by which the channels of a DOF contradict each other. ``"repeats"``: the
         records are repetitions of one test, sample by sample, and differ by noise. Or the rms of the noise in each
         balance, N: one number, or by DOF.
+    calibration : mapping, optional
+        Errors that every channel may have: ``gain`` and ``cross_axis`` (part of another DOF's motion that it reads) as
+        shares, 0.03 where nothing is known, and ``delay`` in s, half a sampling step. What is none beyond them
+        is not claimed.
     progress : bool
         Show a progress bar (tqdm) where the error stream is a terminal.
 
@@ -108,6 +115,8 @@ def close_loop(
         _require_covariates(first.trial.laws, ready)
         _say_what_is_not_used(baseline)
         segments = ready.data.segments
+        step = max(seg.dt or 1.0 for seg in segments)
+        tolerances = tolerances_of(calibration, {**TOLERANCES, "delay": TOLERANCES["delay"] * step})
         names = tuple(c for c in segments[0].covariates if all(c in s.covariates for s in segments))
         tried = [law for law in as_laws(catalogue, names) if clock or not law.rate_dependent]
         every = candidates(tried, problem.chain, problem.known_masses, names, work.forced, len(work.searched))
@@ -115,11 +124,11 @@ def close_loop(
         faults = [law for law in tried if isinstance(law, SensorFault)]
         with _bar(progress, max_steps * len(proposals)) as tick:
             search = Search(proposals, progress=tick)
-            forward = Forward(search, first, ready, faults, rng)
+            forward = Forward(search, first, ready, faults, rng, tolerances)
             forward.run(max_steps)
         settings = {
             "band": band, "random_state": random_state, "max_steps": max_steps, "catalogue": tried,
-            "baseline": baseline, "noise_floor": noise_floor,
+            "baseline": baseline, "noise_floor": noise_floor, "calibration": tolerances,
         }  # fmt: skip
         return concluded(forward, first, settings, rng)
 

@@ -235,7 +235,7 @@ def audit(settings: Mapping[str, Any], ready: Prepared, noise_floor: str) -> dic
     return settings_of(
         loop={
             "band": "found from the data" if band is None else f"{band} Hz", "random_state": settings["random_state"],
-            "max_steps": settings["max_steps"], "noise floor": noise_floor,
+            "max_steps": settings["max_steps"], "calibration": settings["calibration"], "noise floor": noise_floor,
             "held out": "a quarter of every record" if held is None else "; ".join(ready.records[i].name for i in held),
             "catalogue": ", ".join(dict.fromkeys(law.name for law in settings["catalogue"])),
         },

@@ -31,7 +31,7 @@ Placed = Sequence[tuple[Site, ForceLaw]]
 # Spectra kept from one step to the next, bytes.
 _CACHE = 300_000_000
 # Iterations of bands and of weights; both settle in three or four.
-_ROUNDS = 6
+ROUNDS = 6
 
 
 @dataclass
@@ -161,7 +161,7 @@ class Ruler:
         typical of the balance; it is connected by such bands to those that hold 90 % of the energy.
         """
         core: np.ndarray | None = None
-        for _ in range(_ROUNDS):
+        for _ in range(ROUNDS):
             shares, reference = [], np.zeros_like(self.informative, dtype=float)
             for chain, laws in models:
                 try:
@@ -280,7 +280,7 @@ class Trial:
         self.fit = self.fit_of(self.layout, where)
         informative = ruler.informative
         self.weights = informative.astype(float)
-        for _ in range(_ROUNDS):
+        for _ in range(ROUNDS):
             self.powers, self.masses, self.theta, self.within = self._judged()
             if not np.isfinite(self.powers.residual).all():
                 raise NRFError("The columns of the balances depend on each other", "Leave a law out.")

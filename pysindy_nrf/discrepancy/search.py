@@ -1,6 +1,6 @@
 """The search: forward by the largest gain, backward, exchange; every decision on the ruler."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,7 +18,7 @@ from .judge import admissible
 from .prepare import Prepared
 from .residual import simulated
 from .ruler import Gain, Ruler, Slot, Trial
-from .sensors import findings_of_faults
+from .sensors import Freed, calibrated, findings_of_faults
 from .state import Axes, Effect, Finding, Proposal, State
 
 
@@ -175,9 +175,11 @@ class Forward:
     """
 
     def __init__(
-        self, search: Search, state: State, ready: Prepared, faults: Sequence[SensorFault], rng: np.random.Generator
-    ) -> None:
-        self.search, self.faults, self.rng = search, faults, rng
+        self, search: Search, state: State, ready: Prepared, faults: Sequence[SensorFault], rng: np.random.Generator,
+        tolerances: Mapping[str, float],
+    ) -> None:  # fmt: skip
+        self.search, self.faults, self.rng, self.tolerances = search, faults, rng, tolerances
+        self._freed: dict[Trial, Freed] = {}  # of the errors of channels
         self.state = replace(state, ready=ready)
         self.rulers: dict[Effect, Ruler] = {}  # on the records freed of a fault
         self.rivals: dict[Effect, list[Finding]] = {}
@@ -214,17 +216,35 @@ class Forward:
         """The finding to add, and what the data cannot tell from it; None if none is there and matters."""
         good = [pair for pair in pairs if judge.accepts(pair[0], state)]
         chance: dict[bool, float] = {}
-        while good and not judge.is_clear(good[0][0], state):
-            gain, kind = good[0][1], good[0][0].is_fault
-            if kind not in chance:
-                chance[kind] = self._by_chance(state, faults=kind)
-            if gain.lower >= max(chance[kind], 0.0):
-                break
-            good.pop(0)
-        if not good:
-            return None
-        number = judge.chosen(good)
-        return good[number][0], judge.rivals(good, number)
+        while good:
+            number = judge.chosen(good)
+            finding, gain = good[number]
+            if not self._by_errors(finding, state):
+                kind = finding.is_fault
+                if not judge.is_clear(finding, state) and kind not in chance:
+                    chance[kind] = self._by_chance(state, faults=kind)
+                if judge.is_clear(finding, state) or gain.lower >= max(chance[kind], 0.0):
+                    return finding, judge.rivals(good, number)
+            good.pop(number)
+        return None
+
+    def _by_errors(self, finding: Finding, state: State) -> bool:
+        """Whether errors of the channels within tolerances explain an effect as well."""
+        if finding.is_fault or finding.after is None or state.ready is None:
+            return False
+        if state.trial not in self._freed:
+            self._freed = {state.trial: calibrated(state.trial, state.ready, self.tolerances)}
+        after, errors = calibrated(
+            finding.after.trial, state.ready, self.tolerances, self._freed[state.trial].errors
+        )  # fmt: skip
+        finding.beyond_errors = after.gain_over(self._freed[state.trial].trial)
+        if judge.is_there(finding.beyond_errors, finding.proposal.law):
+            # these errors may lie nearer to the least
+            again = calibrated(state.trial, state.ready, self.tolerances, errors)
+            if again.trial.gain_over(self._freed[state.trial].trial).value > 0:
+                self._freed[state.trial] = again
+                finding.beyond_errors = after.gain_over(again.trial)
+        return not judge.is_there(finding.beyond_errors, finding.proposal.law)
 
     def _by_chance(self, state: State, faults: bool) -> float:
         """Gain of the whole search where the state is the truth, dB; infinite where its model has no free run."""

@@ -11,12 +11,13 @@ gain of the only DOF, the zero of x1 (a constant force on DOF 1).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from itertools import product
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+from scipy.optimize import lsq_linear, minimize_scalar
 
 from ..exceptions import NRFError
 from ..laws.sensor import ChannelDelay, GainError, SensorFault
@@ -24,9 +25,9 @@ from ..mechanics.sites import Site
 from ..regression.segments import Segment, SegmentSet
 from ..signals.alignment import channel_alignment
 from ..simulation.api import as_true
-from .constants import LEAST_GAIN, LEAST_SHARE, SUSPECTS
+from .constants import FLOOR, LEAST_GAIN, LEAST_SHARE
 from .prepare import Prepared, Workspace, prepare
-from .ruler import Gain, Ruler, Trial
+from .ruler import ROUNDS, Gain, Ruler, Trial, share
 from .state import Effect, Finding, Proposal, State
 from .windows import Windows
 from .words import Contradiction
@@ -39,10 +40,10 @@ def findings_of_faults(state: State, laws: Sequence[SensorFault]) -> list[Findin
         return []
     work = state.trial.ruler.work
     kinds = tuple(type(law) for law in laws)
-    known = [s for size, s in contradictory(ready, work) if isinstance(s.law, kinds) and size >= LEAST_SHARE][:SUSPECTS]
+    known = [s for size, s in contradictory(ready, work) if isinstance(s.law, kinds) and size >= LEAST_SHARE]
     alone = sorted(filter(None, (_scanned(state.trial, s) for s in _alone(ready, work, laws))), key=lambda p: -p[0])
     found = []
-    for suspect in [*known, *(s for _, s in alone[:SUSPECTS])]:
+    for suspect in [*known[:_SUSPECTS], *(s for _, s in alone[:_SUSPECTS])]:
         rebuilt = _rebuilt(ready, state.trial, suspect)
         if rebuilt is None:
             continue
@@ -57,7 +58,7 @@ def findings_of_faults(state: State, laws: Sequence[SensorFault]) -> list[Findin
         effects = (*(e for e in state.effects if e is not before), Effect(fault, suspect.site, template, seen))
         gain = Gain(state.trial.powers, trial.powers, trial.ruler.informative)
         proposal = Proposal(template, (suspect.site,))
-        found.append(Finding(proposal, (fault,), state, gain.value, gain, State(trial, effects, fresh), seen))
+        found.append(Finding(proposal, (fault,), state, gain.value, gain, State(trial, effects, fresh), witnessed=seen))
     return found
 
 
@@ -119,25 +120,222 @@ def _shifted(seg: Segment, kind: str, dof: int, law: SensorFault) -> Segment:
     """A record in which a force, or the whole motion of a DOF, is freed of a fault."""
     dt = seg.dt or 1.0
     j = dof - 1
-    if kind == "F":
-        force = np.array(seg.F, dtype=float)
-        if np.isfinite(force[:, j]).any() and np.nan_to_num(force[:, j]).any():
-            force[:, j] = law.corrected(force[:, j], dt)
-        changed = replace(seg, F=force)
-    else:
-        a, v, s = (np.array(y, dtype=float) for y in (seg.a, seg.v, seg.s))
-        x, rate = s[:, :dof].sum(axis=1), v[:, :dof].sum(axis=1)
-        a[:, j] = law.corrected(a[:, j], dt)
-        for y, change in ((s, law.corrected(x, dt) - x), (v, law.corrected(rate, dt) - rate)):
-            y[:, j] += change
-            if dof < seg.n_dof:
-                y[:, j + 1] -= change
-        changed = replace(seg, a=a, v=v, s=s)
+    channels = {"F": seg.F[:, j]} if kind == "F" else _motion(seg, dof)
+    seen = {key: np.asarray(y, dtype=float) for key, y in channels.items() if np.nan_to_num(y).any()}
+    changed = seg.moved(dof, **{key: law.corrected(y, dt) - y for key, y in seen.items()})
     known = np.isfinite(seg.F[seg.valid]).all(axis=0)
     finite = np.isfinite(np.hstack([changed.a, changed.v, changed.s, changed.F[:, known]])).all(axis=1)
     inside = np.flatnonzero(finite[seg.valid])
     start = seg.valid.start
     return replace(changed, valid=slice(start + int(inside[0]), start + int(inside[-1]) + 1))
+
+
+def _motion(seg: Segment, dof: int) -> dict[str, np.ndarray]:
+    """Displacement, velocity and acceleration of a DOF."""
+    return {"x": seg.s[:, :dof].sum(axis=1), "v": seg.v[:, :dof].sum(axis=1), "a": seg.a[:, dof - 1]}
+
+
+@dataclass(frozen=True)
+class _Error:
+    """Part of another DOF's channel, of its own rate or of itself that a channel reads, and the most it may be."""
+
+    kind: str
+    dof: int
+    name: str
+    source: int
+    most: float
+
+
+# Columns of the spectra by which errors are estimated: some for each of a hundred errors in each of 24 bands.
+_COLUMNS = 8_000
+
+
+class Freed(NamedTuple):
+    """A trial on records freed of errors of channels, and these errors as shares of their tolerances."""
+
+    trial: Trial
+    errors: np.ndarray
+
+
+def calibrated(
+    trial: Trial, ready: Prepared, tolerances: Mapping[str, float], start: np.ndarray | None = None
+) -> Freed:  # fmt: skip
+    """The trial on records freed of the errors of all channels, within tolerances, that leave the least residual.
+
+    Bounded least squares in the errors; masses, coefficients and weights follow them (variable projection, Golub and
+    Pereyra 1973). An effect that these errors explain as well is none.
+    """
+    work, windows = trial.ruler.work, trial.ruler.windows
+    thin = np.arange(0, windows.size, -(-windows.size // _COLUMNS))
+    errors: list[_Error] = []
+    changes, rows, numbers = [], [], []
+    for error in _errors(work, ready, tolerances):
+        data = _erroneous(work, ready, [(error, 0.1 * error.most)])
+        if data is not None:
+            touched, spectra = _changed(trial, work.with_data(data), error)
+            changes.append(10.0 * (spectra - trial.spectra[touched])[:, thin])
+            rows += touched
+            numbers += [len(errors)] * len(touched)
+            errors.append(error)
+    start = np.zeros(len(errors)) if start is None else start
+    if not errors:
+        return Freed(trial, start)
+    shares = _Errors(trial, thin, np.vstack(changes), np.array(rows), np.array(numbers)).fitted(start)
+    data = _erroneous(work, ready, [(e, x * e.most) for e, x in zip(errors, shares)])
+    try:
+        freed = trial if data is None else on(trial, data)
+    except NRFError:
+        return Freed(trial, shares)
+    return Freed(freed if freed.gain_over(trial).value > 0 else trial, shares)
+
+
+class _Errors:
+    """Errors of channels, as shares of their tolerances, in some columns of the spectra of a trial.
+
+    Row ``rows[i]`` of the spectra changes by ``changes[i]`` for each unit of error ``numbers[i]``.
+    """
+
+    def __init__(
+        self, trial: Trial, thin: np.ndarray, changes: np.ndarray, rows: np.ndarray, numbers: np.ndarray
+    ) -> None:
+        self.fit, self.changes, self.rows, self.numbers = trial.fit, changes, rows, numbers
+        self.spectra, self.weights = trial.spectra[:, thin], trial.weights
+        self.lowest = [g.dofs[0] - 1 for g in self.fit.groups]
+        self.used, self.band = np.empty((len(self.lowest), len(thin))), np.empty(len(thin), dtype=int)
+        for each, spans in zip(trial.used(self.fit), trial.ruler.windows.spans):
+            for k, columns in enumerate(spans):
+                here = slice(*np.searchsorted(thin, [columns.start, columns.stop]))
+                self.used[:, here], self.band[here] = each[:, None], k
+
+    def fitted(self, start: np.ndarray) -> np.ndarray:
+        """The errors that leave the least residual, by Gauss-Newton steps; the best of all that were passed."""
+        weights, cost = self._weights(start, self.weights)
+        at, best, lowest = start, start, cost
+        for _ in range(ROUNDS):
+            at = at + self._step(at, weights)
+            weights, cost = self._weights(at, weights)
+            settled = abs(lowest - cost) < 0.1 * LEAST_GAIN
+            if cost < lowest:
+                best, lowest = at, cost
+            if settled:
+                break
+        return best
+
+    def _at(self, shares: np.ndarray) -> np.ndarray:
+        at = self.spectra.copy()
+        np.add.at(at, self.rows, shares[self.numbers, None] * self.changes)
+        return at
+
+    def _weights(self, shares: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, float]:
+        """One over the power of the residual by balance and band, and its mean level, dB."""
+        at = self._at(shares)
+        gram = np.array([(at * (weights[j, self.band] * u)) @ at.T for j, u in zip(self.lowest, self.used)])
+        known = self.used[self.fit.judged]
+        power, whole = (
+            np.array([np.bincount(self.band, y, weights.shape[1]) for y in (x[0] @ at) ** 2 * known])
+            for x in self.fit.rows(*self.fit.solve(gram[None]))
+        )
+        level = share(power, whole)
+        inside = (weights > 0) & np.isfinite(level)
+        cost = np.where(inside, 10.0 * np.log10(np.where(inside, level, 1.0)), 0.0).sum(axis=1)
+        cost = float((cost / np.maximum(inside.sum(axis=1), 1)).sum())
+        floored = power + FLOOR**2 * whole
+        new = np.where(inside & (floored > 0), 1.0 / np.maximum(floored, 1e-300), 0.0)
+        return new, cost if np.isfinite(power).all() else np.inf
+
+    def _step(self, shares: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """The step that leaves the least residual to first order, within the tolerances."""
+        at, size = self._at(shares), 0.1
+        grams = np.empty((len(shares) + 1, len(self.used), len(at), len(at)))
+        for u, (j, used) in enumerate(zip(self.lowest, self.used)):
+            heavy = at * (weights[j, self.band] * used)
+            grams[:, u] = heavy @ at.T
+            cross = size * heavy @ self.changes.T
+            for column, row, number in zip(cross.T, self.rows, self.numbers):
+                grams[number + 1, u, :, row] += column
+                grams[number + 1, u, row] += column
+        rows = self.fit.rows(*self.fit.solve(grams))[0]
+        each = np.sqrt(weights[:, self.band] * self.used[self.fit.judged])
+        slopes = np.tensordot((rows[1:] - rows[0]) / size, at, 1)
+        for change, row, number in zip(self.changes, self.rows, self.numbers):
+            slopes[number] += np.outer(rows[number + 1, :, row], change)
+        table = np.vstack([(slopes * each).reshape(len(shares), -1), (rows[0] @ at * each).reshape(1, -1)])
+        good = np.isfinite(table).all(axis=1)
+        normal = table[good] @ table[good].T
+        # a prior of the tolerances, so weak that it only chooses between errors that the records cannot tell apart
+        prior = max(1e-6 * normal[-1, -1], 1e-12 * normal.diagonal().max()) * np.eye(len(normal) - 1)
+        factor = np.linalg.cholesky(normal[:-1, :-1] + prior).T
+        target = np.linalg.solve(factor.T, -normal[:-1, -1] - prior @ shares[good[:-1]])
+        step = np.zeros_like(shares)
+        bounds = -1.0 - shares[good[:-1]], 1.0 - shares[good[:-1]]
+        step[good[:-1]] = lsq_linear(factor, target, bounds).x
+        return step
+
+
+def _errors(work: Workspace, ready: Prepared, tolerances: Mapping[str, float]) -> Iterator[_Error]:
+    """Every error that a channel of the search may have."""
+    measured = set().union(*(ready.records[i].measured for i in work.searched))
+    dofs = range(1, work.n_dof + 1)
+    for kind, j, (name, most) in product("avxF", dofs, tolerances.items()):
+        if f"{kind}{j}" not in measured or (kind == "F" and j not in work.forced) or not most:
+            continue
+        others = [k for k in dofs if k != j and kind != "F"] if name == "cross_axis" else [j]
+        yield from (_Error(kind, j, name, k, most) for k in others)
+
+
+def _erroneous(work: Workspace, ready: Prepared, errors: Sequence[tuple[_Error, float]]) -> SegmentSet | None:
+    """Records whose channels have further errors of some sizes; None where no record has such channels."""
+    segments = list(work.data.segments)
+    for error, size in errors:
+        for i in work.searched:
+            seg, record = work.data.segments[i], ready.records[i]
+            if f"{error.kind}{error.dof}" in record.measured:
+                changes = _reading(seg, error, ready.noise[i], ready.clean)
+                segments[i] = segments[i].moved(error.dof, **{key: size * y for key, y in changes.items()})
+    changed = any(a is not b for a, b in zip(segments, work.data.segments))
+    return SegmentSet(segments, work.data.n_samples) if changed else None
+
+
+def _reading(seg: Segment, error: _Error, noise: Mapping[str, float], clean: bool) -> dict[str, np.ndarray]:
+    """What an error of unit size changes of the fused motion of a DOF, or of its force, (n_samples,)."""
+    step = seg.dt or 1.0
+    if error.kind == "F":
+        source = {"F": np.asarray(seg.F[:, error.dof - 1], dtype=float)}
+    else:
+        source = {key: np.asarray(y, dtype=float) for key, y in _motion(seg, error.source).items()}
+    if error.name == "delay":
+        source = {key: np.gradient(y, step) for key, y in source.items()}
+    if error.kind == "F":
+        return {} if np.isnan(source["F"][seg.valid]).any() else source
+    if clean:
+        return {error.kind: source[error.kind]}
+    orders = {"x": 0, "v": 1, "a": 2}
+    levels = {key: noise.get(f"{key}{error.dof}", np.inf) for key in orders}
+    omega = 2.0 * np.pi * np.fft.rfftfreq(seg.n_valid, step)
+    weight = {key: (omega**order / levels[key]) ** 2 for key, order in orders.items() if levels[key] > 0}
+    total = sum(weight.values())
+    with np.errstate(invalid="ignore"):
+        share = np.where(total > 0, weight[error.kind] / np.where(total > 0, total, 1.0), 0.0)
+    out = {}
+    for key, y in source.items():
+        out[key] = np.zeros(seg.n_samples)
+        out[key][seg.valid] = np.fft.irfft(share * np.fft.rfft(y[seg.valid]), seg.n_valid)
+    return out
+
+
+def _changed(trial: Trial, work: Workspace, error: _Error) -> tuple[list[int], np.ndarray]:
+    """Spectra of the columns that an error changes, and their numbers."""
+    touched, rows = [], []
+    windows = trial.ruler.windows
+    fixed = {"a": error.dof - 1, "F": work.n_dof + error.dof - 1}
+    sites = [s for s in trial.layout.sites if trial.laws.get(s) and s.incidence(error.dof) and error.kind != "F"]
+    for site in sites:
+        touched += list(range(trial.layout.slices[site].start, trial.layout.slices[site].stop))
+        rows.append({i: work.columns(site, trial.laws[site], i) for i in trial.ruler.segments})
+    number = fixed["F" if error.kind == "F" else "a"]
+    touched.append(trial.at + number)
+    rows.append({i: work.fixed(i)[[number]] for i in trial.ruler.segments})
+    return touched, windows.spectra({i: np.vstack([part[i] for part in rows]) for i in trial.ruler.segments})
 
 
 def _rebuilt(ready: Prepared, trial: Trial, suspect: Suspect) -> tuple[Prepared, Trial] | None:
@@ -159,6 +357,8 @@ def _rebuilt(ready: Prepared, trial: Trial, suspect: Suspect) -> tuple[Prepared,
         return None
 
 
+# Faults of sensors that are tried on rebuilt records.
+_SUSPECTS = 3
 # Samples below which half a record tells no delay.
 _HALF = 1000
 
@@ -175,7 +375,7 @@ class Suspect:
 def contradictions(ready: Prepared, work: Workspace) -> list[Contradiction]:
     """Channels of one DOF that do not show one motion, the largest contradictions first."""
     found = [s.witness for size, s in contradictory(ready, work) if size >= LEAST_SHARE and s.witness is not None]
-    return list(dict.fromkeys(found[:SUSPECTS]))
+    return list(dict.fromkeys(found[:_SUSPECTS]))
 
 
 def longest(work: Workspace) -> tuple[int, slice]:

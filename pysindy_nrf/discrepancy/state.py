@@ -68,6 +68,7 @@ class Finding:
     screen: float
     gain: Gain | None = None
     after: State | None = None
+    beyond_errors: Gain | None = None  # over the same state, both freed of the errors that channels may have
     witnessed: bool = False  # a fault of a sensor that another channel of its DOF contradicts
 
     @property

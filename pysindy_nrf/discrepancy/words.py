@@ -280,10 +280,14 @@ def best_refused(last: Any) -> str:
         return "no law of the catalogue lowers the error at any site"
     finding, gain = last
     where = f"{finding.proposal.law.name} at {', '.join(map(str, finding.proposal.sites))}"
-    return (
+    said = (
         f"no further effect is there and matters: the best candidate, {where}, gains {gain.value:.2g} dB (standard "
         f"error {gain.error:.2g}, {gain.least:.2g} without the fold that speaks most for it)"
     )
+    beyond = finding.beyond_errors
+    if beyond is None or beyond.value > 0.5 * gain.value:
+        return said
+    return f"{said}; errors of the channels within their tolerances leave {max(beyond.value, 0.0):.2g} dB of it"
 
 
 def not_in_catalogue(found: pd.DataFrame) -> str:

@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import product
 from typing import Any
 
@@ -180,30 +180,34 @@ def least_squares_resolver(problem: Problem, solve_order: SolveOrder, data: Segm
 CALIBRATION = {"gain": 0.01, "cross_axis": 0.0, "delay": 0.0}
 
 
+def tolerances_of(given: Mapping[str, float] | None, otherwise: Mapping[str, float]) -> dict[str, float]:
+    """Tolerances of channels as given, the rest as known otherwise."""
+    tolerances = {**otherwise, **(given or {})}
+    if wrong := [key for key, size in tolerances.items() if key not in CALIBRATION or not 0 <= size < np.inf]:
+        what = f"calibration[{wrong[0]!r}]={tolerances[wrong[0]]!r} is not a tolerance of a channel"
+        raise ChannelError(what, "Give gain and cross_axis as shares, delay in s, none below zero.")
+    return tolerances
+
+
 def calibration_spread(
     problem: Problem, solve_order: SolveOrder, data: SegmentSet, statistic: Statistic, given: Mapping[str, float]
 ) -> np.ndarray:
     """Standard uncertainty of statistics by errors of each channel within tolerances (GUM, type B, rectangular)."""
-    tolerances = CALIBRATION | dict(given)
-    if wrong := [key for key, size in tolerances.items() if key not in CALIBRATION or not 0 <= size < np.inf]:
-        what = f"calibration[{wrong[0]!r}]={tolerances[wrong[0]]!r} is not a tolerance of a channel"
-        raise ChannelError(what, "Give gain and cross_axis as shares, delay in s, none below zero.")
+    tolerances = tolerances_of(given, CALIBRATION)
 
     def found(kind: str = "", j: int = 0, name: str = "", other: int = 0) -> np.ndarray:
         """Statistics by least squares of motions and forces with an error in one channel."""
         segments = []
         for seg in data.segments:
-            own = {key: getattr(seg, key).astype(float) for key in ("a", "v", "s", "F")}
-            x, rate = (np.cumsum(own[key], axis=1) for key in ("s", "v"))
+            channels = {"a": seg.a, "v": np.cumsum(seg.v, axis=1), "x": np.cumsum(seg.s, axis=1), "F": seg.F}
             derived = bool(seg.noise) and f"x{j + 1}" not in seg.noise  # the motion then follows the acceleration
-            hit = {"": (), "F": ("F",), "x": () if derived else ("v", "s"), "a": ("a", "v", "s") if derived else ("a",)}
-            for key in hit[kind]:
-                y = {"v": rate, "s": x}.get(key, own[key])
-                error = tolerances[name] * (np.gradient(y[:, j], seg.step) if name == "delay" else y[:, other])
-                own[key][:, j] += error
-                if key in ("v", "s") and j + 1 < seg.n_dof:  # the storey above
-                    own[key][:, j + 1] -= error
-            segments.append(replace(seg, **own))
+            hit = {"": "", "F": "F", "x": "" if derived else "vx", "a": "avx" if derived else "a"}[kind]
+            changes = {}
+            for key in hit:
+                y = channels[key].astype(float)
+                rate = np.gradient(y[:, j], seg.step) if name == "delay" else y[:, other]
+                changes[key] = tolerances[name] * rate
+            segments.append(seg.moved(j + 1, **changes))
         resolver = least_squares_resolver(problem, solve_order, SegmentSet(segments, data.n_samples))
         return statistic(resolver.model(resolver.pieces.sum())).to_numpy(float)
 

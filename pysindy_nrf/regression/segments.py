@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any, Literal
 
@@ -246,6 +246,17 @@ class Segment:
             along(self.s), along(self.v), top - below, None if self.t is None else self.t[rows],
             {k: c[rows] for k, c in self.covariates.items()},
         )  # fmt: skip
+
+    def moved(self, dof: int, **changes: np.ndarray) -> Segment:
+        """The record with changes (n_samples,) of the motion ``x``, ``v``, ``a`` of one DOF, or of its force ``F``."""
+        new: dict[str, Any] = {}
+        for key, change in changes.items():
+            name = "s" if key == "x" else key
+            new[name] = np.array(getattr(self, name), dtype=float)
+            new[name][:, dof - 1] += change
+            if key in "xv" and dof < self.n_dof:  # the storey above
+                new[name][:, dof] -= change
+        return replace(self, **new, _extent=None)
 
     def blocks(
         self, layout: LawLayout, size: int | None = None, filter: Any = None, states: dict | None = None

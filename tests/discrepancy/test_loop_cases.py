@@ -110,6 +110,31 @@ def test_a_wrong_gain_beside_a_cubic_spring_is_a_wrong_gain(channel):
     assert found["gain_error", f"sensor {channel}"].parameters["e"] == pytest.approx(0.15, abs=0.02)
 
 
+def scattered(effects=()):
+    """Three floors, the top one forced; gains of the motion channels scatter by 1 %, as calibrations do."""
+    storeys = {i: [laws.LinearElastic(k), laws.LinearViscous(c)] for i, (k, c) in enumerate(zip(K, C), 1)}
+    storeys[2] += effects
+    F = excitation.band_limited_random(3, 12.0, FS, excited=[3], rms=40.0, band=(1, 35), random_state=0)
+    record = simulate(ChainModel(M, storeys), F, 1 / FS)
+    rng = np.random.default_rng(3)
+    motions = ("acceleration", "velocity", "displacement")
+    return record.replace(**{key: getattr(record, key) * (1 + 0.01 * rng.standard_normal(3)) for key in motions})
+
+
+def test_calibrations_that_scatter_are_no_effect_of_the_structure():
+    record, forces = scattered(), [law for law in CATALOGUE if law.name != "gain_error"]
+    report = loop(record, forces, 0.002)
+    assert report.steps == [] and "errors of the channels" in report.stopped_because
+    noisy = add_noise(record, 0.002, random_state=1)
+    assert close_loop(noisy, catalogue=forces, calibration={"gain": 0.0, "cross_axis": 0.0, "delay": 0.0}).steps
+
+
+def test_an_effect_is_found_though_calibrations_scatter():
+    found = steps(loop(scattered([laws.CubicStiffness(4e9)]), noise=0.002))
+    assert ("cubic_stiffness", "storey 2") in found
+    assert {site for _, site in found} <= {"storey 2", *(f"sensor {c}{j}" for c in "axF" for j in (1, 2, 3))}
+
+
 def test_friction_in_every_storey_is_found_though_none_stands_out():
     storeys = {
         i: [laws.LinearElastic(k), laws.LinearViscous(c), laws.CoulombFriction(R)]

@@ -1,7 +1,7 @@
 """Careless measurements: is a fault refused, named, harmless, or silent; and is clean work left in peace?
 
     python benchmarks/careless.py                  # 300 faults, 300 clean records
-    python benchmarks/careless.py --quick          # 10 and 5
+    python benchmarks/careless.py --quick          # 5 and 2
     python benchmarks/careless.py --silent         # every silent case and every accusation in words
     python benchmarks/careless.py --seed 1000      # other chains, noise and places
 
@@ -346,12 +346,12 @@ def accused(seed: int) -> str:
 def main(arguments: list[str] | None = None) -> int:
     """Run the battery; the exit code says whether the goals are met."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="10 faults and 5 clean records")
+    parser.add_argument("--quick", action="store_true", help="5 faults and 2 clean records")
     parser.add_argument("--silent", action="store_true", help="print silent cases and accusations")
     parser.add_argument("--seed", type=int, default=0, help="added to the seed of every case")
     parser.add_argument("--jobs", type=int, default=2)
     options = parser.parse_args(arguments)
-    n_faults, n_clean = (10, 5) if options.quick else (300, 300)
+    n_faults, n_clean = (5, 2) if options.quick else (300, 300)
     sentences = grammar()
     stride = len(sentences) // n_faults if options.quick else 1
     chosen = [sentences[i * stride % len(sentences)] for i in range(n_faults)]

@@ -11,7 +11,7 @@ every storey, does not know.
 A change counts as *detectable* if its force, or the inertia of an added mass, is at least 1.5 % of the storey's
 elastic force over the common domain of motion (the report asks for 1 %), and five standard errors of a
 least-squares fit that knows all laws, the noise-free motion and the masses: what noise in the forces and accelerations
-alone would leave. ``--quick`` takes one pair of each kind.
+alone would leave. ``--quick`` takes five pairs.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ FS, SECONDS = 500.0, 24.0
 KINDS = ("stiffness", "gap", "cubic", "friction", "mass", "amplitude", "noise")
 NOTHING = ("amplitude", "noise")
 LEAST, SURE = 0.015, 5.0  # share of the elastic force, standard errors: what counts as detectable
-QUICK = (14, 22, 23, 3, 18, 12, 27)  # one of each kind, of few floors
+QUICK = (14, 3, 18, 12, 27)  # stiffness, friction, mass, and nothing twice, of few floors
 LEVEL = 150.0  # N rms of the forces of the first test
 
 
@@ -176,7 +176,7 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
 def main(argv: list[str] | None = None) -> int:
     """Print the summary and the pairs that went wrong."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="one pair of each kind")
+    parser.add_argument("--quick", action="store_true", help="five pairs")
     parser.add_argument("--out", type=Path, help="folder for a CSV file of all pairs")
     args = parser.parse_args(argv)
     rows = table(QUICK if args.quick else range(200))

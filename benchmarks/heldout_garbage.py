@@ -142,7 +142,7 @@ def main(arguments: list[str] | None = None) -> list[list[str]]:
     parser.add_argument("--motion", action="store_true", help="of measured records drifts and rates, too")
     parser.add_argument("--seed", type=int, default=1)
     o = parser.parse_args(arguments)
-    size = {"n_samples": 2048, "most": 2} if o.quick else {"n_samples": 8192, "most": 3}
+    size = {"n_samples": 1024, "most": 2} if o.quick else {"n_samples": 8192, "most": 3}
     out = []
     print("| held out | effects | what differs | |\n|---|---|---|---|")
     for what in o.measured or (CASES[:1] if o.quick else CASES):

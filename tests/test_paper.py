@@ -11,7 +11,7 @@ import paper_published as published
 import pytest
 
 from pysindy_nrf import NRFRegressor
-from pysindy_nrf.exceptions import BiasWarning, ChainError
+from pysindy_nrf.exceptions import BiasWarning
 from pysindy_nrf.laws import Motion
 
 ROOT = Path(__file__).parents[1]
@@ -62,11 +62,6 @@ def test_published_models_carry_units_masses_and_twins():
     assert -float(published.force(published.TWO_DOF_COMPLETE.twins[2], v, s)) == pytest.approx(in_f1, rel=1e-12)
 
 
-def test_results_without_masses_are_no_models():
-    with pytest.raises(ChainError, match="no masses"):
-        published.TWO_DOF_COMPLETE_NOISY.model()
-
-
 # -- the cases --------------------------------------------------------------------------------
 
 
@@ -78,15 +73,6 @@ def test_true_damper_force_obeys_equations_6_and_7():
     gap = np.abs(case.damper[:, 0] - damper)  # the sampled path does not know its turning points exactly
     assert gap.max() < 0.02 * cases.MR_DAMPER["Fd"] and np.sqrt(np.mean(gap**2)) < 1e-3 * cases.MR_DAMPER["Fd"]
     assert np.abs(case.damper[:, 1]).max() < 1e-6
-
-
-def test_cases_are_seeded_and_noise_is_a_share_of_rms():
-    one, two = (cases.two_dof("incomplete", 0.05, duration=4.0, random_state=7) for _ in range(2))
-    assert np.array_equal(one.measured.acceleration, two.measured.acceleration)
-    noise = one.measured.acceleration - one.exact.acceleration
-    assert np.allclose(noise.std(axis=0) / np.sqrt((one.exact.acceleration**2).mean(axis=0)), 0.05, rtol=0.05)
-    frame = cases.four_storey(duration=4.0, blows=4)
-    assert frame.measured.velocity is None and frame.measured.fs == 1024.0
 
 
 @pytest.mark.slow
@@ -109,7 +95,7 @@ def test_force_level_is_the_calibrated_one(tables):
     assert sweep["m1 incomplete"].is_monotonic_increasing and (sweep["m1 incomplete"] < sweep["m1 complete"]).all()
     gaps = sweep[["gap to (11b) %", "gap to (16) %"]]
     assert (gaps.loc[cases.FORCE_LEVEL] < 2.5).all() and gaps.loc[345, "gap to (16) %"] > 10
-    assert cases.calibrate_level() == pytest.approx(cases.FORCE_LEVEL, rel=0.02)
+    assert (gaps.drop(cases.FORCE_LEVEL).sum(axis=1) > gaps.loc[cases.FORCE_LEVEL].sum()).all()
 
 
 @pytest.mark.slow
@@ -164,14 +150,6 @@ def test_damped_frame_cubic_is_biased_and_says_so_dahl_law_cures_it(tables):
     assert (table["cubic m4"] < -5).all()
     assert (table["Dahl worst m"] < 1.5).all() and (table["Dahl energy"].abs() < 2.0).all()
     assert (table["damper in"] == "storey 4").all()
-
-
-@pytest.mark.slow
-def test_total_mass_of_the_printed_models(tables):
-    table = tables.masses()
-    # sums of the printed masses, by hand
-    printed = {"paper (18)": 49.57, "paper (20)": 48.94, "paper (22)": 51.22, "paper (23)": 49.68}
-    assert table.loc[list(printed), "total"].tolist() == pytest.approx(list(printed.values()))
 
 
 # -- what it is good for ----------------------------------------------------------------------

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from pysindy_nrf import Chain, ChainModel, NRFRegressor, Record, close_loop, excitation, laws, simulate
 from pysindy_nrf.discrepancy.catalogue import candidates, default_catalogue
@@ -79,24 +77,6 @@ def test_a_structure_does_not_heal_between_two_tests():
 
 
 # -- sensors --------------------------------------------------------------------------------------
-
-
-@settings(max_examples=25, deadline=None)
-@given(st.floats(-8.0, 8.0), st.floats(-0.6, 2.0), st.floats(-3.0, 3.0), st.integers(0, 99))
-def test_a_reading_is_taken_back_to_the_truth(samples, e, b, seed):
-    y = excitation.band_limited_random(1, 1.0, FS, excited=1, rms=1.0, band=(1, 60), random_state=seed)[:, 0]
-    for law in (laws.ChannelDelay(samples / FS), laws.GainError(e), laws.SensorOffset(b)):
-        back = law.corrected(law.reading(y, 1 / FS), 1 / FS)
-        inside = slice(30, -30)
-        assert np.allclose(back[inside], y[inside], atol=2e-5 * np.abs(y).max())
-
-
-def test_a_delay_is_its_column_to_first_order():
-    t = np.arange(2000) / FS
-    y, rate = np.sin(9 * t), 9 * np.cos(9 * t)
-    law = laws.ChannelDelay(1e-5)
-    error = law.reading(y, 1 / FS) - y
-    assert np.allclose(error[5:], law.force(laws.Motion(y, rate))[5:], atol=1e-8)
 
 
 def test_a_simulated_sensor_reads_late_and_leaves_the_motion_alone():

@@ -11,7 +11,7 @@ from simulated_cases import Plan, simulated
 
 from pysindy_nrf import ChainModel, Record, Site, close_loop, laws
 from pysindy_nrf.discrepancy.catalogue import as_laws, candidates
-from pysindy_nrf.discrepancy.words import Agreement, Location, Obstacle, ResidualKind
+from pysindy_nrf.discrepancy.words import Agreement, Location
 from pysindy_nrf.output.cli.group import run
 from pysindy_nrf.output.displays.evidence import evidence_figures
 from pysindy_nrf.output.report.content import cautions, chapters, lead
@@ -102,21 +102,6 @@ def test_where_there_is_nothing_to_locate_no_site_is_named(silent, found):
             assert not any(word in said for word in ("storey", "dof", "ground", "link", "sensor"))
         assert not any("Localisation" in figure.title for figure in evidence_figures(last))
         assert not any("not possible" in line for line in cautions(report))
-
-
-def test_a_residual_that_is_not_noise_and_has_no_place_is_not_characterised(silent):
-    """Some balance correlates, while all together leave no more than noise does."""
-    last = silent.evidence[-1]
-    verdicts = last.detection.verdicts.assign(verdict=ResidualKind.UNMEASURED)
-    one = replace(
-        last,
-        detection=replace(last.detection, verdicts=verdicts),
-        not_possible={"characterisation": Obstacle("the residual is at the noise floor", expected=True)},
-    )
-    assert "unmeasured force or unknown noise" in one.detection_sentence
-    assert one.characterisation_sentence == (
-        "Characterisation is not possible because the residual is at the noise floor."
-    )
 
 
 # -- verdicts to words ------------------------------------------------------------------------------

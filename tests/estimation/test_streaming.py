@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import pickle
 import signal
 import subprocess
@@ -18,7 +17,6 @@ from chains import same, table
 from pysindy_nrf import ChainModel, NRFRegressor, laws, simulate
 from pysindy_nrf.estimation.constraints import TotalMass
 from pysindy_nrf.estimation.streaming import Chunk, fit_streamed, open_source
-from pysindy_nrf.estimation.streaming.sources import Content
 from pysindy_nrf.exceptions import (
     ChainError,
     ChannelError,
@@ -388,68 +386,12 @@ def test_a_state_is_tied_to_what_was_used(tmp_path, exact, change):
     np.testing.assert_allclose(resumed.masses_, anew.masses_, rtol=1e-12)
 
 
-def test_every_line_of_a_chunk_counts(exact):
-    def mark(**lines):
-        given = {"ids": np.repeat("a", 2000), "time": exact.a[:, 0], "base_acceleration": np.ones(2000)} | lines
-        content = Content()
-        content.add(Chunk(exact.X, exact.F, **({"covariates": {"u": np.ones(2000)}} | given)))
-        return content.value()
-
-    other = [{"ids": np.repeat(np.array("b", dtype=object), 2000)}, {"time": exact.a[:, 1]}, {"covariates": {"v": np.ones(2000)}},
-             {"covariates": {"u": np.zeros(2000)}}, {"base_acceleration": None}, {"first": False}, {}]  # fmt: skip
-    assert len({mark(**one) for one in other}) == len(other) and mark() == mark()
-
-
 def test_a_state_that_cannot_be_written_costs_no_fit(exact, tmp_path):
     """A file is where the folder of the state should be: a warning, and the answer."""
     (tmp_path / "taken").write_text("")
     with pytest.warns(DataQualityWarning, match="cannot be written .* the fit goes on"):
         model = fit(*save(tmp_path, exact.X, exact.F), state=tmp_path / "taken" / "s", save_every=0.0)
     assert chains.worst(model.masses_, exact.m) < 1e-8
-
-
-MEMORY = """
-import resource, sys, threading, time
-from pathlib import Path
-import numpy as np
-from pysindy_nrf import NRFRegressor
-
-def anonymous():
-    lines = Path("/proc/self/status").read_text().splitlines()
-    return next(int(line.split()[1]) for line in lines if line.startswith("RssAnon")) / 1024
-
-NRFRegressor(degree=2).fit(np.random.default_rng(0).normal(size=(5000, 6)), np.random.default_rng(1).normal(size=(5000, 2)))
-start, most, on = anonymous(), [0.0], [True]
-def watch():
-    while on[0]:
-        most[0] = max(most[0], anonymous()); time.sleep(0.005)
-watcher = threading.Thread(target=watch); watcher.start()
-model = NRFRegressor(degree=2).fit(sys.argv[1], sys.argv[2])
-on[0] = False; watcher.join()
-print(most[0] - start)
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="RssAnon is read from /proc")
-def test_memory_does_not_grow_with_the_file(tmp_path):
-    """A file of 200 MB costs no more anonymous memory than a few chunks of it."""
-    n, rows = 2, 3_000_000
-    X = np.lib.format.open_memmap(tmp_path / "X.npy", mode="w+", dtype=np.float64, shape=(rows, 3 * n))
-    F = np.lib.format.open_memmap(tmp_path / "F.npy", mode="w+", dtype=np.float64, shape=(rows, n))
-    rng = np.random.default_rng(0)
-    piece = rng.standard_normal((100_000, 3 * n))
-    for at in range(0, rows, len(piece)):
-        X[at : at + len(piece)] = piece
-        force = 5 * piece[:, :n] + piece[:, n : 2 * n] + 30 * piece[:, 2 * n :]
-        force[:, 0] -= piece[:, n + 1] + 30 * piece[:, 2 * n + 1]
-        F[at : at + len(piece)] = force + 0.01 * rng.standard_normal((len(piece), n))
-    del X, F
-    run = subprocess.run(
-        [sys.executable, "-c", MEMORY, str(tmp_path / "X.npy"), str(tmp_path / "F.npy")],
-        capture_output=True, text=True, check=True, env={**os.environ, "PYTHONWARNINGS": "ignore"},
-    )  # fmt: skip
-    assert float(run.stdout) < 120, f"{run.stdout} MB"
 
 
 def right(model, case):

@@ -115,27 +115,6 @@ def test_pinched_bouc_wen_follows_baber_and_noori(slip, width, q, rho, n):
     _assert_same(found, 5e4 * _reference(published)[0], 1e-5)
 
 
-@pytest.mark.parametrize("n", [1.0, 1.3, 2.0, 4.0])
-@pytest.mark.parametrize("rho", [-2.0, -1.0, -0.4, 0.0, 1.0, 1.6])
-def test_bouc_wen_takes_any_step_however_long(n, rho):
-    # one long stroke and the same in ten thousand parts; dx = dy / (1 - (1 + rho) y^n) where it stays finite
-    law = laws.BoucWen(beta=1.0, rho=rho, n=n)
-    for s in (np.linspace(0.0, 50.0, 2), np.linspace(0.0, 50.0, 10001)):
-        v = np.ones_like(s)
-        there = law.features(Motion(s, v, t=s))[-1, 0]
-        state = np.array([there])
-        back = law.features(Motion(s[::-1], -v, t=s), state)[-1, 0]
-        assert np.isfinite([there, back]).all()
-        if rho > -1.0:
-            assert there == pytest.approx((1.0 + rho) ** (-1.0 / n), rel=1e-6)
-            if rho <= 1.0 or there < (rho - 1.0) ** (-1.0 / n):
-                assert back == pytest.approx(-there, rel=1e-6)
-        elif rho == -1.0:
-            assert there == pytest.approx(50.0, rel=1e-9)
-        else:
-            assert there == 1e6
-
-
 @pytest.mark.parametrize(("sigma0", "sigma1", "vs", "level"), [(1e5, 300.0, 5e-3, 1.5), (2e4, 0.0, 2e-2, 2.5)])
 def test_lugre_follows_its_authors(sigma0, sigma1, vs, level):
     Fc = 20.0
@@ -226,46 +205,6 @@ def test_smooth_surface_holds_friction_and_polynomials():
 
 
 # -- numbers an engineer knows --------------------------------------------------------------------
-
-
-def _cycle(amplitude, omega, n=20000, cycles=1):
-    t = np.arange(cycles * n + 1) * (2 * np.pi / omega / n)
-    s = amplitude * np.sin(omega * t)
-    return Motion(s, amplitude * omega * np.cos(omega * t), -(omega**2) * s, t)
-
-
-def _loss(law, motion):
-    """Energy taken out over the last cycle, J."""
-    last = slice(-20001, None)
-    return np.trapezoid((law.force(motion) * motion.v)[last], motion.t[last])
-
-
-@pytest.mark.parametrize(
-    ("law", "expected"),
-    [
-        (laws.CoulombFriction(Fc=20.0), 4 * 20.0 * 0.01),
-        (laws.AsymmetricFriction(Fp=17.0, Fm=23.0), 2 * (17.0 + 23.0) * 0.01),
-        (laws.PositionDependentFriction(Fc=20.0, Fs=3e3), 4 * 20.0 * 0.01 + 2 * 3e3 * 0.01**2),
-        (
-            laws.BreakAwayFriction(d=0.005, Fc=20.0, dF=8.0),
-            4 * 20.0 * 0.01 + 2 * 8.0 * 0.005 * (1.0 - math.exp(-4.0)),
-        ),
-        (laws.QuadraticDamping(c2=30.0), 8 / 3 * 30.0 * 12.0**2 * 0.01**3),
-        (laws.DisplacementDependentDamping(c=1e4), math.pi / 4 * 1e4 * 12.0 * 0.01**4),
-        (
-            laws.PowerLawDamping(n=0.5, cn=100.0),
-            100.0 * 2 * math.sqrt(math.pi) * math.gamma(1.25) / math.gamma(1.75) * 0.12**1.5 / 12.0,
-        ),
-        (laws.ShiftedFriction(kappa=5.0, Fc=20.0), 4 * 20.0 * 0.01 / math.hypot(1.0, 5.0 / 12.0)),
-        (laws.Jenkins(uy=0.002, Fy=20.0), 4 * 20.0 * (0.01 - 0.002)),
-        (laws.BacklashFriction(gap=0.003, uy=0.002, Fy=20.0), 4 * 20.0 * (0.01 - 0.003 - 0.002)),
-        (laws.Iwan(uy=0.002, ratio=3.0, F1=5.0, F2=7.0), 4 * 5.0 * 0.008 + 4 * 7.0 * 0.004),
-        (laws.MaxwellBranch(tau=0.05, k=1e5), math.pi * 1e5 * 0.01**2 * (12 * 0.05) / (1 + (12 * 0.05) ** 2)),
-    ],
-    ids=lambda x: getattr(x, "name", ""),
-)
-def test_energy_lost_in_a_cycle(law, expected):
-    assert _loss(law, _cycle(0.01, 12.0, cycles=8 if law.has_memory else 1)) == pytest.approx(expected, rel=1e-4)
 
 
 # -- the law in a free run ------------------------------------------------------------------------

@@ -153,28 +153,6 @@ def test_without_time_every_way_is_straight():
         assert law.features(moving_by(p, [0.0, H], with_a, with_t=False))[1, 0] == pytest.approx(direct, rel=1e-12)
 
 
-def test_several_steps_with_and_without_turns():
-    p = _in_time([0.5, 2.25, 3.6], (0.1, 0.01))
-    edges = H * np.arange(5)
-    way = H * np.array([0.0, 0.5, 1.0, 2.0, 2.25, 3.0, 3.6, 4.0])
-    found, columns = read(moving_by(p, edges))
-    expected = np.array(stretches(p, way, [1.5, 1.5, 2.5, 3.5, 3.5, 4.5, 4.5]))
-    scale = np.array([SIZE, SIZE / H, SIZE, SIZE / H, H, 1.0])
-    np.testing.assert_allclose(found / scale, expected / scale, atol=2e-9)
-    assert columns[:, 1].tolist() == [0, 2, 3, 5, 7]
-    np.testing.assert_allclose(
-        columns[:, 0], [0, *np.cumsum(abs(expected[:, 2] - expected[:, 0]))[[1, 2, 4, 6]]], rtol=1e-11
-    )
-    state = np.zeros(Diary.n_states)
-    whole_way = moving_by(p, edges)
-    for k in range(4):  # sample by sample, the state handed on
-        rows = slice(k, k + 2)
-        part = Motion(whole_way.s[rows], whole_way.v[rows], whole_way.a[rows], whole_way.t[rows],
-                      {"level": whole_way.covariates["level"][rows]})  # fmt: skip
-        read(part, state)
-    assert np.array_equal(state[3:45].reshape(7, 6), found)
-
-
 def _two_samples(s, v, a=None, h=1.0):
     return Motion(
         np.array(s), np.array(v), None if a is None else np.array(a), np.array([0.0, h]), {"level": np.ones(2)}

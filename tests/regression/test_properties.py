@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from pysindy_nrf import Chain, ChainModel, NRFRegressor, Record, laws, simulate
+from pysindy_nrf import Chain, ChainModel, NRFRegressor, laws
 from pysindy_nrf.laws.contract import random_values
 from pysindy_nrf.simulation import free_run
 
@@ -216,20 +216,6 @@ def test_a_rigid_motion_of_base_and_floors_changes_no_drift(test, speed, offset,
     same(found, test.fit(), tolerance=1e-8 * (1 + abs(speed) + abs(offset)) * 1e2)
 
 
-@given(st.integers(1, 4), st.integers(0, 2**31))
-def test_a_shaken_base_is_a_force_of_minus_mass_times_acceleration(n, seed):
-    """d'Alembert: relative motion under ag is that under the forces -m ag; accelerations differ by ag."""
-    rng = np.random.default_rng(seed)
-    m = rng.uniform(5, 50, n)
-    model = ChainModel(m, {i: [laws.Duffing(k=rng.uniform(2e4, 2e5), k3=rng.uniform(0, 1e10)), laws.LinearViscous(50.0)] for i in range(1, n + 1)})
-    ag = np.sin(2 * np.pi * rng.uniform(1, 20) * np.arange(400) * DT) * 5.0
-    shaken = simulate(model, np.zeros((400, n)), DT, base_acceleration=ag)
-    pushed = simulate(model, -np.outer(ag, m), DT)
-    scale = np.abs(pushed.displacement).max()
-    np.testing.assert_allclose(shaken.displacement, pushed.displacement, atol=1e-8 * scale)
-    np.testing.assert_allclose(shaken.acceleration, pushed.acceleration + ag[:, None], atol=1e-6 * np.abs(ag).max())
-
-
 # -- Newton and energy --------------------------------------------------------------------------
 
 
@@ -312,10 +298,3 @@ def test_rows_lost_at_the_edges_cost_rows_and_nothing_else(test, first, last):
     found = test.fit(X)
     same(found, test.fit(test.X[inside], test.F[inside], settings))
     assert found.n_samples_ == N - first - last
-
-
-@given(measured_tests(excitations=("complete", "incomplete"), extras=("none",), noise=(0.0,)))
-def test_a_record_is_the_same_as_its_arrays(test):
-    record = Record(test.F, test.a, test.v.cumsum(axis=1), test.s.cumsum(axis=1), fs=1 / DT)
-    X, F = record.to_features(smooth=False)
-    same(test.fit(X, F, {**test.settings, "dt": None}), test.fit(), tolerance=1e-7)

@@ -192,25 +192,6 @@ def test_a_chain_held_at_both_ends(forced):
 # -- against NumPy's least squares ------------------------------------------------------------------
 
 
-def _power_columns(case, i, degree=3):
-    pairs = [(h, d - h) for d in range(1, degree + 1) for h in range(d, -1, -1)]
-    s, v = case.s[:, i - 1], case.v[:, i - 1]
-    return np.column_stack([v**h * s**j for h, j in pairs])
-
-
-@pytest.mark.parametrize("degree", [1, 3, 7])
-def test_the_cubic_on_a_hysteretic_chain_is_the_least_squares_answer(dahl, degree):
-    """The model is wrong in storey 1, and its numbers are those of the least-squares problem all the same."""
-    case, *_ = dahl
-    model = NRFRegressor(degree=degree, strategy="complete").fit(case.X, case.F)
-    A = np.column_stack([case.a[:, 0], _power_columns(case, 1, degree), -_power_columns(case, 2, degree)])
-    size = np.linalg.norm(A, axis=0)
-    exact = np.linalg.lstsq(A / size, case.F[:, 0], rcond=None)[0] / size
-    own = np.concatenate([[model.masses_[0]], model.restoring_forces_[1].coefficients])
-    rms = np.sqrt(np.mean(A[:, : len(own)] ** 2, axis=0))
-    assert np.abs((own - exact[: len(own)]) * rms).max() < 1e-9 * np.sqrt(np.mean(case.F[:, 0] ** 2))
-
-
 # -- the paper's damper ---------------------------------------------------------------------------
 
 

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from pysindy_nrf import Record
 from pysindy_nrf.signals import noise_levels
 
 
@@ -37,31 +36,3 @@ def test_wieners_filter_takes_twice_the_noise_off():
     assert noise_levels.denoised(loud, 0.0, fs) is loud
     holes = np.where(np.arange(n) == 5, np.nan, loud)
     assert noise_levels.denoised(holes, level, fs) is holes
-
-
-def test_levels_hold_forces_and_base_and_take_the_base_off_relative_motion():
-    n = 6400
-    rng = np.random.default_rng(0)
-    blows = np.where(np.arange(n) % 800 < 20, 50.0, 0.0)
-    quiet = blows + 0.1 * rng.standard_normal(n)
-    base = blows + 0.3 * rng.standard_normal(n)
-    zeros = np.zeros((n, 2))
-    record = Record(
-        fs=100.0, coordinates="absolute", force=np.column_stack([quiet, 0 * quiet]), acceleration=zeros,
-        base_acceleration=base,
-    )  # fmt: skip
-    found = noise_levels.levels_of(record, {"a1": 0.5, "a2": 0.3, "x1": 0.5})
-    assert found["F1"] == pytest.approx(0.1, rel=0.05) and found["ag"] == pytest.approx(0.3, rel=0.05)
-    assert found["x1"] == 0.5 and found["a1"] == 0.5
-    relative = record.replace(coordinates="relative")
-    found = noise_levels.levels_of(relative, {"a1": 0.5, "a2": 0.3, "x1": 0.5})
-    assert found["a1"] == pytest.approx(np.sqrt(0.25 - found["ag"] ** 2)) and found["x1"] == 0.5
-    rows = np.arange(n) < 20
-    assert noise_levels.levels_of(relative, {}, rows)["F1"] == 0.0
-    fresh = noise_levels.noisy_base(record, {"ag": 2.0, "vg": 1.0}, np.random.default_rng(1))
-    assert list(fresh) == ["base_acceleration"]
-    assert fresh["base_acceleration"] - base == pytest.approx(2.0 * np.random.default_rng(1).standard_normal(n))
-    calm = noise_levels.quiet_drive(record, {"F1": 0.1, "ag": 0.3})
-    assert calm.force[:, 0] == pytest.approx(noise_levels.denoised(quiet, 0.1, 100.0))
-    assert calm.base_acceleration == pytest.approx(noise_levels.denoised(base, 0.3, 100.0))
-    assert not noise_levels.noisy_base(record, {"ag": 0.0}, np.random.default_rng(1))

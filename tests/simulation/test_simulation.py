@@ -189,38 +189,6 @@ def test_dry_friction_holds_below_its_level_and_slips_above():
     np.testing.assert_allclose(x[slip], b / 1e4 * (tau - np.sin(w * tau) / w), atol=1e-8)
 
 
-class Parametric(laws.ForceLaw):
-    """A spring that a channel sets, and a damper that grows with time."""
-
-    name = "test_parametric"
-    covariates = ("u",)
-    uses_time = True
-
-    def terms(self):
-        return (laws.Term("k", "u s", "N/m"), laws.Term("b", "t v", "N/m"))
-
-    @staticmethod
-    def kernel(s, v, a, t, u, z, theta, out):
-        out[0] = u[0] * s
-        out[1] = t * v
-
-
-def test_user_law_with_time_and_covariate_agrees_with_scipy():
-    law = Parametric(coefficients=[2e4, 300.0])
-    F, u = top_force(50.0, 200, n_dof=1), 1 + 0.3 * np.sin(40 * np.arange(200) * DT)
-    case = model(Chain(1), [5.0], storey_1=law)
-    rec = simulate(case, F, DT, covariates={"u": u})
-
-    def rate(y, inputs):
-        return np.array([y[1], (inputs[0] - 2e4 * inputs[1] * y[0] - 300.0 * y[2] * y[1]) / 5.0, 1.0])
-
-    truth = by_scipy(rate, np.column_stack([F, u]), DT, np.zeros(3))
-    np.testing.assert_allclose(rec.displacement[:, 0], truth[:, 0], atol=1e-9 * np.abs(truth[:, 0]).max())
-    assert np.array_equal(rec.covariates["u"], u)
-    with pytest.raises(ChannelError, match="read the covariate 'u', which is not given"):
-        simulate(case, F, DT)
-
-
 def test_rate_dependent_memory_agrees_with_scipy():
     F = top_force(100.0, 200, n_dof=1)
     rec = simulate(model(Chain(1), [10.0], storey_1=(LINEAR, laws.MaxwellBranch(tau=0.02, k=5e4))), F, DT)

@@ -55,6 +55,7 @@ class Hook(Enum):
     LATEX = "pysindy_nrf.output.report.equations:latex"
     MODEL_HTML = "pysindy_nrf.output.report.write:model_html"
     LOOP_MARKDOWN = "pysindy_nrf.output.report.write:markdown"
+    LOOP_VERDICT = "pysindy_nrf.output.report.content:loop_verdict"
     LOOP_HTML = "pysindy_nrf.output.report.write:loop_html"
 
     def __call__(self, *args: Any, **options: Any) -> Any:

@@ -5,9 +5,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from typing import Any
 
+from sklearn.base import clone
 from threadpoolctl import threadpool_limits
 
 from ..common.random_state import generator
+from ..diagnostics.verdict import OPEN, free_runs, mapping_that_closes, suspect_channels
 from ..estimation.intervals import tolerances_of
 from ..estimation.problem import LEAST_SQUARES, Problem
 from ..estimation.regressor import NRFRegressor
@@ -130,7 +132,15 @@ def close_loop(
             "band": band, "random_state": random_state, "max_steps": max_steps, "catalogue": tried,
             "baseline": baseline, "noise_floor": noise_floor, "calibration": tolerances,
         }  # fmt: skip
-        return concluded(forward, first, settings, rng)
+        report = concluded(forward, first, settings, rng)
+        report.free_runs = free_runs(report.model, ready.data)
+        report.faults = suspect_channels((*mine, *kept))
+        last = max((k for k, step in enumerate(report.steps, 1) if step.confirmed), default=0)
+        left = report.table.filter(like="held-out dof").iloc[last].max()
+        if report.faults or left > OPEN or (report.model.masses <= 0).any():
+            again = clone(baseline).set_params(estimation="ls", constraints=None, optimizer=None)
+            report.wiring = mapping_that_closes(mine, again.fit)
+        return report
 
 
 def _ruler(ready: Prepared, problem: Problem, strategy: str, band: Any) -> tuple[Workspace, Ruler]:

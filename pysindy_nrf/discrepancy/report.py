@@ -8,6 +8,7 @@ import pandas as pd
 
 from ..common.audit import constants_of, settings_of
 from ..common.lazy import Hook
+from ..diagnostics.verdict import FreeRuns, Verdict
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
 from ..signals.channel_checks import Measured
@@ -164,6 +165,13 @@ class LoopReport:
         What a general law without memory (:class:`~pysindy_nrf.laws.SmoothSurface`) and a general hysteresis
         (:class:`~pysindy_nrf.laws.PrandtlIshlinskii`) would still gain at each storey beside the final model, dB:
         what no law of the catalogue explains.
+    bounds : dict of str to (float, float)
+        95 % intervals of masses and coefficients, from fold to fold, by the names of ``confidence_intervals``.
+    free_runs : FreeRuns or None
+        The model alone under the measured forces of all records.
+    wiring, faults : str, dict of str to bool
+        The mapping of channels with which the balances close, where they do not; channels that seem to be reversed or
+        in the wrong column, and whether that is sure.
 
     Examples
     --------
@@ -190,6 +198,16 @@ class LoopReport:
     loops: list[SiteLoop] = field(default_factory=list)
     settings: dict[str, dict[str, Any]] = field(default_factory=dict)
     lack_of_fit: pd.DataFrame = field(default_factory=pd.DataFrame)
+    bounds: dict[str, tuple[float, float]] = field(default_factory=dict)
+    free_runs: FreeRuns | None = None
+    wiring: str = ""
+    faults: dict[str, bool] = field(default_factory=dict)
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether the model may be used, what was found, and why not; see :mod:`pysindy_nrf.diagnostics.verdict`."""
+        verdict: Verdict = Hook.LOOP_VERDICT(self)
+        return verdict
 
     def __str__(self) -> str:
         lines = [f"{i}. {step.sentence}" for i, step in enumerate(self.steps, 1)] or ["No effect was added."]

@@ -7,13 +7,24 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from scipy.stats import norm
+from sklearn.base import clone
 from sklearn.utils.validation import check_is_fitted
 
 from ..data.channels import require_two_dimensions, sample_weights
 from ..data.record import Record
 from ..diagnostics.bias import NEGLIGIBLE, NoiseBias, noise_bias, noise_shares
 from ..diagnostics.test_planning import Diagnosis, diagnose
-from ..exceptions import ChannelError, DataQualityWarning
+from ..diagnostics.verdict import (
+    FreeRuns,
+    Verdict,
+    free_runs,
+    mapping_that_closes,
+    nonlinear_parts,
+    shares_of,
+    suspect_channels,
+    verdict_on,
+)
+from ..exceptions import BiasWarning, ChannelError, DataQualityWarning, NRFError, NRFWarning
 from ..mechanics.chain import Chain
 from ..mechanics.identifiability import SolveOrder
 from ..regression.chain_model import ChainModel
@@ -46,6 +57,8 @@ class FittedChain:
     problem_: Problem
     masses_: np.ndarray
     errors_: pd.DataFrame
+    missing_terms_: pd.DataFrame
+    data_warnings_: dict[str, list[str]]
     n_samples_: int
     band: tuple[float | None, float | None] | None
     coordinates: str
@@ -56,6 +69,8 @@ class FittedChain:
     _fused_separately: Callable[[], SegmentSet] | None = None  # the motions fused DOF by DOF, if records were given
     _separate_resolver: Resolver | None = None
     _fused_jointly: bool = False  # True if X was fused jointly over the DOFs
+    _given: Any = None  # the records of the fit, if records were given
+    _free: FreeRuns | None = None
 
     def fit_data(self, cure: str) -> SegmentSet:
         """Data of the fit.
@@ -229,6 +244,68 @@ class FittedChain:
         """Diagnose what limits the estimate; see :func:`pysindy_nrf.diagnostics.test_planning.diagnose`."""
         check_is_fitted(self)
         return diagnose(self)
+
+    def verdict(self) -> Verdict:
+        """Whether the model may be used, what it holds, and why not; see :mod:`pysindy_nrf.diagnostics.verdict`.
+
+        Reads the balances, the intervals, the warnings of the fit and a free run over the data of the fit. Where a
+        balance does not close, the fit is repeated with other mappings of the channels, and the one that closes named.
+        """
+        check_is_fitted(self)
+        bounds, doubts = self.bounds()
+        missing = self.missing_terms_[self.missing_terms_["biased"].astype(bool)]
+        doubts = [text for held in self.data_warnings_.values() for text in held] + doubts
+        doubts += [f"{name[0].upper()}{name[1:]}: a law is missing, or the motion is noisy." for name in missing.index]
+        free, shares = None, {}
+        if self._records is not None:
+            free, shares = self.free_runs(), shares_of(self.model_, self._records)
+        errors = self.errors_["error"].drop("pooled")
+        found = list(nonlinear_parts(self.model_, shares, bounds).values())
+        return verdict_on(
+            self.model_, {int(k[4:]): float(e) for k, e in errors.items()}, found,
+            free, bounds, known_masses=self.problem_.known_masses, doubts=doubts,
+            faults=suspect_channels(self._given or []), wiring=self._wiring,
+        )  # fmt: skip
+
+    def free_runs(self) -> FreeRuns:
+        """Free runs of the model over the data of the fit, in the band of the fit.
+
+        Returns
+        -------
+        FreeRuns
+            ``.error``, ``.table``, ``.runs``, ``.why_not``.
+        """
+        if self._free is None:
+            data = self.fit_data("Fit again to run the model over its data.")
+            dt = self.dt if any(seg.dt is None for seg in data.segments) else None
+            self._free = free_runs(self.model_, data, self.problem_.filters(data), dt=dt)
+        return self._free
+
+    def bounds(self) -> tuple[dict[str, tuple[float, float]], list[str]]:
+        """95 % intervals by parameter, and why there are none."""
+        try:
+            with warnings.catch_warnings(action="ignore", category=NRFWarning):
+                warnings.simplefilter("error", BiasWarning)
+                table = self.confidence_intervals()
+        except BiasWarning as withheld:
+            return {}, [str(withheld)]
+        except NRFError as error:
+            return {}, [f"No intervals: {error}"]
+        return {str(r.parameter): (float(r.lower), float(r.upper)) for r in table.itertuples()}, []
+
+    def _wiring(self) -> str:
+        """The mapping of channels that closes the balances, in words."""
+        given = self._given
+        if given is None and self._records is not None:
+            step = self.dt or 1.0
+            given = [
+                Record(seg.F[seg.valid], seg.a[seg.valid], np.cumsum(seg.v[seg.valid], axis=1),
+                       np.cumsum(seg.s[seg.valid], axis=1), 1.0 / (seg.dt or step), name=seg.name,
+                       base_acceleration=None if seg.ag is None else seg.ag[seg.valid])
+                for seg in self._records.segments
+            ]  # fmt: skip
+        again = clone(self).set_params(estimation="ls", constraints=None)
+        return "" if given is None else mapping_that_closes(list(given), again.fit)
 
     def simulate(self, F: Any, *, dt: float | None = None, x0: Any = None, v0: Any = None, **options: Any) -> Record:
         """Free run of the identified model; parameters as of :func:`pysindy_nrf.simulate`.

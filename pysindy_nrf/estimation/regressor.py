@@ -240,6 +240,8 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             if holds_records(X):
                 self._fused_separately = lambda: self._separate(X, y, data, options)
             self._fused_jointly = fused_together(X)
+        if holds_records(X):
+            self._given = [X] if isinstance(X, Record) else list(X)
         self._one_force = y is not None and np.ndim(np.asarray(y)) == 1
         same_columns(self, len(X.columns) if hasattr(X, "columns") else 3 * data.n_dof, column_names(X), reset=True)
         return self
@@ -347,11 +349,12 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
 
     def __getstate__(self) -> dict[str, Any]:
         state = super().__getstate__()
-        data = "_records", "_fused_separately", "_separate_resolver"  # not part of the model
+        data = "_records", "_fused_separately", "_separate_resolver", "_given", "_free"  # not part of the model
         return state | {key: None for key in data if key in state}
 
     def _publish(self, found: Estimate, data: SegmentSet) -> None:
         self._fused_separately, self._separate_resolver, self._fused_jointly = None, None, False
+        self._given = self._free = None
         problem, solve_order, model, solution, grams = found
         layout = problem.layout
         self.problem_ = problem.with_laws(model.laws)

@@ -16,6 +16,7 @@ from pysindy_nrf import datasets, laws
 from pysindy_nrf.output.cli import group
 from pysindy_nrf.output.cli.group import cli, run
 from pysindy_nrf.output.cli.options import laws_of
+from pysindy_nrf.output.cli.outcome import RED
 
 PAGE = (Path(__file__).parents[2] / "docs" / "command_line.md").read_text("utf-8")
 COMMANDS = list(cli.commands)
@@ -158,7 +159,7 @@ def test_no_command_shows_a_traceback(command, here, capsys):
 def test_exit_codes_are_those_of_the_page():
     table = re.findall(r"^\| (\d+) \| ([\w ]+)", PAGE, re.MULTILINE)
     codes = {int(code): words for code, words in table}
-    assert set(codes) == {0, group.OTHER, group.USAGE, group.DATA, group.INTERRUPTED}
+    assert set(codes) == {0, group.OTHER, group.USAGE, group.DATA, RED, group.INTERRUPTED}
     assert codes[group.USAGE] == "wrong usage" and codes[group.INTERRUPTED] == "stopped by Ctrl"
 
 

@@ -11,6 +11,7 @@ from report_cases import two_storeys
 from pysindy_nrf import ChainModel, datasets, excitation, laws, simulate
 from pysindy_nrf.data.io import read_table, write_record
 from pysindy_nrf.output.cli.group import run
+from pysindy_nrf.output.cli.outcome import RED
 
 
 def test_demo_does_the_main_job(here, capsys):
@@ -21,7 +22,7 @@ def test_demo_does_the_main_job(here, capsys):
     shown = Path(__file__).parents[2].joinpath("README.md").read_text("utf-8").split("```\nMasses")[1].split("```")[0]
     for piece in (piece.strip() for line in shown.splitlines() for piece in line.split("...")):
         assert piece in said, f"README prints {piece!r}"
-    folder = here / "nrf_output"
+    folder = here / "nrf_demo"
     model = ChainModel.from_json(folder / "model.json")
     np.testing.assert_allclose(model.masses, [12, 10, 8], rtol=0.01)
     np.testing.assert_array_equal(pd.read_csv(folder / "masses.csv", float_precision="round_trip")["mass_kg"], model.masses)
@@ -98,8 +99,9 @@ def test_emps(here, capsys, spoken):
     data = spoken()
     assert 93 <= data["masses_kg"][0] <= 97
     assert 16 <= data["balance_error_percent"]["dof 1"] <= 18
-    assert run([*command, "--json"]) == 0
+    assert run([*command, "--json"]) == RED  # a power series in place of friction: its free run diverges
     data = spoken()
+    assert data["verdict"]["state"] == "red" and "free run diverges" in data["verdict"]["sentence"]
     assert 93 <= data["masses_kg"][0] <= 97 and 8.5 <= data["balance_error_percent"]["dof 1"] <= 10
 
 
@@ -194,9 +196,11 @@ def test_a_force_of_the_wrong_sign_is_said_and_has_no_modes(here, capsys):
     """-F = m a + ... : every mass comes out negative, which no structure is."""
     rec = two_storeys(name="flipped")
     rec.replace(force=-rec.force).to_frame().to_csv("flipped.csv")
-    assert run(["identify", "flipped.csv", "--degree", "1", "--no-figures"]) == 0
+    assert run(["identify", "flipped.csv", "--degree", "1", "--no-figures"]) == RED
     said = capsys.readouterr().out
-    assert "m1, m2 came out negative: the data do not determine this balance" in said
+    assert "RED: Do not use this model. With all forces reversed every balance closes" in said
+    assert "  - m1 = -8.0" in said and "no structure has a mass that is not positive" in " ".join(said.split())
+    assert "Next:" not in said
     assert "no free run: a mass is not positive" in said
     assert not Path("nrf_output/modes.csv").exists() and Path("nrf_output/masses.csv").exists()
 
@@ -210,7 +214,7 @@ def test_forces_are_drawn_although_the_free_run_diverges(here, capsys):
     v, a = np.gradient(x, t), np.gradient(np.gradient(x, t), t)
     force = 10.0 * a - 900.0 * v + 2e4 * x
     pd.DataFrame({"t": t, "F1": force, "a1": a, "v1": v, "x1": x})[5:-5].to_csv("f.csv", index=False)
-    assert run(["identify", "f.csv", "--degree", "1"]) == 0
+    assert run(["identify", "f.csv", "--degree", "1"]) == RED
     assert "no free run: The free run diverges" in capsys.readouterr().out
     assert Path("nrf_output/restoring_forces.png").exists() and not Path("nrf_output/free_run.png").exists()
 

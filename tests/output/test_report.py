@@ -290,7 +290,7 @@ def test_doubts_about_a_step_are_said():
     said = " ".join(cautions(doubtful))
     assert f"at {step.site} the held-out free run is worse than before (10 to 30 %)" in said
     doubtful.model = ChainModel([-1.0, 2.0, 3.0], report.model.laws, report.model.chain)
-    assert "m1 came out not positive" in " ".join(cautions(doubtful))
+    assert doubtful.verdict.state == "red" and "m1 = -1 kg" in doubtful.verdict.sentence
     doubtful.model, doubtful.steps = report.model, [replace(step, free_run_before=np.nan, free_run_after=np.nan)]
     names = [name for name, _ in of_loop(doubtful).chapters[0].facts]
     assert "Held-out data" in names and "Held-out free-run error" not in names
@@ -310,10 +310,10 @@ def test_an_effect_that_held_out_data_do_not_confirm_is_not_counted():
     assert found.chapters[0].state == "NOT CONFIRMED" and dict(found.chapters[0].facts)["Held-out data"].startswith(
         "NOT"
     )
-    assert found.effects.rows[0][-1] == found.errors[1].rows[1][-1] == "NOT CONFIRMED"
-    assert found.errors[0].marks[1].hatched and not found.errors[0].marks[0].hatched
-    assert "band" not in found.errors[1].head
-    assert "is NOT CONFIRMED: the held-out error goes from" in found.warnings[0]
+    assert found.effects.rows[0][-1] == found.errors[0].rows[1][-1] == "NOT CONFIRMED"
+    assert found.picture[0].marks[1].hatched and not found.picture[0].marks[0].hatched
+    assert "band" not in found.errors[0].head
+    assert "is NOT CONFIRMED: the held-out error goes from" in found.care[0]
     assert "NOT CONFIRMED" in report._repr_html_() and "| NOT CONFIRMED |" in report.to_markdown()
     both = copy.copy(report)
     both.steps = [step, *report.steps]

@@ -15,11 +15,11 @@ import click
 from ... import __version__
 from ...exceptions import MissingExtraError, NRFError
 from .change_commands import damage, forces
-from .model_commands import close_loop, compare, demo, identify, select_order
+from .model_commands import close_loop, compare, demo, identify, run_test, select_order
 from .options import in_options, printable
 from .record_commands import inspect, plan, report, simulate
 
-USAGE, DATA, OTHER, INTERRUPTED = 2, 3, 1, 130
+USAGE, DATA, OTHER, INTERRUPTED = 2, 3, 1, 130  # and outcome.RED
 
 
 class _Ordered(click.Group):
@@ -42,17 +42,22 @@ def cli() -> None:
         pysindy-nrf demo
     then give it your own test, a file with columns t, F1.., a1.., v1.., x1.. (SI units):
         pysindy-nrf inspect test.csv          (what does the file hold?)
+        pysindy-nrf run test.csv              (masses, forces, what linear storeys lack; a verdict)
+    and for more say in it
         pysindy-nrf identify test.csv
-        pysindy-nrf close-loop test.csv       (what does the model lack?)
+        pysindy-nrf close-loop test.csv
     Columns with other names and units: --map F2='Shaker @ kN' --unit a=g --unit x=mm, on each of them.
 
     \b
-    Exit codes: 0 done, 2 wrong usage, 3 the data or what was asked of them, 1 anything else, 130 stopped by Ctrl-C.
+    Exit codes: 0 done, 2 wrong usage, 3 the data or what was asked of them, 4 done, but the verdict is red, 1 anything
+    else, 130 stopped by Ctrl-C.
     Results go to the output stream, progress and errors to the error stream.
     """
 
 
-for command in (demo, inspect, identify, close_loop, select_order, forces, damage, compare, simulate, report, plan):
+for command in (
+    demo, inspect, run_test, identify, close_loop, select_order, forces, damage, compare, simulate, report, plan,
+):  # fmt: skip
     cli.add_command(command)
 
 

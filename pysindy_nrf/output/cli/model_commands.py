@@ -1,6 +1,8 @@
 """Commands that find models: ``demo``, ``identify``, ``close-loop``, ``select-order`` and ``compare``."""
 
+import itertools
 import textwrap
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +12,13 @@ from click.core import ParameterSource
 from ...exceptions import ChannelError
 from ...mechanics.chain import Chain
 from . import options as opt
-from .options import Session
+from .options import Session, paragraphs
 
 
 @click.command(short_help="Identify a bundled record of a shaken frame.")
-@opt.output_option
+@opt.demo_option
 @opt.json_option
-def demo(as_json: bool, **options: Any) -> None:
+def demo(as_json: bool, **options: Any) -> int:
     """Identify a bundled record: a shaken three-storey frame whose ground storey hardens.
 
     Only floor 2 is forced and every channel carries 2 % noise. The record was simulated, so the
@@ -34,8 +36,9 @@ def demo(as_json: bool, **options: Any) -> None:
     record, estimator = reading.record, NRFRegressor(degree=3)
     _say_plan(session, 3, record.forced, record.unknown, {}, estimator)
     outcome = identify_records([record], estimator, raw=False, progress=session.progress)
-    finish(session, outcome, None, True, [summary(record)], demo_truth(), records=[record])
-    session.say("\nNext: pysindy-nrf inspect YOUR_TEST.csv, then identify, then close-loop   (pysindy-nrf --help)")
+    code = finish(session, outcome, None, True, [summary(record)], demo_truth(), records=[record])
+    session.say("\nNext: pysindy-nrf inspect YOUR_TEST.csv, then run YOUR_TEST.csv   (pysindy-nrf --help)")
+    return code
 
 
 @click.command(short_help="Find masses and restoring forces from records.")
@@ -74,7 +77,7 @@ def demo(as_json: bool, **options: Any) -> None:
 @opt.choice("--forces", ["csv", "parquet", "uff"], "Write the restoring force of each site along each record too.")
 @click.option("--dry-run", is_flag=True, help="Say what was understood and what can be identified, then stop.")
 @opt.json_option
-def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) -> None:
+def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) -> int:
     """Find masses and restoring forces from the records of one chain.
 
     FILE is CSV or other delimited text, Parquet, MATLAB, HDF5, NumPy, UFF 58 or strong motion (V2); several
@@ -109,8 +112,7 @@ def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) 
         "known_masses": masses or None,
     }  # fmt: skip
     if frf:
-        _identify_frf(session, files, settings, options)
-        return
+        return _identify_frf(session, files, settings, options)
     for name in ("excited", "kind"):
         if _given(name):
             raise click.UsageError(f"--{name} goes with --frf only.")
@@ -130,15 +132,16 @@ def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) 
     plan = _say_plan(session, n, forced, unknown, masses, estimator)
     if options["dry_run"]:
         _dry(session, plan, understood)
-        return
+        return 0
     outcome = identify_records(records, estimator, options["raw"], session.progress)
     more = {"tables": options["tables"], "forces": options["forces"], "records": records}
-    finish(session, outcome, band, options["figures"], understood, **more)
-    if estimator.missing_terms_["biased"].any():
+    code = finish(session, outcome, band, options["figures"], understood, **more)
+    if not code and estimator.missing_terms_["biased"].any():
         session.say("\nNext: pysindy-nrf close-loop, with the same files and channels, looks for the missing law.")
+    return code
 
 
-def _identify_frf(session: Session, files: tuple[Path, ...], settings: dict[str, Any], options: dict[str, Any]) -> None:
+def _identify_frf(session: Session, files: tuple[Path, ...], settings: dict[str, Any], options: dict[str, Any]) -> int:
     from ...data.io import read_frf
     from ...estimation.regressor import NRFRegressor
     from .outcome import finish, identify_frf
@@ -165,9 +168,9 @@ def _identify_frf(session: Session, files: tuple[Path, ...], settings: dict[str,
     understood = [{"name": frf.name, "n_dof": frf.n_dof, "n_lines": len(frf.f), "excited": frf.excited}]
     if options["dry_run"]:
         _dry(session, plan, understood)
-        return
+        return 0
     outcome = identify_frf(frf, estimator)
-    finish(session, outcome, band, options["figures"], understood)
+    return finish(session, outcome, band, options["figures"], understood)
 
 
 def _say_plan(session: Session, n: int, forced: Any, unknown: Any, masses: Any, estimator: Any) -> Any:
@@ -195,21 +198,60 @@ def _given(option: str) -> bool:
     return click.get_current_context().get_parameter_source(option) is not ParameterSource.DEFAULT
 
 
+def _loop_options(command: Any) -> Any:
+    """Options of the commands that close the loop."""
+    options = (
+        opt.record_options,
+        click.option(
+            "--heldout", multiple=True, type=click.Path(path_type=Path), help="A file that only the last line may see."
+        ),
+        opt.degree_option(1, "Total degree of the declared storeys, or box k,q."), opt.law_option, opt.mass_option,
+        opt.band_option, click.option("--steps", type=click.IntRange(0), default=4, help="Effects at most."),
+        click.option("--seed", type=int, default=0, help="Seed of the parametric bootstrap."),
+    )  # fmt: skip
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+@click.command("run", short_help="Inspect, close the loop, report: the verdict on a test.")
+@opt.files_argument
+@_loop_options
+@opt.run_option
+@opt.json_option
+def run_test(files: tuple[Path, ...], as_json: bool, **options: Any) -> int:
+    """Inspect the files of a test, find masses, restoring forces and what linear storeys lack, and say a verdict.
+
+    Everything goes into a folder of its own, nrf_runs/FILE (nrf_runs/FILE-2 the next time): the page, the model,
+    tables, figures, and a manifest with the command, the versions and the SHA-256 of the files. The options are
+    those of close-loop. The exit code is 4 if the verdict is red.
+
+    \b
+    Examples
+      pysindy-nrf run shaker.csv
+      pysindy-nrf run --mapping tower.toml
+    """
+    context = click.get_current_context()
+    if context.params["output"] is None:
+        said = opt.said_of(options)[0]
+        named = files or tuple(said.files)
+        context.params["output"] = _own_folder(named[0].stem if named else "run")
+    return _close(Session(as_json), files, options, True)
+
+
+def _own_folder(name: str) -> Path:
+    """A folder below nrf_runs that no run has used."""
+    home = Path("nrf_runs")
+    names = (home / (name if k == 1 else f"{name}-{k}") for k in itertools.count(1))
+    return next(path for path in names if not path.exists())
+
+
 @click.command("close-loop", short_help="Find the effects that a model lacks.")
 @opt.files_argument
-@opt.record_options
-@click.option(
-    "--heldout", multiple=True, type=click.Path(path_type=Path), help="A file that only the last line may see."
-)
-@opt.degree_option(1, "Total degree of the declared storeys, or box k,q.")
-@opt.law_option
-@opt.mass_option
-@opt.band_option
-@click.option("--steps", type=click.IntRange(0), default=4, help="Effects at most.")
-@click.option("--seed", type=int, default=0, help="Seed of the parametric bootstrap.")
+@_loop_options
 @opt.output_option
 @opt.json_option
-def close_loop(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
+def close_loop(files: tuple[Path, ...], as_json: bool, **options: Any) -> int:
     """Find the effects a model lacks, add them, and report the error before and after.
 
     FILE is read as by ``identify``. A quarter of each record (or the files given with --heldout) is put
@@ -222,12 +264,18 @@ def close_loop(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
       pysindy-nrf close-loop DATA_EMPS.mat --map x1=qm --map F1='vir*35.1507' --map t=t
       pysindy-nrf close-loop quake.csv --map ag='table @ g' --known-mass 1=1 --known-mass 2=1 --known-mass 3=1
     """
+    return _close(Session(as_json), files, options, False)
+
+
+def _close(session: Session, files: tuple[Path, ...], options: dict[str, Any], inspected: bool) -> int:
+    """Close the loop, say what was found, and write it."""
     from ...data.io import describe
     from ...discrepancy import close_loop as run
     from ...estimation.regressor import NRFRegressor
-    from ..report.content import band_source, band_text, lead, verdict
+    from ...signals.channel_checks import data_warnings
+    from ..report.content import band_source, band_text, lead, standing
+    from .outcome import exit_code
 
-    session = Session(as_json)
     baseline = NRFRegressor(
         degree=options["degree"], laws=opt.laws_of(options["laws"], options["degree"]),
         known_masses=options["masses"] or None,
@@ -236,43 +284,51 @@ def close_loop(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
     kept = opt.readings_of(options["heldout"], options, session) if options["heldout"] else []
     session.measured(*map(describe, (*readings, *kept)))
     with session.listening():
+        doubts = [text for r in (*readings, *kept) for text in data_warnings(r.record)] if inspected else []
         report = run(
             [r.record for r in readings], baseline, heldout=[r.record for r in kept] or None, band=options["band"],
-            random_state=options["seed"], max_steps=options["steps"], progress=not as_json,
+            random_state=options["seed"], max_steps=options["steps"], progress=not session.as_json,
         )  # fmt: skip
+        verdict = report.verdict
+    session.warnings = [one for one in dict.fromkeys([*doubts, *session.warnings]) if one not in verdict.reasons]
+    session.headed("Verdict", paragraphs([verdict.sentence], f"{verdict.state.upper()}: "), paragraphs(verdict.reasons))
     session.headed("What was found", f"{lead(report)}\n\n{report}")
     band = ", ".join(filter(None, [band_text(report.band), band_source(report)]))
     shown = report.table.drop(columns="band")
     if report.steps:
-        shown["held-out data"] = ["", *map(verdict, report.steps)]
+        shown["held-out data"] = ["", *map(standing, report.steps)]
     session.headed(f"Errors, percent NRMSE, {band} (balance errors, but for the free run)", opt.table(shown))
-    session.headed("Model", str(report.model))
+    session.headed("Model" + " (not to be used)" * (verdict.state == "red"), str(report.model))
     session.take_care()
     steps = [{key: getattr(step, key) for key in _OF_A_STEP} for step in report.steps]
     data = {"steps": steps, "table": report.table, "stopped_because": report.stopped_because, "band_hz": report.band}
     report.model.info["inputs"] = session.results.sources
     with session.aside() as folder:
         written = _write(report, folder)
-    session.finish(data | {"model": report.model.to_dict()}, written)
+    session.finish({"verdict": asdict(verdict)} | data | {"model": report.model.to_dict()}, written)
+    return exit_code(verdict)
 
 
 # what --json prints of each effect
 _OF_A_STEP = (
-    "law", "family", "site", "parameters", "alternatives", "error_before", "error_after", "gain", "gain_error",
-    "gain_least", "gain_heldout", "share", "confirmed", "sure", "remainder", "sentence",
+    "law", "family", "site", "parameters", "intervals", "alternatives", "error_before", "error_after", "gain",
+    "gain_error", "gain_least", "gain_heldout", "share", "confirmed", "sure", "remainder", "sentence",
 )  # fmt: skip
 
 
 def _write(report: Any, folder: Path) -> list[Path]:
     from ...common.files import atomic_write
     from ...data.io import write_table
+    from ..displays._matplotlib import save
+    from ..report.content import pictures
     from .outcome import page
 
-    model, words = folder / "model.json", folder / "closed_loop.md"
+    model, words = folder / "closed_loop.json", folder / "closed_loop.md"
     report.model.to_json(model)
     with atomic_write(words) as file:
         file.write(report.to_markdown())
     written = [model, words, write_table(report.table.rename_axis("model"), folder / "closed_loop.csv")]
+    written += save(folder / "closed_loop.png", pictures(report), columns=2)
     return written + page(lambda path: report.to_html(path), folder / "closed_loop.html")
 
 

@@ -139,10 +139,10 @@ def table(frame: pd.DataFrame, digits: int = 4) -> str:
     return frame.to_string(float_format=lambda x: "-" if np.isnan(x) else f"{x:.{digits}g}")
 
 
-def paragraphs(notes: Sequence[str]) -> str:
+def paragraphs(notes: Sequence[str], first: str = "  - ") -> str:
     """Warnings, one a paragraph, in lines that a terminal shows whole."""
     lines = textwrap.TextWrapper(
-        110, initial_indent="  - ", subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
+        110, initial_indent=first, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
     )
     return "\n".join(lines.fill(note) for note in notes)
 
@@ -303,13 +303,7 @@ files_argument = click.argument("files", nargs=-1, metavar="FILE...", type=click
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of words.")
 
 
-def output_option(command: Any) -> Any:
-    """The option of a command that writes a folder."""
-    folder = click.Path(path_type=Path, file_okay=False)
-    return _output(folder, "nrf_output", "Folder for the model, tables and figures.")(command)
-
-
-def _output(kind: click.Path, name: str, words: str) -> Callable[[Any], Any]:
+def _output(kind: click.Path, name: str | None, words: str) -> Callable[[Any], Any]:
     """Where results go, and whether they may take the place of files that no earlier run made."""
 
     def options(command: Any) -> Any:
@@ -317,9 +311,19 @@ def _output(kind: click.Path, name: str, words: str) -> Callable[[Any], Any]:
             "--force", is_flag=True, expose_value=False, callback=lambda run, _, on: run.meta.update({_FORCE: on}),
             is_eager=True, help="Write over files that no earlier run made, inputs included.",
         )  # fmt: skip
-        return click.option("--output", "-o", type=kind, default=Path(name), help=words)(force(command))
+        return click.option("--output", "-o", type=kind, default=name and Path(name), help=words)(force(command))
 
     return options
+
+
+def _folder(name: str | None, words: str) -> Any:
+    """The option of a command that writes a folder."""
+    words = f"Folder for the model, tables and figures{words}."
+    return _output(click.Path(path_type=Path, file_okay=False), name, words)
+
+
+output_option, demo_option = _folder("nrf_output", ""), _folder("nrf_demo", "")
+run_option = _folder(None, "; nrf_runs/FILE, or the next that is free, if left out")
 
 
 def repeated(flag: str, name: str, kind: click.ParamType, words: str, keyed: bool = True) -> Any:

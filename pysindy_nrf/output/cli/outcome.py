@@ -2,7 +2,7 @@
 
 import textwrap
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +12,11 @@ import pandas as pd
 from ...data.io import write_forces, write_table
 from ...data.io.frf import FrequencyResponse, in_band
 from ...data.record import Record
-from ...diagnostics.test_planning import LARGE_ERROR, creates_energy
+from ...diagnostics.verdict import FreeRuns, Verdict, free_runs, shares_of, verdict_on
 from ...discrepancy.residual import loops_of
 from ...estimation.noise_spectra import transfer
-from ...exceptions import SimulationError
-from ...regression.errors import free_run_of, squares_of
 from ...regression.input_arrays import from_arrays
-from ...regression.segments import Segment, SegmentSet
+from ...regression.segments import SegmentSet
 from ...signals.kinematics import base_acceleration
 from ...signals.zero_phase_filter import FairFilter, filters_of
 from ..displays import FreeRunDisplay
@@ -28,9 +26,10 @@ from ..displays.forces import loop_figure
 from ..displays.motion import response_figures
 from ..report import available as pages_available
 from ..report import write_html
-from ..report.content import band_text, listed, not_positive
+from ..report.content import band_text, listed
 from .options import Session, heading, paragraphs, table, warned
 
+RED = 4  # exit code
 Progress = Callable[[Iterable[Any], str], Iterable[Any]]
 
 
@@ -39,9 +38,8 @@ class Outcome:
     """A fitted model and how well it does."""
 
     estimator: Any
-    free_run: pd.DataFrame | None = None
-    no_free_run: str = ""
-    runs: list[tuple[Segment, Record]] = field(default_factory=list)
+    verdict: Verdict
+    free: FreeRuns | None = None
     shares: dict[str, pd.Series] = field(default_factory=dict)
     frf: tuple[FrequencyResponse, np.ndarray] | None = None
     used: Any = None
@@ -78,9 +76,11 @@ def identify_records(records: Sequence[Record], estimator: Any, raw: bool, progr
             data = from_arrays(X, F, n_dof=records[0].n_dof, **options)
         else:
             data = estimator.fit(records).fit_data("")
-        outcome = Outcome(estimator, shares=term_shares(estimator.model_, data), data=data)
-        _free_runs(outcome, records, data, progress)
-    outcome.warnings = messages()
+        step = None if data.segments[0].dt else 1.0 / records[0].fs
+        estimator._free = free_runs(estimator.model_, data, estimator.problem_.filters(data), _names(records), step)
+        shares = shares_of(estimator.model_, data)
+        outcome = Outcome(estimator, estimator.verdict(), estimator.free_runs(), shares, data=data)
+    outcome.warnings = [one for one in messages() if one not in outcome.verdict.reasons]
     return outcome
 
 
@@ -90,7 +90,14 @@ def identify_frf(frf: FrequencyResponse, estimator: Any) -> Outcome:
         estimator.fit(frf)
     mobility = transfer(estimator.model_.matrices(), frf.f)[:, :, frf.excited - 1]
     response, used = 2j * np.pi * frf.f[:, None] * mobility, in_band(frf.f, estimator.band)
-    return Outcome(estimator, frf=(frf, response), used=used, warnings=messages())
+    known = estimator.problem_.known_masses
+    verdict = verdict_on(estimator.model_, {}, [], None, estimator.bounds()[0], known_masses=known)
+    return Outcome(estimator, verdict, frf=(frf, response), used=used, warnings=messages())
+
+
+def _names(records: Sequence[Record]) -> list[str]:
+    """Names of records."""
+    return [rec.name for rec in records]
 
 
 def _beside(records: Sequence[Record]) -> dict[str, Any]:
@@ -105,62 +112,13 @@ def _beside(records: Sequence[Record]) -> dict[str, Any]:
     return out
 
 
-def term_shares(model: Any, data: SegmentSet) -> dict[str, pd.Series]:
-    """Rms of each term's force, percent of the rms of the site's force, by site and largest first."""
-    out = {}
-    for site, force in model.restoring_forces.items():
-        if not force.laws:
-            continue
-        terms, whole = np.zeros(len(force.coefficients)), 0.0
-        for seg in data.segments:
-            motion = seg.motion(site, seg.valid)
-            columns = np.hstack([law.features(motion) * law.coefficients for law in force.laws])
-            terms += (columns**2).sum(axis=0)
-            whole += (columns.sum(axis=1) ** 2).sum()
-        if whole:
-            shares = pd.Series(100 * np.sqrt(terms / whole), index=force.coefficients.index)
-            out[str(site)] = shares.sort_values(ascending=False)
-    return out
-
-
-def _free_runs(outcome: Outcome, records: Sequence[Record], data: SegmentSet, progress: Progress) -> None:
-    """Run the model alone, from the first measured state, under the measured force."""
-    model, band = outcome.estimator.model_, outcome.estimator.band
-    if (model.masses <= 0).any():
-        outcome.no_free_run = "a mass is not positive"
-        return
-    rows: dict[str, list[float]] = {}
-    for rec, seg in progress(list(zip(records, data.segments)), "free runs"):
-        if np.isnan(seg.F[seg.valid]).any():
-            outcome.no_free_run = f"a force of {rec.name} is unknown"
-            continue
-        try:
-            run = free_run_of(model, seg, seg.valid, 1.0 / rec.fs)
-        except SimulationError as error:
-            outcome.no_free_run = str(error)
-            continue
-        outcome.runs.append((seg, run))
-        filter = None if band is None else FairFilter(band, rec.fs)
-        missed, measured = squares_of(run, seg, seg.valid, filter)
-        rows[_unique(rec.name, rows)] = list(100.0 * np.sqrt(missed / measured))
-    if rows:
-        outcome.free_run = pd.DataFrame.from_dict(
-            rows, orient="index", columns=[f"x{j}" for j in range(1, model.n_dof + 1)]
-        )
-
-
-def _unique(name: str, taken: Any) -> str:
-    number, label = 2, name
-    while label in taken:
-        label, number = f"{name} ({number})", number + 1
-    return label
-
-
 def result(outcome: Outcome, band: Any, truth: Any = None) -> str:
     """Masses, equations, errors and modes of an outcome; ``truth`` is the model behind a simulated record."""
     est, model = outcome.estimator, outcome.estimator.model_
     known = dict(est.known_masses or {})
-    said = [heading("Masses")]
+    said = [heading("Verdict"), paragraphs([outcome.verdict.sentence], outcome.verdict.state.upper() + ": ")]
+    said += [paragraphs(outcome.verdict.reasons)] if outcome.verdict.reasons else []
+    said.append(heading("Masses"))
     for j, mass in enumerate(model.masses, 1):
         note = "  (given)" if j in known else f"  (truth {truth.masses[j - 1]:g})" if truth is not None else ""
         said.append(f"  m{j} = {mass:.5g} kg{note}")
@@ -180,9 +138,8 @@ def result(outcome: Outcome, band: Any, truth: Any = None) -> str:
             heading("Modes of the linear part (Hz, share of critical damping, shape)"),
             textwrap.indent(table(modes), "  "),
         ]
-    notes = outcome.warnings + advice(outcome)
-    if notes:
-        said += [heading("Take care"), paragraphs(notes)]
+    if outcome.warnings:
+        said += [heading("Take care"), paragraphs(outcome.warnings)]
     return "\n".join(said)
 
 
@@ -217,47 +174,29 @@ def _free(outcome: Outcome) -> list[str]:
     if outcome.response_error is not None:
         shown = listed(f"H{j} {e:.4g} %" for j, e in enumerate(outcome.response_error, 1))
         return [f"response error (the model's own frequency response against the measured one): {shown}"]
-    lines = []
-    for name, row in () if outcome.free_run is None else outcome.free_run.iterrows():
+    lines: list[str] = []
+    if outcome.free is None:
+        return lines
+    for name, row in outcome.free.table.iterrows():
         shown = listed(f"{dof} {e:.4g} %" for dof, e in row.items())
         lines.append(f"free-run error of {name} (the model alone under the measured force): {shown}")
-    return lines + ([f"no free run: {outcome.no_free_run}"] if outcome.no_free_run else [])
-
-
-def advice(outcome: Outcome) -> list[str]:
-    """Sentences on what makes the numbers doubtful."""
-    said: list[str] = []
-    errors = outcome.estimator.errors_.drop(index="pooled")["error"]
-    poor = [f"{dof_words(k)} ({e:.3g} %)" for k, e in errors.items() if e > LARGE_ERROR]
-    if poor and outcome.frf is None and not outcome.warnings:
-        said.append(
-            f"Much of the force is unexplained in the balance of {listed(poor)}. A law is missing, or the channels are "
-            "noisy; either biases masses and stiffnesses, noise biases them low. Try another degree or law, or a band."
-        )
-    said += not_positive(outcome.estimator.masses_, "negative")
-    dampings = pd.Series([0.0]) if outcome.modes is None else outcome.modes["damping"]
-    if (astray := outcome.free_run is not None and np.nanmax(outcome.free_run.to_numpy()) > 50) and dampings.min() >= 0:
-        said.append(
-            "The free run leaves the measured motion. A model can be right and still drift (a stage without a "
-            "spring, a yielding storey, a record that starts in motion); check the figure."
-        )
-    elif dampings.min() < 0 and (astray or outcome.frf is not None):
-        said.append(creates_energy(dampings.idxmin(), dampings.min()))
-    return said
+    return lines + ([f"no free run: {outcome.free.why_not}"] if outcome.free.why_not else [])
 
 
 def as_data(outcome: Outcome, band: Any, records: list[dict[str, Any]]) -> dict[str, Any]:
     """The same as plain data, for ``--json``; ``records`` is what was understood."""
     est, model = outcome.estimator, outcome.estimator.model_
-    free = None if outcome.free_run is None else {str(k): row.to_dict() for k, row in outcome.free_run.iterrows()}
+    runs = outcome.free or FreeRuns(pd.DataFrame())
     return {
+        "verdict": asdict(outcome.verdict),
         "records": records, "band_hz": None if band is None else list(band),
         "solve_order": str(est.solve_order_).splitlines(), "masses_kg": [float(m) for m in model.masses],
         "equations": model.equations(6), "balance_error_percent": est.errors_["error"],
-        "third_law_gap_percent": {str(k): gap for k, gap in est.third_law_gap_.items()}, "free_run_error_percent": free,
-        "response_error_percent": outcome.response_error, "no_free_run": outcome.no_free_run or None,
+        "third_law_gap_percent": {str(k): gap for k, gap in est.third_law_gap_.items()},
+        "free_run_error_percent": runs.table.to_dict("index") or None,
+        "response_error_percent": outcome.response_error, "no_free_run": runs.why_not or None,
         "modes": None if outcome.modes is None else outcome.modes.to_dict(orient="records"),
-        "warnings": outcome.warnings + advice(outcome), "model": model.to_dict(),
+        "warnings": [*outcome.verdict.reasons, *outcome.warnings], "model": model.to_dict(),
     }  # fmt: skip
 
 
@@ -276,8 +215,8 @@ def write_all(
     frames = {"masses": masses, "coefficients": coefficients(model), "balance_errors": errors}
     if (model.masses > 0).all() and (model.total_masses > 0).all():
         frames["modes"] = model.modes().reset_index().rename(columns={"frequency": "frequency_Hz"})
-    if outcome.free_run is not None:
-        frames["free_run_errors"] = outcome.free_run.add_suffix("_percent").reset_index(names="record")
+    if outcome.free is not None and len(outcome.free.table):
+        frames["free_run_errors"] = outcome.free.table.add_suffix("_percent").reset_index(names="record")
     written += [write_table(frame, folder / f"{name}.{tables}") for name, frame in frames.items()]
     if forces and outcome.data is not None:
         for i, seg in enumerate(outcome.data.segments, 1):
@@ -322,7 +261,7 @@ def _figures(outcome: Outcome, folder: Path, band: Any) -> list[Path]:
         data = outcome.data
         loops = [loop_figure(loop) for loop in loops_of(outcome.estimator.model_, data, filters_of(band, data))]
         written += save(folder / "restoring_forces.png", loops, columns=max(1, min(3, len(loops))))
-    if outcome.runs:
+    if outcome.free is not None and outcome.free.runs:
         display = _free_run(outcome, band)
         last = f", last {display.time[-1] - display.begin:.3g} s" if display.begin > display.time[0] else ""
         title = f"The model alone under the measured force{last}, {band_text(band)}"
@@ -332,7 +271,8 @@ def _figures(outcome: Outcome, folder: Path, band: Any) -> list[Path]:
 
 def _free_run(outcome: Outcome, band: Any) -> Any:
     """Measured and free-run displacements at the end of the first record, where a model has had time to go wrong."""
-    seg, run = outcome.runs[0]
+    assert outcome.free is not None
+    seg, run = outcome.free.runs[0]
     measured, own = np.cumsum(seg.s[seg.valid], axis=1), run.displacement
     begin = run.time[_start_of_last_cycles(measured)]
     if band is not None:
@@ -350,8 +290,8 @@ def _start_of_last_cycles(measured: np.ndarray) -> int:
 def finish(
     session: Session, outcome: Outcome, band: Any, figures: bool, understood: list[dict], truth: Any = None,
     **files: Any,
-) -> None:  # fmt: skip
-    """Say what was found and write it; ``understood`` are the records in words."""
+) -> int:  # fmt: skip
+    """Say what was found and write it; ``understood`` are the records in words. The exit code by the verdict."""
     session.say(result(outcome, band, truth))
     outcome.estimator.model_.info["inputs"] = session.results.sources
     with session.aside() as folder:
@@ -361,3 +301,9 @@ def finish(
         session.say("No figures: matplotlib is not installed; pip install 'pysindy-nrf[plot]' brings it.")
     if outcome.frf is None and not any(p.suffix == ".html" for p in written):
         session.say("No page: pip install 'pysindy-nrf[report]' brings what it needs.")
+    return exit_code(outcome.verdict)
+
+
+def exit_code(verdict: Verdict) -> int:
+    """Exit code of a verdict: 4 if it is red."""
+    return RED if verdict.state == "red" else 0

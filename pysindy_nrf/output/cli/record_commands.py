@@ -80,7 +80,7 @@ def _say_contents(session: Session, files: tuple[Path, ...]) -> None:
 def simulate(model: Path, forces: Path | None, as_json: bool, **options: Any) -> None:
     """Run a model alone under the forces of a file and write the motion.
 
-    MODEL is a model.json as identify and close-loop write it. FORCES holds F1.. (N) and ag (m/s^2), those that
+    MODEL is model.json of identify or closed_loop.json of close-loop. FORCES holds F1.. (N) and ag (m/s^2), those that
     act, with a time column t or --fs, and channels that the laws read (a voltage); motions in it are left out. A
     mapping file that names one test may stand for it.
 
@@ -202,7 +202,7 @@ def plan(floors: int, as_json: bool, **options: Any) -> None:
 def report(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
     """Write one page (HTML, works offline) of a result, of records, or of both.
 
-    FILE is a result - the model.json of identify or close-loop, or what they print with --json -, and files of
+    FILE is a result (model.json of identify, closed_loop.json of close-loop, what they print with --json) and files of
     records to draw beside it. Records alone are identified first, as by identify, with --degree and --known-mass.
     The band is that of the result if --band is left out.
 

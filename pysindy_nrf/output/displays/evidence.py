@@ -214,6 +214,6 @@ class BeforeAfterDisplay(Display):
                     "Held-out balance error, percent NRMSE",
                     pd.DataFrame(self.errors, names, self.balances), index="model",
                 ),
-                wide=True, height=360,
+                wide=True, height=280,
             )
         ]  # fmt: skip

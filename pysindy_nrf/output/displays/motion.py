@@ -8,7 +8,7 @@ import pandas as pd
 from ...exceptions import ChannelError
 from ...regression.errors import nrmse
 from ...signals.kinematics import base_acceleration_if_any, base_motion
-from ._figure import CYCLE, DASHES, Axis, Figure, Line, Mark
+from ._figure import CYCLE, DASHES, Axis, Figure, Line, Mark, Table
 from ._matplotlib import Display
 
 
@@ -90,6 +90,33 @@ class FreeRunDisplay(Display):
             x.limits = None if self.begin is None else (self.begin, self.time[-1])
             out.append(Figure(f"Free run of DOF {j}", marks, x, y, legend="above", size=(6.5, 1.4)))
         return out
+
+
+def free_run_figure(free: Any, points: int = 3000) -> list[Figure]:
+    """The free run over the measurement, at the DOF that moves most, about its largest motion; thinned to be drawn."""
+    if free is None or not free.runs:
+        return []
+    (seg, run), errors = free.runs[0], free.table.iloc[0]
+    x = np.cumsum(seg.s[seg.valid], axis=1)
+    j = int(np.argmax(np.abs(x).max(axis=0)))
+    width = min(len(x), points)
+    start = int(np.clip(np.abs(x[:, j]).argmax() - width // 3, 0, len(x) - width))
+    rows = slice(start, start + width, max(1, width // 1500))
+    own = np.clip(run.displacement[rows, j], *(2.5 * np.abs(x[:, j]).max() * np.array([-1, 1])))
+    marks: list[Mark] = [
+        Line(run.time[rows], x[rows, j], "measured", "orange", 2.2),
+        Line(run.time[rows], own, f"the model alone ({errors.iloc[j]:.3g} % NRMSE over the record)", "blue", 1.1),
+    ]
+    said = ", ".join(f"{name} {e:.3g} %" for name, e in errors.items())
+    numbers = Table("Free-run error, percent NRMSE", ["DOF", "error (%)"], [*map(list, errors.items())])
+    return [
+        Figure(
+            f"Free run: the model alone under the measured force, DOF {j + 1}", marks, Axis("time", "s"),
+            Axis(f"x_{{{j + 1}}}", "m"), alt=f"Free-run error over the record, percent NRMSE: {said}.", wide=True,
+            caption=f"Error over the whole record: {said}. Drawn about the largest motion.", size=(8.0, 3.0),
+            height=320, table=numbers,
+        )
+    ]  # fmt: skip
 
 
 def response_figures(f: np.ndarray, measured: np.ndarray, found: np.ndarray) -> list[Figure]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,9 +12,10 @@ import pandas as pd
 
 from ...common.audit import settings_of, versions
 from ...data.record import Record
+from ...diagnostics.verdict import OPEN, Bounds, Verdict, effect_words, nonlinear_parts, shares_of, verdict_on
 from ...discrepancy.prepare import prepare
 from ...discrepancy.residual import SiteLoop, loops_of, residual_of
-from ...exceptions import BiasWarning, NRFError, NRFWarning
+from ...exceptions import NRFError, NRFWarning
 from ...laws.base import registry
 from ...regression.chain_model import ChainModel
 from ...regression.segments import SegmentSet
@@ -24,10 +25,10 @@ from ...signals.kinematics import to_features
 from ...signals.zero_phase_filter import filters_of
 from ..displays import BeforeAfterDisplay
 from ..displays._figure import Figure, Table, dof_words, table
-from ..displays.evidence import evidence_figures, residual_figure
+from ..displays.evidence import dependence_figures, evidence_figures, residual_figure
 from ..displays.forces import force_figure, loop_figure
-from ..displays.motion import modes_figure
-from .equations import as_text, balance_equations, law_equation, pretty, shape_values
+from ..displays.motion import free_run_figure, modes_figure
+from .equations import Estimate, as_text, balance_equations, law_equation, pretty, shape_values
 
 
 @dataclass
@@ -53,21 +54,56 @@ class Content:
     title: str = ""
     lead: str = ""
     kind: str = "identification"
+    verdict: Verdict | None = None
+    care: list[str] = field(default_factory=list)
+    frame: Frame | None = None
+    picture: list[Figure] = field(default_factory=list)
     stopped: str = ""
     tiles: list[tuple[str, str, str]] = field(default_factory=list)
     measured: list[tuple[Measured, Table]] = field(default_factory=list)
     chapters: list[Chapter] = field(default_factory=list)
     effects: Table | None = None
     errors: list[Figure | Table] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
     settings: Table | None = None
+
+
+@dataclass
+class Frame:
+    """The structure as it is drawn: floors and storeys from the ground up, in words and by state, other sites below."""
+
+    floors: list[tuple[str, bool, bool]]  # mass in words, whether it is forced, whether its balance is open
+    storeys: list[tuple[str, str]]  # stiffness in words; "", "linear", "nonlinear" or "guilty"
+    others: list[str]
+    shaken: bool = False
+
+
+def _frame(
+    model: ChainModel, bounds: Bounds, guilty: Mapping[str, str], opened: Sequence[int], seen: Sequence[Measured]
+) -> Frame:
+    """Drawing of a model; ``guilty`` are the sites of what was found, with its words."""
+    forced = {j for m in seen for j in m.forced}
+    forces, storeys = model.restoring_forces, []
+    for j in range(1, model.n_dof + 1):
+        force = forces[j] if f"storey {j}" in map(str, forces) else None
+        if force is None or not force.laws:
+            storeys.append(("", ""))
+            continue
+        k, ends = float(force.linear_part()["k"]) / 1e3, bounds.get(f"storey {j}: s", (np.nan, np.nan))
+        words = f"k{j} = {as_text(Estimate(k, ends[0] / 1e3, ends[1] / 1e3))} kN/m" if k else f"storey {j}"
+        storeys.append((words, "guilty" if f"storey {j}" in guilty else "linear"))
+    floors = [
+        (f"m{j} = {as_text(Estimate(m, *bounds.get(f'm{j}', ())))} kg", j in forced, j in opened)
+        for j, m in enumerate(model.masses, 1)
+    ]
+    return Frame(floors, storeys, list(guilty.values()), any(m.base_moves for m in seen))
 
 
 def of_loop(report: Any, title: str | None = None) -> Content:
     """Page of a closed loop."""
-    content = _model_part(report.model, report.loops, getattr(report, "intervals", None))
-    content.kind, content.title = "loop", title or "Closing the loop"
-    content.lead, content.stopped = lead(report), report.stopped_because
+    content = _model_part(report.model, report.loops, report.bounds)
+    content.kind, content.verdict = "loop", report.verdict
+    content.title = title or listed(m.name for m in report.measured[:3]) or "Closing the loop"
+    content.lead, content.stopped, content.care = lead(report), report.stopped_because, list(report.verdict.reasons)
     last, held = final(report), confirmed(report)
     since = [f"from {x:.3g} %" if held else "" for x in report.table.iloc[0][["held-out", "free run"]]]
     doubtful = len(report.steps) - len(held)
@@ -77,15 +113,46 @@ def of_loop(report: Any, title: str | None = None) -> Content:
     ]
     if np.isfinite(last["free run"]):
         content.tiles.append(("Held-out free-run error", f"{last['free run']:.3g} %", since[1]))
-    content.tiles.append(("Degrees of freedom", str(report.model.n_dof), ""))
     content.tiles.append(("Band", band_text(report.band), band_source(report)))
     content.measured = [(m, _channels(m)) for m in report.measured]
     content.chapters = chapters(report)
     content.effects = effects(report)
-    content.errors = [*BeforeAfterDisplay.from_report(report).figures(), errors(report)]
-    content.warnings = cautions(report)
+    guilty = {s.site: _effect(s, report) for s in held}
+    opened = [j for j in range(1, report.model.n_dof + 1) if last.get(f"held-out dof {j}", 0.0) > OPEN]
+    content.frame = _frame(report.model, report.bounds, guilty, opened, report.measured)
+    content.picture = pictures(report)
+    content.errors = [errors(report)]
     content.settings = _settings(report.settings or settings_of(loop={"band": report.band}))
     return content
+
+
+def pictures(report: Any) -> list[Figure]:
+    """What comes first of a closed loop: before and after, the missing force, the free run."""
+    out = BeforeAfterDisplay.from_report(report).figures()
+    first = next((e for e, s in zip(report.evidence, report.steps) if s.confirmed), None)
+    if first is not None and first.characterisation is not None:
+        out += dependence_figures(first.characterisation, ("s", "v"), f" at {first.site}")[1:]
+    return out + free_run_figure(report.free_runs)
+
+
+def _effect(step: Any, report: Any) -> str:
+    """An effect with its size and interval, in words."""
+    law = _law_of(step, report)
+    units = {} if law is None or isinstance(law, type) else {t.symbol: t.unit for t in law.terms()}
+    return effect_words(step.law, step.site, step.parameters, step.intervals, units)
+
+
+def loop_verdict(report: Any) -> Verdict:
+    """The verdict on a report of the loop."""
+    last = final(report)
+    balances = {j: float(last.get(f"held-out dof {j}", np.nan)) for j in range(1, report.model.n_dof + 1)}
+    stopped = sentence(report.stopped_because) if "Nothing is claimed" in report.stopped_because else ""
+    found = [_effect(step, report) for step in confirmed(report)]
+    known = [j for j, m in enumerate(report.model.masses, 1) if f"m{j}" not in report.bounds]
+    return verdict_on(
+        report.model, balances, found, report.free_runs, report.bounds, known_masses=known, doubts=cautions(report),
+        faults=report.faults, stopped=stopped, follows=float(last["free run"]), wiring=lambda: report.wiring,
+    )  # fmt: skip
 
 
 def of_model(
@@ -104,17 +171,24 @@ def of_model(
             sizes = residual_of(model, data, filters).sizes
         except NRFError as error:
             notes.append(str(error))
-    content = _model_part(model, loops, _intervals(subject, notes))
-    content.tiles = [("Degrees of freedom", str(model.n_dof), "")]
+    bounds = subject.bounds()[0] if hasattr(subject, "bounds") else {}
+    content = _model_part(model, loops, bounds)
     figure = None if sizes is None else residual_figure(sizes)
-    content.errors += [] if figure is None else [figure]
+    content.picture = [] if figure is None else [figure]
+    seen, opened = as_measured(records), []
     if hasattr(subject, "errors_"):
+        content.verdict = subject.verdict()
         balances = subject.errors_
+        opened = [int(k[4:]) for k, e in balances["error"].items() if k != "pooled" and e > OPEN]
         pooled = f"{balances.loc['pooled', 'error']:.3g} %"
-        content.tiles.insert(0, ("Balance error, pooled", pooled, "on the fitted data"))
+        content.tiles.append(("Balance error, pooled", pooled, "on the fitted data"))
         heads = {"error": "error (%)", "residual": "residual rms (N)", "reference": "reference rms (N)", "of": "of"}
         balances = balances.set_axis([dof_words(i) for i in balances.index])
         content.errors.append(table("Balance errors on the fitted data, percent NRMSE", balances, heads, "balance"))
+    if data is not None:
+        content.picture += free_run_figure(subject.free_runs() if hasattr(subject, "free_runs") else None)
+    guilty = {} if data is None else nonlinear_parts(model, shares_of(model, data), bounds)
+    content.frame = _frame(model, bounds, guilty, opened, seen)
     gap: Any = getattr(subject, "third_law_gap_", ())
     if len(gap):
         caption = "Newton's third law: how far the two estimates of one storey differ"
@@ -125,12 +199,11 @@ def of_model(
         shown = missing.assign(biased=np.where(missing["biased"], "yes", "no"))
         content.errors.append(table("What terms beyond the laws would explain", shown, _MISSING, "step of the solve"))
     content.tiles += [("Total mass", f"{float(model.masses.sum()):.4g} kg", ""), ("Band", band_text(band), "")]
+    content.title = title or listed(m.name for m in seen[:3]) or "Chain model"
     forces = sum(bool(held) for held in model.laws.values())
-    content.title = title or "Identified chain"
-    content.lead = f"{model.n_dof} mass{'es' * (model.n_dof > 1)} and {forces} restoring force{'s' * (forces != 1)}, "
-    content.lead += "identified from measured forces and motions."
-    content.measured = [(m, _channels(m)) for m in as_measured(records)]
-    content.warnings = notes
+    content.lead = f"{model.n_dof} mass{'es' * (model.n_dof > 1)} and {forces} restoring force{'s' * (forces != 1)}."
+    content.measured = [(m, _channels(m)) for m in seen]
+    content.care = list(dict.fromkeys([*(content.verdict.reasons if content.verdict else ()), *notes]))
     groups = {"model": model.info | {"band": band}}
     if hasattr(subject, "get_params"):
         groups = {"regressor": subject.get_params(deep=False), **groups}
@@ -146,7 +219,7 @@ _MISSING = {
 }  # fmt: skip
 
 
-def _model_part(model: ChainModel, loops: Sequence[SiteLoop], intervals: Any) -> Content:
+def _model_part(model: ChainModel, loops: Sequence[SiteLoop], bounds: Bounds) -> Content:
     """Equations, sites, masses, coefficients, modes."""
     by_site = {loop.site: loop for loop in loops}
     sections = []
@@ -159,10 +232,7 @@ def _model_part(model: ChainModel, loops: Sequence[SiteLoop], intervals: Any) ->
             spring = float(force.linear_part()["k"])
             drawn += [loop_figure(loop), *([loop_figure(loop, spring)] if spring else [])]
         shown = [figure for figure in drawn if figure is not None]
-        sections.append(SiteSection(str(site), law_equation(force), shape_values(force), shown))
-    bounds: dict[str, tuple[float, float]] = {}  # by parameter
-    if isinstance(intervals, pd.DataFrame) and "parameter" in intervals:
-        bounds = {str(r.parameter): (float(r.lower), float(r.upper)) for r in intervals.itertuples()}
+        sections.append(SiteSection(str(site), law_equation(force, bounds), shape_values(force), shown))
     tables, figures = [_masses(model, bounds), _coefficients(model, bounds)], []
     if (model.masses > 0).all():
         try:
@@ -178,30 +248,35 @@ def _model_part(model: ChainModel, loops: Sequence[SiteLoop], intervals: Any) ->
     return Content(balance_equations(model), sections, tables, figures, held, str(model).splitlines())
 
 
-_NO_BOUNDS = (float("nan"), float("nan"))
+def _masses(model: ChainModel, bounds: Bounds) -> Table:
+    rows = [[f"m{j}", *_with_ends(m, bounds.get(f"m{j}"))] for j, m in enumerate(model.masses, 1)]
+    return _bounded("Masses", ["mass", "estimate (kg)", "lower (kg)", "upper (kg)"], rows, 2)
 
 
-def _masses(model: ChainModel, bounds: dict[str, tuple[float, float]]) -> Table:
-    rows = [[f"m{j}", float(m), *bounds.get(f"m{j}", _NO_BOUNDS)] for j, m in enumerate(model.masses, 1)]
-    if not any(row[0] in bounds for row in rows):
-        return Table("Masses", ["mass", "estimate (kg)"], [row[:2] for row in rows])
-    return Table("Masses, with 95 % intervals", ["mass", "estimate (kg)", "lower (kg)", "upper (kg)"], rows)
-
-
-def _coefficients(model: ChainModel, bounds: dict[str, tuple[float, float]]) -> Table:
+def _coefficients(model: ChainModel, bounds: Bounds) -> Table:
     rows: list[list[Any]] = []
     for site, force in model.restoring_forces.items():
         for (term, value), unit in zip(force.coefficients.items(), force.units):
-            ends = bounds.get(f"{site}: {term}", _NO_BOUNDS)
-            rows.append([str(site), pretty(str(term)), float(value), *ends, pretty(unit)])
+            rows.append([str(site), pretty(str(term)), pretty(unit), *_with_ends(value, bounds.get(f"{site}: {term}"))])
         for law in force.laws:
-            given = ((p, law.shape[p.name]) for p in law.shapes)
-            known = [(f"{p.name} ({names(law.name)})", float(x), pretty(p.unit)) for p, x in given if x is not None]
-            rows += [[str(site), what, x, *_NO_BOUNDS, unit] for what, x, unit in known]
-    head = ["site", "term or shape parameter", "estimate", "lower", "upper", "unit"]
-    if np.isnan([row[3] for row in rows]).all():
-        head, rows = [*head[:3], "unit"], [[*row[:3], row[5]] for row in rows]
-    return Table("Coefficients", head, rows)
+            for p in law.shapes:
+                if (x := law.shape[p.name]) is not None:
+                    rows.append([str(site), f"{p.name} ({names(law.name)})", pretty(p.unit), *_with_ends(x, None)])
+    head = ["site", "term or shape parameter", "unit", "estimate", "lower", "upper"]
+    return _bounded("Coefficients", head, rows, 4)
+
+
+def _with_ends(value: float, ends: Any) -> list[float]:
+    """An estimate and its interval, with the digits that the interval leaves; faint where it holds zero."""
+    low, high = ends or (np.nan, np.nan)
+    return [Estimate(x, low, high) for x in (float(value), low, high)]
+
+
+def _bounded(caption: str, head: list[str], rows: list[list[Any]], width: int) -> Table:
+    """A table without the columns of intervals where there are none."""
+    if not rows or np.isnan([row[width] for row in rows]).all():
+        return Table(caption, head[:width], [row[:width] for row in rows])
+    return Table(f"{caption}, with 95 % intervals", head, rows)
 
 
 def _channels(m: Measured) -> Table:
@@ -221,21 +296,6 @@ def _settings(groups: dict[str, dict[str, Any]]) -> Table:
 
     rows = [[group, k, said(v)] for group, values in groups.items() for k, v in values.items()]
     return Table("Every setting of this run", ["of", "setting", "value"], rows)
-
-
-def _intervals(subject: Any, notes: list[str]) -> Any:
-    if not hasattr(subject, "confidence_intervals"):
-        return None
-    try:
-        with warnings.catch_warnings(action="ignore", category=NRFWarning):
-            warnings.simplefilter("error", BiasWarning)
-            return subject.confidence_intervals()
-    except BiasWarning as withheld:
-        notes.append(str(withheld))
-        return None
-    except NRFError as error:
-        notes.append(f"No intervals: {error}")
-        return None
 
 
 def _data(subject: Any, records: Any, band: Any) -> tuple[Any, Any]:
@@ -337,7 +397,7 @@ def final(report: Any) -> pd.Series:
     return report.table.iloc[max((k for k, step in enumerate(report.steps, 1) if step.confirmed), default=0)]
 
 
-def verdict(step: Any) -> str:
+def standing(step: Any) -> str:
     """What held-out data say of an effect."""
     return "confirmed" if step.confirmed else "NOT CONFIRMED"
 
@@ -374,7 +434,7 @@ def _where(step: Any) -> str:
 def effects(report: Any) -> Table | None:
     """Every effect with its gain, in the order of acceptance; None if there is none."""
     sizes = ("gain", "gain_error", "gain_least", "gain_heldout")
-    rows = [[_where(s), *(getattr(s, x) for x in sizes), 100 * s.share, verdict(s)] for s in report.steps]
+    rows = [[_where(s), *(getattr(s, x) for x in sizes), 100 * s.share, standing(s)] for s in report.steps]
     head = ["effect", "gain (dB)", "std. error (dB)", "least (dB)", "held-out gain (dB)", "share of force (%)"]
     head.append("held-out data")
     return Table("Effects in the order in which they were accepted", head, rows) if rows else None
@@ -386,7 +446,7 @@ def errors(report: Any) -> Table:
     shown = report.table.drop(columns=["band", *alone], errors="ignore")
     shown.index = [names(n) for n in shown.index]
     if report.steps:
-        shown["held-out data"] = ["", *map(verdict, report.steps)]
+        shown["held-out data"] = ["", *map(standing, report.steps)]
     heads = {c: f"{dof_words(c)} (%)" for c in report.table}
     return table("Errors, percent NRMSE", shown, heads, index="model")
 
@@ -419,18 +479,11 @@ def cautions(report: Any) -> list[str]:
                 f"With {law} the held-out free run is worse than before ({step.free_run_before:.3g} to "
                 f"{step.free_run_after:.3g} %), though the balances close better."
             )
-    out += not_positive(report.model.masses, "not positive")
     closed = {name: why for e in report.evidence for name, why in e.not_possible.items() if not why.expected}
     out += [sentence(f"{name} was not possible because {why.reason}") for name, why in closed.items()]
     if any(e.floor is None for e in report.evidence):
         out.append("What noise alone would leave is not known here: an unmeasured force is not told from noise.")
     return list(dict.fromkeys(out))
-
-
-def not_positive(masses: Any, what: str) -> list[str]:
-    """A sentence on masses that no structure has."""
-    bad = [f"m{j}" for j, m in enumerate(masses, 1) if m <= 0]
-    return [f"{listed(bad)} came out {what}: the data do not determine this balance."] if bad else []
 
 
 def _not_told_apart(step: Any) -> list[str]:
@@ -450,7 +503,7 @@ def _not_told_apart(step: Any) -> list[str]:
 def _step(number: int, step: Any, evidence: Any, report: Any) -> Chapter:
     """What was seen, decided and gained with one effect."""
     facts = [*_seen(evidence), ("Decision", sentence(step.evidence))]
-    said = f"{verdict(step)}: balance error {step.error_before:.3g} → {step.error_after:.3g} %, gain "
+    said = f"{standing(step)}: balance error {step.error_before:.3g} → {step.error_after:.3g} %, gain "
     said += f"{step.gain_heldout:.2g} dB" + "; the model does not hold this effect" * (not step.confirmed)
     facts.append(("Held-out data", said))
     if np.isfinite(step.free_run_before) and np.isfinite(step.free_run_after):
@@ -465,7 +518,7 @@ def _step(number: int, step: Any, evidence: Any, report: Any) -> Chapter:
     title = f"Step {number}: {'' if step.sure or not step.confirmed else 'closest law: '}{_where(step)}"
     doc = (getattr(registry().get(step.law), "__doc__", None) or "").strip()  # the law's own first line
     about = doc.splitlines()[0].strip().replace("``", "") if doc else ""
-    return Chapter(title, about, facts, tables, step.family, verdict(step), evidence)
+    return Chapter(title, about, facts, tables, step.family, standing(step), evidence)
 
 
 def _end(evidence: Any, report: Any) -> Chapter:
@@ -488,12 +541,18 @@ def _seen(evidence: Any) -> list[tuple[str, str]]:
     return [] if evidence is None else [(words, getattr(evidence, f"{x}_sentence")) for words, x in asked.items()]
 
 
+def _law_of(step: Any, report: Any) -> Any:
+    """The law of an effect, with its values if a model holds it."""
+    held = [law for model in (report.model, *report.models) for laws in model.laws.values() for law in laws]
+    named = [law for law in held if law.name == step.law]
+    same = [law for law in named if dict(law.parameters) == step.parameters]
+    return next(iter(same or named), registry().get(step.law))
+
+
 def _parameters(step: Any, report: Any) -> Table:
     """Parameters of a step with their units, and intervals where they are known."""
     units: dict[str, str] = {}
-    held = [law for model in (report.model, *report.models) for laws in model.laws.values() for law in laws]
-    same = (law for law in held if law.name == step.law and dict(law.parameters) == step.parameters)
-    law = next(same, registry().get(step.law))
+    law = _law_of(step, report)
     if law is not None:
         units = {p.name: p.unit for p in law.shapes}
         if not isinstance(law, type):

@@ -1,6 +1,7 @@
 """Equations in LaTeX, made from the laws' own labels, and as MathML, which needs neither a network nor a script."""
 
 import re
+from collections.abc import Mapping
 from html import escape
 from typing import Any
 
@@ -40,15 +41,34 @@ def feature(label: str, index: str = "") -> str:
     return " ".join(_item(token, index) for token in _TOKEN.findall(label)).replace(" ^", "^")
 
 
-def law_equation(force: RestoringForce) -> list[str]:
-    """The equation of a site as pieces that may stand on several lines."""
+class Estimate(float):
+    """A number with its 95 % interval, which sets its digits; faint if the interval holds zero."""
+
+    digits, faint = 4, False
+
+    def __new__(cls, value: float, low: float = np.nan, high: float = np.nan) -> "Estimate":
+        """A number; without an interval it has four digits."""
+        self = super().__new__(cls, value)
+        half, top = 0.5 * (high - low), max(abs(low), abs(high), 1e-300)
+        if half > 0:
+            self.digits = int(np.clip(np.floor(np.log10(top)) - np.floor(np.log10(half)) + 2, 2, 7))
+            self.faint = low < 0 < high
+        return self
+
+
+def law_equation(force: RestoringForce, bounds: Mapping[str, tuple[float, float]] | None = None) -> list[str]:
+    """The equation of a site as pieces that may stand on several lines; terms whose interval holds zero are grey."""
     index = index_of(force.site)
     pieces = [f"{_indexed('R', index)}({feature('s', index)}, {feature('v', index)}) ="]
     for law in force.laws:
         for term, c in zip(law.terms(), np.asarray(law.coefficients, dtype=float)):
+            if not c and len(law.terms()) > 2:  # taken out by a sparse fit
+                continue
+            shown = Estimate(c, *(bounds or {}).get(f"{force.site}: {term.label}", ()))
             sign = "-" if c < 0 else "+" if len(pieces) > 1 else ""
             inside = "" if term.label == "1" else rf"\, {feature(term.label, index)}"
-            pieces.append(f"{sign} {number(abs(c))}{inside}".strip())
+            piece = f"{sign} {number(abs(c), shown.digits)}{inside}".strip()
+            pieces.append(rf"\color{{gray}}{{{piece}}}" if shown.faint else piece)
     return pieces if len(pieces) > 1 else [*pieces, "0"]
 
 
@@ -126,7 +146,7 @@ def as_text(value: Any) -> str:
         return str(value)
     if not np.isfinite(x):
         return ""
-    mantissa, _, exponent = f"{x:.4g}".partition("e")
+    mantissa, _, exponent = f"{x:.{getattr(value, 'digits', 4)}g}".partition("e")
     mantissa = mantissa.replace("-", "−")
     if not exponent:
         return mantissa

@@ -40,6 +40,7 @@ class Cell(NamedTuple):
     text: str
     value: str
     number: bool = False
+    faint: bool = False
 
 
 def cell(value: Any) -> Cell:
@@ -49,7 +50,8 @@ def cell(value: Any) -> Cell:
     if isinstance(value, (int, np.integer)):
         return Cell(str(value), str(value), True)
     if isinstance(value, (float, np.floating)):
-        return Cell(as_text(value), repr(float(value)) if np.isfinite(value) else "", True)
+        given = repr(float(value)) if np.isfinite(value) else ""
+        return Cell(as_text(value), given, True, getattr(value, "faint", False))
     return Cell(str(value), str(value))
 
 
@@ -109,9 +111,11 @@ def _template(name: str) -> str:
 
 def markdown(report: Any) -> str:
     """The report of the loop as Markdown, with the words and tables of its page; names from files are escaped."""
-    from .content import band_source, band_text, cautions, chapters, effects, errors, lead
+    from .content import band_source, band_text, chapters, effects, errors, lead
 
-    out = ["# Closing the loop", "", _safe(lead(report)), ""]
+    reached = report.verdict
+    out = ["# Closing the loop", "", f"**{reached.state.upper()}: {_safe(reached.sentence)}**", ""]
+    out += [*(f"- {_safe(text)}" for text in reached.reasons), "", _safe(lead(report)), ""]
     out += [f"{i}. {_safe(step.sentence)}" for i, step in enumerate(report.steps, 1)] or ["No effect was added."]
     out += ["", f"Stopped: {_safe(report.stopped_because)}.", ""]
     band = ", ".join(filter(None, [band_text(report.band), band_source(report)]))
@@ -119,8 +123,6 @@ def markdown(report: Any) -> str:
     out += [f"{gains.caption}:", "", *_markdown_table(gains), ""] if gains is not None else []
     out += [f"Errors in percent NRMSE ({band}); balance errors (one step) except the free run.", ""]
     out += [*_markdown_table(errors(report)), ""]
-    care = cautions(report)
-    out += ["## Take care", "", *(f"- {_safe(text)}" for text in care), ""] if care else []
     for chapter in chapters(report):
         facts = [f"- {_safe(name)}{'' if name.endswith('?') else ':'} {_safe(text)}" for name, text in chapter.facts]
         out += [f"## {_safe(chapter.title)}", "", *facts, ""]
@@ -175,13 +177,14 @@ def model_html(model: Any) -> str:
 
 def loop_html(report: Any) -> str:
     """A report of the loop: steps, errors, reason to stop."""
-    from .content import errors, lead
+    from .content import errors
 
     steps = "".join(f"<li>{escape(step.sentence)}</li>" for step in report.steps)
     story = f"<ol>{steps}</ol>" if steps else "<p>No effect was added.</p>"
     columns = [c for c in ("search", "validation", "held-out", "free run") if c in report.table]
     shown = _html_table(errors(replace(report, table=report.table[columns])))
-    return _box("Closed loop", lead(report), f"{story}{shown}<p>Stopped: {escape(report.stopped_because)}.</p>")
+    said = f"{report.verdict.state.upper()}: {report.verdict.sentence}"
+    return _box("Closed loop", said, f"{story}{shown}<p>Stopped: {escape(report.stopped_because)}.</p>")
 
 
 def _box(title: str, words: str, body: str) -> str:

@@ -1,0 +1,425 @@
+"""The verdict on a model: may it be used, what was found, and, where a balance does not close, which channels do."""
+
+import itertools
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ..data.record import MATRICES, Record
+from ..exceptions import NRFError, NRFWarning
+from ..regression.chain_model import ChainModel
+from ..regression.errors import free_run_of, squares_of
+from ..regression.segments import Segment, SegmentSet
+from ..signals.alignment import channel_alignment
+from .test_planning import creates_energy
+
+__all__ = ["FreeRuns", "Verdict", "free_runs", "mapping_that_closes", "suspect_channels", "verdict_on"]
+
+STATES = ("green", "amber", "red")
+OPEN = 50.0  # percent of a balance unexplained, above which nothing may be concluded from it
+LARGE = 15.0  # and above which its estimates deserve a word
+ASTRAY = 20.0  # percent of the measured motion by which a free run may miss it
+NOTICED = 0.02  # share of the force of a site from which on a nonlinear term is named
+CARRIES = 0.25  # and from which on a negative stiffness is no error of a weak spring
+_ROWS = 20_000  # samples of a record that are enough to tell which channels close a balance
+_EXCHANGES = 6  # DOFs up to which every pair of channels is exchanged; beyond, neighbours only
+
+Bounds = Mapping[str, tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether a model may be used, in one sentence, and why.
+
+    Attributes
+    ----------
+    state : {"green", "amber", "red"}
+        Green: the balances close and the free run follows the motion. Amber: usable with the care that the reasons
+        name. Red: not to be used.
+    sentence : str
+    reasons : tuple of str
+        What makes it amber or red, the gravest first.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.diagnostics.verdict import Verdict
+    >>> print(Verdict("amber", "Linear storeys.", ("The intervals are withheld.",)))
+    AMBER: Linear storeys.
+      - The intervals are withheld.
+    """
+
+    state: str
+    sentence: str
+    reasons: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return "\n".join([f"{self.state.upper()}: {self.sentence}", *(f"  - {one}" for one in self.reasons)])
+
+
+@dataclass
+class FreeRuns:
+    """Free runs of a model over its records: percent NRMSE by record and DOF, the runs, why one is missing."""
+
+    table: pd.DataFrame
+    runs: list[tuple[Segment, Record]] = field(default_factory=list)
+    why_not: str = ""
+
+    @property
+    def error(self) -> float:
+        """Percent NRMSE of all records and DOFs; NaN without a run."""
+        return float(np.sqrt(np.mean(np.square(self.table.to_numpy())))) if len(self.table) else float("nan")
+
+
+def free_runs(
+    model: ChainModel, data: SegmentSet, filters: Sequence[Any] | None = None, names: Sequence[str] | None = None,
+    dt: float | None = None,
+) -> FreeRuns:  # fmt: skip
+    """Run a model alone, from the first measured state, under the measured force of every record.
+
+    Parameters
+    ----------
+    model : ChainModel
+    data : SegmentSet
+    filters : sequence of FairFilter or None, optional
+        Band of each record in which the error is taken.
+    names : sequence of str, optional
+        Of the records; their own if None.
+    dt : float, optional
+        s; that of the records if None.
+
+    Returns
+    -------
+    FreeRuns
+    """
+    out, rows = FreeRuns(pd.DataFrame()), {}
+    if (model.masses <= 0).any():
+        out.why_not = "a mass is not positive"
+        return out
+    for seg, filter, name in zip(data.segments, filters or [None] * len(data.segments), names or _names(data)):
+        if np.isnan(seg.F[seg.valid]).any() or (dt is None and seg.dt is None):
+            out.why_not = f"a force of {name} is unknown" if seg.dt or dt else "the sampling step is not known"
+            continue
+        try:
+            run = free_run_of(model, seg, seg.valid, dt)
+        except NRFError as error:
+            out.why_not = str(error)
+            continue
+        out.runs.append((seg, run))
+        missed, moved = squares_of(run, seg, seg.valid, filter)
+        number, label = 2, name
+        while label in rows:
+            label, number = f"{name} ({number})", number + 1
+        rows[label] = list(100.0 * np.sqrt(missed / moved))
+    columns = [f"x{j}" for j in range(1, model.n_dof + 1)]
+    out.table = pd.DataFrame.from_dict(rows, orient="index", columns=columns)
+    return out
+
+
+def _names(data: SegmentSet) -> list[str]:
+    """Names of the records of data."""
+    return [seg.name for seg in data.segments]
+
+
+def rearranged(record: Record, worst: Iterable[int] = ()) -> Iterator[tuple[str, Callable[[Record], Record]]]:
+    """Errors of wiring that a record may hold: in words, and as a function that corrects a record."""
+    n, unknown = record.n_dof, set(record.unknown)
+    measured = {key: _columns(record, key) for key in ("acceleration", "velocity", "displacement")}
+    for j, k in itertools.product(record.forced, range(1, n + 1)):
+        if k != j and k not in unknown and (k not in record.forced or j < k):
+            words = f"F{j} and F{k} exchanged" if k in record.forced else f"the force F{j} acting on floor {k}"
+            yield words, _exchange(("force",), j, k)
+    for j in record.forced:
+        yield f"F{j} reversed", _reverse(("force",), j)
+    if len(record.forced) > 1:
+        yield "all forces reversed", lambda one: one.replace(force=-one.force)
+    for j in range(1, n + 1):
+        here = [key for key, held in measured.items() if j in held]
+        for keys in [(key,) for key in here] + ([tuple(here)] if len(here) > 1 else []):
+            yield f"{' and '.join(f'{MATRICES[key]}{j}' for key in keys)} reversed", _reverse(keys, j)
+    for j, k in itertools.combinations(range(1, n + 1), 2):
+        if n > _EXCHANGES and k > j + 1 and not {j, k} <= set(worst):
+            continue
+        both = [key for key, held in measured.items() if {j, k} <= set(held)]
+        for keys in [(key,) for key in both] + ([tuple(both)] if len(both) > 1 else []):
+            words = " and ".join(f"{MATRICES[key]}{j} with {MATRICES[key]}{k}" for key in keys)
+            yield f"{words} exchanged", _exchange(keys, j, k)
+    if record.base_moves:
+        other = {"relative": "absolute", "absolute": "relative"}[record.coordinates]
+        if measured["displacement"] or measured["velocity"]:
+            words = "relative to the base" if other == "relative" else "absolute"
+            yield f"velocities and displacements taken as {words}", lambda one: one.replace(coordinates=other)
+        if record.base_acceleration is not None:
+            yield "ag reversed", lambda one: one.replace(base_acceleration=-np.asarray(one.base_acceleration))
+
+
+def _columns(record: Record, key: str) -> list[int]:
+    """DOFs at which a kind of channel was measured."""
+    held = getattr(record, key)
+    return [] if held is None else [j + 1 for j in range(held.shape[1]) if not np.isnan(held[:, j]).all()]
+
+
+def _reverse(keys: tuple[str, ...], j: int) -> Callable[[Record], Record]:
+    """A function that reverses channels of a DOF."""
+
+    def turned(one: Record) -> Record:
+        signs = np.where(np.arange(one.n_dof) == j - 1, -1.0, 1.0)
+        return one.replace(**{key: getattr(one, key) * signs for key in keys})
+
+    return turned
+
+
+def _exchange(keys: tuple[str, ...], j: int, k: int) -> Callable[[Record], Record]:
+    """A function that exchanges channels of two DOFs."""
+
+    def exchanged(one: Record) -> Record:
+        order = np.arange(one.n_dof)
+        order[[j - 1, k - 1]] = order[[k - 1, j - 1]]
+        return one.replace(**{key: getattr(one, key)[:, order] for key in keys})
+
+    return exchanged
+
+
+def mapping_that_closes(records: Sequence[Record], fit: Callable[[list[Record]], Any]) -> str:
+    """The error of wiring without which every balance closes, in words; empty if none does.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    fit : callable
+        From records to an object with ``errors_`` (as of a regressor), ``masses_`` and ``known_masses``.
+
+    Returns
+    -------
+    str
+        E.g. ``"With the force F1 acting on floor 3 every balance closes (0.6 % left at most)."``
+    """
+    records = [rec if rec.n_samples <= _ROWS else rec.rows(_loudest(rec)) for rec in records]
+
+    def left(tried: list[Record]) -> tuple[float, float, list[int]]:
+        """Largest and pooled error, and the DOFs that do not close; infinite for a mass that no structure has."""
+        with warnings.catch_warnings(action="ignore", category=NRFWarning):
+            try:
+                found = fit(tried)
+            except NRFError:
+                return np.inf, np.inf, []
+        errors = found.errors_["error"]
+        of_dofs = errors.drop("pooled")
+        known = dict(found.known_masses or {})
+        if any(m <= 0 for j, m in enumerate(found.masses_, 1) if j not in known):
+            return np.inf, np.inf, []
+        return float(of_dofs.max()), float(errors["pooled"]), [int(k[4:]) for k, e in of_dofs.items() if e > OPEN]
+
+    worst, _, where = left(list(records))
+    rows = []
+    for words, change in rearranged(records[0], where):
+        try:
+            error, pooled, _ = left([change(rec) for rec in records])
+        except NRFError:
+            continue
+        if error <= min(OPEN, worst / 2):
+            rows.append((error, pooled, words))
+    if not rows:
+        return ""
+    error, pooled, words = min(rows)
+    equal = [w for e, p, w in rows if w != words and e <= 1.1 * error and p <= 1.1 * pooled]
+    said = " or ".join([words, *equal[:2]])
+    return f"With {said} every balance closes ({error:.2g} % left at most): check the mapping of the channels."
+
+
+def suspect_channels(records: Iterable[Record]) -> dict[str, bool]:
+    """What says that a channel is reversed or in the wrong column, by another of its DOF, and whether it is sure."""
+    out: dict[str, bool] = {}
+    for record in records:
+        with suppress(NRFError):  # no DOF has two kinds of channels
+            table = channel_alignment(record)
+            for _, row in table[~table["aligned"].astype(bool)].iterrows():
+                if row["sign"] < 0:
+                    out[f"{row['message']}: one of them is reversed."] = True
+                elif np.isnan(row["gain"]):
+                    out[f"{row['message']}."] = False
+    return out
+
+
+def _loudest(record: Record) -> slice:
+    """Rows about the largest force, or motion where no force was measured."""
+    lines = record.force if record.forced else next(iter(record.channels().values()))[:, None]
+    at = int(np.nanargmax(np.nanmax(np.abs(np.nan_to_num(lines)), axis=1)))
+    start = int(np.clip(at - _ROWS // 4, 0, record.n_samples - _ROWS))
+    return slice(start, start + _ROWS)
+
+
+def verdict_on(
+    model: ChainModel, balances: Mapping[int, float], found: Sequence[str], free: FreeRuns | None = None,
+    bounds: Bounds | None = None, *, known_masses: Iterable[int] = (), doubts: Sequence[str] = (),
+    faults: Mapping[str, bool] | None = None, stopped: str = "", follows: float = float("nan"),
+    wiring: Callable[[], str] | None = None,
+) -> Verdict:  # fmt: skip
+    """Verdict on a model.
+
+    Parameters
+    ----------
+    model : ChainModel
+    balances : mapping of int to float
+        Balance error of each DOF, percent NRMSE.
+    found : sequence of str
+        What the model holds beside linear storeys, in words.
+    free : FreeRuns, optional
+    bounds : mapping of str to (float, float), optional
+        95 % intervals by the name of the parameter: ``"m1"``, ``"storey 2: s"``.
+    known_masses : iterable of int
+    doubts : sequence of str
+        What else makes the numbers doubtful.
+    faults : mapping of str to bool
+        Channels that seem to be reversed or in the wrong column, and whether they are; else ``wiring`` tells.
+    stopped : str
+        Why nothing may be claimed at all.
+    follows : float
+        Error of free runs over some periods, percent NRMSE, where that over the whole record says less.
+    wiring : callable, optional
+        Gives the error of wiring without which the balances close, in words; it is asked under a red verdict only.
+
+    Returns
+    -------
+    Verdict
+    """
+    bounds, known = dict(bounds or {}), set(known_masses)
+    error = float("nan") if free is None else free.error
+    unclosed = {j: e for j, e in balances.items() if e > OPEN}
+    red = [f"The balance of DOF {j} leaves {e:.3g} % of its force unexplained." for j, e in unclosed.items()]
+    wrong = [f"m{j} = {m:.4g} kg" for j, m in enumerate(model.masses, 1) if m <= 0 and j not in known]
+    red += [f"{', '.join(wrong)}: no structure has a mass that is not positive."] if wrong else []
+    soft = [str(site) for site in _negative_stiffness(model, bounds)]
+    red += [f"The stiffness of {', '.join(soft)} came out negative."] if soft else []
+    wide = [name for name, (low, high) in bounds.items() if name[:1] == "m" and low <= 0 < high]
+    if wide:
+        red.append(f"The data do not determine {', '.join(wide)}: the interval holds zero.")
+    if free is not None and not wrong:
+        diverged = [name for name, row in free.table.iterrows() if not np.isfinite(row.to_numpy()).all()]
+        if diverged or (free.why_not and "unknown" not in free.why_not and "not known" not in free.why_not):
+            red.append("The free run diverges" + (f": {free.why_not}" if free.why_not else "."))
+        elif error > 100.0 and not _floats(model, free) and not follows < ASTRAY:
+            red.append("The free run diverges" + (f": it misses the motion by {error:.3g} %." if error < 1e3 else "."))
+    red += [stopped] if stopped and not red else []
+    red += [text for text, sure in (faults or {}).items() if sure]
+    cause = wiring() if wiring is not None and (red or faults) else ""
+    if red or cause:
+        red = list(dict.fromkeys([*red, *(faults or ())]))
+        more = red if cause else [*red[1:], *doubts]
+        return Verdict("red", f"Do not use this model. {cause or red[0]}", tuple(dict.fromkeys(more)))
+    doubts = [*(faults or ()), *doubts]
+    amber = [
+        f"{e:.3g} % of the force in the balance of DOF {j} is unexplained: a law is missing, or the channels are noisy."
+        for j, e in balances.items() if e > LARGE
+    ]  # fmt: skip
+    what = "; ".join([*found, "linear otherwise"]) if found else "Linear storeys, nothing else was found"
+    shown = follows if error > ASTRAY and follows < error else error
+    damping = pd.Series([0.0]) if (model.total_masses <= 0).any() else model.modes()["damping"]
+    if damping.min() < 0 and not shown < ASTRAY:
+        amber.append(creates_energy(damping.idxmin(), damping.min()))
+    if np.isfinite(shown):
+        over = " over ten periods" if shown < error else ""
+        what += f"; the free run predicts the motion to {shown:.2g} %{over}"
+        if shown > ASTRAY:
+            amber.append(
+                f"The free run misses the measured motion by {shown:.3g} %. A model can be right and still drift (a "
+                "stage without a spring, a yielding storey, a record that starts in motion); see its figure."
+            )
+    reasons = [*amber, *doubts]
+    return Verdict("amber" if reasons else "green", f"{what[:1].upper()}{what[1:]}.", tuple(dict.fromkeys(reasons)))
+
+
+def _negative_stiffness(model: ChainModel, bounds: Bounds) -> list[Any]:
+    """Storeys without memory whose stiffness is negative beyond its interval and carries a part of their force."""
+    out = []
+    for site, force in model.restoring_forces.items():
+        region, (c, k) = model.visited.get(site), force.linear_part()
+        if not site.is_storey or k >= 0 or force.has_memory or region is None:
+            continue
+        if bounds.get(f"{site}: s", (k, k))[1] >= 0 or not all(set(t.label) <= {"s", "v", " ", "^", *"123456789"}
+                                                             for law in force.laws for t in law.terms()):  # fmt: skip
+            continue
+        rate, drift = (max(abs(region.low[i]), abs(region.high[i])) for i in (0, 1))
+        outwards = force(np.zeros(2), np.array([-drift, drift])) @ np.array([-1.0, 1.0]) < 0
+        if outwards and -k * drift > CARRIES * (-k * drift + abs(c) * rate):
+            out.append(site)
+    return out
+
+
+def _floats(model: ChainModel, free: FreeRuns) -> bool:
+    """Whether the chain has hardly a spring to the ground: its slowest mode takes longer than a third of a record."""
+    slowest = float(model.modes()["frequency"].min())
+    return not free.runs or slowest * max(seg.n_valid * (seg.dt or 1.0) for seg, _ in free.runs) < 3.0
+
+
+def shares_of(model: ChainModel, data: SegmentSet) -> dict[str, pd.Series]:
+    """Rms of each term's force, percent of the rms of the site's force, by site and largest first."""
+    out = {}
+    for site, force in model.restoring_forces.items():
+        if not force.laws:
+            continue
+        terms, whole = np.zeros(len(force.coefficients)), 0.0
+        for seg in data.segments:
+            motion = seg.motion(site, seg.valid)
+            columns = np.hstack([law.features(motion) * law.coefficients for law in force.laws])
+            terms += (columns**2).sum(axis=0)
+            whole += (columns.sum(axis=1) ** 2).sum()
+        if whole:
+            shares = pd.Series(100 * np.sqrt(terms / whole), index=force.coefficients.index)
+            out[str(site)] = shares.sort_values(ascending=False)
+    return out
+
+
+def nonlinear_parts(model: ChainModel, shares: Mapping[str, pd.Series], bounds: Bounds | None = None) -> dict[str, str]:
+    """What the laws of a model add to linear storeys, in words by site, where it carries a part of the force."""
+    out: dict[str, str] = {}
+    for site, held in model.laws.items():
+        for law in held:
+            terms = list(law.terms())
+            if all(term.label in ("v", "s") for term in terms):
+                continue
+            own = shares.get(str(site), pd.Series(dtype=float))
+            seen = [t.label for t in terms if t.label not in ("v", "s") and own.get(t.label, 0.0) > 100 * NOTICED]
+            if law.name == "power_series":
+                if seen:
+                    text = f"{_kind(seen)} in {site} ({seen[0]} carries {own[seen[0]]:.2g} % of its force)"
+                    out[str(site)] = f"{out[str(site)]}, {text}" if str(site) in out else text
+            elif seen or not len(own):
+                ends = {t.symbol: (bounds or {}).get(f"{site}: {t.label}") for t in terms}
+                values = dict(zip((t.symbol for t in terms), np.asarray(law.coefficients, dtype=float)))
+                text = effect_words(law.name, str(site), values, ends, {t.symbol: t.unit for t in terms})
+                out[str(site)] = f"{out[str(site)]}, {text}" if str(site) in out else text
+    return out
+
+
+def _kind(labels: Sequence[str]) -> str:
+    """A nonlinear force by the variables of its terms."""
+    drift, rate = any("s" in label for label in labels), any("v" in label for label in labels)
+    return "a nonlinear force" if drift and rate else "nonlinear stiffness" if drift else "nonlinear damping"
+
+
+def effect_words(
+    law: str, site: str, values: Mapping[str, Any], ends: Mapping[str, Any], units: Mapping[str, str]
+) -> str:
+    """An effect with its leading parameter and interval: ``"dry friction of 173 N (169 to 189 N) in storey 2"``."""
+    name, unit = law.replace("_", " "), {k: u.replace("^2", "²").replace("^3", "³") for k, u in units.items()}
+    name = "dry friction" if law == "coulomb_friction" else name.removeprefix("ground ")
+    kind, _, where = site.partition(" ")
+    place = {"ground": f"between floor {where} and the ground", "dof": f"on floor {where}"}.get(kind, f"in {site}")
+    for key, x in values.items():
+        if x is not None and key in unit:
+            bounds = ends.get(key)
+            span = "" if bounds is None or not np.isfinite(bounds).all() else f" ({digits(*bounds)} {unit[key]})"
+            return f"{name} of {float(x):.3g} {unit[key]}{span} {place}"
+    return f"{name} {place}"
+
+
+def digits(low: float, high: float) -> str:
+    """Two ends of an interval with the digits that tell them apart."""
+    most = max(abs(low), abs(high))
+    need = 3 if not high > low else int(np.clip(np.ceil(np.log10(most / (high - low) + 1e-300)) + 1, 3, 7))
+    return f"{low:.{need}g} to {high:.{need}g}"

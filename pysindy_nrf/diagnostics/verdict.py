@@ -18,7 +18,7 @@ from ..regression.segments import Segment, SegmentSet
 from ..signals.alignment import channel_alignment
 from .test_planning import creates_energy
 
-__all__ = ["FreeRuns", "Verdict", "free_runs", "mapping_that_closes", "suspect_channels", "verdict_on"]
+__all__ = ["Verdict"]
 
 STATES = ("green", "amber", "red")
 OPEN = 50.0  # percent of a balance unexplained, above which nothing may be concluded from it

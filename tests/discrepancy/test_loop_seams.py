@@ -154,7 +154,7 @@ def test_the_command_writes_the_report_as_json_and_a_model_that_is_read_again(tm
     told = json.loads(capsys.readouterr().out)
     (step,) = told["steps"]
     assert (step["law"], step["site"]) == ("cubic_stiffness", "storey 1")
-    model = ChainModel.from_json("out/model.json")
+    model = ChainModel.from_json("out/closed_loop.json")
     assert model.to_dict() == told["model"]
     assert {law.name: law for law in model.laws["storey 1"]}["cubic_stiffness"].parameters == step["parameters"]
     assert step["sentence"] in (tmp_path / "out/closed_loop.md").read_text()

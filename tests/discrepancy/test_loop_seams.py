@@ -159,7 +159,7 @@ def test_the_command_writes_the_report_as_json_and_a_model_that_is_read_again(tm
     assert {law.name: law for law in model.laws["storey 1"]}["cubic_stiffness"].parameters == step["parameters"]
     assert step["sentence"] in (tmp_path / "out/closed_loop.md").read_text()
     assert {p.name for p in (tmp_path / "out").iterdir()} == {
-        "manifest.json", "model.json", "closed_loop.md", "closed_loop.html", "closed_loop.csv",
+        "manifest.json", "closed_loop.json", "closed_loop.md", "closed_loop.png", "closed_loop.html", "closed_loop.csv",
     }  # fmt: skip
 
 

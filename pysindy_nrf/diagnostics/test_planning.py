@@ -262,14 +262,7 @@ def plan(
         for name, given in (("can_hit", can_hit), ("sensors", sensors), ("unknown", unknown))
     )
     blind = sorted(set(every) - set(seen))
-    advice = []
-    if blind:
-        without = ", ".join(map(str, blind))
-        advice.append(
-            f"Floor {without} has no sensor: the storeys beside it cannot be told apart (x_{blind[0]} enters both). "
-            f"Add an accelerometer on floor {blind[0]}, or model the floors around it as one mass: the storey is then "
-            "the series of both, valid only below the first resonance of the part left out."
-        )
+    advice: list[str] = []
     total = chain.n_dof + len(chain.sites)
     rows = []
     for count in range(1, most + 1):
@@ -289,7 +282,7 @@ def plan(
     best = table.iloc[0]
     where = " and ".join(map(str, best["hit"]))
     if best["identifies"] == 1:
-        once = " (with that sensor)" if blind else ""
+        once = ", with a sensor on every floor" if blind else ""
         text = (
             f"Hit floor {where}{once}: every mass and law can be found; an error travels through "
             f"{best['depth']} balances at most."
@@ -299,6 +292,10 @@ def plan(
     if model is not None:
         text += f" The weakest mode still gets {100 * best['response']:.0f} % of what the best floor would give it."
     advice.append(text)
+    if blind:
+        advice.append(f"Floor {', '.join(map(str, blind))} has no sensor: the free run is then fitted to the others.")
+        if seen:
+            advice.append(str(chain.sensing(seen, best["hit"], known_masses=known_masses, model=model)))
     if len(best["hit"]) < chain.n_dof and best["identifies"] == 1:
         advice.append(
             "Hitting every floor once, each in a record of its own, lets each balance be solved by itself, and the two "

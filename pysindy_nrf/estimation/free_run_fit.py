@@ -1,29 +1,31 @@
-r"""Output-error refinement: the free run itself is fitted to the measured motion.
+r"""The free run of a model fitted to measured channels: least squares of masses, coefficients and shape parameters.
 
 Maximum likelihood with noise in motion and force, :math:`\sum_f J^*(f) S^{-1}(f) R(f; \theta) = 0` (Pintelon and
-Schoukens, System identification, 2012), with R and S of :mod:`.noise_spectra` and sensitivities J from the columns of
-the laws along the run, filtered by the structure linearised there. Every record is a shot, long records are several;
-the effect of an error in its initial state is projected out. Starts from instrumental variables and is kept only if it
-predicts unseen parts of the records, both halves of them, better.
+Schoukens, System identification, 2012), with R and S of :mod:`.noise_spectra` and sensitivities J by differences of
+runs. Every record is a shot, long records are several; the effect of an error in its initial state is projected out.
+With all floors measured (``estimation="simulation"``) it starts from instrumental variables and is kept only if it
+predicts unseen parts of the records, both halves of them, better. With fewer sensors: :mod:`.fewer_sensors`.
 """
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.optimize import least_squares
 
 from ..exceptions import BiasWarning, IdentifiabilityError, NRFError, SimulationError
+from ..laws.shape import Shape
 from ..mechanics.sites import Site
-from ..regression.chain_model import ChainModel, state_matrix
+from ..regression.chain_model import ChainModel
+from ..regression.errors import free_run_of
 from ..regression.layout import LawLayout, with_coefficients
 from ..regression.segments import Segment, SegmentSet
+from ..simulation.api import classical_run, linear_run
 from .intervals import InfluenceResolver, Resolver
-from .iv import IVResult, instrumental_variables, run_of, with_shapes
-from .noise_spectra import NoiseModel, common_band, corrected, noise_model, spectrum, transfer, velocities
+from .iv import IVResult, fits_one_step, instrumental_variables, with_shapes
+from .noise_spectra import NoiseModel, common_band, corrected, noise_model, spectrum, velocities
 from .problem import Estimate, Problem
 
 SHOT = 32768  # largest number of samples of a shot
@@ -33,35 +35,20 @@ LARGEST_RATIO = 0.85  # of errors on unseen parts after and before; a smaller re
 PIECES = 64
 FEWEST_ROWS = 64  # of a part of a shot; shorter ones are left out
 FORCE_HOLDS = ("cubic", "linear", "zero")  # of the force between its samples
-
-
-@dataclass
-class _Solution:
-    """Estimate, influence of each piece of the data (comb of Fourier lines) on it, and the record of each piece."""
-
-    model: ChainModel
-    influences: np.ndarray  # (n_pieces, n_parameters)
-    record: np.ndarray  # (n_pieces,)
-
-
-@dataclass
-class OutputErrorResult:
-    """Result of the refinement."""
-
-    found: _Solution | None  # None if the refined model does not predict unseen parts better than the initial one
-    # free-run error of the velocities on parts that the refinement did not see, percent NRMSE
-    error_before: float = np.nan
-    error_after: float = np.nan
-    why: str = ""  # reason if it was not kept
+DIFFERENCE = 1e-6  # of parameters, for sensitivities
+RANK = 3e-5  # directions of the initial state that move the channels less, as a share, stay as they are
+MOST_DAMPING = 1e9  # of a step, as a share of the squared sensitivities, above which no step is better
 
 
 @dataclass
 class Shot:
-    """A record, or a part of one (``number`` of the record), with the initial state of its free run."""
+    """A record, or a part of one (``number`` of the record): what drives it, its first state, what was measured."""
 
     segment: Segment
     number: int
-    start: np.ndarray
+    start: np.ndarray  # (2, n_dof); displacements and velocities relative to the base
+    channels: tuple[str, ...]  # a1: absolute; v1, x1: relative to the base
+    measured: np.ndarray  # (n_samples, n_channels)
     hold: str = FORCE_HOLDS[0]
 
     @property
@@ -69,9 +56,322 @@ class Shot:
         """Valid rows."""
         return self.segment.n_valid
 
-    def run(self, model: ChainModel, segment: Segment | None = None) -> Segment:
-        """Free run under the shot's forces, or under those of another segment."""
-        return run_of(model, segment or self.segment, start=tuple(self.start), hold=self.hold)
+    def motion(
+        self, model: ChainModel, start: np.ndarray | None = None, forces: Segment | None = None
+    ) -> dict[str, np.ndarray]:
+        """Motion of all DOFs, shape (n_samples, n_dof) by kind: a (absolute), v and x (relative to the base)."""
+        seg, state = forces or self.segment, self.start if start is None else start
+        if (matrices := linear_matrices(model)) is not None:
+            rows, ag = seg.valid, None if seg.ag is None else seg.ag[seg.valid]
+            if (found := linear_run(matrices, seg.F[rows], seg.step, state, ag, self.hold)) is not None:
+                return dict(zip("xva", found))
+        integrator = classical_run if fits_one_step(model, seg.step) else ChainModel.simulate
+        run = free_run_of(model, seg, start=tuple(state), integrator=integrator, rtol=1e-9, hold=self.hold)
+        return {kind: np.asarray(y) for kind, y in zip("xva", (run.displacement, run.velocity, run.acceleration))}
+
+    def read(self, model: ChainModel, start: np.ndarray | None = None, forces: Segment | None = None) -> np.ndarray:
+        """What the sensors would read, shape of ``measured``."""
+        motion = self.motion(model, start, forces)
+        return np.column_stack([motion[c[0]][:, int(c[1:]) - 1] for c in self.channels])
+
+    def run(self, model: ChainModel) -> Segment:
+        """Free run as a segment."""
+        return placed(self.segment, self.motion(model))
+
+
+def placed(segment: Segment, motion: Mapping[str, np.ndarray]) -> Segment:
+    """A segment with the motion of a run in its valid rows."""
+
+    def rows(values: np.ndarray) -> np.ndarray:
+        out = np.full((segment.n_samples, segment.n_dof), np.nan)
+        out[segment.valid] = values
+        return out
+
+    v, s = (np.diff(motion[kind], axis=1, prepend=0.0) for kind in "vx")
+    return replace(segment, a=rows(motion["a"]), v=rows(v), s=rows(s))
+
+
+def linear_matrices(model: ChainModel) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Mass, damping and stiffness matrix if all laws are springs and dampers in links; None otherwise."""
+    n, kinds = model.n_dof, {"v": 0, "s": 1}
+    found = np.zeros((2, n, n))
+    for site, held in model.laws.items():
+        terms = [(kinds.get(term.label), c) for law in held for term, c in zip(law.terms(), law.values)]
+        if any(kind is None for kind, _ in terms) or (terms and site.kind != "link"):
+            return None
+        at = [site.p - 1, site.q - 1] if site.q else [site.p - 1]
+        ends = np.ix_(at, at)
+        for kind, c in terms:
+            found[kind][ends] += c * np.array([[1.0, -1.0], [-1.0, 1.0]])[: len(at), : len(at)]
+    return (np.diag(model.masses), *found) if (model.masses > 0).all() else None
+
+
+@dataclass
+class Rebuild:
+    """Builds a ChainModel from free parameters: DOFs (from 0) with a free mass, site and term, site, law and shape."""
+
+    model: ChainModel
+    places: list[tuple]
+    scale: np.ndarray  # parameters are values over these; 0: their logarithms
+    start: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        values = np.array([self._value(place) for place in self.places])
+        log = self.scale == 0
+        self.start = np.where(log, np.log(np.where(log, values, 1.0)), values / np.where(log, 1.0, self.scale))
+
+    def _value(self, place: tuple) -> float:
+        if len(place) == 1:
+            return float(self.model.masses[place[0]])
+        if len(place) == 2:
+            return float(self.model.coefficients[place[0]][place[1]])
+        return float(self.model.laws[place[0]][place[1]].shape[place[2].name])
+
+    def __call__(self, u: np.ndarray) -> ChainModel:
+        """Model of a vector."""
+        log = self.scale == 0
+        numbers = np.where(log, np.exp(np.where(log, np.minimum(u, 700.0), 0.0)), u * self.scale)
+        model, masses, values = self.model, self.model.masses.copy(), self.model.coefficients
+        laws = {site: list(held) for site, held in model.laws.items()}
+        for place, number in zip(self.places, numbers.tolist()):
+            if len(place) == 1:
+                masses[place[0]] = number
+            elif len(place) == 2:
+                values[place[0]][place[1]] = number
+            else:
+                site, i, shape = place
+                laws[site][i] = laws[site][i].with_values(shape={shape.name: number})
+        return ChainModel(masses, with_coefficients(laws, values), model.chain, model.visited, model.info)
+
+
+def free_parameters(
+    model: ChainModel, known: Mapping[int, float], sizes: Mapping[tuple, float] | None = None,
+    shapes: Sequence[tuple[Site, int, Shape]] = (),
+) -> Rebuild:  # fmt: skip
+    """Free parameters of a model; zero terms stay zero unless the size of a step of each is given."""
+    places: list[tuple] = [(j,) for j in range(model.n_dof) if j + 1 not in known]
+    scale = [0.0] * len(places)
+    for site, values in model.coefficients.items():
+        for k, value in enumerate(values):
+            size = max(abs(value), (sizes or {}).get((site, k), 0.0))
+            if size:
+                places.append((site, k))
+                scale.append(size)
+    for place in shapes:
+        places.append(place)
+        now = model.laws[place[0]][place[1]].shape[place[2].name] or 1.0
+        scale.append(0.0 if place[2].log else abs(now))
+    return Rebuild(model, places, np.array(scale))
+
+
+@dataclass
+class Evaluation:
+    """Whitened residuals and sensitivities at some parameters, initial states projected out, as triangular factors."""
+
+    residuals: np.ndarray
+    jacobian: np.ndarray
+    scores: np.ndarray  # of each comb of lines, (n_pieces, n_parameters)
+    record: np.ndarray
+    states: list[np.ndarray]  # by shot: best change of its initial state and what each parameter takes off it
+
+
+@dataclass
+class Solution:
+    """Estimate, influence of each piece of the data (comb of Fourier lines) on it, and the record of each piece."""
+
+    u: np.ndarray
+    model: ChainModel
+    influences: np.ndarray  # (n_pieces, n_parameters)
+    record: np.ndarray  # (n_pieces,)
+    cost: float  # squared whitened residuals
+    jacobian: np.ndarray
+
+
+class FreeRunFit:
+    """The shots, their noise, and least squares on them."""
+
+    def __init__(self, rebuild: Rebuild, shots: Sequence[Shot], layout: LawLayout, band: Any = None) -> None:
+        self.rebuild, self.shots, self.layout = rebuild, list(shots), layout
+        self.low, self.high = self.limits = common_band([s.segment for s in shots], band)
+        self.noise: NoiseModel | None = None
+        self.better: list[Segment | None] = [None] * len(self.shots)
+        every = np.concatenate([s.measured for s in self.shots]) if self.shots else np.ones((1, 1))
+        self.level = np.sqrt(np.mean(every**2, axis=0))
+        self.level[self.level == 0] = 1.0
+
+    def learn_noise(self, model: ChainModel, channels: tuple[str, ...] = ()) -> bool:
+        """Noise from the gaps of free runs, and the forces corrected by the motion; False if there are no gaps."""
+        runs = [shot.run(model) for shot in self.shots]
+        gaps = [s.measured - s.read(model) for s in self.shots]
+        noise = noise_model(model, self.layout, [s.segment for s in self.shots], runs, gaps, channels)
+        if noise is None:
+            return False
+        self.noise = noise
+        self.low, self.high = max(self.limits[0], noise.signal_band[0]), min(self.limits[1], noise.signal_band[1])
+        self.better = [corrected(s.segment, run, noise, gap) for s, run, gap in zip(self.shots, runs, gaps)]
+        return True
+
+    def choose_hold(self, model: ChainModel) -> None:
+        """Take the course of the force between samples that predicts the motion best."""
+        costs = {}
+        for hold in FORCE_HOLDS:
+            for shot in self.shots:
+                shot.hold = hold
+            costs[hold] = self.judge(model, self.whole)[1]
+        for shot in self.shots:
+            shot.hold = min(costs, key=costs.__getitem__)
+
+    @property
+    def whole(self) -> list[slice]:
+        """All rows of every shot."""
+        return [slice(0, s.n_samples) for s in self.shots]
+
+    def solve(self, u: np.ndarray, rows: Sequence[slice] | None = None, steps: int = STEPS, move: bool = False,
+              settled: float = SETTLED) -> Solution:  # fmt: skip
+        """Estimate from some rows of every shot; ``move``: initial states are estimated, too (Levenberg, Marquardt)."""
+        now, damping = self.evaluate(u, rows), 1e-4
+        for _ in range(steps):
+            J, r, size = now.jacobian, now.residuals, np.linalg.norm(now.jacobian, axis=0)
+            size[size == 0] = 1.0
+            starts, spread = [shot.start for shot in self.shots], np.sqrt(max(r @ r / self.lines, 1e-300))
+            while damping < MOST_DAMPING:
+                wide = np.vstack([J / size, np.sqrt(damping) * np.eye(len(u))])
+                step = np.linalg.lstsq(wide, np.concatenate([r, np.zeros(len(u))]), rcond=None)[0] / size
+                if move:
+                    for shot, state in zip(self.shots, now.states):
+                        shot.start = shot.start + (state[:, -1] + state[:, :-1] @ step).reshape(2, -1)
+                try:
+                    new = self.evaluate(u + step, rows, now.residuals @ now.residuals)
+                except SimulationError:
+                    new = None
+                if new is not None:
+                    break
+                for shot, start in zip(self.shots, starts):
+                    shot.start = start
+                damping = max(10 * damping, 1e-6)
+            else:
+                break
+            u, now, damping = u + step, new, damping / 10
+            if np.linalg.norm(J @ step) < settled * min(spread, 1.0 if self.noise else np.inf):
+                break
+        size = np.linalg.norm(now.jacobian, axis=0)
+        size[size == 0] = 1.0
+        half = np.linalg.pinv(now.jacobian / size, rcond=1e-12) / size[:, None]
+        cost = float(now.residuals @ now.residuals)
+        return Solution(u, self.rebuild(u), now.scores @ half @ half.T, now.record, cost, now.jacobian)
+
+    def evaluate(self, u: np.ndarray, rows: Sequence[slice] | None = None, below: float = np.inf) -> Any:
+        """Residuals and sensitivities of every shot; None if their cost is not below a limit."""
+        rows, p = rows or self.whole, len(u)
+        total = self.lines = sum(r.stop - r.start for r in rows)
+        model = self.rebuild(u)
+        used = [(shot, better, part, shot.read(model)) for shot, better, part in zip(self.shots, self.better, rows)
+                if part.stop - part.start >= FEWEST_ROWS]  # fmt: skip
+        moved = [self.rebuild(u + DIFFERENCE * e) for e in np.eye(p)]
+        factors, scores, record, states = [], [np.empty((0, p))], [], []
+        if np.isfinite(below):
+            cost = sum((self.whitened((shot.measured - base)[part, :, None], shot.segment.step) ** 2).sum()
+                       for shot, _, part, base in used)  # fmt: skip
+            if not cost < below:
+                return None
+        for shot, better, part, base in used:
+            from_ = base if better is None else shot.read(model, forces=better)
+            columns = [(shot.read(m, forces=better) - from_) / DIFFERENCE for m in moved]
+            decays = self.decays(shot, model, from_, better)
+            gap = shot.measured - base
+            every = self.whitened(np.stack([*decays, *columns, gap], axis=2)[part], shot.segment.step)
+            flat, k = every.reshape(-1, every.shape[2]), len(decays)
+            free, rest = flat[:, :k], flat[:, k:]
+            length = np.linalg.norm(free, axis=0)
+            length[length == 0] = 1.0
+            taken = np.linalg.lstsq(free / length, rest, rcond=RANK)[0]
+            rest = rest - free / length @ taken
+            state = taken / length[:, None] * self.state_sizes[:, None]
+            states.append(np.column_stack([-state[:, :-1], state[:, -1]]))
+            factor = np.linalg.qr(rest, mode="r")
+            factors.append(np.pad(factor, ((0, p + 1 - len(factor)), (0, 0))))
+            pieces = max(2, round(PIECES * (part.stop - part.start) / total))
+            scores.append(_scores(rest.reshape(*every.shape[:2], p + 1), pieces))
+            record += [shot.number] * pieces
+        stacked = np.concatenate(factors)
+        return Evaluation(
+            stacked[:, -1], stacked[:, :-1], np.concatenate(scores), np.array(record, dtype=int), states
+        )
+
+    def decays(self, shot: Shot, model: ChainModel, base: np.ndarray, forces: Segment | None) -> list[np.ndarray]:
+        """Changes of the channels with each displacement and velocity of the initial state."""
+        motion = shot.motion(model, forces=forces)
+        sizes = [float(np.sqrt(np.mean(motion[kind] ** 2))) or 1.0 for kind in "xv"]
+        self.state_sizes = np.repeat(sizes, model.n_dof)
+        out = []
+        for place, size in enumerate(self.state_sizes):
+            state = shot.start.copy()
+            state.flat[place] += DIFFERENCE * size
+            out.append((shot.read(model, state, forces) - base) / DIFFERENCE)
+        return out
+
+    def whitened(self, columns: np.ndarray, dt: float) -> np.ndarray:
+        """Spectra of (n_rows, n_channels, k) columns in the band over the root of S; real, imaginary parts as rows."""
+        f = np.fft.rfftfreq(len(columns), dt)[1:]
+        use = (f >= self.low) & (f <= self.high)
+        lines = _lines(columns, dt)[use]
+        if self.noise is None:
+            lines /= self.level[:, None] * np.sqrt(dt)
+        else:
+            for rows, _, S in self.noise.blocks(f[use]):
+                scale = np.sqrt(np.einsum("ijj->ij", S).real)[:, :, None]
+                root = np.linalg.cholesky(S / scale / scale.transpose(0, 2, 1))
+                lines[rows] = np.linalg.solve(root, lines[rows] / scale)
+        return np.sqrt(2.0) * np.concatenate([lines.real, lines.imag], axis=1)
+
+    def judge(self, model: ChainModel, rows: Sequence[slice]) -> np.ndarray:
+        """Squared free-run errors in some rows (plain, weighted) and squared motion; initial states are refitted."""
+        out = np.zeros(3)
+        for shot, part in zip(self.shots, rows):
+            if part.stop - part.start < FEWEST_ROWS:
+                continue
+            base = shot.read(model)
+            C = np.stack(self.decays(shot, model, base, None), axis=2)[part]
+            gap = (shot.measured - base)[part]
+            flat = C.reshape(-1, C.shape[2])
+            size = np.linalg.norm(flat, axis=0)
+            size[size == 0] = 1.0
+            gap = gap - (C / size) @ np.linalg.lstsq(flat / size, gap.ravel(), rcond=RANK)[0]
+            dt, motion = shot.segment.step, shot.measured[part]
+            f = np.fft.rfftfreq(len(gap), dt)[1:]
+            use = (f >= self.low) & (f <= self.high)
+            R, V = (_lines(y[:, :, None], dt)[use, :, 0] for y in (gap, motion))
+            scale = np.mean(shot.measured**2, axis=0)
+            scale[scale == 0] = 1.0
+            weighted = (self.whitened(gap[:, :, None], dt) ** 2).sum() / 2
+            out += [(np.abs(R) ** 2 / scale).sum(), weighted, (np.abs(V) ** 2 / scale).sum()]
+        return out
+
+
+def _lines(values: np.ndarray, dt: float) -> np.ndarray:
+    """Spectra of columns of shape (n_rows, n_channels, k), a line a row."""
+    n, d, k = values.shape
+    return spectrum(values.reshape(n, d * k), dt).reshape(-1, d, k)
+
+
+def _scores(columns: np.ndarray, pieces: int) -> np.ndarray:
+    """Contribution of each comb of whitened lines to the gradient, shape (n_pieces, n_parameters)."""
+    # lines are independent except for their neighbours, and every comb contains every resonance; pieces of time are
+    # correlated for as long as the structure rings
+    products = np.einsum("fd,fdp->fp", columns[:, :, -1], columns[:, :, :-1])
+    return np.array([products[k::pieces].sum(axis=0) for k in range(pieces)])
+
+
+@dataclass
+class OutputErrorResult:
+    """Result of the refinement."""
+
+    found: Solution | None  # None if the refined model does not predict unseen parts better than the initial one
+    rebuild: Rebuild | None = None
+    # free-run error of the velocities on parts that the refinement did not see, percent NRMSE
+    error_before: float = np.nan
+    error_after: float = np.nan
+    why: str = ""  # reason if it was not kept
 
 
 def output_error(
@@ -84,23 +384,28 @@ def output_error(
         return _kept_start("the force on some DOF is unknown in every record")
     if max(shot.n_samples for shot in shots) < 2 * FEWEST_ROWS:
         return _kept_start("the records are too short")
+    rebuild = free_parameters(start, known_masses)
+    problem = FreeRunFit(rebuild, shots, layout, band)
+    resolved = [s.segment.resolved for s in shots if s.segment.resolved is not None]
+    problem.limits = problem.limits[0], min([problem.limits[1], *resolved])
     try:
-        noise = noise_model(start, layout, [s.segment for s in shots], [s.run(start) for s in shots])
-        if noise is None:
-            return OutputErrorResult(None, 0.0, 0.0, why="the free run is exact to round-off")
-        problem = _FreeRunFit(start, shots, layout, known_masses, noise, band)
+        if not problem.learn_noise(start):
+            return OutputErrorResult(None, None, 0.0, 0.0, why="the free run is exact to round-off")
+        problem.choose_hold(start)
         parts = [_half(shots, 0), _half(shots, 1)]
         swapped = list(zip(halves or (start, start), parts, parts[::-1]))
         before = np.array([problem.judge(rival, unseen) for rival, _, unseen in swapped])
-        after = np.array([problem.judge(problem.solve(seen, FEW).model, unseen) for _, seen, unseen in swapped])
+        after = np.array([
+            problem.judge(problem.solve(rebuild.start, seen, FEW).model, unseen) for _, seen, unseen in swapped
+        ])  # fmt: skip
         error_before, error_after = (float(100 * np.sqrt(e[0] / e[2])) for e in (before.sum(0), after.sum(0)))
         if not clearly_better(before, after):
             why = "the refinement does not predict unseen parts of the records clearly better"
-            return OutputErrorResult(None, error_before, error_after, why=why)
-        best = problem.solve([slice(0, s.n_samples) for s in shots])
+            return OutputErrorResult(None, None, error_before, error_after, why=why)
+        best = problem.solve(rebuild.start)
     except SimulationError as error:
         return _kept_start(error.what)
-    return OutputErrorResult(best, error_before, error_after)
+    return OutputErrorResult(best, rebuild, error_before, error_after)
 
 
 def clearly_better(before: np.ndarray, after: np.ndarray) -> bool:
@@ -121,12 +426,13 @@ def shots_of(data: SegmentSet, has_memory: bool) -> list[Shot]:
     for number, seg in enumerate(data.segments):
         if np.isnan(seg.F[seg.valid.start]).any():
             continue
-        n = seg.n_valid
+        n, names = seg.n_valid, tuple(f"v{j}" for j in range(1, seg.n_dof + 1))
         edges = np.linspace(0, n, 1 if has_memory else -(-n // SHOT), endpoint=False).astype(int).tolist() + [n]
         for lo, hi in zip(edges[:-1], edges[1:]):
             rows = slice(seg.valid.start + lo, seg.valid.start + hi)
             state = np.array([np.cumsum(y[rows.start].astype(float)) for y in (seg.s, seg.v)])
-            out.append(Shot(replace(seg, valid=rows), number, state))
+            part = replace(seg, valid=rows)
+            out.append(Shot(part, number, state, names, velocities(part)))
     return out
 
 
@@ -141,199 +447,6 @@ def _half(shots: Sequence[Shot], which: int) -> list[slice]:
         out.append(slice(0, middle) if which == 0 else slice(middle, shot.n_samples))
         at[shot.number] += shot.n_samples
     return out
-
-
-@dataclass
-class _Evaluation:
-    """Whitened residuals and sensitivities at some parameters, compressed to triangular factors; scores of pieces."""
-
-    residuals: np.ndarray
-    jacobian: np.ndarray
-    scores: np.ndarray
-    record: np.ndarray
-
-
-class _FreeRunFit:
-    """The shots, their noise, and least squares on them."""
-
-    def __init__(
-        self, start: ChainModel, shots: Sequence[Shot], layout: LawLayout, known_masses: Mapping[int, float],
-        noise: NoiseModel, band: Any,
-    ) -> None:  # fmt: skip
-        self.start, self.shots, self.layout, self.noise = start, shots, layout, noise
-        self.theta, self.rebuild, self.columns = free_parameters(start, known_masses)
-        self._decays: dict[tuple[int, float], np.ndarray] = {}
-        low, high = common_band([s.segment for s in shots], band)
-        resolved = [s.segment.resolved for s in shots if s.segment.resolved is not None]
-        self.low, self.high = max(low, noise.signal_band[0]), min([noise.signal_band[1], high, *resolved])
-        # the hold of the force between samples that predicts the motion best
-        whole, costs = [slice(0, s.n_samples) for s in shots], {}
-        for hold in FORCE_HOLDS:
-            for shot in shots:
-                shot.hold = hold
-            costs[hold] = self.judge(start, whole)[1]
-        for shot in shots:
-            shot.hold = min(costs, key=costs.__getitem__)
-        runs = [shot.run(start) for shot in shots]
-        # the corrected force comes from the initial model and does not change in the iterations
-        self.better = [corrected(shot.segment, run, noise) for shot, run in zip(shots, runs)]
-
-    def solve(self, rows: Sequence[slice], steps: int = STEPS) -> _Solution:
-        """Estimate from some rows of every shot."""
-        first = self.evaluate(self.theta, rows)
-        size = np.linalg.norm(first.jacobian, axis=0)  # parameters times this are in standard errors
-        start = self.theta * size
-        seen = {start.tobytes(): first}
-
-        def residuals(scaled: np.ndarray) -> np.ndarray:
-            """Whitened residuals; infinite where the free run diverges, which least_squares steps back from."""
-            if scaled.tobytes() not in seen:
-                try:
-                    seen[scaled.tobytes()] = self.evaluate(scaled / size, rows)
-                except SimulationError:
-                    return np.full_like(first.residuals, np.inf)
-            return seen[scaled.tobytes()].residuals
-
-        found = least_squares(
-            residuals, start, lambda scaled: seen[scaled.tobytes()].jacobian / size, method="trf",
-            xtol=SETTLED / np.linalg.norm(start), ftol=None, gtol=None, max_nfev=steps + 1,
-        )  # fmt: skip
-        last = seen[found.x.tobytes()]
-        inverse = np.linalg.pinv(found.jac.T @ found.jac, rcond=1e-12, hermitian=True) / size
-        return _Solution(self.rebuild(found.x / size), -(last.scores / size) @ inverse, last.record)
-
-    def evaluate(self, theta: np.ndarray, rows: Sequence[slice]) -> _Evaluation:
-        """Residuals and sensitivities of every shot, with the effect of its initial condition projected out."""
-        model, p = self.rebuild(theta), len(theta)
-        total = sum(r.stop - r.start for r in rows)
-        factors, scores, record = [], [np.empty((0, p))], []
-        for shot, better, part in zip(self.shots, self.better, rows):
-            if part.stop - part.start < FEWEST_ROWS:
-                continue
-            gap = velocities(shot.segment) - velocities(shot.run(model))
-            moved = self.sensitivities(model, shot, shot.run(model, better))
-            columns = self.whitened(np.dstack([self.decays(shot), -moved, gap])[part], shot.segment.step)
-            decays, rest = np.split(columns.reshape(-1, columns.shape[2]), [columns.shape[2] - p - 1], axis=1)
-            length = np.linalg.norm(decays, axis=0)
-            decays /= np.where(length > 0, length, 1.0)
-            rest = rest - decays @ np.linalg.lstsq(decays, rest, rcond=3e-5)[0]
-            factor = np.linalg.qr(rest, mode="r")
-            factors.append(np.pad(factor, ((0, p + 1 - len(factor)), (0, 0))))
-            pieces = max(2, round(PIECES * (part.stop - part.start) / total))
-            scores.append(_scores(rest.reshape(*columns.shape[:2], p + 1), pieces))
-            record += [shot.number] * pieces
-        stacked = np.concatenate(factors)
-        return _Evaluation(stacked[:, -1], stacked[:, :-1], np.concatenate(scores), np.array(record, dtype=int))
-
-    def whitened(self, columns: np.ndarray, dt: float) -> np.ndarray:
-        """Spectra of (n_rows, n_dof, k) columns in the band over the root of S; real and imaginary parts as rows."""
-        f = np.fft.rfftfreq(len(columns), dt)[1:]
-        use = (f >= self.low) & (f <= self.high)
-        lines = _lines(columns, dt)[use]
-        for rows, _, S in self.noise.blocks(f[use]):
-            scale = np.sqrt(np.einsum("ijj->ij", S).real)[:, :, None]
-            root = np.linalg.cholesky(S / scale / scale.transpose(0, 2, 1))
-            lines[rows] = np.linalg.solve(root, lines[rows] / scale)
-        return np.sqrt(2.0) * np.concatenate([lines.real, lines.imag], axis=1)
-
-    def sensitivities(self, model: ChainModel, shot: Shot, run: Segment) -> np.ndarray:
-        """Change of the relative velocities with each parameter, shape (n_rows, n_dof, n_parameters)."""
-        rows, n = shot.segment.valid, model.n_dof
-        length, dt = rows.stop - rows.start, shot.segment.step
-        block = next(iter(replace(run, valid=rows).blocks(self.layout, size=length)))
-        f = np.fft.rfftfreq(length, dt)
-        G = transfer(self.noise.matrices, np.maximum(f, 0.25 * f[1]))[:, :, :n]
-        out = np.empty((length, n, len(self.columns)))
-        for k, column in enumerate(self.columns):
-            if isinstance(column, int):
-                added = np.zeros((n, length))
-                added[column] = block.acceleration[column]
-            else:
-                site, at = column
-                signs = np.array([site.incidence(j) for j in range(1, n + 1)], dtype=float)
-                added = np.outer(signs, block.terms[self.layout.slices[site].start + at])
-            moved = -(G @ np.fft.rfft(added, axis=1).T[:, :, None])[:, :, 0]
-            out[:, :, k] = np.fft.irfft(moved, length, axis=0)
-        return out
-
-    def decays(self, shot: Shot) -> np.ndarray:
-        """Velocities after a unit displacement or velocity of each DOF, shape (n_rows, n_dof, 2 n_dof)."""
-        key = (shot.n_samples, shot.segment.step)
-        if key not in self._decays:
-            n = len(self.noise.matrices[0])
-            values, vectors = np.linalg.eig(state_matrix(*self.noise.matrices))
-            t = np.arange(shot.n_samples) * shot.segment.step
-            growth = np.exp(np.outer(t, np.minimum(values.real, 0) + 1j * values.imag))
-            shapes = np.einsum("jm,mk->mjk", vectors[n:], np.linalg.pinv(vectors))
-            out = (growth @ shapes.reshape(2 * n, -1)).real
-            self._decays = {key: out.reshape(-1, n, 2 * n)}  # shots are of one or two lengths: keep the last
-        return self._decays[key]
-
-    def judge(self, model: ChainModel, rows: Sequence[slice]) -> np.ndarray:
-        """Squared free-run errors in some rows (plain, weighted) and squared motion; initial states are refitted."""
-        out = np.zeros(3)
-        for shot, part in zip(self.shots, rows):
-            if part.stop - part.start < FEWEST_ROWS:
-                continue
-            run = shot.run(model)
-            v = velocities(shot.segment)
-            gap, C = (v - velocities(run))[part], self.decays(shot)[part]
-            flat = C.reshape(-1, C.shape[2])
-            size = np.linalg.norm(flat, axis=0)
-            gap = gap - (C / size) @ np.linalg.lstsq(flat / size, gap.ravel(), rcond=1e-6)[0]
-            dt = shot.segment.step
-            f = np.fft.rfftfreq(len(gap), dt)[1:]
-            use = (f >= self.low) & (f <= self.high)
-            R, V = (_lines(y[:, :, None], dt)[use, :, 0] for y in (gap, v[part]))
-            scale = np.mean(v**2, axis=0)
-            scale[scale == 0] = 1.0
-            out += [
-                (np.abs(R) ** 2 / scale).sum(),
-                (self.whitened(gap[:, :, None], dt) ** 2).sum() / 2,
-                (np.abs(V) ** 2 / scale).sum(),
-            ]
-        return out
-
-
-def _lines(values: np.ndarray, dt: float) -> np.ndarray:
-    """Spectra of columns of shape (n_rows, n_dof, k), a line a row."""
-    n, d, k = values.shape
-    return spectrum(values.reshape(n, d * k), dt).reshape(-1, d, k)
-
-
-def _scores(columns: np.ndarray, pieces: int) -> np.ndarray:
-    """Contribution of each comb of whitened lines to the gradient, shape (n_pieces, n_parameters)."""
-    # lines are independent except for their neighbours, and every comb contains every resonance; pieces of time are
-    # correlated for as long as the structure rings
-    products = np.einsum("fd,fdp->fp", columns[:, :, -1], columns[:, :, :-1])
-    return np.array([products[k::pieces].sum(axis=0) for k in range(pieces)])
-
-
-@dataclass
-class Rebuild:
-    """Builds a ChainModel from free parameters: DOFs (from 0) with a free mass, and site and term of each other."""
-
-    model: ChainModel
-    free: list[int]
-    held: list[tuple[Site, int]]
-
-    def __call__(self, x: np.ndarray) -> ChainModel:
-        """Model of a vector."""
-        model, masses, values = self.model, self.model.masses.copy(), self.model.coefficients
-        masses[self.free] = x[: len(self.free)]
-        for (site, k), value in zip(self.held, x[len(self.free) :]):
-            values[site][k] = value
-        return ChainModel(masses, with_coefficients(model.laws, values), model.chain, model.visited, model.info)
-
-
-def free_parameters(
-    model: ChainModel, known: Mapping[int, float]
-) -> tuple[np.ndarray, Rebuild, list[int | tuple[Site, int]]]:
-    """Free parameters (zero terms stay zero), their Rebuild, and the DOF (from 0) or site and number of each."""
-    free = [j for j in range(model.n_dof) if j + 1 not in known]
-    held = [(site, k) for site, values in model.coefficients.items() for k, c in enumerate(values) if c]
-    theta = np.array([*model.masses[free], *(model.coefficients[site][k] for site, k in held)])
-    return theta, Rebuild(model, free, held), [*free, *held]
 
 
 _NEGLIGIBLE = 0.2  # change of a mass in the last round, in standard errors
@@ -363,10 +476,10 @@ def refine(
             facts[f"free_run_{key}"] = error if np.isfinite(error) else None
         if best := result.found:
             model, facts["found"] = best.model, "simulation"
-            theta, rebuild, _ = free_parameters(model, known)
+            assert result.rebuild is not None
             resolver = InfluenceResolver(
                 iv.pieces, solve_order, known, inner,
-                theta=theta, rebuild=rebuild, moves=best.influences, of=best.record,
+                theta=best.u, rebuild=result.rebuild, moves=best.influences, of=best.record,
             )  # fmt: skip
         else:
             facts["notes"] = [*facts["notes"], f"instrumental variables kept: {result.why}"]

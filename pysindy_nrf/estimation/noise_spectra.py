@@ -52,12 +52,17 @@ class NoiseModel:
     share: Smooth  # share of the simulated motion's density, by DOF, that the force's noise did not make
     # hz; frequencies in which the run moves and the filters of the motions pass; only these are used
     signal_band: tuple[float, float]
+    channels: tuple[str, ...] = ()  # a1, x2, ... whose noise it is; the relative velocities of all DOFs if empty
+
+    def transfer(self, f: np.ndarray) -> np.ndarray:
+        """Channels from forces and base acceleration, shape (len(f), n_channels, n_dof + 1)."""
+        return transfer(self.matrices, f, self.channels)
 
     def blocks(self, f: np.ndarray) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
         """Rows of f, the transfer G there and the covariance S of the free run's error."""
         for start in range(0, len(f), LINES):
             rows = slice(start, start + LINES)
-            G = transfer(self.matrices, f[rows])
+            G = self.transfer(f[rows])
             S = (G * self.force) @ G.conj().transpose(0, 2, 1)
             diagonal = np.arange(S.shape[1])
             S[:, diagonal, diagonal] += self.motion(f[rows])
@@ -96,12 +101,19 @@ def linearised(
     return np.diag(model.masses), C, K
 
 
-def transfer(matrices: Sequence[np.ndarray], f: np.ndarray) -> np.ndarray:
-    """Relative velocities from forces and base acceleration, shape (len(f), n_dof, n_dof + 1)."""
+def transfer(matrices: Sequence[np.ndarray], f: np.ndarray, channels: Sequence[str] = ()) -> np.ndarray:
+    """Relative velocities (or channels) from forces and base acceleration, shape (len(f), n_dof, n_dof + 1)."""
     M, C, K = matrices
     w = 2 * np.pi * np.asarray(f)[:, None, None]
     H = np.linalg.inv(K + 1j * w * C - w**2 * M)
-    return 1j * w * np.concatenate([H, -H @ M.sum(axis=1)[None, :, None]], axis=2)
+    G = 1j * w * np.concatenate([H, -H @ M.sum(axis=1)[None, :, None]], axis=2)
+    if not channels:
+        return G
+    out = np.empty((len(G), len(channels), G.shape[2]), dtype=complex)
+    for k, channel in enumerate(channels):
+        out[:, k] = G[:, int(channel[1:]) - 1] * (1j * w[:, 0]) ** {"x": -1, "v": 0, "a": 1}[channel[0]]
+        out[:, k, -1] += channel[0] == "a"  # accelerations are absolute
+    return out
 
 
 def lines_of(segment: Segment) -> np.ndarray:
@@ -141,15 +153,18 @@ def smoothed(f: Sequence[np.ndarray], density: Sequence[np.ndarray], typical: bo
 
 
 def noise_model(
-    model: ChainModel, layout: LawLayout, data: Sequence[Segment], runs: Sequence[Segment]
-) -> NoiseModel | None:
-    """Noise of motions and forces from the errors of free runs under the measured forces; None if they have none."""
+    model: ChainModel, layout: LawLayout, data: Sequence[Segment], runs: Sequence[Segment],
+    gaps: Sequence[np.ndarray] = (), channels: tuple[str, ...] = (),
+) -> NoiseModel | None:  # fmt: skip
+    """Noise of motions (or channels) and forces from the gaps of free runs under measured forces; None without gaps."""
     n = model.n_dof
     matrices = linearised(model, layout, runs)
     every = [lines_of(seg) for seg in data]
-    R = [spectrum(velocities(seg) - velocities(run), seg.step, taper=True) for seg, run in zip(data, runs)]
+    gaps = gaps or [velocities(seg) - velocities(run) for seg, run in zip(data, runs)]
+    R = [spectrum(gap, seg.step, taper=True) for seg, gap in zip(data, gaps)]
     V = [spectrum(velocities(run), run.step, taper=True) for run in runs]
     missed, whole = (np.sqrt(sum((np.abs(y) ** 2).sum(axis=0) for y in part)) for part in (R, V))
+    whole = np.full(len(missed), 0.0) if channels else whole
     if not np.all(missed > 1e-6 * whole):
         return None
     force = np.array([_force_density(data, j) for j in range(n + 1)])
@@ -165,13 +180,14 @@ def noise_model(
     floor = np.maximum(floor, LEAST * motion.values)
     motion.values = np.maximum(motion.values, floor)
     for _ in range(2):
-        force = np.minimum(force, _force_noise_bound(matrices, f, R, motion, force > 0))
-        response = [_response_to_force_noise(matrices, lines, force) for lines in f]
+        force = np.minimum(force, _force_noise_bound(matrices, f, R, motion, force > 0, channels))
+        response = [_response_to_force_noise(matrices, lines, force, channels) for lines in f]
         motion = smoothed(f, [np.abs(r) ** 2 - _LN2 * q for r, q in zip(R, response)], typical=True)
         motion.values = np.maximum(motion.values, floor)
+    response = [_response_to_force_noise(matrices, lines, force) for lines in f]
     own, made = smoothed(f, [np.abs(v) ** 2 for v in V]), smoothed(f, response)
     share = Smooth(own.f, np.clip(1 - made.values / np.maximum(own.values, 1e-300), 1e-6, 1.0))
-    return NoiseModel(matrices, motion, force, share, signal_band)
+    return NoiseModel(matrices, motion, force, share, signal_band, channels)
 
 
 def _signal_band(
@@ -202,17 +218,20 @@ def _force_density(data: Sequence[Segment], j: int) -> float:
     return float(np.mean(found)) if found else 0.0
 
 
-def _response_to_force_noise(matrices: Sequence[np.ndarray], f: np.ndarray, force: np.ndarray) -> np.ndarray:
-    out = np.empty((len(f), len(matrices[0])))
+def _response_to_force_noise(
+    matrices: Sequence[np.ndarray], f: np.ndarray, force: np.ndarray, channels: Sequence[str] = ()
+) -> np.ndarray:
+    out = np.empty((len(f), len(channels) or len(matrices[0])))
     for start in range(0, len(f), LINES):
         rows = slice(start, start + LINES)
-        out[rows] = (np.abs(transfer(matrices, f[rows])) ** 2) @ force
+        out[rows] = (np.abs(transfer(matrices, f[rows], channels)) ** 2) @ force
     return out
 
 
 def _force_noise_bound(
-    matrices: Sequence[np.ndarray], f: Sequence[np.ndarray], R: Sequence[np.ndarray], motion: Smooth, noisy: np.ndarray
-) -> np.ndarray:
+    matrices: Sequence[np.ndarray], f: Sequence[np.ndarray], R: Sequence[np.ndarray], motion: Smooth, noisy: np.ndarray,
+    channels: Sequence[str] = (),
+) -> np.ndarray:  # fmt: skip
     """Upper bound of every force's noise density, from its share in the motion's error."""
     bound = np.full(len(noisy), np.inf)
     if not noisy.any():
@@ -221,7 +240,7 @@ def _force_noise_bound(
     for lines, r in zip(f, R):
         for start in range(0, len(lines), LINES):
             rows = slice(start, start + LINES)
-            G = transfer(matrices, lines[rows])[:, :, noisy]
+            G = transfer(matrices, lines[rows], channels)[:, :, noisy]
             W = G.conj().transpose(0, 2, 1) / motion(lines[rows])[:, None, :]
             inverse = np.linalg.pinv(W @ G, hermitian=True)
             sizes.append(np.abs((inverse @ (W @ r[rows][:, :, None]))[:, :, 0]) ** 2)
@@ -233,12 +252,12 @@ def _force_noise_bound(
     return bound
 
 
-def corrected(segment: Segment, run: Segment, noise: NoiseModel) -> Segment:
-    """The record with the force (and base acceleration) corrected by the measured motion."""
+def corrected(segment: Segment, run: Segment, noise: NoiseModel, gap: np.ndarray | None = None) -> Segment:
+    """The record with the force (and base acceleration) corrected by the measured motion, from the gap of its run."""
     rows, n = segment.valid, segment.n_dof
     f = lines_of(segment)
     first, last = np.searchsorted(f, noise.signal_band, side="left")
-    R = spectrum(velocities(segment) - velocities(run), segment.step)[first:last]
+    R = spectrum(velocities(segment) - velocities(run) if gap is None else gap, segment.step)[first:last]
     more = np.zeros((len(f) + 1, n + 1), dtype=complex)
     for part, G, S in noise.blocks(f[first:last]):
         found = G.conj().transpose(0, 2, 1) @ np.linalg.solve(S, R[part][:, :, None])

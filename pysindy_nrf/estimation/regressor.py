@@ -34,6 +34,7 @@ from ..regression.errors import balance_errors
 from ..regression.input_arrays import as_measured, doubted, fused_together, holds_records, one_by_one
 from ..regression.segments import SegmentSet
 from .constraints import constrained
+from .fewer_sensors import fit_fewer_sensors, lacks_motion
 from .fitted import FittedChain
 from .free_run_fit import refine
 from .frequency_response import fit_frequency_response
@@ -111,6 +112,10 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         end (balance i for storey i), the joint one neither.
     errors_ : DataFrame
         Balance errors (one step) on the fitted data, percent NRMSE; see :mod:`pysindy_nrf.regression.errors`.
+    motions_ : list of DataFrame
+        Of records in which some floor has no sensor, one each: motions of all DOFs (a absolute, v and x relative to the
+        base), forces of all sites (``"R storey 2"``), and the ends of their 95 % intervals. The free run is then
+        fitted to the measured channels, and ``errors_`` are its errors there.
     missing_terms_ : DataFrame
         Share of each residual that further terms would explain, step by step; a BiasWarning is raised if a
         law is missing.
@@ -224,6 +229,8 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             raise ChannelError("sample_weight is for least squares of samples in memory", "Leave it out otherwise.")
         if isinstance(X, FrequencyResponse):
             return fit_frequency_response(self, X)
+        if holds_records(X) and lacks_motion(X if isinstance(X, (list, tuple)) else [X]):
+            return fit_fewer_sensors(self, X if isinstance(X, (list, tuple)) else [X])
         if is_streamed(X):
             return fit_streamed(self, X, y, state=state, **beside)
         memory = any(law.has_memory for law in law_list(self.laws))

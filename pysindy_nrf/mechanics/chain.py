@@ -10,7 +10,7 @@ import numpy as np
 from ..common import number_of
 from ..common.lazy import Hook
 from ..exceptions import ChainError
-from .identifiability import SolveOrder, plan_solve_order
+from .identifiability import Sensing, SolveOrder, plan_sensing, plan_solve_order
 from .sites import Site, as_mapping, dofs_of
 
 _GROUNDS = ("base", "both", "free")
@@ -157,6 +157,39 @@ class Chain:
             The order of the solve and what cannot be identified; ``str()`` describes it.
         """
         return plan_solve_order(self, excited, unknown, known_masses, strategy)
+
+    def sensing(
+        self, sensors: int | Iterable[int], excited: int | Iterable[int] = (), *,
+        known_masses: int | Iterable[int] = (), model: Any = None,
+    ) -> Sensing:  # fmt: skip
+        """What sensors on some floors only can tell of masses and stiffnesses, by the linearised problem.
+
+        Parameters
+        ----------
+        sensors, excited, known_masses : int or iterable of int
+            DOFs whose motion is measured, on which a measured force acts (none: the base moves), whose mass is known.
+        model : ChainModel, optional
+            A first guess of the chain; else nearly equal masses and stiffnesses with 1 % damping.
+
+        Returns
+        -------
+        Sensing
+            ``rank``, ``condition``, ``errors`` and ``gains`` of one more sensor; ``str()`` says it in words.
+
+        Raises
+        ------
+        ChainError
+            If no floor has a sensor, or a DOF is not in the chain.
+
+        Examples
+        --------
+        >>> from pysindy_nrf import Chain
+        >>> Chain(3).sensing(sensors=3, excited=3).complete  # the response at a forced end tells all
+        True
+        >>> Chain(3).sensing(sensors=3).complete  # of a shaken chain no mass is known
+        False
+        """
+        return plan_sensing(self, sensors, excited, known_masses, model)
 
     def plan(self, **options: Any) -> Any:
         """Recommend floors to excite or sensors to add.

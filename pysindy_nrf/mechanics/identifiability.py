@@ -10,6 +10,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+import numpy as np
+
 from ..exceptions import ChainError, ExcitationError, IdentifiabilityError
 from .sites import Site, dofs_of
 
@@ -168,3 +170,113 @@ def _reasons(masses: tuple[int, ...], sites: tuple[Site, ...], unknown: frozense
             why = f"the force on DOF {j} is unknown; measure it or weigh the floor."
         said.append(((-j, 1, 0), f"m{j} cannot be found: {why}"))
     return tuple(text for _, text in sorted(said, key=lambda item: item[0]))
+
+
+DAMPING = 0.01  # of every mode of the nominal chain, as a share of critical
+LOST = 1e-7  # singular value over the largest below which a direction is not told
+DRAW = 0.15  # spread of the nominal masses and stiffnesses: equal ones would hide nothing and share modes by chance
+
+
+@dataclass(frozen=True)
+class Sensing:
+    """What some sensors can tell of a linear chain, from the rank and condition of the linearised problem."""
+
+    excited: tuple[int, ...]  # DOFs with a measured force; empty: the base moves
+    sensors: tuple[int, ...]
+    rank: int
+    unknowns: int  # free masses and stiffnesses
+    condition: float  # of the changes of the responses with their logarithms, damping unknown
+    errors: dict[str, float]  # standard error of each over that with sensors on every floor; inf: not told
+    gains: dict[int, float]  # by floor without a sensor: largest error over that with one more sensor there
+
+    @property
+    def complete(self) -> bool:
+        """True if all masses and stiffnesses can be told."""
+        return self.rank == self.unknowns
+
+    def __str__(self) -> str:
+        where = f"{_floors('Force on floor', self.excited)}" if self.excited else "Base motion"
+        worst = max(self.errors, key=self.errors.__getitem__)
+        said = f"{where}, {_floors('sensor on floor', self.sensors)}: "
+        if self.complete:
+            said += (
+                f"all {self.unknowns} masses and stiffnesses can be told near a given chain (condition "
+                f"{self.condition:.1e}). Least sure is {worst}, with {self.errors[worst]:.1f} times the error that "
+                "sensors on every floor leave."
+            )
+        else:
+            lost = ", ".join(name for name, error in self.errors.items() if np.isinf(error))
+            said += (
+                f"{self.rank} of {self.unknowns} combinations of masses and stiffnesses can be told; {lost} cannot be "
+                f"told apart. {'' if self.excited else 'Measure a force on a floor, or give a mass.'}"
+            )
+        if self.gains:
+            floor = max(self.gains, key=self.gains.__getitem__)
+            if self.gains[floor] > 1:
+                said = f"{said.rstrip()} One more sensor helps most on floor {floor}"
+                falls = np.isfinite(self.gains[floor])
+                said += f": the largest error falls by a factor of {self.gains[floor]:.1f}." if falls else "."
+        return said.rstrip()
+
+
+def _floors(text: str, floors: tuple[int, ...]) -> str:
+    return f"{text}{'s' * (len(floors) > 1)} {', '.join(map(str, floors))}"
+
+
+def plan_sensing(chain: Any, sensors: Any, excited: Any = (), known_masses: Any = (), model: Any = None) -> Sensing:
+    """Rank, condition and errors of the linearised problem; of the model's linear part, or of a nominal chain."""
+    n, links = chain.n_dof, [s for s in chain.sites if s.kind == "link"]
+    seen, hit, known = (
+        tuple(sorted(dofs_of(name, given, n)))
+        for name, given in (("sensors", sensors), ("excited", excited), ("known_masses", known_masses))
+    )
+    if not seen:
+        raise ChainError("No floor has a sensor", "Name at least one: sensors=[4].")
+    rng, signs = np.random.default_rng(0), chain.incidence(links)
+    masses, k = 1 + DRAW * rng.uniform(-1, 1, n), 1 + DRAW * rng.uniform(-1, 1, len(links))
+    if model is not None:
+        masses = np.asarray(model.masses, dtype=float)
+        k = np.array([abs(model.restoring_forces[s].linear_part()["k"]) for s in links])
+    free = [j for j in range(n) if j + 1 not in known]
+    values = np.linalg.eigvalsh((signs * k) @ signs.T / np.sqrt(masses)[:, None] / np.sqrt(masses))
+    modes = np.sqrt(np.maximum(values, 1e-9 * values[-1]))
+    w = np.outer(modes, 1 + DAMPING * np.linspace(-4, 4, 9)).ravel()
+    middle = float(np.exp(np.log(modes).mean()))
+
+    def responses(u: np.ndarray) -> np.ndarray:
+        """Accelerations of all floors by line and input, changed by logarithms of masses, stiffnesses, damping."""
+        m, stiff = masses.copy(), k * np.exp(u[len(free) : len(free) + len(k)])
+        m[free] *= np.exp(u[: len(free)])
+        c = k * 2 * DAMPING / middle * np.exp(u[len(free) + len(k) :])
+        whole = (signs * (stiff + 1j * w[:, None, None] * c)) @ signs.T - w[:, None, None] ** 2 * np.diag(m)
+        x = np.linalg.inv(whole)
+        inputs = np.eye(n)[:, [j - 1 for j in hit]] if hit else -m[:, None]
+        return -(w[:, None, None] ** 2) * (x @ inputs) + (0.0 if hit else 1.0)
+
+    p = len(free) + 2 * len(k)
+    J = np.stack([(responses(h) - responses(-h)) / 2e-5 for h in 1e-5 * np.eye(p)], axis=-1)
+    J = J / np.sqrt(np.mean(np.abs(responses(np.zeros(p))) ** 2, axis=0))[None, :, :, None]
+    names = [f"m{j + 1}" for j in free] + [f"{site}: s" for site in links]
+
+    def told(floors: Iterable[int]) -> tuple[np.ndarray, np.ndarray]:
+        """Singular values of the scaled masses and stiffnesses, and their errors."""
+        part = J[:, [j - 1 for j in floors]].reshape(-1, p)
+        part = np.concatenate([part.real, part.imag])
+        wanted, damping = part[:, : len(names)], part[:, len(names) :]
+        wanted = wanted - damping @ np.linalg.lstsq(damping, wanted, rcond=None)[0]
+        _, singular, turned = np.linalg.svd(wanted, full_matrices=False)
+        held = singular > LOST * singular[0]
+        variance = (turned[held] ** 2 / singular[held, None] ** 2).sum(axis=0)
+        lost = (turned[~held] ** 2).sum(axis=0) > 1e-6
+        return singular, np.where(lost, np.inf, np.sqrt(variance))
+
+    every = told(range(1, n + 1))[1]
+    singular, errors = told(seen)
+    rank = int((singular > LOST * singular[0]).sum())
+    gains = {}
+    for floor in sorted(set(range(1, n + 1)) - set(seen)):
+        new = told([*seen, floor])[1].max()
+        gains[floor] = 1.0 if np.isinf(new) else float(errors.max() / new)
+    shares = np.where(np.isinf(errors), np.inf, errors / np.where(np.isinf(every), 1.0, every))
+    condition = float(singular[0] / singular[-1]) if rank == len(names) else np.inf
+    return Sensing(hit, seen, rank, len(names), condition, dict(zip(names, shares.tolist())), gains)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from scipy.interpolate import CubicSpline
+from scipy.signal import lfilter
 
 from ..common import number_of
 from ..data.channels import as_matrix, rows_text
@@ -129,6 +130,32 @@ def free_run(model: Any, F: Any, dt: float, **options: Any) -> FreeRun:
     )
     states = {key: out.z[:, part] for key, part in run.layout.states.items()}
     return FreeRun(run.record(name), states, energy, run.quality)
+
+
+def linear_run(
+    matrices: tuple[np.ndarray, np.ndarray, np.ndarray], F: np.ndarray, dt: float, start: np.ndarray,
+    base_acceleration: Any = None, hold: str = "linear",
+) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:  # fmt: skip
+    """Motion x, v (relative), a (absolute) of a linear structure from (x0, v0), exact; None if modes coincide."""
+    M, C, K = matrices
+    n, base = len(M), np.zeros(len(F)) if base_acceleration is None else base_acceleration
+    A = np.vstack([np.eye(2 * n)[n:], -np.linalg.solve(M, np.hstack([K, C]))])
+    values, vectors = np.linalg.eig(A)
+    if not np.linalg.cond(vectors) < 1e10 or (values.real * dt * len(F) > 200).any():
+        return None
+    back = np.linalg.inv(vectors)
+    half = values.imag >= 0  # the others are conjugate
+    values, vectors, back = values[half], vectors[:, half] * np.where(values[half].imag > 0, 2.0, 1.0), back[half]
+    inputs = np.vstack([np.zeros((n, n + 1)), np.hstack([np.linalg.inv(M), -np.ones((n, 1))])])
+    courses = polynomials(np.column_stack([F, base]), hold)
+    at, weights = np.polynomial.legendre.leggauss(12)
+    at, weights = 0.5 + 0.5 * at, 0.5 * weights * dt
+    grown = np.exp(np.outer(values, (1 - at) * dt)) * weights
+    drive = sum((back @ inputs * (grown @ at**d)[:, None]) @ part.T for d, part in enumerate(courses))
+    drive = np.column_stack([back @ start.ravel(), drive])
+    modal = np.array([lfilter([1.0], [1.0, -np.exp(value * dt)], line) for value, line in zip(values, drive)])
+    x, v = np.split((vectors @ modal).real, 2)
+    return x.T, v.T, np.linalg.solve(M, F.T - C @ v - K @ x).T
 
 
 @dataclass

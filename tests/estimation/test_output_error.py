@@ -29,7 +29,7 @@ def measured(truth, seed, noise=0.05, duration=8.0, dofs=(2,), hold="cubic"):
 @pytest.fixture(scope="module")
 def fits():
     truth = ChainModel(TRUE, LINEAR)
-    recs = [measured(truth, seed) for seed in range(4)]
+    recs = [measured(truth, seed) for seed in range(1, 5)]
     return {e: [NRFRegressor(degree=1, estimation=e).fit(rec) for rec in recs] for e in ("iv", "simulation")}
 
 

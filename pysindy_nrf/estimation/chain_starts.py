@@ -1,0 +1,236 @@
+"""Starting values of a linear chain from the data of a few channels, by way of its modes.
+
+The spectra of the measured channels are fitted with rational functions of common poles (vector fitting: Gustavsen and
+Semlyen, IEEE Trans. Power Delivery 14, 1999), the effect of initial and final state among them. Where the force acts
+on an end of a plain chain and the same end is measured, poles and residues give all masses and stiffnesses (inverse
+problem of Jacobi matrices: Hochstadt, 1974; Gladwell, Inverse problems in vibration, 2004). Otherwise, and against
+noise, chains drawn at random are fitted to poles and residues.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares, nnls
+
+from ..exceptions import IdentifiabilityError
+from ..mechanics.chain import Chain
+from ..mechanics.sites import Site
+from .free_run_fit import Shot
+
+ROUNDS = 12  # of the poles
+DRAWS, KEPT = 40, 4  # chains drawn at random; starting values at most
+ALIKE = 0.02  # starting values whose logarithms differ by less are one
+POWER = 1e-3  # of the spectrum's largest line, smoothed, above which lines are used
+NEAR, SHARE = 5e-3, 0.05  # error of a frequency, and of a residue as a share of the largest, that count as one
+
+
+@dataclass
+class Modes:
+    """Poles (1/s) of a chain, and its displacement residues: channel (DOF from 0), input (DOF; n_dof: base), value."""
+
+    poles: np.ndarray
+    residues: list[tuple[int, int, np.ndarray]]
+    misfit: float
+
+
+@dataclass
+class Linear:
+    """Masses (kg), stiffnesses (N/m) and damping (N s/m) of the links of a chain."""
+
+    masses: np.ndarray
+    stiffness: np.ndarray
+    damping: np.ndarray
+    misfit: float
+
+
+def chain_starts(
+    shots: Sequence[Shot], chain: Chain, links: Sequence[Site], known: Mapping[int, float], random_state: int = 0
+) -> list[Linear]:
+    """Starting values of the masses and of the springs and dampers in some links, the best first."""
+    found = modes_of(shots, chain.n_dof)
+    rng = np.random.default_rng(random_state)
+    starts = sorted(_matched(found, chain, links, known, rng), key=lambda one: one.misfit)
+    kept: list[Linear] = []
+    for one in starts:
+        new = np.log(np.concatenate([one.masses, one.stiffness]))
+        if all(np.abs(new - np.log(np.concatenate([k.masses, k.stiffness]))).max() > ALIKE for k in kept):
+            kept.append(one)
+    if not kept:
+        what = "No chain has the modes of the measured channels"
+        raise IdentifiabilityError(what, "Check units and DOFs, give a longer record, or add a sensor.")
+    return kept[:KEPT]
+
+
+def _spectra(shots: Sequence[Shot]) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Imaginary frequencies (1/s), channels over their rms, and inputs of every shot, line by line."""
+    for shot in shots:
+        seg, rows = shot.segment, shot.segment.valid
+        ag = np.zeros(seg.n_valid) if seg.ag is None else seg.ag[rows]
+        Y, U = (np.fft.rfft(part, axis=0)[1:] for part in (shot.measured, np.column_stack([seg.F[rows], ag])))
+        f = np.fft.rfftfreq(seg.n_valid, seg.step)[1:]
+        width = max(3, len(f) // 200)
+        power = (np.abs(Y) ** 2 / (np.abs(Y) ** 2).max(axis=0)).sum(axis=1)
+        driven = (np.abs(U) ** 2 / np.maximum((np.abs(U) ** 2).max(axis=0), 1e-300)).sum(axis=1)
+        smooth = [np.convolve(part, np.ones(width) / width, "same") for part in (power, driven)]
+        use = (smooth[0] > POWER * smooth[0].max()) & (smooth[1] > POWER * smooth[1].max())
+        inside = slice(int(np.argmax(use)), len(use) - int(np.argmax(use[::-1])))
+        yield 2j * np.pi * f[inside], Y[inside], U[inside]
+
+
+def _basis(s: np.ndarray, poles: np.ndarray) -> np.ndarray:
+    """Partial fractions with real coefficients, two for each pole, shape (len(s), 2 n_poles)."""
+    a, b = 1 / (s[:, None] - poles), 1 / (s[:, None] - poles.conj())
+    return np.stack([a + b, 1j * (a - b)], axis=2).reshape(len(s), -1)
+
+
+def modes_of(shots: Sequence[Shot], n: int) -> Modes:
+    """Poles and residues of n modes by vector fitting, from the best of some first poles."""
+    data, channels = list(_spectra(shots)), shots[0].channels
+    inputs = [u for u in range(n + 1) if any(np.any(U[:, u]) for *_, U in data)]
+    ends = np.array([[abs(s[0]), abs(s[-1])] for s, *_ in data])
+    low, high = ends[:, 0].min(), ends[:, 1].max()
+    level = [np.sqrt(sum((np.abs(Y[:, c]) ** 2).sum() for _, Y, _ in data)) for c in range(len(channels))]
+    force = [np.sqrt(sum((np.abs(U[:, u]) ** 2).sum() for *_, U in data)) for u in inputs]
+
+    def columns(poles: np.ndarray, c: int) -> tuple[np.ndarray, np.ndarray]:
+        """Columns of residues, direct terms and transients of one channel, and the channel."""
+        wide = []
+        for r, (s, _, U) in enumerate(data):
+            fractions = np.column_stack([_basis(s, poles), np.ones(len(s))])
+            parts = [fractions * (U[:, u] / force[i])[:, None] for i, u in enumerate(inputs)]
+            parts += [fractions * (k == r) / np.sqrt(len(s)) for k in range(len(data))]
+            wide.append(np.hstack(parts))
+        return _real(np.vstack(wide)), _real(np.concatenate([Y[:, c] for _, Y, _ in data]) / level[c])
+
+    def relocated(poles: np.ndarray) -> np.ndarray:
+        """Zeros of the common denominator."""
+        gram, right = [], []
+        for c in range(len(channels)):
+            own, y = columns(poles, c)
+            shared = np.vstack([_basis(s, poles) * (Y[:, c] / level[c])[:, None] for s, Y, _ in data])
+            size = np.linalg.norm(own, axis=0)
+            size[size == 0] = 1.0
+            wide = np.column_stack([own / size, -_real(shared), y])
+            R = np.asarray(np.linalg.qr(wide, mode="r"))[own.shape[1] :, own.shape[1] :]
+            gram.append(R[:, :-1])
+            right.append(R[:, -1])
+        sigma = np.linalg.lstsq(np.vstack(gram), np.concatenate(right), rcond=None)[0]
+        A, b = np.zeros((2 * n, 2 * n)), np.tile([2.0, 0.0], n)
+        for k, pole in enumerate(poles):
+            A[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = [[pole.real, pole.imag], [-pole.imag, pole.real]]
+        found = np.linalg.eigvals(A - np.outer(b, sigma))
+        found = found[np.argsort(-found.imag)][:n]  # two real ones become a pair
+        return -np.abs(found.real) + 1j * np.clip(np.abs(found.imag), 0.5 * low, 1.5 * high)
+
+    best = None
+    for spread in (np.linspace, np.geomspace):
+        poles = spread(max(low, high / 300), high, n + 2)[1:-1] * (-0.01 + 1j)
+        for _ in range(ROUNDS):
+            poles = relocated(poles)
+            left, values = 0.0, []
+            for c in range(len(channels)):
+                own, y = columns(poles, c)
+                x, *_ = np.linalg.lstsq(own, y, rcond=None)
+                left += float(((y - own @ x) ** 2).sum())
+                values.append(x)
+            if best is None or left < best[0]:
+                best = left, poles, values
+    assert best is not None
+    left, poles, values = best
+    residues = []
+    for c, (channel, x) in enumerate(zip(channels, values)):
+        for i, u in enumerate(inputs):
+            part = x[i * (2 * n + 1) :][: 2 * n].reshape(n, 2) @ [1, 1j] * level[c] / force[i]
+            residues.append((int(channel[1:]) - 1, u, part / poles ** {"x": 0, "v": 1, "a": 2}[channel[0]]))
+    order = np.argsort(np.abs(poles))
+    return Modes(poles[order], [(j, u, r[order]) for j, u, r in residues], left)
+
+
+def _real(values: np.ndarray) -> np.ndarray:
+    return np.concatenate([values.real, values.imag])
+
+
+def _from_end(found: Modes, n: int) -> np.ndarray | None:
+    """Logarithms of masses and stiffnesses of a plain chain from the response at a forced end; None if none has it."""
+    for j, u, residues in found.residues:
+        if j != u or j not in (0, n - 1):
+            continue
+        weights = (residues * 2j * found.poles.imag).real  # squared mode shapes, for unit modal masses
+        if (weights <= 0).any():
+            return None
+        mass, first = 1.0 / weights.sum(), np.sqrt(weights / weights.sum())
+        J, Q = np.zeros((n, n)), [first]  # Lanczos from the forced end
+        for k in range(n):
+            along = np.abs(found.poles) ** 2 * Q[k]
+            J[k, k] = Q[k] @ along
+            along = along - np.array(Q).T @ (np.array(Q) @ along)
+            along = along - np.array(Q).T @ (np.array(Q) @ along)
+            if k + 1 < n:
+                J[k, k + 1] = J[k + 1, k] = -np.linalg.norm(along)
+                Q.append(along / np.linalg.norm(along))
+        if j == n - 1:
+            J = J[::-1, ::-1]
+        roots = np.linalg.solve(J, np.eye(n)[0])  # roots of the masses, up to a factor: the free end bears no force
+        if (roots <= 0).any() and (roots >= 0).any():
+            return None
+        roots = np.abs(roots / roots[j]) * np.sqrt(mass)
+        above = -np.diag(J, 1) * roots[1:] * roots[:-1]
+        springs = np.append(J[0, 0] * roots[0] ** 2 - above[:1].sum(), above)
+        return np.log(np.concatenate([roots**2, springs])) if (springs > 0).all() else None
+    return None
+
+
+def _matched(
+    found: Modes, chain: Chain, links: Sequence[Site], known: Mapping[int, float], rng: np.random.Generator
+) -> Iterator[Linear]:
+    """Chains whose frequencies and residues are those found, from the Jacobi matrix and from chains drawn at random."""
+    n, signs, w = chain.n_dof, chain.incidence(links), np.abs(found.poles)
+    free = [j for j in range(n) if j + 1 not in known]
+    fixed = np.array([known.get(j + 1, 1.0) for j in range(n)], dtype=float)
+    aim = [(j, u, (r * 2j * found.poles.imag).real) for j, u, r in found.residues]
+    largest = [np.abs(values).max() for *_, values in aim]
+
+    def parts(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        masses = fixed.copy()
+        masses[free] = np.exp(x[: len(free)])
+        return masses, np.exp(x[len(free) :])
+
+    def shapes(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        masses, k = parts(x)
+        root = np.sqrt(masses)
+        values, vectors = np.linalg.eigh((signs * k) @ signs.T / root[:, None] / root)
+        return np.sqrt(np.maximum(values, 1e-12 * values[-1])), vectors / root[:, None]
+
+    def gap(x: np.ndarray) -> np.ndarray:
+        masses, _ = parts(x)
+        own, phi = shapes(x)
+        driven = np.vstack([phi, -masses @ phi])
+        wrong = [(phi[j] * driven[u] - values) / size / SHARE for (j, u, values), size in zip(aim, largest)]
+        return np.concatenate([np.log(own / w) / NEAR, *wrong])
+
+    first = _from_end(found, n) if list(links) == [Site(j) for j in range(1, n + 1)] else None
+    draws = [] if first is None else [np.concatenate([first[:n][free], first[n:]])]
+    # the size of a mass: that of the force or of what is known
+    forced = [1.0 / max(np.abs(values).sum(), 1e-300) for _, u, values in aim if u < n]
+    size = float(np.median(list(known.values()) if known else forced or [1.0]))
+    for _ in range(DRAWS):
+        k = size * np.median(w) ** 2 * rng.lognormal(0, 0.7, signs.shape[1])
+        draws.append(np.log(np.concatenate([size * rng.lognormal(0, 0.7, len(free)), k])))
+    good = 0
+    for number, draw in enumerate(draws):
+        if good >= KEPT and number > DRAWS // 2:
+            return
+        limits = np.maximum(np.abs(draw) + 12.0, 1.0)
+        try:
+            got = least_squares(gap, np.clip(draw, -limits, limits), method="trf", xtol=1e-10, ftol=1e-10, max_nfev=80)
+        except (ValueError, np.linalg.LinAlgError):
+            continue
+        masses, k = parts(got.x)
+        own, phi = shapes(got.x)
+        if not np.isfinite(got.cost):
+            continue
+        good += got.cost < 1.0
+        damping = nnls((signs.T @ phi).T ** 2, 2 * np.abs(found.poles.real))[0]
+        floor = 0.2 * np.median(-2 * found.poles.real / w**2) * k
+        yield Linear(masses, k, np.maximum(damping, floor), float(got.cost))

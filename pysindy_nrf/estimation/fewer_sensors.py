@@ -1,0 +1,329 @@
+"""Masses and laws of a chain with fewer sensors than floors: its free run fitted to the channels that there are."""
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.stats import norm
+
+from ..data.channels import finite_span
+from ..data.record import Record
+from ..exceptions import BiasWarning, ChannelError, ExcitationError, IdentifiabilityError, NRFWarning, SimulationError
+from ..laws import ForceLaw, PowerSeries
+from ..laws.shape import ShapeScale
+from ..mechanics.sites import Site
+from ..regression.chain_model import ChainModel
+from ..regression.chain_solve import scales_of
+from ..regression.errors import COLUMNS
+from ..regression.layout import LawLayout, with_coefficients
+from ..regression.segments import Segment, SegmentSet
+from ..signals.kinematics import base_acceleration_if_any
+from .chain_starts import chain_starts
+from .free_run_fit import FreeRunFit, Rebuild, Shot, Solution, free_parameters, placed
+from .intervals import InfluenceResolver
+from .noise_spectra import lines_of, transfer
+from .problem import Problem
+
+MOST_STEPS, FEW_STEPS = 40, 8  # iterations at most; of a trial, and once the noise is known
+ROUNDS = 3  # of noise and estimate
+WINDOW, WINDOWS = 400, 8  # samples at least, and number at most, of windows in which nonlinear laws are fitted first
+TRIALS = (0.2, 0.4, 0.6, 0.8)  # first values of shape parameters, as shares of the way between their bounds
+NEAR = 3.0  # cost of a trial over the least, above which it is not followed
+RIVAL, APART = 1.02, 0.2  # cost over the least, and distance of logarithms, from which on a start gives another answer
+UNSURE, UNKNOWN = 0.1, 0.5  # standard error of a mass or stiffness, as a share, that is said; that is refused
+ILL = 1e9  # condition of the sensitivities, each of length one, from which on they are not told apart
+LEVEL = 0.95  # of the intervals of motions
+
+
+def lacks_motion(records: Any) -> bool:
+    """Whether some floor has no sensor in a record."""
+    return any(
+        not {f"a{j}", f"v{j}", f"x{j}"} & set(rec.measured) for rec in records for j in range(1, rec.n_dof + 1)
+    )
+
+
+def fit_fewer_sensors(estimator: Any, records: Sequence[Record]) -> Any:
+    """Fit a regressor to records in which some floors have no sensor."""
+    problem = estimator.problem(records[0].n_dof)
+    known = dict(problem.known_masses)
+    shots = [_shot(rec, number, problem.chain.n_dof) for number, rec in enumerate(records)]
+    if not known and not any(np.any(shot.segment.F) for shot in shots):
+        cure = "Measure a force on one DOF, or give a mass: known_masses={dof: kg}; ratios to it then come out."
+        raise ExcitationError("No force is measured and no mass is known, so nothing scales the chain", cure)
+    fit, best, notes = estimate(problem, shots, known)
+    notes += _told(best, fit.rebuild)
+    model = best.model
+    runs = SegmentSet([shot.run(model) for shot in fit.shots], sum(len(shot.segment.F) for shot in shots))
+    with warnings.catch_warnings(action="ignore", category=NRFWarning):
+        found = replace(problem, laws=model.laws, optimizer=None).solve(runs)._replace(model=model)
+        estimator._records, estimator._measured, estimator.problem_ = runs, False, found.problem
+        estimator._resolver = InfluenceResolver(
+            found.grams, found.order, known,
+            theta=best.u, rebuild=fit.rebuild, moves=best.influences, of=best.record,
+        )  # fmt: skip
+        estimator._publish(found, runs)
+        facts = {"asked": estimator.estimation, "found": "simulation", "notes": notes, "sensors": fit.shots[0].channels}
+        estimator.model_.info["estimation"] = facts
+        estimator._examine(found, runs, runs, False)
+    estimator.missing_terms_, estimator.jump_bias_ = estimator.missing_terms_[:0], estimator.jump_bias_[:0]
+    estimator.errors_ = _channel_errors(fit.shots, model)
+    estimator.motions_ = [_motions(fit, number, best) for number in range(len(fit.shots))]
+    estimator.data_warnings_ = {"channels": [], "forces": [], "records": [], "masses": notes}
+    if notes:
+        warnings.warn(" ".join(notes), BiasWarning, stacklevel=4)
+    return estimator
+
+
+def _shot(record: Record, number: int, n: int) -> Shot:
+    """What drives a record, and its channels."""
+    if record.n_dof != n:
+        what = f"Record {record.name!r} has {record.n_dof} DOFs, {n} are needed"
+        raise ChannelError(what, "Give records of one chain.")
+    if record.unknown:
+        what = f"The force on DOF {record.unknown[0]} of record {record.name!r} is unknown, and floors have no sensor"
+        raise ChannelError(what, "Measure it (zeros: known to be unforced), or put a sensor on every floor.")
+    channels = {c: line for c, line in record.channels().items() if c[0] in "avx" and c[1:].isdigit()}
+    if record.coordinates == "absolute" and record.base_moves:
+        for kind, base in (("v", record.base_velocity), ("x", record.base_displacement)):
+            for c in [c for c in channels if c[0] == kind]:
+                if base is None:
+                    cure = "Give it, or motion relative to the base, or accelerations alone."
+                    raise ChannelError(f"Channel {c} of record {record.name!r} is absolute, and {kind}g lacks", cure)
+                channels[c] = channels[c] - base
+    ag = base_acceleration_if_any(record)
+    beside = {} if ag is None else {"ag": ag}
+    forces = {f"F{j + 1}": line for j, line in enumerate(record.force.T)}
+    every = channels | forces | beside | record.covariates
+    rows = finite_span(list(every.values()), list(every), f"record {record.name!r}")
+    blank = np.full((record.n_samples, n), np.nan)
+    segment = Segment(
+        record.name, slice(0, record.n_samples), blank, blank, blank, record.force, record.time, ag,
+        dict(record.covariates), valid=rows,
+    )  # fmt: skip
+    measured = np.column_stack([line[rows] for line in channels.values()])
+    return Shot(segment, number, np.zeros((2, n)), tuple(channels), measured, "linear")
+
+
+def estimate(
+    problem: Problem, shots: Sequence[Shot], known: Mapping[int, float]
+) -> tuple[FreeRunFit, Solution, list[str]]:
+    """Free run of the problem's laws fitted to the channels of shots, from several starts; notes for the user."""
+    chain, layout, band = problem.chain, problem.layout, problem.band
+    links = [site for site in layout.acting if site.kind == "link"]
+    linear = LawLayout(chain, {site: (PowerSeries(1),) for site in links})
+    tried: list[tuple[FreeRunFit, Solution]] = []
+    for one in chain_starts(shots, chain, links, known):
+        laws = {site: PowerSeries(1, pair) for site, *pair in zip(links, one.damping, one.stiffness)}
+        fit = FreeRunFit(free_parameters(ChainModel(one.masses, laws, chain), known), _copies(shots), linear, band)
+        if (got := _solved(fit, fit.rebuild.start, FEW_STEPS)) is not None:
+            tried.append((fit, got))
+    if not tried:
+        what = "No linear chain follows the measured channels"
+        raise IdentifiabilityError(what, "Check units and DOFs, or add a sensor.")
+    tried.sort(key=lambda pair: pair[1].cost)
+    near = [(fit, got) for fit, got in tried if got.cost <= NEAR * tried[0][1].cost][:2]
+    tried = [(fit, _solved(fit, got.u, MOST_STEPS) or got) for fit, got in near]
+    tried.sort(key=lambda pair: pair[1].cost)
+    notes = _rivals([got for _, got in tried])
+    fit, best = tried[0]
+    fit.choose_hold(best.model)
+    if fit.shots[0].hold != "linear":
+        best = _solved(fit, best.u, MOST_STEPS) or best
+    if any(held != linear.laws.get(site, ()) for site, held in _blank(problem.laws).items()):
+        fit, best = _with_laws(problem, fit, best.model, known)
+    for _ in range(ROUNDS):
+        if not fit.learn_noise(best.model, fit.shots[0].channels):
+            break
+        got = _solved(fit, best.u, FEW_STEPS)
+        if got is None:
+            break
+        best = got
+    return fit, best, notes
+
+
+def _blank(laws: Mapping[Site, Sequence[ForceLaw]]) -> dict[Site, tuple[ForceLaw, ...]]:
+    """Power series without the coefficients that they were given."""
+    return {
+        s: tuple(PowerSeries(law.degree) if isinstance(law, PowerSeries) else law for law in held)  # type: ignore[arg-type]
+        for s, held in laws.items()
+    }
+
+
+def _copies(shots: Sequence[Shot]) -> list[Shot]:
+    return [replace(shot) for shot in shots]
+
+
+def _solved(fit: FreeRunFit, u: np.ndarray, steps: int) -> Solution | None:
+    """Estimate with free initial states; None if the first free run diverges."""
+    try:
+        return fit.solve(u, steps=steps, move=True, settled=0.01)
+    except SimulationError:
+        return None
+
+
+def _with_laws(
+    problem: Problem, first: FreeRunFit, model: ChainModel, known: Mapping[int, float]
+) -> tuple[FreeRunFit, Solution]:
+    """The declared laws, from the linear chain that fits best: in windows at first, from several shape parameters."""
+    runs = SegmentSet([shot.run(model) for shot in first.shots], 0)
+    scales = scales_of(runs, problem.layout)
+    free = [(site, i, p) for site, held in problem.laws.items() for i, law in enumerate(held) for p in law.shapes
+            if law.shape[p.name] is None]  # fmt: skip
+    scale = ShapeScale([p for *_, p in free], [scales[site] for site, *_ in free])
+    memory = problem.layout.has_memory
+    tried = []
+    for share in TRIALS if free else (0.5,):
+        laws = {site: list(held) for site, held in problem.laws.items()}
+        for (site, i, p), value in zip(free, scale.values(scale.low + share * (scale.high - scale.low))):
+            laws[site][i] = laws[site][i].with_values(shape={p.name: float(value)})
+        values, sizes = _coefficients(LawLayout(problem.chain, laws), runs, model)
+        start = ChainModel(model.masses, with_coefficients(laws, values), problem.chain)
+        rebuild = free_parameters(start, known, sizes, free)
+        windows = [part for shot, run in zip(first.shots, runs.segments) for part in _windows(shot, run, memory)]
+        fit = FreeRunFit(rebuild, windows, problem.layout, problem.band)
+        if (got := _solved(fit, rebuild.start, FEW_STEPS)) is not None:
+            tried.append((got.cost, got.u, rebuild))
+    if not tried:
+        raise IdentifiabilityError("The free run of the declared laws diverges", "Start from a simpler law.")
+    ends = []
+    for _, u, rebuild in sorted(tried, key=lambda one: one[0])[:2]:
+        fit = FreeRunFit(rebuild, _copies(first.shots), problem.layout, problem.band)
+        if (got := _solved(fit, u, MOST_STEPS)) is not None:
+            ends.append((got.cost, fit, got))
+    if not ends:
+        raise IdentifiabilityError("The free run of the declared laws diverges", "Start from a simpler law.")
+    return min(ends, key=lambda one: one[0])[1:]
+
+
+def _coefficients(
+    layout: LawLayout, runs: SegmentSet, model: ChainModel
+) -> tuple[dict[Site, np.ndarray], dict[tuple, float]]:
+    """Coefficients whose forces are nearest to those of a linear model along its run, and the size of each term."""
+    values, sizes = {}, {}
+    for site in layout.acting:
+        motions = [run.motion(site, run.valid) for run in runs.segments]
+        wide = np.concatenate([layout.columns(site, motion) for motion in motions])
+        rms = np.sqrt(np.mean(wide**2, axis=0))
+        rms[rms == 0] = 1.0
+        held = model.restoring_forces[site].linear_part() if site.kind == "link" else {"k": 0.0, "c": 0.0}
+        force = np.concatenate([held["k"] * motion.s + held["c"] * motion.v for motion in motions])
+        values[site] = np.linalg.lstsq(wide / rms, force, rcond=1e-6)[0] / rms
+        for k in range(wide.shape[1]):
+            sizes[site, k] = float(0.1 * max(np.sqrt(np.mean(force**2)), 1e-300) / rms[k])
+    return values, sizes
+
+
+def _windows(shot: Shot, run: Segment, memory: bool) -> list[Shot]:
+    """Parts of a shot, each from the state of a run; the whole shot if a law remembers the path."""
+    seg = shot.segment
+    count = 1 if memory else int(np.clip(shot.n_samples // WINDOW, 1, WINDOWS))
+    edges = np.linspace(0, shot.n_samples, count + 1).astype(int)
+    out = []
+    for low, high in zip(edges[:-1], edges[1:]):
+        rows = slice(seg.valid.start + int(low), seg.valid.start + int(high))
+        state = np.array([np.cumsum(y[rows.start]) for y in (run.s, run.v)])
+        out.append(replace(shot, segment=replace(seg, valid=rows), start=state, measured=shot.measured[low:high]))
+    return out
+
+
+def _spread(best: Solution, rebuild: Rebuild) -> np.ndarray:
+    """Standard errors of parameters as shares of them, the larger of blocks and curvature."""
+    blocks = np.sqrt((best.influences**2).sum(axis=0))
+    u = np.where(rebuild.scale == 0, 1.0, np.abs(best.u))
+    return blocks / np.where(u == 0, 1.0, u)
+
+
+def _names(rebuild: Rebuild) -> list[str]:
+    """Parameters in words."""
+    model, out = rebuild.model, []
+    for place in rebuild.places:
+        if len(place) == 1:
+            out.append(f"m{place[0] + 1}")
+        elif len(place) == 2:
+            out.append(f"{place[0]}: {list(model.restoring_forces[place[0]].coefficients)[place[1]]}")
+        else:
+            out.append(f"{place[0]}: {place[2].name}")
+    return out
+
+
+def _told(best: Solution, rebuild: Rebuild) -> list[str]:
+    """Sentences on masses and stiffnesses that the channels tell poorly; an error if they do not tell them."""
+    names, spread = _names(rebuild), _spread(best, rebuild)
+    size = np.linalg.norm(best.jacobian, axis=0)
+    size[size == 0] = 1.0
+    singular, vectors = np.linalg.svd(best.jacobian / size)[1:]
+    cure = "Add a sensor (Chain.sensing says where), give known_masses=, or declare fewer laws."
+    if singular[-1] * ILL < singular[0]:
+        blind = [name for name, part in zip(names, np.abs(vectors[-1])) if part > 0.3]
+        raise IdentifiabilityError(f"The measured channels do not tell {', '.join(blind)} apart", cure)
+    judged = [k for k, name in enumerate(names) if ":" not in name or name.endswith(": s")]
+    bad = sorted((k for k in judged if spread[k] > UNSURE), key=lambda k: -spread[k])
+    if bad and spread[bad[0]] > UNKNOWN:
+        size = f"{100 * spread[bad[0]]:.0f} %" if spread[bad[0]] < 1 else "more than itself"
+        text = f"The measured channels do not tell {names[bad[0]]}: its standard error is {size}"
+        raise IdentifiabilityError(text, cure)
+    said = ", ".join(f"{names[k]} to {100 * spread[k]:.0f} %" for k in bad)
+    return [f"The measured channels tell {said} only (standard error). {cure}"] if bad else []
+
+
+def _rivals(found: Sequence[Solution]) -> list[str]:
+    """A sentence if chains far apart fit alike; the best comes first."""
+    first = found[0]
+    for other in found[1:]:
+        away = np.abs(np.log(other.model.masses / first.model.masses)).max()
+        if other.cost < RIVAL * first.cost and away > APART:
+            masses = ", ".join(f"{m:.3g}" for m in other.model.masses)
+            return [f"Another linear chain fits the channels as well, with masses of {masses} kg: add a sensor."]
+    return []
+
+
+def _channel_errors(shots: Sequence[Shot], model: ChainModel) -> pd.DataFrame:
+    """Free-run errors of the measured channels, percent NRMSE."""
+    pairs = [(shot.measured, shot.read(model)) for shot in shots]
+    measured, run = (np.concatenate(part) for part in zip(*pairs))
+    left, size = np.sqrt(np.mean((run - measured) ** 2, axis=0)), np.sqrt(np.mean(measured**2, axis=0))
+    rows = {c: [100 * e / s, e, s, c[0]] for c, e, s in zip(shots[0].channels, left, size)}
+    rows["pooled"] = [100 * float(np.sqrt(np.mean((left / size) ** 2))), np.nan, np.nan, ""]
+    return pd.DataFrame.from_dict(rows, orient="index", columns=COLUMNS)
+
+
+def _motions(fit: FreeRunFit, number: int, best: Solution) -> pd.DataFrame:
+    """Motions of all DOFs and forces of all sites in a record, with intervals (noise of parameters, forces)."""
+    shot, better, n, h = fit.shots[number], fit.better[number], best.model.n_dof, 1e-4
+    sites = list(best.model.laws)
+
+    def everything(model: ChainModel) -> np.ndarray:
+        motion = shot.motion(model, forces=better)
+        forces = model.site_forces(SegmentSet([placed(shot.segment, motion)], 0))[0]
+        return np.hstack([motion["a"], motion["v"], motion["x"], forces])
+
+    own = everything(best.model)
+    _, size, turned = np.linalg.svd(best.influences, full_matrices=False)
+    variance = np.zeros_like(own)
+    for direction in size[:, None] * turned:  # independent directions, each one standard error long
+        variance += ((everything(fit.rebuild(best.u + h * direction)) - own) / h) ** 2
+    if fit.noise is not None:
+        names = tuple(f"{kind}{j}" for kind in "avx" for j in range(1, n + 1))
+        f = lines_of(shot.segment)
+        f = f[(f >= fit.low) & (f <= fit.high)]
+        linear = [best.model.restoring_forces[site].linear_part() for site in sites]
+        for rows, G, S in fit.noise.blocks(f):
+            T = transfer(fit.noise.matrices, f[rows], names)
+            x = np.pad(T[:, 2 * n :], ((0, 0), (1, 0), (0, 0)))
+            iw = 2j * np.pi * f[rows, None]
+            extra = [(p["k"] + iw * p["c"]) * (x[:, s.p] - x[:, s.q or 0]) for s, p in zip(sites, linear)]
+            T = np.concatenate([T, np.stack(extra, axis=1)], axis=1)
+            known = np.linalg.solve(S, G * fit.noise.force)  # what the channels tell of the force's noise
+            left = np.diag(fit.noise.force) - (G * fit.noise.force).conj().transpose(0, 2, 1) @ known
+            variance += 2 * np.einsum("fck,fkl,fcl->c", T, left, T.conj(), optimize=True).real * (f[1] - f[0])
+    half = norm.ppf(0.5 + LEVEL / 2) * np.sqrt(variance)
+    columns = [f"{kind}{j}" for kind in "avx" for j in range(1, n + 1)] + [f"R {site}" for site in sites]
+    tables = [
+        pd.DataFrame(own + k * half, columns=[name + end for name in columns])
+        for k, end in ((0, ""), (-1, "_lower"), (1, "_upper"))
+    ]  # fmt: skip
+    time = None if shot.segment.t is None else shot.segment.t[shot.segment.valid]
+    return pd.concat(tables, axis=1).set_axis(pd.Index(time, name="t"), axis=0)

@@ -1,0 +1,91 @@
+"""Fewer sensors than floors: masses and laws from the free run that fits the channels that there are."""
+
+import numpy as np
+import pytest
+from chains import driven, worst
+
+from pysindy_nrf import Chain, ChainModel, NRFRegressor, Record, laws
+from pysindy_nrf.exceptions import ChannelError, ExcitationError, IdentifiabilityError
+from pysindy_nrf.regression.errors import nrmse
+from pysindy_nrf.simulation.noise import add_noise
+
+FS = 250.0
+MASSES, SPRINGS = np.array([14.0, 11.0, 9.0, 12.0]), np.array([1.6e5, 1.2e5, 1.8e5, 1.4e5])
+TRUTH = ChainModel(MASSES, {i: laws.PowerSeries(1, [25.0, SPRINGS[i - 1]]) for i in range(1, 5)})
+
+
+def seen(record, floors, kinds="a") -> Record:
+    """The record with sensors on some floors only."""
+    motion = {
+        {"a": "acceleration", "x": "displacement"}[kind]: np.where(np.isin(np.arange(1, record.n_dof + 1), floors), y, np.nan)
+        for kind, y in (("a", record.acceleration), ("x", record.displacement)) if kind in kinds
+    }  # fmt: skip
+    return Record(force=record.force, fs=record.fs, base_acceleration=record.base_acceleration, **motion)
+
+
+def parameters(model) -> np.ndarray:
+    """Masses and stiffnesses."""
+    return np.array([*model.masses, *(force.linear_part()["k"] for force in model.restoring_forces.values())])
+
+
+@pytest.fixture(scope="module")
+def exact():
+    return driven(TRUTH, [4], 8.0, FS, 100.0, (0.5, 50.0), seed=1)
+
+
+@pytest.mark.parametrize("floors", [[4], [2, 3]], ids=["at the force alone", "away from the force"])
+def test_without_noise_masses_and_stiffnesses_are_exact(exact, floors):
+    model = NRFRegressor(degree=1).fit(seen(exact, floors))
+    assert worst(parameters(model.model_), parameters(TRUTH)) < 1e-6
+
+
+@pytest.fixture(scope="module")
+def fitted(exact):
+    return NRFRegressor(degree=1).fit(seen(add_noise(exact, 0.02, random_state=3), [2, 4]))
+
+
+def test_the_absent_motions_and_storey_forces_come_with_intervals(exact, fitted):
+    """Two of four floors, 2 % noise: what the others would have read, to a percent, and how sure it is."""
+    assert worst(parameters(fitted.model_), parameters(TRUTH)) < 0.02
+    table = fitted.motions_[0]
+    forces = TRUTH.restoring_force(exact.to_features(smooth=False)[0])
+    for name, true in (("a1", exact.acceleration[:, 0]), ("x3", exact.displacement[:, 2]), ("R storey 3", forces[:, 2])):
+        assert nrmse(true, table[name]) < 2.0
+        half = (table[f"{name}_upper"] - table[f"{name}_lower"]) / 2
+        share = np.sqrt(np.mean((table[name] - true) ** 2) / np.mean(half**2))
+        assert 0.2 < share < 0.8  # of 95 % intervals: a standard error is 0.51 of them
+
+
+def test_intervals_hold_the_truth(fitted):
+    ci = fitted.confidence_intervals().set_index("parameter")
+    true = {**{f"m{j}": m for j, m in enumerate(MASSES, 1)}, **{f"storey {i}: s": k for i, k in enumerate(SPRINGS, 1)}}
+    assert sum(ci.lower[name] <= value <= ci.upper[name] for name, value in true.items()) >= 6
+    assert fitted.errors_.loc[["a2", "a4"], "error"].between(1.5, 3.0).all()  # what is left is the noise
+
+
+def test_what_cannot_be_told_is_refused(exact):
+    blind = Chain(4).sensing(sensors=2, excited=3)
+    assert (blind.rank, blind.unknowns, blind.complete) == (7, 8, False) and "cannot be told apart" in str(blind)
+    with pytest.raises(ExcitationError, match="nothing scales the chain"):
+        NRFRegressor(degree=1).fit(Record(acceleration=seen(exact, [4]).acceleration, fs=FS))
+    force = exact.force.copy()
+    force[:, 2] = np.nan
+    with pytest.raises(ChannelError, match="force on DOF 3 .* unknown"):
+        NRFRegressor(degree=1).fit(seen(exact, [4]).replace(force=force))
+    with pytest.raises(IdentifiabilityError, match="do not tell m1"):
+        NRFRegressor(degree=1).fit(seen(add_noise(exact.window(0, 1.0), 1.0, random_state=0), [4]))
+
+
+@pytest.mark.parametrize("end", [1, 4])
+def test_a_forced_end_tells_the_whole_chain_and_one_more_sensor_what_it_brings(end):
+    """Hochstadt: the response at a forced end has all masses and stiffnesses; another sensor never makes them worse."""
+    alone = Chain(4).sensing(sensors=end, excited=end)
+    assert alone.complete and min(alone.errors.values()) > 0.999 and min(alone.gains.values()) >= 1
+    floor = max(alone.gains, key=alone.gains.get)
+    assert f"helps most on floor {floor}" in str(alone)
+    assert Chain(4).sensing([end, floor], end).errors["m2"] <= alone.errors["m2"]
+
+
+def test_of_a_shaken_chain_a_sensor_on_top_tells_its_frequencies_alone():
+    """The response of the top to the base has poles and no zeros: n numbers, of 2 n unknowns."""
+    assert Chain(4).sensing(sensors=4).rank == 4

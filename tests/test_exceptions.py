@@ -26,7 +26,6 @@ ALLOWED = {
     ("data/channels.py", "kind"): "one of two typed errors, chosen above",
     ("selection/comparison.py", "OverflowError"): "caught by the time limit's own loop",
     ("selection/comparison.py", "TimeoutError"): "caught by the time limit's own loop",
-    ("selection/one_se_rule.py", "DigitsLost"): "private, caught by the selection",
     ("regression/chain_solve.py", "NotTogether"): "an NRFError, caught by the selection, which solves one by one",
     ("selection/fold_moments.py", "NotTogether"): "the same",
 }

@@ -50,7 +50,7 @@ def load_nees_isolated(test: str) -> Record:
     return whole.replace(
         displacement=above.apply(whole.displacement),
         base_acceleration=ag,
-        base_displacement=above.apply(integrate(ag, whole.dt, method="spectral", order=2)),
+        base_displacement=above.apply(integrate(ag, whole.dt, order=2, detrend=True)),
     )
 
 

@@ -27,9 +27,10 @@ from ..diagnostics.bias import (
 from ..diagnostics.forces import ForceProbes, copies_of
 from ..diagnostics.windows import collect
 from ..exceptions import ChainError, ChannelError, DataQualityWarning
+from ..laws.forcing import lost_masses
 from ..mechanics.chain import Chain, chain_of
 from ..mechanics.sites import as_mapping
-from ..regression.chain_solve import doubtful_masses, lost_masses, third_law_gap, unknown_forces, visited_regions
+from ..regression.chain_solve import doubtful_masses, third_law_gap, unknown_forces, visited_regions
 from ..regression.errors import balance_errors
 from ..regression.input_arrays import as_measured, doubted, fused_together, holds_records, one_by_one
 from ..regression.segments import SegmentSet
@@ -392,6 +393,8 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         jumps = JumpBias(model, solve_order, problem.known_masses, problem.optimizer, silent, held)
         # fusion costs far more; of arrays, whose fit may take milliseconds, it would double the time
         forces = [ForceProbes(terms.layout, judged)] if self._records is not None and self._measured else []
+        cure = "is its known mass right, or does its force or acceleration have the wrong sign?"
+        lost = [f"{text}: {cure}" for text in lost_masses(model.masses, model.laws)]
         known = wrong_masses(problem, data, float(self.errors_.loc["pooled", "error"])) if forces else []
         collect(terms.layout, judged, self.band, [terms, *jumps.active, *forces])
         self.missing_terms_, self.jump_bias_ = terms.table(), jumps.table()
@@ -399,7 +402,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             "channels": data.doubts,
             "forces": contradictions_of(solution) + [one for held in forces for one in held.sentences()],
             "records": copies_of(data) if self._records is not None else [],
-            "masses": doubtful_masses(solution) + lost_masses(self.model_) + known,
+            "masses": doubtful_masses(solution) + lost + known,
         }
         said = [text for key in ("records", "forces", "masses") for text in self.data_warnings_[key]]
         said += sentences_of(self.jump_bias_)

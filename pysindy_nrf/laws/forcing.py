@@ -106,6 +106,15 @@ def total_masses(masses: Any, laws: Mapping[Any, Sequence[ForceLaw]]) -> np.ndar
     return total
 
 
+def lost_masses(masses: Any, laws: Mapping[Any, Sequence[ForceLaw]]) -> list[str]:
+    """Sentences on DOFs of which laws take away all the mass they have."""
+    own, total = np.asarray(masses, dtype=float), total_masses(masses, laws)
+    return [
+        f"DOF {j + 1} has {own[j]:.4g} kg and {total[j] - own[j]:.4g} kg added to it, {total[j]:.4g} kg in all"
+        for j in np.flatnonzero((own > 0) & (total <= 0))
+    ]
+
+
 class AddedMass(ForceLaw):
     """Mass that the model lacks at a DOF, ``R = dm a``: a wrong known mass, a load, moved water."""
 

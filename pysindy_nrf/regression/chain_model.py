@@ -16,7 +16,7 @@ from ..common.lazy import Hook
 from ..data.io.table import check_file, unreadable
 from ..exceptions import ChainError, ChannelError, FileFormatError, FileVersionError, LawError
 from ..laws.base import ForceLaw, from_dict
-from ..laws.forcing import total_masses
+from ..laws.forcing import lost_masses, total_masses
 from ..mechanics.chain import Chain
 from ..mechanics.sites import Site
 from .input_arrays import from_arrays
@@ -238,11 +238,8 @@ class ChainModel:
         n = self.n_dof
         if (self.masses <= 0).any():
             raise ChainError(f"m{int(np.argmin(self.masses)) + 1} is not positive", "Modes need positive masses.")
-        j, total = int(np.argmin(self.total_masses)), self.total_masses
-        if total[j] <= 0:
-            own = self.masses[j]
-            what = f"DOF {j + 1} has {own:.4g} kg and {total[j] - own:.4g} kg added to it, {total[j]:.4g} kg in all"
-            raise ChainError(what, "Modes need positive masses; weigh that floor.")
+        if lost := lost_masses(self.masses, self.laws):
+            raise ChainError(lost[0], "Modes need positive masses; weigh that floor.")
         values, vectors = np.linalg.eig(state_matrix(M, C, K))
         shapes = vectors[:n] / np.linalg.norm(vectors[:n], axis=0)
         pairs = [(i, i) for i in np.flatnonzero(values.imag > 0)]

@@ -429,16 +429,6 @@ def model_of(layout: LawLayout, solution: Solution) -> ChainModel:
     return ChainModel([solution.masses[j] for j in range(1, layout.n_dof + 1)], laws, layout.chain)
 
 
-def lost_masses(model: ChainModel) -> list[str]:
-    """Sentences on DOFs of which laws take away all the mass they have."""
-    total = model.total_masses
-    return [
-        f"DOF {j + 1} has {model.masses[j]:.4g} kg and {total[j] - model.masses[j]:.4g} kg added to it, "
-        f"{total[j]:.4g} kg in all: is its known mass right, or does its force or acceleration have the wrong sign?"
-        for j in np.flatnonzero((model.masses > 0) & (total <= 0))
-    ]
-
-
 def third_law_gap(solution: Solution, grams: BlockGrams) -> pd.Series:
     """Rms difference of the two estimates of each storey's force (paper eq. 10b), percent of its rms."""
     solution, gaps = solution.alone or solution, {}

@@ -90,7 +90,12 @@ class FoldMoments:
         self.class_of, self.membership = _classes(data.n_samples, folds)
         self.n_folds = len(folds)
         self._solve_orders: dict[Any, SolveOrder] = {}
-        self._accumulate("gram")
+        self._backs: dict[tuple[int, ...], np.ndarray] = {}
+        self.piece_class: list[int] = []
+        self.sums: list[np.ndarray] = []  # of the accelerations, for the variance behind R^2
+        self.counts: list[np.ndarray] = []
+        self._totals: dict[Any, tuple[BlockGrams, np.ndarray, np.ndarray]] = {}
+        self.pieces = GramPass(self.layout, self.groups, self.known_masses).add_each(self._blocks()).grams()
 
     def _groups(self) -> list[Group]:
         solve_order = plan_solve_order(
@@ -123,29 +128,18 @@ class FoldMoments:
         if dofs not in self._backs:
             group = next(g for g in self.groups if g.dofs == dofs)
             plain = (np.eye(self.layout.counts[site]) for site in group.sites)
-            blocks = plain if self.kind == "root" else map(self.factors.get, group.sites, plain)
+            blocks = map(self.factors.get, group.sites, plain)
             self._backs[dofs] = linalg.block_diag(*blocks, np.eye(2 if len(group.dofs) == 1 else 1))
         return self._backs[dofs]
-
-    def _accumulate(self, kind: str) -> None:
-        self.kind = kind
-        self._backs: dict[tuple[int, ...], np.ndarray] = {}
-        self.piece_class: list[int] = []
-        self.sums: list[np.ndarray] = []  # of the accelerations, for the variance behind R^2
-        self.counts: list[np.ndarray] = []
-        self._totals: dict[Any, tuple[BlockGrams, np.ndarray, np.ndarray]] = {}
-        self.pieces = GramPass(self.layout, self.groups, self.known_masses, kind).add_each(self._blocks()).grams()
 
     def _blocks(self) -> Iterator[tuple[int, Block]]:
         """All samples, and the number of the piece they belong to."""
         whole = sum(seg.n_valid for seg in self.data.segments)
         for seg, filter in zip(self.data.segments, self.filters):
             classes = self.class_of[seg.rows][seg.valid]
-            cuts = _cuts(classes, max(whole // PIECES, 256) if self.kind == "gram" else whole)
+            cuts = _cuts(classes, max(whole // PIECES, 256))
             shuffled: dict[int, int] = {}  # piece of each class
-            blocks = seg.blocks(self.layout, filter=filter)
-            if self.kind == "gram":
-                blocks = map(self._whiten, blocks)
+            blocks = map(self._whiten, seg.blocks(self.layout, filter=filter))
             if cuts is not None:
                 first = len(self.piece_class)
                 for low in cuts:
@@ -173,11 +167,6 @@ class FoldMoments:
         self.sums[piece] += np.where(known, block.acceleration @ np.ones(n), 0.0)
         self.counts[piece] += known * n
         return piece, block
-
-    def sharpen(self) -> None:
-        """Accumulate once more by streamed QR, where the residual is too small for a Gram matrix."""
-        if self.kind == "gram":
-            self._accumulate("root")
 
     def total(self, fold: Any, side: str = "train") -> tuple[BlockGrams, np.ndarray, np.ndarray]:
         """Roots of one side of a fold, sums of accelerations and counts; None: of all samples, EVERY: stacked."""

@@ -114,8 +114,9 @@ def select_order(
     """Choose the order of the power series by held-out error, at the cost of about one fit.
 
     The samples are read once, into Gram matrices of the pieces that the folds cut. The scores are those of
-    ``GridSearchCV(NRFRegressor(), {"degree": ...}, cv=cv, scoring=...)`` to 1e-9 (with ``band`` or with laws that
-    remember the path, records are here filtered and followed whole, and there from each fold's edge anew).
+    ``GridSearchCV(NRFRegressor(), {"degree": ...}, cv=cv, scoring=...)`` to 1e-9, or to the root of the machine
+    precision where the balances close (with ``band`` or with laws that remember the path, records are here filtered
+    and followed whole, and there from each fold's edge anew).
 
     Parameters
     ----------
@@ -179,16 +180,8 @@ def _order(held: FoldMoments, label: Any) -> Order:
 
 def _every(held: FoldMoments, labels: list[Any], scorings: list[str]) -> list[np.ndarray]:
     """Scores of all orders on all folds, one array for each scoring."""
-
-    def judge() -> list[np.ndarray]:
-        found = [rules.on_folds(held, _order(held, label), scorings) for label in labels]
-        return [np.array([scores[name] for scores in found]) for name in scorings]
-
-    try:
-        return judge()
-    except rules.DigitsLost:
-        held.sharpen()
-        return judge()
+    found = [rules.on_folds(held, _order(held, label), scorings) for label in labels]
+    return [np.array([scores[name] for scores in found]) for name in scorings]
 
 
 def _criteria(held: FoldMoments, labels: list[Any]) -> Iterator[tuple[float, float]]:

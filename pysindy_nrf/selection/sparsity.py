@@ -19,7 +19,7 @@ from ..regression.errors import pooled_error
 from ..regression.grams import BlockGrams
 from ..regression.layout import LawLayout
 from .fold_moments import FoldMoments, Monomials, Order
-from .one_se_rule import CLEAN, balances_on_folds, choose, standard_error
+from .one_se_rule import balances_on_folds, choose, standard_error
 from .selection import fold_moments_of
 
 
@@ -320,9 +320,6 @@ def select_sparsity(
     rng = generator(random_state)
     seeds = {name: int(rng.integers(2**31)) for name in candidates}
     found = _judged(held, order, candidates, seeds)
-    if held.kind == "gram" and min(np.nanmin(errors) for errors, _, _ in found.values()) < 100 * CLEAN:
-        held.sharpen()
-        found = _judged(held, order, candidates, seeds)
     if prune:
         _pruned(held, order, candidates, found)
     return _selection(found, candidates, estimator, order, held)

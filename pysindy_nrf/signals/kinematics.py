@@ -136,9 +136,8 @@ def integrate(a: Any, dt: float, method: str = "spline", order: int = 1, detrend
         Motion, evenly sampled.
     dt : float
         Sampling step, s.
-    method : {"spline", "spectral", "cumulative"}
-        ``"spline"``: antiderivative of the interpolating spline of degree 7. ``"spectral"``: Fourier transform, for
-        periodic records; the mean is taken off before each integration. ``"cumulative"``: trapezoid rule (the
+    method : {"spline", "cumulative"}
+        ``"spline"``: antiderivative of the interpolating spline of degree 7. ``"cumulative"``: trapezoid rule (the
         paper's), low by ``(2 pi f dt)^2 / 12`` for each integration.
     order : {1, 2}
         Once (velocity from acceleration) or twice.
@@ -165,7 +164,7 @@ def integrate(a: Any, dt: float, method: str = "spline", order: int = 1, detrend
     >>> bool(np.abs(v - np.sin(30 * t) / 30).max() < 1e-9)
     True
     """
-    methods = ("spline", "spectral", "cumulative")
+    methods = ("spline", "cumulative")
     if method not in methods:
         raise ChannelError(f"method={method!r} is unknown", f"Choose {', '.join(methods)}.")
     values = np.asarray(a, dtype=float)
@@ -182,14 +181,7 @@ def integrate(a: Any, dt: float, method: str = "spline", order: int = 1, detrend
         raise ChannelError(f"order={order!r} is not 1 or 2", "Integrate once or twice.")
     n = len(values)
     t = dt * np.arange(n)
-    if method == "spectral":
-        w = 2j * np.pi * np.fft.rfftfreq(n, dt)
-        w[0] = 1.0
-        spectrum = np.fft.rfft(values, axis=0) / (w**order).reshape(-1, *[1] * (values.ndim - 1))
-        spectrum[0] = 0.0
-        out = np.fft.irfft(spectrum, n, axis=0)
-        out = out - out[0]
-    elif method == "cumulative":
+    if method == "cumulative":
         out = values
         for _ in range(order):
             out = cumulative_trapezoid(out, dx=dt, axis=0, initial=0.0)

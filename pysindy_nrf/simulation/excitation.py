@@ -1,4 +1,4 @@
-"""Excitations of simulated tests: hammer, band-limited random, sweep, earthquake.
+"""Excitations of simulated tests: hammer and band-limited random.
 
 Every function returns forces of shape (n_samples, n_dof) that start at time 0; several levels or
 places add up. All randomness comes from ``random_state``.
@@ -8,8 +8,6 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from scipy.signal import chirp
-from scipy.signal.windows import tukey
 
 from ..common import number_of
 from ..common.random_state import generator
@@ -123,112 +121,6 @@ def band_limited_random(
                 raise ChannelError(what, "Widen it or take a longer record.")
             F[rows, j] = piece * (level / size)
     return F
-
-
-def sweep(
-    n_dof: int, duration: float, fs: float, *, excited: int | Iterable[int], level: float | Iterable[float],
-    band: tuple[float, float], method: str = "linear", taper: float = 0.02,
-) -> np.ndarray:  # fmt: skip
-    """Sine sweep, the same on every DOF; the rest as of :func:`impact_hammer`.
-
-    Parameters
-    ----------
-    level : float or iterable of float
-        Amplitude, N; several levels take equal parts of the record, each with a whole sweep.
-    band : (float, float)
-        First and last frequency, Hz; falling if the first is the higher one.
-    method : {"linear", "logarithmic"}
-        Course of the frequency.
-    taper : float
-        Share of the sweep over which it swells at its start and fades at its end.
-
-    Examples
-    --------
-    >>> from pysindy_nrf.simulation.excitation import sweep
-    >>> F = sweep(3, 10.0, 500.0, excited=[1], level=50.0, band=(1.0, 40.0))
-    >>> F.shape, bool(49.5 < F.max() <= 50.0)
-    ((5000, 3), True)
-    """
-    n, columns = _frame(n_dof, duration, fs, excited)
-    levels = _levels(level)
-    if method not in ("linear", "logarithmic"):
-        raise ChannelError(f"method={method!r} is unknown", "Choose 'linear' or 'logarithmic'.")
-    low, high = _band((min(band), max(band)), fs)
-    if method == "logarithmic" and low == 0:
-        raise ChannelError("A logarithmic sweep cannot pass 0 Hz", "Give a positive lowest frequency.")
-    first, last = band
-    F = np.zeros((n, n_dof))
-    for rows, peak in zip(np.array_split(np.arange(n), len(levels)), levels):
-        t = np.arange(len(rows)) / fs
-        line = peak * tukey(len(rows), 2 * taper) * chirp(t, first, len(rows) / fs, last, method, phi=-90)
-        F[rows[:, None], columns] = line[:, None]
-    return F
-
-
-def earthquake(
-    duration: float, fs: float, *, peak: float | None = None, rms: float | None = None, ground_frequency: float = 2.5,
-    ground_damping: float = 0.6, rise: float = 0.15, fall: float = 0.55, highpass: float = 0.2,
-    random_state: Any = None,
-) -> np.ndarray:  # fmt: skip
-    r"""Base acceleration like an earthquake's: filtered noise under an envelope.
-
-    .. math::
-        S(\omega) \propto \frac{1 + 4 \zeta^2 r^2}{(1 - r^2)^2 + 4 \zeta^2 r^2}, \quad r = \omega / \omega_g
-
-    (Kanai-Tajimi), times Clough and Penzien's second filter, which takes out the lowest frequencies so that velocity
-    and displacement of the base stay bounded; the envelope rises with the square of time, stays, and decays (Jennings).
-
-    Parameters
-    ----------
-    duration, fs : float
-        Length (s) and sampling rate (Hz).
-    peak, rms : float, optional
-        Largest acceleration, or its RMS over the record, m/s^2.
-    ground_frequency, ground_damping : float
-        Of the soil, Hz and share of critical.
-    rise, fall : float
-        Shares of the duration at which the strong part begins and ends.
-    highpass : float
-        Corner of the second filter, Hz.
-    random_state : int, Generator or None
-
-    Returns
-    -------
-    ndarray of shape (n_samples,)
-        For ``base_acceleration=``, m/s^2.
-
-    Raises
-    ------
-    ChannelError
-        If a number is out of range, or both or none of peak and rms are given.
-
-    Examples
-    --------
-    >>> from pysindy_nrf.simulation.excitation import earthquake
-    >>> ag = earthquake(20.0, 200.0, peak=3.0, random_state=0)
-    >>> ag.shape, round(float(abs(ag).max()), 6)
-    ((4000,), 3.0)
-    """
-    n, _ = _frame(1, duration, fs, 1)
-    if (peak is None) == (rms is None):
-        raise ChannelError("An earthquake needs peak= or rms=, one of them", "Give one in m/s^2.")
-    fg, corner = _positive("ground_frequency", ground_frequency, "Hz"), _positive("highpass", highpass, "Hz")
-    zeta = _positive("ground_damping", ground_damping, "share of critical")
-    if not 0 < rise < fall < 1:
-        cure = "They are shares of the duration, 0 < rise < fall < 1."
-        raise ChannelError(f"rise={rise!r}, fall={fall!r} are not in order", cure)
-    rng = generator(random_state)
-    frequency = np.fft.rfftfreq(2 * n, 1 / fs)  # twice as long: no wrapping round
-    r = 1j * frequency / fg
-    soil = (1 + 2 * zeta * r) / (1 + 2 * zeta * r + r**2)
-    q = 1j * frequency / corner
-    shaped = np.fft.irfft(np.fft.rfft(rng.standard_normal(2 * n)) * soil * q**2 / (1 + 1.2 * q + q**2), 2 * n)[:n]
-    share = np.arange(n) / n
-    envelope = np.minimum(share / rise, 1) ** 2 * np.exp(-np.maximum(share - fall, 0) * 4 / (1 - fall))
-    ag = shaped * envelope
-    if peak is not None:
-        return ag * (_positive("peak", peak, "m/s^2") / np.abs(ag).max())
-    return ag * (_positive("rms", rms, "m/s^2") / np.sqrt(np.mean(ag**2)))
 
 
 def _positive(name: str, value: Any, unit: str) -> float:

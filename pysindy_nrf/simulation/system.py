@@ -6,7 +6,7 @@ import numpy as np
 
 from ..exceptions import LawError, SimulationError
 from ..laws.compiled import address_of, call_advance, call_kernel, inline, part, pointers
-from ..laws.forcing import total_masses
+from ..laws.forcing import lost_masses
 from ..laws.friction import jump_at_reversal
 
 # columns of System.laws
@@ -49,14 +49,9 @@ def flatten(model: Any, t0: float = 0.0) -> tuple[System, Layout]:
     if missing:
         law, site = missing[0]
         raise LawError(f"{type(law).__name__} at {site} has no coefficients", "Fit the model, or give them.")
-    total = total_masses(masses, groups)
-    if (total <= 0).any():
-        j = int(np.argmin(total))
-        raise SimulationError(
-            f"DOF {j + 1} has {masses[j]:.4g} kg and {total[j] - masses[j]:.4g} kg added to it, {total[j]:.4g} kg in "
-            "all; a free run needs positive masses",
-            f"Weigh that floor and give its mass in known_masses=, or leave the added mass at dof {j + 1} out.",
-        )
+    if lost := lost_masses(masses, groups):
+        cure = "Weigh that floor and give its mass in known_masses=, or leave the added mass out."
+        raise SimulationError(f"{lost[0]}; a free run needs positive masses", cure)
     names = tuple(dict.fromkeys(name for group in groups.values() for law in group for name in law.covariates))
     n = len(masses)
     lists: list[list[Any]] = [[] for _ in range(6)]

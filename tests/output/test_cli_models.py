@@ -71,9 +71,7 @@ def test_roving_hammer_over_three_files(here, spoken):
 
 
 def test_base_excitation_with_a_known_mass(here, capsys, spoken):
-    from pysindy_nrf.simulation.excitation import earthquake
-
-    ag = earthquake(15.0, 500.0, peak=4.0, random_state=1)
+    ag = excitation.band_limited_random(1, 15.0, 500.0, excited=1, rms=1.5, band=(0.3, 15), random_state=1)[:, 0]
     simulate(datasets.demo_truth(), np.zeros((len(ag), 3)), 1 / 500, base_acceleration=ag).to_frame().drop(
         columns=["F1", "F2", "F3"]
     ).to_csv("quake.csv")
